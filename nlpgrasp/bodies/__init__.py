@@ -1,4 +1,4 @@
-"""Bodies: what is held."""
+"""Bodies: geometry of the grasped objects."""
 
 from nlpgrasp.bodies.base import Body
 from nlpgrasp.bodies.box import Box

@@ -1,4 +1,4 @@
-"""What every body states about itself."""
+"""Base class of bodies."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ from nlpgrasp.common.types import Expression
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 
-TINY = 1e-24  # under a root, for its derivative at zero
-ON = 1e-6  # of the body's size: points that are as near to a face are on it
+TINY = 1e-24  # m^2 under a square root, which makes it differentiable at zero
+ON = 1e-6  # of the body's size: distance within which a point counts as on a face
 
 
 class Body(Seen):
-    """A rigid body: faces ``h(p) = 0`` in a bounding box, metres, in the body frame.
+    """A rigid body bounded by smooth faces ``h(p) = 0``, metres, in the body frame.
 
-    The surface is stated once, as a CasADi expression; numbers come from the compiled function of it.
+    Each surface is stated once, as a CasADi expression; numerical values come from its compiled function.
 
     Attributes
     ----------
     kind : str
         Name of this kind in files.
     tight : bool
-        Whether ``bounds`` are where the body ends, and not only a box around it.
+        Whether the body touches all sides of ``bounds``; else they are only a box around it.
     """
 
     tight: ClassVar[bool] = True
 
     @property
     def space(self) -> int:
-        """Dimension of the space that the body is in: 3, and 2 for a planar body."""
+        """Dimension of the space: 3, or 2 for a planar body."""
         return 3
 
     @property
@@ -59,7 +59,7 @@ class Body(Seen):
 
     @cached_property
     def faces(self) -> tuple[Face, ...]:
-        """The faces that bound the body."""
+        """Faces that bound the body."""
         return self.make_faces()
 
     @property
@@ -68,7 +68,7 @@ class Body(Seen):
         return tuple(face.name for face in self.faces)
 
     def face(self, name: str) -> Face:
-        """Return the face of that name."""
+        """Return the face with the given name."""
         return next(face for face in self.faces if face.name == name)
 
     @property
@@ -78,7 +78,7 @@ class Body(Seen):
 
     @property
     def cramped(self) -> bool:
-        """Whether round fingertips that touch the body somewhere may cut it elsewhere, as far as ``distance`` tells."""
+        """Whether a round fingertip in contact may penetrate the body elsewhere, judged by ``distance``."""
         return False
 
     @property
@@ -93,8 +93,8 @@ class Body(Seen):
     def distance(self, p: Expression) -> Expression:
         """Return the signed distance of a CasADi point to the body, metres, negative inside.
 
-        Outside never more than the true distance, so that a clearance kept by it is kept. By default ``h / |grad h|``,
-        exact to first order near the surface and a lower bound wherever h is convex.
+        Outside the body it never exceeds the true distance, so constraints on clearance are conservative. By default
+        ``h / |grad h|``, exact to first order near the surface and a lower bound wherever h is convex.
         """
         if len(self.faces) > 1:
             raise NotImplementedError(f"{type(self).__name__}.distance")
@@ -102,7 +102,7 @@ class Body(Seen):
         return h / ca.sqrt(ca.sumsqr(ca.gradient(h, p)) + TINY)
 
     def triangles(self) -> tuple[FloatArray, IntArray] | None:
-        """Return the closed surface as vertices (n, 3) on it, metres, and triangles (m, 3); None where only implied.
+        """Return a triangulation of the surface: vertices (n, 3) on it, metres, and triangles (m, 3), or None.
 
         Triangles are counter-clockwise from outside. A planar body is a plate about z = 0, ``PLATE`` of its size thick.
         """
@@ -110,7 +110,7 @@ class Body(Seen):
 
     @cached_property
     def distance_function(self) -> ca.Function:
-        """``distance`` compiled: a ``casadi.Function`` from a point (space,) to metres."""
+        """Compiled ``distance``: a ``casadi.Function`` of a point (space,), in metres."""
         p = self.point()
         return ca.Function("distance", [p], [self.distance(p)], ["p"], ["d"])
 
@@ -119,7 +119,7 @@ class Body(Seen):
         return np.asarray(self.distance_function.map(len(points))(points.T).full()).ravel()
 
     def select(self, names: Iterable[str] | None, field: str) -> tuple[str, ...]:
-        """Return the named faces, or all, refusing names this body does not have."""
+        """Return the given face names, or all if None; raise for names that the body does not have."""
         if names is None:
             return self.face_names
         chosen = tuple(names)
@@ -129,9 +129,9 @@ class Body(Seen):
         return chosen
 
     def surface_function(self, name: str, margin: float = 0.0) -> ca.Function:
-        """Return the compiled ``p -> (h, gradient's size, unit outward normal, extents)`` of one face.
+        """Return the compiled ``p -> (h, gradient norm, unit outward normal, extents)`` of a face.
 
-        Extents are at most zero on the face, and a margin, metres, away from its sharp edges.
+        Extents are at most zero at points of the face at least a margin, metres, away from its sharp edges.
         """
         made = self._functions
         if (name, margin) not in made:
@@ -139,11 +139,11 @@ class Body(Seen):
         return made[name, margin]
 
     def room(self, name: str) -> float:
-        """Return the largest margin from sharp edges that leaves something of a face, metres; inf without any."""
+        """Return the largest distance from sharp edges on a face, metres; inf without sharp edges."""
         return self.face(name).room
 
     def edge_distance(self, name: str, points: FloatArray) -> FloatArray:
-        """Return the distance of points (m, space) of a face from its sharp edges, (m,), metres; inf without any."""
+        """Return the distances (m,), metres, of points (m, space) on a face from its sharp edges; inf without any."""
         face = self.face(name)
         if not np.isfinite(face.room):
             return np.full(len(points), np.inf)
@@ -154,7 +154,7 @@ class Body(Seen):
     def evaluate(
         self, name: str, points: FloatArray, margin: float = 0.0
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return surface, gradient size, unit outward normals and largest extent at points (m, space).
+        """Evaluate surface function, gradient norm, unit outward normal and largest extent at points (m, space).
 
         Parameters
         ----------
@@ -184,12 +184,12 @@ class Body(Seen):
         return h[0], slope[0], normal.T, largest
 
     def is_on(self, name: str, points: FloatArray, margin: float = 0.0) -> NDArray[np.bool_]:
-        """Return whether points (m, space) are on a face, and a margin, metres, away from its sharp edges, (m,)."""
+        """Return whether points (m, space) are on a face and at least a margin, metres, from its sharp edges, (m,)."""
         h, slope, _, extent = self.evaluate(name, points, margin)
         return (np.abs(h) <= ON * self.size * slope) & (extent <= ON * self.size)
 
     def snap(self, name: str, points: FloatArray, iterations: int = 12) -> FloatArray:
-        """Return points (m, space) moved along the normals onto ``h = 0`` by Newton steps, near the box, (m, space)."""
+        """Project points (m, space) onto ``h = 0`` by Newton steps along the normal, and return them, (m, space)."""
         lower, upper = self.bounds
         margin = 0.05 * self.size
         p = np.array(points, dtype=float)
@@ -203,12 +203,12 @@ class Body(Seen):
         return p
 
     def sample(self, name: str, count: int, rng: np.random.Generator, margin: float = 0.0) -> FloatArray:
-        """Return up to ``count`` random points on one face, spread over it (not exactly uniform), off its sharp edges.
+        """Return up to ``count`` random points of a face, roughly uniform, at least a margin from its sharp edges.
 
         Returns
         -------
         (m, space) array
-            Fewer than ``count`` rows only where the face is hard to hit; none where it is empty.
+            Fewer than ``count`` rows only if the face is hard to sample; none if it is empty.
         """
         lower, upper = self.bounds
         found: list[FloatArray] = []
@@ -231,7 +231,7 @@ class Body(Seen):
         return {}
 
     def __getstate__(self) -> dict[str, object]:
-        """Keep what defines the body; compiled functions are made again where it is unpickled."""
+        """Return the state without compiled functions, which are rebuilt after unpickling."""
         made = ("faces", "_functions", "centroid", "distance_function", "_tree", "_edges")
         return {k: v for k, v in self.__dict__.items() if k not in made}
 
@@ -240,7 +240,7 @@ class Body(Seen):
 
 
 def intersection(parts: Sequence[Expression]) -> Expression:
-    """Return the signed distance to an intersection of sets whose own distances grow at right angles."""
+    """Return the signed distance to an intersection of sets with orthogonal distance gradients."""
     positive = sum(ca.fmax(d, 0.0) ** 2 for d in parts)
     largest = parts[0]
     for d in parts[1:]:

@@ -1,4 +1,4 @@
-"""A box: six flat faces."""
+"""Axis-aligned box."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Box(CentredBody):
         return intersection([ca.fabs(p[i]) - half[i] for i in range(3)])
 
     def triangles(self) -> tuple[FloatArray, IntArray]:
-        """Return the six sides as vertices (n, 3), metres, and triangles (m, 3)."""
+        """Return a triangulation of the surface: vertices (n, 3), metres, and triangles (m, 3)."""
         x, y, z = self.half_size
         return extruded(np.array([[-x, -y], [x, -y], [x, y], [-x, y]]), -z, z)
 

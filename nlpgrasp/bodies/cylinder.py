@@ -1,4 +1,4 @@
-"""A cylinder: a round side and two flat ends."""
+"""Circular cylinder about the z axis."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from nlpgrasp.common.given.lengths import one_in_metres
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray
 
-ROUND = 96  # sides of the prism that it is drawn as
+ROUND = 96  # sides of the prism that approximates it as triangles
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Cylinder(CentredBody):
         return intersection([around, ca.fabs(p[2]) - self.height / 2.0])
 
     def triangles(self) -> tuple[FloatArray, IntArray]:
-        """Return the prism inscribed, as vertices (n, 3), metres, and triangles (m, 3)."""
+        """Return a triangulation of an inscribed prism: vertices (n, 3), metres, and triangles (m, 3)."""
         return extruded(circle(self.radius, ROUND), -self.height / 2.0, self.height / 2.0)
 
     def to_dict(self) -> Json:

@@ -1,4 +1,4 @@
-"""An ellipsoid along the axes."""
+"""Axis-aligned ellipsoid."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from nlpgrasp.common.given.lengths import in_metres
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number
 
-ROWS = 15  # of the triangles it is drawn as, from a pole to the equator
+ROWS = 15  # rows of triangles between a pole and the equator
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Ellipsoid(CentredBody):
         return (gauge - 1.0) * gauge / ca.sqrt(ca.sumsqr(p / axes**2) + TINY)
 
     def triangles(self) -> tuple[FloatArray, IntArray]:
-        """Return vertices (n, 3) on it, metres, and triangles (m, 3)."""
+        """Return a triangulation of the surface: vertices (n, 3) on it, metres, and triangles (m, 3)."""
         points, faces = curved.sphere(ROWS)
         return self.half_size * points, faces
 

@@ -1,4 +1,4 @@
-"""One smooth piece of a body's surface, and how far it reaches."""
+"""Smooth faces of a body: surface function, extent and sharp edges."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import numpy as np
 from nlpgrasp.common.types import Expression
 from nlpgrasp.common.validation import FloatArray
 
-SHARP = np.radians(30.0)  # between the normals on both sides of an edge: beyond it the edge is a sharp one
+SHARP = np.radians(30.0)  # rad, angle between the normals on both sides of an edge above which it is sharp
 
 
 @dataclass(frozen=True, repr=False)
 class Face:
-    """One smooth piece of a body's surface.
+    """A smooth piece of a body's surface: ``h(p) = 0`` within its extent.
 
     Parameters
     ----------
@@ -25,14 +25,14 @@ class Face:
         ``surface(p) -> h``: zero on the face, negative inside the body, positive outside; p is a CasADi
         column of 2 or 3 metres.
     extent : callable
-        ``extent(p) -> list`` of expressions that are at most zero on the face: of a point of it, minus the distances
-        from its edges, metres.
+        ``extent(p) -> list`` of expressions that are at most zero on the face: there, minus the distances from its
+        edges, metres.
     sharp : sequence of bool, optional
-        Of each extent whether the surface turns by more than 30 degrees at that edge; all of them when left out.
+        For each extent, whether that edge is sharp (the normal turns by more than 30 degrees); by default all are.
     edges : callable
-        ``edges(p) -> list`` of expressions: distances of a point from sharp edges that are none of the extents, metres.
+        ``edges(p) -> list`` of expressions: distances of a point from further sharp edges, metres.
     room : float
-        The largest margin from sharp edges that leaves something of the face, metres.
+        The largest distance from sharp edges on the face, metres.
     """
 
     name: str
@@ -46,14 +46,14 @@ class Face:
         return f"Face({self.name!r})"
 
     def limits(self, p: Expression, margin: float) -> list[Expression]:
-        """Return what is at most zero of a CasADi point on the face that is a margin, metres, away from sharp edges."""
+        """Return expressions that are at most zero where p is on the face, a margin, metres, off its sharp edges."""
         extents = list(self.extent(p))
         sharp = [True] * len(extents) if self.sharp is None else list(self.sharp)
         own = [e + margin * s for e, s in zip(extents, sharp, strict=True)]
         return own + [margin - distance for distance in self.edges(p)] if margin > 0.0 else own
 
     def compiled(self, p: Expression, margin: float) -> ca.Function:
-        """Return the function of a symbol to surface, gradient's size, unit outward normal and limits."""
+        """Return the compiled surface function, gradient norm, unit outward normal and limits at a symbolic point."""
         h = self.surface(p)
         gradient = ca.gradient(h, p)
         slope = ca.norm_2(gradient)
@@ -66,7 +66,7 @@ class Face:
 
 
 def turning(corners: FloatArray) -> FloatArray:
-    """Return by how much a polygon turns at each of its vertices (m, 2), (m,), radians, to the left."""
+    """Return the exterior angles (m,), radians, positive to the left, at the vertices (m, 2) of a polygon."""
     before, after = corners - np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0) - corners
     cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
     return np.asarray(np.arctan2(cross, np.sum(before * after, axis=1)))

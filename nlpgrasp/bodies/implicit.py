@@ -1,4 +1,4 @@
-"""Bodies given by the user's own function, in space and in the plane."""
+"""Bodies bounded by a user-defined implicit surface or curve ``h(p) = 0``."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from nlpgrasp.errors import InputError
 
 
 class Implicit(Body):
-    """The body ``{h(p) <= 0}`` within a box; one face, ``surface``.
+    """An implicit body ``{h(p) <= 0}`` within a box; one face, ``surface``.
 
     Parameters
     ----------
@@ -61,12 +61,12 @@ class Implicit(Body):
 
     @property
     def bounds(self) -> FloatArray:
-        """The box as it was given, (2, 3), or (2, 2) in the plane, metres."""
+        """The given bounding box, (2, 3), or (2, 2) in the plane, metres."""
         return self._box
 
     @cached_property
     def centroid(self) -> FloatArray:
-        """Centre of the grid points with ``h <= 0`` (60 a side), (space,), metres."""
+        """Centroid approximated by the grid points with ``h <= 0`` (60 per side), (space,), metres."""
         return _grid_centroid(self)
 
     def make_faces(self) -> tuple[Face, ...]:
@@ -74,7 +74,7 @@ class Implicit(Body):
         return (Face("surface", self.h),)
 
     def to_dict(self) -> Json:
-        """Return the expression as text, for reading, and the box."""
+        """Return the expression as text (for reading only) and the box as JSON data."""
         text = str(self.h(ca.SX.sym("p", self.space)))
         return {
             "type": self.kind,
@@ -84,11 +84,11 @@ class Implicit(Body):
 
     @classmethod
     def from_dict(cls, data: Json) -> NoReturn:
-        """Refuse: the text of an expression is for reading."""
+        """Raise: the expression's text cannot be turned back into a function."""
         raise incomplete(f"body of type {cls.kind}", "its function h, which stays in the script that made it")
 
     def _check_closed(self) -> None:
-        """Refuse a body that has no inside, or that touches the sides of its box from within."""
+        """Raise if the body has no interior or reaches beyond the sides of its box."""
         _ = self.centroid
         lower, upper = self.bounds
         rng = np.random.default_rng(0)
@@ -105,7 +105,7 @@ class Implicit(Body):
 
 
 class PlanarImplicit(Implicit):
-    """The planar body ``{h(p) <= 0}`` within a rectangle; one face, ``surface``.
+    """A planar implicit body ``{h(p) <= 0}`` within a rectangle; one face, ``surface``.
 
     Parameters
     ----------
@@ -119,12 +119,12 @@ class PlanarImplicit(Implicit):
 
     @property
     def space(self) -> int:
-        """Dimension of the plane that the body is in: 2."""
+        """Dimension of the space: 2, the plane."""
         return 2
 
 
 def _grid_centroid(body: Body, resolution: int = 60) -> FloatArray:
-    """Return the centroid of ``{h <= 0}`` for a body of one face, by summing over a grid of its box."""
+    """Return the centroid (space,), metres, of ``{h <= 0}`` for a body of one face, averaged over a grid."""
     lower, upper = body.bounds
     axes = [
         np.linspace(a, b, resolution, endpoint=False) + (b - a) / (2 * resolution)

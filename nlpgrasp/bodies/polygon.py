@@ -1,4 +1,4 @@
-"""A planar body with straight edges, and the checks that a polygon shares with a prism."""
+"""Planar body bounded by a simple polygon, and polygon geometry."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Polygon(Body):
 
     @property
     def space(self) -> int:
-        """Dimension of the plane that the body is in: 2."""
+        """Dimension of the space: 2, the plane."""
         return 2
 
     @property
@@ -61,7 +61,7 @@ class Polygon(Body):
 
     @property
     def cramped(self) -> bool:
-        """Whether some corner points inwards."""
+        """Whether the polygon has a reflex vertex."""
         return bool(np.any(turning(self.corners) < -1e-9))
 
     def make_faces(self) -> tuple[Face, ...]:
@@ -73,7 +73,7 @@ class Polygon(Body):
         return polygon_distance(self.corners, p)
 
     def triangles(self) -> tuple[FloatArray, IntArray]:
-        """Return a plate as vertices (n, 3), metres, and triangles (m, 3)."""
+        """Return a triangulation of a thin plate: vertices (n, 3), metres, and triangles (m, 3)."""
         half = PLATE / 2.0 * self.size
         return extruded(self.corners, -half, half)
 
@@ -83,7 +83,7 @@ class Polygon(Body):
 
 
 def simple_polygon(field: str, vertices: ArrayLike, unit: str = "m") -> tuple[tuple[float, float], ...]:
-    """Return the vertices counter-clockwise, metres, refusing fewer than 3, zero area or edges that cross."""
+    """Return the vertices counter-clockwise, metres; raise for fewer than 3, zero area or crossing edges."""
     v = in_metres(f"{field.split('.')[0]}.unit", array(field, vertices, (None, 2)), unit)
     if len(v) < 3:
         raise InputError(field, f"{len(v)} vertices", "at least 3 vertices")
@@ -108,7 +108,7 @@ def simple_polygon(field: str, vertices: ArrayLike, unit: str = "m") -> tuple[tu
 
 
 def polygon_centroid(v: FloatArray) -> FloatArray:
-    """Return the centre of area of a polygon, (2,)."""
+    """Return the centroid (2,) of a polygon's area."""
     local = v - v[0]  # far from the origin, products of coordinates would lose the digits that matter
     following = np.roll(local, -1, axis=0)
     cross = local[:, 0] * following[:, 1] - local[:, 1] * following[:, 0]
@@ -136,7 +136,7 @@ def polygon_distance(v: FloatArray, p: Expression) -> Expression:
 
 
 def edge_face(name: str, v: FloatArray, i: int, height: float | None = None) -> Face:
-    """Return the face over edge i: a segment, or a rectangle of the given height about z = 0."""
+    """Return the face of edge i: a segment, or a rectangle of the given height about z = 0."""
     start, end = v[i], v[(i + 1) % len(v)]
     length = float(np.linalg.norm(end - start))
     along = (end - start) / length
@@ -158,7 +158,7 @@ def edge_face(name: str, v: FloatArray, i: int, height: float | None = None) -> 
 
 
 def inradius(v: FloatArray) -> float:
-    """Return the radius of the largest circle in a convex polygon (m, 2), counter-clockwise, metres."""
+    """Return the radius, metres, of the largest circle in a convex polygon (m, 2), counter-clockwise."""
     from scipy.optimize import linprog
 
     along = np.roll(v, -1, axis=0) - v
@@ -171,7 +171,7 @@ def inradius(v: FloatArray) -> float:
 
 
 def _touch(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray, tolerance: float) -> bool:
-    """Return whether the segments ab and cd cross, or come closer than the tolerance."""
+    """Return whether the segments ab and cd are within a tolerance of each other."""
 
     def side(o: FloatArray, p: FloatArray, q: FloatArray) -> float:
         return float((p[0] - o[0]) * (q[1] - o[1]) - (p[1] - o[1]) * (q[0] - o[0]))

@@ -1,4 +1,4 @@
-"""A prism: a polygon extruded along z."""
+"""Prism: a convex polygon extruded along z."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class Prism(Body):
         return intersection([polygon_distance(self.corners, p), ca.fabs(p[2]) - self.height / 2.0])
 
     def triangles(self) -> tuple[FloatArray, IntArray]:
-        """Return sides and ends as vertices (n, 3), metres, and triangles (m, 3)."""
+        """Return a triangulation of the surface: vertices (n, 3), metres, and triangles (m, 3)."""
         return extruded(self.corners, -self.height / 2.0, self.height / 2.0)
 
     def to_dict(self) -> Json:

@@ -1,4 +1,4 @@
-"""The kinds of body that a file may hold."""
+"""Registry of body types for JSON files."""
 
 from __future__ import annotations
 
@@ -22,30 +22,29 @@ Kind = TypeVar("Kind", bound=Body)
 
 
 def register(body: type[Kind]) -> type[Kind]:
-    """Add a kind of body, of this package or another, to those that files may hold; also as a decorator.
+    """Register a body type for JSON files; also as a decorator.
 
     Parameters
     ----------
     body : subclass of Body
-        With ``kind``, the name that its ``to_dict`` gives as ``type``. A class that is not a dataclass needs
-        ``from_dict`` as well.
+        Its ``kind`` is the ``type`` in its ``to_dict``. A class that is not a dataclass also needs ``from_dict``.
 
     Raises
     ------
     InputError
-        When another body has that name.
+        When another body type has that name.
     """
     SOLIDS.add(body.kind, body)
     return body
 
 
 def body_from_dict(data: Json) -> Body:
-    """Return the body that ``to_dict`` wrote, of any registered kind.
+    """Return a body of any registered type from the data of its ``to_dict``.
 
     Raises
     ------
     InputError
-        When the type is unknown, the numbers make no body, or the data do not say all of it.
+        When the type is unknown, or the data are invalid or incomplete.
     """
     found = solid_from_dict(data)
     if not isinstance(found, Body):

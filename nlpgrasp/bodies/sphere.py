@@ -1,4 +1,4 @@
-"""A sphere about the origin."""
+"""Sphere centred on the origin."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from nlpgrasp.common.given.lengths import one_in_metres
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray
 
-ROWS = 15  # of the triangles it is drawn as, from a pole to the equator
+ROWS = 15  # rows of triangles between a pole and the equator
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Sphere(CentredBody):
         return ca.sqrt(ca.sumsqr(p) + TINY) - self.radius
 
     def triangles(self) -> tuple[FloatArray, IntArray]:
-        """Return vertices (n, 3) on it, metres, and triangles (m, 3)."""
+        """Return a triangulation of the surface: vertices (n, 3) on it, metres, and triangles (m, 3)."""
         points, faces = curved.sphere(ROWS)
         return self.radius * points, faces
 

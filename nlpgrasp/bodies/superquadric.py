@@ -1,4 +1,4 @@
-"""A superquadric: between ellipsoid and box."""
+"""Superquadric, from rounded boxes to ellipsoids and octahedral shapes."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 
-QUARTER = 11  # points that a quarter of each curve is drawn with
+QUARTER = 11  # parts of a quarter of each curve in the triangulation
 
 
 @dataclass(frozen=True)
 class Superquadric(CentredBody):
-    """``(|x/a|^(2/e2) + |y/b|^(2/e2))^(e2/e1) + |z/c|^(2/e1) = 1`` about the origin; one face, ``surface``.
+    """Superquadric ``(|x/a|^(2/e2) + |y/b|^(2/e2))^(e2/e1) + |z/c|^(2/e1) = 1``; one face, ``surface``.
 
     Exponents of 1 give an ellipsoid, small ones a rounded box, ``e1`` small with ``e2 = 1`` a rounded can
     (Barr, "Superquadrics and angle-preserving transformations", 1981, doi:10.1109/MCG.1981.1673799).
@@ -70,7 +70,7 @@ class Superquadric(CentredBody):
         return (Face("surface", surface),)
 
     def triangles(self) -> tuple[FloatArray, IntArray]:
-        """Return vertices (n, 3) on it, metres, and triangles (m, 3)."""
+        """Return a triangulation of the surface: vertices (n, 3) on it, metres, and triangles (m, 3)."""
         return curved.superquadric(self.half_size, np.asarray(self.exponents, dtype=float), QUARTER)
 
     def to_dict(self) -> Json:

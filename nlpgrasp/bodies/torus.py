@@ -1,4 +1,4 @@
-"""A torus about the z axis."""
+"""Torus about the z axis."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 
-AROUND, ACROSS = 48, 20  # points that it is drawn with: about the axis, about the tube
+AROUND, ACROSS = 48, 20  # points of the triangulation about the axis and about the tube
 
 
 @dataclass(frozen=True)
@@ -54,11 +54,11 @@ class Torus(CentredBody):
 
     @property
     def cramped(self) -> bool:
-        """True: there is the hole."""
+        """Always true: a torus has a hole."""
         return True
 
     def make_faces(self) -> tuple[Face, ...]:
-        """Return the one face, the distance to the tube's centre line less the minor radius, squared."""
+        """Return the one face ``(d^2 / r - r) / 2 = 0`` with the distance d from the tube's centre line."""
         major, minor = self.major_radius, self.minor_radius
 
         def surface(p: Expression) -> Expression:
@@ -73,7 +73,7 @@ class Torus(CentredBody):
         return ca.sqrt(ring**2 + p[2] ** 2 + TINY) - self.minor_radius
 
     def triangles(self) -> tuple[FloatArray, IntArray]:
-        """Return vertices (n, 3) on it, metres, and triangles (m, 3)."""
+        """Return a triangulation of the surface: vertices (n, 3) on it, metres, and triangles (m, 3)."""
         return curved.torus(self.major_radius, self.minor_radius, AROUND, ACROSS)
 
     def to_dict(self) -> Json:

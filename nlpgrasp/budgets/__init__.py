@@ -1,4 +1,4 @@
-"""Force budgets: what one unit of finger force means."""
+"""Force budgets: convex bounds on the finger forces."""
 
 from nlpgrasp.budgets.base import ForceBudget
 from nlpgrasp.budgets.hand_torques import HandTorques, hand_torque_limits

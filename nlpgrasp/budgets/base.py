@@ -1,4 +1,4 @@
-"""What every force budget states about itself."""
+"""Base class of force budgets."""
 
 from __future__ import annotations
 
@@ -16,57 +16,57 @@ from nlpgrasp.errors import InputError
 
 
 class ForceBudget(ABC):
-    """What one unit of finger force means: a convex set B of forces, as stated (docs/measures.md).
+    """A force budget: a convex set B that bounds the finger forces (docs/measures.md).
 
-    The grasp wrench set is ``G(B n K)``; the set itself, of contacts in their places, is what ``at`` returns. A kind
-    has a ``kind``, its name in files, and is registered (``nlpgrasp.budgets.registry``).
+    The grasp wrench set is ``G(B n K)``; ``at`` returns ``B n K`` for given contact frames. Each budget has a ``kind``,
+    its name in files, and is registered in ``nlpgrasp.budgets.registry``.
     """
 
     kind: ClassVar[str]
     depends_on_frames: ClassVar[bool] = False
-    follows_hand: ClassVar[bool] = False  # whether it is known only with the posture of a hand
-    limited: ClassVar[str] = ""  # what it limits, where that leaves bilateral contacts without a bound
-    by_name: ClassVar[bool] = True  # whether its name alone states it, with the default of every parameter
-    absolute: ClassVar[bool] = False  # whether it is all that the hand has, not a unit of it
-    amount: ClassVar[str] = "the force budget"  # what ``1 / mu`` is, in words
-    unit: ClassVar[str] = "N"  # of that amount
-    bounds_fingers: ClassVar[bool] = False  # whether no finger's force is larger than that amount
+    follows_hand: ClassVar[bool] = False  # whether it depends on the hand's posture
+    limited: ClassVar[str] = ""  # the limited quantity, if it does not bound bilateral contacts
+    by_name: ClassVar[bool] = True  # whether its name is enough, with default parameters
+    absolute: ClassVar[bool] = False  # whether it is the hand's full capability, not a unit of force
+    amount: ClassVar[str] = "the force budget"  # text for the quantity ``1 / mu``
+    unit: ClassVar[str] = "N"  # unit of that quantity
+    bounds_fingers: ClassVar[bool] = False  # whether it bounds the norm of each finger's force
     largest: ClassVar[float] = 50.0  # bound on the program's force variables, in units of ``force_scale``
 
     def check(self, contacts: Sequence[ContactModel], space: int) -> None:
-        """Raise ``InputError`` on contacts whose forces this budget does not bound, or does not fit."""
+        """Raise ``InputError`` for contacts that this budget does not fit or whose forces it does not bound."""
         if self.limited and not all(c.unilateral for c in contacts):
             raise InputError("force_budget", self.limited, '"l2" with bilateral contacts')
 
     @abstractmethod
     def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> ForceSet:
-        """Return the forces that it allows contacts with these frames.
+        """Return the force set ``B n K`` for given contact frames.
 
         Parameters
         ----------
         frames : (k, space, space) array
             Axes as columns, normal first.
         contacts : sequence of k ContactModel
-            That ``check`` lets pass.
+            Accepted by ``check``.
 
         Raises
         ------
         InputError
-            When the forces are not bounded, or not known without the posture of a hand.
+            When the forces are unbounded, or depend on a hand's posture.
         """
 
     def check_hand(self, hand: JointedHand | None) -> None:
-        """Raise ``InputError`` on hands of which this budget cannot say what they can exert."""
+        """Raise ``InputError`` for hands that lack the data for this budget."""
         del hand
 
     def posed(self, hand: MovingHand | None, values: Mapping[str, FloatArray], points: FloatArray) -> ForceBudget:
-        """Return the budget for contacts at points (k, space) of a hand with these values of its variables."""
+        """Return the budget for a hand's posture and contact points (k, space)."""
         return self
 
     def closed_form(
         self, contacts: Sequence[ContactModel], work: Sequence[Work], ops: Ops
     ) -> tuple[Expression, int] | None:
-        """Return a smooth closed form of the support function (symbolic), or ``None`` where there is none.
+        """Return a smooth closed form of the support function (symbolic), or ``None``.
 
         Parameters
         ----------
@@ -84,21 +84,21 @@ class ForceBudget(ABC):
         return None
 
     def pieces(self, contacts: Sequence[ContactModel], work: Sequence[Work], ops: Ops) -> list[Expression] | None:
-        """Return smooth functions whose largest is the support (symbolic), one a contact, or ``None``.
+        """Return smooth functions, one per contact, whose maximum is the support function (symbolic), or ``None``.
 
-        For supports with kinks; arguments as in ``closed_form``.
+        For nonsmooth support functions; arguments as in ``closed_form``.
         """
         return None
 
     def force_scale(self) -> float:
-        """Return the size of force the budget allows, newtons: the program's unit of force."""
+        """Return the typical force within the budget, newtons: the NLP's unit of force."""
         return 1.0
 
     @abstractmethod
     def rows(
         self, contacts: Sequence[ContactModel], forces: Sequence[Expression], normals: Sequence[Expression]
     ) -> list[Row]:
-        """Return the budget's rows on the program's force variables (symbolic)."""
+        """Return the budget's scalar constraints on the NLP's force variables (symbolic)."""
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, ForceBudget) and self.to_dict() == other.to_dict()
@@ -110,12 +110,12 @@ class ForceBudget(ABC):
         return f"{type(self).__name__}()"
 
     def to_dict(self) -> str | Json:
-        """Return the budget as JSON data: its ``kind`` alone, or as ``type`` beside its parameters."""
+        """Return the budget as JSON data: its ``kind``, or a mapping with ``type`` and parameters."""
         return self.kind
 
     @classmethod
     def from_dict(cls, data: Json) -> ForceBudget:
-        """Return the budget whose parameters ``to_dict`` wrote.
+        """Return the budget from the data of its ``to_dict``.
 
         Raises
         ------
@@ -125,4 +125,4 @@ class ForceBudget(ABC):
         raise InputError("force_budget", str(data), f'"{cls.kind}", its name alone')
 
 
-SMOOTH = 1e-8  # under the root that rounds the kinks of a closed form
+SMOOTH = 1e-8  # under square roots, which smooths the kinks of closed forms

@@ -1,4 +1,4 @@
-"""The torque limits of a hand's joints, in whatever posture the hand has."""
+"""Joint-torque limits of a hand as a force budget that depends on its posture."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
 
-MOST_FORCE = 100.0  # newtons: what a contact bears where joints need no torque for it
+MOST_FORCE = 100.0  # N, default limit of each normal force
 
 
 class HandTorques(ForceBudget):
-    """What the joints of the problem's hand can hold: ``|sum_i J_i(q)^T f_i| <= tau`` in the posture q of the grasp.
+    """Joint-torque limits of the problem's hand: ``|sum_i J_i(q)^T f_i| <= tau`` in its posture q.
 
-    mu is then the scale of the task that the motors exert. A posture in which some force loads no joint (a
-    straight finger, the palm) would exert without end, hence the limit on normal force.
+    mu is then the largest scale of the task within the torque limits. Where some force loads no joint (a straight
+    finger, the palm), forces would be unbounded, hence the limit on normal force.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class HandTorques(ForceBudget):
         self.force_limit = number("HandTorques.force_limit", force_limit, above=0.0)
 
     def check_hand(self, hand: JointedHand | None) -> None:
-        """Refuse hands without joints, or without a limit for each joint that moves a contact."""
+        """Raise for hands without joints, or without a torque limit for each joint that moves a contact."""
         if hand is None or not hand.loaded_joints:
             raise InputError("GraspProblem.force_budget", '"hand_torques"', "a hand with joints, such as ng.URDFHand")
         missing = [name for name in hand.loaded_joints if name not in hand.torque_limits]
@@ -54,7 +54,7 @@ class HandTorques(ForceBudget):
             raise InputError("URDFHand.torque_limits", f"none for {', '.join(missing)}", allowed)
 
     def posed(self, hand: MovingHand | None, values: Mapping[str, FloatArray], points: FloatArray) -> ForceBudget:
-        """Return the budget in a posture: ``SharedJointTorqueLimits``."""
+        """Return the ``SharedJointTorqueLimits`` of a posture."""
         self.check_hand(hand)
         return self if hand is None else SharedJointTorqueLimits(*_loads(hand, values, points), self.force_limit)
 
@@ -63,30 +63,30 @@ class HandTorques(ForceBudget):
         return 0.1 * self.force_limit
 
     def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> ForceSet:
-        """Refuse: the torques depend on the hand's posture."""
+        """Raise: the torques depend on the hand's posture."""
         instead = "ng.hand_torque_limits(hand, posture, points)"
         raise InputError("force_budget", '"hand_torques" without a posture', instead)
 
     def rows(
         self, contacts: Sequence[ContactModel], forces: Sequence[Expression], normals: Sequence[Expression]
     ) -> list[Row]:
-        """Return no rows: the program carries no forces, its cuts come from virtual work (``nlp/virtual_work.py``)."""
+        """Return no constraints: the NLP's cuts come from virtual work (``nlp/virtual_work.py``), without forces."""
         return []
 
     def to_dict(self) -> Json:
-        """Return the limit on normal force; the joints' limits are the hand's."""
+        """Return the limit on normal force as JSON data; the joint limits belong to the hand."""
         return {"type": self.kind, "force_limit": self.force_limit}
 
     @classmethod
     def from_dict(cls, data: Json) -> HandTorques:
-        """Return the budget that ``to_dict`` wrote."""
+        """Return the budget from the data of its ``to_dict``."""
         return cls(data.get("force_limit", 0.0))
 
 
 def hand_torque_limits(
     hand: MovingHand, posture: Json, points: ArrayLike, force_limit: float = MOST_FORCE
 ) -> SharedJointTorqueLimits:
-    """Return the force budget that a hand's joint-torque limits are in a grasp: ``HandTorques``, posed.
+    """Return the force budget of a hand's joint-torque limits in a posture.
 
     Parameters
     ----------
@@ -113,6 +113,6 @@ def hand_torque_limits(
 def _loads(
     hand: MovingHand, values: Mapping[str, FloatArray], points: FloatArray
 ) -> tuple[list[FloatArray], FloatArray]:
-    """Return each contact's Jacobian and the limits of the joints."""
+    """Return the contact Jacobians and the joint-torque limits."""
     limits = np.array([hand.torque_limits[name] for name in hand.loaded_joints])
     return list(hand.contact_jacobians(values, points)), limits

@@ -1,4 +1,4 @@
-"""Joint-torque limits: what a force-controlled hand can exert."""
+"""Joint-torque limits of independent fingers as a force budget."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from nlpgrasp.errors import InputError
 
 
 class JointTorqueLimits(ForceBudget):
-    """``|J_i^T f_i| <= tau_i`` for every contact i: fingers without common joints, each with its own limits.
+    """Joint-torque limits ``|J_i^T f_i| <= tau_i`` of fingers without common joints.
 
     Parameters
     ----------
     jacobians : sequence of k (space, m_i), (3, m_i) or (6, m_i) arrays
-        Body-frame velocity of contact point i per joint rate, metres a radian; with the rows of the fingertip's
-        angular velocity below where moments load the joints too, (3, m_i) in the plane, (6, m_i) in space.
+        Body-frame velocity of contact point i per joint rate, metres per radian; if moments load the joints too, with
+        rows of the fingertip's angular velocity below, (3, m_i) in the plane, (6, m_i) in space.
     limits : float, or sequence of k floats or (m_i,) arrays
         Torque limits, newton-metres (newtons for sliding joints), greater than zero.
 
     Raises
     ------
     InputError
-        On shapes that do not match, limits that are not positive, or a contact with a force no joint feels.
+        On shapes that do not match, limits that are not positive, or a contact force that loads no joint.
     """
 
     kind: ClassVar[str] = "joint_torques"
@@ -67,7 +67,7 @@ class JointTorqueLimits(ForceBudget):
         )
 
     def check(self, contacts: Sequence[ContactModel], space: int) -> None:
-        """Refuse bilateral contacts, and a number of contacts or a dimension other than the Jacobians'."""
+        """Raise for bilateral contacts, or a number of contacts or a dimension other than the Jacobians'."""
         super().check(contacts, space)
         if len(contacts) != len(self.jacobians):
             raise InputError("JointTorqueLimits.jacobians", f"{len(self.jacobians)} of them", f"{len(contacts)}")
@@ -76,21 +76,21 @@ class JointTorqueLimits(ForceBudget):
             check_jacobian(f"JointTorqueLimits.jacobians[{i}]", J, space, d)
 
     def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> TorqueSet:
-        """Return the limits in the contacts' frames."""
+        """Return the force set for given contact frames."""
         space = frames.shape[1]
         self.check(contacts, space)
         each = torque_rows(self.jacobians, self.limits, frames, contacts)
         return TorqueSet(block_diag(*each), contacts, space, "JointTorqueLimits")
 
     def force_scale(self) -> float:
-        """Return the mean over contacts of the force that takes some joint to its limit."""
+        """Return the mean over contacts of the least force that takes a joint to its limit, newtons."""
         arms = [np.max(np.linalg.norm(J, axis=0) / tau) for J, tau in zip(self.jacobians, self.limits, strict=True)]
         return float(np.mean([1.0 / max(arm, 1e-12) for arm in arms]))
 
     def rows(
         self, contacts: Sequence[ContactModel], forces: Sequence[Expression], normals: Sequence[Expression]
     ) -> list[Row]:
-        """Return ``-1 <= (J_i^T f_i) / tau_i <= 1`` for every joint."""
+        """Return the constraints ``-1 <= (J_i^T f_i) / tau_i <= 1`` of all joints."""
         result: list[Row] = []
         for i, (contact, x, n) in enumerate(zip(contacts, forces, normals, strict=True)):
             force, moment = contact.split(x, n)
@@ -113,12 +113,12 @@ class JointTorqueLimits(ForceBudget):
 
     @classmethod
     def from_dict(cls, data: Json) -> JointTorqueLimits:
-        """Return the limits that ``to_dict`` wrote."""
+        """Return the budget from the data of its ``to_dict``."""
         return cls(data.get("jacobians", ()), data.get("limits", ()))
 
 
 def _limits(i: int, value: object, joints: int) -> FloatArray:
-    """Return the limits of one contact's joints."""
+    """Return validated torque limits of one contact's joints."""
     name = f"JointTorqueLimits.limits[{i}]"
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value.item()

@@ -1,4 +1,4 @@
-"""Every finger may press with one unit of normal force."""
+"""Per-finger budget: unit limit on each normal force."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from nlpgrasp.contacts import ContactModel, Work
 
 
 class PerFingerBudget(ForceBudget):
-    """``f_n <= 1`` for every contact: the Minkowski sum of the contacts' wrenches (Ferrari and Canny's L-infinity)."""
+    """Limit ``f_n <= 1`` of each normal force: Minkowski sum of contact wrenches (Ferrari and Canny's L-infinity)."""
 
     kind: ClassVar[str] = "per_finger"
     amount: ClassVar[str] = "largest normal force"
     limited: ClassVar[str] = "limits on normal force"
 
     def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> PerFingerSet:
-        """Return the forces that it allows contacts with these frames."""
+        """Return the force set for given contact frames."""
         return PerFingerSet(contacts, frames.shape[1])
 
     def closed_form(
         self, contacts: Sequence[ContactModel], work: Sequence[Work], ops: Ops
     ) -> tuple[Expression, int] | None:
-        """Return the sum of the contacts' ``max(0, z_n + mu |z_t|)``, rounded where one is 0."""
+        """Return the sum of ``max(0, z_n + mu |z_t|)`` over the contacts, smoothed at its kinks."""
         parts: list[Expression] = [c.linear_support(w, ops) for c, w in zip(contacts, work, strict=True)]
         return None if any(p is None for p in parts) else (sum(0.5 * (p + ops.sqrt(p**2 + SMOOTH)) for p in parts), 1)
 
     def rows(
         self, contacts: Sequence[ContactModel], forces: Sequence[Expression], normals: Sequence[Expression]
     ) -> list[Row]:
-        """Return ``f_n <= 1`` for every contact."""
+        """Return the constraints ``f_n <= 1`` of all contacts."""
         return [
             Row("force budget", c.normal_force(x, n), upper=1.0, fingers=(i,))
             for i, (c, x, n) in enumerate(zip(contacts, forces, normals, strict=True))

@@ -1,4 +1,4 @@
-"""Every finger may exert one unit of force, tangential force and torsion included."""
+"""Per-finger size budget: unit limit on the norm of each finger force."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from nlpgrasp.contacts import ContactModel, Work
 
 
 class PerFingerSizeBudget(ForceBudget):
-    """``|x_i| <= 1`` for every contact i: its gauge is the largest finger force (Lobo et al. 1998)."""
+    """Limit ``|x_i| <= 1`` of each contact force; its gauge is the largest finger force (Lobo et al. 1998)."""
 
     kind: ClassVar[str] = "per_finger_size"
     amount: ClassVar[str] = "largest finger force"
     bounds_fingers: ClassVar[bool] = True
 
     def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> PerFingerSizeSet:
-        """Return the forces that it allows contacts with these frames."""
+        """Return the force set for given contact frames."""
         return PerFingerSizeSet(contacts, frames.shape[1])
 
     def closed_form(
         self, contacts: Sequence[ContactModel], work: Sequence[Work], ops: Ops
     ) -> tuple[Expression, int] | None:
-        """Return the sum of the contacts' ``|P_Ki(z_i)|``, rounded where one is 0."""
+        """Return the sum of ``|P_Ki(z_i)|`` over the contacts, smoothed at its kinks."""
         squares: list[Expression] = [c.squared_support(w, ops) for c, w in zip(contacts, work, strict=True)]
         return None if any(s is None for s in squares) else (sum(ops.sqrt(s + SMOOTH) for s in squares), 1)
 
     def rows(
         self, contacts: Sequence[ContactModel], forces: Sequence[Expression], normals: Sequence[Expression]
     ) -> list[Row]:
-        """Return ``|x_i|^2 <= 1`` for every contact."""
+        """Return the constraints ``|x_i|^2 <= 1`` of all contacts."""
         return [
             Row("force budget", c.squared_size(x, n), upper=1.0, fingers=(i,))
             for i, (c, x, n) in enumerate(zip(contacts, forces, normals, strict=True))

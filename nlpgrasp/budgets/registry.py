@@ -1,4 +1,4 @@
-"""The kinds of force budget that a problem may name and a file may hold."""
+"""Registry of force budgets for names and JSON files."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from nlpgrasp.errors import InputError
 Kind = TypeVar("Kind", bound=ForceBudget)
 
 BUDGETS: Registry[ForceBudget] = Registry("force_budget")
-NAMED: dict[str, ForceBudget] = {}  # those that their name alone states
+NAMED: dict[str, ForceBudget] = {}  # budgets that their name alone defines
 
 
 def register(budget: type[Kind]) -> type[Kind]:
-    """Add a force budget, of this package or another, to those that have a name; also as a decorator.
+    """Register a force budget; also as a decorator.
 
     Parameters
     ----------
     budget : subclass of ForceBudget
-        With ``kind``, its name or the ``type`` that its ``to_dict`` gives; with ``from_dict`` where it has parameters.
+        Its ``kind`` is its name, or the ``type`` in its ``to_dict``; with parameters it needs ``from_dict``.
 
     Raises
     ------
@@ -43,12 +43,12 @@ def register(budget: type[Kind]) -> type[Kind]:
 
 
 def force_budget(value: str | ForceBudget, field: str = "force_budget") -> ForceBudget:
-    """Return the budget of a name, or the budget itself.
+    """Return the budget with a given name, or the given budget.
 
     Raises
     ------
     InputError
-        When nobody has registered the name.
+        When the name is not registered.
     """
     if isinstance(value, ForceBudget):
         return value
@@ -58,12 +58,12 @@ def force_budget(value: str | ForceBudget, field: str = "force_budget") -> Force
 
 
 def names_for_any_frames() -> list[str]:
-    """Return the names of the budgets that mean the same for contacts in any place."""
+    """Return the names of budgets that do not depend on contact frames."""
     return [name for name, budget in NAMED.items() if not budget.depends_on_frames]
 
 
 def budget_from_dict(data: str | Json, field: str = "force_budget") -> ForceBudget:
-    """Return the budget that ``to_dict`` wrote, of any registered kind."""
+    """Return a budget of any registered type from the data of its ``to_dict``."""
     kind = BUDGETS.find(data.get("type")) if isinstance(data, Mapping) else None
     if kind is not None and isinstance(data, Mapping):
         return kind.from_dict(data)

@@ -1,4 +1,4 @@
-"""Limits on the torques of joints that several contacts load together: a hand in a posture."""
+"""Joint-torque limits of a hand in a fixed posture, with joints shared by contacts."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from nlpgrasp.errors import InputError
 
 
 class SharedJointTorqueLimits(ForceBudget):
-    """``|sum_i J_i^T f_i| <= tau``, and ``f_n <= F`` for every contact (Murray, Li and Sastry 1994, Section 5.2).
+    """Joint-torque limits ``|sum_i J_i^T f_i| <= tau`` and ``f_n <= F`` (Murray, Li, Sastry 1994, Section 5.2).
 
     Parameters
     ----------
     jacobians : sequence of k (space, m), (3, m) or (6, m) arrays
-        Body-frame velocity of contact point i per joint rate, metres a radian; with the rows of the link's angular
-        velocity below where moments load the joints too, (3, m) in the plane, (6, m) in space. All have the
-        same joints as columns.
+        Body-frame velocity of contact point i per joint rate, metres per radian; if moments load the joints too, with
+        rows of the link's angular velocity below, (3, m) in the plane, (6, m) in space. All have the same joints as
+        columns.
     limits : float or (m,) array
         Torque limits, newton-metres (newtons for sliding joints), greater than zero.
     force_limit : float, optional
-        F: largest normal force of a contact, newtons; for contacts, such as those of a palm, that joints leave free.
+        F: largest normal force of a contact, newtons; for contacts that load no joint, such as those of a palm.
 
     Raises
     ------
     InputError
-        On shapes that do not match, limits that are not positive, or forces that nothing limits.
+        On shapes that do not match, limits that are not positive, or unbounded forces.
     """
 
     kind: ClassVar[str] = "shared_joint_torques"
@@ -65,7 +65,7 @@ class SharedJointTorqueLimits(ForceBudget):
         self.force_limit = None if force_limit is None else number(f"{name}.force_limit", force_limit, above=0.0)
 
     def check(self, contacts: Sequence[ContactModel], space: int) -> None:
-        """Refuse bilateral contacts, and a number of contacts or a dimension other than the Jacobians'."""
+        """Raise for bilateral contacts, or a number of contacts or a dimension other than the Jacobians'."""
         super().check(contacts, space)
         if len(contacts) != len(self.jacobians):
             given = f"{len(self.jacobians)} of them"
@@ -74,7 +74,7 @@ class SharedJointTorqueLimits(ForceBudget):
             check_jacobian(f"SharedJointTorqueLimits.jacobians[{i}]", J, space, wrench_dimension(space))
 
     def at(self, frames: FloatArray, contacts: Sequence[ContactModel]) -> TorqueSet:
-        """Return the limits in the contacts' frames: first the joints' rows, then one a contact's normal force."""
+        """Return the force set for given contact frames: rows of joint torques, then of normal forces."""
         space = frames.shape[1]
         self.check(contacts, space)
         limits = [self.limits] * len(contacts)
@@ -87,7 +87,7 @@ class SharedJointTorqueLimits(ForceBudget):
         return TorqueSet(torques, contacts, space, "SharedJointTorqueLimits")
 
     def force_scale(self) -> float:
-        """Return the force that takes some joint to its limit, the mean over contacts."""
+        """Return the mean over contacts of the least force that takes a joint to its limit, newtons."""
         arms = [np.max(np.linalg.norm(J, axis=0) / self.limits, initial=0.0) for J in self.jacobians]
         least = 1e-12 if self.force_limit is None else 1.0 / self.force_limit
         return float(np.mean([1.0 / max(arm, least) for arm in arms]))
@@ -95,7 +95,7 @@ class SharedJointTorqueLimits(ForceBudget):
     def rows(
         self, contacts: Sequence[ContactModel], forces: Sequence[Expression], normals: Sequence[Expression]
     ) -> list[Row]:
-        """Return ``-1 <= (sum_i J_i^T f_i) / tau <= 1`` for every joint, and ``f_n / F <= 1`` for every contact."""
+        """Return ``-1 <= (sum_i J_i^T f_i) / tau <= 1`` of all joints, and ``f_n / F <= 1`` of all contacts."""
         totals: list[Expression] = [0.0] * len(self.limits)
         result: list[Row] = []
         for i, (contact, x, n) in enumerate(zip(contacts, forces, normals, strict=True)):
@@ -123,5 +123,5 @@ class SharedJointTorqueLimits(ForceBudget):
 
     @classmethod
     def from_dict(cls, data: Json) -> SharedJointTorqueLimits:
-        """Return the limits that ``to_dict`` wrote."""
+        """Return the budget from the data of its ``to_dict``."""
         return cls(data.get("jacobians", ()), data.get("limits", ()), data.get("force_limit"))

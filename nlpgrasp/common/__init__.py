@@ -1,1 +1,1 @@
-"""What every room uses: checks, files, frames, directions, rows, drawings."""
+"""Shared utilities: validation, files, frames, directions, scalar constraints, meshes, display."""

@@ -1,4 +1,4 @@
-"""Clarabel, the conic solver: its cones and its settings."""
+"""Cones and settings of the conic solver Clarabel."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from nlpgrasp.common.validation import FloatArray
 
 
 def cone_of(matrix: FloatArray) -> object:
-    """Return the cone ``M x`` has to be in: a second-order cone, or for a single row the numbers of at least 0."""
+    """Return the cone of ``M x``: a second-order cone, or for a single row the nonnegative numbers."""
     return clarabel.NonnegativeConeT(1) if len(matrix) == 1 else clarabel.SecondOrderConeT(len(matrix))
 
 
-LONG, SHORT = 0.99, 0.9  # of the way to the cones' boundary: Clarabel's own steps, and those that rarely end early
+LONG, SHORT = 0.99, 0.9  # step fractions to the cones' boundary: Clarabel's default, and a more robust one
 
 
 def quiet_settings(tolerance: float, step: float = LONG) -> clarabel.DefaultSettings:
-    """Return settings that print nothing and stop at this tolerance, in gap and feasibility."""
+    """Return silent settings with a tolerance for gap and feasibility."""
     options = clarabel.DefaultSettings()
     options.verbose = False
     options.max_step_fraction = step

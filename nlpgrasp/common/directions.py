@@ -1,8 +1,8 @@
-"""Well-spread unit directions for sampling a support function or a task's boundary.
+"""Well-spread unit directions, for sampling support functions and task boundaries.
 
 A polytope with vertices ``y_j`` on the unit sphere and inradius ``r`` certifies ``mu >= r beta`` for the
-vertex transcription. The root systems of Lie algebras are far better spread than random directions: in
-dimension 6 the 72 roots of E6 have inradius 0.612, with the 54 minimal vectors of the dual lattice 0.787
+vertex transcription. Root systems of Lie algebras are far better spread than random directions: in dimension 6 the 72
+roots of E6 have inradius 0.612, and together with the 54 minimal vectors of the dual lattice 0.787
 (Conway and Sloane, "Sphere packings, lattices and groups", chapter 4, doi:10.1007/978-1-4757-6568-7).
 """
 
@@ -19,14 +19,14 @@ from nlpgrasp.errors import InputError
 
 
 def directions(dimension: int, shells: int = 1) -> FloatArray:
-    """Return unit directions in the given dimension.
+    """Return well-spread unit directions in the given dimension.
 
     Parameters
     ----------
     dimension : int
         From 1 to 6.
     shells : {0, 1, 2}
-        The axes alone; one shell; or two for a rounder polytope with about twice the vertices. Dimension 6: the
+        The axes only; one shell; or two for a rounder polytope with about twice the vertices. Dimension 6: the
         E6 roots, then the dual lattice's minimal vectors. Dimension 3: the icosahedron, then the dodecahedron.
 
     Returns
@@ -44,7 +44,7 @@ def directions(dimension: int, shells: int = 1) -> FloatArray:
 
 
 def directions_around(first: FloatArray, count: int) -> FloatArray:
-    """Return a direction and others, spread over the sphere by the golden angle about it, the nearest first.
+    """Return a golden-angle spiral of directions over the sphere, starting at a given one.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def directions_around(first: FloatArray, count: int) -> FloatArray:
 
 
 def directions_beside(first: FloatArray, angle: float, count: int) -> FloatArray:
-    """Return directions evenly around one, all at the same angle from it.
+    """Return evenly spaced directions on a cone about a given direction.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def directions_beside(first: FloatArray, angle: float, count: int) -> FloatArray
 
 
 def _about(first: FloatArray, away: FloatArray, turn: FloatArray) -> FloatArray:
-    """Return directions at angles (m,) away from one, turned about it by others (m,), (m, 3)."""
+    """Return directions (m, 3) at polar angles (m,) and azimuths (m,) about a given direction."""
     least = np.eye(3)[int(np.argmin(np.abs(first)))]
     u = np.cross(first, least) / np.linalg.norm(np.cross(first, least))
     v = np.cross(first, u)
@@ -89,7 +89,7 @@ def _about(first: FloatArray, away: FloatArray, turn: FloatArray) -> FloatArray:
 
 @lru_cache
 def inradius(dimension: int, shells: int = 1) -> float:
-    """Return the radius of the largest ball inside the polytope of ``directions``."""
+    """Return the inradius of the polytope of ``directions``, about the origin."""
     points = directions(dimension, shells)
     if dimension == 1:
         return 1.0
@@ -99,8 +99,8 @@ def inradius(dimension: int, shells: int = 1) -> float:
 def e6_shells() -> list[FloatArray]:
     """Return the 72 roots of E6 and the 54 minimal vectors of its dual lattice, (72, 6) and (54, 6).
 
-    E6 is what is orthogonal, among the E8 roots, to an A2 sub-system; projecting the other E8 roots onto
-    that complement gives the dual lattice's minimal vectors.
+    The E6 roots are the E8 roots orthogonal to an A2 subsystem; projecting the other E8 roots onto that complement
+    gives the dual lattice's minimal vectors.
     """
     roots = _e8_roots()
     first = roots[0]

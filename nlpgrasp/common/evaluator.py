@@ -1,4 +1,4 @@
-"""CasADi functions from numpy arrays to numpy arrays, without a CasADi matrix in between."""
+"""Fast numerical evaluation of CasADi functions through buffers."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from nlpgrasp.common.validation import FloatArray
 
 
 class Evaluator:
-    """A CasADi function evaluated in place.
+    """A CasADi function evaluated on numpy arrays through preallocated buffers.
 
     Parameters
     ----------
     function : casadi.Function
-        Its inputs are dense column vectors.
+        With dense column vectors as inputs.
     """
 
     def __init__(self, function: ca.Function) -> None:
@@ -33,7 +33,7 @@ class Evaluator:
         self._places = [_places(function.sparsity_out(i)) for i in range(function.n_out())]
 
     def __call__(self, *values: FloatArray) -> list[FloatArray]:
-        """Return the outputs, (rows, columns) each."""
+        """Evaluate the function and return its outputs, (rows, columns) each."""
         for array, value in zip(self._inputs, values, strict=True):
             array[:] = value
         self._evaluate()
@@ -46,6 +46,6 @@ class Evaluator:
 
 
 def _places(sparsity: ca.Sparsity) -> tuple[tuple[int, int], NDArray[np.intp], NDArray[np.intp]]:
-    """Return the shape of an output, and the rows and columns of its nonzeros."""
+    """Return shape, row indices and column indices of an output's nonzeros."""
     rows, columns = sparsity.get_triplet()
     return sparsity.shape, np.array(rows, dtype=np.intp), np.array(columns, dtype=np.intp)

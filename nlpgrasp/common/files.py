@@ -1,4 +1,4 @@
-"""Files: written whole or not at all, read with every way to be wrong named, called after what they hold."""
+"""File utilities: atomic writing, checked reading, file names."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 
 from nlpgrasp.errors import InputError
 
-HASH = 16  # hexadecimal digits, in the names of files
+HASH = 16  # hexadecimal digits of hashes in file names
 HASHED = re.compile(rf"-[0-9a-f]{{{HASH}}}$")
 KINDS = {
     "a mesh": (".stl", ".obj", ".ply", ".off", ".glb", ".gltf", ".3mf", ".dae"),
@@ -22,22 +22,22 @@ KINDS = {
     "a page": (".html",),
     "a table": (".csv",),
 }
-SOURCES = ("a mesh", "a CAD file", "a hand's file", "a Python script")  # what nobody wants to have overwritten
+SOURCES = ("a mesh", "a CAD file", "a hand's file", "a Python script")  # never overwritten
 
 
 def kind_of(path: str | Path) -> str | None:
-    """Return what a file is by the ending of its name, such as ``"a mesh"``; None for other endings."""
+    """Return the kind of file by its extension, such as ``"a mesh"``; None if unknown."""
     ending = Path(path).suffix.lower()
     return next((kind for kind, endings in KINDS.items() if ending in endings), None)
 
 
 def as_read(data: Any) -> Any:
-    """Return JSON data as it is once it was written to a file and read."""
+    """Return JSON data after a round trip through text."""
     return json.loads(json.dumps(data))
 
 
 def write_text(path: str | Path, text: str) -> Path:
-    """Write a text file: either the whole text is there afterwards or what was there before.
+    """Write a text file atomically.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def write_text(path: str | Path, text: str) -> Path:
 
 
 def write_bytes(path: str | Path, content: bytes) -> Path:
-    """Write a file as ``write_text`` does."""
+    """Write a binary file atomically, as ``write_text`` does."""
     target = Path(path)
     try:
         handle, name = tempfile.mkstemp(dir=target.parent, prefix=".nlpgrasp-", suffix=".tmp")
@@ -69,7 +69,7 @@ def write_bytes(path: str | Path, content: bytes) -> Path:
 
 
 def spare_sources(field: str, target: Path, ending: str = "") -> None:
-    """Refuse to overwrite a mesh, a hand's file or a script that is there with something else.
+    """Raise if a write would replace an existing mesh, hand file or script with another kind of file.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def spare_sources(field: str, target: Path, ending: str = "") -> None:
         Shown in the message.
     target : Path
     ending : str
-        Of files of the kind that is written: those may be overwritten.
+        Extension of the written kind of file, which may be overwritten.
 
     Raises
     ------
@@ -90,12 +90,12 @@ def spare_sources(field: str, target: Path, ending: str = "") -> None:
 
 
 def writable_place(field: str, target: Path, ending: str = "") -> Path:
-    """Return the absolute path of a file that is to be written, with the ending of its kind of files.
+    """Return the absolute path of an output file, checked for writing.
 
     Raises
     ------
     InputError
-        Naming the field, when the file could not be written.
+        Naming the field, when the file cannot be written.
     """
     place = target.resolve()
     if place.is_dir():
@@ -111,20 +111,20 @@ def writable_place(field: str, target: Path, ending: str = "") -> Path:
 
 
 def read_text(path: str | Path, what: str, largest: int) -> str:
-    """Return the text of a file.
+    """Read a text file of limited size.
 
     Parameters
     ----------
     path : str or Path
     what : str
-        That the file is to be, for messages: ``"a solution file"``.
+        Expected content, for messages: ``"a solution file"``.
     largest : int
-        Bytes that it may have; whole mebibytes.
+        Largest size, bytes; whole mebibytes.
 
     Raises
     ------
     InputError
-        When it is not there, no regular file, of another kind by its name, too large, or not UTF-8.
+        When it does not exist, is no regular file, has another kind's extension, is too large, or is not UTF-8.
     """
     file = Path(path)
     try:
@@ -144,7 +144,7 @@ def read_text(path: str | Path, what: str, largest: int) -> str:
 
 
 def file_name(name: str) -> str:
-    """Return a file name, without ending, for a name: readable, and another for another name on any file system."""
+    """Return a readable file name without extension, distinct for distinct names on any file system."""
     readable = re.sub(r"[^a-z0-9.]+", "-", name.lower()).strip("-.")[:60]
     if readable == name and not HASHED.search(name):
         return readable

@@ -1,4 +1,4 @@
-"""Copies of frozen objects with other fields, as they stand."""
+"""Copies of frozen dataclasses with changed fields, without validation."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ Item = TypeVar("Item")
 
 
 def unchecked(item: Item, **fields: object) -> Item:
-    """Return a frozen object with other values of some fields, without its checks.
+    """Return a copy of a frozen object with changed fields, without validation.
 
-    For derivatives by differences, which step past what a field allows (a clearance of 0, less a little), and for parts
-    that were checked before. Everywhere else ``dataclasses.replace`` is right: it checks.
+    For finite differences, which may step beyond a field's limits, and for parts that were checked before. Otherwise
+    use ``dataclasses.replace``, which validates.
 
     Parameters
     ----------

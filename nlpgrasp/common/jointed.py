@@ -1,4 +1,4 @@
-"""What force budgets know of a hand: joints, what they can hold, and how they move the contacts."""
+"""Protocols of hands with joints, for force budgets: torque limits and contact Jacobians."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from nlpgrasp.common.validation import FloatArray
 
 
 class JointedHand(Protocol):
-    """A hand that says which of its joints move its contacts; every hand of ``nlpgrasp.hands`` does."""
+    """Protocol of hands with the joints that move their contacts; all of ``nlpgrasp.hands`` satisfy it."""
 
     @property
     def loaded_joints(self) -> tuple[str, ...]:
-        """Names of the joints that move some contact; none of a hand without joints."""
+        """Names of the joints that move some contact; empty without joints."""
 
     @property
     def torque_limits(self) -> Mapping[str, float]:
@@ -22,14 +22,14 @@ class JointedHand(Protocol):
 
 
 class MovingHand(JointedHand, Protocol):
-    """A jointed hand that says how its contacts move in a posture; every ``nlpgrasp.hands.PosedHand`` does."""
+    """Protocol of jointed hands with contact Jacobians; every ``nlpgrasp.hands.PosedHand`` satisfies it."""
 
     @property
     def count(self) -> int:
-        """Number of the hand's fingertips."""
+        """Number of fingertips."""
 
     def contact_jacobians(self, values: Mapping[str, FloatArray], points: FloatArray) -> FloatArray:
-        """Return velocity and angular velocity per rate of the loaded joints, (k, 6, m), of points (k, 3)."""
+        """Return the contact Jacobians (k, 6, m) of points (k, 3) with respect to the loaded joints."""
 
     def values_of(self, posture: Json) -> dict[str, FloatArray]:
-        """Return values of the hand's variables, by name, in a posture as ``GraspSolution.hand`` holds it."""
+        """Return the hand's variables by name, from a posture as in ``GraspSolution.hand``."""

@@ -1,4 +1,4 @@
-"""The kinds of a room by their names in a file: how a kind from elsewhere joins them."""
+"""Registries of classes by their names in JSON files."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ Kind = TypeVar("Kind")
 
 
 class Stated(Protocol):
-    """What JSON data can be made of."""
+    """Protocol of classes that are constructed from JSON data."""
 
     @classmethod
     def from_dict(cls, data: Json) -> Self:
-        """Return what ``to_dict`` wrote."""
+        """Return the object from the data of its ``to_dict``."""
 
 
 class StatedPart(ABC):
-    """A part of a problem that says in a file what it is: by its kind, and by the numbers that define it.
+    """Base class of problem parts that are stored in files by kind and parameters.
 
     Attributes
     ----------
@@ -34,16 +34,16 @@ class StatedPart(ABC):
 
     @abstractmethod
     def to_dict(self) -> Json:
-        """Return the part as JSON data: ``kind`` as ``type``, and what defines it."""
+        """Return the part as JSON data: ``kind`` as ``type``, and its parameters."""
 
     @classmethod
     def from_dict(cls, data: Json) -> Self:
-        """Return the part that ``to_dict`` wrote: of a dataclass, by its fields.
+        """Return the part from the data of its ``to_dict``; a dataclass by its fields.
 
         Raises
         ------
         InputError
-            When the data do not say all of it.
+            When the data are incomplete.
         """
         return from_fields(cls, data)
 
@@ -52,12 +52,12 @@ StatedKind = TypeVar("StatedKind", bound=Stated)
 
 
 class Registry(Generic[Kind]):
-    """Classes by the name that stands for them in JSON, in the order in which they were added.
+    """Registry of classes by their names in JSON, in order of registration.
 
     Parameters
     ----------
     field : str
-        Where a name stands, for messages: ``"contact.model"``.
+        Field of the name, for messages: ``"contact.model"``.
     """
 
     def __init__(self, field: str) -> None:
@@ -65,12 +65,12 @@ class Registry(Generic[Kind]):
         self._kinds: dict[str, type[Kind]] = {}
 
     def add(self, name: str, kind: type[Kind]) -> None:
-        """Add a class under a name.
+        """Register a class under a name.
 
         Raises
         ------
         InputError
-            On a name that is empty, or another class's.
+            On an empty name, or one of another class.
         """
         if not isinstance(name, str) or not name:
             raise InputError(f"{kind.__name__}.kind", name, "the name that stands for it in a file")
@@ -80,21 +80,21 @@ class Registry(Generic[Kind]):
         self._kinds[name] = kind
 
     def find(self, name: object) -> type[Kind] | None:
-        """Return the class of a name, ``None`` where there is none."""
+        """Return the class with a name, or ``None``."""
         return self._kinds.get(name) if isinstance(name, str) else None
 
     def unknown(self, name: object, more: str = "") -> InputError:
-        """Return the error that lists the known names, and perhaps ``more`` that is allowed."""
+        """Return the error for an unknown name, with the known names and ``more``."""
         return InputError(self._field, name, "one of " + ", ".join([*self._kinds]) + more)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of all kinds, in the order in which they were added."""
+        """Names of all classes, in order of registration."""
         return tuple(self._kinds)
 
 
 def read(registry: Registry[StatedKind], what: str, data: object) -> StatedKind:
-    """Return what the class that data name in ``type`` makes of them.
+    """Return an object of the registered class given by the data's ``type``.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def read(registry: Registry[StatedKind], what: str, data: object) -> StatedKind:
     Raises
     ------
     InputError
-        When the type is unknown, or its class makes nothing of the data.
+        When the type is unknown or the data are invalid.
     """
     name = data.get("type") if isinstance(data, Mapping) else data
     kind = registry.find(name)
@@ -121,12 +121,12 @@ def read(registry: Registry[StatedKind], what: str, data: object) -> StatedKind:
 
 
 def from_fields(kind: type[Kind], data: Json) -> Kind:
-    """Return a dataclass made of the entries of JSON data that its fields are called by.
+    """Return a dataclass instance from the entries of JSON data with its field names.
 
     Raises
     ------
     KeyError
-        When an entry is missing whose field has no default.
+        When the entry of a field without default is missing.
     InputError
         When the class is not a dataclass.
     """
@@ -138,5 +138,5 @@ def from_fields(kind: type[Kind], data: Json) -> Kind:
 
 
 def incomplete(what: str, lacking: str) -> InputError:
-    """Return the error that says what JSON data lack, of a kind that cannot be made of them."""
+    """Return the error for JSON data that are not sufficient to construct an object."""
     return InputError(what, "JSON data alone", lacking)

@@ -1,4 +1,4 @@
-"""What constraints and hands are written in: the contacts' symbols, and named rows."""
+"""Symbolic grasp candidates and labelled scalar constraints."""
 
 from __future__ import annotations
 
@@ -14,33 +14,33 @@ if TYPE_CHECKING:  # certificates reach this file, and no CasADi
     import casadi as ca
 
 
-# kinds of rows that are told from others
+# kinds of scalar constraints with special treatment
 CLEARANCE = "clearance from the body"
-ON_FINGERTIP = "on fingertip"  # alone written in one with its link
+ON_FINGERTIP = "on fingertip"  # the only kind shown together with its link
 SELF_COLLISION = "self-collision"
 TIPS_APART = "fingertip distance"
 ROOM = "room for the fingertip"
 EDGE_MARGIN = "edge margin"
 UNIT_QUATERNION = "palm quaternion of unit length"
 
-EDGES = f"the {EDGE_MARGIN}"  # what is left out of a bound on a mesh
+EDGES = f"the {EDGE_MARGIN}"  # omitted from global bounds on a mesh
 
 
 @dataclass(frozen=True)
 class Label:
-    """What a row says, and of whom.
+    """Label of a scalar constraint: kind, contacts, link and part.
 
     Parameters
     ----------
     kind : str
-        What all rows of this sort have in common, for example ``"table"``.
+        Kind of constraint, for example ``"table"``.
     fingers : tuple of int
-        The contacts it is about.
+        Indices of the contacts involved.
     link : str
-        The part of the hand it is about, for example ``"finger/2"`` or ``"palm"``.
+        Part of the hand involved, for example ``"finger/2"`` or ``"palm"``.
     part : str
-        What tells it from others of the same kind, fingers and link: a coordinate, a joint, a direction, or
-        ``"[3]"`` for an element of an expression.
+        Distinguishes constraints of the same kind, fingers and link: a coordinate, a joint, a direction, or ``"[3]"``
+        for an element of an expression.
     """
 
     kind: str
@@ -50,7 +50,7 @@ class Label:
 
     @property
     def name(self) -> str:
-        """The label written out: ``"table, finger 2"``, ``"spread, fingers 0 and 1"``, ``"level[0]"``."""
+        """Label as text: ``"table, finger 2"``, ``"spread, fingers 0 and 1"``, ``"level[0]"``."""
         first = f"{self.kind} {self.link}" if self.kind == ON_FINGERTIP else self.kind
         link = "" if self.kind == ON_FINGERTIP else self.link
         which = f"finger{'s' * (len(self.fingers) > 1)} {' and '.join(map(str, self.fingers))}" if self.fingers else ""
@@ -60,26 +60,26 @@ class Label:
 
     @property
     def label(self) -> Label:
-        """The label alone, without what it is the label of."""
+        """Label without the constraint itself."""
         return Label(self.kind, fingers=self.fingers, link=self.link, part=self.part)
 
 
 @dataclass(frozen=True)
 class Row(Label):
-    """One scalar constraint ``lower <= expression <= upper``; all the rest of a label is given by name.
+    """A labelled scalar constraint ``lower <= expression <= upper``.
 
     Parameters
     ----------
     kind : str
         As in ``Label``.
     expression : casadi.SX
-        Scalar; in a program also a column, each element within the limits.
+        Scalar; in an NLP also a column, each element within the limits.
     lower, upper : float
         In the expression's own unit.
     scale : float
         Typical size of the expression, for the solver's scaling.
     unit : {"", "m", "m2", "cos"}
-        What the expression is: a length, the square of one, the cosine of an angle, or something else.
+        Unit of the expression: a length, a squared length, the cosine of an angle, or other.
     fingers, link, part
         As in ``Label``.
     """
@@ -93,7 +93,7 @@ class Row(Label):
 
 @dataclass(frozen=True)
 class Clearance(Label):
-    """A point that stays a distance away from a body: ``lower <= distance(point)``.
+    """A labelled clearance constraint ``lower <= distance(point)`` of a point from a body.
 
     Kept apart from ``Row`` because the distance to a mesh is a spline, which exists as ``MX`` only.
 
@@ -102,7 +102,7 @@ class Clearance(Label):
     kind : str
         As in ``Label``.
     distance : casadi.Function
-        Point (space,) to signed distance, metres; never more than the true one outside.
+        Signed distance of a point (space,), metres; outside never more than the true one.
     point : casadi.SX
         Column.
     lower : float
@@ -119,7 +119,7 @@ class Clearance(Label):
     scale: float = 1.0
 
     def row(self, expression: Expression) -> Row:
-        """Return the same as a row of an expression."""
+        """Return the clearance as a scalar constraint on a given expression."""
         return Row(
             self.kind,
             expression,
@@ -132,13 +132,13 @@ class Clearance(Label):
         )
 
     def as_row(self) -> Row | None:
-        """Return the same as a row, or None where the distance is not an ``SX`` expression."""
+        """Return the clearance as a scalar constraint, or None if the distance is not an ``SX`` expression."""
         return self.row(self.distance(self.point)) if self.distance.is_a("SXFunction") else None
 
 
 @dataclass(frozen=True)
 class LinkSphere:
-    """A sphere that stands for a part of a hand's link.
+    """Collision sphere of a hand's link.
 
     Parameters
     ----------
@@ -149,10 +149,10 @@ class LinkSphere:
     radius : float
         Metres.
     clearance : float
-        Least distance to the held body, metres; negative for a fingertip, which touches it: so far it may reach
-        into the solver's surface before the answer is put onto the body.
+        Least distance to the grasped body, metres; negative for a fingertip, which touches it: the depth to which it
+        may penetrate the solver's smooth surface before contacts are projected onto the body.
     finger : int, optional
-        Whose own sphere it is, of a fingertip: constraints see it as such already.
+        Index of the fingertip whose own sphere it is; constraints already treat it as a fingertip.
     """
 
     link: str
@@ -163,13 +163,13 @@ class LinkSphere:
 
     @property
     def is_tip(self) -> bool:
-        """Whether it is a fingertip's own sphere."""
+        """Whether it is a fingertip's sphere."""
         return self.finger is not None
 
 
 @dataclass(frozen=True)
 class PalmPose:
-    """Where the palm is, as symbols.
+    """Symbolic pose of the palm.
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ class PalmPose:
     rotation : casadi.SX
         (3, 3), axes of the palm's frame as columns, body frame.
     approach : casadi.SX
-        Unit direction in which the palm faces, body frame.
+        Unit approach direction, in which the palm faces, body frame.
     """
 
     position: Expression
@@ -188,7 +188,7 @@ class PalmPose:
 
 @dataclass(frozen=True)
 class Placement:
-    """Where the contacts are, as symbols: what constraints are written in.
+    """Symbolic grasp candidate: contacts and hand, on which constraints are stated.
 
     Parameters
     ----------
@@ -201,14 +201,13 @@ class Placement:
     size : float
         The body's characteristic length, metres.
     spheres : sequence of LinkSphere
-        What else there is of the hand.
+        Collision spheres of the hand.
     palm : PalmPose, optional
-        Where the hand has one.
+        Of a hand with a palm.
     closing : column, optional
-        From one jaw to the other, metres, of a gripper that may be turned about this line.
+        Vector from one jaw to the other, metres, of a gripper that is free to turn about it.
     hand : mapping, optional
-        The hand's variables by the names that the program shows: ``"joints"``, ``"palm position"``; None where only
-        contacts are placed.
+        The hand's variables by displayed names: ``"joints"``, ``"palm position"``; None if there are only contacts.
     """
 
     positions: Sequence[Expression]
@@ -222,10 +221,10 @@ class Placement:
 
     @property
     def links(self) -> list[LinkSphere]:
-        """Spheres of the links, those of fingertips left out."""
+        """Spheres of links other than fingertips."""
         return [s for s in self.spheres if not s.is_tip]
 
     @property
     def tips(self) -> list[Expression]:
-        """Centres of the fingertips: ``p - radius n``, outside the body."""
+        """Centres of the fingertips, ``p - radius n``."""
         return [p - r * n for p, n, r in zip(self.positions, self.normals, self.radii, strict=True)]

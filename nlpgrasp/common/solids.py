@@ -1,4 +1,4 @@
-"""What constraints know of bodies, and how they get one from a file: the two rooms do not import each other."""
+"""Protocol and registry of bodies for constraints, which do not import the bodies package."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:  # certificates reach common, and no CasADi
 
 @runtime_checkable
 class Solid(Protocol):
-    """What constraints know of a body."""
+    """Protocol of bodies as constraints use them: dimension and signed distance."""
 
     @property
     def space(self) -> int:
@@ -21,29 +21,29 @@ class Solid(Protocol):
 
     @property
     def distance_function(self) -> ca.Function:
-        """A ``casadi.Function`` from a point to the signed distance, metres."""
+        """Compiled signed distance: a ``casadi.Function`` of a point, in metres."""
 
     def to_dict(self) -> Json:
         """Return the body as JSON data."""
 
 
 class StatedSolid(Solid, Protocol):
-    """A body that files may hold."""
+    """Protocol of bodies that can be stored in files."""
 
     @classmethod
     def from_dict(cls, data: Json) -> Self:
-        """Return the body that ``to_dict`` wrote."""
+        """Return the body from the data of its ``to_dict``."""
 
 
 SOLIDS: Registry[StatedSolid] = Registry("body.type")  # filled by nlpgrasp.bodies
 
 
 def solid_from_dict(data: object) -> Solid:
-    """Return the body that ``to_dict`` wrote, of any registered kind.
+    """Return a body of any registered type from the data of its ``to_dict``.
 
     Raises
     ------
     InputError
-        When the type is unknown, the numbers make no body, or the data do not say all of it.
+        When the type is unknown, or the data are invalid or incomplete.
     """
     return read(SOLIDS, "body", data)

@@ -1,4 +1,4 @@
-"""Wrenches, frames and their transforms.
+"""Wrench transforms and contact frames.
 
 A wrench is ``(f, m)``: force first, then torque about the torque origin ``o``, with
 ``m = (p - o) x f``. The paper writes ``f x (p - o)``; every quality measure is unchanged by that
@@ -13,27 +13,27 @@ import numpy as np
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
 
-UNIT_TOLERANCE = 1e-6
-ROUNDING = 8.0 * float(np.finfo(float).eps)  # of an arm, relative to the coordinates it comes from
+UNIT_TOLERANCE = 1e-6  # tolerance of unit vectors and rotations
+ROUNDING = 8.0 * float(np.finfo(float).eps)  # of the coordinates: rounding error of their difference
 
 
 def wrench_dimension(space: int) -> int:
-    """Return the dimension of wrench space: 3 for a planar body, 6 for a spatial one."""
+    """Return the dimension of wrench space: 3 in the plane, 6 in space."""
     return 3 if space == 2 else 6
 
 
 def space_dimension(wrench_size: int) -> int:
-    """Return 2 for planar wrenches ``(f_x, f_y, m_z)`` and 3 for spatial ones."""
+    """Return the dimension of space: 2 for planar wrenches ``(f_x, f_y, m_z)``, 3 for spatial ones."""
     return 2 if wrench_size == 3 else 3
 
 
 def in_space(vectors: FloatArray) -> FloatArray:
-    """Return planar vectors (m, 2) with a zero third component, (m, 3); spatial ones as they are."""
+    """Return vectors (m, 3), planar ones (m, 2) with a zero third component."""
     return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
 
 
 def cross_matrix(v: FloatArray) -> FloatArray:
-    """Return ``S(v)`` of (2.3-2), so that ``S(v) f = v x f``.
+    """Return the cross-product matrix ``S(v)`` of (2.3-2), ``S(v) f = v x f``.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def cross_matrix(v: FloatArray) -> FloatArray:
 
 
 def tangents(normals: FloatArray) -> FloatArray:
-    """Return unit tangents completing each normal to a right-handed frame.
+    """Return unit tangents that complete each normal to a right-handed frame.
 
     Parameters
     ----------
@@ -72,18 +72,18 @@ def tangents(normals: FloatArray) -> FloatArray:
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return ``a x b`` of vectors (..., 3), (..., 3): a quarter of the time of ``numpy.cross`` where they are few."""
+    """Return the cross product ``a x b`` (..., 3) of vectors (..., 3), faster than ``numpy.cross`` for few."""
     ax, ay, az, bx, by, bz = (v[..., i] for v in (a, b) for i in range(3))
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
 
 
 def coordinate_size(points: FloatArray, origin: FloatArray) -> FloatArray:
-    """Return the largest coordinate of contacts (..., k, space) and torque origin: arms are rounded relative to it."""
+    """Return the largest coordinate, (...), of contacts (..., k, space) and torque origin, the scale of rounding."""
     return np.asarray(np.maximum(np.max(np.abs(points), axis=(-2, -1)), float(np.max(np.abs(origin)))))
 
 
 def wrench_transform(point: FloatArray, frame: FloatArray, size: FloatArray | float = 0.0) -> FloatArray:
-    """Return ``T_fi`` of (2.3-4): contact-frame wrenches to body wrenches, for one contact or for many.
+    """Return the wrench transformation ``T_fi`` of (2.3-4), from contact frames to the body frame.
 
     Parameters
     ----------
@@ -92,8 +92,8 @@ def wrench_transform(point: FloatArray, frame: FloatArray, size: FloatArray | fl
     frame : (..., 2, 2) or (..., 3, 3) array
         Contact frame, its axes as columns: normal first, then the tangents.
     size : (...) array or float
-        Size of the coordinates that ``point`` is a difference of, metres. Torques of unit forces that are below its
-        rounding are zero: noise in their place would look like a direction in which the contacts can work.
+        Size of the coordinates whose difference ``point`` is, metres. Torques of unit forces below its rounding error
+        are set to zero, since noise would look like a direction in which the contacts can exert wrenches.
 
     Returns
     -------
@@ -128,7 +128,7 @@ def rotate_body_frame(rotation: FloatArray) -> FloatArray:
     Returns
     -------
     (3, 3) or (6, 6) array
-        Old wrenches to new ones, in the plane and in space.
+        Map from old to new wrenches, in the plane and in space.
 
     Raises
     ------

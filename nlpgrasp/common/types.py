@@ -1,4 +1,4 @@
-"""Types that have no class of their own."""
+"""Shared type aliases and protocols."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ base class that says so; what is of one kind alone is typed as that kind."""
 
 
 class Ops(Protocol):
-    """The functions that ``numpy`` and ``casadi`` share, for formulas that serve numbers and expressions alike."""
+    """Protocol of the functions common to ``numpy`` and ``casadi``, for numbers and expressions."""
 
     def fmax(self, a: Expression, b: Expression, /) -> Expression:
         """Return the larger of two values."""

@@ -1,4 +1,4 @@
-"""Validators that name the field and show what was received."""
+"""Input validators, whose errors name the field and the received value."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from nlpgrasp.errors import InputError
 
 FloatArray = NDArray[np.float64]
-LARGEST = 1e100  # a larger number overflows when it is squared a few times
-SMALLEST = 1e-100  # and the reciprocal of a smaller one does
-SHORTEST_BODY, LONGEST_BODY = 1e-3, 10.0  # metres: outside, the unit is wrong by a factor of about 1000
+LARGEST = 1e100  # largest accepted magnitude, against overflow
+SMALLEST = 1e-100  # smallest accepted positive number, against overflow of its reciprocal
+SHORTEST_BODY, LONGEST_BODY = 1e-3, 10.0  # m, plausible sizes: beyond them the unit is probably wrong
 SHARE = "a share above 0, at most 1"
 
 
@@ -47,17 +47,17 @@ def number(field: str, value: object, *, above: float | None = None, at_least: f
 
 
 def likely_size(field: str, what: str, longest: float, wrong: str, has_unit: bool = True) -> None:
-    """Refuse a body that is too large or too small for one that is grasped.
+    """Raise for a body whose size is implausible for grasping.
 
     Parameters
     ----------
     field : str
     what : str
-        Of the body has this length, in words.
+        Name of the length, for messages.
     longest : float
         Longest side of its bounding box, metres.
     wrong : str
-        What is wrong then, with ``{}`` where it says "smaller" or "larger".
+        Message about the likely mistake, with ``{}`` for "smaller" or "larger".
     has_unit : bool
         Whether the body takes a ``unit``.
     """
@@ -111,13 +111,13 @@ def array(field: str, value: object, shape: tuple[int | None, ...]) -> FloatArra
 
 
 def read_only(values: FloatArray) -> FloatArray:
-    """Return ``values``, of any shape, with writing switched off, so that frozen objects stay frozen."""
+    """Return ``values``, of any shape, set to read-only."""
     values.setflags(write=False)
     return values
 
 
 def names(field: str, value: str | Iterable[str] | None) -> tuple[str, ...] | None:
-    """Return a tuple of names from one name, several, or ``None`` (meaning all)."""
+    """Return a tuple of names from one or several names, or ``None`` (all)."""
     if value is None:
         return None
     try:
@@ -131,7 +131,7 @@ def names(field: str, value: str | Iterable[str] | None) -> tuple[str, ...] | No
 
 @contextmanager
 def within(place: str) -> Iterator[None]:
-    """Put a place, for example a file's name, before the field of an ``InputError`` raised inside."""
+    """Prefix the field of an ``InputError`` raised inside with a place, such as a file's name."""
     try:
         yield
     except InputError as error:

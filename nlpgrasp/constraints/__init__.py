@@ -1,4 +1,4 @@
-"""Constraints: where contacts must not be."""
+"""Constraints on contacts and hand: forbidden regions, tables, obstacles, workspaces."""
 
 from nlpgrasp.constraints.approach import Approach
 from nlpgrasp.constraints.base import PlacementConstraint

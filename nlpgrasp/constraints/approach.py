@@ -1,4 +1,4 @@
-"""Where the palm comes from."""
+"""Approach cone: constraint on the palm's approach direction."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from nlpgrasp.errors import InputError
 
 @dataclass(frozen=True)
 class Approach(PlacementConstraint):
-    """The palm faces a direction to within an angle: the approach cone.
+    """Approach cone: the palm faces a direction to within an angle.
 
-    Parallel jaws may be turned about the line c between their contacts: some approach across it is within the angle of
-    d if ``(c . d)^2 <= sin(angle)^2 |c|^2``, and always from a right angle on.
+    Parallel jaws are free to turn about the closing line c between their contacts: some approach across it is within
+    the angle of d if ``(c . d)^2 <= sin(angle)^2 |c|^2``, and always if the angle is at least a right angle.
 
     Parameters
     ----------
     direction : (3,) array
-        In which the palm faces, body frame: (0, 0, -1) for a hand that comes from above.
+        Of the palm, body frame: (0, 0, -1) for an approach from above.
     angle : float
-        Half the cone's opening, radians, greater than zero and at most pi.
+        Half the cone's opening angle, radians, greater than zero and at most pi.
     """
 
     kind: ClassVar[str] = "approach"
@@ -46,12 +46,12 @@ class Approach(PlacementConstraint):
         object.__setattr__(self, "angle", angle("Approach.angle", self.angle, np.pi, "pi"))
 
     def check(self, space: int, size: float, contacts: int) -> None:
-        """Refuse planar bodies, which no palm faces."""
+        """Raise for planar bodies, which have no palm."""
         if space != 3:
             raise InputError("Approach.direction", "a planar body", "a body in space")
 
     def rows(self, placement: Placement) -> list[Row]:
-        """Return ``a . d >= cos(angle)`` with the palm's direction a; of jaws that they can be turned so."""
+        """Return the constraint ``a . d >= cos(angle)`` on the palm's direction a, or that of parallel jaws."""
         if placement.palm is None and placement.closing is not None:
             return self._across(placement.closing, placement.size)
         if placement.palm is None:
@@ -60,7 +60,7 @@ class Approach(PlacementConstraint):
         return [Row("approach", along, float(np.cos(self.angle)), unit="cos", link="palm")]
 
     def _across(self, closing: Expression, size: float) -> list[Row]:
-        """Return that some direction across the closing line is within the cone."""
+        """Return the constraint that some direction across the closing line is within the cone."""
         if self.angle >= np.pi / 2.0:
             return []
         along = ca.dot(closing, ca.DM(np.asarray(self.direction)))
@@ -68,11 +68,11 @@ class Approach(PlacementConstraint):
         return [Row("approach", beyond, upper=0.0, scale=size**2, unit="m2", link="palm")]
 
     def to_dict(self) -> Json:
-        """Return direction and angle."""
+        """Return direction and angle as JSON data."""
         return {"type": self.kind, "direction": list(np.asarray(self.direction, float)), "angle": self.angle}
 
     @classmethod
     def from_dict(cls, data: Json) -> Self:
-        """Return the constraint of a file, its unit direction to the last digit."""
+        """Return the constraint from its data, keeping a unit direction unchanged."""
         result, direction = super().from_dict(data), data["direction"]
         return unchecked(result, direction=tuple(direction)) if is_unit(direction) else result

@@ -1,4 +1,4 @@
-"""What every constraint states about itself."""
+"""Base class of constraints on contacts and hand."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ ROUNDING = 4.0 * float(np.finfo(float).eps)
 
 
 class PlacementConstraint(StatedPart):
-    """A condition on where the contacts may be ((3.5-15), (3.5-16)).
+    """A constraint on contacts and hand, (3.5-15), (3.5-16).
 
     Attributes
     ----------
@@ -24,21 +24,21 @@ class PlacementConstraint(StatedPart):
 
     @abstractmethod
     def rows(self, placement: Placement) -> Sequence[Row | Clearance]:
-        """Return the rows this constraint adds to the program."""
+        """Return the scalar constraints that it adds to the NLP."""
 
     def forbidden_faces(self) -> tuple[str, ...]:
-        """Return names of faces that no contact may use."""
+        """Return the names of faces excluded for all contacts."""
         return ()
 
     def check(self, space: int, size: float, contacts: int) -> None:
-        """Refuse, naming the field, what can be seen to be wrong for this body and number of contacts."""
+        """Raise if it is invalid for a body's dimension and size or the number of contacts."""
         del space, size, contacts
 
     def least_distance(self) -> float:
-        """Return how far apart this constraint keeps any two contacts, metres."""
+        """Return the least distance between any two contacts that it enforces, metres."""
         return 0.0
 
 
 def is_unit(vector: Sequence[float]) -> bool:
-    """Return whether a vector of a file is of unit length to rounding: normalised again it might lose a digit."""
+    """Return whether a vector has unit length up to rounding, so that normalising might change a digit."""
     return bool(abs(float(np.linalg.norm(vector)) - 1.0) <= ROUNDING)

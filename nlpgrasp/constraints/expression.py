@@ -1,4 +1,4 @@
-"""The user's own constraint."""
+"""User-defined constraint given by a CasADi expression."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.constraints.base import PlacementConstraint
 from nlpgrasp.errors import InputError
 
-SEES_HAND = 3  # arguments of an expression that is given the hand's variables
+SEES_HAND = 3  # number of arguments of an expression that uses the hand's variables
 
 
 class _Named(dict[str, Expression]):
-    """The hand's variables by name, refusing others by a sentence."""
+    """The hand's variables by name; unknown names raise an InputError."""
 
     def __missing__(self, name: str) -> NoReturn:
         allowed = f"a variable of the hand: {listed([name], self)}" if self else "a hand with joints or a palm"
@@ -32,17 +32,17 @@ class _Named(dict[str, Expression]):
 
 @dataclass(frozen=True)
 class Constraint(PlacementConstraint):
-    """``lower <= expression <= upper`` for any CasADi expression of the contacts.
+    """A user-defined constraint ``lower <= expression <= upper`` on contacts and hand.
 
     Parameters
     ----------
     name : str
         Shown in reports.
     expression : callable
-        ``expression(positions, normals)``: two lists of k CasADi columns, positions in metres and unit
-        normals pointing into the body; returns a CasADi expression of any shape, or a list of scalars. With a third
-        argument that has no default, ``expression(positions, normals, hand)``, it also sees the hand's variables by
-        name, as ``ng.formulate`` prints them: ``hand["joints"]``, ``hand["palm position"]``.
+        ``expression(positions, normals)`` of two lists of k CasADi columns, positions in metres and inward unit
+        normals; returns a CasADi expression of any shape, or a list of scalars. With a third argument without default,
+        ``expression(positions, normals, hand)``, it also takes the hand's variables by name, as ``ng.formulate``
+        prints them: ``hand["joints"]``, ``hand["palm position"]``.
     lower, upper : float or (m,) array
         Limits of each of the m elements, in the expression's own unit; infinite for none.
 
@@ -82,7 +82,7 @@ class Constraint(PlacementConstraint):
 
     @property
     def _sees_hand(self) -> bool:
-        """Whether the expression is a function of the hand's variables too."""
+        """Whether the expression also takes the hand's variables."""
         try:
             parameters = signature(self.expression).parameters.values()
         except (TypeError, ValueError):
@@ -91,7 +91,7 @@ class Constraint(PlacementConstraint):
         return sum(p.kind in positional and p.default is Parameter.empty for p in parameters) == SEES_HAND
 
     def rows(self, placement: Placement) -> list[Row]:
-        """Return one row for each element of the expression."""
+        """Return one scalar constraint per element of the expression."""
         field = f"Constraint {self.name!r}.expression"
         if self._sees_hand and placement.hand is None:
             return []
@@ -116,11 +116,11 @@ class Constraint(PlacementConstraint):
         return [Row(self.name, value[i], float(lower[i]), float(upper[i]), part=parts[i]) for i in range(count)]
 
     def to_dict(self) -> Json:
-        """Return name and limits; the expression stays in the script."""
+        """Return name and limits as JSON data, without the expression."""
         lower, upper = ([v if np.isfinite(v) else None for v in np.ravel(x).tolist()] for x in (self.lower, self.upper))
         return {"type": self.kind, "name": self.name, "lower": lower, "upper": upper}
 
     @classmethod
     def from_dict(cls, data: Json) -> NoReturn:
-        """Refuse: the function is not in the data."""
+        """Raise: the data do not contain the function."""
         raise incomplete("constraint of type expression", "its function, which stays in the script that made it")

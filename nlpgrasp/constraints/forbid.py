@@ -1,4 +1,4 @@
-"""Parts of the body that must not be touched."""
+"""Forbidden faces and regions of the body."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from nlpgrasp.errors import InputError
 
 @dataclass(frozen=True)
 class Forbid(PlacementConstraint):
-    """No contact on some faces, or in some region of the body.
+    """Forbidden faces or region: no contact may lie there.
 
     Parameters
     ----------
     faces_or_region : str, sequence of str, Region or callable
-        Face names; or a ``HalfSpace``, a ``BoxRegion``; or a function of a CasADi point that is
-        positive inside the forbidden region.
+        Face names, a ``HalfSpace``, a ``BoxRegion``, or a function of a CasADi point that is positive inside the
+        forbidden region.
     """
 
     kind: ClassVar[str] = "forbid"
@@ -39,20 +39,20 @@ class Forbid(PlacementConstraint):
 
     @property
     def region(self) -> Region | None:
-        """The region, when this forbids one."""
+        """The forbidden region, if any."""
         return self.faces_or_region if isinstance(self.faces_or_region, Region) else None
 
     def forbidden_faces(self) -> tuple[str, ...]:
-        """Return the face names, when this forbids faces."""
+        """Return the names of forbidden faces, if any."""
         return self.faces_or_region if isinstance(self.faces_or_region, tuple) else ()
 
     def check(self, space: int, size: float, contacts: int) -> None:
-        """Refuse a region of another dimension than the body's."""
+        """Raise if the region and the body differ in dimension."""
         if self.region is not None and self.region.dimension() not in (None, space):
             raise InputError("Forbid.region", f"{self.region.dimension()} coordinates", f"{space} coordinates")
 
     def rows(self, placement: Placement) -> list[Row]:
-        """Return one row for each contact for a region; faces are left out of the program altogether."""
+        """Return one scalar constraint per contact for a region; none for faces, which the NLP omits."""
         if self.region is None:
             return []
         region = self.region
@@ -69,12 +69,12 @@ class Forbid(PlacementConstraint):
         ]
 
     def to_dict(self) -> Json:
-        """Return the faces or the region."""
+        """Return the faces or the region as JSON data."""
         if self.region is not None:
             return {"type": self.kind, "region": self.region.to_dict()}
         return {"type": self.kind, "faces": list(self.forbidden_faces())}
 
     @classmethod
     def from_dict(cls, data: Json) -> Self:
-        """Return the constraint of a file: of faces, or of a region."""
+        """Return the constraint from its data."""
         return cls(region_from_dict(data["region"]) if "region" in data else data["faces"])

@@ -1,4 +1,4 @@
-"""Something else in the way."""
+"""Clearance of fingertips and hand links from an obstacle."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from nlpgrasp.errors import InputError
 
 @dataclass(frozen=True)
 class Obstacle(PlacementConstraint):
-    """Fingertips and links stay away from another body.
+    """An obstacle: a body from which fingertips and hand links keep a clearance.
 
     Parameters
     ----------
@@ -32,14 +32,14 @@ class Obstacle(PlacementConstraint):
     clearance : float
         Least distance, metres, at least zero.
     position : (space,) array, optional
-        Where the obstacle's frame is in the held body's, metres; the same place when left out.
+        Of the obstacle's frame in the grasped body's, metres; by default the same origin.
     quaternion : (4,) array, optional
-        How it is turned, (w, x, y, z); as the held body when left out. Bodies in space only.
+        Its orientation, (w, x, y, z); by default that of the grasped body. Bodies in space only.
     name : str
         Shown in reports.
     pose : (4, 4) array or mapping, optional
-        Instead of position and quaternion: of the obstacle's frame in the held body's, as a matrix, (3, 3) in the
-        plane without a turn, or a mapping with ``position`` and ``quaternion_wxyz`` or ``quaternion_xyzw``.
+        Of the obstacle's frame in the grasped body's, instead of position and quaternion: a matrix, (3, 3) in the
+        plane and without rotation, or a mapping with ``position`` and ``quaternion_wxyz`` or ``quaternion_xyzw``.
     """
 
     kind: ClassVar[str] = "obstacle"
@@ -82,18 +82,18 @@ class Obstacle(PlacementConstraint):
 
     @property
     def rotation(self) -> FloatArray:
-        """Axes of the obstacle's frame in the held body's, (space, space), as columns."""
+        """Rotation matrix of the obstacle's frame in the grasped body's, (space, space)."""
         if self.quaternion is None:
             return np.eye(self.body.space)
         return np.asarray(Rotation.from_quat(np.asarray(self.quaternion), scalar_first=True).as_matrix())
 
     def check(self, space: int, size: float, contacts: int) -> None:
-        """Refuse an obstacle of another dimension than the held body."""
+        """Raise if the obstacle and the grasped body differ in dimension."""
         if self.body.space != space:
             raise InputError("Obstacle.body", f"a body of {self.body.space} dimensions", f"one of {space}")
 
     def rows(self, placement: Placement) -> Sequence[Row | Clearance]:
-        """Return one row for each fingertip and for each sphere of a link."""
+        """Return one clearance constraint per fingertip and per collision sphere of a link."""
         tips = zip(placement.tips, placement.radii, strict=True)
         of_tips = [self._off(tip, radius, placement.size, fingers=(i,)) for i, (tip, radius) in enumerate(tips)]
         return of_tips + [self._off(s.centre, s.radius, placement.size, link=s.link) for s in placement.links]
@@ -101,7 +101,7 @@ class Obstacle(PlacementConstraint):
     def _off(
         self, point: Expression, radius: float, size: float, fingers: tuple[int, ...] = (), link: str = ""
     ) -> Clearance:
-        """Return that a sphere of the hand stays away from the obstacle."""
+        """Return the clearance constraint of a sphere of the hand."""
         distance, lower = self.body.distance_function, radius + self.clearance
         return Clearance(self.name, distance, self._local(point), lower, size, fingers=fingers, link=link)
 
@@ -112,7 +112,7 @@ class Obstacle(PlacementConstraint):
         return point if self.quaternion is None else ca.mtimes(ca.DM(self.rotation.T), point)
 
     def to_dict(self) -> Json:
-        """Return the body, its pose and the clearance."""
+        """Return the body, its pose and the clearance as JSON data."""
         return {
             "type": self.kind,
             "name": self.name,
@@ -124,7 +124,7 @@ class Obstacle(PlacementConstraint):
 
     @classmethod
     def from_dict(cls, data: Json) -> Self:
-        """Return the constraint of a file, its quaternion to the last digit."""
+        """Return the constraint from its data, keeping a unit quaternion unchanged."""
         body, turn = solid_from_dict(data["body"]), data.get("quaternion_wxyz")
         result = cls(body, data.get("clearance", 0.0), data.get("position"), turn, data.get("name", "obstacle"))
         return unchecked(result, quaternion=tuple(turn)) if turn is not None and is_unit(turn) else result

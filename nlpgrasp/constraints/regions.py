@@ -1,4 +1,4 @@
-"""Regions of space that contacts may be kept out of."""
+"""Regions of space for constraints: half-spaces, boxes and user-defined regions."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from nlpgrasp.errors import InputError
 
 
 class Region(StatedPart):
-    """A part of space, closed, given by an expression that is positive inside."""
+    """A closed region of space, given by an expression that is positive inside."""
 
     unit: ClassVar[str] = "m"  # of ``inside``
 
@@ -29,18 +29,18 @@ class Region(StatedPart):
         """Return an expression of a point that is positive inside the region and negative outside."""
 
     def dimension(self) -> int | None:
-        """Return the dimension of the region's points, or None when any will do."""
+        """Return the dimension of the region's points, or None if it is arbitrary."""
         return None
 
 
 @dataclass(frozen=True)
 class HalfSpace(Region):
-    """The half-space ``normal . p >= offset``.
+    """A half-space ``normal . p >= offset``.
 
     Parameters
     ----------
     normal : (2,) or (3,) array
-        Not zero; made unit length together with the offset.
+        Not zero; normalised together with the offset.
     offset : float
         Metres, for a unit normal.
     """
@@ -62,11 +62,11 @@ class HalfSpace(Region):
         return ca.dot(ca.DM(np.asarray(self.normal)), p) - self.offset
 
     def dimension(self) -> int | None:
-        """Return the length of the normal: 2 or 3."""
+        """Return the dimension of the normal: 2 or 3."""
         return int(np.size(self.normal))
 
     def to_dict(self) -> Json:
-        """Return normal and offset."""
+        """Return normal and offset as JSON data."""
         return {
             "type": self.kind,
             "normal": list(np.asarray(self.normal, dtype=float)),
@@ -75,14 +75,14 @@ class HalfSpace(Region):
 
     @classmethod
     def from_dict(cls, data: Json) -> Self:
-        """Return the region of a file, its unit normal to the last digit."""
+        """Return the half-space from its data, keeping a unit normal unchanged."""
         result, normal = super().from_dict(data), data["normal"]
         return unchecked(result, normal=tuple(normal), offset=float(data["offset"])) if is_unit(normal) else result
 
 
 @dataclass(frozen=True)
 class BoxRegion(Region):
-    """An axis-aligned box as a region of space.
+    """An axis-aligned box region.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ class BoxRegion(Region):
         object.__setattr__(self, "upper", tuple(high.tolist()))
 
     def inside(self, p: Expression) -> Expression:
-        """Return the distance to the nearest side, metres, negative outside (in the largest-coordinate sense)."""
+        """Return the depth below the nearest side, metres, negative outside (maximum norm)."""
         result = None
         for i, (low, high) in enumerate(zip(np.asarray(self.lower), np.asarray(self.upper), strict=True)):
             depth = (high - low) / 2.0 - ca.fabs(p[i] - (low + high) / 2.0)
@@ -111,7 +111,7 @@ class BoxRegion(Region):
         return result
 
     def dimension(self) -> int | None:
-        """Return the length of the corners: 2 or 3."""
+        """Return the dimension of the corners: 2 or 3."""
         return int(np.size(self.lower))
 
     def to_dict(self) -> Json:
@@ -125,14 +125,14 @@ class BoxRegion(Region):
 
 @dataclass(frozen=True)
 class ExpressionRegion(Region):
-    """A region given by the user's own function.
+    """A region given by a user-defined function.
 
     Parameters
     ----------
     expression : callable
         ``expression(p)`` of a CasADi point: positive inside the region.
     field : str
-        What messages call it.
+        Name in messages.
     """
 
     kind: ClassVar[str] = "expression_region"
@@ -141,7 +141,7 @@ class ExpressionRegion(Region):
     field: str = "Forbid.region"
 
     def inside(self, p: Expression) -> Expression:
-        """Return the user's expression, refusing anything but a scalar."""
+        """Return the user's expression; raise unless it is a scalar."""
         try:
             value = self.expression(p)
         except InputError:
@@ -154,19 +154,19 @@ class ExpressionRegion(Region):
         return value
 
     def _text(self) -> str:
-        """Return the expression written out, for a point of whichever dimension it takes."""
+        """Return the expression as text, for a point in space or in the plane."""
         try:
             return str(self.expression(ca.SX.sym("p", 3)))
         except (RuntimeError, NotImplementedError):
             return str(self.expression(ca.SX.sym("p", 2)))
 
     def to_dict(self) -> Json:
-        """Return the expression as text, for reading."""
+        """Return the expression as text (for reading only)."""
         return {"type": self.kind, "expression": self._text()}
 
     @classmethod
     def from_dict(cls, data: Json) -> NoReturn:
-        """Refuse: the text of an expression is for reading."""
+        """Raise: the expression's text cannot be turned back into a function."""
         raise incomplete("region of type expression_region", "its function, which stays in the script that made it")
 
 
@@ -177,11 +177,11 @@ REGIONS.add(ExpressionRegion.kind, ExpressionRegion)
 
 
 def region_from_dict(data: Json) -> Region:
-    """Return the region that ``to_dict`` wrote.
+    """Return a region from the data of its ``to_dict``.
 
     Raises
     ------
     InputError
-        When the type is unknown, the numbers make no region, or it is a function.
+        When the type is unknown, the data are invalid, or the region is a function.
     """
     return read(REGIONS, "region", data)

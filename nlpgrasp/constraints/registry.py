@@ -1,4 +1,4 @@
-"""The kinds of constraint that a file may hold."""
+"""Registry of constraint types for JSON files."""
 
 from __future__ import annotations
 
@@ -21,30 +21,29 @@ CONSTRAINTS: Registry[PlacementConstraint] = Registry("constraint.type")
 
 
 def register(constraint: type[Kind]) -> type[Kind]:
-    """Add a kind of constraint, of this package or another, to those that files may hold; also as a decorator.
+    """Register a constraint type for JSON files; also as a decorator.
 
     Parameters
     ----------
     constraint : subclass of PlacementConstraint
-        With ``kind``, the name that its ``to_dict`` gives as ``type``. A class that is not a dataclass needs
-        ``from_dict`` as well.
+        Its ``kind`` is the ``type`` in its ``to_dict``. A class that is not a dataclass also needs ``from_dict``.
 
     Raises
     ------
     InputError
-        When another constraint has that name.
+        When another constraint type has that name.
     """
     CONSTRAINTS.add(constraint.kind, constraint)
     return constraint
 
 
 def constraint_from_dict(data: Json) -> PlacementConstraint:
-    """Return the constraint that ``to_dict`` wrote, of any registered kind.
+    """Return a constraint of any registered type from the data of its ``to_dict``.
 
     Raises
     ------
     InputError
-        When the type is unknown, the numbers make no constraint, or the data do not say all of it.
+        When the type is unknown, or the data are invalid or incomplete.
     """
     return read(CONSTRAINTS, "constraint", data)
 

@@ -1,4 +1,4 @@
-"""Least and greatest distances between contacts."""
+"""Distance limits between contacts."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from nlpgrasp.errors import InputError
 
 @dataclass(frozen=True)
 class Spread(PlacementConstraint):
-    """Every two contacts, or every two of some, are at least ``min`` and at most ``max`` apart.
+    """Limits on all pairwise distances of contacts: at least ``min``, at most ``max``.
 
     Parameters
     ----------
     min : float
         Metres, at least zero.
     max : float, optional
-        Metres, greater than ``min``; no limit when left out.
+        Metres, greater than ``min``; by default no limit.
     fingers : sequence of int, optional
-        Which contacts; all when left out.
+        Indices of contacts; by default all.
     """
 
     kind: ClassVar[str] = "spread"
@@ -49,17 +49,17 @@ class Spread(PlacementConstraint):
                 raise InputError("Spread.fingers", list(self.fingers), "two fingers at least")
 
     def check(self, space: int, size: float, contacts: int) -> None:
-        """Refuse a least distance longer than the body, and fingers that do not exist."""
+        """Raise for a least distance longer than the body, or invalid finger indices."""
         check_fingers("Spread.fingers", self.fingers, contacts)
         if contacts > 1 and self.min > 2.0 * size:
             raise InputError("Spread.min", f"{self.min:g} m", f"at most the body's diagonal, {2.0 * size:.3g} m")
 
     def least_distance(self) -> float:
-        """Return ``min``, metres, where it is about all contacts."""
+        """Return ``min``, metres, if it applies to all contacts, else 0."""
         return self.min if self.fingers is None else 0.0
 
     def rows(self, placement: Placement) -> list[Row]:
-        """Return one row for each pair: the squared distance within the squared limits."""
+        """Return one scalar constraint per pair: limits on the squared distance."""
         upper = np.inf if self.max is None else self.max**2
         return [
             Row("spread", ca.sumsqr(p - q), self.min**2, upper, placement.size**2, "m2", fingers=(i, j))
@@ -68,6 +68,6 @@ class Spread(PlacementConstraint):
         ]
 
     def to_dict(self) -> Json:
-        """Return both limits, and the fingers."""
+        """Return limits and fingers as JSON data."""
         fingers = None if self.fingers is None else list(self.fingers)
         return {"type": self.kind, "min": self.min, "max": self.max, "fingers": fingers}

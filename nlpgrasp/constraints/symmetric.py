@@ -1,4 +1,4 @@
-"""Contacts that mirror each other."""
+"""Mirror symmetry of two contacts."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from nlpgrasp.errors import InputError
 
 @dataclass(frozen=True)
 class Symmetric(PlacementConstraint):
-    """One contact is the mirror image of another in a plane, to within a distance.
+    """Mirror symmetry of two contacts in a plane, within a tolerance.
 
     Parameters
     ----------
     fingers : (int, int)
         The two contacts.
     normal : (space,) array
-        Of the mirror plane, body frame; made unit length.
+        Of the mirror plane, body frame; normalised.
     offset : float
         ``normal . p`` on the plane, for a unit normal, metres.
     tolerance : float
-        Metres, greater than zero: how far from the mirror image the contact may be. On a body that is symmetric
-        itself exact equality would say twice that the image is on the surface.
+        Largest distance along each axis from the mirror image, metres, greater than zero. On a symmetric body exact
+        equality would be redundant with the surface constraint.
     """
 
     kind: ClassVar[str] = "symmetric"
@@ -56,13 +56,13 @@ class Symmetric(PlacementConstraint):
         object.__setattr__(self, "tolerance", number("Symmetric.tolerance", self.tolerance, above=0.0))
 
     def check(self, space: int, size: float, contacts: int) -> None:
-        """Refuse a plane of another dimension, and fingers that do not exist."""
+        """Raise for a plane of another dimension, or invalid finger indices."""
         if np.size(self.normal) != space:
             raise InputError("Symmetric.normal", f"{np.size(self.normal)} numbers", f"{space} numbers")
         check_fingers("Symmetric.fingers", self.fingers, contacts)
 
     def rows(self, placement: Placement) -> list[Row]:
-        """Return one row for each coordinate: image less contact, within the tolerance."""
+        """Return one scalar constraint per coordinate: image less contact, within the tolerance."""
         a, b = (placement.positions[i] for i in self.fingers)
         n = ca.DM(np.asarray(self.normal))
         apart = a - 2.0 * (ca.dot(n, a) - self.offset) * n - b
@@ -73,7 +73,7 @@ class Symmetric(PlacementConstraint):
         ]
 
     def to_dict(self) -> Json:
-        """Return fingers, plane and tolerance."""
+        """Return fingers, plane and tolerance as JSON data."""
         return {
             "type": self.kind,
             "fingers": list(self.fingers),
@@ -84,6 +84,6 @@ class Symmetric(PlacementConstraint):
 
     @classmethod
     def from_dict(cls, data: Json) -> Self:
-        """Return the constraint of a file, its unit normal to the last digit."""
+        """Return the constraint from its data, keeping a unit normal unchanged."""
         result, normal = super().from_dict(data), data["normal"]
         return unchecked(result, normal=tuple(normal)) if is_unit(normal) else result

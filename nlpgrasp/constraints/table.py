@@ -1,4 +1,4 @@
-"""A table under the body."""
+"""Clearance of fingertips and hand links above a table."""
 
 from __future__ import annotations
 
@@ -13,31 +13,31 @@ from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.constraints.base import PlacementConstraint
 from nlpgrasp.errors import InputError
 
-THIN_FINGER = 5e-4  # metres
+THIN_FINGER = 5e-4  # m, default clearance
 
 
 class Bounded(Protocol):
-    """What is in a box, tight or not: a body."""
+    """Protocol of bodies with a bounding box."""
 
     tight: ClassVar[bool]
 
     @property
     def bounds(self) -> FloatArray:
-        """Lower and upper corner, (2, space), metres."""
+        """Bounding box, (2, space): lower corner, upper corner, metres."""
 
 
 @dataclass(frozen=True)
 class Table(PlacementConstraint):
-    """Every fingertip, and every other link of a hand, stays above a horizontal table.
+    """A horizontal table above which fingertips and hand links stay.
 
     Parameters
     ----------
     height : float
         Height of the table top along the last axis (z, or y for planar bodies), metres, body frame.
     clearance : float
-        Least distance between the table and the lowest point of a fingertip or link, metres, at least zero. By default
-        that of a thin finger, half a millimetre: no contact lies on a face that stands on the table, where no finger
-        gets between the two. With 0 a point finger may, as in the paper's own examples.
+        Least distance between the table and the lowest point of a fingertip or link, metres, at least zero. The
+        default, half a millimetre, is that of a thin finger, and excludes contacts on a face that stands on the table.
+        0 allows them for point fingers, as in the paper's examples.
     """
 
     kind: ClassVar[str] = "table"
@@ -50,26 +50,26 @@ class Table(PlacementConstraint):
 
     @classmethod
     def under(cls, body: Bounded, clearance: float = THIN_FINGER) -> Table:
-        """Return the table that a body stands on: its height is that of the body's lowest point.
+        """Return the table under a body, at the height of its lowest point.
 
         Parameters
         ----------
         body : Body
-            As it stands: the last axis of its frame points up.
+            The last axis of its frame points up.
         clearance : float
             Metres, at least zero.
 
         Raises
         ------
         InputError
-            On an implicit surface, of which only a box around it is known.
+            For an implicit surface, of which only a bounding box is known.
         """
         if not body.tight:
             raise InputError("Table.under", "an implicit surface", "another body; of this ng.Table(height)")
         return cls(float(np.asarray(body.bounds)[0, -1]), clearance)
 
     def rows(self, placement: Placement) -> list[Row]:
-        """Return a row for each fingertip, ``tip_z - radius >= height + clearance``, and for each link's sphere."""
+        """Return ``tip_z - radius >= height + clearance`` for each fingertip and each sphere of a link."""
         lower = self.height + self.clearance
         return [
             Row("table", tip[-1] - radius, lower, scale=placement.size, unit="m", fingers=(i,))
@@ -80,5 +80,5 @@ class Table(PlacementConstraint):
         ]
 
     def to_dict(self) -> Json:
-        """Return height and clearance."""
+        """Return height and clearance as JSON data."""
         return {"type": self.kind, "height": self.height, "clearance": self.clearance}

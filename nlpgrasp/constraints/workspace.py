@@ -1,4 +1,4 @@
-"""Where contacts must be."""
+"""Workspace: region that must contain contacts or the palm."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from nlpgrasp.errors import InputError
 
 @dataclass(frozen=True)
 class Workspace(PlacementConstraint):
-    """Contacts stay inside a region; with ``palm=True`` the palm's origin does instead.
+    """A region that must contain contacts or, with ``palm=True``, the palm's origin.
 
     Parameters
     ----------
     region : Region or callable
         A ``BoxRegion``, a ``HalfSpace``, or a function of a CasADi point that is positive inside.
     fingers : sequence of int, optional
-        Which contacts; all when left out.
+        Indices of contacts; by default all.
     palm : bool
-        Constrain the palm's origin, of a hand that has one.
+        Constrain the palm's origin instead.
     """
 
     kind: ClassVar[str] = "workspace"
@@ -43,7 +43,7 @@ class Workspace(PlacementConstraint):
 
     @property
     def _region(self) -> Region:
-        """The region, a function of a point as a region too."""
+        """The region, with a function converted to a region."""
         if isinstance(self.region, Region):
             return self.region
         if not callable(self.region):
@@ -51,14 +51,14 @@ class Workspace(PlacementConstraint):
         return ExpressionRegion(self.region, "Workspace.region")
 
     def check(self, space: int, size: float, contacts: int) -> None:
-        """Refuse a region of another dimension than the body's, and fingers that do not exist."""
+        """Raise for a region of another dimension than the body's, or invalid finger indices."""
         dimension = self._region.dimension()
         if dimension not in (None, space):
             raise InputError("Workspace.region", f"{dimension} coordinates", f"{space} coordinates")
         check_fingers("Workspace.fingers", self.fingers, contacts)
 
     def rows(self, placement: Placement) -> list[Row]:
-        """Return the rows of each point: one for each coordinate for a box, otherwise one."""
+        """Return the scalar constraints of each point: one per coordinate for a box, otherwise one."""
         if self.palm:
             if placement.palm is None:
                 raise InputError("Workspace.palm", True, "a hand with a palm")
@@ -80,18 +80,18 @@ class Workspace(PlacementConstraint):
         return [Row(kind, region.inside(p), 0.0, scale=size, unit=region.unit, fingers=fingers, link=link)]
 
     def to_dict(self) -> Json:
-        """Return the region, and what has to be in it."""
+        """Return region, fingers and palm as JSON data."""
         fingers = None if self.fingers is None else list(self.fingers)
         return {"type": self.kind, "region": self._region.to_dict(), "fingers": fingers, "palm": self.palm}
 
     @classmethod
     def from_dict(cls, data: Json) -> Self:
-        """Return the constraint of a file."""
+        """Return the constraint from its data."""
         return cls(region_from_dict(data["region"]), data.get("fingers"), data.get("palm", False))
 
 
 def finger_numbers(field: str, fingers: Sequence[int]) -> tuple[int, ...]:
-    """Return numbers of fingers; refuse what is not a number of a finger, and repetitions."""
+    """Return validated finger indices: nonnegative and distinct."""
     given = tuple(fingers) if isinstance(fingers, list | tuple | np.ndarray | range) else ()
     good = all(isinstance(i, int | np.integer) and not isinstance(i, bool) for i in given)
     numbers = tuple(int(i) for i in given) if good else ()
@@ -101,6 +101,6 @@ def finger_numbers(field: str, fingers: Sequence[int]) -> tuple[int, ...]:
 
 
 def check_fingers(field: str, fingers: Sequence[int] | None, contacts: int) -> None:
-    """Refuse fingers that a problem does not have."""
+    """Raise for finger indices beyond the number of contacts."""
     if fingers is not None and max(fingers) >= contacts:
         raise InputError(field, list(fingers), f"fingers 0 to {contacts - 1}")

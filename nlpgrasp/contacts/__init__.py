@@ -1,4 +1,4 @@
-"""Contact models: how a finger may push."""
+"""Contact models: admissible contact forces and their friction cones."""
 
 from nlpgrasp.contacts.base import ContactModel, contact_from_dict
 from nlpgrasp.contacts.bilateral import BilateralContact

@@ -1,4 +1,4 @@
-"""What every contact model states about itself."""
+"""Base class of contact models."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from nlpgrasp.common.validation import FloatArray, names
 from nlpgrasp.contacts.cones.terms import Blocks, Work, upper_triangle
 from nlpgrasp.errors import InputError
 
-MISSING = float("nan")  # in place of a number that a file lacks: refused by every model that needs it
+MISSING = float("nan")  # stands for a coefficient missing in a file: every model that needs it raises
 
 
 @dataclass(frozen=True)
 class ContactModel(ABC):
-    """A contact model: its force components and its force domain K_i, a closed convex cone (Section 2.4).
+    """A contact model: force components and force domain K_i, a closed convex cone (Section 2.4).
 
     Force components are written in the contact frame, normal force first: some of
     ``(f_n, f_t1, f_t2, m_n, m_t1, m_t2)`` in space, of ``(f_n, f_t, m)`` in the plane. Methods marked *symbolic* use
-    arithmetic only, so that they serve CasADi expressions and numpy arrays alike. A kind has a ``kind``, its name in
-    files, and is registered (``nlpgrasp.contacts.registry``); nothing else lists kinds.
+    only arithmetic, so they accept CasADi expressions and numpy arrays. Each model has a ``kind``, its name in files,
+    and is registered in ``nlpgrasp.contacts.registry``.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class ContactModel(ABC):
     """
 
     kind: ClassVar[str]
-    unilateral: ClassVar[bool] = True  # whether it presses only: a bilateral contact pulls too
+    unilateral: ClassVar[bool] = True  # whether it can only push; a bilateral contact can also pull
     faces: str | Iterable[str] | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
@@ -48,14 +48,14 @@ class ContactModel(ABC):
 
     @abstractmethod
     def axes(self, space: int) -> tuple[int, ...]:
-        """Return which components of a contact-frame wrench this model can exert, normal force first."""
+        """Return the indices of the contact-frame wrench components that the model exerts, normal force first."""
 
     def components(self, space: int) -> int:
-        """Return n_i, the number of independent force components in the plane (2) or in space (3)."""
+        """Return n_i, the number of force components in the plane (2) or in space (3)."""
         return len(self.axes(space))
 
     def basis(self, space: int) -> FloatArray:
-        """Return ``B_i`` of (2.3-5): which contact-frame wrenches this model can exert.
+        """Return the wrench basis ``B_i`` of (2.3-5) in the contact frame.
 
         Returns
         -------
@@ -66,36 +66,36 @@ class ContactModel(ABC):
 
     @property
     def coefficients(self) -> dict[str, float]:
-        """Coefficients that the model has: ``friction`` and ``torsional_friction`` (metres), by their names."""
+        """Friction coefficients by name: ``friction`` and ``torsional_friction`` (metres), if any."""
         return {}
 
     def with_coefficients(self, **values: float) -> Self:
-        """Return the contact with other coefficients, checked.
+        """Return a copy with other friction coefficients, validated.
 
         Raises
         ------
         InputError
-            On a value that the field does not allow.
+            On an invalid value.
         """
         changes: Json = values
         return replace(self, **changes)
 
     def with_friction(self, factor: float) -> Self:
-        """Return the contact with friction and torsional friction times a factor; itself where it has neither."""
+        """Return a copy with all friction coefficients times a factor; the contact itself if it has none."""
         scaled = {name: factor * value for name, value in self.coefficients.items()}
         return self.with_coefficients(**scaled) if scaled else self
 
     @property
     def needs_tangents(self) -> bool:
-        """Whether the model has a direction along the surface that nobody has stated yet."""
+        """Whether the model depends on a tangent direction that is not given."""
         return False
 
     def tangents(self, normals: FloatArray) -> FloatArray:
-        """Return unit tangents at contacts with these inward normals: (b, space) to (b, space - 1, space)."""
+        """Return unit tangents (b, space - 1, space) at contacts with inward normals (b, space)."""
         return any_tangents(normals)
 
     def turned(self, rotation: FloatArray) -> Self:
-        """Return the contact in a body frame of coordinates ``rotation x``, (2.5-4); itself without a direction."""
+        """Return the contact in a rotated body frame with coordinates ``rotation x``, (2.5-4)."""
         del rotation
         return self
 
@@ -104,15 +104,15 @@ class ContactModel(ABC):
         """Return the Euclidean projection of force components ``z`` (..., n_i) onto K_i."""
 
     def into(self, z: FloatArray) -> FloatArray:
-        """Return forces of K_i next to the projection of ``z`` (..., n_i), which iterations find to billionths."""
+        """Project force components ``z`` (..., n_i) onto K_i, corrected so that the result is in K_i."""
         return self.project(z)
 
     @abstractmethod
     def derivative_entries(self, z: FloatArray) -> FloatArray:
-        """Return the upper triangle of ``derivative``, entries first and row by row, (n_i (n_i + 1) / 2, ...)."""
+        """Return the upper triangle of ``derivative``, row by row, entries first, (n_i (n_i + 1) / 2, ...)."""
 
     def derivative(self, z: FloatArray) -> FloatArray:
-        """Return the Jacobian of the projection at ``z`` (..., n_i), (..., n_i, n_i); at its kinks, one of them."""
+        """Return a generalised Jacobian (..., n_i, n_i) of the projection at ``z`` (..., n_i)."""
         n = z.shape[-1]
         result = np.empty((*z.shape, n))
         for (a, b), entry in zip(upper_triangle(n), self.derivative_entries(z), strict=True):
@@ -120,42 +120,42 @@ class ContactModel(ABC):
         return result
 
     def blocks(self, components: int) -> Blocks:
-        """Return blocks of components and how far unit normal force lets each go, ``|x_j| <= c_j x_n``.
+        """Return the blocks of components with their coefficients c_j, ``|x_j| <= c_j x_n``.
 
         Raises
         ------
         InputError
-            Where the force domain is of another shape.
+            If the force domain has another shape.
         """
         raise InputError("contacts", self, "contacts that press")
 
     def left_for_moments(self, normal: float, tangential: float) -> float:
-        """Return the normal force that moments have to themselves, newtons, beside a tangential force."""
+        """Return the normal force, newtons, left for moments beside a tangential force."""
         del tangential
         return normal
 
     def pyramid(self, components: int, edges: int, first_edge: float) -> FloatArray:
-        """Return forces of unit normal force along the edges of a pyramid inside the cone, (m, n_i).
+        """Return the edges of an inscribed friction pyramid as forces of unit normal force, (m, n_i).
 
         Parameters
         ----------
         components : int
             n_i.
         edges : int
-            Of the tangential force's circle.
+            Number of edges around the normal.
         first_edge : float
-            Angle of the first from the first tangent, radians.
+            Angle of the first edge from the first tangent, radians.
 
         Raises
         ------
         InputError
-            On models for which other tools have no pyramid.
+            On models without a friction pyramid.
         """
         raise InputError("Grasp.contacts", self.kind, "point, friction or soft contacts in a friction pyramid")
 
     @abstractmethod
     def extreme(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return ``max <z, x>`` over x in K_i with normal force at most 1, and a force that attains it.
+        """Return the support function of K_i with normal force at most 1, ``max <z, x>``, and a maximiser.
 
         Returns
         -------
@@ -166,49 +166,49 @@ class ContactModel(ABC):
         Raises
         ------
         InputError
-            When the set is unbounded: normal force does not limit a bilateral contact.
+            When the set is unbounded, as for a bilateral contact.
         """
 
     def generators(self, space: int) -> FloatArray:
-        """Return A, (n_i, m): K_i is all ``A u`` with u in ``cones``."""
+        """Return A, (n_i, m), with ``K_i = {A u : u in cones}``."""
         return np.eye(self.components(space))
 
     @abstractmethod
     def cones(self, space: int) -> list[FloatArray]:
-        """Return (r, m) matrices M: every ``M u`` is in a second-order cone (one row: at least 0)."""
+        """Return matrices M (r, m) of the conditions that ``M u`` is in the second-order cone (r = 1: nonnegative)."""
 
     @abstractmethod
     def split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:
-        """Return the force and the moment about the contact point of NLP variables ``x`` (symbolic, body frame).
+        """Return force and moment about the contact point from NLP variables ``x`` (symbolic, body frame).
 
         The moment is a scalar in the plane, a column in space, or ``None``.
         """
 
     @abstractmethod
     def membership(self, x: Expression, normal: Expression) -> list[tuple[str, Expression]]:
-        """Return named expressions that are all non-negative exactly when ``x`` is in K_i (symbolic)."""
+        """Return named expressions, all nonnegative exactly when ``x`` is in K_i (symbolic)."""
 
     def squared_size(self, x: Expression, normal: Expression) -> Expression:
-        """Return the squared length of the force components of NLP variables ``x`` (symbolic)."""
+        """Return the squared norm of the force components of NLP variables ``x`` (symbolic)."""
         return x.T @ x
 
     def squared_support(self, work: Work, ops: Ops) -> Expression | None:
-        """Return ``||P_K(z)||^2`` in closed form (symbolic), or ``None`` when there is none.
+        """Return the closed form of ``||P_K(z)||^2`` (symbolic), or ``None``.
 
-        ``work`` is z, as far as it matters; ``ops`` is ``numpy`` or ``casadi``.
+        ``work`` holds the needed parts of z; ``ops`` is ``numpy`` or ``casadi``.
         """
         return None
 
     def linear_support(self, work: Work, ops: Ops) -> Expression | None:
-        """Return the work of unit normal force at its best, ``z_n + mu |z_t|`` and so on (symbolic).
+        """Return the largest work of a force of unit normal force, such as ``z_n + mu |z_t|`` (symbolic), or ``None``.
 
-        Arguments as in ``squared_support``. Negative where no pressing pays; ``None`` when there is no closed form.
+        Arguments as in ``squared_support``. It may be negative; ``None`` if there is no closed form.
         """
         return None
 
     @abstractmethod
     def variables(self, space: int) -> int:
-        """Return how many NLP variables carry this contact's force."""
+        """Return the number of NLP variables of the contact force."""
 
     def pressing(self, normal: FloatArray) -> FloatArray:
         """Return the NLP variables of a unit force along the inward normal ``(space,)``."""
@@ -226,14 +226,14 @@ class ContactModel(ABC):
     @classmethod
     @abstractmethod
     def from_dict(cls, data: Json) -> ContactModel:
-        """Return the model that ``to_dict`` wrote; coefficients that are missing are refused as ``MISSING`` is."""
+        """Return the model from the data of its ``to_dict``; raise for missing coefficients."""
 
 
 CONTACTS: Registry[ContactModel] = Registry("contact.model")
 
 
 def contact_from_dict(data: Json) -> ContactModel:
-    """Return the contact model that ``to_dict`` wrote, of any registered kind.
+    """Return a contact model of any registered type from the data of its ``to_dict``.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Bilateral contacts: glue, suction, a clamp: the force components of a model, unrestricted."""
+"""Bilateral contact, such as glue, suction or a clamp: unrestricted force components."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from nlpgrasp.errors import InputError
 
 @dataclass(frozen=True)
 class BilateralContact(ContactModel):
-    """``K_i = R^n``: the contact of Proposition 2-7, (3.1-1a) and (3.2-2), that may pull as well as push.
+    """Bilateral contact, which can push and pull: ``K_i = R^n``, Proposition 2-7, (3.1-1a), (3.2-2).
 
     Parameters
     ----------
     model : ContactModel
-        Which force components there are; its coefficients no longer matter.
+        Determines the force components; its coefficients have no effect.
     """
 
     kind: ClassVar[str] = "bilateral"
@@ -35,20 +35,20 @@ class BilateralContact(ContactModel):
         super().__post_init__()
 
     def axes(self, space: int) -> tuple[int, ...]:
-        """Return the components that the model can exert, normal force first."""
+        """Return the indices of the model's wrench components, normal force first."""
         return self.model.axes(space)
 
     @property
     def needs_tangents(self) -> bool:
-        """Whether the model has a direction along the surface that nobody has stated yet."""
+        """Whether the model depends on a tangent direction that is not given."""
         return self.model.needs_tangents
 
     def tangents(self, normals: FloatArray) -> FloatArray:
-        """Return the model's unit tangents: (b, space) to (b, space - 1, space)."""
+        """Return the model's unit tangents (b, space - 1, space) at inward normals (b, space)."""
         return self.model.tangents(normals)
 
     def turned(self, rotation: FloatArray) -> Self:
-        """Return the contact with the model turned."""
+        """Return the contact with its model in a rotated body frame."""
         return replace(self, model=self.model.turned(rotation))
 
     def project(self, z: FloatArray) -> FloatArray:
@@ -60,15 +60,15 @@ class BilateralContact(ContactModel):
         return np.stack([np.full(z.shape[:-1], float(a == b)) for a, b in upper_triangle(z.shape[-1])])
 
     def extreme(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Refuse: limits on normal force leave the other components (..., n_i) of a bilateral contact unbounded."""
+        """Raise: limits on normal force leave the other components (..., n_i) unbounded."""
         raise InputError("force_budget", "limits on normal force", '"l2" with bilateral contacts')
 
     def cones(self, space: int) -> list[FloatArray]:
-        """Return no cones, so no (m, n_i) matrices: every force is in K_i."""
+        """Return no cones, hence no (m, n_i) matrices: every force is in K_i."""
         return []
 
     def variables(self, space: int) -> int:
-        """Return how many NLP variables carry the model's force."""
+        """Return the number of NLP variables of the model's force."""
         return self.model.variables(space)
 
     def pressing(self, normal: FloatArray) -> FloatArray:
@@ -88,11 +88,11 @@ class BilateralContact(ContactModel):
         return []
 
     def squared_size(self, x: Expression, normal: Expression) -> Expression:
-        """Return the model's squared length of NLP variables ``x`` (symbolic)."""
+        """Return the model's squared norm of NLP variables ``x`` (symbolic)."""
         return self.model.squared_size(x, normal)
 
     def squared_support(self, work: Work, ops: Ops) -> Expression | None:
-        """Return ``||z||^2`` over the model's components; ``None`` where it has moments along the surface."""
+        """Return ``||z||^2`` over the model's components; ``None`` if it has moments about tangents."""
         if any(axis > 3 for axis in self.axes(3)):
             return None
         count = self.components(3)
@@ -100,10 +100,10 @@ class BilateralContact(ContactModel):
         return work.normal**2 + sliding + turning
 
     def to_dict(self) -> Json:
-        """Return the model that is unrestricted, under ``of``, as JSON data."""
+        """Return the contact as JSON data, its model under ``of``."""
         return {"model": self.kind, "of": self.model.to_dict()}
 
     @classmethod
     def from_dict(cls, data: Json) -> BilateralContact:
-        """Return the model that ``to_dict`` wrote."""
+        """Return the contact from the data of its ``to_dict``."""
         return cls(contact_from_dict(data.get("of", {})))

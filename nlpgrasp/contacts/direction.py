@@ -1,4 +1,4 @@
-"""Tangents of contacts that have a direction along the surface."""
+"""Tangent frames of contacts with a direction, such as lines and rectangles."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from nlpgrasp.common.types import Expression
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
 
-TELLING = 0.1  # sine of the angle to the normal from which starts use a place
-PARALLEL = 1e-6  # sine of the angle to the normal below which a direction says nothing
+TELLING = 0.1  # least sine of the angle between direction and normal at initial contact points
+PARALLEL = 1e-6  # sine of the angle between direction and normal below which the tangent is undefined
 
 
 def direction_field(field: str, value: ArrayLike | None) -> tuple[float, ...] | None:
-    """Return a direction as a tuple of unit length, or ``None`` when it is left out."""
+    """Return a validated direction as a unit vector (tuple), or ``None``."""
     if value is None:
         return None
     direction = array(field, value, (3,))
@@ -27,28 +27,28 @@ def direction_field(field: str, value: ArrayLike | None) -> tuple[float, ...] | 
 
 
 def turned_direction(direction: tuple[float, ...] | None, rotation: FloatArray) -> tuple[float, ...] | None:
-    """Return a direction in a turned body frame; as it is where there is none, or in the plane, which needs none."""
+    """Return a direction in a rotated body frame; unchanged if None, or in the plane, which needs none."""
     return direction if direction is None or len(rotation) == 2 else tuple((rotation @ direction).tolist())
 
 
 def off_normal(direction: tuple[float, ...], normals: FloatArray) -> NDArray[np.bool_]:
-    """Return at which of the unit normals (b, 3) a direction says well how a line or rectangle lies."""
+    """Return at which unit normals (b, 3) a direction is far enough off the normal to orient a line or rectangle."""
     return np.asarray(np.linalg.norm(np.cross(normals, direction), axis=1) >= TELLING * np.linalg.norm(direction))
 
 
 class AlongNormalError(InputError):
-    """A contact's direction that is along the normal of the place it came to, where it says nothing."""
+    """Error: a contact's direction is parallel to the surface normal, so its tangent is undefined."""
 
 
 def tangents_along(normals: FloatArray, direction: tuple[float, ...] | None, name: str) -> FloatArray:
-    """Return right-handed tangents whose first is the direction's part along the surface: (b, 2, 3).
+    """Return right-handed unit tangents (b, 2, 3), the first along the direction's tangential part.
 
     In the plane there is only one tangent, and no direction is needed.
 
     Raises
     ------
     InputError
-        When there is no direction, or one is along a normal.
+        When the direction is None or parallel to a normal.
     """
     if normals.shape[-1] == 2:
         return any_tangents(normals)

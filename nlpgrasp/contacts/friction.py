@@ -16,7 +16,7 @@ from nlpgrasp.contacts.cones.terms import Blocks, Work, circle
 
 @dataclass(frozen=True)
 class FrictionContact(RangeContact):
-    """Point contact with friction: ``|f_t| <= friction f_n`` (finger II of Example 2-2, (2.4-1)).
+    """Point contact with Coulomb friction: ``|f_t| <= friction f_n`` (finger II of Example 2-2, (2.4-1)).
 
     Parameters
     ----------
@@ -35,25 +35,25 @@ class FrictionContact(RangeContact):
 
     @property
     def coefficients(self) -> dict[str, float]:
-        """Coefficient ``friction`` by its name."""
+        """Friction coefficient by name: ``friction``."""
         return {"friction": self.friction}
 
     def axes(self, space: int) -> tuple[int, ...]:
-        """Return normal and tangential forces: 3 in space, 2 in the plane."""
+        """Return the indices of normal and tangential forces: 3 in space, 2 in the plane."""
         return tuple(range(space))
 
     def blocks(self, components: int) -> Blocks:
-        """Return the tangential force with the friction coefficient."""
+        """Return the block of tangential forces with the friction coefficient."""
         return ((slice(1, components), self.friction),)
 
     def pyramid(self, components: int, edges: int, first_edge: float) -> FloatArray:
-        """Return the cone's edges at even angles, (m, n_i), with unit normal force; both of them in the plane."""
+        """Return evenly spaced edges of the friction cone, (m, n_i), with unit normal force."""
         if components == 2:
             return self.extreme(np.array([[0.0, 1.0], [0.0, -1.0]]))[1]
         return self.extreme(circle(edges, first_edge))[1]
 
     def variables(self, space: int) -> int:
-        """Return how many NLP variables carry a force in the body frame: 3 in space, 2 in the plane."""
+        """Return the number of NLP variables, a force in the body frame: 3 in space, 2 in the plane."""
         return space
 
     def split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:
@@ -61,14 +61,15 @@ class FrictionContact(RangeContact):
         return x, None
 
     def membership(self, x: Expression, normal: Expression) -> list[tuple[str, Expression]]:
-        """Return ``(1 + mu^2)(f.n)^2 - |f|^2`` and ``f.n``: no tangent frame, which some normal makes singular."""
+        """Return ``(1 + mu^2)(f.n)^2 - |f|^2`` and ``f.n``, without tangents, which some normal makes singular."""
         pressing = normal.T @ x
         return [("friction", (1.0 + self.friction**2) * pressing**2 - x.T @ x), ("unilateral", pressing)]
 
     def squared_support(self, work: Work, ops: Ops) -> Expression | None:
-        """Return ``||P_K(z)||^2``: with c = 1/sqrt(1 + mu^2) and the cone's edge (c, mu c) in (z_n, |z_t|).
+        """Return ``||P_K(z)||^2`` in closed form.
 
-        The squares of the parts along the edge and across it towards the inside, each cut off at zero.
+        It is the sum of the squared parts of ``(z_n, |z_t|)`` along the cone's edge ``(c, mu c)``, with
+        c = 1/sqrt(1 + mu^2), and across it towards the inside, each clipped at zero.
         """
         c2 = 1.0 / (1.0 + self.friction**2)
         along = ops.fmax(work.normal + self.friction * work.tangential, 0.0)
@@ -76,7 +77,7 @@ class FrictionContact(RangeContact):
         return c2 * (along**2 + inside**2)
 
     def linear_support(self, work: Work, ops: Ops) -> Expression | None:
-        """Return ``z_n + mu |z_t|``."""
+        """Return ``z_n + mu |z_t|``, the largest work of a force of unit normal force."""
         return work.normal + self.friction * work.tangential
 
     def to_dict(self) -> Json:
@@ -85,5 +86,5 @@ class FrictionContact(RangeContact):
 
     @classmethod
     def from_dict(cls, data: Json) -> FrictionContact:
-        """Return the model that ``to_dict`` wrote."""
+        """Return the model from the data of its ``to_dict``."""
         return cls(data.get("friction", MISSING))

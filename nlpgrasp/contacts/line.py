@@ -1,4 +1,4 @@
-"""Line contact: an edge, or a flat finger across a bar (Salisbury's line contact)."""
+"""Line contact, such as an edge or a flat finger across a bar (Salisbury's line contact)."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ from nlpgrasp.contacts.cones.terms import Blocks
 from nlpgrasp.contacts.direction import direction_field, tangents_along, turned_direction
 from nlpgrasp.contacts.pad import Arms, PadContact, friction_fields
 
-MORE, HALVINGS = 1e-7, 40  # relative: the most that is added to normal forces, found by halving
+MORE, HALVINGS = 1e-7, 40  # largest relative increase of normal forces; bisection steps
 
 
 @dataclass(frozen=True)
 class LineContact(PadContact):
-    """A segment of contact: the pressure may move along it, so it also exerts a moment across the line.
+    """Line contact: a segment with any pressure distribution, which also exerts a moment across the line.
 
     Without friction 2 components ``(f_n, m_t2)``; with friction 5, all but the moment about the line (in the plane
-    2 and 3, with the moment m). The pressure's centre stays on the segment: ``|m_t2| <= length / 2 f_n``, exactly what
-    point contacts at the two ends can do. With friction the force domain is that of friction contacts at the two
-    ends, which is what Coulomb's law allows under any pressure; or, by its name, the box of (2.4-1).
+    2 and 3, with the moment m). The centre of pressure stays on the segment: ``|m_t2| <= length / 2 f_n``, equivalent
+    to point contacts at the two ends. With friction the force domain is that of friction contacts at the two ends,
+    which is Coulomb's law under any pressure; or, with ``model="box"``, the box of (2.4-1).
 
     Parameters
     ----------
     length : float
         Metres, greater than zero.
     friction : float, optional
-        Coulomb coefficient; frictionless when left out.
+        Coulomb coefficient; frictionless by default.
     torsional_friction : float, optional
-        Of the box: greatest moment about the normal over normal force, metres; that of even pressure,
-        ``mu length / 4``, when left out.
+        Only for the box: largest moment about the normal over normal force, metres; by default that of uniform
+        pressure, ``mu length / 4``.
     direction : (3,) array, optional
-        The line's direction, body frame; its part along the surface counts. In place of it a
-        ``Grasp`` may be given tangents, the first of them along the line.
+        Of the line, body frame; its tangential part counts. Instead, a ``Grasp`` may be given tangents, the first
+        along the line.
     model : {"coulomb", "box"}
         With friction: ``"coulomb"``, friction contacts at both ends; ``"box"``: ``|f_t| <= mu f_n``,
         ``|m_n| <= mu_t f_n`` and ``|m_t2| <= length / 2 f_n``, each by itself. In the plane both are the same.
@@ -65,18 +65,18 @@ class LineContact(PadContact):
 
     @property
     def arms(self) -> Arms:
-        """Both ends, along the line."""
+        """Positions of both ends along the line, relative to the contact point, metres."""
         half = 0.5 * self.length
         return (half, 0.0), (-half, 0.0)
 
     def axes(self, space: int) -> tuple[int, ...]:
-        """Return 2 components without friction, 5 with (3 in the plane)."""
+        """Return the indices of 2 components without friction, of 5 with it (3 in the plane)."""
         if space == 2:
             return (0, 2) if self.friction is None else (0, 1, 2)
         return (0, 5) if self.friction is None else (0, 1, 2, 3, 5)
 
     def blocks(self, components: int) -> Blocks:
-        """Return the moment's range, after those of friction and torsion; by Coulomb's law the range of each alone."""
+        """Return blocks of friction, torsion and moment; under Coulomb's law, the range of each alone."""
         half = 0.5 * self.length
         if self.friction is None:
             return ((slice(1, 2), half),)
@@ -87,7 +87,7 @@ class LineContact(PadContact):
 
     @property
     def needs_tangents(self) -> bool:
-        """Whether the line's direction was left out."""
+        """Whether the line's direction is not given."""
         return self.direction is None
 
     def tangents(self, normals: FloatArray) -> FloatArray:
@@ -95,16 +95,17 @@ class LineContact(PadContact):
         return tangents_along(normals, self.direction, "LineContact")
 
     def turned(self, rotation: FloatArray) -> Self:
-        """Return the contact with its direction in the turned frame."""
+        """Return the contact with its direction in a rotated body frame."""
         changes: Json = {"direction": turned_direction(self.direction, rotation)}
         return replace(self, **changes)
 
     def into(self, z: FloatArray) -> FloatArray:
-        """Return forces of the domain next to the projection of ``z`` (..., n_i).
+        """Project ``z`` (..., n_i) onto the force domain, corrected so that the result is inside.
 
-        Coulomb's law at the ends (a, b), with the least ``t >= 0`` for which the forces along the line have room,
-        ``|x_1| <= sum of sqrt((mu n_i + t)^2 - c_i^2)`` for the ends' normal forces n_i and forces across c_i: some
-        billionths where the projection is found by iterations. With ``t / mu`` more normal force at each end it is 0.
+        Coulomb's law at the ends holds if the force along the line satisfies ``|x_1| <= sum of
+        sqrt((mu n_i + t)^2 - c_i^2)`` with t = 0, for the ends' normal forces n_i and forces across c_i. The least
+        ``t >= 0`` that satisfies it, about 1e-9 for an iterative projection, gives the normal force ``t / mu`` to add
+        at each end.
         """
         x = self.project(z)
         if self.friction is None or self.points(z.shape[-1]) is None:
@@ -123,16 +124,16 @@ class LineContact(PadContact):
 
     @staticmethod
     def _has_room(x: FloatArray, room: FloatArray, across: FloatArray) -> NDArray[np.bool_]:
-        """Return whether the ends' friction, beside the forces across, is enough for the force along the line."""
+        """Return whether friction at the ends supports the force along the line beside the forces across it."""
         along = np.sqrt(np.maximum((room - across) * (room + across), 0.0)).sum(axis=0)
         return np.asarray(np.all(room >= across, axis=0) & (np.abs(x[..., 1]) <= along))
 
     def box_variables(self, space: int) -> int:
-        """Return how many NLP variables the box has: the force in the body frame (or its size), then the moments."""
+        """Return the number of the box's NLP variables: force in the body frame (or its size), then moments."""
         return self.components(space)
 
     def box_split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:
-        """Return the force, and the moments about the normal and across the line."""
+        """Return the force, and the moment about the normal and across the line."""
         force = x[0] * normal if self.friction is None else x[: normal.shape[0]]
         if normal.shape[0] == 2:
             return force, x[x.shape[0] - 1]
@@ -142,7 +143,7 @@ class LineContact(PadContact):
         return force, x[3] * normal + x[4] * across
 
     def box_membership(self, x: Expression, normal: Expression) -> list[tuple[str, Expression]]:
-        """Return the ranges of friction, torsion and moment, squared, and the unilateral condition."""
+        """Return the squared inequalities of friction, torsion and moment, and the unilateral condition."""
         pressing = self.normal_force(x, normal)
         last = x[x.shape[0] - 1]
         rows = [("moment", (0.5 * self.length * pressing) ** 2 - last**2), ("unilateral", pressing)]
@@ -156,7 +157,7 @@ class LineContact(PadContact):
         return rows
 
     def to_dict(self) -> Json:
-        """Return the model's name, length, coefficients, direction and, with friction, which model of it."""
+        """Return the model's name, length, coefficients, direction and friction model as JSON data."""
         return {
             "model": self.kind,
             "length": self.length,
@@ -168,7 +169,7 @@ class LineContact(PadContact):
 
     @classmethod
     def from_dict(cls, data: Json) -> LineContact:
-        """Return the model that ``to_dict`` wrote; files that do not say which model of friction have the box."""
+        """Return the model from the data of its ``to_dict``; without a friction model, the box."""
         given = {name: data.get(name) for name in ("friction", "torsional_friction", "direction")}
         model = data.get("friction_model")
         return cls(data.get("length", MISSING), **given, model="box" if model is None else model)

@@ -1,4 +1,4 @@
-"""What line and plane contacts share: optional friction, by Coulomb's law or as the paper's box."""
+"""Base class of line and plane contacts, with Coulomb or box friction."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ MODELS = ("coulomb", "box")
 Friction = tuple[float | None, float | None, str]  # coefficient, torsion, model
 Arms = tuple[tuple[float, float], ...]
 
-friction_points = lru_cache(maxsize=256)(FrictionPoints)  # equal contacts share what they have computed
+friction_points = lru_cache(maxsize=256)(FrictionPoints)  # equal contacts share their computed maps
 
 
 class PadContact(RangeContact):
-    """A contact over a line or a pad, whose pressure may move.
+    """A contact over a line or a pad, with any pressure distribution.
 
-    Without friction, and in the plane, the box of ranges is what point contacts at the ends or corners can do. With
-    friction in space the model says which it is: ``"coulomb"``, the friction contacts at the ends or corners
-    (docs/paper/02_contacts.md), or the ``"box"`` of (2.4-1).
+    Without friction, and in the plane, the box is equivalent to point contacts at the ends or corners. With friction in
+    space, ``model`` is ``"coulomb"``, friction contacts at the ends or corners (docs/paper/02_contacts.md), or the
+    ``"box"`` of (2.4-1).
     """
 
     friction: float | None
@@ -37,7 +37,7 @@ class PadContact(RangeContact):
     @property
     @abstractmethod
     def arms(self) -> Arms:
-        """Ends or corners along both tangents from the contact point, metres."""
+        """Positions of ends or corners along both tangents, relative to the contact point, metres."""
 
     @abstractmethod
     def box_split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:
@@ -45,25 +45,25 @@ class PadContact(RangeContact):
 
     @abstractmethod
     def box_membership(self, x: Expression, normal: Expression) -> list[tuple[str, Expression]]:
-        """Return what is non-negative in the box (symbolic)."""
+        """Return named expressions, all nonnegative exactly in the box (symbolic)."""
 
     @abstractmethod
     def box_variables(self, space: int) -> int:
-        """Return how many NLP variables the box has."""
+        """Return the number of the box's NLP variables."""
 
     @property
     def label(self) -> str:
-        """Name of the model in tables, which tells the box from Coulomb's law."""
+        """Name of the model in tables, with the box marked."""
         return f"{self.kind} (box)" if self.friction is not None and self.model == "box" else self.kind
 
     @property
     def coefficients(self) -> dict[str, float]:
-        """Coefficients ``friction`` and, of the box, ``torsional_friction`` (metres) by their names."""
+        """Friction coefficients by name: ``friction`` and, for the box, ``torsional_friction`` (metres)."""
         both = {"friction": self.friction, "torsional_friction": self.torsional_friction}
         return {name: value for name, value in both.items() if value is not None}
 
     def points(self, components: int) -> FrictionPoints | None:
-        """Return the friction contacts at the ends or corners, where the force domain is theirs and not a box."""
+        """Return the friction contacts at the ends or corners; None if the force domain is a box."""
         if self.friction is None or self.model == "box" or components < 5:  # fewer: in the plane
             return None
         return friction_points(self.arms, self.friction, self.axes(3))
@@ -79,12 +79,12 @@ class PadContact(RangeContact):
         return super().derivative_entries(z) if points is None else points.derivative_entries(z)
 
     def extreme(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the largest work of unit normal force for ``z`` (..., n_i), and the force that does it, (..., n_i)."""
+        """Return the support for normal force at most 1 along ``z`` (..., n_i), and a maximiser (..., n_i)."""
         points = self.points(z.shape[-1])
         return super().extreme(z) if points is None else points.extreme(z)
 
     def generators(self, space: int) -> FloatArray:
-        """Return A, (n_i, m): the components of forces at the ends or corners, or the identity."""
+        """Return A, (n_i, m), from forces at the ends or corners to components, or the identity."""
         points = self.points(self.components(space))
         return super().generators(space) if points is None else points.generators
 
@@ -94,7 +94,7 @@ class PadContact(RangeContact):
         return super().cones(space) if points is None else points.cones()
 
     def variables(self, space: int) -> int:
-        """Return how many NLP variables there are: those of the box, or a force in the body frame an end or corner."""
+        """Return the number of NLP variables: the box's, or those of a body-frame force per end or corner."""
         return self.box_variables(space) if self.points(self.components(space)) is None else 3 * len(self.arms)
 
     def pressing(self, normal: FloatArray) -> FloatArray:
@@ -132,14 +132,14 @@ class PadContact(RangeContact):
         return rows
 
     def squared_size(self, x: Expression, normal: Expression) -> Expression:
-        """Return the squared length of the force components of NLP variables: force and moment together."""
+        """Return the squared norm of force and moment of NLP variables ``x`` (symbolic)."""
         if self._is_box(normal):
             return super().squared_size(x, normal)
         force, moment = self.split(x, normal)
         return force.T @ force + moment.T @ moment
 
     def symbolic_tangents(self, normal: Expression) -> tuple[Expression, Expression]:
-        """Return the two unit tangents at a symbolic normal (3,), those of ``tangents``."""
+        """Return the two unit tangents at a symbolic normal (3,), as ``tangents`` does."""
         return symbolic_tangents(normal, self.direction, type(self).__name__)
 
     def _is_box(self, normal: Expression) -> bool:
@@ -149,9 +149,9 @@ class PadContact(RangeContact):
 def friction_fields(
     name: str, friction: float | None, torsion: float | None, model: object, mean_arm: float
 ) -> Friction:
-    """Return the checked coefficients and model; torsion that the box lacks is that of even pressure, ``mu mean_arm``.
+    """Return validated coefficients and model; the box's torsion defaults to uniform pressure, ``mu mean_arm``.
 
-    Contacts without friction are all of their default model.
+    Contacts without friction have the default model.
     """
     if not isinstance(model, str) or model not in MODELS:
         raise InputError(f"{name}.model", model, " or ".join(repr(m) for m in MODELS))

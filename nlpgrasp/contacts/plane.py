@@ -1,4 +1,4 @@
-"""Plane contact: a flat pad on a flat face (Salisbury's planar contact)."""
+"""Plane contact, a flat pad on a flat face (Salisbury's planar contact)."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from nlpgrasp.errors import InputError
 
 @dataclass(frozen=True)
 class PlaneContact(PadContact):
-    """A disc or a rectangle of contact: the pressure may move over it, so it also exerts tilting moments.
+    """Plane contact: a disc or rectangle with any pressure distribution, which also exerts tilting moments.
 
-    Without friction 3 components ``(f_n, m_t1, m_t2)``; with friction all 6. The pressure's centre stays on the pad:
+    Without friction 3 components ``(f_n, m_t1, m_t2)``; with friction all 6. The centre of pressure stays on the pad:
     ``|m_t| <= radius f_n`` on a disc, ``|m_t2| <= a / 2 f_n`` and ``|m_t1| <= b / 2 f_n`` on a rectangle a by b,
-    exactly what point contacts all over it can do. With friction the force domain of a rectangle is that of friction
-    contacts at its corners, which is what Coulomb's law allows under any pressure; or, by its name, the box of (2.4-1).
-    A disc is the box alone: the sum of the friction cones of a whole rim is no sum of finitely many. A rectangle inside
-    the disc is an inner approximation of it.
+    equivalent to point contacts all over it. With friction the force domain of a rectangle is that of friction contacts
+    at its corners, which is Coulomb's law under any pressure; or, with ``model="box"``, the box of (2.4-1). A disc has
+    the box only, since the friction cones of its rim are infinitely many; a rectangle inside it is an inner
+    approximation.
 
     Parameters
     ----------
@@ -34,15 +34,16 @@ class PlaneContact(PadContact):
     extents : (2,) array, optional
         Sides of a rectangle, metres, the first along ``direction``.
     friction : float, optional
-        Coulomb coefficient; frictionless when left out.
+        Coulomb coefficient; frictionless by default.
     torsional_friction : float, optional
-        Of the box: greatest moment about the normal over normal force, metres; that of even pressure when left out.
+        Only for the box: largest moment about the normal over normal force, metres; by default that of uniform
+        pressure.
     direction : (3,) array, optional
-        Of the rectangle's first side, body frame; its part along the surface counts. In place of it a
-        ``Grasp`` may be given tangents.
+        Of the rectangle's first side, body frame; its tangential part counts. Instead, a ``Grasp`` may be given
+        tangents.
     model : {"coulomb", "box"}, optional
-        With friction: ``"coulomb"``, of rectangles alone and theirs when left out: friction contacts at the corners;
-        ``"box"``, that of discs: ``|f_t| <= mu f_n``, ``|m_n| <= mu_t f_n`` and the tilting moments, each by itself.
+        With friction: ``"coulomb"``, the default of rectangles and only theirs: friction contacts at the corners;
+        ``"box"``, the only one of discs: ``|f_t| <= mu f_n``, ``|m_n| <= mu_t f_n`` and tilting, each by itself.
     faces : str or sequence of str, optional
         Faces this contact may use.
     """
@@ -77,7 +78,7 @@ class PlaneContact(PadContact):
         object.__setattr__(self, "direction", direction_field("PlaneContact.direction", self.direction))
 
     def _mean_arm(self) -> float:
-        """Return the mean distance from the pad's centre: torsion over friction under even pressure."""
+        """Return the mean distance from the pad's centre, metres: torsion over friction under uniform pressure."""
         if self.extents is None:
             return 2.0 / 3.0 * (self.radius or 0.0)
         a, b = self.extents
@@ -85,18 +86,18 @@ class PlaneContact(PadContact):
 
     @property
     def arms(self) -> Arms:
-        """Corners of the rectangle, along both of its sides."""
+        """Positions of the rectangle's corners along its sides, relative to its centre, metres."""
         a, b = self.extents or (0.0, 0.0)
         return tuple((0.5 * a * i, 0.5 * b * j) for i in (1.0, -1.0) for j in (1.0, -1.0))
 
     def axes(self, space: int) -> tuple[int, ...]:
-        """Return 3 components without friction, 6 with."""
+        """Return the indices of 3 components without friction, of 6 with it."""
         if space == 2:
             raise InputError("contacts", self, "point, friction or line contacts on a planar body")
         return (0, 4, 5) if self.friction is None else (0, 1, 2, 3, 4, 5)
 
     def blocks(self, components: int) -> Blocks:
-        """Return the ranges of the tilting moments, after friction and torsion; by Coulomb's law of each alone."""
+        """Return blocks of friction, torsion and tilting moments; under Coulomb's law, the range of each alone."""
         first = components - 2
         if self.extents is None:
             tilting: Blocks = ((slice(first, first + 2), self.radius or 0.0),)
@@ -112,7 +113,7 @@ class PlaneContact(PadContact):
 
     @property
     def needs_tangents(self) -> bool:
-        """Whether the pad is a rectangle whose direction was left out."""
+        """Whether the pad is a rectangle without a given direction."""
         return self.extents is not None and self.direction is None
 
     def tangents(self, normals: FloatArray) -> FloatArray:
@@ -122,12 +123,12 @@ class PlaneContact(PadContact):
         )
 
     def turned(self, rotation: FloatArray) -> Self:
-        """Return the contact with its direction in the turned frame."""
+        """Return the contact with its direction in a rotated body frame."""
         changes: Json = {"direction": turned_direction(self.direction, rotation)}
         return replace(self, **changes)
 
     def box_variables(self, space: int) -> int:
-        """Return how many variables the box has: the force (or its size), the torsion if any, and a vector v (3,).
+        """Return the number of the box's NLP variables: force (or its size), torsion if any, and a vector v (3,).
 
         The force is in the body frame; the tilting moment is ``n x v``.
         """
@@ -142,7 +143,7 @@ class PlaneContact(PadContact):
         return x[:3], x[3] * normal + ca.cross(normal, x[4:7])
 
     def box_membership(self, x: Expression, normal: Expression) -> list[tuple[str, Expression]]:
-        """Return the ranges of friction, torsion and tilting, squared, and the unilateral condition."""
+        """Return the squared inequalities of friction, torsion and tilting, and the unilateral condition."""
         import casadi as ca
 
         pressing = self.normal_force(x, normal)
@@ -162,7 +163,7 @@ class PlaneContact(PadContact):
         return rows
 
     def to_dict(self) -> Json:
-        """Return the model's name, pad, coefficients, direction and, with friction, which model of it."""
+        """Return the model's name, pad, coefficients, direction and friction model as JSON data."""
         return {
             "model": self.kind,
             "radius": self.radius,
@@ -175,7 +176,7 @@ class PlaneContact(PadContact):
 
     @classmethod
     def from_dict(cls, data: Json) -> PlaneContact:
-        """Return the model that ``to_dict`` wrote; files that do not say which model of friction have the box."""
+        """Return the model from the data of its ``to_dict``; without a friction model, the box."""
         names = ("radius", "extents", "friction", "torsional_friction", "direction")
         model = data.get("friction_model")
         return cls(**{name: data.get(name) for name in names}, model="box" if model is None else model)

@@ -1,4 +1,4 @@
-"""Point contact without friction."""
+"""Frictionless point contact."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from nlpgrasp.contacts.cones.terms import Blocks, Work
 
 @dataclass(frozen=True)
 class PointContact(RangeContact):
-    """Point contact without friction: one component, ``f_n >= 0`` (finger I of Example 2-2)."""
+    """Frictionless point contact: one component, ``f_n >= 0`` (finger I of Example 2-2)."""
 
     kind: ClassVar[str] = "point"
 
     def axes(self, space: int) -> tuple[int, ...]:
-        """Return the one component it can exert: the normal force."""
+        """Return the index of the only component, the normal force."""
         return (0,)
 
     def blocks(self, components: int) -> Blocks:
-        """Return no blocks: there is nothing beside the normal force."""
+        """Return no blocks: there is only the normal force."""
         return ()
 
     def pyramid(self, components: int, edges: int, first_edge: float) -> FloatArray:
-        """Return the unit normal force alone, (1, 1)."""
+        """Return only the unit normal force, (1, 1)."""
         return np.ones((1, 1))
 
     def variables(self, space: int) -> int:
-        """Return 1, the one NLP variable: the normal force."""
+        """Return the number of NLP variables: 1, the normal force."""
         return 1
 
     def pressing(self, normal: FloatArray) -> FloatArray:
@@ -65,5 +65,5 @@ class PointContact(RangeContact):
 
     @classmethod
     def from_dict(cls, data: Json) -> PointContact:
-        """Return the model that ``to_dict`` wrote."""
+        """Return the model from the data of its ``to_dict``."""
         return cls()

@@ -1,4 +1,4 @@
-"""The force domain of several contacts, ``K = K_1 x ... x K_k``: forces stacked contact by contact, as in G."""
+"""Cartesian product of contact force domains, ``K = K_1 x ... x K_k``."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from nlpgrasp.contacts.base import ContactModel
 
 
 def ranges(contacts: Sequence[ContactModel], space: int) -> list[slice]:
-    """Return where each contact's components stand among all finger forces."""
+    """Return the slice of each contact's components in the stacked finger forces."""
     ends = np.cumsum([0] + [c.components(space) for c in contacts])
     return [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
 
 def lifted(contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, list[FloatArray]]:
-    """Return A, (n, m), and (r, m) matrices M: K is ``A u`` where every ``M u`` is in a second-order cone."""
+    """Return A (n, m) and matrices M (r, m) with K = {A u : every M u in a second-order cone}."""
     parts = [c.generators(space) for c in contacts]
     ends = np.cumsum([0] + [part.shape[1] for part in parts])
     cones = []
@@ -31,7 +31,7 @@ def lifted(contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, li
 
 
 def extremes(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, FloatArray]:
-    """Return each contact's largest work of unit normal force, (m, k), and the forces, (m, n)."""
+    """Return each contact's support for normal force at most 1, (m, k), and the maximisers (m, n)."""
     if all(c == contacts[0] for c in contacts):
         shape = (len(z), len(contacts), contacts[0].components(space))
         values, forces = contacts[0].extreme(z.reshape(shape))
@@ -50,6 +50,6 @@ def project(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> Floa
 
 
 def into(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> FloatArray:
-    """Return finger forces of K next to the projection of finger forces (m, n)."""
+    """Project finger forces (m, n) onto K, corrected so that the result is in K."""
     parts = [c.into(z[:, where]) for c, where in zip(contacts, ranges(contacts, space), strict=True)]
     return np.concatenate(parts, axis=1)

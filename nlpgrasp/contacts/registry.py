@@ -1,4 +1,4 @@
-"""The kinds of contact model that a file may hold."""
+"""Registry of contact models for JSON files."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ Kind = TypeVar("Kind", bound=ContactModel)
 
 
 def register(model: type[Kind]) -> type[Kind]:
-    """Add a contact model, of this package or another, to those that files may hold; also as a decorator.
+    """Register a contact model for JSON files; also as a decorator.
 
     Parameters
     ----------
     model : subclass of ContactModel
-        With ``kind``, the name that its ``to_dict`` gives as ``model``, and ``from_dict``.
+        With ``from_dict`` and ``kind``, which is the ``model`` in its ``to_dict``.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Soft finger contact: friction and torsion about the normal."""
+"""Soft finger contact with Coulomb friction and torsion about the normal."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class SoftContact(RangeContact):
     friction : float
         Coulomb coefficient, greater than zero.
     torsional_friction : float
-        Greatest torsion moment over normal force, metres, greater than zero.
+        Largest torsion moment over normal force, metres, greater than zero.
     model : {"box", "elliptic"}
         ``"box"``: ``|f_t| <= mu f_n`` and ``|tau| <= mu_t f_n`` (2.4-1).
         ``"elliptic"``: ``|(f_t / mu, tau / mu_t)| <= f_n``.
@@ -49,22 +49,22 @@ class SoftContact(RangeContact):
 
     @property
     def coefficients(self) -> dict[str, float]:
-        """Coefficients ``friction`` and ``torsional_friction`` (metres) by their names."""
+        """Friction coefficients by name: ``friction`` and ``torsional_friction`` (metres)."""
         return {"friction": self.friction, "torsional_friction": self.torsional_friction}
 
     @property
     def label(self) -> str:
-        """Name of the model in tables, which tells the ellipse from the box."""
+        """Name of the model in tables, with the elliptic one marked."""
         return self.kind if self.model == "box" else self.model
 
     def axes(self, space: int) -> tuple[int, ...]:
-        """Return the components of force and torsion; a planar body has no torsion about its in-plane normals."""
+        """Return the indices of force and torsion; raise for planar bodies, which have no torsion."""
         if space == 2:
             raise InputError("contacts", self, "point, friction or line contacts: a planar body has no torsion")
         return (0, 1, 2, 3)
 
     def blocks(self, components: int) -> Blocks:
-        """Return friction and torsion, each with a range of its own (the box)."""
+        """Return the blocks of friction and torsion, as for the box."""
         return ((slice(1, 3), self.friction), (slice(3, 4), self.torsional_friction))
 
     def project(self, z: FloatArray) -> FloatArray:
@@ -81,32 +81,32 @@ class SoftContact(RangeContact):
         return np.stack([matrix[..., a, b] for a, b in upper_triangle(4)])
 
     def extreme(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the largest work of unit normal force for ``z`` (..., n_i), and the force that does it, (..., n_i)."""
+        """Return the support for normal force at most 1 along ``z`` (..., n_i), and a maximiser (..., n_i)."""
         if self.model == "box":
             return super().extreme(z)
         return elliptic_cone.extreme(z, self.friction, self.torsional_friction)
 
     def cones(self, space: int) -> list[FloatArray]:
-        """Return the (m, n_i) matrices of the box's cones, or of the ellipse's one cone."""
+        """Return the (m, n_i) matrices of the box's cones, or of the elliptic cone."""
         if self.model == "box":
             return super().cones(space)
         return [np.diag([self.friction, 1.0, 1.0, self.friction / self.torsional_friction])]
 
     def left_for_moments(self, normal: float, tangential: float) -> float:
-        """Return all normal force for the box, and what friction leaves of it for the ellipse, newtons."""
+        """Return the normal force, newtons, left for torsion: all for the box, less for the elliptic cone."""
         if self.model == "box":
             return normal
         return float(np.sqrt(max(normal**2 - (tangential / self.friction) ** 2, 0.0)))
 
     def pyramid(self, components: int, edges: int, first_edge: float) -> FloatArray:
-        """Return the cone's edges at even angles, with torsion at both ends of its range, (m, n_i)."""
-        ratio = float(self.friction / self.torsional_friction)  # the torsion that weighs as much as unit sliding
+        """Return evenly spaced edges of the cone with torsion of both signs, (m, n_i)."""
+        ratio = float(self.friction / self.torsional_friction)  # torsion component equivalent to a unit tangential one
         sign = np.repeat([1.0, -1.0], edges)[:, None]
         along = np.tile(circle(edges, first_edge), (2, 1))
         return self.extreme(np.concatenate([along, sign * ratio], axis=1))[1]
 
     def variables(self, space: int) -> int:
-        """Return how many NLP variables there are: the force in the body frame and the torsion moment."""
+        """Return the number of NLP variables: the force in the body frame and the torsion moment."""
         return self.components(space)
 
     def split(self, x: Expression, normal: Expression) -> tuple[Expression, Expression]:
@@ -136,7 +136,7 @@ class SoftContact(RangeContact):
         return squared_box_support(work, self.friction, self.torsional_friction, ops)
 
     def linear_support(self, work: Work, ops: Ops) -> Expression | None:
-        """Return ``z_n + mu |z_t| + mu_t |z_tau|``, or with the last two as legs of a right angle."""
+        """Return ``z_n + mu |z_t| + mu_t |z_tau|`` for the box, or ``z_n + |(mu z_t, mu_t z_tau)|``."""
         sliding, turning = self.friction * work.tangential, self.torsional_friction * work.torsion
         return work.normal + (sliding + turning if self.model == "box" else ops.sqrt(sliding**2 + turning**2))
 
@@ -151,14 +151,14 @@ class SoftContact(RangeContact):
 
     @classmethod
     def from_dict(cls, data: Json) -> SoftContact:
-        """Return the model that ``to_dict`` wrote."""
+        """Return the model from the data of its ``to_dict``."""
         return cls(
             data.get("friction", MISSING), data.get("torsional_friction", MISSING), data.get("torsion_model", "box")
         )
 
 
 def squared_box_support(work: Work, mu: Expression, mu_t: Expression, ops: Ops) -> Expression:
-    """Return ``||P_K(z)||^2`` of the box with these coefficients: numbers, or arrays as the parts of z are."""
+    """Return ``||P_K(z)||^2`` of the box with given coefficients (numbers, or arrays like the parts of z)."""
     normal, tangential, torsion = work
     pressing = ops.fmax(normal, 0.0)
     for weight, numerator in (

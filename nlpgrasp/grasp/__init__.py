@@ -1,4 +1,4 @@
-"""A fixed placement of contacts, and many at once."""
+"""Grasps: contacts at fixed points with their grasp map, single or stacked."""
 
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.grasp.stack import GraspStack

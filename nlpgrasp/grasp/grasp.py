@@ -1,4 +1,4 @@
-"""A fixed placement of contacts: contact frames, ``T_f``, ``B`` and the grasp map ``G = T_f B``."""
+"""Grasp with fixed contacts: contact frames, ``T_f``, ``B`` and the grasp map ``G = T_f B``."""
 
 from __future__ import annotations
 
@@ -18,34 +18,34 @@ from nlpgrasp.grasp.places import ContactPlaces, all_point_away
 
 
 class Grasp(ContactPlaces):
-    """k contacts on a body (Definition 2-4).
+    """A grasp: k contacts on a body (Definition 2-4).
 
     Parameters
     ----------
     points : (k, 2) or (k, 3) array
         Contact positions, metres, body frame.
     normals : same shape
-        Unit normals pointing *into* the body; unit to 1e-6, then normalised exactly.
+        Unit normals pointing *into* the body; of unit norm within 1e-6, then normalised.
     contacts : ContactModel or sequence of k of them
         One model for all contacts, or one each.
     torque_origin : (2,) or (3,) array, optional
-        Point about which moments are taken, metres; the frame's origin when left out.
+        Reference point of moments, metres; by default the frame's origin.
     tangents : (k, 1, 2) or (k, 2, 3) array, optional
-        Unit tangents as rows; chosen when left out. Measures depend on them only where a line or rectangle of
-        contact has no direction of its own.
+        Unit tangents as rows; arbitrary by default. Quality measures depend on them only for line or rectangle contacts
+        without a direction.
     force_unit : float
-        lambda of (3.3-6): newtons that a force component of 1 stands for (newton-metres for moments), at least zero.
+        lambda of (3.3-6): newtons per unit of force component (newton-metres for moments), at least zero.
 
     Raises
     ------
     InputError
-        On shapes that do not match, NaN, a negative force unit, normals that are not unit (says by how much), or a
-        line or rectangle of contact without a direction.
+        On shapes that do not match, NaN, a negative force unit, normals without unit norm (with the deviation), or a
+        line or rectangle contact without a direction.
 
     Warns
     -----
     UserWarning
-        Where all normals point away from the middle of the contacts, as outward ones do.
+        When all normals point away from the contacts' mean, as outward normals do.
     """
 
     _name = "Grasp"
@@ -83,18 +83,18 @@ class Grasp(ContactPlaces):
 
     @property
     def mean_arm(self) -> float:
-        """Root mean square distance of the contacts from the torque origin, metres; 1 where they are all there."""
+        """Root mean square distance of the contacts from the torque origin, metres; 1 if it is zero."""
         return float(np.sqrt(np.mean(np.sum((self.points - self.torque_origin) ** 2, axis=1)))) or 1.0
 
     @cached_property
     def T_f(self) -> FloatArray:
-        """Wrench transformation matrix (2.3-6), (d, k d): where the contacts are."""
+        """Wrench transformation matrix (2.3-6), (d, k d), given by the contact frames."""
         size = coordinate_size(self.points, self.torque_origin)
         return np.concatenate(list(wrench_transform(self.points - self.torque_origin, self.frames, size)), axis=1)
 
     @cached_property
     def B(self) -> FloatArray:
-        """Constraint matrix (2.3-7), (k d, n), block diagonal: what the contacts are, times the force unit."""
+        """Constraint matrix (2.3-7), (k d, n), block diagonal, given by the contact models, times the force unit."""
         blocks = [self.force_unit * c.basis(self.space) for c in self.contacts]
         result = np.zeros((sum(b.shape[0] for b in blocks), sum(b.shape[1] for b in blocks)))
         row = column = 0
@@ -106,7 +106,7 @@ class Grasp(ContactPlaces):
 
     @cached_property
     def G(self) -> FloatArray:
-        """Grasp map (2.2-3), (d, n): contact-frame force components to body wrenches."""
+        """Grasp map (2.2-3), (d, n), from contact force components to body wrenches."""
         return read_only(self.T_f @ self.B)
 
     def contact_wrenches(self, x: FloatArray) -> FloatArray:
@@ -120,16 +120,16 @@ class Grasp(ContactPlaces):
         Returns
         -------
         (k, d) array
-            Newtons and newton-metres, one finger a row.
+            Newtons and newton-metres, one finger per row.
         """
         local = (self.B @ x).reshape(len(self), self.dimension)
         return np.asarray(np.einsum("kij,kj->ki", wrench_transform(np.zeros_like(self.points), self.frames), local))
 
     def in_frame(self, pose: Pose) -> Grasp:
-        """Return the same grasp in another body frame, (2.5-4): its grasp map is ``blockdiag(A, A) G``, (2.5-6).
+        """Return the grasp in another body frame, (2.5-4), with grasp map ``blockdiag(A, A) G``, (2.5-6).
 
-        Torque origin, tangents and directions of contacts go along. Qualities stay what they are where the task goes
-        along too (``task.in_frame``), (3.3-7a).
+        Torque origin, tangents and contact directions are transformed too. Quality measures are invariant if the task
+        is also transformed (``task.in_frame``), (3.3-7a).
 
         Parameters
         ----------
@@ -140,7 +140,7 @@ class Grasp(ContactPlaces):
         Raises
         ------
         InputError
-            When the pose is no rotation and translation of this space.
+            When the pose is not a rigid transform of this space.
         """
         A, b = rigid_transform("pose", pose, self.space)
         models = [c.turned(A) for c in self.contacts]
@@ -148,9 +148,9 @@ class Grasp(ContactPlaces):
         return Grasp(points, self.normals @ A.T, models, origin, self.tangents @ A.T, self.force_unit)
 
     def scaled(self, factor: float) -> Grasp:
-        """Return the grasp with this many times the force: its grasp map is ``factor G``, lambda G of (3.3-6).
+        """Return the grasp with forces scaled by a factor: its grasp map is ``factor G``, lambda G of (3.3-6).
 
-        Contacts stay where they are: delta, mu, mu-tilde and mu_1 are ``factor`` times as much, nu ``factor^d`` times.
+        Contacts stay fixed: delta, mu, mu-tilde and mu_1 scale with ``factor``, nu with ``factor^d``.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""What one grasp and a stack of grasps share: contacts with their places, checked."""
+"""Base class of grasps and grasp stacks: validated contacts with points and normals."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from nlpgrasp.common.validation import FloatArray, array, read_only
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
 
-ROUNDING = 1e-15
-AWAY = np.cos(np.pi / 4.0)
+ROUNDING = 1e-15  # deviation from unit norm within which normals are kept unchanged
+AWAY = np.cos(np.pi / 4.0)  # cosine of the angle within which a normal points away from the mean
 
 
 class ContactPlaces:
-    """k contact models in their places, about one torque origin.
+    """k contact models with points and normals, and a torque origin.
 
     Attributes
     ----------
@@ -28,12 +28,12 @@ class ContactPlaces:
         Unit normals into the body.
     contacts : tuple of k ContactModel
     torque_origin : (space,) array
-        Point about which moments are taken, metres, body frame.
+        Reference point of moments, metres, body frame.
     """
 
     _name: ClassVar[str]  # for messages
-    _axes: ClassVar[int]  # of ``points``
-    _allowed: ClassVar[str]  # shapes of ``points``, in words
+    _axes: ClassVar[int]  # number of array dimensions of ``points``
+    _allowed: ClassVar[str]  # allowed shapes of ``points``, for messages
 
     def __init__(
         self,
@@ -67,7 +67,7 @@ class ContactPlaces:
 def contact_models(
     field: str, contacts: ContactModel | Sequence[ContactModel], k: int, space: int
 ) -> tuple[ContactModel, ...]:
-    """Return k contact models that exist in this space, from one or k of them."""
+    """Return k validated contact models, from one or k of them."""
     try:
         models = (contacts,) * k if isinstance(contacts, ContactModel) else tuple(contacts)
     except TypeError:
@@ -80,7 +80,7 @@ def contact_models(
 
 
 def unit_normals(field: str, normals: FloatArray) -> FloatArray:
-    """Return normals (..., space) normalised exactly; those that are not unit to 1e-6 are refused."""
+    """Return normalised normals (..., space); raise if their norms deviate from 1 by more than 1e-6."""
     length = np.linalg.norm(normals, axis=-1)
     off = np.abs(length - 1.0)
     if off.size and np.max(off) > UNIT_TOLERANCE:
@@ -91,14 +91,14 @@ def unit_normals(field: str, normals: FloatArray) -> FloatArray:
             f"length {length[where]:.9g} at {place} (off by {length[where] - 1.0:+.3g})",
             "unit vectors (to 1e-6)",
         )
-    # normalising twice could change a last digit, and files must round-trip: leave what is unit to rounding
+    # normalising twice could change a last digit, and files must round-trip: keep unit vectors unchanged
     return np.asarray(normals / np.where(off <= ROUNDING, 1.0, length)[..., None])
 
 
 def all_point_away(points: FloatArray, normals: FloatArray) -> bool:
-    """Return whether all of several normals (k, space) lead away from the middle of the points, to within 45 degrees.
+    """Return whether all of several normals (k, space) point away from the points' mean, within 45 degrees.
 
-    Those of contacts in a hollow that is gripped from inside do too.
+    This also holds for contacts in a cavity gripped from inside.
     """
     away = points - points.mean(axis=0)
     return len(points) > 1 and bool(np.all(np.sum(normals * away, axis=1) > AWAY * np.linalg.norm(away, axis=1)))

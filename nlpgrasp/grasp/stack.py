@@ -1,4 +1,4 @@
-"""Many grasps at once: the same contact models at other places."""
+"""Stack of grasps with common contact models, for batched evaluation."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from nlpgrasp.grasp.places import ContactPlaces
 
 
 class GraspStack(ContactPlaces):
-    """b grasps with the same k contact models; a sequence of ``Grasp``.
+    """A stack of b grasps with the same k contact models; a sequence of ``Grasp``.
 
     Parameters
     ----------
     points : (b, k, 2) or (b, k, 3) array
         Contact positions, metres, body frame.
     normals : same shape
-        Unit normals pointing *into* the body; unit to 1e-6, then normalised exactly.
+        Unit normals pointing *into* the body; of unit norm within 1e-6, then normalised.
     contacts : ContactModel or sequence of k of them
         One model for all contacts, or one each.
     torque_origin : (2,) or (3,) array, optional
-        Point about which moments are taken, metres; the frame's origin when left out.
+        Reference point of moments, metres; by default the frame's origin.
 
     Raises
     ------
     InputError
-        On shapes that do not match, NaN, or normals that are not unit (says by how much).
+        On shapes that do not match, NaN, or normals without unit norm (with the deviation).
     """
 
     _name = "GraspStack"
@@ -61,7 +61,7 @@ class GraspStack(ContactPlaces):
         return read_only(np.concatenate(maps, axis=2))
 
     def in_frame(self, pose: Pose) -> GraspStack:
-        """Return the same grasps in another body frame, (2.5-4); the pose as in ``Grasp.in_frame``."""
+        """Return the grasps in another body frame, (2.5-4); the pose as in ``Grasp.in_frame``."""
         A, b = rigid_transform("pose", pose, self.space)
         models = [c.turned(A) for c in self.contacts]
         return GraspStack(self.points @ A.T + b, self.normals @ A.T, models, self.torque_origin @ A.T + b)

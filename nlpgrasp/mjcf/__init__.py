@@ -1,4 +1,4 @@
-"""A grasp as a MuJoCo scene (MJCF)."""
+"""MuJoCo scenes (MJCF) of grasps."""
 
 from nlpgrasp.mjcf.hand_scene import HandSceneOptions, mjcf_with_hand
 from nlpgrasp.mjcf.scene import SceneOptions, mjcf

@@ -1,4 +1,4 @@
-"""The parts of a MuJoCo scene: object, fingertips, their contacts, the hand's links."""
+"""MJCF parts of a static-hand scene: object, fingertips, contacts and hand links."""
 
 from __future__ import annotations
 
@@ -16,33 +16,33 @@ from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.mjcf.scales import Scales
 from nlpgrasp.tasks.mass import Mass
 
-TIP, PATCH = 0.3, 0.6  # radius and half side, of the contacts' spread
-LEAST_INERTIA = 1e-12  # kg m^2, added: MuJoCo takes less for none
-TIP_MASS = 0.2  # of the object's
+TIP, PATCH = 0.3, 0.6  # fingertip radius and patch half side, of the contacts' spread
+LEAST_INERTIA = 1e-12  # kg m^2, added to moments of inertia, as MuJoCo requires
+TIP_MASS = 0.2  # of the object's mass
 FORCE_NAMES = ("normal", "tangent_1", "tangent_2")
-UNTOUCHED = {"contype": "0", "conaffinity": "0"}  # touches only what it is paired with
+UNTOUCHED = {"contype": "0", "conaffinity": "0"}  # collides only in explicit contact pairs
 
 
 def pressing(grasp: Grasp) -> FloatArray:
-    """Return finger forces (n,) that all press with one newton along the normal."""
+    """Return finger forces (n,) with a normal force of one newton at each contact."""
     x = np.zeros(grasp.G.shape[1])
     x[[part.start for part in ranges(grasp.contacts, grasp.space)]] = 1.0
     return x
 
 
 def force_indices(grasp: Grasp) -> list[int]:
-    """Return which of all components are forces; the rest are moments."""
+    """Return the indices of force components, without moments."""
     axes = [axis for model in grasp.contacts for axis in model.axes(grasp.space)]
     return [index for index, axis in enumerate(axes) if axis < grasp.space]
 
 
 def joint_names(i: int, model: ContactModel, space: int) -> list[str]:
-    """Return the joints of a fingertip: one a force component."""
+    """Return the joint names of a fingertip, one per force component."""
     return [f"tip_{i}_{FORCE_NAMES[axis]}" for axis in model.axes(space) if axis < space]
 
 
 def add_object(asset: Element, world: Element, grasp: Grasp, drawing: Drawing, mass: Mass) -> Element:
-    """Add the object, free (in the plane, if planar), with its mesh; return its body."""
+    """Add the free object (in the plane, if planar) with its mesh, and return its body."""
     body = add_free_body(world, mass, grasp.space)
     _add_mesh(asset, "object", drawing.body)
     SubElement(body, "geom", name="object", type="mesh", mesh="object", rgba="0.56 0.64 0.71 0.5")
@@ -50,7 +50,7 @@ def add_object(asset: Element, world: Element, grasp: Grasp, drawing: Drawing, m
 
 
 def add_free_body(world: Element, mass: Mass, space: int = 3) -> Element:
-    """Add the object's body without a shape, free (in the plane, if planar); return it."""
+    """Add the free object's body (in the plane, if planar) without a shape, and return it."""
     body = SubElement(world, "body", name="object")
     if space == 3:
         SubElement(body, "freejoint", name="object")
@@ -64,7 +64,7 @@ def add_free_body(world: Element, mass: Mass, space: int = 3) -> Element:
 
 
 def add_patches(body: Element, grasp: Grasp, unit: Scales) -> None:
-    """Add to the object's body a patch of its tangent plane at each contact."""
+    """Add a patch of the tangent plane at each contact to the object's body."""
     thick = TIP * unit.length
     half = numbers([thick, PATCH * unit.length, PATCH * unit.length])
     for i, (p, n) in enumerate(zip(in_space(grasp.points), in_space(grasp.normals), strict=True)):
@@ -74,7 +74,7 @@ def add_patches(body: Element, grasp: Grasp, unit: Scales) -> None:
 
 
 def add_links(asset: Element, world: Element, drawing: Drawing) -> None:
-    """Add the hand's links in the posture found: to be seen, they touch nothing."""
+    """Add the hand's links in the grasp's posture, for display without collision."""
     if not drawing.links:
         return
     hand = SubElement(world, "body", name="hand")
@@ -85,7 +85,7 @@ def add_links(asset: Element, world: Element, drawing: Drawing) -> None:
 
 
 def add_fingertip(world: Element, grasp: Grasp, i: int, unit: Scales, stiffness: bool) -> None:
-    """Add a fingertip: a small ball that moves along the directions its contact can push in."""
+    """Add a fingertip: a small ball with sliding joints along its contact's force components."""
     p, n, model = in_space(grasp.points)[i], in_space(grasp.normals)[i], grasp.contacts[i]
     radius = TIP * unit.length
     place = {"pos": numbers(p - radius * n), "xyaxes": _axes(grasp, i)}
@@ -101,7 +101,7 @@ def add_fingertip(world: Element, grasp: Grasp, i: int, unit: Scales, stiffness:
 
 
 def add_contact(contact: Element, i: int, model: ContactModel) -> None:
-    """Add the contact of a fingertip and its patch."""
+    """Add the contact pair of a fingertip and its patch."""
     friction = model.coefficients.get("friction", 0.0)
     torsion = model.coefficients.get("torsional_friction", 0.0)
     dimension, coefficients = 1, [1.0] * 5
@@ -113,7 +113,7 @@ def add_contact(contact: Element, i: int, model: ContactModel) -> None:
 
 
 def numbers(values: Iterable[float]) -> str:
-    """Return numbers as MJCF writes them."""
+    """Format numbers for MJCF."""
     return " ".join(f"{float(v):.9g}" for v in values)
 
 
@@ -123,5 +123,5 @@ def _add_mesh(asset: Element, name: str, shape: Triangles) -> None:
 
 
 def _axes(grasp: Grasp, i: int) -> str:
-    """Return the first two axes of a contact's frame: normal and first tangent."""
+    """Return normal and first tangent of a contact's frame, formatted for MJCF."""
     return numbers(np.concatenate([in_space(grasp.normals)[i], in_space(grasp.tangents[i])[0]]))

@@ -1,8 +1,8 @@
-"""A MuJoCo scene (MJCF) of a grasp: the free object, fingertips that press on it with motors, a keyframe.
+"""MJCF text of a scene with a free object, motor-driven fingertips and a keyframe.
 
-MuJoCo takes a mesh that collides as its convex hull, in which contacts on a concave part would float. Each fingertip
-therefore touches a patch of the object's tangent plane at its own contact, and nothing else: the surface as the grasp
-model knows it. The mesh itself, as its hull, meets whatever else is put into the scene.
+MuJoCo collides meshes as their convex hulls, on which contacts on a concave part would float. Each fingertip therefore
+touches only a patch of the object's tangent plane at its own contact, the surface of the grasp model. The mesh itself,
+as its hull, collides with anything else in the scene.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks.mass import Mass, mass_of
 
 DENSITY = 1000.0  # kg / m^3, of an object whose mass is not given
-STEP = 0.005  # of the unit of time
-STIFF = 4.0  # steps in which a contact gives way: fewer bounce
+STEP = 0.005  # time step, of the characteristic time
+STIFF = 4.0  # time constant of contacts in time steps: smaller ones bounce
 SOLVER = {
     "integrator": "implicitfast",
     "cone": "elliptic",
@@ -46,21 +46,20 @@ SOLVER = {
 
 @dataclass(frozen=True)
 class SceneOptions:
-    """What a scene shows in place of what a solution says by itself.
+    """Options that replace a solution's data in a scene.
 
     Parameters
     ----------
     grasp : Grasp, optional
-        Contacts in place of the solution's.
+        Replaces the solution's grasp.
     mass : Mass, optional
-        Of water's density when left out.
+        By default for the density of water.
     forces : (n,) array, optional
-        Finger forces of the keyframe ``grasp``, contact by contact as in G; all of them press with one newton along the
-        normal when left out.
+        Finger forces of the keyframe ``grasp``, contact by contact as in G; by default normal forces of one newton.
     unit : Scales, optional
-        Of the keyframe's forces when left out.
+        By default that of the keyframe's forces.
     stiffness : bool
-        Whether joints hold the fingertips in place besides their motors.
+        Whether joint springs hold the fingertips in place in addition to their motors.
     """
 
     grasp: Grasp | None = None
@@ -71,7 +70,7 @@ class SceneOptions:
 
 
 def mjcf(solution: GraspSolution, options: SceneOptions | None = None) -> str:
-    """Return the scene as MJCF text; metres, newtons, the world's frame is the body's, no gravity.
+    """Return the scene as MJCF text; metres, newtons, world frame = body frame, no gravity.
 
     Parameters
     ----------
@@ -105,21 +104,21 @@ def mjcf(solution: GraspSolution, options: SceneOptions | None = None) -> str:
 
 
 def _pressed(solution: GraspSolution, grasp: Grasp | None) -> Grasp:
-    """Return the grasp, the solution's where none is given; one that pulls is refused."""
+    """Return the given or the solution's grasp; raise for bilateral contacts."""
     held = solution.require_grasp() if grasp is None else grasp
     require_pressing(held)
     return held
 
 
 def require_pressing(held: Grasp) -> None:
-    """Refuse contacts that pull."""
+    """Raise for bilateral contacts."""
     for given in held.contacts:
         if not given.unilateral:
             raise InputError("contacts", given, "contacts that press: a simulator's fingertips cannot pull")
 
 
 def _empty(solution: GraspSolution, held: Grasp, unit: Scales) -> tuple[Element, Element, Element]:
-    """Return a scene with a light and time steps that follow from the units, its assets, and its world."""
+    """Return an empty scene with a light and time step, its assets, and its world."""
     step, size = STEP * unit.time, drawn_size(solution.drawn(), held.points)
     root = Element("mujoco", model="".join(c for c in solution.name if c.isprintable()))
     SubElement(root, "compiler", angle="radian", autolimits="true")
@@ -131,6 +130,6 @@ def _empty(solution: GraspSolution, held: Grasp, unit: Scales) -> tuple[Element,
 
 
 def text(root: Element) -> str:
-    """Return a scene as indented text."""
+    """Return a scene as indented XML text."""
     indent(root)
     return tostring(root, encoding="unicode") + "\n"

@@ -1,4 +1,4 @@
-"""The paper's program: its statement (``formulation.py``), named blocks, derivatives, IPOPT."""
+"""Nonlinear program of optimal grasping: formulation (``formulation.py``), named blocks, derivatives, IPOPT."""
 
 from nlpgrasp.nlp.blocks import HAND, Block
 from nlpgrasp.nlp.compile import CompiledProgram, NlpResult

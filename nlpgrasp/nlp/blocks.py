@@ -1,4 +1,4 @@
-"""Blocks of a nonlinear program: which variables, parameters and rows belong together, and what they are called."""
+"""Named blocks of variables, parameters and constraints of a nonlinear program."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ HAND = "hand"  # kind of the hand's variables
 
 @dataclass(frozen=True)
 class Range:
-    """Where a block is among all variables, parameters or rows.
+    """Index range of a block among all variables, parameters or scalar constraints.
 
     Parameters
     ----------
     start, stop : int
         Half-open.
     scale : float
-        What one unit of the solver's value is worth in the user's units.
+        Size of a solver unit in the user's units.
     """
 
     start: int
@@ -41,7 +41,7 @@ class Range:
 
 @dataclass(frozen=True)
 class Block(Range):
-    """Variables or parameters that belong together.
+    """A named block of variables or parameters.
 
     Parameters
     ----------
@@ -50,11 +50,11 @@ class Block(Range):
     kind : str
         For example ``"position"``, ``"forces"`` or ``"hand"``.
     index : int or str, optional
-        Which of its kind: a finger, a direction, or the hand's own name of its variable.
+        Of a finger or a direction, or the hand's own name of its variable.
     offset : tuple of float
-        What the solver's zero is worth in the user's units.
+        The solver's zero in the user's units.
     unit : str
-        Of the user's values; empty where there is none or they differ.
+        Of the user's values; empty if dimensionless or mixed.
     """
 
     kind: str = field(kw_only=True)
@@ -69,13 +69,13 @@ class Block(Range):
 
     @property
     def public_name(self) -> str:
-        """The name for users: a hand's variables by their own names, ``"joints"`` or ``"palm position"``."""
+        """Displayed name; a hand's variables by their own names, ``"joints"`` or ``"palm position"``."""
         return hand_name(str(self.index)) if self.kind == HAND else self.name
 
 
 @dataclass(frozen=True)
 class RowBlock(Range):
-    """Rows that say the same of one thing each.
+    """A block of scalar constraints with a common label.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ class RowBlock(Range):
         As in ``Range``.
     label : Label
     equation : str
-        Of the paper.
+        Its number in the paper.
     """
 
     label: Label = field(kw_only=True)
@@ -91,18 +91,18 @@ class RowBlock(Range):
 
     @property
     def kind(self) -> str:
-        """Kind that the label states."""
+        """Kind of the label."""
         return self.label.kind
 
     @property
     def name(self) -> str:
-        """The label written out."""
+        """Label as text."""
         return self.label.name
 
 
 @dataclass(frozen=True)
 class FaceRows:
-    """Rows that tie a contact to its face: at least ``lower``, at most zero."""
+    """Surface constraints of a contact: at least ``lower``, at most zero."""
 
     label: Label
     size: int
@@ -112,20 +112,20 @@ class FaceRows:
 
 @dataclass
 class FacePart:
-    """Rows that see the program only through one contact position: the body's surface there.
+    """Surface constraints that depend nonlinearly on one contact position only.
 
-    ``rows(p)`` plus a linear expression of the variables. Kept apart because a mesh's spline exists as
-    ``MX`` only, while everything else is an ``SX`` graph that evaluates many times faster.
+    ``rows(p)`` plus a linear expression of the variables. Separate because a mesh's spline exists only as ``MX``, while
+    everything else is an ``SX`` graph that evaluates many times faster.
     """
 
     function: ca.Function  # p (space,) scaled -> rows
     position: Block
-    linear: ca.SX  # as many as rows
+    linear: ca.SX  # one entry per row
 
 
 @dataclass
 class DistancePart:
-    """Rows ``distance(point(z)) / scale`` through a body's distance, kept apart for the same reason."""
+    """Clearance constraints ``distance(point(z)) / scale`` through a body's distance, separate for the same reason."""
 
     function: ca.Function  # point (space,) metres -> metres
     points: list[ca.SX]  # columns of the variables
@@ -133,5 +133,5 @@ class DistancePart:
 
 
 def block_name(kind: str, index: int | str | None) -> str:
-    """Return how a block of variables or parameters is called."""
+    """Return the name of a block of variables or parameters."""
     return kind if index is None else f"{kind} {index}"

@@ -1,4 +1,4 @@
-"""Compiled program: a ``Program`` with its functions and its IPOPT solver."""
+"""Compiled nonlinear program: a ``Program`` with its derivative functions and IPOPT solver."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from nlpgrasp.nlp.functions import ProgramFunctions
 from nlpgrasp.nlp.program import Program
 
 Option = bool | int | float | str | ca.Function
-LOOSE = 1e-7  # solver units, of equations that outnumber the unknowns
-NOT_RUN = frozenset(  # statuses with which IPOPT states that it could not run, or broke down; "Invalid_Option" is also
-    {  # what a linear solver ends with whose library does not load
+LOOSE = 1e-7  # solver units, relaxation of equations that outnumber the unknowns
+NOT_RUN = frozenset(  # statuses of IPOPT that mean that it could not run or broke down;
+    {  # "Invalid_Option" also means that a linear solver's library does not load
         "Insufficient_Memory",
         "Internal_Error",
         "Invalid_Option",
@@ -32,20 +32,20 @@ NOT_RUN = frozenset(  # statuses with which IPOPT states that it could not run, 
 
 @dataclass(frozen=True)
 class NlpResult:
-    """Result of one call of IPOPT; where it did not run, ``z`` is the start and all multipliers are zero.
+    """Result of an IPOPT call; if it did not run, ``z`` is the start and all multipliers are zero.
 
     Parameters
     ----------
     z : (n,) array
         Variables, solver units.
     multipliers : (m,) array
-        Of the rows: positive where the upper limit is active, negative where the lower one is.
+        Of the constraints: positive at active upper limits, negative at lower ones.
     bound_multipliers : (n,) array
         Of the variables' bounds, with the same signs.
     objective : float
-        The maximised value.
+        Maximised objective value.
     status : str
-        The solver's own word, or the error that it ended with.
+        The solver's status or error.
     ran : bool
         Whether IPOPT ran at all.
     success : bool
@@ -67,7 +67,7 @@ class NlpResult:
 
 
 class CompiledProgram:
-    """A program with its solver: built once, solved from many starts with many parameters.
+    """A nonlinear program with its solver, compiled once for many starts and parameters.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ class CompiledProgram:
         return Evaluator(self._functions.jacobian)
 
     def within(self, name: str, lower: FloatArray, upper: FloatArray) -> CompiledProgram:
-        """Return the same program, no part of it compiled anew, with other bounds of one of the hand's variables.
+        """Return a copy with other bounds of one of the hand's variables, without recompilation.
 
         Arguments are those of ``Program.within``.
         """
@@ -105,13 +105,13 @@ class CompiledProgram:
         return result
 
     def raised(self, more: FloatArray) -> CompiledProgram:
-        """Return the same program, no part of it compiled anew, with other limits: see ``Program.raised``."""
+        """Return a copy with other limits, without recompilation; see ``Program.raised``."""
         result = copy(self)
         result.program = self.program.raised(more)
         return result
 
     def with_options(self, ipopt: dict[str, Option]) -> CompiledProgram:
-        """Return the same program, its functions shared, solved with more options of IPOPT."""
+        """Return a copy with further IPOPT options that shares all functions."""
         result = CompiledProgram(self.program, {})
         result._options = self._options | {f"ipopt.{key}": value for key, value in ipopt.items()}
         result._functions, result._linearised = self._functions, self._linearised
@@ -124,16 +124,16 @@ class CompiledProgram:
         bounds: tuple[FloatArray, FloatArray] | None = None,
         multipliers: tuple[FloatArray, FloatArray] | None = None,
     ) -> NlpResult:
-        """Solve from a start.
+        """Solve the program by IPOPT from a start.
 
         Parameters
         ----------
         start : (n,) array
         parameters : (q,) array
         bounds : pair of (n,) arrays, optional
-            In place of the program's own bounds, for example a trust region inside them.
+            Replace the program's bounds, for example by a trust region inside them.
         multipliers : pair of (m,) and (n,) arrays, optional
-            Of rows and bounds, to begin with where the options ask for a warm start.
+            Of constraints and bounds, used if the options request a warm start.
         """
         lower, upper = self.program.bounds if bounds is None else bounds
         low, high = self.program.limits
@@ -164,17 +164,17 @@ class CompiledProgram:
         )
 
     def linearise(self, z: FloatArray, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the rows (m,) at a point and their Jacobian (m, n)."""
+        """Return constraint values (m,) and their Jacobian (m, n) at a point."""
         g, J = self._linearised(z, parameters)
         return g.ravel(), J
 
 
 def _not_run(start: FloatArray, rows: int, status: str, seconds: float) -> NlpResult:
-    """Return the result of a call in which IPOPT did not run: nothing that it states is used."""
+    """Return the result of a call in which IPOPT did not run."""
     return NlpResult(start, np.zeros(rows), np.zeros(len(start)), 0.0, status, False, False, 0, seconds, 0.0)
 
 
 def _reason(error: RuntimeError) -> str:
-    """Return the last line of an error of CasADi without its place in CasADi's source."""
+    """Return the last line of a CasADi error without its source location."""
     lines = str(error).strip().splitlines() or [type(error).__name__]
     return lines[-1].split(": ", 1)[-1].strip()

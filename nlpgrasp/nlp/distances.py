@@ -1,4 +1,4 @@
-"""Rows through the distance to a body: values as ``MX``, derivatives by the chain rule.
+"""Derivatives of clearance constraints by the chain rule through a spline distance.
 
 For ``g = d(c(z))``: ``grad g = J^T d'`` and ``hess g = J^T d'' J + sum_a d'_a hess c_a`` with ``J = dc/dz``. The
 distance's own derivatives are evaluated as ``MX`` (a spline's) and enter ``SX`` functions as numbers.
@@ -10,17 +10,17 @@ import casadi as ca
 
 from nlpgrasp.nlp.program import Program
 
-UPPER = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # places of a symmetric 3 x 3 matrix, column by column
+UPPER = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # upper triangle of a 3 x 3 matrix, column by column
 
 
 class DistanceRows:
-    """The distance rows of a program at ``MX`` points.
+    """Clearance constraints of a program at ``MX`` points, with derivatives.
 
     Parameters
     ----------
     program : Program
     points : casadi.MX
-        All points, one column of 3 coordinates each after the other.
+        All points, 3 coordinates each, stacked in one column.
     """
 
     def __init__(self, program: Program, points: ca.MX) -> None:
@@ -33,7 +33,7 @@ class DistanceRows:
             done += count
 
     def first(self) -> tuple[ca.MX, ca.MX]:
-        """Return the rows (m,) and their gradients with respect to the points (3 m,)."""
+        """Return the constraint values (m,) and their gradients with respect to the points (3 m,)."""
         values, slopes = [ca.MX(0, 1)], [ca.MX(0, 1)]
         for function, points, scales in self._parts:
             q = ca.MX.sym("q", 3)
@@ -45,7 +45,7 @@ class DistanceRows:
         return ca.vertcat(*values), ca.vertcat(*slopes)
 
     def second(self, multipliers: ca.MX) -> tuple[ca.MX, ca.MX]:
-        """Return gradients (3 m,) and upper triangles of the Hessians (6 m,), times the rows' multipliers."""
+        """Return gradients (3 m,) and upper triangles of the Hessians (6 m,), weighted by multipliers."""
         slopes, bends = [ca.MX(0, 1)], [ca.MX(0, 1)]
         done = 0
         for function, points, scales in self._parts:
@@ -62,7 +62,7 @@ class DistanceRows:
 
 
 def chain_first(along: ca.SX, slopes: ca.SX, count: int) -> ca.SX:
-    """Return the rows' Jacobian from that of the points (3 m, n) and the distances' gradients (3 m,)."""
+    """Return the constraints' Jacobian from the points' Jacobian (3 m, n) and the distance gradients (3 m,)."""
     if not count:
         return ca.SX(0, along.shape[1])
     return ca.vertcat(*[ca.mtimes(slopes[3 * i : 3 * i + 3].T, along[3 * i : 3 * i + 3, :]) for i in range(count)])

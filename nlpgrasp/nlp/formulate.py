@@ -1,4 +1,4 @@
-"""``formulate``: the paper's program as an object to print, extend, solve with any solver and read the result of."""
+"""Public interface to the nonlinear program: print, extend and solve it with any CasADi solver."""
 
 from __future__ import annotations
 
@@ -39,30 +39,30 @@ from nlpgrasp.problem.rows import hand_name
 from nlpgrasp.solution.kkt import KKT, kkt_residuals
 from nlpgrasp.solution.solution import GraspSolution
 
-FIRST_BETA = 0.1  # solver units
-KEPT = 1e-6  # violation of constraints, relative to their scales, below which a random start keeps them
+FIRST_BETA = 0.1  # solver units, initial beta
+KEPT = 1e-6  # relative constraint violation within which a random start is feasible
 
 
 @dataclass(frozen=True, repr=False)
 class FormulationResult:
-    """The result of a solve of the program: values and multipliers by name, residuals, the grasp.
+    """Result of a solve: values and multipliers by name, KKT residuals, and the grasp.
 
     Parameters
     ----------
     values : dict of str to (m,) array
         Variables by name, SI units.
     multipliers : dict of str to (m,) array
-        Of the constraints by name: change of the objective for a unit of the limit, positive at upper limits.
+        Of the constraints by name: change of the objective per unit of the limit, positive at upper limits.
     bound_multipliers : dict of str to (m,) array
-        The same of the variables' bounds.
+        The same for the variables' bounds.
     objective : float
-        The value of what was maximised.
+        Maximised objective value.
     status : str
-        The solver's own word.
+        The solver's status.
     success : bool
-        Whether the solver says that it converged; ``kkt`` is computed without it.
+        Whether the solver reports convergence; ``kkt`` is computed independently.
     stats : dict
-        The solver's statistics, as CasADi has them.
+        The solver's statistics from CasADi.
     kkt : KKT
         Residuals, recomputed from values and multipliers.
     grasp : Grasp
@@ -84,7 +84,7 @@ class FormulationResult:
 
     @property
     def beta(self) -> float:
-        """The ellipsoid's scale at the solution."""
+        """Scale beta of the task at the solution."""
         return float(self.values["beta"][0])
 
     def __repr__(self) -> str:
@@ -98,7 +98,7 @@ class FormulationResult:
 
 @dataclass(frozen=True)
 class _Added:
-    """A constraint of the user's own."""
+    """A user-defined constraint."""
 
     name: str
     expression: Expression
@@ -107,7 +107,7 @@ class _Added:
 
 
 class Formulation:
-    """The program (3.5-4) of a problem: symbols by name, constraints to add, any solver to solve it.
+    """The nonlinear program (3.5-4) of a problem, with named symbols, extensible and solvable by any solver.
 
     Made by ``formulate``. All values are in SI units and the body's frame; a solve scales them.
 
@@ -116,15 +116,15 @@ class Formulation:
     problem : GraspProblem
         The problem that it states.
     transcription : {"support", "vertex"}
-        How it states containment of the task.
+        Formulation of the task's containment.
     x, p : casadi.SX or casadi.MX
-        All variables and all parameters, one column each; ``MX`` on meshes, whose smooth surface is a spline.
+        All variables and all parameters, one column each; ``MX`` for meshes, whose smooth surface is a spline.
     f : casadi.SX or casadi.MX
-        Minus the objective: solvers minimise.
+        Negative objective, since solvers minimise.
     lbx, ubx : (n,) array
         Bounds of the variables.
     p0 : (q,) array
-        Values of the parameters; those of the faces are set by the start of a solve.
+        Parameter values; those of faces are set from the start of a solve.
     """
 
     def __init__(self, problem: GraspProblem, transcription: str, directions: ArrayLike | None, forces: bool) -> None:
@@ -155,15 +155,15 @@ class Formulation:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of all variables, then of all parameters."""
+        """Names of all variables, followed by those of all parameters."""
         return tuple(self._symbols)
 
     def __getitem__(self, name: str) -> Expression:
-        """Return the symbols of a name, a column in SI units.
+        """Return the symbols with a given name, a column in SI units.
 
         ``"position 0"``, ``"normal 0"``, ``"forces 0"``, ``"beta"``, ``"joints"``, ``"palm position"`` ... or a
-        parameter's. The plurals ``"positions"``, ``"normals"`` are those of all contacts side by side, and ``"forces"``
-        those of all directions.
+        parameter's. The plurals ``"positions"``, ``"normals"`` give all contacts side by side, and ``"forces"`` all
+        directions.
         """
         kind = {"positions": "position", "normals": "normal"}.get(name, name)
         pattern = re.compile(rf"{re.escape(kind)} \d+")
@@ -176,7 +176,7 @@ class Formulation:
 
     @property
     def g(self) -> Expression:
-        """All constraints, one column, those added last."""
+        """All constraints in one column, added ones last."""
         return ca.vertcat(self._g, *[own.expression for own in self._added])
 
     @property
@@ -190,7 +190,7 @@ class Formulation:
         return np.concatenate([self._program.limits[1], *[own.upper for own in self._added]])
 
     def sparsity(self) -> tuple[NDArray[np.bool_], tuple[str, ...], tuple[str, ...]]:
-        """Return where the constraints' Jacobian is not zero, (m, n), and the names of its rows and of its columns."""
+        """Return the sparsity pattern (m, n) of the constraints' Jacobian, and the names of its rows and columns."""
         inputs: list[Expression] = [self.x, self.p]
         pattern = ca.Function("g", inputs, [self.g]).jac_sparsity(0, 0)
         entries = np.zeros(pattern.shape, dtype=bool)
@@ -206,16 +206,16 @@ class Formulation:
         Parameters
         ----------
         name : str
-            Of the constraint, for the table and the result.
+            Name in the table and the result.
         expression : casadi expression
             Scalar or column, SI units.
         lower, upper : float or (m,) array
-            One for all entries, or one each; equal for an equation.
+            For all or each of the entries; equal for an equation.
 
         Raises
         ------
         InputError
-            On an expression of foreign symbols, limits of a wrong size or the wrong way round, a name that is taken.
+            On foreign symbols, invalid limits, or an existing name.
         """
         taken = {row.name for row in self._program.rows} | {own.name for own in self._added}
         if not isinstance(name, str) or not name.strip() or name in taken:
@@ -228,12 +228,12 @@ class Formulation:
         self._added.append(_Added(name, column, low, high))
 
     def maximise(self, expression: Expression) -> None:
-        """Maximise a scalar expression of the program's symbols in place of beta.
+        """Replace the objective beta by a scalar expression to maximise.
 
         Raises
         ------
         InputError
-            On an expression of foreign symbols, and on one that is no scalar.
+            On foreign symbols, or an expression that is no scalar.
         """
         objective = self._checked("objective", expression)
         if objective.numel() != 1:
@@ -251,23 +251,23 @@ class Formulation:
         Parameters
         ----------
         start : Grasp, GraspSolution, FormulationResult, mapping or int, optional
-            Where to begin: contacts of a grasp, everything of an earlier result (multipliers too), values by name with
-            all positions among them, or the seed of a random start, 0 when left out: the best of many random
-            placements. Contacts stay on the faces that they begin on.
+            Warm start from contacts of a grasp, an earlier result (with multipliers) or values by name that include all
+            positions; or the seed of a random start, by default 0: the best of many random candidates. Contacts stay on
+            their initial faces.
         solver : str
-            A nonlinear solver that CasADi has: ``"ipopt"``, ``"sqpmethod"``, ``"fatrop"`` ...
+            A nonlinear solver of CasADi: ``"ipopt"``, ``"sqpmethod"``, ``"fatrop"`` ...
         options
-            Of the solver, by their own names: ``tol=1e-10``, ``linear_solver="mumps"``, ``print_level=5``.
+            Of the solver, by name: ``tol=1e-10``, ``linear_solver="mumps"``, ``print_level=5``.
 
         Returns
         -------
         FormulationResult
-            Also where the solver did not converge: its status says why.
+            Also without convergence: the status says why.
 
         Raises
         ------
         InputError
-            On a solver that CasADi does not have, an option that it does not know, and a start of other contacts.
+            On an unknown solver or option, or an incompatible start.
         """
         begun, faces = self._start(start)
         p = self._with_faces(faces)
@@ -300,7 +300,7 @@ class Formulation:
         return self._result(nlp, arguments, found, stats, scales, faces)
 
     def _checked(self, what: str, expression: Expression) -> Expression:
-        """Return an expression as a CasADi one of the program's type, refusing foreign symbols."""
+        """Return an expression of the program's CasADi type; raise for foreign symbols."""
         symbol = self.problem.body.symbol
         try:
             found = symbol(expression)
@@ -315,7 +315,7 @@ class Formulation:
         return found
 
     def _with_faces(self, faces: tuple[str, ...]) -> FloatArray:
-        """Return the parameters' values with contacts on these faces."""
+        """Return the parameter values for contacts on given faces."""
         p = self.p0.copy()
         where = [block.range for block in self._program.blocks("face", self._program.parameters)]
         if where:
@@ -323,7 +323,7 @@ class Formulation:
         return p
 
     def _scales(self) -> _Scales:
-        """Return the typical sizes by which a solve scales the program."""
+        """Return the scaling of variables, constraints and objective."""
         variables = np.concatenate([np.full(b.size, b.scale) for b in self._program.variables])
         offset = np.concatenate([np.array(b.offset) for b in self._program.variables])
         rows = [np.full(row.size, row.scale) for row in self._program.rows]
@@ -335,7 +335,7 @@ class Formulation:
         )
 
     def _start(self, start: object) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
-        """Return values of the variables to begin with, by name, and the faces of the contacts."""
+        """Return initial values of the variables by name, and the contacts' faces."""
         problem, k, names = self.problem, len(self.problem.models), list(self._variables)
         if start is None or (isinstance(start, int) and not isinstance(start, bool)):
             return self._random(np.random.default_rng(abs(start or 0)))
@@ -356,7 +356,7 @@ class Formulation:
         return self._begun(contacts), contacts.faces
 
     def _random(self, rng: np.random.Generator) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
-        """Return the best of many random starts: the first that keeps the constraints, or the one nearest to that."""
+        """Return the first feasible of many random starts, or the one with the least constraint violation."""
         where, scales = self._program.placement, self._scales().constraints
         inputs: list[Expression] = [self.x, self.p]
         g = ca.Function("placement", inputs, [self._g[where]])
@@ -383,7 +383,7 @@ class Formulation:
         return x
 
     def _contacts_of(self, start: object) -> StartContacts:
-        """Return the contacts of a grasp or a solution, with the hand's posture where the problem's hand has one."""
+        """Return the contacts of a grasp or a solution, with the hand's posture if it has one."""
         problem, k = self.problem, len(self.problem.models)
         solution = start if isinstance(start, GraspSolution) else None
         grasp = start if solution is None else solution.grasp
@@ -399,7 +399,7 @@ class Formulation:
         return StartContacts(grasp.points, faces, problem.hand.values_at(solution.hand, grasp.points))
 
     def _begun(self, contacts: StartContacts) -> dict[str, FloatArray]:
-        """Return values by name for contacts: normals, the hand, pressing forces, some beta."""
+        """Return initial values by name for given contacts: normals, hand, normal forces and beta."""
         problem = self.problem
         normals = inward_normals(problem, contacts.points, contacts.faces)
         values: dict[str, FloatArray] = {"beta": np.array([FIRST_BETA / Scaling.of(problem).beta])}
@@ -411,7 +411,7 @@ class Formulation:
         return values | {hand_name(name): np.ravel(value) for name, value in hand.items()}
 
     def _warm(self, before: FormulationResult, scales: _Scales) -> dict[str, FloatArray]:
-        """Return the multipliers of an earlier result in a solve's units; zero where it has none."""
+        """Return the multipliers of an earlier result in solver units, zero where it has none."""
         rows, bounds = np.zeros(len(scales.constraints)), np.zeros(len(scales.variables))
         for name, where in self._row_places().items():
             if len(before.multipliers.get(name, ())) == len(where):
@@ -425,7 +425,7 @@ class Formulation:
         }
 
     def _row_places(self) -> dict[str, list[int]]:
-        """Return where the constraints of each name are; those of one name together."""
+        """Return the indices of the constraints by name."""
         places: dict[str, list[int]] = {}
         for row in self._program.rows:
             places.setdefault(row.name, []).extend(range(row.start, row.stop))
@@ -444,7 +444,7 @@ class Formulation:
         scales: _Scales,
         faces: tuple[str, ...],
     ) -> FormulationResult:
-        """Return what a solver's answer says, in SI units."""
+        """Return the result of a solver's output, in SI units."""
         z, rows, bounds = (np.asarray(found[key].full()).ravel() for key in ("x", "lam_g", "lam_x"))
         first = [nlp["f"], nlp["g"], ca.jacobian(nlp["f"], nlp["x"]), ca.jacobian(nlp["g"], nlp["x"])]
         f, g, slope, J = (
@@ -492,7 +492,7 @@ class Formulation:
 
 @dataclass(frozen=True)
 class _Scales:
-    """Typical sizes: ``x = offset + variables z``, constraints and objective over theirs."""
+    """Scaling ``x = offset + variables z`` of variables, and of constraints and objective."""
 
     variables: FloatArray
     offset: FloatArray
@@ -507,20 +507,20 @@ def formulate(
     *,
     forces: bool = True,
 ) -> Formulation:
-    """Return the paper's program (3.5-4) of a problem, to print, to change and to solve.
+    """Return the nonlinear program (3.5-4) of a problem, to print, change and solve.
 
     Parameters
     ----------
     problem : GraspProblem
         Body, contacts, task, hand and constraints.
     transcription : {"support", "vertex"}
-        Containment of the task: ``"support"`` holds (3.4-3) along directions of wrench space, and its beta is at least
-        mu at the optimum; ``"vertex"`` has the grasp produce wrenches of the task, the farthest along the directions.
+        Containment of the task: ``"support"`` imposes (3.4-3) along directions of wrench space, and its optimal beta is
+        at least mu; ``"vertex"`` makes the grasp produce the task's maximisers along the directions.
     directions : (m, d) array, optional
-        Directions y_j of wrench space, of any length; those of the E6 lattice in the task's own axes when left out.
+        Directions y_j of wrench space, of any length; by default those of the E6 lattice in the task's axes.
     forces : bool
-        Whether finger forces are variables. Without them ``"support"`` holds the closed form of the support function:
-        a program of a few dozen variables, where contacts and budget have one.
+        Whether finger forces are variables. Without them ``"support"`` uses the closed form of the support function, if
+        contacts and budget have one, with only a few dozen variables.
 
     Returns
     -------
@@ -542,7 +542,7 @@ def formulate(
 
 
 def _given_parameters(problem: GraspProblem, transcription: str, directions: ArrayLike | None) -> dict[str, FloatArray]:
-    """Return the values of the parameters of containment, SI units, (m, d) and (m,)."""
+    """Return the parameter values of containment, SI units, (m, d) and (m,)."""
     if directions is None:
         samples = TaskSamples(problem.task, Scaling.of(problem).wrench, 1)
         if transcription == "vertex":
@@ -562,12 +562,12 @@ def _given_parameters(problem: GraspProblem, transcription: str, directions: Arr
 
 
 def _identity(symbol: Expression) -> int:
-    """Return what tells a symbol from others of the same name."""
+    """Return a hash that distinguishes symbols of the same name."""
     return int(symbol.element_hash() if isinstance(symbol, ca.SX) else symbol.__hash__())
 
 
 def _limits(what: str, value: ArrayLike, size: int) -> FloatArray:
-    """Return limits (size,), one for all entries or one each."""
+    """Return validated limits (size,), from one value or one per entry."""
     given = np.asarray(value, dtype=float)
     if given.ndim > 1 or (given.ndim == 1 and given.size != size) or np.any(np.isnan(given)):
         raise InputError(what, value, f"a number, or {size} of them")
@@ -575,7 +575,7 @@ def _limits(what: str, value: ArrayLike, size: int) -> FloatArray:
 
 
 def _points(values: Mapping[str, FloatArray], count: int, space: int) -> FloatArray:
-    """Return the positions (k, space) among values by name."""
+    """Return the validated positions (k, space) from values by name."""
     missing = [f"position {i}" for i in range(count) if f"position {i}" not in values]
     wanted = {f"position {i}" for i in range(count)}
     more = [name for name in values if name.startswith("position ") and name not in wanted]

@@ -1,4 +1,4 @@
-"""The paper's problem of optimal grasping, (3.5-4), as one nonlinear program: read this file beside the paper.
+"""Formulation of optimal grasping, (3.5-4), as a nonlinear program, to be read beside the paper.
 
     maximise    beta
     over        p_i, n_i    contact points and inward unit normals, i = 1 ... k
@@ -38,10 +38,10 @@ from nlpgrasp.nlp.virtual_work import joint_torque_rows
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.problem.rows import placement_rows
 
-SUPPORT, BALANCE = "support", "wrench balance"  # kinds of the constraints of containment
+SUPPORT, BALANCE = "support", "wrench balance"  # kinds of containment constraints
 TRANSCRIPTIONS = ("support", "vertex")
-BOX_MARGIN = 0.03  # of the body's size: contact points may leave the bounding box a little on the way
-MOST_BETA = 100.0  # of the solver's unit of beta
+BOX_MARGIN = 0.03  # of the body's size: margin of contact points beyond the bounding box during iterations
+MOST_BETA = 100.0  # solver units, upper bound of beta
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ def optimal_grasp_program(
     pieces: bool = False,
     scaled: bool = True,
 ) -> Program:
-    """Return the program (3.5-4) with containment at ``count`` directions or wrenches, which are parameters.
+    """Build the program (3.5-4) with containment at ``count`` directions or wrenches, which are parameters.
 
     Parameters
     ----------
@@ -70,10 +70,10 @@ def optimal_grasp_program(
     count : int
         Number m of directions y_j or wrenches w_j.
     eliminated : bool
-        State "support" by its closed form, without forces, where contacts and budget have one.
+        State "support" in closed form, without forces, if contacts and budget have one.
     pieces : bool
-        Where the support is the largest of smooth pieces and ``eliminated``: by a weighted mean of these, the weights a
-        parameter. With all weight on the largest it is a lower bound, exact where it was chosen.
+        With ``eliminated``, if the support is the maximum of smooth pieces, use their weighted mean with the weights as
+        parameters. All weight on the largest piece gives a lower bound, exact where it was chosen.
     scaled : bool
         Whether variables and constraints are in the solver's units (``Scaling``) instead of SI.
     """
@@ -98,7 +98,7 @@ def optimal_grasp_program(
 
 
 def check_transcription(transcription: str) -> None:
-    """Refuse a transcription of another name.
+    """Raise for an unknown transcription.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def check_transcription(transcription: str) -> None:
 
 
 def _contacts(program: Program, problem: GraspProblem, scaling: Scaling) -> ContactSymbols:
-    """Add ``p_i`` and ``n_i``. With normals as variables everything but the surface is a polynomial."""
+    """Add variables ``p_i`` and ``n_i``; with normals as variables all but the surface is polynomial."""
     space, k = problem.body.space, len(problem.models)
     lower, upper = problem.body.bounds + BOX_MARGIN * scaling.length * np.array([[-1.0], [1.0]])
     size, origin = scaling.length, scaling.origin
@@ -155,7 +155,7 @@ def wrench(problem: GraspProblem, contacts: ContactSymbols, forces: Sequence[ca.
 def _reaches_along_each_direction(
     program: Program, problem: GraspProblem, scaling: Scaling, contacts: ContactSymbols, beta: ca.SX, count: int
 ) -> None:
-    """(3.4-3): ``<y_j, G(p) x_j> >= beta phi(y_j | A)``, outer. Parameters y_j (1/N, 1/(N m)) and ``phi(y_j | A)``."""
+    """Add (3.4-3), outer: ``<y_j, G(p) x_j> >= beta phi(y_j | A)``, parameters y_j (1/N, 1/(N m)), ``phi(y_j | A)``."""
     y, reach = ca.SX.sym("y", problem.dimension), ca.SX.sym("reach")
     copy = _forces(program, problem, scaling, contacts)
     work = ca.dot(y, wrench(problem, contacts, copy.of_contacts))
@@ -172,7 +172,7 @@ def _reaches_in_closed_form(
     count: int,
     pieces: bool,
 ) -> bool:
-    """(3.4-3) with the forces eliminated: ``phi(y_j | G(B n K)) >= beta phi(y_j | A)``; False without closed form."""
+    """Add (3.4-3) without forces: ``phi(y_j | G(B n K)) >= beta phi(y_j | A)``; return False without closed form."""
     closed = support_function(problem, scaling) or (piece_function(problem, scaling) if pieces else None)
     if closed is None:
         return False
@@ -191,7 +191,7 @@ def _reaches_in_closed_form(
 def _produces_each_wrench(
     program: Program, problem: GraspProblem, scaling: Scaling, contacts: ContactSymbols, beta: ca.SX, count: int
 ) -> None:
-    """(3.3-4): ``G(p) x_j = beta w_j``, inner, moments counted over the body's size. Parameters w_j (N, N m)."""
+    """Add (3.3-4), inner: ``G(p) x_j = beta w_j``, moments divided by the body's size, parameters w_j (N, N m)."""
     w = ca.SX.sym("w", problem.dimension)
     copy = _forces(program, problem, scaling, contacts)
     balance = ca.DM(scaling.wrench) * (wrench(problem, contacts, copy.of_contacts) - beta * w)
@@ -200,13 +200,13 @@ def _produces_each_wrench(
 
 
 def _has_many_forces(problem: GraspProblem) -> bool:
-    """Return whether some contact's forces act at several points: then derivatives are made of one copy of them."""
+    """Return whether some contact has forces at several points, so that derivatives of one copy are reused."""
     space = problem.body.space
     return any(m.generators(space).shape[1] != m.components(space) for m in problem.models)
 
 
 def _reachability_and_hand(program: Program, problem: GraspProblem, contacts: ContactSymbols) -> None:
-    """Add the user's constraints (3.5-15), the hand's (3.5-16), and the clearance of its links from the body."""
+    """Add the problem's constraints (3.5-15), the hand's (3.5-16), and its links' clearance from the body."""
     p, n = contacts.positions, contacts.normals
     stated = placement_rows(problem.body, problem.constraints, problem.hand, p, n, program.hand_symbols)
     program.constrain_placement(stated, len(problem.constraints))

@@ -1,8 +1,8 @@
-"""Functions of a ``Program`` for a solver: rows, Jacobian, Hessian of the Lagrangian.
+"""Constraint, Jacobian and Lagrangian Hessian functions of a ``Program``.
 
-CasADi would colour the Hessian of the whole graph and evaluate it through MX at 10 ms a call; the Lagrangian splits
-into an SX part with an exact sparse Hessian, one small block per contact, and the distances, whose second
-derivatives by the chain rule are SX again once the spline's own derivatives are numbers.
+CasADi would colour the Hessian of the whole graph and evaluate it through MX at 10 ms per call. Instead the Lagrangian
+is split into an SX part with an exact sparse Hessian, one small block per contact, and the distances, whose second
+derivatives by the chain rule are SX again once the spline's derivatives are numbers.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from nlpgrasp.nlp.repeats import Repeats
 
 
 class ProgramFunctions:
-    """Rows and derivatives of a program; each is made when it is first asked for.
+    """Constraint and derivative functions of a program, built on demand.
 
     Parameters
     ----------
@@ -34,13 +34,13 @@ class ProgramFunctions:
 
     @cached_property
     def is_scalar(self) -> bool:
-        """Whether the whole program is one ``SX`` graph, whose derivatives CasADi does best by itself."""
+        """Whether the whole program is one ``SX`` graph, for which CasADi's own derivatives are best."""
         faces = all(part.function.is_a("SXFunction") for part in self.program.face_parts)
         return faces and not self.program.distance_parts and self.program.slots is None
 
     @cached_property
     def nlp(self) -> dict[str, ca.SX] | dict[str, ca.MX]:
-        """The program as CasADi's ``nlpsol`` takes it: minimise minus the objective."""
+        """Program as for CasADi's ``nlpsol``, with the negative objective to minimise."""
         z, theta = self.program.z, self.program.theta
         if self.is_scalar:
             return {"x": z, "p": theta, "f": -self.program.objective, "g": self._scalar_rows()}
@@ -49,18 +49,18 @@ class ProgramFunctions:
 
     @property
     def first_derivatives(self) -> dict[str, ca.Function]:
-        """Function of the first derivatives for ``nlpsol``; none where CasADi's own is best."""
+        """First-derivative function for ``nlpsol``; empty where CasADi's own is best."""
         return {} if self.is_scalar and not self.program.copies else {"jac_g": self.jacobian}
 
     @property
     def derivatives(self) -> dict[str, ca.Function]:
-        """Derivative functions for ``nlpsol``; none where CasADi's own are best."""
+        """Derivative functions for ``nlpsol``; empty where CasADi's own are best."""
         first = self.first_derivatives
         return first and {**first, "hess_lag": self.hessian}
 
     @cached_property
     def jacobian(self) -> ca.Function:
-        """``(x, p)`` to the rows and their Jacobian."""
+        """Function of ``(x, p)`` that returns the constraints and their Jacobian."""
         names = (["x", "p"], ["g", "jac_g_x"])
         z, theta = self.program.z, self.program.theta
         if self.is_scalar:
@@ -83,7 +83,7 @@ class ProgramFunctions:
 
     @cached_property
     def hessian(self) -> ca.Function:
-        """``(x, p, lam_f, lam_g)`` to the upper triangle of the Lagrangian's Hessian."""
+        """Function of ``(x, p, lam_f, lam_g)`` that returns the upper triangle of the Lagrangian's Hessian."""
         names = (["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"])
         if self.is_scalar:
             return self._scalar_hessian(*names)
@@ -119,7 +119,7 @@ class ProgramFunctions:
 
     @cached_property
     def _rows(self) -> ca.MX:
-        """All rows at ``x``, as ``MX``."""
+        """All constraints at ``x``, as ``MX``."""
         smooth = ca.Function("rows", [self.program.z, self.program.theta], [self.program.g, self._linear])
         rows, linear = smooth(self._x, self._p)
         faces = [part.function(self._x[part.position.range]) for part in self.program.face_parts]
@@ -131,24 +131,24 @@ class ProgramFunctions:
         return Repeats(self.program.z, self.program.g, self.program.copies)
 
     def _smooth_jacobian(self) -> ca.SX:
-        """Return the Jacobian of the rows that are SX expressions."""
+        """Return the Jacobian of the SX constraints."""
         z, g, done = self.program.z, self.program.g, self._repeated
         return ca.jacobian(g, z) if not done else ca.vertcat(self._repeats.jacobian(), ca.jacobian(g[done:], z))
 
     def _smooth_hessian(self, rest: ca.SX, lam: ca.SX) -> ca.SX:
-        """Return the Hessian of something and of these rows, weighted."""
+        """Return the Hessian of ``rest`` plus the weighted SX constraints."""
         z, g, done = self.program.z, self.program.g, self._repeated
         second = ca.hessian(rest + ca.dot(lam[done:], g[done:]), z)[0]
         return second if not done else second + self._repeats.hessian(lam)
 
     @property
     def _repeated(self) -> int:
-        """How many rows repeat: the first ones."""
+        """Number of repeated constraints, which are the first ones."""
         return self.program.copies[-1].rows.stop if self.program.copies else 0
 
     @property
     def _tidied(self) -> dict[str, bool]:
-        """Options of functions: expressions that occur twice are sought, but for copies, tidied one by one."""
+        """Function options: common subexpression elimination, except with copies, which apply it individually."""
         return {"cse": not self.program.copies}
 
     def _scalar_hessian(self, inputs: list[str], outputs: list[str]) -> ca.Function:
@@ -165,25 +165,25 @@ class ProgramFunctions:
 
 
 def _slope(part: FacePart) -> ca.Function:
-    """Return the Jacobian of a face's rows with respect to the position."""
+    """Return the Jacobian of surface constraints with respect to the position."""
     q = ca.MX.sym("q", part.position.stop - part.position.start)
     return ca.Function("face_jac", [q], [ca.jacobian(part.function(q), q)])
 
 
 def _bend(part: FacePart) -> ca.Function:
-    """Return the upper triangle of the Hessian of a weighted sum of a face's rows."""
+    """Return the upper triangle of the Hessian of a weighted sum of surface constraints."""
     q = ca.MX.sym("q", part.position.stop - part.position.start)
     weight = ca.MX.sym("w", part.linear.shape[0])
     return ca.Function("face_hess", [q, weight], [ca.triu(ca.hessian(ca.dot(weight, part.function(q)), q)[0])])
 
 
 def _embed(block: ca.MX, part: FacePart, width: int) -> ca.MX:
-    """Return a block (rows, space) at the position's columns of a sparse (rows, width) matrix."""
+    """Embed a block (rows, space) at the position's columns of a sparse (rows, width) matrix."""
     rows, where = block.shape[0], part.position
     return ca.horzcat(ca.MX(rows, where.start), block, ca.MX(rows, width - where.stop))
 
 
 def _embed_square(block: ca.MX, part: FacePart, width: int) -> ca.MX:
-    """Return a block as a diagonal block of a sparse (width, width) matrix."""
+    """Embed a block as a diagonal block of a sparse (width, width) matrix."""
     where = part.position
     return ca.diagcat(ca.MX(where.start, where.start), block, ca.MX(width - where.stop, width - where.stop))

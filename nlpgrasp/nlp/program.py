@@ -1,8 +1,8 @@
-"""A nonlinear program under construction: named blocks of variables, parameters and constraints.
+"""Builder of nonlinear programs from named blocks of variables, parameters and constraints.
 
-One canonical form: maximise a scalar subject to ``lower <= g(z; theta) <= upper`` and bounds on z. Constraints are
+Canonical form: maximise a scalar subject to ``lower <= g(z; theta) <= upper`` and bounds on z. Constraints are
 written in SI units; a scaled program divides variables and constraints by their typical sizes. Every block has a name,
-so that a report says "friction, finger 2, direction 17" and never "g[57]".
+so reports say "friction, finger 2, direction 17" instead of "g[57]".
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ REACHABILITY, HAND_CONSTRAINTS = "(3.5-15)", "(3.5-16)"  # equations of the pape
 
 @dataclass(frozen=True)
 class ForceCopy:
-    """Finger forces at one direction and their constraints: what a program repeats for every direction.
+    """Force variables of one direction and their constraints, which a program repeats for every direction.
 
     Parameters
     ----------
     values : casadi.SX
         Symbol of the variables, SI units.
     lower, upper, scale : float
-        Of all of them, SI units.
+        Of all variables, SI units.
     sizes : sequence of int
         Number of variables of each contact.
     rows : list of (str, Row)
-        Equation of the paper, and constraint on the program's variables, these, and the parameters of the copy.
+        Equation of the paper, and constraint on the program's variables, these, and the copy's parameters.
     """
 
     values: ca.SX
@@ -51,13 +51,13 @@ class ForceCopy:
 
     @property
     def of_contacts(self) -> list[ca.SX]:
-        """The variables of each contact, columns."""
+        """Force variables of each contact, as columns."""
         return list(ca.vertsplit(self.values, [0, *accumulate(self.sizes)]))
 
 
 @dataclass
 class Program:
-    """Variables, parameters, constraints and an objective, added block by block.
+    """A nonlinear program built block by block: variables, parameters, constraints and objective.
 
     Parameters
     ----------
@@ -72,12 +72,12 @@ class Program:
     rows: list[RowBlock] = field(default_factory=list)
     distance_parts: list[DistancePart] = field(default_factory=list)
     face_parts: list[FacePart] = field(default_factory=list)
-    copies: list[Copy] = field(default_factory=list)  # of rows that repeat, where derivatives are made from one
-    slots: Slots | None = None  # rows of one function, before all others
-    contained: int = 0  # rows of containment come first, this many
-    placement: slice = field(default_factory=lambda: slice(0, 0))  # rows of constraints and hand
+    copies: list[Copy] = field(default_factory=list)  # repeated constraints that share derivatives
+    slots: Slots | None = None  # constraints of one function, before all others
+    contained: int = 0  # number of containment constraints, which come first
+    placement: slice = field(default_factory=lambda: slice(0, 0))  # scalar constraints of constraints and hand
     objective: ca.SX = field(default_factory=ca.SX)
-    equation: str = ""  # of the paper, that the next constraints belong to
+    equation: str = ""  # equation of the paper for the next constraints
     _z: list[ca.SX] = field(default_factory=list)
     _values: list[ca.SX] = field(default_factory=list)  # of the variables, SI units
     _theta: list[ca.SX] = field(default_factory=list)
@@ -97,7 +97,7 @@ class Program:
         index: int | str | None = None,
         unit: str = "",
     ) -> ca.SX:
-        """Add variables and return them in SI units, (size,); so are the bounds, the scale and the offset."""
+        """Add variables, with bounds, scale and offset in SI units, and return them in SI units, (size,)."""
         symbol, start = ca.SX.sym(block_name(kind, index).replace(" ", "_"), size), _end(self.variables)
         zero = _filled(offset, size)
         block = Block(start, start + size, scale, kind=kind, index=index, offset=tuple(zero.tolist()), unit=unit)
@@ -110,7 +110,7 @@ class Program:
         return value
 
     def maximise(self, expression: ca.SX, scale: float) -> None:
-        """Set the objective, and the size that counts as one."""
+        """Set the objective and its scale."""
         self.objective = expression / scale if self.scaled else expression
 
     def parameter(self, kind: str, size: int, index: int | None = None) -> ca.SX:
@@ -122,7 +122,7 @@ class Program:
         return symbol
 
     def constrain(self, row: Row) -> None:
-        """Add a constraint, or a column of them within the same limits; call this before ``constrain_distance``."""
+        """Add a scalar constraint or a column with common limits; call before ``constrain_distance``."""
         if self.distance_parts or self.face_parts:
             raise RuntimeError(f"{row.name}: an SX expression after rows through distances, whose limits it would get")
         expression: ca.SX = row.expression
@@ -130,16 +130,16 @@ class Program:
         self._add_rows(row, row.expression.numel(), (row.lower, row.upper), row.scale)
 
     def constrain_each(self, row: Row, own: dict[str, ca.SX], count: int) -> None:
-        """Add a scalar constraint, at least ``row.lower``, once for each of ``count`` values of its parameters.
+        """Add a scalar constraint (at least ``row.lower``) for each of ``count`` values of its parameters.
 
-        Call this first; these constraints are the slots, not among ``g``.
+        Call this first; these constraints are the slots and not in ``g``.
 
         Parameters
         ----------
         row : Row
-            On the program's variables and the symbols ``own``; its part is followed by the number.
+            On the program's variables and the symbols ``own``; its part is followed by the index.
         own : dict
-            Symbols, columns, by the name of the parameters: the program gets ``count`` values of each.
+            Symbols (columns) by parameter name; the program gets ``count`` values of each.
         count : int
         """
         z = self.z
@@ -160,16 +160,16 @@ class Program:
         self.slots = Slots(function, used, np.concatenate(where))
 
     def constrain_copies(self, copy: ForceCopy, own: dict[str, ca.SX], count: int, differentiated: bool) -> None:
-        """Add ``count`` copies of the variables and constraints of a ``ForceCopy``; call this before ``constrain``.
+        """Add ``count`` copies of the variables and constraints of a ``ForceCopy``; call before ``constrain``.
 
         Parameters
         ----------
         copy : ForceCopy
         own : dict
-            Symbols, columns, by the name of the parameters on which the copies differ.
+            Symbols (columns) by name of the parameters that differ between copies.
         count : int
         differentiated : bool
-            Whether derivatives are made of one copy and put in place for the others; else CasADi makes all.
+            Whether derivatives of one copy are reused for the others; else CasADi differentiates all.
         """
         where = {}
         for name, symbol in own.items():
@@ -189,13 +189,13 @@ class Program:
                 self.copies.append(Copy(self.variables[-1], Range(begin, _end(self.rows)), ca.vertcat(*parameters)))
 
     def end_containment(self) -> None:
-        """State that all constraints so far are those of containment."""
+        """Mark all constraints so far as containment constraints."""
         self.contained = _end(self.rows)
 
     def constrain_placement(self, stated: PlacementRows, constraints: int) -> None:
-        """Add the constraints of reachability and hand, those through distances to a spline last.
+        """Add the constraints of reachability and hand, with those on spline distances last.
 
-        Those from the first ``constraints`` sources are of reachability.
+        Those from the first ``constraints`` sources are reachability constraints.
         """
         begin, reachability = _end(self.rows), {i for rows in stated.sources[:constraints] for i in rows}
         items: tuple[Row | Clearance, ...] = (*stated.rows, *stated.clearances)
@@ -208,7 +208,7 @@ class Program:
         self.placement = slice(begin, begin + len(stated.named))
 
     def constrain_distance(self, item: Clearance) -> None:
-        """Add a constraint on a distance to a spline; call these after ``constrain``."""
+        """Add a clearance constraint on a spline distance; call after ``constrain``."""
         if not self.distance_parts or self.distance_parts[-1].function is not item.distance:
             self.distance_parts.append(DistancePart(item.distance, [], []))
         part = self.distance_parts[-1]
@@ -217,7 +217,7 @@ class Program:
         self._add_rows(item, 1, (item.lower, np.inf), item.scale)
 
     def constrain_face(self, rows: Sequence[FaceRows], function: ca.Function, position: Block, linear: ca.SX) -> None:
-        """Add rows ``function(position) + linear``, a contact's own; call these last."""
+        """Add surface constraints ``function(position) + linear`` of a contact; call last."""
         for row in rows:
             self._add_rows(row.label, row.size, (row.lower, 0.0), row.scale)
         self.face_parts.append(FacePart(function, position, linear))
@@ -232,56 +232,56 @@ class Program:
         self._limits.append((np.full(size, limits[0] / unit), np.full(size, limits[1] / unit)))
 
     def block(self, kind: str, index: int | str | None = None) -> Block:
-        """Return the one block of variables or parameters of a kind, or with an index the one of that."""
+        """Return the block of variables or parameters with a kind and, if any, an index."""
         wanted = block_name(kind, index)
         return next(b for b in (*self.variables, *self.parameters) if b.name == wanted)
 
     def blocks(self, kind: str, among: Sequence[Block] | None = None) -> list[Block]:
-        """Return all blocks of a kind, in order, among the variables or others."""
+        """Return all blocks of a kind, in order, among the variables or given blocks."""
         return [b for b in (self.variables if among is None else among) if b.kind == kind]
 
     @property
     def hand_blocks(self) -> list[tuple[str, Block]]:
-        """The hand's variables: their own names, and where they are."""
+        """Names and blocks of the hand's variables."""
         return [(str(b.index), b) for b in self.blocks(HAND)]
 
     @property
     def hand_symbols(self) -> dict[str, ca.SX]:
-        """The hand's variables in the hand's units, by their own names."""
+        """Hand's variables by name, in the hand's units."""
         return {name: self._values[self.variables.index(block)] for name, block in self.hand_blocks}
 
     def rows_of(self, kind: str) -> list[int]:
-        """Return all rows of a kind."""
+        """Return the indices of all scalar constraints of a kind."""
         return [i for b in self.rows if b.kind == kind for i in range(b.start, b.stop)]
 
     def row_name(self, row: int) -> str:
-        """Return the name of a row, with its index in the block when that has several."""
+        """Return the name of a scalar constraint, with its index in a block of several."""
         block = next(b for b in self.rows if b.start <= row < b.stop)
         return block.name if block.stop - block.start == 1 else f"{block.name} [{row - block.start}]"
 
     @property
     def z(self) -> ca.SX:
-        """All variables, one column."""
+        """All variables in one column."""
         return ca.vertcat(*self._z)
 
     @property
     def theta(self) -> ca.SX:
-        """All parameters, one column."""
+        """All parameters in one column."""
         return ca.vertcat(*self._theta) if self._theta else ca.SX(0, 1)
 
     @property
     def g(self) -> ca.SX:
-        """All rows that are SX expressions, one column: after slots, before rows through distances and face rows."""
+        """All SX constraints in one column: after slots, before clearance and surface constraints."""
         return ca.vertcat(*self._g) if self._g else ca.SX(0, 1)
 
     @property
     def distances(self) -> int:
-        """Number of rows through distances."""
+        """Number of clearance constraints on spline distances."""
         return sum(len(part.points) for part in self.distance_parts)
 
     @property
     def points(self) -> ca.SX:
-        """Their points, one after another, one column."""
+        """Points of the clearance constraints, stacked in one column."""
         return ca.vertcat(ca.SX(0, 1), *[point for part in self.distance_parts for point in part.points])
 
     @property
@@ -290,7 +290,7 @@ class Program:
         return _stacked(self._bounds)
 
     def near(self, z: FloatArray, radius: float) -> tuple[FloatArray, FloatArray]:
-        """Return bounds of the variables, (n,) each, that keep contact positions within a radius of z, solver units."""
+        """Return trust-region bounds (n,) that keep contact positions within a radius of z, solver units."""
         lower, upper = self.bounds
         for block in self.blocks("position"):
             lower[block.range] = np.maximum(lower[block.range], z[block.range] - radius)
@@ -298,7 +298,7 @@ class Program:
         return lower, upper
 
     def within(self, name: str, lower: FloatArray, upper: FloatArray) -> Program:
-        """Return the same program with other bounds, (m,) each, of one of the hand's variables, in the hand's units."""
+        """Return a copy with other bounds, (m,) each, of one of the hand's variables, in the hand's units."""
         block = self.block(HAND, name)
         result = copy(self)
         result._bounds = list(self._bounds)
@@ -306,7 +306,7 @@ class Program:
         return result
 
     def raised(self, more: FloatArray) -> Program:
-        """Return the same program with higher lower limits of the rows of constraints and hand, by (rows,), scaled."""
+        """Return a copy with raised lower limits of the constraints of problem and hand, (rows,), scaled."""
         low, high = self.limits
         result, low = copy(self), low.copy()
         low[self.placement] += more
@@ -315,12 +315,12 @@ class Program:
 
     @property
     def limits(self) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper limits of the rows, (m,) each, face rows last."""
+        """Lower and upper limits of the scalar constraints, (m,) each, surface constraints last."""
         return _stacked(self._limits)
 
 
 def _end(blocks: Sequence[Range]) -> int:
-    """Return where the next block begins."""
+    """Return the start index of the next block."""
     return blocks[-1].stop if blocks else 0
 
 

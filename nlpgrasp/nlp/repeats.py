@@ -1,8 +1,8 @@
-"""Derivatives of rows that repeat: one copy's are made once and filled in for every copy.
+"""Shared derivatives of repeated constraints.
 
-A program with forces at many directions says the same of each: ``g_j = g(s, f_j; theta_j)`` with variables s that all
-share. CasADi would differentiate the whole graph; here it does so with one copy, and calls put the others'
-variables in place of its own. For pads with forces at four corners that takes a tenth of the time.
+A program with forces at many directions repeats the same constraints: ``g_j = g(s, f_j; theta_j)`` with shared
+variables s. Here CasADi differentiates only one copy instead of the whole graph, and the others' variables are
+substituted. For pads with forces at four corners that takes a tenth of the time.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Places = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class Copy:
-    """One copy: where its variables and rows are, and its parameters.
+    """A copy of repeated constraints: its variables, constraints and parameters.
 
     Parameters
     ----------
@@ -36,14 +36,14 @@ class Copy:
 
 
 class Repeats:
-    """Derivatives of all copies' rows, as expressions of the program's symbols.
+    """Derivatives of all copies' constraints, as expressions of the program's symbols.
 
     Parameters
     ----------
     z, g : SX
-        All variables, and all rows: those of the copies first.
+        All variables, and all constraints, with those of the copies first.
     copies : list of Copy
-        Alike but for their own variables and parameters.
+        Identical but for their own variables and parameters.
     """
 
     def __init__(self, z: ca.SX, g: ca.SX, copies: list[Copy]) -> None:
@@ -53,12 +53,12 @@ class Repeats:
 
     @cached_property
     def _first(self) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """The variables of the first copy, those that it shares before its own, its rows and its parameters."""
+        """Variables of the first copy (shared ones first), its constraints and its parameters."""
         copy = self._copies[0]
         return self._columns_of(copy), ca.cse(self._g[copy.rows.start : copy.rows.stop]), copy.parameters
 
     def jacobian(self) -> ca.SX:
-        """Return the Jacobian of the copies' rows, (m, n)."""
+        """Return the Jacobian (m, n) of the copies' constraints."""
         x, g, theta = self._first
         function = ca.Function("copy_jac", [x, theta], [ca.jacobian(g, x)], {"cse": True})
         found = _Entries(self._copies[-1].rows.stop, self._z.shape[0])
@@ -70,7 +70,7 @@ class Repeats:
         return found.matrix()
 
     def hessian(self, lam: ca.SX) -> ca.SX:
-        """Return the Hessian of the copies' rows weighted by ``lam`` (m,), (n, n)."""
+        """Return the Hessian (n, n) of the copies' constraints weighted by ``lam`` (m,)."""
         x, g, theta = self._first
         weight = ca.SX.sym("weight", g.shape[0])
         second = ca.hessian(ca.dot(weight, g), x)[0]
@@ -90,14 +90,14 @@ class Repeats:
 
 
 class _Entries:
-    """A sparse matrix under construction: entries at the same place add up."""
+    """Builder of a sparse matrix that sums entries at the same position."""
 
     def __init__(self, rows: int, columns: int) -> None:
         self._shape = rows, columns
         self._sums: dict[tuple[int, int], ca.SX] = {}
 
     def add(self, block: ca.SX, rows: Places, columns: Places) -> None:
-        """Add a sparse block at these rows and columns."""
+        """Add a sparse block at given rows and columns."""
         r, c = block.sparsity().get_triplet()
         entries = ca.vertsplit(block.nz[:])
         for i, j, entry in zip(rows[r].tolist(), columns[c].tolist(), entries, strict=True):
@@ -105,7 +105,7 @@ class _Entries:
             self._sums[i, j] = entry if before is None else before + entry
 
     def matrix(self) -> ca.SX:
-        """Return the matrix."""
+        """Return the assembled sparse matrix."""
         places = sorted(self._sums, key=lambda place: (place[1], place[0]))
         sparsity = ca.Sparsity.triplet(*self._shape, [i for i, _ in places], [j for _, j in places])
         return ca.SX(sparsity, ca.vertcat(*[self._sums[place] for place in places]))

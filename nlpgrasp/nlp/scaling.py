@@ -1,4 +1,4 @@
-"""Units of the solver: lengths over the body's size, forces over the budget's unit, beta over the task's size."""
+"""Scaling of the nonlinear program: units of length, force and beta."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from nlpgrasp.problem.problem import GraspProblem
 
 @dataclass(frozen=True)
 class Scaling:
-    """Typical sizes of a problem's variables: the solver sees each variable less its offset, over its size.
+    """Typical sizes of a problem's variables, by which the solver's variables are scaled.
 
     Parameters
     ----------
     origin : (space,) array
-        Torque origin, metres: the solver's positions are counted from it.
+        Torque origin, metres, the zero of the solver's positions.
     length : float
         The body's characteristic length, metres.
     task : float
-        Size of the task's wrenches, newtons, moments counted over ``length``.
+        Size of the task's wrenches, newtons, with moments divided by ``length``.
     force : float
-        Newtons a solver unit of finger force.
+        Newtons per solver unit of finger force.
     wrench : (d,) array
-        Factors that make a wrench's moments forces, over ``length``.
+        Factors that divide a wrench's moments by ``length``.
     """
 
     origin: FloatArray
@@ -46,13 +46,13 @@ class Scaling:
 
     @property
     def beta(self) -> float:
-        """The solver's beta is mu times this."""
+        """Factor from mu to the solver's beta."""
         return self.task / self.force
 
     def position(self, p: FloatArray) -> FloatArray:
-        """Return positions (..., space) in metres as solver units."""
+        """Convert positions (..., space) from metres to solver units."""
         return np.asarray((p - self.origin) / self.length)
 
     def metres(self, p: FloatArray) -> FloatArray:
-        """Return positions (..., space) in solver units as metres."""
+        """Convert positions (..., space) from solver units to metres."""
         return np.asarray(self.origin + self.length * p)

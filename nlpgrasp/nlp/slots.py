@@ -1,7 +1,7 @@
-"""Rows that are one function of the same variables, each with parameters of its own: ``f(x; theta_j)``, j = 1 ... m.
+"""Parametric constraints ``f(x; theta_j)``, j = 1 ... m, of one function with mapped derivatives.
 
-Their derivatives are those of f, made once and mapped over the slots; the Lagrangian's Hessian is their sum. What a
-program takes to build so does not grow with the number of slots.
+The derivatives of f are built once and mapped over the slots; the Lagrangian's Hessian is their sum. The time to build
+a program therefore does not grow with the number of slots.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Slots:
-    """The rows ``f(x; theta_j)`` of a program.
+    """Constraints ``f(x; theta_j)`` of a program.
 
     Parameters
     ----------
     function : casadi.Function
-        x (s,) and theta_j (q,) to a row.
+        Maps x (s,) and theta_j (q,) to a scalar.
     variables : (s,) array of int
-        Which of the program's variables x are, ascending.
+        Indices of x in the program's variables, ascending.
     parameters : (q, m) array of int
-        Which of the program's parameters theta_j are.
+        Indices of theta_j in the program's parameters.
     """
 
     function: ca.Function
@@ -36,22 +36,22 @@ class Slots:
 
     @property
     def count(self) -> int:
-        """Number of rows."""
+        """Number of constraints."""
         return int(self.parameters.shape[1])
 
     def rows(self, z: ca.MX, theta: ca.MX) -> ca.MX:
-        """Return the rows, (m, 1), at all variables and parameters of the program."""
+        """Return the constraint values (m, 1), given all variables and parameters of the program."""
         return ca.vec(self._mapped(self.function)(*self._own(z, theta)))
 
     def jacobian(self, z: ca.MX, theta: ca.MX) -> ca.MX:
-        """Return the rows' Jacobian with respect to all variables, (m, n)."""
+        """Return the constraints' Jacobian (m, n) with respect to all variables."""
         x, t, row = self._one
         gradient = ca.Function("slot_jac", [x, t], [ca.gradient(row, x)], {"cse": True})
         found = self._mapped(gradient)(*self._own(z, theta))
         return ca.MX(self._sparsity(np.arange(self.count), self.count, z.shape[0]), ca.vec(found.T))
 
     def hessian(self, z: ca.MX, theta: ca.MX, lam: ca.MX) -> ca.MX:
-        """Return the Hessian of the rows' sum weighted by ``lam`` (m,), (n, n)."""
+        """Return the Hessian (n, n) of the constraints' sum weighted by ``lam`` (m,)."""
         x, t, row = self._one
         weight = ca.SX.sym("weight")
         second = ca.densify(ca.hessian(weight * row, x)[0])
@@ -61,12 +61,12 @@ class Slots:
 
     @cached_property
     def _one(self) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Symbols x and theta, and the row that they make."""
+        """Symbols x and theta, and the constraint on them."""
         x, t = ca.SX.sym("x", len(self.variables)), ca.SX.sym("t", self.parameters.shape[0])
         return x, t, self.function(x, t)
 
     def _mapped(self, function: ca.Function, summed: list[int] | None = None) -> ca.Function:
-        """Return a function of x and of what is each slot's own; outputs are side by side, or summed."""
+        """Map a function over the slots with shared x; outputs are stacked or summed."""
         return function.map(f"{function.name()}s", "serial", self.count, [0], summed or [], {})
 
     def _own(self, z: ca.MX, theta: ca.MX) -> tuple[ca.MX, ca.MX]:
@@ -74,6 +74,6 @@ class Slots:
         return z[self.variables.tolist()], own
 
     def _sparsity(self, rows: IntArray, height: int, width: int) -> ca.Sparsity:
-        """Return the places of these rows in the columns of x."""
+        """Return the sparsity pattern of given rows and the columns of x."""
         down, across = np.tile(rows, len(self.variables)), np.repeat(self.variables, len(rows))
         return ca.Sparsity.triplet(height, width, down.tolist(), across.tolist())

@@ -1,4 +1,4 @@
-"""CasADi's nonlinear solvers by name, with their own options, quiet unless they say otherwise."""
+"""Construction of CasADi's nonlinear solvers by name, silent by default."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ QUIET: dict[str, dict[str, Any]] = {  # options that keep a solver silent
 
 
 def check_ipopt_options(name: str, options: object) -> dict[str, bool | int | float | str]:
-    """Return options of IPOPT as a dictionary, without the ``ipopt.`` prefix.
+    """Return validated IPOPT options as a dictionary, without the ``ipopt.`` prefix.
 
     Raises
     ------
     InputError
-        On anything but a mapping of names that IPOPT knows to values that it takes.
+        On anything but a mapping of valid IPOPT options.
     """
     if not isinstance(options, Mapping) or not all(isinstance(key, str) for key in options):
         raise InputError(name, options, 'options of IPOPT by name, such as {"linear_solver": "mumps", "tol": 1e-9}')
@@ -48,7 +48,7 @@ def check_ipopt_options(name: str, options: object) -> dict[str, bool | int | fl
 
 
 def nlpsol(solver: str, nlp: dict[str, Expression], options: Mapping[str, Any]) -> ca.Function:
-    """Return the solver of a program, quiet unless the options say otherwise."""
+    """Return a CasADi solver of a program, silent unless the options say otherwise."""
     if not isinstance(solver, str) or not solver.isidentifier() or not ca.has_nlpsol(solver):
         there = [name for name in SOLVERS if ca.has_nlpsol(name)]
         raise InputError("solver", repr(solver), f"a nonlinear solver that CasADi has: {listed([str(solver)], there)}")

@@ -1,4 +1,4 @@
-"""Values at which a solve of the program begins: contacts on faces, normals, hand, pressing forces."""
+"""Initial values of the nonlinear program: contacts, normals, hand and forces."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from nlpgrasp.nlp.support_function import has_closed_form, support_function
 from nlpgrasp.nlp.task_samples import TaskSamples
 from nlpgrasp.problem.problem import GraspProblem
 
-DRAWN = 256  # random placements, of which the best is taken
-PRESSING = 0.6  # of the unit of force, shared by the contacts: where forces begin
-TINY = 1e-9  # supports of a task below this are none
+DRAWN = 256  # random candidates
+PRESSING = 0.6  # of the unit of force: initial normal forces, shared by the contacts
+TINY = 1e-9  # support of a task that counts as zero
 
 
 @dataclass(frozen=True)
 class StartContacts:
-    """Contacts on faces of the body, and values of the variables of a hand with a pose.
+    """Initial contacts on faces of the body, with the variables of a posed hand.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class StartContacts:
         Metres, body frame.
     faces : tuple of k str
     hand : dict
-        By the hand's own names; empty for a hand that follows its contacts.
+        Variables by name; empty for a hand that follows its contacts.
     """
 
     points: FloatArray
@@ -41,7 +41,7 @@ class StartContacts:
 
 
 def nearest_faces(problem: GraspProblem, points: FloatArray) -> tuple[str, ...]:
-    """Return the allowed face nearest to each contact (k, space), metres."""
+    """Return the name of the allowed face nearest to each contact (k, space), metres."""
 
     def distance(name: str, p: FloatArray) -> float:
         h, slope, _, extent = problem.body.evaluate(name, p[None])
@@ -61,13 +61,13 @@ def inward_normals(problem: GraspProblem, points: FloatArray, faces: Sequence[st
 
 
 def pressing_forces(problem: GraspProblem, normals: FloatArray) -> FloatArray:
-    """Return force variables of all contacts, over the unit of force, each pressing with the same share of it."""
+    """Return force variables of equal normal forces at all contacts, in units of the budget's force."""
     size = PRESSING / np.sqrt(len(normals))
     return np.concatenate([size * m.pressing(n) for m, n in zip(problem.models, normals, strict=True)])
 
 
 def following_hand(problem: GraspProblem, points: FloatArray, normals: FloatArray) -> Values:
-    """Return the variables of a hand that follows its contacts, by its own names; none of another."""
+    """Return the variables by name of a hand that follows its contacts; empty for other hands."""
     hand = problem.hand
     if hand is None or not hand.follows_contacts:
         return {}
@@ -75,10 +75,10 @@ def following_hand(problem: GraspProblem, points: FloatArray, normals: FloatArra
 
 
 def random_contacts(problem: GraspProblem, rng: np.random.Generator) -> list[StartContacts]:
-    """Return many random placements, those of the largest least support along well-spread directions first.
+    """Return random candidates, sorted by their least support along well-spread directions, largest first.
 
-    A hand with a pose is drawn at random about the body, its contacts where the fingertips are nearest to faces drawn
-    at random; those nearer to their contacts are better.
+    A posed hand is drawn at random about the body, with contacts at the points of random faces nearest to its
+    fingertips; closer ones rank higher.
     """
     body, count = problem.body, len(problem.models)
     allowed = [problem.allowed_faces(i) for i in range(count)]
@@ -100,14 +100,14 @@ def random_contacts(problem: GraspProblem, rng: np.random.Generator) -> list[Sta
 
 
 def _nearest(cloud: FloatArray, point: FloatArray) -> FloatArray:
-    """Return the point of a cloud (m, space) nearest to a point."""
+    """Return the nearest point of a cloud (m, space)."""
     return np.asarray(cloud[np.argmin(np.linalg.norm(cloud - point, axis=1))])
 
 
 def _with_closed_form(problem: GraspProblem) -> GraspProblem:
-    """Return a problem with a closed form of the support function, to rank placements by: friction contacts, L2 budget.
+    """Return a problem with a closed-form support function for ranking: friction contacts, L2 budget.
 
-    The problem itself where it has one.
+    The problem itself if it has one.
     """
     if has_closed_form(problem):
         return problem
@@ -120,7 +120,7 @@ def _with_closed_form(problem: GraspProblem) -> GraspProblem:
 
 
 def _least_supports(problem: GraspProblem, points: FloatArray, faces: Sequence[tuple[str, ...]]) -> FloatArray:
-    """Return the least sampled support of placements (b, k, space), (b,), solver units, or of similar contacts."""
+    """Return the least sampled support (b,) of candidates (b, k, space), solver units, or of similar contacts."""
     scaling, ranking = Scaling.of(problem), _with_closed_form(problem)
     closed = support_function(ranking, scaling)
     if closed is None:

@@ -1,4 +1,4 @@
-"""Closed forms of the support function ``phi(y) = max <y, G x>`` over ``x`` in the cones and the budget, (3.4-5)."""
+"""Closed-form support function of the grasp wrench set as CasADi expressions, (3.4-5)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from nlpgrasp.contacts import Work
 from nlpgrasp.nlp.scaling import Scaling
 from nlpgrasp.problem.problem import GraspProblem
 
-SMOOTHING = 1e-12  # under the roots of the tangential and torsional work, solver units, for their derivatives at zero
+SMOOTHING = 1e-12  # solver units, under square roots, which makes them differentiable at zero
 
 
 def has_closed_form(problem: GraspProblem) -> bool:
@@ -19,15 +19,15 @@ def has_closed_form(problem: GraspProblem) -> bool:
 
 
 def has_pieces(problem: GraspProblem) -> bool:
-    """Return whether the grasp's support function is the largest of smooth pieces, one a contact."""
+    """Return whether the grasp's support function is the maximum of smooth pieces, one per contact."""
     nothing = [Work(0.0, 0.0, 0.0)] * len(problem.models)
     return problem.budget.pieces(problem.models, nothing, np) is not None
 
 
 def support_function(problem: GraspProblem, scaling: Scaling) -> tuple[ca.Function, int] | None:
-    """Return the closed form ``(y, p_1 ... p_k, n_1 ... n_k)`` to ``phi(y)`` or its square, and the power.
+    """Return ``phi(y)`` or its square as a function of ``(y, p_1 ... p_k, n_1 ... n_k)``, and the power.
 
-    Positions in metres, inward unit normals; y in 1/N and 1/(N m), so that phi is a number. None without closed form.
+    Positions in metres, inward unit normals; y in 1/N and 1/(N m), so phi is dimensionless. None without closed form.
     """
     if not has_closed_form(problem):
         return None
@@ -40,9 +40,9 @@ def support_function(problem: GraspProblem, scaling: Scaling) -> tuple[ca.Functi
 
 
 def piece_function(problem: GraspProblem, scaling: Scaling) -> tuple[ca.Function, int] | None:
-    """Return ``(y, p_1 ... p_k, n_1 ... n_k)`` to the smooth pieces whose largest is phi, (k,), and the power 1.
+    """Return the smooth pieces (k,) with maximum phi as a function of ``(y, p_1 ... p_k, n_1 ... n_k)``, and 1.
 
-    Units as in ``support_function``. None where the support has no such pieces.
+    Units as in ``support_function``; the 1 is the power. None without such pieces.
     """
     if not has_pieces(problem):
         return None
@@ -54,10 +54,10 @@ def piece_function(problem: GraspProblem, scaling: Scaling) -> tuple[ca.Function
 
 
 def _work(problem: GraspProblem, scaling: Scaling) -> tuple[list[ca.SX], list[Work]]:
-    """Return symbols (y, positions, normals), and each contact's work per unit of force along ``scaling.beta y``.
+    """Return symbols (y, positions, normals), and each contact's work per unit force along ``scaling.beta y``.
 
-    ``G_i^T y`` is the velocity of the contact point under the twist y: its part along the normal, the size of
-    the rest, and the spin about the normal.
+    ``G_i^T y`` is the velocity of the contact point under the twist y: its normal part, the norm of its tangential
+    part, and the spin about the normal.
     """
     space = problem.body.space
     y = ca.SX.sym("y", problem.dimension)

@@ -1,4 +1,4 @@
-"""Surfaces of the contacts, (3.5-1): each contact on a face of the body."""
+"""Surface constraints (3.5-1): each contact lies on a face of the body."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ ON_SURFACE, EXTENT, NORMAL = "on the surface", "extent of the face", "normal"  #
 
 
 class Surfaces:
-    """Statement that each contact is on a face: ``h(p) = 0``, in its extent, ``n = -grad h / |grad h|``.
+    """Surface constraints of all contacts: ``h(p) = 0`` within the face's extent, ``n = -grad h / |grad h|``.
 
-    Which of several faces is a parameter, ``face i``, one where the contact is, so that one program serves all
-    assignments of contacts to faces.
+    The choice among several faces is a parameter, ``face i``, which is one for the contact's face, so one program
+    serves all assignments of contacts to faces.
 
     Parameters
     ----------
@@ -32,11 +32,11 @@ class Surfaces:
 
     @property
     def are_splines(self) -> bool:
-        """Whether they exist as ``MX`` only; their constraints are then a program's last ones."""
+        """Whether they exist only as ``MX``; their constraints then come last in a program."""
         return self.problem.body.symbol is ca.MX
 
     def constrain(self, program: Program, positions: Sequence[ca.SX], normals: Sequence[ca.SX]) -> None:
-        """Add the constraints of all contacts."""
+        """Add the surface constraints of all contacts to a program."""
         body = self.problem.body
         for i, (p, n) in enumerate(zip(positions, normals, strict=True)):
             program.equation = "(3.5-1)"
@@ -51,7 +51,7 @@ class Surfaces:
             program.constrain(Row(NORMAL, n + outward, 0.0, 0.0, fingers=(i,)))
 
     def _chosen(self, program: Program, i: int, p: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Return surface (metres), extents (metres, at most zero on the face) and outward normal of the face chosen."""
+        """Return surface (metres), extents (metres, at most zero on the face) and outward normal of the chosen face."""
         problem = self.problem
         names = problem.allowed_faces(i)
         values = [problem.body.surface_function(name, problem.margin)(p) for name in names]
@@ -65,7 +65,7 @@ class Surfaces:
         return parts[0], parts[1], parts[2]
 
     def _on_spline(self, program: Program, i: int, n: ca.SX) -> None:
-        """Add the constraints on a mesh's smooth surface, a spline, which exists as ``MX`` only."""
+        """Add the constraints on a mesh's smooth surface, a spline, which exists only as ``MX``."""
         problem, block = self.problem, program.block("position", i)
         p, size = problem.body.point(), problem.body.size
         point, unit = (ca.DM(block.offset) + block.scale * p, size) if program.scaled else (p, 1.0)
@@ -78,7 +78,7 @@ class Surfaces:
 
 
 def face_parameters(problem: GraspProblem, faces: Sequence[str]) -> FloatArray:
-    """Return the parameters (q,) that say which face each contact is on."""
+    """Return the parameters (q,) that select each contact's face."""
     if problem.body.symbol is ca.MX:
         return np.zeros(0)
     choices = [problem.allowed_faces(i) for i in range(len(faces))]

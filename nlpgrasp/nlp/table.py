@@ -1,4 +1,4 @@
-"""Table of a program: blocks of variables, parameters and constraints with sizes, limits, units and equations."""
+"""Text table of a program's blocks, with sizes, limits, units and equations."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ EQUATIONS = {  # of the paper, by the kind of variables
 
 
 def program_table(program: Program, added: Iterable[tuple[str, Limits]] = ()) -> list[str]:
-    """Return the lines of the table.
+    """Return the lines of a program's table.
 
     Parameters
     ----------
     program : Program
         In SI units.
     added : iterable of (str, pair of arrays)
-        Names and limits of constraints that the user added.
+        Names and limits of user-defined constraints.
     """
     lines = [FORM("variables", "size", "bounds", "unit", "in the paper")]
     lines += [FORM(*row) for row in _block_rows(program.variables, program.bounds)]
@@ -53,7 +53,7 @@ def program_table(program: Program, added: Iterable[tuple[str, Limits]] = ()) ->
 def _block_rows(
     blocks: Sequence[Block], bounds: tuple[FloatArray, FloatArray] | None
 ) -> list[tuple[str, str, str, str, str]]:
-    """Return name, size, bounds, unit and equation of blocks, those of one kind and size together."""
+    """Return name, size, bounds, unit and equation of blocks, grouped by kind and size."""
     groups: dict[tuple[str, int], list[Block]] = {}
     for block in blocks:
         groups.setdefault((block.public_name if block.kind == HAND else block.kind, block.size), []).append(block)
@@ -70,7 +70,7 @@ def _block_rows(
 
 
 def _interval(limits: tuple[FloatArray, FloatArray], places: Sequence[int] | range) -> str:
-    """Return the range that limits leave, over all of some entries."""
+    """Return the range of limits over given entries as text."""
     low, high = float(np.min(limits[0][places], initial=np.inf)), float(np.max(limits[1][places], initial=-np.inf))
     if low == high:
         return f"= {low:g}"

@@ -1,4 +1,4 @@
-"""The wrenches of a task that the first program of a start looks at."""
+"""Task samples for the initial NLP: boundary wrenches and directions."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from nlpgrasp.common.directions import directions, inradius
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope
 
-MOST_WRENCHES = 80  # of a polytope that are all looked at
+MOST_WRENCHES = 80  # most wrenches of a polytope that are all used
 
 
 class TaskSamples:
-    """Well-spread samples of a task's boundary, as many at every draw.
+    """Well-spread samples of a task's boundary, with a fixed number per draw.
 
     Parameters
     ----------
@@ -20,7 +20,7 @@ class TaskSamples:
     unit : (d,) array
         Factors that turn a wrench into solver units.
     shells : {0, 1, 2}
-        How many; see ``directions``.
+        Number of direction shells; see ``directions``.
     """
 
     def __init__(self, task: Task, unit: FloatArray, shells: int) -> None:
@@ -39,30 +39,30 @@ class TaskSamples:
 
     @property
     def count(self) -> int:
-        """Number of samples of a draw."""
+        """Number of samples per draw."""
         return len(self._local) if self._all is None else len(self._all)
 
     @property
     def factors(self) -> tuple[float, ...]:
-        """How far beyond the task its samples may be moved, the first to be tried first.
+        """Factors by which samples are moved outwards, in order of preference.
 
-        A grasp that produces the samples produces their hull. Where the task's middle is not zero the rest of the
-        task may need forces of other directions, which no grasp that lacks them has at any size: samples so far
-        out that the task is in their hull are tried first, and the task's own where that is too much to ask.
+        A grasp that produces the samples produces their hull. If the task is not centred, the rest of the task may need
+        forces of other directions, which scaling does not provide. Samples whose hull contains the task are therefore
+        tried first, and those on its boundary if the former are infeasible.
         """
         if self._all is not None or self.task.is_centred:
             return (1.0,)
         return (1.0 / inradius(self._local.shape[1], self._shells), 1.0)
 
     def wrenches(self, rng: np.random.Generator | None = None, factor: float = 1.0) -> FloatArray:
-        """Return wrenches of the boundary, (m, d), turned at random in the task's own axes; all of a small polytope's.
+        """Return boundary wrenches (m, d), randomly rotated in the task's axes; all wrenches of a small polytope.
 
         Parameters
         ----------
         rng : numpy.random.Generator, optional
-            Not turned without one.
+            No rotation without one.
         factor : float
-            Of their distance from the task's middle.
+            On their distance from the task's centre.
         """
         if self._all is not None:
             return self._all
@@ -74,7 +74,7 @@ class TaskSamples:
         return np.asarray(middle + factor * (found - middle))
 
     def directions(self, rng: np.random.Generator | None = None) -> FloatArray:
-        """Return as many directions of wrench space, (m, d)."""
+        """Return directions of wrench space (m, d), as many as wrenches."""
         y = self._y(self._turned(rng))
         return y[np.arange(self.count) % len(y)]
 
@@ -82,7 +82,7 @@ class TaskSamples:
         return self.task.support(self._y(local))[1]
 
     def _turned(self, rng: np.random.Generator | None) -> FloatArray:
-        """Return unit directions in the task's own axes, (m, axes)."""
+        """Return randomly rotated unit directions in the task's axes, (m, axes)."""
         n = int(self._used.sum())
         turn = np.eye(n) if rng is None else np.linalg.qr(rng.standard_normal((n, n)))[0]
         result = np.zeros((len(self._local), len(self._axes)))
@@ -90,5 +90,5 @@ class TaskSamples:
         return result
 
     def _y(self, local: FloatArray) -> FloatArray:
-        """Return the y with ``L^T y`` along each local direction (least norm in solver units)."""
+        """Return directions y with ``L^T y`` along each local direction, of least norm in solver units."""
         return np.asarray(np.linalg.lstsq(self._axes, local.T, rcond=None)[0].T * self.unit)

@@ -1,12 +1,12 @@
-"""How the support of a grasp under its hand's torque limits changes with contacts and posture.
+"""Derivatives of the support function under joint-torque limits, by virtual work.
 
-``phi(y) = max <y, G x>`` over forces x in the cones with ``|sum_i J_i^T f_i| <= tau`` has no closed form, but with
-the forces and the limits' multipliers nu of its maximum the envelope theorem gives its derivative. Written as virtual
-work, with the body moving by the twist y and the joints at the rates ``nu / tau``, it is that of
+``phi(y) = max <y, G x>`` over forces x in the cones with ``|sum_i J_i^T f_i| <= tau`` has no closed form, but the
+envelope theorem gives its derivative from the optimal forces and the limits' multipliers nu. As virtual work, with the
+body moving with the twist y and the joints at the rates ``nu / tau``, it is the derivative of
 
     sum_i (v_body(p_i) - v_finger,i(q, p_i)) . f_i + (w_body - w_finger,i) . m_i
 
-where f_i and m_i turn with the contact's normal and y and the rates are fixed.
+where f_i and m_i rotate with the contact's normal, and y and the rates are fixed.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from nlpgrasp.problem.problem import GraspProblem
 
 
 class VirtualWork:
-    """Derivatives of supports with respect to a program's variables.
+    """Derivatives of support functions with respect to a program's variables.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class VirtualWork:
         moments: FloatArray,
         rates: FloatArray,
     ) -> FloatArray:
-        """Return the derivatives of the supports, in solver units, at variables z: (m, n).
+        """Return the derivatives (m, n) of the support functions at variables z, solver units.
 
         Parameters
         ----------
@@ -77,7 +77,7 @@ class VirtualWork:
         y : (m, 6) array
             Directions.
         forces, moments : (m, k, 3) array
-            Of largest work along them, body frame.
+            Maximisers along the directions, body frame.
         rates : (m, joints) array
             The limits' multipliers over the limits.
         """
@@ -97,12 +97,12 @@ def joint_torque_rows(
     normals: Sequence[ca.SX],
     forces: Sequence[ca.SX],
 ) -> list[Row]:
-    """Return the limits of ``HandTorques`` on finger forces: ``-1 <= (sum_i J_i(q)^T f_i) / tau <= 1``, ``f_n <= F``.
+    """Return the constraints of ``HandTorques``: ``-1 <= (sum_i J_i(q)^T f_i) / tau <= 1``, ``f_n <= F``.
 
     Parameters
     ----------
     variables : mapping
-        The hand's, by their names, in the hand's units.
+        Hand variables by name, in the hand's units.
     problem : GraspProblem
     positions, normals : sequence of k columns
         Metres, body frame; inward unit normals.

@@ -1,4 +1,4 @@
-"""What is asked: plain, frozen data that knows no solver."""
+"""Grasp problem: immutable problem data, independent of solvers."""
 
 from nlpgrasp.problem.problem import GraspProblem
 

@@ -1,4 +1,4 @@
-"""What can be seen to be impossible before anything is solved."""
+"""Input validation of grasp problems, before any solve."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from nlpgrasp.hands import Hand
 from nlpgrasp.problem.rows import placement_of
 from nlpgrasp.tasks import Task
 
-MOST_FRICTION = 2.0  # coefficients above are likely typing errors
-SAMPLES = 300  # a face
-CLEARLY = 0.1  # of the body's size: a point this far off at every sample is no accident of sampling
+MOST_FRICTION = 2.0  # friction coefficient above which a typing error is likely
+SAMPLES = 300  # sample points per face
+CLEARLY = 0.1  # of the body's size: violation at all samples that cannot be due to sampling
 
 
 @dataclass(frozen=True)
 class Samples:
-    """Random points of one face.
+    """Random points of a face with inward normals.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def check_placements(
     faces: Sequence[tuple[str, ...]],
     margin: float = 0.0,
 ) -> None:
-    """Refuse constraints that leave some contact nowhere to go, or that cannot be evaluated.
+    """Raise if constraints leave some contact no feasible point, or cannot be evaluated.
 
     Parameters
     ----------
@@ -57,15 +57,15 @@ def check_placements(
     hand : Hand or None
     constraints : sequence of PlacementConstraint
     faces : sequence of k tuples of str
-        The faces that each contact may use.
+        Allowed faces of each contact.
     margin : float
-        From sharp edges, metres.
+        Distance of contacts from sharp edges, metres.
 
     Raises
     ------
     InputError
-        Naming the contact and the constraints that exclude every sampled point of its faces by a wide margin,
-        or a least distance between contacts that the faces are too small for.
+        When constraints, which are named with the contact, exclude all sampled points of its faces by a wide margin,
+        or when the faces are too small for a least distance between contacts.
     """
     k = len(faces)
     p = [ca.SX.sym("p", body.space) for _ in range(k)]
@@ -88,7 +88,7 @@ def check_placements(
 
 
 def body_words(given: object) -> str:
-    """Return what to give for a body instead of something that is none: a file's name, a mesh."""
+    """Return the advice of the error for an invalid body, such as a file name or a mesh."""
     if isinstance(given, str | Path):
         return f'a body: ng.Mesh.load("{given}", unit="mm"), in the unit of the file'
     if type(given).__module__.split(".")[0] == "trimesh":
@@ -97,21 +97,21 @@ def body_words(given: object) -> str:
 
 
 def task_words(given: object) -> str:
-    """Return what to give for a task instead of something that is none: several are added."""
+    """Return the advice of the error for an invalid task, such as a list of tasks."""
     if isinstance(given, list | tuple) and given and all(isinstance(part, Task) for part in given):
         return "one task: tasks add up, such as ng.lift(...) + ng.disturbance(...)"
     return "a task, such as ng.TaskEllipsoid(semi_axes)"
 
 
 def hand_words(given: object) -> str:
-    """Return what to give for a hand instead of something that is none: a preset is a function of its own."""
+    """Return the advice of the error for an invalid hand, such as a preset's name."""
     if isinstance(given, str):
         return f"a hand: ng.hands.{given}(...) where there is one of that name, or ng.URDFHand.load(path, fingertips)"
     return "a hand such as ng.Fingertips, or None"
 
 
 def check_patches(models: Sequence[ContactModel], body: Body) -> None:
-    """Refuse the patch of a contact that is longer than the body: most often another number that came first."""
+    """Raise for a contact patch longer than the body, mostly due to swapped arguments."""
     longest = float(np.max(body.bounds[1] - body.bounds[0]))
     for i, model in enumerate(models):
         for name in ("radius", "extents", "length"):
@@ -122,20 +122,20 @@ def check_patches(models: Sequence[ContactModel], body: Body) -> None:
 
 
 def check_size(body: Body) -> None:
-    """Refuse a body to hold that is so large or small that it was stated in another unit than metres."""
+    """Raise for a body so large or small that its unit is probably not metres."""
     longest = float(np.max(body.bounds[1] - body.bounds[0]))
     wrong = "its numbers are metres, and were probably given in a {} unit"
     likely_size("GraspProblem.body", f"a {body.kind} with a longest side", longest, wrong, hasattr(body, "unit"))
 
 
 def warn_of_friction(models: Sequence[ContactModel], field: str) -> None:
-    """Warn, once, of contacts with more friction than dry surfaces have.
+    """Warn, once, about implausibly large friction coefficients.
 
     Parameters
     ----------
     models : sequence of ContactModel
     field : str
-        Where they are, with ``{}`` for the number of the contact.
+        Name of the field, with ``{}`` for the contact's index.
     """
     for i, model in enumerate(models):
         friction = model.coefficients.get("friction", 0.0)
@@ -151,7 +151,7 @@ def _sampled(body: Body, name: str, rng: np.random.Generator, margin: float) -> 
 
 
 def _only(row: Row, p: ca.SX, n: ca.SX) -> bool:
-    """Return whether an inequality row sees this contact and no other."""
+    """Return whether an inequality constraint involves only the contact with these symbols."""
     own = {s.__hash__() for s in ca.vertsplit(ca.vertcat(p, n))}
     seen = [s.__hash__() for s in ca.symvar(ca.SX(row.expression))]
     return bool(seen) and all(s in own for s in seen) and row.lower < row.upper
@@ -160,7 +160,7 @@ def _only(row: Row, p: ca.SX, n: ca.SX) -> bool:
 def _check_contact(
     i: int, rows: Sequence[Row], symbols: tuple[ca.SX, ca.SX], samples: Mapping[str, Samples], size: float
 ) -> None:
-    """Refuse rows of contact i, in its symbols p and n, that every sample of its faces breaks by far."""
+    """Raise if every sample of contact i's faces violates its constraints by a wide margin."""
     where = np.concatenate([s.points for s in samples.values()])
     normals = np.concatenate([s.normals for s in samples.values()])
     rows_of = ca.vertcat(*[r.expression for r in rows])
@@ -170,7 +170,7 @@ def _check_contact(
     lower, upper = (np.array([getattr(r, key) for r in rows])[:, None] for key in ("lower", "upper"))
     with np.errstate(all="ignore"):
         beyond = np.maximum(lower - value, value - upper)
-        # to first order, how far a contact would have to move; a row that is not a number is never satisfied
+        # first-order distance to feasibility; a constraint that is NaN is never satisfied
         excess = np.where(beyond > 0.0, beyond / slope, np.where(np.isnan(value), np.inf, 0.0)) / size
     least = float(np.min(np.max(excess, axis=0)))
     if least > CLEARLY:
@@ -185,7 +185,7 @@ def _check_contact(
 def _check_room(
     constraints: Sequence[PlacementConstraint], faces: Sequence[tuple[str, ...]], samples: Mapping[str, Samples]
 ) -> None:
-    """Refuse a least distance between contacts for which the faces are too small."""
+    """Raise if the faces are too small for the least distance between contacts."""
     least = max((c.least_distance() for c in constraints), default=0.0)
     k = len(faces)
     if least <= 0.0 or k < 2:
@@ -194,7 +194,7 @@ def _check_room(
     cloud = np.concatenate([samples[name].points for name in names])
     if not len(cloud):
         return
-    # a cell of diagonal below the distance holds one contact; so does the whole cloud if it is that small
+    # a cell of smaller diagonal than the distance holds at most one contact, as does a small cloud
     side = 0.85 * least / np.sqrt(cloud.shape[1])
     cells = {tuple(c) for c in np.floor((cloud - cloud.min(axis=0)) / side).astype(int)}
     if len(cells) < k or 1.1 * np.linalg.norm(np.ptp(cloud, axis=0)) < least:
@@ -206,7 +206,7 @@ def _check_room(
 
 
 def _by(missed: float) -> str:
-    """Return in words by how much the nearest point misses a constraint, metres; empty where it is not known."""
+    """Return the least violation as text, metres; empty if unknown."""
     return f" (the nearest misses by {rounded(1e3 * missed)} mm)" if np.isfinite(missed) else ""
 
 

@@ -1,4 +1,4 @@
-"""Which faces of the body each contact may use."""
+"""Allowed faces of each contact."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from nlpgrasp.contacts import ContactModel
 def allowed_faces(
     body: Body, models: Sequence[ContactModel], constraints: Sequence[PlacementConstraint], contact: int
 ) -> tuple[str, ...]:
-    """Return names of the faces that contact ``contact`` may use: its own, or all, but for those forbidden.
+    """Return the names of a contact's allowed faces: its own or all, without forbidden ones.
 
     Raises
     ------
     InputError
-        On names of faces that the body does not have.
+        On unknown face names.
     """
     chosen = body.select(models[contact].faces, f"contacts[{contact}].faces")
     forbidden: set[str] = set()

@@ -1,4 +1,4 @@
-"""Distances to what a hand must stay away from, each a function of a point."""
+"""Clearance fields: distances to the body and to obstacles, for collision checks of a hand."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ Distance = Callable[[FloatArray], FloatArray]
 
 @dataclass(frozen=True)
 class Field:
-    """The distance to one thing, less the clearance that it asks for.
+    """A distance field of the body or an obstacle, less its required clearance.
 
     Parameters
     ----------
     name : str
     distance : callable
-        Points (m, space) to distances (m,), metres; never more than the true ones outside. A ball of radius r about a
-        point is free where the distance is r or more.
+        Maps points (m, space) to distances (m,), metres, which outside never exceed the true ones. A ball of radius r
+        about a point is collision-free if the distance is at least r.
     """
 
     name: str
@@ -35,11 +35,11 @@ class Field:
 
 
 def fields_of(body: Body, constraints: Sequence[PlacementConstraint], contacts: int) -> list[Field]:
-    """Return the body's distance, then that of each constraint that keeps links away from something.
+    """Return the body's distance field, then that of each constraint that keeps links away from something.
 
-    A constraint is asked about a link of no size, a probe: of such a ball's centre its rows are distances, and a ball
-    of radius r keeps them where they are r or more. Constraints without rows about links, such as ``Spread``, are
-    about grasps; they say nothing of a hand on its way.
+    Each constraint is evaluated for a probe, a link sphere of zero radius, so that its scalar constraints are
+    distances of the centre; a ball of radius r satisfies them where they are at least r. Constraints that do not
+    involve links, such as ``Spread``, apply to grasps only, not to the hand's motion.
     """
     fields = [Field("the body", body.signed_distance)]
     names = count(1)
@@ -54,12 +54,12 @@ def fields_of(body: Body, constraints: Sequence[PlacementConstraint], contacts: 
 
 
 def distance_to_all(fields: Sequence[Field]) -> Distance:
-    """Return the distance to the nearest of several things."""
+    """Return the minimum of several distance fields."""
     return _least([field.distance for field in fields])
 
 
 def _distances(constraint: PlacementConstraint, contacts: int, body: Body) -> Iterator[Distance]:
-    """Yield the rows that a constraint has about a probe, as functions of where it is."""
+    """Yield a constraint's distances of a probe as functions of its position."""
     where = ca.SX.sym("probe", body.space)
     positions, normals = ([ca.SX.sym(name, body.space) for _ in range(contacts)] for name in "pn")
     palm = None
@@ -95,12 +95,12 @@ def _least(distances: Sequence[Distance]) -> Distance:
 
 
 class _Mapped:
-    """A compiled function of one point, for many; the mapped function is kept for each number of points."""
+    """A compiled function of a point, mapped over many points, with a cache by number of points."""
 
     def __init__(self, function: ca.Function) -> None:
         self.function, self.known = function, dict[int, ca.Function]()
 
     def __call__(self, points: FloatArray) -> FloatArray:
-        """Return the values, one column a point."""
+        """Return the values, one column per point."""
         many = self.known.setdefault(len(points), self.function.map(len(points)))
         return np.asarray(many(points.T).full())

@@ -1,4 +1,4 @@
-"""A problem from the JSON data that a solution file states it by."""
+"""Construction of grasp problems from JSON data."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from nlpgrasp.tasks import task_from_dict
 
 
 def problem_from_dict(data: Json, torque_origin: FloatArray | None = None, body: Body | None = None) -> GraspProblem:
-    """Return the problem of ``GraspProblem.to_dict``, without its hand, whose file the data does not hold.
+    """Return the problem from the data of ``GraspProblem.to_dict``, without its hand.
 
     Parameters
     ----------
     data : mapping
     torque_origin : (space,) array, optional
-        Metres, body frame: a grasp states it. The body's centroid if not given.
+        Metres, body frame; by default the body's centroid.
     body : Body, optional
-        In place of the data's: a mesh, which stays in a file of its own.
+        Replaces the data's body, such as a mesh, which is not contained in the data.
 
     Raises
     ------
     InputError
-        Where the data does not hold what it takes: a mesh without ``body``, an implicit body, a region or a constraint
-        given as an expression.
+        When the data are incomplete: a mesh without ``body``, an implicit body, or a region or constraint given by an
+        expression.
     """
     return GraspProblem(
         body_from_dict(data["body"]) if body is None else body,

@@ -1,4 +1,4 @@
-"""How far contacts stay away from sharp edges."""
+"""Margin of contacts from sharp edges."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Hand
 
 SHARE = 0.05  # of the body's shortest extent
-PATCH = 0.5  # of a fingertip's radius: where one that flattens by an eighth of it touches, (2 r r / 8)^(1/2)
-OFF, SMALL = 0.001, 0.2  # metres that contacts may be off by, and the share of a small body that this may take
-MOST = 0.1  # of the shortest extent, whatever the fingertips
-ROOM = 0.5  # of the widest room that is left, where the rest is more than the faces have
+PATCH = 0.5  # of a fingertip's radius: patch radius when it flattens by r / 8, (2 r r / 8)^(1/2)
+OFF, SMALL = 0.001, 0.2  # m, least margin; its largest share of the shortest extent
+MOST = 0.1  # of the shortest extent: largest margin due to fingertips
+ROOM = 0.5  # of the largest possible margin: upper limit of the default
 
 
 def margin_of(given: float | None, body: Body, hand: Hand | None, faces: Sequence[Sequence[str]]) -> float:
-    """Return the distance of contacts from edges at which the surface turns by more than 30 degrees, metres.
+    """Return the validated or default margin of contacts from sharp edges (above 30 degrees), metres.
 
     Parameters
     ----------
     given : float or None
-        None for the default: half the largest fingertip's radius, where a fingertip has one, up to a tenth of the
-        body's shortest extent, else a twentieth of that; at least a millimetre, by which contacts may be off, up to a
-        fifth of the extent; less where faces have no room for it.
+        None for the default: half the largest fingertip's radius, at most a tenth of the body's shortest extent;
+        without fingertip radii, a twentieth of that extent. At least a millimetre, but at most a fifth of the extent;
+        less if the faces are too small.
     body : Body
     hand : Hand or None
     faces : sequence of k sequences of str
-        That each contact may use.
+        Allowed faces of each contact.
 
     Raises
     ------
     InputError
-        On a margin that is no length, or that leaves some contact no face.
+        On an invalid margin, or one that leaves some contact no face.
     """
     each = {name: body.room(name) for name in {name for own in faces for name in own}} if given != 0.0 else {}
     room = min((max(each[name] for name in own) for own in faces if own and each), default=np.inf)

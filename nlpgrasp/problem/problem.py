@@ -1,4 +1,4 @@
-"""What is asked: plain, frozen data that knows no solver."""
+"""Grasp problem: body, contacts, task, hand, constraints and force budget."""
 
 from __future__ import annotations
 
@@ -35,58 +35,57 @@ from nlpgrasp.problem.task_point import warn_of_point
 from nlpgrasp.problem.usual_lengths import warn_of_lengths
 from nlpgrasp.tasks import Task
 
-MOST_CONTACTS = 32
+MOST_CONTACTS = 32  # largest number of contacts
 
 
 @dataclass(frozen=True, repr=False)
 class GraspProblem(SeenProblem):
-    """Find where to hold a body, with which contacts, for which task.
+    """A grasp planning problem: body, contact models, task, hand, constraints and force budget.
 
     Parameters
     ----------
     body : Body
-        What is held, in its own frame, metres.
+        The grasped body, in its own frame, metres.
     contacts : sequence of ContactModel
-        One a finger; a single model is used for every fingertip of ``hand``, and refused without one.
+        One per finger; a single model is used for every fingertip of ``hand`` and invalid without one.
     task : Task
-        What the fingers are to exert, body frame; about ``torque_origin``, or about the task's own point if it has one.
+        Wrenches to exert, body frame; about ``torque_origin``, or about the task's own reference point if it has one.
     hand : Hand, optional
-        Free point fingertips when left out. Contact i belongs to fingertip i.
+        By default free point fingertips. Contact i belongs to fingertip i.
     constraints : sequence of PlacementConstraint
-        Where contacts and hand may be; each has a name that reports use.
+        On contacts and hand; each has a name for reports.
     force_budget : {"l2", "per_finger", "shared", "per_finger_size", "hand_torques"} or ForceBudget
-        What a unit of finger force means: ``"l2"`` bounds the L2 norm of all finger forces by 1, ``"per_finger"``
-        each normal force, ``"shared"`` their sum, ``"per_finger_size"`` each force;
-        ``"hand_torques"`` the torques that the forces ask of the hand's joints in the posture found;
-        ``JointTorqueLimits`` is for Jacobians that are known.
+        Bound on finger forces: ``"l2"`` bounds the L2 norm of all finger forces by 1, ``"per_finger"`` each normal
+        force, ``"shared"`` their sum, ``"per_finger_size"`` each force, and ``"hand_torques"`` the hand's joint torques
+        in the posture of the grasp; ``JointTorqueLimits`` is for known Jacobians.
     edge_margin : float, optional
-        How far contacts stay away from edges at which the surface turns by more than 30 degrees, metres; 0 for the
-        paper's exact problem. By default half the largest fingertip's radius, up to a tenth of the body's shortest
-        extent, and a twentieth of that where no fingertip has a radius; at least a millimetre on all but tiny bodies.
+        Least distance of contacts from sharp edges (more than 30 degrees between normals), metres; 0 for the paper's
+        exact problem. By default half the largest fingertip's radius, at most a tenth of the body's shortest extent;
+        without fingertip radii, a twentieth of that extent; at least a millimetre except on tiny bodies.
     torque_origin : (space,) array, optional
-        Point about which task and grasp map take moments, metres, body frame; the body's centroid when left out.
+        Reference point of moments for task and grasp map, metres, body frame; by default the body's centroid.
     name : str
-        Shown in prints and reports, and written into the file.
+        For prints, reports and files.
     max_force : float, optional
-        Limit of each finger's force, newtons: the answer says whether the task as it is given stays within it. The
-        search does not go by it.
+        Limit of each finger's force, newtons: the solution states whether the given task stays within it. It does not
+        affect the search.
 
     Attributes
     ----------
     margin : float
-        ``edge_margin``, or the default where none was given, metres.
+        ``edge_margin`` or its default, metres.
 
     Raises
     ------
     InputError
-        On parts that do not fit together: dimensions, face names, numbers of fingers, faces all excluded, no face with
-        room for the margin; on a body below a millimetre or above ten metres.
+        On inconsistent parts: dimensions, face names, numbers of fingers, no face left, faces too small for the margin;
+        on a body below a millimetre or above ten metres.
 
     Warns
     -----
     UserWarning
-        Once, of friction above 2, of a disturbance far from the body's centroid that states no point, and of lengths
-        that were most likely stated in another unit than metres.
+        Once, about friction above 2, a disturbance without point far from the body's centroid, and lengths that are
+        probably not in metres.
     """
 
     body: Body
@@ -199,12 +198,12 @@ class GraspProblem(SeenProblem):
 
     @property
     def models(self) -> tuple[ContactModel, ...]:
-        """Contact models as a tuple, one for each contact."""
+        """Contact models as a tuple, one per contact."""
         return tuple(self.contacts) if not isinstance(self.contacts, ContactModel) else (self.contacts,)
 
     @property
     def budget(self) -> ForceBudget:
-        """Force budget as an object, also where a name was given."""
+        """Force budget as an object, also if given by name."""
         return force_budget(self.force_budget)
 
     @property
@@ -218,11 +217,11 @@ class GraspProblem(SeenProblem):
         return wrench_dimension(self.body.space)
 
     def unchecked(self, **changes: object) -> GraspProblem:
-        """Return the problem with other parts, without checking it again."""
+        """Return a copy with changed parts, without validation."""
         return unchecked(self, **changes)
 
     def allowed_faces(self, contact: int) -> tuple[str, ...]:
-        """Return names of the faces contact ``contact`` may use."""
+        """Return the names of a contact's allowed faces that are large enough for the margin."""
         faces = allowed_faces(self.body, self.models, self.constraints, contact)
         return tuple(f for f in faces if self.body.room(f) > self.margin) if self.margin > 0.0 else faces
 

@@ -1,4 +1,4 @@
-"""All rows that constraints and the hand put on a placement, in one order for everybody."""
+"""Scalar constraints of a grasp candidate from constraints and hand, in a fixed order."""
 
 from __future__ import annotations
 
@@ -13,19 +13,20 @@ from nlpgrasp.common.types import Expression
 from nlpgrasp.constraints import PlacementConstraint
 from nlpgrasp.hands import Hand
 
-FITS = 0.99  # of a fingertip's radius: the least distance of its centre from the body
+FITS = 0.99  # of a fingertip's radius: least distance of its centre from the body
 
 
 @dataclass(frozen=True)
 class PlacementRows:
-    """Rows of a placement: scalar ones first, then those through the distance to a mesh.
+    """Scalar constraints of a grasp candidate: expressions first, then clearances through a mesh distance.
 
     Parameters
     ----------
     rows : tuple of Row
     clearances : tuple of Clearance
     sources : tuple of tuple of int
-        Which rows of ``named`` each constraint gave, in order; then the hand's, then the links' clearance.
+        Indices in ``named`` of the scalar constraints of each constraint, in order, then of the hand, then of the
+        links' clearance.
     """
 
     rows: tuple[Row, ...]
@@ -34,12 +35,12 @@ class PlacementRows:
 
     @property
     def named(self) -> tuple[Row, ...]:
-        """All rows in order, those of clearances without an expression."""
+        """All scalar constraints in order; clearances have no expression."""
         return (*self.rows, *(c.row(None) for c in self.clearances))
 
 
 def hand_name(variable: str) -> str:
-    """Return the name for users of a hand's variable: ``"palm position"``."""
+    """Return the displayed name of a hand's variable, such as ``"palm position"``."""
     return variable.replace("_", " ")
 
 
@@ -50,7 +51,7 @@ def placement_of(
     variables: dict[str, Expression],
     size: float,
 ) -> Placement:
-    """Return what constraints are written in, for symbols of the contacts and of the hand's variables."""
+    """Return the symbolic grasp candidate that constraints take, from contacts and hand variables."""
     if hand is None:
         return Placement(positions, normals, (0.0,) * len(positions), size, hand={})
     palm, closing = hand.palm(variables), hand.closing(positions)
@@ -66,7 +67,7 @@ def placement_rows(
     normals: Sequence[Expression],
     variables: dict[str, Expression],
 ) -> PlacementRows:
-    """Return the rows of the constraints, of the hand, and of the links' clearance from the body.
+    """Return the scalar constraints of all constraints, the hand, and the links' clearance from the body.
 
     Parameters
     ----------
@@ -89,7 +90,7 @@ def given_rows(
     placement: Placement,
     variables: dict[str, Expression],
 ) -> list[Sequence[Row | Clearance]]:
-    """Return the rows of each constraint, then those of the hand, then those of the links' clearance."""
+    """Return the scalar constraints by source: each constraint, the hand, the links' clearance."""
     given = [c.rows(placement) for c in constraints]
     if hand is not None:
         given.append([*hand.rows(placement, variables), *_rooms(body, hand, placement)])
@@ -98,7 +99,7 @@ def given_rows(
 
 
 def collected(given: Sequence[Sequence[Row | Clearance]], shared: bool) -> PlacementRows:
-    """Return all rows in the program's order: those through the distance to a mesh last."""
+    """Return all scalar constraints in the NLP's order: clearances through a mesh distance last."""
     rows: list[Row] = []
     clearances: list[Clearance] = []
     places: list[list[tuple[bool, int]]] = []
@@ -118,9 +119,9 @@ def collected(given: Sequence[Sequence[Row | Clearance]], shared: bool) -> Place
 
 
 def _rooms(body: Body, hand: Hand, placement: Placement) -> list[Clearance]:
-    """Return that round fingertips that are where their contacts are cut the body nowhere.
+    """Return clearances that keep round fingertips at their contacts from penetrating the body elsewhere.
 
-    On a mesh, which is as rough as it is, this is asked of each place by itself.
+    None for a mesh, whose roughness requires a check at each surface point instead.
     """
     if not hand.follows_contacts or not body.cramped or body.symbol is ca.MX:
         return []
@@ -136,7 +137,7 @@ def _clear(body: Body, sphere: LinkSphere) -> Clearance:
 
 
 def _shared(rows: list[Row], clearances: list[Clearance]) -> PlacementRows:
-    """Return the rows with common subexpressions computed once: the links' poses are in most of them."""
+    """Return the constraints with common subexpressions eliminated, such as the links' poses."""
     every = ca.cse(ca.vertcat(*[r.expression for r in rows], *[c.point for c in clearances]))
     scalars = ca.vertsplit(every[: len(rows)])
     points = ca.vertsplit(every[len(rows) :], 3) if clearances else []

@@ -1,4 +1,4 @@
-"""Whether the smooth surface that a mesh is solved on is near enough to the mesh."""
+"""Warning about meshes far from their smoothed surface."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from nlpgrasp.bodies.mesh.fineness import FINEST, automatic_fineness
 from nlpgrasp.common.shown.once import say_once
 from nlpgrasp.hands import Hand
 
-WALL = 1.0 / 3.0  # of a wall's thickness: most that four fifths of the mesh may be off
-FINER = 1.5  # times the resolution, where the smoothing is no reason
+WALL = 1.0 / 3.0  # of the wall thickness: largest accepted 80th percentile of the distance
+FINER = 1.5  # advised factor on the resolution, where less smoothing does not help
 
 
 def warn_of_smoothing(body: Body, hand: Hand | None) -> None:
-    """Warn, once, of a mesh a fifth of which is far from the smooth surface that the solver sees.
+    """Warn, once, if a fifth of a mesh is far from the smoothed surface that the solver sees.
 
     Parameters
     ----------
     body : Body
-        Far are a third of the thickness of its walls, and the radius of the hand's smallest fingertip.
+        Far means more than a third of its wall thickness, or the radius of the hand's smallest fingertip.
     hand : Hand or None
     """
     if not isinstance(body, Mesh):

@@ -1,4 +1,4 @@
-"""Tables and hands that stand about a body as hardly anybody means it: asked about once."""
+"""Warnings about implausible tables and hand sizes."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from nlpgrasp.common.shown.once import say_once
 from nlpgrasp.constraints import PlacementConstraint, Table
 from nlpgrasp.hands import Hand, URDFHand
 
-THROUGH = 0.02  # of the body's size: a body that reaches farther below a table was not meant to
-ACROSS = 2.0  # times the reach of a hand's fingertips from its palm: wider than that they never open
+THROUGH = 0.02  # of the body's size: depth below a table above which a mistake is likely
+ACROSS = 2.0  # times the fingertips' reach from the palm: upper bound of the hand's opening
 
 
 def warn_of_surroundings(body: Body, constraints: Sequence[PlacementConstraint], hand: Hand | None) -> None:
-    """Warn of a table that goes through the body, and of a hand that no side of the body fits into.
+    """Warn about a table that intersects the body, and a hand too small for any side of the body.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Whether forces act where their user thinks they do."""
+"""Warnings about implausible points of application of task forces."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from nlpgrasp.tasks import Task
 from nlpgrasp.tasks.base import parts_of
 from nlpgrasp.tasks.ranges import component_ranges
 
-FAR = 0.1  # of the body's size: from its centroid
-LONG, LONGEST = 100.0, 2.0  # of the body's size, and metres: an arm that no task has
+FAR = 0.1  # of the body's size: distance of the frame's origin from the centroid
+LONG, LONGEST = 100.0, 2.0  # moment arm that is implausible: times the body's size, and metres
 
 
 def warn_of_point(task: Task, body: Body) -> None:
-    """Warn, once, of a disturbance without a point on a body whose frame begins elsewhere than at its centroid.
+    """Warn, once, about a disturbance without point on a body whose frame's origin is off its centroid.
 
-    Scans and CAD parts often have their origin at a foot or a flange: a force that acts there has an arm about the
-    centroid, and asks for far more torque than the disturbance states.
+    Scans and CAD parts often have their origin at a foot or a flange: a force that acts there has a moment arm about
+    the centroid, and requires far more torque than the disturbance states.
 
     Parameters
     ----------
@@ -36,9 +36,9 @@ def warn_of_point(task: Task, body: Body) -> None:
 
 
 def _warn_of_arm(task: Task, body: Body) -> None:
-    """Warn, once, of moments that forces of the same task have on no arm of the body's size.
+    """Warn, once, about moments whose arms are too long for the body.
 
-    A point in millimetres does that, and so do moments in newton-millimetres.
+    Typical causes are a point in millimetres and moments in newton-millimetres.
     """
     most, space = np.max(np.abs(component_ranges(task)), axis=0), body.space
     force, moment = float(np.max(most[:space])), float(np.max(most[space:]))

@@ -1,4 +1,4 @@
-"""Lengths that a user most likely stated in another unit than metres."""
+"""Warnings about lengths that are probably not in metres."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from nlpgrasp.constraints import Obstacle, PlacementConstraint, Table
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.hands import Hand, URDFHand
 
-MUCH = 20.0  # times the body's size: torsional friction, fingertips and clearances are shorter
-FAR = 50.0  # times the body's size: a table is nearer
+MUCH = 20.0  # times the body's size: implausible torsional friction, fingertip radius or clearance
+FAR = 50.0  # times the body's size: implausible distance of a table
 
 
 def warn_of_lengths(
     body: Body, models: Sequence[ContactModel], constraints: Sequence[PlacementConstraint], hand: Hand | None
 ) -> None:
-    """Warn, once, of a length that no hand or table beside such a body has: 5 mm are 0.005.
+    """Warn, once, about a length that is implausibly large for the body.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def warn_of_lengths(
 def _lengths(
     body: Body, models: Sequence[ContactModel], constraints: Sequence[PlacementConstraint], hand: Hand | None
 ) -> Iterator[tuple[str, float, float, float]]:
-    """Yield the name of each length, what was stated, and what is compared with so many times the body's size."""
+    """Yield each length's name, given value, value to compare, and limit in body sizes."""
     for i, model in enumerate(models):
         torsion = model.coefficients.get("torsional_friction", 0.0)
         yield f"contacts[{i}]: torsional friction", torsion, torsion, MUCH

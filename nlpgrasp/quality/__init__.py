@@ -1,4 +1,4 @@
-"""Quality of given grasps, with certified bounds; no CasADi."""
+"""Quality measures of given grasps with certified bounds, independent of CasADi."""
 
 from nlpgrasp.quality.bounds import Bounds, StackBounds
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet

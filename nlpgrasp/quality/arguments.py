@@ -1,4 +1,4 @@
-"""What the public functions of this layer accept."""
+"""Argument validation of quality measures, and their application to stacks."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ P = ParamSpec("P")
 
 
 class OverStacks(Protocol[P]):
-    """A measure of one grasp, a number, or of each grasp of a stack, an array."""
+    """Protocol of quality measures of a grasp (a number) or a stack (an array)."""
 
     @overload
     def __call__(self, grasp: Grasp, *args: P.args, **kwargs: P.kwargs) -> float: ...
@@ -27,7 +27,7 @@ class OverStacks(Protocol[P]):
 
 
 def over_stacks(measure: Callable[Concatenate[Grasp, P], float]) -> OverStacks[P]:
-    """Return a measure of one grasp that takes stacks too, one grasp after another."""
+    """Extend a measure of one grasp to stacks, evaluated grasp by grasp."""
 
     @overload
     def measured(grasp: Grasp, *args: P.args, **kwargs: P.kwargs) -> float: ...
@@ -43,13 +43,13 @@ def over_stacks(measure: Callable[Concatenate[Grasp, P], float]) -> OverStacks[P
 
 
 def require_grasp(value: object, *, stack: bool = False) -> None:
-    """Refuse what is not a grasp (or, where allowed, a stack of them)."""
+    """Raise for anything but a grasp (or, if allowed, a stack)."""
     if not isinstance(value, (Grasp, GraspStack) if stack else Grasp):
         raise InputError("grasp", value, "a Grasp or a GraspStack" if stack else "a Grasp")
 
 
 def task_for(value: object, grasp: Grasp | GraspStack) -> Task:
-    """Return a task about the grasp's torque origin; refuse what is not a task, or is of another dimension."""
+    """Return the task about the grasp's torque origin; raise for other types or dimensions."""
     dimension = grasp.dimension
     if not isinstance(value, Task):
         raise InputError("task", value, "a task such as ng.TaskEllipsoid")

@@ -1,4 +1,4 @@
-"""Certified intervals, of one grasp and of many."""
+"""Certified intervals of quality measures, for grasps and stacks."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from nlpgrasp.common.shown.numbers import outwards
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 
-SHOWN = 4  # digits of the ends in print, at least; rounded outwards
+SHOWN = 4  # least number of digits printed
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """An interval that contains the true value.
+    """A certified interval that contains the true value of a quality measure.
 
     Parameters
     ----------
     lower, upper : float
         ``lower <= true value <= upper``, in the unit of the measure.
     worst_direction : (d,) array, optional
-        The direction of wrench space that attains ``upper``; with ``upper == 0`` it proves that the grasp is not
-        force-closed against the task: no force in the contacts' cones does positive work along it.
+        Direction of wrench space that attains ``upper``; with ``upper == 0`` it proves that the grasp cannot exert the
+        task: no force in the contacts' cones does positive work along it.
     torque_scale : float, optional
         Metres: the length that turned torques into forces, where the measure needs one.
     kind : str
-        The measure, for example ``"mu"`` or, of a task that is not centred, ``"mu_tilde"``; empty where it is not said.
+        The measure, for example ``"mu"`` or, for a task that is not centred, ``"mu_tilde"``; empty if not stated.
     task_beta : float, optional
-        Of mu of a centred task ellipsoid: the paper's scale of the task as given (3.3-3).
+        For mu of a centred task ellipsoid: the paper's scale of the given task (3.3-3).
     limit : str
-        Why the interval is wider than was asked for, in words; empty where it is not.
+        Reason why the interval is wider than the tolerance; empty otherwise.
     """
 
     lower: float
@@ -46,7 +46,7 @@ class Bounds:
 
     @property
     def beta(self) -> Bounds | None:
-        """The interval in the paper's sense, of the beta of the largest ``A_beta`` (3.3-4a); None of other measures."""
+        """Interval of the paper's mu, the beta of the largest ``A_beta`` (3.3-4a); None for other measures."""
         if self.task_beta is None:
             return None
         return Bounds(self.task_beta * self.lower, self.task_beta * self.upper, kind="beta")
@@ -57,17 +57,17 @@ class Bounds:
         return (self.upper - self.lower) / self.upper if self.upper > 0.0 else 0.0
 
     def of_measure(self, kind: str, task_beta: float | None = None) -> Self:
-        """Return the interval as that of a measure, of a task of this scale in the paper's sense where it has one."""
+        """Return a copy with a measure and the paper's task scale, if any."""
         return replace(self, kind=kind, task_beta=task_beta)
 
     def to_dict(self) -> dict[str, float]:
-        """Return the interval as JSON data, with its torque scale where there is one and without its direction."""
+        """Return the interval as JSON data, with its torque scale if any, and without its direction."""
         data = {"lower": self.lower, "upper": self.upper}
         return data if self.torque_scale is None else {**data, "torque_scale": self.torque_scale}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, float], name: str) -> Self:
-        """Return the interval that ``to_dict`` wrote.
+        """Return the interval from the data of its ``to_dict``.
 
         Raises
         ------
@@ -91,20 +91,20 @@ class Bounds:
 
 @dataclass(frozen=True)
 class StackBounds:
-    """Intervals of a stack of grasps; a sequence of ``Bounds``.
+    """Certified intervals of a stack of grasps; a sequence of ``Bounds``.
 
     Parameters
     ----------
     lower, upper : (b,) array
-        As of ``Bounds``, one entry a grasp.
+        As in ``Bounds``, one entry per grasp.
     worst_directions : (b, d) array
-        As of ``Bounds``; NaN for a grasp without one.
+        As in ``Bounds``; NaN for a grasp without one.
     torque_scale : float, optional
         Metres: the length that turned torques into forces, where the measure needs one.
     kind : str
-        Which measure they are of, as in ``Bounds``.
+        The measure, as in ``Bounds``.
     task_beta : float, optional
-        As of ``Bounds``.
+        As in ``Bounds``.
     """
 
     lower: FloatArray
@@ -116,7 +116,7 @@ class StackBounds:
 
     @classmethod
     def of(cls, bounds: Sequence[Bounds]) -> StackBounds:
-        """Return the intervals of several grasps together."""
+        """Return the combined intervals of several grasps."""
         known = [b.worst_direction for b in bounds if b.worst_direction is not None]
         size = len(known[0]) if known else 0
         rows = [np.full(size, np.nan) if b.worst_direction is None else b.worst_direction for b in bounds]

@@ -1,4 +1,4 @@
-"""mu-tilde and mu_1: tasks that are off the origin or of any convex shape (Section 3.3.2)."""
+"""Quality measures mu-tilde and mu_1 for convex tasks, not necessarily centred (Section 3.3.2)."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ def mu_tilde(
 def mu_tilde(
     grasp: Grasp | GraspStack, task: Task, rtol: float = 0.01, *, force_budget: str | ForceBudget = "l2"
 ) -> Bounds | StackBounds:
-    """Return mu-tilde (3.3-4b): one over the least finger force that exerts every wrench of the task.
+    """Return mu-tilde (3.3-4b): the reciprocal of the least finger force that exerts every task wrench.
 
-    The same number as ``mu``, which measures a task by its own size; the paper's mu of a centred ``A_beta`` is
-    beta times it (``mu(...).beta``).
+    The same number as ``mu``, which is relative to the given task; the paper's mu of a centred ``A_beta`` is beta times
+    it (``mu(...).beta``).
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def mu_1(
     *,
     force_budget: str | ForceBudget = "l2",
 ) -> Bounds | StackBounds:
-    """Return mu_1 (3.3-9): mu-tilde of ``b + lambda_0 (C - b)``, a convex task rescaled about a point of it.
+    """Return mu_1 (3.3-9): mu-tilde of ``b + lambda_0 (C - b)``, a convex task rescaled about a point.
 
     Parameters
     ----------
@@ -101,8 +101,8 @@ def mu_1(
     center : (d,) array
         b, newtons and newton-metres.
     scale : float
-        lambda_0, greater than zero; large enough for the rescaled set to contain the origin if mu_1 > 0 is to
-        mean stability.
+        lambda_0, greater than zero; if mu_1 > 0 is to imply stability, large enough for the rescaled set to contain the
+        origin.
     rtol : float
         Relative width at which to stop.
     force_budget : str or ForceBudget
@@ -128,7 +128,7 @@ def mu_1(
 
 
 def equivalence_constants(task: TaskEllipsoid) -> tuple[float, float]:
-    """Return K_1 and K_2 of (3.3-8): ``K_1 mu_tilde <= mu <= K_2 mu_tilde`` for every grasp.
+    """Return the equivalence constants of (3.3-8): ``K_1 mu_tilde <= mu <= K_2 mu_tilde`` for every grasp.
 
     Here mu is the paper's (3.3-4a), the beta of the largest ``A_beta`` of the task's ellipsoid E about the origin, and
     mu-tilde that of the task itself, ``c + E`` (3.3-4b). The paper states it for centred tasks: mu is then the task's
@@ -145,7 +145,7 @@ def equivalence_constants(task: TaskEllipsoid) -> tuple[float, float]:
     Returns
     -------
     K_1, K_2 : float
-        The two factors, without a unit.
+        Dimensionless.
     """
     if not isinstance(task, TaskEllipsoid):
         raise InputError("task", task, "a TaskEllipsoid")

@@ -1,4 +1,4 @@
-"""Inverse iteration: the weakest directions of many grasps at once, for a piecewise quadratic support and any task."""
+"""Batched inverse iteration for the weakest directions of grasps, with piecewise quadratic squared supports."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ Model = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
 
 
 def descend(model: Model, u: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
-    """Follow ``phi_G / phi_A`` downhill from directions of each grasp, (b, m, d).
+    """Minimise ``phi_G / phi_A`` by damped inverse iteration from directions of each grasp, (b, m, d).
 
-    With ``phi_A(u) = <w, u>`` for the task's wrench w, the least ``phi_G(u) / <w, u>`` over u is near ``H^-1 w`` with
-    the Hessian H of ``phi_G^2 / 2``.
+    With ``phi_A(u) = <w, u>`` for the task's maximiser w, the minimiser of ``phi_G(u) / <w, u>`` is near ``H^-1 w``
+    with the Hessian H of ``phi_G^2 / 2``.
 
     Parameters
     ----------
     model : callable
-        Directions (b, m, d) to the ratios (b, m), the task's wrenches there (b, m, d) and H (b, m, d, d).
+        Maps directions (b, m, d) to ratios (b, m), the task's maximisers (b, m, d) and H (b, m, d, d).
     u : (b, m, d) array
     steps : int
 
@@ -28,7 +28,7 @@ def descend(model: Model, u: FloatArray, steps: int) -> tuple[FloatArray, FloatA
     -------
     directions : (b, m, d) array
     ratios : (b, m) array
-        Nowhere more than where the descents began.
+        Not above those of the starting directions.
     """
     value, wrench, H = model(u)
     step = np.ones(value.shape)

@@ -1,4 +1,4 @@
-"""delta and mu of given grasps, with certified bounds (Sections 3.1 and 3.3)."""
+"""Quality measures delta and mu with certified bounds (Sections 3.1 and 3.3)."""
 
 from __future__ import annotations
 
@@ -53,11 +53,11 @@ def mu(
     seed: int = 0,
     deadline: float | None = None,
 ) -> Bounds | StackBounds:
-    """Return the task-oriented quality: mu (3.3-4a) when the task is centred, mu-tilde (3.3-4b) otherwise.
+    """Return the task-oriented quality: mu (3.3-4a) if the task is centred, else mu-tilde (3.3-4b).
 
-    Both are the largest alpha with ``alpha A`` inside ``G(B n K)``: unit force (in the sense of the force budget)
-    then exerts every wrench of the task times alpha; the whole task needs force ``1 / alpha``. For a centred
-    ellipsoid alpha times the task's ``beta`` is the paper's mu, the beta of the largest ``A_beta`` inside.
+    Both are the largest alpha with ``alpha A`` inside ``G(B n K)``: unit force (in terms of the force budget) exerts
+    every wrench of the task times alpha; the whole task needs force ``1 / alpha``. For a centred ellipsoid alpha times
+    the task's ``beta`` is the paper's mu, the beta of the largest ``A_beta`` inside.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def mu(
     force_budget : str or ForceBudget
         ``"l2"`` (the paper's), ``"per_finger"``, ``"shared"``, ``"per_finger_size"`` or joint-torque limits.
     seed : int
-        Of the search directions; the bounds hold whatever it is.
+        Of the search directions; the bounds hold for any.
     deadline : float, optional
         ``time.monotonic()`` value, seconds, after which wider bounds are accepted.
 
@@ -101,7 +101,7 @@ def mu(
 def _certified(
     grasp: Grasp, task: Task, rtol: float, force_budget: str | ForceBudget, seed: int, deadline: float | None
 ) -> Bounds:
-    """Return the bounds of one grasp."""
+    """Return the certified bounds of one grasp."""
     wrenches = WrenchSet.of(grasp, force_budget)
     exact = bilateral_ellipsoid(wrenches, task)
     if exact is not None:
@@ -141,12 +141,12 @@ def delta(
     grasp : Grasp or GraspStack
         Contacts in place; of a stack every grasp is measured.
     torque_scale : float
-        Metres. A torque counts as the force ``torque / torque_scale``; delta depends on it and on the torque
-        origin (Remark 6), so both belong with any value that is quoted.
+        Metres. A torque counts as the force ``torque / torque_scale``; delta depends on it and on the torque origin
+        (Remark 6), so quote both with any value.
     rtol : float
         Relative width at which to stop.
     force_budget : str or ForceBudget
-        What a unit of finger force means.
+        Bound on the finger forces.
 
     Returns
     -------
@@ -159,7 +159,7 @@ def delta(
 
 
 def ball(dimension: int, torque_scale: float) -> TaskEllipsoid:
-    """Return the unit ball of wrenches, torques counted over ``torque_scale``."""
+    """Return the unit ball of wrenches as a task, with torques divided by ``torque_scale``."""
     scale = number("torque_scale", torque_scale, above=0.0)
     forces = 2 if dimension == 3 else 3
     return TaskEllipsoid(np.array([1.0] * forces + [scale] * (dimension - forces)))

@@ -1,4 +1,4 @@
-"""A quick upper bound on mu for many grasps at once."""
+"""Fast upper bounds on mu for many grasps."""
 
 from __future__ import annotations
 
@@ -16,21 +16,20 @@ from nlpgrasp.quality.arguments import task_for
 from nlpgrasp.quality.inverse_iteration import descend
 from nlpgrasp.tasks import Task
 
-CHUNK = 256  # grasps at once: what the processor's cache holds
-DESCENTS, STEPS = 4, 16
+CHUNK = 256  # grasps per batch, to fit the processor's cache
+DESCENTS, STEPS = 4, 16  # descents per grasp, and their steps
 REGULAR = 1e-6
 FLAT = 1e-6
-PLANAR = 200  # directions in the plane, where they cost next to nothing
-LEAST_WEIGHT = 1e-2  # of a contact in the quadratic model, relative to the largest
+PLANAR = 200  # directions in the plane
+LEAST_WEIGHT = 1e-2  # least relative weight of a contact in the quadratic model
 
 
 def screen(stack: GraspStack, task: Task, *, force_budget: str | ForceBudget = "l2") -> FloatArray:
-    """Return an upper bound on each grasp's mu, to rank thousands of them by.
+    """Return an upper bound on each grasp's mu, for ranking thousands of grasps.
 
     With the L2 budget it is mostly mu itself; with the other budgets some 5 % above on average, and far above for some
-    grasps that barely exert the task. The ratio ``phi_G / phi_A`` is evaluated in well-spread directions, and followed
-    downhill from the weakest ones. A value of 0 proves that a grasp cannot exert the task; any other value is no proof
-    that it can.
+    grasps that barely exert the task. The ratio ``phi_G / phi_A`` is evaluated in well-spread directions, and minimised
+    locally from the weakest. A value of 0 proves that a grasp cannot exert the task; any other value proves nothing.
 
     Parameters
     ----------
@@ -39,7 +38,7 @@ def screen(stack: GraspStack, task: Task, *, force_budget: str | ForceBudget = "
     task : Task
         Wrenches that the fingers are to exert.
     force_budget : str or ForceBudget
-        What a unit of finger force means.
+        Bound on the finger forces.
 
     Returns
     -------
@@ -58,7 +57,7 @@ def screen(stack: GraspStack, task: Task, *, force_budget: str | ForceBudget = "
 
 
 def spread_directions(stack: GraspStack, task: Task) -> FloatArray:
-    """Return directions that are well spread in the metric of a task, (m, d); grasps fill up that of a flat one."""
+    """Return directions (m, d) well spread in a task's metric, which grasps regularise for a flat task."""
     planar = stack.dimension == 3
     spread = directions_around(np.eye(3)[0], PLANAR) if planar else directions(stack.dimension, 2)
     y = spread @ np.linalg.inv(np.linalg.cholesky(_shape(stack, task)))
@@ -69,7 +68,7 @@ def spread_directions(stack: GraspStack, task: Task) -> FloatArray:
 def weak_directions(
     stack: GraspStack, task: Task, y: FloatArray, budget: ForceBudget, steps: int = STEPS
 ) -> tuple[FloatArray, FloatArray]:
-    """Follow ``phi_G / phi_A`` downhill from directions of each grasp, (b, m, d).
+    """Minimise ``phi_G / phi_A`` locally from directions of each grasp, (b, m, d).
 
     Parameters
     ----------
@@ -90,7 +89,7 @@ def weak_directions(
 
 
 def _shape(stack: GraspStack, task: Task) -> FloatArray:
-    """Return the task's second moment, filled up with the grasps' own where the task is flat (d, d)."""
+    """Return the task's second moment (d, d), regularised by the grasps' if the task is flat."""
     G = stack.G[:CHUNK]
     own = np.mean(G @ G.transpose(0, 2, 1), axis=0)
     own += 1e-9 * np.diag(np.diag(own)) + 1e-12 * np.trace(own) * np.eye(len(own))
@@ -102,7 +101,7 @@ def _shape(stack: GraspStack, task: Task) -> FloatArray:
 
 
 def sampled_ratios(stack: GraspStack, task: Task, y: FloatArray, budget: ForceBudget) -> FloatArray:
-    """Return ``phi_G(y_j) / phi_A(y_j)`` for each grasp and direction; every value is an upper bound on mu.
+    """Return the ratios ``phi_G(y_j) / phi_A(y_j)`` of each grasp and direction, all upper bounds on mu.
 
     Parameters
     ----------
@@ -116,7 +115,7 @@ def sampled_ratios(stack: GraspStack, task: Task, y: FloatArray, budget: ForceBu
     Returns
     -------
     (b, m') array
-        One row a grasp, one column a direction that was kept.
+        One row per grasp, one column per kept direction.
     """
     reach = task.support(y)[0]
     y, reach = y[reach > 0.0], reach[reach > 0.0]
@@ -125,9 +124,9 @@ def sampled_ratios(stack: GraspStack, task: Task, y: FloatArray, budget: ForceBu
 
 
 def screening_score(ratios: FloatArray) -> FloatArray:
-    """Return a score (b,) to rank grasps by, from their ratios (b, m).
+    """Return ranking scores (b,) of grasps from their ratios (b, m).
 
-    The least ratio, and a little of the lowest tenth to break ties at 0.
+    The least ratio, plus a small share of the lowest tenth's mean to break ties at 0.
     """
     count = max(1, ratios.shape[1] // 10)
     lowest = np.partition(ratios, count - 1, axis=1)[:, :count]
@@ -135,20 +134,20 @@ def screening_score(ratios: FloatArray) -> FloatArray:
 
 
 class _View:
-    """The support functions of some grasps of a stack, evaluated together."""
+    """Batched support functions of some grasps of a stack."""
 
     def __init__(self, stack: GraspStack, where: slice, force_set: ForceSet) -> None:
         self.G = stack.G[where]
         self._set = force_set
 
     def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return ``phi`` and its maximisers for directions of each grasp: (b, m, d) to (b, m) and (b, m, d)."""
+        """Return the support function (b, m) and maximisers (b, m, d) for directions of each grasp (b, m, d)."""
         z = y @ self.G
         phi, x = self._set.support(z.reshape(-1, z.shape[2]))
         return phi.reshape(z.shape[:2]), x.reshape(z.shape) @ self.G.transpose(0, 2, 1)
 
     def quadratic(self, y: FloatArray, task: Task) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return ``phi / phi_A``, the task's wrenches there and the Hessian of a quadratic model of ``phi``.
+        """Return ``phi / phi_A``, the task's maximisers and the Hessian of a quadratic model of ``phi^2 / 2``.
 
         (b, m, d) to (b, m), (b, m, d) and (b, m, d, d). With ``phi = (sum_i phi_i^p)^(1/p)`` over the contacts the
         model is ``sum_i phi_i^(p-2) |P_Ki(z_i)|^2 / 2``: exact for the L2 budget, p = 2.
@@ -172,7 +171,7 @@ class _View:
 
 
 def _descend(view: _View, task: Task, y: FloatArray) -> FloatArray:
-    """Return the least ratio each grasp shows on the directions, and on descents from the weakest of them."""
+    """Return each grasp's least ratio over the directions and over descents from the weakest."""
     first = view.support(np.broadcast_to(y, (len(view.G), *y.shape)))[0] / task.support(y)[0]
     least = first.min(axis=1)
     weakest = np.argpartition(first, min(DESCENTS, first.shape[1]) - 1, axis=1)[:, :DESCENTS]
@@ -181,7 +180,7 @@ def _descend(view: _View, task: Task, y: FloatArray) -> FloatArray:
 
 
 def _bound(stack: GraspStack, budget: ForceBudget) -> ForceSet:
-    """Return the forces that a budget allows, whatever the grasps' frames: it does not depend on them."""
+    """Return the force set of a budget that does not depend on the grasps' frames."""
     any_frames = np.broadcast_to(np.eye(stack.space), (len(stack.contacts), stack.space, stack.space))
     return budget.at(any_frames, stack.contacts)
 

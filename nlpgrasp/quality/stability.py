@@ -1,4 +1,4 @@
-"""Stability of a grasp (Section 2.5), with the proof either way, and the twists a set of contacts allows."""
+"""Force closure (stability, Section 2.5) with proofs, and twists allowed by contacts."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.certificate.rank import equilibrated, numerical_rank
 from nlpgrasp.quality.measures import ball, mu
 
-COARSE = 0.5  # relative width of the certified radius
+COARSE = 0.5  # relative tolerance of the certified radius
 
 
 @dataclass(frozen=True)
 class Stability:
-    """Whether a grasp is stable, and why; true or false by itself.
+    """Stability of a grasp with its proof; usable as a bool.
 
     Parameters
     ----------
     stable : bool
         Proven: the ball's certified radius is above zero.
     radius : Bounds
-        Of the largest ball about the origin inside ``G(B_1^n n K)`` (Proposition 2-9): delta, certified.
+        Certified delta, the radius of the largest ball about the origin inside ``G(B_1^n n K)`` (Proposition 2-9).
     separating_direction : (d,) array or None
         Unless stable: a unit direction y along which no force of the contacts does positive work,
         ``|P_K(G^T y)| <= 1e-10 |G^T y|``. ``None`` also where rounding leaves the question open: the radius is then
@@ -62,9 +62,9 @@ def is_stable(grasp: Grasp | GraspStack, torque_scale: float = 1.0) -> Stability
     Parameters
     ----------
     grasp : Grasp or GraspStack
-        Any number of contacts; too few are not stable, and the direction says why.
+        Any number of contacts; with too few it is not stable, and the direction proves it.
     torque_scale : float
-        Metres: what turns torques into forces in the ball's radius.
+        Metres; converts torques to forces in the ball's radius.
 
     Returns
     -------
@@ -80,18 +80,18 @@ def is_stable(grasp: Grasp | GraspStack, torque_scale: float = 1.0) -> Stability
 
 
 def allowed_twists(wrenches: Grasp | ArrayLike) -> FloatArray:
-    """Return the twists that contact wrenches allow: their annihilator (Theorem 2-1, (2.1-6)).
+    """Return the twists allowed by contact wrenches, their annihilator (Theorem 2-1, (2.1-6)).
 
     Parameters
     ----------
     wrenches : Grasp or (m, d) array
-        Contact wrenches ``(f, m)``, newtons and newton-metres, one a row; of a grasp all that its contacts can exert.
+        Contact wrenches ``(f, m)``, newtons and newton-metres, one per row; for a grasp all of its contacts.
 
     Returns
     -------
     (t, d) array
-        An orthonormal basis of the twists ``(v, w)`` with ``<v, f> + <w, m> = 0`` for every wrench, one a row; no row
-        when only the body at rest keeps every contact.
+        An orthonormal basis of the twists ``(v, w)`` with ``<v, f> + <w, m> = 0`` for every wrench, one per row; empty
+        if the wrenches span wrench space.
     """
     if isinstance(wrenches, Grasp):
         rows = wrenches.G.T

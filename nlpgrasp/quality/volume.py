@@ -1,8 +1,8 @@
-"""nu, the volume of the grasp wrench set (Section 3.2): an estimate with its error, between rigorous bounds.
+"""Quality measure nu, the volume of the grasp wrench set (Section 3.2), with certified bounds.
 
 With bilateral contacts ``G(B_1^n)`` is an ellipsoid and the volume a closed form (3.2-2). Otherwise support points
 span an inner polytope P, cut into simplices with their apex c inside. On the cone of a cell with plane
-``<a, x - c> = 1`` the set W reaches at most ``r = phi_W(a) - <a, c>`` times as far as P, so
+``<a, x - c> = 1`` the set W extends at most ``r = phi_W(a) - <a, c>`` times as far as P, so
 
     ``sum_cells vol  <=  nu  <=  sum_cells r^d vol``,
 
@@ -35,23 +35,23 @@ from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 
 ROUNDING = 1e-9
 POINTS = {3: 2000, 6: 300}  # most vertices of P, by dimension
-LOOSE, FEWER = 0.015, 0.5  # a tolerance from which on that share of them does: the error bar costs less
-SHRINK = 1e-5  # of support points towards the origin
-MARGIN = 1e-5  # relative, for the rounding of volumes
+LOOSE, FEWER = 0.015, 0.5  # tolerance above which this share of the vertices is enough
+SHRINK = 1e-5  # largest relative shrinking of support points towards the origin
+MARGIN = 1e-5  # relative guard against rounding of volumes
 
 
 @dataclass(frozen=True)
 class Volume(Bounds):
-    """nu: ``lower`` and ``upper`` are certified, ``value`` is an estimate with an error bar.
+    """Volume nu: certified ``lower`` and ``upper``, and an estimate ``value`` with an error bar.
 
     Parameters
     ----------
     lower, upper, torque_scale
-        As for ``Bounds``; there is no worst direction.
+        As in ``Bounds``, without a worst direction.
     value : float
-        Newtons to the number of forces times, with torques over ``torque_scale``, newtons to that of torques.
+        Estimate in N^d, with torques over ``torque_scale``.
     error : float
-        Three standard errors of the estimate; half the certified interval where that is narrower.
+        Three standard errors of the estimate, or half the certified interval if that is smaller.
     """
 
     value: float = 0.0
@@ -63,7 +63,7 @@ class Volume(Bounds):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, float], name: str) -> Self:
-        """Return the volume that ``to_dict`` wrote, as ``Bounds.from_dict`` does."""
+        """Return the volume from the data of its ``to_dict``, as ``Bounds.from_dict`` does."""
         return replace(super().from_dict(data, name), value=data["value"], error=data["error"])
 
     def __str__(self) -> str:
@@ -106,7 +106,7 @@ def nu(
 ) -> Volume | tuple[Volume, ...]:
     """Return nu (3.2-1): the volume of ``G(B n K)``.
 
-    It does not depend on the body frame or on the torque origin (Theorem 3-2), and it does not show stability: a grasp
+    It does not depend on the body frame or the torque origin (Theorem 3-2), and it does not imply stability: a grasp
     that is not force-closed has a volume too.
 
     Parameters
@@ -116,7 +116,7 @@ def nu(
     torque_scale : float
         Metres: torques count as ``torque / torque_scale``, which divides the volume by its power.
     rtol : float
-        Relative error bar to reach; in the plane, relative width of the certified interval.
+        Target relative error bar; in the plane, relative width of the certified interval.
     force_budget : str or ForceBudget
         As for ``mu``.
     seed : int
@@ -151,7 +151,7 @@ def nu(
 
 
 def _volume(white: WrenchSet, rtol: float, rng: np.random.Generator) -> tuple[float, float, float, float]:
-    """Return certified bounds, estimate and error bar for a set in good coordinates."""
+    """Return certified bounds, estimate and error bar for a set in well-conditioned coordinates."""
     d = len(white.G)
     inner, points = _first_hull(white, rng)
     most = POINTS[d] if rtol < LOOSE or d == 3 else int(FEWER * POINTS[d])
@@ -168,9 +168,9 @@ def _volume(white: WrenchSet, rtol: float, rng: np.random.Generator) -> tuple[fl
 
 
 def _first_hull(white: WrenchSet, rng: np.random.Generator) -> tuple[_Inner, FloatArray]:
-    """Return a polytope of the origin and support points in random directions, and its points.
+    """Return the hull of the origin and support points in random directions, and its points.
 
-    A set with few vertices shows only some of them to few directions: more directions where the points stay flat.
+    For a set with few vertices, few directions may give flat points; then more directions are used.
     """
     d = len(white.G)
     for count in (8 * d, 80 * d, 2000 * d):
@@ -188,15 +188,15 @@ def _first_hull(white: WrenchSet, rng: np.random.Generator) -> tuple[_Inner, Flo
 
 
 def _inside(points: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Return points moved towards the origin by small factors: still in the set, but in general position."""
+    """Return points shrunk towards the origin by small random factors, so that they are in general position."""
     return np.asarray(points * (1.0 - SHRINK * rng.random((len(points), 1))))
 
 
 class _Inner:
-    """The polytope of points of W, built from scratch by Qhull, and the bounds it gives.
+    """Inner polytope of W by Qhull, and the volume bounds that it gives.
 
-    The growing hull of ``hull`` covers all directions, which is what a bound on mu needs, but its
-    cells may overlap where points are coplanar; volumes need cells that do not.
+    The incremental hull of ``hull`` covers all directions, as a bound on mu requires, but its cells may overlap where
+    points are coplanar; volumes need cells that do not.
     """
 
     def __init__(self, white: WrenchSet, points: FloatArray) -> None:
@@ -217,9 +217,9 @@ class _Inner:
 
 
 def _filled_hull(points: FloatArray) -> tuple[ConvexHull, FloatArray, FloatArray]:
-    """Return the hull of points about the origin, its simplices' corners and their volumes, which fill it.
+    """Return the hull of points about the origin, and the corners and volumes of simplices that fill it.
 
-    Where Qhull's triangulation of merged facets does not, joggled input has no merged facets.
+    If Qhull's triangulation of merged facets does not fill it, the input is joggled, which avoids merged facets.
     """
     d = points.shape[1]
     for options in (None, "QJ", "QJ1e-9", "QJ1e-7", "QJ1e-5"):

@@ -1,4 +1,4 @@
-"""The point about which moments are taken: tasks that agree on it, and how it goes along with the body frame."""
+"""Reference points of moments, and changes of body frame."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from nlpgrasp.errors import InputError
 
 
 class Framed(Protocol):
-    """What has wrenches, with moments about a point: a task."""
+    """Protocol of objects with a wrench dimension and a reference point of moments."""
 
     about: FloatArray | None
 
@@ -21,7 +21,7 @@ class Framed(Protocol):
 
 
 def check_alike(one: Framed, other: Framed) -> None:
-    """Refuse tasks of two dimensions, or with moments about a point and about an unknown one."""
+    """Raise if two tasks differ in dimension, or if only one has a known reference point."""
     if one.dimension != other.dimension:
         raise InputError("task", f"dimensions {one.dimension} and {other.dimension}", "tasks of one dimension")
     if (one.about is None) != (other.about is None):
@@ -33,12 +33,12 @@ def check_alike(one: Framed, other: Framed) -> None:
 
 
 def change_of_frame(pose: Pose, dimension: int, about: FloatArray | None) -> tuple[FloatArray, FloatArray | None]:
-    """Return the wrench map ``blockdiag(A, A)`` of a change of body frame (2.5-6), (d, d), and the point in that frame.
+    """Return the wrench map ``blockdiag(A, A)`` (d, d) of a change of body frame (2.5-6), and the mapped point.
 
     Raises
     ------
     InputError
-        When the pose is no rotation and translation of this space.
+        When the pose is not a rigid transform of this space.
     """
     A, b = rigid_transform("pose", pose, space_dimension(dimension))
     return rotate_body_frame(A), None if about is None else A @ about + b

@@ -1,4 +1,4 @@
-"""What every task states about itself, and what tasks add up to."""
+"""Base class of tasks, and Minkowski sums of tasks."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ from nlpgrasp.tasks.about import change_of_frame, check_alike
 
 
 class Task(ABC):
-    """A convex set of wrenches the fingers have to exert, known by its support function (Section 3.3).
+    """A convex set of wrenches the fingers have to exert, given by its support function (Section 3.3).
 
-    The wrenches are those that the fingers exert on the body: against a load w of the surroundings, ``-w``. A kind that
-    can be written has a ``kind``, its name in files, and ``from_dict``, and is registered (``tasks.registry``).
+    The wrenches are those that the fingers exert on the body: against an external load w, ``-w``. A task type that can
+    be stored has a ``kind``, its name in files, and ``from_dict``, and is registered in ``tasks.registry``.
 
     Attributes
     ----------
     about : (space,) array or None
-        Point of the body frame, metres, about which moments are taken; ``None`` stands for the torque origin of
-        whatever problem or grasp the task is used with.
+        Reference point of moments, body frame, metres; ``None`` stands for the torque origin of the problem or grasp
+        that the task is used with.
     point_left_out : bool
-        Whether a force acts at the origin of the body's frame because nobody said where.
+        Whether a force acts at the body frame's origin only by default.
     """
 
     kind: ClassVar[str]
     about: FloatArray | None = None
     point_left_out: bool = False
-    __array_ufunc__ = None  # an array times a task is no array of tasks
+    __array_ufunc__ = None  # numpy arrays must not broadcast over a task
 
     @property
     @abstractmethod
@@ -47,16 +47,16 @@ class Task(ABC):
     @property
     @abstractmethod
     def is_centred(self) -> bool:
-        """Whether the set is symmetric about the origin: mu is then (3.3-4a), otherwise mu-tilde (3.3-4b)."""
+        """Whether the set is symmetric about the origin, so that mu (3.3-4a) applies, and not mu-tilde (3.3-4b)."""
 
     @property
     def measure(self) -> str:
-        """The measure of grasps for this task: ``"mu"``, or ``"mu_tilde"`` where it is not centred."""
+        """Quality measure for this task: ``"mu"`` if it is centred, else ``"mu_tilde"``."""
         return "mu" if self.is_centred else "mu_tilde"
 
     @property
     def paper_beta(self) -> float | None:
-        """The paper's scale beta of a centred ellipsoid (3.3-3), of which mu is a multiple; ``None`` of other tasks."""
+        """Scale beta of a centred ellipsoid (3.3-3), of which mu is a multiple; ``None`` for other tasks."""
         return None
 
     @abstractmethod
@@ -71,7 +71,7 @@ class Task(ABC):
         Returns
         -------
         values, maximisers : (m,) and (m, d) arrays
-            ``phi(y | A)``, the most work of a wrench of the task, and wrenches that attain it (the gradient).
+            ``phi(y | A)``, the largest ``<y, w>`` over wrenches w of the task, and maximisers (the gradient).
         """
 
     @abstractmethod
@@ -80,26 +80,26 @@ class Task(ABC):
 
     @abstractmethod
     def second_moment(self) -> FloatArray:
-        """Return a (d, d) matrix with the set's shape: used to whiten wrench space, never in a bound."""
+        """Return a (d, d) second-moment matrix of the set's shape, used for whitening only, never in a bound."""
 
     @abstractmethod
     def to_dict(self) -> Json:
-        """Return the task as JSON data: ``type``, its ``kind``, and numbers; ``about`` is not part of it."""
+        """Return the task as JSON data: ``type``, which is its ``kind``, and numbers, without ``about``."""
 
     @classmethod
     def from_dict(cls, data: Json) -> Task:
-        """Return the task that ``to_dict`` wrote."""
+        """Return the task from the data of its ``to_dict``."""
         raise InputError("task.type", data.get("type"), f"a kind that can be read, which {cls.__name__} cannot")
 
     def ends(self) -> FloatArray:
-        """Return some wrenches of the task's boundary that say what it asks for, (m, d), newtons and newton-metres."""
+        """Return representative wrenches of the task's boundary, (m, d), newtons and newton-metres."""
         values, vectors = np.linalg.eigh(self.second_moment())
         along = vectors[:, values > 1e-12 * values[-1]].T
         found = self.support(np.concatenate([along, -along]))[1]
         return np.asarray(found[np.linalg.norm(found, axis=1) > 0.0])
 
     def at(self, origin: ArrayLike) -> Task:
-        """Return the same wrenches with moments about another point, (3.3-7).
+        """Return the task with moments about another point, (3.3-7).
 
         Parameters
         ----------
@@ -113,18 +113,18 @@ class Task(ABC):
         return result._about(new)
 
     def in_frame(self, pose: Pose) -> Task:
-        """Return the same wrenches in another body frame, (2.5-5): turned, and ``about`` moves along.
+        """Return the task in another body frame, (2.5-5), with ``about`` transformed too.
 
         Parameters
         ----------
         pose : (3, 3) array in the plane, (4, 4) in space, or mapping
-            A point x of this frame is ``A x + b`` in the other; spelt as for ``Grasp.in_frame``.
+            A point x of this frame is ``A x + b`` in the other; formats as for ``Grasp.in_frame``.
         """
         matrix, about = change_of_frame(pose, self.dimension, self.about)
         return self.transformed(matrix)._about(about)
 
     def given_about(self, origin: ArrayLike) -> Self:
-        """Return the task as one whose moments were about this point all along."""
+        """Return a copy that states the reference point of its moments, with unchanged wrenches."""
         space = space_dimension(self.dimension)
         return copy(self)._about(array("origin", origin, (space,)))
 
@@ -133,7 +133,7 @@ class Task(ABC):
         return self
 
     def __add__(self, other: object) -> Task:
-        """Return the Minkowski sum: any wrench of this task together with any of the other."""
+        """Return the Minkowski sum of two tasks."""
         if not isinstance(other, Task):
             return NotImplemented
         check_alike(self, other)
@@ -145,12 +145,12 @@ class Task(ABC):
         return simplest._about(self.about)
 
     def _plus(self, other: Task) -> Task | None:
-        """Return the Minkowski sum with a task about the same point as one task of a known kind, or ``None``."""
+        """Return the Minkowski sum with a task about the same point as a single task, or ``None``."""
         del other
         return None
 
     def _moved(self, wrench: FloatArray) -> Task | None:
-        """Return the set moved by a wrench (d,) as a task of its own kind, or ``None`` where the kind cannot say so."""
+        """Return the set translated by a wrench (d,) as a task of the same type, or ``None`` if impossible."""
         del wrench
         return None
 
@@ -163,7 +163,7 @@ class Task(ABC):
 
 
 class TaskSum(Task):
-    """``{w_1 + ... + w_m : w_i in A_i}``: gravity in any orientation and a tool's wrench at the same time.
+    """Minkowski sum of tasks, ``{w_1 + ... + w_m : w_i in A_i}``, such as gravity and a tool's wrench.
 
     Parameters
     ----------
@@ -199,12 +199,12 @@ class TaskSum(Task):
         return all(task.is_centred for task in self.tasks)
 
     def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the sums of the parts' supports and maximisers along ``y`` (m, d), (m,) and (m, d)."""
+        """Return the sums of the parts' support functions (m,) and maximisers (m, d) along ``y`` (m, d)."""
         parts = [task.support(y) for task in self.tasks]
         return np.sum([p[0] for p in parts], axis=0), np.sum([p[1] for p in parts], axis=0)
 
     def transformed(self, matrix: FloatArray) -> TaskSum:
-        """Return the sum of the parts' images under ``matrix`` (d', d)."""
+        """Return the sum of the parts' linear images under ``matrix`` (d', d)."""
         return TaskSum([task.transformed(matrix) for task in self.tasks])
 
     def second_moment(self) -> FloatArray:
@@ -217,7 +217,7 @@ class TaskSum(Task):
 
     @classmethod
     def from_dict(cls, data: Json) -> TaskSum:
-        """Return the task that ``to_dict`` wrote."""
+        """Return the sum from the data of its ``to_dict``."""
         return cls([task_from_dict(part) for part in data["tasks"]])
 
     def __repr__(self) -> str:
@@ -225,7 +225,7 @@ class TaskSum(Task):
 
 
 def parts_of(task: Task) -> tuple[Task, ...]:
-    """Return the tasks of which one is the sum."""
+    """Return the summands of a task; the task itself if it is no sum."""
     return task.tasks if isinstance(task, TaskSum) else (task,)
 
 
@@ -233,12 +233,12 @@ TASKS: Registry[Task] = Registry("task.type")
 
 
 def task_from_dict(data: Json) -> Task:
-    """Return the task that ``to_dict`` wrote, of any registered kind.
+    """Return a task of any registered type from the data of its ``to_dict``.
 
     Raises
     ------
     InputError
-        When the type is unknown, or the numbers make no task.
+        When the type is unknown or the data are invalid.
     """
     name = data.get("type") if isinstance(data, Mapping) else None
     kind = TASKS.find(name)

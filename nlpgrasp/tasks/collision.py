@@ -1,4 +1,4 @@
-"""Contact events along a motion, as a task: Example 3-4."""
+"""Task ellipsoid of collision events along a motion (Example 3-4)."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from nlpgrasp.tasks.learnt.enclosing import GAP, enclose
 
 @dataclass(frozen=True)
 class CollisionEvent:
-    """A push of the surroundings that may happen.
+    """A possible collision: a push of the environment on the body.
 
     Parameters
     ----------
     point : (3,) array
-        Where the body is hit, body frame, metres.
+        Point of impact, body frame, metres.
     direction : (3,) array
-        In which it is pushed, body frame.
+        Of the push, body frame.
     likelihood : float
-        How likely this is, over the other events: the reach of the task's ellipsoid against it.
+        Relative likelihood, which scales the force of the event.
     """
 
     point: ArrayLike
@@ -42,10 +42,10 @@ class CollisionEvent:
 
 
 def collision_task(events: Sequence[CollisionEvent], force: float = 1.0) -> TaskEllipsoid:
-    """Return the least ellipsoid around what the fingers exert against each of the events, and against none.
+    """Return the minimum-volume ellipsoid around zero and the wrenches that the fingers exert against the events.
 
-    Events of likelihoods r_i along the two senses of the six axes give the ellipsoid of (3.3-1) with semi-axes in
-    these ratios; an event without its opposite moves the centre, as c_1 does there.
+    Events of likelihoods r_i in both directions of the six axes give the ellipsoid of (3.3-1) with semi-axes in these
+    ratios; an event without its opposite shifts the centre, as c_1 does there.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def collision_task(events: Sequence[CollisionEvent], force: float = 1.0) -> Task
     Warns
     -----
     UserWarning
-        When the events leave some wrenches out: the ellipsoid is flat, and the directions are named.
+        When the wrenches do not span wrench space: the ellipsoid is flat, and the directions are named.
     """
     if not isinstance(events, list | tuple) or not events or not all(isinstance(e, CollisionEvent) for e in events):
         raise InputError("events", events, "at least one CollisionEvent")

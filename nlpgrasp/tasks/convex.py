@@ -1,4 +1,4 @@
-"""Any convex task, given by its support function."""
+"""Convex task given by a support function."""
 
 from __future__ import annotations
 
@@ -13,25 +13,26 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.base import Task
 
 Support = Callable[[FloatArray], tuple[FloatArray, FloatArray] | FloatArray]
-DIFFERENCE = 1e-6
-PROBES = 200
+DIFFERENCE = 1e-6  # relative step of the central differences
+PROBES = 200  # random directions that check the support function
 
 
 class TaskSet(Task):
-    """A convex set of wrenches known by its support function (Definition 3-8).
+    """A convex set of wrenches given by its support function (Definition 3-8).
 
     Parameters
     ----------
     support : callable
-        Directions (m, d) to ``phi(y | A)`` (m,), or to the pair of that and the wrenches (m, d) that attain it. Must
-        be convex and positively homogeneous; without the wrenches they are taken as its difference quotients.
+        Maps directions (m, d) to ``phi(y | A)`` (m,), or to that and the maximisers (m, d). Must be convex and
+        positively homogeneous; maximisers that are not given are computed by central differences.
     dimension : {3, 6}
         Of the wrenches: 3 in the plane, 6 in space.
 
     Raises
     ------
     InputError
-        When the function returns other shapes, something not finite, or is not positively homogeneous.
+        When the function returns other shapes or values that are not finite, or is not convex and positively
+        homogeneous.
     """
 
     def __init__(self, support: Support, dimension: int = 6) -> None:
@@ -76,7 +77,7 @@ class TaskSet(Task):
 
     @property
     def is_centred(self) -> bool:
-        """Whether the support function is even, as far as probing it shows."""
+        """Whether the support function is even in all probed directions."""
         return self._centred
 
     def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -121,11 +122,11 @@ class TaskSet(Task):
         return result
 
     def second_moment(self) -> FloatArray:
-        """Return the second moment of boundary wrenches in random directions, (d, d)."""
+        """Return the second moment (d, d) of maximisers in random directions."""
         return self._moment
 
     def to_dict(self) -> Json:
-        """Refuse, because a function has no JSON form."""
+        """Raise: a function has no JSON form."""
         raise InputError("task", "a TaskSet", "a task with a JSON form, such as a TaskEllipsoid")
 
 

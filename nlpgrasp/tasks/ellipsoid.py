@@ -16,30 +16,30 @@ from nlpgrasp.tasks.learnt.enclosing import GAP, enclose
 
 
 class TaskEllipsoid(Task):
-    """An ellipsoid of wrenches: ``{c + L u, |u| <= 1}`` with the semi-axes as the columns of ``L``.
+    """An ellipsoid of wrenches, ``{c + L u, |u| <= 1}`` with semi-axes as the columns of ``L``.
 
-    Its support function is ``phi(y) = <c, y> + ||L^T y||``. A zero semi-axis makes a flat ellipsoid, which
-    the quadratic form of (3.3-3) cannot express.
+    Its support function is ``phi(y) = <c, y> + ||L^T y||``. A zero semi-axis gives a flat ellipsoid, which the
+    quadratic form of (3.3-3) cannot express.
 
     Parameters
     ----------
     semi_axes : (m,) array
         Semi-axis lengths, in newtons and newton-metres, at least zero and not all zero.
     center : (d,) array, optional
-        Centre c, newtons and newton-metres; the origin when left out.
+        Centre c, newtons and newton-metres; by default the origin.
     directions : (m, d) array, optional
-        Orthonormal directions of the semi-axes, one a row. The coordinate axes when left out: m is then 3
-        (planar ``f_x, f_y, m_z``) or 6 (``f_x, f_y, f_z, m_x, m_y, m_z``).
+        Orthonormal directions of the semi-axes, one per row. By default the coordinate axes: m is then 3 (planar
+        ``f_x, f_y, m_z``) or 6 (``f_x, f_y, f_z, m_x, m_y, m_z``).
 
     Attributes
     ----------
     center : (d,) array
         Newtons and newton-metres.
     axes : (m, d) array
-        One semi-axis vector a row, in the same units.
+        One semi-axis vector per row, in the same units.
     beta : float
-        The paper's own scale of the set as it is given, (3.3-3): 1 for semi-axes, what ``from_quadratic`` was told
-        otherwise. ``mu`` is the scale of the task as given, the paper's mu (3.3-4a) is that times this.
+        The paper's scale of the given set, (3.3-3): 1 for semi-axes, else the argument of ``from_quadratic``. ``mu`` is
+        the scale of the given task; the paper's mu (3.3-4a) is that times beta.
 
     Raises
     ------
@@ -78,7 +78,7 @@ class TaskEllipsoid(Task):
 
     @classmethod
     def from_quadratic(cls, Q: ArrayLike, a: ArrayLike | None = None, beta: float = 1.0) -> TaskEllipsoid:
-        """Return ``{y : <y, Q y> + <a, y> <= beta^2}``, (3.3-3).
+        """Return the ellipsoid ``{y : <y, Q y> + <a, y> <= beta^2}``, (3.3-3).
 
         The centre is ``-Q^-1 a / 2`` and the semi-axes are ``sqrt(beta^2 + <a, Q^-1 a>/4)`` over the square
         roots of Q's eigenvalues (docs/corrections.md: (3.4-4) is the support function of another set).
@@ -88,9 +88,9 @@ class TaskEllipsoid(Task):
         Q : (d, d) array
             Symmetric positive definite.
         a : (d,) array, optional
-            Zero when left out.
+            By default zero.
         beta : float
-            Greater than zero; the task remembers it.
+            Greater than zero; stored in the task.
 
         Raises
         ------
@@ -124,18 +124,18 @@ class TaskEllipsoid(Task):
         probability: float | None = None,
         center: ArrayLike | None = None,
     ) -> TaskEllipsoid:
-        """Return the ellipsoid of least volume around wrenches; see ``fit_ellipsoid``.
+        """Return the minimum-volume ellipsoid around wrenches; see ``fit_ellipsoid``.
 
         Parameters
         ----------
         wrenches : (m, d) array
             Newtons and newton-metres.
         outliers : float
-            Share that may be left outside.
+            Share of wrenches that may be left outside.
         probability : float, optional
-            Instead, the ellipsoid of the covariance that holds this share of normally distributed wrenches.
+            Instead, return the covariance ellipsoid that contains this share of normally distributed wrenches.
         center : (d,) array, optional
-            Where the centre has to be, in the same units; free when left out.
+            Fixed centre, in the same units; free by default.
         """
         found = enclose(wrenches, outliers, probability, center, GAP)
         return cls.from_axes(found.axes, found.center)
@@ -149,7 +149,7 @@ class TaskEllipsoid(Task):
         axes : (m, d) array
             Newtons and newton-metres.
         center : (d,) array, optional
-            In the same units; the origin when left out.
+            In the same units; by default the origin.
         """
         rows = array("task.axes", axes, (None, None))
         if rows.shape[1] not in range(1, 7) or rows.shape[0] < 1 or not np.any(rows):
@@ -170,22 +170,22 @@ class TaskEllipsoid(Task):
 
     @property
     def paper_beta(self) -> float | None:
-        """Its ``beta`` where it is centred, so that (3.3-4a) applies; ``None`` otherwise."""
+        """Scale ``beta`` if the ellipsoid is centred, so that (3.3-4a) applies; else ``None``."""
         return self.beta if self.is_centred else None
 
     def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return ``<c, y> + ||L^T y||`` for ``y`` (m, d), (m,), and the boundary wrenches that attain it, (m, d)."""
+        """Return the support ``<c, y> + ||L^T y||`` (m,) along ``y`` (m, d), and the maximisers (m, d)."""
         local = y @ self.axes.T  # (m, axes)
         size = np.linalg.norm(local, axis=1)
         maximisers = self.center + (local / np.where(size > 0.0, size, 1.0)[:, None]) @ self.axes
         return y @ self.center + size, maximisers
 
     def transformed(self, matrix: FloatArray) -> TaskEllipsoid:
-        """Return the image: centre and semi-axes are mapped; the map may lower the dimension."""
+        """Return the linear image; ``matrix`` may lower the dimension."""
         return TaskEllipsoid.from_axes(self.axes @ matrix.T, matrix @ self.center)._with_beta(self.beta)
 
     def __mul__(self, factor: float) -> TaskEllipsoid:
-        """Return the task scaled by a positive number, and its beta with it."""
+        """Return the task and its beta scaled by a positive number."""
         scale = number("factor", factor, above=0.0)
         scaled = self.transformed(scale * np.eye(self.dimension))._about(self.about)
         return scaled._with_beta(scale * self.beta)
@@ -204,22 +204,22 @@ class TaskEllipsoid(Task):
         return self.axes.T @ self.axes + np.outer(self.center, self.center)
 
     def ends(self) -> FloatArray:
-        """Return the ends of the semi-axes that are not zero, ``c + axes`` and ``c - axes``, (2 m, d)."""
+        """Return the end points ``c + axes`` and ``c - axes`` of the nonzero semi-axes, (2 m, d)."""
         axes = self.axes[np.any(self.axes != 0.0, axis=1)]
         return np.asarray(self.center + np.concatenate([axes, -axes]))
 
     def boundary(self, directions: FloatArray) -> FloatArray:
-        """Return the wrenches ``c + L u_j``, (m, d), for unit directions ``u`` (m, r) over the r semi-axes."""
+        """Return boundary wrenches ``c + L u_j``, (m, d), for unit vectors ``u`` (m, r) over the r semi-axes."""
         return self.center + directions @ self.axes
 
     def to_dict(self) -> Json:
-        """Return centre and semi-axes as JSON data, and beta where it is not 1."""
+        """Return centre, semi-axes and, if it is not 1, beta as JSON data."""
         data = {"type": self.kind, "center": self.center.tolist(), "axes": self.axes.tolist()}
         return data if self.beta == 1.0 else {**data, "beta": self.beta}
 
     @classmethod
     def from_dict(cls, data: Json) -> TaskEllipsoid:
-        """Return the task that ``to_dict`` wrote."""
+        """Return the ellipsoid from the data of its ``to_dict``."""
         beta = number("task.beta", data.get("beta", 1.0), above=0.0)
         return cls.from_axes(data["axes"], data["center"])._with_beta(beta)
 

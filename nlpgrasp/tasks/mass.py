@@ -1,4 +1,4 @@
-"""Mass and inertia of a drawn body, for simulators."""
+"""Mass and inertia of triangulated bodies, for simulators."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from nlpgrasp.common.shown.drawing import Triangles
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 
-LEAST_SIZE, MOST_SIZE, FLAT = 1e-6, 1e6, 1e-12  # metres, and of the cube of the size
-THIN = 1e-3  # least principal moment, of the largest: simulators refuse bodies without thickness
+LEAST_SIZE, MOST_SIZE, FLAT = 1e-6, 1e6, 1e-12  # m, accepted sizes; volume over size cubed that counts as zero
+THIN = 1e-3  # least principal moment over the largest: simulators refuse bodies without thickness
 
 
 @dataclass(frozen=True)
 class Mass:
-    """How heavy a body is, and where.
+    """Mass, centre of mass and inertia of a body.
 
     Parameters
     ----------
@@ -35,17 +35,17 @@ class Mass:
     inertia: FloatArray
 
     def scaled(self, mass: float) -> Mass:
-        """Return the same body with another mass."""
+        """Return the properties scaled to another mass."""
         return Mass(mass, self.center, self.inertia * (mass / self.mass))
 
 
 def mass_of(shape: Triangles, density: float) -> Mass:
-    """Return mass and inertia of an evenly filled body of triangles; of its convex hull where they are not closed.
+    """Return mass and inertia of a homogeneous triangulated body, or of its convex hull if it is not closed.
 
     Raises
     ------
     InputError
-        On triangles without a volume.
+        On triangles that enclose no volume.
     """
     import trimesh
 

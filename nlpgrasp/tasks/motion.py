@@ -1,4 +1,4 @@
-"""Wrenches that a motion asks for: gravity and inertia along a trajectory (Newton and Euler)."""
+"""Wrenches of gravity and inertia along a trajectory (Newton-Euler equations)."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     import trimesh
 
 GRAVITY = (0.0, 0.0, -9.81)  # m / s^2, world frame
-BETWEEN = 4  # times a step that the wrenches are looked at
+BETWEEN = 4  # wrench samples per time step
 
 
 @dataclass(frozen=True)
 class MassProperties:
-    """Mass, centre of mass and inertia of the held body, body frame.
+    """Mass, centre of mass and inertia of the grasped body, body frame.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class MassProperties:
 
     @classmethod
     def of_mesh(cls, mesh: trimesh.Trimesh, density: float) -> MassProperties:
-        """Return those of a closed mesh (``body.mesh``) of one density, kg / m^3."""
+        """Return the mass properties of a closed mesh (``body.mesh``) of uniform density, kg / m^3."""
         import trimesh
 
         if not isinstance(mesh, trimesh.Trimesh) or not mesh.is_volume:
@@ -68,7 +68,7 @@ class MassProperties:
     def wrenches(
         self, rotation: FloatArray, acceleration: FloatArray, spin: FloatArray, change: FloatArray
     ) -> FloatArray:
-        """Return the wrenches that move the body so, body frame, about its origin, (m, 6).
+        """Return the wrenches (m, 6) that produce a motion, body frame, about its origin.
 
         Parameters
         ----------
@@ -93,10 +93,10 @@ def motion_wrenches(
     mass: MassProperties,
     gravity: ArrayLike = GRAVITY,
 ) -> FloatArray:
-    """Return the wrenches that the fingers exert along a trajectory, body frame, about its origin.
+    """Return the wrenches that the fingers must exert along a trajectory, body frame, about its origin.
 
-    A spline of class C^2 through the poses is differentiated: ``f = m (a - g)`` and ``m = I w' + w x I w`` about the
-    centre of mass.
+    A C^2 spline through the poses is differentiated: ``f = m (a - g)`` and ``m = I w' + w x I w`` about the centre of
+    mass.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def motion_wrenches(
     Raises
     ------
     InputError
-        On times that do not increase (the first such row is named), too few poses, numbers that are not a quaternion.
+        On times that do not increase (the first such row is named), too few poses, or invalid quaternions.
     """
     motion = RigidMotion(times, positions, quaternions)
     if not isinstance(mass, MassProperties):
@@ -141,5 +141,5 @@ def motion_task(
     mass: MassProperties,
     gravity: ArrayLike = GRAVITY,
 ) -> TaskPolytope:
-    """Return the hull of ``motion_wrenches``, with the same arguments, about the body frame's origin."""
+    """Return the convex hull of ``motion_wrenches`` as a task about the body frame's origin."""
     return TaskPolytope(motion_wrenches(times, positions, quaternions, mass, gravity)).given_about(np.zeros(3))

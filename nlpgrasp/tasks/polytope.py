@@ -1,4 +1,4 @@
-"""Polytopes of wrenches, as the hull of their vertices."""
+"""Task polytopes: convex hulls of wrenches."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from nlpgrasp.common.validation import SMALLEST, FloatArray, array, read_only
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.base import Task
 
-MOST_ENDS = 24  # wrenches that stand for the whole
-MOST_VERTICES = 400  # of the sum of two polytopes that is written as one
-ROUNDING = 1e-9  # relative: a wrench this close to another's opposite is its opposite
+MOST_ENDS = 24  # most representative wrenches
+MOST_VERTICES = 400  # most wrenches of a sum that is a single polytope
+ROUNDING = 1e-9  # relative tolerance of symmetry
 
 
 class TaskPolytope(Task):
-    """The convex hull of wrenches: ``phi(y) = max_v <v, y>``.
+    """The convex hull of wrenches, with support function ``phi(y) = max_v <v, y>``.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ class TaskPolytope(Task):
     Raises
     ------
     InputError
-        On another shape, numbers that are not finite, or nothing but zeros.
+        On another shape, numbers that are not finite, or only zeros.
     """
 
     kind: ClassVar[str] = "polytope"
@@ -50,14 +50,14 @@ class TaskPolytope(Task):
 
     @property
     def is_centred(self) -> bool:
-        """Whether the opposite of each wrench is a wrench too."""
+        """Whether the wrenches are symmetric about the origin."""
         size = np.max(np.abs(self.wrenches), axis=0)
         near = ROUNDING * np.where(size > 0.0, size, 1.0)
         scaled = self.wrenches / near
         return bool(np.all(cKDTree(scaled).query(-scaled, p=np.inf)[0] <= 1.0))
 
     def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the largest work along ``y`` (m, d), (m,), and the wrenches that do it, (m, d)."""
+        """Return the support function (m,) along ``y`` (m, d), and the maximisers (m, d)."""
         work = y @ self.wrenches.T
         best = np.argmax(work, axis=1)
         return work[np.arange(len(y)), best], self.wrenches[best]
@@ -73,11 +73,11 @@ class TaskPolytope(Task):
         return self.dimension * self.wrenches.T @ self.wrenches / len(self.wrenches)
 
     def ends(self) -> FloatArray:
-        """Return the wrenches, or of many those that reach farthest, (m, d)."""
+        """Return the wrenches, or boundary representatives of many, (m, d)."""
         return self.wrenches if len(self.wrenches) <= MOST_ENDS else super().ends()
 
     def _plus(self, other: Task) -> Task | None:
-        """Return the sums of wrenches with those of a polytope; a single wrench moves other tasks."""
+        """Return the Minkowski sum with a polytope, or another task translated by a single wrench; else None."""
         if isinstance(other, TaskPolytope):
             together = (self.wrenches[:, None] + other.wrenches[None]).reshape(-1, self.dimension)
             return TaskPolytope(together) if len(together) <= MOST_VERTICES else None
@@ -89,7 +89,7 @@ class TaskPolytope(Task):
 
     @classmethod
     def from_dict(cls, data: Json) -> TaskPolytope:
-        """Return the task that ``to_dict`` wrote."""
+        """Return the polytope from the data of its ``to_dict``."""
         return cls(data["wrenches"])
 
     def __repr__(self) -> str:

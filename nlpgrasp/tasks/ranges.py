@@ -1,4 +1,4 @@
-"""How large each component of a task's wrenches gets."""
+"""Ranges of the wrench components of a task."""
 
 from __future__ import annotations
 
@@ -9,6 +9,6 @@ from nlpgrasp.tasks.base import Task
 
 
 def component_ranges(task: Task) -> tuple[FloatArray, FloatArray]:
-    """Return the least and the largest value of each component of a task's wrenches, (d,) each, N and N m."""
+    """Return the smallest and largest values of a task's wrench components, (d,) each, N and N m."""
     axes = np.eye(task.dimension)
     return -task.support(-axes)[0], task.support(axes)[0]

@@ -1,4 +1,4 @@
-"""The kinds of task that a file may hold."""
+"""Registry of task types for JSON files."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ Kind = TypeVar("Kind", bound=Task)
 
 
 def register(task: type[Kind]) -> type[Kind]:
-    """Add a kind of task, of this package or another, to those that files may hold; also as a decorator.
+    """Register a task type for JSON files; also as a decorator.
 
     Parameters
     ----------
     task : subclass of Task
-        With ``kind``, the name that its ``to_dict`` gives as ``type``, and ``from_dict``.
+        With ``from_dict`` and ``kind``, which is the ``type`` in its ``to_dict``.
 
     Raises
     ------
     InputError
-        When another task has that name.
+        When another task type has that name.
     """
     TASKS.add(task.kind, task)
     return task

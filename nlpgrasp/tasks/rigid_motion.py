@@ -1,4 +1,4 @@
-"""Rigid motions: poses over time, and the twists between them (Section 2.1)."""
+"""Rigid motions: interpolated poses, twists and accelerations (Section 2.1)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ UPRIGHT = 1e-6  # least cos(theta_2) at which Euler angles are coordinates
 
 
 class RigidMotion:
-    """A curve of class C^2 through poses, ``g(t)`` of Section 2.1, and its generalised velocity.
+    """A C^2 trajectory through poses, ``g(t)`` of Section 2.1, with its twists.
 
     Twists are ``(v, w)``, in the order that pairs with wrenches ``(f, m)``, so that the power of (2.1-4b) is
     ``twist @ wrench``; the paper writes ``(w, v)``. Where body frame and inertial frame coincide, as at the paper's m,
@@ -31,13 +31,12 @@ class RigidMotion:
     positions : (m, 3) array
         Of the body frame's origin, inertial frame, metres.
     quaternions : (m, 4) or (m, 3, 3) array
-        (w, x, y, z), body to inertial frame, of unit length to 1e-3; or rotation matrices.
+        (w, x, y, z), body to inertial frame, of unit norm within 1e-3; or rotation matrices.
 
     Raises
     ------
     InputError
-        On two poses at one time, times that do not increase (the first such row is named), too few poses, quaternions
-        that are no rotations.
+        On times that do not increase (the first such row is named), too few poses, or invalid quaternions.
     """
 
     def __init__(self, times: ArrayLike, positions: ArrayLike, quaternions: ArrayLike) -> None:
@@ -57,14 +56,14 @@ class RigidMotion:
 
     @classmethod
     def of_poses(cls, times: ArrayLike, poses: ArrayLike | Sequence[Pose]) -> RigidMotion:
-        """Return the motion through poses ``[[A, b], [0, 1]]``, (m, 4, 4): a body's point x is at ``A x + b``.
+        """Return the motion through poses ``[[A, b], [0, 1]]``, (m, 4, 4), that map body points x to ``A x + b``.
 
         Poses may also be mappings with ``position`` and ``quaternion_wxyz`` or ``quaternion_xyzw``.
 
         Raises
         ------
         InputError
-            As above, and where a pose is no rotation and translation (the first such row is named).
+            As for the class, and when a pose is not a rigid transform (the first such row is named).
         """
         if not isinstance(poses, list | tuple | np.ndarray):
             raise InputError("poses", poses, "a sequence of poses")
@@ -75,12 +74,12 @@ class RigidMotion:
         return cls(times, given[:, :3, 3], given[:, :3, :3])
 
     def poses(self, at: ArrayLike | None = None) -> FloatArray:
-        """Return the poses ``[[A, b], [0, 1]]``, (j, 4, 4), at times (j,); at the given ones when left out.
+        """Return the poses ``[[A, b], [0, 1]]``, (j, 4, 4), at times (j,); by default those of the motion.
 
         Raises
         ------
         InputError
-            On times outside those of the motion, here and in all that follow.
+            On times outside the motion, here and in the following methods.
         """
         t = self._times(at)
         result = np.tile(np.eye(4), (len(t), 1, 1))
@@ -88,39 +87,39 @@ class RigidMotion:
         return result
 
     def twists(self, at: ArrayLike | None = None) -> FloatArray:
-        """Return ``(v, w)`` of (2.1-2), (j, 6): of the body frame's origin, along the inertial axes, m/s and rad/s."""
+        """Return the twists ``(v, w)`` of (2.1-2), (j, 6), of the body origin in inertial axes, m/s and rad/s."""
         t = self._times(at)
         return np.concatenate([self._moving(t, 1), self._turning(t).apply(self._turning(t, 1))], axis=1)
 
     def body_twists(self, at: ArrayLike | None = None) -> FloatArray:
-        """Return ``(v, w)`` of the body frame's origin along the body's own axes, (j, 6), m/s and rad/s."""
+        """Return the body twists ``(v, w)``, (j, 6), of the body origin in body axes, m/s and rad/s."""
         t = self._times(at)
         return np.concatenate([self._turning(t).apply(self._moving(t, 1), inverse=True), self._turning(t, 1)], axis=1)
 
     def spatial_twists(self, at: ArrayLike | None = None) -> FloatArray:
-        """Return ``(v, w)`` along the inertial axes, (j, 6), v of the body's point that is at the inertial origin."""
+        """Return the spatial twists ``(v, w)``, (j, 6), in inertial axes, v at the inertial origin."""
         t = self._times(at)
         found = self.twists(t)
         found[:, :3] += np.cross(self._moving(t), found[:, 3:])
         return found
 
     def euler_angles(self, at: ArrayLike | None = None) -> FloatArray:
-        """Return ``(theta_1, theta_2, theta_3)`` of (2.1-1), (j, 3), radians.
+        """Return the Euler angles ``(theta_1, theta_2, theta_3)`` of (2.1-1), (j, 3), radians.
 
-        They turn about the body's z, then its y, then its x; theta_2 is within 90 degrees, the others within 180. No
-        coordinates are global (Remark 1).
+        Rotations about the body's z, then its y, then its x; theta_2 is within 90 degrees, the others within 180. The
+        coordinates are not global (Remark 1).
         """
         R = self._turning(self._times(at)).as_matrix()
         middle = np.arctan2(-R[:, 2, 0], np.hypot(R[:, 0, 0], R[:, 1, 0]))
         return np.stack([np.arctan2(R[:, 1, 0], R[:, 0, 0]), middle, np.arctan2(R[:, 2, 1], R[:, 2, 2])], axis=1)
 
     def euler_rates(self, at: ArrayLike | None = None) -> FloatArray:
-        """Return the time derivatives of the Euler angles, (j, 3), rad/s: the equations after (2.1-2), solved for them.
+        """Return the time derivatives of the Euler angles, (j, 3), rad/s, from the equations after (2.1-2).
 
         Raises
         ------
         InputError
-            Also where theta_2 is 90 degrees, and the angles are no coordinates.
+            Also where theta_2 is 90 degrees, a singularity of the angles.
         """
         t = self._times(at)
         angles, w = self.euler_angles(t), self.body_twists(t)[:, 3:]
@@ -133,12 +132,12 @@ class RigidMotion:
         return np.stack([first, w[:, 1] * c - w[:, 2] * s, w[:, 0] + first * np.sin(angles[:, 1])], axis=1)
 
     def accelerations(self, at: ArrayLike | None = None) -> FloatArray:
-        """Return the origin's acceleration along the inertial axes and the angular one along the body's, (j, 6)."""
+        """Return linear acceleration of the origin in inertial axes and angular one in body axes, (j, 6)."""
         t = self._times(at)
         return np.concatenate([self._moving(t, 2), self._turning(t, 2)], axis=1)
 
     def _times(self, at: ArrayLike | None) -> FloatArray:
-        """Return times within the motion."""
+        """Return validated times within the motion."""
         if at is None:
             return self.times
         t, first, last = array("at", at, (None,)), self.times[0], self.times[-1]
@@ -149,19 +148,19 @@ class RigidMotion:
 
 
 def angular_velocity(angles: ArrayLike, rates: ArrayLike) -> FloatArray:
-    """Return the angular velocity of Euler angles that change, along the body's axes: the equations after (2.1-2).
+    """Return the angular velocity in body axes from Euler angles and their rates, after (2.1-2).
 
     Parameters
     ----------
     angles : (m, 3) array
-        ``(theta_1, theta_2, theta_3)``: turns about z, then y, then x of the body, radians.
+        ``(theta_1, theta_2, theta_3)``: rotations about z, then y, then x of the body, radians.
     rates : (m, 3) array
         Their time derivatives, rad/s.
 
     Returns
     -------
     (m, 3) array
-        rad/s; along the inertial axes too where all angles are zero, as at the paper's m.
+        rad/s; also in inertial axes where all angles are zero, as at the paper's m.
     """
     a, b, c = array("angles", angles, (None, 3)).T
     da, db, dc = array("rates", rates, (len(a), 3)).T

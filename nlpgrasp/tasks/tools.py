@@ -1,7 +1,7 @@
-"""Tasks of tools, in one line each: what the fingers exert on the body, with the wrench at the tool's point.
+"""Task constructors for common tool uses: press, cut, turn, write, insert, lift, pour.
 
-All are about the body frame's origin, so that they add up: ``press(tip, down, 15) + turn(axis, 0.4)``. A problem moves
-them to its own torque origin.
+All have moments about the body frame's origin and can be added: ``press(tip, down, 15) + turn(axis, 0.4)``. A problem
+moves them to its own torque origin.
 """
 
 from __future__ import annotations
@@ -16,25 +16,25 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.ellipsoid import TaskEllipsoid
 from nlpgrasp.tasks.polytope import TaskPolytope
 
-WEIGHT = 9.81  # newtons a kilogram
-TILTS = 13  # orientations between upright and tilted that a pour passes
+WEIGHT = 9.81  # m / s^2, gravitational acceleration
+TILTS = 13  # sampled orientations of a pour
 ORIGIN = np.zeros(3)
 
 
 @within("press: ")
 def press(point: ArrayLike, direction: ArrayLike, force: float, sideways: float = 0.2) -> TaskEllipsoid:
-    """Return: press with a point of the tool, with anything from nothing to ``force``.
+    """Return the task of pressing with a tool's point, with a force from zero to ``force``.
 
     Parameters
     ----------
     point : (3,) array
         Of the tool, body frame, metres.
     direction : (3,) array
-        In which the tool presses, body frame.
+        Of the pressing force, body frame.
     force : float
         Newtons.
     sideways : float
-        Forces across the direction, over ``force``: what the pressed surface's friction may ask for.
+        Lateral forces over ``force``, as from friction of the pressed surface.
     """
     along, force = _direction("direction", direction), number("force", force, above=0.0)
     across = number("sideways", sideways, at_least=0.0) * force
@@ -44,18 +44,18 @@ def press(point: ArrayLike, direction: ArrayLike, force: float, sideways: float 
 
 @within("cut: ")
 def cut(point: ArrayLike, down: ArrayLike, along: ArrayLike, force: float, sideways: float = 0.1) -> TaskEllipsoid:
-    """Return: a blade pressed down with up to ``force`` and drawn to and fro along its edge with as much.
+    """Return the task of cutting: a blade pressed down and drawn to and fro, each with up to ``force``.
 
     Parameters
     ----------
     point : (3,) array
         Of the blade, body frame, metres.
     down, along : (3,) array
-        In which it presses, and its edge, body frame.
+        Directions of pressing and of the edge, body frame.
     force : float
         Newtons.
     sideways : float
-        Forces across the blade, over ``force``.
+        Lateral forces over ``force``.
     """
     below, edge = _direction("down", down), _direction("along", along)
     edge = edge - (edge @ below) * below
@@ -70,7 +70,7 @@ def cut(point: ArrayLike, down: ArrayLike, along: ArrayLike, force: float, sidew
 
 @within("turn: ")
 def turn(axis: ArrayLike, torque: float, one_way: bool = False) -> TaskEllipsoid:
-    """Return: turn the body about an axis with up to ``torque``, either way or one way.
+    """Return the task of turning about an axis with up to ``torque``, in one or both senses.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def turn(axis: ArrayLike, torque: float, one_way: bool = False) -> TaskEllipsoid
     torque : float
         Newton-metres.
     one_way : bool
-        Only in the positive sense about the axis.
+        Whether only the positive sense about the axis is required.
     """
     along, torque = _direction("axis", axis), number("torque", torque, above=0.0)
     if not isinstance(one_way, bool):
@@ -91,18 +91,18 @@ def turn(axis: ArrayLike, torque: float, one_way: bool = False) -> TaskEllipsoid
 
 @within("write: ")
 def write(lead: ArrayLike, axis: ArrayLike, force: float, torque: float) -> TaskEllipsoid:
-    """Return Example 3-5: torque about the two axes across the pencil at its lead, and a force along it, (3.3-2).
+    """Return the task of writing, Example 3-5: torques across the pencil at its lead, and a force along it, (3.3-2).
 
     Parameters
     ----------
     lead : (3,) array
         Body frame, metres.
     axis : (3,) array
-        Along the pencil, body frame, in the direction in which the lead is pressed.
+        Of the pencil, body frame, in the direction of pressing.
     force : float
-        Largest force along the pencil, newtons; a third of it across.
+        Largest force along the pencil, newtons; across it, a third.
     torque : float
-        Either way about the axes across the pencil, at the lead, newton-metres; a tenth of it about its own.
+        Largest torque about axes across the pencil, at the lead, newton-metres; about its own axis, a tenth.
     """
     along, force = _direction("axis", axis), number("force", force, above=0.0)
     torque = number("torque", torque, above=0.0)
@@ -113,20 +113,20 @@ def write(lead: ArrayLike, axis: ArrayLike, force: float, torque: float) -> Task
 
 @within("insert: ")
 def insert(point: ArrayLike, direction: ArrayLike, force: float, jam: float, depth: float) -> TaskEllipsoid:
-    """Return: push a peg in with up to ``force``, against jams that push and turn its end.
+    """Return the task of inserting a peg with up to ``force``, against jamming forces and moments at its end.
 
     Parameters
     ----------
     point : (3,) array
-        The end that goes into the hole, body frame, metres.
+        The peg's end, body frame, metres.
     direction : (3,) array
-        In which it is pushed, body frame.
+        Of insertion, body frame.
     force : float
         Newtons.
     jam : float
-        Forces across the direction at the end, newtons.
+        Lateral forces at the end, newtons.
     depth : float
-        Length of peg in the hole, metres: two opposite forces that far apart turn it.
+        Insertion depth, metres: the distance of two opposite jamming forces.
     """
     along, force = _direction("direction", direction), number("force", force, above=0.0)
     jam, depth = number("jam", jam, above=0.0), number("depth", depth, above=0.0)
@@ -138,7 +138,7 @@ def insert(point: ArrayLike, direction: ArrayLike, force: float, jam: float, dep
 def lift(
     center_of_mass: ArrayLike, mass: float, up: ArrayLike = (0.0, 0.0, 1.0), acceleration: float = 2.0
 ) -> TaskEllipsoid:
-    """Return: carry a body's weight upright, and accelerate it in any direction.
+    """Return the task of carrying a body upright and accelerating it in any direction.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def lift(
     up : (3,) array
         In the body frame.
     acceleration : float
-        The largest, in any direction, m / s^2.
+        Largest acceleration in any direction, m / s^2.
     """
     above, mass = _direction("up", up), kilograms(mass)
     shaking = number("acceleration", acceleration, above=0.0)
@@ -158,7 +158,7 @@ def lift(
 
 @within("gravity: ")
 def gravity(center_of_mass: ArrayLike, mass: float) -> TaskEllipsoid:
-    """Return: carry a body in any orientation.
+    """Return the task of carrying a body's weight in any orientation.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ def gravity(center_of_mass: ArrayLike, mass: float) -> TaskEllipsoid:
 def pour(
     center_of_mass: ArrayLike, mass: float, axis: ArrayLike, angle: float, up: ArrayLike = (0.0, 0.0, 1.0)
 ) -> TaskPolytope:
-    """Return: carry a body in every orientation from upright to tilted about an axis.
+    """Return the task of carrying a body in all orientations from upright to tilted about an axis.
 
     Parameters
     ----------
@@ -183,11 +183,11 @@ def pour(
     mass : float
         Kilograms.
     axis : (3,) array
-        That the body is tilted about, body frame.
+        Of the tilt, body frame.
     angle : float
         Radians, at most pi.
     up : (3,) array
-        In the body's frame while it is upright.
+        Upward direction in the body frame while the body is upright.
     """
     above, about = _direction("up", up), _direction("axis", axis)
     angle = radians("angle", angle, np.pi, "pi")
@@ -195,7 +195,7 @@ def pour(
     t = np.linspace(0.0, angle, TILTS)[:, None]
     # the body turns by t, so that in its frame up turns by -t (Rodrigues)
     turned = np.cos(t) * above - np.sin(t) * np.cross(about, above) + (1.0 - np.cos(t)) * (about @ above) * about
-    # corners where the tangents of neighbours on the circle meet: the polytope is around the arc, not inside it
+    # corners where tangents of neighbours on the circle meet, so that the polytope contains the arc
     along = (about @ above) * about
     middle = turned[1:] + turned[:-1] - 2.0 * along
     radius = float(np.linalg.norm(above - along))
@@ -206,14 +206,14 @@ def pour(
 
 @within("disturbance: ")
 def disturbance(force: float, torque: float, point: ArrayLike | None = None) -> TaskEllipsoid:
-    """Return: any force at a point, and any torque, up to these sizes.
+    """Return the task of exerting any force at a point and any torque, up to given sizes.
 
     Parameters
     ----------
     force, torque : float
         Newtons and newton-metres; at least zero, not both zero.
     point : (3,) array, optional
-        Body frame, metres: often ``body.centroid``. When left out the frame's origin, if far from it with a warning.
+        Body frame, metres, often ``body.centroid``; by default the frame's origin, with a warning if far from the body.
     """
     force, torque = number("force", force, at_least=0.0), number("torque", torque, at_least=0.0)
     if force == torque == 0.0:
@@ -231,14 +231,14 @@ def _direction(name: str, value: ArrayLike) -> FloatArray:
 
 
 def _across(along: FloatArray) -> FloatArray:
-    """Return two unit directions across one, (2, 3)."""
+    """Return two unit vectors orthogonal to a direction, (2, 3)."""
     return np.linalg.svd(along[None])[2][1:]
 
 
 def _at_point(
     point: ArrayLike, forces: FloatArray, center: FloatArray, moments: FloatArray | None = None, name: str = "point"
 ) -> TaskEllipsoid:
-    """Return the ellipsoid of forces at a point, and moments, as semi-axes, about the body frame's origin."""
+    """Return the ellipsoid with semi-axes of forces at a point and of moments, about the body frame's origin."""
     where = array(name, point, (3,))
     moments = np.zeros((0, 3)) if moments is None else moments
     axes = np.block([[forces, np.cross(where, forces)], [np.zeros_like(moments), moments]])

@@ -1,4 +1,4 @@
-"""Bodies from triangle meshes: loaded, repaired, smoothed."""
+"""Bodies from triangle meshes: loading, repair, smoothed signed distance."""
 
 from nlpgrasp.bodies.mesh.mesh import Mesh
 

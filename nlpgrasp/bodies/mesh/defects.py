@@ -1,4 +1,4 @@
-"""Defects of a triangle mesh that repair hides or leaves: guessed surface, self-intersections, separate pieces."""
+"""Mesh defects: large holes, self-intersections, disconnected pieces."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ from nlpgrasp.errors import InputError
 if TYPE_CHECKING:
     import trimesh
 
-LARGEST_FILL = 0.05  # of the area: larger holes are not filled
-SAME_AREA = 1e-9  # of the area
-TOUCHING = 1e-6  # of the bounding box's diagonal: nearer pieces touch, and shallower crossings are rounding
-SLIT = 3e-3  # of the diagonal: pieces of an open mesh so near touch, as slits are left where buried triangles went
-SCALED = 100.0  # mean edge where rays are cast: libigl takes small triangles for degenerate
-ENDS = 1e-3  # of an edge, at each end, where crossings do not count
-ASIDE = 1e-7 * np.array([0.5377, 0.3019, 0.7872])  # of the diagonal: shift of the rays, which else meet edges exactly
-SAMPLES = 300  # points of the surface
-MOST_INVERTED = 0.01  # of them
-FEW = 1000  # triangles: their defects are found as fast as read from the cache
+LARGEST_FILL = 0.05  # of the surface area: holes larger in total are refused
+SAME_AREA = 1e-9  # of the surface area: difference within which two areas are equal
+TOUCHING = 1e-6  # of the diagonal: distance within which pieces touch, and depth at which crossings are rounding
+SLIT = 3e-3  # of the diagonal: distance within which pieces of an open mesh touch (removed triangles leave slits)
+SCALED = 100.0  # mean edge length for ray casting: libigl takes small triangles for degenerate
+ENDS = 1e-3  # of an edge's length, ignored at each end
+ASIDE = 1e-7 * np.array([0.5377, 0.3019, 0.7872])  # of the diagonal: shift of rays, so that they do not hit edges
+SAMPLES = 300  # surface points for the ray test
+MOST_INVERTED = 0.01  # of the samples may fail the ray test
+FEW = 1000  # triangles: below, the cache saves no time
 
 
 def refuse_guessed_surface(mesh: trimesh.Trimesh) -> None:
-    """Refuse a mesh if its repair guesses a part of the surface: at large holes, and at faces with a reversed copy.
+    """Raise if repair would have to guess surface: at large holes and at faces with a reversed copy.
 
     Raises
     ------
     InputError
-        Where the holes that are filled are more than ``LARGEST_FILL`` of the surface; or where triangles that lie back
-        to back are a part of the surface, and filling the hole that is left without them gives another one.
+        When filled holes exceed ``LARGEST_FILL`` of the surface; or when pairs of opposite triangles are a part of the
+        surface, and filling the hole that their removal leaves gives a different area.
     """
     stated = np.asarray(mesh.vertices, dtype=float)
     origin = local_origin(stated)
@@ -79,7 +79,7 @@ def refuse_guessed_surface(mesh: trimesh.Trimesh) -> None:
 
 
 def defect_warnings(mesh: trimesh.Trimesh) -> tuple[str, ...]:
-    """Return a sentence each on the self-intersections and the separate pieces of a mesh, none where it has none."""
+    """Return warnings, one sentence each, on self-intersections and disconnected pieces of a mesh."""
     made_from = np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=np.int64)
     if len(mesh.faces) <= FEW:
         return _defects(*made_from)
@@ -92,7 +92,7 @@ def defect_warnings(mesh: trimesh.Trimesh) -> tuple[str, ...]:
 
 
 def _defects(vertices: FloatArray, faces: IntArray) -> tuple[str, ...]:
-    """Return the sentences of ``defect_warnings`` for vertices (v, 3), metres, and triangles (f, 3)."""
+    """Return the warnings of ``defect_warnings`` for vertices (v, 3), metres, and triangles (f, 3)."""
     origin = local_origin(vertices)
     local = in_frame(vertices, origin)
     warnings = []
@@ -111,16 +111,16 @@ def _defects(vertices: FloatArray, faces: IntArray) -> tuple[str, ...]:
 
 
 def self_intersections(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Return points (p, 3), metres, where a mesh crosses itself; none where nothing is found.
+    """Return points (p, 3), metres, of self-intersection; none where nothing is detected.
 
-    They are where edges pass through triangles by more than rounding, found by rays along the edges. Large overlaps
-    whose edges meet exactly are found by sampled rays to both sides of the surface: the one behind it has to leave the
-    body where it first meets the surface again, the one ahead of it enters the body or meets nothing.
+    Rays along the edges detect where they pass through triangles by more than rounding. Large overlaps whose edges
+    meet exactly are detected by sampled rays to both sides of the surface: the inward ray must leave the body where
+    it first meets the surface again, the outward ray must enter the body or meet nothing.
 
     Parameters
     ----------
     vertices : (v, 3) array
-        Metres, in local coordinates; those in the same place are one.
+        Metres, in local coordinates, without duplicates.
     faces : (f, 3) int array
     """
     import igl
@@ -160,7 +160,7 @@ def self_intersections(vertices: FloatArray, faces: IntArray) -> FloatArray:
 
 
 def _surface_samples(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return points (SAMPLES, 3) of a mesh, uniform by area, and the unit normals of their triangles."""
+    """Return random surface points (SAMPLES, 3), uniform by area, and their triangles' unit normals."""
     total = np.cumsum(_areas(vertices, faces))
     which = faces[np.searchsorted(total, (np.arange(SAMPLES) + 0.5) / SAMPLES * total[-1])]
     shares = np.random.default_rng(0).dirichlet(np.ones(3), SAMPLES)
@@ -168,12 +168,12 @@ def _surface_samples(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray,
 
 
 def separate_pieces(vertices: FloatArray, faces: IntArray) -> list[FloatArray]:
-    """Return the vertices (v, 3) of each piece of a mesh; pieces that touch are one.
+    """Return the vertices (v, 3) of each disconnected piece of a mesh; touching pieces count as one.
 
     Parameters
     ----------
     vertices : (v, 3) array
-        Metres, in local coordinates; those in the same place are one.
+        Metres, in local coordinates, without duplicates.
     faces : (f, 3) int array
     """
     labels = _components(len(vertices), faces[:, :2], faces[:, 1:])[faces[:, 0]]
@@ -204,7 +204,7 @@ def _components(count: int, one: IntArray, other: IntArray) -> NDArray[np.int64]
 
 
 def _edges(faces: IntArray) -> NDArray[np.int64]:
-    """Return a number for each undirected edge of each triangle (f, 3), the same for the same edge."""
+    """Return an integer identifier for each undirected edge of each triangle, (f, 3)."""
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)
     return np.asarray(ends.min(axis=2) << 32 | ends.max(axis=2), dtype=np.int64)
 
@@ -216,5 +216,5 @@ def _areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
 
 
 def _place(points: FloatArray, origin: FloatArray) -> str:
-    """Return the mean of points (..., 3) relative to an origin (3,), metres, as text."""
+    """Return the mean of points (..., 3), given relative to an origin (3,), metres, as text."""
     return f"[{vector(points.reshape(-1, 3).mean(axis=0) + origin, 3)}] m"

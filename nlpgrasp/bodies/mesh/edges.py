@@ -1,4 +1,4 @@
-"""The sharp edges of a triangle mesh, and how far points are from them."""
+"""Sharp edges of a triangle mesh and distances from them."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from nlpgrasp.common.validation import FloatArray
 if TYPE_CHECKING:
     import trimesh
 
-FLAT = 1e-12  # of the size squared: the area of a triangle whose normal is rounding
+FLAT = 1e-12  # of the squared size: area below which a triangle's normal is unreliable
 
 
 class SharpEdges:
-    """Edges at which the surface turns by more than 30 degrees, whichever way.
+    """Edges with more than 30 degrees between adjacent triangle normals, convex or concave.
 
     Parameters
     ----------
@@ -35,21 +35,21 @@ class SharpEdges:
 
     @property
     def ends(self) -> IntArray:
-        """Numbers of the vertices that each edge is between, (m, 2)."""
+        """Vertex indices of each edge, (m, 2)."""
         return self._edges
 
     def __len__(self) -> int:
-        """Return how many there are."""
+        """Return the number of edges."""
         return len(self._edges)
 
     def distance(self, points: FloatArray) -> FloatArray:
-        """Return the distance of points (m, 3) from the nearest sharp edge, (m,), metres; inf where there is none."""
+        """Return the distances (m,), metres, of points (m, 3) from the nearest sharp edge; inf without any."""
         if not len(self._edges) or not len(points):
             return np.full(len(points), np.inf)
         return np.asarray(np.sqrt(self._tree.nearest(points)[0]))
 
     def nearest(self, point: FloatArray, count: int) -> FloatArray:
-        """Return the ends of the sharp edges that are nearest to a point (3,), up to ``count``, (m, 2, 3)."""
+        """Return the end points (m, 2, 3) of up to ``count`` sharp edges nearest to a point (3,)."""
         ends = self._vertices[self._edges]
         along = ends[:, 1] - ends[:, 0]
         share = np.sum((point - ends[:, 0]) * along, axis=1) / np.maximum(np.sum(along**2, axis=1), 1e-300)

@@ -1,4 +1,4 @@
-"""Triangles of a mesh as faces of their own: the surfaces h_1(p) = 0 ... h_l(p) = 0 of the paper's (3.5-1)."""
+"""Triangles of a mesh as planar faces, the surfaces ``h_1(p) = 0 ... h_l(p) = 0`` of (3.5-1)."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from nlpgrasp.bodies.mesh.mesh import Mesh
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray
 
-NEAREST = 12  # sharp edges about a contact that its face keeps away from: it moves little
+NEAREST = 12  # sharp edges considered near a contact
 
 
 class Facets(Body):
-    """The body of a mesh whose faces are the triangles that contacts are on: planes, with the edges as extents.
+    """A mesh body with one planar face per contact: the triangle that the contact lies on.
 
     Parameters
     ----------
     mesh : Mesh
     triangles : (k,) array of int
-        Numbers of triangles of the mesh, one a contact.
+        Indices of triangles of the mesh, one per contact.
     points : (n, k, 3) array
-        Places of the contacts, metres.
+        Contact points, metres.
     margin : float
-        How far contacts stay from the sharp edges about their places, metres.
+        Least distance of contacts from nearby sharp edges, metres.
 
     Attributes
     ----------
     names : tuple of k str
-        Of the contacts' faces, which ``triangle_of`` reads.
+        Of the contacts' faces; ``triangle_of`` returns their triangles.
     """
 
     def __init__(self, mesh: Mesh, triangles: NDArray[np.intp], points: FloatArray, margin: float) -> None:
@@ -44,7 +44,7 @@ class Facets(Body):
 
     @staticmethod
     def triangle_of(name: str) -> int:
-        """Return the number of the triangle that a face of such a name is."""
+        """Return the triangle index in a face's name."""
         return int(name.rpartition(" ")[2])
 
     @property
@@ -59,7 +59,7 @@ class Facets(Body):
 
     @cached_property
     def distance_function(self) -> ca.Function:
-        """The mesh's own: from a point (3,) to metres."""
+        """Compiled signed distance of the mesh: a function of a point (3,), in metres."""
         return self.mesh.distance_function
 
     def make_faces(self) -> tuple[Face, ...]:
@@ -69,7 +69,7 @@ class Facets(Body):
     def evaluate(
         self, name: str, points: FloatArray, margin: float = 0.0
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return height, ones, outward normals and largest extent, as ``Body.evaluate``; nothing is compiled for it."""
+        """Return height, ones, outward normals and largest extent, as ``Body.evaluate``, without compilation."""
         return self._facets[name].evaluate(points, margin)
 
     def to_dict(self) -> Json:
@@ -83,7 +83,7 @@ class Facets(Body):
         return {name: _Facet.of(corners[i], outward[i], self._sharp_edges(places)) for name, places, i in each}
 
     def _sharp_edges(self, places: FloatArray) -> FloatArray:
-        """Return the ends of the sharp edges about places (n, 3) of a contact, (e, 2, 3); none without a margin."""
+        """Return the end points (e, 2, 3) of sharp edges near contact points (n, 3); none if the margin is zero."""
         if self.margin == 0.0:
             return np.zeros((0, 2, 3))
         about = [self.mesh.sharp_edges(point, NEAREST) for point in places]
@@ -92,14 +92,14 @@ class Facets(Body):
 
 @dataclass(frozen=True)
 class _Facet:
-    """A triangle's plane, its sides, and the sharp edges of the mesh that a contact on it keeps away from.
+    """A triangle: its plane, its sides, and the nearby sharp edges of the mesh.
 
     Parameters
     ----------
     outward : (3,) array
         Unit normal.
     corners, away : (m, 3) array
-        A corner on each side, metres, and the unit vector in the plane that points out of the triangle there.
+        A corner on each side, metres, and that side's outward unit normal in the plane.
     edges : (e, 2, 3) array
         Ends of sharp edges, metres.
     """
@@ -111,13 +111,13 @@ class _Facet:
 
     @classmethod
     def of(cls, corners: FloatArray, outward: FloatArray, edges: FloatArray) -> _Facet:
-        """Return the facet of a triangle's corners (3, 3), metres, and outward normal."""
+        """Return the facet of a triangle with corners (3, 3), metres, and an outward normal (3,)."""
         away = np.cross(np.roll(corners, -1, axis=0) - corners, outward)
         length = np.linalg.norm(away, axis=1)
         return cls(outward, corners[length > 0.0], away[length > 0.0] / length[length > 0.0, None], edges)
 
     def face(self, name: str) -> Face:
-        """Return the same as a face of CasADi expressions."""
+        """Return the facet as a face of CasADi expressions."""
         outward, corner = ca.DM(self.outward), ca.DM(self.corners[0])
         sides = [(ca.DM(c), ca.DM(a)) for c, a in zip(self.corners, self.away, strict=True)]
 

@@ -1,4 +1,4 @@
-"""How fine the distance grid of a mesh is and how far it is smoothed, from the thickness of the mesh's walls."""
+"""Grid resolution and smoothing of a mesh's signed distance, from its wall thickness."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
 
-LONGEST_SIDE, SHORTEST_SIDE = 48, 16  # grid cells at least
+LONGEST_SIDE, SHORTEST_SIDE = 48, 16  # least number of grid cells along these sides
 MOST_POINTS = 600_000
-AROUND = 5  # cells beyond the mesh: a CasADi B-spline is zero outside its grid, hence NaN normals there
-FINEST = 400  # cells along the longest side, whoever asks
-SMOOTHING, LEAST_SMOOTHING = 1.5, 0.75  # cells: the usual one, and the least before the grid is made finer instead
-DEVIATIONS = 2.4  # of the Gaussian, that fit into a wall at least
+AROUND = 5  # grid cells beyond the mesh (a CasADi B-spline is zero outside its grid, so normals are NaN)
+FINEST = 400  # largest number of cells along the longest side
+SMOOTHING, LEAST_SMOOTHING = 1.5, 0.75  # cells, Gaussian's deviation: default, and least before the grid is refined
+DEVIATIONS = 2.4  # standard deviations of the Gaussian per wall thickness, at least
 
 
 @dataclass(frozen=True)
 class Fineness:
-    """A grid's resolution and the Gaussian over it.
+    """Resolution of a distance grid and standard deviation of its Gaussian filter.
 
     Parameters
     ----------
@@ -35,13 +35,13 @@ class Fineness:
 def automatic_fineness(
     extents: FloatArray, wall: float, smoothing: float | None = None, resolution: int | None = None
 ) -> Fineness:
-    """Return what is given, and the rest so that 2.4 standard deviations of the Gaussian fit into a wall.
+    """Choose resolution and smoothing such that 2.4 standard deviations of the Gaussian fit into a wall.
 
-    The Gaussian lifts the distance inside a wall from both sides, so one that is wide for it moves the smooth surface
-    inwards: of an even wall by a sixteenth of its thickness at 2.4 deviations, and at less than 1.6 nothing is left of
-    it. Where walls are thick it is a Gaussian of 1.5 cells over the usual grid. Where they are not, less smoothing
-    comes first, which costs nothing; below 0.75 cells the grid becomes finer, up to 600,000 points, and where these do
-    not suffice there is less smoothing still.
+    Given values are kept. The Gaussian lifts the distance inside a wall from both sides, so a wide one moves the smooth
+    surface inwards: by a sixteenth of an even wall's thickness at 2.4 deviations, and at less than 1.6 the wall
+    vanishes. Thick walls get a Gaussian of 1.5 cells on the default grid. For thinner walls the smoothing is reduced
+    first, which costs nothing; below 0.75 cells the grid is refined, up to 600,000 points, and where these do not
+    suffice the smoothing is reduced further.
 
     Parameters
     ----------
@@ -65,10 +65,9 @@ def automatic_fineness(
 
 
 def automatic_resolution(extents: FloatArray) -> int:
-    """Return grid cells along the longest side: fine enough for the shortest, within 600,000 grid points.
+    """Return the number of grid cells along the longest side: enough for the shortest, at most 600,000 points.
 
-    A grid that is coarse for a slender part lets the smoothing dissolve it: at 48 cells a hammer's handle moved
-    by 13 mm.
+    On a grid too coarse for a slender part, smoothing dissolves it: at 48 cells a hammer's handle moved by 13 mm.
 
     Parameters
     ----------
@@ -81,7 +80,7 @@ def automatic_resolution(extents: FloatArray) -> int:
 
 
 def _within(resolution: int, extents: FloatArray, least: int) -> int:
-    """Return the resolution, or as much of it as 600,000 grid points allow, at least ``least``."""
+    """Return the resolution, reduced to at most 600,000 grid points but not below ``least``."""
     while resolution > least:
         if np.prod(extents / np.max(extents) * resolution + 1 + 2 * AROUND) <= MOST_POINTS:
             break

@@ -1,4 +1,4 @@
-"""Bodies from triangle meshes."""
+"""Body from a triangle mesh with a smoothed signed distance."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ from nlpgrasp.common.validation import FloatArray, integer, number
 if TYPE_CHECKING:
     import trimesh
 
-FLATTERS = 0.1  # grid cells: so far nine in ten points about the margin are at most nearer to edges than splined
-OFF_EDGES = 1.5  # times as many points are drawn where they have to be off sharp edges
-ROOM_SAMPLES = 4000  # points among which the farthest from sharp edges is looked for
-OFFSET_SAMPLES = 300  # points of which it is measured how far the smooth surface is
-CLEARANCE_POINTS, CLEARANCE_MARGIN = 120_000, 0.5  # grid for the distance of links; margin over the size
+FLATTERS = 0.1  # grid cells: overestimate of the splined distance from sharp edges, 90th percentile
+MORE = 3  # times that samples are drawn again where too few of them are off sharp edges
+ROOM_SAMPLES = 4000  # surface points for the largest distance from sharp edges
+OFFSET_SAMPLES = 300  # mesh points for the distance to the smooth surface
+CLEARANCE_POINTS, CLEARANCE_MARGIN = 120_000, 0.5  # distance grid for hand links: points; margin over the size
 
 
 class Mesh(Body):
-    """A body given by a closed triangle mesh; one face, ``surface``: the outer surface of the union of its parts.
+    """A closed triangle mesh; one face, ``surface``: the outer surface of the union of its parts.
 
-    The solver sees a smoothed signed-distance B-spline of the mesh; contacts of an answer are put back onto
+    The solver sees a smoothed signed-distance B-spline of the mesh; the contacts of a solution are projected onto
     the mesh itself before their quality is certified.
 
     Parameters
@@ -53,7 +53,7 @@ class Mesh(Body):
         less for thin walls, so that 2.4 of it fit into a wall (see ``automatic_fineness``).
     resolution : int, optional
         Grid cells along the longest side, from 8 to 400. When left out: 48, or more for slender bodies, so that the
-        shortest side has 16, and for walls that ask for a smoothing below 0.75; up to 600,000 grid points.
+        shortest side has 16, and for walls that need a smoothing below 0.75; up to 600,000 grid points.
     source : str, optional
         Where the mesh comes from, for the record.
     unit : {"m", "dm", "cm", "mm", "in", "ft"}
@@ -64,7 +64,7 @@ class Mesh(Body):
     mesh : trimesh.Trimesh
         The mesh as used.
     repairs : tuple of str
-        What was mended, and what was not and is worth a warning, one sentence each.
+        Repairs made, and warnings on remaining defects, one sentence each.
     unit : str or None
         Of the file's coordinates, where ``load`` read one.
     smoothing : float
@@ -115,14 +115,14 @@ class Mesh(Body):
     def load(
         cls, path: str | Path, unit: str = "m", smoothing: float | None = None, resolution: int | None = None
     ) -> Mesh:
-        """Return the body of any mesh file that trimesh reads.
+        """Load a body from a mesh file.
 
         Parameters
         ----------
         path : str or Path
             STL, OBJ, PLY, OFF or whatever else ``trimesh`` reads.
         unit : {"m", "dm", "cm", "mm", "in", "ft"}
-            The unit of the file's coordinates. A long body in metres is asked about.
+            The unit of the file's coordinates. A long body in metres gives a warning.
         smoothing, resolution
             See the class.
         """
@@ -147,31 +147,31 @@ class Mesh(Body):
 
     @cached_property
     def wall(self) -> float:
-        """Thickness of the mesh's walls, metres: a fifth of the surface is on thinner ones."""
+        """Wall thickness, metres: the 20th percentile over the surface."""
         return wall_thickness(self.mesh)
 
     @cached_property
     def offset(self) -> SmoothOffset:
-        """How far the mesh is from the smooth surface: ``most`` for four fifths of it, and ``largest``, metres."""
+        """Distance of the mesh from its smoothed surface, metres: 80th percentile ``most``, and ``largest``."""
         points, _ = self.surface_samples(OFFSET_SAMPLES, np.random.default_rng(0))
         return smooth_offset(self, points, float(np.max(np.ptp(self.bounds, axis=0))) / self.resolution, self.wall)
 
     @property
     def symbol(self) -> type[ca.MX]:
-        """``casadi.MX``, because a spline has no scalar expression graph."""
+        """CasADi type of the surface, ``casadi.MX``: a spline has no scalar expression graph."""
         return ca.MX
 
     @property
     def cramped(self) -> bool:
-        """True: a mesh may have any hollow."""
+        """Always true: a mesh may have any concavity."""
         return True
 
     def make_faces(self) -> tuple[Face, ...]:
-        """Return the one face, the smoothed spline's zero set, and how far it is from the mesh's sharp edges."""
+        """Return the one face: the zero set of the smoothed spline, with its distance from the mesh's sharp edges."""
         return (Face("surface", self._spline.expression, edges=self._edge_distances),)
 
     def _edge_distances(self, p: Expression) -> list[Expression]:
-        """Return the spline's distance from sharp edges, less what it may flatter; nothing where there are none."""
+        """Return the splined distance from sharp edges less its usual overestimate; empty without sharp edges."""
         if not len(self._edges):
             return []
         cell = float(np.max(np.ptp(self.bounds, axis=0))) / self.resolution
@@ -182,14 +182,20 @@ class Mesh(Body):
         return edge_distance_spline(np.asarray(self.mesh.vertices, dtype=float), self._edges.ends, self.resolution)
 
     def sample(self, name: str, count: int, rng: np.random.Generator, margin: float = 0.0) -> FloatArray:
-        """Return up to ``count`` random points of the smooth surface off sharp edges, (m, 3); see ``Body.sample``."""
+        """Return random points (m, 3) of the smooth surface, off sharp edges by a margin; see ``Body.sample``."""
+        found = super().sample(name, count, rng)
         if margin == 0.0:
-            return super().sample(name, count, rng)
-        points = super().sample(name, int(OFF_EDGES * count), rng)
-        return points[self.edge_distance(name, points) >= margin][:count]
+            return found
+        found = found[self.edge_distance(name, found) >= margin]
+        for _ in range(MORE):
+            if len(found) >= count:
+                break
+            points = super().sample(name, count, rng)
+            found = np.concatenate([found, points[self.edge_distance(name, points) >= margin]])
+        return found[:count]
 
     def distance(self, p: Expression) -> Expression:
-        """Return a spline through the mesh's own signed distance, not smoothed; away from it a lower bound."""
+        """Return a spline of the unsmoothed signed distance; beyond its grid, a lower bound."""
         return self._clearance_spline.everywhere(p)
 
     @cached_property
@@ -201,11 +207,11 @@ class Mesh(Body):
         return distance_spline(vertices, np.asarray(self.mesh.faces), max(int(cells), 8), 0.0, margin)
 
     def signed_distance(self, points: FloatArray) -> FloatArray:
-        """Return the signed distance of points (m, 3) to the mesh itself, negative inside, metres, to a hundredth."""
+        """Return the signed distance of points (m, 3) to the mesh itself, (m,), metres, negative inside, within 1 %."""
         return self._tree.signed_distance(points)
 
     def clearance(self, points: FloatArray) -> FloatArray:
-        """Return the distance of points (m, 3) from the mesh, (m,), metres, negative inside: of the nearest point."""
+        """Return the exact signed distance of points (m, 3) to the mesh, (m,), metres, negative inside."""
         return self._tree.clearance(points)
 
     def closest(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -230,13 +236,13 @@ class Mesh(Body):
         return positions, np.asarray(self.mesh.face_normals)[triangles], np.sqrt(squared)
 
     def triangles_at(self, points: FloatArray) -> NDArray[np.intp]:
-        """Return the numbers of the triangles that points (m, 3) are nearest to, (m,)."""
+        """Return the indices (m,) of the triangles nearest to points (m, 3)."""
         return np.asarray(self._tree.nearest(points)[1], dtype=np.intp)
 
     def angles_off_normals(self, points: FloatArray, normals: FloatArray, on_edges: bool = True) -> FloatArray:
-        """Return the angles (m,), radians, between outward unit normals (m, 3) and the mesh's at its points (m, 3).
+        """Return the angles (m,), radians, between unit normals (m, 3) and the mesh's normals at points (m, 3).
 
-        With ``on_edges``, an edge or a vertex has every direction between the normals of its triangles.
+        With ``on_edges``, an edge or a vertex has the convex cone of its triangles' normals.
         """
         return angles_off_normals(np.asarray(self.mesh.triangles, float), points, normals, self.size, on_edges)
 
@@ -245,16 +251,16 @@ class Mesh(Body):
         return SearchTree(np.asarray(self.mesh.vertices), np.asarray(self.mesh.faces))
 
     def edge_distance(self, name: str, points: FloatArray) -> FloatArray:
-        """Return the distance of points (m, 3) from the mesh's sharp edges, (m,), metres; inf without any."""
+        """Return the distances (m,), metres, of points (m, 3) from the mesh's sharp edges; inf without any."""
         del name
         return self._edges.distance(points)
 
     def sharp_edges(self, point: FloatArray, count: int) -> FloatArray:
-        """Return the ends of the sharp edges that are nearest to a point (3,), up to ``count``, (m, 2, 3)."""
+        """Return the end points (m, 2, 3) of up to ``count`` sharp edges nearest to a point (3,)."""
         return self._edges.nearest(point, count)
 
     def room(self, name: str) -> float:
-        """Return how far from all sharp edges some point of the mesh is, metres; inf without any."""
+        """Return the largest distance from sharp edges over sampled points, metres; inf without sharp edges."""
         del name
         return self._room
 
@@ -270,14 +276,14 @@ class Mesh(Body):
         return SharpEdges(self.mesh)
 
     def surface_samples(self, count: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        """Return random points of the mesh, uniform by area, and its outward normals there, (count, 3) each."""
+        """Return random points of the mesh, uniform by area, and their outward normals, (count, 3) each."""
         import trimesh
 
         points, triangles = trimesh.sample.sample_surface(self.mesh, count, seed=rng)
         return np.asarray(points), np.asarray(self.mesh.face_normals)[triangles]
 
     def to_dict(self) -> Json:
-        """Return source, its unit, fingerprint and settings; the triangles stay in their file."""
+        """Return source, unit, SHA-256 and settings as JSON data, without the triangles."""
         return {
             "type": self.kind,
             "source": self.source,
@@ -291,5 +297,5 @@ class Mesh(Body):
 
     @classmethod
     def from_dict(cls, data: Json) -> NoReturn:
-        """Refuse: the data name a mesh and do not hold it."""
+        """Raise: the data refer to a mesh but do not contain it."""
         raise incomplete("body of type mesh", "its triangles, which stay in their file: ng.Mesh.load(path, unit)")

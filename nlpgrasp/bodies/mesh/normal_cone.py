@@ -1,4 +1,4 @@
-"""Angles between stated normals at points of a mesh and the mesh's own normals there."""
+"""Angles between given normals and the normal cones of a mesh."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import numpy as np
 from nlpgrasp.common.meshes.crossings import covered, normals_of
 from nlpgrasp.common.validation import FloatArray
 
-TOUCHING = 1e-6  # of the size: triangles so close to a point hold it
+TOUCHING = 1e-6  # of the size: distance within which a triangle contains a point
 
 
 def angles_off_normals(
     corners: FloatArray, points: FloatArray, normals: FloatArray, size: float, on_edges: bool
 ) -> FloatArray:
-    """Return the angles (m,), radians, between outward unit normals (m, 3) and those of the triangles at points (m, 3).
+    """Return the angles (m,), radians, between unit normals (m, 3) and the mesh's normals at points (m, 3).
 
     Parameters
     ----------
@@ -25,8 +25,8 @@ def angles_off_normals(
     size : float
         Of the mesh, metres.
     on_edges : bool
-        Whether edges and vertices have all directions of the convex cone of their triangles' normals, as they have for
-        a fingertip that touches them; else each of their triangles' normals alone.
+        Whether edges and vertices have the convex cone of their triangles' normals, as for a fingertip that touches
+        them; else only the normals themselves.
     """
     slack = TOUCHING * size
     lower, upper = corners.min(axis=1) - slack, corners.max(axis=1) + slack
@@ -40,7 +40,7 @@ def angles_off_normals(
 
 
 def _angle_off(own: FloatArray, normal: FloatArray, in_cone: bool) -> float:
-    """Return the angle between a unit vector (3,) and the nearest of unit vectors (n, 3), or their convex cone."""
+    """Return the angle, radians, between a unit vector (3,) and the nearest of (n, 3), or their convex cone."""
     from scipy.optimize import nnls
 
     least = float(np.min(2.0 * np.arcsin(np.clip(np.linalg.norm(own - normal, axis=1) / 2.0, 0.0, 1.0))))

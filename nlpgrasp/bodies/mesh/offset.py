@@ -1,4 +1,4 @@
-"""How far a mesh is from the smooth surface that the solver sees in its place."""
+"""Distance between a mesh and its smoothed surface."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from nlpgrasp.bodies.base import Body
 from nlpgrasp.common.validation import FloatArray
 
 STEPS = 12
-MOST_OF_IT = 0.8  # of the mesh
+MOST_OF_IT = 0.8  # quantile over the surface
 
 
 @dataclass(frozen=True)
 class SmoothOffset:
-    """Distances between points of a mesh and the smooth surface.
+    """Distances between a mesh and its smoothed surface.
 
     Parameters
     ----------
     most : float
-        Four fifths of the mesh are nearer than this, metres.
+        The 80th percentile, metres.
     largest : float
-        Of all points looked at, metres.
+        The largest over the sampled points, metres.
     """
 
     most: float
@@ -30,10 +30,10 @@ class SmoothOffset:
 
 
 def smooth_offset(body: Body, start: FloatArray, cell: float, wall: float) -> SmoothOffset:
-    """Return how far points of a mesh are from the smooth surface.
+    """Return the distances of sampled mesh points from the smoothed surface.
 
-    Newton steps of at most a grid cell lead from each to the smooth surface. Where they do not end on it, there is none
-    nearby, and the point counts as half a wall off at least.
+    Newton steps of at most a grid cell lead from each point to the smoothed surface. Where they do not end on it, none
+    is nearby, and the distance counts as at least half the wall thickness.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A smooth signed distance to a triangle mesh: grid, Gaussian, tensor-product cubic B-spline."""
+"""Smoothed signed distance of a triangle mesh: grid, Gaussian filter, tensor-product cubic B-spline."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from nlpgrasp.common.stored.cache import kept
 from nlpgrasp.common.validation import FloatArray
 
 Distance = Callable[[FloatArray], FloatArray]  # of points (m, 3), metres
-EXACT_CELLS, EXACT_UNSMOOTHED = 3, 5  # from the surface, within which distances are exact
+EXACT_CELLS, EXACT_UNSMOOTHED = 3, 5  # grid cells from the surface within which distances are exact
 
 
 @dataclass(frozen=True)
 class DistanceSpline:
-    """A tensor-product cubic B-spline on a regular grid.
+    """A tensor-product cubic B-spline of a distance on a regular grid.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class DistanceSpline:
     coefficients : (nx, ny, nz) array
         Metres.
     box : (2, 3) array
-        Where the spline may be evaluated, metres, from the origin.
+        Domain of the spline, metres, from the origin.
     origin : (3,) array
         Of the knots and the box, metres, body frame: 0 unless the mesh is far from the frame's origin.
     """
@@ -54,7 +54,7 @@ class DistanceSpline:
         return ca.bspline(p, flat, [list(k) for k in self.knots], [3, 3, 3], 1, {})
 
     def everywhere(self, p: ca.MX) -> ca.MX:
-        """Return the spline at a CasADi ``MX`` point in its box, and a lower bound of the distance outside.
+        """Return the spline at a CasADi ``MX`` point, extended beyond its box by a lower bound of the distance.
 
         With q the nearest point of the box and the body inside the box, the angle at q between p and any point
         of the body is not acute: ``d(p)^2 >= |p - q|^2 + d(q)^2``.
@@ -68,7 +68,7 @@ class DistanceSpline:
 def distance_spline(
     vertices: FloatArray, faces: IntArray, resolution: int, smoothing: float, margin: float = 0.0
 ) -> DistanceSpline:
-    """Return a spline through the smoothed signed distance, negative inside.
+    """Return the spline of the smoothed signed distance, negative inside.
 
     The sign comes from fast winding numbers (Barill et al. 2018, doi:10.1145/3197517.3201337), so that scans
     with small defects have an inside.
@@ -81,8 +81,8 @@ def distance_spline(
     resolution : int
         Grid cells along the longest side.
     smoothing : float
-        Standard deviation of the Gaussian, in cells; 0 for none. Noise in the normals is what defeats the
-        solver on scans: with 1.5 every start on six scanned objects converged (docs/architecture.md).
+        Standard deviation of the Gaussian, in cells; 0 for none. It removes noise from the normals, on which the
+        solver fails: with 1.5 every start on six scanned objects converged (docs/architecture.md).
     margin : float
         How far the grid reaches beyond the mesh, metres; at least five cells.
     """
@@ -97,7 +97,7 @@ def distance_spline(
 
 
 def edge_distance_spline(vertices: FloatArray, edges: IntArray, resolution: int) -> DistanceSpline:
-    """Return a spline through the distance from edges (m, 2) of a mesh; over a cell from them right to a tenth of it.
+    """Return the spline of the distance from mesh edges (m, 2); beyond a cell, accurate to a tenth of a cell.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def _spline_of(found: Mapping[str, NDArray[Any]], origin: FloatArray) -> Distanc
 
 
 def _grid(axes: Sequence[FloatArray]) -> FloatArray:
-    """Return the points of a grid, (nx, ny, nz, 3)."""
+    """Return the points of a tensor grid, (nx, ny, nz, 3)."""
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
 
@@ -134,10 +134,10 @@ def _exact(distance: Distance, points: FloatArray) -> FloatArray:
 
 
 def _near_exact(distance: Distance, axes: Sequence[FloatArray], cell: float, cells: int) -> FloatArray:
-    """Return a distance on a grid: exact within some cells of where it is zero, else splines through other points.
+    """Return a distance on a grid: exact within some cells of its zero set, interpolated elsewhere.
 
-    Far points take most of the time: a search tree can leave out little of the mesh for them. What is off there, up to
-    a cell where distances have ridges, moves the smoothed surface by less than 0.03 cells.
+    Far points take most of the time, since a search tree prunes little for them. The interpolation error there, up to a
+    cell at ridges of the distance, moves the smoothed surface by less than 0.03 cells.
     """
     from scipy.interpolate import make_interp_spline
 
@@ -153,7 +153,7 @@ def _near_exact(distance: Distance, axes: Sequence[FloatArray], cell: float, cel
 def _fitted(
     distance: Distance, vertices: FloatArray, resolution: int, cells: int, smoothing: float = 0.0, margin: float = 0.0
 ) -> dict[str, FloatArray]:
-    """Return knots, coefficients and box of the spline through a distance on a grid about vertices (v, 3)."""
+    """Return knots, coefficients and box of a spline that interpolates a distance around vertices (v, 3)."""
     from scipy.interpolate import make_interp_spline
     from scipy.ndimage import gaussian_filter
 

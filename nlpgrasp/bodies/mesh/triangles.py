@@ -1,4 +1,4 @@
-"""A body's surface as at most a few thousand triangles, for pictures: on the surface or close to it, no evidence."""
+"""Simplified triangulations of bodies for display."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from nlpgrasp.common.meshes.frame import in_frame, local_origin
 from nlpgrasp.common.stored.cache import kept
 from nlpgrasp.common.validation import FloatArray
 
-CELLS = 48  # along the longest side
-MARGIN = 0.04  # of the size, around the body
+CELLS = 48  # grid cells along the longest side
+MARGIN = 0.04  # of the size: grid beyond the body
 
 
 def triangles(body: Body, most: int = 2000) -> tuple[FloatArray, IntArray]:
-    """Return vertices (n, 3), metres, and triangles (m, 3), at most ``most``; a planar body becomes a thin plate.
+    """Return vertices (n, 3), metres, and at most ``most`` triangles (m, 3); a planar body becomes a thin plate.
 
-    A mesh is simplified; a body that says its own surface has that; any other, and a mesh that cannot be simplified, is
-    meshed by marching cubes of its distance first.
+    A mesh, or a body's own triangulation, is simplified; a body without one, and a mesh that cannot be simplified, is
+    first triangulated by marching cubes of its signed distance.
     """
     if isinstance(body, Mesh):
         vertices, faces = simplified(np.asarray(body.mesh.vertices, dtype=float), np.asarray(body.mesh.faces), most)
@@ -29,7 +29,7 @@ def triangles(body: Body, most: int = 2000) -> tuple[FloatArray, IntArray]:
 
 
 def simplified(vertices: FloatArray, faces: IntArray, most: int) -> tuple[FloatArray, IntArray]:
-    """Return vertices (n, 3) and at most ``most`` triangles (m, 3), or all of a surface that cannot be simplified."""
+    """Return vertices (n, 3) and at most ``most`` triangles (m, 3); all where simplification fails."""
     if len(faces) > most:
         simple = kept("triangles", [vertices, faces, str(most).encode()], lambda: _slim(vertices, faces, most))
         if len(simple["faces"]):
@@ -38,7 +38,7 @@ def simplified(vertices: FloatArray, faces: IntArray, most: int) -> tuple[FloatA
 
 
 def _slim(vertices: FloatArray, faces: IntArray, most: int) -> dict[str, FloatArray]:
-    """Return fewer vertices and triangles, by quadric error metrics."""
+    """Simplify a triangle mesh by quadric error metrics."""
     import igl
 
     origin = local_origin(vertices)  # a quadric holds squares of coordinates
@@ -48,7 +48,7 @@ def _slim(vertices: FloatArray, faces: IntArray, most: int) -> dict[str, FloatAr
 
 
 def _marched(body: Body) -> tuple[FloatArray, IntArray]:
-    """Return the surface by marching cubes."""
+    """Triangulate a body's surface by marching cubes of its signed distance."""
     import igl
 
     lower, upper = (np.asarray(b, dtype=float) for b in body.bounds)

@@ -1,4 +1,4 @@
-"""How thick the walls of a mesh are: from its surface straight through to the other side."""
+"""Wall thickness of a mesh, by ray casting."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from nlpgrasp.common.validation import FloatArray
 if TYPE_CHECKING:
     import trimesh
 
-RAYS, THIN = 2000, 0.2  # the share of the surface that is thinner than its wall
-SCALED, BEHIND = 1e3, 1e-3  # size of the mesh where rays are cast, and how far behind the surface they begin
+RAYS, THIN = 2000, 0.2  # number of rays; quantile of their lengths
+SCALED, BEHIND = 1e3, 1e-3  # diagonal of the scaled mesh, and depth below its surface at which rays begin
 
 
 def wall_thickness(mesh: trimesh.Trimesh) -> float:
-    """Return the thickness of a mesh's walls, metres: a fifth of the surface is on thinner ones.
+    """Return a mesh's wall thickness, metres: the 20th percentile over the surface.
 
-    Rays go inwards along the normals from points uniform by area; a thickness is the way to where they first meet the
-    surface again. A quantile well above the least passes over chamfers and noise.
+    Rays go inwards along the normals from points uniform by area; their length to the next intersection with the
+    surface is the thickness. A quantile well above zero ignores chamfers and noise.
 
     Parameters
     ----------

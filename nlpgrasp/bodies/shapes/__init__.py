@@ -1,1 +1,1 @@
-"""What shapes of bodies share: a place about the origin, and surfaces as triangles whose vertices are on the body."""
+"""Shared geometry of bodies: centred bodies and triangulated surfaces."""

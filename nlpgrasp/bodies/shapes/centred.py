@@ -1,4 +1,4 @@
-"""Bodies in space that are centred on the origin."""
+"""Base class of bodies in space centred on the origin."""
 
 from __future__ import annotations
 

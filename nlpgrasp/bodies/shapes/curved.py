@@ -1,4 +1,4 @@
-"""Round surfaces as triangles: spheres, tori, superquadrics; every vertex is on the surface."""
+"""Triangulations of spheres, tori and superquadrics, with all vertices on the surface."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import numpy as np
 from nlpgrasp.bodies.shapes.extruded import IntArray
 from nlpgrasp.common.validation import FloatArray
 
-FINE = 4000  # points that a curve's length and turning are measured at
+FINE = 4000  # points for a curve's arc length and turning angle
 
 
 def sphere(rows: int) -> tuple[FloatArray, IntArray]:
-    """Return the unit sphere as ``8 rows^2`` triangles of nearly one size, counter-clockwise from outside.
+    """Return the unit sphere as ``8 rows^2`` triangles of nearly equal size, counter-clockwise from outside.
 
-    An octahedron whose edges have ``rows`` parts: the row at latitude ``i`` from a pole has ``4 i`` points.
+    An octahedron with edges divided into ``rows`` parts: row i from a pole has ``4 i`` points.
     """
     polar = np.pi / 2.0 * np.concatenate([np.repeat(i, max(4 * i, 1)) for i in range(rows + 1)]) / rows
     turn = np.concatenate([np.arange(max(4 * i, 1)) * (np.pi / 2.0 / max(i, 1)) for i in range(rows + 1)])
@@ -77,7 +77,7 @@ def superquadric(semi_axes: FloatArray, exponents: FloatArray, quarter: int) -> 
 def quarter_of(exponent: float, count: int) -> FloatArray:
     """Return points (count + 1, 2) of ``x^(2/e) + y^(2/e) = 1`` from (1, 0) to (0, 1).
 
-    Half of them are spread over its length, half over its turning, so that flat sides and tight corners have theirs.
+    Half of them are spread by arc length and half by turning angle, to resolve both flat sides and tight corners.
     """
     angle = np.linspace(0.0, np.pi / 2.0, FINE)
     both = np.stack([np.cos(angle), np.sin(angle)], axis=1).clip(0.0)
@@ -93,6 +93,6 @@ def quarter_of(exponent: float, count: int) -> FloatArray:
 
 
 def _halves(a: IntArray, b: IntArray, c: IntArray, d: IntArray) -> IntArray:
-    """Return the triangles (m, 3) of quadrangles a, b, c, d, which are counter-clockwise from outside."""
+    """Return the triangles (m, 3) of quadrilaterals a, b, c, d, counter-clockwise from outside."""
     corners = [x.ravel() for x in (a, b, c, d)]
     return np.concatenate([np.stack([corners[i] for i in half], axis=1) for half in ((0, 1, 2), (0, 2, 3))])

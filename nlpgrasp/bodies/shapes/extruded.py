@@ -1,4 +1,4 @@
-"""A polygon extruded along z, as triangles: boxes, prisms, cylinders, the plates that planar bodies are drawn as."""
+"""Triangulation of polygons extruded along z."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from numpy.typing import NDArray
 from nlpgrasp.common.validation import FloatArray
 
 IntArray = NDArray[np.int64]
-PLATE = 0.08  # of a planar body's size: thickness of the plate that it is drawn as
-STRAIGHT = 1e-12  # of the outline's squared size: an area that counts as none
+PLATE = 0.08  # of a planar body's size: thickness of the plate that represents it
+STRAIGHT = 1e-12  # of the outline's squared size: area that counts as zero
 
 
 def extruded(outline: FloatArray, low: float, high: float) -> tuple[FloatArray, IntArray]:
-    """Return a closed surface, its triangles counter-clockwise from outside.
+    """Return the closed surface of an extruded polygon, its triangles counter-clockwise from outside.
 
     Parameters
     ----------
     outline : (m, 2) array
         Vertices of a simple polygon, counter-clockwise, metres.
     low, high : float
-        Where it begins and ends along z, metres.
+        Ends along z, metres.
 
     Returns
     -------
     vertices : (n, 3) array
-        The outline at both ends; the middle of both ends too where the outline is convex.
+        The outline at both ends, and the centres of the ends if the outline is convex.
     faces : (k, 3) array
     """
     m = len(outline)
@@ -51,7 +51,7 @@ def circle(radius: float, count: int) -> FloatArray:
 
 
 def ears(outline: FloatArray) -> IntArray:
-    """Return the triangles (m - 2, 3) of a simple polygon, counter-clockwise, by cutting off its ears.
+    """Triangulate a simple polygon by ear clipping, and return the triangles (m - 2, 3), counter-clockwise.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def ears(outline: FloatArray) -> IntArray:
 
 
 def _is_ear(outline: FloatArray, left: list[int], i: int) -> bool:
-    """Return whether the triangle at a corner is inside the polygon: convex, and no other corner in it."""
+    """Return whether a corner is an ear: convex, with no other vertex in its triangle."""
     names = [left[i - 1], left[i], left[(i + 1) % len(left)]]
     a, b, c = outline[names]
     if _turn(a, b, c) <= STRAIGHT * float(np.max(np.ptp(outline, axis=0))) ** 2:

@@ -1,4 +1,4 @@
-"""A body as people see it: a page, and a scene in a notebook."""
+"""Display of a body: HTML page and notebook card."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ PAGE, CARD = ("nlpgrasp.report.body.page", "write_body"), ("nlpgrasp.report.body
 
 
 class Seen(InNotebook, StatedPart):
-    """A body that shows itself."""
+    """Mixin that displays a body."""
 
     _card: ClassVar[tuple[str, str]] = CARD
 
     @property
     def shown_name(self) -> str:
-        """What this body is called on its page."""
+        """Title of the body's page."""
         return self.kind
 
     def show(self, path: str | Path | None = None) -> Path:
-        """Write a page that shows the body, open it in a browser where there is one, and return where it is.
+        """Write an HTML page that shows the body, open it in a browser if possible, and return its path.
 
-        The surface, the axes of its frame, the names of its faces, its size and bounds. The page opens from disk and
-        needs no network. Without a browser, or a display for it, a sentence says where it is.
+        It shows the surface, the axes of its frame, the names of its faces, its size and bounds. It opens from disk and
+        needs no network. Without a browser or a display, the path is printed.
 
         Parameters
         ----------
         path : str or Path, optional
-            Of the page, an HTML file; a temporary one when left out.
+            Of the HTML page; by default a temporary file.
 
         Raises
         ------

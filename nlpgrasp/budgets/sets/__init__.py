@@ -1,1 +1,1 @@
-"""Budgets bound to a grasp: sets of finger forces in the contacts' frames."""
+"""Force sets: budgets intersected with the force domains of given contacts."""

@@ -1,4 +1,4 @@
-"""What every set of forces states about itself: a budget bound to contacts."""
+"""Base class of force sets ``B n K`` of given contacts."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from nlpgrasp.contacts.product import ranges
 
 
 class ForceSet(ABC):
-    """``B n K``: the forces that contacts may exert with one unit of a force budget, (2.5-2).
+    """Force set ``B n K``: admissible contact forces within one unit of a budget, (2.5-2).
 
     Forces are stacked as in G: n components, contact by contact, each in its frame, normal force first.
 
     Parameters
     ----------
     contacts : sequence of k ContactModel
-        Whose force domains make K.
+        Their force domains form K.
     space : int
         Dimension of the contacts' points: 2 or 3.
     """
 
-    power: ClassVar[float] = 2.0  # p, where the support is near the p-norm of the contacts' own supports
+    power: ClassVar[float] = 2.0  # p for which the support function is close to the p-norm of the contacts' supports
 
     def __init__(self, contacts: Sequence[ContactModel], space: int) -> None:
         self.contacts, self.space = tuple(contacts), space
@@ -37,17 +37,17 @@ class ForceSet(ABC):
 
     @property
     def costly(self) -> bool:
-        """Whether a support is a conic program: too slow for the many thousand that nu needs."""
+        """Whether a support evaluation solves a conic program, too slow for the many thousand that nu needs."""
         return False
 
     @abstractmethod
     def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return ``max <z, x>`` over x in B n K, exactly, and a force that attains it: (m, n) to (m,) and (m, n)."""
+        """Return the exact support ``max <z, x>`` over x in B n K, (m,), and maximisers (m, n), for z (m, n)."""
 
     @abstractmethod
     def used(self, x: FloatArray) -> FloatArray:
-        """Return the least factor f with x in f B, for forces of K: (m, n) to (m,)."""
+        """Return the gauge of B, the least f with x in f B, (m,), for forces x of K (m, n)."""
 
     @abstractmethod
     def cones(self) -> list[FloatArray]:
-        """Return matrices M: x is in f B where every ``M (x, f)`` is in a second-order cone (one row: at least 0)."""
+        """Return matrices M: x is in f B if every ``M (x, f)`` is in a second-order cone (one row: nonnegative)."""

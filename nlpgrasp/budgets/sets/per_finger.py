@@ -1,4 +1,4 @@
-"""The forces of at most one unit of normal force a finger."""
+"""Force set of the per-finger budget."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from nlpgrasp.contacts.product import extremes
 
 
 class PerFingerSet(ForceSet):
-    """``{x in K : f_n <= 1 for every contact}``."""
+    """Force set ``{x in K : f_n <= 1 for every contact}``."""
 
     power: ClassVar[float] = 1.0
 
     def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the sum of the contacts' ``max(0, z_n + mu |z_t|)``, (m, n) to (m,), and the forces, (m, n).
+        """Return the support, the sum of the contacts' ``max(0, z_n + mu |z_t|)``, (m,), and maximisers (m, n).
 
-        Each contact presses fully or not at all.
+        Each contact exerts unit normal force or none.
         """
         values, forces = extremes(z, self.contacts, self.space)
         return np.sum(values, axis=1), forces
 
     def used(self, x: FloatArray) -> FloatArray:
-        """Return the largest normal force, (m, n) to (m,)."""
+        """Return the largest normal forces (m,) of forces (m, n)."""
         return np.asarray(np.max(np.stack([x[:, r.start] for r in self.ranges]), axis=0))
 
     def cones(self) -> list[FloatArray]:
-        """Return ``f - f_n >= 0`` for every contact, (1, n + 1) each."""
+        """Return the conditions ``f - f_n >= 0`` of all contacts, (1, n + 1) each."""
         unit = np.eye(self.size + 1)
         return [unit[-1:] - unit[r.start : r.start + 1] for r in self.ranges]

@@ -1,4 +1,4 @@
-"""The forces of at most one unit of force a finger."""
+"""Force set of the per-finger size budget."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from nlpgrasp.contacts.product import project
 
 
 class PerFingerSizeSet(ForceSet):
-    """``{x in K : |x_i| <= 1 for every contact i}``."""
+    """Force set ``{x in K : |x_i| <= 1 for every contact i}``."""
 
     power: ClassVar[float] = 1.0
 
     def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the sum of the contacts' ``|P_Ki(z_i)|``, (m, n) to (m,), and the forces, (m, n)."""
+        """Return the support, the sum of the contacts' ``|P_Ki(z_i)|``, (m,), and maximisers (m, n)."""
         x = project(z, self.contacts, self.space)
         total = np.zeros(len(z))
         for where in self.ranges:
@@ -27,10 +27,10 @@ class PerFingerSizeSet(ForceSet):
         return total, x
 
     def used(self, x: FloatArray) -> FloatArray:
-        """Return the largest finger force, (m, n) to (m,)."""
+        """Return the largest finger forces (m,) of forces (m, n)."""
         return np.asarray(np.max([np.linalg.norm(x[:, r], axis=1) for r in self.ranges], axis=0))
 
     def cones(self) -> list[FloatArray]:
-        """Return ``|x_i| <= f`` for every contact, (n_i + 1, n + 1) each."""
+        """Return the cones ``|x_i| <= f`` of all contacts, (n_i + 1, n + 1) each."""
         unit = np.eye(self.size + 1)
         return [np.concatenate([unit[-1:], unit[r]]) for r in self.ranges]

@@ -1,4 +1,4 @@
-"""The forces that share one unit of normal force."""
+"""Force set of the shared budget."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from nlpgrasp.contacts.product import extremes
 
 
 class SharedSet(ForceSet):
-    """``{x in K : sum f_n <= 1}``."""
+    """Force set ``{x in K : sum f_n <= 1}``."""
 
     power: ClassVar[float] = 8.0
 
     def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the largest of the contacts' ``max(0, z_n + mu |z_t|)``, (m, n) to (m,), and the forces, (m, n).
+        """Return the support, the largest of the contacts' ``max(0, z_n + mu |z_t|)``, (m,), and maximisers (m, n).
 
-        That contact presses alone.
+        Only that contact exerts a force.
         """
         values, forces = extremes(z, self.contacts, self.space)
         best = np.argmax(values, axis=1)
@@ -29,10 +29,10 @@ class SharedSet(ForceSet):
         return values[np.arange(len(z)), best], chosen
 
     def used(self, x: FloatArray) -> FloatArray:
-        """Return the sum of the normal forces, (m, n) to (m,)."""
+        """Return the sums of normal forces (m,) of forces (m, n)."""
         return np.asarray(np.sum(np.stack([x[:, r.start] for r in self.ranges]), axis=0))
 
     def cones(self) -> list[FloatArray]:
-        """Return the one condition ``f - sum f_n >= 0``, (1, n + 1)."""
+        """Return the condition ``f - sum f_n >= 0``, (1, n + 1)."""
         unit = np.eye(self.size + 1)
         return [unit[-1:] - unit[[r.start for r in self.ranges]].sum(axis=0, keepdims=True)]

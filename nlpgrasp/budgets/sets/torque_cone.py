@@ -1,7 +1,7 @@
-"""Forces of contacts within their cones and joint-torque limits, by a conic program a direction.
+"""Force set of joint-torque limits, with a conic program per support evaluation.
 
-For contacts that share a joint, have five or six components or two round cones, there are too many kinds of extreme
-points to list.
+For contacts that share joints, have five or six components, or two quadratic cones: their extreme points are too many
+to enumerate.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.contacts.product import lifted, project
 
-TOLERANCE = 1e-10
-INSIDE = 1.0 - 1e-9  # keeps the attaining force within the limits to the solver's tolerance
+TOLERANCE = 1e-10  # of the conic solver
+INSIDE = 1.0 - 1e-9  # scale of the maximiser, which keeps it within the limits despite the solver's tolerance
 
 
 class TorqueCone:
-    """The forces ``{x in K : |T x| <= 1}`` of one contact or of several.
+    """Force set ``{x in K : |T x| <= 1}`` of one or several contacts, by conic programs.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class TorqueCone:
     Raises
     ------
     InputError
-        When some force of the cones needs no torque at all: the set is unbounded.
+        When some force of the cones loads no joint, so that the set is unbounded.
     """
 
     def __init__(self, contacts: Sequence[ContactModel], torques: FloatArray, space: int, name: str) -> None:
@@ -54,14 +54,14 @@ class TorqueCone:
         self._options = quiet_settings(TOLERANCE)
 
     def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the largest work and a force that does it: (m, n) to (m,) and (m, n)."""
+        """Return the support function (m,) along z (m, n), and maximisers (m, n)."""
         force = self.priced(z)[0]
         return np.maximum(0.0, np.sum(z * force, axis=1)) / INSIDE, force
 
     def priced(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return forces of largest work along z (b, n), and what one more of each limit is worth, (b, m).
+        """Return maximisers along z (b, n), and the shadow prices of the torque limits, (b, m).
 
-        Positive where the torque is at its upper limit, negative at the lower one.
+        Prices are positive at upper limits and negative at lower ones.
         """
         force, prices = np.zeros_like(z), np.zeros((len(z), len(self._torques)))
         m = len(self._torques)

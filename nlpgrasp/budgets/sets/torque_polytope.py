@@ -1,9 +1,8 @@
-"""One contact's forces within its cone and joint-torque limits: ``{x in K_i : |T x| <= 1}``, exactly.
+"""Exact force set of one contact under joint-torque limits, ``{x in K_i : |T x| <= 1}``.
 
-The largest work along z is found at an extreme point of the set. These lie where r linear conditions hold with
-equality and, for r below the number of components, the quadratic cone as well: points for r = n and n - 1, which do not
-depend on z, and for smaller r one conic section each, on which a linear function has two stationary points in closed
-form.
+A maximiser of ``<z, x>`` is an extreme point of the set. At these, r linear conditions are active and, for r below the
+number n of components, the quadratic cone too. For r = n and n - 1 they are points that do not depend on z; for smaller
+r they form conic sections, on which a linear function has two stationary points in closed form.
 """
 
 from __future__ import annotations
@@ -19,19 +18,19 @@ from nlpgrasp.contacts import ContactModel
 from nlpgrasp.contacts.product import ranges
 from nlpgrasp.errors import InputError
 
-INSIDE = 1e-9  # relative violation that rounding explains
-RAYS, WIDER = 600, 1.05  # rays of the cone, moved outwards, for the check that the set is bounded
+INSIDE = 1e-9  # relative tolerance of the conditions
+RAYS, WIDER = 600, 1.05  # rays of the cone that check boundedness, and their outward scaling
 Section = tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]  # origin, axes, curvature's inverse, pull, level
 Sections = tuple[FloatArray, ...]  # several of one dimension, stacked
 
 
 class TorquePolytope:
-    """The forces of one contact.
+    """Force set ``{x in K_i : |T x| <= 1}`` of one contact, by enumeration of extreme points.
 
     Parameters
     ----------
     contact : ContactModel
-        With at most one cone that is not polyhedral.
+        With at most one quadratic cone.
     torques : (m, n) array
         T: joint torques over their limits per force component.
     space : int
@@ -39,13 +38,13 @@ class TorquePolytope:
     Raises
     ------
     InputError
-        When some force of the cone needs no torque at all (the set is unbounded), or there is more than one
-        quadratic cone.
+        When some force of the cone loads no joint, so that the set is unbounded, or there is more than one quadratic
+        cone.
     """
 
     def __init__(self, contact: ContactModel, torques: FloatArray, space: int, name: str) -> None:
         n = contact.components(space)
-        # components in units of what one unit of normal force allows: cones of very different widths are round
+        # scale components by their ranges per unit normal force, so that cones of different widths are round
         self._units = np.array(
             [1.0] + [float(contact.extreme(e[None, :])[1][0, j + 1]) for j, e in enumerate(np.eye(n)[1:])]
         )
@@ -72,7 +71,7 @@ class TorquePolytope:
         self._sections: list[Sections] = [tuple(map(np.array, zip(*some, strict=True))) for some in same]
 
     def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the largest work and a force that does it: (m, n) to (m,) and (m, n)."""
+        """Return the support function (m,) along z (m, n), and maximisers (m, n)."""
         z = z * self._units
         work = z @ self._points.T
         best = np.argmax(work, axis=1)
@@ -84,7 +83,7 @@ class TorquePolytope:
         return value, force * self._units
 
     def _stationary(self, sections: Sections, z: FloatArray, known: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the largest work above that known, (m,), at the sections' stationary points, and the forces."""
+        """Return the largest values above known ones, (m,), at stationary points of the sections, and the forces."""
         origin, across, inverse, pull, level = sections
         g = np.einsum("mn,snd->msd", z, across)
         towards = np.einsum("msd,sde->mse", g, inverse)
@@ -100,13 +99,13 @@ class TorquePolytope:
         return inside[every, best], x[every, best]
 
     def _collect(self, rows: list[int], n: int, points: list[FloatArray], sections: list[Section]) -> None:
-        """Add the extreme points, or the conic section, where these linear conditions hold with equality."""
+        """Add the extreme points or the conic section with the given linear conditions active."""
         A, b = self._linear[rows] / self._scale[rows, None], self._limits[rows] / self._scale[rows]
         if not np.any(b):
             return  # a face of the cone: its only extreme point is 0
         u, s, vt = np.linalg.svd(A)
         if s[-1] <= 1e-9:
-            return  # dependent conditions: another set of rows says the same
+            return  # dependent conditions: another set of rows is equivalent
         origin = vt[: len(rows)].T @ ((u.T @ b) / s)
         if len(rows) == n:
             points.append(origin)
@@ -132,7 +131,7 @@ class TorquePolytope:
         sections.append((origin, across, inverse, pull, float(slope @ pull) - rest))
 
     def _inside(self, x: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-        """Return which forces (m, n) keep all conditions, to rounding."""
+        """Return which forces (m, n) satisfy all conditions within tolerance."""
         size = np.linalg.norm(x, axis=1) + 1e-300
         excess = np.max((x @ self._linear.T - self._limits) / (self._limits + self._scale * size[:, None]), axis=1)
         good = excess <= INSIDE
@@ -151,7 +150,7 @@ def _roots(a: float, b: float, c: float) -> list[float]:
 
 
 def check_bounded(contacts: Sequence[ContactModel], torques: FloatArray, space: int, name: str) -> None:
-    """Refuse joints that leave some force of the cones without any torque."""
+    """Raise if some force of the cones loads no joint."""
     rng = np.random.default_rng(0)
     every = []
     for contact, where in zip(contacts, ranges(contacts, space), strict=True):

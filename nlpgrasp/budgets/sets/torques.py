@@ -1,7 +1,6 @@
-"""Joint-torque limits in the contacts' frames: ``{x in K : |T x| <= 1}`` with one row of T a limit.
+"""Force set of joint-torque limits, ``{x in K : |T x| <= 1}`` with one row of T per limit.
 
-Contacts that no limit ties together are independent of each other: the set is a product, and its support a sum
-over such groups.
+Contacts without common limits are independent: the set is a product over such groups, and its support function a sum.
 """
 
 from __future__ import annotations
@@ -22,11 +21,11 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
 
-MOST_LISTED = 4  # components of a contact whose extreme points are listed
+MOST_LISTED = 4  # most components of a contact whose extreme points are enumerated
 
 
 class TorqueSet(ForceSet):
-    """The forces ``{x in K : |T x| <= 1}`` of several contacts.
+    """Force set ``{x in K : |T x| <= 1}`` of several contacts under joint-torque limits.
 
     Parameters
     ----------
@@ -40,7 +39,7 @@ class TorqueSet(ForceSet):
     Raises
     ------
     InputError
-        When some forces need no torque at all: the set is unbounded.
+        When some force loads no joint, so that the set is unbounded.
     """
 
     def __init__(self, torques: FloatArray, contacts: Sequence[ContactModel], space: int, name: str) -> None:
@@ -50,11 +49,11 @@ class TorqueSet(ForceSet):
 
     @property
     def costly(self) -> bool:
-        """Whether some contacts are too many, or too manifold, to have their extreme points listed."""
+        """Whether some group of contacts needs a conic program per support evaluation."""
         return any(isinstance(one, TorqueCone) for _, one in self._groups)
 
     def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the largest work within the limits, (m, n) to (m,), and the forces, (m, n): sums over the groups."""
+        """Return the support function (m,) along z (m, n), a sum over the groups, and maximisers (m, n)."""
         total, forces = np.zeros(len(z)), np.zeros_like(z)
         for where, one in self._groups:
             value, forces[:, where] = one.support(z[:, where])
@@ -62,9 +61,9 @@ class TorqueSet(ForceSet):
         return total, forces
 
     def prices(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return forces of largest work along z (m, n), and what one more of each limit is worth, (m, rows of T).
+        """Return maximisers along z (m, n), and the shadow prices of the limits, (m, rows of T).
 
-        Positive where the torque is at its upper limit, negative at the lower one.
+        Prices are positive at upper limits and negative at lower ones.
         """
         forces, prices = np.zeros_like(z), np.zeros((len(z), len(self.torques)))
         for where, rows, cone in self._cones:
@@ -72,16 +71,16 @@ class TorqueSet(ForceSet):
         return forces, prices
 
     def used(self, x: FloatArray) -> FloatArray:
-        """Return the largest torque over its limit, (m, n) to (m,)."""
+        """Return the largest ratios of torque to limit (m,) of forces (m, n)."""
         return np.asarray(np.max(np.abs(x @ self.torques.T), axis=1, initial=0.0))
 
     def cones(self) -> list[FloatArray]:
-        """Return ``f - (T x)_j >= 0`` and ``f + (T x)_j >= 0`` for every limit, (1, n + 1) each."""
+        """Return the conditions ``f - (T x)_j >= 0`` and ``f + (T x)_j >= 0`` of all limits, (1, n + 1) each."""
         signed = [sign * row for row in self.torques for sign in (1.0, -1.0)]
         return [np.append(row, 1.0)[None, :] for row in signed]
 
     def _group(self, own: list[int]) -> tuple[NDArray[np.intp], TorquePolytope | TorqueCone]:
-        """Return components and set of contacts that limits tie together."""
+        """Return component indices and force set of a group of coupled contacts."""
         where, rows = self._part(own)
         models = [self.contacts[i] for i in own]
         T = self.torques[np.ix_(rows, where)]
@@ -92,7 +91,7 @@ class TorqueSet(ForceSet):
         return where, TorqueCone(models, T, self.space, name)
 
     def _part(self, own: list[int]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Return the components of contacts and the rows of T that see them."""
+        """Return the component indices of contacts, and the rows of T that involve them."""
         where = np.concatenate([np.arange(self.ranges[i].start, self.ranges[i].stop) for i in own])
         return where, np.flatnonzero(np.any(self.torques[:, where] != 0.0, axis=1))
 
@@ -112,20 +111,20 @@ def torque_rows(
     frames: FloatArray,
     contacts: Sequence[ContactModel],
 ) -> list[FloatArray]:
-    """Return each contact's torques over their limits per force component, (m_i, n_i), from its Jacobian."""
+    """Return each contact's matrix of torques over limits per force component, (m_i, n_i), from its Jacobian."""
     space = frames.shape[1]
     maps = [wrench_transform(np.zeros(space), f) @ c.basis(space) for f, c in zip(frames, contacts, strict=True)]
     return [(J.T / tau[:, None]) @ B[: len(J)] for J, tau, B in zip(jacobians, limits, maps, strict=True)]
 
 
 def check_jacobian(name: str, J: FloatArray, space: int, d: int) -> None:
-    """Refuse a Jacobian whose rows are neither velocities nor velocities and angular velocities."""
+    """Raise for a Jacobian without rows of velocities, or of velocities and angular velocities."""
     if len(J) not in (space, d):
         raise InputError(name, f"{len(J)} rows", f"{space} or {d} rows")
 
 
 def _independent(torques: FloatArray, parts: Sequence[slice]) -> list[list[int]]:
-    """Return the contacts in groups that no limit ties to another."""
+    """Return the groups of contacts without common limits."""
     seen = np.stack([np.any(torques[:, r] != 0.0, axis=1) for r in parts]).astype(float)  # (k, rows)
     count, labels = connected_components(sparse.csr_matrix(seen @ seen.T), directed=False)
     return [np.flatnonzero(labels == g).tolist() for g in range(count)]

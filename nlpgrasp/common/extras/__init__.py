@@ -1,1 +1,1 @@
-"""Packages that not every installation has: imported where they are needed, refused in one sentence."""
+"""Optional dependencies, imported on demand."""

@@ -1,4 +1,4 @@
-"""Loading MuJoCo (extra ``sim``)."""
+"""Import of MuJoCo (extra ``sim``)."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from nlpgrasp.errors import MissingExtraError
 
 
 def import_mujoco(what: str) -> ModuleType:
-    """Return the package ``mujoco``.
+    """Import the package ``mujoco``.
 
     Raises
     ------
     MissingExtraError
-        When it is not installed; ``what`` is what needs it.
+        When it is not installed; ``what`` names the feature that needs it.
     """
     try:
         return import_module("mujoco")

@@ -1,4 +1,4 @@
-"""Pictures by matplotlib (extra ``viz``): loading it, shaded triangles at one scale, files whole or not at all."""
+"""Matplotlib helpers (extra ``viz``): import, shaded triangles, atomic files."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ ZOOM = 1.4  # matplotlib leaves wide margins
 
 
 def pyplot(what: str) -> ModuleType:
-    """Return matplotlib's pyplot, drawing to files alone.
+    """Import matplotlib's pyplot with a file-only backend.
 
     Raises
     ------
     MissingExtraError
-        When matplotlib is not installed; ``what`` is what needs it.
+        When matplotlib is not installed; ``what`` names the feature that needs it.
     InputError
-        When the environment names a backend that matplotlib does not have.
+        When the environment names an unknown backend.
     """
     try:
         import_module("matplotlib").use("Agg")
@@ -44,7 +44,7 @@ def pyplot(what: str) -> ModuleType:
 
 
 def write_figure(figure: Figure, path: str | Path, dpi: int = 130) -> Path:
-    """Write a figure as PNG, whole or not at all, and close it; return the path.
+    """Write a figure as PNG atomically, close it, and return the path.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def write_figure(figure: Figure, path: str | Path, dpi: int = 130) -> Path:
 
 
 def draw_triangles(ax: Axes3D, shape: Triangles, colour: str, opacity: float) -> None:
-    """Draw a surface of triangles, each darker where it faces away from the light.
+    """Draw a triangulated surface with directional shading.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def draw_triangles(ax: Axes3D, shape: Triangles, colour: str, opacity: float) ->
     colour : str
         As ``#rrggbb``.
     opacity : float
-        Of 1.
+        From 0 to 1.
     """
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
@@ -76,7 +76,7 @@ def draw_triangles(ax: Axes3D, shape: Triangles, colour: str, opacity: float) ->
 
 
 def show_at_one_scale(ax: Axes3D, points: FloatArray) -> None:
-    """Show all points (n, 3) at one scale, without axes."""
+    """Set equal axis scales that show all points (n, 3), and hide the axes."""
     low, high = points.min(axis=0), points.max(axis=0)
     half = 0.5 * float(np.max(high - low)) or 1.0
     for setter, middle in zip((ax.set_xlim, ax.set_ylim, ax.set_zlim), 0.5 * (low + high), strict=True):
@@ -86,7 +86,7 @@ def show_at_one_scale(ax: Axes3D, points: FloatArray) -> None:
 
 
 def _shaded(corners: FloatArray, colour: str) -> FloatArray:
-    """Return a colour (m, 3) for each triangle."""
+    """Return a shaded colour (m, 3) for each triangle."""
     base = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)

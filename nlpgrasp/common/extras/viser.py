@@ -1,4 +1,4 @@
-"""Loading viser (extra ``view``)."""
+"""Import of viser (extra ``view``)."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from nlpgrasp.errors import MissingExtraError
 
 
 def import_viser(what: str) -> ModuleType:
-    """Return the package ``viser``.
+    """Import the package ``viser``.
 
     Raises
     ------
     MissingExtraError
-        When it is not installed; ``what`` is what needs it.
+        When it is not installed; ``what`` names the feature that needs it.
     """
     try:
         return import_module("viser")

@@ -1,4 +1,4 @@
-"""Xacro files: URDFs with macros, which the package ``xacro`` expands."""
+"""Expansion of xacro files to URDF."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from nlpgrasp.errors import InputError
 
 
 def expanded(source: Path) -> bytes:
-    """Return the URDF that a xacro file makes.
+    """Expand a xacro file and return the URDF.
 
     Raises
     ------

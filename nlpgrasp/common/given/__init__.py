@@ -1,1 +1,1 @@
-"""What users state in several ways: lengths in units, angles, poses."""
+"""Conversion of user input: lengths with units, angles, masses, names, poses."""

@@ -1,4 +1,4 @@
-"""Angles in radians, and those that were probably given in degrees."""
+"""Validation of angles in radians, with hints about degrees."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import numpy as np
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError
 
-TURN = 2.0 * np.pi * (1.0 + 1e-6)  # a full turn, rounded as files round it
+TURN = 2.0 * np.pi * (1.0 + 1e-6)  # rad, a full turn with tolerance for rounding in files
 
 
 def angle(field: str, value: object, at_most: float, limit: str) -> float:
-    """Return an angle above zero, or raise ``InputError`` that says what it is in radians if it looks like degrees.
+    """Return a validated angle above zero; the ``InputError`` hints at degrees where likely.
 
     Parameters
     ----------
@@ -21,7 +21,7 @@ def angle(field: str, value: object, at_most: float, limit: str) -> float:
     at_most : float
         Radians.
     limit : str
-        The same in words: ``"pi"``.
+        The same as text: ``"pi"``.
     """
     found = number(field, value, above=0.0)
     if found > at_most:
@@ -30,7 +30,7 @@ def angle(field: str, value: object, at_most: float, limit: str) -> float:
 
 
 def angles(field: str, values: FloatArray) -> FloatArray:
-    """Return angles, of any shape, radians, refusing those beyond a full turn: they were probably given in degrees."""
+    """Return angles of any shape, radians; raise beyond a full turn, which suggests degrees."""
     worst = float(np.max(np.abs(values), initial=0.0))
     if worst > TURN:
         raise InputError(field, values.tolist(), f"radians{_hint(worst)}")
@@ -38,6 +38,6 @@ def angles(field: str, values: FloatArray) -> FloatArray:
 
 
 def _hint(size: float) -> str:
-    """Return what an angle is in radians, where it is more than a full turn or a usual number of degrees."""
+    """Return a conversion hint for an angle that is probably in degrees, else an empty text."""
     degrees = size > TURN or (size >= 5.0 and size == round(size))
     return f": {size:g} degrees are {np.radians(size):.4g}" if degrees else ""

@@ -1,4 +1,4 @@
-"""Lengths in the unit that a user states."""
+"""Conversion of lengths to metres."""
 
 from __future__ import annotations
 
@@ -7,31 +7,31 @@ import numpy as np
 from nlpgrasp.common.validation import LONGEST_BODY, FloatArray, number
 from nlpgrasp.errors import InputError
 
-LARGEST_TIP = 1.0  # metres, of a fingertip's radius
+LARGEST_TIP = 1.0  # m, largest fingertip radius
 UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 
 
 def metres_per(field: str, unit: object) -> float:
-    """Return the metres of a unit, or raise ``InputError`` naming those there are."""
+    """Return the length of a unit in metres, or raise ``InputError`` that lists the known units."""
     if not isinstance(unit, str) or unit not in UNITS:
         raise InputError(field, unit if isinstance(unit, str) else repr(unit), "one of " + ", ".join(UNITS))
     return UNITS[unit]
 
 
 def in_metres(field: str, lengths: FloatArray, unit: object) -> FloatArray:
-    """Return lengths, of any shape, in metres: 35 mm are the number that 0.035 is.
+    """Return lengths of any shape in metres, correctly rounded: 35 mm give exactly 0.035.
 
     Parameters
     ----------
     field : str
-        Of the unit, shown in messages: ``"Box.unit"``.
+        Field of the unit, for messages: ``"Box.unit"``.
     lengths : (...) array
     unit : {"m", "dm", "cm", "mm", "in", "ft"}
 
     Raises
     ------
     InputError
-        On another unit.
+        On an unknown unit.
     """
     factor = metres_per(field, unit)
     parts = round(1.0 / factor)
@@ -40,13 +40,13 @@ def in_metres(field: str, lengths: FloatArray, unit: object) -> FloatArray:
 
 
 def one_in_metres(field: str, name: str, length: object, unit: object) -> float:
-    """Return a length above zero in metres; the field of its unit is ``field.unit``, its own ``field.name``."""
+    """Return a validated length above zero in metres; errors name ``field.name`` or ``field.unit``."""
     stated = number(f"{field}.{name}", length, above=0.0)
     return number(f"{field}.{name}", float(in_metres(f"{field}.unit", np.asarray(stated), unit)), above=0.0)
 
 
 def of_a_hand(field: str, length: float, most: float = LONGEST_BODY) -> float:
-    """Return a length of a hand, metres; one above ``most`` was given in another unit.
+    """Return a length of a hand, metres; raise above ``most``, which suggests another unit.
 
     Raises
     ------

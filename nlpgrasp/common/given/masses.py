@@ -1,20 +1,20 @@
-"""Masses that a user states, in kilograms."""
+"""Validation of masses in kilograms."""
 
 from __future__ import annotations
 
 from nlpgrasp.common.shown.once import say_once
 from nlpgrasp.common.validation import number
 
-HEAVY = 50.0  # kilograms: what no hand carries was probably stated in grams
+HEAVY = 50.0  # kg, mass above which grams are suspected
 
 
 def kilograms(mass: object) -> float:
-    """Return a mass above zero; one that no hand carries is asked about, once.
+    """Return a validated mass above zero; warn once about an implausible one.
 
     Raises
     ------
     InputError
-        On what is no number above zero.
+        On anything but a number above zero.
     """
     found = number("mass", mass, above=0.0)
     if found > HEAVY:

@@ -1,23 +1,23 @@
-"""Names that are not there, and those that were probably meant."""
+"""Suggestions for misspelt names."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from difflib import get_close_matches
 
-MOST, NEAREST = 12, 4  # names that a message lists, and of near ones
-CLOSE, LONG = 0.6, 3  # ratio of letters that names share where they are near; letters of a word that says something
+MOST, NEAREST = 12, 4  # most names listed in a message, most suggestions
+CLOSE, LONG = 0.6, 3  # least similarity ratio of similar names; least letters of a significant word
 
 
 def near(name: str, names: Iterable[str]) -> list[str]:
-    """Return the names that are like one that is not there, the nearest first, whatever their case.
+    """Return names similar to an unknown one, most similar first, ignoring case.
 
     Parameters
     ----------
     name : str
-        What was given.
-    names : iterable of str
-        Those that there are.
+        The unknown name.
+        names : iterable of str
+        Known names.
     """
     by_case = {one.casefold(): one for one in names}
     close = [by_case[one] for one in get_close_matches(name.casefold(), by_case, NEAREST, CLOSE)]
@@ -27,14 +27,14 @@ def near(name: str, names: Iterable[str]) -> list[str]:
 
 
 def listed(given: Iterable[object], names: Iterable[str]) -> str:
-    """Return names after each other, a dozen at most, and which of them were probably meant.
+    """Return a list of at most a dozen known names as text, with suggestions for unknown ones.
 
     Parameters
     ----------
     given : iterable
-        What was given in place of some of the names.
+        Unknown names.
     names : iterable of str
-        All that there are.
+        Known names.
     """
     known = list(names)
     more = f" and {len(known) - MOST} more" if len(known) > MOST else ""

@@ -1,4 +1,4 @@
-"""Poses, as a matrix or as a position and a quaternion whose order is stated."""
+"""Poses from matrices or from positions with quaternions of stated order."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from nlpgrasp.errors import InputError
 Pose = ArrayLike | Mapping[str, ArrayLike]
 WXYZ, XYZW = "quaternion_wxyz", "quaternion_xyzw"
 SPELLINGS = f'{{"position": (x, y, z), "{WXYZ}" or "{XYZW}": ...}}'
-UNIT = 1e-3  # how far a quaternion's length may be off 1
+UNIT = 1e-3  # tolerance of a quaternion's norm
 
 
 def rigid_transform(field: str, value: Pose, space: int) -> tuple[FloatArray, FloatArray]:
@@ -26,8 +26,8 @@ def rigid_transform(field: str, value: Pose, space: int) -> tuple[FloatArray, Fl
     field : str
         Name shown in the message.
     value : (space + 1, space + 1) array or mapping
-        ``[[A, b], [0, 1]]``, metres; A a rotation to 1e-6, then made one exactly. In space also a mapping with
-        ``position`` (3,) and ``quaternion_wxyz`` or ``quaternion_xyzw`` (4,), of unit length to 1e-3.
+        ``[[A, b], [0, 1]]``, metres; A a rotation within 1e-6, then orthonormalised. In space also a mapping with
+        ``position`` (3,) and ``quaternion_wxyz`` or ``quaternion_xyzw`` (4,), of unit norm within 1e-3.
     space : int
         2 or 3.
 
@@ -39,7 +39,7 @@ def rigid_transform(field: str, value: Pose, space: int) -> tuple[FloatArray, Fl
     Raises
     ------
     InputError
-        When it is of another shape, no rotation and translation, or does not say where its quaternion's scalar is.
+        When it has another shape, is no rigid transform, or does not state its quaternion's order.
     """
     size = f"({space + 1}, {space + 1})"
     spellings = f"a {size} matrix" + (f", or {SPELLINGS}" if space == 3 else "")
@@ -66,19 +66,19 @@ def rigid_transform(field: str, value: Pose, space: int) -> tuple[FloatArray, Fl
 
 
 def pose_matrix(field: str, value: Pose) -> FloatArray:
-    """Return a pose in space as ``[[A, b], [0, 1]]``, (4, 4); errors as of ``rigid_transform``."""
+    """Return a pose in space as ``[[A, b], [0, 1]]``, (4, 4); raises as ``rigid_transform``."""
     result = np.eye(4)
     result[:3, :3], result[:3, 3] = rigid_transform(field, value, 3)
     return result
 
 
 def rotation_matrices(field: str, rotations: ArrayLike, scalar_first: bool = True) -> FloatArray:
-    """Return rotation matrices, (m, 3, 3), of such matrices or of quaternions (m, 4).
+    """Return validated rotation matrices (m, 3, 3) from matrices or quaternions (m, 4).
 
     Raises
     ------
     InputError
-        Naming the first row that is no rotation.
+        Naming a row that is no rotation.
     """
     if len(_shape(rotations)) == 3:
         given = array(field, rotations, (None, 3, 3))
@@ -94,7 +94,7 @@ def rotation_matrices(field: str, rotations: ArrayLike, scalar_first: bool = Tru
 
 
 def _rotation(field: str, matrix: FloatArray) -> FloatArray:
-    """Return a matrix that is a rotation to 1e-6 as one exactly."""
+    """Return the orthonormalised matrix of a rotation within 1e-6."""
     if np.max(np.abs(matrix @ matrix.T - np.eye(len(matrix)))) > UNIT_TOLERANCE or np.linalg.det(matrix) < 0.0:
         raise InputError(field, matrix.tolist(), "a rotation matrix (orthonormal, determinant +1)")
     left, _, right = np.linalg.svd(matrix)
@@ -102,7 +102,7 @@ def _rotation(field: str, matrix: FloatArray) -> FloatArray:
 
 
 def _shape(value: ArrayLike) -> tuple[int, ...]:
-    """Return an array's shape, empty where it has none."""
+    """Return an array's shape, empty if it is irregular."""
     try:
         return np.shape(value)
     except ValueError:

@@ -1,1 +1,1 @@
-"""Triangle meshes: reading them, and their search trees."""
+"""Triangle meshes: reading, repair, union, search trees, mass properties."""

@@ -1,4 +1,4 @@
-"""Which triangles of a mesh cross or lie upon each other."""
+"""Intersection and overlap tests of triangles."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 from nlpgrasp.common.meshes.search_tree import IntArray
 from nlpgrasp.common.validation import FloatArray
 
-FEW = 48  # boxes that are compared one by one
-PARALLEL = 1.0 - 1e-6  # cosine
-AT_ONCE = 200_000  # pairs
+FEW = 48  # most boxes compared pairwise
+PARALLEL = 1.0 - 1e-6  # cosine of the angle below which axes are parallel
+AT_ONCE = 200_000  # pairs per batch
 
 
 def meeting_boxes(lower: FloatArray, upper: FloatArray) -> IntArray:
-    """Return the pairs (p, 2), the smaller number first, of boxes (n, 3) that have a point in common.
+    """Return the index pairs (p, 2), smaller first, of intersecting axis-aligned boxes (n, 3).
 
-    The boxes are parted at the median of their centres, those that reach over it going to both sides, until few are
-    left or parting does not help.
+    Boxes are split recursively at the median of their centres, with those across it in both halves, until few are left
+    or splitting does not help.
     """
     found: list[IntArray] = [np.zeros((0, 2), dtype=np.int64)]
     waiting: list[IntArray] = [np.arange(len(lower))]
@@ -38,7 +38,7 @@ def meeting_boxes(lower: FloatArray, upper: FloatArray) -> IntArray:
 
 
 def _all_pairs(these: IntArray, lower: FloatArray, upper: FloatArray) -> Iterator[IntArray]:
-    """Yield the pairs among some boxes that meet, compared one by one."""
+    """Yield the intersecting pairs among some boxes, by pairwise comparison."""
     rows = max(1, AT_ONCE // len(these))
     for start in range(0, len(these), rows):
         some = these[start : start + rows]
@@ -48,7 +48,7 @@ def _all_pairs(these: IntArray, lower: FloatArray, upper: FloatArray) -> Iterato
 
 
 def crossing_triangles(vertices: FloatArray, faces: IntArray, slack: float) -> IntArray:
-    """Return the pairs (p, 2), each both ways round, of triangles without a common vertex that cross or touch."""
+    """Return the index pairs (p, 2), in both orders, of triangles without common vertex that intersect or touch."""
     corners = vertices[faces]
     pairs = meeting_boxes(corners.min(axis=1) - slack, corners.max(axis=1) + slack)
     apart = ~np.any(faces[pairs[:, 0]][:, :, None] == faces[pairs[:, 1]][:, None], axis=(1, 2))
@@ -58,10 +58,11 @@ def crossing_triangles(vertices: FloatArray, faces: IntArray, slack: float) -> I
 
 
 def crossing(one: FloatArray, other: FloatArray, slack: float) -> NDArray[np.bool_]:
-    """Return which triangles (p, 3, 3) cross or touch others (p, 3, 3), pair by pair.
+    """Return which triangles (p, 3, 3) intersect or touch others (p, 3, 3), pair by pair.
 
-    An axis that parts them shows that they do not. Along a triangle's normal a gap of up to ``slack`` still counts as
-    touching; along other axes they have to overlap by so much, as triangles beside each other in a plane do not.
+    A separating axis shows that they do not. Along a triangle's normal a gap of up to ``slack`` still counts as
+    touching; along other axes an overlap of at least ``slack`` is required, so that adjacent triangles in a plane do
+    not count.
     """
     parts = [slice(start, start + AT_ONCE) for start in range(0, len(one), AT_ONCE)]
     return np.concatenate([np.zeros(0, dtype=bool), *(_crossing(one[s], other[s], slack) for s in parts)])
@@ -87,7 +88,7 @@ def _crossing(one: FloatArray, other: FloatArray, slack: float) -> NDArray[np.bo
 
 
 def covered(one: FloatArray, other: FloatArray, slack: float) -> NDArray[np.bool_]:
-    """Return which triangles (p, 3, 3) lie wholly upon others (p, 3, 3), within ``slack``, pair by pair."""
+    """Return which triangles (p, 3, 3) lie entirely on others (p, 3, 3), within ``slack``, pair by pair."""
     from_corner = one[:, :, None] - other[:, None]  # pair, corner of one, corner of the other
     result = in_plane(one, other, slack)
     inwards = np.cross(normals_of(other)[:, None], np.roll(other, -1, axis=1) - other)
@@ -102,12 +103,12 @@ def in_plane(one: FloatArray, other: FloatArray, slack: float) -> NDArray[np.boo
 
 
 def normals_of(corners: FloatArray) -> FloatArray:
-    """Return the unit normals (p, 3) of triangles (p, 3, 3); zero where there is none."""
+    """Return the unit normals (p, 3) of triangles (p, 3, 3), zero for degenerate ones."""
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return np.asarray(across / np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None])
 
 
 def _gap(one: FloatArray, other: FloatArray, axis: FloatArray) -> FloatArray:
-    """Return how far triangles are apart along unit axes (p, 3), negative where they overlap, (p,)."""
+    """Return the gaps (p,) between triangles along unit axes (p, 3), negative for overlap."""
     first, second = (np.einsum("pij,pj->pi", corners, axis) for corners in (one, other))
     return np.asarray(np.maximum(second.min(axis=1) - first.max(axis=1), first.min(axis=1) - second.max(axis=1)))

@@ -1,4 +1,4 @@
-"""Local coordinates of geometry that lies far from the origin, so that sums and single precision keep their digits."""
+"""Local coordinates for geometry far from the origin, against loss of precision."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
 
-FAR = 16.0  # longest sides from the origin: nearer geometry is worked on as it is stated
+FAR = 16.0  # longest sides: distance from the origin beyond which local coordinates are used
 
 
 def local_origin(points: FloatArray, beyond: float = FAR) -> FloatArray:
-    """Return the origin (3,) of coordinates local to points (n, 3), metres: the box centre on each axis that is far.
+    """Return the origin (3,) of local coordinates of points (n, 3), metres: the box centre on each far axis.
 
-    It is 0 on the other axes. With ``beyond`` of at least 1 the difference of a point and this origin, and the sum that
-    leads back, are exact in floating point (Sterbenz), so points return unchanged.
+    It is 0 on the other axes. With ``beyond`` of at least 1 the difference of a point and this origin, and the inverse
+    sum, are exact in floating point (Sterbenz), so points are restored exactly.
 
     Parameters
     ----------
@@ -30,5 +30,5 @@ def local_origin(points: FloatArray, beyond: float = FAR) -> FloatArray:
 
 
 def in_frame(points: FloatArray, origin: FloatArray) -> FloatArray:
-    """Return points (..., 3) relative to an origin (3,); unchanged, signs of zeros too, where it is 0."""
+    """Return points (..., 3) relative to an origin (3,); unchanged if it is 0."""
     return points - origin if np.any(origin) else points

@@ -1,4 +1,4 @@
-"""Volume, centre of mass and inertia of a closed mesh, about its own box centre where it lies far from the origin."""
+"""Volume, centre of mass and inertia of a closed mesh."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class VolumeIntegrals:
-    """Integrals over a closed mesh of density 1.
+    """Volume, centre of mass and inertia of a closed mesh of unit density.
 
     Parameters
     ----------
@@ -34,9 +34,9 @@ class VolumeIntegrals:
 
 
 def volume_integrals(mesh: trimesh.Trimesh) -> VolumeIntegrals:
-    """Return the integrals over a closed mesh.
+    """Compute the volume integrals of a closed mesh in local coordinates.
 
-    Those of trimesh are about the origin: at 1 km the inertia of a part of 20 mm has no correct digit.
+    trimesh integrates about the origin: at 1 km the inertia of a part of 20 mm would have no correct digit.
     """
     from trimesh.triangles import mass_properties
 

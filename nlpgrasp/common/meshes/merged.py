@@ -1,4 +1,4 @@
-"""Merging of a mesh's vertices by position alone: texture coordinates, normals and colours split none."""
+"""Merging of mesh vertices by position."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from nlpgrasp.common.validation import FloatArray
 if TYPE_CHECKING:
     import trimesh
 
-SEAM = 1e-6  # of the longest side: open edges so near each other are one; exporters round seams to single precision
+SEAM = 1e-6  # of the longest side: distance within which open edges merge (exporters use single precision)
 
 
 def merged_mesh(vertices: FloatArray, faces: IntArray) -> trimesh.Trimesh:
-    """Return the mesh with one vertex a position, without triangles that have no area.
+    """Return the mesh with one vertex per position and without degenerate triangles.
 
-    Vertices merge that agree to 1e-8 m. Where edges stay open, vertices of open edges merge within a millionth of the
-    longest side, and thin triangles that close a gap are kept; the result with the fewest open edges is returned.
+    Vertices merge within 1e-8 m. If edges stay open, vertices of open edges merge within a millionth of the longest
+    side, and thin triangles that close a gap are kept; the result with the fewest open edges is returned.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def merged_mesh(vertices: FloatArray, faces: IntArray) -> trimesh.Trimesh:
 
 
 def welded_faces(vertices: FloatArray, faces: IntArray) -> IntArray:
-    """Return triangles (f, 3) whose open edges share vertices that are within ``SEAM`` of each other."""
+    """Return the triangles (f, 3) with vertices of open edges merged within ``SEAM``."""
     loose = Parts(vertices, faces).open_vertices
     reach = SEAM * float(np.max(np.ptp(vertices, axis=0)))
     pairs = loose[cKDTree(vertices[loose]).query_pairs(reach, output_type="ndarray")]
@@ -65,15 +65,15 @@ def welded_faces(vertices: FloatArray, faces: IntArray) -> IntArray:
 
 
 def is_plain(mesh: trimesh.Trimesh) -> bool:
-    """Return whether every edge belongs to two triangles, which go along it in opposite directions."""
+    """Return whether the mesh is watertight with consistent winding."""
     return bool(mesh.is_watertight and mesh.is_winding_consistent)
 
 
 def open_edges(mesh: trimesh.Trimesh) -> int:
-    """Return the number of edges that triangles do not go along as often one way as the other."""
+    """Return the number of open edges, used unequally often in both directions."""
     return Parts(np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces)).open_edges
 
 
 def _has_three_corners(faces: IntArray) -> NDArray[np.bool_]:
-    """Return which triangles (f, 3) have three different vertices, (f,)."""
+    """Return which triangles (f, 3) have three distinct vertices, (f,)."""
     return np.asarray(np.all(faces != np.roll(faces, 1, axis=1), axis=1))

@@ -1,7 +1,6 @@
-"""Reading a triangle mesh, and refusing one that cannot be grasped.
+"""Reading, repair and validation of triangle meshes.
 
-Bodies are made of what this reads, and an independent check reads the same file again: the digest tells whether both
-have the same triangles.
+Both bodies and the independent verification read meshes here; the digest shows whether both have the same triangles.
 """
 
 from __future__ import annotations
@@ -28,16 +27,16 @@ from nlpgrasp.errors import InputError
 if TYPE_CHECKING:
     import trimesh
 
-LARGE = 3.0  # metres: longer bodies are mostly stated in another unit
+LARGE = 3.0  # m, length above which another unit is suspected
 
 
 def read_mesh(path: str | Path, unit: str) -> trimesh.Trimesh:
-    """Return the mesh of a file in metres.
+    """Read a mesh file, scaled to metres.
 
     Raises
     ------
     InputError
-        When the file does not exist, trimesh cannot read it, it holds no triangles, or the unit is unknown.
+        When the file does not exist, trimesh cannot read it, it has no triangles, or the unit is unknown.
     """
     import trimesh
 
@@ -65,7 +64,7 @@ def read_mesh(path: str | Path, unit: str) -> trimesh.Trimesh:
 
 
 def _one_mesh(scene: trimesh.Scene) -> object:
-    """Return the triangles of a scene as one mesh, without textures, which would be packed into a picture."""
+    """Return the triangles of a scene as one mesh, without textures."""
     import trimesh
 
     for geometry in scene.geometry.values():
@@ -75,7 +74,7 @@ def _one_mesh(scene: trimesh.Scene) -> object:
 
 
 def scaled_mesh(mesh: trimesh.Trimesh, factor: float) -> trimesh.Trimesh:
-    """Return a copy of a mesh that is this many times as large; what is not a mesh is returned as it is."""
+    """Return a scaled copy of a mesh; anything else is returned unchanged."""
     import trimesh
 
     if not isinstance(mesh, trimesh.Trimesh):
@@ -86,12 +85,13 @@ def scaled_mesh(mesh: trimesh.Trimesh, factor: float) -> trimesh.Trimesh:
 
 
 def usable_mesh(mesh: object) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
-    """Return the closed outer surface of the mesh and what was mended, or refuse it in one sentence.
+    """Return the closed outer surface of a mesh and a list of repairs, or raise.
 
-    Small holes are filled, what is inside out is turned, parts that overlap are joined; all of it is listed. What stays
-    open is accepted only if its winding number tells inside from outside almost everywhere (scans with a few bad
-    triangles). A mesh that needs nothing keeps its vertices and triangles as they are. Vertices in the same place are
-    one, whatever their texture coordinates and normals. A mesh far from the origin is judged in local coordinates.
+    Small holes are filled, inverted parts reversed, and overlapping parts united; all repairs are listed. A mesh that
+    stays open is accepted only if its winding number distinguishes inside and outside almost everywhere (scans with a
+    few bad triangles). A mesh without defects keeps its vertices and triangles. Vertices at the same position are
+    merged, whatever their texture coordinates and normals. A mesh far from the origin is processed in local
+    coordinates.
     """
     import trimesh
 
@@ -113,7 +113,7 @@ def usable_mesh(mesh: object) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
 
 
 def _outer(vertices: FloatArray, faces: IntArray) -> tuple[trimesh.Trimesh, list[str]]:
-    """Return the closed outer surface of vertices (v, 3), metres, and triangles (f, 3), and what was mended."""
+    """Return the closed outer surface of vertices (v, 3), metres, and triangles (f, 3), and the repairs."""
     import trimesh
 
     longest = float(np.max(np.ptp(vertices, axis=0)))
@@ -131,7 +131,7 @@ def _outer(vertices: FloatArray, faces: IntArray) -> tuple[trimesh.Trimesh, list
 
 
 def _of_likely_size(mesh: object) -> trimesh.Trimesh:
-    """Return the mesh, refusing what is not a mesh with triangles, or was given in another unit."""
+    """Return the mesh; raise if it has no triangles or its size suggests another unit."""
     import trimesh
 
     if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
@@ -151,7 +151,7 @@ def _longest_side(mesh: trimesh.Trimesh) -> float:
 
 
 def _closed(vertices: FloatArray, faces: IntArray) -> tuple[trimesh.Trimesh, list[str]]:
-    """Return the mesh with its small holes filled and what was mended, refusing one whose inside is unclear."""
+    """Return the mesh with small holes filled, and the repairs; raise if its inside is ambiguous."""
     result = merged_mesh(vertices, faces)
     if not len(result.faces):
         raise InputError("Mesh.mesh", "triangles without area", "a mesh with volume")
@@ -168,7 +168,7 @@ def _closed(vertices: FloatArray, faces: IntArray) -> tuple[trimesh.Trimesh, lis
 
 
 def _mend(mesh: trimesh.Trimesh) -> list[str]:
-    """Leave out triangles that are there twice, fill holes, turn triangles as their neighbours are; return notes."""
+    """Remove duplicate triangles, fill holes and make the winding consistent, in place; return the repairs."""
     import trimesh
 
     notes = []
@@ -200,6 +200,6 @@ def mesh_digest(mesh: trimesh.Trimesh) -> str:
 
 
 def _volume(mesh: trimesh.Trimesh) -> float:
-    """Return the signed volume, as a sum of tetrahedra about the mean vertex."""
+    """Return the signed volume, m^3, as a sum of tetrahedra about the mean vertex."""
     a, b, c = (np.asarray(mesh.triangles)[:, i] - np.mean(mesh.vertices, axis=0) for i in range(3))
     return float(np.sum(np.einsum("ij,ij->i", a, np.cross(b, c)))) / 6.0

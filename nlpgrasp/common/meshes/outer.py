@@ -1,4 +1,4 @@
-"""The outer surface of a mesh: parts face outwards and are joined, walls of hollows and buried triangles left out."""
+"""Outer surface of a mesh: oriented, united parts without cavities and buried triangles."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from nlpgrasp.common.stored.cache import kept
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 
-GROWN = 2e-6  # of the size: a corner's faces move by more than half of it, and faces as near as that count as touching
-MOST_BURIED = 5e-4  # of the area: less is not looked into
+GROWN = 2e-6  # of the size: outward offset that makes touching parts overlap
+MOST_BURIED = 5e-4  # of the surface area: buried share that is tolerated
 
 
 def outer_surface(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray, tuple[str, ...]]:
-    """Return vertices (v, 3) and triangles (f, 3) of a mesh's outer surface, and what was done, a sentence each.
+    """Return vertices (v, 3) and triangles (f, 3) of a mesh's outer surface, and the repairs as sentences.
 
-    A mesh that is its own outer surface comes back as it is. What was found is kept for the next call.
+    A mesh that is its own outer surface is returned unchanged. Results are cached.
 
     Parameters
     ----------
     vertices : (v, 3) array
-        Metres; those in the same place are one.
+        Metres, without duplicates.
     faces : (f, 3) int array
 
     Raises
     ------
     InputError
-        Where parts that overlap cannot be joined and what is left of them has no clear inside.
+        When overlapping parts cannot be united and the remaining surface has an ambiguous inside.
     """
     found = kept("outer", [vertices, faces], lambda: _found(vertices, faces))
     notes = tuple(bytes(found["notes"].astype(np.uint8)).decode().splitlines())
@@ -41,7 +41,7 @@ def outer_surface(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, In
 
 
 def _found(vertices: FloatArray, faces: IntArray) -> dict[str, FloatArray]:
-    """Return the outer surface for the cache: arrays alone, no triangles where nothing was done."""
+    """Return the outer surface as arrays for the cache; no triangles if it is unchanged."""
     notes: list[str] = []
     parts = Parts(vertices, faces)
     hollows = parts.cavities()
@@ -52,9 +52,9 @@ def _found(vertices: FloatArray, faces: IntArray) -> dict[str, FloatArray]:
 
 
 def _facing_outwards(parts: Parts, hollows: IntArray, notes: list[str]) -> Parts:
-    """Return the parts, those turned inside out that face inwards; walls of hollows too, which are solid then.
+    """Return the parts with all closed ones, cavity walls included, oriented outwards.
 
-    Of a mesh without a closed part, all triangles are turned or none.
+    For a mesh of one part or without closed parts, all triangles are reversed or none.
     """
     if len(parts.volumes) > 1 and len(solid := parts.solid):
         inwards = solid[parts.volumes[solid] < 0.0]
@@ -72,7 +72,7 @@ def _facing_outwards(parts: Parts, hollows: IntArray, notes: list[str]) -> Parts
 
 
 def _joined(parts: Parts, hollows: IntArray, notes: list[str]) -> Parts:
-    """Return the union of the parts; those that touch up to rounding grow so that they overlap."""
+    """Return the union of the parts; touching parts are offset outwards so that they overlap."""
     united, how = outer_union(parts), ""
     if len(parts.volumes) > 1 and _buried(Parts(*united[0]) if united else parts) > MOST_BURIED:
         by = GROWN * float(np.linalg.norm(np.ptp(parts.vertices, axis=0)))
@@ -91,7 +91,7 @@ def _joined(parts: Parts, hollows: IntArray, notes: list[str]) -> Parts:
 
 
 def _without_buried(parts: Parts, notes: list[str]) -> Parts:
-    """Return what is not buried, or refuse the mesh where that has no clear inside."""
+    """Return the mesh without buried triangles; raise if its inside is then ambiguous."""
     share = _buried(parts)
     if share <= MOST_BURIED:
         return parts

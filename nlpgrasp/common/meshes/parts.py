@@ -1,4 +1,4 @@
-"""The parts that a triangle mesh falls into, which way round each is, and triangles that are there more than once."""
+"""Edge-connected parts of a triangle mesh, their orientation, and duplicate triangles."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from scipy.sparse.csgraph import connected_components
 from nlpgrasp.common.meshes.search_tree import IntArray, SearchTree
 from nlpgrasp.common.validation import FloatArray
 
-FLAT = 1e-9  # of the volume of the bounding box: a part with less is a sheet
-NEGLIGIBLE = 1e-4  # of the area: so few triangles back to back are left as they are
-LOOKED_AT = 16  # corners of a part that tell whether it is inside another
+FLAT = 1e-9  # of the bounding box's volume: volume below which a part is a sheet
+NEGLIGIBLE = 1e-4  # of the surface area: share of opposite triangle pairs that is tolerated
+LOOKED_AT = 16  # vertices of a part tested for being inside another
 
 
 @dataclass(frozen=True)
 class Parts:
-    """A mesh and its parts: triangles that hang together by edges.
+    """A mesh and its edge-connected parts.
 
-    Where more than two triangles share an edge, those that follow each other in the mesh belong together: files hold
-    one part after the other.
+    Where more than two triangles share an edge, consecutive ones in the mesh belong together, since files contain one
+    part after the other.
 
     Parameters
     ----------
@@ -37,31 +37,31 @@ class Parts:
 
     @cached_property
     def _edges(self) -> NDArray[np.int64]:
-        """A number for each undirected edge of each triangle, (f, 3), the same for the same edge."""
+        """Index of each undirected edge of each triangle, (f, 3)."""
         ends = np.sort(np.stack([self.faces, np.roll(self.faces, -1, axis=1)], axis=2), axis=2)
         keys = ends[..., 0] * np.int64(len(self.vertices)) + ends[..., 1]
         return np.asarray(np.unique(keys, return_inverse=True)[1]).reshape(self.faces.shape)
 
     @cached_property
     def _ways(self) -> NDArray[np.int64]:
-        """Which way the triangles go along their edges, (f, 3): 1 from the smaller vertex, -1 from the larger."""
+        """Direction of each edge in its triangle, (f, 3): 1 from the smaller vertex index, -1 from the larger."""
         return np.where(self.faces < np.roll(self.faces, -1, axis=1), 1, -1)
 
     @cached_property
     def open_edges(self) -> int:
-        """The number of edges that triangles do not go along as often one way as the other."""
+        """Number of open edges, used unequally often in both directions."""
         return int(np.count_nonzero(np.bincount(self._edges.ravel(), self._ways.ravel())))
 
     @cached_property
     def open_vertices(self) -> NDArray[np.int64]:
-        """The vertices at the ends of open edges."""
+        """Indices of the vertices of open edges."""
         sums = np.bincount(self._edges.ravel(), self._ways.ravel())
         which = sums[self._edges] != 0
         return np.unique([self.faces[which], np.roll(self.faces, -1, axis=1)[which]]).astype(np.int64)
 
     @cached_property
     def labels(self) -> NDArray[np.int64]:
-        """The number of the part that each triangle is of, (f,)."""
+        """Part index of each triangle, (f,)."""
         edges, ways = self._edges.ravel(), self._ways.ravel()
         order = np.argsort(edges, kind="stable")
         starts = np.flatnonzero(np.diff(edges[order], prepend=-1))
@@ -80,7 +80,7 @@ class Parts:
 
     @cached_property
     def solid(self) -> IntArray:
-        """The parts that have no open edge and a volume."""
+        """Indices of the parts without open edges and with volume."""
         edges, ways = self._edges, self._ways
         count = edges.max() + 1
         keys, key = np.unique((self.labels[:, None] * count + edges).ravel(), return_inverse=True)
@@ -91,24 +91,24 @@ class Parts:
 
     @cached_property
     def _order(self) -> tuple[IntArray, IntArray]:
-        """The triangles sorted by part, and where each part begins among them."""
+        """Triangle indices sorted by part, and the first position of each part."""
         order = np.argsort(self.labels, kind="stable")
         return order, np.searchsorted(self.labels[order], np.arange(len(self.volumes) + 1))
 
     def mesh_of(self, part: int) -> tuple[FloatArray, IntArray]:
-        """Return the vertices (v, 3) and triangles (f, 3) of a part alone."""
+        """Return the vertices (v, 3) and triangles (f, 3) of a single part."""
         order, starts = self._order
         return with_own_vertices(self.vertices, self.faces[order[starts[part] : starts[part + 1]]])
 
     def boxes(self) -> tuple[FloatArray, FloatArray]:
-        """Return the lower and upper corners of the boxes around all parts, (p, 3) each."""
+        """Return the lower and upper corners of all parts' bounding boxes, (p, 3) each."""
         order, starts = self._order
         corners = self.vertices[self.faces[order]]
         lower = np.minimum.reduceat(corners.min(axis=1), starts[:-1], axis=0)
         return lower, np.maximum.reduceat(corners.max(axis=1), starts[:-1], axis=0)
 
     def cavities(self) -> IntArray:
-        """Return the solid parts that wall in a hollow: wholly inside others, and turned against them."""
+        """Return the solid parts that bound cavities: inside others and with opposite orientation."""
         signs = np.sign(self.volumes)
         if len(signs) < 2 or np.all(signs[self.solid] == signs[self.solid[:1]]):
             return np.zeros(0, dtype=np.int64)
@@ -134,16 +134,16 @@ class Parts:
 
 
 def with_own_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
-    """Return the vertices (v, 3) that some triangles use, and those triangles (f, 3) by their numbers among them."""
+    """Return the vertices (v, 3) used by some triangles, and the triangles (f, 3) with renumbered vertices."""
     used, numbers = np.unique(faces, return_inverse=True)
     return vertices[used], np.asarray(numbers).reshape(-1, 3).astype(np.int64)
 
 
 def without_doubles(vertices: FloatArray, faces: IntArray) -> tuple[NDArray[np.bool_], int, int]:
-    """Return which triangles (f, 3) to keep, and how many go: as copies of another, and back to back with another.
+    """Return which triangles (f, 3) to keep, and the numbers of removed copies and opposite pairs' triangles.
 
-    Triangles back to back bound nothing. They go unless they are hardly anything, or all there is; where the rest is
-    open without them, the one of two that closes it stays.
+    Pairs of opposite triangles bound no volume. They are removed unless their area is negligible or all there is; where
+    the rest is open without them, the one of a pair that closes it stays.
     """
     ordered = np.argsort(faces, axis=1, kind="stable")
     way = np.where(np.isin(ordered @ np.array([9, 3, 1]), (5, 15, 19)), 1, -1)  # 012, 120, 201: even permutations
@@ -164,9 +164,9 @@ def without_doubles(vertices: FloatArray, faces: IntArray) -> tuple[NDArray[np.b
 
 
 def _closing(faces: IntArray, group: IntArray, kept: NDArray[np.bool_], pairs: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which triangles (f, 3) of those back to back close open edges of the kept ones, one of a group at most.
+    """Return which opposite triangles (f, 3) close open edges of the kept ones, at most one per group.
 
-    An open edge with one group of undecided triangles decides for that group; its other edges are looked at next.
+    An open edge with a single group of undecided triangles decides that group, then its other edges are examined.
     """
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)
     keys = np.sort(ends, axis=2) @ np.array([faces.max() + 1, 1])

@@ -1,4 +1,4 @@
-"""Mesh files of robot descriptions: beside the file, by ``file://``, or in ROS packages."""
+"""Location of mesh files of robot descriptions, including ROS packages."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from pathlib import Path
 
 
 def find_mesh(source: Path, name: str) -> Path | None:
-    """Return where a mesh of a URDF is.
+    """Return the path of a URDF's mesh file, or None.
 
-    Beside the file; for ``package://`` and ``model://`` below one of the folders above it, or in the packages of
-    ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH``.
+    It is searched relative to the URDF; for ``package://`` and ``model://``, below its parent folders and in the
+    packages of ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH``.
     """
     if not name:
         return None
@@ -31,7 +31,7 @@ def find_mesh(source: Path, name: str) -> Path | None:
 
 
 def _packages() -> list[Path]:
-    """Return the folders in which ROS looks for packages."""
+    """Return the folders of ROS packages."""
     first, second = (os.environ.get(name, "") for name in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"))
     found = [Path(place) for place in first.split(os.pathsep) if place]
     return found + [Path(place) / "share" for place in second.split(os.pathsep) if place]

@@ -1,7 +1,8 @@
-"""A mesh without the triangles that are buried in it, where its parts cannot be joined: triangles that cross are cut.
+"""Removal of buried triangles of a mesh, by subdivision of intersecting triangles.
 
-A triangle that none crosses is buried as a whole or not at all. One that another crosses is halved, and its halves
-again, until they are crossed no more; small ones that still are go, which leaves a slit along the seam.
+For parts that cannot be united. A triangle that no other intersects is buried entirely or not at all. Intersected
+triangles are bisected repeatedly until no piece is intersected; small pieces that still are intersected are removed,
+which leaves a slit along the seam.
 """
 
 from __future__ import annotations
@@ -15,17 +16,17 @@ from nlpgrasp.common.meshes.winding import BESIDE, buried
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 
-SMALL = 1e-3  # of the size: triangles so short are cut no more
+SMALL = 1e-3  # of the size: length below which triangles are not bisected
 MOST_PIECES = 1_000_000
 
 
 def without_buried(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
-    """Return vertices (v, 3) and triangles (f, 3) of what is not buried of a mesh.
+    """Return vertices (v, 3) and triangles (f, 3) of the exposed surface of a mesh.
 
     Raises
     ------
     InputError
-        Where too many triangles cross.
+        When too many triangles intersect.
     """
     size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     corners = vertices[faces]
@@ -42,9 +43,9 @@ def without_buried(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, I
 
 
 def _pieces(corners: FloatArray, pairs: IntArray, size: float) -> FloatArray:
-    """Return the pieces (n, 3, 3) that triangles which others cross are cut into, without the small ones still crossed.
+    """Return the pieces (n, 3, 3) of bisected intersecting triangles, without small pieces still intersected.
 
-    What of a triangle lies upon an earlier one that faces the same way is left out as well.
+    Pieces that lie on an earlier triangle with the same orientation are also removed.
     """
     owners: IntArray = np.unique(pairs[:, 0])
     piece: IntArray = np.searchsorted(owners, pairs[:, 0])
@@ -71,19 +72,19 @@ def _pieces(corners: FloatArray, pairs: IntArray, size: float) -> FloatArray:
 
 
 def _alike(one: FloatArray, other: FloatArray) -> NDArray[np.bool_]:
-    """Return which triangles (p, 3, 3) face the way of others (p, 3, 3), more or less, pair by pair."""
+    """Return which triangles (p, 3, 3) have normals within 90 degrees of others' (p, 3, 3), pair by pair."""
     return np.asarray(np.einsum("ij,ij->i", normals_of(one), normals_of(other)) > 0.0)
 
 
 def _longest(pieces: FloatArray) -> FloatArray:
-    """Return the length of the longest side of triangles (n, 3, 3), (n,)."""
+    """Return the longest sides (n,) of triangles (n, 3, 3)."""
     return np.asarray(np.max(np.linalg.norm(np.roll(pieces, -1, axis=1) - pieces, axis=2), axis=1))
 
 
 def _halved(
     pieces: FloatArray, owners: IntArray, piece: IntArray, cutter: IntArray, which: NDArray[np.bool_]
 ) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
-    """Return some of the pieces halved across their longest side, with owners and pairs; the others are left out."""
+    """Return selected pieces bisected at their longest side, with owners and pairs, without the other pieces."""
     chosen = pieces[which]
     sides = np.linalg.norm(np.roll(chosen, -1, axis=1) - chosen, axis=2)
     order = (np.argmax(sides, axis=1)[:, None] + np.arange(3)) % 3

@@ -1,4 +1,4 @@
-"""The union of a mesh's parts, from manifold3d, without what no finger can reach."""
+"""Union of a mesh's parts by manifold3d, without closed cavities."""
 
 from __future__ import annotations
 
@@ -11,32 +11,31 @@ from nlpgrasp.common.meshes.parts import Parts, with_own_vertices
 from nlpgrasp.common.meshes.search_tree import IntArray
 from nlpgrasp.common.validation import FloatArray
 
-SAME = 1e-9  # of area and volume: parts that overlap by less do not
-FINEST = 1e-7  # of the size: shorter edges of a union come from rounding
+SAME = 1e-9  # relative change of area and volume below which parts do not overlap
+FINEST = 1e-7  # of the size: edge length below which edges of a union are due to rounding
 SMALLEST = 1e-300
 
 Triangles = tuple[FloatArray, IntArray]
 
 
 def outer_union(parts: Parts, grown: float = 0.0) -> tuple[Triangles, int] | None:
-    """Return the outer surface of the union of the solid parts, and how many hollows between them are walled in.
+    """Return the outer surface of the union of the solid parts, and the number of closed cavities.
 
-    The parts have to face outwards. Other triangles than theirs follow unchanged.
+    The parts must be oriented outwards. All other triangles are appended unchanged.
 
     Parameters
     ----------
     parts : Parts
     grown : float
-        How far the vertices of the solid parts move outwards first, so that parts that touch up to rounding overlap,
-        metres.
+        Outward offset of the solid parts' vertices, which makes touching parts overlap, metres.
 
     Returns
     -------
     triangles : tuple of (v, 3) array and (f, 3) int array
         Vertices, metres, and triangles.
     hollows : int
-        Shells of the union that no way leads to from outside: left out.
-        None for both where the parts do not overlap, or manifold3d cannot use one of them.
+        Number of closed cavities of the union, which are removed.
+        None for both if the parts do not overlap, or manifold3d rejects one of them.
     """
     if len(parts.volumes) < 2 or len(solid := parts.solid) < 2:
         return None
@@ -50,7 +49,7 @@ def outer_union(parts: Parts, grown: float = 0.0) -> tuple[Triangles, int] | Non
     found = Parts(*joined)
     outside = np.flatnonzero(found.volumes > 0.0)
     hollows = len(found.volumes) - len(outside)
-    if hollows:  # what was in them is in another shell then
+    if hollows:  # shells inside cavities are then inside another shell
         joined = with_own_vertices(found.vertices, found.faces[np.isin(found.labels, outside)])
         joined = _joined([found.mesh_of(part) for part in outside.tolist()], finest) or joined
     loose = np.flatnonzero(~np.isin(parts.labels, solid))
@@ -61,7 +60,7 @@ def outer_union(parts: Parts, grown: float = 0.0) -> tuple[Triangles, int] | Non
 
 
 def _grown(vertices: FloatArray, faces: IntArray, by: float) -> Triangles:
-    """Return a shell whose vertices moved outwards, along the mean normal of the area around them."""
+    """Return a shell offset outwards along area-weighted vertex normals."""
     if by == 0.0:
         return vertices, faces
     a, b, c = (vertices[faces[:, i]] for i in range(3))
@@ -71,10 +70,10 @@ def _grown(vertices: FloatArray, faces: IntArray, by: float) -> Triangles:
 
 
 def _joined(shells: Sequence[Triangles], finest: float) -> Triangles | None:
-    """Return the union of closed shells that face outwards, simplified within ``finest``, metres.
+    """Return the union of closed outward shells, simplified within ``finest``, metres.
 
-    None where manifold3d cannot use a shell, and where the union has the area and volume of all together: nothing of
-    them overlaps. trimesh's own way to manifold3d goes over numbers of 32 bits, which would move every vertex.
+    None if manifold3d rejects a shell, or if nothing overlaps: the union has the area and volume of all together.
+    trimesh's interface to manifold3d uses single precision, which would move every vertex.
     """
     import manifold3d
 

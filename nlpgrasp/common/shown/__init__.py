@@ -1,1 +1,1 @@
-"""What people see: the drawing of a grasp, wrenches in words, lines of text."""
+"""Display utilities: drawings, pages, formatted numbers and wrenches, warnings."""

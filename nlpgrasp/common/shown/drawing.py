@@ -1,4 +1,4 @@
-"""What a grasp looks like: triangles of the body and the hand's links, for pictures and scenes, and their JSON data."""
+"""Triangulated drawings of body and hand, for pictures and scenes."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
 
-DIGITS = 5  # of the largest coordinate, or of the longest side where that is less
-NORMAL, CONE, FORCE = 0.25, 0.22, 0.8  # lengths of what is drawn at a contact, of the body's drawn size
+DIGITS = 5  # significant digits of the largest coordinate, or of the longest side if that is less
+NORMAL, CONE, FORCE = 0.25, 0.22, 0.8  # drawn lengths at a contact, of the body's drawn size
 
 
 @dataclass(frozen=True)
 class Triangles:
-    """A surface of triangles.
+    """A triangulated surface.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class Triangles:
     faces: NDArray[np.int64]
 
     def to_dict(self) -> Json:
-        """Return the triangles as JSON data, rounded: they are for looking at."""
+        """Return the triangles as JSON data, rounded for display."""
         longest = np.max(self.vertices, axis=0, initial=-np.inf) - np.min(self.vertices, axis=0, initial=np.inf)
         largest = max(min(float(np.max(np.abs(self.vertices), initial=0.0)), float(np.max(longest))), 1e-12)
         decimals = DIGITS - 1 - int(np.floor(np.log10(largest)))
@@ -40,7 +40,7 @@ class Triangles:
 
     @classmethod
     def from_dict(cls, data: object, name: str) -> Triangles:
-        """Return the triangles of JSON data; data of another form are refused."""
+        """Return validated triangles from JSON data."""
         if not isinstance(data, Mapping):
             raise InputError(name, data, "vertices and faces")
         vertices = array(f"{name}.vertices", data.get("vertices", ()), (None, 3))
@@ -52,14 +52,14 @@ class Triangles:
 
 @dataclass(frozen=True)
 class Drawing:
-    """The body, and the hand in the posture found.
+    """Drawing of the body and the hand in its posture.
 
     Parameters
     ----------
     body : Triangles
-        Close to the body's surface; a planar body is a thin plate.
+        Approximation of the body's surface; a planar body is a thin plate.
     links : tuple of (str, Triangles)
-        The collision shapes of the hand's links, by name.
+        Collision shapes of the hand's links, by name.
     """
 
     body: Triangles
@@ -72,7 +72,7 @@ class Drawing:
 
     @classmethod
     def from_dict(cls, data: object, name: str) -> Drawing | None:
-        """Return the drawing of JSON data, None for none."""
+        """Return the drawing from JSON data, None for None."""
         if data is None:
             return None
         if not isinstance(data, Mapping) or not isinstance(data.get("links", []), list):
@@ -89,13 +89,13 @@ class Drawing:
 
 
 def drawn_size(drawing: Drawing | None, points: FloatArray | None) -> float:
-    """Return half the diagonal of the drawn body, metres: the length that arrows and cones are shares of.
+    """Return half the diagonal of the drawn body, metres, the reference length of arrows and cones.
 
     Parameters
     ----------
     drawing : Drawing or None
     points : (k, 2) or (k, 3) array, or None
-        Contacts, whose own diagonal counts where there is no body; 1 m without either.
+        Contact points, used if there is no body; 1 m without either.
     """
     if drawing is not None and len(drawing.body.vertices):
         return 0.5 * float(np.linalg.norm(np.ptp(drawing.body.vertices, axis=0)))

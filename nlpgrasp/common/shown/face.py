@@ -1,4 +1,4 @@
-"""Pages of what is asked to show itself: made by a face, opened where there is a browser, or put into a notebook."""
+"""Display of objects as HTML pages in a browser or notebook."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ from nlpgrasp.common.files import file_name, writable_place
 Write = Callable[[object, Path], Path]
 Card = Callable[[object], str]
 Serve = Callable[..., str | None]
-TALL = 460  # pixels of a page in a notebook
+TALL = 460  # pixels, height of a page in a notebook
 
 
 def show(thing: object, name: str, writer: tuple[str, str], path: str | Path | None = None) -> Path:
-    """Write the page of something, open it in a browser where there is one, and return where it is.
+    """Write an object's HTML page, open it in a browser if possible, and return its path.
 
-    Faces stand above what they show: the writer is looked up by name when it is needed.
+    The writer is imported by name on demand, since it belongs to a higher layer.
 
     Parameters
     ----------
     thing : object
     name : str
-        For the file, where no path is given.
+        Name of the file if no path is given.
     writer : (str, str) tuple
-        Module and function that takes the thing and a path.
+        Module and function of the writer, which takes the object and a path.
     path : str or Path, optional
-        A temporary file when left out.
+        By default a temporary file.
 
     Raises
     ------
     InputError
-        When the path cannot be written, before any work, or the thing cannot be shown.
+        When the path cannot be written (checked first), or the object cannot be shown.
     """
     if path is not None:
         writable_place("show.path", Path(path))
@@ -55,25 +55,25 @@ def show(thing: object, name: str, writer: tuple[str, str], path: str | Path | N
 
 
 def live(thing: object, server: tuple[str, str], *more: object) -> str | None:
-    """Return the address at which a face serves a page of something; None where it cannot.
+    """Serve an object's page and return its address, or None if that is not possible.
 
     Parameters
     ----------
     thing : object
     server : (str, str) tuple
-        Module and function that takes the thing, and ``more``.
+        Module and function of the server, which takes the object and ``more``.
     """
     return cast(Serve, _found(server))(thing, *more)
 
 
 def inline(thing: object, card: tuple[str, str]) -> str:
-    """Return something as HTML for a notebook: a small page in a frame, so that neither disturbs the other.
+    """Return an object's small page as HTML for a notebook, isolated in an iframe.
 
     Parameters
     ----------
     thing : object
     card : (str, str) tuple
-        Module and function that takes the thing and returns a page.
+        Module and function that takes the object and returns a page.
     """
     page = cast(Card, _found(card))(thing)
     return (
@@ -83,7 +83,7 @@ def inline(thing: object, card: tuple[str, str]) -> str:
 
 
 def opened(page: Path) -> Path:
-    """Open a page in a browser; where there is none, or no display, say where the page is. Return its path."""
+    """Open a page in a browser, or print its path if that is not possible; return the path."""
     place = page.resolve()
     if not (has_display() and browsed(place.as_uri())):
         sys.stdout.write(f"No browser was opened; the page is {place}\n")
@@ -91,14 +91,14 @@ def opened(page: Path) -> Path:
 
 
 def has_display() -> bool:
-    """Return whether a browser has somewhere to open a window: text browsers would take the terminal over."""
+    """Return whether a display is available, so that no text browser takes over the terminal."""
     if sys.platform in ("win32", "darwin") or os.environ.get("BROWSER"):
         return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def browsed(address: str) -> bool:
-    """Open an address in a browser, and return whether there is one."""
+    """Open an address in a browser, and return whether that succeeded."""
     try:
         return webbrowser.open(address)
     except webbrowser.Error:
@@ -106,6 +106,6 @@ def browsed(address: str) -> bool:
 
 
 def _found(name: tuple[str, str]) -> object:
-    """Return a function by its module and name: faces stand above what they show."""
+    """Import a function by its module and name."""
     module, function = name
     return getattr(import_module(module), function)

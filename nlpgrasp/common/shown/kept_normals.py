@@ -1,4 +1,4 @@
-"""Sentence about contacts whose stated normals are not those of the mesh."""
+"""Message about given contact normals that differ from the mesh normals."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import numpy as np
 
 
 def kept_normals(angles: Mapping[int, float]) -> str:
-    """Return which contacts state normals off the mesh's, and by how many degrees.
+    """Return the message that lists contacts with deviating normals and their angles in degrees.
 
     Parameters
     ----------
     angles : mapping
-        Contact to angle, radians; at least one.
+        Angle by contact, radians; at least one.
     """
     each = [f"{np.degrees(angle):.2g}" for angle in angles.values()]
     numbers = [str(i) for i in angles]

@@ -1,4 +1,4 @@
-"""What notebooks show of a thing: a small page, in a frame of its own."""
+"""Notebook display of objects as small HTML pages."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from nlpgrasp.common.shown.face import inline
 
 
 class InNotebook:
-    """A thing that notebooks show as a small page; a subclass names who makes it.
+    """Mixin that displays an object in notebooks as a small HTML page.
 
     Attributes
     ----------
     _card : (str, str) tuple
-        Module and function that takes the thing and returns a page: faces stand above what they show.
+        Module and function that takes the object and returns a page, imported on demand.
     """
 
     _card: ClassVar[tuple[str, str]]
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows: the page in a frame."""
+        """Return the page in an iframe, as HTML."""
         return inline(self, self._card)

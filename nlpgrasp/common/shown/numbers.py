@@ -1,4 +1,4 @@
-"""Numbers for people: few digits, no -0, no exponent where a plain number does; intervals rounded outwards."""
+"""Number formatting: few significant digits, and intervals rounded outwards."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from collections.abc import Iterable
 from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 
 DIGITS = 3
-SMALLEST, LARGEST = 1e-4, 1e7  # sizes that need no exponent
+SMALLEST, LARGEST = 1e-4, 1e7  # range of magnitudes written without exponent
 RAISED = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
-MOST = 6  # digits of an interval's ends, at most
+MOST = 6  # most digits of an interval's ends
 
 
 def rounded(value: float, digits: int = DIGITS, least: float = 0.0) -> str:
-    """Return a number in a few digits, such as 0.02, -1.5, 12300, 3.1e-6, with no -0 and no zeros at its end.
+    """Format a number with few digits, such as 0.02, -1.5, 12300, 3.1e-6, without -0 and trailing zeros.
 
     Parameters
     ----------
     value : float
         Infinity is written as ``inf``.
     digits : int
-        Significant ones.
+        Significant digits.
     least : float
-        What is no larger counts as zero.
+        Magnitude up to which a number counts as zero.
     """
     if not math.isfinite(value):
         return f"{value:g}"
@@ -33,21 +33,21 @@ def rounded(value: float, digits: int = DIGITS, least: float = 0.0) -> str:
 
 
 def vector(values: Iterable[float], digits: int = DIGITS, relative: float = 1e-4) -> str:
-    """Return numbers after each other; those below a share of the largest are 0."""
+    """Format numbers as a comma-separated list; those below a share of the largest are 0."""
     numbers = [float(v) for v in values]
     least = relative * max((abs(v) for v in numbers), default=0.0)
     return ", ".join(rounded(v, digits, least) for v in numbers)
 
 
 def outwards(lower: float, upper: float, digits: int = DIGITS) -> tuple[str, str]:
-    """Return the ends of an interval, the lower rounded down and the upper up, in digits enough to tell them apart.
+    """Format the ends of an interval, rounded outwards, with enough digits to distinguish them.
 
     Parameters
     ----------
     lower, upper : float
         At least zero; the upper may be infinite.
-    digits : int
-        Significant ones, at least.
+        digits : int
+        Least number of significant digits.
     """
     for more in range(digits, MOST + 1):
         ends = _cut(lower, more, ROUND_FLOOR), _cut(upper, more, ROUND_CEILING)
@@ -58,29 +58,29 @@ def outwards(lower: float, upper: float, digits: int = DIGITS) -> tuple[str, str
 
 
 def at_least(value: float, digits: int = DIGITS) -> str:
-    """Return a lower bound in few digits, rounded down."""
+    """Format a lower bound with few digits, rounded down."""
     return _cut(value, digits, ROUND_FLOOR)
 
 
 def at_most(value: float, digits: int = DIGITS) -> str:
-    """Return an upper bound in few digits, rounded up."""
+    """Format an upper bound with few digits, rounded up."""
     return _cut(value, digits, ROUND_CEILING)
 
 
 def percent(share: float, digits: int = 2) -> str:
-    """Return a share in per cent, such as ``33 %``."""
+    """Format a share as a percentage, such as ``33 %``."""
     return f"{rounded(100.0 * share, digits)} %"
 
 
 def typeset(text: str) -> str:
-    """Return a text of numbers as pages print it: minus signs, powers of ten raised, no break before units."""
+    """Return a text with typographic minus signs, superscript exponents and no-break spaces before units."""
     raised = re.sub(r"(?<=\d)e(-?\d+)\b", lambda found: f"×10{found[1].translate(RAISED)}", text)  # noqa: RUF001
     whole = re.sub(r"(?<=\d) (?=(?:%|N|mm|m)\b|%)", "\N{NO-BREAK SPACE}", raised)
     return re.sub(r"(?<![\w-])-(?=\.?\d|[xyz]\b)", "\N{MINUS SIGN}", whole)
 
 
 def _cut(value: float, digits: int, way: str) -> str:
-    """Return a number cut to significant digits, down or up."""
+    """Format a number with significant digits, rounded down or up."""
     if not math.isfinite(value) or value == 0.0:
         return rounded(value)
     exact = Decimal(f"{value:.12g}")  # 0.3 is meant to be 0.3

@@ -1,4 +1,4 @@
-"""Warnings that are said once."""
+"""Warnings issued once per process."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ _said: set[str] = set()
 
 
 def say_once(text: str) -> None:
-    """Warn, each thing once in a process; worker processes leave it to the one that began them.
+    """Issue a warning once per process, and only in the main process.
 
     Parameters
     ----------
     text : str
-        A sentence.
+        Warning text.
     """
     if text not in _said and multiprocessing.parent_process() is None:
         _said.add(text)

@@ -1,4 +1,4 @@
-"""The colours of all that is drawn, pages, pictures and scenes: told apart by colour-blind eyes too (Okabe, Ito)."""
+"""Colour palette of pages, pictures and scenes, colour-blind safe (Okabe, Ito)."""
 
 from __future__ import annotations
 

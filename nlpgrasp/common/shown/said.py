@@ -1,4 +1,4 @@
-"""Warnings that name the user's own line."""
+"""Warnings attributed to the user's line of code."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ import sys
 import warnings
 
 PACKAGE = __name__.split(".")[0]
-BETWEEN = (PACKAGE, "contextlib", "functools", "dataclasses")  # whose lines lie between the user's and the warning
+BETWEEN = (PACKAGE, "contextlib", "functools", "dataclasses")  # modules whose frames are skipped
 
 
 def warn(text: str) -> None:
-    """Warn, naming the line outside the package that asked for what the warning is about.
+    """Issue a warning attributed to the calling line outside the package.
 
     Parameters
     ----------
     text : str
-        A sentence.
+        Warning text.
     """
     warnings.warn(text, UserWarning, stacklevel=1 + _inside())
 
 
 def _inside() -> int:
-    """Return how many of the frames above the caller of ``warn``, that one included, are the package's."""
+    """Return the number of consecutive package frames, from the caller of ``warn`` upwards."""
     frame, level = sys._getframe(2), 1
     while frame.f_back is not None and str(frame.f_globals.get("__name__", "")).split(".")[0] in BETWEEN:
         frame, level = frame.f_back, level + 1
@@ -29,5 +29,5 @@ def _inside() -> int:
 
 
 def asked_by_user() -> bool:
-    """Return whether the function that asks was called by a line outside the package."""
+    """Return whether the calling function was called from outside the package."""
     return str(sys._getframe(2).f_globals.get("__name__", "")).split(".")[0] != PACKAGE

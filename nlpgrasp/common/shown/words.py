@@ -1,4 +1,4 @@
-"""Forces, moments and wrenches in words: one table of labels and units for tasks, pages and pictures."""
+"""Text formatting of forces, moments and wrenches, with labels and units."""
 
 from __future__ import annotations
 
@@ -10,30 +10,30 @@ from nlpgrasp.common.shown.numbers import DIGITS, at_most, rounded, vector
 from nlpgrasp.common.validation import FloatArray
 
 FORCE_UNIT, MOMENT_UNIT = "N", "N m"
-COMPONENTS = {3: ("f_x", "f_y", "m_z"), 6: ("f_x", "f_y", "f_z", "m_x", "m_y", "m_z")}  # of a wrench, by dimension
+COMPONENTS = {3: ("f_x", "f_y", "m_z"), 6: ("f_x", "f_y", "f_z", "m_x", "m_y", "m_z")}  # wrench, by dimension
 DIRECTIONS = {
     3: ("a force along x", "a force along y", "a torque"),
     6: (*(f"a force along {a}" for a in "xyz"), *(f"a torque about {a}" for a in "xyz")),
 }
-SMALL = 0.02  # of the largest force or moment: not worth a word
-SHORT, LONG = 1e-4, 1e3  # metres: moments on shorter arms, and forces on longer ones, are none
-NOTHING = 1e-6  # of the largest component: rounding
-MINOR = 0.3  # of a direction's largest component: not worth a word
+SMALL = 0.02  # of the largest force or moment: components below are omitted
+SHORT, LONG = 1e-4, 1e3  # m, moment arms beyond which moments (shorter) and forces (longer) are omitted
+NOTHING = 1e-6  # of the largest component: components below are zero
+MINOR = 0.3  # of a direction's largest component: components below are omitted
 
 
 def measure_word(kind: str) -> str:
-    """Return the name of a measure of this kind as people read it."""
+    """Return the displayed name of a quality measure."""
     return "mu-tilde" if kind == "mu_tilde" else kind or "mu"
 
 
 def headroom_words(gap: float, digits: int = DIGITS) -> str:
-    """Return in words how much better than a grasp any placement can be, at most, rounded up.
+    """Return a text on the largest possible improvement over a grasp, rounded up.
 
     Parameters
     ----------
     gap : float
-        ``upper / mu - 1`` of a bound over all placements and the grasp's certified quality: a share of the grasp's own
-        quality. Above 1 it is told as a multiple; inf where nothing is known.
+        ``upper / mu - 1`` from a global upper bound and the grasp's certified quality. Above 1 it is given as a
+        multiple; inf if unknown.
     digits : int
     """
     if not math.isfinite(gap):
@@ -44,17 +44,17 @@ def headroom_words(gap: float, digits: int = DIGITS) -> str:
 
 
 def unit_of(component: str) -> str:
-    """Return the unit of a wrench component, named as in ``COMPONENTS``."""
+    """Return the unit of a wrench component of ``COMPONENTS``."""
     return FORCE_UNIT if component.startswith("f") else MOMENT_UNIT
 
 
 def axis_labels(dimension: int) -> list[str]:
-    """Return the components of a wrench with their units, as the axes of a picture state them."""
+    """Return the axis labels of wrench components, with units."""
     return [f"{name} [{unit_of(name)}]" for name in COMPONENTS[dimension]]
 
 
 def wrench_words(wrench: FloatArray) -> str:
-    """Return the components of a wrench (d,) that matter, with units."""
+    """Return the significant components of a wrench (d,) as text, with units."""
     named = list(zip(COMPONENTS[len(wrench)], map(float, wrench), strict=True))
     force, moment = (max(abs(value) for name, value in named if unit_of(name) == u) for u in (FORCE_UNIT, MOMENT_UNIT))
     least = {FORCE_UNIT: max(SMALL * force, moment / LONG), MOMENT_UNIT: max(SMALL * moment, SHORT * force)}
@@ -63,10 +63,10 @@ def wrench_words(wrench: FloatArray) -> str:
 
 
 def range_words(low: FloatArray, high: FloatArray) -> str:
-    """Return the range of each component of a set of wrenches, (d,) least and (d,) largest values, with units.
+    """Return the ranges of wrench components as text with units, from smallest (d,) and largest values (d,).
 
-    Components with the same range are named together: ``"f_x, f_y ±5 N; f_z 2.1 to 5.7 N"``; those that are zero alone
-    are left out.
+    Components with equal ranges are combined: ``"f_x, f_y ±5 N; f_z 2.1 to 5.7 N"``; those that are always zero are
+    omitted.
     """
     names = COMPONENTS[len(low)]
     groups: dict[tuple[str, str], list[str]] = {}
@@ -81,14 +81,14 @@ def range_words(low: FloatArray, high: FloatArray) -> str:
 
 
 def _range(low: str, high: str) -> str:
-    """Return a range of which the ends are given as text."""
+    """Return a range as text from its formatted ends."""
     if low == high:
         return low
     return f"±{high}" if low == f"-{high}" else f"{low} to {high}"
 
 
 def direction_words(wrench: FloatArray, length: float) -> str:
-    """Return the direction of a wrench (d,) by its largest components; torques count over a length (metres)."""
+    """Return a wrench's direction (d,) as text of its largest components; torques are divided by a length, metres."""
     forces = [unit_of(name) == FORCE_UNIT for name in COMPONENTS[len(wrench)]]
     weight = np.abs(wrench) * np.where(forces, 1.0, length)
     parts = [

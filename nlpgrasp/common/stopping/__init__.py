@@ -1,1 +1,1 @@
-"""When to stop: deadlines and Ctrl-C."""
+"""Cancellation by deadlines and Ctrl-C."""

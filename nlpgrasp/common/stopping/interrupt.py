@@ -1,4 +1,4 @@
-"""Ctrl-C keeps what was found."""
+"""Ctrl-C handling that keeps intermediate results."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from nlpgrasp.common.stopping.stop import Stop
 
 
 class Interrupt:
-    """While active, Ctrl-C raises the stop flag instead of an exception: the solve winds down and returns.
+    """Context manager in which Ctrl-C sets the stop flag, so that a solve ends early and returns its result.
 
-    Pressing it again changes nothing; a solve that has been told to stop returns within seconds.
+    Pressing it again has no effect; a stopped solve returns within seconds.
     """
 
     def __init__(self, stop: Stop) -> None:

@@ -1,4 +1,4 @@
-"""When to stop: a deadline, and a flag that reaches other processes."""
+"""Stop condition: a deadline and a cancellation flag shared between processes."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-GRACE = 1.0  # seconds a certificate may still take once a stop was requested
+GRACE = 1.0  # s, time left for a certificate after a stop request
 
 
 @dataclass(frozen=True)
 class Stop:
-    """Asks a start to finish with what it has.
+    """Stop condition of a solve: deadline and cancellation flag.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ class Stop:
     flag: Path | None = None
 
     def requested(self) -> bool:
-        """Return whether to finish now."""
+        """Return whether the deadline has passed or the user has interrupted the solve."""
         if self.deadline is not None and time.monotonic() >= self.deadline:
             return True
         return self.interrupted()
@@ -35,7 +35,7 @@ class Stop:
         return self.flag is not None and self.flag.exists()
 
     def certificate_deadline(self, grace: float = GRACE) -> float | None:
-        """Return when a certificate has to be done: so many seconds from now once a stop was requested."""
+        """Return a certificate's deadline, at least a grace period from now; None without deadline and stop request."""
         now = time.monotonic()
         if self.requested():
             return now + grace

@@ -1,1 +1,1 @@
-"""What is kept on disk beside whole files: locks, JSON that is read strictly."""
+"""Storage utilities: cache, file locks, strict JSON."""

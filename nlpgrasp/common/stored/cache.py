@@ -1,9 +1,9 @@
-"""What takes long to make and follows from content alone, kept between calls in the user's cache folder.
+"""Content-addressed cache of expensive results in the user's cache folder.
 
-An entry is a file named by the SHA-256 of all it was made from: content, settings, the code that makes it, and the
-versions of this package and of the libraries it goes by. It begins with the SHA-256 of the rest, so that one that is
-cut short or not ours is made anew. Entries are written whole or not at all, and two processes that write the same one
-write the same bytes.
+An entry is a file named by the SHA-256 of all its inputs: content, settings, the code that computes it, and the
+versions of this package and its libraries. It begins with the SHA-256 of the rest, so that truncated or foreign files
+are detected and recomputed. Entries are written atomically, and two processes that write the same entry write the
+same bytes.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.version import __version__
 
 SETTING = "NLPGRASP_CACHE"  # environment variable: a folder, or "off"
-MOST = 512 * 2**20  # bytes of all entries together; the oldest go
-DIGEST = 32  # bytes
+MOST = 512 * 2**20  # bytes, total size of entries above which the oldest are removed
+DIGEST = 32  # bytes of a SHA-256
 LIBRARIES = ("numpy", "scipy", "libigl", "trimesh", "manifold3d")
 ENTRY = re.compile(r"[a-z-]+-[0-9a-f]{64}")
 
@@ -39,7 +39,7 @@ Arrays = Mapping[str, FloatArray]
 
 
 def folder() -> Path | None:
-    """Return the folder of the cache, None where it is off."""
+    """Return the folder of the cache, None if it is off."""
     setting = os.environ.get(SETTING, "")
     if setting.lower() == "off":
         return None
@@ -47,19 +47,18 @@ def folder() -> Path | None:
 
 
 def kept(kind: str, made_from: Sequence[bytes | NDArray[np.generic]], make: Callable[[], Arrays]) -> Arrays:
-    """Return arrays from the cache, or made now and kept for the next call.
+    """Return arrays from the cache, or compute and store them.
 
-    Where the cache cannot be read or written, or holds something else, the arrays are made as if there were none, and a
-    warning says so once.
+    If the cache cannot be read or written, or an entry is corrupt, the arrays are computed, with a single warning.
 
     Parameters
     ----------
     kind : str
-        What it is, and first part of the entry's name.
+        Kind of entry, the first part of its name.
     made_from : sequence of bytes and arrays
-        All that the result follows from.
+        All inputs of the result.
     make : callable
-        Returns the arrays by name; the text of its module tells an entry from those of other code.
+        Returns the arrays by name; the source of its module is part of the key.
     """
     where = folder()
     if where is None:
@@ -73,7 +72,7 @@ def kept(kind: str, made_from: Sequence[bytes | NDArray[np.generic]], make: Call
 
 
 def _key(kind: str, made_from: Sequence[bytes]) -> str:
-    """Return what tells an entry from all others, hexadecimal digits."""
+    """Return the key of an entry, a SHA-256 in hexadecimal digits."""
     digest = hashlib.sha256()
     stated = [kind, __version__, *(version(library) for library in LIBRARIES)]
     for part in [*(text.encode() for text in stated), *made_from]:
@@ -83,18 +82,18 @@ def _key(kind: str, made_from: Sequence[bytes]) -> str:
 
 
 def _bytes(part: bytes | NDArray[np.generic]) -> bytes:
-    """Return bytes as they are, and an array's own."""
+    """Return the bytes of an array, or given bytes unchanged."""
     return part if isinstance(part, bytes) else np.ascontiguousarray(part).tobytes()
 
 
 def _code_of(make: Callable[[], Arrays]) -> bytes:
-    """Return the text of the module that a function is from; nothing where it is from none that has a file."""
+    """Return the source of a function's module; empty without a file."""
     path = getattr(sys.modules.get(make.__module__), "__file__", None)
     return b"" if path is None else Path(path).read_bytes()
 
 
 def _read(file: Path) -> dict[str, FloatArray] | None:
-    """Return the arrays of an entry, None where there is none that is whole."""
+    """Return the arrays of an entry, None if it is missing or corrupt."""
     try:
         data = file.read_bytes()
     except FileNotFoundError:
@@ -113,7 +112,7 @@ def _read(file: Path) -> dict[str, FloatArray] | None:
 
 
 def _write(file: Path, arrays: Arrays) -> None:
-    """Write an entry, and make room for it; without it where that is not possible."""
+    """Write an entry and limit the cache's size; warn if that is not possible."""
     buffer = io.BytesIO()
     np.savez(buffer, allow_pickle=False, **{name: np.asarray(array) for name, array in arrays.items()})
     content = buffer.getvalue()
@@ -127,7 +126,7 @@ def _write(file: Path, arrays: Arrays) -> None:
 
 
 def _make_room(where: Path) -> None:
-    """Remove the oldest entries beyond the cache's size, and no other file."""
+    """Remove the oldest entries beyond the cache's maximal size, and no other files."""
     found = []
     for file in where.iterdir():
         if ENTRY.fullmatch(file.name):

@@ -1,4 +1,4 @@
-"""Files that one process holds at a time."""
+"""File locks between processes."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from typing import TextIO
 
 from nlpgrasp.errors import InputError
 
-WAIT, AGAIN = 60.0, 0.005  # seconds until it is given up, and between two tries
+WAIT, AGAIN = 60.0, 0.005  # s, time-out and interval of attempts
 
 if sys.platform == "win32":
 
     def take(file: TextIO) -> bool:
-        """Return True: two processes are not kept apart."""
+        """Return True without locking, which is not supported on Windows."""
         return True
 
 else:
     import fcntl
 
     def take(file: TextIO) -> bool:
-        """Lock a file until it is closed or this process ends, however it ends; return False where another holds it."""
+        """Lock a file until it is closed or the process ends; return False if another holds it."""
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -33,12 +33,12 @@ else:
 
 @contextmanager
 def held(path: Path) -> Iterator[None]:
-    """Hold a lock file, made where there is none, after those who hold it now; processes and threads alike.
+    """Hold an exclusive lock file, created if needed, against other processes and threads.
 
     Raises
     ------
     InputError
-        When its folder cannot be written, or somebody else holds it for a minute.
+        When its folder cannot be written, or another holds it for a minute.
     """
     try:
         file = path.open("a")

@@ -1,4 +1,4 @@
-"""JSON texts read strictly: finite numbers alone, and every way to be wrong named."""
+"""Strict JSON parsing with finite numbers and schema validation."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def read_object(text: str, name: str) -> Json:
-    """Return the object of a JSON text.
+    """Parse a JSON text that must be an object.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ def read_object(text: str, name: str) -> Json:
     Raises
     ------
     InputError
-        When the text is no JSON, is cut short, holds NaN, infinity or numbers too long, or is no object.
+        When the text is invalid or truncated JSON, contains NaN, infinity or too long numbers, or is no object.
     """
     try:
         data = json.loads(text, parse_constant=_refuse_constant, parse_int=_bounded_int)
@@ -40,7 +40,7 @@ def read_object(text: str, name: str) -> Json:
 
 
 def check_schema(data: Json, validator: jsonschema.Draft202012Validator, name: str, expected: str) -> None:
-    """Refuse data with numbers too large for a float, or that break a schema, by the first field that does.
+    """Raise for data with numbers too large for a float, or that violate a schema, naming the first such field.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def check_schema(data: Json, validator: jsonschema.Draft202012Validator, name: s
     name : str
         Of the file, for messages.
     expected : str
-        Where it says what is allowed.
+        Reference to what is allowed, for messages.
     """
     try:
         _refuse_infinite(data, name)
@@ -72,7 +72,7 @@ def _bounded_int(text: str) -> int:
 
 
 def _refuse_infinite(value: object, name: str, where: str = "") -> None:
-    """Refuse numbers too large for a float, which JSON reads as infinity."""
+    """Raise for numbers too large for a float, which JSON parses as infinity."""
     if isinstance(value, float) and not math.isfinite(value):
         raise InputError(f"{name}: {where or 'top level'}", "a number too large for a float", "finite numbers")
     if isinstance(value, Mapping):

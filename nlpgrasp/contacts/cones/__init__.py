@@ -1,1 +1,1 @@
-"""Force domains: projections and supports, in closed form or to rounding."""
+"""Friction cones: projections, their Jacobians and support functions."""

@@ -1,4 +1,4 @@
-"""Many small quadratic programs over ``l >= 0`` at once, by active sets."""
+"""Batched nonnegative quadratic programs, by an active-set method."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts.cones.cholesky import solve_matrices
 
-SETS = 4  # active sets tried
+SETS = 4  # active sets tried per problem
 
 
 def least_nonnegative(
     matrix: FloatArray, right: FloatArray, active: NDArray[np.bool_], least: FloatArray, shift: float
 ) -> FloatArray:
-    """Return the least ``l^T M l / 2 - right^T l`` over ``l >= 0``, from active sets near its own.
+    """Minimise ``l^T M l / 2 - right^T l`` over ``l >= 0`` for m small problems, from guessed active sets.
 
     Parameters
     ----------
@@ -22,16 +22,16 @@ def least_nonnegative(
         Symmetric, positive semidefinite.
     right : (N, m) array
     active : (N, m) array of bool
-        Which l are not zero, a guess.
+        Guess of the nonzero l.
     least : (m,) array
-        Slopes that pay no more.
+        Tolerance of the gradient at l = 0.
     shift : float
-        On the diagonal of M, where it is singular.
+        Added to the diagonal of M, in case it is singular.
 
     Returns
     -------
     (N, m) array
-        The best of a few sets: nearly always the least.
+        Result of the last active set tried: nearly always the minimiser.
     """
     result = _restricted(matrix, right, active, shift)
     lam, going = result, np.arange(right.shape[1])
@@ -49,7 +49,7 @@ def least_nonnegative(
 
 
 def _restricted(matrix: FloatArray, right: FloatArray, active: NDArray[np.bool_], shift: float) -> FloatArray:
-    """Return the least over l that are zero where they are not active, (N, m)."""
+    """Return the minimisers (N, m) with all inactive l fixed at zero."""
     both = matrix * (active[:, None] & active)
     for i, one in enumerate(active):
         both[i, i] += np.where(one, 0.0, 1.0)

@@ -1,4 +1,4 @@
-"""Many small symmetric systems at once, entry by entry: every operation runs over the systems."""
+"""Batched LDL^T factorisation of small symmetric systems."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
 
-FEW = 48  # systems up to which LAPACK is quicker
+FEW = 48  # number of systems up to which LAPACK is faster
 
 
 def solve_columns(entries: Mapping[tuple[int, int], FloatArray], shift: FloatArray, right: FloatArray) -> FloatArray:
-    """Return the solutions of ``(H + shift I) s = right`` for m positive semidefinite matrices H.
+    """Solve ``(H + shift I) s = right`` for m positive semidefinite matrices H.
 
-    LAPACK called once a system spends most of its time on the calls (d is at most 6).
+    Every operation runs over all systems: with d at most 6, one LAPACK call per system costs mostly overhead.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def solve_columns(entries: Mapping[tuple[int, int], FloatArray], shift: FloatArr
     Returns
     -------
     (d, m) array
-        The solutions s, one a column.
+        The solutions s, one per column.
     """
     d = len(right)
     L: dict[tuple[int, int], FloatArray] = {}  # the unit lower triangle of L D L^T, times D
@@ -53,7 +53,7 @@ def solve_columns(entries: Mapping[tuple[int, int], FloatArray], shift: FloatArr
 
 
 def solve_some(entries: Mapping[tuple[int, int], FloatArray], shift: FloatArray, right: FloatArray) -> FloatArray:
-    """Return ``solve_columns``, by LAPACK where there are few systems: then it is quicker, with other rounding."""
+    """Solve as ``solve_columns``, by LAPACK if there are few systems, which then is faster and rounds differently."""
     d, m = right.shape
     if m > FEW:
         return solve_columns(entries, shift, right)
@@ -66,7 +66,7 @@ def solve_some(entries: Mapping[tuple[int, int], FloatArray], shift: FloatArray,
 
 
 def solve_matrices(matrix: FloatArray, shift: float, right: FloatArray) -> FloatArray:
-    """Return ``solve_some`` of whole matrices (d, d, m), with one shift."""
+    """Solve as ``solve_some`` for full matrices (d, d, m) with one common shift."""
     d, m = right.shape
     if m <= FEW:
         shifted = matrix.transpose(2, 0, 1).copy()
@@ -79,7 +79,7 @@ def solve_matrices(matrix: FloatArray, shift: float, right: FloatArray) -> Float
 
 
 def _by_lapack(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
-    """Return the solutions (d, m) for matrices (m, d, d); None where one is singular."""
+    """Return the solutions (d, m) for matrices (m, d, d); None if any is singular."""
     try:
         return np.asarray(np.linalg.solve(matrix, right.T[..., None])[..., 0].T)
     except np.linalg.LinAlgError:

@@ -1,4 +1,4 @@
-"""The polar cone's nearest point by Newton's method on the conditions of optimality: quick where no point sticks.
+"""Projection onto the polar cone if all points slip: Newton's method on the KKT conditions.
 
 With the velocities ``v_i = A_i^T q`` of the points, ``g_i(q) = v_n + mu |v_t|`` is convex, homogeneous and smooth where
 ``v_t`` is not zero. The nearest q to z with every ``g_i <= 0`` satisfies ``q = z - sum_i l_i a_i(q)``,
@@ -7,9 +7,9 @@ With the velocities ``v_i = A_i^T q`` of the points, ``g_i(q) = v_n + mu |v_t|``
     H q = z - a l,   l = argmin over l >= 0 of |z - a l| in the metric of H^-1,   H = 1 + sum_i l_i Hess g_i
 
 since ``a_i^T q = g_i`` and ``Hess g_i q = 0``. H differs from the identity in the components ``(f_t1, f_t2, m_n)``
-alone, where ``Hess g_i = mu / |v_t| p_i p_i^T`` with the unit force across the velocity as p_i. No step takes a point
-that presses across the kink at ``v_t = 0``: each keeps a share of its speed, as it has some at the end. What is found
-is checked against the conditions themselves; the rest is left to others.
+alone, where ``Hess g_i = mu / |v_t| p_i p_i^T`` with the unit force across the velocity as p_i. Steps are limited such
+that no loaded point crosses the kink at ``v_t = 0``: each keeps a share of its speed, since all slip at the solution.
+Results are checked against the KKT conditions; points that fail are left to the other methods.
 """
 
 from __future__ import annotations
@@ -22,29 +22,29 @@ from numpy.typing import NDArray
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts.cones.active_sets import least_nonnegative
 
-SETTLED = 1e-8  # the last step, of projections near unit length, after which only rounding is left
-EXACT = 4e-14  # of the conditions, relative to the point
-LEAST = 1e-15  # under the multipliers' matrix, singular where four gradients depend on each other
-FLAT = 1e-100  # speeds below which a point does not move
-ORDER = [0, 4, 5, 1, 2, 3]  # of components here: those that normal forces at the points have, then tangential ones
+SETTLED = 1e-8  # length of the last step, for projections of about unit length: the next would be rounding
+EXACT = 4e-14  # tolerance of the KKT conditions, relative to the point
+LEAST = 1e-15  # regularisation of the multipliers' matrix, singular where four gradients are dependent
+FLAT = 1e-100  # speed that counts as zero
+ORDER = [0, 4, 5, 1, 2, 3]  # components reordered: those of normal forces first, then those of tangential forces
 BACK = [0, 3, 4, 5, 1, 2]
 
 
 class _Try(NamedTuple):
-    """Share of its speed that a point keeps, steps, and how far from the point itself it begins, None: goes on."""
+    """Settings of a Newton run: least share of speed kept, steps, offset of the start (None: continue)."""
 
     keeps: float
     steps: int
     aside: float | None
 
 
-TRIES = (_Try(0.5, 16, 0.0), _Try(0.01, 3, None), _Try(0.1, 24, 0.3))  # the first takes four or five steps mostly
+TRIES = (_Try(0.5, 16, 0.0), _Try(0.01, 3, None), _Try(0.1, 24, 0.3))  # the first mostly takes 4 or 5 steps
 
 
 class _Local(NamedTuple):
-    """What belongs to q and lam: velocities along tangents (2, N, m), their sizes and g (N, m), and tangential parts.
+    """Local model at q and lam: slip velocities (2, N, m), speeds and g (N, m), and tangential parts.
 
-    Those of a (3, N, m), of H^-1 (3, 3, m) and of H^-1 a (3, N, m).
+    The tangential parts are those of a (3, N, m), of H^-1 (3, 3, m) and of H^-1 a (3, N, m).
     """
 
     slip: FloatArray
@@ -56,7 +56,7 @@ class _Local(NamedTuple):
 
 
 class EdgeNewton:
-    """Newton's method for points at ``arms`` (N, 2) along both tangents, with one friction coefficient."""
+    """Newton's method for contact points at ``arms`` (N, 2) along both tangents, with equal friction."""
 
     def __init__(self, arms: FloatArray, friction: float) -> None:
         self._a, self._b = arms[:, :1], arms[:, 1:]
@@ -65,7 +65,7 @@ class EdgeNewton:
         self._gram = (self._normal @ self._normal.T)[..., None]
 
     def solve(self, z: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-        """Return nearest points q (6, m) of ``z`` (6, m), multipliers l (N, m), and which meet the conditions (m,)."""
+        """Return projections q (6, m) of ``z`` (6, m), multipliers l (N, m), and where KKT conditions hold, (m,)."""
         z = z[ORDER]
         q, lam, good = z.copy(), np.zeros((len(self._a), z.shape[1])), np.zeros(z.shape[1], dtype=bool)
         for one in TRIES:
@@ -94,7 +94,7 @@ class EdgeNewton:
     def _iterate(
         self, z: FloatArray, q: FloatArray, lam: FloatArray, one: _Try
     ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-        """Return ``solve`` from a start."""
+        """Run Newton's method as in ``solve`` from given q and multipliers."""
         size = 1.0 + np.sqrt(np.sum(z**2, axis=0))
         q_all, lam_all = q.copy(), lam.copy()
         going, some, limit = np.arange(z.shape[1]), z, size
@@ -114,7 +114,7 @@ class EdgeNewton:
         return q_all, lam_all, self._meets(z, q_all, lam_all, EXACT * size)
 
     def _length(self, local: _Local, step: FloatArray, pressed: FloatArray, keeps: float) -> FloatArray:
-        """Return the share of a step (m,) that leaves every point that presses this much of its speed along itself."""
+        """Return the step lengths (m,) at which every loaded point keeps a share of its speed along its slip."""
         loss = -local.slip[0] * (step[3] - self._b * step[5]) - local.slip[1] * (step[4] + self._a * step[5])
         room = (1.0 - keeps) * local.speed**2
         return np.asarray(np.min(room / np.where(pressed > 0.0, np.maximum(loss, room), room).clip(FLAT), axis=0))
@@ -149,7 +149,7 @@ class EdgeNewton:
         return np.asarray(self._gram + np.einsum("aim,ajm->ijm", local.gradients, local.moved))
 
     def _meets(self, z: FloatArray, q: FloatArray, lam: FloatArray, limit: FloatArray) -> NDArray[np.bool_]:
-        """Return where the conditions of optimality hold: feasible, complementary, stationary."""
+        """Return where the KKT conditions hold: feasibility, complementarity, stationarity."""
         local = self._at(q, lam)
         off = q - z
         off[:3] += self._normal.T @ lam
@@ -159,7 +159,7 @@ class EdgeNewton:
 
 
 def _inverse_of_one_plus(H: FloatArray) -> FloatArray:
-    """Return the inverses of ``1 + H`` for positive semidefinite matrices H (3, 3, m), whose pivots are at least 1."""
+    """Return the inverses of ``1 + H`` for positive semidefinite matrices H (3, 3, m)."""
     first = 1.0 / (1.0 + H[0, 0])
     a, b = H[0, 1] * first, H[0, 2] * first
     second = 1.0 / np.maximum(1.0 + H[1, 1] - a * H[0, 1], 1.0)

@@ -1,4 +1,4 @@
-"""The cone ``|(f_t / mu, tau / mu_t)| <= f_n`` of a soft finger whose friction and torsion share one ellipse."""
+"""Elliptic friction cone of a soft finger, ``|(f_t / mu, tau / mu_t)| <= f_n``."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from nlpgrasp.common.validation import FloatArray
 
-NEWTON, LAST = 60, 1e-9  # steps, and the relative size of the last: convergence is quadratic
-AWAY = 1e-9  # the multiplier 1 is a removable singularity of the derivative: step aside by this much
+NEWTON, LAST = 60, 1e-9  # largest number of Newton steps; relative size of the last (convergence is quadratic)
+AWAY = 1e-9  # distance kept from the multiplier 1, a removable singularity of the derivative
 
 
 def project(z: FloatArray, mu: float, mu_t: float) -> FloatArray:
@@ -48,7 +48,7 @@ def derivative(z: FloatArray, mu: float, mu_t: float) -> FloatArray:
 
 
 def extreme(z: FloatArray, mu: float, mu_t: float) -> tuple[FloatArray, FloatArray]:
-    """Return ``max(0, z_n + |(mu z_t, mu_t z_tau)|)`` for ``z`` (..., 4), and the force that attains it, (..., 4)."""
+    """Return the support ``max(0, z_n + |(mu z_t, mu_t z_tau)|)`` of ``z`` (..., 4), and a maximiser (..., 4)."""
     r, s = _sizes(z)
     size = np.hypot(mu * r, mu_t * s)
     value = z[..., 0] + size
@@ -66,7 +66,7 @@ def _sizes(z: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _inside(z: FloatArray, r: FloatArray, s: FloatArray, mu: float, mu_t: float) -> NDArray[np.bool_]:
-    """Return where a force is in the cone: a length is at least 0, so that nothing that pulls is."""
+    """Return where a force is in the cone."""
     return np.asarray(np.hypot(r / mu, s / mu_t) <= z)
 
 
@@ -103,7 +103,7 @@ def _pressing(z: FloatArray, r: FloatArray, s: FloatArray, mu: float, mu_t: floa
 def _rest(
     z: FloatArray, r: FloatArray, s: FloatArray, pressing: FloatArray, mu: float, mu_t: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the tangential and torsion sizes of the projection from its normal force."""
+    """Return tangential force and torsion of the projection, given its normal force."""
     safe = np.where(pressing > 0.0, pressing, 1.0)
     t = np.where(pressing > 0.0, 1.0 - z / safe, np.inf)
     t = np.maximum(t, 0.0)

@@ -1,17 +1,17 @@
-"""Sums of friction cones: the wrenches about one point of several friction contacts with the same normal.
+"""Minkowski sums of friction cones: wrenches of several friction contacts with a common normal.
 
-Coulomb's law along a line or over a pad with corners: whatever the pressure, the wrench of the forces on it is that of
-friction contacts at the ends or corners (docs/paper/02_contacts.md). With ``u_i`` in the friction cone F of point i
+Under Coulomb's law and any pressure, the wrench on a line or polygonal pad is that of friction contacts at its ends or
+corners (docs/paper/02_contacts.md). With ``u_i`` in the friction cone F of point i
 
     K = {sum_i A_i u_i : u_i in F},   polar  K° = {y : v_n + mu |v_t| <= 0 for v = A_i^T y of every i}.
 
-The projection is ``P(z) = z - q`` where q is the nearest point of the polar cone (Moreau). Four ways find it, each
-checked against the conditions of optimality before the next is asked:
+The projection is ``P(z) = z - q`` where q is the projection onto the polar cone (Moreau). Four methods are tried in
+turn, and their results are checked against the optimality conditions:
 
-1. Where one point sticks, or two, linear maps (``sticking``).
-2. Where three or more stick, ``q = 0``: forces that add up to z (``sharing``).
-3. Where every point that presses slips, Newton's method (``edge_newton``): nearly all.
-4. The method of multipliers (``multipliers``), for anything.
+1. One or two points stick: linear maps (``sticking``).
+2. Three or more stick: ``q = 0``, z is a sum of friction forces (``sharing``).
+3. All loaded points slip: Newton's method (``edge_newton``), which solves nearly all.
+4. All other cases: the method of multipliers (``multipliers``).
 """
 
 from __future__ import annotations
@@ -30,32 +30,32 @@ from nlpgrasp.contacts.cones.sharing import Sharing
 from nlpgrasp.contacts.cones.sticking import Sticking
 from nlpgrasp.contacts.cones.terms import upper_triangle
 
-CHUNK = 4096  # points at once
-LEAST = 1e-9  # work of unit points below which rounding leaves no digits
-POLAR, SLIPS, OTHER, INSIDE = -1, -2, -3, -4  # how a nearest point was found; from 0: the map where points stick
+CHUNK = 4096  # points per batch
+LEAST = 1e-9  # work of unit points below which only rounding is left
+POLAR, SLIPS, OTHER, INSIDE = -1, -2, -3, -4  # methods of a projection; from 0: index of the map for sticking points
 
 
 class _Nearest(NamedTuple):
-    """Points of the polar cone (n, m), how they were found (m,), and the multipliers of the two methods."""
+    """Projections onto the polar cone (n, m), their methods (m,), and multipliers."""
 
     q: FloatArray
     how: NDArray[np.intp]
     weights: FloatArray  # (N, m), where points slip
-    forces: FloatArray  # (N, 3, number of others)
+    forces: FloatArray  # (N, 3, number solved by the method of multipliers)
 
 
 @dataclass(frozen=True)
 class FrictionPoints:
-    """The cone of several friction contacts, in components of their common frame.
+    """Minkowski sum of the friction cones of several points, in wrench components of their common frame.
 
     Parameters
     ----------
     arms : tuple of N pairs
-        Where the points are along both tangents, metres.
+        Positions of the points along both tangents, metres.
     friction : float
         Coulomb coefficient.
     axes : tuple of n int
-        Components ``(f_n, f_t1, f_t2, m_n, m_t1, m_t2)`` that are kept; the others are zero.
+        Indices of the components kept of ``(f_n, f_t1, f_t2, m_n, m_t1, m_t2)``; the others are zero.
     """
 
     arms: tuple[tuple[float, float], ...]
@@ -64,7 +64,7 @@ class FrictionPoints:
 
     @cached_property
     def generators(self) -> FloatArray:
-        """A, (n, 3 N): the components of forces ``(f_n, f_t1, f_t2)`` at the points, point by point."""
+        """Matrix A, (n, 3 N), from the forces ``(f_n, f_t1, f_t2)`` at the points to wrench components."""
         parts = []
         for a, b in self.arms:
             moments = np.array([[0.0, -b, a], [b, 0.0, 0.0], [-a, 0.0, 0.0]])  # of r x f, r = a t1 + b t2
@@ -72,12 +72,12 @@ class FrictionPoints:
         return np.concatenate(parts, axis=1)
 
     def cones(self) -> list[FloatArray]:
-        """Return (3, 3 N) matrices M: forces are in the friction cones where ``M u`` are in second-order ones."""
+        """Return matrices M (3, 3 N): forces u are in the friction cones if all ``M u`` are in second-order cones."""
         scale = np.diag([self.friction, 1.0, 1.0])
         return [np.asarray(np.kron(row[None, :], scale)) for row in np.eye(len(self.arms))]
 
     def extreme(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return ``max(0, v_n + mu |v_t|)`` over the points, (...), and the force (..., n) of that point alone."""
+        """Return the support ``max(0, v_n + mu |v_t|)`` over the points, (...), and a maximiser (..., n)."""
         v = (z @ self.generators).reshape(*z.shape[:-1], len(self.arms), 3)
         size = np.hypot(v[..., 1], v[..., 2])
         work = v[..., 0] + self.friction * size
@@ -97,7 +97,7 @@ class FrictionPoints:
         return np.asarray(result.T.reshape(z.shape))
 
     def ways(self, z: FloatArray) -> NDArray[np.intp]:
-        """Return how the projections of ``z`` (m, n) are found, (m,): ``SLIPS``, ``INSIDE``, ..., or a map's number."""
+        """Return the methods (m,) that project ``z`` (m, n): ``SLIPS``, ``INSIDE``, ..., or the index of a map."""
         return self._nearest(self._scaled(_unit(z)[0])[0]).how
 
     def derivative_entries(self, z: FloatArray) -> FloatArray:
@@ -137,22 +137,22 @@ class FrictionPoints:
 
     @cached_property
     def _last(self) -> list[tuple[FloatArray, _Nearest]]:
-        """The points asked for last, whose derivative is often asked for next."""
+        """Cache of the last projections, whose derivative is often needed next."""
         return []
 
     def _most_work(self, v: FloatArray) -> FloatArray:
-        """Return the largest ``v_n + mu |v_t|`` over the points, velocities (3 N, m) to (m,)."""
+        """Return the largest ``v_n + mu |v_t|`` over the points, (m,), for velocities (3 N, m)."""
         v = v.reshape(len(self.arms), 3, -1)
         return np.asarray(np.max(v[:, 0] + self.friction * np.hypot(v[:, 1], v[:, 2]), axis=0, initial=-np.inf))
 
     def _scaled(self, flat: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return points outside the polar cone with projections near unit length, and the scale (m,)."""
+        """Scale points outside the polar cone to projections of about unit length; return them and the scale (m,)."""
         work = self._most_work(self.generators.T @ flat)
         share = np.where(work > 0.0, np.maximum(work, LEAST), 1.0)
         return flat / share, share
 
     def _nearest(self, z: FloatArray) -> _Nearest:
-        """Return the nearest points of the polar cone to ``z`` (n, m)."""
+        """Project ``z`` (n, m) onto the polar cone, with caching and in batches."""
         if self._last and np.array_equal(self._last[0][0], z):
             return self._last[0][1]
         parts = [self._some(z[:, a : a + CHUNK]) for a in range(0, max(1, z.shape[1]), CHUNK)]
@@ -161,7 +161,7 @@ class FrictionPoints:
         return found
 
     def _some(self, z: FloatArray) -> _Nearest:
-        """Return ``_nearest`` of not too many points."""
+        """Project one batch of points ``z`` (n, m) onto the polar cone."""
         q, weights = z.copy(), np.zeros((len(self.arms), z.shape[1]))
         how = np.where(self._most_work(self.generators.T @ z) > 0.0, SLIPS, POLAR)
         left = np.flatnonzero(how == SLIPS)
@@ -189,7 +189,7 @@ class FrictionPoints:
 
 
 def _unit(z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return points (..., n) as columns of unit length, (n, m), zeros left alone, and their lengths."""
+    """Return points (..., n) as columns of unit length (or zero), (n, m), and their lengths (m,)."""
     flat = z.reshape(-1, z.shape[-1]).T
     most = np.max(np.abs(flat), axis=0, initial=0.0)
     most = np.where(most > 0.0, most, 1.0)

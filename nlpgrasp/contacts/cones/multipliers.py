@@ -1,7 +1,7 @@
-"""The polar cone's nearest point where points stick: the method of multipliers, slower and always there.
+"""Projection onto the polar cone in all cases: method of multipliers (augmented Lagrangian).
 
-The least of ``|q - z|^2 / 2 + sum_i |P_F(u_i + r A_i^T q)|^2 / (2 r)`` by a semismooth Newton method with the closed
-form of ``P_F``, then ``u_i = P_F(u_i + r A_i^T q)``, with growing r: a few steps each, to rounding.
+Each stage minimises ``|q - z|^2 / 2 + sum_i |P_F(u_i + r A_i^T q)|^2 / (2 r)`` by a semismooth Newton method with the
+closed form of ``P_F``, then sets ``u_i = P_F(u_i + r A_i^T q)`` and increases r. Slower than the other methods.
 """
 
 from __future__ import annotations
@@ -14,34 +14,34 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts.cones.cholesky import solve_some
 from nlpgrasp.contacts.cones.terms import upper_triangle
 
-FIRST, FACTOR, LAST, MOST = 100.0, 10.0, 1e8, 1e11  # r: the first, how it grows, the last at arms of a metre, at any
-ROUGHLY, FINELY = 1e-4, 1e-12  # gradients of unit points that end a stage, and at the last r
-ROUNDING = 1e-14  # steps relative to unit points that end a stage, whatever the gradient
-AGAIN = 8  # times that the multipliers are improved at the last r
-FAR = 1e-2  # gradients of stages that failed: their multipliers are not taken
-MOVED = 1e-14  # by the last improvement, relative to unit points
-STEPS, SHORTER = 30, 12  # Newton steps a stage, tries of a shorter step
+FIRST, FACTOR, LAST, MOST = 100.0, 10.0, 1e8, 1e11  # penalty r: first, growth, last for arms of 1 m, largest
+ROUGHLY, FINELY = 1e-4, 1e-12  # gradient norms, for unit points, that end a stage, and those at the last r
+ROUNDING = 1e-14  # step length relative to the point that ends a stage
+AGAIN = 8  # most updates of the multipliers at the last r
+FAR = 1e-2  # gradient norm above which a stage has failed and its multipliers are not used
+MOVED = 1e-14  # change by the last update, relative to the point
+STEPS, SHORTER = 30, 12  # most Newton steps per stage and backtracking steps
 
 
 class _Look(NamedTuple):
-    """Friction forces ``P_F(w)`` of every point, where w is outside F, and the function that Newton's method lowers."""
+    """Projections ``P_F(w)`` at every point, with value and gradient of the augmented Lagrangian."""
 
     forces: FloatArray  # (N, 3, m)
-    shrink: FloatArray  # (N, m): of the tangential part
-    outside: FloatArray  # (N, m): 1 or 0
+    shrink: FloatArray  # (N, m): scale of the tangential part
+    outside: FloatArray  # (N, m): 1 where w is outside F, else 0
     w: FloatArray
     gradient: FloatArray  # (n, m)
     value: FloatArray  # (m,)
 
 
 class Multipliers:
-    """The method for points with generators A (n, 3 N) at ``arms`` (N, 2), with one friction coefficient."""
+    """Method of multipliers for points with generators A (n, 3 N) at ``arms`` (N, 2) and equal friction."""
 
     def __init__(self, generators: FloatArray, arms: FloatArray, friction: float) -> None:
         self._generators, self._count, self._friction = generators, len(arms), friction
         self._upper = upper_triangle(len(generators))
         short = np.min(np.abs(arms)[np.abs(arms) > 1e-9 * np.max(np.abs(arms))])
-        self._last = float(min(MOST, LAST / min(1.0, short) ** 2))  # moments of short arms are worth little
+        self._last = float(min(MOST, LAST / min(1.0, short) ** 2))  # moments of short arms weigh little
         columns = []  # entries (a, b) of A P' A^T per entry (p, q) of every point's 3 by 3 matrix P'
         for part in np.split(generators, len(arms), axis=1):
             for p, q in upper_triangle(3):
@@ -61,7 +61,7 @@ class Multipliers:
         return np.asarray(np.eye(n)[..., None] - 0.5 * (inverse + inverse.transpose(1, 0, 2)))
 
     def solve(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return nearest points q (n, m) of ``z`` (n, m) and forces u (N, 3, m): r grows, then stays while it helps."""
+        """Return projections q (n, m) of ``z`` (n, m) onto the polar cone and friction forces u (N, 3, m)."""
         q, u, r = z.copy(), np.zeros((self._count, 3, z.shape[1])), FIRST
         while r < self._last:
             q = self._minimise(z, q, u, r, ROUGHLY)
@@ -82,7 +82,7 @@ class Multipliers:
         return q, u
 
     def _minimise(self, z: FloatArray, q: FloatArray, u: FloatArray, r: float, tolerance: float) -> FloatArray:
-        """Return the least points of one stage by Newton's method, from q."""
+        """Return the minimisers (n, m) of one stage by Newton's method, from q."""
         q, here, going = q.copy(), self._look(z, q, u, r), np.arange(z.shape[1])
         for _ in range(STEPS):
             entries = dict(zip(self._upper, self._curvature(here, r), strict=True))
@@ -109,7 +109,7 @@ class Multipliers:
         return q
 
     def _look(self, z: FloatArray, q: FloatArray, u: FloatArray, r: float) -> _Look:
-        """Return what ``w = u + r A^T q`` is worth."""
+        """Evaluate projections, gradient and value at ``w = u + r A^T q``."""
         mu = self._friction
         w = u + r * (self._generators.T @ q).reshape(u.shape)
         size = np.hypot(w[:, 1], w[:, 2])

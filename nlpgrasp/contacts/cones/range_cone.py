@@ -1,4 +1,4 @@
-"""Cones in which the normal force bounds every other component: ``|x_j| <= c_j x_n`` for blocks of components."""
+"""Box friction cones: ``|x_j| <= c_j x_n`` for disjoint blocks of components."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts.base import ContactModel
 from nlpgrasp.contacts.cones.terms import Blocks, upper_triangle
 
-NOTHING = 1e-100  # a block of this length has no direction, and its square no reciprocal
+NOTHING = 1e-100  # norm of a block that counts as zero
 
 
 class RangeContact(ContactModel):
@@ -28,7 +28,7 @@ class RangeContact(ContactModel):
         """Return the blocks and their coefficients, given the number of components."""
 
     def project(self, z: FloatArray) -> FloatArray:
-        """Return the projection of ``z`` (..., n_i): the normal force above, and every block cut to its range."""
+        """Return the projection of ``z`` (..., n_i): the normal force above, and every block clipped to its range."""
         blocks = self.blocks(z.shape[-1])
         sizes = [_size(z, where) for where, _ in blocks]
         pressing = _pressing(z[..., 0], sizes, [c for _, c in blocks])
@@ -43,7 +43,7 @@ class RangeContact(ContactModel):
         return result
 
     def derivative_entries(self, z: FloatArray) -> FloatArray:
-        """Return the Jacobian's upper triangle: ``v v^T / |v|^2`` plus what the blocks do by themselves.
+        """Return the Jacobian's upper triangle: ``v v^T / |v|^2`` plus block-diagonal terms.
 
         ``v = (1, c_j t_j)`` over the blocks at their limit, with unit vectors ``t_j = z_j / |z_j|``. A block within
         its range adds the identity, one at its limit ``(c_j n / |z_j|) (I - t_j t_j^T)``. Zero where n is 0.
@@ -77,9 +77,9 @@ class RangeContact(ContactModel):
         return result
 
     def extreme(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return ``max(0, z_n + sum_j c_j |z_j|)`` for ``z`` (..., n_i), and the force, (..., n_i), that attains it.
+        """Return the support ``max(0, z_n + sum_j c_j |z_j|)`` of ``z`` (..., n_i), and a maximiser (..., n_i).
 
-        Its normal force is 1, and every block is at its limit.
+        The maximiser has unit normal force and every block at its limit.
         """
         result = np.empty_like(z)
         value = z[..., 0]
@@ -105,7 +105,7 @@ class RangeContact(ContactModel):
 
 
 def _size(z: FloatArray, where: slice) -> FloatArray:
-    """Return the length of a block of components."""
+    """Return the Euclidean norm of a block of components."""
     if where.stop - where.start == 1:
         return np.abs(z[..., where.start])
     total = z[..., where.start] ** 2

@@ -1,9 +1,9 @@
-"""Forces of several friction contacts that add up to a wrench, where there are some: the inside of their cone.
+"""Membership test for the interior of a Minkowski sum of friction cones.
 
-``z = sum_i A_i u_i`` has many solutions ``u = A^+ z + N x``. The least of ``sum_i dist(u_i, F')^2`` over x, with F' a
-cone a little inside the friction cone F, is 0 where z is well inside; a semismooth Newton method comes close to it in a
-few steps. What is found counts where every u_i is in F itself, so that nothing rests on the method: wrenches at the
-very edge of the cone are left to others.
+``z = sum_i A_i u_i`` has many solutions ``u = A^+ z + N x``. The minimum of ``sum_i dist(u_i, F')^2`` over x, with F'
+slightly inside the friction cone F, is 0 where z is well inside; a semismooth Newton method approaches it in a few
+steps. Only forces with every u_i in F itself count, which proves membership; wrenches close to the boundary are left
+to other methods.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 
 from nlpgrasp.common.validation import FloatArray
 
-NARROWER = 1e-3  # friction of F' over that of F, less than one by this; and its apex, of the mean normal force
+NARROWER = 1e-3  # relative reduction of friction in F'; height of its apex over the mean normal force
 STEPS = 20
-FLAT = 1e-100  # tangential forces without a direction
-REGULAR = 1e-10  # on the diagonal of the curvature
+FLAT = 1e-100  # tangential force that counts as zero
+REGULAR = 1e-10  # regularisation of the Hessian's diagonal
 
 
 class Sharing:
-    """The search for points with generators A (n, 3 N) and one friction coefficient."""
+    """Search for friction forces that sum to a wrench, for points with generators A (n, 3 N)."""
 
     def __init__(self, generators: FloatArray, friction: float) -> None:
         self._friction = friction
@@ -33,7 +33,7 @@ class Sharing:
         self._squares = np.einsum("ipa,iqb->ipqab", free, free).reshape(9 * self._count, -1)
 
     def inside(self, z: FloatArray) -> NDArray[np.bool_]:
-        """Return where forces in the friction cones were found, (m,), for points (n, m)."""
+        """Return where wrenches (n, m) were found to be sums of forces in the friction cones, (m,)."""
         found = np.zeros(z.shape[1], dtype=bool)
         left = np.flatnonzero(np.all(np.abs(z) <= self._most[:, None] * z[0], axis=0))
         u = (self._least @ z[:, left]).reshape(self._count, 3, -1)
@@ -51,7 +51,7 @@ class Sharing:
         return np.asarray(np.all(np.hypot(u[:, 1], u[:, 2]) <= self._friction * u[:, 0], axis=0))
 
     def _step(self, u: FloatArray) -> FloatArray:
-        """Return the change (N, 3, m) of one Newton step."""
+        """Return the semismooth Newton step (N, 3, m)."""
         mu, apex = self._friction * (1.0 - NARROWER), NARROWER * np.mean(u[:, 0], axis=0)
         u = u.copy()
         u[:, 0] -= apex

@@ -1,18 +1,18 @@
-"""Nearest points of the polar cone where a point sticks: finitely many linear maps, checked one by one.
+"""Projection onto the polar cone if one or two points stick: a finite set of linear maps.
 
-At the nearest point q of the polar cone to z the body moves by q, a point that presses either sticks, ``A_i^T q = 0``,
-or slips, and ``z - q = sum_i A_i u_i``. Where a point sticks the body turns about it, so that the direction in which
-any other slips follows from the sign of that turn alone. Hence (docs/paper/02_contacts.md):
+Read the projection q of z onto the polar cone as the body's motion. A loaded point then either sticks,
+``A_i^T q = 0``, or slips, and ``z - q = sum_i A_i u_i``. Where a point sticks the body turns about it, so the slip
+directions of all others follow from the sign of that turn. Hence (docs/paper/02_contacts.md):
 
-* Where one point sticks, and those of a set S slip with forces ``l_j a_j``, ``(u_i, l_S)`` is the least squares
-  solution of ``A_i u_i + sum_S a_j l_j = z``. It is the answer where u_i is in the friction cone, ``l_S >= 0`` and q is
-  in the polar cone.
-* Where two points stick, q turns about the line through both, or is zero where there are no others; what is left of z
-  has to be a wrench of two friction contacts, whose forces follow but for the friction along the line, shared by both.
-* Where three or more stick, q is zero.
+* If one point sticks and those of a set S slip with forces ``l_j a_j``, ``(u_i, l_S)`` is the least-squares solution
+  of ``A_i u_i + sum_S a_j l_j = z``. It is optimal if u_i is in the friction cone, ``l_S >= 0`` and q is in the polar
+  cone.
+* If two points stick, q is a rotation about the line through both, or zero without others; ``z - q`` has to be a
+  wrench of two friction contacts, whose forces are unique but for the friction along the line, shared by both.
+* If three or more stick, q is zero.
 
-In each case q is orthogonal to z - q, in the polar cone, and z - q in the cone: the conditions that only the nearest
-point meets.
+In each case q is in the polar cone, z - q in the cone, and both are orthogonal: conditions that only the projection
+meets.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from numpy.typing import NDArray
 
 from nlpgrasp.common.validation import FloatArray
 
-RANK = 1e-9  # of columns that depend on each other, relative
-ROUNDING = 1e-14  # of the conditions on the velocities
+RANK = 1e-9  # relative rank tolerance
+ROUNDING = 1e-14  # relative tolerance of the conditions on the velocities
 NONE = -1
 
 
 class Sticking:
-    """The maps for points with generators A (n, 3 N) at ``arms`` (N, 2), with one friction coefficient."""
+    """Projection maps for points with generators A (n, 3 N) at ``arms`` (N, 2) and equal friction."""
 
     def __init__(self, generators: FloatArray, arms: FloatArray, friction: float) -> None:
         self._generators, self._arms, self._friction = generators, arms, friction
@@ -42,7 +42,7 @@ class Sticking:
         self.maps = np.stack([kept for _, kept in (*one, *two)])  # z to z - q, each (n, n)
 
     def find(self, z: FloatArray) -> NDArray[np.intp]:
-        """Return which of ``maps`` leads to the nearest point, (m,), for points (n, m); ``NONE`` where none does."""
+        """Return the indices (m,) of the ``maps`` that project points (n, m); ``NONE`` if none does."""
         mu, count = self._friction, z.shape[1]
         force = (self._alone.reshape(-1, len(z)) @ z).reshape(*self._alone.shape[:2], count)
         good = np.all(force[:, [0, *range(3, force.shape[1])]] >= 0.0, axis=1)
@@ -62,7 +62,7 @@ class Sticking:
         return result
 
     def _patterns(self) -> list[tuple[int, float, tuple[int, ...]]]:
-        """Return who sticks, the sign of the turn about it, and who slips."""
+        """Return all patterns: the sticking point, the sign of the turn about it, and the slipping points."""
         every, count = range(len(self._arms)), self._generators.shape[0] - 3
         result: list[tuple[int, float, tuple[int, ...]]] = []
         for i in every:
@@ -74,7 +74,7 @@ class Sticking:
         return result
 
     def _one(self, i: int, sign: float, others: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
-        """Return the maps of z to ``(u_i, l_S)`` and to ``z - q``."""
+        """Return the matrices that map z to ``(u_i, l_S)`` and to ``z - q`` for one sticking point."""
         columns = [self._part(i)]
         for j in others:
             first, second = self._arms[j] - self._arms[i]
@@ -85,9 +85,10 @@ class Sticking:
         return force, span @ force
 
     def _two(self, i: int, j: int) -> tuple[FloatArray, FloatArray] | None:
-        """Return the maps of z to both normal forces, both across the line and the one along it, and to ``z - q``.
+        """Return the matrices that map z to the forces of two sticking points (5, n) and to ``z - q``.
 
-        None where other points are on both sides of the line: about it the body does not turn.
+        The forces are both normal forces, both across the line, and their sum along it. None if other points lie on
+        both sides of the line, about which the body then cannot turn.
         """
         middle = 0.5 * (self._arms[i] + self._arms[j])
         apart = self._arms[j] - self._arms[i]

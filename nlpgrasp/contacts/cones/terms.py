@@ -1,4 +1,4 @@
-"""The terms in which contact models state their cones and support functions."""
+"""Shared types of contact models: component blocks and contact velocities."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Blocks = tuple[tuple[slice, float], ...]
 
 
 class Work(NamedTuple):
-    """What a twist does to unit forces of a contact: ``z = G_i^T y``, with the sizes of its parts (numbers or symbols).
+    """Work of a contact's unit forces on a twist y, ``z = G_i^T y``, by parts (numbers or symbols).
 
     Parameters
     ----------
@@ -30,11 +30,11 @@ class Work(NamedTuple):
 
 
 def upper_triangle(n: int) -> list[tuple[int, int]]:
-    """Return the places of a symmetric matrix's upper triangle, row by row."""
+    """Return the index pairs of a symmetric matrix's upper triangle, row by row."""
     return [(a, b) for a in range(n) for b in range(a, n)]
 
 
 def circle(count: int, first: float) -> FloatArray:
-    """Return unit tangential forces at even angles, (count, 3), the first at this angle from the first tangent."""
+    """Return evenly spaced unit tangential forces (count, 3), the first at an angle from the first tangent."""
     angles = first + 2.0 * np.pi * np.arange(count) / count
     return np.stack([np.zeros(count), np.cos(angles), np.sin(angles)], axis=1)

@@ -1,4 +1,4 @@
-"""Whether a contact can exert all that another can: its force domain contains the other's."""
+"""Inclusion of contact force domains."""
 
 from __future__ import annotations
 
@@ -15,25 +15,24 @@ from nlpgrasp.contacts.point import PointContact
 from nlpgrasp.contacts.soft import SoftContact
 from nlpgrasp.errors import InputError
 
-ROUNDING = 1e-12
+ROUNDING = 1e-12  # relative tolerance of inclusion
 Ranges = list[tuple[frozenset[int], float]]  # axes of a contact-frame wrench, and their range per unit normal force
 
 
 def contains(wider: ContactModel, other: ContactModel, space: int) -> bool:
-    """Return whether one contact's forces include another's, ``B_other K_other`` in ``B_wider K_wider``.
+    """Return whether ``B_wider K_wider`` includes ``B_other K_other``; False if undecided.
 
-    Most domains have the shape ``|x_j| <= c_j x_n`` (for the elliptic soft contact the sum of both squared shares is at
-    most 1). The largest ``|x_S|`` that the other reaches with unit normal force is the root of the sum of its ranges'
-    squares over the blocks that meet S, since it may be at the limit of all of them at once; it is contained exactly
-    where that is at most the range of S, for every block S of the wider one, and no component is left over. A pad with
-    Coulomb's friction is friction contacts at its ends or corners; it contains what acts at points between these with
-    no more friction. False where that cannot be told: of contacts of other shapes, equal ones apart, and of patches
-    with different directions.
+    Most domains have the shape ``|x_j| <= c_j x_n`` (for the elliptic soft contact the sum of both squared ratios is at
+    most 1). The largest ``|x_S|`` that the other reaches with unit normal force is the root of the sum of its squared
+    ranges over the blocks that meet S, since all of them may be at their limits at once; it is included exactly if that
+    is at most the range of S for every block S of the wider one, and no component is left over. A pad with Coulomb
+    friction equals friction contacts at its ends or corners; it includes contacts at points between these with no more
+    friction. Undecided, unless equal, are contacts of other shapes and patches with different directions.
 
     Parameters
     ----------
     wider, other : ContactModel
-        Faces do not matter here.
+        Their faces are ignored.
     space : int
         2 or 3.
     """
@@ -59,15 +58,15 @@ def contains(wider: ContactModel, other: ContactModel, space: int) -> bool:
 def placed_in(
     small: Sequence[ContactModel], large: Sequence[ContactModel], space: int, groups: Sequence[int] | None = None
 ) -> list[int] | None:
-    """Return for each of some contacts another, wider one, no two the same; None where there is no such choice.
+    """Return an injective assignment of contacts to wider ones, as indices; None if there is none.
 
     Parameters
     ----------
     small, large : sequences of k and m >= k ContactModel
-        A contact may use no faces beside those of the one it stands for, all of them where that one may.
+        A small contact's allowed faces must be among those of the large one.
     space : int
     groups : sequence of int, optional
-        Of k = m contacts: those that may stand for each other; all where left out.
+        For k = m contacts: only those of equal group may be assigned; by default all may.
     """
     fits = np.array([[contains(b, a, space) and _faces_within(a, b) for b in large] for a in small])
     if groups is not None:
@@ -81,12 +80,12 @@ def placed_in(
 
 
 def _faces_within(a: ContactModel, b: ContactModel) -> bool:
-    """Return whether all faces that a may use are b's too; both as stated."""
+    """Return whether all allowed faces of a are allowed for b."""
     return b.faces is None or (a.faces is not None and set(a.faces) <= set(b.faces))
 
 
 def _acts_within(other: ContactModel, pad: PadContact) -> bool:
-    """Return whether a contact acts at points between a pad's ends or corners, with no more friction than there."""
+    """Return whether a contact acts between a pad's ends or corners, with no more friction than the pad."""
     arms: Arms = ((0.0, 0.0),)
     if isinstance(other, PadContact):
         if other.friction is not None and other.model == "box":
@@ -111,12 +110,12 @@ def _ranges(model: ContactModel, space: int) -> Ranges:
 
 
 def _reach(ranges: Ranges, axes: frozenset[int]) -> float:
-    """Return the largest size of these components with unit normal force."""
+    """Return the largest norm of components with unit normal force."""
     return float(np.sqrt(sum(c**2 for own, c in ranges if own & axes)))
 
 
 def _same_frames(one: ContactModel, other: ContactModel, space: int) -> bool:
-    """Return whether both mean the same tangents, or one of them does not care."""
+    """Return whether both have the same tangents, or one is rotationally symmetric."""
     if space == 2 or _round(one) or _round(other):
         return True
     normals = np.random.default_rng(0).standard_normal((4, 3))
@@ -125,6 +124,6 @@ def _same_frames(one: ContactModel, other: ContactModel, space: int) -> bool:
 
 
 def _round(model: ContactModel) -> bool:
-    """Return whether the domain stays the same when the contact turns about its normal."""
+    """Return whether the force domain is symmetric under rotation about the normal."""
     pairs = [frozenset(pair) & axes for pair in ((1, 2), (4, 5)) for axes, _ in _ranges(model, 3)]
     return all(len(pair) != 1 for pair in pairs)

@@ -1,4 +1,4 @@
-"""A grasp as a MuJoCo scene that runs: the object, the hand's own links and joints, keyframes of all phases."""
+"""Dynamic MuJoCo scene of a grasp: object, articulated hand and keyframes of all phases."""
 
 from nlpgrasp.mjcf.hand_scene.options import HandSceneOptions
 from nlpgrasp.mjcf.hand_scene.scene import mjcf_with_hand

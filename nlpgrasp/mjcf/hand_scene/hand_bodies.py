@@ -1,4 +1,4 @@
-"""A hand's links, joints and actuators in a MuJoCo scene, as the package itself reads them."""
+"""MJCF links, joints and actuators of a robot hand."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from nlpgrasp.mjcf.parts import numbers
 from nlpgrasp.solution.squeezed.joints import LEVER
 
 PREFIX = "hand_"
-ARM = ("palm_x", "palm_y", "palm_z")  # the joints that carry the palm, along the axes of the body's frame
-LEAST_MASS, LEAST_MOMENT = 1e-3, 1e-7  # kg and kg m^2, of a link: MuJoCo cannot move what has none
-ARMATURE = {True: 1e-3, False: 0.1}  # of a turning joint's motor, kg m^2, and of a sliding one's, kg
+ARM = ("palm_x", "palm_y", "palm_z")  # sliding joints that carry the palm, along the axes of the body frame
+LEAST_MASS, LEAST_MOMENT = 1e-3, 1e-7  # kg and kg m^2, least mass and moment of a link, as MuJoCo requires
+ARMATURE = {True: 1e-3, False: 0.1}  # armature of revolute joints, kg m^2, and of prismatic ones, kg
 LOOK = {"rgba": "0.71 0.61 0.48 1"}
-# hand and object touch, links of one hand do not: where they would is the program's, by spheres around them
+# hand and object collide, links of the hand do not: the NLP excludes self-collision by spheres
 TOUCHES = {"contype": "1", "conaffinity": "0"}
 
 
 @dataclass(frozen=True)
 class PlacedRobot:
-    """A hand where its palm is in the grasp.
+    """A robot hand placed at its palm pose in the grasp.
 
     Parameters
     ----------
     robot : Robot
     inertials : mapping of str to Inertial
-        Of the links that state theirs.
+        Of the links that state them.
     palm : mapping
         ``position`` and ``quaternion_wxyz`` of the palm in the grasp, body frame.
     tips : sequence of mappings
@@ -46,7 +46,7 @@ class PlacedRobot:
     limits : mapping of str to float
         Torque limits by joint.
     floating : collection of int
-        Fingertips that are off their links in the grasp: the scene has the links' own shapes alone there.
+        Fingertips that are off their links in the grasp: the scene has only the links' own shapes there.
     """
 
     robot: Robot
@@ -59,7 +59,7 @@ class PlacedRobot:
 
 
 def add_hand(root: Element, placed: PlacedRobot, surfaces: list[dict[str, str]], options: HandSceneOptions) -> None:
-    """Add the hand to a scene: links below three sliding joints that carry the palm, actuators, followers.
+    """Add the hand to a scene: three sliding joints that carry the palm, links, actuators, mimic joints.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def add_hand(root: Element, placed: PlacedRobot, surfaces: list[dict[str, str]],
         Of the scene, with ``asset`` and ``worldbody``.
     placed : PlacedRobot
     surfaces : list of mappings
-        Attributes of each fingertip's geoms: friction as its contact model has it.
+        Attributes of each fingertip's geoms: friction of its contact model.
     options : HandSceneOptions
     """
     asset, world = root.find("asset"), root.find("worldbody")
@@ -112,7 +112,7 @@ def _pose(joint: Joint) -> dict[str, str]:
 
 
 def _add_joint(body: Element, joint: Joint, options: HandSceneOptions) -> None:
-    arm = 1.0 if joint.turns else LEVER  # a sliding joint is taken like a turning one on such a lever
+    arm = 1.0 if joint.turns else LEVER  # a prismatic joint counts as a revolute one on such a lever
     given = {
         "name": PREFIX + joint.name,
         "type": "hinge" if joint.turns else "slide",
@@ -126,7 +126,7 @@ def _add_joint(body: Element, joint: Joint, options: HandSceneOptions) -> None:
 
 
 def _add_inertial(body: Element, stated: Inertial | None) -> None:
-    """Add mass and inertia, of a link that states none the least that MuJoCo can move."""
+    """Add mass and inertia of a link, at least the smallest that MuJoCo accepts."""
     mass = LEAST_MASS if stated is None else max(stated.mass, LEAST_MASS)
     center = np.zeros(3) if stated is None else stated.center
     moments, axes = np.linalg.eigh(np.zeros((3, 3)) if stated is None else stated.inertia)
@@ -136,7 +136,7 @@ def _add_inertial(body: Element, stated: Inertial | None) -> None:
 
 
 def _add_shape(asset: Element, body: Element, name: str, shape: Shape, surface: dict[str, str]) -> None:
-    """Add a collision shape: MuJoCo's own where it has one, else the hull of its mesh."""
+    """Add a collision shape: a MuJoCo primitive if possible, else the convex hull of its mesh."""
     geom = {"name": name, **LOOK, **TOUCHES, **surface}
     if shape.centre is not None:
         geom |= {"type": "sphere", "size": numbers([shape.radius]), "pos": numbers(shape.centre)}
@@ -152,7 +152,7 @@ def _add_shape(asset: Element, body: Element, name: str, shape: Shape, surface: 
 
 
 def _add_actuators(root: Element, placed: PlacedRobot) -> None:
-    """Add a position servo for each free joint and each joint of the arm, and what makes followers follow."""
+    """Add position servos for free joints and the arm, and equality constraints for mimic joints."""
     actuator, equality = SubElement(root, "actuator"), SubElement(root, "equality")
     for name in ARM:
         _add_servo(actuator, name, ARM_STIFFNESS, None)

@@ -1,4 +1,4 @@
-"""The keyframes of a grasp: where palm and joints are in each phase, and what the joints are told."""
+"""Keyframes of a grasp's phases: palm and joint positions, and servo set-points."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from nlpgrasp.mjcf.hand_scene.hand_bodies import ARM, PREFIX
 from nlpgrasp.mjcf.parts import numbers
 from nlpgrasp.solution.squeezed.squeeze import Squeeze
 
-LIFT = 0.2  # metres, along z, where the file has no phases
-HELD = ("squeeze", "lift")  # phases in which joints are told more than where they are
+LIFT = 0.2  # m, along z, if the file has no phases
+HELD = ("squeeze", "lift")  # phases in which set-points differ from joint positions, to exert torques
 
 
 @dataclass(frozen=True)
 class Keyframe:
-    """A phase of a grasp.
+    """A keyframe: palm displacement, joint positions and servo set-points of a phase.
 
     Parameters
     ----------
     name : str
     moved : (3,) array
-        Of the palm from where it is in the grasp, metres, body frame.
+        Displacement of the palm from the grasp, metres, body frame.
     joints : mapping of str to float
-        Where every moving joint is, radians or metres.
+        Positions of all moving joints, radians or metres.
     told : mapping of str to float
-        What the free joints' servos are told.
+        Set-points of the free joints' servos.
     """
 
     name: str
@@ -42,7 +42,7 @@ class Keyframe:
 
 
 def keyframes(hand: Json, robot: Robot, squeeze: Squeeze, gains: Mapping[str, float], scale: float) -> list[Keyframe]:
-    """Return the keyframes of a grasp, in the order in which they follow one another.
+    """Return the keyframes of a grasp in chronological order.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def keyframes(hand: Json, robot: Robot, squeeze: Squeeze, gains: Mapping[str, fl
     gains : mapping of str to float
         Of the joints' position control.
     scale : float
-        Of the squeeze: 2 presses twice as hard.
+        Factor on the squeeze: 2 presses twice as hard.
     """
     here, free = hand["joint_positions"], [joint.name for joint in robot.free_joints]
     pressed = {name: here[name] + scale * tau / gains[name] for name, tau in squeeze.torques.items()}
@@ -68,7 +68,7 @@ def keyframes(hand: Json, robot: Robot, squeeze: Squeeze, gains: Mapping[str, fl
 
 
 def add_keyframes(root: Element, frames: Sequence[Keyframe]) -> None:
-    """Add keyframes to a scene: state and controls of each, the object lifted with the palm after the squeeze."""
+    """Add keyframes with states and controls to a scene, with the object lifted with the palm in the lift."""
     order = [joint.get("name", "") for joint in root.iter("joint") if joint.get("name")]
     motors = [motor.get("name", "") for motor in root.iter("position")]
     keyframe = SubElement(root, "keyframe")
@@ -83,7 +83,7 @@ def add_keyframes(root: Element, frames: Sequence[Keyframe]) -> None:
 
 
 def _phases(hand: Json) -> list[Json]:
-    """Return the phases that a file states; of a file of earlier versions those that follow from what it has."""
+    """Return the phases of a file; for earlier versions, phases derived from its data."""
     if hand.get("phases"):
         return list(hand["phases"])
     here = {"palm_pose": hand["palm_pose"], "joint_positions": hand["joint_positions"]}
@@ -95,12 +95,12 @@ def _phases(hand: Json) -> list[Json]:
 
 
 def gains_of(robot: Robot, squeeze: Squeeze, gain: float | None) -> dict[str, float]:
-    """Return the gain of each free joint: those the squeeze is stated for, or another of all that turn.
+    """Return the position gain of each free joint: the squeeze's, or a given one for revolute joints.
 
     Raises
     ------
     InputError
-        Where the squeeze states none.
+        If the squeeze states none.
     """
     stated = None if squeeze.joints is None else squeeze.joints.gain
     if stated is None:

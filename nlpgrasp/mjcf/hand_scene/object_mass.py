@@ -1,4 +1,4 @@
-"""How heavy the object of a scene is: as stated, or the weight that the task carries."""
+"""Mass of a scene's object: given, or derived from the weight in its task."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from nlpgrasp.tasks.base import parts_of
 from nlpgrasp.tasks.mass import mass_of
 from nlpgrasp.tasks.tools import WEIGHT
 
-ACROSS = 0.1  # of the force upwards: more beside it is no weight
-NOTHING = 0.01  # of the same: a push that begins at no more than this is a tool's, no weight
-ROUND = 1e-6  # relative: forces alike in all directions, all of them at one point
-NEAR = 0.5  # of half the body's diagonal: how far from the drawn centre of mass a weight may act
+ACROSS = 0.1  # of the upward force: largest lateral force of a weight
+NOTHING = 0.01  # of the same: a force range that starts below this is a tool's push, no weight
+ROUND = 1e-6  # relative tolerance of isotropic forces at one point
+NEAR = 0.5  # of half the body's diagonal: largest distance of a weight from the drawn centre of mass
 STATED, UPRIGHT = "as stated", "the weight that the task carries"
 ANY_WAY, OF_WATER = "the weight that the task carries in any orientation", "as if of water"
 
 
 @dataclass(frozen=True)
 class ObjectMass:
-    """How heavy an object is, and what says so.
+    """Mass of an object with its source.
 
     Parameters
     ----------
     kilograms : float
     source : str
-        In words: ``the weight that the task carries``, for example.
+        Text such as ``the weight that the task carries``.
     """
 
     kilograms: float
@@ -39,11 +39,11 @@ class ObjectMass:
 
 
 def object_mass(solution: GraspSolution, stated: float | None, otherwise: ObjectMass | None = None) -> ObjectMass:
-    """Return the mass of a solution's object: as stated, else the weight that its task carries, else a default.
+    """Return the mass of a solution's object: given, else from the weight in its task, else a default.
 
-    A task carries a weight where the middle of one of its parts is a force along the last axis of the body's frame, as
-    that of ``ng.lift``. A part of forces alone, equal in all directions and at one point near the centre of mass, is
-    a weight in any orientation, as that of ``ng.gravity``; it counts where nothing else does.
+    A task carries a weight if the centre of one of its parts is a force along the last axis of the body frame, as in
+    ``ng.lift``. A part of isotropic forces at one point near the centre of mass is a weight in any orientation, as in
+    ``ng.gravity``; it counts if there is no other.
 
     Parameters
     ----------
@@ -52,12 +52,12 @@ def object_mass(solution: GraspSolution, stated: float | None, otherwise: Object
     stated : float or None
         Kilograms.
     otherwise : ObjectMass, optional
-        Where the task carries no weight; that of water in the object's place when left out.
+        If the task carries no weight; by default the mass for the density of water.
 
     Raises
     ------
     InputError
-        Without a grasp or a drawing, or where water is asked for and the drawing has no volume.
+        Without a grasp or a drawing, or if the density of water is used and the drawing has no volume.
     """
     if stated is not None:
         return ObjectMass(stated, STATED)
@@ -72,7 +72,7 @@ def object_mass(solution: GraspSolution, stated: float | None, otherwise: Object
 
 
 def _upwards(part: Task) -> float:
-    """Return the weight that is the middle of a part of a task, newtons; 0 of pushes from nothing, and without one."""
+    """Return the upward force at the centre of a task's part, newtons; 0 for pushes from zero, or without one."""
     along = np.eye(3, 6)
     most, least = part.support(along)[0], -part.support(-along)[0]
     middle = 0.5 * (most + least)
@@ -83,7 +83,7 @@ def _upwards(part: Task) -> float:
 
 
 def _in_any_orientation(part: Task, solution: GraspSolution) -> float:
-    """Return the force that a part of a task is in all directions, near the centre of mass, newtons; 0 of others."""
+    """Return the isotropic force of a task's part near the centre of mass, newtons; 0 for others."""
     if not isinstance(part, TaskEllipsoid) or not part.is_centred:
         return 0.0
     forces, moments = part.axes[:, :3], part.axes[:, 3:]
@@ -99,6 +99,6 @@ def _in_any_orientation(part: Task, solution: GraspSolution) -> float:
 
 
 def _point_of(turning: FloatArray) -> FloatArray:
-    """Return the point (3,) whose cross product with a force is nearest to a matrix (3, 3) times the force."""
+    """Return the point (3,) whose cross-product matrix is nearest to a given matrix (3, 3)."""
     skew = 0.5 * (turning - turning.T)
     return np.array([skew[2, 1], skew[0, 2], skew[1, 0]])

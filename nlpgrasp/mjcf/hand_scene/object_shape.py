@@ -1,4 +1,4 @@
-"""What the object collides as: the primitive that it is, or convex pieces."""
+"""Collision geoms of the object: primitives or convex decomposition."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import MissingExtraError
 from nlpgrasp.mjcf.parts import numbers
 
-CONVEX = 0.999  # of its hull's volume: a body that counts as convex
-CONCAVITY, PIECES, SEED = 0.02, 64, 0  # how far pieces may be from convex (relative, as coacd has it), and how many
+CONVEX = 0.999  # of its hull's volume: volume above which a body counts as convex
+CONCAVITY, PIECES, SEED = 0.02, 64, 0  # coacd: concavity threshold (relative), most pieces, seed
 LOOK = {"rgba": "0.56 0.64 0.71 1"}
 
 DECOMPOSING = "decomposing the body into convex pieces ..."
-_last: dict[bytes, list[FloatArray]] = {}  # the pieces of the last body: a simulation asks for them twice
+_last: dict[bytes, list[FloatArray]] = {}  # cache of the last body's pieces, which a simulation needs twice
 
 Told = Callable[[str], None]
 Size = Callable[[Json], Iterable[float]]
@@ -39,10 +39,10 @@ def add_object_geoms(
     surface: dict[str, str],
     progress: Told | None = None,
 ) -> int:
-    """Add to the object's MJCF body what it collides as, and return how many geoms that are.
+    """Add the collision geoms to the object's MJCF body, and return their number.
 
-    Boxes, spheres, ellipsoids and cylinders are MuJoCo's own; a convex body is its hull, any other convex pieces of
-    its triangles (Wei et al. 2022, doi:10.1145/3528223.3530103).
+    Boxes, spheres, ellipsoids and cylinders are MuJoCo primitives; a convex body is its hull; any other is decomposed
+    into convex pieces (Wei et al. 2022, doi:10.1145/3528223.3530103).
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def add_object_geoms(
     Raises
     ------
     MissingExtraError
-        When a body that is not convex has to be taken apart without coacd (extra ``sim``).
+        When a body has to be decomposed and coacd (extra ``sim``) is not installed.
     """
     known = PRIMITIVES.get(str(stated.get("type")))
     if known is not None:
@@ -75,18 +75,18 @@ def add_object_geoms(
 
 
 def convex_pieces(shape: Triangles, progress: Told | None = None) -> list[FloatArray]:
-    """Return the corners (m, 3) of convex pieces that make up a body of triangles, metres.
+    """Return the vertices (m, 3), metres, of the pieces of a convex decomposition of a triangulated body.
 
     Parameters
     ----------
     shape : Triangles
     progress : callable, optional
-        Told in words before coacd begins; not told where there is one piece, or the same body comes again.
+        Called with a message before coacd runs; not for a convex or cached body.
 
     Raises
     ------
     MissingExtraError
-        When there has to be more than one piece and coacd is not installed.
+        When more than one piece is needed and coacd is not installed.
     """
     import trimesh
 

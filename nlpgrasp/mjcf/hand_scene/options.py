@@ -1,4 +1,4 @@
-"""What a scene with a hand takes for granted: gains, damping, friction of the joints, the object's mass."""
+"""Options of scenes with a hand: gains, damping, joint friction, object mass."""
 
 from __future__ import annotations
 
@@ -6,30 +6,30 @@ from dataclasses import dataclass
 
 from nlpgrasp.common.validation import number
 
-ARM_STIFFNESS = 2e4  # N / m, of what carries the palm
+ARM_STIFFNESS = 2e4  # N / m, of the arm that carries the palm
 
 
 @dataclass(frozen=True)
 class HandSceneOptions:
-    """What a file of a grasp does not say of a hand's joints and its object.
+    """Simulation parameters of a hand's joints and its object that a grasp's file does not contain.
 
-    A URDF's own damping and friction are left out: many are placeholders that let no joint move.
+    A URDF's damping and friction are ignored: many are placeholders that let no joint move.
 
     Parameters
     ----------
     gain : float, optional
-        Of the joints' position control, N m / rad; that of the file's squeeze when left out. Sliding joints keep
-        the file's.
+        Of the joints' position control, N m / rad; by default that of the file's squeeze. Prismatic joints keep the
+        file's.
     damping : float
         Of the joints, N m s / rad.
     frictionloss : float
-        Of the joints, N m: dry friction.
+        Dry friction of the joints, N m.
     mass : float, optional
-        Of the object, kilograms; when left out the weight that the task carries, else that of water in its place.
+        Of the object, kilograms; by default from the weight in the task, else for the density of water.
     normal_force : float, optional
-        What each finger presses with at least in the squeeze, newtons; the file's when left out.
+        Least normal force of each finger in the squeeze, newtons; by default the file's.
     friction : float
-        Share of the contacts' friction that there is: 0.5 of half of it.
+        Factor on the contacts' friction: 0.5 for half of it.
     """
 
     gain: float | None = None

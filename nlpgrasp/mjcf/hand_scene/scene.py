@@ -1,4 +1,4 @@
-"""A MuJoCo scene of a grasp that runs as it is: object, hand, servos, and a keyframe for every phase."""
+"""MJCF text of a dynamic scene with object, articulated hand, servos and keyframes."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solution.squeezed.squeeze import Squeeze
 from nlpgrasp.tasks.mass import mass_of
 
-STEP = 1e-3  # seconds
-EFFORT = 1e-9  # of a joint's effort: rounding
-CONTACT = {"solref": "0.004 1", "solimp": "0.95 0.99 0.001"}  # of every geom, and of what makes joints follow others
+STEP = 1e-3  # s, time step
+EFFORT = 1e-9  # relative tolerance of joint efforts
+CONTACT = {"solref": "0.004 1", "solimp": "0.95 0.99 0.001"}  # of all geoms and mimic-joint equalities
 SOLVER = {
     "timestep": f"{STEP:g}",
     "gravity": "0 0 0",
@@ -44,29 +44,28 @@ SAID = """ Keyframes: {names}. Servos hold every joint where its control is: go 
 def mjcf_with_hand(
     solution: GraspSolution, urdf: str | Path, options: HandSceneOptions | None = None, progress: Told | None = None
 ) -> str:
-    """Return the scene as MJCF text; metres, newtons, the world's frame is the body's.
+    """Return the scene with the articulated hand as MJCF text; metres, newtons, world frame = body frame.
 
-    The hand is built from its file as the package reads it: collision shapes (meshes as their hulls), masses where
-    they are stated, followers as equalities. Each fingertip has the friction that its contact model states, and
-    collides as the shape that the problem gave it beside its link's own. Three sliding joints carry the palm. All is
-    in the one text: no meshes beside it.
+    The hand is built from its file: collision shapes (meshes as convex hulls), stated masses, mimic joints as
+    equalities. Each fingertip has the friction of its contact model, and collides as the problem's fingertip shape in
+    addition to its link's shapes. Three sliding joints carry the palm. The text is self-contained, without mesh files.
 
     Parameters
     ----------
     solution : GraspSolution
         Of a problem with an ``URDFHand``, with a squeeze.
     urdf : path
-        The hand's file, a URDF, a xacro file or MJCF: the one the problem was solved with.
+        The hand's file that the problem was solved with: URDF, xacro or MJCF.
     options : HandSceneOptions, optional
-        Servos, frictions and the object's mass.
+        Servo gains, frictions and the object's mass.
     progress : callable, optional
-        Told in words before the body is decomposed into convex pieces, which may take half a minute.
+        Called with a message before the convex decomposition, which may take half a minute.
 
     Raises
     ------
     InputError
-        Without such a hand or a squeeze, on another hand's file, joints too weak for the squeeze, an object without a
-        volume, or what MuJoCo refuses.
+        Without such a hand or a squeeze, on another hand's file, joints too weak for the squeeze, an object without
+        volume, or a model that MuJoCo rejects.
     MissingExtraError
         Without MuJoCo, or without coacd for a body that is not convex (extra ``sim``).
     """
@@ -113,7 +112,7 @@ def mjcf_with_hand(
 
 
 def _robot(urdf: str | Path, palm: str, joints: Mapping[str, float]) -> Robot:
-    """Return the hand of a file, refusing one that is not the solution's."""
+    """Read the hand's file; raise if it is not the solution's hand."""
     if not Path(urdf).is_file():
         raise InputError("--hand", str(urdf), "the hand's URDF file")
     robot = read_robot(urdf, palm)
@@ -124,7 +123,7 @@ def _robot(urdf: str | Path, palm: str, joints: Mapping[str, float]) -> Robot:
 
 
 def _surface(model: ContactModel, share: float) -> dict[str, str]:
-    """Return the attributes of geoms that touch as a contact model says; ``share`` of its friction is there."""
+    """Return the geom attributes of a contact model, with its friction scaled by ``share``."""
     friction = share * model.coefficients.get("friction", 0.0)
     torsion = share * model.coefficients.get("torsional_friction", 0.0)
     dimension = 1 if friction == 0.0 else 4 if torsion else 3
@@ -137,7 +136,7 @@ def _limits(solution: GraspSolution) -> dict[str, float]:
 
 
 def _scale(squeeze: Squeeze, normal_force: float | None) -> float:
-    """Return how many times as hard as the file's squeeze the scene's is; balanced forces stay so at any size."""
+    """Return the factor on the file's squeeze; balanced forces stay balanced when scaled."""
     if normal_force is None:
         return 1.0
     if np.any(squeeze.wrench):
@@ -146,7 +145,7 @@ def _scale(squeeze: Squeeze, normal_force: float | None) -> float:
 
 
 def _require_effort(squeeze: Squeeze, scale: float) -> None:
-    """Refuse torques above the hand's limits: its servos would give less, and the forces would not be balanced."""
+    """Raise for torques above the hand's limits, with which the forces would not be balanced."""
     joints = squeeze.joints
     if joints is None or joints.worst is None or scale * joints.worst[1] <= 1.0 + EFFORT:
         return

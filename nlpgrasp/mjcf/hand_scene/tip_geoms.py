@@ -1,4 +1,4 @@
-"""Fingertips as MuJoCo geoms: one entry a kind."""
+"""MuJoCo geoms of fingertips."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.mjcf.parts import numbers
 
-PAD = 1e-3  # half the thickness that a flat fingertip is given, metres, behind its face
+PAD = 1e-3  # m, half the thickness of a flat fingertip's geom, behind its face
 
 
 def tip_geom(tip: Json) -> dict[str, str] | None:
-    """Return the attributes of a fingertip's geom in its link's frame; None of a kind that no geom stands for.
+    """Return the attributes of a fingertip's geom in its link's frame; None for unsupported kinds.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def tip_geom(tip: Json) -> dict[str, str] | None:
 
 
 def quaternion(rotation: FloatArray) -> str:
-    """Return a rotation matrix (3, 3) as MJCF's quaternion."""
+    """Return a rotation matrix (3, 3) as a quaternion in MJCF format."""
     return numbers(Rotation.from_matrix(rotation).as_quat(scalar_first=True))
 
 
@@ -36,7 +36,7 @@ def _sphere(tip: Json) -> dict[str, str]:
 
 
 def _along(tip: Json) -> dict[str, str]:
-    """Return a fingertip about an axis: its own ends are round here, as the links that bear it are."""
+    """Return a capsule for cylindrical and capsule fingertips, with rounded ends for both."""
     return {"type": "capsule", "size": numbers([tip["radius"]]), "fromto": numbers([*tip["start"], *tip["end"]])}
 
 

@@ -1,1 +1,1 @@
-"""A problem as people see it before it is solved."""
+"""Display of grasp problems as text, HTML page and notebook card."""

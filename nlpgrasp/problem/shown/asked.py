@@ -1,4 +1,4 @@
-"""What is told of a problem: its parts, as ``GraspProblem`` has them."""
+"""Read-only protocol of a grasp problem's parts, for its display."""
 
 from __future__ import annotations
 
@@ -17,39 +17,39 @@ from nlpgrasp.tasks import Task
 
 
 class Asked(Protocol):
-    """The parts of a ``GraspProblem`` that words need: it stands above them and is not imported here."""
+    """Protocol of the parts of a ``GraspProblem`` that its display needs, without importing it."""
 
     @property
     def name(self) -> str:
-        """Shown in prints."""
+        """Name for prints."""
 
     @property
     def body(self) -> Body:
-        """What is held, in its own frame."""
+        """Grasped body, in its own frame."""
 
     @property
     def models(self) -> tuple[ContactModel, ...]:
-        """Contact models, one a contact."""
+        """Contact models, one per contact."""
 
     @property
     def task(self) -> Task:
-        """What the fingers are to exert, about ``origin``."""
+        """Wrenches to exert, about ``origin``."""
 
     @property
     def hand(self) -> Hand | None:
-        """What holds it; None where each contact may be anywhere."""
+        """Hand, or None for free contacts."""
 
     @property
     def constraints(self) -> Sequence[PlacementConstraint]:
-        """Where contacts and hand may be."""
+        """Constraints on contacts and hand."""
 
     @property
     def budget(self) -> ForceBudget:
-        """What a unit of finger force means."""
+        """Force budget."""
 
     @property
     def margin(self) -> float:
-        """How far contacts stay away from edges, metres."""
+        """Least distance of contacts from sharp edges, metres."""
 
     @property
     def origin(self) -> FloatArray:
@@ -57,11 +57,11 @@ class Asked(Protocol):
 
     @property
     def torque_origin(self) -> ArrayLike | None:
-        """The torque origin where one was given."""
+        """Torque origin as given, or None."""
 
     @property
     def max_force(self) -> float | None:
         """Limit of each finger's force, newtons."""
 
     def allowed_faces(self, contact: int) -> tuple[str, ...]:
-        """Return names of the faces a contact may use."""
+        """Return the names of a contact's allowed faces."""

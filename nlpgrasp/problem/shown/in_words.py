@@ -1,4 +1,4 @@
-"""A problem in words: what is held, with which contacts, for which task, and what is in the way."""
+"""Text description of a grasp problem."""
 
 from __future__ import annotations
 
@@ -16,30 +16,30 @@ from nlpgrasp.contacts import ContactModel
 from nlpgrasp.problem.shown.asked import Asked
 from nlpgrasp.tasks.ranges import component_ranges
 
-LISTED = 8  # faces that are named
-LONGEST = 120  # characters of a part as Python writes it
+LISTED = 8  # most faces listed by name
+LONGEST = 120  # most characters of a part's repr
 FACES = re.compile(r"faces=(?:None|\([^)]*\)), ")
-ROUNDING = 1e-6  # of the body's size: coordinates below are 0
-SAMPLES = 200  # points of a face that are looked at
+ROUNDING = 1e-6  # of the body's size: coordinates below are shown as 0
+SAMPLES = 200  # sample points per face
 TIMES = "\N{MULTIPLICATION SIGN}"
 
 
 class Part(NamedTuple):
-    """One part of a problem: what it is, its value in a few words, and what there is to add."""
+    """A part of a problem's description: title, short value and notes."""
 
     title: str
     value: str
     notes: tuple[str, ...] = ()
 
     def lines(self) -> list[str]:
-        """Return the part as lines of text: a single remark beside the value, several below it."""
+        """Return the part as lines of text: a single note beside the value, several below it."""
         if len(self.notes) <= 1:
             return [f"{self.title.lower()}: {'; '.join([self.value, *self.notes])}"]
         return [f"{self.title.lower()}: {self.value}", *(f"  {note}" for note in self.notes)]
 
 
 def in_words(problem: Asked) -> list[Part]:
-    """Return the parts of a problem as people read them; millimetres in words, metres where fields are quoted."""
+    """Return the parts of a problem's description, in millimetres, but metres in quoted reprs."""
     constraints = tuple(_short(repr(constraint)) for constraint in problem.constraints)
     extents = vector(1e3 * np.ptp(problem.body.bounds, axis=0)).replace(", ", f" {TIMES} ")
     return [
@@ -54,25 +54,25 @@ def in_words(problem: Asked) -> list[Part]:
 
 
 def task_range(problem: Asked) -> str:
-    """Return the range of each component of the task's wrenches."""
+    """Return the ranges of the task's wrench components as text."""
     return range_words(*component_ranges(problem.task))
 
 
 def usable_faces(problem: Asked) -> tuple[str, ...]:
-    """Return names of the faces that some contact may use and that do not stand on a table, in the body's order."""
+    """Return the names of allowed faces that extend above all tables, in the body's order."""
     used = {face for i in range(len(problem.models)) for face in problem.allowed_faces(i)}
     return _off_tables(problem, [name for name in problem.body.face_names if name in used])
 
 
 def _contacts(problem: Asked) -> list[str]:
-    """Return the contacts in words; neighbours that are alike, on the same faces, together."""
+    """Return the contacts as text, with equal neighbours combined."""
     faces = [_off_tables(problem, problem.allowed_faces(i)) for i in range(len(problem.models))]
     alike = groupby(zip(map(_model, problem.models), faces, strict=True))
     return [f"{len(list(group))} {TIMES} {model}{_on(problem, usable)}" for (model, usable), group in alike]
 
 
 def _model(model: ContactModel) -> str:
-    """Return a contact model without its faces, which are named beside it."""
+    """Return a contact model as text, without its faces."""
     return FACES.sub("", repr(model))
 
 
@@ -90,7 +90,7 @@ def _on(problem: Asked, faces: tuple[str, ...]) -> str:
 
 
 def _off_tables(problem: Asked, faces: Sequence[str]) -> tuple[str, ...]:
-    """Return those of the faces that reach above all tables by more than their clearance."""
+    """Return the faces that extend above all tables by at least their clearance."""
     least = max((t.height + t.clearance for t in problem.constraints if isinstance(t, Table)), default=-np.inf)
     if least == -np.inf:
         return tuple(faces)

@@ -1,4 +1,4 @@
-"""A problem as people see it before it is solved: a line, lines of text, a page, a scene in a notebook."""
+"""Display of a grasp problem: repr, text, HTML page and notebook card."""
 
 from __future__ import annotations
 
@@ -14,22 +14,21 @@ PAGE, CARD = ("nlpgrasp.report.problem.page", "write_problem"), ("nlpgrasp.repor
 
 
 class SeenProblem(InNotebook):
-    """A problem that shows itself."""
+    """Mixin that displays a grasp problem."""
 
     _card: ClassVar[tuple[str, str]] = CARD
     name: str
 
     def show(self, path: str | Path | None = None) -> Path:
-        """Write a page that shows what is asked, open it in a browser where there is one, and return where it is.
+        """Write an HTML page that shows the problem, open it in a browser if possible, and return its path.
 
-        The body with its axes, its faces that contacts may use, tables and obstacles around it; contacts, task, hand
-        and constraints in words. The page opens from disk and needs no network. Without a browser, or a display for
-        it, a sentence says where it is.
+        It shows the body with its axes and allowed faces, tables and obstacles, and describes contacts, task, hand and
+        constraints. It opens from disk and needs no network. Without a browser or a display, the path is printed.
 
         Parameters
         ----------
         path : str or Path, optional
-            Of the page, an HTML file; a temporary one when left out.
+            Of the HTML page; by default a temporary file.
 
         Raises
         ------

@@ -1,1 +1,1 @@
-"""Certified bounds on mu: polytopes inside and out."""
+"""Certified bounds on mu by inner and outer approximation of the wrench set."""

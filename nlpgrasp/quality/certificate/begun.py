@@ -1,4 +1,4 @@
-"""A certificate that was begun: as far as a look at a grasp needed it, and on to its bounds where they are asked."""
+"""Resumable certificate of mu: coarse bounds first, tightened on demand."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from nlpgrasp.tasks import Task
 
 @dataclass(frozen=True)
 class Begun:
-    """The sandwich of a grasp and a task, narrowed as far as was of use so far.
+    """A resumable certificate: the partly tightened sandwich of a grasp and a task.
 
     Parameters
     ----------
@@ -37,16 +37,16 @@ class Begun:
 
     @classmethod
     def of(cls, grasp: Grasp, task: Task, budget: ForceBudget, rtol: float) -> Begun | None:
-        """Return the sandwich narrowed to a tolerance, None where rank alone proves that ``mu = 0``."""
+        """Return the certificate tightened to a tolerance, None if rank alone proves ``mu = 0``."""
         problem, _ = conditioned(WrenchSet.of(grasp, budget), task)
         return None if problem is None else cls(grasp, task, budget, problem, narrowed(problem, rtol))
 
     def is_of(self, grasp: Grasp, budget: ForceBudget) -> bool:
-        """Return whether it is the certificate of a grasp with these very contacts under this very budget."""
+        """Return whether it belongs to a grasp with identical contact points and normals and the same budget object."""
         mine, same = self.grasp, budget is self.budget
         return same and np.array_equal(mine.points, grasp.points) and np.array_equal(mine.normals, grasp.normals)
 
     def bounds(self, rtol: float, deadline: float | None = None) -> Bounds:
-        """Return certified bounds, as ``mu`` does, from where the sandwich stands."""
+        """Return certified bounds, as ``mu`` does, resuming from the current sandwich."""
         found = sandwich(self.containment, rtol, 0, deadline, self.sandwich)
         return found.of_measure(self.task.measure, self.task.paper_beta)

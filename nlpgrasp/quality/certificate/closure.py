@@ -1,4 +1,4 @@
-"""Which wrenches the contacts cannot produce at all, and a direction that proves it."""
+"""Force-closure tests with separating directions as proofs."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 
 ZERO_SUPPORT = 1e-10  # |P_K(z)| over |z| up to which z counts as in the polar of K
-EXACT = 1e-13  # where the search for such a direction stops
+EXACT = 1e-13  # tolerance at which the search for a separating direction stops
 
 
 def positive_share(wrenches: WrenchSet, y: FloatArray) -> FloatArray:
-    """Return ``|P_K(z)| / |z|`` with ``z = G^T y``, (m, d) to (m,): 0 where no force in the cones works along y.
+    """Return ``|P_K(z)| / |z|`` (m,) with ``z = G^T y`` for y (m, d): 0 if no force in K does work along y.
 
     Comparing ``P_K(z)`` with z itself depends neither on units nor on the torque origin.
     """
@@ -22,28 +22,28 @@ def positive_share(wrenches: WrenchSet, y: FloatArray) -> FloatArray:
 
 
 def no_support(wrenches: WrenchSet, y: FloatArray) -> bool:
-    """Return whether no force in the cones does positive work along y, to rounding: ``G^T y`` is in the polar of K."""
+    """Return whether ``G^T y`` is in the polar cone of K, so that no force does positive work along y."""
     return bool(positive_share(wrenches, y[None, :])[0] <= ZERO_SUPPORT)
 
 
 def separating_direction(wrenches: WrenchSet, rounds: int = 100) -> FloatArray | None:
-    """Return a unit direction y along which no force in K does positive work, or None when none was found.
+    """Search a unit direction y along which no force in K does positive work; None if none is found.
 
-    Take a force x0 inside the cones and the wrench ``w = -G x0``. If some other force in K produces w, the
-    two together produce no wrench from inside the cones, and with G of full rank the grasp is force-closed.
-    Otherwise a direction that separates w from ``G K`` is one: ``G^T y`` lies in the polar of K.
+    Take a force x0 inside the cones and the wrench ``w = -G x0``. If some force in K produces w, both together are an
+    internal force inside the cones, and with G of full rank the grasp is force-closed. Otherwise a direction that
+    separates w from ``G K`` has ``G^T y`` in the polar cone of K.
 
     Parameters
     ----------
     wrenches : WrenchSet
         Full row rank.
     rounds : int
-        Most rays added a contact.
+        Most rays added per contact.
 
     Returns
     -------
     (d,) array or None
-        The caller checks ``no_support`` itself: this function is a search, not the proof.
+        The caller has to check ``no_support``, which is the proof.
     """
     U, S, _ = np.linalg.svd(wrenches.G, full_matrices=False)
     white = wrenches.transformed((U / S).T)  # rows of G orthonormal: as well-conditioned as the question allows
@@ -60,10 +60,10 @@ def separating_direction(wrenches: WrenchSet, rounds: int = 100) -> FloatArray |
 
 
 def unreachable(wrenches: WrenchSet, target: FloatArray, rounds: int = 100) -> FloatArray | None:
-    """Return a unit direction (d,) that separates a wrench (d,) from the cone ``G K``, or None when it is in the cone.
+    """Return a unit direction (d,) that separates a wrench (d,) from the cone ``G K``; None if it is inside.
 
-    The nearest point of ``G K`` is found by non-negative least squares over a growing set of its rays; what is left
-    of the wrench is orthogonal to that point and in the polar of the cone.
+    The nearest point of ``G K`` is found by nonnegative least squares over a growing set of its rays; the residual is
+    orthogonal to that point and in the polar cone.
     """
     scale, size = float(np.linalg.norm(wrenches.G, 2)), float(np.linalg.norm(target))
     where = wrenches.ranges

@@ -1,4 +1,4 @@
-"""A wrench set and a task in common, well-conditioned coordinates."""
+"""Containment problem of a task in a wrench set, in well-conditioned coordinates."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from nlpgrasp.quality.certificate.rank import numerical_rank
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 from nlpgrasp.tasks import Task
 
-FLAT_CONDITION = 1e-10
-ROUNDING = 1e-9
+FLAT_CONDITION = 1e-10  # relative eigenvalue of the task's shape below which it is regularised
+ROUNDING = 1e-9  # relative guard against rounding
 
 
 @dataclass(frozen=True)
 class Containment:
-    """The question ``alpha A inside W``, after a linear change of wrench coordinates ``w' = M w``.
+    """Containment problem ``alpha A inside W`` after a linear change of wrench coordinates ``w' = M w``.
 
-    The largest alpha is ``min phi_W(y) / phi_A(y)`` over directions with ``phi_A(y) > 0`` (Theorem 3-9); it
-    does not depend on the coordinates, so they are chosen for conditioning: the task becomes round, and
-    coordinates along which the contacts can exert no wrench at all are dropped.
+    The largest alpha is ``min phi_W(y) / phi_A(y)`` over directions with ``phi_A(y) > 0`` (Theorem 3-9). It does not
+    depend on the coordinates, which are chosen for conditioning: the task becomes round, and coordinates along which
+    the contacts exert no wrench are dropped.
 
     Parameters
     ----------
@@ -56,19 +56,19 @@ class Containment:
         return value, gradient
 
     def original(self, u: FloatArray) -> FloatArray:
-        """Return a direction (r,) in the caller's wrench coordinates, (d,), scaled to unit length."""
+        """Map a direction (r,) to a unit direction (d,) in the original wrench coordinates."""
         y = u @ self.matrix
         return y / np.linalg.norm(y)
 
 
 def conditioned(wrenches: WrenchSet, task: Task) -> tuple[Containment | None, FloatArray | None]:
-    """Return the containment in good coordinates, or a direction that proves ``mu = 0`` by rank alone.
+    """Return the containment problem in well-conditioned coordinates, or a proof of ``mu = 0`` by rank.
 
     Returns
     -------
     containment : Containment or None
     proof : (d,) array or None
-        A direction along which no contact can exert any wrench although the task asks for one.
+        A direction along which no contact can exert a wrench although the task requires one.
     """
     moment = task.second_moment()
     scale = np.sqrt(np.diag(moment) + np.sum(wrenches.G**2, axis=1))

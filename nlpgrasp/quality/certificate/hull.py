@@ -1,9 +1,9 @@
-"""A convex hull that grows by one point at a time (beneath-beyond, Barber et al. 1996, doi:10.1145/235815.235821).
+"""Incremental convex hull by the beneath-beyond method (Barber et al. 1996, doi:10.1145/235815.235821).
 
-Qhull's own incremental mode ends the process on degenerate input, and building from scratch each round is most of a
-certificate's time. Here a bound never rests on the combinatorics being those of the exact hull: the cells are simplices
-with their vertices in the body, they surround the centre, and replacing any set of cells by the cone of the new point
-over that set's boundary surrounds it again. Rounding can therefore only widen a bound.
+Qhull's incremental mode aborts the process on degenerate input, and rebuilding each round would take most of a
+certificate's time. Bounds do not rely on exact combinatorics: the cells are simplices with vertices in the set that
+surround the centre, and replacing any set of cells by the cone of the new point over that set's boundary surrounds it
+again. Rounding can therefore only widen a bound.
 """
 
 from __future__ import annotations
@@ -18,34 +18,34 @@ from scipy.spatial import ConvexHull, QhullError
 from nlpgrasp.common.validation import FloatArray
 
 Indices = NDArray[np.intp]
-ILL = 1e-3  # difference of two heights below which planes are solved for anew
+ILL = 1e-3  # difference of two heights below which planes are solved for directly
 BEYOND = 1e-9  # relative height above a plane from which a point counts as beyond it
-MOST_NEW = 8_000  # cells of one vertex: beyond it rounding makes them, a hull's have some hundreds in six dimensions
+MOST_NEW = 8_000  # cells per new vertex above which rounding has failed (some hundreds are normal in 6 dimensions)
 
 
 class Hull:
-    """Simplicial cells around a centre, each with its plane ``{x : <a, x - centre> = 1}`` and a value of that plane.
+    """Incremental hull: simplicial cells around a centre, with planes ``{x : <a, x - centre> = 1}`` and values.
 
     Parameters
     ----------
     points : (m, d) array
         First vertices, d at least 2.
     measure : callable
-        Planes (f, d) and the centre (d,) to values (f,): what a cell is worth, smallest worst.
+        Maps planes (f, d) and the centre (d,) to the cells' values (f,); the smallest are refined first.
 
     Attributes
     ----------
     centre : (d,) array
         Mean of the first vertices.
     planes : (f, d) array
-        Rows a; zero for cells that are gone.
+        Rows a; zero for removed cells.
     values : (f,) array
-        Infinite for cells that are gone; of new ones once ``insert`` returns.
+        Infinite for removed cells; those of new cells are set when ``insert`` returns.
 
     Raises
     ------
     scipy.spatial.QhullError
-        When the first points are flat, or too nearly so.
+        When the first points are (nearly) flat.
     """
 
     def __init__(self, points: FloatArray, measure: Callable[[FloatArray, FloatArray], FloatArray]) -> None:
@@ -83,7 +83,7 @@ class Hull:
         return corners, planes, np.min(np.einsum("fvd,fd->fv", corners, planes), axis=1)
 
     def worst(self, below: float, most: int) -> Indices:
-        """Return at most ``most`` cells with a value below the given one, smallest first."""
+        """Return the indices of at most ``most`` cells with values below a threshold, smallest first."""
         values = self.values[: self._size]
         cells = np.flatnonzero(values < below)
         if cells.size > most:
@@ -96,14 +96,14 @@ class Hull:
         return np.asarray(planes / np.linalg.norm(planes, axis=1, keepdims=True))
 
     def insert(self, points: FloatArray) -> bool:
-        """Add vertices (m, d); return whether any was outside, and rounding let it be added."""
+        """Insert vertices (m, d); return whether any was outside and could be inserted."""
         added = [self._insert(p) for p in points - self.centre]
         new = np.flatnonzero(np.isnan(self.values[: self._size]))
         self.values[new] = self._measure(self.planes[new], self.centre)
         return any(added)
 
     def _insert(self, p: FloatArray) -> bool:
-        """Add a vertex relative to the centre, whose cells have no values yet; return whether it was added."""
+        """Insert a vertex relative to the centre, leaving its cells' values unset; return whether it was inserted."""
         height = self.planes[: self._size] @ p
         seen = np.flatnonzero(height > 1.0 + BEYOND)
         if not seen.size:
@@ -138,7 +138,7 @@ class Hull:
         return True
 
     def _new_planes(self, height: FloatArray, old: Indices, outer: Indices, cells: Indices) -> FloatArray:
-        """Return the planes through the horizon's ridges and the new point: each between those of the cells there."""
+        """Return the planes through the horizon's ridges and the new point, interpolated from adjacent cells."""
         drop = height[old] - height[outer]
         share = ((height[old] - 1.0) / drop)[:, None]
         planes = (1.0 - share) * self.planes[old] + share * self.planes[outer]
@@ -152,7 +152,7 @@ class Hull:
         return planes
 
     def _pairs(self, cells: Indices, inner: NDArray[np.bool_]) -> tuple[Indices, Indices, Indices] | None:
-        """Match the ridges the new cells share: rows, slots and the row on the other side; None when some is alone."""
+        """Match the ridges shared by cells: rows, slots and opposite rows; None if some ridge is unmatched."""
         names = self._names[cells]
         keys = names.sum(axis=1)[:, None] - names  # of the ridge opposite each vertex
         rows, slots = np.nonzero(inner)
@@ -166,7 +166,7 @@ class Hull:
         return rows, slots, partner
 
     def _first_neighbours(self) -> Indices:
-        """Return the cell across the ridge opposite each vertex, for Qhull's cells."""
+        """Return the neighbour across the ridge opposite each vertex, for Qhull's cells."""
         cells = self._cells
         pairs = self._pairs(cells, np.ones(cells.shape, dtype=bool))
         if pairs is None:
@@ -177,7 +177,7 @@ class Hull:
         return near
 
     def _slots(self, gone: Indices, wanted: int) -> Indices:
-        """Return places for new cells: those of the cells that are gone first."""
+        """Return storage indices for new cells, reusing those of removed cells."""
         self.planes[gone] = 0.0
         self.values[gone] = np.inf
         pool = np.concatenate([gone, self._free])

@@ -1,4 +1,4 @@
-"""Local minimisers of ``phi_W / phi_A`` over directions: upper bounds and cutting planes."""
+"""Local minimisation of the support ratio ``phi_W / phi_A`` over directions."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.quality import inverse_iteration
 from nlpgrasp.quality.certificate.containment import Containment
 
-REGULAR = 1e-6  # of the Hessian's trace without cones, where the contacts do nothing along a direction
-DIFFERENCE, STATIONARY = 1e-6, 1e-11  # step of differences of gradients; gradient at which Newton's method ends
-LEAST_CURVATURE, LONGEST = 1e-6, 0.3  # relative to the largest curvature; radians a step of Newton's method
+REGULAR = 1e-6  # of the trace of ``G G^T``: regularisation of the Hessian
+DIFFERENCE, STATIONARY = 1e-6, 1e-11  # step of finite differences of gradients; gradient tolerance of Newton's method
+LEAST_CURVATURE, LONGEST = 1e-6, 0.3  # relative lower bound of curvatures; rad, longest Newton step
 
 
 def descend(problem: Containment, u: FloatArray, iterations: int = 30) -> tuple[FloatArray, FloatArray]:
-    """Return directions and ratios after a monotone descent from each row of ``u``, all rows at once.
+    """Minimise the support ratio by monotone gradient descent from each row of ``u``.
 
-    A fixed step oscillates and overestimates the minimum by several percent (docs/certified_bounds.md): every
-    row keeps its own step, longer after a success, shorter after a failure, and never goes uphill.
+    A fixed step oscillates and overestimates the minimum by several percent (docs/certified_bounds.md), so each row has
+    an adaptive step, longer after a success and shorter after a failure, and never ascends.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def descend(problem: Containment, u: FloatArray, iterations: int = 30) -> tuple[
     directions : (m, r) array
         Unit vectors.
     ratios : (m,) array
-        Exact values of the ratio there: each is an upper bound on the measure.
+        Exact ratios there, each an upper bound on the measure.
     """
     u = u / np.linalg.norm(u, axis=1, keepdims=True)
     value, gradient = problem.ratio(u)
@@ -51,11 +51,11 @@ def descend(problem: Containment, u: FloatArray, iterations: int = 30) -> tuple[
 
 
 def iterate(problem: Containment, u: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
-    """Return directions and ratios after inverse iteration from each row of ``u``, for the L2 budget and any task.
+    """Minimise the support ratio by inverse iteration from each row of ``u``, for the L2 budget.
 
-    The support squared is piecewise quadratic, so that fewer steps than ``descend`` takes come nearer to the least
-    ratio (``quality.inverse_iteration``). Arguments and values are those of ``descend``; a narrow dip may be missed
-    where no start is near it.
+    The squared support is piecewise quadratic, so this converges in fewer steps than ``descend``
+    (``quality.inverse_iteration``). Arguments and results are those of ``descend``; a narrow minimum far from all
+    starts may be missed.
     """
     regular = REGULAR * np.sum(problem.wrenches.G**2) * np.eye(problem.rank)
 
@@ -70,10 +70,10 @@ def iterate(problem: Containment, u: FloatArray, steps: int) -> tuple[FloatArray
 
 
 def newton(problem: Containment, u: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
-    """Return directions and ratios after damped Newton steps on the unit sphere, from near local minimisers.
+    """Refine nearby local minimisers of the support ratio by damped Newton steps on the unit sphere.
 
-    Where ``descend`` and ``iterate`` come near a minimiser in ten steps, these double the digits with each: minimisers
-    are followed from one placement of the contacts to the next as exactly as their derivatives have to be.
+    Convergence is quadratic, so minimisers can be tracked from one set of contacts to the next as accurately as their
+    derivatives require.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def newton(problem: Containment, u: FloatArray, steps: int) -> tuple[FloatArray,
     directions : (m, r) array
         Unit vectors.
     ratios : (m,) array
-        Nowhere above those of the starting directions.
+        Not above those of the starting directions, up to rounding.
     """
     u = u / np.linalg.norm(u, axis=1, keepdims=True)
     value, gradient = problem.ratio(u)
@@ -108,7 +108,7 @@ def newton(problem: Containment, u: FloatArray, steps: int) -> tuple[FloatArray,
 
 
 def _newton_step(problem: Containment, u: FloatArray, gradient: FloatArray) -> FloatArray:
-    """Return tangential steps (m, r) to where the quadratic models of the ratio are least, no curvature negative."""
+    """Return tangential Newton steps (m, r) of the ratio, with absolute curvatures and limited length."""
     axes, values = principal_curvatures(problem, u, gradient)
     step = -np.einsum("mar,ma->mr", axes, np.einsum("mar,mr->ma", axes, gradient) / values)
     length = np.linalg.norm(step, axis=1, keepdims=True)
@@ -116,14 +116,14 @@ def _newton_step(problem: Containment, u: FloatArray, gradient: FloatArray) -> F
 
 
 def principal_curvatures(problem: Containment, u: FloatArray, gradient: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the ratio's curvature on the unit sphere at directions (m, r) with these gradients (m, r).
+    """Return the ratio's principal curvatures on the unit sphere at directions (m, r) with gradients (m, r).
 
     Returns
     -------
     axes : (m, r - 1, r) array
-        Unit tangents, at right angles to each other.
+        Orthonormal tangents.
     values : (m, r - 1) array
-        Sizes of the curvature along these, none next to nothing.
+        Absolute curvatures along these, bounded away from zero.
     """
     m, r = u.shape
     basis = np.linalg.svd(u[:, None, :])[2][:, 1:, :]  # of the tangent spaces, (m, r - 1, r)
@@ -138,12 +138,12 @@ def principal_curvatures(problem: Containment, u: FloatArray, gradient: FloatArr
 
 
 def _tangential(gradient: FloatArray, u: FloatArray) -> FloatArray:
-    """Return gradients (m, r) without their parts along the unit vectors u."""
+    """Return the tangential parts of gradients (m, r) at unit vectors u."""
     return np.asarray(gradient - np.sum(gradient * u, axis=1, keepdims=True) * u)
 
 
 def separated(u: FloatArray, order: NDArray[np.intp], cosine: float, most: int) -> list[int]:
-    """Return indices of at most ``most`` directions, best first, no two closer than ``cosine``."""
+    """Return indices of at most ``most`` directions, best first, with pairwise cosines below ``cosine``."""
     ordered = u[order]
     near = ordered @ ordered.T >= cosine
     chosen: list[int] = []

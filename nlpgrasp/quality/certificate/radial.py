@@ -1,7 +1,8 @@
-"""The volume of a wrench set from its radial function, relative to that of a polytope inside.
+"""Monte Carlo volume of a wrench set from its radial function relative to an inner polytope.
 
-``vol(W) = vol(P) E[t^d]`` for points x uniform over P's surface (by cones about c), where W ends at ``c + t (x - c)``:
-t is close to 1, and its mean needs few samples. W ends where the least force that produces a wrench is 1.
+``vol(W) = vol(P) E[t^d]`` for points x uniform over P's surface (by cones about c), with ``c + t (x - c)`` on the
+boundary of W: t is close to 1, so its mean needs few samples. On the boundary the least force that produces a wrench
+is 1.
 """
 
 from __future__ import annotations
@@ -17,30 +18,30 @@ from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 from nlpgrasp.quality.forces import conic
 from nlpgrasp.quality.forces.dual_newton import dual_newton
 
-GROUPS = 16  # independent groups of samples, whose scatter is the error
+GROUPS = 16  # independent groups of samples, whose scatter gives the error
 ERRORS = 3.0  # standard errors in the error bar
 MOST_SAMPLES = 400_000
-MOST_STEPS = 30  # to where a ray leaves the set
-CLOSE = 1e-3
-BRACKET = 5e-3  # its middle is off by chance, either way: the mean is not
+MOST_STEPS = 30  # most Newton steps per ray
+CLOSE = 1e-3  # tolerance of the gauge on the boundary
+BRACKET = 5e-3  # width of a bracket whose midpoint is accepted (its errors average out)
 GAUGE_TOLERANCE = 1e-8
-FAR = 4.0  # force from which on a wrench is out of the set, and its least force no matter
+FAR = 4.0  # least force above which a wrench is certainly outside the set
 
 Gauge = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 
 @dataclass(frozen=True)
 class Cells:
-    """A polytope P inside W as cones about a point c, one a facet.
+    """An inner polytope P of W as cones about a point c, one per facet.
 
     Parameters
     ----------
     centre : (d,) array
         c.
     corners : (f, d, d) array
-        Each cell's vertices about c, one a row.
+        Each cell's vertices relative to c, one per row.
     sizes, reach : (f,) array
-        Their volumes, and how many times as far as P the set W reaches in them at most.
+        Their volumes, and upper bounds of W's radial extent relative to P.
     """
 
     centre: FloatArray
@@ -50,15 +51,15 @@ class Cells:
 
 
 def estimate(white: WrenchSet, cells: Cells, rtol: float, rng: np.random.Generator) -> tuple[float, float]:
-    """Return the volume and its error bar, from groups of samples spread evenly over the cells.
+    """Estimate the volume of a wrench set and its error bar by stratified sampling over the cells.
 
     Parameters
     ----------
     white : WrenchSet
-        W, in good coordinates.
+        W, in well-conditioned coordinates.
     cells : Cells
     rtol : float
-        Relative error bar to reach.
+        Target relative error bar.
     rng : numpy.random.Generator
     """
     gauge = _gauge(white)
@@ -86,7 +87,7 @@ def estimate(white: WrenchSet, cells: Cells, rtol: float, rng: np.random.Generat
 
 
 def _reach(gauge: Gauge, centre: FloatArray, x: FloatArray, high: FloatArray) -> FloatArray:
-    """Return t between 1 and ``high`` with ``gauge(centre + t x) = 1``, by Newton's method within a bracket.
+    """Solve ``gauge(centre + t x) = 1`` for t between 1 and ``high``, by bracketed Newton's method.
 
     The gauge is convex along the ray, at most 1 at t = 1 and at least 1, perhaps infinite, at ``high``.
     """
@@ -112,7 +113,7 @@ def _reach(gauge: Gauge, centre: FloatArray, x: FloatArray, high: FloatArray) ->
 
 
 def _gauge(white: WrenchSet) -> Gauge:
-    """Return the function from wrenches to the least force that produces them, and its gradient."""
+    """Return the gauge function, the least force that produces a wrench, with its gradient."""
 
     def gauge(w: FloatArray) -> tuple[FloatArray, FloatArray]:
         size = np.linalg.norm(w, axis=1)

@@ -1,4 +1,4 @@
-"""Numerical rank, the same everywhere in this layer."""
+"""Numerical rank with a common tolerance."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ RANK_TOLERANCE = 1e-10  # of the largest singular value
 
 
 def numerical_rank(values: FloatArray) -> int:
-    """Return how many singular values count as more than zero."""
+    """Return the number of singular values that count as nonzero."""
     return int(np.sum(values > RANK_TOLERANCE * max(float(np.max(values, initial=0.0)), 1e-300)))
 
 
 def equilibrated(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return wrenches, one a row, with every coordinate over its own length, and the lengths (1 for zero), (d,).
+    """Return wrenches (rows) with equilibrated columns, and the column norms (d,) (1 for zero columns).
 
     Forces and torques have different units; the rank must not depend on them.
     """
@@ -25,5 +25,5 @@ def equilibrated(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def wrench_rank(rows: FloatArray) -> int:
-    """Return the dimension that wrenches span, one a row, whatever their units."""
+    """Return the dimension of the span of wrenches (rows), independent of units."""
     return numerical_rank(np.asarray(np.linalg.svd(equilibrated(rows)[0], compute_uv=False), dtype=np.float64))

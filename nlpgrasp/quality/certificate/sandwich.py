@@ -1,4 +1,4 @@
-"""Certified bounds by a sandwich (docs/certified_bounds.md).
+"""Sandwich algorithm for certified bounds on mu (docs/certified_bounds.md).
 
 Support points ``s_j`` of the wrench set W span an inner polytope P, cut into cells around a centre c in its
 interior. A cell with plane ``{x : <a, x - c> = 1}`` allows ``alpha <= (1 + <a, c>) / phi_A(a)``; the least of these is
@@ -21,31 +21,31 @@ from nlpgrasp.quality.certificate.containment import Containment
 from nlpgrasp.quality.certificate.hull import Hull
 from nlpgrasp.quality.certificate.minimise import descend, random_directions, separated
 
-SHRINK = 1e-4  # relative, at most a hundredth of the tolerance: no point set is degenerate, and all stay inside W
-ROUNDING = 1e-9  # relative guard for the arithmetic of planes and supports
-SEEDS, DESCENT = 60, 20  # directions followed downhill before there is a hull, and for how many steps
-BATCH = 12  # new points between two looks at the worst cells
-SPREAD = 0.3  # squared distance of their normals, relative to the gap
-HOPELESS = ((250, 1e-6), (600, 0.3))  # points after which a lower bound below that share of the upper will not rise
-MOST_POINTS = 6000  # some million cells: floating point and memory allow no more
+SHRINK = 1e-4  # largest relative shrinking of support points, which avoids degeneracy and keeps them inside W
+ROUNDING = 1e-9  # relative guard against rounding of planes and supports
+SEEDS, DESCENT = 60, 20  # descents before the first hull, and their steps
+BATCH = 12  # most new points per round
+SPREAD = 0.3  # least separation of a round's normals (1 - cosine), relative to the gap
+HOPELESS = ((250, 1e-6), (600, 0.3))  # points, and share of the target below which rounding then limits the lower bound
+MOST_POINTS = 6000  # most hull points, some million cells
 TIME, POINTS = "the time was up", f"{MOST_POINTS} points of its polytope did not suffice"
 ROUNDED = "contacts that nearly coincide, or closure that is nearly lost, leave floating point no better"
 
 
 @dataclass
 class Sandwich:
-    """Where a sandwich stands.
+    """State of the sandwich algorithm: upper bound, worst direction and inner hull.
 
     Parameters
     ----------
     upper : float
-        Least ratio found.
+        Least support ratio so far.
     worst : (r,) array
-        The direction that has it.
+        Its direction.
     hull : Hull or None
-        Support points inside the wrench set; None where there is nothing to certify or no hull could be built.
+        Inner hull of support points; None if there is nothing to certify or no hull could be built.
     limit : str
-        Why it ended before it was as narrow as asked for.
+        Reason for ending before the tolerance.
     """
 
     upper: float
@@ -65,17 +65,17 @@ def sandwich(
     rtol : float
         Stop when ``upper <= lower (1 + rtol)``.
     seed : int
-        Of the random directions and of the shrinking.
+        Random seed.
     deadline : float, optional
         ``time.monotonic()`` value after which the bounds reached so far are returned.
     begun : Sandwich, optional
-        Of the same containment, narrowed less far; changed in place where the tolerance lets it be of use.
+        Warm start of the same containment; changed in place if its tolerance allows reuse.
 
     Returns
     -------
     Bounds
-        ``worst_direction`` is in the caller's wrench coordinates, unit. Wider than asked only past the deadline or
-        where floating point allows no better: ``limit`` says which.
+        ``worst_direction`` is a unit direction in the original wrench coordinates. Wider than ``rtol`` only after the
+        deadline or at the limits of floating point, as ``limit`` says.
     """
     found = narrowed(problem, rtol, seed, deadline, begun)
     worst = problem.original(found.worst)
@@ -92,10 +92,10 @@ def sandwich(
 def narrowed(
     problem: Containment, rtol: float, seed: int = 0, deadline: float | None = None, begun: Sandwich | None = None
 ) -> Sandwich:
-    """Return the sandwich of ``sandwich``, narrowed to the tolerance, before its bounds are certified."""
+    """Run the sandwich algorithm to a tolerance, and return its state before certification."""
     rng = np.random.default_rng(seed)
     shrink = min(SHRINK, 0.01 * rtol)
-    # the points of one that was begun are shrunk by SHRINK
+    # the points of a warm start are shrunk by SHRINK
     state = _begun(problem, shrink, rng) if begun is None or shrink < SHRINK else begun
     while state.hull is not None and state.upper > 0.0:
         hull = state.hull
@@ -121,7 +121,7 @@ def narrowed(
 
 
 def _begun(problem: Containment, shrink: float, rng: np.random.Generator) -> Sandwich:
-    """Return the sandwich of directions followed downhill and of the first hull."""
+    """Return the initial state from descents and the first hull."""
     seeds = np.concatenate([random_directions(SEEDS, problem.rank, rng), np.linalg.svd(problem.wrenches.G)[0].T])
     found, values = descend(problem, seeds, DESCENT)
     separating = separating_direction(problem.wrenches)
@@ -143,12 +143,12 @@ def _begun(problem: Containment, shrink: float, rng: np.random.Generator) -> San
 
 
 def _hopeless(points: int, share: float) -> bool:
-    """Return whether the arithmetic, not the number of points, keeps the lower bound down."""
+    """Return whether rounding, not the number of points, limits the lower bound."""
     return any(points > most and share < least for most, least in HOPELESS)
 
 
 def _inner_points(problem: Containment, u: FloatArray, shrink: float, rng: np.random.Generator) -> FloatArray:
-    """Return support points in directions u, each moved towards the origin by its own small factor."""
+    """Return support points in directions u, shrunk towards the origin by small random factors."""
     wrench = problem.wrenches.support(u)[1]
     return np.asarray(wrench * (1.0 - shrink * rng.random((len(u), 1))))
 
@@ -156,9 +156,9 @@ def _inner_points(problem: Containment, u: FloatArray, shrink: float, rng: np.ra
 def _first_hull(
     problem: Containment, start: FloatArray, shrink: float, with_origin: bool, rng: np.random.Generator
 ) -> Hull | None:
-    """Return the hull of support points in the given and in random directions; None when they all stay flat.
+    """Return the hull of support points in given and random directions; None if they stay flat.
 
-    An origin on the boundary of W is a vertex of its own.
+    An origin on the boundary of W is added as a vertex.
     """
     for count in (8, 40, 200):
         u = np.concatenate([start, random_directions(count, problem.rank, rng)])
@@ -173,17 +173,17 @@ def _first_hull(
 
 
 def _values(problem: Containment, planes: FloatArray, centre: FloatArray, height: FloatArray | float) -> FloatArray:
-    """Return the largest alpha each plane ``{<a, x - centre> <= height}`` allows."""
+    """Return the largest alpha that each half-space ``{<a, x - centre> <= height}`` allows."""
     offset = height + planes @ centre
     offset = np.where(np.abs(offset) < ROUNDING, 0.0, offset)
     reach = problem.task.support(planes)[0]
     binding = reach > 0.0
-    # where the task does not push against a plane it must still have the origin on its inner side
+    # a half-space that the task does not bound must still contain the origin
     free = np.where(offset < 0.0, 0.0, np.inf)
     return np.asarray(np.where(binding, np.maximum(offset, 0.0) / np.where(binding, reach, 1.0), free))
 
 
 def _lower(problem: Containment, hull: Hull) -> float:
-    """Return the certified lower bound, each cell's offset taken anew from its own vertices, the nearest one."""
+    """Return the certified lower bound, with each cell's offset recomputed from its nearest vertex."""
     _, planes, heights = hull.corners()
     return float(np.min(_values(problem, planes, hull.centre, np.minimum(heights, 1.0))))

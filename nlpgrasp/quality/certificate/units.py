@@ -1,4 +1,4 @@
-"""Forces and torques in one unit."""
+"""Scaling of torques to units of force."""
 
 from __future__ import annotations
 
@@ -10,6 +10,6 @@ from nlpgrasp.grasp.stack import GraspStack
 
 
 def over_length(grasp: Grasp | GraspStack, torque_scale: float) -> FloatArray:
-    """Return what to multiply a wrench by so that torques count as ``torque / torque_scale``, (d,)."""
+    """Return factors (d,) for wrench components that give torques as ``torque / torque_scale``."""
     scale = number("torque_scale", torque_scale, above=0.0)
     return np.array([1.0] * grasp.space + [1.0 / scale] * (grasp.dimension - grasp.space))

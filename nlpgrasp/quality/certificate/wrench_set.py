@@ -1,4 +1,4 @@
-"""The grasp wrench set ``G(B n K)`` through its support function (3.4-5)."""
+"""Grasp wrench set ``G(B n K)``, represented by its support function (3.4-5)."""
 
 from __future__ import annotations
 
@@ -17,11 +17,10 @@ from nlpgrasp.grasp.grasp import Grasp
 
 @dataclass(frozen=True)
 class WrenchSet:
-    """``{G x : x in K, x in B}``, exactly.
+    """Grasp wrench set ``{G x : x in K, x in B}`` with an exact support function.
 
     For the L2 budget ``phi(y) = ||P_K(G^T y)||`` by Moreau's decomposition, attained at ``x = P_K(G^T y)`` over its
-    norm; the other budgets have closed forms too: no inner optimisation anywhere
-    (docs/paper/09_support_functions.md).
+    norm; for the other budgets see ``nlpgrasp.budgets.sets`` (docs/paper/09_support_functions.md).
 
     Parameters
     ----------
@@ -49,22 +48,22 @@ class WrenchSet:
 
     @property
     def contacts(self) -> tuple[ContactModel, ...]:
-        """The contacts, k of them."""
+        """Contact models, k of them."""
         return self.force_set.contacts
 
     @property
     def space(self) -> int:
-        """2 or 3: the space the contacts live in."""
+        """Dimension of the contacts' space: 2 or 3."""
         return self.force_set.space
 
     @property
     def ranges(self) -> list[slice]:
-        """Where each contact's components are among the columns of G."""
+        """Slice of each contact's components in the columns of G."""
         return self.force_set.ranges
 
     @property
     def is_ellipsoid(self) -> bool:
-        """Whether it is ``{G x : |x| <= 1}``: bilateral contacts only, and the L2 budget."""
+        """Whether it is the ellipsoid ``{G x : |x| <= 1}``: only bilateral contacts, L2 budget."""
         return isinstance(self.force_set, L2Set) and not any(c.unilateral for c in self.contacts)
 
     def project(self, z: FloatArray) -> FloatArray:
@@ -72,19 +71,19 @@ class WrenchSet:
         return project(z, self.contacts, self.space)
 
     def forces(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return ``phi(y | G(B n K))`` (m,) and finger forces that attain it (m, n)."""
+        """Return the support function ``phi(y | G(B n K))`` (m,) and maximising finger forces (m, n)."""
         return self.force_set.support(y @ self.G)
 
     def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return ``phi(y | G(B n K))`` (m,) and the wrenches that attain it (m, d)."""
+        """Return the support function ``phi(y | G(B n K))`` (m,) and maximising wrenches (m, d)."""
         phi, x = self.forces(y)
         return phi, x @ self.G.T
 
     def curvature(self, y: FloatArray) -> FloatArray:
-        """Return the Hessian of ``phi^2 / 2`` under the L2 budget, whichever this one's is: (m, d) to (m, d, d).
+        """Return the Hessian (m, d, d) of the L2 budget's ``phi^2 / 2`` at y (m, d), whatever this budget is.
 
-        ``phi^2 / 2 = |P_K(G^T y)|^2 / 2`` has a gradient everywhere; where cones have kinks it is one of the Hessians
-        on either side.
+        ``phi^2 / 2 = |P_K(G^T y)|^2 / 2`` is differentiable everywhere; where its gradient has kinks, a generalised
+        Hessian is returned.
         """
         z = y @ self.G
         H = np.zeros((*y.shape, y.shape[1]))

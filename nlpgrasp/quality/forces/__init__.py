@@ -1,1 +1,1 @@
-"""Least finger forces for wrenches."""
+"""Grasp force optimisation: least finger forces for given wrenches."""

@@ -1,4 +1,4 @@
-"""Bilateral contacts: the wrench set is an ellipsoid, and a centred task in it a matter of singular values (3.1-1a)."""
+"""Closed-form quality for bilateral contacts and centred task ellipsoids, by singular values (3.1-1a)."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from nlpgrasp.quality.certificate.rank import numerical_rank
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 from nlpgrasp.tasks import Task, TaskEllipsoid
 
-ROUNDING = 1e-9
+ROUNDING = 1e-9  # relative guard against rounding
 
 
 def bilateral_ellipsoid(wrenches: WrenchSet, task: Task) -> Bounds | None:
-    """Return the least ``|G^T y| / |L^T y|`` where that is all there is to it, or None where it is not.
+    """Return bounds on the least ``|G^T y| / |L^T y|`` if that is the quality, or None if it is not.
 
     With ``G = U S V^T`` and ``y = U S^-1 v`` it is one over the largest singular value of ``L^T U S^-1``; for a ball of
     wrenches the smallest singular value of G.

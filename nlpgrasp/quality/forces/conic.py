@@ -1,4 +1,4 @@
-"""Least finger forces under budgets that are not the L2 ball: a small conic program a wrench, solved by Clarabel.
+"""Least finger forces under general force budgets, by a small conic program per wrench (Clarabel).
 
 The grasp force optimisation problem (Boyd and Wegbreit 2007, doi:10.1109/TRO.2007.904901): minimise f subject to
 ``G x = w``, x in K and x in f B.
@@ -15,13 +15,13 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts.product import lifted
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 
-TOLERANCES = (1e-11, 1e-9, 3e-8)  # one after another until the solver reaches it, each also with shorter steps
+TOLERANCES = (1e-11, 1e-9, 3e-8)  # tried in turn until the solver succeeds, each also with shorter steps
 
 
 def least_forces(wrench_set: WrenchSet, wrenches: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return forces that use the least of the budget, and dual directions: (m, d) to (m, n) and (m, d).
+    """Return least forces (m, n) in units of the budget, and dual directions (m, d), for wrenches (m, d).
 
-    A dual direction is the gradient of the least amount with respect to the wrench. NaN where the solver found none.
+    A dual direction is the gradient of the least amount with respect to the wrench. NaN where the solver fails.
     """
     d = len(wrench_set.G)
     lift, matrices = lifted(wrench_set.contacts, wrench_set.space)

@@ -1,12 +1,12 @@
-"""Least L2 finger forces for many wrenches at once, by a semismooth Newton method on the dual.
+"""Batched least L2 finger forces, by a semismooth Newton method on the dual.
 
 ``min ||x||^2 / 2  s.t.  G x = w, x in K`` has the dual ``max_y <w, y> - ||P_K(G^T y)||^2 / 2`` with d unknowns
 whatever the number of contacts; the primal is ``x = P_K(G^T y)``. The dual is concave, C^1 and piecewise smooth, with
 generalised Hessian ``-G P_K'(G^T y) G^T`` (docs/paper/09_support_functions.md).
 
-Arrays are components first: each row holds one component for all wrenches and is contiguous, so that every operation
-runs over the wrenches. The Hessian's entries are linear in those of the contacts' ``P_Ki'``: one matrix product. Of
-many wrenches some are solved roughly first, and all start from the best of their solutions.
+Arrays are components first: each row holds one component for all wrenches and is contiguous, so every operation runs
+over the wrenches. The Hessian's entries are linear in those of the contacts' ``P_Ki'``: one matrix product. For many
+wrenches, some are first solved roughly, and their best solutions are warm starts for all.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from nlpgrasp.contacts.cones.cholesky import solve_columns
 from nlpgrasp.contacts.cones.terms import upper_triangle
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 
-CHUNK = 16384  # wrenches at once
-MANY, FIRST, ROUGHLY = 500, 128, 6  # of more than so many, the first ones get so many steps: starts for all of them
-WORTH = 0.8  # share of unsolved wrenches below which the others are dropped
+CHUNK = 16384  # wrenches per batch
+MANY, FIRST, ROUGHLY = 500, 128, 6  # wrenches above which the first ones, with few steps, give warm starts
+WORTH = 0.8  # share of unsolved wrenches below which solved ones are dropped
 TOLERANCE = 1e-10
 STEPS = 100
-SHORTER = 4  # tries of a shorter step before the Hessian is damped
+SHORTER = 4  # backtracking steps before the Hessian is damped
 FLOOR = 1e-14  # of the Hessian's trace, added to its diagonal
-LEAST_DAMPING, MOST_DAMPING = 1e-6, 1e6  # of |G|^2; beyond, the arithmetic allows no better
+LEAST_DAMPING, MOST_DAMPING = 1e-6, 1e6  # of |G|^2; beyond the latter, rounding prevents progress
 
 
 def dual_newton(
     wrench_set: WrenchSet, wrenches: FloatArray, tolerance: float = TOLERANCE, limit: float = np.inf
 ) -> tuple[FloatArray, FloatArray]:
-    """Return dual solutions y and forces x for unit wrenches: (m, d) to (m, d) and (m, n).
+    """Return dual solutions y (m, d) and least L2 forces x (m, n) for unit wrenches (m, d).
 
-    Wrenches that need a force of more than ``limit`` are given up as soon as the dual's value shows it.
+    Wrenches that need a force above ``limit`` are abandoned as soon as the dual value shows it.
     A wrench that the contacts cannot produce leaves a residual ``w - G x``, and y grows along a direction that
     separates it from what they can.
     """
@@ -53,7 +53,7 @@ def dual_newton(
 
 
 def _best_start(w: FloatArray, y: FloatArray, size: FloatArray, otherwise: FloatArray) -> FloatArray:
-    """Return for each wrench the multiple ``s y_j`` of a known solution with the largest dual value.
+    """Return warm starts: for each wrench the multiple ``s y_j`` of a known solution with the largest dual value.
 
     With ``x_j = P_K(G^T y_j)`` that is ``s = <w, y_j> / |x_j|^2``, where ``<w, y_j> / |x_j|`` is largest; the other
     start given where none is positive.
@@ -69,7 +69,7 @@ def _best_start(w: FloatArray, y: FloatArray, size: FloatArray, otherwise: Float
 
 @dataclass
 class _State:
-    """The wrenches still being solved, a column each."""
+    """Iterate of the unsolved wrenches, one per column."""
 
     index: np.ndarray[tuple[int, ...], np.dtype[np.intp]]
     w: FloatArray
@@ -106,11 +106,11 @@ class _Solver:
         self.assemble = np.stack(columns, axis=1)
 
     def unconstrained(self, w: FloatArray) -> FloatArray:
-        """Return the solutions for ``K = R^n``, to start from."""
+        """Return the solutions for ``K = R^n`` as starting points."""
         return np.linalg.pinv(self.G @ self.G.T, hermitian=True) @ w
 
     def solve(self, w: FloatArray, start: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
-        """Return y (d, m) and x (n, m)."""
+        """Solve for y (d, m) and x (n, m) by Newton's method."""
         m = w.shape[1]
         y_out, x_out, best = np.zeros_like(w), np.zeros((self.G.shape[1], m)), np.full(m, np.inf)
         state = self._state(np.arange(m), w, start, np.zeros(m))
@@ -119,7 +119,7 @@ class _Solver:
             kept = state.index[improved]
             best[kept] = state.residual[improved]
             y_out[:, kept], x_out[:, kept] = state.y[:, improved], state.x[:, improved]
-            # a wrench that needs more than the limit, or where rounding stops every step, is done too
+            # wrenches beyond the limit, or stopped by rounding, are done too
             going = (state.residual > self.tolerance) & (state.value <= self.limit) & (state.damping <= MOST_DAMPING)
             if not going.any():
                 break
@@ -131,7 +131,7 @@ class _Solver:
     def _state(
         self, index: np.ndarray[tuple[int, ...], np.dtype[np.intp]], w: FloatArray, y: FloatArray, damping: FloatArray
     ) -> _State:
-        """Return everything that belongs to y."""
+        """Evaluate the iterate at y."""
         z = self.G.T @ y
         x = self._project(z)
         gradient = w - self.G @ x
@@ -148,11 +148,11 @@ class _Solver:
         return solve_columns(entries, regular, state.gradient)
 
     def _search(self, state: _State, step: FloatArray) -> _State:
-        """Return the state after a step that increases the dual enough; damped where there is none."""
+        """Return the state after a line search; without sufficient increase, unchanged with more damping."""
         slope = np.einsum("dm,dm->m", state.gradient, step)
         trial = self._state(state.index, state.w, state.y + step, 0.01 * state.damping)
         enough = trial.value >= state.value + 1e-4 * slope
-        # close to the solution the value no longer tells, the gradient does
+        # close to the solution the gradient decides, not the value
         nearer = (trial.residual < 0.7 * state.residual) & (trial.value >= state.value - 1e-14 * np.abs(state.value))
         short = np.flatnonzero(~(enough | nearer))
         length = 1.0

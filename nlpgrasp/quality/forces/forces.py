@@ -1,4 +1,4 @@
-"""Finger forces that exert given wrenches with the least effort, and which wrenches cannot be exerted."""
+"""Least finger forces for given wrenches, with infeasibility proofs."""
 
 from __future__ import annotations
 
@@ -23,29 +23,29 @@ from nlpgrasp.quality.forces import conic
 from nlpgrasp.quality.forces.dual_newton import TOLERANCE, dual_newton
 
 PRODUCED = 1e-8  # relative residual up to which a wrench counts as produced
-PROVEN = 1e-9  # |P_K(z)| over |z| of a separating direction
-CLEAR = 1e-6  # least <w, y> of unit vectors
+PROVEN = 1e-9  # largest |P_K(z)| over |z| of a separating direction
+CLEAR = 1e-6  # least <w, y> of a separating direction, for unit vectors
 
 
 @dataclass(frozen=True)
 class FingerForces:
-    """Least forces that exert given wrenches.
+    """Least finger forces for given wrenches, with feasibility and separating directions.
 
     Parameters
     ----------
     forces : (m, n) array
-        Force components in the contact frames, newtons and newton-metres, contact by contact, normal force first;
-        the solver's last attempt where a wrench cannot be exerted.
+        Force components in the contact frames, newtons and newton-metres, contact by contact, normal force first; the
+        solver's last iterate for infeasible wrenches.
     feasible : (m,) bool array
-        Whether the contacts can exert the wrench, with whatever force.
+        Whether the contacts can exert the wrench with any force.
     residual : (m,) array
         ``||G x - w||`` relative to ``||w||``, torques over the longest arm.
     used : (m,) array
         Least amount of the force budget, in its units: the L2 norm of all forces, the largest normal force, ...;
-        infinite where a wrench cannot be exerted.
+        infinite for infeasible wrenches.
     separating_directions : (m, d) array
-        Why not: a unit direction y with ``<w, y> > 0`` along which no force in the contacts' cones does positive work;
-        NaN where a wrench can be exerted.
+        Infeasibility proof: a unit direction y with ``<w, y> > 0`` along which no force in the contacts' cones does
+        positive work; NaN for feasible wrenches.
     """
 
     forces: FloatArray
@@ -80,10 +80,10 @@ def finger_forces(
     grasp : Grasp or GraspStack
         Contacts in place; of a stack every grasp has the same wrenches.
     wrenches : (m, d) or (d,) array
-        What the fingers have to exert, newtons and newton-metres, about the grasp's torque origin. A load on the body
-        asks for its opposite.
+        Wrenches to exert, newtons and newton-metres, about the grasp's torque origin: the opposite of a load on the
+        body.
     force_budget : str or ForceBudget
-        What counts as least.
+        The minimised amount of force.
 
     Returns
     -------
@@ -122,7 +122,7 @@ def _rows(wrenches: ArrayLike, d: int) -> FloatArray:
 
 
 def _units(grasp: Grasp) -> FloatArray:
-    """Return what forces and torques are measured in: 1, and the longest arm of any force or torsion (d,)."""
+    """Return the units (d,) of wrench components: 1 for forces, the longest arm for torques."""
     torques = grasp.G[grasp.space :]
     arms = np.linalg.norm(grasp.points - grasp.torque_origin, axis=1)
     arm = max(float(np.max(np.linalg.norm(torques, axis=0))), float(np.max(arms)))
@@ -132,7 +132,7 @@ def _units(grasp: Grasp) -> FloatArray:
 def _least(wrench_set: WrenchSet, w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return forces, residuals and separating directions for unit (or zero) wrenches."""
     basis, values, _ = np.linalg.svd(wrench_set.G)
-    basis = basis[:, : numerical_rank(values)]  # what G reaches at all, contacts' cones aside
+    basis = basis[:, : numerical_rank(values)]  # range of G, without the contacts' cones
     inside = wrench_set.transformed(basis.T)
     local = w @ basis
     y, x = dual_newton(inside, local)
@@ -143,7 +143,7 @@ def _least(wrench_set: WrenchSet, w: FloatArray) -> tuple[FloatArray, FloatArray
     proven = _separates(inside, y[open_], local[open_])
     why[open_[proven]] = y[open_[proven]] @ basis.T
     open_ = open_[~proven]
-    if open_.size:  # narrow cones are hard for Newton's method: ask a conic solver
+    if open_.size:  # narrow cones are hard for Newton's method: use a conic solver
         again = conic.least_forces(replace(inside, force_set=L2Set(inside.contacts, inside.space)), local[open_])[0]
         again = _into_the_cones(inside, again, local[open_])
         left = np.linalg.norm(again @ inside.G.T - local[open_], axis=1)
@@ -164,9 +164,9 @@ def _least(wrench_set: WrenchSet, w: FloatArray) -> tuple[FloatArray, FloatArray
 
 
 def _into_the_cones(wrench_set: WrenchSet, x: FloatArray, w: FloatArray) -> FloatArray:
-    """Return a conic solver's forces for wrenches w, put into the cones that the solver keeps to its tolerance only.
+    """Project a conic solver's forces for wrenches w into the cones, and correct the change of wrench.
 
-    What that changes of a wrench is produced by forces of its own: two forces in a convex cone have their sum in it.
+    The change of wrench is compensated by additional forces, since the sum of two forces in a convex cone is in it.
     """
     inside = np.full_like(x, np.nan)
     solved = np.all(np.isfinite(x), axis=1)
@@ -181,6 +181,6 @@ def _into_the_cones(wrench_set: WrenchSet, x: FloatArray, w: FloatArray) -> Floa
 
 
 def _separates(wrench_set: WrenchSet, y: FloatArray, w: FloatArray) -> NDArray[np.bool_]:
-    """Return where y separates w from what the contacts can produce: no support along y, and <w, y> clearly above 0."""
+    """Return where y separates w from ``G K``: no support along y, and <w, y> clearly above 0."""
     size = np.maximum(np.linalg.norm(y, axis=1), 1e-300)
     return np.asarray((positive_share(wrench_set, y) <= PROVEN) & (np.sum(w * y, axis=1) > CLEAR * size))

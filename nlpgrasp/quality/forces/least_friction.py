@@ -1,4 +1,4 @@
-"""Balanced finger forces that need the least friction: a few small conic programs, solved by Clarabel.
+"""Balanced finger forces with least friction, by fractional conic programming (Clarabel).
 
 ``K(s)`` are the contacts' cones with s times the friction (and torsional friction) they have. Of all forces x with
 
@@ -12,7 +12,7 @@ doi:10.1007/BF00941314) solves for given s
     minimise v    subject to    |b(x)| <= a(x) + s c(x) + v c(x')    and the rest,    x' the solution before,
 
 and goes on with the least s of its solution, which falls to the optimum superlinearly. Of the forces with that s, those
-of least L2 norm are the answer: there is one.
+of least L2 norm are the result, which is unique.
 
 Without the limit ``ROOM N`` a wrench has no answer: against a weight, friction is needed ever less the harder the
 fingers squeeze.
@@ -34,27 +34,27 @@ from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality.certificate.rank import numerical_rank
 from nlpgrasp.quality.forces.no_balance import NoBalanceError
 
-ROOM = 2.0  # times the least total normal force: what forces may take so that less friction is needed
+ROOM = 2.0  # times the least total normal force: limit of the total normal force
 TOLERANCES = (1e-10, 1e-8)
 STEPS = 30
-CLOSE = 1e-7  # of the share of friction: where its descent ends
-SLACK = 1e-6  # of the share: room for the program of least forces at the least share
-ABOVE = 1e-7  # relative: normal forces are asked for this much above what is stated, for the solver's tolerance
-MOST = 100.0  # times the friction: more is no answer
-NONE = 1e-6  # share of the total normal force: a contact that presses no more does not press
-OUTSIDE = 1e-8  # relative: how far a wrench may be from what the grasp map reaches
+CLOSE = 1e-7  # tolerance of the share of friction
+SLACK = 1e-6  # relative and absolute relaxation of the share for the program of least forces
+ABOVE = 1e-7  # relative increase of the least normal forces, against the solver's tolerance
+MOST = 100.0  # largest factor on friction that is considered
+NONE = 1e-6  # share of the total normal force below which a contact exerts none
+OUTSIDE = 1e-8  # relative distance of a wrench from the range of the grasp map that is accepted
 
 
 @dataclass(frozen=True)
 class Balanced:
-    """Balanced finger forces.
+    """Balanced finger forces with their required share of friction.
 
     Parameters
     ----------
     x : (n,) array
         Components in the contact frames, newtons and newton-metres.
     share : float
-        The share of friction and torsional friction that they need, at least zero.
+        Required share of friction and torsional friction, at least zero.
     """
 
     x: FloatArray
@@ -62,25 +62,25 @@ class Balanced:
 
 
 def can_press(grasp: Grasp) -> bool:
-    """Return whether all contacts can press at once, in balance, without a wrench on the body."""
+    """Return whether all contacts can press at once with zero net wrench."""
     return _Program(grasp, np.zeros(grasp.dimension)).least_normal(1.0) is not None
 
 
 def balanced_forces(grasp: Grasp, wrench: FloatArray, normal_force: float) -> Balanced:
-    """Return the forces that produce a wrench, press enough and need the least friction (see the module).
+    """Return the forces of least friction that produce a wrench with a least normal force (see the module).
 
     Parameters
     ----------
     grasp : Grasp
     wrench : (d,) array
-        What the fingers exert together, newtons and newton-metres, about the grasp's torque origin.
+        Net wrench of the fingers, newtons and newton-metres, about the grasp's torque origin.
     normal_force : float
-        F, newtons: what each contact presses with at least.
+        F, newtons: least normal force of each contact.
 
     Raises
     ------
     NoBalanceError
-        Where there are none, with the contacts that cannot press, or the friction that would do.
+        When there are none, with the contacts that cannot press, or the friction that would be enough.
     """
     program = _Program(grasp, wrench / normal_force)
     begun = program.least_normal(1.0)
@@ -95,7 +95,7 @@ def balanced_forces(grasp: Grasp, wrench: FloatArray, normal_force: float) -> Ba
 
 
 class _Program:
-    """The conic programs of a grasp, forces in units of F."""
+    """Conic programs of a grasp, with forces in units of F."""
 
     def __init__(self, grasp: Grasp, wrench: FloatArray) -> None:
         space, contacts = grasp.space, grasp.contacts
@@ -116,21 +116,21 @@ class _Program:
 
     @cached_property
     def back(self) -> FloatArray:
-        """The pseudo-inverse of the grasp map, which takes what is left of the balance back."""
+        """Pseudo-inverse of the grasp map, which corrects the residual of the balance."""
         return np.asarray(np.linalg.pinv(self.G))
 
     def least_normal(self, share: float) -> FloatArray | None:
-        """Return forces u of least total normal force in the cones with a share of friction; None without any."""
+        """Return forces u of least total normal force for a share of friction; None if infeasible."""
         if not self.reached:
             return None
         return self._solve(self._cones(share), self._pressing, self.total)
 
     def least_forces(self, begun: FloatArray, share: float) -> FloatArray | None:
-        """Return forces of least L2 norm in the cones with a share of friction; None where the solver finds none."""
+        """Return forces of least L2 norm for a share of friction; None if the solver fails."""
         return self._solve(self._cones(share), self._limited(begun), None, self.lift.T @ self.lift)
 
     def least_share(self, begun: FloatArray) -> tuple[FloatArray, float]:
-        """Return forces that need the least friction and their share of it, from forces of least normal force."""
+        """Return forces of least friction and their share, by Dinkelbach's method from forces of least normal force."""
         u, share, limits = begun, self.share(begun), self._limited(begun)
         for _ in range(STEPS):
             if share <= CLOSE:
@@ -147,7 +147,7 @@ class _Program:
         return u, share
 
     def share(self, u: FloatArray) -> float:
-        """Return the least share of friction with which forces are in the cones."""
+        """Return the least share of friction for which forces are in the cones."""
         needed = [0.0]
         for constant, slope in zip(self.constants, self.slopes, strict=True):
             by = float(slope[0] @ u)
@@ -158,7 +158,7 @@ class _Program:
         return max(needed)
 
     def idle(self) -> list[int]:
-        """Return the contacts that press in no forces without a wrench."""
+        """Return the contacts without normal force in all forces of zero net wrench."""
         total = (-self.total[None, :], np.array([-1.0]))
         rows = (np.concatenate([self.normals, total[0]]), np.concatenate([np.zeros(len(self.normals)), total[1]]))
         found = []
@@ -173,12 +173,12 @@ class _Program:
         return self.normals, np.full(len(self.normals), 1.0 + ABOVE)
 
     def _limited(self, begun: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the rows of normal forces and their sum, ``rows u >= least``."""
+        """Return the inequalities ``rows u >= least`` of normal forces and their sum."""
         rows, least = self._pressing
         return np.concatenate([rows, -self.total[None]]), np.append(least, -ROOM * float(self.total @ begun))
 
     def _cones(self, share: float, weights: list[float] | None = None) -> list[FloatArray]:
-        """Return the cones with a share of friction; with weights, a last column for v."""
+        """Return the cones for a share of friction; with weights, with a last column for v."""
         parts = []
         for i, (constant, slope) in enumerate(zip(self.constants, self.slopes, strict=True)):
             M = constant + share * slope
@@ -196,7 +196,7 @@ class _Program:
         square: FloatArray | None = None,
         wrench: FloatArray | None = None,
     ) -> FloatArray | None:
-        """Return u of a program; one with v where the cones have a column for it, which is then the cost."""
+        """Solve a program for u; if the cones have a column for v, minimise v."""
         n, m = self.lift.shape[1], cones[0].shape[1] if cones else self.lift.shape[1]
         aside = [(0, 0), (0, m - n)]
         q = np.zeros(m) if cost is None else cost
@@ -219,7 +219,7 @@ class _Program:
 
 
 def _impossible(program: _Program) -> NoBalanceError:
-    """Return why there are no balanced forces."""
+    """Return the error that explains why there are no balanced forces."""
     rough = program.least_normal(MOST)
     factor = None if rough is None else program.least_share(rough)[1]
     return NoBalanceError.of(program.idle(), factor, program.frictions)

@@ -1,4 +1,4 @@
-"""Why contacts do not press against each other."""
+"""Error for contacts that cannot balance each other."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from nlpgrasp.errors import InputError
 
 
 class NoBalanceError(InputError):
-    """Contacts that cannot all press at once in balance.
+    """Error: the contacts cannot all press at once in balance.
 
     Parameters
     ----------
     field, given, allowed : str
         As of ``InputError``.
     reason : str
-        The same as a clause.
+        The reason as a clause.
     friction : float or None
-        The friction coefficient with which they would, where all contacts have the same and more of it would do.
+        Sufficient friction coefficient, if all contacts have the same and more of it is enough.
     """
 
     def __init__(
@@ -28,16 +28,16 @@ class NoBalanceError(InputError):
 
     @classmethod
     def of(cls, idle: Collection[int], factor: float | None, frictions: Collection[float]) -> NoBalanceError:
-        """Return the error of some contacts.
+        """Return the error for given idle contacts.
 
         Parameters
         ----------
         idle : collection of int
-            Contacts that press in no balanced forces.
+            Contacts without normal force in all balanced forces.
         factor : float or None
-            Times the friction there is, with which all would press; None where no friction is enough.
+            Factor on friction with which all would press; None if no friction is enough.
         frictions : collection of float
-            The friction coefficients of the contacts, each once.
+            Distinct friction coefficients of the contacts.
         """
         named = f"contact{'s' if len(idle) > 1 else ''} {', '.join(map(str, idle))}"
         given = (

@@ -1,1 +1,1 @@
-"""Measures as other tools compute them."""
+"""Quality measures of other tools, for comparison."""

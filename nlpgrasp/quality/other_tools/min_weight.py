@@ -1,4 +1,4 @@
-"""The min-weight metric of FRoGGeR."""
+"""Min-weight metric of FRoGGeR."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from nlpgrasp.quality.other_tools.pyramids import pyramid_wrenches
 
 @over_stacks
 def min_weight(grasp: Grasp, edges: int = 8, *, first_edge: float = 0.0) -> float:
-    """Return the min-weight metric of FRoGGeR (Li et al. 2023, doi:10.1109/IROS55552.2023.10341806), normalised.
+    """Return the normalised min-weight metric of FRoGGeR (Li et al. 2023, doi:10.1109/IROS55552.2023.10341806).
 
     The largest l such that edge wrenches with weights of at least l, summing to 1, balance; times their number, so
-    that it is between 0 and 1. Positive weights alone also balance wrenches that span less than wrench space: without
+    that it is between 0 and 1. Positive weights can also balance wrenches that span less than wrench space: without
     full rank the value here is 0.
 
     Parameters
@@ -30,7 +30,7 @@ def min_weight(grasp: Grasp, edges: int = 8, *, first_edge: float = 0.0) -> floa
     Returns
     -------
     float, or (b,) array for a stack
-        From 0 to 1, without a unit.
+        From 0 to 1, dimensionless.
     """
     wrenches = np.concatenate(pyramid_wrenches(grasp, edges, first_edge=first_edge))
     if wrench_rank(wrenches) < grasp.dimension:

@@ -1,7 +1,7 @@
-"""Measures from m-edge friction pyramids, which other tools report, to compare with the certified ones.
+"""Quality measures from friction pyramids, as other tools compute them.
 
-None is a certificate. All but the volume are 0 where the contacts cannot exert some wrench, and all are where the
-pyramids' wrenches do not span wrench space, which is what several tools miss.
+None is a certificate. All but the volume are 0 if the contacts cannot exert some wrench, and all are 0 if the pyramids'
+wrenches do not span wrench space, a case that several tools miss.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from nlpgrasp.quality.arguments import over_stacks, require_grasp
 from nlpgrasp.quality.certificate.rank import wrench_rank
 from nlpgrasp.quality.certificate.units import over_length
 
-MOST_WRENCHES = 20_000  # sums of a pyramid's hull, most of them inside: Qhull's memory
-MOST_HULL = 600  # wrenches that are nearly all vertices: some ten seconds
+MOST_WRENCHES = 20_000  # most wrench sums of a hull, limited by Qhull's memory
+MOST_HULL = 600  # most wrenches that are nearly all vertices, about ten seconds
 
 
 def pyramid_wrenches(
     grasp: Grasp, edges: int = 8, torque_scale: float = 1.0, *, unit_edges: bool = False, first_edge: float = 0.0
 ) -> list[FloatArray]:
-    """Return each contact's wrenches along the edges of its friction pyramid, with unit normal force.
+    """Return each contact's wrenches of the edges of its friction pyramid, with unit normal force.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def pyramid_wrenches(
     Returns
     -------
     list of k (m_i, d) arrays
-        One wrench a row, torques over ``torque_scale``.
+        One wrench per row, torques over ``torque_scale``.
     """
     require_grasp(grasp)
     edges = integer("edges", edges, at_least=3, at_most=1000)
@@ -75,8 +75,8 @@ def ferrari_canny(
     """Return Ferrari and Canny's epsilon from friction pyramids (1992, doi:10.1109/ROBOT.1992.219918).
 
     The radius of the largest ball about the origin inside the hull of the edges' wrenches (``"shared"``, L1) or of all
-    their sums over contacts (``"per_finger"``, L-infinity). An inner approximation: the value of the cones
-    themselves is ``delta(grasp, torque_scale, force_budget=...)``, certified and faster.
+    their sums over contacts (``"per_finger"``, L-infinity). An inner approximation: for the exact cones use
+    ``delta(grasp, torque_scale, force_budget=...)``, which is certified and faster.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def ferrari_canny(
     edges, torque_scale, unit_edges, first_edge
         As for ``pyramid_wrenches``.
     force_budget : {"shared", "per_finger"}
-        What the finger forces have in common.
+        Bound on the finger forces.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Measures from the singular values of G, which other tools report: they see neither friction nor that fingers push."""
+"""Quality measures from the singular values of G, which ignore friction and unilateral contact."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ def smallest_singular_value(grasp: Grasp, torque_scale: float = 1.0) -> float: .
 @overload
 def smallest_singular_value(grasp: GraspStack, torque_scale: float = 1.0) -> FloatArray: ...
 def smallest_singular_value(grasp: Grasp | GraspStack, torque_scale: float = 1.0) -> float | FloatArray:
-    """Return the smallest of all d singular values of G (Li and Sastry 1988, doi:10.1109/56.769).
+    """Return the smallest of the d singular values of G (Li and Sastry 1988, doi:10.1109/56.769).
 
-    Counting all d of them: a grasp map of fewer columns than rows has a zero among them. Friction does not enter, so a
-    value above 0 does not show stability.
+    A grasp map with fewer columns than rows has a zero among them. Friction is ignored, so a value above 0 does not
+    imply stability.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def isotropy(grasp: Grasp, torque_scale: float = 1.0) -> float: ...
 @overload
 def isotropy(grasp: GraspStack, torque_scale: float = 1.0) -> FloatArray: ...
 def isotropy(grasp: Grasp | GraspStack, torque_scale: float = 1.0) -> float | FloatArray:
-    """Return G's smallest over its largest singular value (Kim, Oh, Yi and Suh 2001).
+    """Return the isotropy index, G's smallest over its largest singular value (Kim, Oh, Yi and Suh 2001).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The paper's own algorithms (Sections 3.1 and 3.4), to compare the certificates with."""
+"""Reference implementations of the paper's algorithms (Sections 3.1 and 3.4)."""
 
 from nlpgrasp.quality.reference.distance import PolytopeDistance, polytope_distance
 from nlpgrasp.quality.reference.faces import InscribedPolytope, inscribed_polytope

@@ -1,4 +1,4 @@
-"""The distance of a point from a polytope, which the paper takes from [14] and [15] (Section 3.4).
+"""Distance of a point from a polytope, [14] and [15] of the paper (Section 3.4).
 
 Wolfe's method (Finding the nearest point in a polytope, 1976, doi:10.1007/BF01580381) with vertices from a support
 function, as in Gilbert, Johnson and Keerthi (1988, doi:10.1109/56.2083).
@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike
 from nlpgrasp.common.validation import FloatArray, array, integer
 from nlpgrasp.errors import InputError
 
-GAP = 1e-14  # of distance times size of the polytope: how far the nearest point may be from stationary
-NOTHING = 1e-12  # weight up to which a vertex is dropped
+GAP = 1e-14  # of distance times the polytope's size: tolerance of stationarity
+NOTHING = 1e-12  # weight below which a vertex is dropped
 MOST = 10_000
 
 Vertex = Callable[[FloatArray], FloatArray]
@@ -24,14 +24,14 @@ Vertex = Callable[[FloatArray], FloatArray]
 
 @dataclass(frozen=True)
 class PolytopeDistance:
-    """How far a point is from a polytope.
+    """Distance of a point from a polytope, with a certified lower bound.
 
     Parameters
     ----------
     distance : float
-        From the point to ``nearest``: at least the true distance, in the unit of the points.
+        From the point to ``nearest``, an upper bound of the true distance, in the unit of the points.
     lower : float
-        At most the true distance, by a plane that separates the point from the polytope; 0 where none was found.
+        Lower bound of the true distance, by a separating plane; 0 if none was found.
     nearest : (d,) array
         The nearest point of the polytope.
     direction : (d,) array
@@ -45,23 +45,22 @@ class PolytopeDistance:
 
     @property
     def outside(self) -> bool:
-        """Whether the point is outside for sure: a plane is between it and the polytope."""
+        """Whether a separating plane proves that the point is outside."""
         return self.lower > 0.0
 
 
 def polytope_distance(polytope: ArrayLike | Vertex, point: ArrayLike, most: int = MOST) -> PolytopeDistance:
-    """Return the distance of a point from a polytope, given by its vertices or by its support function.
+    """Return the distance of a point from a polytope, given by vertices or a support function.
 
     Parameters
     ----------
     polytope : (m, d) array or callable
-        Points whose convex hull it is; or a function from a direction y (d,) to a point (d,) of the polytope that is
-        farthest along y. That may be any other closed convex set too: the method then ends at rounding, or after
-        ``most`` steps.
+        Its vertices, or a function that maps a direction y (d,) to the farthest point (d,) along y. That may also be of
+        any other closed convex set: the method then ends at rounding, or after ``most`` steps.
     point : (d,) array
-        From which the distance is taken.
+        The point.
     most : int
-        Steps, at least 1.
+        Most steps, at least 1.
 
     Returns
     -------
@@ -99,7 +98,7 @@ def polytope_distance(polytope: ArrayLike | Vertex, point: ArrayLike, most: int 
 
 
 def _of_points(points: ArrayLike, d: int) -> Vertex:
-    """Return the vertex function of the hull of points."""
+    """Return the support-vertex function of the hull of points."""
     rows = array("polytope", points, (None, d))
     if not len(rows):
         raise InputError("polytope", "no points", "at least one vertex")
@@ -107,12 +106,12 @@ def _of_points(points: ArrayLike, d: int) -> Vertex:
 
 
 def _found(vertex: Vertex, y: FloatArray) -> FloatArray:
-    """Return the vertex farthest along a direction, checked."""
+    """Return the validated farthest vertex along a direction."""
     return array("polytope", vertex(y), y.shape)
 
 
 def _nearest_of(V: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the vertices, of those given, that bear the nearest point to the origin, and their weights."""
+    """Return the vertices and weights of the point of their hull nearest to the origin (Wolfe's minor cycle)."""
     while True:
         steps = np.linalg.lstsq((V[1:] - V[0]).T, -V[0], rcond=None)[0]
         flat = np.concatenate([[1.0 - steps.sum()], steps])  # nearest of their flat

@@ -1,4 +1,4 @@
-"""delta by the faces of a polytope (Section 3.4): the paper's procedure for (3.1-1b)."""
+"""Reference algorithm for delta by the faces of an inscribed polytope (Section 3.4, (3.1-1b))."""
 
 from __future__ import annotations
 
@@ -17,32 +17,32 @@ from nlpgrasp.quality.certificate.rank import wrench_rank
 from nlpgrasp.quality.certificate.units import over_length
 from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 
-VERTICES = 300
-ROUNDS = 4  # of vertices beyond the faces that are worst, after the random ones
-APART = 0.95  # cosine of the angle between their normals
-LOOKED_AT = 4_000
-SAME = 1e-12
-MOST_VERTICES = {3: 100_000, 6: 1_500}  # by the dimension: Qhull's time and memory
+VERTICES = 300  # default number of vertices
+ROUNDS = 4  # rounds of refinement beyond the worst faces
+APART = 0.95  # largest cosine between normals of one round
+LOOKED_AT = 4_000  # most faces considered per round
+SAME = 1e-12  # relative tolerance of an exact polytope
+MOST_VERTICES = {3: 100_000, 6: 1_500}  # by dimension, limited by Qhull's time and memory
 
 
 @dataclass(frozen=True)
 class InscribedPolytope:
-    """The hull of wrenches of ``G(B n K)``: a polytope inside it, with all its faces.
+    """An inscribed polytope of ``G(B n K)`` with all its faces.
 
     Wrenches are in newtons, torques over ``torque_scale``.
 
     Parameters
     ----------
     vertices : (m, d) array
-        Wrenches of the set, the origin last: those that fingers exert that do not press.
+        Wrenches of the set, the origin last.
     normals : (f, d) array
-        Unit outward normals of the faces; no faces where the wrenches do not span wrench space.
+        Unit outward normals of the faces; none if the wrenches do not span wrench space.
     distances : (f,) array
-        d_i of Section 3.4: of the faces' planes from the origin, newtons, at least zero.
+        Distances d_i (Section 3.4) of the faces' planes from the origin, newtons, at least zero.
     members : (f, d) array of int
-        Vertices of each face, by their rows. A face of more than d vertices comes in several parts.
+        Vertex indices of each face. A face with more than d vertices is split.
     share : float
-        The polytope's own error: ``share G(B n K)`` is inside it, and it is inside ``G(B n K)``; at most 1.
+        Approximation error: ``share G(B n K)`` is inside the polytope, which is inside ``G(B n K)``; at most 1.
     torque_scale : float
         Metres.
     """
@@ -56,12 +56,12 @@ class InscribedPolytope:
 
     @property
     def closest(self) -> int | None:
-        """Row of the face that is closest to the origin, ``None`` without faces."""
+        """Index of the face closest to the origin, ``None`` without faces."""
         return int(np.argmin(self.distances)) if len(self.distances) else None
 
     @property
     def delta(self) -> float:
-        """The least of the distances, newtons: at most delta, and at least ``share`` times it; 0 without faces."""
+        """Least distance, newtons: between ``share`` times delta and delta; 0 without faces."""
         return 0.0 if self.closest is None else float(self.distances[self.closest])
 
 
@@ -73,21 +73,21 @@ def inscribed_polytope(
     force_budget: str | ForceBudget = "l2",
     seed: int = 0,
 ) -> InscribedPolytope:
-    """Return the hull of wrenches of ``G(B n K)``, the origin among them, with all its faces.
+    """Return an inscribed polytope of ``G(B n K)``, including the origin, with all its faces.
 
-    The paper's procedure for delta, (3.1-1b): the closest face is delta's. For comparison: ``delta`` is certified and
-    faster.
+    The paper's procedure for delta, (3.1-1b), which is the distance of the closest face. For comparison only: ``delta``
+    is certified and faster.
 
     Parameters
     ----------
     grasp : Grasp
         Contacts in place.
     vertices : int
-        At most so many, at least 2 d; at most 1500 in space: a polytope of many vertices has very many faces there.
+        Largest number, at least 2 d and at most 1500 in space, where many vertices have very many faces.
     torque_scale : float
-        Metres. Turns torques into forces, and the directions are even in these units.
+        Metres. Converts torques to forces; directions are uniform in these units.
     force_budget : str or ForceBudget
-        What a unit of finger force means.
+        Bound on the finger forces.
     seed : int
         Of the random directions.
 

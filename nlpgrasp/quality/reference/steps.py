@@ -1,4 +1,4 @@
-"""mu by increments of beta (Section 3.4): the paper's procedure for (3.3-4)."""
+"""Reference algorithm for mu by increments of beta (Section 3.4, (3.3-4))."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ from nlpgrasp.quality.reference.distance import polytope_distance
 from nlpgrasp.quality.reference.faces import VERTICES, inscribed_polytope
 from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope
 
-FIRST = 0.1  # of the largest beta that could be: the first step
+FIRST = 0.1  # first step, of the largest possible beta; factor of later steps
 SHELLS = 2
 
 
 @dataclass(frozen=True)
 class SteppedMu:
-    """The largest beta that was stepped to.
+    """Result of the increments: largest beta, last step and approximation errors.
 
     Parameters
     ----------
     beta : float
-        All wrenches looked at, times beta, are in the polytope.
+        All sampled wrenches, times beta, are in the polytope.
     step : float
-        Times ``beta + step`` one of them is not: ``worst``.
+        Times ``beta + step``, the wrench ``worst`` is not.
     worst : (d,) array
         That wrench of the task, newtons and newton-metres.
     wrenches : int
-        How many wrenches of the task were looked at.
+        Number of sampled task wrenches.
     task_share : float
-        Their own error: the task times this is in their hull, 1 where they are all there is to it.
+        Error of the samples: the task times this is in their hull; 1 for a polytope.
     polytope_share : float
-        That of the polytope: ``G(B n K)`` times this is in it; 0 where the origin is on its boundary.
+        Error of the polytope: ``G(B n K)`` times this is in it; 0 if the origin is on its boundary.
     """
 
     beta: float
@@ -51,7 +51,7 @@ class SteppedMu:
 
     @property
     def bounds(self) -> Bounds:
-        """What both errors leave of mu: ``task_share beta`` to ``(beta + step) / polytope_share``, not certified."""
+        """Bounds on mu from both errors, ``task_share beta`` to ``(beta + step) / polytope_share``, not certified."""
         upper = (self.beta + self.step) / self.polytope_share if self.polytope_share > 0.0 else np.inf
         return Bounds(self.task_share * self.beta, upper)
 
@@ -65,11 +65,11 @@ def mu_by_steps(
     force_budget: str | ForceBudget = "l2",
     seed: int = 0,
 ) -> SteppedMu:
-    """Return mu as the paper computes it: beta grows step by step while the task's wrenches stay in a polytope.
+    """Return mu by the paper's algorithm: increase beta while the task's wrenches stay in a polytope.
 
-    The polytope is inscribed in ``G(B n K)``; of ellipsoids well-spread wrenches of the boundary are looked at, of
-    polytopes all. Whether a wrench is in it is asked of the distance from it, [14] and [15] of the paper. Where a step
-    leaves it the next ones are a tenth of it. A reference method, for comparison: ``mu`` is certified and faster.
+    The polytope is inscribed in ``G(B n K)``. Ellipsoids are sampled at well-spread boundary wrenches; of polytopes all
+    wrenches are used. Membership is tested by the distance from the polytope, [14] and [15] of the paper. When a step
+    leaves it, the step is reduced to a tenth. For comparison only: ``mu`` is certified and faster.
 
     Parameters
     ----------
@@ -78,18 +78,18 @@ def mu_by_steps(
     task : TaskEllipsoid or TaskPolytope
         About the same torque origin as the grasp.
     rtol : float
-        Of beta: the last step, greater than zero.
+        Last step relative to beta, greater than zero.
     vertices : int
         Of the polytope, as in ``inscribed_polytope``.
     force_budget : str or ForceBudget
-        What a unit of finger force means.
+        Bound on the finger forces.
     seed : int
         Of the polytope's directions.
 
     Returns
     -------
     SteppedMu
-        With ``beta`` as a multiple of the task as given, and how far off it may be.
+        With ``beta`` relative to the given task, and its errors.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def mu_by_steps(
 
 
 def _wrenches_of(task: Task) -> tuple[FloatArray, float]:
-    """Return wrenches of a task's boundary, (m, d), and the share of the task that is in their hull."""
+    """Return boundary wrenches (m, d) of a task, and the share of the task in their hull."""
     if isinstance(task, TaskPolytope):
         return task.wrenches[np.any(task.wrenches != 0.0, axis=1)], 1.0
     if not isinstance(task, TaskEllipsoid):
@@ -123,7 +123,7 @@ def _wrenches_of(task: Task) -> tuple[FloatArray, float]:
 
 
 def _off_centre(task: TaskEllipsoid, lengths: FloatArray, inside: float) -> float:
-    """Return the share of an ellipsoid off the origin that is in the hull of its samples: 0 where that is unknown.
+    """Return the share of an off-centre ellipsoid in the hull of its samples, 0 if unknown.
 
     With the origin inside the samples' ellipsoid at ``|v| = rho < inside`` (in units of the axes) the hull holds
     ``c + inside L u``, hence the share ``(inside - rho) / (1 - rho)`` of the whole.
@@ -137,7 +137,7 @@ def _off_centre(task: TaskEllipsoid, lengths: FloatArray, inside: float) -> floa
 
 
 def _stepped(vertices: FloatArray, wrenches: FloatArray, rtol: float) -> tuple[float, float, FloatArray]:
-    """Return beta, the last step, and the wrench that left the polytope with it."""
+    """Return beta, the last step, and the wrench that left the polytope."""
     most = float(np.max(np.linalg.norm(vertices, axis=1)) / np.max(np.linalg.norm(wrenches, axis=1)))
     beta, step, worst = 0.0, FIRST * most, 0
     while True:
@@ -152,7 +152,7 @@ def _stepped(vertices: FloatArray, wrenches: FloatArray, rtol: float) -> tuple[f
 
 
 def _first_outside(vertices: FloatArray, wrenches: FloatArray, first: int) -> int | None:
-    """Return a wrench outside the hull of vertices, the one that was outside before asked first."""
+    """Return the index of a wrench outside the hull of vertices, testing a given one first; None if all are inside."""
     for i in [first, *(j for j in range(len(wrenches)) if j != first)]:
         if polytope_distance(vertices, wrenches[i]).outside:
             return i

@@ -1,1 +1,1 @@
-"""Tasks from recorded wrenches."""
+"""Task ellipsoids fitted to recorded wrenches."""

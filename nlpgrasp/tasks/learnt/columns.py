@@ -1,4 +1,4 @@
-"""Which columns of a table are forces and torques, and in which units."""
+"""Wrench columns and units of recorded tables."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ ONE_WORD = re.compile(r"(force|torque|moment|f|m|t)(x|y|z)")
 
 
 def columns_of(header: Sequence[str] | None, given: object, width: int, table: str, wrench_size: int = 6) -> list[int]:
-    """Return the numbers of the columns of f_x, f_y, f_z, m_x, m_y, m_z, or of f_x, f_y, m_z.
+    """Return the indices of the columns f_x, f_y, f_z, m_x, m_y, m_z, or f_x, f_y, m_z.
 
     Parameters
     ----------
     header : sequence of str or None
-        Found by name where nothing is given: ``fx``, ``Tx [Nm]``, ``force_x``, ``/ft/wrench.torque.z``, in any case.
+        Names to recognise if ``given`` is None: ``fx``, ``Tx [Nm]``, ``force_x``, ``/ft/wrench.torque.z``, in any case.
     given : sequence of str or int, or None
-        Names or numbers instead.
+        Explicit column names or indices.
     width : int
         Number of columns.
     table : str
@@ -39,7 +39,7 @@ def columns_of(header: Sequence[str] | None, given: object, width: int, table: s
     Raises
     ------
     InputError
-        Where columns are missing, or several could be meant: those of two sensors.
+        When columns are missing or ambiguous, as with two sensors.
     """
     have = "columns " + ", ".join(header) if header else f"{width} columns without names"
     if given is not None:
@@ -57,7 +57,7 @@ def columns_of(header: Sequence[str] | None, given: object, width: int, table: s
 
 
 def _named(header: Sequence[str] | None, given: object, width: int, have: str, wrench_size: int) -> list[int]:
-    """Return the numbers of columns that a user names or numbers."""
+    """Return the indices of columns given by name or index."""
     if not isinstance(given, Sequence) or isinstance(given, str) or len(given) != wrench_size:
         raise InputError("columns", given, f"{'six' if wrench_size == 6 else 'three'} names or numbers")
     result = []
@@ -72,7 +72,7 @@ def _named(header: Sequence[str] | None, given: object, width: int, have: str, w
 
 
 def _component(name: str) -> tuple[str, str, str] | None:
-    """Return what stands before a component of a wrench, ``"f"`` or ``"m"``, and its axis; None of other columns."""
+    """Return prefix, quantity (``"f"`` or ``"m"``) and axis of a wrench column's name; None for other columns."""
     words = [word for word in re.split(r"[\s_./:-]+", UNIT.split(name)[0].lower()) if word]
     if len(words) > 1 and words[-1] in "xyz" and words[-2] in QUANTITIES:
         return ".".join(words[:-2]), QUANTITIES[words[-2]], words[-1]
@@ -81,12 +81,12 @@ def _component(name: str) -> tuple[str, str, str] | None:
 
 
 def scales_of(header: Sequence[str] | None, chosen: Sequence[int], units: object, table: str) -> FloatArray:
-    """Return the factors to newtons and newton-metres, one a column, of units given or stated by the header.
+    """Return factors to newtons and newton-metres, one per column, from given units or the header.
 
     Raises
     ------
     InputError
-        On units that are not known, and where nothing states them.
+        On unknown or missing units.
     """
     if units is not None and (not isinstance(units, list | tuple) or len(units) != 2):
         raise InputError("units", units, 'a pair such as ("N", "Nm")')
@@ -109,5 +109,5 @@ def scales_of(header: Sequence[str] | None, chosen: Sequence[int], units: object
 
 
 def states_units(header: Sequence[str], chosen: Sequence[int]) -> bool:
-    """Return whether some of the columns say what unit they are in."""
+    """Return whether any of the columns states its unit."""
     return any(UNIT.search(header[column]) for column in chosen)

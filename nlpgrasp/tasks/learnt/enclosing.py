@@ -1,4 +1,4 @@
-"""Ellipsoids around wrenches, as centre and semi-axes: of least volume, or of a covariance."""
+"""Enclosing ellipsoids of wrenches: minimum-volume or from a covariance."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ from nlpgrasp.tasks.learnt.local import FLAT, Local
 from nlpgrasp.tasks.learnt.min_volume import MinVolume, levels, min_volume_ellipsoid
 from nlpgrasp.tasks.learnt.table import table_of
 
-GAP = 1e-6
-SWEEPS = 50  # of leaving out the farthest
-SHRINKS = 2e-3  # relative: a round of leaving out that gains less volume is the last
-MOST_NAMED = 10
-NEAR = 1e-9  # of the size: what is this little outside is inside
+GAP = 1e-6  # certified relative excess of volume
+SWEEPS = 50  # most trimming iterations
+SHRINKS = 2e-3  # relative decrease of volume below which trimming stops
+MOST_NAMED = 10  # rows listed in a message
+NEAR = 1e-9  # relative tolerance of containment
 
 
 @dataclass(frozen=True)
 class Enclosing:
-    """``{center + sum_j u_j axes_j, |u| <= 1}`` around wrenches.
+    """Enclosing ellipsoid ``{center + sum_j u_j axes_j, |u| <= 1}`` of wrenches.
 
     Parameters
     ----------
     center : (d,) array
     axes : (m, d) array
-        One semi-axis a row; fewer than d where it is flat.
+        One semi-axis per row; fewer than d for a flat ellipsoid.
     inside : (n,) bool array
-        Which wrenches are in it.
+        Which wrenches it contains.
     gap : float or None
-        Certified relative excess of its volume over the least; ``None`` for a covariance.
+        Certified relative excess of its volume over the minimum; ``None`` for a covariance.
     flat : (s, d) array
-        Unit directions, each component over its own extent, in which the wrenches do not differ.
+        Unit directions, components normalised by their extents, along which the wrenches are constant.
     """
 
     center: FloatArray
@@ -51,7 +51,7 @@ class Enclosing:
 def enclose(
     wrenches: ArrayLike, outliers: float, probability: float | None, center: ArrayLike | None, gap: float
 ) -> Enclosing:
-    """Return the ellipsoid of least volume around wrenches, or that of a probability; see ``fit_ellipsoid``."""
+    """Return the minimum-volume or covariance ellipsoid of wrenches; see ``fit_ellipsoid``."""
     rows = wrench_rows(wrenches)
     outliers = number("outliers", outliers, at_least=0.0)
     gap = number("gap", gap, above=0.0)
@@ -83,20 +83,20 @@ def enclose(
 
 
 def _covariance(local: FloatArray, probability: float, centred: bool) -> tuple[FloatArray, FloatArray]:
-    """Return centre and axes of the ellipsoid that holds this share of normally distributed points."""
+    """Return centre and axes of the covariance ellipsoid that contains a given share of normal points."""
     values, vectors = np.linalg.eigh(local.T @ local / max(len(local) - (not centred), 1))
     quantile = 2.0 * gammaincinv(0.5 * local.shape[1], probability)  # of chi squared; scipy.stats is slow to import
     return np.zeros(local.shape[1]), np.sqrt(quantile * values)[:, None] * vectors.T
 
 
 def trimmed(local: FloatArray, outliers: float, gap: float, centred: bool) -> MinVolume:
-    """Return the least ellipsoid around all but the outliers."""
+    """Return the minimum-volume ellipsoid around all points but a share of outliers."""
     keep = len(local) - int(outliers * len(local))
     center = np.zeros(local.shape[1]) if centred else None
     chosen = np.arange(len(local))
     if keep < len(local):
         away = local if centred else local - np.median(local, axis=0)
-        for _ in range(SWEEPS):  # concentration steps: the share nearest to its own mean in its own covariance
+        for _ in range(SWEEPS):  # concentration steps: keep the points nearest in Mahalanobis distance
             far = np.einsum("ij,jk,ik->i", away, np.linalg.pinv(away[chosen].T @ away[chosen]), away)
             nearest = np.sort(np.argsort(far, kind="stable")[:keep])
             if np.array_equal(nearest, chosen):
@@ -104,7 +104,7 @@ def trimmed(local: FloatArray, outliers: float, gap: float, centred: bool) -> Mi
             chosen = nearest
             away = local if centred else local - local[chosen].mean(axis=0)
         least = np.inf
-        for _ in range(SWEEPS):  # the same with the least ellipsoid itself, while that shrinks
+        for _ in range(SWEEPS):  # the same with the minimum-volume ellipsoid, while it shrinks
             found = min_volume_ellipsoid(_spanning(local[chosen], centred), max(gap, 1e-3), center)
             volume = float(np.prod(np.linalg.norm(found.axes, axis=1)))
             if volume > (1.0 - SHRINKS) * least:
@@ -119,7 +119,7 @@ def trimmed(local: FloatArray, outliers: float, gap: float, centred: bool) -> Mi
 
 
 def _spanning(kept: FloatArray, centred: bool) -> FloatArray:
-    """Refuse to go on with wrenches that no longer differ in every direction."""
+    """Return the kept points; raise if they no longer span their space."""
     away = kept if centred else kept - kept.mean(axis=0)
     sizes = np.linalg.svd(np.linalg.qr(away, mode="r"))[1]
     if len(sizes) < kept.shape[1] or sizes[-1] <= FLAT * sizes[0]:
@@ -129,9 +129,9 @@ def _spanning(kept: FloatArray, centred: bool) -> FloatArray:
 
 
 def wrench_rows(wrenches: ArrayLike) -> FloatArray:
-    """Return wrenches as an array; refuse rows that are not finite by name.
+    """Return wrenches as a validated array (m, d).
 
-    Columns of a pandas frame are found by their names, in newtons and newton-metres where they state no units.
+    Columns of a pandas frame are identified by name, in newtons and newton-metres unless they state units.
     """
     if hasattr(wrenches, "columns"):
         wrenches = _of_frame(wrenches)
@@ -161,13 +161,13 @@ def _of_frame(frame: object) -> FloatArray:
 
 
 def bad_rows(rows: NDArray[np.intp]) -> str:
-    """Return how many rows are not finite, and which."""
+    """Return the text of a message about rows that are not finite."""
     named = ", ".join(map(str, rows[:MOST_NAMED])) + (", ..." if len(rows) > MOST_NAMED else "")
     return f"{len(rows)} row{'s' * (len(rows) > 1)} with NaN or infinity ({named})"
 
 
 def flat_words(flat: FloatArray) -> str:
-    """Return a sentence on the directions in which the wrenches do not differ."""
+    """Return a warning about directions along which the wrenches are constant."""
     names = COMPONENTS[flat.shape[1]]
     words = []
     for row in flat:

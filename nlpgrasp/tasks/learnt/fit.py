@@ -1,4 +1,4 @@
-"""Task ellipsoids from recorded wrenches."""
+"""Fits of task ellipsoids to recorded wrenches."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from nlpgrasp.tasks.learnt.enclosing import GAP, Enclosing, enclose
 
 @dataclass(frozen=True)
 class EllipsoidFit:
-    """An ellipsoid fitted to wrenches.
+    """A task ellipsoid fitted to wrenches, with its certified gap.
 
     Parameters
     ----------
     task : TaskEllipsoid
-        The ellipsoid fitted.
+        The fitted ellipsoid.
     inside : (m,) bool array
-        Which wrenches are in it.
+        Which wrenches it contains.
     gap : float or None
-        Certified relative excess of its volume over the least around the wrenches it was fitted to; ``None`` for
-        a covariance.
+        Certified relative excess of its volume over the minimum around the wrenches it was fitted to; ``None`` for a
+        covariance.
     flat : (s, d) array
-        Unit directions, each component over its own extent, in which the wrenches do not differ.
+        Unit directions, components normalised by their extents, along which the wrenches are constant.
     """
 
     task: TaskEllipsoid
@@ -36,12 +36,12 @@ class EllipsoidFit:
 
     @classmethod
     def of(cls, found: Enclosing) -> EllipsoidFit:
-        """Return the fit that an ellipsoid around wrenches is."""
+        """Return the fit of an enclosing ellipsoid."""
         return cls(TaskEllipsoid.from_axes(found.axes, found.center), found.inside, found.gap, found.flat)
 
     @property
     def share(self) -> float:
-        """Share of the wrenches that are inside."""
+        """Share of the wrenches inside the ellipsoid."""
         return float(np.mean(self.inside))
 
     def __str__(self) -> str:
@@ -57,31 +57,31 @@ def fit_ellipsoid(
     center: ArrayLike | None = None,
     gap: float = GAP,
 ) -> EllipsoidFit:
-    """Return the ellipsoid of least volume around wrenches, or that of a probability.
+    """Return the minimum-volume ellipsoid around wrenches, or their covariance ellipsoid.
 
     Parameters
     ----------
     wrenches : (m, d) array
-        That the fingers are to exert, newtons and newton-metres, d = 3 (planar) or 6.
+        Wrenches that the fingers are to exert, newtons and newton-metres, d = 3 (planar) or 6.
     outliers : float
-        Share of the wrenches, below 0.5, that may be left outside: those farthest from the others, left out and
-        chosen again until nothing changes (a local choice).
+        Share of the wrenches, below 0.5, that may be left outside: the farthest are trimmed iteratively until the
+        choice is stable (a local optimum).
     probability : float, optional
-        Instead, take the wrenches as normally distributed: the ellipsoid of their covariance that holds this share
-        of such wrenches.
+        Instead, take the wrenches as normally distributed, and return the covariance ellipsoid that contains this
+        share of them.
     center : (d,) array, optional
-        Where the centre has to be, in the same units: zeros for a task that is the same either way.
+        Fixed centre, in the same units: zeros for a symmetric task.
     gap : float
-        Certified relative excess of volume at which to stop.
+        Certified relative excess of volume, the stopping tolerance.
 
     Raises
     ------
     InputError
-        On shapes that do not match, wrenches that are not finite (the rows are named), or that are all the same.
+        On shapes that do not match, wrenches that are not finite (the rows are named), or all equal.
 
     Warns
     -----
     UserWarning
-        When the wrenches do not differ in some directions: the ellipsoid is flat, and the directions are named.
+        When the wrenches are constant along some directions: the ellipsoid is flat, and the directions are named.
     """
     return EllipsoidFit.of(enclose(wrenches, outliers, probability, center, gap))

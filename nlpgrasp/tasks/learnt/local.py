@@ -1,7 +1,7 @@
-"""Coordinates in which wrenches differ alike in every direction.
+"""Normalised coordinates of wrenches: components scaled by extent, without flat directions.
 
-Forces and torques have different units, and wrenches may not differ in every direction: both are taken out first, each
-component over its own extent.
+Forces and torques have different units, and wrenches may not span all directions: each component is divided by its
+extent, and the directions along which the wrenches are constant are removed.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ import numpy as np
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 
-FLAT = 1e-7  # of the largest extent, each component over its own: directions thinner than this have none
-ROUNDING = 1e-12  # of a component's size: an extent this small is none
+FLAT = 1e-7  # of the largest normalised extent: directions of smaller extent are flat
+ROUNDING = 1e-12  # of a component's size: extent that counts as zero
 
 
 @dataclass(frozen=True)
 class Local:
-    """Wrenches in coordinates in which they differ alike in every direction: ``about + (points @ basis) * unit``.
+    """Wrenches in normalised coordinates: ``about + (points @ basis) * unit``.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ class Local:
     about, unit : (d,) array
     basis : (r, d) array
     flat : (d - r, d) array
-        The directions left out.
+        The removed directions.
     """
 
     points: FloatArray
@@ -38,12 +38,12 @@ class Local:
 
     @classmethod
     def of(cls, rows: FloatArray, middle: FloatArray | None = None) -> Local:
-        """Return the coordinates of wrenches (n, d), about their mean or about a given middle.
+        """Return the normalised coordinates of wrenches (n, d), about their mean or a given centre.
 
         Raises
         ------
         InputError
-            When all wrenches are the same.
+            When all wrenches are equal.
         """
         about = rows[0] + (rows - rows[0]).mean(axis=0) if middle is None else middle  # exact where all are the same
         extent = np.max(np.abs(rows - about), axis=0)
@@ -58,17 +58,17 @@ class Local:
         return cls(scaled @ basis[used].T, about, unit, basis[used], basis[~used])
 
     def inward(self, rows: FloatArray) -> FloatArray:
-        """Return wrenches (n, d) in these coordinates, (n, r)."""
+        """Map wrenches (n, d) to normalised coordinates (n, r)."""
         return np.asarray(((rows - self.about) / self.unit) @ self.basis.T)
 
     def inward_axes(self, axes: FloatArray) -> FloatArray:
-        """Return differences of wrenches (m, d) in these coordinates, (m, r)."""
+        """Map differences of wrenches (m, d) to normalised coordinates (m, r)."""
         return np.asarray((axes / self.unit) @ self.basis.T)
 
     def outward(self, point: FloatArray) -> FloatArray:
-        """Return the wrench (d,) of a point (r,)."""
+        """Map a point (r,) in normalised coordinates to a wrench (d,)."""
         return np.asarray(self.about + (point @ self.basis) * self.unit)
 
     def outward_axes(self, axes: FloatArray) -> FloatArray:
-        """Return the differences of wrenches (m, d) of differences of points (m, r)."""
+        """Map differences of points (m, r) to differences of wrenches (m, d)."""
         return np.asarray((axes @ self.basis) * self.unit)

@@ -1,9 +1,9 @@
-"""The ellipsoid of least volume around points, with a certified gap.
+"""Minimum-volume enclosing ellipsoid with a certified gap.
 
 The dual of ``min -ln det H`` subject to ``q_i^T H q_i <= n`` is to choose weights u >= 0 of sum one that maximise
-``ln det sum_i u_i q_i q_i^T`` (D-optimal design; Khachiyan 1996, doi:10.1287/moor.21.2.307). Few points ever matter: a
-small core is solved by an interior point method, and the farthest of all points join it until none is outside (Sun
-and Freund 2004, doi:10.1287/opre.1040.0115). The first core is that of Kumar and Yildirim (2005,
+``ln det sum_i u_i q_i q_i^T`` (D-optimal design; Khachiyan 1996, doi:10.1287/moor.21.2.307). Few points matter: a
+small core set is solved by an interior-point method, and the farthest of all points join it until none is outside
+(Sun and Freund 2004, doi:10.1287/opre.1040.0115). The first core set is that of Kumar and Yildirim (2005,
 doi:10.1007/s10957-005-2653-6).
 """
 
@@ -16,25 +16,25 @@ from numpy.typing import NDArray
 
 from nlpgrasp.common.validation import FloatArray
 
-CORE, JOINING = 60, 60  # points at first, and a round
-ROUNDS, STEPS = 200, 100  # most rounds, most steps of the interior point method
-SHRINK, BACK_OFF = 0.15, 0.95  # of the complementarity a step; of the way to the boundary
-NEGLIGIBLE = 1e-9  # weights this small, over the largest, are none
-IDLE, PRUNED = 1e-5, 20  # points with weights this small, over the largest, leave the core; in so many rounds at most
-ROUNDING = 1e-12  # relative: every point is inside to this
+CORE, JOINING = 60, 60  # points of the first core set, and most added per round
+ROUNDS, STEPS = 200, 100  # most rounds, most steps of the interior-point method
+SHRINK, BACK_OFF = 0.15, 0.95  # factor of the complementarity per step; share of the way to the boundary
+NEGLIGIBLE = 1e-9  # weight relative to the largest that counts as zero
+IDLE, PRUNED = 1e-5, 20  # relative weight below which points leave the core set; number of rounds that prune
+ROUNDING = 1e-12  # relative tolerance of containment
 
 
 @dataclass(frozen=True)
 class MinVolume:
-    """``{c + L u, |u| <= 1}`` around all points.
+    """Minimum-volume ellipsoid ``{c + L u, |u| <= 1}`` around all points.
 
     Parameters
     ----------
     center : (d,) array
     axes : (d, d) array
-        Orthogonal semi-axes, one a row.
+        Orthogonal semi-axes, one per row.
     gap : float
-        Certified: the volume is at most ``1 + gap`` times the least.
+        Certified: the volume is at most ``1 + gap`` times the minimum.
     """
 
     center: FloatArray
@@ -45,18 +45,18 @@ class MinVolume:
 def min_volume_ellipsoid(
     points: FloatArray, gap: float, center: FloatArray | None = None, first: NDArray[np.intp] | None = None
 ) -> MinVolume:
-    """Return the ellipsoid of least volume around points that span their space.
+    """Return the minimum-volume ellipsoid around points that span their space.
 
     Parameters
     ----------
     points : (m, d) array
-        Well scaled: the caller takes out very different units.
+        Well scaled: the caller normalises units.
     gap : float
-        Relative excess of volume at which to stop.
+        Relative excess of volume, the stopping tolerance.
     center : (d,) array, optional
-        Where its centre has to be; free when left out.
+        Fixed centre; free by default.
     first : (k,) array, optional
-        Rows that the search begins with: those that an earlier ellipsoid touches, and those outside of it.
+        Warm start: indices of points on or outside a previous ellipsoid.
     """
     d = points.shape[1]
     lifted = np.c_[points, np.ones(len(points))] if center is None else points - center
@@ -68,19 +68,19 @@ def min_volume_ellipsoid(
     shape = (away * weights[:, None]).T @ away
     values, vectors = np.linalg.eigh(shape)
     local = (away @ vectors) / np.sqrt(values)
-    # the weights' own bound on the least volume is that of the radius sqrt(d); the farthest point sets ours
+    # the radius sqrt(d) gives the weights' lower bound of the volume; the farthest point sets ours
     reach = float(np.max(np.einsum("ij,ij->i", local, local))) * (1.0 + ROUNDING)
     axes = np.sqrt(reach * values)[:, None] * vectors.T
     return MinVolume(np.asarray(center), axes[::-1], float((reach / d) ** (d / 2.0) - 1.0))
 
 
 def levels(points: FloatArray, center: FloatArray, axes: FloatArray) -> FloatArray:
-    """Return how far points (m, d) are out in an ellipsoid with as many semi-axes: below 1 inside, (m,)."""
+    """Return the levels (m,) of points (m, d) in an ellipsoid with d semi-axes: below 1 inside."""
     return np.asarray(np.linalg.norm(np.linalg.solve(axes.T, (points - center).T), axis=0))
 
 
 def _weights(q: FloatArray, tolerance: float, begun: NDArray[np.intp] | None) -> FloatArray:
-    """Return the dual's weights for points (m, n), the farthest of them at most ``n (1 + tolerance)`` away."""
+    """Return dual weights for points (m, n) with all ``q_i^T M^-1 q_i`` at most ``n (1 + tolerance)``."""
     n = q.shape[1]
     first = _independent(q)
     if begun is None:
@@ -105,7 +105,7 @@ def _sizes(q: FloatArray, inner: FloatArray) -> FloatArray:
 
 
 def _independent(q: FloatArray) -> NDArray[np.intp]:
-    """Return n linearly independent points, each the farthest from the space of those before it."""
+    """Return the indices of n linearly independent points, each the farthest from the span of the previous."""
     rest = q.copy()
     chosen = []
     for _ in range(q.shape[1]):
@@ -116,7 +116,7 @@ def _independent(q: FloatArray) -> NDArray[np.intp]:
 
 
 def _best_weights(q: FloatArray, tolerance: float) -> FloatArray:
-    """Return the best weights of few points by a primal-dual interior point method.
+    """Return the optimal dual weights of few points by a primal-dual interior-point method.
 
     ``min -ln det sum u_i q_i q_i^T + n sum u_i`` over u >= 0 has the optimality conditions ``w_i(u) + s_i = n`` and
     ``u_i s_i = 0`` with ``w_i = q_i^T M^-1 q_i``, whose derivative is ``-(q_i^T M^-1 q_j)^2``.

@@ -1,4 +1,4 @@
-"""Recordings of a wrist force-torque sensor: CSV files, pandas frames, arrays."""
+"""Force-torque sensor recordings from CSV files, pandas frames and arrays."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ SI = ("N", "Nm")
 
 @dataclass(frozen=True)
 class WrenchRecording:
-    """Wrenches that the fingers had to exert, body frame, moments about its origin.
+    """Recorded wrenches that the fingers exerted, body frame, moments about its origin.
 
     Parameters
     ----------
     wrenches : (m, 6) array
         Newtons and newton-metres.
     lines : (m,) array
-        The line of the file each is from.
+        Line number of each in the file.
     dropped : (s,) array
-        Lines that were left out because they hold NaN, infinity or something else than a number.
+        Lines left out because they contain NaN, infinity or text.
     source : str
-        Where it is from, for messages and libraries; mostly the file's name.
+        Of the recording, for messages and libraries; mostly the file's name.
     """
 
     wrenches: FloatArray
@@ -58,29 +58,29 @@ class WrenchRecording:
         exerts: str = "surroundings",
         skip_invalid: bool = False,
     ) -> WrenchRecording:
-        """Read a CSV file: of a sensor, or exported from a ROS bag.
+        """Read a recording from a CSV file of a sensor or a ROS bag export.
 
         Semicolons, tabs or commas delimit; with the first two, numbers may have decimal commas.
 
         Parameters
         ----------
         path : str or Path
-            A text file with a header and one wrench a row.
+            A text file with a header and one wrench per row.
         columns : sequence of 6 str or int, optional
-            Names (of the header) or numbers (from 0) of the columns of f_x, f_y, f_z, m_x, m_y, m_z. Found by
-            their names when left out, in any case: ``fx ... mz`` or ``tx ... tz``, ``wrench.force.x ...
-            wrench.torque.z``, ``wrench/force/x``, ``/ft/wrench.force.x``. Other columns play no part.
+            Names or indices (from 0) of the columns f_x, f_y, f_z, m_x, m_y, m_z. By default identified by name, in any
+            case: ``fx ... mz`` or ``tx ... tz``, ``wrench.force.x ... wrench.torque.z``, ``wrench/force/x``,
+            ``/ft/wrench.force.x``. Other columns are ignored.
         units : pair of str, optional
-            Of forces (N, mN, kN, lbf, kgf) and of torques (Nm, Nmm, mNm, Ncm, kNm, lbf in, lbf ft). Taken from the
-            header, ``Fx [N]``, when left out.
+            Of forces (N, mN, kN, lbf, kgf) and of torques (Nm, Nmm, mNm, Ncm, kNm, lbf in, lbf ft). By default taken
+            from the header, ``Fx [N]``.
         sensor_pose : (4, 4) array or mapping, optional
-            Of the sensor's frame in the body's; the same frame when left out. A matrix, or a mapping with ``position``
-            and ``quaternion_wxyz`` or ``quaternion_xyzw``.
+            Of the sensor frame in the body frame; by default the identity. A matrix, or a mapping with ``position`` and
+            ``quaternion_wxyz`` or ``quaternion_xyzw``.
         exerts : {"surroundings", "fingers"}
-            Whose wrench on the object the sensor states: against that of the surroundings the fingers exert the
+            Who exerts the measured wrench on the object: against that of the surroundings the fingers exert the
             opposite.
         skip_invalid : bool
-            Leave out rows that are not six finite numbers, with a warning, instead of refusing the file.
+            Skip rows that are not six finite numbers, with a warning, instead of raising.
 
         Raises
         ------
@@ -102,13 +102,13 @@ class WrenchRecording:
         exerts: str = "surroundings",
         skip_invalid: bool = False,
     ) -> WrenchRecording:
-        """Return the recording that a pandas frame or an array is.
+        """Return the recording of a pandas frame or an array.
 
         Parameters
         ----------
         table : pandas.DataFrame or (m, n) array
-            A frame's columns are found by their names as ``read`` finds those of a file. An array without ``columns``
-            has six, f_x to m_z, in newtons and newton-metres where no units are given.
+            A frame's columns are identified as in ``read``. An array without ``columns`` has six, f_x to m_z, in
+            newtons and newton-metres by default.
         columns, units, sensor_pose, exerts, skip_invalid
             As for ``read``.
 
@@ -136,7 +136,7 @@ class WrenchRecording:
         exerts: object,
         skip_invalid: object,
     ) -> WrenchRecording:
-        """Return the wrenches of a table."""
+        """Return the recording of a table."""
         if not isinstance(skip_invalid, bool):
             raise InputError("skip_invalid", skip_invalid, "True or False")
         chosen = columns_of(table.header, columns, table.width, table.name)
@@ -160,6 +160,6 @@ class WrenchRecording:
     def fit(
         self, *, outliers: float = 0.0, probability: float | None = None, center: ArrayLike | None = None
     ) -> EllipsoidFit:
-        """Return the ellipsoid fitted to the recording, about the body frame's origin; see ``fit_ellipsoid``."""
+        """Fit an ellipsoid to the recording, about the body frame's origin; see ``fit_ellipsoid``."""
         found = EllipsoidFit.of(enclose(self.wrenches, outliers, probability, center, GAP))
         return replace(found, task=found.task.given_about(np.zeros(3)))

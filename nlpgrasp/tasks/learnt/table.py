@@ -1,4 +1,4 @@
-"""Tables of numbers: CSV files, pandas frames, arrays."""
+"""Numerical tables from CSV files, pandas frames and arrays."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LARGEST_FILE = 500_000_000  # bytes
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of cells under a header.
+    """A table: rows of cells with an optional header.
 
     Parameters
     ----------
@@ -26,11 +26,11 @@ class Table:
         For messages: a file's path.
     header : list of str or None
     rows : list of lists, or (m, n) array
-        Text of a file's cells, numbers of an array; a row with more or fewer cells than the first comes empty.
+        Text for a file, numbers for an array; rows with more or fewer cells than the first are empty.
     lines : (m,) array
-        The line of the file that each row is from; of an array the row's number, from 0.
+        Line number of each row in the file; for an array the row index, from 0.
     comma : bool
-        Whether cells may have a decimal comma: the file has another delimiter.
+        Whether decimal commas are allowed, since the delimiter is another.
     """
 
     name: str
@@ -45,12 +45,12 @@ class Table:
         return len(self.rows[0]) if len(self.rows) else len(self.header or ())
 
     def numbers(self, columns: list[int]) -> FloatArray:
-        """Return some columns as numbers, (m, len(columns)), NaN where a cell is not a number.
+        """Return selected columns as numbers, (m, len(columns)), NaN where a cell is not a number.
 
         Raises
         ------
         InputError
-            Where a file has decimal commas and decimal points.
+            When a file has both decimal commas and decimal points.
         """
         if not isinstance(self.rows, list):
             found = self.rows[:, columns]
@@ -64,7 +64,7 @@ class Table:
 
 
 def csv_table(path: Path) -> Table:
-    """Return the table of a CSV file, delimited by semicolons, tabs or commas.
+    """Read a CSV file delimited by semicolons, tabs or commas.
 
     Raises
     ------
@@ -95,12 +95,12 @@ def csv_table(path: Path) -> Table:
 
 
 def table_of(field: str, value: object) -> Table:
-    """Return the table of a pandas frame, or of an array without names.
+    """Return the table of a pandas frame or an array.
 
     Raises
     ------
     InputError
-        On what is neither, or not of two dimensions.
+        On other types, or other than two dimensions.
     """
     names, header = getattr(value, "columns", None), None
     if names is not None and hasattr(value, "to_numpy"):
@@ -121,7 +121,7 @@ def table_of(field: str, value: object) -> Table:
 
 
 def _column(frame: Any, i: int) -> FloatArray:
-    """Return a column of a pandas frame as numbers, NaN where it holds something else: stamps, names."""
+    """Return a column of a pandas frame as numbers, NaN where it holds anything else."""
     values = frame.iloc[:, i].to_numpy()
     if values.dtype.kind in "iuf":
         return np.asarray(values, dtype=float)

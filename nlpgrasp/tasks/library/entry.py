@@ -1,4 +1,4 @@
-"""An entry of a task library: an ellipsoid with its name, its frame and where it comes from."""
+"""Entry of a task library: ellipsoid, name, frame and provenance."""
 
 from __future__ import annotations
 
@@ -26,22 +26,21 @@ LEARNT: dict[str, type[Learnt]] = {kind.kind: kind for kind in (LeastVolume, Nor
 
 @dataclass(frozen=True)
 class Frame:
-    """The frame that an entry's wrenches are in.
+    """Reference frame of an entry's wrenches.
 
     Parameters
     ----------
     words : str
-        Of the body frame: where its origin is, what its axes are along.
+        Description of the body frame's origin and axes.
     about : (space,) array or None
-        Point of it about which moments are taken; ``None`` stands for the torque origin of whatever problem it is used
-        with.
+        Reference point of moments; ``None`` stands for the torque origin of the problem that it is used with.
     """
 
     words: str = ""
     about: FloatArray | None = None
 
     def check_same(self, other: Frame) -> None:
-        """Refuse another frame, or moments about another point."""
+        """Raise if another frame or reference point differs."""
         if other.words != self.words:
             raise InputError("frame", other.words or "no words", f"{self.words or 'no words'!r}, that of the entry")
         if not same_point(self.about, other.about):
@@ -50,18 +49,18 @@ class Frame:
 
 @dataclass(frozen=True)
 class Origin:
-    """One thing that made an entry what it is.
+    """Provenance record: one change of an entry.
 
     Parameters
     ----------
     did : str
         ``"added"``, ``"updated"``, ``"merged"`` or ``"forgot"``.
     source : str
-        From where: a recording's file, a section of a paper, reasoning.
+        Such as a recording's file, a section of a paper, or a derivation.
     wrenches : int
-        How many of them that were.
+        Number of wrenches.
     date : str
-        ``"2026-01-31"``; empty where it does not matter.
+        Such as ``"2026-01-31"``; may be empty.
     """
 
     did: str
@@ -76,22 +75,22 @@ class Origin:
 
 @dataclass(frozen=True)
 class TaskEntry:
-    """A task of a library.
+    """An entry of a task library.
 
     Parameters
     ----------
     name : str
-        By which the library finds it.
+        Unique in the library.
     learnt : Learnt
-        The ellipsoid, and what it takes to update it.
+        The ellipsoid, and the statistics to update it.
     frame : Frame
-        The axes and the point that its wrenches are about.
+        Axes and reference point of its wrenches.
     description : str
-        What it is, for people.
+        For readers.
     tags : tuple of str
-        Words that ``search`` finds beside the name's.
+        Further words for ``search``.
     provenance : tuple of Origin
-        The oldest first.
+        Oldest first.
     """
 
     name: str
@@ -114,7 +113,7 @@ class TaskEntry:
 
     @property
     def wrenches(self) -> int:
-        """How many recorded wrenches it is learnt from."""
+        """Number of recorded wrenches that it was fitted to."""
         return self.learnt.wrenches
 
     @property
@@ -125,12 +124,12 @@ class TaskEntry:
         return int(np.linalg.matrix_rank(axes / np.where(size > 0.0, size, 1.0)))
 
     def holds(self, words: Iterable[str]) -> bool:
-        """Return whether each of these words, in any case, is in its name, description or tags."""
+        """Return whether name, description or tags contain all given words, in any case."""
         text = " ".join([self.name, self.description, *self.tags]).casefold()
         return all(unicodedata.normalize("NFC", word).casefold() in text for word in words)
 
     def summary(self) -> Json:
-        """Return what a person or program wants to know of it, without what only updates need."""
+        """Return the entry as JSON data, without the statistics for updates."""
         return {
             "name": self.name,
             "description": self.description,
@@ -159,17 +158,17 @@ def frame_data(frame: Frame) -> Json:
 
 
 def same_point(a: FloatArray | None, b: FloatArray | None) -> bool:
-    """Return whether two entries take moments about one point."""
+    """Return whether two reference points are equal."""
     return (a is None and b is None) or (a is not None and b is not None and np.array_equal(a, b))
 
 
 def point_words(point: FloatArray | None) -> str:
-    """Return in words about which point moments are."""
+    """Return a reference point as text."""
     return "the problem's torque origin" if point is None else str(point.tolist())
 
 
 def entry_name(value: object) -> str:
-    """Return a name that an entry may have; one of several ways to compose its letters."""
+    """Return a validated name of an entry, in Unicode normal form C."""
     name = unicodedata.normalize("NFC", value) if isinstance(value, str) else ""
     if not name or name != " ".join(name.split()) or not name.isprintable() or len(name) > LONGEST_NAME:
         allowed = f"a name of 1 to {LONGEST_NAME} printable characters, with single spaces"
@@ -178,14 +177,14 @@ def entry_name(value: object) -> str:
 
 
 def text(field: str, value: object) -> str:
-    """Return a line of text."""
+    """Return a validated line of text, in Unicode normal form C."""
     if not isinstance(value, str) or not value.isprintable() or len(value) > LONGEST_TEXT:
         raise InputError(field, repr(value), f"one line of at most {LONGEST_TEXT} printable characters")
     return unicodedata.normalize("NFC", value)
 
 
 def tag_words(value: object) -> tuple[str, ...]:
-    """Return tags from one or several."""
+    """Return validated tags from one or several."""
     several = [value] if isinstance(value, str) else value
     if not isinstance(several, list | tuple):
         raise InputError("tags", value, "a word or several")
@@ -193,5 +192,5 @@ def tag_words(value: object) -> tuple[str, ...]:
 
 
 def about_point(value: object, dimension: int, field: str = "about") -> FloatArray | None:
-    """Return the point about which moments of wrenches of this dimension are."""
+    """Return a validated reference point of moments, (space,), or None."""
     return None if value is None else read_only(array(field, value, (space_dimension(dimension),)))

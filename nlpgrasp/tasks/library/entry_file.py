@@ -1,4 +1,4 @@
-"""Files of entries: written whole or not at all, read without executing anything, every way to be wrong named."""
+"""JSON files of task library entries: atomic writing, and validated reading."""
 
 from __future__ import annotations
 
@@ -47,12 +47,12 @@ def _validator() -> jsonschema.Draft202012Validator:
 
 
 def write_entry(entry: TaskEntry, path: Path) -> Path:
-    """Write an entry's file: either the whole file is there afterwards or the old one is."""
+    """Write an entry's file atomically."""
     return write_text(path, text_of(entry))
 
 
 def text_of(entry: TaskEntry) -> str:
-    """Return an entry as JSON text, a field a line."""
+    """Return an entry as JSON text, one field per line."""
     data = {
         "schema": SCHEMA_NAME,
         "created_by": {"nlpgrasp": __version__},
@@ -65,19 +65,18 @@ def text_of(entry: TaskEntry) -> str:
 
 
 def read_entry(path: Path) -> TaskEntry:
-    """Return the entry of a file.
+    """Read an entry from a file.
 
     Raises
     ------
     InputError
-        Naming the file and the field: when it is cut short, in other units, of another dimension than it says, or wrong
-        in any other way.
+        When the file is truncated or invalid, or has other units or dimensions; it names the file and the field.
     """
     return parse_entry(read_text(path, "an entry of a task library", LARGEST_FILE), str(path))
 
 
 def parse_entry(content: str, name: str) -> TaskEntry:
-    """Return the entry of a JSON text; ``name`` is shown in messages."""
+    """Parse an entry from JSON text; ``name`` is used in messages."""
     data = read_object(content, name)
     if data.get("schema") != SCHEMA_NAME:
         raise InputError(f"{name}: schema", data.get("schema", "nothing"), repr(SCHEMA_NAME))
@@ -92,7 +91,7 @@ def parse_entry(content: str, name: str) -> TaskEntry:
 
 
 def _entry(data: Json) -> TaskEntry:
-    """Return the entry of data that keep the schema."""
+    """Return the entry of data that conform to the schema."""
     d = data["dimension"]
     axes = array("task.axes", data["task"]["axes"], (None, d))
     task = TaskEllipsoid.from_axes(axes, array("task.center", data["task"]["center"], (d,)))

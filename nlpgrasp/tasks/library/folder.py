@@ -1,4 +1,4 @@
-"""The folder of a library: a file an entry, found by the entry's name."""
+"""Folder of a task library: one file per entry."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ LOCK, READY = ".lock", "ready"
 
 
 class Folder:
-    """A folder of entries.
+    """A folder of task library entries.
 
     Parameters
     ----------
     path : str or Path, optional
-        The entries that come with the package when left out, which cannot be changed.
+        By default the package's read-only entries.
     """
 
     def __init__(self, path: str | Path | None) -> None:
@@ -37,12 +37,12 @@ class Folder:
 
     @contextmanager
     def changing(self) -> Iterator[None]:
-        """Make the folder where there is none, and keep other processes and threads from changing it meanwhile.
+        """Create the folder if needed, and lock it against changes by other processes and threads.
 
         Raises
         ------
         InputError
-            When it is that of the package, or cannot be written.
+            When it is the package's folder or not writable.
         """
         if self.ready:
             raise InputError("library", self.words, "ng.TaskLibrary(path): the entries of the package stay as they are")
@@ -54,12 +54,12 @@ class Folder:
             yield
 
     def entries(self) -> tuple[TaskEntry, ...]:
-        """Return all entries, by name.
+        """Return all entries, sorted by name.
 
         Raises
         ------
         InputError
-            When there is no folder, a file cannot be read, or two have one name.
+            When the folder is missing, a file is unreadable, or two entries have the same name.
         """
         if not self.path.is_dir():
             raise InputError("library", f"{self.words} (no such folder)", "a folder of task entries")
@@ -72,7 +72,7 @@ class Folder:
         return tuple(found[name] for name in sorted(found))
 
     def find(self, name: str) -> tuple[Path, TaskEntry] | None:
-        """Return an entry and its file, ``None`` where there is none of this name.
+        """Return the file and entry of a name, or ``None``.
 
         Raises
         ------
@@ -84,7 +84,7 @@ class Folder:
             entry = read_entry(usual)
             if entry.name == wanted:
                 return usual, entry
-        for file in sorted(self.path.glob("*.json")):  # one that somebody has put there under another name
+        for file in sorted(self.path.glob("*.json")):  # files may have been renamed by users
             with suppress(InputError):
                 entry = read_entry(file)
                 if entry.name == wanted:
@@ -92,12 +92,12 @@ class Folder:
         return None
 
     def get(self, name: str) -> tuple[Path, TaskEntry]:
-        """Return an entry and its file.
+        """Return the file and entry of a name.
 
         Raises
         ------
         InputError
-            When there is none of this name: with those that are near.
+            When no entry has this name; similar names are listed.
         """
         found = self.find(name)
         if found is None:
@@ -107,9 +107,9 @@ class Folder:
         return found
 
     def keep(self, entry: TaskEntry, file: Path | None = None) -> None:
-        """Write an entry, to a file of its own or where it was."""
+        """Write an entry to its default or a given file."""
         write_entry(entry, self.file(entry.name) if file is None else file)
 
     def file(self, name: str) -> Path:
-        """Return where an entry of this name is, or will be."""
+        """Return the default file of an entry's name."""
         return self.path / f"{file_name(entry_name(name))}.json"

@@ -1,4 +1,4 @@
-"""What may join a library, as an ellipsoid that can be updated: tasks, recordings, wrenches."""
+"""Conversion of tasks, recordings and wrenches to ellipsoids that can be updated."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ Wrenches = WrenchRecording | TaskPolytope | ArrayLike
 
 @dataclass(frozen=True)
 class Given:
-    """Wrenches that were given.
+    """Input wrenches with their reference point and source.
 
     Parameters
     ----------
     rows : (n, d) array
     about : (space,) array or None
-        Point about which their moments are, ``None`` where nothing says so: they are then the entry's.
+        Reference point of moments; ``None`` if not stated, which means the entry's.
     source : str
-        Where they are from.
+        Provenance.
     """
 
     rows: FloatArray
@@ -43,12 +43,12 @@ class Given:
 
     @classmethod
     def of(cls, value: WrenchRecording | Task | ArrayLike, outliers: float) -> Given:
-        """Return the wrenches of a recording, a polytope or an array, but for a share of outliers.
+        """Return the wrenches of a recording, polytope or array, without a share of outliers.
 
         Raises
         ------
         InputError
-            On anything else, and on wrenches that cannot be used.
+            On other types or invalid wrenches.
         """
         if isinstance(value, WrenchRecording):
             found = cls(value.wrenches, np.zeros(3), value.source)
@@ -65,16 +65,16 @@ class Given:
         return cls(rows, found.about, found.source)
 
     def learnt(self, probability: float | None) -> Learnt:
-        """Return the least ellipsoid around the wrenches, or that of a probability."""
+        """Return the minimum-volume ellipsoid of the wrenches, or the covariance ellipsoid of a probability."""
         return LeastVolume.of(self.rows) if probability is None else Normal.of(Moments.of(self.rows), probability)
 
     def at(self, about: FloatArray | None, dimension: int) -> FloatArray:
-        """Return the wrenches for an entry with moments about this point.
+        """Return the wrenches with moments about an entry's reference point.
 
         Raises
         ------
         InputError
-            When they have another dimension, or one of the points is not known.
+            When they have another dimension, or only the entry's point is unknown.
         """
         if self.rows.shape[1] != dimension:
             raise InputError("wrenches", f"dimension {self.rows.shape[1]}", f"dimension {dimension}, that of the entry")
@@ -89,7 +89,7 @@ class Given:
 def learnt_from(
     what: TaskEllipsoid | Wrenches, outliers: float, probability: float | None
 ) -> tuple[Learnt, FloatArray | None, str]:
-    """Return the ellipsoid that something makes, the point its moments are about, and where it is from."""
+    """Return the ellipsoid of a task or wrenches, its reference point of moments and its source."""
     if isinstance(what, TaskEllipsoid):
         if outliers:
             raise InputError("outliers", outliers, "wrenches with it: a TaskEllipsoid is taken as it is")

@@ -1,4 +1,4 @@
-"""Libraries of tasks by name: what was learnt is kept, and learnt on (Sections 1.1 and 3.3.1)."""
+"""Libraries of named task ellipsoids that are updated with new recordings (Sections 1.1 and 3.3.1)."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from nlpgrasp.tasks.library.notes import Notes, Said, after, copied, origin_now
 
 
 class TaskLibrary:
-    """Task ellipsoids by name, in a folder of JSON files.
+    """A library of named task ellipsoids, stored as a folder of JSON files.
 
-    ``library["peg in hole"]`` is the task. Changes hold a lock, and each file is written whole or not at all: processes
-    may change one library at the same time, and none of their wrenches is lost.
+    ``library["peg in hole"]`` is the task. Changes hold a lock and write files atomically, so several processes may
+    change a library concurrently without loss.
 
     Parameters
     ----------
     path : str or Path, optional
-        A folder, made with the first entry. The entries that come with the package when left out; they cannot be
-        changed, but added to a library of one's own.
+        A folder, created with the first entry. By default the package's read-only entries, which can be added to
+        another library.
 
     Raises
     ------
     InputError
-        When it is no folder.
+        When it is not a folder.
     """
 
     def __init__(self, path: str | Path | None = None) -> None:
@@ -41,11 +41,11 @@ class TaskLibrary:
 
     @property
     def path(self) -> Path:
-        """Folder that the entries are in."""
+        """Folder of the entry files."""
         return self._folder.path
 
     def __getitem__(self, name: str) -> TaskEllipsoid:
-        """Return a task, in SI units and the entry's frame; an ``InputError`` names those that are near."""
+        """Return a task by name, in SI units and the entry's frame; an ``InputError`` lists similar names."""
         return self.entry(name).task
 
     def __contains__(self, name: object) -> bool:
@@ -59,12 +59,12 @@ class TaskLibrary:
         return len(self.entries())
 
     def entry(self, name: str) -> TaskEntry:
-        """Return a task with all that is known of it.
+        """Return an entry by name: task, frame and provenance.
 
         Raises
         ------
         InputError
-            When there is none of this name (near ones are named), or its file cannot be read.
+            When no entry has this name (similar ones are listed), or its file cannot be read.
         """
         return self._folder.get(name)[1]
 
@@ -73,7 +73,7 @@ class TaskLibrary:
         return self._folder.entries()
 
     def search(self, words: str) -> tuple[str, ...]:
-        """Return the names of the entries that have each of these words, in any case, in name, description or tags."""
+        """Return the names of entries whose name, description or tags contain all given words, in any case."""
         return tuple(entry.name for entry in self.entries() if entry.holds(text("words", words).split()))
 
     def add(
@@ -92,25 +92,24 @@ class TaskLibrary:
         name : str
             Of the new entry.
         what : TaskEllipsoid, TaskEntry, WrenchRecording, TaskPolytope or (m, d) array
-            An ellipsoid or an entry as it is; of wrenches the ellipsoid of least volume. Moments of an array are about
-            the frame's origin.
+            An ellipsoid or an entry is kept as it is; wrenches give their minimum-volume ellipsoid. Moments of an array
+            are about the frame's origin.
         outliers : float
             Share of the wrenches, below 0.5, that is left out first; see ``fit_ellipsoid``.
         probability : float, optional
-            Instead, the ellipsoid of the wrenches' covariance that holds this share of normally distributed ones.
+            Instead, use the covariance ellipsoid that contains this share of normally distributed wrenches.
         description, tags, frame, source : str, optional
-            Words for people: what the task is, words to find it by (or several), the body frame it is in, and where it
-            comes from.
+            What the task is, search words, its body frame, and its provenance.
 
         Raises
         ------
         InputError
-            On a name that is taken, or wrenches that cannot be used.
+            On an existing name or invalid wrenches.
 
         Warns
         -----
         UserWarning
-            When the wrenches do not differ in some direction: the ellipsoid is flat.
+            When the wrenches are constant along some direction: the ellipsoid is flat.
         """
         said, given = Said.of(notes), entry_name(name)
         if isinstance(what, TaskEntry):
@@ -129,20 +128,20 @@ class TaskLibrary:
         return made
 
     def update(self, name: str, wrenches: Wrenches, *, outliers: float = 0.0, source: str = "") -> TaskEntry:
-        """Take in a new recording; wrenches of before need not be given again.
+        """Update an entry with new wrenches, without the previous ones.
 
-        The ellipsoid of least volume holds every wrench ever given; of a probability, it is exactly that of all.
+        A minimum-volume ellipsoid contains every wrench ever given; a covariance ellipsoid is exactly that of all.
 
         Parameters
         ----------
         name : str
             Of an entry of this library.
         wrenches : WrenchRecording, TaskPolytope or (m, d) array
-            In the entry's frame, those of an array about its point.
+            In the entry's frame; those of an array about its reference point.
         outliers : float
-            Share of these wrenches, below 0.5, that is left out first.
+            Share of these wrenches, below 0.5, that is removed first.
         source : str
-            Where they come from; a recording's file when left out.
+            Their provenance; by default a recording's file.
         """
         given, said = Given.of(wrenches, outliers), text("source", source)
         with self._folder.changing():
@@ -155,14 +154,14 @@ class TaskLibrary:
         return entry
 
     def merge(self, name: str, other: str | TaskEntry) -> TaskEntry:
-        """Take in all that another entry has learnt; that one stays as it is.
+        """Merge another entry into one; the other stays unchanged.
 
         Parameters
         ----------
         name : str
             Of an entry of this library.
         other : str or TaskEntry
-            Of this library, or an entry of another; of the same dimension and frame.
+            An entry's name in this library, or any entry of the same dimension and frame.
         """
         with self._folder.changing():
             file, old = self._folder.get(name)
@@ -178,14 +177,14 @@ class TaskLibrary:
         return entry
 
     def forget(self, name: str, share: float) -> FloatArray:
-        """Leave out a share of the wrenches, those farthest from the others, and return them (k, d).
+        """Remove a share of the wrenches, those farthest from the others, and return them (k, d).
 
         Parameters
         ----------
         name : str
-            Of an entry of least volume.
+            Of an entry with a minimum-volume ellipsoid.
         share : float
-            Of all its wrenches, below 0.5. Those that are kept one by one can be left out, as the outermost are.
+            Of all its wrenches, below 0.5. Only those kept individually, which include the outermost, can be removed.
         """
         with self._folder.changing():
             file, old = self._folder.get(name)
@@ -200,7 +199,7 @@ class TaskLibrary:
             self._folder.get(name)[0].unlink(missing_ok=True)
 
     def table(self, names: Sequence[str]) -> str:
-        """Return a table of some entries."""
+        """Return a text table of named entries."""
         heads = ["name", "dimension", "wrenches", "units", "description"]
         units = ", ".join(UNITS.values())
         rows = [
@@ -209,7 +208,7 @@ class TaskLibrary:
         return "\n".join(columns(heads, rows))
 
     def __str__(self) -> str:
-        """Return a table of the entries."""
+        """Return a text table of all entries."""
         return self.table(tuple(self))
 
     def __repr__(self) -> str:
@@ -217,7 +216,7 @@ class TaskLibrary:
 
 
 def _warn_if_flat(entry: TaskEntry) -> None:
-    """Say that wrenches do not differ in some direction; a task that was stated so is meant so."""
+    """Warn about a flat ellipsoid of wrenches; a flat task that was given is intended."""
     if entry.wrenches and entry.rank < entry.dimension:
         words = f"the wrenches differ in {entry.rank} of {entry.dimension} directions only: the ellipsoid is flat"
         warn(f"{entry.name}: {words}")

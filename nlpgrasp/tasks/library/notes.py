@@ -1,4 +1,4 @@
-"""What an entry says of itself and of where it comes from."""
+"""Descriptions and provenance of library entries."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from nlpgrasp.tasks.library.entry import Frame, Origin, TaskEntry, tag_words, te
 
 
 class Notes(TypedDict, total=False):
-    """What an entry says of itself: words for people, and where it comes from."""
+    """Optional description, tags, frame and source of an entry."""
 
     description: str
     tags: str | list[str] | tuple[str, ...]
@@ -21,7 +21,7 @@ class Notes(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class Said:
-    """Notes that were checked, with all that was left out."""
+    """Validated notes with defaults."""
 
     description: str
     tags: tuple[str, ...]
@@ -30,12 +30,12 @@ class Said:
 
     @classmethod
     def of(cls, notes: Notes) -> Said:
-        """Return notes, checked.
+        """Return validated notes.
 
         Raises
         ------
         InputError
-            On notes of unknown names, and texts that are no line of words.
+            On unknown fields or invalid texts.
         """
         unknown = sorted(set(notes) - set(Notes.__annotations__))
         if unknown:
@@ -45,7 +45,7 @@ class Said:
 
 
 def copied(entry: TaskEntry, name: str, said: Said) -> TaskEntry:
-    """Return an entry under another name, with the notes that are said and its own where they are not."""
+    """Return a copy of an entry under another name, with given notes replacing its own."""
     origin = origin_now("added", said.source or f"a copy of {entry.name}", 0)
     return replace(
         entry,
@@ -58,12 +58,12 @@ def copied(entry: TaskEntry, name: str, said: Said) -> TaskEntry:
 
 
 def origin_now(did: str, source: str, wrenches: int) -> Origin:
-    """Return what is done today."""
+    """Return a provenance record with today's date."""
     return Origin(did, source, wrenches, datetime.now(UTC).date().isoformat())
 
 
 def after(entry: TaskEntry, origin: Origin) -> tuple[Origin, ...]:
-    """Return an entry's provenance and what comes after it; the same on the same day is counted together."""
+    """Return an entry's provenance with a record appended; equal records of one day are combined."""
     *before, last = entry.provenance or (origin,)
     if not entry.provenance or replace(last, wrenches=origin.wrenches) != origin:
         return (*entry.provenance, origin)

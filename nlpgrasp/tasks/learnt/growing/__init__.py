@@ -1,1 +1,1 @@
-"""Ellipsoids that grow with what is recorded, without a second look at every wrench of before."""
+"""Incremental enclosing ellipsoids of growing sets of wrenches."""

@@ -1,8 +1,8 @@
-"""The least ellipsoid around wrenches and around covers, begun from one that held some of them.
+"""Minimum-volume ellipsoid around wrenches and covers, with warm start.
 
-Points that the earlier ellipsoid touches, and those outside of it, begin the search for weights
-(``nlpgrasp.tasks.learnt.min_volume``). Covers come in as cutting planes: where one reaches out of the ellipsoid, its
-farthest point joins the points. What is left in the end is taken in by growing the ellipsoid about its centre.
+Points on and outside the previous ellipsoid start the search for dual weights
+(``nlpgrasp.tasks.learnt.min_volume``). Covers are added like cutting planes: where one extends beyond the ellipsoid,
+its farthest point joins the points. The remaining excess is removed by scaling the ellipsoid about its centre.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ from nlpgrasp.tasks.learnt.growing.cover import Cover
 from nlpgrasp.tasks.learnt.local import FLAT, Local
 from nlpgrasp.tasks.learnt.min_volume import MinVolume, levels, min_volume_ellipsoid
 
-GAP = 1e-5  # relative excess of volume at which the search for weights ends
-TOUCHING, BEGINNING = 1e-4, 60  # of the size: points that the search begins with, and how many of them at most
-SLACK, CUTS = 1e-4, 60  # of the size: how far covers may reach out before the end; most rounds of cuts
-ROUNDING = 1e-12
+GAP = 1e-5  # relative excess of volume at which the search for weights stops
+TOUCHING, BEGINNING = 1e-4, 60  # warm-start points: relative distance from the boundary, most points
+SLACK, CUTS = 1e-4, 60  # relative excess of covers that needs no cut; most rounds of cuts
+ROUNDING = 1e-12  # relative enlargement against rounding
 
 
 @dataclass(frozen=True)
 class Around:
-    """``{center + sum_j u_j axes_j, |u| <= 1}`` around wrenches and covers.
+    """Ellipsoid ``{center + sum_j u_j axes_j, |u| <= 1}`` around wrenches and covers.
 
     Parameters
     ----------
     center : (d,) array
     axes : (r, d) array
-        Fewer than d where it is flat.
+        Fewer than d rows for a flat ellipsoid.
     gap : float or None
-        Certified relative excess of its volume over the least around the wrenches and the covers that are given;
-        ``None`` where they do not differ in all the directions in which the others do.
+        Certified relative excess of its volume over the minimum around the wrenches and the given covers; ``None``
+        where these span fewer directions than all covers.
     """
 
     center: FloatArray
@@ -44,7 +44,7 @@ class Around:
     gap: float | None
 
     def within(self, local: Local) -> MinVolume | None:
-        """Return it in other coordinates, ``None`` where it is flat in them."""
+        """Return the ellipsoid in normalised coordinates, ``None`` if it is flat in them."""
         _, sizes, vectors = np.linalg.svd(local.inward_axes(self.axes), full_matrices=False)
         r = len(local.basis)
         if len(sizes) < r or sizes[-1] <= FLAT * sizes[0]:
@@ -53,26 +53,26 @@ class Around:
 
 
 def least_around(kept: FloatArray, covers: Sequence[Cover], before: Around | None) -> Around:
-    """Return the least ellipsoid around wrenches and covers, or the one before where it holds them all.
+    """Return the minimum-volume ellipsoid around wrenches and covers, or the previous one if it contains all.
 
     Parameters
     ----------
     kept : (n, d) array
     covers : sequence of Cover
-        Wrenches and covers together at least two different points.
+        With the wrenches, at least two different points.
     before : Around, optional
-        The least around some of them.
+        The minimum-volume ellipsoid around some of them.
 
     Raises
     ------
     InputError
-        When there is one point alone.
+        When there is only one point.
     """
     local = Local.of(np.concatenate([kept, *(cover.ends() for cover in covers)]))
     known = None if before is None else before.within(local)
     points, inner = local.inward(kept), [cover.within(local) for cover in covers]
     if before is not None and known is not None and _reach(known, points, inner) <= 1.0 + NEAR:
-        return before  # all the more it is close to the least, which has grown
+        return before  # its gap still holds, since the minimum has not decreased
     asked = np.concatenate([points, *(cover.ends() for cover in inner if cover.given)])
     spanning = _spans(asked)
     if not spanning:
@@ -87,7 +87,7 @@ def least_around(kept: FloatArray, covers: Sequence[Cover], before: Around | Non
 
 
 def _cut(found: MinVolume, points: FloatArray, covers: Sequence[Cover]) -> tuple[MinVolume, FloatArray]:
-    """Return the least ellipsoid around points and, but for the slack, covers; and the points it is around."""
+    """Return the minimum-volume ellipsoid around points and, up to the slack, covers, and the enlarged points."""
     for _ in range(CUTS):
         reached = [cover.farthest(found) for cover in covers]
         out = [point for level, point in reached if level > 1.0 + SLACK]
@@ -99,13 +99,13 @@ def _cut(found: MinVolume, points: FloatArray, covers: Sequence[Cover]) -> tuple
 
 
 def _reach(ellipsoid: MinVolume, points: FloatArray, covers: Sequence[Cover]) -> float:
-    """Return how far points and covers reach out in an ellipsoid."""
+    """Return the largest level of points and covers relative to an ellipsoid (1: its boundary)."""
     most = float(np.max(levels(points, ellipsoid.center, ellipsoid.axes), initial=0.0))
     return max([most, *(cover.farthest(ellipsoid)[0] for cover in covers)])
 
 
 def _beginning(known: MinVolume | None, points: FloatArray) -> NDArray[np.intp] | None:
-    """Return the points that an ellipsoid touches and those outside of it, ``None`` without an ellipsoid."""
+    """Return the indices of points on or outside an ellipsoid, ``None`` without one."""
     if known is None:
         return None
     level = levels(points, known.center, known.axes)
@@ -114,7 +114,7 @@ def _beginning(known: MinVolume | None, points: FloatArray) -> NDArray[np.intp] 
 
 
 def _spans(points: FloatArray) -> bool:
-    """Return whether points differ in every direction."""
+    """Return whether points affinely span their space."""
     if len(points) <= points.shape[1]:
         return False
     sizes = np.linalg.svd(np.linalg.qr(points - points.mean(axis=0), mode="r"))[1]

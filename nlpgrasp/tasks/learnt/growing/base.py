@@ -1,4 +1,4 @@
-"""What every way to learn an ellipsoid from recordings has in common."""
+"""Base class of incrementally fitted ellipsoids."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from nlpgrasp.tasks.learnt.growing.moments import Moments
 
 @dataclass(frozen=True)
 class Learnt(ABC):
-    """An ellipsoid and what it takes to update it; frozen: updates are new ones.
+    """An incrementally fitted ellipsoid: its shape and the statistics for updates (immutable).
 
     Parameters
     ----------
     center : (d,) array
     axes : (m, d) array
     moments : Moments
-        Of all wrenches that it is learnt from.
+        Of all wrenches that it was fitted to.
     forgotten : int
-        Wrenches that were left out as outliers; they are in nothing else.
+        Number of wrenches removed as outliers, which are not counted elsewhere.
     """
 
     kind: ClassVar[str]
@@ -45,48 +45,48 @@ class Learnt(ABC):
 
     @property
     def wrenches(self) -> int:
-        """How many wrenches it is learnt from."""
+        """Number of wrenches that it was fitted to."""
         return self.moments.count
 
     @abstractmethod
     def words(self) -> str:
-        """Return in words what kind of ellipsoid it is."""
+        """Return a text that describes the fit."""
 
     @abstractmethod
     def updated(self, rows: FloatArray) -> Self:
-        """Return the ellipsoid of all wrenches of before and these (n, d)."""
+        """Return the fit to all previous and new wrenches (n, d)."""
 
     @abstractmethod
     def merged(self, other: Learnt) -> Self:
-        """Return the ellipsoid of all wrenches of both."""
+        """Return the fit to all wrenches of both."""
 
     @abstractmethod
     def without_outliers(self, share: float) -> tuple[Self, FloatArray]:
-        """Return the ellipsoid of all but a share of the wrenches, and those that were left out (k, d)."""
+        """Return the fit without a share of outliers, and the removed wrenches (k, d)."""
 
     @abstractmethod
     def to_dict(self) -> Json:
-        """Return all but the ellipsoid itself as JSON data; ``kind`` among them."""
+        """Return the ``kind`` and the statistics for updates as JSON data, without the ellipsoid."""
 
     @classmethod
     @abstractmethod
     def from_dict(cls, data: Json, task: TaskEllipsoid) -> Self:
-        """Return what ``to_dict`` wrote.
+        """Return the fit from the data of its ``to_dict`` and its ellipsoid.
 
         Raises
         ------
         InputError
-            With the field, when the data do not fit the task.
+            When the data do not match the task, with the field.
         """
 
     def check_alike(self, other: Learnt) -> None:
-        """Refuse to merge with an ellipsoid of another dimension."""
+        """Raise if the other ellipsoid has another dimension."""
         if other.dimension != self.dimension:
             raise InputError("dimension", other.dimension, f"{self.dimension}, that of the other")
 
 
 def outlier_share(share: float) -> float:
-    """Return a share of wrenches that may be left out."""
+    """Return a validated share of outliers, above 0 and below 0.5."""
     if number("share", share, above=0.0) >= 0.5:
         raise InputError("share", share, "a share below 0.5")
     return float(share)

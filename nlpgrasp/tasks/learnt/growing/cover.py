@@ -1,4 +1,4 @@
-"""Ellipsoids that stand for wrenches that are not kept one by one, and how far they reach in another."""
+"""Ellipsoidal covers of discarded wrenches, and their largest level in another ellipsoid."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.learnt.local import Local
 from nlpgrasp.tasks.learnt.min_volume import MinVolume
 
-HALVINGS = 60  # of the interval that the multiplier is in
+HALVINGS = 60  # bisection steps for the multiplier
 
 
 @dataclass(frozen=True)
 class Shape:
-    """``{center + sum_j v_j axes_j, |v| <= 1}``.
+    """Ellipsoid ``{center + sum_j v_j axes_j, |v| <= 1}``.
 
     Parameters
     ----------
@@ -29,20 +29,20 @@ class Shape:
     axes: FloatArray
 
     def ends(self) -> FloatArray:
-        """Return the ends of its semi-axes, (2 m, d)."""
+        """Return the end points of its semi-axes, (2 m, d)."""
         return np.concatenate([self.center + self.axes, self.center - self.axes])
 
     def within(self, local: Local) -> Shape:
-        """Return it in other coordinates."""
+        """Return the ellipsoid in normalised coordinates."""
         return Shape(local.inward(self.center[None])[0], local.inward_axes(self.axes))
 
     def to_dict(self) -> Json:
-        """Return centre and semi-axes."""
+        """Return centre and semi-axes as JSON data."""
         return {"center": self.center.tolist(), "axes": self.axes.tolist()}
 
     @classmethod
     def from_dict(cls, data: Json, dimension: int, field: str) -> Shape:
-        """Return the ellipsoid that ``to_dict`` wrote, in wrenches of this dimension."""
+        """Return the ellipsoid from the data of its ``to_dict``, checked against the dimension."""
         axes = array(f"{field}.axes", data["axes"], (None, dimension))
         if not np.any(axes):
             raise InputError(f"{field}.axes", "nothing but zeros", "at least one semi-axis")
@@ -51,46 +51,46 @@ class Shape:
 
 @dataclass(frozen=True)
 class Cover:
-    """What is known of wrenches that are not kept: they are in each of these ellipsoids.
+    """Cover of discarded wrenches: an intersection of ellipsoids that contains all of them.
 
     Parameters
     ----------
     shapes : tuple of Shape
         At least one.
     given : bool
-        Whether all of the first, which is then the only one, is asked for: a task that was stated as an ellipsoid.
+        Whether it is a task given as an ellipsoid, all of which has to be enclosed; it is then the only one.
     """
 
     shapes: tuple[Shape, ...]
     given: bool = False
 
     def ends(self) -> FloatArray:
-        """Return the ends of the first ellipsoid's semi-axes, (2 m, d)."""
+        """Return the end points of the first ellipsoid's semi-axes, (2 m, d)."""
         return self.shapes[0].ends()
 
     def within(self, local: Local) -> Cover:
-        """Return it in other coordinates."""
+        """Return the cover in normalised coordinates."""
         return Cover(tuple(shape.within(local) for shape in self.shapes), self.given)
 
     def farthest(self, ellipsoid: MinVolume) -> tuple[float, FloatArray]:
-        """Return how far it reaches out in an ellipsoid at most, and the point (r,) of the shape that reaches least."""
+        """Return an upper bound of its level in an ellipsoid, and the farthest point (r,) of the decisive shape."""
         return min((farthest(shape, ellipsoid) for shape in self.shapes), key=lambda found: found[0])
 
     def to_dict(self) -> Json:
-        """Return the ellipsoids."""
+        """Return the cover as JSON data."""
         return {"in": [shape.to_dict() for shape in self.shapes], "given": self.given}
 
     @classmethod
     def from_dict(cls, data: Json, dimension: int, field: str) -> Cover:
-        """Return the cover that ``to_dict`` wrote, in wrenches of this dimension."""
+        """Return the cover from the data of its ``to_dict``, checked against the dimension."""
         shapes = [Shape.from_dict(one, dimension, f"{field}.in.{i}") for i, one in enumerate(data["in"])]
         return cls(tuple(shapes), data["given"])
 
 
 def farthest(shape: Shape, ellipsoid: MinVolume) -> tuple[float, FloatArray]:
-    """Return how far one ellipsoid reaches out in another, never too little, and the point (r,) that does.
+    """Return a tight upper bound of one ellipsoid's level in another, and the farthest point (r,).
 
-    In the ellipsoid's own coordinates that is the largest ``|b + B v|`` over ``|v| <= 1``, the trust-region problem:
+    In the other ellipsoid's coordinates it is the largest ``|b + B v|`` over ``|v| <= 1``, a trust-region subproblem:
     for every ``lam`` above the eigenvalues s of ``S = B^T B``, with ``g = B^T b``,
 
         ``|b + B v|^2 <= |b|^2 + lam + sum_i g_i^2 / (lam - s_i)``,
@@ -115,6 +115,6 @@ def farthest(shape: Shape, ellipsoid: MinVolume) -> tuple[float, FloatArray]:
             high = middle
     v = point(high)
     bound = float(b @ b + high + g @ v)
-    v[-1] += np.copysign(max(0.0, 1.0 - float(v @ v)) ** 0.5, g[-1])  # the hard case: along the largest eigenvalue's
+    v[-1] += np.copysign(max(0.0, 1.0 - float(v @ v)) ** 0.5, g[-1])  # hard case: along the last eigenvector
     v /= max(1.0, float(np.linalg.norm(v)))
     return max(bound, 0.0) ** 0.5, shape.center + (vectors @ v) @ shape.axes

@@ -1,23 +1,23 @@
-"""The least ellipsoid around all wrenches ever given, updated without all of them.
+"""Incremental minimum-volume ellipsoid around all recorded wrenches, with bounded memory.
 
-Kept one by one are up to ``MOST`` wrenches: as long as there are no more, nothing is lost and an update is a fit of
-all. When there are more, the innermost go until ``LEAST`` are left, and the ellipsoid of that time, shrunk to the
-outermost of those that went, becomes a cover that stands for them; together with the ellipsoid of their covariance,
-which stays small where outliers that are forgotten later had stretched the former.
+Up to ``MOST`` wrenches are kept individually: as long as there are no more, an update is a fit of all. When there are
+more, the innermost are discarded until ``LEAST`` are left. The current ellipsoid, shrunk to the outermost of those
+discarded, becomes a cover that represents them, together with their covariance ellipsoid, which stays small if the
+former was stretched by outliers that are removed later.
 
-What is guaranteed:
+Guarantees:
 
-- Every wrench that was given and not forgotten is inside, to 1e-9 of the ellipsoid's size (where it is flat, to 1e-7 of
-  the wrenches' extents across). Each of them is kept or in a cover, by induction: those that go at one time are in the
-  cover made of them, which never changes and goes itself only when it lies in a new one. The ellipsoid of an update
-  holds the kept wrenches, and the covers by an upper bound on how far they reach out (``Cover.farthest``).
-- Its volume is at most ``1 + gap`` times the least around all of them. The weights bound the least volume around the
-  kept wrenches, which are some of all, from below, and so the least around all. Covers that reach out of that make the
-  ellipsoid larger than it need be; the gap says how much.
+- Every wrench that was given and not removed is inside, to 1e-9 of the ellipsoid's size (across a flat ellipsoid, to
+  1e-7 of the wrenches' extents). By induction each is kept or in a cover: wrenches discarded at one time are in their
+  cover, which never changes and is dropped only when it lies in a new one. The updated ellipsoid contains the kept
+  wrenches, and the covers by an upper bound of their level (``Cover.farthest``).
+- Its volume is at most ``1 + gap`` times the minimum around all of them. The dual weights bound the minimum volume
+  around the kept wrenches from below, hence also that around all. Covers that extend beyond that ellipsoid enlarge it
+  more than necessary; the gap says by how much.
 
-How large the gap may become is not bounded beforehand: no summary of bounded size can do that in six dimensions, where
-points that make a ball out to 0.2 % of its radius are millions. Where wrenches come from one distribution or drift
-along, covers lie deep inside of what comes later, and the gap stays that of the search, 1e-5.
+The gap has no a-priori bound: no summary of bounded size has one in six dimensions, where millions of points are
+needed to approximate a ball to 0.2 % of its radius. If wrenches come from one distribution or drift, covers lie deep
+inside later ellipsoids, and the gap stays that of the search, 1e-5.
 """
 
 from __future__ import annotations
@@ -42,24 +42,24 @@ from nlpgrasp.tasks.learnt.growing.moments import Moments
 from nlpgrasp.tasks.learnt.local import ROUNDING, Local
 from nlpgrasp.tasks.learnt.min_volume import levels
 
-MOST, LEAST = 8192, 4096  # wrenches that are kept one by one, and how many of more
-NUMBERS = np.dtype("<f8")  # of kept wrenches in a file
+MOST, LEAST = 8192, 4096  # wrenches kept individually: most, and number after thinning
+NUMBERS = np.dtype("<f8")  # number format of kept wrenches in files
 
 
 @dataclass(frozen=True)
 class LeastVolume(Learnt):
-    """The least ellipsoid around wrenches, and around a task that was given as one.
+    """Incremental minimum-volume ellipsoid around wrenches and given task ellipsoids.
 
     Parameters
     ----------
     center, axes, moments, forgotten
         See ``Learnt``.
     gap : float or None
-        Certified relative excess of its volume over the least; ``None`` where that is not known.
+        Certified relative excess of its volume over the minimum; ``None`` if unknown.
     kept : (n, d) array
-        Wrenches that are kept one by one.
+        Wrenches kept individually.
     covers : tuple of Cover
-        That stand for the others.
+        Covers of the discarded wrenches and given ellipsoids.
     """
 
     kind: ClassVar[str] = "least volume"
@@ -69,14 +69,14 @@ class LeastVolume(Learnt):
 
     @classmethod
     def of(cls, rows: FloatArray) -> LeastVolume:
-        """Return the least ellipsoid around wrenches (n, d)."""
+        """Return the minimum-volume ellipsoid around wrenches (n, d)."""
         nothing = rows[:0]
         around = least_around(rows, (), None)
         return cls._made(around, Moments.of(nothing), 0, nothing, ())._with(rows, (), Moments.of(rows))
 
     @classmethod
     def of_task(cls, task: TaskEllipsoid) -> LeastVolume:
-        """Return a task that is given as an ellipsoid: what is learnt later is taken in beside it."""
+        """Return a fit that starts from a given task ellipsoid, which updates will enclose too."""
         none = Moments.of(np.zeros((0, task.dimension)))
         cover = Cover((Shape(task.center, task.axes),), given=True)
         return cls(task.center, task.axes, none, 0, 0.0, np.zeros((0, task.dimension)), (cover,))
@@ -88,18 +88,18 @@ class LeastVolume(Learnt):
         return cls(around.center, around.axes, moments, forgotten, around.gap, kept, covers)
 
     def words(self) -> str:
-        """Return what is certified of its volume."""
+        """Return a text on the certified volume."""
         if not self.wrenches:
             return "as given"
         known = "not known" if self.gap is None else f"at most {self.gap:.1g} above the least"
         return f"of least volume around {self.wrenches} wrenches, {known}"
 
     def updated(self, rows: FloatArray) -> LeastVolume:
-        """Return the least ellipsoid around all wrenches of before and these."""
+        """Return the minimum-volume ellipsoid around all previous and new wrenches."""
         return self._with(rows, (), Moments.of(rows))
 
     def merged(self, other: Learnt) -> LeastVolume:
-        """Return the least ellipsoid around all wrenches and given tasks of both."""
+        """Return the minimum-volume ellipsoid around all wrenches and given tasks of both."""
         self.check_alike(other)
         if not isinstance(other, LeastVolume):
             raise InputError("fit.kind", other.kind, f"{self.kind!r}, that of the other")
@@ -113,22 +113,22 @@ class LeastVolume(Learnt):
         )
 
     def _with(self, rows: FloatArray, covers: tuple[Cover, ...], moments: Moments) -> LeastVolume:
-        """Return the least ellipsoid around what it holds, more wrenches and more covers."""
+        """Return the minimum-volume ellipsoid around its own contents, more wrenches and more covers."""
         kept, all_covers = np.concatenate([self.kept, rows]), self.covers + covers
         around = least_around(kept, all_covers, Around(self.center, self.axes, self.gap))
         kept, all_covers = _thinned(kept, all_covers, around)
         return self._made(around, self.moments.plus(moments), self.forgotten, kept, all_covers)
 
     def without_outliers(self, share: float) -> tuple[LeastVolume, FloatArray]:
-        """Return the least ellipsoid around all but a share of the wrenches, and those that were left out.
+        """Return the minimum-volume ellipsoid without a share of outliers, and the removed wrenches (k, d).
 
-        Those farthest from the others are left out and chosen again until nothing changes, as by ``fit_ellipsoid``;
-        only wrenches that are kept one by one can be chosen, which the outermost are.
+        The farthest wrenches are trimmed iteratively, as by ``fit_ellipsoid``; only wrenches kept individually, which
+        include the outermost, can be removed.
 
         Raises
         ------
         InputError
-            On a share of half or more of those, or one that leaves wrenches that do not differ.
+            On a share of half or more of those, or one that leaves wrenches that do not span.
         """
         many = int(outlier_share(share) * self.wrenches)
         if many == 0:
@@ -145,7 +145,7 @@ class LeastVolume(Learnt):
         return self._made(around, moments, self.forgotten + len(out), left, self.covers), out
 
     def to_dict(self) -> Json:
-        """Return the kept wrenches, little-endian doubles row by row in base64, covers, moments and the gap."""
+        """Return the fit as JSON data; kept wrenches as little-endian doubles in base64, row by row."""
         text = base64.b64encode(np.ascontiguousarray(self.kept, dtype=NUMBERS).tobytes()).decode("ascii")
         return {
             "kind": self.kind,
@@ -158,7 +158,7 @@ class LeastVolume(Learnt):
 
     @classmethod
     def from_dict(cls, data: Json, task: TaskEllipsoid) -> LeastVolume:
-        """Return what ``to_dict`` wrote."""
+        """Return the fit from the data of its ``to_dict`` and its ellipsoid."""
         d = task.dimension
         covers = tuple(Cover.from_dict(one, d, f"fit.covers.{i}") for i, one in enumerate(data["covers"]))
         moments = Moments.from_dict(data["moments"], d)
@@ -169,7 +169,7 @@ class LeastVolume(Learnt):
 
 
 def _kept(text: str, dimension: int) -> FloatArray:
-    """Return the wrenches of a file."""
+    """Decode kept wrenches (n, d) from base64 text."""
     try:
         content = base64.b64decode(text, validate=True)
     except binascii.Error:
@@ -181,7 +181,7 @@ def _kept(text: str, dimension: int) -> FloatArray:
 
 
 def _thinned(kept: FloatArray, covers: Sequence[Cover], around: Around) -> tuple[FloatArray, tuple[Cover, ...]]:
-    """Return the wrenches that are kept on and the covers: where there are too many, one more for the innermost."""
+    """Return wrenches and covers, with the innermost wrenches replaced by a cover if there are too many."""
     if len(kept) > MOST:
         kept = np.unique(kept, axis=0)
     if len(kept) <= MOST:
@@ -201,7 +201,7 @@ def _thinned(kept: FloatArray, covers: Sequence[Cover], around: Around) -> tuple
 
 
 def _shaped(rows: FloatArray) -> Shape:
-    """Return an ellipsoid around wrenches (n, d) that has the shape of their covariance."""
+    """Return an enclosing ellipsoid of wrenches (n, d) with the shape of their covariance."""
     local = Local.of(rows)
     values, vectors = np.linalg.eigh(local.points.T @ local.points / len(rows))
     axes = np.sqrt(values)[:, None] * vectors.T

@@ -1,4 +1,4 @@
-"""The ellipsoid that holds a share of normally distributed wrenches, updated exactly from their moments alone."""
+"""Incremental covariance ellipsoid for normally distributed wrenches."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from nlpgrasp.tasks.learnt.local import FLAT
 
 @dataclass(frozen=True)
 class Normal(Learnt):
-    """The ellipsoid of the wrenches' covariance, that of ``fit_ellipsoid(wrenches, probability=...)`` of all at once.
+    """Covariance ellipsoid, equal to ``fit_ellipsoid(wrenches, probability=...)`` of all wrenches.
 
     Parameters
     ----------
     center, axes, moments, forgotten
         See ``Learnt``.
     probability : float
-        Share of normally distributed wrenches that it holds.
+        Share of normally distributed wrenches that it contains.
     """
 
     kind: ClassVar[str] = "probability"
@@ -34,12 +34,12 @@ class Normal(Learnt):
 
     @classmethod
     def of(cls, moments: Moments, probability: float) -> Normal:
-        """Return the ellipsoid of wrenches with these moments.
+        """Return the covariance ellipsoid of given moments.
 
         Raises
         ------
         InputError
-            On a probability that is none, or wrenches that do not differ.
+            On an invalid probability, or wrenches that are all equal.
         """
         if not 0.0 < number("probability", probability) < 1.0:
             raise InputError("probability", probability, "a share between 0 and 1")
@@ -55,26 +55,26 @@ class Normal(Learnt):
         return cls(moments.mean, axes[::-1], moments, 0, float(probability))
 
     def words(self) -> str:
-        """Return which share it holds."""
+        """Return a text on the share that it contains."""
         return f"of {self.probability:.6g} of normally distributed wrenches, from {self.wrenches}"
 
     def updated(self, rows: FloatArray) -> Normal:
-        """Return the ellipsoid of all wrenches of before and these, exactly."""
+        """Return the exact ellipsoid of all previous and new wrenches (n, d)."""
         return Normal.of(self.moments.plus(Moments.of(rows)), self.probability)
 
     def merged(self, other: Learnt) -> Normal:
-        """Return the ellipsoid of all wrenches of both, exactly."""
+        """Return the exact ellipsoid of all wrenches of both."""
         self.check_alike(other)
         if not isinstance(other, Normal) or other.probability != self.probability:
             raise InputError("fit", other.words(), f"probability {self.probability}, that of the other")
         return Normal.of(self.moments.plus(other.moments), self.probability)
 
     def without_outliers(self, share: float) -> tuple[Normal, FloatArray]:
-        """Refuse: no wrench is kept of which to say that it is an outlier."""
+        """Raise: no individual wrenches are kept, so none can be removed."""
         raise InputError("share", share, "an entry of least volume: this one keeps mean and covariance, no wrenches")
 
     def to_dict(self) -> Json:
-        """Return probability and moments."""
+        """Return probability and moments as JSON data."""
         return {
             "kind": self.kind,
             "probability": self.probability,
@@ -84,6 +84,6 @@ class Normal(Learnt):
 
     @classmethod
     def from_dict(cls, data: Json, task: TaskEllipsoid) -> Normal:
-        """Return what ``to_dict`` wrote."""
+        """Return the fit from the data of its ``to_dict`` and its ellipsoid."""
         moments = Moments.from_dict(data["moments"], task.dimension)
         return cls(task.center, task.axes, moments, data["forgotten"], data["probability"])
