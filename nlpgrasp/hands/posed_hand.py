@@ -33,6 +33,24 @@ class PosedHand(Hand):
         """
 
     @abstractmethod
+    def reach(self, places: FloatArray, near: int, rng: np.random.Generator) -> tuple[Values, FloatArray]:
+        """Return values of the variables with the fingertips near some places, and the fingertips' centres.
+
+        Parameters
+        ----------
+        places : (g, k, space) array
+            Goals for the centre of each fingertip, metres, body frame.
+        near : int
+            Poses for each of the g goals.
+        rng : numpy.random.Generator
+
+        Returns
+        -------
+        values : dict of str to (g near, m) array
+        tips : (g near, k, space) array
+        """
+
+    @abstractmethod
     def tip_places(self, variables: dict[str, Expression]) -> list[Expression]:
         """Return a point of each fingertip, (space,) each, metres, body frame."""
 

@@ -24,7 +24,7 @@ def moved(tmp_path_factory):
     here, away = tmp_path_factory.mktemp("here"), tmp_path_factory.mktemp("away")
     trimesh.creation.box([0.1, 0.06, 0.06]).export(here / "block.stl")
     shutil.copy(GRIPPER, here)
-    body = ng.Mesh.load(here / "block.stl", unit="m", resolution=10)
+    body = ng.Mesh.load(here / "block.stl", unit="m", resolution=24)
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.02, 0.02, 0.02])
     problem = ng.GraspProblem(body, ng.SoftContact(0.7, 0.01), task, hand=gripper())
     solution = ng.solve(problem, starts=1, options=OPTIONS)

@@ -15,6 +15,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.hands.base import Values
 from nlpgrasp.hands.posed_hand import PosedHand
 from nlpgrasp.hands.urdf.link_tree import LinkTree
+from nlpgrasp.hands.urdf.reaching import reach
 
 CARD = ("nlpgrasp.report.hand.card", "card")
 NAMED = 6  # most fingertips named in a line
@@ -88,6 +89,19 @@ class LinkedHand(InNotebook, PosedHand):
             The fingertips' centres, metres, body frame.
         """
         return self.tree.draw(count, around, rng)
+
+    def reach(self, places: FloatArray, near: int, rng: np.random.Generator) -> tuple[Values, FloatArray]:
+        """Return palm poses and joints with the fingertips near places (g, k, 3), and their centres, (g near, k, 3).
+
+        Parameters
+        ----------
+        places : (g, k, 3) array
+            Goals for the centre of each fingertip, metres, body frame.
+        near : int
+            Poses for each goal.
+        rng : numpy.random.Generator
+        """
+        return reach(self.tree, places, near, rng)
 
     def describe(self, values: Values) -> Json:
         """Return joint positions by name (mimic joints included) and the palm's pose."""

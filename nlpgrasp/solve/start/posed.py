@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 from nlpgrasp.solve.workbench.workspace import Reach
 
 POSES, MOST_PALMS, PALMS = 1024, 192, 64  # random poses; palms that are looked at; those that exchanges are made for
+NEAR, EACH = 4, 8  # postures for each way to share a placement among fingers; those kept of a placement
 DRAWN = 64  # random tuples within reach of a palm, of which the best is exchanged
 ROUNDS, LEARN = 3, 16  # of exchanges; tuples whose weak directions are learned after each
 FAR = 4.0  # weight of a fingertip's distance from the body, over the body's size, against the score
@@ -55,11 +57,11 @@ class _Poses:
 
     def placed(self, i: int) -> Placed:
         """Return pose i."""
-        return Placed(tuple(self.faces[i]), self.points[i], self.hand(i))
+        return Placed(tuple(self.faces[i]), self.points[i], {name: v[i] for name, v in self.values.items()})
 
-    def hand(self, i: int) -> Values:
-        """Return the hand's variables of pose i."""
-        return {name: v[i] for name, v in self.values.items()}
+    def hands(self, against: FloatArray) -> list[Values]:
+        """Return the hand's variables of all poses, those first that least (b,) speaks against."""
+        return [{name: v[i] for name, v in self.values.items()} for i in np.argsort(against, kind="stable").tolist()]
 
 
 def posed_candidates(bench: Workbench, rng: np.random.Generator, stop: Stop) -> Iterator[Placed]:
@@ -80,17 +82,17 @@ def draw_posed_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Pla
     exchanged within reach of their fingers, and compared by the least ratio, less what the links would be in the way
     of. With many contacts, or no palm from which all fingertips reach the body, they are the nearest samples.
     """
-    poses = _at_random(bench, rng)
-    against = FAR * poses.far / bench.scaling.length + BROKEN * bench.rows.broken(
-        poses.points, poses.normals, poses.values
-    )
+    drawn = _at_random(bench, rng)
     if len(bench.problem.models) < MANY:
-        found = _exchanged(bench, poses, np.argsort(against, kind="stable"), rng)
+        search = CoordinateExchange(bench.without_hand, bench.without_hand.sample_tables, rng)
+        palms = (drawn, _fitted(bench, search, rng))
+        orders = zip(*(poses.hands(_against(bench, poses))[:MOST_PALMS] for poses in palms), strict=False)
+        found = _exchanged(bench, search, [hand for pair in orders for hand in pair], rng)
         if found:
             return found[:TRIES]
-    blocked = bench.rows.blocked(poses.points, poses.normals, poses.values)
-    merit = scores(bench, poses.points, poses.normals) - against - 0.05 * blocked
-    return [poses.placed(i) for i in np.argsort(-merit, kind="stable")[:MANY_TRIES].tolist()]
+    blocked = bench.rows.blocked(drawn.points, drawn.normals, drawn.values)
+    merit = scores(bench, drawn.points, drawn.normals) - _against(bench, drawn) - 0.05 * blocked
+    return [drawn.placed(i) for i in np.argsort(-merit, kind="stable")[:MANY_TRIES].tolist()]
 
 
 def touching_candidates(bench: Workbench, candidates: Iterable[Placed], stop: Stop) -> Iterator[Placed]:
@@ -142,22 +144,23 @@ def best_touching(
     return iter(best + [placed for placed, _ in others[:ENOUGH]])
 
 
-def _exchanged(bench: Workbench, poses: _Poses, order: NDArray[np.intp], rng: np.random.Generator) -> list[Placed]:
+def _exchanged(
+    bench: Workbench, search: CoordinateExchange, palms: Sequence[Values], rng: np.random.Generator
+) -> list[Placed]:
     """Return placements within reach of the first palms from which all fingertips reach the body, best first."""
-    plain, space = bench.without_hand, bench.workspace
-    tables = plain.sample_tables
+    tables, space = bench.without_hand.sample_tables, bench.workspace
     clouds = [tables.samples(i) for i in range(len(bench.problem.models))]
     hands, reaches = list[Values](), list[Reach]()
-    for i in order[:MOST_PALMS].tolist():
-        reach = space.reach(bench.hand_points.link_tree.palm_frame(poses.hand(i)), clouds)
+    for hand in palms:
+        reach = space.reach(bench.hand_points.link_tree.palm_frame(hand), clouds)
         if reach is not None:
-            hands.append(poses.hand(i))
+            hands.append(hand)
             reaches.append(reach)
         if len(hands) == PALMS:
             break
     if not hands:
         return []
-    search, within = CoordinateExchange(plain, tables, rng), [reach.samples for reach in reaches]
+    within = [reach.samples for reach in reaches]
     tuples = np.stack([_drawn(search, reach, rng) for reach in reaches])
     for _ in range(ROUNDS):
         tuples = search.exchanged(tuples, within=within)
@@ -183,13 +186,37 @@ def _drawn(search: CoordinateExchange, reach: Reach, rng: np.random.Generator) -
     return np.asarray(drawn[int(np.argmax(search.values(drawn)))])
 
 
+def _against(bench: Workbench, poses: _Poses) -> FloatArray:
+    """Return the distance of fingertips from the body and violated constraints, weighted, (b,)."""
+    broken = bench.rows.broken(poses.points, poses.normals, poses.values)
+    return FAR * poses.far / bench.scaling.length + BROKEN * broken
+
+
 def _at_random(bench: Workbench, rng: np.random.Generator) -> _Poses:
-    """Return random poses with the fingertips' middle somewhere in the body, and the samples nearest to fingertips."""
+    """Return random poses with the fingertips' middle somewhere in the body."""
     body = bench.problem.body
     everything = np.concatenate(list(bench.surface.faces.values()))
     target = everything[rng.integers(len(everything), size=POSES)]
     around = body.centroid + rng.uniform(0.0, 0.8, (POSES, 1)) * (target - body.centroid)
-    values, tips = bench.hand_points.posed_hand.draw(POSES, around, rng)
+    return _beside(bench, *bench.hand_points.posed_hand.draw(POSES, around, rng))
+
+
+def _fitted(bench: Workbench, search: CoordinateExchange, rng: np.random.Generator) -> _Poses:
+    """Return poses fitted to the exchanged placements of free contacts, shared among the fingers in several ways."""
+    hand, tables = bench.hand_points.posed_hand, bench.without_hand.sample_tables
+    points, normals = tables.places(search.exchanged(search.drawn()))
+    alike = len(set(tables.of_contact)) == 1
+    orders = np.array(list(permutations(range(hand.count))) if alike else [range(hand.count)])
+    radii = np.asarray(hand.tip_radii)[:, None]
+    places = (points[:, orders] - radii * normals[:, orders]).reshape(-1, *points.shape[1:])
+    values, tips = hand.reach(places, NEAR, rng)
+    missed = np.linalg.norm(tips - np.repeat(places, NEAR, axis=0), axis=2).mean(axis=1).reshape(len(points), -1)
+    kept = np.argsort(missed, axis=1, kind="stable")[:, :EACH] + missed.shape[1] * np.arange(len(points))[:, None]
+    return _beside(bench, {name: v[kept.ravel()] for name, v in values.items()}, tips[kept.ravel()])
+
+
+def _beside(bench: Workbench, values: Values, tips: FloatArray) -> _Poses:
+    """Return poses with the samples nearest to their fingertips, whose centres are (b, k, 3)."""
     points, normals = np.empty_like(tips), np.empty_like(tips)
     faces = np.empty(tips.shape[:2], dtype=object)
     far = np.zeros(len(tips))
