@@ -1,4 +1,4 @@
-"""Where contacts and hand are: the one state that screen, programs, ascent and surface hand on."""
+"""Candidate: contacts and hand configuration, the iterate of every stage of a solve."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from nlpgrasp.hands.base import Values
 
 @dataclass(frozen=True)
 class Placed:
-    """Contacts on faces of the body, and the hand.
+    """Contacts on faces of the body, and the hand's configuration.
 
     Parameters
     ----------
