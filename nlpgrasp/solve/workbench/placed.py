@@ -29,5 +29,5 @@ class Placed:
     hand: Values = field(default_factory=dict)
 
     def repeated_hand(self, count: int) -> Values:
-        """Return the hand's values ``count`` times, (count, m) each: for placements that differ in their contacts."""
+        """Return the hand's values repeated ``count`` times, (count, m) each: for placements that share the hand."""
         return {name: np.repeat(value[None], count, axis=0) for name, value in self.hand.items()}
