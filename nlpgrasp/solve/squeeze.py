@@ -1,4 +1,4 @@
-"""Squeeze of a grasp: internal finger forces and the hand's joint torques."""
+"""Squeeze of a grasp: balanced finger forces of least friction, and the hand's joint torques."""
 
 from __future__ import annotations
 

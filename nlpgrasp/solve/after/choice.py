@@ -17,7 +17,7 @@ from nlpgrasp.solve.workers.one_thread import one_thread
 
 MOST = 3  # grasps compared, the best one among them
 HALF = 0.5  # share of the best mu below which no other grasp is chosen
-WEAK, TIE = 0.5, 0.95  # a grasp that keeps a smaller share of its mu loses to one of nearly the same mu that keeps more
+WEAK, TIE = 0.5, 0.95  # remaining share of mu below which a grasp is weak; share of mu from which a stronger one wins
 APART = 0.1  # over the body's size: Hausdorff distance of contacts above which grasps are distinct
 
 

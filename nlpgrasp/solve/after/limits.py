@@ -109,7 +109,7 @@ def _constraint_numbers(item: PlacementConstraint) -> list[Number[PlacementConst
 
 
 def _hundredth(value: float) -> tuple[float, str]:
-    """Return the step of a number in user-defined units: a hundredth."""
+    """Return the step of a number in user-defined units: a hundredth of it."""
     step = 0.01 * max(abs(value), 1e-3)
     return step, f"{step:g}"
 

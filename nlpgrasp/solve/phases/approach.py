@@ -17,7 +17,7 @@ from nlpgrasp.solve.space.straight import Place, StraightWay, straight_way
 from nlpgrasp.solve.space.surroundings import Surroundings
 
 WIDER = (1.0, 2.0, 4.0)  # openings tried, times the pregrasp's
-CLOSER, BESIDE = np.radians([13.0, 6.5, 3.2, 1.6]), 6  # about the direction free longest: so far from it, so many
+CLOSER, BESIDE = np.radians([13.0, 6.5, 3.2, 1.6]), 6  # radians from the direction free longest; directions at each
 SAME = 1e-9  # of a cosine: nearer directions count as one
 
 

@@ -51,7 +51,7 @@ def refined_with_room(bench: Workbench, placed: Placed, stop: Stop) -> tuple[Wor
 
 
 def _inside(bench: Workbench, margins: Margins, placed: Placed) -> tuple[NDArray[np.bool_], Placed]:
-    """Return which joints can be inside their margins where all fingertips touch, (m,), and the hand there."""
+    """Return the mask of joints that can keep their margins with all fingertips touching, (m,), and the hand there."""
     lacking = margins.lacking(placed.hand["joints"])
     for inside in (np.ones_like(lacking), ~lacking) if np.any(lacking) else ():
         limits = margins.narrowed(inside)
@@ -64,7 +64,7 @@ def _inside(bench: Workbench, margins: Margins, placed: Placed) -> tuple[NDArray
 
 
 def _dear(bench: Workbench, refined: Refined, margins: FloatArray) -> NDArray[np.bool_]:
-    """Return which joints' margins (m,) are to go, so that the others cost no more of mu than the price, (m,)."""
+    """Return the mask of joints, (m,), whose margins are dropped so that the others cost little enough of mu."""
     point, program = refined.point, bench.exchange.compiled.program
     nothing = np.zeros(len(margins), dtype=bool)
     if point.value <= 0.0 or not bench.exchange.linearises:

@@ -49,7 +49,7 @@ class RowValues:
         return np.asarray(self._row_function.map(padded)(*columns).full()).T[:b]
 
     def violations(self, points: FloatArray, normals: FloatArray, hand: Values) -> FloatArray:
-        """Return each placement's largest violation relative to the rows' scales, (b,), and of face extents not."""
+        """Return each placement's largest violation but of face extents, relative to the constraints' scales, (b,)."""
         return self.excess(self.values(points, normals, hand))
 
     def excess(self, values: FloatArray) -> FloatArray:

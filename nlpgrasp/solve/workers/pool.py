@@ -32,7 +32,7 @@ GRACE = 10.0  # seconds in-flight starts get to finish after a stop
 
 @dataclass(frozen=True)
 class _Asked:
-    """Problem with its solve options and compiled state."""
+    """Problem with its solve options."""
 
     problem: GraspProblem
     options: SolveOptions
