@@ -1,4 +1,4 @@
-"""Search over all placements of a problem's contacts by branch and bound: an upper bound on mu, closer node by node."""
+"""Branch and bound over all placements of a problem's contacts: a decreasing upper bound on mu."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.measures.global_bound import GlobalBound
 
-SHARE = 0.8  # of a gap asked for, that the tree closes: recorded leaves and their rounding take the rest
-AS_CLOSE = 0.1  # relative: how far the bound of a whole mesh may be above that of its parts
+SHARE = 0.8  # share of the requested gap that the tree closes; recorded leaves and rounding take the rest
+AS_CLOSE = 0.1  # relative: excess of the bound of a whole mesh over that of its parts that is accepted
 
 
 def tree_of(scope: Scope) -> NodeTree:
-    """Return a problem's tree before its first node; on a mesh, with its thousands of cells, nodes share mixtures."""
+    """Return a problem's tree before its first node; on a mesh, with its many cells, nodes share dual weights."""
     if isinstance(scope.problem.body, Mesh):
         return NodeTree(SharedMixtures(scope), 0)
     return NodeTree(NodeMixtures(scope), MOST_LEAVES)
@@ -57,22 +57,22 @@ class BranchAndBound:
 
     @property
     def nodes(self) -> int:
-        """How many nodes there were."""
+        """Number of nodes so far."""
         return self._tree.nodes
 
     @property
     def upper(self) -> float:
-        """No placement has a larger mu."""
+        """Upper bound on mu over all placements."""
         return max(self._tree.upper, self.known)
 
     @property
     def closed(self) -> bool:
-        """Whether the bound is within the gap of the best grasp known."""
+        """Whether the bound is within the gap of the incumbent's quality."""
         return self._begun and self.upper <= self.known * (1.0 + self.gap)
 
     @property
     def searched(self) -> bool:
-        """Whether there is nothing more to look at: the gap is closed, or memory is full."""
+        """Whether the search is over: the gap is closed, or memory is full."""
         return self.closed or (self._begun and (self._tree.top <= self._target or self._full))
 
     @property
@@ -81,11 +81,11 @@ class BranchAndBound:
 
     @property
     def _target(self) -> float:
-        """The bound at which a node needs no further look."""
+        """Bound at which a node is closed."""
         return self.known * (1.0 + SHARE * self.gap)
 
     def expect(self, mu: float, weak: FloatArray | None = None) -> None:
-        """Compare with a grasp of this certified quality, where it is better than the best known.
+        """Update the incumbent's certified quality, if this one is better.
 
         Directions (m, d) in which it is weak are tried where designs are.
         """
@@ -94,7 +94,7 @@ class BranchAndBound:
             self._tree.bounding.twists.remember(normalised(self.scope.task, weak))
 
     def grow(self, nodes: int, stopped: Callable[[], bool] = lambda: False) -> None:
-        """Cut the loosest nodes until there are so many more, nothing is left to look at, or ``stopped``.
+        """Branch on the loosest nodes until so many more are bounded, the search is over, or ``stopped``.
 
         The whole surface is bounded before, if it was not yet.
         """
@@ -108,19 +108,19 @@ class BranchAndBound:
             self._tree.grow(self._target)
 
     def relaxed_placements(self, count: int) -> list[FloatArray]:
-        """Return contact positions (k, space) that the latest nodes' bounds rest on most, the loosest nodes first."""
+        """Return contact positions (k, space) from the latest relaxed placements, of the loosest nodes first."""
         order, groups = np.argsort(self.scope.slots), self.scope.group_of
         loosest = sorted(self._tree.bounding.placements, key=lambda placement: -placement.bound)[:count]
         rows = [zip(groups, placement.heaviest().tolist(), strict=True) for placement in loosest]
         return [np.stack([pieces.supports.points[row] for (pieces, _), row in each])[order] for each in rows]
 
     def certificate(self) -> tuple[float, Json]:
-        """Return the bound that follows from what is recorded of the search, and the record (docs/how_close.md)."""
+        """Return the bound that follows from the recorded search, and the record (docs/how_close.md)."""
         upper, proof = certificate(self._tree)
         return upper, {"asked": self.gap, **proof}
 
     def bound(self) -> GlobalBound:
-        """Return what holds of all placements so far, with its certificate.
+        """Return the current bound over all placements, with its certificate.
 
         The certificate of a mesh whose cells were cut holds the order of all its triangles: where that brings the bound
         hardly any closer, it is the one of the whole mesh.

@@ -1,4 +1,4 @@
-"""Certificate of a bound: JSON data from which it can be computed again by plain arithmetic."""
+"""Certificate of a global bound: JSON data from which plain arithmetic recomputes it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TURN_DIGITS = 9  # to which motions are the same
 
 
 def certificate(search: NodeTree) -> tuple[float, Json]:
-    """Return the bound that follows from what is recorded of a search, and the record.
+    """Return the bound that follows from a recorded search, and the record.
 
     The bound is the largest of the leaves', each computed from its mixture as it is written.
 
@@ -52,7 +52,7 @@ def certificate(search: NodeTree) -> tuple[float, Json]:
 
 
 def _once(mixtures: Sequence[Mixture]) -> tuple[list[Mixture], IntArray]:
-    """Return the different ones of some mixtures, and the number of each among these."""
+    """Return some dual weights without duplicates, and the index of each among these."""
     keys = [(own.numbers.tobytes(), own.weights.tobytes()) for own in mixtures]
     once = dict(zip(keys, mixtures, strict=True))
     places = {key: i for i, key in enumerate(once)}
@@ -60,7 +60,7 @@ def _once(mixtures: Sequence[Mixture]) -> tuple[list[Mixture], IntArray]:
 
 
 def _cut_cells(tree: NodeTree, group: slice) -> IntArray:
-    """Return the numbers of the cells that were cut of contacts that are alike, parts after what they are parts of."""
+    """Return the numbers of the split cells of identical contacts, parents before children."""
     found = [np.zeros(0, dtype=np.int64)]
     for nodes, slots in tree.splits:
         own = np.flatnonzero((slots >= group.start) & (slots < group.stop))
@@ -69,7 +69,7 @@ def _cut_cells(tree: NodeTree, group: slice) -> IntArray:
 
 
 def _group(pieces: Pieces, cut: IntArray) -> Json:
-    """Return contacts that are alike and the cells that they may be in: the first ones, and how some were cut."""
+    """Return identical contacts with their cells: the first ones, and how some were split."""
     parts = [[None if part == NONE else part for part in both] for both in pieces.halves(cut).tolist()]
     return {
         "contacts": list(pieces.slots),
@@ -80,7 +80,7 @@ def _group(pieces: Pieces, cut: IntArray) -> Json:
 
 
 class _Motions:
-    """Rigid motions and reflections by number, each once."""
+    """Numbered set of rigid motions and reflections."""
 
     def __init__(self, scope: Scope) -> None:
         space = len(scope.origin)
@@ -92,7 +92,7 @@ class _Motions:
         self.made: list[Json] = []
 
     def number(self, forward: int, back: int) -> int:
-        """Return the number of a motion that goes forward by one symmetry and back by another."""
+        """Return the number of a motion: forward by one symmetry and back by another."""
         if (forward, back) not in self._known:
             self._known[forward, back] = self._find(forward, back)
         return self._known[forward, back]

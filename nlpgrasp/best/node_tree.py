@@ -1,4 +1,4 @@
-"""Branch and bound over placements: a tree of nodes, each with one cell of the surface for each contact.
+"""Tree of a branch and bound over placements: each node has one surface cell per contact.
 
 The loosest nodes are cut, their parts are bounded, and parts whose bound is low enough are closed. How nodes are
 bounded is left to a strategy (``Bounding``): a mixture of directions for every node, or mixtures that all nodes share.
@@ -28,7 +28,7 @@ Floats = FloatArray | NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Nodes:
-    """Nodes of the tree, as arrays.
+    """Nodes of a branch-and-bound tree, as arrays.
 
     Parameters
     ----------
@@ -52,18 +52,18 @@ class Nodes:
 
     @classmethod
     def none(cls, contacts: int) -> Nodes:
-        """Return no nodes."""
+        """Return an empty set of nodes."""
         return cls(np.zeros((0, contacts), dtype=np.int64), np.zeros(0), np.zeros(0, dtype=np.int64))
 
     @classmethod
     def joined(cls, parts: Sequence[Nodes]) -> Nodes:
-        """Return the nodes of all parts, one after another."""
+        """Return the concatenation of nodes."""
         return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("cells", "bounds", "mixtures")))
 
 
 @dataclass(frozen=True)
 class FractionalPlacement:
-    """The placement that a node's bound rests on: each contact spread over rows of its cell.
+    """Relaxed placement behind a node's bound: each contact spread over rows of its cell.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ class FractionalPlacement:
 
 @dataclass(frozen=True)
 class Twin:
-    """A symmetric copy of a node: forward by one symmetry, then back by another, it goes to the node met before.
+    """Symmetric copy of a node that was met before, with the motion between them.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class Twin:
 
 
 class Bounding(ABC):
-    """Strategy that bounds mu over nodes, and says which are cut where.
+    """Interface of a bounding strategy, which also selects nodes and contacts to branch on.
 
     Parameters
     ----------
@@ -134,29 +134,29 @@ class Bounding(ABC):
 
     @abstractmethod
     def bounded(self, cells: IntArray, parents: Nodes | None, target: float) -> Nodes:
-        """Return nodes (n, k) with their bounds, in any order; ``parents`` are those they are parts of.
+        """Return nodes (n, k) with their bounds, in any order; ``parents`` are the nodes they were split from.
 
         A bound that is at most the target, on mu, need not be the least.
         """
 
     @abstractmethod
     def loosest(self, nodes: Nodes, count: int, target: float) -> IntArray:
-        """Return which of the open nodes to cut next, in order, after so many nodes in all."""
+        """Return which open nodes to branch on next, in order, after so many nodes in all."""
 
     @abstractmethod
     def slots(self, nodes: Nodes) -> IntArray:
-        """Return the slot whose cell is cut, of each node; ``NONE`` where no cell can be."""
+        """Return the slot of the cell to split, of each node; ``NONE`` where no cell can be."""
 
     @abstractmethod
     def recomputed(self, nodes: Nodes) -> FloatArray:
-        """Return bounds on mu from the mixtures as they are written, by plain arithmetic, (n,)."""
+        """Return bounds on mu recomputed from the recorded dual weights by plain arithmetic, (n,)."""
 
     def improve(self, nodes: Nodes, target: float) -> IntArray:
-        """Lower the bounds of some open nodes, in place; return which to close: those at most the target, on mu."""
+        """Lower the bounds of some open nodes, in place; return those to close: at most the target, on mu."""
         return np.flatnonzero(nodes.bounds <= target**self.power)
 
     def is_full(self, count: int) -> bool:
-        """Return whether so many open nodes, or the mixtures, are as many as memory is meant for."""
+        """Return whether so many open nodes, or the dual weights, exceed the memory limit."""
         return count >= self.most_open
 
     def recorded(self, tree: NodeTree) -> NodeTree:
@@ -165,7 +165,7 @@ class Bounding(ABC):
 
 
 class NodeTree:
-    """Open nodes, and the record of how the others were cut and closed.
+    """Branch-and-bound tree: open nodes, and the record of split and closed ones.
 
     Parameters
     ----------
@@ -195,22 +195,22 @@ class NodeTree:
 
     @property
     def top(self) -> float:
-        """The loosest bound of an open node, on mu; 0 where none is."""
+        """Largest bound on mu of an open node; 0 without one."""
         return self._mu(self.open)
 
     @property
     def upper(self) -> float:
-        """An upper bound on mu over all placements."""
+        """Upper bound on mu over all placements."""
         return max(self._highest_closed, self.top)
 
     @property
     def leaves(self) -> Nodes:
-        """The recorded nodes that were not cut: together with their twins they cover all placements."""
+        """Recorded leaves: together with their symmetric copies they cover all placements."""
         return Nodes.joined([*self._closed, self.open]) if self._kept is None else self._kept
 
     @property
     def size(self) -> int:
-        """How many leaves there are while all nodes are recorded."""
+        """Number of leaves while all nodes are recorded."""
         return len(self.open) + sum(len(nodes) for nodes in self._closed)
 
     @property
@@ -219,7 +219,7 @@ class NodeTree:
         return self._kept is None
 
     def begin(self, target: float) -> None:
-        """Bound one node for each choice of first cells, but for symmetric copies."""
+        """Bound the root nodes: one per choice of first cells, without symmetric copies."""
         choices = product(*(combinations_with_replacement(p.roots, len(p.slots)) for p in self.scope.pieces))
         roots = np.array([list(chain.from_iterable(choice)) for choice in choices], dtype=np.int64)
         new, _ = self._distinct(roots, np.arange(len(roots)))
@@ -228,13 +228,13 @@ class NodeTree:
         self._close(self._take(np.flatnonzero(self.open.bounds <= target**self.bounding.power)))
 
     def grow(self, target: float) -> None:
-        """Cut the loosest nodes, and close those whose bound is at most the target."""
+        """Branch on the loosest nodes, and close those whose bound is at most the target."""
         if len(self.open):
             self.cut(self.bounding.loosest(self.open, self.nodes, target), target)
             self._close(self._take(self.bounding.improve(self.open, target)))
 
     def cut(self, where: IntArray, target: float) -> None:
-        """Replace some of the open nodes by their parts; close those that cannot be cut."""
+        """Replace some open nodes by their children; close those that cannot be split."""
         if self.complete and self.size >= self._most_leaves:
             self._kept = self.leaves
         nodes = self._take(where)
@@ -249,7 +249,7 @@ class NodeTree:
         self.open = Nodes.joined([self.open, found])
 
     def _take(self, where: IntArray) -> Nodes:
-        """Return some of the open nodes, which are open no more."""
+        """Remove some of the open nodes and return them."""
         taken = self.open[where]
         if len(taken):
             rest = np.ones(len(self.open), dtype=bool)
@@ -258,7 +258,7 @@ class NodeTree:
         return taken
 
     def _close(self, nodes: Nodes) -> None:
-        """Count nodes as done: their bounds hold for good."""
+        """Close nodes: their bounds hold for good."""
         self._highest_closed = max(self._highest_closed, self._mu(nodes))
         if self.complete and len(nodes):
             self._closed.append(nodes)
@@ -268,7 +268,7 @@ class NodeTree:
         return float(float(np.max(nodes.bounds, initial=0.0)) ** (1.0 / self.bounding.power))
 
     def _distinct(self, cells: IntArray, parent: IntArray) -> tuple[IntArray, IntArray]:
-        """Return nodes and their parents without those whose symmetric copy was met before."""
+        """Return nodes and their parents, without symmetric copies of nodes met before."""
         if not self.bounding.by_parent:
             return cells, parent
         order = np.lexsort((-np.arange(len(parent)), parent))
@@ -277,7 +277,7 @@ class NodeTree:
         return cells[order], parent[order]
 
     def _is_new(self, cells: Cells) -> bool:
-        """Return whether no symmetric copy of a node was met before; remembers it, and records twins."""
+        """Return whether a node has no symmetric copy met before; remembers it, and records copies."""
         least, symmetry = min([(cells, NONE), *((image, i) for i, image in self._images(cells))])
         met = self._met.get(least)
         if met is None:
@@ -296,7 +296,7 @@ class NodeTree:
 
 
 def children(groups: Sequence[tuple[Pieces, slice]], nodes: IntArray, slots: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the parts of nodes, each cut at its slot, and whose parts they are.
+    """Return the children of nodes, each split at its slot, and their parents' indices.
 
     All contacts that are alike in that slot's cell go to its halves in every possible way.
 

@@ -17,7 +17,7 @@ from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.measures.global_bound import SCHEMA, is_small, reference, write_bound
 
-LARGEST = 512 * 2**20  # bytes of a file
+LARGEST = 512 * 2**20  # bytes, largest file
 
 
 @dataclass(frozen=True)

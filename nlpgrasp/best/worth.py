@@ -16,7 +16,7 @@ from nlpgrasp.problem.problem import GraspProblem
 
 @dataclass(frozen=True)
 class ContactWorth:
-    """What a contact adds, at most, to mu of any grasp, by where it is.
+    """Marginal bound on a contact's contribution to mu of any grasp, by its position.
 
     For directions y with unit work of the task and weights w of sum one, ``mu^p <= sum_i g_i(p_i)`` holds for contacts
     at any places p, with ``g_i(p) = sum_j w_j s_i(p, y_j)^p`` and the support s_i of contact i alone
@@ -37,7 +37,7 @@ class ContactWorth:
 
     @classmethod
     def of(cls, problem: GraspProblem) -> ContactWorth:
-        """Return it for a problem, in about a second.
+        """Return the marginal bound of a problem, in about a second.
 
         Raises
         ------
@@ -51,7 +51,7 @@ class ContactWorth:
         return cls(scope, tree.bounding.twists[numbers], weights / np.sum(weights))
 
     def at(self, points: FloatArray, normals: FloatArray) -> FloatArray:
-        """Return g at points of the surface with inward normals, (m, 3) each: the most of any contact, (m,).
+        """Return the bound at surface points with inward normals, (m, 3) each: the largest of any contact, (m,).
 
         NaN where no contact may be.
         """
@@ -67,7 +67,7 @@ class ContactWorth:
 
 
 def nearest_faces(body: Body, points: FloatArray, normals: FloatArray, weight: float = 1.0) -> NDArray[np.str_]:
-    """Return the name of the face that each point (m, 3) with an inward normal is on, or nearest to.
+    """Return the name of the face nearest to each point (m, 3) with an inward normal.
 
     A normal that is turned by an angle counts as a distance of ``1 - cos`` of it, times a weight and the body's size.
     """

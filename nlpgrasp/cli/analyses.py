@@ -1,4 +1,4 @@
-"""Analyses that ``nlpgrasp solve`` adds to a grasp, one after the other, each shown and written when it is done."""
+"""Analyses that ``nlpgrasp solve`` adds to a grasp, each shown and written as it completes."""
 
 from __future__ import annotations
 

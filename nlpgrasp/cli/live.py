@@ -1,4 +1,4 @@
-"""What an experiment shows while it runs."""
+"""Live view of a running experiment."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options that several commands have, and what they check."""
+"""Options shared by several commands, with their checks."""
 
 from __future__ import annotations
 

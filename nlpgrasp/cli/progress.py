@@ -1,4 +1,4 @@
-"""What a command shows while it runs: a bar or a line for people, JSON lines for programs."""
+"""Progress of a running command: a bar or lines for people, JSON lines for programs."""
 
 from __future__ import annotations
 

@@ -102,7 +102,7 @@ def one_by_one(
 
 
 def asked(options: SolveOptions, solution: GraspSolution, hand: Hand | None) -> tuple[str, ...]:
-    """Return the analyses that options ask for and a solution lacks."""
+    """Return the analyses requested by options that a solution lacks."""
     names = all_analyses(hand) if options.extras else options.analyses
     return tuple(name for name in names if not is_stated(solution, name))
 
@@ -110,7 +110,7 @@ def asked(options: SolveOptions, solution: GraspSolution, hand: Hand | None) -> 
 def analyses_of(
     bench: Workbench, start: StartGrasp, names: Iterable[str], stop: Stop
 ) -> tuple[dict[str, Any], Mapping[str, float]]:
-    """Return what analyses find of the grasp that a start ended with, by their names, and the seconds of each.
+    """Return the results of analyses of a start's grasp by name, and the seconds of each.
 
     A numerical failure, or a stop, leaves one out.
     """
@@ -128,12 +128,12 @@ def analyses_of(
 
 
 def _of_problem(name: str, bench: Workbench, start: StartGrasp, stop: Stop | None = None) -> Any:
-    """Return what an analysis that takes the problem finds, None where it fails numerically."""
+    """Return the result of an analysis that takes the problem, None where it fails numerically."""
     return attempted(partial(OF_PROBLEM[name], bench, start, stop or Stop()))
 
 
 def with_analyses(solution: GraspSolution, found: Mapping[str, Any], hand: Hand | None) -> GraspSolution:
-    """Return a solution with what analyses found; its answer and other grasps state a squeeze where the hand can."""
+    """Return a solution with results of analyses added, and with squeezes where its hand can."""
     more = {FIELDS.get(name, name): value for name, value in found.items() if value is not None}
     if "robust" in more:
         more["robust"] = more["robust"].beside(solution.mu)
@@ -149,7 +149,7 @@ def _delta(grasp: Grasp, budget: ForceBudget) -> Bounds:
 
 
 def _nu(grasp: Grasp, budget: ForceBudget) -> Volume | None:
-    """Return nu; None rather than lose a solution, or minutes, over it."""
+    """Return nu; None where it is too costly or fails."""
     if budget.at(grasp.frames, grasp.contacts).costly:
         return None
     try:
@@ -168,7 +168,7 @@ OF_PROBLEM: Mapping[str, Callable[[Workbench, StartGrasp, Stop], Any]] = {
 
 
 def added_words(before: GraspSolution, after: GraspSolution) -> str:
-    """Return in words which analyses a solution states that an earlier one did not."""
+    """Return the analyses that a solution states and an earlier one does not, as text."""
     words = (words for name, words in ANALYSES.items() if is_stated(after, name) and not is_stated(before, name))
     return ", ".join(words)
 
@@ -190,12 +190,12 @@ def _applicable(names: tuple[str, ...], problem: GraspProblem | None) -> tuple[s
 
 
 def all_analyses(hand: Hand | None) -> tuple[str, ...]:
-    """Return the names of all analyses that there can be with a hand, or without one."""
+    """Return the names of all analyses possible with a hand, or without one."""
     return tuple(name for name in ANALYSES if name != "phases" or isinstance(hand, URDFHand))
 
 
 def is_stated(solution: GraspSolution, name: str) -> bool:
-    """Return whether a solution states an analysis; of a squeeze whether it could be told."""
+    """Return whether a solution states an analysis."""
     if name == "phases":
         return "approach" in (solution.hand or {})
     return bool(getattr(solution, FIELDS.get(name, name)))
@@ -214,7 +214,7 @@ def _check_same(solution: GraspSolution, problem: GraspProblem) -> None:
 
 
 def _as_start(bench: Workbench, solution: GraspSolution, grasp: Grasp) -> StartGrasp:
-    """Return the grasp as the start that found it ended with it."""
+    """Return the grasp as the result of a start."""
     hand, posture = bench.problem.hand, solution.hand
     placed = Placed(solution.faces, grasp.points)
     if isinstance(hand, PosedHand) and isinstance(posture, Mapping):

@@ -1,4 +1,4 @@
-"""The answer of a solve: its best start, certified and measured, with how it was found."""
+"""Answer of a solve: its best start, certified and measured, with a record of the search."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ FINAL_GRACE = 2.0  # seconds the answer's certificate may take past the time lim
 
 @dataclass(frozen=True)
 class Search:
-    """The starts of a solve, and how it ended.
+    """Record of a search: its starts and how it ended.
 
     Parameters
     ----------

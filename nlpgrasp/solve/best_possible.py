@@ -1,4 +1,4 @@
-"""Best quality that any placement of a problem's contacts can have: a certified bound, and a grasp close to it."""
+"""Global optimisation of a placement: certified upper bound on mu, and a grasp close to it."""
 
 from __future__ import annotations
 

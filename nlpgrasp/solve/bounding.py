@@ -1,4 +1,4 @@
-"""Bound of a solve over all placements: a short branch and bound, or one until the gap to the answer is closed."""
+"""Global bound of a solve: a short branch and bound, or one until the gap to the answer is closed."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ OFFERED = 8  # relaxed placements that such a start begins from as well
 
 
 def bounding(problem: GraspProblem, options: SolveOptions) -> BranchAndBound | None:
-    """Return a search that has not begun; None where the bound does not cover the problem or is not wanted."""
+    """Return a branch and bound before its first node; None where it does not cover the problem or is not wanted."""
     if not options.global_bound:
         return None
     try:
@@ -31,7 +31,7 @@ def bounding(problem: GraspProblem, options: SolveOptions) -> BranchAndBound | N
 
 
 def nodes_of(problem: GraspProblem, starts: int) -> int:
-    """Return how many nodes the short search beside so many starts has: one to four seconds."""
+    """Return the number of nodes of the short branch and bound for a number of starts: one to four seconds."""
     flat, mesh = isinstance(problem.body, Box | Prism), isinstance(problem.body, Mesh)
     share = min(1.0, (ONE_OF_FLAT if flat else ONE) + EACH * (starts - 1))
     if follows_contacts(problem):
@@ -41,7 +41,7 @@ def nodes_of(problem: GraspProblem, starts: int) -> int:
 
 
 def why_not_bounded(problem: GraspProblem) -> str:
-    """Return in words why there is no bound over all placements of a problem."""
+    """Return the reason why there is no global bound for a problem, as text."""
     try:
         scope_of(problem)
     except InputError as error:

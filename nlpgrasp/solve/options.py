@@ -21,7 +21,7 @@ ANALYSES = {
     "phases": "phases of the hand",
     "drawing": "the drawing",
 }  # by name, and in words
-NARROW = 0.2  # of a gap asked for: what certificates may take of it
+NARROW = 0.2  # share of the requested gap that certificates may take
 
 
 @dataclass(frozen=True)
@@ -142,11 +142,11 @@ class SolveOptions:
 
     @property
     def seeks_room(self) -> bool:
-        """Whether mu may be given for room between a hand's joints and their limits."""
+        """Whether mu may be traded for joint-limit margins."""
         return self.joint_margin > 0.0 and self.gap is None
 
     def narrow(self) -> SolveOptions:
-        """Return the options with certificates as narrow as the gap that is asked for needs."""
+        """Return the options with certificates narrowed to the requested gap."""
         gap = inf if self.gap is None else NARROW * self.gap
         return replace(self, rtol=min(self.rtol, gap), final_rtol=min(self.final_rtol, gap))
 

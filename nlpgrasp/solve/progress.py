@@ -1,4 +1,4 @@
-"""What a solve says while it runs: nothing, a line a start, or what a function makes of it."""
+"""Progress messages of a solve: none, one line per start, or a user's callback."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ WORDS = {
 
 
 def told(progress: Progress | bool | None, starts: int) -> Progress | None:
-    """Return the function that hears of each finished start, None where nobody does.
+    """Return the callback for finished starts, None without one.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def told(progress: Progress | bool | None, starts: int) -> Progress | None:
 
 
 class Lines:
-    """Writes one line a finished start to standard error.
+    """Writer of one line per finished start to standard error.
 
     Parameters
     ----------

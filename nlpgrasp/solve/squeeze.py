@@ -1,4 +1,4 @@
-"""The squeeze of a grasp that was found, by its hand."""
+"""Squeeze of a grasp: balanced finger forces of least friction, and the hand's joint torques."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Bounds on mu over cells of the surface, from mixtures of directions."""
+"""Upper bounds on mu over surface cells, by dual weights of directions."""

@@ -1,4 +1,4 @@
-"""Largest mixed support over curved cells, by refinement of those parts that may hold it.
+"""Largest weighted support over curved cells, by adaptive subdivision.
 
 Between the corners of a part the work z of a contact is off a linear interpolation of theirs by at most Z, and off any
 corner's by at most X (``cells.base.Patches``). ``s^p`` is convex in z, and steep by at most ``p M^(p-1) L`` where no
@@ -19,16 +19,16 @@ from nlpgrasp.best.bound.supports import Between, Supports
 from nlpgrasp.best.cells.base import IntArray, Patches
 from nlpgrasp.common.validation import FloatArray
 
-ENOUGH, COARSE = 3e-3, 0.1  # relative tolerance: at least, and for cells as large as those a search begins with
-ROUNDS = 3  # of quarters
-BLOCK = 256  # parts that are cut at a time: as many as a processor's cache holds
-MARGIN = 0.3  # of the tolerance: room for other arithmetic that looks as closely (``verify.bound``)
+ENOUGH, COARSE = 3e-3, 0.1  # relative tolerance: at least; for cells as large as the first ones
+ROUNDS = 3  # subdivisions
+BLOCK = 256  # parts subdivided at a time, to fit the processor's cache
+MARGIN = 0.3  # share of the tolerance kept for other arithmetic of the same accuracy (``verify.bound``)
 
 
 def mixed_supports(
     supports: Supports, cells: IntArray, powers: FloatArray, twists: FloatArray, weights: FloatArray
 ) -> FloatArray:
-    """Return what no contact of some cells exceeds under mixtures, (c,).
+    """Return upper bounds on the weighted supports of contacts in some cells, (c,).
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def mixed_supports(
 
 
 def single_supports(supports: Supports, cells: IntArray, powers: FloatArray, twists: FloatArray) -> FloatArray:
-    """Return what no contact of some cells exceeds along each direction, (c, j); entries as of ``mixed_supports``."""
+    """Return upper bounds on the support in some cells along each direction, (c, j); see ``mixed_supports``."""
     most = np.max(powers, axis=1)
     own = [supports.curved[c] for c in cells.tolist()]
     if not any(own):
@@ -65,7 +65,7 @@ def single_supports(supports: Supports, cells: IntArray, powers: FloatArray, twi
 
 
 def tolerance(supports: Supports, cells: IntArray) -> FloatArray:
-    """Return how much more than the largest support met is good enough, relative, (c,)."""
+    """Return the accepted relative excess over the largest support met, (c,)."""
     radii = supports.radii(cells)
     return np.asarray(np.maximum(ENOUGH, COARSE * (radii / max(supports.widest, 1e-300)) ** 2))
 
@@ -73,7 +73,7 @@ def tolerance(supports: Supports, cells: IntArray) -> FloatArray:
 def between(
     supports: Supports, bends: FloatArray, largest: FloatArray, speed: FloatArray, turning: FloatArray
 ) -> FloatArray:
-    """Return how much ``s^p`` in parts may exceed that of corners whose s and ``|v|`` are no larger than these.
+    """Return a bound on the excess of ``s^p`` inside parts over corners whose s and ``|v|`` are no larger than these.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def between(
 
 
 def _used(twists: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return as many directions, (b, j, d), and weights, (b, j), as any mixture uses."""
+    """Return the directions with weights, (b, j, d), padded to the same number, and the weights, (b, j)."""
     most = int(np.max(np.count_nonzero(weights, axis=1)))
     if most == weights.shape[1]:
         return twists, weights
@@ -100,7 +100,7 @@ def _used(twists: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArr
 
 
 def _gathered(supports: Supports, cells: IntArray) -> list[tuple[Patches, FloatArray, IntArray, FloatArray, IntArray]]:
-    """Return the parts of cells by kind: patches, corners (n, c, q), their rows (n, c), bends, and the cell of each."""
+    """Return the parts of cells by kind of face: patches, corners (n, c, q), rows (n, c), bends, and cells."""
     kinds: dict[tuple[int, int], list[tuple[Between, int]]] = {}
     for i, cell in enumerate(cells.tolist()):
         for one in supports.curved[cell]:
@@ -114,7 +114,7 @@ def _gathered(supports: Supports, cells: IntArray) -> list[tuple[Patches, FloatA
 
 
 class _Look:
-    """What is known of the largest mixed support over each cell, from below and from above.
+    """Lower and upper bounds on the largest weighted support over each cell.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ class _Look:
         self._met, self._upper = met, met.copy()
 
     def at(self, patches: Patches, parts: FloatArray, owner: IntArray, upper: FloatArray) -> None:
-        """Look at parts (n, c, q) of some cells, each bounded from above, and at quarters of those that matter."""
+        """Bound parts (n, c, q) of some cells, and subdivide those that may hold the maximum."""
         for _ in range(ROUNDS):
             open_ = upper > (1.0 + self._enough[owner]) * self._met[owner]
             np.maximum.at(self._upper, owner[~open_], upper[~open_])
@@ -148,7 +148,7 @@ class _Look:
     def _quarters(
         self, patches: Patches, parts: FloatArray, owner: IntArray
     ) -> tuple[FloatArray, IntArray, FloatArray]:
-        """Return the quarters (n r, c, q) of parts (n, c, q), their cells, and what none inside exceeds, (n r,)."""
+        """Return the quarters (n r, c, q) of parts (n, c, q), their cells, and upper bounds on them, (n r,)."""
         vertices, into = patches.finer(parts)
         n, v, q = vertices.shape
         supports, weights = self._supports, self._weights[owner][:, None]
@@ -163,5 +163,5 @@ class _Look:
         return quarters, np.repeat(owner, len(into)), np.max(upper, axis=2).ravel()
 
     def result(self) -> FloatArray:
-        """Return the bounds from above, (c,), with their margin."""
+        """Return the upper bounds, (c,), with a margin for rounding."""
         return np.asarray(np.maximum(self._upper, self._met) * (1.0 + MARGIN * self._enough))

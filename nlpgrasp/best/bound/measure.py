@@ -1,4 +1,4 @@
-"""Sum of the supports of single contacts to that of a grasp, by force budget."""
+"""Combination of single contacts' supports into that of a grasp, by force budget."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel, Work
 from nlpgrasp.errors import InputError
 
-SHARED_POWER = 8.0  # of the norm that stands for the largest of the contacts' supports, from above
+SHARED_POWER = 8.0  # power of the norm that bounds the largest of the contacts' supports from above
 
 
 @dataclass(frozen=True)
 class Measure:
-    """``phi_G(y)^p <= sum_i s_i(y)^p`` for the supports s_i of single contacts, with equality but for a shared budget.
+    """Rule ``phi_G(y)^p <= sum_i s_i(y)^p`` for the supports s_i of single contacts, exact but for a shared budget.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class Measure:
         return np.asarray(square if self.power == 2.0 else square ** (0.5 * self.power))
 
     def steepness(self, contact: ContactModel, components: int) -> float:
-        """Return the most that s changes with z: the length of the largest force of one unit."""
+        """Return the Lipschitz constant of s in z: the length of the largest force of one unit."""
         if self.lengths:
             return 1.0
         return float(np.sqrt(1.0 + sum(c**2 for _, c in contact.blocks(components))))

@@ -1,4 +1,4 @@
-"""Mixed supports of one contact at all corners of a mesh's triangles at once."""
+"""Weighted supports of one contact at all corners of a mesh's triangles at once."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Numbers = FloatArray | NDArray[np.float32]
 
 
 class Corners:
-    """Contacts at some rows, with what their work is made of as products of matrices.
+    """Contacts at mesh corners, whose work is evaluated by matrix products.
 
     With the arm a from the middle of all rows and the inward normal n, the twist's force part taken about that middle,
     the work along the normal is ``n . f + (a x n) . tau``, and the squared velocity ``|f + tau x a|^2`` is linear in 1,
@@ -64,7 +64,7 @@ class Corners:
         return result
 
     def _powers(self, twists: Numbers, squares: Numbers, part: slice) -> Numbers:
-        """Return ``s^p`` of some rows along twists, (j, m)."""
+        """Return ``s^p`` at some rows along twists, (j, m)."""
         contact, measure = self.supports.contact, self.supports.measure
         if measure.lengths:  # the square is as exact as its parts, though what is across the normal may not be
             along = twists @ self._along[:, part]
@@ -85,7 +85,7 @@ class Corners:
 
 
 def _squares(twists: FloatArray) -> FloatArray:
-    """Return what ``|f + tau x a|^2`` has of 1, a, the squares of a's components and their products, (j, 10)."""
+    """Return the coefficients of ``|f + tau x a|^2`` in 1, a, and the products of a's components, (j, 10)."""
     force, (x, y, z) = twists[:, :3], twists[:, 3:].T
     square = x * x + y * y + z * z
     parts = [square - x * x, square - y * y, square - z * z, -2.0 * x * y, -2.0 * y * z, -2.0 * z * x]

@@ -1,4 +1,4 @@
-"""Mixtures of directions, and the one with the least bound: a batch of small linear programs by interior points.
+"""Optimal dual weights of directions: a batch of small linear programs, by an interior-point method.
 
 For supports ``A[i, v, j]`` of contact i at row v along direction j, the least bound over mixtures,
 ``min over lambda of sum_i max_v sum_j lambda_j A[i, v, j]``, is a linear program; its dual spreads each contact over
@@ -16,35 +16,35 @@ from nlpgrasp.best.cells.base import IntArray
 from nlpgrasp.common.validation import FloatArray
 
 ITERATIONS = 14
-CENTRING = 0.05
-ENOUGH = 1e-6  # mean complementarity, relative to the largest support
-INSIDE = 0.95  # share of the way to the boundary
+CENTRING = 0.05  # centring parameter of the path-following method
+ENOUGH = 1e-6  # mean complementarity, relative to the largest support, at which iterations end
+INSIDE = 0.95  # share of the step to the boundary
 REGULAR = 1e-9
-LIGHT = 1e-3  # weight below which a direction is left out
-DIGITS = 8  # of weights as they are written
-LEAST = 1e-5  # weights below are not written
+LIGHT = 1e-3  # weight below which a direction is dropped
+DIGITS = 8  # digits of recorded weights
+LEAST = 1e-5  # smallest weight recorded
 
 
 class Mixture(NamedTuple):
-    """Directions by number, (j,), and their weights, (j,), at least zero."""
+    """Dual weights, (j,), at least zero, of directions by number, (j,)."""
 
     numbers: IntArray
     weights: FloatArray
 
     def written(self) -> Mixture:
-        """Return the mixture as it is written: weights of few digits, without those that hardly count."""
+        """Return the weights as recorded: few digits, without negligible ones."""
         weights = rounded(self.weights)
         return Mixture(self.numbers[weights > 0.0], weights[weights > 0.0])
 
 
 def rounded(weights: FloatArray) -> FloatArray:
-    """Return weights (j,) as they are written; zero for those that are not."""
+    """Return weights (j,) rounded to the recorded digits."""
     result = np.where(weights < LEAST, 0.0, np.round(weights, DIGITS))
     return np.asarray(np.round(result / np.sum(result), DIGITS)) if np.count_nonzero(result) == 1 else result
 
 
 def mixtures(A: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return weights of directions and the designs that go with them.
+    """Return optimal dual weights of directions, with the fractional placements dual to them.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def mixtures(A: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 class _Program:
-    """The state of all linear programs: weights, designs, and the slacks of both.
+    """Interior-point state of a batch of linear programs: weights, fractional placements, and slacks of both.
 
     ``slack = t_i - A_i lambda`` belongs to the designs, ``worth = A^T w - theta`` to the directions.
     """
@@ -133,6 +133,6 @@ class _Program:
 
 
 def _way(x: FloatArray, step: FloatArray) -> FloatArray:
-    """Return how much of a step keeps x positive, at most 1, (b,)."""
+    """Return the largest step at most 1 that keeps x positive, (b,)."""
     back = np.max((-step / x).reshape(len(x), -1), axis=1)
     return np.asarray(np.minimum(1.0, INSIDE / np.maximum(back, 1e-9)))

@@ -1,4 +1,4 @@
-"""Bounding of nodes by a mixture of directions each: small linear programs, solved for a batch of nodes at once."""
+"""Bounding strategy with dual weights per node: small linear programs, solved in batches."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from nlpgrasp.best.scope.scope import Scope
 from nlpgrasp.common.validation import FloatArray
 
 BATCH = 64
-DIRECTIONS = 16  # of a mixture
+DIRECTIONS = 16  # directions per node
 FEWEST, PART = 8, 4  # nodes cut at a time: at least, and of those so far one in so many
 WORK = 500_000  # rows times directions of a batch
 BATCHES = 4  # of such work: nodes that are cut at a time have no more themselves
-MOST_OPEN = 100_000  # nodes, beyond which a search ends
-MOST_LEAVES = 10_000  # that are recorded
+MOST_OPEN = 100_000  # open nodes at which a search ends
+MOST_LEAVES = 10_000  # recorded leaves, at most
 FIRST_ROUNDS = 24  # of linear programs, of a tree that begins with one node
 SPREAD = 1e-2  # weight of a cell's squared radius beside the variance of a contact that is spread over it
 
@@ -29,7 +29,7 @@ Best = tuple[FloatArray, FloatArray, IntArray]  # bounds, weights and numbers of
 
 
 class NodeMixtures(Bounding):
-    """The strategy for bodies other than meshes: every node has the best mixture for its own cells.
+    """Bounding strategy for bodies other than meshes: every node has optimal dual weights for its own cells.
 
     Mixtures have as many directions each; a node that its parent's mixture closes shares it.
 
@@ -45,7 +45,7 @@ class NodeMixtures(Bounding):
         self._placement_of: dict[Cells, FractionalPlacement] = {}
 
     def bounded(self, cells: IntArray, parents: Nodes | None, target: float) -> Nodes:
-        """Return nodes (n, k) with their bounds, batch by batch, in the order in which bounds are settled."""
+        """Return nodes (n, k) with their bounds, batch by batch, in the order of completion."""
         self.placements = []
         if parents is None:
             first = np.tile(self.twists.first(), (len(cells), 1))
@@ -56,7 +56,7 @@ class NodeMixtures(Bounding):
         return Nodes.joined([Nodes.none(cells.shape[1]), *chain.from_iterable(batches)])
 
     def _batches(self, cells: IntArray) -> Iterator[slice]:
-        """Yield ranges of nodes that are few and little work enough to be bounded together."""
+        """Yield ranges of nodes small enough to be bounded together."""
         work, begin = self._work(cells), 0
         while begin < len(cells):
             end = begin + min(BATCH, 1 + int(np.searchsorted(np.cumsum(work[begin:]), WORK)))
@@ -64,7 +64,7 @@ class NodeMixtures(Bounding):
             begin = end
 
     def _inherited(self, cells: IntArray, inherited: IntArray, target: float) -> list[Nodes]:
-        """Return nodes (b, k) with their bounds, by their parents' mixtures (b,) where these are at most the target."""
+        """Return nodes (b, k) with bounds by their parents' dual weights (b,), where these are at most the target."""
         numbers, weights = self._dense(inherited)
         bounds = self._table(cells, numbers).bounds(weights)
         low = bounds <= target
@@ -72,7 +72,7 @@ class NodeMixtures(Bounding):
         return [closed, *self._rounds(cells[~low], numbers[~low], weights[~low], target)]
 
     def _rounds(self, cells: IntArray, numbers: IntArray, weights: FloatArray | None, target: float) -> list[Nodes]:
-        """Return nodes (b, k) with their bounds by mixtures of their own, round by round those that are settled.
+        """Return nodes (b, k) with bounds by dual weights of their own, as they converge.
 
         Parameters
         ----------
@@ -117,7 +117,7 @@ class NodeMixtures(Bounding):
         return order[: 1 + int(np.searchsorted(work, BATCHES * WORK))]
 
     def slots(self, nodes: Nodes) -> IntArray:
-        """Return the slot whose contact is most spread over its cell; ``NONE`` where all cells are points."""
+        """Return the slot with the largest spread of a contact over its cell; ``NONE`` where all cells are points."""
         return np.array([self._loosest_slot(tuple(cells)) for cells in nodes.cells.tolist()], dtype=np.int64)
 
     def _loosest_slot(self, cells: Cells) -> int:
@@ -134,7 +134,7 @@ class NodeMixtures(Bounding):
         return best
 
     def recomputed(self, nodes: Nodes) -> FloatArray:
-        """Return bounds from weights as they are written; of one direction alone by the budget's own sum."""
+        """Return bounds recomputed from recorded weights; of one direction alone by the budget's own sum."""
         found, measure = [np.zeros(0)], self.scope.measure
         for i in range(0, len(nodes), BATCH):
             numbers, weights = self._dense(nodes.mixtures[i : i + BATCH])
@@ -154,7 +154,7 @@ class NodeMixtures(Bounding):
         return SupportTable(self.scope.groups, cells, self.twists[numbers])
 
     def _dense(self, own: IntArray) -> tuple[IntArray, FloatArray]:
-        """Return the directions and weights of some mixtures, (b, j) each."""
+        """Return the directions and weights of several dual weights, (b, j) each."""
         chosen = [self.mixtures[i] for i in own.tolist()]
         return np.stack([m.numbers for m in chosen]), np.stack([m.weights for m in chosen])
 
@@ -165,7 +165,7 @@ class NodeMixtures(Bounding):
 
 
 def _lower(new: Best, old: Best) -> Best:
-    """Return the lower of two bounds of each node, with the mixtures that give it."""
+    """Return the lower of two bounds of each node, with its dual weights."""
     better = (new[0] < old[0]) | np.isinf(old[0])
     weights, numbers = (np.where(better[:, None], new[i], old[i]) for i in (1, 2))
     return np.minimum(new[0], old[0]), weights, numbers

@@ -1,4 +1,4 @@
-"""Bounding of nodes on a mesh by mixtures of directions that all nodes share, made for a few of the loosest nodes.
+"""Bounding strategy for meshes: dual weights shared by all nodes, optimised for a few of the loosest.
 
 A mixture bounds every placement. Its largest values over all clusters of the mesh are computed once, so that a node is
 bounded in microseconds by the least of many short sums.
@@ -28,8 +28,8 @@ APART = 2  # cells in which these differ at least
 DIRECTIONS = 24  # of a node that a mixture is made for
 ROWS = 24  # of a cell that a linear program sees to begin with
 NEAR = 4  # mixtures whose directions such a node begins with
-MOST_OPEN, MOST_MIXTURES = 2_000_000, 6000  # beyond which a search ends
-MOST_LEAVES = 40_000  # that are recorded
+MOST_OPEN, MOST_MIXTURES = 2_000_000, 6000  # open nodes, and dual weights, at which a search ends
+MOST_LEAVES = 40_000  # recorded leaves, at most
 BATCH = 512  # nodes of the recorded tree that are cut at a time
 AGAIN = np.float32(1e-6)  # relative: a node of the recorded tree whose bound exceeds the search's by less is not cut
 FIRST = 64  # mixtures that there is room for to begin with
@@ -40,7 +40,7 @@ Single = NDArray[np.float32]
 
 
 class SharedMixtures(Bounding):
-    """The strategy for meshes: the least of all mixtures bounds a node, and it is cut where that lowers bounds most.
+    """Bounding strategy for meshes: a node's bound is the least over shared dual weights.
 
     Mixtures come from the linear program of ``best.bound.mixtures``, over the rows that known mixtures point to. The
     tree that is recorded is grown anew from all of them: it needs a tenth of the nodes.
@@ -58,7 +58,7 @@ class SharedMixtures(Bounding):
         self.power, self.maxima = scope.measure.power, ClusterMaxima(scope, self.twists, self.mixtures)
 
     def bounded(self, cells: IntArray, parents: Nodes | None, target: float) -> Nodes:
-        """Return nodes (n, k) with the least bounds of all mixtures; where there are none yet, make some for these."""
+        """Return nodes (n, k) with their least bounds over all dual weights; computes the first if there are none."""
         del target
         if not self.mixtures:
             first = self.twists.first()
@@ -78,7 +78,7 @@ class SharedMixtures(Bounding):
         return where[bounds >= np.quantile(bounds, CUT)]
 
     def _renewed(self, nodes: Nodes) -> IntArray:
-        """Return where some nodes with the largest bounds are, the largest first, by the mixtures there are now."""
+        """Return the indices of nodes with the largest bounds, the largest first, by all dual weights known now."""
         every = np.arange(len(nodes))
         where = every if len(nodes) <= TOP else np.argpartition(-nodes.bounds, TOP - 1)[:TOP]
         found, mixture = self.maxima.bounds(nodes.cells[where])
@@ -87,7 +87,7 @@ class SharedMixtures(Bounding):
         return where[np.argsort(-nodes.bounds[where], kind="stable")]
 
     def slots(self, nodes: Nodes) -> IntArray:
-        """Return the slot where parts have the least bounds on average; ``NONE`` where no cell has parts."""
+        """Return the slot whose split lowers the children's mean bound most; ``NONE`` where no cell can be split."""
         chosen, score = np.full(len(nodes), NONE), np.full(len(nodes), np.inf)
         for slot in range(nodes.cells.shape[1]):
             can = nodes.cells[:, slot] < self.maxima.clusters.last
@@ -104,7 +104,7 @@ class SharedMixtures(Bounding):
         return chosen
 
     def improve(self, nodes: Nodes, target: float) -> IntArray:
-        """Make mixtures for a few of the loosest nodes; return which of the others are at most the target."""
+        """Add dual weights for a few of the loosest nodes; return which of the others are at most the target."""
         where = self._renewed(nodes)
         low = nodes.bounds[where] <= target**self.power
         few = self._apart(nodes.cells[where[~low]])
@@ -120,7 +120,7 @@ class SharedMixtures(Bounding):
         return np.array(chosen, dtype=np.int64)
 
     def _improve(self, nodes: IntArray, rounds: int) -> list[FractionalPlacement]:
-        """Make mixtures for nodes (b, k) in some rounds; return the placements that the last of them rest on.
+        """Add dual weights for nodes (b, k) in some rounds; return the last relaxed placements.
 
         A round's mixture is looked at over the node's own cells alone, and the best of them is kept.
         """
@@ -157,7 +157,7 @@ class SharedMixtures(Bounding):
         return np.where(again[..., None], 0.0, np.concatenate(parts, axis=1))
 
     def _directions(self, node: IntArray) -> IntArray:
-        """Return the directions of the mixtures that are the least over a node, the heaviest first, (DIRECTIONS,)."""
+        """Return the directions of the dual weights that bound a node best, the heaviest first, (DIRECTIONS,)."""
         near = [self.mixtures[i] for i in np.argsort(self.maxima.each(node))[:NEAR].tolist()]
         numbers, weights = (np.concatenate(parts) for parts in zip(*near, strict=True))
         heavy = numbers[np.argsort(-weights, kind="stable")]
@@ -165,12 +165,12 @@ class SharedMixtures(Bounding):
         return np.concatenate([once, self.twists.first()])[:DIRECTIONS]
 
     def _rows(self, node: IntArray) -> IntArray:
-        """Return rows of each cell that do most under the mixtures that are the least over a node, (k, ROWS)."""
+        """Return the rows of each cell with the largest weighted supports in a node, (k, ROWS)."""
         near = np.argsort(self.maxima.each(node))[:ROWS]
         return self.maxima.rows(node, np.resize(near, ROWS))
 
     def is_full(self, count: int) -> bool:
-        """Return whether so many open nodes, or the mixtures, are as many as memory is meant for."""
+        """Return whether so many open nodes, or the dual weights, exceed the memory limit."""
         return super().is_full(count) or len(self.mixtures) >= MOST_MIXTURES
 
     def recorded(self, tree: NodeTree) -> NodeTree:
@@ -194,7 +194,7 @@ class SharedMixtures(Bounding):
 
 
 class ClusterMaxima:
-    """The largest values of mixtures over the clusters of a mesh.
+    """Largest weighted supports over the clusters of a mesh, for all shared dual weights.
 
     A mixture w of directions y bounds every placement, ``mu^p <= sum_i g_i(p_i)`` with
     ``g_i(p) = sum_j w_j s_i(p, y_j)^p``. Kept are the largest g over each cluster, for contacts that are alike. They
@@ -228,7 +228,7 @@ class ClusterMaxima:
         self._cluster = np.repeat(np.arange(clusters.last), np.diff(clusters.begin))
 
     def add(self, mixture: Mixture) -> None:
-        """Add a mixture."""
+        """Add dual weights."""
         k, last = len(self._mixtures), self.clusters.last
         if k == self._most.shape[1]:
             self._most, self._where = (np.concatenate([a, np.zeros_like(a)], axis=1) for a in (self._most, self._where))

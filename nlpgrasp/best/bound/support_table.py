@@ -1,4 +1,4 @@
-"""Powers of supports over the cells of many nodes at once, and the bounds that mixtures of them give."""
+"""Support tables over the cells of many nodes, and the bounds that dual weights give."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from nlpgrasp.best.cells.base import IntArray
 from nlpgrasp.best.scope.pieces import Pieces
 from nlpgrasp.common.validation import FloatArray
 
-FEW = 8  # rows of a cell that a mixture sees all of
-MARGIN = 1e-9  # relative: what rounding may take from a bound
+FEW = 8  # rows per cell up to which linear programs use all
+MARGIN = 1e-9  # relative, for rounding in a bound
 
 
 @dataclass(frozen=True)
 class GroupTable:
-    """Powers of supports for the slots of some pieces, each distinct pair of node and cell once.
+    """Support table of identical contacts over the cells of nodes, without duplicate pairs of node and cell.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class GroupTable:
         return rows, np.take_along_axis(self.powers, where[..., None], axis=1)
 
     def maxima(self, weights: FloatArray) -> FloatArray:
-        """Return what no contact exceeds under each node's mixture, (b, s)."""
+        """Return upper bounds under each node's dual weights, (b, s)."""
         supports = self.pieces.supports
         if supports.bent:
             found = mixed_supports(supports, self.cells, self.powers, self.twists, weights[self.owner])
@@ -78,7 +78,7 @@ class GroupTable:
         return np.asarray(np.max(self.mixed(weights), axis=1)[self.back])
 
     def along(self) -> FloatArray:
-        """Return what no contact exceeds along each direction alone, (b, s, j)."""
+        """Return upper bounds along each direction alone, (b, s, j)."""
         return single_supports(self.pieces.supports, self.cells, self.powers, self.twists)[self.back]
 
 
@@ -89,7 +89,7 @@ def _padded(parts: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 
 class SupportTable:
-    """Powers of supports for some nodes: by slot, row of its cell, and direction.
+    """Support table of several nodes: powers by slot, row of its cell, and direction.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ class SupportTable:
         return np.concatenate([part.maxima(weights) for part in self._parts], axis=1)
 
     def bounds(self, weights: FloatArray) -> FloatArray:
-        """Return the bounds that mixtures give, (b,), with a margin for rounding."""
+        """Return the nodes' bounds by dual weights, (b,), with a margin for rounding."""
         power = self._measure.power
         return np.asarray(np.sum(self.maxima(weights), axis=1) ** (1.0 / power) * (1.0 + MARGIN))
 

@@ -1,4 +1,4 @@
-"""Supports of one contact over cells: the most work it does along twists from anywhere in them."""
+"""Support bounds of one contact over cells: largest work along twists from anywhere in them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TORSION = 3  # component of a contact-frame wrench that is the moment about the 
 
 @dataclass(frozen=True)
 class Between:
-    """What lies between a cell's rows on one curved face.
+    """Parts of a cell between its rows on one curved face, with their bends.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class Between:
 
 
 class Supports:
-    """The rows of cells for one contact model, and what the contact does along twists from them.
+    """Rows of cells for one contact model, and its supports along twists from them.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Directions of wrench space that bounds are mixed from, by number."""
+"""Numbered directions of wrench space for dual weights."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from nlpgrasp.common.directions import directions
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.tasks import Task
 
-RANDOM, RECENT = 200, 60  # directions at random beside the lattice, and latest ones
+RANDOM, RECENT = 200, 60  # random directions beside the lattice; recent ones kept
 TRIED = 300  # along which a design is tried
 FLAT = 1e-9
 FRESH = 4  # directions of a node that are replaced: one of so many
 STARTS = 3  # of the node's own directions that descents begin from, or between, beside the weakest of those tried
-ALIKE = 0.999  # cosine of directions that are the same
+ALIKE = 0.999  # cosine above which directions count as the same
 DIGITS, ABOVE, UNIT = 11, 5e-10, 9e-10  # of directions; how far a unit of work is exceeded, about and at most
 
 
@@ -74,7 +74,7 @@ class Twists:
         return np.resize(chosen, self.per_node)
 
     def tried(self) -> FloatArray:
-        """Return some directions along which designs may be weak: well-spread, random and recent ones."""
+        """Return directions along which relaxed placements may be weak: well-spread, random and recent ones."""
         chosen = self._rng.permutation(len(self.lattice))[: TRIED - len(self._recent)]
         return np.concatenate([self.lattice[chosen], self._recent])
 
@@ -91,7 +91,7 @@ class Twists:
         rows: IntArray,
         shares: FloatArray,
     ) -> IntArray:
-        """Return directions of some nodes, the least useful replaced by those in which spread-out contacts are weakest.
+        """Return directions of some nodes, the least useful replaced by the weakest ones of relaxed placements.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Weakest directions of designs (contacts spread over their cells): least quality over directions, by descent."""
+"""Weakest directions of fractional placements (contacts spread over their cells), by descent."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LEAST = 1e-2  # weight of a contact in the quadratic model, relative to the larg
 
 @dataclass(frozen=True)
 class Design:
-    """How contacts that are alike are spread over rows, for a batch of nodes.
+    """Fractional placement of identical contacts over rows, for a batch of nodes.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class Design:
 
     @classmethod
     def over(cls, supports: Supports, rows: IntArray, weights: FloatArray, most: int) -> Design:
-        """Return the design of a batch over rows (b, m), of the heaviest of them alone where there are many."""
+        """Return the fractional placements of a batch over rows (b, m), of the heaviest alone where there are many."""
         if rows.shape[1] > most:
             heavy = np.argpartition(-weights, most, axis=1)[:, :most]
             total = np.sum(weights, axis=1, keepdims=True)
@@ -92,7 +92,7 @@ def normalised(task: Task, twists: FloatArray) -> FloatArray:
 def descended(
     designs: Sequence[Design], task: Task, twists: FloatArray, steps: int = STEPS
 ) -> tuple[FloatArray, FloatArray]:
-    """Follow ``phi_G / phi_A`` of designs downhill from twists (b, m, d): inverse iteration on a quadratic model.
+    """Minimise ``phi_G / phi_A`` of fractional placements from twists (b, m, d), by inverse iteration.
 
     Returns
     -------

@@ -1,1 +1,1 @@
-"""Pieces of a body's surface that a contact may lie on, and how they are cut in two."""
+"""Surface cells for branch and bound: subdivisions of a body's faces."""

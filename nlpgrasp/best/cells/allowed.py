@@ -1,4 +1,4 @@
-"""What constraints on single contacts leave of faces and cells."""
+"""Allowed regions of single contacts: faces and cells clipped by constraints."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from nlpgrasp.best.cells.base import Cell, Surface
 from nlpgrasp.best.cells.polygon import FlatFace, clipped
 from nlpgrasp.common.validation import FloatArray
 
-THIN = 1e-9  # relative to a face: a piece that is thinner is nothing
+THIN = 1e-9  # relative to a face: thinner pieces are dropped
 
 
 @dataclass(frozen=True)
 class HalfSpaces:
-    """An intersection of half-spaces ``A (p - radius n) <= b``, n the inward normal.
+    """Intersection of half-spaces ``A (p - radius n) <= b``, n the inward normal.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class HalfSpaces:
 
 @dataclass(frozen=True)
 class Distance:
-    """At least a distance from another body, for the fingertip's centre.
+    """Least distance of a fingertip's centre from another body.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class Distance:
 
 @dataclass(frozen=True)
 class Allowed:
-    """Where one contact may be.
+    """Allowed region of one contact.
 
     Parameters
     ----------
@@ -77,16 +77,16 @@ class Allowed:
     away: tuple[Distance, ...] = ()
 
     def __add__(self, other: Allowed) -> Allowed:
-        """Return where both permit the contact to be."""
+        """Return the intersection of both regions."""
         return Allowed(self.inside + other.inside, self.outside + other.outside, self.away + other.away)
 
     @property
     def limited(self) -> bool:
-        """Whether there is anything that the contact may not do."""
+        """Whether there is any restriction."""
         return bool(self.inside or self.outside or self.away)
 
     def left_of(self, surface: Surface) -> Surface | None:
-        """Return the face, of a flat one what half-spaces leave of it; None where nothing is left."""
+        """Return the face, a flat one clipped by half-spaces; None where nothing is left."""
         if not isinstance(surface, FlatFace):
             return surface
         size = max(float(np.max(np.ptp(piece, axis=0))) for piece in surface.pieces)
@@ -100,7 +100,7 @@ class Allowed:
         return FlatFace(surface.name, pieces, surface.normal) if pieces else None
 
     def excludes(self, cell: Cell) -> bool:
-        """Return whether no point of the cell is allowed for certain."""
+        """Return whether a cell certainly contains no allowed point."""
         centre, radius = cell.ball()
         for limits in self.inside:
             if np.any(limits.A @ centre - limits.b > radius + limits.radius):
@@ -111,7 +111,7 @@ class Allowed:
         return any(most < least for most, least in reach)
 
     def same_after(self, rotation: FloatArray, translation: FloatArray, tolerance: float) -> bool:
-        """Return whether a rigid motion or reflection is known to leave what is allowed as it is."""
+        """Return whether the region is known to be invariant under a rigid motion or reflection."""
         if self.outside or self.away:
             return False
         if not self.inside:
@@ -125,7 +125,7 @@ class Allowed:
         return bool(np.max(apart.min(axis=1)) <= tolerance)
 
     def each(self, points: FloatArray, normals: FloatArray, slack: float = 0.0) -> NDArray[np.bool_]:
-        """Return which of the points (m, space) are allowed, but for a slack in metres."""
+        """Return the mask of allowed points (m, space), up to a slack in metres."""
         kept = np.ones(len(points), dtype=bool)
         for limits in self.inside:
             kept &= np.all(limits.excess(points, normals) <= slack, axis=1)
@@ -137,7 +137,7 @@ class Allowed:
 
 
 def _without(piece: FloatArray, hole: HalfSpaces) -> list[FloatArray]:
-    """Return convex pieces that cover what a convex piece has outside of an open polytope."""
+    """Return convex pieces that cover a convex piece outside of an open polytope."""
     result = []
     for row, offset in zip(hole.A, hole.b, strict=True):
         if len(piece) < 2:

@@ -1,4 +1,4 @@
-"""Interface of cells, of faces made of cells, and of the small parts of curved ones."""
+"""Interfaces of cells, of faces made of cells, and of the small parts of curved cells."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ IntArray = NDArray[np.int64]
 
 
 class Patches(Protocol):
-    """A curved face whose parts have corners (c, q): c coordinates of q numbers."""
+    """Interface of a curved face whose parts have corners (c, q): c coordinates of q numbers."""
 
     def contacts(self, coordinates: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return points, metres, and inward unit normals at coordinates (m, q), (m, 3) each."""
@@ -37,7 +37,7 @@ class Patches(Protocol):
 
 @dataclass(frozen=True)
 class Curved:
-    """The small parts of a cell on a curved face.
+    """Small parts of a cell on a curved face.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class Curved:
 
 @dataclass(frozen=True)
 class Rows:
-    """Contacts that stand for a cell: what one of them bounds, it bounds for its part of the cell.
+    """Representative contacts of a cell: bounds on all of them bound the cell.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ Cut = int | list[list[int]]
 
 
 class Cell(ABC):
-    """A piece of a face.
+    """Interface of a cell: a piece of a face.
 
     A convex function of the work z of a contact anywhere in the cell is at most its largest value over the rows plus,
     where the cell is curved, what its parts' bends allow for (docs/how_close.md).
@@ -86,7 +86,7 @@ class Cell(ABC):
 
     @abstractmethod
     def rows(self) -> Rows:
-        """Return the contacts that stand for the cell."""
+        """Return the representative contacts of the cell."""
 
     @abstractmethod
     def split(self) -> tuple[Cell, ...]:
@@ -94,7 +94,7 @@ class Cell(ABC):
 
     @abstractmethod
     def cut(self) -> Cut:
-        """Return how ``split`` cuts, so that others can make the same parts: each kind says what the number means."""
+        """Return how ``split`` divides the cell, for a certificate; the meaning depends on the kind of cell."""
 
     @abstractmethod
     def ball(self) -> tuple[FloatArray, float]:
@@ -102,11 +102,11 @@ class Cell(ABC):
 
     @abstractmethod
     def anchors(self) -> FloatArray:
-        """Return points (m, space), metres, that tell the cell from all others of the body."""
+        """Return points (m, space), metres, that identify the cell among all others of the body."""
 
     @abstractmethod
     def to_dict(self) -> Json:
-        """Return ``kind`` and the numbers from which anyone can make the rows again."""
+        """Return ``kind`` and the numbers that determine the rows."""
 
     def uncut(self) -> Json:
         """Return the data of a cell of which no part is needed."""
@@ -114,7 +114,7 @@ class Cell(ABC):
 
 
 class Surface(ABC):
-    """A face of the body, by cells that cover it.
+    """Interface of a body's face as a union of cells.
 
     Parameters
     ----------

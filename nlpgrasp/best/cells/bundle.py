@@ -1,4 +1,4 @@
-"""Several cells as one: the faces of a body that has many, and the triangles of a mesh."""
+"""Bundles of cells: unions of faces of a body that has many, or of triangles of a mesh."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from nlpgrasp.common.validation import FloatArray
 
 
 class BundleCell(Cell):
-    """The union of cells: what all of their rows bound.
+    """Union of cells, with the rows of all.
 
     Parameters
     ----------

@@ -128,7 +128,7 @@ def _length(v: FloatArray) -> FloatArray:
 
 
 def _enclosing(sides: FloatArray) -> FloatArray:
-    """Return the radius of the smallest circle around arcs, or triangles, with these sides as drawn in a plane, (m,).
+    """Return the radius of the smallest circle around arcs, or plane triangles, with these side lengths, (m,).
 
     Sides (c, m) are angles on the sphere; in the plane that touches it they are longer, by ``t / sin t`` at most.
     """

@@ -1,4 +1,4 @@
-"""The faces of each kind of body as surfaces made of cells."""
+"""Faces of each kind of body as unions of cells."""
 
 from __future__ import annotations
 

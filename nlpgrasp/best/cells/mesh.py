@@ -1,4 +1,4 @@
-"""Cells of a mesh: clusters of its triangles, halved until they are small, with their own normals."""
+"""Cells of a mesh: a binary tree of triangle clusters."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SMALLEST = 1e-300  # twice the area of a triangle that has a normal
 
 
 class Clusters:
-    """A balanced tree over pieces of triangles: node i has the children 2 i and 2 i + 1, the root is 1.
+    """Balanced binary tree of triangle pieces: node i has the children 2 i and 2 i + 1, the root is 1.
 
     A piece is flat, so that convex functions of a contact's work are largest at one of its corners: the rows of a
     cluster are the corners of its pieces with the normal of each.

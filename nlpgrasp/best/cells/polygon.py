@@ -1,4 +1,4 @@
-"""Convex polygons and segments: cells of flat faces, on which the vertices say it all."""
+"""Cells of flat faces: convex polygons and segments, bounded by their vertices."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class PolygonCell(Cell):
 
 
 class FlatFace(Surface):
-    """A flat face, or what constraints leave of it, as convex polygons.
+    """Flat face, or what constraints leave of it, as convex polygons.
 
     Parameters
     ----------

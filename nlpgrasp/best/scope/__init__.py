@@ -1,1 +1,1 @@
-"""The part of a problem that the bound covers: places of contacts, cells, symmetries."""
+"""Scope of the bound: allowed regions of contacts, root cells, symmetries."""

@@ -1,4 +1,4 @@
-"""Cells that one contact, or several alike, may be in, by number; each is cut in two when its parts are needed."""
+"""Numbered cells of one contact, or several identical ones, split on demand."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NONE = -1
 
 
 class Bundled(IntEnum):
-    """Which cells are one to begin with: none, those of each face, or all."""
+    """Bundling of first cells: none, by face, or all."""
 
     NONE = 0
     FACES = 1
@@ -28,7 +28,7 @@ class Bundled(IntEnum):
 
 @dataclass(frozen=True)
 class Roots:
-    """The cells that contacts begin with.
+    """Root cells of contacts.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class Roots:
 
 
 class Pieces:
-    """Cells of the faces that some contacts may use, numbered in the order in which they are made.
+    """Numbered cells of the faces that some contacts may use.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ class Pieces:
 
 
 class ClusterPieces(Pieces):
-    """The clusters of a mesh that some contacts may use, with their numbers in the tree of clusters.
+    """Numbered clusters of a mesh that some contacts may use.
 
     Their rows are those of ``supports``: the corners of all pieces of the mesh, in order.
     """

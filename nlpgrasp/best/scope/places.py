@@ -1,4 +1,4 @@
-"""Allowed places of each contact, by the constraints on it alone; the others are left out and named."""
+"""Allowed region of each contact, by the constraints on it alone; other constraints are relaxed and named."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ EXACT = (Box, Cylinder, Polygon, Prism, Sphere, Torus)  # bodies whose distance 
 
 @dataclass(frozen=True)
 class Places:
-    """Where one contact may be.
+    """Allowed faces and region of one contact.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Scope of the bound: the relaxed problem that it covers, and what it leaves out."""
+"""Scope of the bound: the relaxed problem that it covers, and what it omits."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.tasks import Task
 
 KINDS = ("point", "friction", "soft")  # contacts without a direction along the surface, on which curved cells rest
-MOST_ROOTS = 300  # nodes that a tree begins with; of more, first cells are bundled
+MOST_ROOTS = 300  # root nodes, at most: above that first cells are bundled
 
 
 @dataclass(frozen=True)
 class Scope:
-    """What is bounded: placements of the contacts, each in its own places, for the task.
+    """Relaxed problem of the bound: placements of contacts in their own allowed regions, for the task.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class Scope:
 
     @property
     def complete(self) -> bool:
-        """Whether nothing was left out that says which contacts go together."""
+        """Whether nothing was omitted that couples contacts."""
         return set(self.dropped) <= {EDGES}
 
     @property

@@ -1,4 +1,4 @@
-"""Symmetries that body, task and constraints share: of finitely many motions, and of all turns about an axis.
+"""Symmetries shared by body, task and constraints: finite groups, and rotations about an axis.
 
 Placements that are images of others need no second look.
 """
@@ -22,7 +22,7 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope, TaskSum
 
 SAME = 1e-9  # relative
-TURN = 1.0  # radians: a turn by it belongs to no symmetry but a continuous one
+TURN = 1.0  # radians, of a rotation that only continuous symmetries contain
 
 FirstCells = dict[Surface, Sequence[Cell]]
 Turned = tuple[str, FirstCells]
@@ -89,7 +89,7 @@ def turn_about(axis: FloatArray) -> FloatArray:
 
 
 class Symmetry:
-    """A rigid motion or reflection ``p -> R p + t`` that maps what is asked onto itself.
+    """Rigid motion or reflection ``p -> R p + t`` that maps the problem onto itself.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The command ``nlpgrasp demo``: a first grasp, from nothing to a page that shows it."""
+"""The command ``nlpgrasp demo``: a first grasp with its report page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the command ``nlpgrasp hand`` makes of names: links, fingertips and presets, with those that are near."""
+"""Arguments of the command ``nlpgrasp hand``: links, fingertips and presets by name, with suggestions."""
 
 from __future__ import annotations
 

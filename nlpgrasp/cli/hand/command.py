@@ -1,4 +1,4 @@
-"""The command ``nlpgrasp hand``: see a hand before anything is solved with it."""
+"""The command ``nlpgrasp hand``: inspection of a hand before a solve."""
 
 from __future__ import annotations
 

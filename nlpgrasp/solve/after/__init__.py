@@ -1,1 +1,1 @@
-"""What is worth knowing once all starts are done."""
+"""Post-processing of a solve's starts: choice of the answer, robustness, prices, forces, diagnosis."""

@@ -1,4 +1,4 @@
-"""Which start is the answer, where the hand cannot squeeze the best of them, or it is fragile."""
+"""Selection of the answer among the starts: prefers robust grasps that the hand can squeeze."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from nlpgrasp.solve.start.result import StartGrasp, StartResult, best_of
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 
-MOST = 3  # grasps looked at, the best one among them
-HALF = 0.5  # of the best mu: less is too much to give up for a grasp that is not fragile
-WEAK, TIE = 0.5, 0.95  # a grasp that keeps a smaller share of its mu loses to one of nearly the same mu that keeps more
-APART = 0.1  # of the body's size: how far a contact is from all of another grasp's, where two grasps count as two
+MOST = 3  # grasps compared, the best one among them
+HALF = 0.5  # share of the best mu below which no other grasp is chosen
+WEAK, TIE = 0.5, 0.95  # remaining share of mu below which a grasp is weak; share of mu from which a stronger one wins
+APART = 0.1  # over the body's size: Hausdorff distance of contacts above which grasps are distinct
 
 
 def chosen(bench: Workbench, best: StartGrasp, results: Sequence[StartResult], stop: Stop) -> StartGrasp:
-    """Return the start that is the answer, with its robustness where that was looked at.
+    """Return the start selected as the answer, with its robustness where it was computed.
 
     That is the best one, unless it is fragile: then the first in the order of mu that is not, that has at least half
     its mu and leaves more at its worst placement. One that is not fragile, but keeps less than half of its mu, loses so
@@ -59,7 +59,7 @@ def chosen(bench: Workbench, best: StartGrasp, results: Sequence[StartResult], s
 def _pressing(
     bench: Workbench, best: StartGrasp, results: Sequence[StartResult]
 ) -> tuple[StartGrasp, Sequence[StartResult]]:
-    """Return the best start whose contacts can press against each other, and all such; what is given where none do."""
+    """Return the best start whose contacts can press against each other, and all such; the arguments if none can."""
     hand = bench.problem.hand
     if not isinstance(hand, PosedHand) or not hand.loaded_joints or can_press(best.found.grasp):
         return best, results
@@ -71,7 +71,7 @@ def _pressing(
 
 
 def _looked_at(bench: Workbench, start: StartGrasp) -> StartGrasp:
-    """Return a start with its robustness; as it is where that fails numerically."""
+    """Return a start with its robustness; unchanged where that fails numerically."""
     try:
         return replace(start, robust=robustness(bench, start.found.placed, start.found.grasp))
     except (RuntimeError, ArithmeticError, ValueError):
@@ -79,7 +79,7 @@ def _looked_at(bench: Workbench, start: StartGrasp) -> StartGrasp:
 
 
 def _others(bench: Workbench, best: StartGrasp, results: Sequence[StartResult], share: float) -> Iterator[StartGrasp]:
-    """Yield the next best starts that ended with other grasps of at least this share of mu, the best first."""
+    """Yield the next best starts with distinct grasps of at least this share of mu, best first."""
     least, taken = share * best.record.mu.lower, [best]
     solved = [r for r in results if isinstance(r, StartGrasp) and r.solved and r.record.mu.lower >= least]
     for start in sorted(solved, key=lambda r: (-r.record.mu.upper, r.record.index)):
@@ -89,7 +89,7 @@ def _others(bench: Workbench, best: StartGrasp, results: Sequence[StartResult], 
 
 
 def _apart(a: StartGrasp, b: StartGrasp) -> float:
-    """Return how far a contact of one grasp is from all of the other's, metres, at most."""
+    """Return the Hausdorff distance between the contacts of two grasps, metres."""
     p, q = a.found.grasp.points, b.found.grasp.points
     distances = np.linalg.norm(p[:, None] - q[None], axis=2)
     return float(max(np.max(np.min(distances, axis=1)), np.max(np.min(distances, axis=0))))

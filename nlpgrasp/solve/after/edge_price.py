@@ -1,4 +1,4 @@
-"""What the margin from sharp edges costs: contacts that stand at it would go further out."""
+"""Shadow price of the margin from sharp edges."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 
 MILLIMETRE = 1e-3
-AT = 1e-4  # of the body's size: a contact that is nearer to the margin stands at it
-STEP = 1e-5  # of the body's size, of the central differences
+AT = 1e-4  # over the body's size: a contact this near to the margin is at it
+STEP = 1e-5  # over the body's size, of the central differences
 
 
 def edge_price(bench: Workbench, placed: Placed, worth: Callable[[Placed], float]) -> ShadowPrice | None:
-    """Return what a millimetre more of margin changes mu by; None where no contact of a smooth face stands at it.
+    """Return the change of mu per millimetre of margin; None where no contact of a smooth face is at the margin.
 
     A margin larger by h moves each contact that stands at it away from its edges by h. By the envelope theorem mu
     changes as the Lagrangian does with the contacts so moved, everything else left as it is.
@@ -45,7 +45,7 @@ def edge_price(bench: Workbench, placed: Placed, worth: Callable[[Placed], float
 
 
 def _away(bench: Workbench, face: str, point: FloatArray) -> FloatArray:
-    """Return the shortest step (space,) that takes a contact one metre away from each edge whose margin it stands at.
+    """Return the shortest step (space,) that takes a contact one metre away from each edge whose margin is active.
 
     Zero for a contact that stands at none.
     """

@@ -1,4 +1,4 @@
-"""The last step of a solve: from the answer to the local optimum of the paper's program that is next to it."""
+"""Final step of a solve: convergence of the answer to the nearest local optimum of the paper's program."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from nlpgrasp.solve.surface.triangles import PASSES, on_triangles, put_on_body
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 
-LOSS = 5e-3  # relative: what mu may be less at the optimum, whose constraints are kept exactly
+LOSS = 5e-3  # relative decrease of mu accepted at the optimum, whose constraints hold exactly
 STEP = "then IPOPT on the program"  # message of a start
 
 
 def at_local_optimum(bench: Workbench, best: StartGrasp, stop: Stop) -> StartGrasp:
-    """Return the answer at the local optimum next to it, or as it is; with its KKT residuals, and the reason if large.
+    """Return the answer at the nearest local optimum, or unchanged; with its KKT residuals, and the reason if large.
 
     On a mesh each contact stays on its triangle, and joints that have room to their limits keep it.
 
@@ -73,7 +73,7 @@ def _moved(bench: Workbench, best: StartGrasp, stop: Stop) -> StartGrasp:
 
 
 def _missing_clearance(bench: Workbench, end: StartGrasp) -> FloatArray:
-    """Return by how much links are nearer to the body than they may be, (rows,), metres."""
+    """Return each link's violation of its clearance from the body, (rows,), metres."""
     short = np.zeros(len(bench.rows.named))
     rows = bench.rows.clearances
     short[rows] = [max(bench.rows.named[i].lower - end.found.values[i], 0.0) for i in rows]
@@ -81,7 +81,7 @@ def _missing_clearance(bench: Workbench, end: StartGrasp) -> FloatArray:
 
 
 def _why_not(bench: Workbench) -> str:
-    """Return in words why there is no last step, empty where there is one."""
+    """Return the reason why there is no final step, as text; empty where there is one."""
     if bench.options.maximise_robust:
         return "the contacts are where the worst placement is best, not where mu is"
     if not bench.options.rounds:
@@ -92,7 +92,7 @@ def _why_not(bench: Workbench) -> str:
 
 
 def _why_worse(bench: Workbench, best: StartGrasp, end: StartGrasp) -> str:
-    """Return in words why the end of the last step is not the answer, empty where it is."""
+    """Return the reason why the result of the final step is rejected, as text; empty where it is not."""
     if end.record.obstruction:
         return f"at the local optimum next to this grasp {end.record.obstruction}"
     if not end.solved:
@@ -110,7 +110,7 @@ def _is_fragile(start: StartGrasp) -> bool:
 
 
 def _with_room(bench: Workbench, best: StartGrasp) -> Workbench:
-    """Return the workbench whose limits are narrower by the margins of those joints that have them."""
+    """Return the compiled problem with joint limits narrowed by the margins that the answer's joints keep."""
     hand, margin = bench.problem.hand, bench.options.joint_margin
     if not isinstance(hand, URDFHand) or not bench.options.seeks_room:
         return bench
@@ -119,7 +119,7 @@ def _with_room(bench: Workbench, best: StartGrasp) -> Workbench:
 
 
 def _end(bench: Workbench, best: StartGrasp, own: Workbench, found: LocalOptimum, stop: Stop) -> StartGrasp:
-    """Return the optimum as the end of the start that is the answer: put on the body, certified, measured."""
+    """Return the optimum as the answer's result: put on the body, certified, measured."""
     problem, before = bench.problem, best.record
     on_body = put_on_body(bench, own, found.placed, best.ascended.points)
     placed, grasp = on_body.placed, on_body.grasp

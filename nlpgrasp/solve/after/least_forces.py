@@ -1,4 +1,4 @@
-"""The least finger forces of a grasp found: for the task times its quality, and for the task as it was given."""
+"""Least finger forces of a grasp: for the task scaled by its quality, and for the task as stated."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from nlpgrasp.solution.measures.needed import ForcesNeeded
 
 @dataclass(frozen=True)
 class Exerted:
-    """What the fingers exert for some of the task's extreme wrenches.
+    """Least finger forces for some of the task's extreme wrenches.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class Exerted:
 
 
 def least_forces(problem: GraspProblem, grasp: Grasp, budget: ForceBudget, bounds: Bounds) -> Exerted:
-    """Return the least forces, and moments if any, for the task's extreme wrenches, and what the whole task needs.
+    """Return the least forces, and moments if any, for the task's extreme wrenches, and those of the whole task.
 
     The hardest wrench is the one, of these and of the one that the task asks for in the certificate's worst direction,
     that takes most of the budget.

@@ -1,4 +1,4 @@
-"""The limits of a problem that somebody could move: of constraints, of the hand, of the contacts."""
+"""Adjustable limits of a problem: of its constraints, hand and contacts."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NO_LIMITS = ("count", "tolerance", "palm", "length")
 
 @dataclass(frozen=True)
 class Number(Generic[Item]):
-    """A number of a constraint or a hand.
+    """Adjustable number of a constraint or a hand.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class Number(Generic[Item]):
 
 @dataclass(frozen=True)
 class Limit:
-    """A number of a problem that may be changed.
+    """Adjustable number of a problem, with its unit and step.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def _hand_change(problem: GraspProblem, new: Callable[[float], Hand]) -> Callabl
 
 
 def _constraint_numbers(item: PlacementConstraint) -> list[Number[PlacementConstraint]]:
-    """Return name, value and a way to change each number of a constraint."""
+    """Return name, value and a setter for each number of a constraint."""
     if not isinstance(item, Constraint):
         return _field_numbers(item)
     pairs = [(name, np.asarray(getattr(item, name), dtype=float)) for name in ("lower", "upper")]
@@ -109,13 +109,13 @@ def _constraint_numbers(item: PlacementConstraint) -> list[Number[PlacementConst
 
 
 def _hundredth(value: float) -> tuple[float, str]:
-    """Return the step of a number whose unit is the user's own."""
+    """Return the step of a number in user-defined units: a hundredth of it."""
     step = 0.01 * max(abs(value), 1e-3)
     return step, f"{step:g}"
 
 
 def _hand_numbers(hand: Hand) -> list[Number[Hand]]:
-    """Return name, value and a way to change each number of a hand."""
+    """Return name, value and a setter for each number of a hand."""
     if isinstance(hand, URDFHand):
         return [Number("URDFHand.clearance", hand.clearance, lambda h: hand.with_clearance(hand.clearance + h))]
     return _field_numbers(hand)
@@ -161,7 +161,7 @@ def _entry_change(item: Item, name: str, values: tuple[float, ...], place: int) 
 def _part_change(
     item: Item, name: str, region: HalfSpace | BoxRegion, side: str, axis: int | None
 ) -> Callable[[float], Item]:
-    """Return a way to change a number of a region that a constraint holds."""
+    """Return a setter for a number of a region that a constraint holds."""
 
     def changed(h: float) -> Item:
         value = np.array(getattr(region, side), dtype=float)

@@ -1,4 +1,4 @@
-"""The hand just before it touches: fingers opened along the contact normals, clear of everything."""
+"""Pregrasp: hand opened along the contact normals, free of collision."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from nlpgrasp.solve.workbench.workbench import Workbench
 
 IntArray = NDArray[np.intp]
 STAGES = 4  # the clearance grows in stages, each with a few Newton steps
-STAGE = NewtonRules(steps=8, enough=1e-6)  # solver units: how well a stage is met
+STAGE = NewtonRules(steps=8, enough=1e-6)  # solver units: tolerance of a stage
 FINEST = 0.02  # of the clearance: the smallest stage tried
-ENOUGH = 0.2  # of the clearance: with more than that the palm stays where it is in the grasp
-LONGEST = 0.2  # radians or solver units a step
+ENOUGH = 0.2  # of the clearance: above this the palm does not move
+LONGEST = 0.2  # longest step, radians or solver units
 
 
 @dataclass(frozen=True)
 class Pregrasp:
-    """Where the hand is before it closes.
+    """Hand configuration just before contact.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def pregrasp(bench: Workbench, found: OnBody, clearance: float) -> Pregrasp:
 
 
 class _Opening:
-    """The rows that an opening hand keeps: those of the program, and how far each fingertip has gone."""
+    """Constraints of an opening hand: those of the program, and each fingertip's distance from its contact."""
 
     def __init__(self, bench: Workbench, found: OnBody) -> None:
         self.bench, self.hand, self.normals = bench, found.placed.hand, found.grasp.normals
@@ -83,7 +83,7 @@ class _Opening:
         self.begin = self.tips(*self.hand.values())[0].full()
 
     def open(self, clearance: float, moving: tuple[str, ...]) -> Pregrasp:
-        """Return the hand opened with these of its variables, as far as it gets."""
+        """Return the hand opened as far as possible with some of its variables."""
         program, z = self.compiled.program, self.start.copy()
         free = np.concatenate([np.arange(b.start, b.stop) for b in (program.block(HAND, name) for name in moving)])
         best = Pregrasp(0.0, self.hand)
@@ -109,7 +109,7 @@ class _Opening:
         return placed(found.best) if found.violation <= STAGE.enough else None
 
     def _rows(self, z: FloatArray, free: IntArray, back: float) -> Linearised:
-        """Return the rows linearised in the free variables; those that do not see them are left out."""
+        """Return the constraints linearised in the free variables, without those that do not depend on them."""
         bench, program = self.bench, self.compiled.program
         size, here = bench.scaling.length, hand_of(program, z)
         rows = self.kept + program.placement.start

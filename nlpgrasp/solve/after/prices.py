@@ -1,4 +1,4 @@
-"""Shadow prices: what a little more of each limit would buy in mu.
+"""Shadow prices: sensitivity of mu to the limits of constraints, hand and contacts.
 
 At a local optimum with multipliers lambda of the rows ``g <= limit`` of the program that maximises beta, the
 optimum moves with a parameter t by ``sum lambda d(limit - g) / dt`` (the envelope theorem). Rows of containment
@@ -28,12 +28,12 @@ from nlpgrasp.solve.surface.triangles import on_triangles
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 
-NOTHING = 1e-4  # relative gains below this are none
-FAR = 0.02  # relative: an optimum whose value is further from the grasp's mu is another grasp's
+NOTHING = 1e-4  # smaller relative gains count as zero
+FAR = 0.02  # relative: an optimum whose value differs more from the grasp's mu belongs to another grasp
 
 
 def shadow_prices(bench: Workbench, best: StartGrasp, stop: Stop) -> tuple[ShadowPrice, ...]:
-    """Return the prices of all limits of constraints, hand and contacts, the dearest first.
+    """Return the shadow prices of all limits of constraints, hand and contacts, the largest first.
 
     None for an answer that is not at a local optimum: without multipliers limits have no prices. An answer that is, but
     was read from a file, is solved once more from where it is.
@@ -53,7 +53,7 @@ def shadow_prices(bench: Workbench, best: StartGrasp, stop: Stop) -> tuple[Shado
 
 
 def price_of(bench: Workbench, optimum: LocalOptimum, limit: Limit) -> ShadowPrice | None:
-    """Return the price of one limit, by central differences of the rows and ratios it enters."""
+    """Return the shadow price of one limit, by central differences of the constraints and ratios it enters."""
     h = 1e-3 * limit.step
     more, less = limit.changed(h), limit.changed(-h)
     gain, own = 0.0, bench.problem
@@ -70,7 +70,7 @@ def price_of(bench: Workbench, optimum: LocalOptimum, limit: Limit) -> ShadowPri
 
 
 def _lagrangian(bench: Workbench, optimum: LocalOptimum, placed: Placed) -> float:
-    """Return the weighted ratios of another placement and what the room that its rows leave is worth."""
+    """Return the Lagrangian of another placement: weighted ratios and priced constraint slack."""
     there = replace(optimum, placed=placed)
     room, active = _room(bench, there, bench.problem), np.abs(optimum.prices) > 0.0
     ratios = _ratios(bench, there, bench.problem)
@@ -78,7 +78,7 @@ def _lagrangian(bench: Workbench, optimum: LocalOptimum, placed: Placed) -> floa
 
 
 def _room(bench: Workbench, optimum: LocalOptimum, problem: GraspProblem) -> FloatArray:
-    """Return each row's active limit less its value, at the optimum, for a changed problem."""
+    """Return each constraint's slack to its active limit, at the optimum, for a changed problem."""
     normals = bench.inward_normals(optimum.placed)
     p, n = ([ca.DM(v) for v in values] for values in (optimum.placed.points, normals))
     variables = {name: ca.DM(v) for name, v in optimum.placed.hand.items()}
@@ -100,7 +100,7 @@ def _ratios(bench: Workbench, optimum: LocalOptimum, problem: GraspProblem) -> F
 
 
 def _joint_prices(bench: Workbench, optimum: LocalOptimum) -> list[ShadowPrice]:
-    """Return the prices of a degree (a millimetre) more joint range."""
+    """Return the shadow prices of joint limits, per degree or millimetre of range."""
     hand = bench.problem.hand
     if not isinstance(hand, URDFHand):
         return []

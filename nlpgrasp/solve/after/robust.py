@@ -1,4 +1,4 @@
-"""How much of the quality is left when contacts are a little off and friction is a little less.
+"""Robustness: worst-case quality found under contact displacement and friction loss.
 
 Friction that is less makes every cone smaller, so the worst of it is the least friction. A contact that may slip over
 a sharp edge is lost, and with it all that it presses: no other place of it is worse. Where the other contacts are worst
@@ -27,17 +27,17 @@ from nlpgrasp.solve.surface.beside import edge_distances
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 
-AROUND = 16  # places around a contact
-SWEEPS, ROUNDS = 6, 3  # of slides in turn, and of looking for weak directions anew
-BEGINNINGS = 3  # at most
+AROUND = 16  # displaced positions per contact
+SWEEPS, ROUNDS = 6, 3  # sweeps of displacements in turn; searches for weak directions
+BEGINNINGS = 3  # initial displacements, at most
 RTOL, LOOSE = 0.02, 0.1
 Places = list[tuple[FloatArray, FloatArray]]  # where each contact may be, and inward normals
-SLIPS = 0.99  # of the reach: a contact that is nearer to an edge may slip over it
-TOO_FAR = 1.5  # times the reach: such a place is not on the face any more
+SLIPS = 0.99  # share of the reach: a contact nearer to an edge may slip over it
+TOO_FAR = 1.5  # times the reach: such a point is off the face
 
 
 def robustness(bench: Workbench, placed: Placed, grasp: Grasp, quickly: bool = False) -> Robustness:
-    """Return the quality of the worst placement found near a grasp, by as much as the options ask for.
+    """Return the certified quality of the worst placement found near a grasp, with the options' displacement.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def robustness(bench: Workbench, placed: Placed, grasp: Grasp, quickly: bool = F
 
 
 def _over_edges(bench: Workbench, placed: Placed) -> tuple[int, ...]:
-    """Return the contacts that are off their face when they are off by as much as the options ask for.
+    """Return the contacts that may slip over a sharp edge within the options' displacement.
 
     None where the force budget counts on each contact by its number, as that of a hand's joints does.
     """
@@ -86,7 +86,7 @@ def worst_displacement(
     rng: np.random.Generator,
     beginnings: int = BEGINNINGS,
 ) -> tuple[list[int], FloatArray]:
-    """Return which of its places each contact slips to at worst, and the weak directions seen, (m, d).
+    """Return each contact's worst displacement found, as an index of its places, and the weak directions, (m, d).
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def worst_displacement(
 
 
 def _slide(bench: Workbench, models: Sequence[ContactModel], places: Places, chosen: list[int], y: FloatArray) -> bool:
-    """Move contacts in turn, in place, to where the least ratio is least; return whether any moved."""
+    """Move contacts in turn, in place, to minimise the least ratio; return whether any moved."""
     moved = False
     for _ in range(SWEEPS):
         before = list(chosen)
@@ -142,7 +142,7 @@ def _at(bench: Workbench, models: Sequence[ContactModel], places: Places, chosen
 
 
 def places_near(bench: Workbench, faces: Sequence[str], points: FloatArray, normals: FloatArray) -> Places:
-    """Return where each contact may be, itself first, off by as much as the options ask for."""
+    """Return the possible positions of each contact, itself first, displaced by as much as the options ask for."""
     offset = bench.options.robust_offset
     each = zip(faces, points, normals, strict=True)
     return [places_around(bench, face, p, n, offset) for face, p, n in each]
@@ -151,7 +151,7 @@ def places_near(bench: Workbench, faces: Sequence[str], points: FloatArray, norm
 def places_around(
     bench: Workbench, face: str, point: FloatArray, normal: FloatArray, offset: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the contact itself and places around it on its own face, with inward normals, (m, space) each."""
+    """Return the contact itself and points around it on its face, with inward normals, (m, space) each."""
     body, space = bench.problem.body, bench.problem.body.space
     across = tangents(normal[None])[0]
     if space == 2:

@@ -1,4 +1,4 @@
-"""From a grasp to a more robust one nearby: contacts moved so that the worst of their displacements hurts less.
+"""Local search for robustness: maximises the worst-case quality over contact displacements.
 
 A displacement is which of the places around it each contact slips to. Those that hurt most so far are kept; every
 contact in turn moves to the place near it where the least quality over all of them is largest, and the search for
@@ -25,7 +25,7 @@ MOST_DIRECTIONS = 400
 
 
 def steady(bench: Workbench, found: OnBody) -> tuple[OnBody, Robustness]:
-    """Return what a start found, made more robust where its contacts move freely over a smooth body."""
+    """Return a grasp made more robust, where its contacts move freely over a smooth body."""
     if found.surface is not None or not bench.follows_contacts:
         return found, robustness(bench, found.placed, found.grasp)
     best, robust = found.grasp, robustness(bench, found.placed, found.grasp)
@@ -44,7 +44,7 @@ def steady(bench: Workbench, found: OnBody) -> tuple[OnBody, Robustness]:
 
 
 class _Ascent:
-    """Contacts on their way, the displacements that hurt most so far, and the directions in which they do."""
+    """State of the search: contacts, worst displacements so far, and the weak directions."""
 
     def __init__(self, bench: Workbench, start: Placed) -> None:
         self.bench, self.start = bench, start
@@ -56,11 +56,11 @@ class _Ascent:
 
     @property
     def placed(self) -> Placed:
-        """Where contacts and hand are now."""
+        """Current candidate."""
         return Placed(self.start.faces, self.points.copy(), self.start.hand)
 
     def look(self) -> None:
-        """Add the worst displacement found of the contacts where they are, and the weak directions."""
+        """Add the worst displacement found of the current contacts, and the weak directions."""
         bench, rng = self.bench, np.random.default_rng(0)
         here = self.placed
         chosen, y = worst_displacement(bench, self.models, self._places(), bench.budget(here), rng)
@@ -70,7 +70,7 @@ class _Ascent:
             self.displacements.append(tuple(chosen))
 
     def move(self, step: float) -> bool:
-        """Move contacts in turn to where the displacements hurt least; return whether any moved."""
+        """Move contacts in turn to maximise the least ratio over the displacements; return whether any moved."""
         bench, moved = self.bench, False
         normals, now = bench.inward_normals(self.placed), self._places()
         for i, face in enumerate(self.start.faces):

@@ -1,4 +1,4 @@
-"""Hand of a grasp as files state it, with its way in; and the choice of a grasp that the hand reaches freely."""
+"""Hand record of a grasp with its approach, and choice of a grasp with a collision-free approach."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ T = TypeVar("T")
 def with_free_way(
     bench: Workbench, best: StartGrasp, results: Sequence[StartResult], stop: Stop
 ) -> tuple[StartGrasp, ...]:
-    """Return the start that is the answer, with its way in, then others whose way in was found to be blocked.
+    """Return the start that is the answer, with its approach, then others whose approach is blocked.
 
     That is the best one where its way is free; else the next in the order of mu whose way is, and the best one again
     where there is none.
@@ -54,7 +54,7 @@ def with_free_way(
 
 
 def approached(bench: Workbench, start: StartGrasp) -> StartGrasp:
-    """Return a start with its hand as files state it: posture, pregrasp, phases, penetration of its links."""
+    """Return a start with its hand record: posture, pregrasp, phases, penetration of its links."""
     problem, placed = bench.problem, start.found.placed
     hand = hand_posture(bench, start)
     if hand is None:
@@ -73,7 +73,7 @@ def approached(bench: Workbench, start: StartGrasp) -> StartGrasp:
 
 
 def hand_posture(bench: Workbench, start: StartGrasp) -> dict[str, object] | None:
-    """Return the hand in the grasp as JSON data, None where nothing is to be said of it."""
+    """Return the hand in the grasp as JSON data, None without any."""
     hand, found = bench.problem.hand, start.found
     if hand is None:
         return None
@@ -92,7 +92,7 @@ def hand_posture(bench: Workbench, start: StartGrasp) -> dict[str, object] | Non
 
 
 def attempted(work: Callable[[], T]) -> T | None:
-    """Return what the work returns, or None where it fails numerically."""
+    """Return the result of some work, or None where it fails numerically."""
     try:
         return work()
     except (RuntimeError, ArithmeticError, ValueError):

@@ -1,4 +1,4 @@
-"""Why there is no grasp: which constraints contradict each other, or which wrench nothing exerts.
+"""Infeasibility diagnosis: contradicting constraints, or a wrench that the fingers cannot exert.
 
 Elastic relaxation: every group of rows (a constraint, the fingertips, the links' clearance) may be broken at a
 price, and the sum of the groups' largest violations is minimised from several starts, by quadratic programs in a
@@ -33,19 +33,19 @@ from nlpgrasp.solve.workers.one_thread import one_thread
 
 STARTS, STEPS = 6, 40
 FIRST_RADIUS, LAST_RADIUS = 0.3, 1e-3  # solver units
-LEAST_GAIN = 1e-4  # relative: a step that gains less is none
+LEAST_GAIN = 1e-4  # relative: a step that gains less is rejected
 DAMPING = 1e-3
 FINGERTIPS = "fingertips on the body"
-HARD = "the body's surface"  # group of the rows that are never given up
+HARD = "the body's surface"  # group of the constraints that are never relaxed
 HAND_GROUPS = {ON_FINGERTIP: FINGERTIPS, UNIT_QUATERNION: HARD}  # where they are not called as their kind
 HARD_WEIGHT = 100.0
-KEPT = 1e-4  # relative to a row's scale: a violation this small is none
+KEPT = 1e-4  # relative to a constraint's scale: a smaller violation counts as none
 FACTORS = (1.1, 1.25, 1.5, 2.0, 3.0)
 
 
 @dataclass(frozen=True)
 class Relaxed:
-    """A least violated placement.
+    """Least violated placement of an elastic relaxation.
 
     Parameters
     ----------
@@ -60,13 +60,13 @@ class Relaxed:
 
 
 def diagnosis(bench: Workbench, results: Sequence[StartResult], seed: int, stop: Stop) -> WhyNot | None:
-    """Return the diagnosis of a problem whose starts found no grasp; None where it fails numerically."""
+    """Return the infeasibility diagnosis of a problem without a grasp; None where it fails numerically."""
     with one_thread():
         return attempted(lambda: why_not(bench, results, seed, stop))
 
 
 def why_not(bench: Workbench, results: Sequence[StartResult], seed: int, stop: Stop) -> WhyNot:
-    """Return the diagnosis of a problem whose starts found no grasp."""
+    """Return the infeasibility diagnosis of a problem whose starts found no grasp."""
     best: Relaxed | None = None
     for index in range(STARTS):
         if stop.requested():
@@ -86,7 +86,7 @@ def why_not(bench: Workbench, results: Sequence[StartResult], seed: int, stop: S
 
 @dataclass(frozen=True)
 class _Point:
-    """Variables of the exchange's program with its rows there: merit is the weighted sum of the groups' violations."""
+    """Iterate of the relaxation with its constraints: merit is the weighted sum of the groups' violations."""
 
     z: FloatArray
     values: FloatArray
@@ -96,7 +96,7 @@ class _Point:
 
 
 class _Relaxation:
-    """The rows of constraints, hand and faces in groups that may be broken at a price."""
+    """Elastic relaxation: groups of constraints with a penalty on the largest violation of each."""
 
     def __init__(self, bench: Workbench, candidate: Placed) -> None:
         self.bench, self.compiled = bench, bench.exchange.compiled
@@ -111,25 +111,25 @@ class _Relaxation:
         self.slack = GroupSlack(member, np.array([HARD_WEIGHT if name == HARD else 1.0 for name in self.names]))
 
     def at(self, z: FloatArray) -> _Point:
-        """Return the rows for the program's variables."""
+        """Return the iterate at some variables of the program."""
         g, J = self.compiled.linearise(z, self.theta)
         largest = np.zeros(len(self.names))
         np.maximum.at(largest, self.slack.member, self.violated(g[self.used]))
         return _Point(z, g[self.used], J[self.used], largest, float(self.slack.weights @ largest))
 
     def violated(self, values: FloatArray) -> FloatArray:
-        """Return how far each row is beyond its limits."""
+        """Return the violation of each constraint."""
         return np.maximum(np.maximum(self.low - values, values - self.high), 0.0)
 
     def step(self, here: _Point, radius: float) -> _Point | None:
-        """Return the point after the step of least weighted violations, or None where the solver finds none."""
+        """Return the iterate after the step of least weighted violation; None where the solver finds none."""
         bounds = step_bounds(here.z, self.compiled.program.bounds, radius)
         rows = Linearised(here.values, here.jacobian, self.low, self.high, *bounds)
         found = shortest_step(rows, damping=DAMPING, slack=self.slack)
         return None if found is None else self.at(here.z + found.d)
 
     def left(self, here: _Point) -> Relaxed:
-        """Return what is still broken at a point, each group by its worst row."""
+        """Return the remaining violations at an iterate, by the worst constraint of each group."""
         violated, worst = self.violated(here.values), {}
         for i, name in enumerate(self.names):
             own = np.flatnonzero(self.slack.member == i)
@@ -179,7 +179,7 @@ def group_names(bench: Workbench) -> list[str]:
 
 
 def _groups(bench: Workbench, count: int, offset: int) -> list[str]:
-    """Return the group of each row: face rows and the quaternion's length are hard."""
+    """Return the group of each scalar constraint: those of faces and unit quaternions are hard."""
     names = group_names(bench)
     return [HARD] * offset + names + [HARD] * (count - offset - len(names))
 
@@ -223,7 +223,7 @@ def _unreachable(bench: Workbench, results: Sequence[StartResult]) -> WhyNot:
 
 
 def _with_friction(bench: Workbench, grasp: Grasp) -> list[str]:
-    """Return how much more friction would make the best grasp found exert the task."""
+    """Return advice on the friction with which the best grasp found would exert the task."""
     for factor in FACTORS:
         if not all("friction" in model.coefficients for model in grasp.contacts):
             break

@@ -1,4 +1,4 @@
-"""Broken constraints in words."""
+"""Text of violated constraints."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from nlpgrasp.solution.findings import Conflict
 
 
 def conflict_of(name: str, row: Row, value: float) -> Conflict:
-    """Return the conflict of a broken row: squares of lengths as lengths, cosines as angles."""
+    """Return the conflict of a violated constraint: squared lengths as lengths, cosines as angles."""
     least = value < row.lower
     bound = row.lower if least else row.upper
     relation = "exactly" if row.lower == row.upper else "at least" if least else "at most"

@@ -1,1 +1,1 @@
-"""The ascent: mu itself, maximised with cutting planes in a trust region."""
+"""Local search: maximisation of mu by cutting planes in a trust region."""

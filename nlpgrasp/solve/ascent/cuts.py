@@ -1,4 +1,4 @@
-"""Cutting planes: the directions in which the exchange's program holds the support inequalities."""
+"""Cutting planes: directions along which the program enforces the support inequalities."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.tasks import Task
 
-SAME = 1.0 - 1e-7  # cosine above which a direction is already among the cuts
+SAME = 1.0 - 1e-7  # cosine above which a direction counts as a known cut
 
 
 def with_known(known: FloatArray, directions: FloatArray, task: Task) -> FloatArray:
-    """Return directions (m, d) together with those known from another task, scaled to ``phi_A = 1`` for this one."""
+    """Return directions (m, d) with those known from another task appended, scaled to ``phi_A = 1`` for this one."""
     if not len(known):
         return directions
     reach = task.support(known)[0]
@@ -24,7 +24,7 @@ def with_known(known: FloatArray, directions: FloatArray, task: Task) -> FloatAr
 
 
 def most_relevant(bench: Workbench, placed: Placed, cuts: FloatArray) -> FloatArray:
-    """Return as many cuts (m, d) as the program holds: those nearest to binding where contacts and hand are."""
+    """Return as many cuts (m, d) as the program has slots: those nearest to binding at a candidate."""
     if len(cuts) <= bench.exchange.slots:
         return cuts
     support = bench.wrench_set(placed).support(cuts)[0]
@@ -32,12 +32,12 @@ def most_relevant(bench: Workbench, placed: Placed, cuts: FloatArray) -> FloatAr
 
 
 def with_new(bench: Workbench, cuts: FloatArray, directions: FloatArray) -> FloatArray:
-    """Return cuts (m, d) together with the directions (n, d) that are not yet among them."""
+    """Return cuts (m, d) with the directions (n, d) appended that are not yet among them."""
     return np.concatenate([cuts, directions[new_directions(bench, cuts, directions)]])
 
 
 def new_directions(bench: Workbench, known: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
-    """Return a mask of the directions that are not yet among the known ones, compared in solver units."""
+    """Return the mask of directions that are not among the known ones, compared in solver units."""
     a, b = known / bench.scaling.wrench, directions / bench.scaling.wrench
     a = a / np.linalg.norm(a, axis=1, keepdims=True)
     b = b / np.linalg.norm(b, axis=1, keepdims=True)
@@ -45,7 +45,7 @@ def new_directions(bench: Workbench, known: FloatArray, directions: FloatArray) 
 
 
 def no_cuts(bench: Workbench, placed: Placed) -> FloatArray:
-    """Return the program's parameters (q,) with every slot empty: for its rows of constraints and hand alone."""
+    """Return the program's parameters (q,) with every slot empty: for the placement constraints alone."""
     return piece_parameters(bench, placed, np.zeros((0, bench.problem.dimension)))
 
 

@@ -1,4 +1,4 @@
-"""A local optimum of the program (3.5-4) near a grasp, with multipliers and KKT residuals: the end of a search.
+"""Local optimum of the program (3.5-4) near a grasp, with multipliers and KKT residuals: the end of a local search.
 
 Newton steps with the reduced Hessian lead to where no step helps; there IPOPT solves the program along the directions
 that are weakest, with their multipliers to begin with, and residuals are computed from its answer without it.
@@ -23,18 +23,18 @@ from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.variables import placed_of, variables_of
 from nlpgrasp.solve.workbench.workbench import Workbench
 
-LAST_ROUNDS, LAST_OF_HAND = 40, 14  # Newton steps; with a hand that has a pose, where one takes a tenth of a second
-PROGRAM_ROUNDS, ROUNDS_WITH_FORCES = 6, 3
-NEAR, LEAST_NEAR = 10.0, 1e-5  # trust region of the program over the last step; at least, solver units
-WIDE = 0.01  # solver units: the same where minimisers merge and Newton steps do not settle: room for cuts to close in
-BINDING = 1e-9  # weight of a direction that is stated
-UNEQUAL = 1e-5  # relative: how far inequalities that bind may be from beta: the program rounds the tips of cones off
-CLOSE = 1e-3  # relative: beta may be above the least ratio in all directions by so much
+LAST_ROUNDS, LAST_OF_HAND = 40, 14  # Newton steps; with a hand that has a pose, whose steps take a tenth of a second
+PROGRAM_ROUNDS, ROUNDS_WITH_FORCES = 6, 3  # solves by IPOPT, at most; with finger forces as variables
+NEAR, LEAST_NEAR = 10.0, 1e-5  # trust-region radius of the program over the last step's length; at least, solver units
+WIDE = 0.01  # solver units, trust-region radius after the first solve: where minimisers merge, cuts need room
+BINDING = 1e-9  # least weight of a binding direction
+UNEQUAL = 1e-5  # largest relative slack of binding inequalities: the program smooths the tips of cones
+CLOSE = 1e-3  # largest relative excess of beta over the least ratio in all directions
 
 
 @dataclass(frozen=True)
 class LocalOptimum:
-    """A local optimum of the exchange's program.
+    """Local optimum of the cutting-plane program, with multipliers and KKT residuals.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class LocalOptimum:
 
 
 def local_optimum(bench: Workbench, placed: Placed, stop: Stop) -> LocalOptimum | None:
-    """Return the local optimum that a placed state is next to; its residuals are not small where it did not settle.
+    """Return the local optimum next to a candidate; its residuals are not small where it did not converge.
 
     None where the state exerts nothing, and under the torque limits of a hand, which the program does not hold.
     """
@@ -80,7 +80,7 @@ def local_optimum(bench: Workbench, placed: Placed, stop: Stop) -> LocalOptimum 
 
 
 def _by_program(bench: Workbench, here: Point, radius: float, rng: np.random.Generator, stop: Stop) -> LocalOptimum:
-    """Return what IPOPT makes of a point; where it does not settle, directions that are weak at its answer join in."""
+    """Return IPOPT's solution from a point; where it does not converge, with weak directions at its solution added."""
     cuts, effort, found = here.cuts, Effort(), list[LocalOptimum]()
     for _ in range(PROGRAM_ROUNDS if bench.exchange.linearises else ROUNDS_WITH_FORCES):
         cuts = most_relevant(bench, here.placed, cuts)
@@ -104,7 +104,7 @@ def _solved(
     radius: float,
     rng: np.random.Generator,
 ) -> LocalOptimum:
-    """Return where IPOPT ends inside a trust region around a point."""
+    """Return IPOPT's solution inside a trust region around a point."""
     faces, program, scale = here.placed.faces, compiled.program, bench.scaling.beta
     z, theta = variables_of(bench, program, here.placed), piece_parameters(bench, here.placed, cuts)
     z[program.block("beta").range] = scale * min(
@@ -128,7 +128,7 @@ def _solved(
 
 
 def _of_whole_inequalities(bench: Workbench, optimum: LocalOptimum, beta: float) -> KKT:
-    """Return an optimum's residuals with the directions that bind, and their weights.
+    """Return the KKT residuals of an optimum, with errors of the inequalities in all directions included.
 
     The inequalities are those of all directions: beta has to be next to the least ratio. Complementarity is theirs,
     too: where the program holds one contact's support in place of the largest (``nlpgrasp.nlp.support_function``), a
@@ -146,14 +146,14 @@ def _of_whole_inequalities(bench: Workbench, optimum: LocalOptimum, beta: float)
 
 
 def _binding(kkt: KKT, cuts: FloatArray, weights: FloatArray) -> KKT:
-    """Return residuals with the directions (m, d) that bind, and their weights."""
+    """Return residuals with the binding directions (m, d), and their weights."""
     binding = weights > BINDING
     directions = tuple(tuple(map(float, direction)) for direction in cuts[binding])
     return replace(kkt, directions=directions, weights=tuple(weights[binding].tolist()))
 
 
 def residuals_at(bench: Workbench, placed: Placed) -> KKT:
-    """Return the KKT residuals where contacts and hand are, with the multipliers of the linearised program there."""
+    """Return the KKT residuals at a candidate, with the multipliers of the linearised program there."""
     cuts = most_relevant(bench, placed, weakest_at(bench, placed, np.random.default_rng(0)).directions)
     linear = Linearisation(bench, placed, cuts)
     step = linear.quadratic_step(LEAST_NEAR) if len(cuts) and bench.exchange.linearises else None
@@ -170,7 +170,7 @@ def residuals_at(bench: Workbench, placed: Placed) -> KKT:
 def _multipliers(
     bench: Workbench, here: Point, cuts: FloatArray, radius: float
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Return the multipliers of rows and bounds that the linearised program has at a point, None without any."""
+    """Return the multipliers of constraints and bounds of the linearised program at a point, None without any."""
     if not bench.exchange.linearises:
         return None
     step = Linearisation(bench, here.placed, cuts).quadratic_step(radius)

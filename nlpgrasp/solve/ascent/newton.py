@@ -1,4 +1,4 @@
-"""Newton's method onto constraints: linearise the rows, take the shortest step that keeps them, and again."""
+"""Newton's method for feasibility: repeated shortest steps onto the linearised constraints."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.solve.ascent.quadratic import NO_SLACK, Linearised, shortest_step
 from nlpgrasp.solve.ascent.slack import Slack
 
-STALLED = 0.98  # a step that leaves more than this share of the violation hardly helps
+STALLED = 0.98  # share of the violation left by a step above which it counts as no progress
 R = TypeVar("R", bound=Linearised)
 
 
 @dataclass(frozen=True)
 class NewtonRules:
-    """When Newton steps end.
+    """Termination rules of Newton's method for feasibility.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class NewtonRules:
 
 @dataclass(frozen=True)
 class Restored(Generic[R]):
-    """Where Newton steps led.
+    """Result of Newton's method for feasibility.
 
     Parameters
     ----------
@@ -59,12 +59,12 @@ class Restored(Generic[R]):
 
     @property
     def violation(self) -> float:
-        """Least violation that was reached."""
+        """Least violation reached."""
         return self.rows.violation
 
 
 def restore(linearise: Callable[[FloatArray], R], z: FloatArray, rules: NewtonRules) -> Restored[R]:
-    """Return variables moved towards constraints.
+    """Restore feasibility: return the variables of least violation along Newton steps.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The shortest step that keeps linearised rows: a small quadratic program, by Clarabel."""
+"""Quadratic program for the shortest step onto linearised constraints, solved by Clarabel."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.solve.ascent.slack import NoSlack, Slack
 
 NO_SLACK = NoSlack()
-SHORT = 0.05  # of the step's bounds: rows that a step so long can break are looked at from the beginning
-BROKEN = 1e-9  # by how much a row that was left out is broken at least
+SHORT = 0.05  # share of the step's bounds: constraints that such a step can violate are included first
+BROKEN = 1e-9  # least violation at which an omitted constraint is added
 
 
 @dataclass(frozen=True)
 class Linearised:
-    """Rows ``lower <= values + jacobian d <= upper`` of a step d, and its bounds.
+    """Linearised constraints ``lower <= values + jacobian d <= upper`` on a step d, and its bounds.
 
     Parameters
     ----------
@@ -41,12 +41,12 @@ class Linearised:
 
     @property
     def violations(self) -> FloatArray:
-        """How far each row is beyond its limits without a step, (m,), at least zero."""
+        """Violation of each constraint by the zero step, (m,), at least zero."""
         return np.maximum(np.maximum(self.lower - self.values, self.values - self.upper), 0.0)
 
     @property
     def violation(self) -> float:
-        """Largest of the violations; inf where one is unknown."""
+        """Largest violation; inf where one is unknown."""
         worst = float(np.max(self.violations, initial=0.0))
         return worst if np.isfinite(worst) else np.inf
 
@@ -54,7 +54,7 @@ class Linearised:
 def step_bounds(
     z: FloatArray, bounds: tuple[FloatArray, FloatArray], longest: FloatArray | float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return least and most step, (n,) each, from z within bounds of the variables and of the step's own length."""
+    """Return least and most step, (n,) each, from z within the variables' bounds and the step's own limit."""
     lower, upper = bounds
     least, most = np.maximum(lower - z, -longest), np.minimum(upper - z, longest)
     return np.minimum(least, 0.0), np.maximum(most, 0.0)  # z may be a little out of bounds
@@ -62,7 +62,7 @@ def step_bounds(
 
 @dataclass(frozen=True)
 class QuadraticStep:
-    """A step and what its rows cost.
+    """Solution of the quadratic program: step and multipliers.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def shortest_step(
     slack: Slack = NO_SLACK,
     curvature: FloatArray | None = None,
 ) -> QuadraticStep | None:
-    """Return the d of least ``cost d + damping |d|^2 / 2`` and price of slack; None where the rows contradict.
+    """Return the minimiser of ``cost d + damping |d|^2 / 2`` plus slack penalty; None if infeasible.
 
     Most rows are far from their limits: the program begins with equations and with rows that a short step can break,
     and takes in others where its answer breaks them.
@@ -119,7 +119,7 @@ def shortest_step(
 def _solved(
     rows: Linearised, seen: NDArray[np.bool_], cost: FloatArray, square: FloatArray, slack: Slack
 ) -> QuadraticStep | None:
-    """Return the step of the program with some of the rows; None where these contradict."""
+    """Return the solution with a subset of the constraints; None if infeasible."""
     g, J = rows.values, rows.jacobian
     n = J.shape[1]
     equal = seen & (rows.lower == rows.upper) & slack.keeps_equations

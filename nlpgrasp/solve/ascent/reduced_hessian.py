@@ -1,4 +1,4 @@
-"""Hessian of the Lagrangian on the constraints, with the weakest directions moving along: curvature for Newton steps.
+"""Reduced Hessian of the Lagrangian with moving minimisers, as curvature for Newton steps.
 
 A cut ``phi_G(y_j; p) >= beta`` touches ``psi_j(p) = min over y near y_j of phi_G(y; p) / phi_A(y)`` from above: the
 two have the same gradient, but not the same curvature, and at most local optima the cuts alone curve the wrong way.
@@ -19,18 +19,18 @@ from nlpgrasp.quality.certificate.wrench_set import WrenchSet
 from nlpgrasp.solve.ascent.steps.linear import Linearisation
 from nlpgrasp.solve.ascent.weakest import in_coordinates
 
-STEP = 1e-5  # of the differences: solver units, or radians
-ACTIVE = 1e-7  # a multiplier below is zero
-INDEPENDENT = 1e-9  # relative: singular values of dependent rows
-LEAST_REACH = 1e-300  # of a task along a direction that it hardly asks for
-FLAT = 1e-12  # solver units: a curvature that is none
-LEAST = 1e-4  # curvature, solver units, that directions of less are given: along these the step is a short one
+STEP = 1e-5  # difference step, solver units or radians
+ACTIVE = 1e-7  # multipliers below count as zero
+INDEPENDENT = 1e-9  # relative singular value below which constraints are dependent
+LEAST_REACH = 1e-300  # lower bound on the task's support, against division by zero
+FLAT = 1e-12  # solver units: smaller curvature counts as zero
+LEAST = 1e-4  # solver units, lower bound on curvature in the reduced space, which limits the step there
 
 
 def reduced_hessian(
     here: Linearisation, cuts: FloatArray, minimisers: NDArray[np.bool_], multipliers: FloatArray
 ) -> FloatArray:
-    """Return the reduced Hessian of ``-beta + multipliers g``, its negative part left out, (n, n), solver units.
+    """Return the reduced Hessian of ``-beta + multipliers g``, its negative part removed, (n, n), solver units.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def reduced_hessian(
 def _of_moving(
     here: Linearisation, cuts: FloatArray, moving: NDArray[np.intp], multipliers: FloatArray, basis: FloatArray
 ) -> FloatArray:
-    """Return the part ``-g_zy g_yy^-1 g_yz`` of the Hessian in a basis (n, s), summed over the minimisers that move."""
+    """Return the part ``-g_zy g_yy^-1 g_yz`` of the Hessian in a basis (n, s), summed over the moving minimisers."""
     size, task = basis.shape[1], here.bench.problem.task
     budget = here.bench.budget(here.placed_at(here.z))
     problem, _ = conditioned(WrenchSet.of(here.grasp_at(here.z), budget), task)
@@ -86,7 +86,7 @@ def _of_moving(
 
 
 def _tangents(equations: FloatArray, beta: int) -> FloatArray:
-    """Return an orthonormal basis (n, r) of the directions that keep linearised equations and beta."""
+    """Return an orthonormal basis (n, r) of the directions that preserve linearised equations and beta."""
     fixed = np.concatenate([equations, np.eye(equations.shape[1])[beta : beta + 1]])
     _, values, vectors = np.linalg.svd(fixed)
     return np.asarray(vectors[int(np.sum(values > INDEPENDENT * values[0])) :].T)

@@ -25,19 +25,19 @@ from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.variables import variables_of
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
-LOOKS = 4  # of a certificate's polytope, for directions that descents missed
-RADIUS, MOST_RADIUS = 0.03, 0.1  # of the trust region, over the body's size
-LONGER, SHORTER = 1.5, 0.4
-SETTLED = 1e-7  # solver units: the Lagrangian's slope at which the steps end
-NO_LOSS = 1e-9  # relative
-NEAR = 0.02  # relative: a step without curvature that promises less is followed by steps with it
-LEAST_GAIN, IDLE = 1e-4, 2  # relative: rounds that gain less; so many in a row end the refinement of a candidate
-FAIR = 0.5  # share of what was promised: so is one that gains less
+LOOKS = 4  # certificates that look for directions missed by descents, at most
+RADIUS, MOST_RADIUS = 0.03, 0.1  # trust-region radius, first and most, over the body's size
+LONGER, SHORTER = 1.5, 0.4  # factors of the trust-region radius after a step that is accepted, and rejected
+SETTLED = 1e-7  # solver units, change of the Lagrangian's gradient over a step at which refinement ends
+NO_LOSS = 1e-9  # relative decrease that still counts as none
+NEAR = 0.02  # predicted relative gain of a step without curvature below which curvature is used
+LEAST_GAIN, IDLE = 1e-4, 2  # relative gain below which a round is idle; idle rounds in a row that end a refinement
+FAIR = 0.5  # ratio of actual to predicted gain below which curvature is used
 
 
 @dataclass(frozen=True)
 class Point:
-    """Contacts and hand with the directions that are weakest there.
+    """Candidate with its weakest directions.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Refined:
-    """Where refinement led.
+    """Result of a refinement.
 
     Parameters
     ----------
@@ -91,13 +91,13 @@ class Refined:
     certificate: Begun | None = None
 
     def state(self) -> AscentState:
-        """Return the same as the state of an ascent."""
+        """Return the result as the state of a local search."""
         point = self.point
         return AscentState(point.placed, point.value, point.cuts, self.multipliers, self.effort, list(self.history))
 
 
 def point_at(bench: Workbench, placed: Placed, known: FloatArray, rng: np.random.Generator) -> Point:
-    """Return a placed state with the directions it is weakest in, looked for from known ones (m, d) as well."""
+    """Return a candidate with its weakest directions, searched from known ones (m, d) as well."""
     found = minimisers_near(bench, placed, rng, known)
     return Point(placed, found.value, found.directions, found.directions[:0])
 
@@ -105,7 +105,7 @@ def point_at(bench: Workbench, placed: Placed, known: FloatArray, rng: np.random
 def refine(
     bench: Workbench, placed: Placed, stop: Stop, rounds: int | None = None, least: float = LEAST_GAIN
 ) -> Refined:
-    """Return the local optimum that a placed state leads to in some rounds; as it is where it exerts nothing.
+    """Return the local optimum reached from a candidate within some rounds; itself where it does not exert the task.
 
     Rounds end where two in a row gain less than a share ``least``, or where the Lagrangian is flat. Descents may
     flatter: a polytope looks for directions that they missed, and the search goes on with these, from where it began if
@@ -135,7 +135,7 @@ def refine(
 def _settled(
     bench: Workbench, refined: Refined, rng: np.random.Generator, stop: Stop, rounds: int, least: float
 ) -> Refined:
-    """Return where steps lead until no step helps."""
+    """Return the point at which no trust-region step improves any more."""
     begun = here = refined.point
     radius, curvature, near, stale, idle = RADIUS, None, least == 0.0, True, 0
     for _ in range(rounds):
@@ -185,7 +185,7 @@ def _settled(
 
 
 def _differences(bench: Workbench, there: Placed, here: Placed) -> FloatArray:
-    """Return how far all variables of the program are apart but beta and forces, solver units."""
+    """Return the difference of two candidates in the program's variables but beta and forces, solver units."""
     program = bench.exchange.compiled.program
     moved = variables_of(bench, program, there) - variables_of(bench, program, here)
     moved[program.block("beta").range] = 0.0

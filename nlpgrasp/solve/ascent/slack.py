@@ -1,4 +1,4 @@
-"""How far the rows of a quadratic program may be broken, and at what price: not at all, each alone, in groups."""
+"""Slack models of a quadratic program: none, squared per constraint, or linear per group."""
 
 from __future__ import annotations
 
@@ -10,45 +10,45 @@ from numpy.typing import NDArray
 
 from nlpgrasp.common.validation import FloatArray
 
-TOLERANCE, SLACK_TOLERANCE = 1e-9, 1e-8  # of the solver
-LEAST_CURVATURE = 1e-8  # of slacks with a linear price
+TOLERANCE, SLACK_TOLERANCE = 1e-9, 1e-8  # solver tolerance without and with slack
+LEAST_CURVATURE = 1e-8  # quadratic penalty of slacks with a linear one
 IntArray = NDArray[np.intp]
 
 
 class Slack(Protocol):
-    """Slack variables s of a quadratic program: a row ``a d <= b`` becomes ``a d <= b + s``."""
+    """Interface of slack variables s of a quadratic program: ``a d <= b`` becomes ``a d <= b + s``."""
 
     tolerance: ClassVar[float]  # of the solver
     at_least_zero: ClassVar[bool]  # whether s >= 0
     keeps_equations: ClassVar[bool]  # or takes an equation as two inequalities
 
     def columns(self, rows: IntArray) -> FloatArray:
-        """Return the columns (m, slacks) of the slack variables for these rows of the program."""
+        """Return the columns (m, slacks) of the slack variables for these constraints."""
 
     def prices(self, count: int) -> tuple[FloatArray, FloatArray]:
-        """Return linear and quadratic prices of so many slack variables, (count,) each."""
+        """Return the linear and quadratic penalties of the slacks, (count,) each."""
 
 
 @dataclass(frozen=True)
 class NoSlack:
-    """Rows that have to be kept."""
+    """Hard constraints, without slack."""
 
     tolerance: ClassVar[float] = TOLERANCE
     at_least_zero: ClassVar[bool] = False
     keeps_equations: ClassVar[bool] = True
 
     def columns(self, rows: IntArray) -> FloatArray:
-        """Return a matrix without columns, (m, 0)."""
+        """Return an empty matrix, (m, 0)."""
         return np.zeros((len(rows), 0))
 
     def prices(self, count: int) -> tuple[FloatArray, FloatArray]:
-        """Return no prices, (0,) each, as there is nothing to price."""
+        """Return empty penalties, (0,) each."""
         return np.zeros(0), np.zeros(0)
 
 
 @dataclass(frozen=True)
 class RowSlack:
-    """One slack a row, priced by its square.
+    """One slack per constraint, with a quadratic penalty.
 
     Parameters
     ----------
@@ -62,17 +62,17 @@ class RowSlack:
     keeps_equations: ClassVar[bool] = True
 
     def columns(self, rows: IntArray) -> FloatArray:
-        """Return a column for each row."""
+        """Return one column per constraint."""
         return -np.eye(len(rows))
 
     def prices(self, count: int) -> tuple[FloatArray, FloatArray]:
-        """Return no linear prices and the penalty for each square, (count,) each."""
+        """Return zero linear penalties and the quadratic penalty for each slack, (count,) each."""
         return np.zeros(count), np.full(count, self.penalty)
 
 
 @dataclass(frozen=True)
 class GroupSlack:
-    """One slack a group of rows: the largest violation in it, priced as it is.
+    """One slack per group of constraints: its largest violation, with a linear penalty.
 
     Parameters
     ----------
@@ -88,11 +88,11 @@ class GroupSlack:
     keeps_equations: ClassVar[bool] = False
 
     def columns(self, rows: IntArray) -> FloatArray:
-        """Return a column for each group, also for those without a row here."""
+        """Return one column per group, also for groups without a constraint here."""
         columns = np.zeros((len(rows), len(self.weights)))
         columns[np.arange(len(rows)), self.member[rows]] = -1.0
         return columns
 
     def prices(self, count: int) -> tuple[FloatArray, FloatArray]:
-        """Return the groups' weights, and next to nothing for the squares, (count,) each."""
+        """Return the groups' weights as linear penalties, and tiny quadratic ones, (count,) each."""
         return self.weights, np.full(count, LEAST_CURVATURE)

@@ -1,4 +1,4 @@
-"""State of an ascent: contacts, hand, quality, known weak directions, and the effort so far."""
+"""State of a local search: contacts, hand, quality, known weak directions, and effort."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from nlpgrasp.solve.workbench.placed import Placed
 
 @dataclass(frozen=True)
 class Effort:
-    """Effort of solving: calls of IPOPT, iterations and seconds.
+    """Solver effort: calls of IPOPT, iterations and seconds.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class Effort:
         return cls(result.iterations, result.seconds, result.function_seconds, 1, failures)
 
     def __add__(self, other: Effort) -> Effort:
-        """Return both efforts together."""
+        """Return the sum of two efforts."""
         return Effort(
             self.iterations + other.iterations,
             self.solver_seconds + other.solver_seconds,
@@ -54,7 +54,7 @@ class Effort:
 
 @dataclass
 class AscentState:
-    """Where an ascent stands.
+    """Current iterate of a local search with its cutting planes and history.
 
     Parameters
     ----------
@@ -79,5 +79,5 @@ class AscentState:
     history: list[float] = field(default_factory=list)
 
     def accept(self, placed: Placed, value: float, multipliers: FloatArray) -> None:
-        """Go to a better state; its multipliers are those of the solve that led there."""
+        """Accept a better iterate with the multipliers of its solve."""
         self.placed, self.value, self.multipliers = placed, value, multipliers

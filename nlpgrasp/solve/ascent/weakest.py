@@ -1,4 +1,4 @@
-"""The directions in which a grasp is weakest against a task, found by descent from many starts."""
+"""Weakest directions of a grasp against a task: local minimisers of the support ratio, by multistart descent."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.tasks import Task
 
-SLACK = 1.25  # keep local minima up to this factor above the least
-KEEP = 64
-SEPARATION = 0.97
-DIFFERENT = 1.0 - 1e-5  # cosine below which two minimisers are two
+SLACK = 1.25  # factor above the least ratio up to which local minima are kept
+KEEP = 64  # directions kept, at most
+SEPARATION = 0.97  # cosine above which two directions count as one
+DIFFERENT = 1.0 - 1e-5  # cosine above which two minimisers count as one
 NEWTON_STEPS = 12
 FRESH = 24  # random directions beside known ones
-HULL_GAP, HULL_CELLS = 2e-3, 600
-MISSED, LOOK = 0.01, 0.03  # relative: what descents may lack of the least ratio; width of the certificate that tells
-NEWS = 1e-4  # relative: the same along kinks, where descents stop and the certificate's polytope is exact
-BEGUN, FOLLOWED = 10, 40  # steps along gradients, and directions that inverse iteration goes on from: the weakest
+HULL_GAP, HULL_CELLS = 2e-3, 600  # relative gap of the certificate's polytope; facets used
+MISSED, LOOK = 0.01, 0.03  # relative: error of descents that is tolerated; width of the certificate that checks it
+NEWS = 1e-4  # relative error tolerated at kinks, where descents stop and the certificate's polytope is exact
+BEGUN, FOLLOWED = 10, 40  # gradient steps; weakest directions that inverse iteration continues from
 
 
 @dataclass(frozen=True)
 class Weakest:
-    """Local minimisers of ``phi_G / phi_A``.
+    """Local minimisers of the support ratio ``phi_G / phi_A``.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class Weakest:
 
 @dataclass(frozen=True)
 class Descents:
-    """How thoroughly weak directions are searched for.
+    """Thoroughness of a search for weakest directions.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def weakest_at(
     known: FloatArray | None = None,
     descents: Descents = THOROUGH,
 ) -> Weakest:
-    """Return the weakest directions of a placed state against the problem's task; see ``weakest_directions``."""
+    """Return the weakest directions of a candidate against the problem's task; see ``weakest_directions``."""
     return weakest_directions(bench.grasp(placed), bench.problem.task, bench.budget(placed), rng, known, descents)
 
 
@@ -120,7 +120,7 @@ def weakest_directions(
 
 
 def minimisers_near(bench: Workbench, placed: Placed, rng: np.random.Generator, known: FloatArray) -> Weakest:
-    """Return the weakest directions of a placed state as local minimisers to rounding, however near each other.
+    """Return the weakest directions of a candidate as local minimisers to rounding, however close together.
 
     They are looked for from known directions, such as those of a state nearby, and from a few random ones.
     """
@@ -139,7 +139,7 @@ def minimisers_near(bench: Workbench, placed: Placed, rng: np.random.Generator, 
 
 
 def disproved(bench: Workbench, placed: Placed, value: float) -> tuple[Weakest | None, Begun | None]:
-    """Return directions in which a placed state is weaker than descents found it to be, None where there are none.
+    """Return directions in which a candidate is weaker than its known value, None where there are none.
 
     Descents miss a narrow dip that no start is near, and stop at the kinks of other budgets than the paper's; a
     certificate's polytope does not. That is returned too, where there is one.
@@ -155,14 +155,14 @@ def disproved(bench: Workbench, placed: Placed, value: float) -> tuple[Weakest |
 
 
 def missed(begun: Begun, value: float) -> Weakest | None:
-    """Return directions in which a polytope shows less than a value that descents found; None where there are none."""
+    """Return directions in which a certificate's polytope shows less than a known value; None where there are none."""
     found, values = _hull_directions(begun.containment, begun.sandwich)
     weaker = bool(np.min(values) < value * (1.0 - MISSED))
     return _weakest(begun.containment, begun.task, found, values) if weaker else None
 
 
 def _weakest(problem: Containment, task: Task, found: FloatArray, values: FloatArray) -> Weakest:
-    """Return the weakest of directions that were found in a containment's coordinates, apart from each other."""
+    """Return the weakest of directions in a containment's coordinates, well separated."""
     order = np.argsort(values)
     order = order[values[order] <= SLACK * values[order[0]] + 1e-12]
     chosen = separated(found, order, SEPARATION, KEEP)
@@ -170,7 +170,7 @@ def _weakest(problem: Containment, task: Task, found: FloatArray, values: FloatA
 
 
 def in_coordinates(problem: Containment, known: FloatArray | None) -> FloatArray:
-    """Return known directions (m, d) in a containment's coordinates, those that are not lost there, (m', r)."""
+    """Return known directions (m, d) in a containment's coordinates, without those that vanish there, (m', r)."""
     if known is None or not len(known):
         return np.zeros((0, problem.rank))
     u = np.linalg.lstsq(problem.matrix.T, known.T, rcond=None)[0].T
@@ -179,7 +179,7 @@ def in_coordinates(problem: Containment, known: FloatArray | None) -> FloatArray
 
 
 def _iterated(problem: Containment, start: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
-    """Return weak directions and their ratios: where gradients lead in a few steps, and inverse iteration from there.
+    """Return weak directions and their ratios, by a few gradient steps followed by inverse iteration.
 
     The former are near the latter and not yet all the same: cuts around the weakest directions are what a step needs.
     """
@@ -195,7 +195,7 @@ def _from_hull(problem: Containment, gap: float) -> tuple[FloatArray, FloatArray
 
 
 def _hull_directions(problem: Containment, state: Sandwich) -> tuple[FloatArray, FloatArray]:
-    """Return the directions of a polytope's lowest cells, and their ratios."""
+    """Return the normals of a polytope's lowest facets, and their ratios."""
     found = state.worst[None, :]
     if state.hull is not None and problem.rank > 1:
         cells = state.hull.worst(SLACK * state.upper, HULL_CELLS)
@@ -204,6 +204,6 @@ def _hull_directions(problem: Containment, state: Sandwich) -> tuple[FloatArray,
 
 
 def _unit_reach(task: Task, y: FloatArray) -> FloatArray:
-    """Return those of directions (m, d) that the task asks for, scaled to ``phi_A = 1``."""
+    """Return the directions (m, d) with a positive support of the task, scaled to ``phi_A = 1``."""
     reach = task.support(y)[0]
     return np.asarray(y[reach > 0.0] / reach[reach > 0.0][:, None])

@@ -1,4 +1,4 @@
-"""The distinct grasps of a solve: where its starts ended, and where that are too few, what it met besides."""
+"""Collection of distinct grasps beside the answer: from starts, coordinate exchange and neighbours."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 from nlpgrasp.solve.workers.pool import Runner
 
-HALF = 0.5  # of the best mu: what was met besides the starts has at least as much
-MET = 4  # times as many placements are drawn from, as grasps are wanted
-SHORT = 1.1  # times as many are certified at a time as are missing: not all turn out to be allowed
+HALF = 0.5  # of the best mu: lower bound for grasps that are not ends of starts
+MET = 4  # candidates drawn per grasp wanted
+SHORT = 1.1  # grasps certified at a time per missing one, as some are rejected
 
 
 @dataclass(frozen=True)
 class Keeping:
-    """How many grasps a solve keeps.
+    """Number and distinctness of the grasps that a solve keeps.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ _Filled = tuple[StartGrasp, FoundGrasp]
 
 
 class Collection:
-    """The grasps that are kept beside the answer, worked on by the workers while the answer is put together.
+    """Distinct grasps kept beside the answer, processed by the workers while the answer is completed.
 
     That are the ends of the starts, distinct from each other and from the answer, the best first. Where these are too
     few, candidates of one more coordinate exchange, and then the best neighbours of the grasps kept so far, with one
@@ -80,7 +80,7 @@ class Collection:
         self._begun: Callable[[], list[_Filled | None]] | None = None
 
     def begin(self, best: StartGrasp, results: Sequence[StartResult]) -> None:
-        """Begin to work on grasps beside the answer, given with the results of all starts."""
+        """Begin to process the grasps beside the answer, given the results of all starts."""
         kept, runner, stop = self._kept, self._runner, self._stop
         kept.offer(best)
         ended = [r for r in results if isinstance(r, StartGrasp) and r.record.has_grasp]
@@ -95,7 +95,7 @@ class Collection:
         self._begun = self._next()
 
     def grasps(self) -> tuple[FoundGrasp, ...]:
-        """Return what is kept, best first, once it is done."""
+        """Return the kept grasps, best first, once they are processed."""
         while self._begun is not None:
             filled = [one for one in self._begun() if one is not None]
             for start, told in sorted(filled, key=lambda one: -one[0].record.mu.lower):
@@ -114,7 +114,7 @@ class Collection:
         return tuple(sorted(found, key=order))
 
     def _next(self) -> Callable[[], list[_Filled | None]] | None:
-        """Begin to certify and finish about as many as are missing; None where there are none, or no time."""
+        """Begin to certify and finish about as many as are missing; None without candidates or time."""
         if self._kept.missing <= 0 or self._stop.requested():
             return None
         batch: list[Placed] = []
@@ -127,7 +127,7 @@ class Collection:
 
 
 def _met(runner: Runner, kept: Distinct, stop: Stop) -> Iterator[Placed]:
-    """Yield candidates of a coordinate exchange, then the neighbours of the grasps kept so far, the best first."""
+    """Yield candidates of a coordinate exchange, then the best neighbours of the grasps kept so far."""
     bench, count = runner.bench, MET * kept.missing
     if not stop.requested():
         yield from propose(bench, np.random.default_rng(0), count=count)
@@ -135,7 +135,7 @@ def _met(runner: Runner, kept: Distinct, stop: Stop) -> Iterator[Placed]:
 
 
 def _as_it_is(bench: Workbench, placed: Placed, least: float, stop: Stop) -> _Filled | None:
-    """Return a placement on the body itself, certified and finished; None where it is not allowed or mu is less."""
+    """Return a placement on the body itself, certified and finished; None where infeasible or below the least mu."""
     found = certify_as_is(bench, WarmStart(placed), 0)
     if found is None or found.record.mu.lower < least:
         return None
@@ -143,7 +143,7 @@ def _as_it_is(bench: Workbench, placed: Placed, least: float, stop: Stop) -> _Fi
 
 
 def _finished(bench: Workbench, start: StartGrasp, stop: Stop) -> FoundGrasp:
-    """Return a grasp with its forces; where there is time, robustness and the hand just before, if asked for."""
+    """Return a grasp with its forces, and where time permits its robustness and pregrasp, if requested."""
     placed, grasp = start.found.placed, start.found.grasp
     with one_thread():
         if stop.requested():

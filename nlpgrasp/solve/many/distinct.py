@@ -1,4 +1,4 @@
-"""Grasps none of which is like another, as many as are wanted."""
+"""Set of pairwise distinct grasps of limited size."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from nlpgrasp.solve.workbench.placed import Placed
 
 
 class Distinct:
-    """Grasps that are distinct from each other."""
+    """Set of pairwise distinct grasps."""
 
     def __init__(self, likeness: Likeness, most: int) -> None:
         self._likeness, self._most = likeness, most
@@ -18,19 +18,19 @@ class Distinct:
 
     @property
     def missing(self) -> int:
-        """How many more there may be."""
+        """Number of grasps that can still be added."""
         return self._most - len(self.grasps)
 
     def has(self, placed: Placed) -> bool:
-        """Return whether a placement is one of them."""
+        """Return whether a placement is equivalent to one in the set."""
         return any(self._likeness.alike(placed, other.found.placed) for other in self.grasps)
 
     def alike(self, placed: Placed, others: Sequence[Placed]) -> bool:
-        """Return whether a placement is one of some others."""
+        """Return whether a placement is equivalent to one of some others."""
         return any(self._likeness.alike(placed, other) for other in others)
 
     def offer(self, start: StartGrasp) -> bool:
-        """Take a grasp where there is room, and it is none of them; return whether it was taken."""
+        """Add a grasp if the set is not full and has no equivalent one; return whether it was added."""
         taken = self.missing > 0 and not self.has(start.found.placed)
         if taken:
             self.grasps.append(start)

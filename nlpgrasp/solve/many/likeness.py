@@ -1,4 +1,4 @@
-"""Whether two grasps are one: contacts next to each other, in any order, turned and mirrored as the problem can be."""
+"""Equivalence of two grasps: matching contacts up to order and the problem's symmetries."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TINY = 1e-9  # of the body's size: no direction
 
 
 class Likeness:
-    """Compares grasps of one problem.
+    """Equivalence test for grasps of one problem.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class Likeness:
         self._apart = np.array([[0.0 if one == other else np.inf for other in kinds] for one in kinds])
 
     def alike(self, one: Placed, other: Placed) -> bool:
-        """Return whether two grasps are one."""
+        """Return whether two grasps are equivalent."""
         if self._hand is not None and self._posed_apart(self._hand.describe(one.hand), self._hand.describe(other.hand)):
             return False
         if np.max(np.abs(_spans(one.points) - _spans(other.points)), initial=0.0) > 2.0 * self._limit:

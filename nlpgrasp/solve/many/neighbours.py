@@ -1,4 +1,4 @@
-"""Grasps beside those that are known: one contact of each elsewhere."""
+"""Neighbours of known grasps: one contact moved elsewhere."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from nlpgrasp.solve.start.scores import scores
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
-KNOWN = 12  # grasps that are gone out from, the best ones
-PLACES = 48  # of each contact
-SCREENED = 4  # times as many as are wanted are screened closely
+KNOWN = 12  # best grasps whose neighbours are computed
+PLACES = 48  # positions tried per contact
+SCREENED = 4  # placements screened closely per grasp wanted
 
 
 def neighbours(bench: Workbench, known: Sequence[Placed], count: int) -> list[Placed]:
-    """Return up to ``count`` grasps that differ in one contact from one that is known, the best first.
+    """Return up to ``count`` grasps that differ from a known one in one contact, the best first.
 
     They keep the constraints, and exert the task as far as an upper bound on their mu tells. For problems whose hand,
     if any, follows from the contacts.
@@ -49,7 +49,7 @@ def neighbours(bench: Workbench, known: Sequence[Placed], count: int) -> list[Pl
 
 
 def _moved(bench: Workbench, placed: Placed) -> Drawn:
-    """Return a grasp with each contact in turn at places spread over the faces that it may use."""
+    """Return a grasp with each contact in turn at points spread over the faces that it may use."""
     k, count = len(placed.faces), PLACES * len(placed.faces)
     points, normals = (np.stack([a] * count) for a in (placed.points, bench.inward_normals(placed)))
     faces = np.empty((count, k), dtype=object)

@@ -1,4 +1,4 @@
-"""Rigid motions, reflections and turns that leave a problem as it is, told by where they take points of the body."""
+"""Numerical symmetries of a problem: rigid motions, reflections and rotations that leave it unchanged."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from nlpgrasp.solve.start.random_placements import random_placements
 from nlpgrasp.solve.workbench.workbench import Workbench
 
 SAME = 1e-6  # relative to the body's size, and to the scales of rows
-LOOKED_AT = 128  # points of the places of each contact, and placements
+LOOKED_AT = 128  # sample points per contact, and placements
 Motion = tuple[FloatArray, FloatArray]  # R (space, space), t (space,): p -> R p + t
 
 
 class Symmetries:
-    """The symmetries of a body that are symmetries of the problem too: of task, places of the contacts, constraints.
+    """Symmetries shared by body, task, allowed contact regions and constraints.
 
     Bodies are tried with the motions that the search of all placements knows (signed permutations of the axes, those
     of a polygon's corners) and with turns about the coordinate axes; whether body and constraints stay as they are is
@@ -59,7 +59,7 @@ class Symmetries:
                 self.motions.append((rotation, translation))
 
     def _kind(self, rotation: FloatArray, translation: FloatArray) -> tuple[float, ...]:
-        """Return what motions have in common that differ by a turn alone."""
+        """Return a key that is equal for motions that differ by a continuous rotation alone."""
         handed = float(np.round(np.linalg.det(rotation)))
         if self.is_round:
             return (handed,)
@@ -68,7 +68,7 @@ class Symmetries:
         return (*rotation.ravel().tolist(), *translation.tolist())
 
     def _keeps_all(self, rotation: FloatArray, translation: FloatArray) -> bool:
-        """Return whether a motion leaves task, places of the contacts and constraints as they are."""
+        """Return whether a motion leaves task, allowed contact regions and constraints unchanged."""
         problem = self._bench.problem
         moved = float(np.max(np.abs(rotation @ problem.origin + translation - problem.origin)))
         if moved > SAME * problem.body.size or not keeps(problem.task, wrench_map(rotation)):
@@ -90,6 +90,6 @@ class Symmetries:
         return bool(np.all(on))
 
     def _violations(self, points: FloatArray, normals: FloatArray) -> FloatArray:
-        """Return how far placements (b, k, space) break the constraints, (b,), relative to the rows' scales."""
+        """Return each placement's largest constraint violation, (b, k, space) to (b,), relative to the scales."""
         hand = self._bench.hand_points.start(points, normals)
         return np.asarray(self._bench.rows.violations(points, normals, hand))

@@ -1,4 +1,4 @@
-"""The straight way of the palm to the open hand: which direction is free, and how wide the fingers are open."""
+"""Straight approach of the palm to the open hand: choice of a collision-free direction and opening."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from nlpgrasp.solve.phases.opened import Opened
 from nlpgrasp.solve.space.straight import Place, StraightWay, straight_way
 from nlpgrasp.solve.space.surroundings import Surroundings
 
-WIDER = (1.0, 2.0, 4.0)  # times the pregrasp's opening
-CLOSER, BESIDE = np.radians([13.0, 6.5, 3.2, 1.6]), 6  # about the direction free longest: so far from it, so many
-SAME = 1e-9  # of a cosine: directions as near as that are one
+WIDER = (1.0, 2.0, 4.0)  # openings tried, times the pregrasp's
+CLOSER, BESIDE = np.radians([13.0, 6.5, 3.2, 1.6]), 6  # radians from the direction free longest; directions at each
+SAME = 1e-9  # of a cosine: nearer directions count as one
 
 
 @dataclass(frozen=True)
 class BlockedDirection:
-    """A direction that is not free.
+    """Approach direction that is not collision-free.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class BlockedDirection:
 
 @dataclass(frozen=True)
 class Approach:
-    """What was found: a free direction, or why there is none.
+    """Result of a search for a free approach: a direction, or the reason why there is none.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def free_approach(
     distance: Callable[[Values, FloatArray], float],
     locate: bool = True,
 ) -> Approach:
-    """Return the first direction in which the palm comes straight, its fingers open; wider where none is free.
+    """Return the first collision-free approach direction of the open hand, opened wider where none is free.
 
     Where none of several is, others are looked at about the one that is free longest, nearer and nearer to it: the way
     out of a narrow place lies between the directions of any list.
@@ -122,7 +122,7 @@ def free_approach(
 
 
 def _closer(ways: Sequence[FloatArray], blocked: Sequence[BlockedDirection]) -> Iterator[FloatArray]:
-    """Yield directions, then those about the one that is free longest; ``blocked`` grows by all but the last."""
+    """Yield directions, then ones ever nearer to the longest free one; ``blocked`` grows by all but the last."""
     before = len(blocked)
     yield from ways
     if len(ways) == 1:
@@ -135,7 +135,7 @@ def _closer(ways: Sequence[FloatArray], blocked: Sequence[BlockedDirection]) -> 
 
 
 def _away(around: Surroundings, start: Values, way: FloatArray, distance: float, locate: bool) -> StraightWay:
-    """Return how far out a direction is free, from the open hand at the grasp on."""
+    """Return the collision-free part of the path out along a direction, from the open hand at the grasp."""
 
     def away(share: float) -> Values:
         return {**start, "palm_position": start["palm_position"] - share * distance * way}
@@ -150,7 +150,7 @@ def _away(around: Surroundings, start: Values, way: FloatArray, distance: float,
 
 
 def _why_none(blocked: list[BlockedDirection], count: int, distance: float) -> str:
-    """Return the reason where every direction is blocked: the one that is free longest."""
+    """Return the reason why every direction is blocked: that of the longest free one."""
     best = max(blocked, key=lambda b: b.free)
     which = np.array2string(best.direction, precision=2, suppress_small=True)
     said = f"the longest, along {which}, is free for {1e3 * best.free:.0f} mm: {best.reason}"
@@ -159,7 +159,7 @@ def _why_none(blocked: list[BlockedDirection], count: int, distance: float) -> s
 
 
 def ways_of_palm(hand: URDFHand, values: Values, count: int) -> list[FloatArray]:
-    """Return directions for the palm to come in, the one in which it faces first, the nearest to it next.
+    """Return candidate approach directions of the palm, the one in which it faces first, the nearest to it next.
 
     Parameters
     ----------

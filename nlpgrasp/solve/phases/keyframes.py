@@ -1,4 +1,4 @@
-"""The phases of a grasp: from afar along a free direction, fingers closing, and what is commanded after."""
+"""Keyframes of a grasp: approach, pregrasp, grasp, squeeze and lift."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from nlpgrasp.solve.space.link_depth import LinkDepths
 from nlpgrasp.solve.space.room import least_room
 from nlpgrasp.solve.space.surroundings import Surroundings
 
-AWAY = 0.1  # metres between hand and body where the approach begins
+AWAY = 0.1  # metres between hand and body at the start of the approach
 DIRECTIONS = 60
 NO_PREGRASP = "the hand has no pregrasp"
 
@@ -28,7 +28,7 @@ NO_PREGRASP = "the hand has no pregrasp"
 def keyframes(
     problem: GraspProblem, hand: URDFHand, grasp: Values, pregrasp: Values | None, links: LinkDepths | None = None
 ) -> Json:
-    """Return the phases up to the grasp, as they stand in a file beside the pregrasp.
+    """Return the phases up to the grasp, as JSON data beside the pregrasp.
 
     The palm keeps its orientation. It comes straight, in the first free one of many directions, that in which it faces
     before all others, from where a plane across the direction is between hand and body with 0.1 m on the hand's side.
@@ -83,14 +83,14 @@ def _none(reason: str) -> Json:
 
 
 def _until_apart(around: Surroundings, bounds: FloatArray, values: Values, way: FloatArray) -> float:
-    """Return how far the palm goes back along a direction until all of the hand is well before the body's box."""
+    """Return how far the palm retracts along a direction until the hand is clear of the body's bounding box."""
     box = np.where(way > 0.0, bounds[0], bounds[1]) @ way  # the box's end that the hand comes to first
     reached = np.max(around.balls.places(values) @ way + around.balls.radii)
     return float(max(reached - box, 0.0) + AWAY)
 
 
 def with_commands(hand: PosedHand, posture: Json, positions: Mapping[str, float]) -> Json:
-    """Return a hand's entry with the phases after the grasp: the squeeze commanded, then raised.
+    """Return a hand's entry with the phases after the grasp: squeeze and lift.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How far hand and body together can be raised."""
+"""Lift of hand and body: largest collision-free height."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from nlpgrasp.problem.fields import Field, fields_of
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solve.space.surroundings import Surroundings
 
-LIFT = 0.2  # metres
-STEP = 2e-3  # metres between two looks where something is near
+LIFT = 0.2  # metres, height of the lift
+STEP = 2e-3  # metres, least step of the collision check
 SAMPLES = 4000  # of the body's surface
 
 
@@ -61,7 +61,7 @@ def body_samples(body: Body, rng: np.random.Generator) -> FloatArray:
 
 
 def _free(fields: Sequence[Field], points: FloatArray, radii: FloatArray, tolerance: float) -> tuple[float, str]:
-    """Return how far balls (m, 3) can be raised, metres, and what is in their way where that is less than the lift."""
+    """Return the collision-free height of spheres (m, 3), metres, and the obstacle where it is less than the lift."""
     first = [field.distance(points) - radii for field in fields]
     least, height, rooms, up = [np.minimum(room, 0.0) for room in first], 0.0, first, np.eye(3)[-1]
     while height < LIFT:

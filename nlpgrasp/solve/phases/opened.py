@@ -1,4 +1,4 @@
-"""The hand at its grasp, its fingers opened one by one as far as there is room."""
+"""Opening of a hand from its grasp, finger by finger as far as is collision-free."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from nlpgrasp.solve.space.surroundings import BoolArray, Surroundings
 
 @dataclass(frozen=True)
 class Opened:
-    """Places from the grasp to the open hand.
+    """Path of postures from the grasp to the open hand.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class Opened:
 
 
 def opened(around: Surroundings, grasp: Values, pregrasp: Values, times: float) -> Opened:
-    """Return the hand opened from its grasp towards its pregrasp, so many times as far, joints within their limits.
+    """Return the hand opened from its grasp towards a multiple of its pregrasp, within the joint limits.
 
     All go on together; what is blocked stays where it is, and the others go on without. Fingertips may be as near the
     body as in the program (``Surroundings.allowed``): they touch it in the end. Balls of links that overlap in
@@ -74,7 +74,7 @@ def opened(around: Surroundings, grasp: Values, pregrasp: Values, times: float) 
 
 
 def opened_straight(around: Surroundings, grasp: Values, pregrasp: Values, times: float) -> Opened:
-    """Return the hand opened as by ``opened``, or less, so that all its joints go there on one straight line."""
+    """Return the hand opened as by ``opened``, or less, along one straight joint path."""
     found = opened(around, grasp, pregrasp, times)
     if found.blocked_by or found.straight:
         return found
@@ -87,14 +87,14 @@ def opened_straight(around: Surroundings, grasp: Values, pregrasp: Values, times
 
 
 def _allowed(around: Surroundings, first: Place) -> FloatArray:
-    """Return the least of each clearance, (n,), metres: links whose balls overlap in the grasp may, as far as there."""
+    """Return the least clearances, (n,), metres; links that overlap in the grasp may do so, no deeper."""
     least, pairs = around.allowed(), around.of_pairs()
     least[pairs] = np.minimum(first.clearances[pairs], 0.0)
     return least
 
 
 def _towards(here: Values, aim: Values, free: BoolArray) -> Callable[[float], Values]:
-    """Return the way of the free joints to where they are to be; the palm goes along while all are free."""
+    """Return the straight path of the free joints to their goal; the palm moves along while all are free."""
     ends = {"joints": np.where(free, aim["joints"], here["joints"])}
     ends["palm_position"] = aim["palm_position"] if free.all() else here["palm_position"]
 
@@ -109,6 +109,6 @@ def _least(around: Surroundings, place: Place) -> float:
 
 
 def openings(around: Surroundings, values: Values, grasp: Values) -> FloatArray:
-    """Return how far each fingertip is from its place in the grasp, palm frame, (k,), metres."""
+    """Return each fingertip's distance from its position in the grasp, palm frame, (k,), metres."""
     there, here = around.hand.tree.palm_tips(np.stack([values["joints"], grasp["joints"]]))
     return np.asarray(np.linalg.norm(there - here, axis=1))

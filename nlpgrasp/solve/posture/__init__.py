@@ -1,1 +1,1 @@
-"""The posture of a hand in a grasp that was found."""
+"""Joint-limit margins of a hand's posture in a grasp."""

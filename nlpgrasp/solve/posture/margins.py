@@ -1,4 +1,4 @@
-"""Margins of joints: how far they are to be from their limits, and are."""
+"""Joint-limit margins: required and actual distances of joints from their limits."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.solution.joint_room import SMALL, JointRoom
 
-SHARE = 0.1  # of a joint's range: its margin at most
+SHARE = 0.1  # share of a joint's range: upper bound on its margin
 
 
 @dataclass(frozen=True)
 class Margins:
-    """The free joints of a hand, and the margins that they are to keep.
+    """Free joints of a hand with their limits and required margins.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class Margins:
 
     @classmethod
     def of(cls, hand: URDFHand, margin: float) -> Margins:
-        """Return the margins of a hand's joints, for one in radians."""
+        """Return the margins of a hand's joints, from a margin in radians."""
         limits, joints = hand.tree.joint_limits, hand.robot.free_joints
         share = SHARE * (limits[1] - limits[0])
         turns = np.array([joint.turns for joint in joints])
@@ -41,24 +41,24 @@ class Margins:
         return cls(tuple(joint.name for joint in joints), limits, wanted)
 
     def left(self, joints: FloatArray) -> FloatArray:
-        """Return how far joints (m,) are from their nearer limits, (m,)."""
+        """Return the distances of joints (m,) from their nearer limits, (m,)."""
         return np.asarray(np.minimum(joints - self.limits[0], self.limits[1] - joints))
 
     def left_by_name(self, joints: FloatArray) -> dict[str, float]:
-        """Return how far joints (m,) are from their nearer limits, by their names."""
+        """Return the distances of joints (m,) from their nearer limits, by name."""
         return dict(zip(self.names, self.left(joints).tolist(), strict=True))
 
     def room(self, joints: FloatArray, margin: float, price: float) -> JointRoom:
-        """Return what room joints (m,) have, as files state it beside what was asked for."""
+        """Return the joint-limit margins of joints (m,) as files state them, beside the required ones."""
         return JointRoom(
             margin, dict(zip(self.names, self.wanted.tolist(), strict=True)), self.left_by_name(joints), price
         )
 
     def lacking(self, joints: FloatArray) -> NDArray[np.bool_]:
-        """Return which joints have less than their margin, (m,)."""
+        """Return the mask of joints (m,) with less than their margin, (m,)."""
         return np.asarray(self.left(joints) < (1.0 - SMALL) * self.wanted)
 
     def narrowed(self, chosen: NDArray[np.bool_]) -> FloatArray:
-        """Return the limits, (2, m), narrower by the margins of the joints chosen, (m,) of bool."""
+        """Return the limits, (2, m), narrowed by the margins of the chosen joints, (m,) of bool."""
         inside = np.where(chosen, self.wanted, 0.0)
         return np.stack([self.limits[0] + inside, self.limits[1] - inside])

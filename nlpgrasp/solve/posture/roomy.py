@@ -1,4 +1,4 @@
-"""Refinement of a hand's grasp with its joints away from their limits, where that costs little of mu.
+"""Refinement of a hand's grasp under joint-limit margins, where these cost little of mu.
 
 The ranges of the joints are narrower by their margins. Joints that cannot go inside where the fingertips touch keep
 their whole range; so do those whose margins take more of mu, to first order by their multipliers, than the price.
@@ -22,11 +22,11 @@ from nlpgrasp.solve.start.touch import TOUCHING, touching
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 
-NEARBY = 1e-3  # trust region of the linearised program whose multipliers are looked at, over the body's size
+NEARBY = 1e-3  # over the body's size: trust-region radius of the linearised program that prices the margins
 
 
 def refined_with_room(bench: Workbench, placed: Placed, stop: Stop) -> tuple[Workbench, Refined]:
-    """Return where refinement leads, and the workbench whose joints have the limits that were kept.
+    """Return the refined candidate, and the compiled problem with the joint limits used.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def refined_with_room(bench: Workbench, placed: Placed, stop: Stop) -> tuple[Wor
 
 
 def _inside(bench: Workbench, margins: Margins, placed: Placed) -> tuple[NDArray[np.bool_], Placed]:
-    """Return which joints can be inside their margins where all fingertips touch, (m,), and the hand there."""
+    """Return the mask of joints that can keep their margins with all fingertips touching, (m,), and the hand there."""
     lacking = margins.lacking(placed.hand["joints"])
     for inside in (np.ones_like(lacking), ~lacking) if np.any(lacking) else ():
         limits = margins.narrowed(inside)
@@ -64,7 +64,7 @@ def _inside(bench: Workbench, margins: Margins, placed: Placed) -> tuple[NDArray
 
 
 def _dear(bench: Workbench, refined: Refined, margins: FloatArray) -> NDArray[np.bool_]:
-    """Return which joints' margins (m,) are to go, so that the others cost no more of mu than the price, (m,)."""
+    """Return the mask of joints, (m,), whose margins are dropped so that the others cost little enough of mu."""
     point, program = refined.point, bench.exchange.compiled.program
     nothing = np.zeros(len(margins), dtype=bool)
     if point.value <= 0.0 or not bench.exchange.linearises:

@@ -1,4 +1,4 @@
-"""The room a hand has: how far its links are from the body, from what is in the way and from each other."""
+"""Clearance of a hand: distances of its links from the body, surroundings and each other."""
 
 from nlpgrasp.solve.space.surroundings import Surroundings
 

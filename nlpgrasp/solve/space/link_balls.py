@@ -1,4 +1,4 @@
-"""The balls that stand for a hand's links, as numbers: where they are, and how far they can have moved.
+"""Spheres covering a hand's links: centres by forward kinematics, and bounds on their motion.
 
 A ball's centre is fixed to its link. While the joints go from q to q + d on a straight line, parameter t from 0 to 1,
 a turning joint j moves the centre with a speed of at most ``|d_j| R_j``, where R_j is the most that the centre can be
@@ -24,7 +24,7 @@ IntArray = NDArray[np.intp]
 
 
 class LinkBalls:
-    """Balls around the links, those of round fingertips last.
+    """Spheres around the links, those of round fingertips last.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class LinkBalls:
         self._sliding = np.array([f >= 0 and hand.tips[f][1].slides for f in fingers], bool)
 
     def places(self, values: Values) -> FloatArray:
-        """Return the centres (s, 3), metres, body frame, for values of the hand's variables."""
+        """Return the sphere centres (s, 3), metres, body frame, for values of the hand's variables."""
         tree = self.hand.tree
         base = tree.palm_frame(values)
         frames = np.asarray(tree.link_function(values["joints"]).full()).reshape(4, -1, 4)[:3, self._where]  # (3, s, 4)
@@ -68,7 +68,7 @@ class LinkBalls:
         return np.asarray(in_palm @ base[:3, :3].T + base[:3, 3])
 
     def _own_centres(self, values: Values) -> FloatArray:
-        """Return the centres in their links' frames: that of a tip with a coordinate of its own is where this says."""
+        """Return the centres in their links' frames; a sliding tip contact's depends on the hand's variables."""
         if "slides" not in values:
             return self._centres
         result, slides = self._centres.copy(), iter(values["slides"])
@@ -79,7 +79,7 @@ class LinkBalls:
 
     @cached_property
     def reach(self) -> FloatArray:
-        """Metres that each ball moves at most per unit of each free joint, (s, joints)."""
+        """Bound on each sphere's motion per unit of each free joint, (s, joints), metres."""
         robot = self.hand.robot
         index = {joint.name: i for i, joint in enumerate(robot.free_joints)}
         result = np.zeros((len(self.links), len(index)))
@@ -94,7 +94,7 @@ class LinkBalls:
         return result
 
     def swept(self, before: Values, after: Values) -> FloatArray:
-        """Return the most that each centre moves, (s,), metres, from one posture to another on a straight line.
+        """Return a bound on each centre's path length, (s,), metres, along a straight joint path between postures.
 
         The palm may move along, but not turn.
         """
@@ -105,17 +105,17 @@ class LinkBalls:
 
     @property
     def pairs(self) -> IntArray:
-        """Pairs of balls that are kept apart, (m, 2): of links that no single joint joins and that can be apart."""
+        """Pairs of spheres checked for self-collision, (m, 2): of links that no single joint connects."""
         return self._watched[0]
 
     @property
     def apart(self) -> FloatArray:
-        """Least distance of the centres of each of the pairs, (m,), metres."""
+        """Least centre distance of each pair, (m,), metres."""
         return self._watched[1]
 
     @cached_property
     def _watched(self) -> tuple[IntArray, FloatArray]:
-        """Return the pairs of balls that are kept apart, (m, 2), and the least distances of their centres, (m,)."""
+        """Return the pairs of spheres checked for self-collision, (m, 2), and their least centre distances, (m,)."""
         numbers = {link: np.flatnonzero([name == link for name in self.links]) for link in dict.fromkeys(self.links)}
         fits = {link: SphereFit(self._centres[own], self.radii[own], 0.0) for link, own in numbers.items()}
         pairs, overlaps = [np.zeros((0, 2), int)], [np.zeros(0)]

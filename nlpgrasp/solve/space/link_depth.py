@@ -1,4 +1,4 @@
-"""Penetration of a hand's links into the body and its surroundings, by the links' own collision shapes.
+"""Penetration depth of a hand's links in the body and its surroundings, by the links' own collision shapes.
 
 Two measures of depth are taken, and the larger counts:
 
@@ -32,16 +32,16 @@ from nlpgrasp.hands.spheres.shapes import Shape
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.link_depth import BODY, TOLERANCE, LinkDepth
 
-FINE = (1e-4, 0.05)  # metres and share: triangles are divided until none can hold a point deeper by more than this
-MOST = 1000  # triangles that are divided together: of more the most promising ones
-IMPLIED = 20_000  # triangles that stand for an implicit body, at most
-SAMPLES = 400  # of a face of a curved body, that tell how far its triangles are inside it
-FEW = 64  # corners of a mesh, up to which its convexity is looked for
-BEGINNINGS = 6  # points of either surface that the search inside begins from
+FINE = (1e-4, 0.05)  # metres and share: triangles are subdivided until the depth is known to this accuracy
+MOST = 1000  # triangles subdivided together; of more the most promising ones
+IMPLIED = 20_000  # triangles approximating an implicit body, at most
+SAMPLES = 400  # per curved face, for the distance of its triangles from the surface
+FEW = 64  # mesh corners up to which convexity is tested
+BEGINNINGS = 6  # starting points of the pattern search, per surface
 BULGE = 0.02  # share by which a thing may be larger than the points of its surface that are known
 SHEET = 0.05  # of its hull's volume: a surface that encloses less is none of a solid
 CONVEX, PLANES = 0.999, 500  # of its hull's volume: a surface that counts as convex; planes that stand for its faces
-SAME = 6  # digits in which the normals of one plane's triangles agree
+SAME = 6  # digits to which normals of coplanar triangles agree
 AROUND, BESIDE = 200, 12  # directions all around, and about the best one, for the shortest way out
 ANGLES = (0.1, 1e-4)  # radians: first and last of that search
 STEPS = (1e-3, 1e-5)  # metres: first and last step of that search
@@ -58,7 +58,7 @@ IntArray = NDArray[np.integer]
 
 @dataclass(frozen=True)
 class Thing:
-    """Something solid that links may be in.
+    """Solid obstacle to the links: body, table or obstacle.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ class Thing:
     convex: _Convex | None = None
 
     def seen_from(self, pose: FloatArray) -> Thing:
-        """Return the same thing for points in a frame that has this pose (4, 4)."""
+        """Return the same obstacle for points in a frame that has this pose (4, 4)."""
         fast, fine, turn, shift = self.fast, self.fine, pose[:3, :3].T, pose[:3, 3]
         points = (self.points - shift) @ pose[:3, :3]
         convex = None if self.convex is None else self.convex.turned(pose)
@@ -88,7 +88,7 @@ class Thing:
 
 
 def _things(constraints: Sequence[PlacementConstraint]) -> Iterator[Thing]:
-    """Yield the tables and obstacles among some constraints, as they are, without the clearance asked for."""
+    """Yield the tables and obstacles among some constraints, without the required clearance."""
     for constraint in constraints:
         if isinstance(constraint, Table):
             above = partial(_above, constraint.height)
@@ -102,7 +102,7 @@ def _things(constraints: Sequence[PlacementConstraint]) -> Iterator[Thing]:
 
 
 def _above(height: float, points: FloatArray) -> FloatArray:
-    """Return how far points (m, 3) are above a table."""
+    """Return the heights of points (m, 3) above a table."""
     return np.asarray(points[:, 2] - height)
 
 
@@ -133,7 +133,7 @@ def _solid_body(name: str, body: Body) -> Thing:
 
 
 def _some(points: FloatArray) -> FloatArray:
-    """Return about ``MOST`` of some points (n, 3), evenly chosen, with the outermost ones."""
+    """Return about ``MOST`` of some points (n, 3), evenly chosen, including the outermost ones."""
     around = directions_around(np.eye(3)[2], AROUND)
     outermost = points[np.unique(np.argmax(points @ around.T, axis=0))]
     return np.concatenate([points[:: max(1, len(points) // MOST)], outermost])
@@ -141,7 +141,7 @@ def _some(points: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class _Solid:
-    """A closed surface, and the signed distance from it.
+    """Closed surface with its signed distance.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ class _Solid:
 
 @dataclass(frozen=True)
 class _Convex:
-    """Corners (n, 3) of a convex solid, metres, and unit normals (m, 3) of its faces."""
+    """Convex solid: corners (n, 3), metres, and unit normals (m, 3) of its faces."""
 
     corners: FloatArray
     normals: FloatArray
@@ -196,7 +196,7 @@ class _Convex:
 
 
 def _way_out(one: _Convex, other: _Convex) -> float:
-    """Return the length of the shortest translation that parts two convex solids, metres; 0 where they are apart.
+    """Return the penetration depth of two convex solids (shortest separating translation), metres; 0 if apart.
 
     That is the least sum over directions of how far one reaches along it and the other against it: among the normals of
     both, then near the best of them.
@@ -227,7 +227,7 @@ def _hull(vertices: FloatArray) -> ConvexHull | None:
 
 
 class LinkDepths:
-    """Measures penetration in any posture of one hand, against one problem's body, tables and obstacles.
+    """Penetration depths of one hand in any posture, against one problem's body, tables and obstacles.
 
     Parameters
     ----------
@@ -251,7 +251,7 @@ class LinkDepths:
 
     @property
     def has_shapes(self) -> bool:
-        """Whether any link has a collision shape: else nothing is known of what links run into."""
+        """Whether any link has a collision shape; without one no penetration is known."""
         return bool(self._links)
 
     def at(self, values: Values) -> LinkDepth:
@@ -270,13 +270,13 @@ class LinkDepths:
         return worst
 
     def along(self, postures: Iterable[Values]) -> LinkDepth:
-        """Return the deepest penetration in any of some postures."""
+        """Return the deepest penetration over several postures."""
         every = [self.at(values) for values in postures]
         deepest = max(every, key=lambda found: found.depth, default=LinkDepth(tolerance=self.tolerance))
         return replace(deepest, postures=len(every))
 
     def on_the_way(self, before: Sequence[Values], grasp: Values) -> LinkDepth:
-        """Return the deepest penetration on the way through some postures to a grasp.
+        """Return the deepest penetration along a path of postures to a grasp.
 
         Postures every two millimetres are looked at, or a fiftieth of a leg; nothing is known between them. The grasp
         itself is left out.
@@ -305,7 +305,7 @@ class LinkDepths:
         return found, np.array(middles).reshape(-1, 3)
 
     def tip_gaps(self, values: Values, points: FloatArray) -> list[float | None]:
-        """Return how far each contact is from the shapes of its fingertip's link and of what is fixed to that.
+        """Return the distance of each contact from the shapes of its fingertip's link and of links fixed to it.
 
         Metres, 0 where the shapes reach the contact; None where none of these links has a shape.
 
@@ -331,7 +331,7 @@ class LinkDepths:
 
 @dataclass(frozen=True)
 class _LinkSolid:
-    """The union of a link's collision shapes.
+    """Union of a link's collision shapes.
 
     Parameters
     ----------
@@ -358,7 +358,7 @@ class _LinkSolid:
         return cls(tuple(solids), corners, centre, radius)
 
     def depth_in(self, thing: Thing) -> float:
-        """Return how deep the link is in a thing that is seen from the link's frame, metres, at least zero."""
+        """Return the link's penetration depth in an obstacle given in the link's frame, metres, at least zero."""
         points = _deepest_points(thing.fast, self._near(thing))[:BEGINNINGS]
         there = thing.points[np.linalg.norm(thing.points - self.centre, axis=1) < self.radius]
         if len(there):
@@ -371,13 +371,13 @@ class _LinkSolid:
         return max(inside, *self._ways_out(thing)) if inside > 0.0 else 0.0
 
     def _ways_out(self, thing: Thing) -> list[float]:
-        """Return how far each convex part is from being outside a convex thing, metres."""
+        """Return the penetration depth of each convex part in a convex obstacle, metres."""
         if thing.convex is None:
             return [0.0]
         return [0.0, *(_way_out(part.convex, thing.convex) for part in self.parts if part.convex is not None)]
 
     def _near(self, thing: Thing) -> FloatArray:
-        """Return the corners (m, 3, 3) of the triangles that may reach a ball around a thing."""
+        """Return the corners (m, 3, 3) of the triangles that may reach a bounding sphere of an obstacle."""
         if not len(thing.points):
             return self.corners
         middle = (thing.points.min(axis=0) + thing.points.max(axis=0)) / 2.0
@@ -397,7 +397,7 @@ def _of_shape(shape: Shape) -> _Solid:
 
 
 def _deepest_points(distance: Distance, corners: FloatArray) -> FloatArray:
-    """Return points (m, 3) of a surface that are inside a thing, the deepest first; none where the surface is outside.
+    """Return points (m, 3) of a surface inside an obstacle, the deepest first; none where the surface is outside.
 
     Triangles (m, 3, 3) are divided as long as they can hold a point that is deeper than the deepest known one: a
     signed distance changes by no more than a point moves.
@@ -417,14 +417,14 @@ def _deepest_points(distance: Distance, corners: FloatArray) -> FloatArray:
 
 
 def _divided(corners: FloatArray) -> FloatArray:
-    """Return triangles (m, 3, 3) divided in four each."""
+    """Return triangles (m, 3, 3) subdivided into four each."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     ab, bc, ca = (a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0
     return np.concatenate([np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
 
 
 def _deepest_inside(one: Distance, other: Distance, points: FloatArray) -> float:
-    """Return the largest sum of depths in two solids, metres, that a pattern search from some points (m, 3) finds."""
+    """Return the largest sum of depths in two solids, metres, by pattern search from some points (m, 3)."""
 
     def both(points: FloatArray) -> FloatArray:
         a, b = one(points), other(points)

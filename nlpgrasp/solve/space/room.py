@@ -1,4 +1,4 @@
-"""The least room a hand has along a way, proved between its places as well."""
+"""Certified least clearance of a hand along a path, between its postures as well."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.solve.space.straight import Place
 from nlpgrasp.solve.space.surroundings import Surroundings
 
-FINE = 1e-4  # metres
-MOST = 24  # places more that are looked at
+FINE = 1e-4  # metres, accuracy of the clearance
+MOST = 24  # further postures computed, at most
 
 
 def least_room(around: Surroundings, places: Sequence[Place]) -> float:
-    """Return what the links and fingertips are away at least, metres, from the body and what constraints keep them off.
+    """Return a certified least clearance of links and fingertips, metres, from the body and obstacles along a path.
 
     To a tenth of a millimetre what the balls have anywhere on the straight ways from place to place, by the bound of
     ``Surroundings.between``; where it takes more than a few places to see that, less than they have. From tables and

@@ -1,4 +1,4 @@
-"""A hand on a straight way in the space of its variables, as far as it is free."""
+"""Collision checking of a straight path in the space of a hand's variables."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.base import Values
 from nlpgrasp.solve.space.surroundings import BoolArray, Surroundings
 
-LARGEST = 1.0 / 8.0  # of the whole way: the first step
+LARGEST = 1.0 / 8.0  # of the whole path: the first step
 
 
 @dataclass(frozen=True)
 class Place:
-    """One posture of the way.
+    """Posture on a path, with its clearances.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class Place:
 
 @dataclass(frozen=True)
 class StraightWay:
-    """How far a way is free.
+    """Collision-free part of a straight path.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class StraightWay:
 
     @property
     def free(self) -> float:
-        """Share of the way that is free."""
+        """Share of the path that is collision-free."""
         return self.places[-1].share if self.places else 0.0
 
 
@@ -63,7 +63,7 @@ def straight_way(
     allowed: Callable[[Place], FloatArray],
     locate: bool = True,
 ) -> StraightWay:
-    """Return the places of a way, as near each other as it takes to be certain that nothing is between them.
+    """Return the postures of a straight path, close enough to certify that nothing lies between them.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a hand must not touch on its way, and what is certain between two postures.
+"""Clearances of a hand from body, obstacles and itself, with bounds between two postures.
 
 The distance to a thing changes by no more than a ball's centre moves. Where a ball has the clearances a and b in two
 postures, and its centre moves along a way of length l from one to the other, then after a part s of the way the
@@ -24,12 +24,12 @@ from nlpgrasp.solve.space.link_balls import LinkBalls
 
 IntArray = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
-TOLERANCE = 1e-3  # of the hand's span: how deep a ball may be in anything
-TIP_SHARE = 0.2  # of its radius: how far a round tip may be in the way of the body it touches, as in the program
+TOLERANCE = 1e-3  # of the hand's span: tolerated penetration of a sphere
+TIP_SHARE = 0.2  # of its radius: tolerated penetration of a round tip in the body it touches, as in the program
 
 
 class Surroundings:
-    """A hand among the body, what the constraints keep links away from, and its own links.
+    """Collision model of a hand among the body, the obstacles of its constraints, and its own links.
 
     Clearances are one array: those of each ball from each thing, one thing after another, then those of pairs of balls.
 
@@ -59,7 +59,7 @@ class Surroundings:
         self.pairs, self.apart = self.balls.pairs, self.balls.apart
 
     def of_joints(self, joints: IntArray) -> Surroundings:
-        """Return the same with the balls alone that some of the free joints move."""
+        """Return the model restricted to the spheres that some of the free joints move."""
         result = copy(self)
         moves = np.any(self.balls.reach[:, joints] > 0.0, axis=1)
         result.seen = np.flatnonzero(moves)
@@ -68,7 +68,7 @@ class Surroundings:
         return result
 
     def of_palm(self) -> Surroundings:
-        """Return the same without pairs of balls: the palm alone moves, and none of them comes nearer to another."""
+        """Return the model without self-collision, for motions of the palm alone."""
         result = copy(self)
         result.pairs, result.apart = self.pairs[:0], self.apart[:0]
         return result
@@ -84,36 +84,36 @@ class Surroundings:
         return np.concatenate([*found, np.linalg.norm(places[i] - places[j], axis=1) - self.apart])
 
     def swept(self, before: Values, after: Values) -> FloatArray:
-        """Return how much each of the clearances can change at most between two postures, (n,), metres."""
+        """Return bounds on the change of each clearance between two postures, (n,), metres."""
         ways = self.balls.swept(before, after)
         shift = float(np.linalg.norm(after["palm_position"] - before["palm_position"]))
         i, j = self.pairs.T
         return np.concatenate([*[ways[self.seen]] * len(self.fields), ways[i] + ways[j] - 2.0 * shift])
 
     def between(self, before: Values, after: Values, ends: tuple[FloatArray, FloatArray]) -> FloatArray:
-        """Return what each clearance is at least on the way between two postures that have those of ``ends``."""
+        """Return a lower bound on each clearance between two postures, whose clearances are ``ends``."""
         a, b = ends
         return np.asarray((a + b - self.swept(before, after)) / 2.0)
 
     def of_tips(self) -> BoolArray:
-        """Return which clearances are those of fingertips from the body, (n,)."""
+        """Return the mask of clearances between fingertips and body, (n,)."""
         rest = (len(self.fields) - 1) * len(self.seen) + len(self.pairs)
         return np.concatenate([self.balls.fingers[self.seen] >= 0, np.zeros(rest, bool)])
 
     def allowed(self) -> FloatArray:
-        """Return the least of each clearance, (n,), metres: of fingertips and the body they touch as in the program."""
+        """Return the least admissible clearances, (n,), metres: of fingertips from the body as in the program."""
         least = np.zeros(len(self.fields) * len(self.seen) + len(self.pairs))
         tips = self.balls.fingers[self.seen] >= 0
         least[: len(tips)] = np.where(tips, -TIP_SHARE * self.balls.radii[self.seen], 0.0)
         return least
 
     def of_pairs(self) -> BoolArray:
-        """Return which clearances are those of two balls of the hand, (n,)."""
+        """Return the mask of clearances between two spheres of the hand, (n,)."""
         things = len(self.fields) * len(self.seen)
         return np.arange(things + len(self.pairs)) >= things
 
     def say(self, index: int) -> str:
-        """Return in words which ball and which thing a clearance is of."""
+        """Return the names of the sphere and the obstacle of a clearance, as text."""
         count = len(self.seen)
         if index < len(self.fields) * count:
             which, ball = divmod(index, count)
@@ -122,7 +122,7 @@ class Surroundings:
         return f"{self._ball(int(i))} against {self._ball(int(j))}"
 
     def moved_by(self, index: int) -> BoolArray:
-        """Return which of the free joints move a ball that a clearance is of, (m,)."""
+        """Return the mask of free joints that move a sphere of a clearance, (m,)."""
         count = len(self.seen)
         things = len(self.fields) * count
         balls = [self.seen[index % count]] if index < things else self.pairs[index - things]

@@ -1,1 +1,1 @@
-"""One start: screen, first program, touch."""
+"""Starts of the multistart search: initial candidates, initial NLP, refinement, warm starts."""

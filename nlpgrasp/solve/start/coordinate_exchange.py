@@ -31,25 +31,25 @@ from nlpgrasp.solve.workbench.sample_tables import BAND, IntArray, SampleTables
 from nlpgrasp.solve.workbench.surface_samples import Cloud
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
-KEPT = 8  # candidates that exchanges go on from
-DRAWN, BEGUN = 2048, 16  # random tuples; those that exchanges begin from, half of them the best
-SHAKES = 6  # rounds that move contacts of the best tuples at random
-HALF = 3  # of the first search, and of one that goes on from it
-SHAKEN = 8  # candidates made a round
-SWEEPS = 4  # most exchanges of each contact
-WEAK = 24  # directions that all samples are compared along: the weakest of the contacts that stay
-LIKELY = 16  # samples, of those that seem best, that are compared along all directions
-GAIN = 1e-3  # relative: the least gain of an exchange
-TIE, LAST_TIE = 0.2, 0.01  # weight of the mean along weak directions beside the least support; in the last exchange
-DESCENTS, STEPS, LEARNED = 3, 8, 2  # of each candidate: descents, their steps, and directions learned
-CERTIFIED, LOOSE = 2, 0.2  # certificates a round at most, and their relative width
-SHOWN = 8  # directions learned of a certificate
-PROPOSED = 4  # candidates of a start
-MET = 2  # times as many tuples are looked at as candidates are wanted, where these are many
-MOST_MET, BEST_MET = 200, 12  # pairs met for jaws; those whose way in is looked at: the best, and as many others of all
-REPAIRABLE = 1e-3  # violation of constraints that couple contacts, relative to their scales, that is mended afterwards
-AROUND, MOST_AROUND = 0.08, 300  # of the body's size, and of samples, where contacts on a mesh are exchanged nearby
-APART = 0.05  # of the body's size: candidates whose distances between contacts differ by less are of one kind
+KEPT = 8  # candidates kept between rounds of exchanges
+DRAWN, BEGUN = 2048, 16  # random tuples drawn; tuples that exchanges start from, half of them the best of those drawn
+SHAKES = 6  # rounds of random perturbation and exchange
+HALF = 3  # rounds of the first search, and of a search that resumes it
+SHAKEN = 8  # perturbed tuples per round
+SWEEPS = 4  # sweeps of exchanges over all contacts, at most
+WEAK = 24  # directions in which all samples are compared: the weakest of the remaining contacts
+LIKELY = 16  # shortlisted samples, compared in all directions
+GAIN = 1e-3  # least relative gain of an exchange
+TIE, LAST_TIE = 0.2, 0.01  # weight of the mean over weak directions beside the least support; in the last exchange
+DESCENTS, STEPS, LEARNED = 3, 8, 2  # per candidate: descents, steps of each, directions added
+CERTIFIED, LOOSE = 2, 0.2  # certificates per round, at most; their relative width
+SHOWN = 8  # directions added from a certificate, at most
+PROPOSED = 4  # candidates per start
+MET = 2  # tuples compared per candidate requested, where more than ``PROPOSED`` are
+MOST_MET, BEST_MET = 200, 12  # pairs kept for jaws; those whose approach is checked: the best, and about as many of all
+REPAIRABLE = 1e-3  # largest violation of coupled constraints, relative to their scales, that is repaired afterwards
+AROUND, MOST_AROUND = 0.08, 300  # radius over the body's size, and most samples, of a contact's neighbourhood on a mesh
+APART = 0.05  # over the body's size: congruent placements differ by less in all distances between contacts
 
 
 def propose(
@@ -101,7 +101,7 @@ def propose(
 
 
 class CoordinateExchange:
-    """Search over tuples of surface samples by exchanges of one contact at a time.
+    """Local search over tuples of surface samples that replaces one contact at a time.
 
     Parameters
     ----------
@@ -140,13 +140,13 @@ class CoordinateExchange:
         return self.kept(best, self.exchanged(best, LAST_TIE))
 
     def drawn(self) -> IntArray:
-        """Return random tuples, (b, k), half of them the best of many."""
+        """Return random tuples, (b, k); half of them are the best of ``DRAWN``."""
         many = self._tables.random(DRAWN, self._rng)
         chosen = self.best(many, BEGUN // 2)
         return np.concatenate([chosen, many[: BEGUN - len(chosen)]])
 
     def shaken(self, tuples: IntArray) -> IntArray:
-        """Return tuples with one or two contacts at random samples, (SHAKEN, k); the best ones first and most often."""
+        """Return tuples with one or two contacts at random samples, (SHAKEN, k), the best tuples most often."""
         result = np.resize(tuples, (SHAKEN, tuples.shape[1]))
         for number, (row, drawn) in enumerate(zip(result, self._tables.random(SHAKEN, self._rng), strict=True)):
             moved = self._rng.permutation(len(row))[: 1 + number % 2]
@@ -154,7 +154,7 @@ class CoordinateExchange:
         return result
 
     def kept(self, *tuples: IntArray) -> IntArray:
-        """Return the best of tuples (b, k) each, best first, by the directions too in which these are weakest."""
+        """Return the best of several sets of tuples (b, k), best first, after adding their weakest directions."""
         self.met += tuples
         best = self.best(np.concatenate(tuples), 4 * KEPT)
         self.learn_from(best[: 2 * KEPT])
@@ -164,13 +164,13 @@ class CoordinateExchange:
         return self.certified(best[sorted((first + rest)[:KEPT])])
 
     def values(self, tuples: IntArray) -> FloatArray:
-        """Return the least ``phi_G / phi_A`` of tuples (b, k) along the known directions, (b,); -1 less violations."""
+        """Return the least ``phi_G / phi_A`` of tuples (b, k) along known directions, (b,); -1 less any violation."""
         least = np.min(self._tables.combine.reduce(self._powers_of(tuples), axis=2), axis=0).astype(float)
         violation = self.violations(tuples)
         return np.where(violation <= REPAIRABLE, least ** (1.0 / self._tables.power), -1.0 - violation)
 
     def violations(self, tuples: IntArray) -> FloatArray:
-        """Return the largest violation of tuples (b, k), relative to the rows' scales, (b,)."""
+        """Return the largest violation of coupled constraints by tuples (b, k), relative to their scales, (b,)."""
         if not self._tables.coupled:
             return np.zeros(len(tuples))
         rows, (points, normals) = self._bench.rows, self._tables.places(tuples)
@@ -178,12 +178,12 @@ class CoordinateExchange:
         return np.asarray(np.max(rows.each_excess(values, BAND), axis=1))
 
     def best(self, tuples: IntArray, count: int) -> IntArray:
-        """Return the best of tuples (b, k), no two the same."""
+        """Return the best ``count`` of tuples (b, k), without duplicates."""
         order = np.argsort(-self.values(tuples), kind="stable")
         return np.array(list({self._key(t): t for t in tuples[order[::-1]]}.values())[::-1][:count])
 
     def exchanged(self, tuples: IntArray, tie: float = TIE, within: Sequence[Sequence[IntArray]] = ()) -> IntArray:
-        """Return tuples (b, k) after exchanges of one contact at a time to the best sample, side by side.
+        """Return tuples (b, k) after coordinate exchange: one contact at a time moves to its best sample.
 
         Where it is given, ``within[b][i]`` are the samples that contact i of tuple b may be at.
         """
@@ -225,7 +225,7 @@ class CoordinateExchange:
         self.learn(np.take_along_axis(found, weakest[:, :, None], axis=1).reshape(-1, found.shape[2]))
 
     def certified(self, tuples: IntArray) -> IntArray:
-        """Return tuples (b, k), best first, by directions that loose certificates of the best show as well.
+        """Return tuples (b, k), best first, re-ranked with weak directions from loose certificates of the best tuple.
 
         Descents miss narrow dips. A tuple that turns out to be weaker makes place for the next.
         """
@@ -244,7 +244,7 @@ class CoordinateExchange:
         return tuples
 
     def learn(self, y: FloatArray) -> None:
-        """Add directions (j, d)."""
+        """Add directions (j, d), scaled to ``phi_A = 1``."""
         reach = self._bench.problem.task.support(y)[0]
         y = y[reach > 0.0] / reach[reach > 0.0, None]
         self.directions = np.concatenate([self.directions, y])
@@ -254,25 +254,25 @@ class CoordinateExchange:
         ]
 
     def placed(self, one: IntArray) -> Placed:
-        """Return a tuple (k,) as a placement with its hand."""
+        """Return a tuple (k,) of samples as a candidate with its hand."""
         points, normals = self._tables.places(one[None])
         hand = self._bench.hand_points.start(points, normals)
         faces = tuple(str(self._tables.samples(i).faces[sample]) for i, sample in enumerate(one))
         return Placed(faces, points[0], {name: value[0] for name, value in hand.items()})
 
     def _key(self, one: IntArray) -> tuple[tuple[int, int], ...]:
-        """Return what tuples have in common that differ in the order of contacts alike."""
+        """Return a key that is equal for tuples that differ only in the order of identical contacts."""
         return tuple(sorted(zip(self._tables.of_contact, one.tolist(), strict=True)))
 
     def _powers_of(self, tuples: IntArray) -> FloatArray:
-        """Return the supports' powers of the contacts of tuples (b, k) along all directions, (j, b, k)."""
+        """Return the powers ``s^p`` of each contact's support in tuples (b, k) along all directions, (j, b, k)."""
         each = zip(self._tables.of_contact, tuples.T, strict=True)
         return np.stack([self.powers[table][:, samples] for table, samples in each], axis=2)
 
     def _shortlist(
         self, own: FloatArray, i: int, current: int, outside: bool, tie: float, among: IntArray | None = None
     ) -> tuple[IntArray, FloatArray]:
-        """Return samples of contact i that look best beside the others of a tuple (j, k), its own last, and scores.
+        """Return promising samples of contact i beside the others of a tuple (j, k), the current one last, and scores.
 
         They are among all samples, or some by number.
         """
@@ -292,7 +292,7 @@ class CoordinateExchange:
 
 
 def exchanged_nearby(bench: Workbench, placed: Placed, grasp: Grasp, cuts: FloatArray) -> Placed:
-    """Return contacts on a mesh exchanged for samples of it around them, which are denser than those of candidates.
+    """Return contacts on a mesh improved by coordinate exchange over dense samples in their neighbourhood.
 
     Parameters
     ----------
@@ -327,7 +327,7 @@ def exchanged_nearby(bench: Workbench, placed: Placed, grasp: Grasp, cuts: Float
 
 
 def distinct(bench: Workbench, found: Sequence[Placed], count: int = PROPOSED) -> list[Placed]:
-    """Return the first few placements of different kinds: no motion or reflection joins two.
+    """Return the first few candidates that are not congruent to an earlier one.
 
     They are compared by the distances between contacts, and from the torque origin.
     """
@@ -336,7 +336,7 @@ def distinct(bench: Workbench, found: Sequence[Placed], count: int = PROPOSED) -
 
 
 def of_different_kinds(bench: Workbench, points: FloatArray) -> list[int]:
-    """Return which of some placements, (b, k, space), are of another kind than all before them."""
+    """Return the indices of placements (b, k, space) that are not congruent to an earlier one."""
     points = points - bench.problem.origin
     across = np.linalg.norm(points[:, :, None] - points[:, None], axis=3).reshape(len(points), -1)
     shapes = np.concatenate([np.sort(across, axis=1), np.sort(np.linalg.norm(points, axis=2), axis=1)], axis=1)
@@ -349,7 +349,7 @@ def of_different_kinds(bench: Workbench, points: FloatArray) -> list[int]:
 
 
 def _repaired(bench: Workbench, placed: Placed) -> tuple[Placed, FloatArray] | None:
-    """Return a placement moved onto constraints that it breaks by little, and its inward normals (k, space).
+    """Return a candidate projected onto constraints that it violates slightly, and its inward normals (k, space).
 
     None where it does not get there.
     """
@@ -363,6 +363,6 @@ def _repaired(bench: Workbench, placed: Placed) -> tuple[Placed, FloatArray] | N
 
 
 def _ranked(bench: Workbench, found: Sequence[tuple[Placed, FloatArray]]) -> list[Placed]:
-    """Return placements, each given with its inward normals, those first that seem to exert the task best."""
+    """Return candidates, given with their inward normals, by decreasing sampled quality."""
     points, normals = np.stack([placed.points for placed, _ in found]), np.stack([normals for _, normals in found])
     return [found[b][0] for b in np.argsort(-scores(bench, points, normals), kind="stable")]

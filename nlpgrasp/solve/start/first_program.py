@@ -1,4 +1,4 @@
-"""The first program of a start: from a candidate to contacts that exert the task."""
+"""Initial NLP of a start (vertex transcription): turns a candidate into a grasp that exerts the task."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.variables import placed_of, variables_of
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
-FIRST_BETA = 0.1  # solver units
+FIRST_BETA = 0.1  # initial value of beta, solver units
 
 
 @dataclass(frozen=True)
 class FirstGrasp:
-    """A candidate, or what the first program made of it.
+    """Candidate before or after the initial NLP, with its score.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class FirstGrasp:
 
 
 def first_grasp(bench: Workbench, candidate: Placed, rng: np.random.Generator) -> FirstGrasp:
-    """Return a candidate that exerts the task as it is; else the better one of it and what the first program finds."""
+    """Return a candidate that exerts the task unchanged; otherwise the better of it and the initial NLP's solution."""
     found = [FirstGrasp(candidate, _score(bench, candidate, rng))]
     if found[0].score > 0.0:
         return found[0]
@@ -60,7 +60,7 @@ def first_grasp(bench: Workbench, candidate: Placed, rng: np.random.Generator) -
 
 
 def first_of(bench: Workbench, candidates: Iterable[Placed], rng: np.random.Generator) -> FirstGrasp | None:
-    """Return the first of some candidates that exerts the task, by itself or by the first program; else the best."""
+    """Return the first candidate that exerts the task, directly or after the initial NLP; the best if none does."""
     best: FirstGrasp | None = None
     for candidate in candidates:
         found = first_grasp(bench, candidate, rng)
@@ -71,7 +71,7 @@ def first_of(bench: Workbench, candidates: Iterable[Placed], rng: np.random.Gene
 
 
 def _on_mesh(bench: Workbench, placed: Placed) -> Placed:
-    """Return contacts on the smooth surface of a mesh at the nearest points of the mesh, where no hand has to touch."""
+    """Return contacts projected from a mesh's smooth surface onto the mesh, unless a posed hand has to touch it."""
     body = bench.problem.body
     if not isinstance(body, Mesh) or not bench.follows_contacts:
         return placed
@@ -79,7 +79,7 @@ def _on_mesh(bench: Workbench, placed: Placed) -> Placed:
 
 
 def first_parameters(bench: Workbench, rng: np.random.Generator, factor: float = 1.0) -> FloatArray:
-    """Return the first program's sampled wrenches, (q,), turned at random in the task's own axes.
+    """Return the initial NLP's sampled wrenches, (q,), randomly rotated in the task's own axes.
 
     They are ``factor`` times as far from the task's middle.
     """
@@ -87,7 +87,7 @@ def first_parameters(bench: Workbench, rng: np.random.Generator, factor: float =
 
 
 def _score(bench: Workbench, placed: Placed, rng: np.random.Generator) -> float:
-    """Return how well a placement exerts the task; minus its violation where it breaks a constraint."""
+    """Return the least support ratio found of a placement; minus its violation where it violates a constraint."""
     own, there = on_triangles(bench, placed) if bench.follows_contacts else (bench, placed)
     violation = own.violation(there)
     return -violation if violation > FEASIBLE else weakest_at(own, there, rng).value

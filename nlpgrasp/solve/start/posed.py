@@ -1,4 +1,4 @@
-"""Candidates of a hand with a pose of its own: exchanges of contacts over what its fingers reach from many palm poses.
+"""Initial candidates of a hand with a palm pose: coordinate exchange over samples reachable from many palm poses.
 
 With the palm where it is, each fingertip reaches some surface samples. Fingers have joints of their own, so contacts
 are exchanged one at a time over these as free contacts are over all samples, for many palm poses side by side.
@@ -24,21 +24,21 @@ from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 from nlpgrasp.solve.workbench.workspace import Reach
 
-POSES, MOST_PALMS, PALMS = 1024, 192, 64  # random poses; palms that are looked at; those that exchanges are made for
-NEAR, EACH = 4, 8  # postures for each way to share a placement among fingers; those kept of a placement
-DRAWN = 64  # random tuples within reach of a palm, of which the best is exchanged
-ROUNDS, LEARN = 3, 16  # of exchanges; tuples whose weak directions are learned after each
-FAR = 4.0  # weight of a fingertip's distance from the body, over the body's size, against the score
-BROKEN = 1.0  # weight of what breaks constraints, such as a palm that faces elsewhere: a hand seldom turns around
-BLOCKED = 0.4  # weight of what is in the links' way against the share of the best value
-ENOUGH = 3  # poses that touch, with many contacts; of those that do not, where none does
-TRIES = 12  # poses that are moved to where all fingertips touch
-MANY, MANY_TRIES = 6, 32  # contacts from which hands hardly ever touch with all, and poses then
+POSES, MOST_PALMS, PALMS = 1024, 192, 64  # random poses; palm poses checked for reach; palm poses used for exchanges
+NEAR, EACH = 4, 8  # postures for each assignment of fingers to a placement; those kept of a placement
+DRAWN = 64  # random reachable tuples per palm pose, of which the best starts the exchange
+ROUNDS, LEARN = 3, 16  # rounds of exchanges; tuples whose weak directions are added after each
+FAR = 4.0  # weight of the fingertips' mean distance from the body, over its size, in the score
+BROKEN = 1.0  # weight of violated constraints, such as the palm's direction, in the score
+BLOCKED = 0.4  # weight of link collisions, relative to the share of the best quality
+ENOUGH = 3  # touching poses proposed with many contacts; non-touching ones where none touches
+TRIES = 12  # poses moved towards contact
+MANY, MANY_TRIES = 6, 32  # number of contacts from which hands rarely touch with all; poses moved then
 
 
 @dataclass(frozen=True)
 class _Poses:
-    """Poses of a hand, with the sample points of the body nearest to its fingertips.
+    """Sampled hand poses, with the surface samples nearest to the fingertips.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class _Poses:
 
 
 def posed_candidates(bench: Workbench, rng: np.random.Generator, stop: Stop) -> Iterator[Placed]:
-    """Return an iterator over what a start begins from: hands moved to where all their fingertips touch.
+    """Return an iterator over initial candidates: hand poses moved until all fingertips touch the body.
 
     The best come first; with many fingertips those that touch at all.
     """
@@ -76,7 +76,7 @@ def posed_candidates(bench: Workbench, rng: np.random.Generator, stop: Stop) -> 
 
 
 def draw_posed_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Placed]:
-    """Return the best few of many poses of a hand around the body.
+    """Return the best few of many random poses of a hand around the body.
 
     Palms whose fingertips are near the body come first, and those that constraints do not turn away. Contacts are
     exchanged within reach of their fingers, and compared by the least ratio, less what the links would be in the way
@@ -96,7 +96,7 @@ def draw_posed_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Pla
 
 
 def touching_candidates(bench: Workbench, candidates: Iterable[Placed], stop: Stop) -> Iterator[Placed]:
-    """Yield candidates moved to where all contacts touch: those that get there, then the nearest; a few.
+    """Yield a few candidates moved until all contacts touch: those that succeed, then the nearest.
 
     With many contacts a hand hardly ever touches with all of them by chance, and the program, which has forces
     to think of as well, seldom gets there from afar.
@@ -120,7 +120,7 @@ def touching_candidates(bench: Workbench, candidates: Iterable[Placed], stop: St
 def best_touching(
     bench: Workbench, candidates: Iterable[Placed], rng: np.random.Generator, stop: Stop
 ) -> Iterator[Placed]:
-    """Return candidates moved to where all contacts touch, those first that exert the task best; then the others.
+    """Return candidates moved until all contacts touch, ranked by sampled quality; those that fail come last.
 
     Of the best those of different kinds come first. The others, nearest first, are as they were.
     """
@@ -147,7 +147,7 @@ def best_touching(
 def _exchanged(
     bench: Workbench, search: CoordinateExchange, palms: Sequence[Values], rng: np.random.Generator
 ) -> list[Placed]:
-    """Return placements within reach of the first palms from which all fingertips reach the body, best first."""
+    """Return placements reachable from the first palm poses with all fingertips, best first."""
     tables, space = bench.without_hand.sample_tables, bench.workspace
     clouds = [tables.samples(i) for i in range(len(bench.problem.models))]
     hands, reaches = list[Values](), list[Reach]()
@@ -181,7 +181,7 @@ def _exchanged(
 
 
 def _drawn(search: CoordinateExchange, reach: Reach, rng: np.random.Generator) -> NDArray[np.intp]:
-    """Return the best of some random tuples of samples within reach, (k,)."""
+    """Return the best of some random tuples of reachable samples, (k,)."""
     drawn = np.stack([rng.choice(own, DRAWN) for own in reach.samples], axis=1)
     return np.asarray(drawn[int(np.argmax(search.values(drawn)))])
 

@@ -13,7 +13,7 @@ from nlpgrasp.solve.workbench.workbench import Workbench
 
 @dataclass(frozen=True)
 class Drawn:
-    """Placements at random.
+    """Random placements of all contacts.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ class Drawn:
 
 
 def random_placements(bench: Workbench, count: int, rng: np.random.Generator) -> Drawn:
-    """Return random placements over the sample points of the faces that each contact may use."""
+    """Return random placements over the samples of the faces that each contact may use."""
     clouds = [bench.surface.cloud(i) for i in range(len(bench.problem.models))]
     each = [(cloud, rng.integers(len(cloud.points), size=count)) for cloud in clouds]
     return Drawn(

@@ -1,4 +1,4 @@
-"""What one start found."""
+"""Result of one start: record, grasp, certificate and hand."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ CLOSE = 0.03  # relative: lower bounds of starts this close are a tie
 
 @dataclass(frozen=True)
 class StartResult:
-    """What one start found: by itself, that of a start that ended without a grasp.
+    """Result of one start; on its own, of a start that ended without a grasp.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class StartResult:
 
 @dataclass(frozen=True)
 class StartGrasp(StartResult):
-    """The grasp that a start ended with, whether it exerts the task and keeps the constraints or not.
+    """Final grasp of a start, feasible or not, with its measures and hand.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ class StartGrasp(StartResult):
         robust: Robustness | None = None,
         origin: Origin | None = None,
     ) -> StartGrasp:
-        """Return the end of a start, with its record: solved where the grasp is certified, allowed and free."""
+        """Return the result of a start with its record: solved if the grasp is certified, feasible and free."""
         depth, gaps, links = None, list[float | None](), bench.link_depths
         if links is not None:
             depth = links.at(found.placed.hand) if links.has_shapes else None
@@ -127,11 +127,11 @@ class StartGrasp(StartResult):
 
     @property
     def rank(self) -> Bounds:
-        """What starts are compared by: mu, or what is left of it at the worst placement."""
+        """Bounds by which starts are ranked: mu, or mu under the worst displacement."""
         return self.record.mu if self.robust is None else self.robust.mu
 
     def certified(self, problem: GraspProblem, rtol: float, seed: int = 0, deadline: float | None = None) -> StartGrasp:
-        """Return the start certified anew, to this relative gap, with bounds on mu no wider than before."""
+        """Return the start with its certificate narrowed to this relative gap."""
         known, placed = self.record.mu, self.found.placed
         budget = budget_at(problem, placed)
         fine = mu(self.found.grasp, problem.task, rtol, force_budget=budget, seed=seed, deadline=deadline)
@@ -140,7 +140,7 @@ class StartGrasp(StartResult):
 
 
 def best_of(results: Sequence[StartResult]) -> StartGrasp | None:
-    """Return the best solved start; the earliest of equals. Starts whose hand touches count where no other is solved.
+    """Return the best solved start, the earliest of equals; with none solved, the best whose only flaw is a collision.
 
     The lower bounds of two starts differ by chance within their certificates' gap, while the upper bounds are nearly
     always the values themselves: among the starts whose lower bounds are that close, the largest upper bound wins.

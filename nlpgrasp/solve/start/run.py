@@ -1,4 +1,4 @@
-"""One start: candidates are proposed, the best few refined, put onto the body and certified."""
+"""Run of one start: propose candidates, refine the best few, put them onto the body and certify."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 
-REFINED = 2  # candidates of a start that are refined
-MOST_TOUCHING = 2  # candidates whose links touch something at the end, before a start ends without another
+REFINED = 2  # refined candidates per start
+MOST_TOUCHING = 2  # candidates that end in link collisions before a start gives up
 
 
 def run_start(bench: Workbench, index: int, seed: int, stop: Stop, known: Sequence[FloatArray] = ()) -> StartResult:
@@ -47,7 +47,7 @@ def run_start(bench: Workbench, index: int, seed: int, stop: Stop, known: Sequen
 
 
 def with_hand(bench: Workbench, placed: Placed, normals: FloatArray | None = None) -> Placed:
-    """Return a placement with the values that a hand whose variables follow from the contacts has there.
+    """Return a candidate with the hand's variables computed from its contacts, where they follow from these.
 
     Inward normals (k, space) are the body's where none are given.
     """
@@ -59,7 +59,7 @@ def with_hand(bench: Workbench, placed: Placed, normals: FloatArray | None = Non
 def _best(
     bench: Workbench, index: int, rng: np.random.Generator, stop: Stop, clock: Clock, known: Sequence[FloatArray]
 ) -> StartGrasp:
-    """Return the best end of a start's candidates, with the effort of all of them."""
+    """Return the best result over a start's candidates, with the total effort."""
     origin = Origin.BOUND if known else Origin.RANDOM
     plain = None if bench.follows_contacts else bench.under_l2  # poses are compared under the paper's budget
     proposed = candidates(plain or bench, rng, stop, known, resume=index == 0)
@@ -87,7 +87,7 @@ def _best(
 
 
 def _refined(bench: Workbench, index: int, placed: Placed, stop: Stop) -> Iterator[tuple[OnBody, Refined]]:
-    """Yield where refinement leads: under another budget than the paper's, in some starts by way of that one.
+    """Yield refined grasps; under other budgets than L2 some are refined under L2 first.
 
     The paper's support, a root of a sum of squares over the contacts, is smooth where those of other budgets have
     edges. Every other start goes that way, and with a hand that has a pose all, from its end as well as to there.
@@ -102,13 +102,13 @@ def _refined(bench: Workbench, index: int, placed: Placed, stop: Stop) -> Iterat
 
 
 def _enough(ends: Sequence[StartGrasp]) -> bool:
-    """Return whether so many candidates led to a grasp that the hand can take, or some to links inside something."""
+    """Return whether enough candidates led to feasible grasps, or too many to colliding links."""
     touching = sum(end.record.status is Status.TOUCHES for end in ends)
     return sum(end.solved for end in ends) >= REFINED or touching >= MOST_TOUCHING
 
 
 def _end(bench: Workbench, index: int, first: FirstGrasp, origin: Origin, stop: Stop, clock: Clock) -> StartGrasp:
-    """Return a candidate refined, on the body, certified and measured: the best of what that leads to."""
+    """Return the best result of a candidate: refined, on the body, certified and measured."""
     ends, message = list[StartGrasp](), first.message or origin.value
     for found, refined in _refined(bench, index, first.placed, stop):
         clock.mark("refine")
@@ -125,7 +125,7 @@ def _end(bench: Workbench, index: int, first: FirstGrasp, origin: Origin, stop: 
 
 
 def _certified(bench: Workbench, found: OnBody, refined: Refined, stop: Stop) -> Bounds:
-    """Return the certificate of a grasp, whose upper bound is the least ratio along directions known as weak."""
+    """Return the certified bounds of a grasp, the upper one tightened by known weak directions."""
     budget, deadline, rtol = bench.budget(found.placed), stop.certificate_deadline(), bench.options.rtol
     begun, weak = refined.certificate, refined.point.minimisers
     if begun is not None and begun.is_of(found.grasp, budget):
@@ -140,6 +140,6 @@ def _certified(bench: Workbench, found: OnBody, refined: Refined, stop: Stop) ->
 
 
 def _better(ends: Sequence[StartGrasp]) -> StartGrasp:
-    """Return the best end, one that the hand can take first; with the effort of all."""
+    """Return the best of several results, collision-free ones first, with their total effort."""
     best = best_of(ends) or max(ends, key=lambda end: end.rank.lower)
     return replace(best, spent=sum((end.effort for end in ends), Effort()))

@@ -1,4 +1,4 @@
-"""Scores to rank many placements by, in directions spread over wrench space."""
+"""Sampled quality scores for ranking many placements: least support ratio over well-spread directions."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from nlpgrasp.solve.workbench.workbench import Workbench
 
 
 def scores(bench: Workbench, points: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return how well placements (b, k, space) exert the task in sampled directions, (b,)."""
+    """Return the sampled quality of placements (b, k, space), (b,)."""
     stack = GraspStack(points, normals, bench.problem.models, bench.problem.origin)
     ratios = sampled_ratios(stack, bench.problem.task, screening_directions(bench), bench.screening_budget)
     return screening_score(ratios) * bench.scaling.beta
 
 
 def screening_directions(bench: Workbench) -> FloatArray:
-    """Return well-spread directions in wrench space, round in the solver's units, (m, d)."""
+    """Return well-spread directions in wrench space, isotropic in the solver's units, (m, d)."""
     return directions(bench.problem.dimension, 2) * bench.scaling.wrench

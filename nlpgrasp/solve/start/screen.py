@@ -1,4 +1,4 @@
-"""Initial candidates of a start: by coordinate exchange, or by poses of a hand that has one of its own."""
+"""Initial candidates of a start: by coordinate exchange, or by sampled poses of a hand with a palm pose."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from nlpgrasp.solve.workbench.workbench import Workbench
 
 
 def draw_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Placed]:
-    """Return the best few candidates, best first: at least one, and where none keeps the constraints the nearest."""
+    """Return the best few candidates, best first; the least violated one where none is feasible."""
     return propose(bench, rng) if bench.follows_contacts else draw_posed_start(bench, rng)
 
 
 def candidates(
     bench: Workbench, rng: np.random.Generator, stop: Stop, known: Sequence[FloatArray] = (), resume: bool = False
 ) -> Iterable[Placed]:
-    """Return what a start begins from, the most promising first; also near contacts (k, space) that are known.
+    """Return initial candidates, the most promising first; also near known contacts (k, space).
 
     A hand with a pose of its own is first moved to where all its fingertips touch.
     """

@@ -1,4 +1,4 @@
-"""Where all contacts touch: contacts and hand moved until surface, fingertips and clearances agree."""
+"""Projection of a candidate onto the constraints: surface, fingertip contact and clearances, by Newton steps."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.variables import placed_of, variables_of
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
-LONGEST = 0.4  # solver units a step
+LONGEST = 0.4  # longest step, solver units
 # RowSlack: weight of the squared violations against the squared step
 RULES = NewtonRules(steps=25, enough=0.1 * FEASIBLE, patience=6, slack=RowSlack(1e4))
-TOUCHING = 1e-4  # violation, relative to the rows' scales, that counts as none
+TOUCHING = 1e-4  # violation, relative to the constraints' scales, that counts as none
 
 
 def touching(bench: Workbench, candidate: Placed) -> tuple[Placed, float]:
-    """Return a candidate moved towards the constraints, and the violation left, relative to the rows' scales."""
+    """Return a candidate projected onto the constraints, and the remaining violation, relative to their scales."""
     compiled = bench.exchange.compiled
     program, theta = compiled.program, no_cuts(bench, candidate)
     used = slice(program.contained, None)

@@ -1,4 +1,4 @@
-"""Warm starts: known grasps of the problem's body, each certified as it is and refined, beside a solve's own starts.
+"""Warm starts: known grasps of the problem's body, each certified unchanged and refined, beside a solve's own starts.
 
 A warm start is a placement of the problem's contacts with what is known of it: normals, a lower bound of mu, an origin.
 It comes from a public grasp (``WarmStart.of``), from a grasp of another problem with fewer or other contacts
@@ -38,8 +38,8 @@ from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 
-ON = 1e-3  # of the body's size: distance from the surface of contacts that are moved onto it
-DRAWN = 128  # random positions of added contacts that are compared
+ON = 1e-3  # largest distance from the surface, over the body's size, of contacts that are projected onto it
+DRAWN = 128  # random positions compared for each added contact
 
 KnownGrasp = Grasp | FoundGrasp | GraspSolution
 """What users pass as a warm start."""
@@ -47,7 +47,7 @@ KnownGrasp = Grasp | FoundGrasp | GraspSolution
 
 @dataclass(frozen=True)
 class WarmStart:
-    """Known grasp that starts begin from: contacts of the problem on faces of its body.
+    """Known grasp to start from: contacts of the problem on faces of its body.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ class WarmStart:
 
 
 def check_warm_starts(problem: GraspProblem, warm_starts: object) -> tuple[KnownGrasp, ...]:
-    """Return the grasps that a user passes as warm starts of a problem.
+    """Return the grasps that a user passes as warm starts, checked against the problem.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def _check(problem: GraspProblem, known: KnownGrasp, name: str) -> None:
 
 
 def on_surface(problem: GraspProblem, faces: Sequence[str], points: FloatArray) -> FloatArray:
-    """Return contacts moved onto the body itself, (k, space)."""
+    """Return contacts projected onto the body, (k, space)."""
     body = problem.body
     if isinstance(body, Mesh):
         return body.closest(points)[0]
@@ -143,14 +143,14 @@ def _grasp_of(known: KnownGrasp, name: str = "") -> Grasp:
 
 
 def _faces_of(problem: GraspProblem, known: KnownGrasp, grasp: Grasp) -> tuple[str, ...]:
-    """Return the faces that a grasp states, or that its contacts are nearest to."""
+    """Return the faces stated by a grasp, or the ones nearest to its contacts."""
     if not isinstance(known, Grasp) and set(known.faces) <= set(problem.body.face_names):
         return known.faces
     return tuple(map(str, nearest_faces(problem.body, grasp.points, grasp.normals, ON)))
 
 
 def adapted(bench: Workbench, known: FoundGrasp, origin: str) -> WarmStart | None:
-    """Return a grasp of another problem with the same body as a warm start; None where contacts or hand do not fit.
+    """Return a grasp of another problem with the same body as a warm start; None where contacts or hand do not match.
 
     It may have fewer contacts, or contacts contained in the problem's; of as many contacts any kind, as it is.
     """
@@ -165,7 +165,7 @@ def adapted(bench: Workbench, known: FoundGrasp, origin: str) -> WarmStart | Non
 
 
 def with_more_contacts(bench: Workbench, grasp: Grasp, faces: Sequence[str]) -> WarmStart | None:
-    """Return a grasp with contacts contained in the problem's as a warm start, the missing contacts added.
+    """Return a grasp with a subset of the problem's contacts as a warm start, the missing contacts added.
 
     Of random positions of the missing contacts, the ones that keep the constraints and exert the task best. None where
     a contact is not contained, or where no position drawn keeps the constraints. For problems whose hand, if any,
@@ -202,7 +202,7 @@ def with_more_contacts(bench: Workbench, grasp: Grasp, faces: Sequence[str]) -> 
 
 
 def best_allowed(bench: Workbench, points: FloatArray, normals: FloatArray, faces: FloatArray) -> Placed | None:
-    """Return the placement that keeps the constraints and exerts the task best, of (b, k, space) points; None if none.
+    """Return the feasible placement with the highest sampled quality, of (b, k, space) points; None without one.
 
     Parameters
     ----------
@@ -221,7 +221,7 @@ def best_allowed(bench: Workbench, points: FloatArray, normals: FloatArray, face
 
 
 def run_warm_start(bench: Workbench, warm: WarmStart, index: int, stop: Stop, improve: bool = True) -> list[StartGrasp]:
-    """Return the starts ``index`` and ``index + 1`` from a warm start: as it is and, with ``improve``, refined.
+    """Return the starts ``index`` and ``index + 1`` from a warm start: unchanged and, with ``improve``, refined.
 
     Each is left out where there is none.
     """
@@ -231,7 +231,7 @@ def run_warm_start(bench: Workbench, warm: WarmStart, index: int, stop: Stop, im
 
 
 def certify_as_is(bench: Workbench, warm: WarmStart, index: int) -> StartGrasp | None:
-    """Return a warm start certified as it is, with a mu of at least its floor.
+    """Return a warm start certified unchanged, with a mu of at least its floor.
 
     None where a contact is on a face that it may not use, or where it breaks a constraint or exerts nothing.
     """
@@ -262,7 +262,7 @@ def refine_warm_start(bench: Workbench, warm: WarmStart, index: int, stop: Stop)
 
 
 def _is_on_faces(bench: Workbench, placed: Placed) -> bool:
-    """Return whether each contact is on a face that it may use; on a mesh, which has one, wherever it is."""
+    """Return whether each contact is on a face that it may use; on a mesh, which has one face, always."""
     problem, body = bench.problem, bench.problem.body
     for i, (face, point) in enumerate(zip(placed.faces, placed.points, strict=True)):
         if face not in problem.allowed_faces(i):
@@ -273,7 +273,7 @@ def _is_on_faces(bench: Workbench, placed: Placed) -> bool:
 
 
 def _on_body(bench: Workbench, warm: WarmStart) -> OnBody:
-    """Return the grasp of a warm start as it is, with the body's own normals."""
+    """Return the unchanged grasp of a warm start, with the body's own normals."""
     placed, body = warm.placed, bench.problem.body
     normals, match = bench.inward_normals(placed), None
     smooth = normals

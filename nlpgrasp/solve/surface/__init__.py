@@ -1,1 +1,1 @@
-"""From the solver's surface onto the body itself."""
+"""Grasps on the body itself: projection of contacts and hands from a mesh's smooth surface onto the mesh."""

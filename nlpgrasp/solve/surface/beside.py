@@ -1,4 +1,4 @@
-"""What is asked of each contact by itself, beside the rows: the margin from sharp edges, on a mesh room for its tip."""
+"""Per-contact constraints outside the program: margin from sharp edges, and clearance of the fingertip on a mesh."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from nlpgrasp.solve.workbench.placed import Placed
 
 @dataclass(frozen=True)
 class AtLeast:
-    """A length that is asked to be at least as large as another.
+    """Length with a lower limit.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class AtLeast:
 
 
 def beside(problem: GraspProblem, placed: Placed, normals: FloatArray) -> Iterator[AtLeast]:
-    """Yield how far contacts with these inward normals (k, space) are from sharp edges, and tips' centres from a mesh.
+    """Yield the distances of contacts with inward normals (k, space) from sharp edges, and of tip centres from a mesh.
 
     Nothing is said of a face without sharp edges, of a fingertip that is a point or belongs to a hand with a pose, and
     of the room on bodies whose distance is an expression: rows of the program say it.
@@ -58,7 +58,7 @@ def edge_distances(problem: GraspProblem, placed: Placed) -> FloatArray:
 
 
 def near_edges(problem: GraspProblem, placed: Placed) -> FloatArray:
-    """Return by how much each contact is nearer to a sharp edge than the margin, (k,), over the body's size."""
+    """Return each contact's violation of the margin from sharp edges, (k,), over the body's size."""
     if problem.margin == 0.0:
         return np.zeros(len(placed.points))
     return np.asarray(np.maximum((problem.margin - edge_distances(problem, placed)) / problem.body.size, 0.0))

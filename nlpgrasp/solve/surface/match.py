@@ -11,7 +11,7 @@ from nlpgrasp.solution.placed import OWN_NORMAL, SurfaceMatch
 
 
 def match_on_mesh(body: Mesh, start: FloatArray, grasp: Grasp, smooth: FloatArray, free: bool) -> SurfaceMatch:
-    """Return how contacts on the smooth surface and the grasp on the mesh differ.
+    """Return the differences between contacts on the smooth surface and the grasp on the mesh.
 
     Parameters
     ----------

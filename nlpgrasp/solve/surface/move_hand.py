@@ -1,4 +1,4 @@
-"""From a hand around the solver's smooth surface to the same hand touching the mesh itself.
+"""Projection of a hand from a mesh's smooth surface onto the mesh, with every fingertip in contact.
 
 The hand moves as little as it can until every fingertip touches: for a round tip with centre c and radius r the
 nearest point p of the mesh is at distance r, so that tip and mesh touch in p and nowhere overlap, and the normal
@@ -28,19 +28,19 @@ from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.variables import hand_of, points_of, put_contacts, variables_of
 from nlpgrasp.solve.workbench.workbench import Workbench
 
-STEPS = 12  # at most, to the nearest points
-AIMING = NewtonRules(4, -np.inf, slack=RowSlack(1e4))  # before them, to points aimed at, as near as the rest allows
-TOUCHED = 1e-5  # metres: a gap this small is none
-GOOD = 0.9  # share of the smooth surface's quality at which no contact need slide
-SLIDES = (0.0, 0.06, 0.12)  # how far contacts may slide, over the body's size: first only off the edges
+STEPS = 12  # Newton steps to the nearest mesh points, at most
+AIMING = NewtonRules(4, -np.inf, slack=RowSlack(1e4))  # Newton steps before these, to given mesh points, with slack
+TOUCHED = 1e-5  # metres: a smaller gap counts as contact
+GOOD = 0.9  # share of the smooth surface's quality above which contacts do not slide
+SLIDES = (0.0, 0.06, 0.12)  # sliding distances over the body's size: at 0 only off the edges
 TOUCHING = 1e-6  # metres between tip and mesh at which the steps end
-LONGEST = 0.3  # solver units a step
-OVERLAP = 0.2  # of a tip's radius: nearer to its centre the mesh has no normal to go by
+LONGEST = 0.3  # longest step, solver units
+OVERLAP = 0.2  # share of a tip's radius: the mesh has no usable normal nearer to its centre
 
 
 @dataclass(frozen=True)
 class TouchingHand:
-    """A hand that touches a mesh.
+    """Hand in contact with a mesh.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class TouchingHand:
 
 
 def hand_onto_mesh(bench: Workbench, smooth: Placed, wanted: float, stop: Stop) -> TouchingHand:
-    """Return the hand on the mesh: where it is, or with contacts that slid to better points of the mesh.
+    """Return the hand projected onto the mesh, its contacts slid to better mesh points where quality would drop.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def hand_onto_mesh(bench: Workbench, smooth: Placed, wanted: float, stop: Stop) 
 
 
 def touch_mesh(bench: Workbench, start: Placed, aim: FloatArray | None = None) -> TouchingHand:
-    """Return the hand moved onto the mesh, from contacts on the smooth surface.
+    """Return the hand moved into contact with the mesh, from contacts on the smooth surface.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def touch_mesh(bench: Workbench, start: Placed, aim: FloatArray | None = None) -
 
 @dataclass(frozen=True)
 class _TouchRows(Linearised):
-    """The rows that a touching hand keeps, with the contacts and the hand that they are of."""
+    """Constraints of a touching hand, linearised, with its contacts and configuration."""
 
     contacts: FloatArray
     normals: FloatArray
@@ -131,7 +131,7 @@ class _TouchRows(Linearised):
 
 
 class _Touching:
-    """A hand on its way: the rows of constraints and hand, linearised in the hand's variables."""
+    """Linearisation of the constraints in the hand's variables, for Newton steps towards contact."""
 
     def __init__(self, bench: Workbench, start: Placed) -> None:
         self.bench, self.program = bench, bench.exchange.compiled.program
@@ -141,7 +141,7 @@ class _Touching:
         self.free = np.concatenate([np.arange(b.start, b.stop) for _, b in self.program.hand_blocks])
 
     def nearest(self, free: FloatArray) -> _TouchRows:
-        """Return the rows for contacts at the points of the mesh nearest to the fingertips.
+        """Return the constraints for contacts at the mesh points nearest to the fingertips.
 
         Tips that are not round keep the smooth normal: theirs, as they touch along it.
         """
@@ -156,7 +156,7 @@ class _Touching:
         return self.rows(free, contacts, inward)
 
     def rows(self, free: FloatArray, contacts: FloatArray, normals: FloatArray) -> _TouchRows:
-        """Return the rows for values of the hand's variables and contacts anywhere."""
+        """Return the constraints for values of the hand's variables and arbitrary contacts."""
         bench, program, here = self.bench, self.program, self._hand(free)
         put_contacts(bench, program, self.z, contacts, normals)
         g, J = bench.exchange.compiled.linearise(self.z, self.theta)
@@ -168,6 +168,6 @@ class _Touching:
         return _TouchRows(g, J[used][:, self.free], low, high, *bounds, contacts, normals, here)
 
     def _hand(self, free: FloatArray) -> Values:
-        """Return the hand's variables, and keep them."""
+        """Return the hand's variables, and store them."""
         self.z[self.free] = free
         return hand_of(self.program, self.z)

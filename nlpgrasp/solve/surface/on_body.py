@@ -1,4 +1,4 @@
-"""A grasp of the body itself, and how well the constraints are kept there."""
+"""Grasp on the body itself, with its constraint values and violation."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
 @dataclass(frozen=True)
 class OnBody:
-    """A grasp of the body itself.
+    """Grasp on the body itself, with the body's own normals and its constraint values.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class OnBody:
 
     @classmethod
     def of(cls, bench: Workbench, placed: Placed, grasp: Grasp, surface: SurfaceMatch | None = None) -> OnBody:
-        """Return a grasp with the values of its rows, and how well they are kept."""
+        """Return a grasp with its constraint values and largest violation."""
         values = bench.row_values(placed, grasp.normals)
         own = tuple(beside(bench.problem, placed, grasp.normals))
         short = max((row.lower - row.value for row in own), default=0.0) / bench.problem.body.size
@@ -49,5 +49,5 @@ class OnBody:
 
     @property
     def allowed(self) -> bool:
-        """Whether the rows are kept: on a mesh to ten times the tolerance, as its steps end there."""
+        """Whether the grasp is feasible; on a mesh to ten times the tolerance, at which its steps end."""
         return self.violation <= (FEASIBLE if self.surface is None else 10.0 * FEASIBLE)

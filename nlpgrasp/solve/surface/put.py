@@ -1,4 +1,4 @@
-"""Refined grasps of the body itself, and hands with a pose moved onto a mesh from around its smooth surface."""
+"""Refinement of candidates with projection onto the body itself."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from nlpgrasp.solve.surface.triangles import refined_on_triangles
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 
-EXCHANGES, GAIN = 4, 2e-3  # on a mesh; relative: what one has to gain for another
+EXCHANGES, GAIN = 4, 2e-3  # coordinate exchanges on a mesh, at most; least relative gain of one
 
 
 def refined_on_body(bench: Workbench, placed: Placed, stop: Stop) -> tuple[OnBody, Refined]:
-    """Return the local optimum that a placed state leads to, with its grasp of the body itself.
+    """Return the local optimum reached from a candidate, with its grasp on the body itself.
 
     A hand with a pose is refined around the smooth surface of a mesh, and moved onto the mesh from there. Its joints
     get room to their limits.
@@ -35,7 +35,7 @@ def refined_on_body(bench: Workbench, placed: Placed, stop: Stop) -> tuple[OnBod
 
 
 def _refined_on_mesh(bench: Workbench, placed: Placed, stop: Stop) -> tuple[OnBody, Refined]:
-    """Return where refinement on triangles and exchanges for places on other triangles nearby lead, in turn."""
+    """Return the result of alternating refinement on triangles and coordinate exchange over mesh points nearby."""
     found, refined = refined_on_triangles(bench, placed, stop)
     for _ in range(EXCHANGES):
         value = refined.point.value
@@ -53,7 +53,7 @@ def _refined_on_mesh(bench: Workbench, placed: Placed, stop: Stop) -> tuple[OnBo
 
 
 def on_body(bench: Workbench, placed: Placed, value: float, stop: Stop) -> OnBody:
-    """Return the grasp of the body itself at a placed state of some value; on a mesh refined on its triangles."""
+    """Return the grasp on the body itself for a candidate of some value; on a mesh refined on its triangles."""
     if not isinstance(bench.problem.body, Mesh):
         return OnBody.of(bench, placed, bench.grasp(placed))
     if bench.follows_contacts:
@@ -62,7 +62,7 @@ def on_body(bench: Workbench, placed: Placed, value: float, stop: Stop) -> OnBod
 
 
 def hand_on_mesh(bench: Workbench, smooth: Placed, value: float, stop: Stop) -> OnBody:
-    """Return the grasp of a hand that touches the mesh, near contacts on the smooth surface of some value."""
+    """Return the grasp of a hand in contact with the mesh, near a candidate of some value on the smooth surface."""
     touching = hand_onto_mesh(bench, smooth, value, stop)
     normals = bench.inward_normals(touching.placed)
     match = match_on_mesh(bench.surface.mesh, smooth.points, touching.grasp, normals, free=False)

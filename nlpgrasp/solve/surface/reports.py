@@ -1,4 +1,4 @@
-"""What each constraint says at the answer."""
+"""Reports of the constraints at the answer: value, limits, multiplier, activity."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from nlpgrasp.solution.records import ConstraintReport
 from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.workbench.workbench import Workbench
 
-ACTIVE = 1e-4  # of a row's scale
+ACTIVE = 1e-4  # relative to a constraint's scale: distance from a limit at which it counts as active
 
 
 def constraint_reports(bench: Workbench, found: OnBody, multipliers: FloatArray) -> tuple[ConstraintReport, ...]:
-    """Return value, limits, multiplier and activity of every constraint row.
+    """Return value, limits, multiplier and activity of every scalar constraint.
 
     The solver's multiplier is the derivative of the minimised ``-beta`` with respect to the row; a limit moved by
     one unit of the row changes mu by that over the task's and the row's scales.

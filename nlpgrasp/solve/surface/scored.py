@@ -1,4 +1,4 @@
-"""How well placements near a grasp exert the task: against well-spread directions, and those it has been weak in."""
+"""Sampled quality of placements near a grasp: least support ratio over spread and learned weak directions."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from nlpgrasp.solve.ascent.weakest import QUICK, weakest_directions
 from nlpgrasp.solve.start.scores import screening_directions
 from nlpgrasp.solve.workbench.workbench import Workbench
 
-KNOWN, MOST_CUTS = 100, 400  # directions that a search begins from, and that are kept
+KNOWN, MOST_CUTS = 100, 400  # directions at first; directions kept, at most
 
 
 class Scored:
-    """Scores of placements by all directions in which those looked at were weak.
+    """Sampled quality with a growing set of weak directions.
 
     Parameters
     ----------
@@ -29,14 +29,14 @@ class Scored:
         self._cuts = self._screening[:0]
 
     def look(self, points: FloatArray, normals: FloatArray) -> None:
-        """Learn the directions in which a grasp with these contacts, (k, space) each, is weakest."""
+        """Add the weakest directions of a grasp with these contacts, (k, space) each."""
         bench, known = self._bench, self._cuts[-KNOWN:]
         grasp, task = bench.grasp_at(points, normals), bench.problem.task
         found = weakest_directions(grasp, task, bench.closure_budget, self._rng, known, QUICK).directions
         self._cuts = np.concatenate([self._cuts, found])[-MOST_CUTS:]
 
     def of(self, points: FloatArray, normals: FloatArray) -> FloatArray:
-        """Return how well placements (b, k, space) exert the task, (b,).
+        """Return the sampled quality of placements (b, k, space), (b,).
 
         The least ratio over all directions, with the tie-break for placements that are not closed.
         """

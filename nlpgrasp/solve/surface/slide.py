@@ -1,4 +1,4 @@
-"""From a hand's contacts on the solver's smooth surface to better contacts on the mesh itself.
+"""Local search of a hand's contacts over mesh samples, from their projections of the smooth surface.
 
 Smoothing rounds edges and noise; where the smooth surface and the mesh differ, the nearest point of the mesh
 may have quite another normal. So the nearest points are only the beginning: the contacts then slide over the
@@ -18,9 +18,9 @@ from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.surface_samples import plain
 from nlpgrasp.solve.workbench.workbench import Workbench
 
-FIRST_REACH, LAST_REACH = 0.12, 0.01  # of the body's size: how far a contact may slide in one move
-TRIALS = 48  # points that a contact is tried at in one move
-SWEEPS = 12
+FIRST_REACH, LAST_REACH = 0.12, 0.01  # over the body's size: largest move of a contact, at first and at last
+TRIALS = 48  # mesh points tried per move
+SWEEPS = 12  # sweeps over all contacts, at most
 GAIN = 1e-3  # relative: a sweep that gains less is undone
 
 
@@ -31,7 +31,7 @@ def slide_onto_mesh(
     stop: Stop,
     reach: float = FIRST_REACH,
 ) -> Grasp:
-    """Return a grasp whose contacts are on the mesh, with the mesh's own normals.
+    """Return a grasp with its contacts on the mesh and the mesh's own normals, after a local search.
 
     Every move is to a point of the mesh, and raises the least ratio over the weakest directions found so far; these are
     searched anew after each sweep.
@@ -66,7 +66,7 @@ def slide_onto_mesh(
 
 
 class _Sliding:
-    """Contacts on their way over a mesh, and the directions in which they have been weak."""
+    """State of sliding contacts on a mesh, with their weak directions."""
 
     def __init__(self, bench: Workbench, start: Placed, rng: np.random.Generator) -> None:
         self.bench, self.rng = bench, rng
@@ -75,26 +75,26 @@ class _Sliding:
         self.look()
 
     def contacts(self) -> tuple[FloatArray, FloatArray]:
-        """Return points and inward normals as they are now."""
+        """Return the current points and inward normals."""
         return self.points.copy(), self.normals.copy()
 
     def look(self) -> None:
-        """Learn where the contacts are weak as they are now."""
+        """Add the weak directions of the current contacts."""
         self._scored.look(self.points, self.normals)
 
     def value(self) -> float:
-        """Return the score over all directions: the least ratio, with the tie-break for placements not closed."""
+        """Return the least ratio over all known directions, with a tie-break for placements without force closure."""
         return float(self._scored.of(self.points[None], self.normals[None])[0])
 
     def sweep(self, reach: float) -> bool:
-        """Move each contact to the best of the mesh points within reach, metres; return whether any moved."""
+        """Move each contact to its best mesh point within reach, metres; return whether any moved."""
         moved = False
         for i in range(len(self.points)):
             moved |= self._move(i, reach)
         return moved
 
     def _move(self, i: int, reach: float) -> bool:
-        """Move contact i to the best of the nearby mesh points, if one is better; return whether it was."""
+        """Move contact i to the best nearby mesh point if that improves the grasp; return whether it moved."""
         cloud = self.bench.surface.mesh_cloud
         near = np.array(cloud.tree.query_ball_point(self.points[i], reach), dtype=int)
         if not near.size:
@@ -110,7 +110,7 @@ class _Sliding:
 
 
 def _nearest_plain(bench: Workbench, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the nearest points of the mesh away from sharp edges, and the mesh's inward normals there."""
+    """Return the nearest mesh points away from sharp edges, and the mesh's inward normals there."""
     body, cloud = bench.surface.mesh, bench.surface.mesh_cloud
     positions, outward, _ = body.closest(points)
     kept = plain(bench.problem, positions, outward)[:, None]

@@ -1,4 +1,4 @@
-"""Grasps on the body itself: a mesh is its triangles, each contact on one of them."""
+"""Grasps on the body itself: a mesh as its triangles, each contact on one of them."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 
-PASSES = 4  # over a mesh, while contacts come too near to sharp edges that were far from where they began
+PASSES = 4  # refinements, at most, while contacts come too near to further sharp edges of a mesh
 
 
 def on_triangles(bench: Workbench, placed: Placed, places: Sequence[FloatArray] = ()) -> tuple[Workbench, Placed]:
-    """Return the workbench whose faces are the triangles of a mesh that contacts are on, and the contacts there.
+    """Return the compiled problem whose faces are the mesh triangles under the contacts, and the candidate on them.
 
     Of another body both are as they are.
 
@@ -70,7 +70,7 @@ def put_on_body(bench: Workbench, own: Workbench, placed: Placed, begun: FloatAr
 
 
 def refined_on_triangles(bench: Workbench, placed: Placed, stop: Stop) -> tuple[OnBody, Refined]:
-    """Return the local optimum that contacts on the body itself lead to: those of a mesh stay on their triangles."""
+    """Return the local optimum reached from a candidate on the body; contacts on a mesh stay on their triangles."""
     places, (own, begin) = [placed.points], on_triangles(bench, placed)
     while True:
         refined = refine(own, begin, stop)

@@ -1,4 +1,4 @@
-"""Fingers of a hand that holds a mesh walk over it, one at a time, to where the grasp exerts the task better.
+"""Local search of a hand on a mesh that moves one finger at a time to better contacts.
 
 The hand was placed around a smooth surface, and the mesh's normals are others: what is best there need not be good
 here. The palm and the other fingers stay where they are; the joints that move one finger alone bring its round
@@ -20,21 +20,21 @@ from nlpgrasp.solve.surface.scored import Scored
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
-FIRST_REACH, LAST_REACH = 0.12, 0.01  # of the body's size: how far a finger may go in one move
-TRIALS, TRIED = 48, 6  # points that a finger might go to, and the best of them that its joints are moved to
-SWEEPS = 12
+FIRST_REACH, LAST_REACH = 0.12, 0.01  # over the body's size: largest move of a finger, at first and at last
+TRIALS, TRIED = 48, 6  # mesh points scored per move; the best of them tried by inverse kinematics
+SWEEPS = 12  # sweeps over all fingers, at most
 GAIN = 1e-3  # relative: a sweep that gains less halves the reach
-STEPS, LONGEST = 8, 0.3  # of Newton's method on the joints, and radians a step
-TOUCHED = 1e-5  # metres between tip and mesh that count as none
-ALLOWED = 10.0 * FEASIBLE
-OFF_EDGES = 1e3  # what a contact's being nearer to an edge than the margin costs, over the body's size
-DAMPING = 1e-8  # square metres
-STILL = 1e-9  # metres per unit of a variable below which it does not move a fingertip
+STEPS, LONGEST = 8, 0.3  # inverse kinematics: Newton steps, at most; longest step, radians
+TOUCHED = 1e-5  # metres between tip and mesh that count as contact
+ALLOWED = 10.0 * FEASIBLE  # largest constraint violation, relative to scales
+OFF_EDGES = 1e3  # penalty for violating the margin from sharp edges, over the body's size
+DAMPING = 1e-8  # square metres, of the damped least squares in inverse kinematics
+STILL = 1e-9  # metres per unit: variables that move a fingertip less count as not moving it
 
 
 @dataclass(frozen=True)
 class Held:
-    """Contacts on a mesh and the hand that touches it there.
+    """Contacts on a mesh and the hand touching it there.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class Held:
 
 
 def walk(bench: Workbench, start: Held, rng: np.random.Generator, stop: Stop) -> Held:
-    """Return a hand whose fingers went to better points of the mesh, where there are any within reach.
+    """Return a hand improved by moving its fingers to better mesh points within reach.
 
     Constraints and clearances are kept on the mesh itself, or broken by no more than at the start.
 
@@ -76,7 +76,7 @@ def walk(bench: Workbench, start: Held, rng: np.random.Generator, stop: Stop) ->
 
 
 class _Walking:
-    """A hand on its way over a mesh."""
+    """State of a hand's local search on a mesh, one finger at a time."""
 
     def __init__(self, bench: Workbench, start: Held, rng: np.random.Generator) -> None:
         self.bench, self.held, self.rng = bench, start, rng
@@ -90,22 +90,22 @@ class _Walking:
         self._allowed = max(ALLOWED, self._broken(start))
 
     def look(self) -> None:
-        """Learn where the grasp is weak."""
+        """Add the directions in which the grasp is weak."""
         self._scored.look(self.held.placed.points, self.held.normals)
 
     def score(self, held: Held) -> float:
-        """Return how well a hand exerts the task in all directions known by now."""
+        """Return the sampled quality of a grasp over the known directions, less the penalty for sharp edges."""
         near = float(np.sum(near_edges(self.bench.problem, held.placed)))
         return float(self._scored.of(held.placed.points[None], held.normals[None])[0]) - OFF_EDGES * near
 
     def sweep(self, reach: float) -> None:
-        """Let each finger with a round tip that can move alone go up to so far, metres."""
+        """Move each finger with a round tip and joints of its own by up to ``reach``, metres."""
         for i, own in enumerate(self._own):
             if own.any() and self._radii[i] > 0.0:
                 self._move(i, reach)
 
     def _move(self, i: int, reach: float) -> None:
-        """Move finger i to the first of the most promising points nearby that it gets to, if that is better."""
+        """Move finger i to the most promising nearby mesh point that it reaches, if that improves the grasp."""
         cloud, held = self.bench.surface.mesh_cloud, self.held
         near = np.array(cloud.tree.query_ball_point(held.placed.points[i], reach), dtype=int)
         if not near.size:
@@ -126,7 +126,7 @@ class _Walking:
                 return
 
     def _there(self, i: int, goal: FloatArray) -> Held | None:
-        """Return the hand with the centre of tip i at a place, touching the mesh there; None where it cannot."""
+        """Return the hand with the centre of tip i at a point, touching the mesh there; None where it cannot."""
         bench, held = self.bench, self.held
         hand = self._reaching(i, goal)
         centre = self._tip(hand, i)[0]
@@ -141,7 +141,7 @@ class _Walking:
         return found if self._broken(found) <= self._allowed else None
 
     def _reaching(self, i: int, goal: FloatArray) -> Values:
-        """Return the hand's values with tip i as near to a place as its own joints get it."""
+        """Return the hand's values with tip i as near to a point as its own joints permit (inverse kinematics)."""
         hand, own = self.held.placed.hand, self._own[i]
         for _ in range(STEPS):
             centre, slopes = self._tip(hand, i)
@@ -155,23 +155,23 @@ class _Walking:
         return hand
 
     def _tip(self, hand: Values, i: int) -> tuple[FloatArray, FloatArray]:
-        """Return the centre of tip i, (3,), and its derivatives by the hand's variables, (3, m)."""
+        """Return the centre of tip i, (3,), and its Jacobian in the hand's variables, (3, m)."""
         places, slopes = self.bench.hand_points.tip_motion(*hand.values())
         return places.full()[:, i], slopes.full()[3 * i : 3 * i + 3]
 
     def _broken(self, held: Held) -> float:
-        """Return the largest violation of constraints and hand, with distances from the mesh itself."""
+        """Return the largest constraint violation, with distances from the mesh itself."""
         values = self.bench.row_values(held.placed, held.normals)
         return float(self.bench.rows.excess(values[None])[0])
 
 
 def _enough(score: float) -> float:
-    """Return the score from which on a grasp is better than one of some score."""
+    """Return the least score that counts as an improvement over a score."""
     return score + GAIN * abs(score)
 
 
 def _moved_alone(bench: Workbench, placed: Placed) -> NDArray[np.bool_]:
-    """Return which of the hand's variables move each finger and no other, (k, m)."""
+    """Return the mask of the hand's variables that move only one finger, for each finger, (k, m)."""
     slopes = np.abs(bench.hand_points.tip_motion(*placed.hand.values())[1].full())
     moves = slopes.reshape(len(placed.points), 3, -1).max(axis=1) > STILL
     return np.asarray(moves & (np.sum(moves, axis=0) == 1))

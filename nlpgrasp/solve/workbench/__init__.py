@@ -1,4 +1,4 @@
-"""What all starts of a problem share."""
+"""Compiled problem and its parts: programs, constraint functions, surface samples, the hand's workspace."""
 
 from nlpgrasp.solve.workbench.workbench import Workbench
 

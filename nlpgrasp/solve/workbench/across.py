@@ -1,4 +1,4 @@
-"""Pairs of sample points that face each other across a body: what two fingers press between them."""
+"""Pairs of opposite sample points: each lies along the inward normal of the other."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from numpy.typing import NDArray
 
 from nlpgrasp.solve.workbench.surface_samples import Cloud
 
-POINTS, BLOCK = 1200, 200  # sample points that are paired, and of them at a time
-ASIDE = 1.5  # spacings of these points: how far beside the line along a normal its other end may be
-PARTNERS = 3  # of a point at most, the nearest to its line
+POINTS, BLOCK = 1200, 200  # sample points that are paired; block size of the pairing
+ASIDE = 1.5  # largest distance of a partner from the line along the normal, in spacings of the points
+PARTNERS = 3  # partners per point, at most: those nearest to its line
 
 
 def pairs_across(cloud: Cloud) -> NDArray[np.intp]:
-    """Return pairs of points by number, (b, 2), of which the second is where the first one's normal leads.
+    """Return pairs of opposite points by number, (b, 2): the second is where the first one's normal leads.
 
     A normal may lead out of the body and into it again: each point has up to three partners.
 

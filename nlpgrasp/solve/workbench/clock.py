@@ -1,4 +1,4 @@
-"""Where the time of a solve goes."""
+"""Wall-clock time of a solve by stage."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 
 class Clock:
-    """Wall time by stage, from one mark to the next.
+    """Stopwatch that adds wall time to stages, from one mark to the next.
 
     Attributes
     ----------

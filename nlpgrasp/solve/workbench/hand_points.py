@@ -1,4 +1,4 @@
-"""Points of the hand: where its fingertips are, and how far its links are from a mesh."""
+"""Forward kinematics of a problem's hand: fingertips and link spheres, with link clearances from a mesh."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from nlpgrasp.solution.obstructions import jaws_depth
 
 
 class HandPoints:
-    """Fingertips and links of a problem's hand as numbers.
+    """Fingertip and link positions of a problem's hand.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class HandPoints:
         return self.hand
 
     def of_limits(self, problem: GraspProblem) -> HandPoints:
-        """Return the points of a problem whose hand differs in the limits of its joints alone, with what is known."""
+        """Return the same functions for a problem whose hand differs in its joint limits alone."""
         result = copy(self)
         result._problem = problem
         return result
@@ -77,18 +77,18 @@ class HandPoints:
         return {name: np.stack([s[name] for s in starts]) for name in starts[0]}
 
     def at_contacts(self, points: FloatArray) -> Json:
-        """Return what a hand that follows contacts (k, 3) says of its pose there and its way in, as files state it."""
+        """Return the pose and approach of a hand that follows contacts (k, 3), as JSON data."""
         problem = self._problem
         cones = [(np.asarray(c.direction), c.angle) for c in problem.constraints if isinstance(c, Approach)]
         return self.hand.at_contacts(points, problem.body.size, lambda places: self._distance(places), cones)
 
     def has_free_way(self, points: FloatArray) -> bool:
-        """Return whether the straight way of parallel jaws to contacts (2, 3) leads into nothing."""
+        """Return whether the straight approach of parallel jaws to contacts (2, 3) is collision-free."""
         return jaws_depth(self.at_contacts(points)) == 0.0
 
     @cached_property
     def _distance(self) -> Distance:
-        """Distance to the body and what constraints keep a hand away from."""
+        """Distance to the body and to the surroundings that constraints keep a hand away from."""
         problem = self._problem
         return distance_to_all(fields_of(problem.body, problem.constraints, len(problem.models)))
 
@@ -98,7 +98,7 @@ class HandPoints:
         return np.where(np.isnan(centres), otherwise, centres)
 
     def mesh_clearances(self, body: Mesh, values: Values) -> FloatArray:
-        """Return the links' signed distances to the mesh itself, (m,), one a clearance row, metres."""
+        """Return the links' signed distances to the mesh itself, (m,), one per clearance constraint, metres."""
         return body.clearance(np.asarray(self._function(*values.values())[1].full()).T)
 
     def link_places(self, values: Values) -> FloatArray:
@@ -109,7 +109,7 @@ class HandPoints:
 
     @cached_property
     def tip_motion(self) -> ca.Function:
-        """The hand's variables to its fingertips' places (3, k) and their derivatives (3 k, variables)."""
+        """Function of the hand's variables: fingertip positions (3, k) and their Jacobian (3 k, variables)."""
         symbols = self.hand.symbols(self._problem.body.bounds)
         places = ca.horzcat(*self.posed_hand.tip_places(symbols))
         slopes = ca.densify(ca.jacobian(ca.vec(places), ca.vertcat(*symbols.values())))
@@ -117,7 +117,7 @@ class HandPoints:
 
     @cached_property
     def _function(self) -> ca.Function:
-        """The hand's variables to the centres of its round fingertips (NaN for others) and of its links' spheres."""
+        """Function of the hand's variables: centres of round fingertips (NaN for others) and of the link spheres."""
         symbols = self.hand.symbols(self._problem.body.bounds)
         tips = [ca.SX.nan(3) if c is None else c for c in self.hand.tip_centres(symbols)]
         spheres = [s.centre for s in self.hand.spheres(symbols)]

@@ -1,4 +1,4 @@
-"""Where contacts and hand are: the one state that screen, programs, ascent and surface hand on."""
+"""Candidate: contacts and hand configuration, the iterate of every stage of a solve."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from nlpgrasp.hands.base import Values
 
 @dataclass(frozen=True)
 class Placed:
-    """Contacts on faces of the body, and the hand.
+    """Contacts on faces of the body, and the hand's configuration.
 
     Parameters
     ----------
@@ -29,5 +29,5 @@ class Placed:
     hand: Values = field(default_factory=dict)
 
     def repeated_hand(self, count: int) -> Values:
-        """Return the hand's values ``count`` times, (count, m) each: for placements that differ in their contacts."""
+        """Return the hand's values repeated ``count`` times, (count, m) each: for placements that share the hand."""
         return {name: np.repeat(value[None], count, axis=0) for name, value in self.hand.items()}

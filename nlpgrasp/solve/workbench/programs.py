@@ -1,4 +1,4 @@
-"""The two programs that all starts of a problem solve, compiled when they are first asked for.
+"""Compiled nonlinear programs of a problem: the initial NLP and the cutting-plane program.
 
 One program serves every assignment of contacts to faces: which of its faces a contact is on is a parameter.
 """
@@ -26,8 +26,8 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.workbench.placed import Placed
 
-SLOTS, SLOTS_WITH_FORCES = 160, 80  # cutting planes the exchange's program holds
-MOST_ITERATIONS = 300  # of IPOPT
+SLOTS, SLOTS_WITH_FORCES = 160, 80  # cutting planes held by the program; with finger forces as variables
+MOST_ITERATIONS = 300  # iterations of IPOPT, at most
 Ipopt = dict[str, Option]
 # with a hand's pose the first program ends once contacts and hand fit together: the exchange is faster from there
 POSED: Ipopt = {
@@ -57,23 +57,23 @@ CLOSING: Ipopt = {  # of the last solve, from near a local optimum: exact rows a
 
 
 def follows_contacts(problem: GraspProblem) -> bool:
-    """Return whether there is no hand, or one whose variables follow from the contacts."""
+    """Return whether the problem has no hand, or one whose variables follow from the contacts."""
     return problem.hand is None or problem.hand.follows_contacts
 
 
 def closure_budget(problem: GraspProblem) -> ForceBudget:
-    """Return the budget to tell force closure by: the paper's where the problem's own needs a posture."""
+    """Return the budget for force closure: the L2 budget where the problem's own needs a posture."""
     return L2Budget() if problem.budget.follows_hand else problem.budget
 
 
 def budget_at(problem: GraspProblem, placed: Placed) -> ForceBudget:
-    """Return the force budget where contacts and hand are."""
+    """Return the force budget at a candidate's contacts and posture."""
     hand = problem.hand if isinstance(problem.hand, PosedHand) else None
     return problem.budget.posed(hand, placed.hand, placed.points)
 
 
 def first_program(problem: GraspProblem, options: SolveOptions, samples: int) -> CompiledProgram:
-    """Return the first program of a start, which looks at so many samples of the task."""
+    """Return the initial NLP of a start (vertex transcription), with so many samples of the task."""
     plain = problem.unchecked(force_budget=closure_budget(problem))
     program = optimal_grasp_program(plain, "vertex", samples)  # which never ends at a non-grasp
     limits: Ipopt = {"tol": 1e-4, "acceptable_tol": 1e-3, "acceptable_iter": 5}
@@ -83,7 +83,7 @@ def first_program(problem: GraspProblem, options: SolveOptions, samples: int) ->
 
 
 class ExchangeProgram:
-    """The program of the exchange: cutting planes in slots. It is the same for all tasks.
+    """Cutting-plane program with a fixed number of slots, the same for all tasks.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ class ExchangeProgram:
 
     @cached_property
     def linearises(self) -> bool:
-        """Whether the exchange goes by the program's linearisation: where there are no forces in it."""
+        """Whether steps solve the program's linearisation: where finger forces are not among its variables."""
         return self.closed or has_pieces(self._problem) or self._problem.budget.follows_hand
 
     @cached_property
@@ -120,13 +120,13 @@ class ExchangeProgram:
 
     @cached_property
     def confirming(self) -> CompiledProgram:
-        """The same program for a point that is a local optimum already: without second derivatives, soon built."""
+        """The program for a point that is a local optimum already: without second derivatives, quick to build."""
         first: Ipopt = CLOSING | {"hessian_approximation": "limited-memory", "max_iter": CONFIRMING_ITERATIONS}
         return self.compiled.with_options(first | dict(self._options.ipopt))
 
     @cached_property
     def closing(self) -> CompiledProgram:
-        """The same program, to be solved from near a local optimum to small residuals.
+        """The program with tight tolerances, to be solved from near a local optimum to small residuals.
 
         Where forces are variables there are no multipliers to begin with, nor forces.
         """
@@ -134,15 +134,15 @@ class ExchangeProgram:
         return self.compiled.with_options(last | dict(self._options.ipopt))
 
     def within(self, name: str, bounds: FloatArray) -> ExchangeProgram:
-        """Return the same, no part of it compiled anew, with other bounds (2, m) of one of the hand's variables."""
+        """Return the program with other bounds (2, m) of one of the hand's variables, without recompiling."""
         return self._of(self.compiled.within(name, bounds[0], bounds[1]))
 
     def raised(self, more: FloatArray) -> ExchangeProgram:
-        """Return the same, no part of it compiled anew, with higher lower limits of rows: see ``Program.raised``."""
+        """Return the program with higher lower limits of constraints, without recompiling: see ``Program.raised``."""
         return self._of(self.compiled.raised(more))
 
     def _of(self, compiled: CompiledProgram) -> ExchangeProgram:
-        """Return the same with a program that differs in limits alone."""
+        """Return the same for a program that differs in its limits alone."""
         result = copy(self)
         result.compiled = compiled
         for name in ("confirming", "closing"):
@@ -150,7 +150,7 @@ class ExchangeProgram:
         return result
 
     def pieces(self, grasp: Grasp, y: FloatArray) -> FloatArray | None:
-        """Return the contacts' own supports along directions, (m, k), where the program is made of them."""
+        """Return the supports of single contacts along directions, (m, k), where the program is made of them."""
         if self.closed or not has_pieces(self._problem):
             return None
         return extremes(y @ grasp.G, grasp.contacts, self._problem.body.space)[0]

@@ -1,4 +1,4 @@
-"""Values of the rows of constraints and hand at given placements."""
+"""Values and violations of the constraints of problem and hand at placements."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from nlpgrasp.hands.base import Values
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.problem.rows import PlacementRows, placement_rows
 
-NARROW = 1e-2  # of a row's scale
+NARROW = 1e-2  # width, relative to a constraint's scale, below which its limits count as an equation
 
 
 class RowValues:
-    """The rows of a problem's constraints and hand as compiled functions.
+    """Compiled functions of the constraints of a problem and its hand.
 
     Parameters
     ----------
@@ -31,16 +31,16 @@ class RowValues:
 
     @cached_property
     def named(self) -> tuple[Row, ...]:
-        """Rows of the user's constraints and of the hand, in the order of the program."""
+        """Scalar constraints of the user and of the hand, in the order of the program."""
         return self._rows[0].named
 
     @property
     def sources(self) -> tuple[tuple[int, ...], ...]:
-        """Which rows each constraint gave; then the hand's own, then the clearance of its links."""
+        """Indices of the scalar constraints of each user constraint, of the hand, and of its links' clearance."""
         return self._rows[0].sources
 
     def values(self, points: FloatArray, normals: FloatArray, hand: Values) -> FloatArray:
-        """Return the rows' values in their own units, (b, rows), for placements (b, k, space)."""
+        """Return the constraints' values in their own units, (b, rows), for placements (b, k, space)."""
         if not self.named:
             return np.zeros((len(points), 0))
         b = len(points)
@@ -49,15 +49,15 @@ class RowValues:
         return np.asarray(self._row_function.map(padded)(*columns).full()).T[:b]
 
     def violations(self, points: FloatArray, normals: FloatArray, hand: Values) -> FloatArray:
-        """Return each placement's largest violation relative to the rows' scales, (b,), and of face extents not."""
+        """Return each placement's largest violation but of face extents, relative to the constraints' scales, (b,)."""
         return self.excess(self.values(points, normals, hand))
 
     def excess(self, values: FloatArray) -> FloatArray:
-        """Return the largest violation of rows' values (b, m), relative to the rows' scales, (b,)."""
+        """Return the largest violation of constraint values (b, m), relative to their scales, (b,)."""
         return np.asarray(np.max(self.each_excess(values), axis=1, initial=0.0))
 
     def each_excess(self, values: FloatArray, band: float = 0.0) -> FloatArray:
-        """Return the violation of each row's values (b, m), relative to its scale, (b, m).
+        """Return the violation of each constraint value (b, m), relative to its scale, (b, m).
 
         Narrow rows may be off by a ``band``, relative to their scales.
         """
@@ -67,7 +67,7 @@ class RowValues:
 
     @cached_property
     def dependence(self) -> NDArray[np.bool_]:
-        """Which contacts, and in the last column whether the hand's variables, each row depends on, (rows, k + 1)."""
+        """Sparsity: the contacts, and in the last column the hand, that each constraint depends on, (rows, k + 1)."""
         k, space = len(self.problem.models), self.problem.body.space
         result = np.zeros((len(self.named), k + 1), dtype=bool)
         for i in range(self._row_function.n_in() if self.named else 0):
@@ -76,14 +76,14 @@ class RowValues:
         return result
 
     def broken(self, points: FloatArray, normals: FloatArray, hand: Values) -> FloatArray:
-        """Return the sum of each placement's violated inequalities of the user's constraints, as ``blocked``, (b,)."""
+        """Return the summed violation of the user's inequalities by each placement, as ``blocked``, (b,)."""
         own = {row for rows in self.sources[: len(self.problem.constraints)] for row in rows}
         return self.blocked(points, normals, hand, own) if own else np.zeros(len(points))
 
     def blocked(
         self, points: FloatArray, normals: FloatArray, hand: Values, of: Collection[int] | None = None
     ) -> FloatArray:
-        """Return the sum of each placement's violated inequalities, relative to the rows' scales, (b,).
+        """Return the summed violation of inequalities by each placement, relative to their scales, (b,).
 
         Of all rows, or of some by number.
         """
@@ -98,12 +98,12 @@ class RowValues:
 
     @cached_property
     def clearances(self) -> NDArray[np.intp]:
-        """Which of the rows keep a link away from the held body."""
+        """Indices of the constraints that keep a link away from the held body."""
         return np.array([i for i, r in enumerate(self.named) if r.kind == CLEARANCE], dtype=int)
 
     @cached_property
     def _rows(self) -> tuple[PlacementRows, list[ca.SX]]:
-        """The rows on symbols of their own, and these symbols."""
+        """Symbolic constraints with their free symbols."""
         space, k, problem = self.problem.body.space, len(self.problem.models), self.problem
         p, n = ca.SX.sym("p", space * k), ca.SX.sym("n", space * k)
         split = list(range(0, space * k + 1, space))
@@ -115,7 +115,7 @@ class RowValues:
 
     @cached_property
     def _row_function(self) -> ca.Function:
-        """Contacts and the hand's variables to the rows' values, in their own units."""
+        """Function of contacts, normals and the hand's variables: the constraints' values, in their own units."""
         found, inputs = self._rows
         points = ca.horzcat(ca.SX(self.problem.body.space, 0), *[c.point for c in found.clearances])
         smooth = ca.Function("rows", inputs, [ca.vertcat(*[r.expression for r in found.rows]), points])

@@ -1,4 +1,4 @@
-"""Tables of the support of single contacts: directions of wrench space times surface samples."""
+"""Support tables of single contacts: directions of wrench space times surface samples."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from nlpgrasp.solve.workbench.surface_samples import Cloud
 
 IntArray = NDArray[np.intp]
 
-SAMPLES = 2400  # of a contact, at most
-BAND = 0.05  # of a narrow row's scale: how far off samples may be, which are moved onto the constraint afterwards
-KEEPS = 1e-5  # violation of a row, relative to its scale, that counts as none
-SHAPED_BY = 256  # random grasps whose wrenches fill up the metric of a flat task
+SAMPLES = 2400  # samples per contact, at most
+BAND = 0.05  # allowed violation of equations, relative to their scales; samples are projected afterwards
+KEEPS = 1e-5  # violation, relative to the constraint's scale, that counts as none
+SHAPED_BY = 256  # random grasps whose wrenches complete the metric of a degenerate task
 
 
 @dataclass(frozen=True)
 class SampleTable:
-    """Samples that a contact may use by the constraints on it alone, and its grasp maps there.
+    """Samples feasible for one contact by the constraints on it alone, and its grasp maps there.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class SampleTable:
     maps: FloatArray
 
     def powers(self, y: FloatArray) -> FloatArray:
-        """Return ``s(y)^p``, the support to its power, at all samples along directions (j, d), (j, m)."""
+        """Return ``s^p``, the power of the support, at all samples along directions (j, d), (j, m)."""
         m, d, n = self.maps.shape
         work = (y @ self.maps.transpose(1, 0, 2).reshape(d, m * n)).reshape(len(y), m, n)
         found = (self.measure.powers if self.measure.exact else self.measure.support)(self.model, work)
@@ -57,7 +57,7 @@ class SampleTable:
 
 
 class SampleTables:
-    """Sample tables of a problem's contacts, and their supports along directions.
+    """Support tables of all contacts of a problem along shared directions.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ class SampleTables:
 
     @cached_property
     def pairs(self) -> IntArray:
-        """Pairs of samples across the body, by number, (b, 2), where jaws have to face each other; else none."""
+        """Pairs of opposite samples by number, (b, 2), where jaws have to face each other; else none."""
         if not (self._jaws and self.of_contact[0] == self.of_contact[1]):
             return np.zeros((0, 2), dtype=np.intp)
         pairs = pairs_across(self.samples(0))
@@ -157,7 +157,7 @@ class SampleTables:
 
 
 def _subset(cloud: Cloud, allowed: NDArray[np.bool_]) -> Cloud:
-    """Return the points of a cloud that are allowed (m,), all where none is; at most ``SAMPLES`` of them."""
+    """Return at most ``SAMPLES`` feasible points (m,) of a cloud; all are used where none is feasible."""
     kept = np.flatnonzero(allowed if allowed.any() else ~allowed)
     if len(kept) > SAMPLES:
         kept = np.random.default_rng(0).choice(kept, SAMPLES, replace=False)
@@ -165,7 +165,7 @@ def _subset(cloud: Cloud, allowed: NDArray[np.bool_]) -> Cloud:
 
 
 def _allowed(rows: RowValues, hand: HandPoints, clouds: Sequence[Cloud], contact: int) -> NDArray[np.bool_]:
-    """Return which samples of a contact keep the constraints on that contact alone, (m,)."""
+    """Return the mask of a contact's samples that satisfy the constraints on that contact alone, (m,)."""
     cloud, count = clouds[contact], len(clouds[contact].points)
     alone = rows.dependence[:, contact] & (np.sum(rows.dependence, axis=1) == 1)
     if not alone.any():

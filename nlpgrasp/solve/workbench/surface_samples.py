@@ -1,4 +1,4 @@
-"""Points of the body's surface that contacts are drawn from or slide to."""
+"""Surface samples of the body for drawing contacts and sliding them on a mesh."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.problem.rows import FITS
 
-CLOUD, LEAST = 2400, 600  # sample points that contacts are drawn from, in all; on a face at least
-MESH_SAMPLES = 20000  # points of a mesh that contacts may slide to
-MESH_ANGLE = np.radians(30.0)  # most between the mesh's normal there and the smooth one: keeps off sharp edges
+CLOUD, LEAST = 2400, 600  # sample points for drawing contacts: in all; per face, at least
+MESH_SAMPLES = 20000  # mesh points for sliding contacts
+MESH_ANGLE = np.radians(30.0)  # most between mesh normal and smooth normal: avoids sharp edges
 
 
 @dataclass(frozen=True)
 class Cloud:
-    """Points of a surface with a search tree over them.
+    """Surface points with normals, faces and a k-d tree.
 
     Parameters
     ----------
@@ -49,14 +49,14 @@ class Cloud:
 
 
 def mesh_of(problem: GraspProblem) -> Mesh:
-    """Return a problem's body, which has to be a mesh."""
+    """Return a problem's body, which must be a mesh."""
     if not isinstance(problem.body, Mesh):
         raise InputError("GraspProblem.body", type(problem.body).__name__, "a mesh")
     return problem.body
 
 
 def plain(problem: GraspProblem, points: FloatArray, outward: FloatArray) -> NDArray[np.bool_]:
-    """Return which points (m, 3) of a problem's mesh, where its outward normals (m, 3) are given, a contact may use.
+    """Return the mask of mesh points (m, 3), with outward normals (m, 3), that a contact may use.
 
     They are the margin away from sharp edges, the normals there are near those of the smooth surface, and the largest
     fingertip that is where its contact is cuts the mesh nowhere.
@@ -80,12 +80,12 @@ def _directions(problem: GraspProblem) -> list[tuple[float, ...]]:
 
 
 def _told(directions: Sequence[tuple[float, ...]], outward: FloatArray) -> NDArray[np.bool_]:
-    """Return at which unit normals (m, 3) all directions say how a line or rectangle lies."""
+    """Return the mask of unit normals (m, 3) at which all directions determine a line's or rectangle's orientation."""
     return np.asarray(np.all([off_normal(direction, outward) for direction in directions], axis=0))
 
 
 class SurfaceSamples:
-    """Samples of a problem's body, the same in every process.
+    """Surface samples of a problem's body, identical in every process.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ class SurfaceSamples:
         return tuple(n for n in self._problem.allowed_faces(contact) if n in self.faces)
 
     def cloud(self, contact: int) -> Cloud:
-        """Return the points that a contact may use: of a mesh itself, unless a hand with a pose has to touch there."""
+        """Return the points that a contact may use: on the mesh itself, unless a hand with a pose has to touch it."""
         if isinstance(self._problem.body, Mesh) and (self._problem.hand is None or self._problem.hand.follows_contacts):
             return self.mesh_cloud
         names = self.usable(contact)
@@ -133,7 +133,7 @@ class SurfaceSamples:
 
     @property
     def mesh(self) -> Mesh:
-        """The body, which has to be a mesh."""
+        """The body, which must be a mesh."""
         return mesh_of(self._problem)
 
     @cached_property

@@ -1,4 +1,4 @@
-"""From a placed state to the variables of a program, and back."""
+"""Conversion between candidates and a program's vector of variables."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def put_contacts(bench: Workbench, program: Program, z: FloatArray, points: Floa
 
 
 def placed_of(bench: Workbench, program: Program, faces: tuple[str, ...], z: FloatArray) -> Placed:
-    """Return where a program's variables say that contacts and hand are, the contacts put exactly onto their faces."""
+    """Return the candidate stated by a program's variables, its contacts projected exactly onto their faces."""
     return bench.snapped(Placed(faces, points_of(bench, program, z), hand_of(program, z)))
 
 

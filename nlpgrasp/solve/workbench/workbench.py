@@ -1,4 +1,4 @@
-"""What all starts of one problem share, built once a process."""
+"""Compiled problem: programs, samples and constraint functions shared by all starts."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ from nlpgrasp.solve.workbench.sample_tables import SampleTables
 from nlpgrasp.solve.workbench.surface_samples import SurfaceSamples
 from nlpgrasp.solve.workbench.workspace import Workspace
 
-FEASIBLE = 1e-5  # relative to a row's scale
+FEASIBLE = 1e-5  # feasibility tolerance, relative to a constraint's scale
 
 
 class Workbench:
-    """A problem with its surface sampled, its rows and programs compiled; and what it says of a placed state.
+    """Compiled problem with its surface samples, constraint functions and programs; evaluates candidates.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class Workbench:
 
     @cached_property
     def link_depths(self) -> LinkDepths | None:
-        """What measures how deep links are in the body and its surroundings; None without a hand that has links."""
+        """Penetration depths of links in the body and its surroundings; None without a hand that has links."""
         if self._shared is not None:
             return self._shared.link_depths
         hand = self.problem.hand
@@ -77,11 +77,11 @@ class Workbench:
 
     @cached_property
     def workspace(self) -> Workspace:
-        """Postures of a hand that has a pose of its own."""
+        """Sampled workspace of a hand that has a palm pose."""
         return Workspace(self.problem, self.hand_points, self.rows) if self._shared is None else self._shared.workspace
 
     def with_task(self, problem: GraspProblem) -> Workbench:
-        """Return the workbench of a problem that differs in its task alone: programs and samples are shared.
+        """Return the compiled problem for another task, sharing programs and samples.
 
         The first program is the same for all tasks of which it looks at as many samples.
         """
@@ -91,7 +91,7 @@ class Workbench:
 
     @cached_property
     def under_l2(self) -> Workbench | None:
-        """The workbench under the paper's budget, for a first ascent; None where the budget is that, or a hand's own.
+        """The compiled problem under the L2 budget, for a first refinement; None if it is L2 or follows the hand.
 
         Only the exchange's program is another one.
         """
@@ -102,7 +102,7 @@ class Workbench:
 
     @cached_property
     def without_hand(self) -> Workbench:
-        """The workbench of the contacts alone, over the same samples: without the hand and what is asked of it."""
+        """The compiled problem without the hand and the constraints on it, over the same samples."""
         problem, of_hand = self.problem, self.rows.dependence[:, -1]
         kept = [
             c
@@ -115,7 +115,7 @@ class Workbench:
         return result
 
     def with_joints(self, limits: FloatArray) -> Workbench:
-        """Return the workbench of the same problem whose hand, one with links, has other limits of its joints, (2, m).
+        """Return the compiled problem with other joint limits (2, m) of its hand, which has links.
 
         No program is compiled anew.
         """
@@ -128,7 +128,7 @@ class Workbench:
         return result
 
     def with_faces(self, problem: GraspProblem) -> Workbench:
-        """Return the workbench of a problem whose body states the same surface by other faces."""
+        """Return the compiled problem of a body that describes the same surface by other faces."""
         result = Workbench(problem, self.options)
         surface = result.surface
         result = self._sharing(result)
@@ -136,7 +136,7 @@ class Workbench:
         return result
 
     def with_clearance(self, more: FloatArray) -> Workbench:
-        """Return the workbench whose programs hold links farther from the body than asked for, by (rows,), metres.
+        """Return the compiled problem whose programs require more link clearance from the body, by (rows,), metres.
 
         On a mesh, whose smooth distance they go by, so far as that flatters.
         """
@@ -145,19 +145,19 @@ class Workbench:
         return result
 
     def _sharing(self, other: Workbench) -> Workbench:
-        """Return another workbench with this one's rows and samples, which neither task nor budget changes."""
+        """Return another compiled problem with this one's constraint functions and samples."""
         other.rows, other.surface, other.hand_points = self.rows, self.surface, self.hand_points
         other._shared = self
         return other
 
     @cached_property
     def task_samples(self) -> TaskSamples:
-        """The wrenches of the task that the first program samples."""
+        """Sampled wrenches of the task for the initial NLP."""
         return TaskSamples(self.problem.task, self.scaling.wrench, 1 if self.follows_contacts else 0)
 
     @property
     def first(self) -> CompiledProgram:
-        """The first program of a start."""
+        """The initial NLP of a start."""
         count = self.task_samples.count
         if count not in self._first:
             self._first[count] = first_program(self.problem, self.options, count)
@@ -176,17 +176,17 @@ class Workbench:
 
     @property
     def follows_contacts(self) -> bool:
-        """Whether there is no hand, or one whose variables follow from the contacts."""
+        """Whether the problem has no hand, or one whose variables follow from the contacts."""
         return follows_contacts(self.problem)
 
     @property
     def closure_budget(self) -> ForceBudget:
-        """The budget to tell force closure by: the paper's where the problem's own needs a posture."""
+        """Budget for force closure: the L2 budget where the problem's own needs a posture."""
         return closure_budget(self.problem)
 
     @property
     def screening_budget(self) -> ForceBudget:
-        """The budget to rank placements by: the paper's where the problem's own needs each placement's frames."""
+        """Budget for ranking placements: the L2 budget where the problem's own needs each placement's frames."""
         return L2Budget() if self.problem.budget.depends_on_frames else self.problem.budget
 
     def inward_normals(self, placed: Placed) -> FloatArray:
@@ -194,7 +194,7 @@ class Workbench:
         return inward_normals(self.problem, placed.points, placed.faces)
 
     def snapped(self, placed: Placed) -> Placed:
-        """Return the state with its contacts moved onto their faces to rounding."""
+        """Return the candidate with its contacts projected onto their faces to rounding."""
         body = self.problem.body
         each = zip(placed.faces, placed.points, strict=True)
         points = np.concatenate([body.snap(face, p[None, :]) for face, p in each])
@@ -209,15 +209,15 @@ class Workbench:
         return Grasp(points, normals, self.problem.models, self.problem.origin)
 
     def budget(self, placed: Placed) -> ForceBudget:
-        """Return the force budget where contacts and hand are."""
+        """Return the force budget at a candidate's contacts and posture."""
         return budget_at(self.problem, placed)
 
     def wrench_set(self, placed: Placed) -> WrenchSet:
-        """Return the grasp wrench set."""
+        """Return the grasp wrench set of a candidate."""
         return WrenchSet.of(self.grasp(placed), self.budget(placed))
 
     def violation(self, placed: Placed) -> float:
-        """Return the largest violation of constraints and hand, relative to the rows' scales; inf off the body."""
+        """Return the largest violation of the constraints, relative to their scales; inf off the body."""
         if not np.all(np.isfinite(placed.points)):
             return np.inf
         normals = self.inward_normals(placed)
@@ -226,7 +226,7 @@ class Workbench:
         return float(self.rows.violations(placed.points[None], normals[None], placed.repeated_hand(1))[0])
 
     def row_values(self, placed: Placed, normals: FloatArray) -> FloatArray:
-        """Return the values of the rows with these inward normals (k, space), (rows,) in their own units.
+        """Return the values of the constraints with these inward normals (k, space), (rows,) in their own units.
 
         Distances of links from a mesh are to the mesh itself.
         """

@@ -1,4 +1,4 @@
-"""Workspace of a hand: where random postures of its joints put fingertips and links, in the palm's frame."""
+"""Sampled workspace of a hand: fingertip and link positions in the palm frame over random joint configurations."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from nlpgrasp.solve.workbench.row_values import RowValues
 from nlpgrasp.solve.workbench.sample_tables import IntArray
 from nlpgrasp.solve.workbench.surface_samples import Cloud
 
-POSTURES = 2048
-SHARES = (0.05, 0.95)  # of the joint ranges that postures are drawn from
-CELL, EACH = 0.003, 2  # metres, of a grid over where a fingertip can be; postures looked at in each cell
-NEAR = 0.004  # metres between the middle of a cell and the fingertip of a posture that counts as in it
-INSIDE, PALM_INSIDE = 0.0015, 0.003  # metres that links of a finger, and of the palm, may be too near to the body
-DISTANCES, AROUND = 32, 0.5  # cells along each side of the grid of distances; how far it goes around, over the size
+POSTURES = 2048  # sampled joint configurations
+SHARES = (0.05, 0.95)  # part of the joint ranges that configurations are drawn from
+CELL, EACH = 0.003, 2  # metres, cell size of the grid of fingertip positions; configurations compared per cell
+NEAR = 0.004  # metres, largest distance between a cell's centre and a fingertip that counts as in it
+INSIDE, PALM_INSIDE = 0.0015, 0.003  # metres, allowed clearance violation of finger links, and of the palm
+DISTANCES, AROUND = 32, 0.5  # cells per side of the distance grid; its margin around the body, over the size
 NONE = -1
-STILL = 1e-9  # metres: what moves less does not move
+STILL = 1e-9  # metres: smaller motions count as none
 
 
 @dataclass(frozen=True)
 class Reach:
-    """What the fingertips reach from a palm pose.
+    """Surface samples reachable by each fingertip from a palm pose.
 
     Parameters
     ----------
@@ -44,14 +44,14 @@ class Reach:
 
 
 class _Links:
-    """Spheres around links of the palm or of one finger: places (b, s, 3) in the palm's frame, and least distances."""
+    """Spheres around links of the palm or of one finger: centres (b, s, 3), palm frame, and least distances."""
 
     def __init__(self, places: FloatArray, least: FloatArray) -> None:
         self.places, self.least = np.ascontiguousarray(places), least
 
 
 class Workspace:
-    """Postures of a hand's joints, with the places of its fingertips and links.
+    """Random joint configurations with their fingertip and link positions.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ class Workspace:
         self._corner, self._step = box[0], (box[1] - box[0]) / (DISTANCES - 1)
 
     def reach(self, palm: FloatArray, samples: list[Cloud]) -> Reach | None:
-        """Return what fingertips reach from a palm frame (4, 4), of samples; None where one reaches none of its own."""
+        """Return the samples reachable from a palm frame (4, 4); None where a fingertip reaches none of its own."""
         R, t = palm[:3, :3], palm[:3, 3]
         if np.min(self._room(self._palm.places, self._palm.least, palm), initial=0.0) < -PALM_INSIDE:
             return None
@@ -108,7 +108,7 @@ class Workspace:
         return Reach(found, postures) if all(map(len, found)) else None
 
     def joints_at(self, reach: Reach, samples: IntArray, otherwise: FloatArray) -> FloatArray:
-        """Return the joints (m,) that put the fingertips next to samples (k,): each as its own fingertips ask for.
+        """Return joints (m,) that bring the fingertips next to samples (k,), from the stored configurations.
 
         A joint that moves several fingertips goes to the mean of what these ask for; one that moves none stays.
         """
@@ -117,25 +117,25 @@ class Workspace:
         return np.where(count > 0, np.sum(asked * self._moves, axis=0) / np.maximum(count, 1), otherwise)
 
     def _room(self, places: FloatArray, least: FloatArray, palm: FloatArray) -> FloatArray:
-        """Return how much farther from the body than they have to be link spheres at places (b, s, 3) are, (b, s)."""
+        """Return the clearance of link spheres at centres (b, s, 3) beyond what they need from the body, (b, s)."""
         where = (places @ palm[:3, :3].T + palm[:3, 3] - self._corner) / self._step
         distance = map_coordinates(self._distance, np.moveaxis(where, -1, 0), order=1, cval=np.inf)
         return np.asarray(distance - least)
 
     def _link_places(self, joints: FloatArray) -> FloatArray:
-        """Return the centres of the spheres around links in the palm's frame, (b, s, 3), for joints (b, m)."""
+        """Return the centres of the link spheres in the palm frame, (b, s, 3), for joints (b, m)."""
         count = len(joints)
         palm = {"palm_position": np.zeros((count, 3)), "palm_quaternion": np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))}
         return self._hand.link_places(palm | {"joints": joints} | self._tree.first_slides(count))
 
 
 def _moved(places: FloatArray) -> NDArray[np.bool_]:
-    """Return which places (s, 3) are moved from the first of (1 + m) by each of the others, (s, m)."""
+    """Return the mask of points (s, 3) that differ from those of the first of (1 + m) configurations, (s, m)."""
     return np.asarray(np.linalg.norm(places[1:] - places[:1], axis=2) > STILL).T
 
 
 def _by_cell(tips: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Return the corner (3,) of a grid over places (b, 3), and the nearest few of them to each cell, by number."""
+    """Return the corner (3,) of a grid over points (b, 3), and the nearest few points of each cell, by number."""
     corner = tips.min(axis=0) - NEAR
     count = np.ceil((tips.max(axis=0) + NEAR - corner) / CELL).astype(int)
     middles = corner + CELL * (np.stack(np.meshgrid(*map(np.arange, count), indexing="ij"), axis=-1) + 0.5)

@@ -1,1 +1,1 @@
-"""Starts over processes, stops and interrupts."""
+"""Worker processes: parallel starts, cancellation and interrupts."""

@@ -1,4 +1,4 @@
-"""Linear algebra on one thread: the same rounding on any number of cores, and no more threads than workers."""
+"""Single-threaded linear algebra: rounding independent of the number of cores, one thread per worker."""
 
 from __future__ import annotations
 

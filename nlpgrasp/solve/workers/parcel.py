@@ -1,4 +1,4 @@
-"""What is sent to worker processes many times and unpacked once in each: a problem with its programs."""
+"""Worker payload: a problem sent to worker processes many times and unpacked once in each."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from nlpgrasp.solve.workbench.workbench import Workbench
 
 
 class Asked(Protocol):
-    """A problem and how it is solved."""
+    """Protocol of a problem with its solve options."""
 
     @property
     def problem(self) -> GraspProblem:
-        """Problem that is to be solved."""
+        """Problem to solve."""
 
     @property
     def options(self) -> SolveOptions:
-        """Options that it is solved with."""
+        """Options of the solve."""
 
 
 Case = TypeVar("Case", bound=Asked)
@@ -35,7 +35,7 @@ _unpacked: dict[str, object] = {}  # in this process: the item of the last parce
 
 @dataclass(frozen=True)
 class Parcel(Generic[Item]):
-    """An item on its way to other processes, with the caller's import path: a script may have imported its neighbours.
+    """Pickled payload for worker processes, with the caller's import path.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class Parcel(Generic[Item]):
 
     @classmethod
     def of(cls, item: Item, token: str = "") -> Parcel[Item]:
-        """Pack an item; whatever its parts raise when they are pickled is raised."""
+        """Pickle an item; errors of its parts are raised."""
         return cls(token or uuid.uuid4().hex, tuple(sys.path), bytes(cloudpickle.dumps(item)))
 
     def unpacked(self) -> Item:
@@ -67,7 +67,7 @@ class Parcel(Generic[Item]):
 
 @dataclass(frozen=True)
 class LazyBench(Generic[Case]):
-    """A problem's workbench, built in each process where it is first asked for: programs do not travel.
+    """Compiled problem, built on first use in each process: compiled programs are not pickled.
 
     Parameters
     ----------
@@ -84,5 +84,5 @@ class LazyBench(Generic[Case]):
 
     @cached_property
     def bench(self) -> Workbench:
-        """The workbench of the problem."""
+        """Compiled problem."""
         return Workbench(self.case.problem, self.case.options)

@@ -1,4 +1,4 @@
-"""Starts over the machine's cores, each result as it comes."""
+"""Parallel runs of starts over the machine's cores, with results as they complete."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ GRACE = 10.0  # seconds in-flight starts get to finish after a stop
 
 @dataclass(frozen=True)
 class _Asked:
-    """A problem and how it is solved."""
+    """Problem with its solve options."""
 
     problem: GraspProblem
     options: SolveOptions
 
 
 class Runner:
-    """Starts and analyses of one problem, over worker processes that hold its compiled programs, or in this process.
+    """Runs starts and analyses of one problem, in worker processes that hold its compiled programs or in this one.
 
     A worker that dies costs the starts in flight, which are reported as failed.
 
@@ -78,7 +78,7 @@ class Runner:
         return next(iter(self.begin(work, [item])()), None)
 
     def begin(self, work: Callable[[Workbench, Item], Found], items: Sequence[Item]) -> Callable[[], list[Found]]:
-        """Begin what a function of some module makes of the workbench and each item.
+        """Begin a module-level function of the compiled problem on each item.
 
         The call that is returned waits for it: nothing where a worker ends. Without workers the work is done then.
         """
@@ -92,7 +92,7 @@ class Runner:
 
     @property
     def bench(self) -> Workbench:
-        """The workbench in this process, built where it is first asked for."""
+        """Compiled problem of this process, built on first use."""
         if self._bench is None:
             self._bench = Workbench(self.problem, self.options)
         return self._bench
@@ -139,12 +139,12 @@ def _warm(bench: Workbench, item: tuple[int, KnownGrasp], stop: Stop) -> list[St
 
 
 def _each(parcel: Parcel[LazyBench[_Asked]], work: Callable[[Workbench, Item], Found], item: Item) -> Found:
-    """Do a part of what is left to do in a worker."""
+    """Run a part of the remaining work in a worker."""
     return work(parcel.unpacked().bench, item)
 
 
 def _done(futures: Sequence[Future[Found]]) -> list[Found]:
-    """Wait for parts of what is left to do; none of them where a worker ends."""
+    """Wait for parts of the remaining work; none of them where a worker ends."""
     try:
         return [future.result() for future in futures]
     except (BrokenProcessPool, CancelledError, OSError, RuntimeError):

@@ -1,4 +1,4 @@
-"""The worker processes of this one: for starts of a solve, and for solves of an experiment."""
+"""Pool of worker processes: for starts of a solve, and for solves of an experiment."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from loky import ProcessPoolExecutor, get_reusable_executor
 warnings.filterwarnings("ignore", "A worker was restarted while some jobs", UserWarning)
 P = ParamSpec("P")
 T = TypeVar("T")
-IDLE = 300.0  # seconds after which workers that have nothing to do end
-WATCH = 1.0  # seconds between looks at whether the parent is there
+IDLE = 300.0  # seconds after which idle workers end
+WATCH = 1.0  # seconds between checks that the parent is alive
 _kept: list[Processes] = []  # those of the last context that had its own; at most one, and nobody's while it is here
 
 
 class Processes:
-    """Worker processes: those that all solves of a thread share, kept from one to the next, or some of their own.
+    """Pool of worker processes: shared by all solves of a thread and reused, or a separate one.
 
     loky's workers are fresh interpreters that never import the caller's main module: notebooks and scripts
     without a main guard work. When one dies, all tasks under way fail with ``BrokenProcessPool``, and the next

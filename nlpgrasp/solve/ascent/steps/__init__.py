@@ -1,1 +1,1 @@
-"""What proposes the steps of an ascent: the nonlinear program, its linearisation, and those registered."""
+"""Trust-region steps of the local search, by the nonlinear program or its linearisation."""

@@ -1,4 +1,4 @@
-"""Steps of the search by the program's linearisation, a small quadratic program.
+"""Trust-region steps from the program's linearisation, a small quadratic program.
 
 A full solve a round costs tenths of a second, with forces or a hand in the program seconds, for a step that the trust
 region cuts short. Here a round linearises all rows at the current contacts, maximises beta inside the trust region by
@@ -25,16 +25,16 @@ from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.variables import hand_of, placed_of, points_of, variables_of
 from nlpgrasp.solve.workbench.workbench import Workbench
 
-DAMPING = 1e-3  # weight of the step's square: joints that do not matter stay where they are
-CURVED_DAMPING = 1e-6  # the same beside the Lagrangian's own curvature
-OTHERS = {"normal": 4.0, "hand": 3.0}  # how far other variables may go, over the positions' radius
+DAMPING = 1e-3  # weight of the squared step: keeps irrelevant joints where they are
+CURVED_DAMPING = 1e-6  # the same where the Lagrangian's curvature is in the objective
+OTHERS = {"normal": 4.0, "hand": 3.0}  # trust-region radius of other variables over that of positions
 CORRECTIONS = NewtonRules(steps=3, enough=1e-7)
-BETA_STEP = 10.0  # solver units: as good as unbounded
+BETA_STEP = 10.0  # solver units, effectively unbounded
 
 
 @dataclass(frozen=True)
 class Step:
-    """A step of the search, back on the constraints.
+    """Trust-region step with restored feasibility.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class Step:
 
 
 class Linearisation:
-    """The program linearised where contacts and hand are.
+    """Linearisation of the cutting-plane program at a candidate.
 
     Parameters
     ----------
@@ -100,11 +100,11 @@ class Linearisation:
         return cost
 
     def rows(self) -> Linearised:
-        """Return all rows here, those of cuts that the program does not hold last; the step is unbounded."""
+        """Return all linearised constraints, cuts outside the program last; the step is unbounded."""
         return self._with_cuts(self._rows(self.z, np.full(len(self.z), np.inf), slice(0, None)))
 
     def at(self, z: FloatArray, cuts: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return all rows at variables nearby, with other cuts in place of these, and their Jacobian (rows, n)."""
+        """Return all constraints at nearby variables, with other cuts in place of these, and the Jacobian (rows, n)."""
         if self.cuts is not None:
             reached, slopes = torque_cuts(self.bench, self.placed_at(z), z, cuts)
             slopes[:, self.beta] = -1.0
@@ -116,18 +116,18 @@ class Linearisation:
         return self.compiled.linearise(z, theta)
 
     def placed_at(self, z: FloatArray) -> Placed:
-        """Return contacts and hand at variables that satisfy the linearised rows, not put onto the faces."""
+        """Return the candidate at some variables, without projection onto the faces."""
         program = self.compiled.program
         return Placed(self.faces, points_of(self.bench, program, z), hand_of(program, z))
 
     def grasp_at(self, z: FloatArray) -> Grasp:
-        """Return the grasp at variables, with the normals that are among them."""
+        """Return the grasp at some variables, with the normals among them."""
         normals = np.stack([z[block.range] for block in self.compiled.program.blocks("normal")])
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
         return self.bench.grasp_at(points_of(self.bench, self.compiled.program, z), normals / lengths)
 
     def quadratic_step(self, radius: float, curvature: FloatArray | None = None) -> QuadraticStep | None:
-        """Return the step of the quadratic program inside a trust region, None where its rows contradict each other.
+        """Return the solution of the quadratic program inside a trust region; None if infeasible.
 
         Parameters
         ----------
@@ -140,7 +140,7 @@ class Linearisation:
         return shortest_step(rows, self.cost, DAMPING if curvature is None else CURVED_DAMPING, curvature=curvature)
 
     def step(self, radius: float, curvature: FloatArray | None = None) -> Step | None:
-        """Return the step inside a trust region, back on the constraints; the arguments are ``quadratic_step``'s."""
+        """Return the trust-region step with restored feasibility; the arguments are those of ``quadratic_step``."""
         program, size = self.compiled.program, self._size(radius)
         first = self.quadratic_step(radius, curvature)
         if first is None:
@@ -159,23 +159,23 @@ class Linearisation:
 
     @property
     def cut_rows(self) -> NDArray[np.intp]:
-        """Numbers of the cuts among all rows, (m,)."""
+        """Indices of the cuts among all constraints, (m,)."""
         program = self.compiled.program
         if self.cuts is None:
             return np.array(program.rows_of(SUPPORT)[: self.count], dtype=np.intp)
         return program.limits[0].size + np.arange(self.count)
 
     def support(self, multipliers: FloatArray) -> FloatArray:
-        """Return the multipliers of the cuts, (m,), at least zero, from those of all rows."""
+        """Return the multipliers of the cuts, (m,), at least zero, from those of all constraints."""
         return -multipliers[self.cut_rows]
 
     def _size(self, radius: float) -> FloatArray:
-        """Return how far each variable may go, (n,)."""
+        """Return the trust-region bound of each variable, (n,)."""
         free = np.isinf(self.reach)
         return np.where(free, BETA_STEP, radius * np.where(free, 1.0, self.reach))
 
     def _with_cuts(self, rows: Linearised) -> Linearised:
-        """Return the rows together with the cuts that the program does not hold: at least zero."""
+        """Return the constraints with the cuts appended that the program does not hold."""
         if self.cuts is None:
             return rows
         reached, slopes = self.cuts
@@ -186,7 +186,7 @@ class Linearisation:
         return Linearised(values, jacobian, lower, upper, rows.least, rows.most)
 
     def _rows(self, z: FloatArray, size: FloatArray, used: slice) -> Linearised:
-        """Return some of the rows linearised at z, for steps of at most ``size``."""
+        """Return some of the constraints linearised at z, for steps of at most ``size``."""
         g, J = self.compiled.linearise(z, self.theta)
         low, high = self.compiled.program.limits
         bounds = step_bounds(z, self.compiled.program.bounds, size)

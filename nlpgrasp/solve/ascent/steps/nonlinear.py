@@ -1,4 +1,4 @@
-"""Steps of the search by the nonlinear program itself, inside the trust region."""
+"""Trust-region steps from the nonlinear program, solved by IPOPT."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from nlpgrasp.solve.workbench.workbench import Workbench
 
 
 def program_step(bench: Workbench, placed: Placed, value: float, cuts: FloatArray, radius: float) -> Step:
-    """Return where IPOPT ends from a placed state of some value, inside a trust region over the body's size."""
+    """Return IPOPT's step from a candidate of some value, in a trust region relative to the body's size."""
     compiled, faces = bench.exchange.compiled, placed.faces
     program = compiled.program
     z = variables_of(bench, program, placed)

@@ -1,4 +1,4 @@
-"""Cuts of the exchange under a hand's torque limits: supports and their slopes, as rows of the linearised program."""
+"""Linearised cutting planes under a hand's torque limits: supports and their gradients."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from nlpgrasp.solve.workbench.workbench import Workbench
 
 
 def torque_cuts(bench: Workbench, placed: Placed, z: FloatArray, cuts: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the supports along cuts (m,) and their slopes at the program's variables (m, n), in solver units.
+    """Return the supports along cuts (m,) and their gradients in the program's variables (m, n), in solver units.
 
     Parameters
     ----------
