@@ -26,7 +26,7 @@ NARROW = 0.2  # share of the requested gap that certificates may take
 
 @dataclass(frozen=True)
 class SolveOptions:
-    """How to solve; checked when made.
+    """Options of a solve, checked when made.
 
     Parameters
     ----------

@@ -1,1 +1,1 @@
-"""The phases of a grasp by hand: approach, pregrasp, grasp, squeeze, lift."""
+"""Phases of a grasp by hand: approach, pregrasp, grasp, squeeze, lift."""
