@@ -70,7 +70,7 @@ def test_a_solve_with_flat_fingertips_says_what_verify_says(tmp_path):
     body = ng.Mesh.load(tmp_path / "capsule.stl")
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, *[body.size] * 3])
     problem = ng.GraspProblem(body, ng.SoftContact(0.7, 0.005), task, hand=gripper(), edge_margin=0.0)
-    solution = ng.solve(problem, starts=1, options=ng.SolveOptions(workers=1, rounds=0))
+    solution = ng.solve(problem, starts=1, options=ng.SolveOptions(workers=1))
     solution.save(tmp_path / "grasp.json")
     angles = solution.surface.kept
     assert set(angles) == {0, 1}
