@@ -18,7 +18,7 @@ from nlpgrasp.solve.workbench.programs import budget_at
 from nlpgrasp.solve.workbench.row_values import RowValues
 
 STEP = 1e-7  # of each variable's size: second derivatives jump where a force is at the edge of its cone
-AT = 1e-6  # relative: a limit that is as near is active
+AT = 1e-5  # relative: a limit that is as near is active; with a multiplier of 0.1 its complementarity is 1e-6
 SHARP = np.radians(30.0)  # turn of a sharp edge
 
 
