@@ -96,7 +96,7 @@ class RowBlock(Range):
 
     @property
     def name(self) -> str:
-        """Label as text."""
+        """Text that names the block in reports."""
         return self.label.name
 
 

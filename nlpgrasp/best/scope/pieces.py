@@ -126,7 +126,7 @@ class ClusterPieces(Pieces):
 
     @property
     def clusters(self) -> Clusters:
-        """The mesh's."""
+        """Tree of triangle clusters of the mesh that the cells belong to."""
         whole = self.cells[0]
         if not isinstance(whole, MeshCell):
             raise TypeError(f"a {whole.kind}, no cell of a mesh")

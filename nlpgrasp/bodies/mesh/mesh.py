@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     import trimesh
 
 FLATTERS = 0.1  # grid cells: overestimate of the splined distance from sharp edges, 90th percentile
-MORE = 3  # times that samples are drawn again where too few of them are off sharp edges
+DRAWS = 4  # most draws of samples, while too few of them are off sharp edges
 ROOM_SAMPLES = 4000  # surface points for the largest distance from sharp edges
 OFFSET_SAMPLES = 300  # mesh points for the distance to the smooth surface
 CLEARANCE_POINTS, CLEARANCE_MARGIN = 120_000, 0.5  # distance grid for hand links: points; margin over the size
@@ -154,7 +154,12 @@ class Mesh(Body):
     def offset(self) -> SmoothOffset:
         """Distance of the mesh from its smoothed surface, metres: 80th percentile ``most``, and ``largest``."""
         points, _ = self.surface_samples(OFFSET_SAMPLES, np.random.default_rng(0))
-        return smooth_offset(self, points, float(np.max(np.ptp(self.bounds, axis=0))) / self.resolution, self.wall)
+        return smooth_offset(self, points, self._cell, self.wall)
+
+    @property
+    def _cell(self) -> float:
+        """Side of a cell of the smoothed distance grid, metres."""
+        return float(np.max(np.ptp(self.bounds, axis=0))) / self.resolution
 
     @property
     def symbol(self) -> type[ca.MX]:
@@ -174,8 +179,7 @@ class Mesh(Body):
         """Return the splined distance from sharp edges less its usual overestimate; empty without sharp edges."""
         if not len(self._edges):
             return []
-        cell = float(np.max(np.ptp(self.bounds, axis=0))) / self.resolution
-        return [self._edge_spline.expression(p) - FLATTERS * cell]
+        return [self._edge_spline.expression(p) - FLATTERS * self._cell]
 
     @cached_property
     def _edge_spline(self) -> DistanceSpline:
@@ -183,15 +187,14 @@ class Mesh(Body):
 
     def sample(self, name: str, count: int, rng: np.random.Generator, margin: float = 0.0) -> FloatArray:
         """Return random points (m, 3) of the smooth surface, off sharp edges by a margin; see ``Body.sample``."""
-        found = super().sample(name, count, rng)
         if margin == 0.0:
-            return found
-        found = found[self.edge_distance(name, found) >= margin]
-        for _ in range(MORE):
-            if len(found) >= count:
-                break
+            return super().sample(name, count, rng)
+        found = np.zeros((0, 3))
+        for _ in range(DRAWS):
             points = super().sample(name, count, rng)
             found = np.concatenate([found, points[self.edge_distance(name, points) >= margin]])
+            if len(found) >= count:
+                break
         return found[:count]
 
     def distance(self, p: Expression) -> Expression:

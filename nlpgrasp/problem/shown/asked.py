@@ -45,7 +45,7 @@ class Asked(Protocol):
 
     @property
     def budget(self) -> ForceBudget:
-        """Force budget."""
+        """Force budget: the meaning of one unit of finger force."""
 
     @property
     def margin(self) -> float:

@@ -31,6 +31,7 @@ ROUNDS, LEARN = 3, 16  # rounds of exchanges; tuples whose weak directions are a
 FAR = 4.0  # weight of the fingertips' mean distance from the body, over its size, in the score
 BROKEN = 1.0  # weight of violated constraints, such as the palm's direction, in the score
 BLOCKED = 0.4  # weight of link collisions, relative to the share of the best quality
+BLOCKED_MANY = 0.05  # weight of link collisions against the score, with many contacts
 ENOUGH = 3  # touching poses proposed with many contacts; non-touching ones where none touches
 TRIES = 12  # poses moved towards contact
 MANY, MANY_TRIES = 6, 32  # number of contacts from which hands rarely touch with all; poses moved then
@@ -56,7 +57,7 @@ class _Poses:
     far: FloatArray
 
     def placed(self, i: int) -> Placed:
-        """Return pose i."""
+        """Return pose i as a candidate, its contacts at the samples nearest to the fingertips."""
         return Placed(tuple(self.faces[i]), self.points[i], {name: v[i] for name, v in self.values.items()})
 
     def hands(self, against: FloatArray) -> list[Values]:
@@ -91,7 +92,7 @@ def draw_posed_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Pla
         if found:
             return found[:TRIES]
     blocked = bench.rows.blocked(drawn.points, drawn.normals, drawn.values)
-    merit = scores(bench, drawn.points, drawn.normals) - _against(bench, drawn) - 0.05 * blocked
+    merit = scores(bench, drawn.points, drawn.normals) - _against(bench, drawn) - BLOCKED_MANY * blocked
     return [drawn.placed(i) for i in np.argsort(-merit, kind="stable")[:MANY_TRIES].tolist()]
 
 
@@ -150,9 +151,9 @@ def _exchanged(
     """Return placements reachable from the first palm poses with all fingertips, best first."""
     tables, space = bench.without_hand.sample_tables, bench.workspace
     clouds = [tables.samples(i) for i in range(len(bench.problem.models))]
-    hands, reaches = list[Values](), list[Reach]()
+    tree, hands, reaches = bench.hand_points.posed_hand.tree, list[Values](), list[Reach]()
     for hand in palms:
-        reach = space.reach(bench.hand_points.link_tree.palm_frame(hand), clouds)
+        reach = space.reach(tree.palm_frame(hand), clouds)
         if reach is not None:
             hands.append(hand)
             reaches.append(reach)
@@ -166,9 +167,8 @@ def _exchanged(
         tuples = search.exchanged(tuples, within=within)
         search.learn_from(tuples[np.argsort(-search.values(tuples), kind="stable")[:LEARN]])
     tuples = search.exchanged(tuples, LAST_TIE, within)
-    joints = np.stack(
-        [space.joints_at(*each) for each in zip(reaches, tuples, [h["joints"] for h in hands], strict=True)]
-    )
+    each = zip(reaches, tuples, hands, strict=True)
+    joints = np.stack([space.joints_at(reach, one, hand["joints"]) for reach, one, hand in each])
     values = {name: np.stack([hand[name] for hand in hands]) for name in hands[0]} | {"joints": joints}
     points, normals = tables.places(tuples)
     blocked = bench.rows.blocked(points, normals, values)

@@ -13,9 +13,8 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.constraints import Approach
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands import Hand, PosedHand, URDFHand
+from nlpgrasp.hands import Hand, URDFHand
 from nlpgrasp.hands.base import Values
-from nlpgrasp.hands.urdf.link_tree import LinkTree
 from nlpgrasp.hands.urdf.linked_hand import LinkedHand
 from nlpgrasp.problem.fields import Distance, distance_to_all, fields_of
 from nlpgrasp.problem.problem import GraspProblem
@@ -41,18 +40,11 @@ class HandPoints:
         return self._problem.hand
 
     @property
-    def posed_hand(self) -> PosedHand:
+    def posed_hand(self) -> LinkedHand:
         """The hand, of a problem with one that has a pose of its own."""
-        if not isinstance(self.hand, PosedHand):
-            raise InputError("GraspProblem.hand", self.hand, "a hand with a pose of its own, such as ng.URDFHand")
-        return self.hand
-
-    @property
-    def link_tree(self) -> LinkTree:
-        """Palm, joints and links of the hand, of a problem with one that has a pose of its own."""
         if not isinstance(self.hand, LinkedHand):
             raise InputError("GraspProblem.hand", self.hand, "a hand with a pose of its own, such as ng.URDFHand")
-        return self.hand.tree
+        return self.hand
 
     @property
     def linked_hand(self) -> URDFHand:

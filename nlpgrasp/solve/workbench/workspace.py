@@ -64,7 +64,7 @@ class Workspace:
     """
 
     def __init__(self, problem: GraspProblem, hand: HandPoints, rows: RowValues) -> None:
-        self._hand, self._tree = hand, hand.link_tree
+        self._hand, self._tree = hand, hand.posed_hand.tree
         lower, upper = self._tree.joint_limits
         self.joints = lower + np.random.default_rng(0).uniform(*SHARES, (POSTURES, len(lower))) * (upper - lower)
         tips = self._tree.palm_tips(self.joints)

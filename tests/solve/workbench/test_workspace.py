@@ -30,7 +30,7 @@ def palms(bench, samples):
     values, _ = hand.posed_hand.draw(200, np.zeros((200, 3)), np.random.default_rng(0))
     for i in range(200):
         pose = {name: v[i] for name, v in values.items()}
-        reach = bench.workspace.reach(hand.link_tree.palm_frame(pose), samples)
+        reach = bench.workspace.reach(hand.posed_hand.tree.palm_frame(pose), samples)
         if reach is not None:
             yield pose, reach
 
