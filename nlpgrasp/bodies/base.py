@@ -214,8 +214,7 @@ class Body(Seen):
         found: list[FloatArray] = []
         total = 0
         for _ in range(8):
-            start = rng.uniform(lower, upper, (4 * count + 16, self.space))
-            p = self.snap(name, start)
+            p = self.snap(name, self._around(count, rng))
             h, slope, _, extent = self.evaluate(name, p, margin)
             inside = np.all((p >= lower - 1e-9 * self.size) & (p <= upper + 1e-9 * self.size), axis=1)
             good = (np.abs(h) <= 1e-9 * self.size * np.maximum(slope, 1e-12)) & (extent <= 1e-9 * self.size) & inside
@@ -225,6 +224,10 @@ class Body(Seen):
             if total >= count:
                 break
         return np.concatenate(found)[:count]
+
+    def _around(self, count: int, rng: np.random.Generator) -> FloatArray:
+        """Return random points (m, space) whose projections cover the surface, some ``count`` of each face."""
+        return rng.uniform(*self.bounds, (4 * count + 16, self.space))
 
     @cached_property
     def _functions(self) -> dict[tuple[str, float], ca.Function]:

@@ -66,12 +66,12 @@ class ProgramFunctions:
         if self.is_scalar:
             g = self._scalar_rows()
             whole = ca.vertcat(self._smooth_jacobian(), ca.jacobian(g[self._smooth :], z))
-            return ca.Function("jac_g", [z, theta], [g, whole], *names, self._tidied)
+            return ca.Function("jac_g", [z, theta], [g, whole], *names)
         points, near = self.program.points, self.program.distances
         slopes = ca.SX.sym("slopes", points.shape[0])
         first = [self._smooth_jacobian(), chain_first(ca.jacobian(points, z), slopes, near)]
         first.append(ca.jacobian(self._linear, z))
-        smooth = ca.Function("rows_jac", [z, theta, slopes], [ca.vertcat(*first)], self._tidied)
+        smooth = ca.Function("rows_jac", [z, theta, slopes], [ca.vertcat(*first)])
         faces = [
             _embed(_slope(part)(self._x[part.position.range]), part, z.shape[0]) for part in self.program.face_parts
         ]
@@ -95,7 +95,7 @@ class ProgramFunctions:
         rest = -lam_f * program.objective + ca.dot(slopes, points)
         second = self._smooth_hessian(rest, lam_g) + chain_second(ca.jacobian(points, z), bends, near)
         inputs = [z, theta, lam_f, lam_g, slopes, bends]
-        smooth = ca.Function("rows_hess", inputs, [ca.triu(second)], self._tidied)
+        smooth = ca.Function("rows_hess", inputs, [ca.triu(second)])
         count = self._linear.shape[0]
         slots = 0 if program.slots is None else program.slots.count
         every, sigma = ca.MX.sym("lam_g", slots + self._smooth + near + count), ca.MX.sym("lam_f")
@@ -146,17 +146,12 @@ class ProgramFunctions:
         """Number of repeated constraints, which are the first ones."""
         return self.program.copies[-1].rows.stop if self.program.copies else 0
 
-    @property
-    def _tidied(self) -> dict[str, bool]:
-        """Function options: common subexpression elimination, except with copies, which apply it individually."""
-        return {"cse": not self.program.copies}
-
     def _scalar_hessian(self, inputs: list[str], outputs: list[str]) -> ca.Function:
         z, theta, rows = self.program.z, self.program.theta, self._scalar_rows()
         lam_f, lam = ca.SX.sym("lam_f"), ca.SX.sym("lam_g", rows.shape[0])
         rest = -lam_f * self.program.objective + ca.dot(lam[self._smooth :], rows[self._smooth :])
         hess = ca.triu(self._smooth_hessian(rest, lam[: self._smooth]))
-        return ca.Function("hess_lag", [z, theta, lam_f, lam], [hess], inputs, outputs, self._tidied)
+        return ca.Function("hess_lag", [z, theta, lam_f, lam], [hess], inputs, outputs)
 
     def _scalar_rows(self) -> ca.SX:
         z = self.program.z

@@ -56,8 +56,10 @@ def nearest_faces(problem: GraspProblem, points: FloatArray) -> tuple[str, ...]:
 
 def inward_normals(problem: GraspProblem, points: FloatArray, faces: Sequence[str]) -> FloatArray:
     """Return the inward unit normals of faces at points, (k, space) each."""
-    each = zip(faces, points, strict=True)
-    return np.concatenate([-problem.body.evaluate(face, p[None])[2] for face, p in each])
+    normals, names = np.empty_like(points), np.array(faces)
+    for face in set(faces):
+        normals[names == face] = -problem.body.evaluate(face, points[names == face])[2]
+    return normals
 
 
 def pressing_forces(problem: GraspProblem, normals: FloatArray) -> FloatArray:

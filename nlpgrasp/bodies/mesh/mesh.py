@@ -197,6 +197,10 @@ class Mesh(Body):
                 break
         return found[:count]
 
+    def _around(self, count: int, rng: np.random.Generator) -> FloatArray:
+        """Return random points (m, 3) of the mesh itself."""
+        return self.surface_samples(count + count // 4, rng)[0]
+
     def distance(self, p: Expression) -> Expression:
         """Return a spline of the unsmoothed signed distance; beyond its grid, a lower bound."""
         return self._clearance_spline.everywhere(p)

@@ -195,9 +195,9 @@ class Workbench:
 
     def snapped(self, placed: Placed) -> Placed:
         """Return the candidate with its contacts projected onto their faces to rounding."""
-        body = self.problem.body
-        each = zip(placed.faces, placed.points, strict=True)
-        points = np.concatenate([body.snap(face, p[None, :]) for face, p in each])
+        points, names = placed.points.copy(), np.array(placed.faces)
+        for face in set(placed.faces):
+            points[names == face] = self.problem.body.snap(face, points[names == face])
         return Placed(placed.faces, points, placed.hand)
 
     def grasp(self, placed: Placed) -> Grasp:
