@@ -138,6 +138,14 @@ class Body(Seen):
             made[name, margin] = self.face(name).compiled(self.point(), margin)
         return made[name, margin]
 
+    def shared_surface(self, margin: float) -> ca.Function | None:
+        """Return ``(p, geometry) -> (h, unit outward normal, extents)`` where one function serves all faces; else None."""
+        return None
+
+    def geometry(self, name: str) -> FloatArray:
+        """Return the geometry of a face, (q,), for ``shared_surface``."""
+        raise NotImplementedError(f"{type(self).__name__}.geometry")
+
     def room(self, name: str) -> float:
         """Return the largest distance from sharp edges on a face, metres; inf without sharp edges."""
         return self.face(name).room

@@ -19,8 +19,8 @@ ON_SURFACE, EXTENT, NORMAL = "on the surface", "extent of the face", "normal"  #
 class Surfaces:
     """Surface constraints of all contacts: ``h(p) = 0`` within the face's extent, ``n = -grad h / |grad h|``.
 
-    The choice among several faces is a parameter, ``face i``, which is one for the contact's face, so one program
-    serves all assignments of contacts to faces.
+    The choice among several faces is a parameter, ``face i``, which is one for the contact's face, or the geometry of
+    that face, so one program serves all assignments of contacts to faces.
 
     Parameters
     ----------
@@ -53,6 +53,10 @@ class Surfaces:
     def _chosen(self, program: Program, i: int, p: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Return surface (metres), extents (metres, at most zero on the face) and outward normal of the chosen face."""
         problem = self.problem
+        shared = problem.body.shared_surface(problem.margin)
+        if shared is not None:
+            h, normal, limits = shared(p, program.parameter("face", shared.size1_in(1), i))
+            return h, limits, normal
         names = problem.allowed_faces(i)
         values = [problem.body.surface_function(name, problem.margin)(p) for name in names]
         most = max(extent.numel() for *_, extent in values)
@@ -78,9 +82,11 @@ class Surfaces:
 
 
 def face_parameters(problem: GraspProblem, faces: Sequence[str]) -> FloatArray:
-    """Return the parameters (q,) that select each contact's face."""
+    """Return the parameters (q,) that select each contact's face, or state its geometry."""
     if problem.body.symbol is ca.MX:
         return np.zeros(0)
+    if problem.body.shared_surface(problem.margin) is not None:
+        return np.concatenate([problem.body.geometry(face) for face in faces])
     choices = [problem.allowed_faces(i) for i in range(len(faces))]
     pairs = zip(choices, faces, strict=True)
     return np.array([float(n == name) for names, name in pairs if len(names) > 1 for n in names])

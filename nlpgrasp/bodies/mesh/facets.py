@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
@@ -15,7 +15,8 @@ from nlpgrasp.bodies.mesh.mesh import Mesh
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray
 
-NEAREST = 12  # sharp edges considered near a contact
+SIDES = 3
+NEAREST, MOST = 12, 24  # sharp edges considered near a place of a contact; near all its places, at most
 
 
 class Facets(Body):
@@ -64,7 +65,7 @@ class Facets(Body):
 
     def make_faces(self) -> tuple[Face, ...]:
         """Return a face for each contact."""
-        return tuple(facet.face(name) for name, facet in self._facets.items())
+        return tuple(_face(name, ca.DM(facet.geometry)) for name, facet in self._facets.items())
 
     def evaluate(
         self, name: str, points: FloatArray, margin: float = 0.0
@@ -76,6 +77,14 @@ class Facets(Body):
         """Return the mesh as JSON data."""
         return self.mesh.to_dict()
 
+    def shared_surface(self, margin: float) -> ca.Function:
+        """Return ``(p, geometry) -> (h, unit outward normal, extents)`` for the triangles of all contacts."""
+        return _shared_surface(len(self.geometry(self.names[0])), margin)
+
+    def geometry(self, name: str) -> FloatArray:
+        """Return plane, sides and nearby sharp edges of a contact's triangle, (q,), metres."""
+        return self._facets[name].geometry
+
     @cached_property
     def _facets(self) -> dict[str, _Facet]:
         corners, outward = np.asarray(self.mesh.mesh.triangles), np.asarray(self.mesh.mesh.face_normals)
@@ -86,8 +95,10 @@ class Facets(Body):
         """Return the end points (e, 2, 3) of sharp edges near contact points (n, 3); none if the margin is zero."""
         if self.margin == 0.0:
             return np.zeros((0, 2, 3))
-        about = [self.mesh.sharp_edges(point, NEAREST) for point in places]
-        return np.unique(np.concatenate(about).reshape(-1, 6), axis=0).reshape(-1, 2, 3)
+        about = np.concatenate([self.mesh.sharp_edges(point, NEAREST) for point in places]).reshape(-1, 6)
+        first = np.sort(np.unique(about, axis=0, return_index=True)[1])[:MOST]
+        most = min(MOST, self.mesh.sharp_edge_count)
+        return about[np.resize(first, most)].reshape(most, 2, 3)
 
 
 @dataclass(frozen=True)
@@ -114,23 +125,13 @@ class _Facet:
         """Return the facet of a triangle with corners (3, 3), metres, and an outward normal (3,)."""
         away = np.cross(np.roll(corners, -1, axis=0) - corners, outward)
         length = np.linalg.norm(away, axis=1)
-        return cls(outward, corners[length > 0.0], away[length > 0.0] / length[length > 0.0, None], edges)
+        sides = np.resize(np.flatnonzero(length > 0.0), SIDES)  # a side without length is that of its neighbour
+        return cls(outward, corners[sides], away[sides] / length[sides, None], edges)
 
-    def face(self, name: str) -> Face:
-        """Return the facet as a face of CasADi expressions."""
-        outward, corner = ca.DM(self.outward), ca.DM(self.corners[0])
-        sides = [(ca.DM(c), ca.DM(a)) for c, a in zip(self.corners, self.away, strict=True)]
-
-        def surface(p: Expression) -> Expression:
-            return ca.dot(outward, p - corner)
-
-        def extent(p: Expression) -> list[Expression]:
-            return [ca.dot(a, p - c) for c, a in sides]
-
-        def edges(p: Expression) -> list[Expression]:
-            return [_distance(p, *map(ca.DM, ends)) for ends in self.edges]
-
-        return Face(name, surface, extent, [False] * len(sides), edges=edges)
+    @property
+    def geometry(self) -> FloatArray:
+        """All numbers of the facet, (q,)."""
+        return np.concatenate([self.outward, self.corners.ravel(), self.away.ravel(), self.edges.ravel()])
 
     def evaluate(self, points: FloatArray, margin: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return height over the plane, ones, unit outward normals and largest extent at points (m, 3)."""
@@ -145,7 +146,32 @@ class _Facet:
         return arms[:, 0] @ self.outward, np.ones(len(points)), np.tile(self.outward, (len(points), 1)), beyond
 
 
-def _distance(p: Expression, start: ca.DM, end: ca.DM) -> Expression:
+@lru_cache
+def _shared_surface(numbers: int, margin: float) -> ca.Function:
+    """Return ``(p, geometry) -> (h, unit outward normal, extents)`` of a facet with so many numbers."""
+    p, q = ca.SX.sym("p", 3), ca.SX.sym("q", numbers)
+    face = _face("triangle", q)
+    return ca.Function("triangle", [p, q], [face.surface(p), q[:3], ca.vertcat(*face.limits(p, margin))])
+
+
+def _face(name: str, geometry: Expression) -> Face:
+    """Return the face of CasADi expressions with the geometry (q,) of a facet."""
+    outward, *vectors = ca.vertsplit(geometry, 3)
+    corners, away, ends = vectors[:SIDES], vectors[SIDES : 2 * SIDES], vectors[2 * SIDES :]
+
+    def surface(p: Expression) -> Expression:
+        return ca.dot(outward, p - corners[0])
+
+    def extent(p: Expression) -> list[Expression]:
+        return [ca.dot(a, p - c) for c, a in zip(corners, away, strict=True)]
+
+    def edges(p: Expression) -> list[Expression]:
+        return [_distance(p, *pair) for pair in zip(ends[::2], ends[1::2], strict=True)]
+
+    return Face(name, surface, extent, [False] * SIDES, edges=edges)
+
+
+def _distance(p: Expression, start: Expression, end: Expression) -> Expression:
     """Return the distance of a CasADi point from a line segment."""
     along = end - start
     share = ca.fmin(ca.fmax(ca.dot(p - start, along) / ca.dot(along, along), 0.0), 1.0)

@@ -266,6 +266,11 @@ class Mesh(Body):
         """Return the end points (m, 2, 3) of up to ``count`` sharp edges nearest to a point (3,)."""
         return self._edges.nearest(point, count)
 
+    @property
+    def sharp_edge_count(self) -> int:
+        """Number of sharp edges."""
+        return len(self._edges)
+
     def room(self, name: str) -> float:
         """Return the largest distance from sharp edges over sampled points, metres; inf without sharp edges."""
         del name

@@ -66,6 +66,7 @@ class Workbench:
         self.exchange = ExchangeProgram(problem, options, cuts)
         self._first: dict[int, CompiledProgram] = {}  # by the number of samples
         self._shared: Workbench | None = None
+        self._by_faces: ExchangeProgram | None = None
 
     @cached_property
     def link_depths(self) -> LinkDepths | None:
@@ -128,11 +129,15 @@ class Workbench:
         return result
 
     def with_faces(self, problem: GraspProblem) -> Workbench:
-        """Return the compiled problem of a body that describes the same surface by other faces."""
+        """Return the compiled problem of a body that describes the same surface by other faces.
+
+        Its program is compiled once, as the geometry of a face is among its parameters.
+        """
         result = Workbench(problem, self.options)
         surface = result.surface
         result = self._sharing(result)
         result.surface = surface
+        self._by_faces = result.exchange = self._by_faces or result.exchange
         return result
 
     def with_clearance(self, more: FloatArray) -> Workbench:
