@@ -139,7 +139,7 @@ class Body(Seen):
         return made[name, margin]
 
     def shared_surface(self, margin: float) -> ca.Function | None:
-        """Return ``(p, geometry) -> (h, unit outward normal, extents)`` where one function serves all faces; else None."""
+        """Return ``(p, geometry) -> (h, unit outward normal, extents)`` of all faces; None where faces differ in kind."""
         return None
 
     def geometry(self, name: str) -> FloatArray:
@@ -235,7 +235,8 @@ class Body(Seen):
 
     def _around(self, count: int, rng: np.random.Generator) -> FloatArray:
         """Return random points (m, space) whose projections cover the surface, some ``count`` of each face."""
-        return rng.uniform(*self.bounds, (4 * count + 16, self.space))
+        lower, upper = self.bounds
+        return rng.uniform(lower, upper, (4 * count + 16, self.space))
 
     @cached_property
     def _functions(self) -> dict[tuple[str, float], ca.Function]:

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.quality import mu
 from nlpgrasp.solve.after.robust import robustness
@@ -15,7 +14,7 @@ from nlpgrasp.solve.ascent.local_optimum import LocalOptimum, local_optimum, res
 from nlpgrasp.solve.ascent.state import AscentState
 from nlpgrasp.solve.posture.margins import Margins
 from nlpgrasp.solve.start.result import StartGrasp
-from nlpgrasp.solve.surface.triangles import PASSES, on_triangles, put_on_body
+from nlpgrasp.solve.surface.triangles import PASSES, missing_clearance, on_triangles, put_on_body
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 
@@ -60,7 +59,7 @@ def _moved(bench: Workbench, best: StartGrasp, stop: Stop) -> StartGrasp:
         reason = _why_worse(bench, best, end)
         if not reason:
             return end
-        less = _missing_clearance(bench, end)
+        less = missing_clearance(bench, end.found)
         if found.kkt.is_small:
             begin = replace(begin, points=found.placed.points, hand=found.placed.hand)
         if any(row.value < row.lower for row in end.found.beside):
@@ -70,14 +69,6 @@ def _moved(bench: Workbench, best: StartGrasp, stop: Stop) -> StartGrasp:
             break
         short += less
     return replace(best, kkt=replace(residuals_at(own, here), reason=reason))
-
-
-def _missing_clearance(bench: Workbench, end: StartGrasp) -> FloatArray:
-    """Return each link's violation of its clearance from the body, (rows,), metres."""
-    short = np.zeros(len(bench.rows.named))
-    rows = bench.rows.clearances
-    short[rows] = [max(bench.rows.named[i].lower - end.found.values[i], 0.0) for i in rows]
-    return short
 
 
 def _why_not(bench: Workbench) -> str:

@@ -291,8 +291,8 @@ class CoordinateExchange:
         return likely, np.min(every, axis=0) + tie * np.mean(every[weak], axis=0)
 
 
-def exchanged_nearby(bench: Workbench, placed: Placed, grasp: Grasp, cuts: FloatArray) -> Placed:
-    """Return contacts on a mesh improved by coordinate exchange over dense samples in their neighbourhood.
+def exchanged_nearby(bench: Workbench, placed: Placed, grasp: Grasp, cuts: FloatArray) -> Placed | None:
+    """Return contacts on a mesh improved by coordinate exchange over dense samples nearby; None where none are better.
 
     Parameters
     ----------
@@ -321,9 +321,9 @@ def exchanged_nearby(bench: Workbench, placed: Placed, grasp: Grasp, cuts: Float
     search = CoordinateExchange(bench, tables, rng)
     here = np.zeros((1, len(clouds)), dtype=np.intp)
     if search.values(here)[0] <= 0.0:
-        return placed
+        return None
     best = search.kept(here, search.exchanged(here))[0]
-    return placed if not best.any() else search.placed(best)
+    return search.placed(best) if best.any() else None
 
 
 def distinct(bench: Workbench, found: Sequence[Placed], count: int = PROPOSED) -> list[Placed]:

@@ -12,7 +12,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.nlp import face_parameters
 from nlpgrasp.solve.ascent.state import Effort
 from nlpgrasp.solve.ascent.weakest import weakest_at
-from nlpgrasp.solve.surface.triangles import on_triangles
+from nlpgrasp.solve.surface.triangles import on_triangles, touching_on_body
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.variables import placed_of, variables_of
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
@@ -46,6 +46,8 @@ def first_grasp(bench: Workbench, candidate: Placed, rng: np.random.Generator) -
     if found[0].score > 0.0:
         return found[0]
     program = bench.first.program
+    if isinstance(bench.problem.body, Mesh):  # whose smooth surface the program holds
+        candidate = replace(candidate, faces=bench.problem.body.face_names * len(candidate.faces))
     start = variables_of(bench, program, candidate)
     start[program.block("beta").range] = FIRST_BETA
     for factor in bench.task_samples.factors:
@@ -71,11 +73,12 @@ def first_of(bench: Workbench, candidates: Iterable[Placed], rng: np.random.Gene
 
 
 def _on_mesh(bench: Workbench, placed: Placed) -> Placed:
-    """Return contacts projected from a mesh's smooth surface onto the mesh, unless a posed hand has to touch it."""
+    """Return contacts projected from a mesh's smooth surface onto the mesh, with the fingertips that touch them."""
     body = bench.problem.body
-    if not isinstance(body, Mesh) or not bench.follows_contacts:
+    if not isinstance(body, Mesh):
         return placed
-    return replace(placed, points=body.closest(placed.points)[0])
+    placed = replace(placed, points=body.closest(placed.points)[0])
+    return placed if bench.follows_contacts else touching_on_body(bench, placed)[1]
 
 
 def first_parameters(bench: Workbench, rng: np.random.Generator, factor: float = 1.0) -> FloatArray:
@@ -88,6 +91,6 @@ def first_parameters(bench: Workbench, rng: np.random.Generator, factor: float =
 
 def _score(bench: Workbench, placed: Placed, rng: np.random.Generator) -> float:
     """Return the least support ratio found of a placement; minus its violation where it violates a constraint."""
-    own, there = on_triangles(bench, placed) if bench.follows_contacts else (bench, placed)
+    own, there = on_triangles(bench, placed)
     violation = own.violation(there)
     return -violation if violation > FEASIBLE else weakest_at(own, there, rng).value

@@ -19,7 +19,8 @@ from nlpgrasp.hands.base import Values
 from nlpgrasp.solve.ascent.weakest import QUICK, weakest_at
 from nlpgrasp.solve.start.coordinate_exchange import LAST_TIE, CoordinateExchange, of_different_kinds
 from nlpgrasp.solve.start.scores import scores
-from nlpgrasp.solve.start.touch import TOUCHING, touching
+from nlpgrasp.solve.start.touch import TOUCHING
+from nlpgrasp.solve.surface.triangles import touching_on_body
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 from nlpgrasp.solve.workbench.workspace import Reach
@@ -107,7 +108,7 @@ def touching_candidates(bench: Workbench, candidates: Iterable[Placed], stop: St
     for candidate in candidates:
         if given == ENOUGH or (stop.requested() and given + len(others) > 0):
             break
-        found, violation = touching(bench, candidate)
+        _, found, violation = touching_on_body(bench, candidate)
         if violation <= TOUCHING:
             given += 1
             yield found
@@ -130,10 +131,9 @@ def best_touching(
     for candidate in candidates:
         if there and stop.requested():
             break
-        found, violation = touching(bench, candidate)
-        found = bench.snapped(found)
-        if violation <= TOUCHING and bench.violation(found) <= FEASIBLE:
-            there.append((found, weakest_at(bench, found, rng, descents=QUICK).value))
+        own, found, violation = touching_on_body(bench, candidate)
+        if violation <= TOUCHING and own.violation(found) <= FEASIBLE:
+            there.append((found, weakest_at(own, found, rng, descents=QUICK).value))
         else:
             others.append((candidate, violation))
     there.sort(key=lambda pair: -pair[1])
@@ -195,7 +195,7 @@ def _against(bench: Workbench, poses: _Poses) -> FloatArray:
 def _at_random(bench: Workbench, rng: np.random.Generator) -> _Poses:
     """Return random poses with the fingertips' middle somewhere in the body."""
     body = bench.problem.body
-    everything = np.concatenate(list(bench.surface.faces.values()))
+    everything = np.concatenate([bench.surface.cloud(i).points for i in range(len(bench.problem.models))])
     target = everything[rng.integers(len(everything), size=POSES)]
     around = body.centroid + rng.uniform(0.0, 0.8, (POSES, 1)) * (target - body.centroid)
     return _beside(bench, *bench.hand_points.posed_hand.draw(POSES, around, rng))

@@ -21,6 +21,7 @@ from nlpgrasp.solve.start.result import StartGrasp, StartResult, best_of
 from nlpgrasp.solve.start.screen import candidates
 from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.surface.put import refined_on_body
+from nlpgrasp.solve.surface.triangles import on_triangles
 from nlpgrasp.solve.workbench.clock import Clock
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
@@ -97,7 +98,7 @@ def _refined(bench: Workbench, index: int, placed: Placed, stop: Stop) -> Iterat
         found, there = refined_on_body(smooth, placed, stop)
         placed = there.point.placed
         if not bench.follows_contacts:
-            yield found, refine(bench, found.placed, stop, rounds=0)
+            yield found, refine(*on_triangles(bench, placed), stop, rounds=0)
     yield refined_on_body(bench, placed, stop)
 
 

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.solve.ascent.refine import Refined
 from nlpgrasp.solve.posture.roomy import refined_with_room
 from nlpgrasp.solve.start.coordinate_exchange import exchanged_nearby
-from nlpgrasp.solve.surface.match import match_on_mesh
-from nlpgrasp.solve.surface.move_hand import hand_onto_mesh
+from nlpgrasp.solve.start.touch import TOUCHING, touching
 from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.surface.triangles import refined_on_triangles
+from nlpgrasp.solve.surface.walk import walked
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 
@@ -22,28 +24,22 @@ EXCHANGES, GAIN = 4, 2e-3  # coordinate exchanges on a mesh, at most; least rela
 def refined_on_body(bench: Workbench, placed: Placed, stop: Stop) -> tuple[OnBody, Refined]:
     """Return the local optimum reached from a candidate, with its grasp on the body itself.
 
-    A hand with a pose is refined around the smooth surface of a mesh, and moved onto the mesh from there. Its joints
-    get room to their limits.
+    On a mesh, refinement on triangles alternates with coordinate exchange over mesh points nearby.
     """
     body = bench.problem.body
-    if bench.follows_contacts and isinstance(body, Mesh):
-        return _refined_on_mesh(bench, replace(placed, points=body.closest(placed.points)[0]), stop)
-    if bench.follows_contacts:
+    if not isinstance(body, Mesh):
         return refined_on_triangles(bench, bench.snapped(placed), stop)
-    own, refined = refined_with_room(bench, bench.snapped(placed), stop)
-    return on_body(own, refined.point.placed, refined.point.value, stop), refined
-
-
-def _refined_on_mesh(bench: Workbench, placed: Placed, stop: Stop) -> tuple[OnBody, Refined]:
-    """Return the result of alternating refinement on triangles and coordinate exchange over mesh points nearby."""
+    if bench.follows_contacts:
+        placed = replace(placed, points=body.closest(placed.points)[0])
+    else:
+        placed = _around_smooth_surface(bench, replace(placed, faces=body.face_names * len(placed.faces)), stop)
     found, refined = refined_on_triangles(bench, placed, stop)
     for _ in range(EXCHANGES):
         value = refined.point.value
         if stop.requested() or value <= 0.0 or not bench.options.rounds:
             break
-        here = refined.point.placed
-        moved = exchanged_nearby(bench, here, found.grasp, refined.point.cuts)
-        if moved is here:
+        moved = _exchanged(bench, found, refined, stop)
+        if moved is None:
             break
         trial, there = refined_on_triangles(bench, moved, stop)
         if (trial.allowed, there.point.value) <= (found.allowed, (1.0 + GAIN) * value):
@@ -52,18 +48,14 @@ def _refined_on_mesh(bench: Workbench, placed: Placed, stop: Stop) -> tuple[OnBo
     return found, refined
 
 
-def on_body(bench: Workbench, placed: Placed, value: float, stop: Stop) -> OnBody:
-    """Return the grasp on the body itself for a candidate of some value; on a mesh refined on its triangles."""
-    if not isinstance(bench.problem.body, Mesh):
-        return OnBody.of(bench, placed, bench.grasp(placed))
+def _around_smooth_surface(bench: Workbench, placed: Placed, stop: Stop) -> Placed:
+    """Return a hand refined around a mesh's smooth surface, where its contacts move farther than on triangles."""
+    moved, left = touching(bench, bench.snapped(placed))
+    return placed if left > TOUCHING else refined_with_room(bench, bench.snapped(moved), stop)[1].point.placed
+
+
+def _exchanged(bench: Workbench, found: OnBody, refined: Refined, stop: Stop) -> Placed | None:
+    """Return contacts moved to better mesh points nearby that the hand reaches; None where none are better."""
     if bench.follows_contacts:
-        return refined_on_body(bench, placed, stop)[0]
-    return hand_on_mesh(bench, placed, value, stop)
-
-
-def hand_on_mesh(bench: Workbench, smooth: Placed, value: float, stop: Stop) -> OnBody:
-    """Return the grasp of a hand in contact with the mesh, near a candidate of some value on the smooth surface."""
-    touching = hand_onto_mesh(bench, smooth, value, stop)
-    normals = bench.inward_normals(touching.placed)
-    match = match_on_mesh(bench.surface.mesh, smooth.points, touching.grasp, normals, free=False)
-    return OnBody.of(bench, touching.placed, touching.grasp, match)
+        return exchanged_nearby(bench, refined.point.placed, found.grasp, refined.point.cuts)
+    return walked(bench, found.placed, found.grasp.normals, np.random.default_rng(0), stop)

@@ -11,11 +11,13 @@ from nlpgrasp.bodies import Mesh
 from nlpgrasp.bodies.mesh.facets import Facets
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.solve.ascent.refine import Refined, refine
+from nlpgrasp.solve.ascent.refine import Refined
+from nlpgrasp.solve.posture.roomy import refined_with_room
+from nlpgrasp.solve.start.touch import TOUCHING, touching
 from nlpgrasp.solve.surface.match import match_on_mesh
 from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.workbench.placed import Placed
-from nlpgrasp.solve.workbench.workbench import Workbench
+from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
 PASSES = 4  # refinements, at most, while contacts come too near to further sharp edges of a mesh
 
@@ -69,13 +71,40 @@ def put_on_body(bench: Workbench, own: Workbench, placed: Placed, begun: FloatAr
     return OnBody.of(bench, there, grasp, match)
 
 
+def touching_on_body(bench: Workbench, placed: Placed) -> tuple[Workbench, Placed, float]:
+    """Return a candidate projected onto its constraints, on a mesh on its triangles, and the remaining violation.
+
+    The first part is the compiled problem whose faces its contacts are on.
+    """
+    own, there = on_triangles(bench, placed)
+    moved, left = touching(own, there)
+    return own, own.snapped(moved), left
+
+
 def refined_on_triangles(bench: Workbench, placed: Placed, stop: Stop) -> tuple[OnBody, Refined]:
-    """Return the local optimum reached from a candidate on the body; contacts on a mesh stay on their triangles."""
+    """Return the local optimum reached from a candidate on the body; contacts on a mesh stay on their triangles.
+
+    Where the smooth distance flatters the clearance of links from the mesh, it has to be larger by what they lack.
+    Contacts that come near to further sharp edges are kept away from these as well.
+    """
     places, (own, begin) = [placed.points], on_triangles(bench, placed)
+    if own.violation(begin) > FEASIBLE:
+        own, moved, left = touching_on_body(bench, placed)
+        begin = moved if left <= TOUCHING else begin
+    short = np.zeros(len(bench.rows.named))
     while True:
-        refined = refine(own, begin, stop)
+        _, refined = refined_with_room(own.with_clearance(short) if short.any() else own, begin, stop)
         found = put_on_body(bench, own, refined.point.placed)
         if own is bench or found.allowed or len(places) == PASSES or stop.requested():
             return found, refined
+        short += missing_clearance(bench, found)
         places.append(refined.point.placed.points)
         own, _ = on_triangles(bench, begin, places)
+
+
+def missing_clearance(bench: Workbench, found: OnBody) -> FloatArray:
+    """Return each link's violation of its clearance from the body, (rows,), metres."""
+    short = np.zeros(len(bench.rows.named))
+    rows = bench.rows.clearances
+    short[rows] = [max(bench.rows.named[i].lower - found.values[i], 0.0) for i in rows]
+    return short

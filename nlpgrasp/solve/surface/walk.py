@@ -47,8 +47,10 @@ class Held:
     normals: FloatArray
 
 
-def walk(bench: Workbench, start: Held, rng: np.random.Generator, stop: Stop) -> Held:
-    """Return a hand improved by moving its fingers to better mesh points within reach.
+def walked(
+    bench: Workbench, placed: Placed, normals: FloatArray, rng: np.random.Generator, stop: Stop
+) -> Placed | None:
+    """Return a hand on a mesh with its fingers moved to better mesh points within reach; None where none are better.
 
     Constraints and clearances are kept on the mesh itself, or broken by no more than at the start.
 
@@ -56,12 +58,15 @@ def walk(bench: Workbench, start: Held, rng: np.random.Generator, stop: Stop) ->
     ----------
     bench : Workbench
         Of a problem with a mesh and a hand that has a pose.
-    start : Held
+    placed : Placed
+        Contacts on the mesh, and the hand that touches it there.
+    normals : (k, 3) array
+        Inward.
     rng : numpy.random.Generator
     stop : Stop
     """
+    best = start = Held(placed, normals)
     walking, reach = _Walking(bench, start, rng), FIRST_REACH
-    best = start
     for _ in range(SWEEPS):
         if stop.requested() or reach < LAST_REACH:
             break
@@ -72,7 +77,7 @@ def walk(bench: Workbench, start: Held, rng: np.random.Generator, stop: Stop) ->
         else:
             walking.held = best
             reach *= 0.5
-    return best
+    return None if best is start else best.placed
 
 
 class _Walking:

@@ -120,8 +120,8 @@ class SurfaceSamples:
         return tuple(n for n in self._problem.allowed_faces(contact) if n in self.faces)
 
     def cloud(self, contact: int) -> Cloud:
-        """Return the points that a contact may use: on the mesh itself, unless a hand with a pose has to touch it."""
-        if isinstance(self._problem.body, Mesh) and (self._problem.hand is None or self._problem.hand.follows_contacts):
+        """Return the points that a contact may use: of a mesh those of the mesh itself."""
+        if isinstance(self._problem.body, Mesh):
             return self.mesh_cloud
         names = self.usable(contact)
         if names not in self._clouds:

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
-from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solve.workbench.hand_points import HandPoints
@@ -83,7 +82,7 @@ class Workspace:
         box = body.bounds + AROUND * body.size * np.array([[-1.0], [1.0]])
         axes = [np.linspace(low, high, DISTANCES) for low, high in box.T]
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-        distance = body.clearance(grid) if isinstance(body, Mesh) else body.signed_distance(grid)
+        distance = np.asarray(body.distance_function.map(len(grid))(grid.T).full())
         self._distance = distance.reshape([DISTANCES] * 3)
         self._corner, self._step = box[0], (box[1] - box[0]) / (DISTANCES - 1)
 

@@ -1,5 +1,6 @@
-"""From the smooth surface onto the mesh: contacts that slide, and a hand that moves until it touches."""
+"""A hand that touches a mesh on its triangles, and keeps its links away from it."""
 
+from dataclasses import replace
 from functools import cache
 
 import casadi as ca
@@ -9,19 +10,15 @@ import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.solve.ascent.weakest import weakest_at
 from nlpgrasp.solve.start.screen import draw_start
 from nlpgrasp.solve.start.touch import TOUCHING, touching
-from nlpgrasp.solve.surface.move_hand import TOUCHED, hand_onto_mesh, touch_mesh
-from nlpgrasp.solve.surface.slide import slide_onto_mesh
+from nlpgrasp.solve.surface.triangles import refined_on_triangles, touching_on_body
 from nlpgrasp.solve.workbench.hand_points import HandPoints
-from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 from tests.hands.urdf import four_finger_hand
 
 OPTIONS = ng.SolveOptions(workers=1)
 TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
-AXES = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]]) / np.sqrt(3.0)
 
 
 @cache
@@ -41,46 +38,35 @@ def own_normals(points):
 
 
 @pytest.fixture(scope="module")
-def sliding():
-    problem = ng.GraspProblem(the_mesh(), [ng.FrictionContact(0.5)] * 4, TASK, constraints=[ng.Table(-0.02, 0.0)])
-    return Workbench(problem, OPTIONS)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_contacts_slide_to_better_points_of_the_mesh(sliding, seed):
-    rng = np.random.default_rng(seed)
-    turned = AXES @ np.linalg.qr(rng.standard_normal((3, 3)))[0]
-    start = sliding.snapped(Placed(the_mesh().face_names * 4, 0.03 * (turned + 0.3 * rng.standard_normal((4, 3)))))
-    begun = the_mesh().closest(start.points)[0]
-    grasp = slide_onto_mesh(sliding, start, rng, Stop())
-    assert np.max(off_mesh(grasp.points)) <= 1e-9
-    np.testing.assert_allclose(grasp.normals, own_normals(grasp.points), atol=1e-6)
-    nearest = ng.Grasp(begun, own_normals(begun), grasp.contacts, grasp.torque_origin)
-    assert ng.mu(grasp, TASK).upper >= ng.mu(nearest, TASK).lower
-
-
-@pytest.fixture(scope="module")
 def posed():
     """A hand around the ball, fingertips and clearances as the smooth surface wants them."""
     problem = ng.GraspProblem(the_mesh(), ng.FrictionContact(0.7), TASK, hand=four_finger_hand())
     bench = Workbench(problem, OPTIONS)
-    found = (touching(bench, candidate) for candidate in draw_start(bench, np.random.default_rng(0)))
+    names = bench.problem.body.face_names * 4
+    drawn = [replace(one, faces=names) for one in draw_start(bench, np.random.default_rng(0))]
+    found = (touching(bench, candidate) for candidate in drawn)
     return bench, next(placed for placed, violation in found if violation <= TOUCHING)
 
 
 def test_a_hand_touches_the_mesh(posed):
     bench, placed = posed
-    found = touch_mesh(bench, placed)
-    assert found.gap <= 1e-6
-    assert np.max(off_mesh(found.grasp.points)) <= 1e-9
-    centres = bench.hand_points.tip_centres(found.placed.hand, found.grasp.points)
-    towards = found.grasp.points - centres
+    own, found, left = touching_on_body(bench, placed)
+    assert left <= 1e-6
+    assert np.max(off_mesh(found.points)) <= 1e-9
+    np.testing.assert_allclose(own.inward_normals(found), own_normals(found.points), atol=1e-9)
+    towards = found.points - bench.hand_points.tip_centres(found.hand, found.points)
     distance = np.linalg.norm(towards, axis=1)
     np.testing.assert_allclose(distance, bench.hand_points.hand.tip_radii, atol=1e-6)
-    np.testing.assert_allclose(found.grasp.normals, towards / distance[:, None], atol=1e-9)
+    np.testing.assert_allclose(own.inward_normals(found), towards / distance[:, None], atol=1e-4)
+
+
+def test_links_keep_their_clearance_from_the_mesh_itself(posed):
+    bench, placed = posed
+    found, _ = refined_on_triangles(bench, placed, Stop())
+    assert found.allowed
     clearances = bench.hand_points.mesh_clearances(the_mesh(), found.placed.hand)
     lower = [bench.rows.named[i].lower for i in bench.rows.clearances]
-    assert np.all(clearances >= np.array(lower) - 1e-6)
+    assert np.all(clearances >= np.array(lower) - 1e-5)
 
 
 def test_links_hardly_inside_a_mesh_are_inside(posed, rng):
@@ -98,24 +84,3 @@ def test_links_hardly_inside_a_mesh_are_inside(posed, rng):
         np.testing.assert_allclose(points.mesh_clearances(brick, values), exact, atol=1e-12)
         near += np.count_nonzero(np.abs(exact) < 2e-4)
     assert near > 20
-
-
-def test_a_hand_goes_to_the_contacts_it_is_told_first(posed):
-    """Aimed at contacts turned by three degrees, it ends nearer to them than without."""
-    bench, placed = posed
-    a = np.radians(3.0)
-    turn = np.array([[np.cos(a), -np.sin(a), 0.0], [np.sin(a), np.cos(a), 0.0], [0.0, 0.0, 1.0]])
-    aim = the_mesh().closest(placed.points @ turn.T)[0]
-    aimed = touch_mesh(bench, Placed(placed.faces, aim, placed.hand), own_normals(aim))
-    plain = touch_mesh(bench, placed)
-    assert aimed.gap <= TOUCHED
-    off = [np.linalg.norm(found.grasp.points - aim, axis=1).max() for found in (aimed, plain)]
-    assert off[0] < 0.5 * off[1]
-
-
-def test_no_quality_is_lost_beside_the_first_touch(posed):
-    bench, placed = posed
-    wanted = weakest_at(bench, placed, np.random.default_rng(0)).value
-    first, found = touch_mesh(bench, placed), hand_onto_mesh(bench, placed, wanted, Stop())
-    assert ng.mu(found.grasp, TASK).upper >= ng.mu(first.grasp, TASK).lower
-    assert found.gap <= TOUCHED
