@@ -139,7 +139,7 @@ class Body(Seen):
         return made[name, margin]
 
     def shared_surface(self, margin: float) -> ca.Function | None:
-        """Return ``(p, geometry) -> (h, unit outward normal, extents)`` of all faces; None where faces differ in kind."""
+        """Return ``(p, geometry) -> (h, unit outward normal, extents)`` of all faces; None where these differ."""
         return None
 
     def geometry(self, name: str) -> FloatArray:

@@ -44,12 +44,11 @@ def at_local_optimum(bench: Workbench, best: StartGrasp, stop: Stop) -> StartGra
 
 
 def _moved(bench: Workbench, best: StartGrasp, stop: Stop) -> StartGrasp:
-    roomy = _with_room(bench, best)
     placed = best.found.placed
     if np.array_equal(best.ascended.points, placed.points):
         placed = replace(placed, faces=best.ascended.faces)  # which of two triangles a contact on their edge belongs to
-    own, here = on_triangles(roomy, placed)
-    begin = here
+    own, here = on_triangles(bench, placed)
+    own, begin = _with_room(own, best), here
     reason, places, short = _why_not(bench), [here.points], np.zeros(len(bench.rows.named))
     for _ in range(0 if reason else PASSES):
         found = local_optimum(own.with_clearance(short) if short.any() else own, begin, stop)
@@ -64,7 +63,7 @@ def _moved(bench: Workbench, best: StartGrasp, stop: Stop) -> StartGrasp:
             begin = replace(begin, points=found.placed.points, hand=found.placed.hand)
         if any(row.value < row.lower for row in end.found.beside):
             places.append(found.placed.points)
-            own, _ = on_triangles(roomy, here, places)
+            own = _with_room(on_triangles(bench, here, places)[0], best)
         elif not less.any() or stop.requested():
             break
         short += less
