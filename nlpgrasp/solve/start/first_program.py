@@ -53,7 +53,7 @@ def first_grasp(bench: Workbench, candidate: Placed, rng: np.random.Generator) -
     for factor in bench.task_samples.factors:
         parameters = [first_parameters(bench, rng, factor), face_parameters(bench.problem, candidate.faces)]
         result = bench.first.solve(start, np.concatenate(parameters))
-        placed = _on_mesh(bench, placed_of(bench, program, candidate.faces, result.z))
+        placed = _on_body(bench, placed_of(bench, program, candidate.faces, result.z))
         found.append(FirstGrasp(placed, _score(bench, placed, rng), result.status, Effort.of(result)))
         if found[-1].score > 0.0:
             break
@@ -72,12 +72,11 @@ def first_of(bench: Workbench, candidates: Iterable[Placed], rng: np.random.Gene
     return best
 
 
-def _on_mesh(bench: Workbench, placed: Placed) -> Placed:
-    """Return contacts projected from a mesh's smooth surface onto the mesh, with the fingertips that touch them."""
+def _on_body(bench: Workbench, placed: Placed) -> Placed:
+    """Return contacts of the program's loose solution projected onto the body, a hand so that it touches there."""
     body = bench.problem.body
-    if not isinstance(body, Mesh):
-        return placed
-    placed = replace(placed, points=body.closest(placed.points)[0])
+    if isinstance(body, Mesh):
+        placed = replace(placed, points=body.closest(placed.points)[0])
     return placed if bench.follows_contacts else touching_on_body(bench, placed)[1]
 
 

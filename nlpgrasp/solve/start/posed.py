@@ -6,7 +6,7 @@ are exchanged one at a time over these as free contacts are over all samples, fo
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
 
@@ -69,12 +69,10 @@ class _Poses:
 def posed_candidates(bench: Workbench, rng: np.random.Generator, stop: Stop) -> Iterator[Placed]:
     """Return an iterator over initial candidates: hand poses moved until all fingertips touch the body.
 
-    The best come first; with many fingertips those that touch at all.
+    Those that touch come first, by their sampled quality and those of different kinds before others. The nearest of the
+    rest follow. With many contacts, of which a hand hardly ever touches with all, a few that touch are enough.
     """
-    drawn = draw_posed_start(bench, rng)
-    if len(bench.problem.models) >= MANY:
-        return touching_candidates(bench, drawn, stop)
-    return best_touching(bench, drawn, rng, stop)
+    return iter(touching_candidates(bench, draw_posed_start(bench, rng), rng, stop))
 
 
 def draw_posed_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Placed]:
@@ -97,52 +95,23 @@ def draw_posed_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Pla
     return [drawn.placed(i) for i in np.argsort(-merit, kind="stable")[:MANY_TRIES].tolist()]
 
 
-def touching_candidates(bench: Workbench, candidates: Iterable[Placed], stop: Stop) -> Iterator[Placed]:
-    """Yield a few candidates moved until all contacts touch: those that succeed, then the nearest.
-
-    With many contacts a hand hardly ever touches with all of them by chance, and the program, which has forces
-    to think of as well, seldom gets there from afar.
-    """
-    given = 0
-    others: list[tuple[Placed, float]] = []
+def touching_candidates(
+    bench: Workbench, candidates: Sequence[Placed], rng: np.random.Generator, stop: Stop
+) -> list[Placed]:
+    """Return candidates moved until all contacts touch, best first, and the nearest few of those that fail."""
+    enough = ENOUGH if len(bench.problem.models) >= MANY else len(candidates)
+    there, others = list[tuple[Placed, float]](), list[tuple[Placed, float]]()
     for candidate in candidates:
-        if given == ENOUGH or (stop.requested() and given + len(others) > 0):
-            break
-        _, found, violation = touching_on_body(bench, candidate)
-        if violation <= TOUCHING:
-            given += 1
-            yield found
-        else:
-            others.append((found, violation))
-    others.sort(key=lambda pair: pair[1])
-    for found, _ in others[: ENOUGH - given]:
-        yield found
-
-
-def best_touching(
-    bench: Workbench, candidates: Iterable[Placed], rng: np.random.Generator, stop: Stop
-) -> Iterator[Placed]:
-    """Return candidates moved until all contacts touch, ranked by sampled quality; those that fail come last.
-
-    Of the best those of different kinds come first. The others, nearest first, are as they were.
-    """
-    there: list[tuple[Placed, float]] = []
-    others: list[tuple[Placed, float]] = []
-    for candidate in candidates:
-        if there and stop.requested():
+        if len(there) == enough or (there and stop.requested()):
             break
         own, found, violation = touching_on_body(bench, candidate)
         if violation <= TOUCHING and own.violation(found) <= FEASIBLE:
-            there.append((found, weakest_at(own, found, rng, descents=QUICK).value))
+            there.append((found, -weakest_at(own, found, rng, descents=QUICK).value))
         else:
-            others.append((candidate, violation))
-    there.sort(key=lambda pair: -pair[1])
-    others.sort(key=lambda pair: pair[1])
-    best = [placed for placed, _ in there]
-    if best:
-        first = of_different_kinds(bench, np.stack([placed.points for placed in best]))
-        best = [best[b] for b in first] + [placed for b, placed in enumerate(best) if b not in first]
-    return iter(best + [placed for placed, _ in others[:ENOUGH]])
+            others.append((found, violation))
+    best, rest = ([placed for placed, _ in sorted(each, key=lambda pair: pair[1])] for each in (there, others))
+    first = of_different_kinds(bench, np.stack([placed.points for placed in best])) if best else []
+    return [best[b] for b in first] + [placed for b, placed in enumerate(best) if b not in first] + rest[:ENOUGH]
 
 
 def _exchanged(

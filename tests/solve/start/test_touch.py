@@ -48,6 +48,6 @@ def test_what_cannot_be_kept_is_kept_as_well_as_it_can(rng):
 def test_candidates_that_touch_come_first(rng):
     spread = bench(ng.Spread(1.2, 1.9))
     far = Placed(FACES, np.array([[1.0, 0.0, 0.0], [-0.5, 0.8, 0.3], [-0.5, -0.8, 0.3]]))
-    given = list(touching_candidates(spread, [close_together(rng), spread.snapped(far)], Stop()))
+    given = list(touching_candidates(spread, [close_together(rng), spread.snapped(far)], rng, Stop()))
     assert len(given) == 2
     assert all(spread.violation(one) <= 1e-5 for one in given)
