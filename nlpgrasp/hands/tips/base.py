@@ -82,6 +82,11 @@ class Tip(ABC):
         return 0.0
 
     @property
+    def normal(self) -> FloatArray | None:
+        """Outward unit normal of a flat patch, (3,), link frame; None for a curved one."""
+        return None
+
+    @property
     def slides(self) -> bool:
         """Whether the patch has a sliding coordinate between 0 and 1."""
         return False

@@ -58,6 +58,11 @@ class FlatTip(Tip):
         """Middle of the rectangle, (3,), metres, link frame."""
         return np.asarray(self.offset, dtype=float)
 
+    @property
+    def normal(self) -> FloatArray:
+        """Outward unit normal of the rectangle, (3,), link frame."""
+        return np.asarray(self.frame[:3, 2])
+
     def rows(self, touch: Touch) -> list[Row]:
         """Return constraints: equal normals, and the contact in the plane and within the rectangle."""
         here = ca.mtimes(touch.pose, ca.DM(self.frame))

@@ -164,8 +164,16 @@ class LinkTree:
 
     def palm_tips(self, joints: FloatArray) -> FloatArray:
         """Return the fingertip centres (b, k, 3) in the palm's frame for joint positions (b, m)."""
+        return self._of_tips(joints)[0]
+
+    def palm_normals(self, joints: FloatArray) -> FloatArray:
+        """Return the outward normals of flat fingertips (b, k, 3) in the palm's frame, zero for curved ones."""
+        return self._of_tips(joints)[1]
+
+    def _of_tips(self, joints: FloatArray) -> list[FloatArray]:
+        """Return centres and normals of the fingertips, (b, k, 3) each, palm frame."""
         found = self._tip_function.map(len(joints))(joints.T)
-        return np.asarray(found.full()).T.reshape(len(joints), len(self.tips), 3)
+        return [np.asarray(each.full()).T.reshape(len(joints), len(self.tips), 3) for each in found]
 
     def draw(
         self, count: int, around: FloatArray, rng: np.random.Generator
@@ -207,7 +215,11 @@ class LinkTree:
         q = ca.SX.sym("q", len(self.robot.free_joints))
         poses = link_poses(self.robot, {link for link, _ in self.tips}, q)
         tips = [ca.mtimes(poses[link], ca.vertcat(ca.DM(tip.centre), 1.0))[:3] for link, tip in self.tips]
-        return ca.Function("tips", [q], [ca.vertcat(*tips)], {"cse": True})
+        zero = np.zeros(3)
+        normals = [
+            ca.mtimes(poses[link][:3, :3], zero if tip.normal is None else tip.normal) for link, tip in self.tips
+        ]
+        return ca.Function("tips", [q], [ca.vertcat(*tips), ca.vertcat(*normals)], {"cse": True})
 
     def __getstate__(self) -> dict[str, object]:
         """Keep the defining fields; compiled functions are rebuilt after unpickling."""

@@ -14,6 +14,7 @@ from nlpgrasp.solve.ascent.local_optimum import LocalOptimum, local_optimum, res
 from nlpgrasp.solve.ascent.state import AscentState
 from nlpgrasp.solve.posture.margins import Margins
 from nlpgrasp.solve.start.result import StartGrasp
+from nlpgrasp.solve.start.touch import TOUCHING
 from nlpgrasp.solve.surface.triangles import PASSES, missing_clearance, on_triangles, put_on_body
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
@@ -50,6 +51,8 @@ def _moved(bench: Workbench, best: StartGrasp, stop: Stop) -> StartGrasp:
     own, here = on_triangles(bench, placed)
     own, begin = _with_room(own, best), here
     reason, places, short = _why_not(bench), [here.points], np.zeros(len(bench.rows.named))
+    if bench.hand_points.has_flat_tips and own.violation(here) > TOUCHING:
+        reason = "flat fingertips touch the mesh in edges or corners, whose normals are none of its triangles'"
     for _ in range(0 if reason else PASSES):
         found = local_optimum(own.with_clearance(short) if short.any() else own, begin, stop)
         if found is None:

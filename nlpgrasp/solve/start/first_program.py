@@ -92,4 +92,6 @@ def _score(bench: Workbench, placed: Placed, rng: np.random.Generator) -> float:
     """Return the least support ratio found of a placement; minus its violation where it violates a constraint."""
     own, there = on_triangles(bench, placed)
     violation = own.violation(there)
+    if violation > FEASIBLE and bench.hand_points.has_flat_tips and placed.faces[0] in bench.problem.body.face_names:
+        own, there, violation = bench, placed, bench.violation(placed)  # beside a mesh's smooth surface
     return -violation if violation > FEASIBLE else weakest_at(own, there, rng).value

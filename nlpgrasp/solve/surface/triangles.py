@@ -14,6 +14,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.solve.ascent.refine import Refined
 from nlpgrasp.solve.posture.roomy import refined_with_room
 from nlpgrasp.solve.start.touch import TOUCHING, touching
+from nlpgrasp.solve.surface.flat_tips import touch_mesh
 from nlpgrasp.solve.surface.match import match_on_mesh
 from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.workbench.placed import Placed
@@ -55,7 +56,8 @@ def put_on_body(bench: Workbench, own: Workbench, placed: Placed, begun: FloatAr
     ----------
     bench : Workbench
     own : Workbench
-        ``bench``, or on a mesh the one whose faces are the triangles that contacts are on.
+        ``bench``, or on a mesh the one whose faces are the triangles that contacts are on; ``bench`` where flat
+        fingertips touch its edges and corners.
     placed : Placed
         On the faces of ``own``.
     begun : (k, 3) array, optional
@@ -64,8 +66,9 @@ def put_on_body(bench: Workbench, own: Workbench, placed: Placed, begun: FloatAr
     body = bench.problem.body
     if not isinstance(body, Mesh):
         return OnBody.of(bench, placed, bench.grasp(placed))
-    there = Placed(body.face_names * len(placed.points), placed.points, placed.hand)
-    grasp = bench.grasp_at(placed.points, own.inward_normals(placed))
+    there, grasp = Placed(body.face_names * len(placed.points), placed.points, placed.hand), own.grasp(placed)
+    if own is bench:
+        there, grasp = touch_mesh(bench, there)
     start = placed.points if begun is None else begun
     match = match_on_mesh(body, start, grasp, bench.inward_normals(there), bench.follows_contacts)
     return OnBody.of(bench, there, grasp, match)
@@ -74,10 +77,14 @@ def put_on_body(bench: Workbench, own: Workbench, placed: Placed, begun: FloatAr
 def touching_on_body(bench: Workbench, placed: Placed) -> tuple[Workbench, Placed, float]:
     """Return a candidate projected onto its constraints, on a mesh on its triangles, and the remaining violation.
 
-    The first part is the compiled problem whose faces its contacts are on.
+    The first part is the compiled problem whose faces its contacts are on. It is that of a mesh's smooth surface where
+    flat fingertips cannot lie on triangles.
     """
     own, there = on_triangles(bench, placed)
     moved, left = touching(own, there)
+    if left > TOUCHING and own is not bench and bench.hand_points.has_flat_tips:
+        own, faces = bench, bench.problem.body.face_names * len(placed.points)
+        moved, left = touching(own, own.snapped(replace(placed, faces=faces)))
     return own, own.snapped(moved), left
 
 
@@ -89,8 +96,8 @@ def refined_on_triangles(bench: Workbench, placed: Placed, stop: Stop) -> tuple[
     """
     places, (own, begin) = [placed.points], on_triangles(bench, placed)
     if own.violation(begin) > FEASIBLE:
-        own, moved, left = touching_on_body(bench, placed)
-        begin = moved if left <= TOUCHING else begin
+        touched, moved, left = touching_on_body(bench, placed)
+        own, begin = (touched, moved) if left <= TOUCHING else (own, begin)
     short = np.zeros(len(bench.rows.named))
     while True:
         _, refined = refined_with_room(own.with_clearance(short) if short.any() else own, begin, stop)

@@ -53,6 +53,12 @@ class HandPoints:
             raise InputError("GraspProblem.hand", self.hand, "a hand with links, such as ng.URDFHand")
         return self.hand
 
+    @property
+    def has_flat_tips(self) -> bool:
+        """Whether a hand with a pose has flat fingertips."""
+        hand = self._problem.hand
+        return isinstance(hand, LinkedHand) and any(tip.normal is not None for _, tip in hand.tree.tips)
+
     def of_limits(self, problem: GraspProblem) -> HandPoints:
         """Return the same functions for a problem whose hand differs in its joint limits alone."""
         result = copy(self)

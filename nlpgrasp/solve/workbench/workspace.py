@@ -22,6 +22,7 @@ CELL, EACH = 0.003, 2  # metres, cell size of the grid of fingertip positions; c
 NEAR = 0.004  # metres, largest distance between a cell's centre and a fingertip that counts as in it
 INSIDE, PALM_INSIDE = 0.0015, 0.003  # metres, allowed clearance violation of finger links, and of the palm
 DISTANCES, AROUND = 32, 0.5  # cells per side of the distance grid; its margin around the body, over the size
+ASIDE = np.cos(np.radians(30.0))  # cosine of the largest angle between a flat fingertip's normal and a sample's
 NONE = -1
 STILL = 1e-9  # metres: smaller motions count as none
 
@@ -66,7 +67,7 @@ class Workspace:
         self._hand, self._tree = hand, hand.posed_hand.tree
         lower, upper = self._tree.joint_limits
         self.joints = lower + np.random.default_rng(0).uniform(*SHARES, (POSTURES, len(lower))) * (upper - lower)
-        tips = self._tree.palm_tips(self.joints)
+        tips, self._normals = self._tree.palm_tips(self.joints), self._tree.palm_normals(self.joints)
         self._in_cells = [_by_cell(tips[:, i]) for i in range(tips.shape[1])]
         places = self._link_places(self.joints)
         middle = 0.5 * (lower + upper)
@@ -101,6 +102,8 @@ class Workspace:
             near, links = np.nonzero(posture != NONE), self._fingers[i]
             room = np.full(posture.shape, -np.inf)
             room[near] = np.min(self._room(links.places[posture[near]], links.least, palm), axis=1, initial=0.0)
+            facing = np.sum(self._normals[posture[near], i] * (cloud.normals @ R)[near[0]], axis=1)
+            room[near] = np.where((facing < ASIDE) & self._normals[0, i].any(), -np.inf, room[near])
             roomiest = np.argmax(room, axis=1)
             found.append(np.flatnonzero(np.max(room, axis=1) >= -INSIDE))
             postures.append(posture[np.arange(len(posture)), roomiest])
