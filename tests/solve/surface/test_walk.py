@@ -48,11 +48,11 @@ def mu_of(bench, held):
 
 @pytest.mark.slow
 def test_walks_lead_to_better_grasps(held, bench):
-    """By 12 % in the mean over these four seeds; never to a worse one, within certificates."""
+    """By 5 % in the mean over these four seeds; never to a worse one, within certificates."""
     each = [held, *(walked(bench, seed) for seed in (1, 2, 3))]
     gains = [mu_of(bench, end).lower / mu_of(bench, start).upper for _, start, end in each]
     assert min(gains) > 0.998
-    assert np.mean(gains) > 1.08
+    assert np.mean(gains) > 1.04
 
 
 def test_fingertips_touch_the_mesh_and_overlap_it_nowhere(held):
