@@ -20,6 +20,8 @@ from tests.hands.urdf import three_finger_hand
 from tests.verify import honest
 
 FILES = Path(__file__).parents[1] / "solution" / "files"
+# a viser server that stops before it has noticed that its client is gone leaves a transport to the garbage collector
+pytestmark = pytest.mark.filterwarnings("ignore:Exception ignored in:pytest.PytestUnraisableExceptionWarning")
 
 
 @pytest.fixture(scope="module")
