@@ -1,4 +1,4 @@
-"""Draw docs/pictures/layers.svg from the table of layers in docs/architecture.md: ``python docs/make_layers.py``."""
+"""Draw docs/pictures/layers.svg and pipeline.svg from tables in architecture.md: ``python docs/make_layers.py``."""
 
 import re
 from html import escape
@@ -13,11 +13,21 @@ FACES = ("report", "experiments", "interop", "simulation")
 
 def layers() -> list[tuple[list[str], str]]:
     """Return the rooms of each layer and what they are for, from the top down."""
-    block = re.search(r"```text\n(.*?)```", (DOCS / "architecture.md").read_text(encoding="utf-8"), re.DOTALL)
+    return [(names.split(), words) for names, words in table("Layers", 2)]
+
+
+def pipeline() -> list[tuple[str, str, str]]:
+    """Return name, file and purpose of each stage of a solve."""
+    return [(name, file, words) for name, file, words in table("How a grasp is found", 3)]
+
+
+def table(heading: str, columns: int) -> list[list[str]]:
+    """Return the rows of the text block below a heading, split at wide gaps."""
+    page = (DOCS / "architecture.md").read_text(encoding="utf-8")
+    block = re.search(rf"^## {heading}$.*?```text\n(.*?)```", page, re.DOTALL | re.MULTILINE)
     if block is None:
-        raise SystemExit("docs/architecture.md: no table of layers in a text block")
-    rows = [re.split(r" {3,}", line.strip(), maxsplit=1) for line in block[1].splitlines() if line.strip()]
-    return [(names.split(), words) for names, words in rows]
+        raise SystemExit(f"docs/architecture.md: no table in a text block below {heading}")
+    return [re.split(r" {3,}", line.strip(), maxsplit=columns - 1) for line in block[1].splitlines() if line.strip()]
 
 
 def colour(room: str) -> str:
@@ -52,7 +62,47 @@ def drawn(rows: list[tuple[list[str], str]]) -> str:
     return "\n".join([*parts, "</svg>"]) + "\n"
 
 
+def drawn_pipeline(rows: list[tuple[str, str, str]]) -> str:
+    """Return the picture of the stages as SVG text: one box and one file each, and what flows back."""
+    box, step = 150, 74
+    height = step * len(rows) + 20
+    font = 'font-family="system-ui, sans-serif"'
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height}" role="img" '
+        f'aria-label="Stages of a solve, each in one file">',
+        f'<rect width="{WIDTH}" height="{height}" rx="12" fill="#F7F8FA"/>',
+    ]
+    left = 150
+    for i, (name, file, words) in enumerate(rows):
+        y = 18 + i * step
+        hue = colour(file.split("/")[0])
+        parts += [
+            f'<rect x="{left}" y="{y}" width="{box}" height="44" rx="6" fill="{hue}"/>',
+            f'<text x="{left + box / 2:.0f}" y="{y + 28}" text-anchor="middle" fill="#fff" font-size="16" '
+            f'font-weight="600" {font}>{escape(name)}</text>',
+            f'<text x="{left + box + 30}" y="{y + 19}" fill="#333B44" font-size="15" {font}>{escape(words)}</text>',
+            f'<text x="{left + box + 30}" y="{y + 39}" fill="#5B6773" font-size="13" '
+            f'font-family="ui-monospace, monospace">nlpgrasp/{escape(file)}</text>',
+        ]
+        if i + 1 < len(rows):
+            down = f"M{left + box // 2} {y + 46}v{step - 50}m-5 -8l5 8l5 -8"
+            parts.append(f'<path d="{down}" fill="none" stroke="#D55E00" stroke-width="2"/>')
+    places = [i for i, (name, *_) in enumerate(rows) if name in ("propose", "bound")]
+    if len(places) == 2:
+        above, below = (18 + i * step + 22 for i in places)
+        back = f"M{left} {below}H{left - 40}V{above}h34m-8 -5l8 5l-8 5"
+        parts += [
+            f'<path d="{back}" fill="none" stroke="#D55E00" stroke-width="2" stroke-dasharray="6 4"/>',
+            f'<text x="{left - 50}" y="{(above + below) / 2 - 4:.0f}" text-anchor="end" fill="#333B44" font-size="13" '
+            f"{font}>relaxed</text>",
+            f'<text x="{left - 50}" y="{(above + below) / 2 + 14:.0f}" text-anchor="end" fill="#333B44" font-size="13" '
+            f"{font}>placements</text>",
+        ]
+    return "\n".join([*parts, "</svg>"]) + "\n"
+
+
 if __name__ == "__main__":
-    target = DOCS / "pictures" / "layers.svg"
-    target.write_text(drawn(layers()), encoding="utf-8")
-    print(f"written to {target.relative_to(DOCS.parent)}")
+    for name, picture in (("layers", drawn(layers())), ("pipeline", drawn_pipeline(pipeline()))):
+        target = DOCS / "pictures" / f"{name}.svg"
+        target.write_text(picture, encoding="utf-8")
+        print(f"written to {target.relative_to(DOCS.parent)}")
