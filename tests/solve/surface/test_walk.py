@@ -8,6 +8,7 @@ import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.solve.start import posed
 from nlpgrasp.solve.start.posed import posed_candidates
 from nlpgrasp.solve.surface.move_hand import touch_mesh
 from nlpgrasp.solve.surface.on_body import OnBody
@@ -30,8 +31,10 @@ def bench():
 
 
 def walked(bench, seed):
-    """A hand around a can, put onto its mesh, and the same after a walk."""
-    candidate = next(posed_candidates(bench, np.random.default_rng(seed), Stop()))
+    """A hand in a random pose around a can, put onto its mesh, and the same after a walk."""
+    with pytest.MonkeyPatch.context() as unexchanged:
+        unexchanged.setattr(posed, "_exchanged", lambda *_: [])
+        candidate = next(posed_candidates(bench, np.random.default_rng(seed), Stop()))
     begun = touch_mesh(bench, candidate)
     start = Held(begun.placed, begun.grasp.normals)
     return bench, start, walk(bench, start, np.random.default_rng(0), Stop())
@@ -48,11 +51,11 @@ def mu_of(bench, held):
 
 @pytest.mark.slow
 def test_walks_lead_to_better_grasps(held, bench):
-    """By 5 % in the mean over these four seeds; never to a worse one, within certificates."""
+    """By 12 % in the mean over these four seeds; never to a worse one, within certificates."""
     each = [held, *(walked(bench, seed) for seed in (1, 2, 3))]
     gains = [mu_of(bench, end).lower / mu_of(bench, start).upper for _, start, end in each]
     assert min(gains) > 0.998
-    assert np.mean(gains) > 1.04
+    assert np.mean(gains) > 1.08
 
 
 def test_fingertips_touch_the_mesh_and_overlap_it_nowhere(held):
