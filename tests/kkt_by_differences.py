@@ -18,13 +18,13 @@ from nlpgrasp.solve.workbench.programs import budget_at
 from nlpgrasp.solve.workbench.row_values import RowValues
 
 STEP = 1e-7  # of each variable's size: second derivatives jump where a force is at the edge of its cone
-AT = 1e-5  # relative: a limit that is as near is active; with a multiplier of 0.1 its complementarity is 1e-6
+AT = 1e-5  # relative: a limit farther away has no multiplier; the products of nearer ones with theirs are residuals
 SHARP = np.radians(30.0)  # turn of a sharp edge
 
 
 @dataclass(frozen=True)
 class Residual:
-    """What is left of the gradient, and how unequal the binding inequalities are, relative to mu."""
+    """What is left of the gradient, and the largest product of a multiplier and its slack, relative to mu."""
 
     stationarity: float
     complementarity: float
@@ -44,6 +44,8 @@ def kkt_by_differences(problem, solution):
     lower, upper = state.bounds()
     at_lower, at_upper = state.start <= lower + AT, state.start >= upper - AT
     bounds = np.concatenate([-np.eye(len(state.start))[at_lower], np.eye(len(state.start))[at_upper]])
+    slack = np.concatenate([limits[active], (lower - state.start)[at_lower], (state.start - upper)[at_upper]])
+    unequal = [weights * (ratios - mu)]
     columns = np.concatenate([equal, binding, bounds]).T
     least = np.concatenate([np.full(len(equal), -np.inf), np.zeros(len(binding) + len(bounds))])
     size = np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
@@ -51,7 +53,8 @@ def kkt_by_differences(problem, solution):
     if columns.shape[1]:
         found = lsq_linear(columns / size, gradient, (least, np.inf), tol=1e-15, method="bvls", max_iter=2000)
         left = gradient - columns / size @ found.x
-    return Residual(float(np.max(np.abs(left))) / mu, float(np.max(weights * np.abs(ratios - mu))) / mu)
+        unequal.append((found.x / size)[len(equal) :] * slack)
+    return Residual(*(float(np.max(np.abs(part))) / mu for part in (left, np.concatenate(unequal))))
 
 
 class _State:

@@ -21,7 +21,8 @@ from tests.verify import honest
 
 FILES = Path(__file__).parents[1] / "solution" / "files"
 # a viser server that stops before it has noticed that its client is gone leaves a transport to the garbage collector
-pytestmark = pytest.mark.filterwarnings("ignore:Exception ignored in:pytest.PytestUnraisableExceptionWarning")
+OPEN = r"Exception ignored in. <(function _SelectorTransport\.__del__|socket\.socket) "
+pytestmark = pytest.mark.filterwarnings(f"ignore:{OPEN}:pytest.PytestUnraisableExceptionWarning")
 
 
 @pytest.fixture(scope="module")

@@ -8,6 +8,7 @@ import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.solve.start import posed
 from nlpgrasp.solve.start.posed import posed_candidates
 from nlpgrasp.solve.start.touch import TOUCHING
 from nlpgrasp.solve.surface.on_body import OnBody
@@ -31,8 +32,10 @@ def bench():
 
 
 def moved(bench, seed):
-    """A hand around a can that touches its mesh, and the same after its fingers walked."""
-    start = next(posed_candidates(bench, np.random.default_rng(seed), Stop()))
+    """A hand in a random pose around a can that touches its mesh, and the same after its fingers walked."""
+    with pytest.MonkeyPatch.context() as unexchanged:
+        unexchanged.setattr(posed, "_exchanged", lambda *_: [])
+        start = next(posed_candidates(bench, np.random.default_rng(seed), Stop()))
     _, start, left = touching_on_body(bench, start)
     assert left <= TOUCHING
     return bench, start, walked(bench, start, normals_at(bench, start), np.random.default_rng(0), Stop())
@@ -54,11 +57,11 @@ def mu_of(bench, placed):
 
 @pytest.mark.slow
 def test_walks_lead_to_better_grasps(held, bench):
-    """By 6 % in the mean over these four seeds; never to a worse one, within certificates."""
+    """By 12 % in the mean over these four seeds; never to a worse one, within certificates."""
     each = [held, *(moved(bench, seed) for seed in (1, 2, 3))]
     gains = [1.0 if end is None else mu_of(bench, end).lower / mu_of(bench, start).upper for _, start, end in each]
     assert min(gains) > 0.998
-    assert np.mean(gains) > 1.04
+    assert np.mean(gains) > 1.08
 
 
 def test_fingertips_touch_the_mesh_and_overlap_it_nowhere(held):
