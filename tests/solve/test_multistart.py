@@ -98,3 +98,27 @@ def test_its_answer_has_the_analyses_asked_for():
     found = search.answer()
     assert found.delta.lower > 0.0
     assert found.nu is None
+
+
+def test_further_starts_take_the_numbers_of_those_asked_for_first():
+    search = Multistart(Runner(problem(), QUICK, 1), 3)
+    search.add(WarmStart(Placed(FACES, POINTS)))
+    for _ in range(2):
+        search.add_start([POINTS], refined=1)
+    assert [result.record.index for result in search.results] == [1, 0, 2]
+    assert search.best.record.mu.lower >= certified(0.0 * POINTS + POINTS * [0.0, 1.0]).lower * 0.9
+
+
+def test_the_tree_says_whether_the_best_start_is_proved_to_be_near_the_best():
+    search = Multistart(Runner(problem(), ng.SolveOptions(workers=1, rtol=0.002), 1), 0)
+    assert not search.search_tree(10)  # not begun
+    search.begin_bound()
+    search.add(WarmStart(Placed(FACES, POINTS)), improve=False)
+    assert not search.search_tree(400)  # off the middle
+    search.add_start()
+    assert search.search_tree(400)
+    search.keep(search.certify_best(0.001))
+    assert search.floor == search.chosen.record.mu.lower
+    solution = search.answer()
+    assert solution.status is ng.Status.SOLVED
+    assert solution.gap <= 0.012
