@@ -31,7 +31,10 @@ def refined_on_body(bench: Workbench, placed: Placed, stop: Stop) -> tuple[OnBod
     if bench.follows_contacts:
         return refined_on_triangles(bench, bench.snapped(placed), stop)
     own, refined = refined_with_room(bench, bench.snapped(placed), stop)
-    return on_body(own, refined.point.placed, refined.point.value, stop), refined
+    end = refined.point
+    if isinstance(body, Mesh):
+        return hand_on_mesh(own, end.placed, end.value, stop), refined
+    return OnBody.of(own, end.placed, own.grasp(end.placed)), refined
 
 
 def _refined_on_mesh(bench: Workbench, placed: Placed, stop: Stop) -> tuple[OnBody, Refined]:
@@ -50,15 +53,6 @@ def _refined_on_mesh(bench: Workbench, placed: Placed, stop: Stop) -> tuple[OnBo
             break
         found, refined = trial, replace(there, history=refined.history + there.history)
     return found, refined
-
-
-def on_body(bench: Workbench, placed: Placed, value: float, stop: Stop) -> OnBody:
-    """Return the grasp on the body itself for a candidate of some value; on a mesh refined on its triangles."""
-    if not isinstance(bench.problem.body, Mesh):
-        return OnBody.of(bench, placed, bench.grasp(placed))
-    if bench.follows_contacts:
-        return refined_on_body(bench, placed, stop)[0]
-    return hand_on_mesh(bench, placed, value, stop)
 
 
 def hand_on_mesh(bench: Workbench, smooth: Placed, value: float, stop: Stop) -> OnBody:
