@@ -31,7 +31,7 @@ from nlpgrasp.solve.many.collection import ONE, Collection, Keeping
 from nlpgrasp.solve.progress import Progress
 from nlpgrasp.solve.squeeze import with_squeezes
 from nlpgrasp.solve.start.result import StartGrasp, StartResult, best_of
-from nlpgrasp.solve.start.run import REFINED, run_start
+from nlpgrasp.solve.start.run import run_start
 from nlpgrasp.solve.start.warm_starts import KnownGrasp, WarmStart, run_warm_start
 from nlpgrasp.solve.workbench.clock import Clock
 from nlpgrasp.solve.workers.one_thread import one_thread
@@ -157,25 +157,26 @@ class Multistart:
         best = self.best
         return best is not None and (before is None or best.record.mu.lower > before.record.mu.upper)
 
-    def add_start(self, known: Sequence[FloatArray] = (), refined: int = REFINED) -> None:
-        """Run one more start in this process, also from known contacts (k, space) and the bound's relaxed placements.
+    def run_until_proved(self, starts: int, rtol: float, known: Sequence[FloatArray] = ()) -> None:
+        """Run starts one at a time in this process, until the bound proves the best one to be near the best possible.
 
-        It refines so many candidates. The first ones are the starts asked for, where they were not run.
+        Parameters
+        ----------
+        starts : int
+            At most.
+        rtol : float
+            Relative gap to which the best start is certified before.
+        known : sequence of (k, space) array
+            Contacts that candidates begin from as well.
         """
-        run = {result.record.index for result in self.results}
-        index = next((i for i in range(self.runner.count) if i not in run), self.next_index)
-        relaxed = [] if self._tree is None else self._tree.relaxed_placements(OFFERED)
-        self.results.append(run_start(self.runner.bench, index, self.seed, self.stop, [*known, *relaxed], refined))
-
-    def search_tree(self, nodes: int) -> bool:
-        """Branch on so many nodes more; return whether the bound proves the best start to be within its gap."""
-        if self._tree is None:
-            return False
-        best = self.best
-        self._tree.expect(0.0 if best is None else best.record.mu.lower)
-        self._tree.grow(nodes, self.stop.requested)
-        self._nodes += nodes
-        return self._tree.searched
+        self._clock.restart()
+        nodes = nodes_of(self.runner.problem, 1) // 2
+        for _ in range(starts):
+            self.certify_best(rtol)
+            if self._search_tree(nodes) or self.stop.requested():
+                break
+            self._add_start(known)
+        self._clock.mark("starts")
 
     def update(self, *starts: StartGrasp) -> None:
         """Put starts in the places of the results with their numbers."""
@@ -183,15 +184,11 @@ class Multistart:
         self.results = [by_index.get(result.record.index, result) for result in self.results]
 
     def certify_best(self, rtol: float) -> StartGrasp | None:
-        """Certify the best start to this relative gap, and whichever then is the best; return it.
-
-        Its certified lower bound becomes the floor.
-        """
+        """Certify the best start to this relative gap, and whichever then is the best; return it."""
         tight = set[int]()
         while (best := self.best) is not None and best.record.index not in tight:
             best = best.certified(self.runner.problem, rtol, self.seed)
             self.update(best)
-            self.floor = max(self.floor, best.record.mu.lower)
             tight.add(best.record.index)
         return best
 
@@ -203,10 +200,30 @@ class Multistart:
         if self._tree is None or self.runner.options.gap is None:
             return
         follows_contacts = self.runner.bench.follows_contacts
-        while not self.stop.requested() and not self.search_tree(STRIDE):
+        while not self.stop.requested() and not self._search_tree(STRIDE):
             if follows_contacts and not self.stop.requested():
-                self.add_start()
+                self._add_start()
         self._clock.mark("closing the gap")
+
+    def _add_start(self, known: Sequence[FloatArray] = ()) -> None:
+        """Run one more start in this process, also from known contacts (k, space) and the bound's relaxed placements.
+
+        The first ones are the starts asked for, where they were not run.
+        """
+        run = {result.record.index for result in self.results}
+        index = next((i for i in range(self.runner.count) if i not in run), self.next_index)
+        relaxed = [] if self._tree is None else self._tree.relaxed_placements(OFFERED)
+        self.results.append(run_start(self.runner.bench, index, self.seed, self.stop, [*known, *relaxed]))
+
+    def _search_tree(self, nodes: int) -> bool:
+        """Branch on so many nodes more; return whether the bound proves the best start to be within its gap."""
+        if self._tree is None:
+            return False
+        best = self.best
+        self._tree.expect(0.0 if best is None else best.record.mu.lower)
+        self._tree.grow(nodes, self.stop.requested)
+        self._nodes += nodes
+        return self._tree.searched
 
     def choose(self) -> None:
         """Choose the answer among the starts, at the local optimum next to it, and with a free way of its hand."""

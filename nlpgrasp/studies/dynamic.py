@@ -24,7 +24,6 @@ from nlpgrasp.quality import mu
 from nlpgrasp.solution.obstructions import of_the_grasp
 from nlpgrasp.solution.records import Origin
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.solve.bounding import nodes_of
 from nlpgrasp.solve.multistart import Multistart
 from nlpgrasp.solve.options import SolveOptions, check_search
 from nlpgrasp.solve.start.result import StartGrasp
@@ -202,12 +201,8 @@ def _followed(
         search.begin_bound()
         if held is not None:
             search.add(WarmStart(held.found.placed, held.found.grasp.normals))
-        rtol, nodes, lost = min(options.final_rtol, RTOL), nodes_of(bench.problem, 1) // 2, search.best is None
-        for _ in range(starts if lost else 1):
-            search.certify_best(rtol)
-            if search.search_tree(nodes) or search.stop.requested():
-                break
-            search.add_start(known, refined=1)
+        rtol, lost = min(options.final_rtol, RTOL), search.best is None
+        search.run_until_proved(starts if lost else 1, rtol, known)
         search.close_gap()
         best = _worth_moving(search, rtol, gain)
         if best is not None:
@@ -218,16 +213,15 @@ def _followed(
 
 
 def _worth_moving(search: Multistart, rtol: float, gain: float) -> StartGrasp | None:
-    """Return the warm start unchanged, or refined where that gains enough, or the best start where it gains more."""
-    last = search.certify_best(rtol)
-    solved = [r for r in search.results if isinstance(r, StartGrasp) and r.solved]
+    """Return the warm start unchanged, or else refined, where the best start does not gain enough over it."""
+    best = search.certify_best(rtol)
+    if best is None:
+        return None
+    least = best.record.mu.lower / (1.0 + gain)
+    solved = [r for r in search.results if isinstance(r, StartGrasp) and r.solved and r.record.mu.upper >= least]
     warm = [start for start in solved if start.record.origin is Origin.WARM_START]
-    best: StartGrasp | None = None
-    for start in [] if last is None else [*warm, last]:
-        certified = start.certified(search.runner.problem, rtol, search.seed)
-        if best is None or certified.record.mu.lower > (1.0 + gain) * best.record.mu.lower:
-            best = certified
-    return best
+    certified = (start.certified(search.runner.problem, rtol, search.seed) for start in warm)
+    return next((start for start in certified if start.record.mu.lower >= least), best)
 
 
 def _step(bench: Workbench, search: Multistart, held: StartGrasp | None, parameter: float, cold: bool) -> DynamicStep:

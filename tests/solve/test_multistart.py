@@ -1,5 +1,7 @@
 """A search that takes warm starts between its stages: what they promise is kept, what they break is left out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -100,25 +102,20 @@ def test_its_answer_has_the_analyses_asked_for():
     assert found.nu is None
 
 
-def test_further_starts_take_the_numbers_of_those_asked_for_first():
-    search = Multistart(Runner(problem(), QUICK, 1), 3)
-    search.add(WarmStart(Placed(FACES, POINTS)))
-    for _ in range(2):
-        search.add_start([POINTS], refined=1)
-    assert [result.record.index for result in search.results] == [1, 0, 2]
-    assert search.best.record.mu.lower >= certified(0.0 * POINTS + POINTS * [0.0, 1.0]).lower * 0.9
-
-
-def test_the_tree_says_whether_the_best_start_is_proved_to_be_near_the_best():
-    search = Multistart(Runner(problem(), ng.SolveOptions(workers=1, rtol=0.002), 1), 0)
-    assert not search.search_tree(10)  # not begun
+def test_starts_run_until_the_best_is_proved_to_be_near_the_best_possible():
+    search = Multistart(Runner(problem(), ng.SolveOptions(workers=1), 1), 0)
     search.begin_bound()
-    search.add(WarmStart(Placed(FACES, POINTS)), improve=False)
-    assert not search.search_tree(400)  # off the middle
-    search.add_start()
-    assert search.search_tree(400)
+    search.add(WarmStart(Placed(FACES, POINTS)), improve=False)  # off the middle
+    search.run_until_proved(5, 0.002)
+    assert [result.record.index for result in search.results] == [1, 0]  # the start asked for has its own number
     search.keep(search.certify_best(0.001))
-    assert search.floor == search.chosen.record.mu.lower
-    solution = search.answer()
-    assert solution.status is ng.Status.SOLVED
-    assert solution.gap <= 0.012
+    assert search.chosen.record.mu.gap <= 0.001
+    assert search.answer().gap <= 0.012
+
+
+def test_without_a_bound_all_of_them_run():
+    search = Multistart(Runner(problem(), replace(QUICK, global_bound=False), 1), 0)
+    search.begin_bound()
+    search.run_until_proved(3, 0.01, [POINTS])
+    assert [result.record.index for result in search.results] == [0, 1, 2]
+    assert search.best.record.mu.lower >= certified().lower

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
+from nlpgrasp.solve import multistart
 from nlpgrasp.solve.multistart import Multistart
 from problems.filling_cup import center_of_mass, filled
 from tests.hands.urdf import four_finger_hand
@@ -207,10 +208,10 @@ def test_each_step_says_how_far_it_is_from_the_best():
 
 
 def test_no_start_is_run_where_the_warm_start_is_proved_to_be_near_the_best(monkeypatch):
-    run, searches = Multistart.add_start, []
-    monkeypatch.setattr(Multistart, "add_start", lambda *of, **how: searches.append(of[0]) or run(*of, **how))
+    run, starts = multistart.run_start, []
+    monkeypatch.setattr(multistart, "run_start", lambda *of: starts.append(of) or run(*of))
     found = ng.follow_task(swelling, [0.0, 0.5, 1.0], starts=2, options=ONE)
-    assert [search.best.record.index for search in searches] == [0]
+    assert len(starts) == 1  # of the first step
     assert all(step.solution.gap <= 0.03 for step in found.steps)  # a percent, and 2 % that moving has to gain
 
 

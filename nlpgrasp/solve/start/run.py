@@ -30,19 +30,16 @@ REFINED = 2  # refined candidates per start
 MOST_TOUCHING = 2  # candidates that end in link collisions before a start gives up
 
 
-def run_start(
-    bench: Workbench, index: int, seed: int, stop: Stop, known: Sequence[FloatArray] = (), refined: int = REFINED
-) -> StartResult:
+def run_start(bench: Workbench, index: int, seed: int, stop: Stop, known: Sequence[FloatArray] = ()) -> StartResult:
     """Run start ``index``: it depends on index and seed, and on known contacts (k, space) that candidates begin from.
 
-    So many candidates are refined, unless they lead to no grasp.
     Never raises for a numerical failure: the record carries the status and the message. Bad input does raise.
     Linear algebra runs on one thread, so that rounding does not depend on how many cores there are.
     """
     clock = Clock()
     with one_thread():
         try:
-            found = _best(bench, index, np.random.default_rng([seed, index]), stop, clock, known, refined)
+            found = _best(bench, index, np.random.default_rng([seed, index]), stop, clock, known)
         except (RuntimeError, np.linalg.LinAlgError, AlongNormalError) as error:
             text = f"{type(error).__name__}: {error}"
             return StartResult(StartRecord(index, Status.FAILED, seconds=clock.seconds, message=text))
@@ -60,13 +57,7 @@ def with_hand(bench: Workbench, placed: Placed, normals: FloatArray | None = Non
 
 
 def _best(
-    bench: Workbench,
-    index: int,
-    rng: np.random.Generator,
-    stop: Stop,
-    clock: Clock,
-    known: Sequence[FloatArray],
-    most: int,
+    bench: Workbench, index: int, rng: np.random.Generator, stop: Stop, clock: Clock, known: Sequence[FloatArray]
 ) -> StartGrasp:
     """Return the best result over a start's candidates, with the total effort."""
     origin = Origin.BOUND if known else Origin.RANDOM
@@ -85,7 +76,7 @@ def _best(
             left.append(first)
             continue
         ends.append(_end(bench, index, first, origin, stop, clock))
-        if stop.requested() or _enough(ends, most):
+        if stop.requested() or _enough(ends):
             break
     for first in sorted(left, key=lambda one: -one.score) if not ends else ():
         ends.append(_end(bench, index, first, origin, stop, clock))
@@ -110,10 +101,10 @@ def _refined(bench: Workbench, index: int, placed: Placed, stop: Stop) -> Iterat
     yield refined_on_body(bench, placed, stop)
 
 
-def _enough(ends: Sequence[StartGrasp], most: int) -> bool:
+def _enough(ends: Sequence[StartGrasp]) -> bool:
     """Return whether enough candidates led to feasible grasps, or too many to colliding links."""
     touching = sum(end.record.status is Status.TOUCHES for end in ends)
-    return sum(end.solved for end in ends) >= most or touching >= MOST_TOUCHING
+    return sum(end.solved for end in ends) >= REFINED or touching >= MOST_TOUCHING
 
 
 def _end(bench: Workbench, index: int, first: FirstGrasp, origin: Origin, stop: Stop, clock: Clock) -> StartGrasp:
