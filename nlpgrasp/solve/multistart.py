@@ -14,6 +14,7 @@ import numpy as np
 from nlpgrasp.best.branch_and_bound import BranchAndBound
 from nlpgrasp.common.shown.said import warn
 from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.measures.global_bound import GlobalBound
 from nlpgrasp.solution.records import Status
@@ -40,7 +41,8 @@ from nlpgrasp.solve.workers.pool import NOT_BEGUN, Runner
 class Multistart:
     """State of a multistart search, whose stages are methods: starts, warm starts, gap closing, choice, answer.
 
-    A search can take further warm starts until its answer is made, and go on from an earlier solution (``resumed``).
+    A search can take further starts and warm starts until its answer is made, and go on from an earlier solution
+    (``resumed``).
 
     Parameters
     ----------
@@ -79,6 +81,7 @@ class Multistart:
         self._keeping, self._progress = keeping, progress
         self._others: Collection | None = None
         self._tree: BranchAndBound | None = None
+        self._nodes = 0  # of the tree, asked for beyond its root
         self._known_bound: GlobalBound | None = None
         self._spent = Effort()
 
@@ -116,19 +119,24 @@ class Multistart:
         """Number of the next start: the starts asked for come first."""
         return max([self.runner.count, *(r.record.index + 1 for r in self.results)])
 
+    def begin_bound(self) -> None:
+        """Bound mu by the undivided tree of a branch and bound, where it covers the problem."""
+        self._clock.restart()
+        problem, options = self.runner.problem, self.runner.options
+        self._tree = bounding(problem, options)
+        if self._tree is not None:
+            self._tree.grow(0)
+        elif options.gap is not None:
+            warn(f"gap: {why_not_bounded(problem)}; the answer is the best of its starts")
+        self._clock.mark("bound")
+
     def run_starts(self, known: Sequence[KnownGrasp] = ()) -> None:
         """Propose, refine and certify: all starts asked for, and those from known grasps, each as it is and refined.
 
         The bound of the undivided tree comes before.
         """
-        self._clock.restart()
+        self.begin_bound()
         runner, stop = self.runner, self.stop
-        self._tree = bounding(runner.problem, runner.options)
-        if self._tree is not None:
-            self._tree.grow(0)
-        elif runner.options.gap is not None:
-            warn(f"gap: {why_not_bounded(runner.problem)}; the answer is the best of its starts")
-        self._clock.mark("bound")
         for result in chain(runner.starts(self.seed, stop), runner.warm_starts(known, self.next_index, stop)):
             self.results.append(result)
             if self._progress is not None:
@@ -149,30 +157,73 @@ class Multistart:
         best = self.best
         return best is not None and (before is None or best.record.mu.lower > before.record.mu.upper)
 
+    def run_until_proved(self, starts: int, rtol: float, known: Sequence[FloatArray] = ()) -> None:
+        """Run starts one at a time in this process, until the bound proves the best one to be near the best possible.
+
+        Parameters
+        ----------
+        starts : int
+            At most.
+        rtol : float
+            Relative gap to which the best start is certified before.
+        known : sequence of (k, space) array
+            Contacts that candidates begin from as well.
+        """
+        self._clock.restart()
+        nodes = nodes_of(self.runner.problem, 1) // 2
+        for _ in range(starts):
+            self.certify_best(rtol)
+            if self._search_tree(nodes) or self.stop.requested():
+                break
+            self._add_start(known)
+        self._clock.mark("starts")
+
     def update(self, *starts: StartGrasp) -> None:
         """Put starts in the places of the results with their numbers."""
         by_index = {start.record.index: start for start in starts}
         self.results = [by_index.get(result.record.index, result) for result in self.results]
+
+    def certify_best(self, rtol: float) -> StartGrasp | None:
+        """Certify the best start to this relative gap, and whichever then is the best; return it."""
+        tight = set[int]()
+        while (best := self.best) is not None and best.record.index not in tight:
+            best = best.certified(self.runner.problem, rtol, self.seed)
+            self.update(best)
+            tight.add(best.record.index)
+        return best
 
     def close_gap(self) -> None:
         """Search all placements until the best grasp is within the gap asked for of the bound, or a stop.
 
         Starts go on meanwhile, also from the placements that the bound rests on.
         """
-        tree, stop = self._tree, self.stop
-        if tree is None or self.runner.options.gap is None:
+        if self._tree is None or self.runner.options.gap is None:
             return
-        bench = self.runner.bench
-        while not stop.requested():
-            best = self.best
-            tree.expect(0.0 if best is None else best.record.mu.lower)
-            tree.grow(STRIDE, stop.requested)
-            if tree.searched:
-                break
-            if bench.follows_contacts and not stop.requested():
-                relaxed = tree.relaxed_placements(OFFERED)
-                self.results.append(run_start(bench, self.next_index, self.seed, stop, relaxed))
+        follows_contacts = self.runner.bench.follows_contacts
+        while not self.stop.requested() and not self._search_tree(STRIDE):
+            if follows_contacts and not self.stop.requested():
+                self._add_start()
         self._clock.mark("closing the gap")
+
+    def _add_start(self, known: Sequence[FloatArray] = ()) -> None:
+        """Run one more start in this process, also from known contacts (k, space) and the bound's relaxed placements.
+
+        The first ones are the starts asked for, where they were not run.
+        """
+        run = {result.record.index for result in self.results}
+        index = next((i for i in range(self.runner.count) if i not in run), self.next_index)
+        relaxed = [] if self._tree is None else self._tree.relaxed_placements(OFFERED)
+        self.results.append(run_start(self.runner.bench, index, self.seed, self.stop, [*known, *relaxed]))
+
+    def _search_tree(self, nodes: int) -> bool:
+        """Branch on so many nodes more; return whether the bound proves the best start to be within its gap."""
+        if self._tree is None:
+            return False
+        best = self.best
+        self._tree.expect(0.0 if best is None else best.record.mu.lower)
+        self._tree.grow(nodes, self.stop.requested)
+        self._nodes += nodes
+        return self._tree.searched
 
     def choose(self) -> None:
         """Choose the answer among the starts, at the local optimum next to it, and with a free way of its hand."""
@@ -231,6 +282,8 @@ class Multistart:
         """Why the search ended before all starts asked for were done."""
         if self.stop.interrupted():
             return Status.INTERRUPTED
+        if not self.stop.requested():
+            return None
         records = [r.record for r in self.results if r.record.index < self.runner.count]
         begun = sum(record.message != NOT_BEGUN for record in records)
         return Status.TIME_LIMIT if begun < self.runner.count else None
@@ -246,7 +299,8 @@ class Multistart:
             weak = np.array(best.kkt.directions) if best.kkt is not None and best.kkt.directions else None
             self._tree.expect(best.record.mu.lower, weak)
         if self.runner.options.gap is None:
-            self._tree.grow(nodes_of(self.runner.problem, self.runner.count), self.stop.requested)
+            nodes = nodes_of(self.runner.problem, self.runner.count) - self._nodes
+            self._tree.grow(nodes, self.stop.requested)
         return self._tree.bound()
 
     def _analysed(self, solution: GraspSolution, best: StartGrasp | None) -> GraspSolution:

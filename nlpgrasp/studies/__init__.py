@@ -9,8 +9,7 @@ from nlpgrasp.studies.choices.types import choose_contact_types
 from nlpgrasp.studies.dexterity.ellipsoids import Transmission
 from nlpgrasp.studies.dexterity.manipulability import FingerManipulability, Manipulability, manipulability
 from nlpgrasp.studies.dexterity.sensitivity import Rate, Sensitivity, sensitivity
-from nlpgrasp.studies.dynamic import follow_task
-from nlpgrasp.studies.dynamic_grasp import DynamicGrasp, DynamicStep
+from nlpgrasp.studies.dynamic import DynamicGrasp, DynamicStep, follow_task
 from nlpgrasp.studies.fine_motion import FineManipulation, FingerMove, FingerPath, fine_manipulation
 from nlpgrasp.studies.palm import BlockedDirection, PalmPath, palm_path
 

@@ -1,5 +1,7 @@
 """A search that takes warm starts between its stages: what they promise is kept, what they break is left out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -98,3 +100,22 @@ def test_its_answer_has_the_analyses_asked_for():
     found = search.answer()
     assert found.delta.lower > 0.0
     assert found.nu is None
+
+
+def test_starts_run_until_the_best_is_proved_to_be_near_the_best_possible():
+    search = Multistart(Runner(problem(), ng.SolveOptions(workers=1), 1), 0)
+    search.begin_bound()
+    search.add(WarmStart(Placed(FACES, POINTS)), improve=False)  # off the middle
+    search.run_until_proved(5, 0.002)
+    assert [result.record.index for result in search.results] == [1, 0]  # the start asked for has its own number
+    search.keep(search.certify_best(0.001))
+    assert search.chosen.record.mu.gap <= 0.001
+    assert search.answer().gap <= 0.012
+
+
+def test_without_a_bound_all_of_them_run():
+    search = Multistart(Runner(problem(), replace(QUICK, global_bound=False), 1), 0)
+    search.begin_bound()
+    search.run_until_proved(3, 0.01, [POINTS])
+    assert [result.record.index for result in search.results] == [0, 1, 2]
+    assert search.best.record.mu.lower >= certified().lower

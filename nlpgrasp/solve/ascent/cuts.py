@@ -9,18 +9,8 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.nlp import face_parameters
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
-from nlpgrasp.tasks import Task
 
 SAME = 1.0 - 1e-7  # cosine above which a direction counts as a known cut
-
-
-def with_known(known: FloatArray, directions: FloatArray, task: Task) -> FloatArray:
-    """Return directions (m, d) with those known from another task appended, scaled to ``phi_A = 1`` for this one."""
-    if not len(known):
-        return directions
-    reach = task.support(known)[0]
-    used = reach > 0.0
-    return np.concatenate([directions, known[used] / reach[used, None]])
 
 
 def most_relevant(bench: Workbench, placed: Placed, cuts: FloatArray) -> FloatArray:

@@ -76,8 +76,6 @@ class Refined:
         The least ratio at first and after each step.
     effort : Effort
         Of IPOPT.
-    settled : bool
-        Whether the rounds ended by themselves.
     certificate : Begun or None
         Of the point, as far as it told that descents missed nothing.
     """
@@ -87,7 +85,6 @@ class Refined:
     multipliers: FloatArray
     history: tuple[float, ...] = ()
     effort: Effort = field(default_factory=Effort)
-    settled: bool = True
     certificate: Begun | None = None
 
     def state(self) -> AscentState:
@@ -115,7 +112,7 @@ def refine(
     here = point_at(bench, placed, weakest_at(bench, placed, rng).directions, rng)
     sure = refined = Refined(here, RADIUS, np.zeros(len(bench.rows.named)), (here.value,))
     for _ in range(LOOKS):
-        refined = _settled(bench, replace(refined, settled=True), rng, stop, rounds, least)
+        refined = _settled(bench, refined, rng, stop, rounds, least)
         here = refined.point
         missed, begun = disproved(bench, here.placed, here.value)
         if missed is None:
@@ -181,7 +178,7 @@ def _settled(
             here = replace(again, others=others)
             radius, stale = SHORTER * min(radius, moved), True
             refined = replace(refined, point=here)
-    return replace(refined, settled=False)
+    return refined
 
 
 def _differences(bench: Workbench, there: Placed, here: Placed) -> FloatArray:

@@ -77,7 +77,3 @@ class AscentState:
     multipliers: FloatArray = field(default_factory=lambda: np.zeros(0))
     effort: Effort = field(default_factory=Effort)
     history: list[float] = field(default_factory=list)
-
-    def accept(self, placed: Placed, value: float, multipliers: FloatArray) -> None:
-        """Accept a better iterate with the multipliers of its solve."""
-        self.placed, self.value, self.multipliers = placed, value, multipliers

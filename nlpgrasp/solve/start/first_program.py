@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -59,17 +58,6 @@ def first_grasp(bench: Workbench, candidate: Placed, rng: np.random.Generator) -
             break
     effort = sum((one.effort for one in found), Effort())
     return replace(max(reversed(found), key=lambda one: one.score), effort=effort)  # of equals what the program made
-
-
-def first_of(bench: Workbench, candidates: Iterable[Placed], rng: np.random.Generator) -> FirstGrasp | None:
-    """Return the first candidate that exerts the task, directly or after the initial NLP; the best if none does."""
-    best: FirstGrasp | None = None
-    for candidate in candidates:
-        found = first_grasp(bench, candidate, rng)
-        best = found if best is None or found.score > best.score else best
-        if best.score > 0.0:
-            break
-    return best
 
 
 def _on_body(bench: Workbench, placed: Placed) -> Placed:

@@ -133,6 +133,8 @@ class StartGrasp(StartResult):
     def certified(self, problem: GraspProblem, rtol: float, seed: int = 0, deadline: float | None = None) -> StartGrasp:
         """Return the start with its certificate narrowed to this relative gap."""
         known, placed = self.record.mu, self.found.placed
+        if known.gap <= rtol:
+            return self
         budget = budget_at(problem, placed)
         fine = mu(self.found.grasp, problem.task, rtol, force_budget=budget, seed=seed, deadline=deadline)
         bounds = replace(fine, lower=max(fine.lower, known.lower), upper=min(fine.upper, known.upper))

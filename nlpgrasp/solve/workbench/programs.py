@@ -89,12 +89,10 @@ class ExchangeProgram:
     ----------
     problem : GraspProblem
     options : SolveOptions
-    most : int
-        Cutting planes at most: the time that a solve takes goes by their number.
     """
 
-    def __init__(self, problem: GraspProblem, options: SolveOptions, most: int = SLOTS) -> None:
-        self._problem, self._options, self._most = problem, options, most
+    def __init__(self, problem: GraspProblem, options: SolveOptions) -> None:
+        self._problem, self._options = problem, options
 
     @cached_property
     def linearises(self) -> bool:
@@ -109,7 +107,7 @@ class ExchangeProgram:
     @property
     def slots(self) -> int:
         """Number of cutting planes that the program holds."""
-        return min(self._most, SLOTS if self.linearises else SLOTS_WITH_FORCES)
+        return SLOTS if self.linearises else SLOTS_WITH_FORCES
 
     @cached_property
     def compiled(self) -> CompiledProgram:

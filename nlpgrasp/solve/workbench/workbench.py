@@ -21,7 +21,6 @@ from nlpgrasp.solve.space.link_depth import LinkDepths
 from nlpgrasp.solve.workbench.hand_points import HandPoints
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.programs import (
-    SLOTS,
     ExchangeProgram,
     budget_at,
     closure_budget,
@@ -43,8 +42,6 @@ class Workbench:
     ----------
     problem : GraspProblem
     options : SolveOptions
-    cuts : int
-        Cutting planes that the exchange's program holds at most.
 
     Attributes
     ----------
@@ -57,13 +54,13 @@ class Workbench:
     exchange : ExchangeProgram
     """
 
-    def __init__(self, problem: GraspProblem, options: SolveOptions, cuts: int = SLOTS) -> None:
+    def __init__(self, problem: GraspProblem, options: SolveOptions) -> None:
         self.problem, self.options = problem, options
         self.scaling = Scaling.of(problem)
         self.rows = RowValues(problem)
         self.surface = SurfaceSamples(problem)
         self.hand_points = HandPoints(problem)
-        self.exchange = ExchangeProgram(problem, options, cuts)
+        self.exchange = ExchangeProgram(problem, options)
         self._first: dict[int, CompiledProgram] = {}  # by the number of samples
         self._shared: Workbench | None = None
         self._by_faces: ExchangeProgram | None = None

@@ -129,7 +129,9 @@ class _Family:
                 warm = None if best is None else self._raised(best, small, large)
                 if warm is not None and warm.floor > (0.0 if known is None else known.record.mu.lower):
                     large.add(warm, improve=False)
-            choose_tightly(large)
+            chosen = large.certify_best(large.runner.options.final_rtol)
+            if chosen is not None:
+                large.keep(chosen)
 
 
 def _scout(search: Multistart) -> None:
@@ -138,21 +140,6 @@ def _scout(search: Multistart) -> None:
     rng, count = np.random.default_rng([search.seed, starts]), max(2, -(-starts // 2))
     for placed in propose(bench, rng, count=count) if bench.follows_contacts else ():
         search.add(WarmStart(placed))
-
-
-def choose_tightly(search: Multistart) -> None:
-    """Choose the best grasp by certificates as tight as the answer's, for the bound that carries over.
-
-    If a tight certificate shows that another grasp is better, that one is certified as tightly too.
-    """
-    runner, tight = search.runner, set[int]()
-    while (best := search.best) is not None and best.record.index not in tight:
-        best = best.certified(runner.problem, runner.options.final_rtol, search.seed)
-        search.update(best)
-        search.floor = max(search.floor, best.record.mu.lower)
-        tight.add(best.record.index)
-    if best is not None:
-        search.keep(best)
 
 
 def _reached(search: Multistart) -> int:
