@@ -30,10 +30,12 @@ from nlpgrasp.solve.bounding import OFFERED, STRIDE, bounding, nodes_of, why_not
 from nlpgrasp.solve.many.collection import ONE, Collection, Keeping
 from nlpgrasp.solve.progress import Progress
 from nlpgrasp.solve.squeeze import with_squeezes
+from nlpgrasp.solve.start.propose import propose, shares
 from nlpgrasp.solve.start.result import StartGrasp, StartResult, best_of
-from nlpgrasp.solve.start.run import run_start
+from nlpgrasp.solve.start.run import FAILURES, failed, run_start
 from nlpgrasp.solve.start.warm_starts import KnownGrasp, WarmStart, run_warm_start
 from nlpgrasp.solve.workbench.clock import Clock
+from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workers.one_thread import one_thread
 from nlpgrasp.solve.workers.pool import NOT_BEGUN, Runner
 
@@ -135,15 +137,30 @@ class Multistart:
 
         The bound of the undivided tree comes before.
         """
-        self.begin_bound()
         runner, stop = self.runner, self.stop
-        for result in chain(runner.starts(self.seed, stop), runner.warm_starts(known, self.next_index, stop)):
+        runner.prepare()
+        self.begin_bound()
+        candidates = self._proposed()
+        for result in chain(
+            runner.starts(candidates, self.seed, stop), runner.warm_starts(known, self.next_index, stop)
+        ):
             self.results.append(result)
             if self._progress is not None:
                 best = best_of(self.results)
                 self._progress(result.record, Bounds(0.0, float("inf")) if best is None else best.record.mu)
         self.results.sort(key=lambda r: r.record.index)
         self._clock.mark("starts")
+
+    def _proposed(self) -> list[Sequence[Placed]]:
+        """Return the candidates of each start asked for; none after failed numerics, where starts are failed ones."""
+        count = self.runner.count
+        try:
+            proposed = propose(self.runner.bench, np.random.default_rng([self.seed, 0]), starts=count)
+        except FAILURES as error:
+            self.results += [failed(index, error) for index in range(count)]
+            return []
+        self._clock.mark("propose")
+        return shares(proposed, count)
 
     def add(self, warm: WarmStart, improve: bool = True) -> bool:
         """Run a warm start in this process; return whether the best mu rose by more than its certificate's gap."""

@@ -24,8 +24,8 @@ from nlpgrasp.solve.after.wording import conflict_of
 from nlpgrasp.solve.ascent.cuts import no_cuts
 from nlpgrasp.solve.ascent.quadratic import Linearised, shortest_step, step_bounds
 from nlpgrasp.solve.ascent.slack import GroupSlack
+from nlpgrasp.solve.start.propose import propose
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
-from nlpgrasp.solve.start.screen import draw_start
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.variables import variables_of
 from nlpgrasp.solve.workbench.workbench import Workbench
@@ -71,7 +71,7 @@ def why_not(bench: Workbench, results: Sequence[StartResult], seed: int, stop: S
     for index in range(STARTS):
         if stop.requested():
             break
-        candidate = draw_start(bench, np.random.default_rng([seed, index, 1]))[0]
+        candidate = propose(bench, np.random.default_rng([seed, index, 1]))[0]
         found = relax(bench, candidate)
         if best is None or found.total < best.total:
             best = found

@@ -19,7 +19,7 @@ from nlpgrasp.solve.after.way_in import approached, attempted, hand_posture
 from nlpgrasp.solve.many.distinct import Distinct
 from nlpgrasp.solve.many.likeness import Likeness
 from nlpgrasp.solve.many.neighbours import neighbours
-from nlpgrasp.solve.start.coordinate_exchange import propose
+from nlpgrasp.solve.start.coordinate_exchange import exchanged_candidates
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
 from nlpgrasp.solve.start.warm_starts import WarmStart, certify_as_is
 from nlpgrasp.solve.workbench.placed import Placed
@@ -130,7 +130,7 @@ def _met(runner: Runner, kept: Distinct, stop: Stop) -> Iterator[Placed]:
     """Yield candidates of a coordinate exchange, then the best neighbours of the grasps kept so far."""
     bench, count = runner.bench, MET * kept.missing
     if not stop.requested():
-        yield from propose(bench, np.random.default_rng(0), count=count)
+        yield from exchanged_candidates(bench, np.random.default_rng(0), count=count)
     yield from neighbours(bench, [start.found.placed for start in kept.grasps], count)
 
 

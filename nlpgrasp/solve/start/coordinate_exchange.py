@@ -31,11 +31,9 @@ from nlpgrasp.solve.workbench.sample_tables import BAND, IntArray, SampleTables
 from nlpgrasp.solve.workbench.surface_samples import Cloud
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
-KEPT = 8  # candidates kept between rounds of exchanges
-DRAWN, BEGUN = 2048, 16  # random tuples drawn; tuples that exchanges start from, half of them the best of those drawn
+KEPT = 8  # candidates kept between rounds of exchanges, and perturbed in each; twice as many are begun with
+DRAWN = 2048  # random tuples drawn, of which the best are half of those that exchanges begin with
 SHAKES = 6  # rounds of random perturbation and exchange
-HALF = 3  # rounds of the first search, and of a search that resumes it
-SHAKEN = 8  # perturbed tuples per round
 SWEEPS = 4  # sweeps of exchanges over all contacts, at most
 WEAK = 24  # directions in which all samples are compared: the weakest of the remaining contacts
 LIKELY = 16  # shortlisted samples, compared in all directions
@@ -45,23 +43,17 @@ DESCENTS, STEPS, LEARNED = 3, 8, 2  # per candidate: descents, steps of each, di
 CERTIFIED, LOOSE = 2, 0.2  # certificates per round, at most; their relative width
 SHOWN = 8  # directions added from a certificate, at most
 PROPOSED = 4  # candidates per start
-MET = 2  # tuples compared per candidate requested, where more than ``PROPOSED`` are
-MOST_MET, BEST_MET = 200, 12  # pairs kept for jaws; those whose approach is checked: the best, and about as many of all
+MET = 2  # tuples compared per candidate requested
+MOST_MET, BEST_MET = 200, 12  # tuples compared; pairs for jaws whose approach is checked: the best, as many of the rest
 REPAIRABLE = 1e-3  # largest violation of coupled constraints, relative to their scales, that is repaired afterwards
 AROUND, MOST_AROUND = 0.08, 300  # radius over the body's size, and most samples, of a contact's neighbourhood on a mesh
 APART = 0.05  # over the body's size: congruent placements differ by less in all distances between contacts
 
 
-def propose(
-    bench: Workbench,
-    rng: np.random.Generator,
-    known: Sequence[FloatArray] = (),
-    count: int = PROPOSED,
-    resume: bool = False,
+def exchanged_candidates(
+    bench: Workbench, rng: np.random.Generator, known: Sequence[FloatArray] = (), count: int = PROPOSED
 ) -> list[Placed]:
     """Return the best few candidates of a coordinate exchange from random tuples of samples, best first.
-
-    The first call searches beforehand with a fixed seed: the directions learned there serve all starts.
 
     Parameters
     ----------
@@ -72,25 +64,16 @@ def propose(
         Contacts, whose nearest samples exchanges begin from as well.
     count : int
         Candidates at most.
-    resume : bool
-        Go on from the best tuples of that search.
     """
     tables = bench.sample_tables
-    if tables.first is None:
-        first = CoordinateExchange(bench, tables, np.random.default_rng(0))
-        tables.first = first.search(HALF)
-        tables.directions, tables.powers = first.directions, first.powers
-    search = CoordinateExchange(bench, tables, rng)
-    begun = np.concatenate([tables.nearest(known), tables.first[: KEPT if resume else 0]])
-    tuples = search.search(HALF if resume else SHAKES, begun)
-    if count > PROPOSED:
-        met = np.concatenate([tuples, *search.met])
-        met = search.best(met, len(met))
-        tuples = met[of_different_kinds(bench, tables.places(met)[0])[: MET * count]]
+    search = CoordinateExchange(bench, tables, rng, max(KEPT, count // 2))
+    tuples = search.search(SHAKES, tables.nearest(known))
+    met = search.best(np.concatenate([tuples, *search.met]), MOST_MET)
     jaws = isinstance(bench.problem.hand, ParallelJaw)
     if jaws:
-        met = search.best(np.concatenate([tuples, *search.met]), MOST_MET)
         tuples = np.concatenate([met[:BEST_MET], met[BEST_MET :: max(1, len(met) // BEST_MET)]])
+    else:
+        tuples = met[of_different_kinds(bench, tables.places(met)[0])[: MET * count]]
     found = [search.placed(one) for one in tuples]
     if tables.coupled:
         repaired = [one for one in (_repaired(bench, placed) for placed in found) if one is not None]
@@ -109,6 +92,8 @@ class CoordinateExchange:
     tables : SampleTables
         Of the samples that contacts are at.
     rng : numpy.random.Generator
+    kept : int
+        Candidates kept between rounds.
 
     Attributes
     ----------
@@ -120,8 +105,8 @@ class CoordinateExchange:
         Tuples after exchanges.
     """
 
-    def __init__(self, bench: Workbench, tables: SampleTables, rng: np.random.Generator) -> None:
-        self._bench, self._rng, self._tables = bench, rng, tables
+    def __init__(self, bench: Workbench, tables: SampleTables, rng: np.random.Generator, kept: int = KEPT) -> None:
+        self._bench, self._rng, self._tables, self._kept = bench, rng, tables, kept
         self.directions, self.powers = self._tables.directions, list(self._tables.powers)
         self.met: list[IntArray] = []
         self._certified: set[tuple[tuple[int, int], ...]] = set()  # whose values descents did not flatter
@@ -142,13 +127,13 @@ class CoordinateExchange:
     def drawn(self) -> IntArray:
         """Return random tuples, (b, k); half of them are the best of ``DRAWN``."""
         many = self._tables.random(DRAWN, self._rng)
-        chosen = self.best(many, BEGUN // 2)
-        return np.concatenate([chosen, many[: BEGUN - len(chosen)]])
+        chosen = self.best(many, self._kept)
+        return np.concatenate([chosen, many[: 2 * self._kept - len(chosen)]])
 
     def shaken(self, tuples: IntArray) -> IntArray:
-        """Return tuples with one or two contacts at random samples, (SHAKEN, k), the best tuples most often."""
-        result = np.resize(tuples, (SHAKEN, tuples.shape[1]))
-        for number, (row, drawn) in enumerate(zip(result, self._tables.random(SHAKEN, self._rng), strict=True)):
+        """Return tuples with one or two contacts at random samples, as many as are kept, the best tuples most often."""
+        result = np.resize(tuples, (self._kept, tuples.shape[1]))
+        for number, (row, drawn) in enumerate(zip(result, self._tables.random(self._kept, self._rng), strict=True)):
             moved = self._rng.permutation(len(row))[: 1 + number % 2]
             row[moved] = drawn[moved]
         return result
@@ -156,12 +141,12 @@ class CoordinateExchange:
     def kept(self, *tuples: IntArray) -> IntArray:
         """Return the best of several sets of tuples (b, k), best first, after adding their weakest directions."""
         self.met += tuples
-        best = self.best(np.concatenate(tuples), 4 * KEPT)
-        self.learn_from(best[: 2 * KEPT])
+        best = self.best(np.concatenate(tuples), 4 * self._kept)
+        self.learn_from(best[: 2 * self._kept])
         best = self.best(best, len(best))
         first = of_different_kinds(self._bench, self._tables.places(best)[0])
         rest = [b for b in range(len(best)) if b not in first]
-        return self.certified(best[sorted((first + rest)[:KEPT])])
+        return self.certified(best[sorted((first + rest)[: self._kept])])
 
     def values(self, tuples: IntArray) -> FloatArray:
         """Return the least ``phi_G / phi_A`` of tuples (b, k) along known directions, (b,); -1 less any violation."""
@@ -240,7 +225,7 @@ class CoordinateExchange:
                 self._certified.add(self._key(tuples[0]))
                 break
             self.learn(weaker.directions[:SHOWN])
-            tuples = self.best(np.concatenate([tuples, self.exchanged(tuples, LAST_TIE)]), KEPT)
+            tuples = self.best(np.concatenate([tuples, self.exchanged(tuples, LAST_TIE)]), self._kept)
         return tuples
 
     def learn(self, y: FloatArray) -> None:

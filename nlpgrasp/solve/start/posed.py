@@ -6,7 +6,7 @@ are exchanged one at a time over these as free contacts are over all samples, fo
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
 
@@ -34,8 +34,8 @@ BROKEN = 1.0  # weight of violated constraints, such as the palm's direction, in
 BLOCKED = 0.4  # weight of link collisions, relative to the share of the best quality
 BLOCKED_MANY = 0.05  # weight of link collisions against the score, with many contacts
 ENOUGH = 3  # touching poses proposed with many contacts; non-touching ones where none touches
-TRIES = 12  # poses moved towards contact
-MANY, MANY_TRIES = 6, 32  # number of contacts from which hands rarely touch with all; poses moved then
+TRIES = 12  # poses per start, moved towards contact
+MANY, MANY_TRIES = 6, 32  # number of contacts from which hands rarely touch with all; poses per start then
 
 
 @dataclass(frozen=True)
@@ -66,17 +66,8 @@ class _Poses:
         return [{name: v[i] for name, v in self.values.items()} for i in np.argsort(against, kind="stable").tolist()]
 
 
-def posed_candidates(bench: Workbench, rng: np.random.Generator, stop: Stop) -> Iterator[Placed]:
-    """Return an iterator over initial candidates: hand poses moved until all fingertips touch the body.
-
-    Those that touch come first, by their sampled quality and those of different kinds before others. The nearest of the
-    rest follow. With many contacts, of which a hand hardly ever touches with all, a few that touch are enough.
-    """
-    return iter(touching_candidates(bench, draw_posed_start(bench, rng), rng, stop))
-
-
-def draw_posed_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Placed]:
-    """Return the best few of many random poses of a hand around the body.
+def reachable_candidates(bench: Workbench, rng: np.random.Generator, count: int) -> list[Placed]:
+    """Return the best few of many random poses of a hand around the body, at most ``count``.
 
     Palms whose fingertips are near the body come first, and those that constraints do not turn away. Contacts are
     exchanged within reach of their fingers, and compared by the least ratio, less what the links would be in the way
@@ -89,16 +80,20 @@ def draw_posed_start(bench: Workbench, rng: np.random.Generator) -> Sequence[Pla
         orders = zip(*(poses.hands(_against(bench, poses))[:MOST_PALMS] for poses in palms), strict=False)
         found = _exchanged(bench, search, [hand for pair in orders for hand in pair], rng)
         if found:
-            return found[:TRIES]
+            return found[:count]
     blocked = bench.rows.blocked(drawn.points, drawn.normals, drawn.values)
     merit = scores(bench, drawn.points, drawn.normals) - _against(bench, drawn) - BLOCKED_MANY * blocked
-    return [drawn.placed(i) for i in np.argsort(-merit, kind="stable")[:MANY_TRIES].tolist()]
+    return [drawn.placed(i) for i in np.argsort(-merit, kind="stable")[:count].tolist()]
 
 
 def touching_candidates(
     bench: Workbench, candidates: Sequence[Placed], rng: np.random.Generator, stop: Stop
 ) -> list[Placed]:
-    """Return candidates moved until all contacts touch, best first, and the nearest few of those that fail."""
+    """Return hand poses moved until all fingertips touch the body, best first, and the nearest few of those that fail.
+
+    Candidates of different kinds come before others. With many contacts, of which a hand hardly ever touches with all,
+    a few that touch are enough.
+    """
     enough = ENOUGH if len(bench.problem.models) >= MANY else len(candidates)
     there, others = list[tuple[Placed, float]](), list[tuple[Placed, float]]()
     for candidate in candidates:

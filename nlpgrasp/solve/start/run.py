@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,8 +17,9 @@ from nlpgrasp.solve.after.robust_ascent import steady
 from nlpgrasp.solve.ascent.refine import Refined, refine
 from nlpgrasp.solve.ascent.state import Effort
 from nlpgrasp.solve.start.first_program import FirstGrasp, first_grasp
+from nlpgrasp.solve.start.posed import touching_candidates
+from nlpgrasp.solve.start.propose import propose
 from nlpgrasp.solve.start.result import StartGrasp, StartResult, best_of
-from nlpgrasp.solve.start.screen import candidates
 from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.surface.put import refined_on_body
 from nlpgrasp.solve.surface.triangles import on_triangles
@@ -27,24 +28,49 @@ from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.one_thread import one_thread
 
+FAILURES = RuntimeError, np.linalg.LinAlgError, AlongNormalError
+"""What numerics may raise for some candidates."""
+
 REFINED = 2  # refined candidates per start
 MOST_TOUCHING = 2  # candidates that end in link collisions before a start gives up
 
 
-def run_start(bench: Workbench, index: int, seed: int, stop: Stop, known: Sequence[FloatArray] = ()) -> StartResult:
-    """Run start ``index``: it depends on index and seed, and on known contacts (k, space) that candidates begin from.
+def run_start(
+    bench: Workbench,
+    index: int,
+    seed: int,
+    stop: Stop,
+    known: Sequence[FloatArray] = (),
+    candidates: Sequence[Placed] = (),
+) -> StartResult:
+    """Run start ``index`` from candidates, or from those that it proposes by index and seed, also near known contacts.
 
     Never raises for a numerical failure: the record carries the status and the message. Bad input does raise.
     Linear algebra runs on one thread, so that rounding does not depend on how many cores there are.
+
+    Parameters
+    ----------
+    bench : Workbench
+    index, seed : int
+    stop : Stop
+    known : sequence of (k, space) array
+        Contacts that proposals begin from as well, metres.
+    candidates : sequence of Placed, optional
+        The most promising first.
     """
     clock = Clock()
     with one_thread():
         try:
-            found = _best(bench, index, np.random.default_rng([seed, index]), stop, clock, known)
-        except (RuntimeError, np.linalg.LinAlgError, AlongNormalError) as error:
-            text = f"{type(error).__name__}: {error}"
-            return StartResult(StartRecord(index, Status.FAILED, seconds=clock.seconds, message=text))
+            found = _best(bench, index, np.random.default_rng([seed, index]), stop, clock, known, candidates)
+        except FAILURES as error:
+            return failed(index, error, clock.seconds)
     return replace(found, record=replace(found.record, seconds=clock.seconds))
+
+
+def failed(index: int, error: Exception, seconds: Mapping[str, float] | None = None) -> StartResult:
+    """Return the result of a start that an error ended."""
+    text = f"{type(error).__name__}: {error}".splitlines()[0]
+    return StartResult(StartRecord(index, Status.FAILED, seconds=seconds or {}, message=text))
 
 
 def with_hand(bench: Workbench, placed: Placed, normals: FloatArray | None = None) -> Placed:
@@ -58,17 +84,22 @@ def with_hand(bench: Workbench, placed: Placed, normals: FloatArray | None = Non
 
 
 def _best(
-    bench: Workbench, index: int, rng: np.random.Generator, stop: Stop, clock: Clock, known: Sequence[FloatArray]
+    bench: Workbench,
+    index: int,
+    rng: np.random.Generator,
+    stop: Stop,
+    clock: Clock,
+    known: Sequence[FloatArray],
+    candidates: Sequence[Placed],
 ) -> StartGrasp:
     """Return the best result over a start's candidates, with the total effort."""
     origin = Origin.BOUND if known else Origin.RANDOM
     plain = None if bench.follows_contacts else bench.under_l2  # poses are compared under the paper's budget
-    proposed = candidates(plain or bench, rng, stop, known, resume=index == 0)
-    if isinstance(proposed, list):  # starts propose much the same: each refines others first
-        proposed = proposed[index % len(proposed) :] + proposed[: index % len(proposed)]
+    proposed = candidates or propose(bench, rng, known)
+    if not bench.follows_contacts:
+        proposed = touching_candidates(plain or bench, proposed, rng, stop)
     clock.mark("propose")
     ends, left, programs = list[StartGrasp](), list[FirstGrasp](), Effort()
-    rng = rng if bench.follows_contacts else rng.spawn(1)[0]
     for candidate in proposed:
         first = first_grasp(plain or bench, candidate, rng)
         programs += first.effort

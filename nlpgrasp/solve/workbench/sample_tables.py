@@ -82,13 +82,11 @@ class SampleTables:
     of_contact : list of k int
         The table of each contact.
     directions : (j, d) array
-        Each with ``phi_A = 1``: well spread for the task, and those added.
+        Each with ``phi_A = 1``: well spread for the task if not given.
     powers : list of (j, m) array
         ``s^p`` of each table along these.
     coupled : bool
         Whether constraints are left that have to be checked on all contacts together.
-    first : (b, k) array or None
-        Tuples that a first search found, whose directions were added; None before it.
     """
 
     def __init__(
@@ -123,7 +121,6 @@ class SampleTables:
             directions = y / problem.task.support(y)[0][:, None]
         self.directions = directions
         self.powers = [table.powers(self.directions) for table in self.distinct]
-        self.first: IntArray | None = None
 
     def samples(self, contact: int) -> Cloud:
         """Return the samples of a contact."""

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
 from nlpgrasp.common.validation import FloatArray
@@ -120,6 +119,8 @@ class Workspace:
 
     def _room(self, places: FloatArray, least: FloatArray, palm: FloatArray) -> FloatArray:
         """Return the clearance of link spheres at centres (b, s, 3) beyond what they need from the body, (b, s)."""
+        from scipy.ndimage import map_coordinates  # slow to import, for hands alone
+
         where = (places @ palm[:3, :3].T + palm[:3, 3] - self._corner) / self._step
         distance = map_coordinates(self._distance, np.moveaxis(where, -1, 0), order=1, cval=np.inf)
         return np.asarray(distance - least)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from dataclasses import dataclass
 from functools import partial
-from typing import TypeVar
+from typing import TypeVar, cast
 
 from loky.process_executor import BrokenProcessPool
 
@@ -18,8 +18,9 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solve.options import SolveOptions
 from nlpgrasp.solve.start.result import StartGrasp, StartResult
-from nlpgrasp.solve.start.run import run_start
+from nlpgrasp.solve.start.run import failed, run_start
 from nlpgrasp.solve.start.warm_starts import KnownGrasp, WarmStart, run_warm_start
+from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.solve.workers.parcel import LazyBench, Parcel
 from nlpgrasp.solve.workers.processes import Processes, cores
@@ -60,12 +61,25 @@ class Runner:
         self._bench = bench
         self._parcel: Parcel[LazyBench[_Asked]] | None = None
 
-    def starts(self, seed: int, stop: Stop) -> Iterator[StartResult]:
-        """Yield each start's result as it is done, in any order."""
+    def prepare(self) -> None:
+        """Begin to compile the problem in worker processes, where there are any."""
         if self.workers == 1:
-            yield from self._here(seed, stop)
+            return
+        try:
+            self._parcel = Parcel.of(LazyBench(partial(_Asked, self.problem, self.options)))
+        except (TypeError, ValueError, AttributeError, pickle.PicklingError) as error:
+            reason = f"{type(error).__name__}: {error}"
+            raise InputError("problem", reason, "parts that can be sent to worker processes, or workers=1") from None
+        processes = Processes(self.workers)
+        for _ in range(self.workers):
+            processes.submit(_compile, self._parcel)
+
+    def starts(self, candidates: Sequence[Sequence[Placed]], seed: int, stop: Stop) -> Iterator[StartResult]:
+        """Yield the result of a start from each sequence of candidates as it is done, in any order."""
+        if self.workers == 1:
+            yield from self._here(candidates, seed, stop)
         else:
-            yield from self._in_processes(seed, stop)
+            yield from self._in_processes(candidates, seed, stop)
 
     def warm_starts(self, known: Sequence[KnownGrasp], first: int, stop: Stop) -> Iterator[StartResult]:
         """Yield the starts from known grasps, as each is and refined, numbered from ``first`` on, two each."""
@@ -97,21 +111,16 @@ class Runner:
             self._bench = Workbench(self.problem, self.options)
         return self._bench
 
-    def _here(self, seed: int, stop: Stop) -> Iterator[StartResult]:
+    def _here(self, candidates: Sequence[Sequence[Placed]], seed: int, stop: Stop) -> Iterator[StartResult]:
         """Run the starts in this process; once a stop is requested the running start finishes with what it has."""
-        for index in range(self.count):
+        for index, own in enumerate(candidates):
             if stop.requested():
                 break
-            yield run_start(self.bench, index, seed, stop)
+            yield run_start(self.bench, index, seed, stop, candidates=own)
 
-    def _in_processes(self, seed: int, stop: Stop) -> Iterator[StartResult]:
-        try:
-            self._parcel = Parcel.of(LazyBench(partial(_Asked, self.problem, self.options)))
-        except (TypeError, ValueError, AttributeError, pickle.PicklingError) as error:
-            reason = f"{type(error).__name__}: {error}"
-            raise InputError("problem", reason, "parts that can be sent to worker processes, or workers=1") from None
-        processes = Processes(self.workers)
-        pending = {processes.submit(_work, self._parcel, i, seed, stop): i for i in range(self.count)}
+    def _in_processes(self, candidates: Sequence[Sequence[Placed]], seed: int, stop: Stop) -> Iterator[StartResult]:
+        parcel, processes = cast("Parcel[LazyBench[_Asked]]", self._parcel), Processes(self.workers)
+        pending = {processes.submit(_work, parcel, i, own, seed, stop): i for i, own in enumerate(candidates)}
         give_up = None
         while pending:
             done, _ = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
@@ -126,11 +135,18 @@ class Runner:
                     break
 
 
-def _work(parcel: Parcel[LazyBench[_Asked]], index: int, seed: int, stop: Stop) -> StartResult:
+def _compile(parcel: Parcel[LazyBench[_Asked]]) -> None:
+    """Compile the problem in a worker."""
+    parcel.unpacked().bench.exchange.compiled  # noqa: B018
+
+
+def _work(
+    parcel: Parcel[LazyBench[_Asked]], index: int, candidates: Sequence[Placed], seed: int, stop: Stop
+) -> StartResult:
     """Run one start in a worker, unless it is too late to begin."""
     if stop.requested():
         return StartResult(StartRecord(index, Status.TIME_LIMIT, message=NOT_BEGUN))
-    return run_start(parcel.unpacked().bench, index, seed, stop)
+    return run_start(parcel.unpacked().bench, index, seed, stop, candidates=candidates)
 
 
 def _warm(bench: Workbench, item: tuple[int, KnownGrasp], stop: Stop) -> list[StartGrasp]:
@@ -155,5 +171,4 @@ def _result(future: Future[StartResult], index: int) -> StartResult:
     try:
         return future.result()
     except (BrokenProcessPool, CancelledError, OSError, SystemExit, ImportError) as error:
-        text = f"the worker process ended: {type(error).__name__}: {error}".splitlines()[0]
-        return StartResult(StartRecord(index, Status.FAILED, message=text))
+        return failed(index, RuntimeError(f"the worker process ended: {type(error).__name__}: {error}"))

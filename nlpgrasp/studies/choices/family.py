@@ -23,7 +23,7 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solve.multistart import Multistart
 from nlpgrasp.solve.options import SolveOptions
-from nlpgrasp.solve.start.coordinate_exchange import propose
+from nlpgrasp.solve.start.coordinate_exchange import exchanged_candidates
 from nlpgrasp.solve.start.result import StartGrasp
 from nlpgrasp.solve.start.warm_starts import WarmStart
 from nlpgrasp.solve.workbench.workbench import Workbench
@@ -138,7 +138,7 @@ def _scout(search: Multistart) -> None:
     """Run further starts from one more coordinate exchange: half as many as starts, at least two."""
     bench, starts = search.runner.bench, search.runner.count
     rng, count = np.random.default_rng([search.seed, starts]), max(2, -(-starts // 2))
-    for placed in propose(bench, rng, count=count) if bench.follows_contacts else ():
+    for placed in exchanged_candidates(bench, rng, count=count) if bench.follows_contacts else ():
         search.add(WarmStart(placed))
 
 
