@@ -109,8 +109,7 @@ def refine(
     it was led astray.
     """
     rng, rounds = np.random.default_rng(0), bench.options.rounds if rounds is None else rounds
-    here = point_at(bench, placed, weakest_at(bench, placed, rng).directions, rng)
-    sure = refined = Refined(here, RADIUS, np.zeros(len(bench.rows.named)), (here.value,))
+    sure = refined = _begun(bench, placed, rng)
     for _ in range(LOOKS):
         refined = _settled(bench, refined, rng, stop, rounds, least)
         here = refined.point
@@ -127,6 +126,21 @@ def refine(
         if stop.requested():
             break
     return sure
+
+
+def advance(bench: Workbench, placed: Placed, stop: Stop, rounds: int) -> Refined:
+    """Return a candidate after a few rounds of refinement, by whose values candidates can be compared.
+
+    No certificate has looked for directions in which it is weaker.
+    """
+    rng, rounds = np.random.default_rng(0), min(rounds, bench.options.rounds)
+    return _settled(bench, _begun(bench, placed, rng), rng, stop, rounds, LEAST_GAIN)
+
+
+def _begun(bench: Workbench, placed: Placed, rng: np.random.Generator) -> Refined:
+    """Return a candidate as the beginning of a refinement."""
+    here = point_at(bench, placed, weakest_at(bench, placed, rng).directions, rng)
+    return Refined(here, RADIUS, np.zeros(len(bench.rows.named)), (here.value,))
 
 
 def _settled(

@@ -21,7 +21,7 @@ from nlpgrasp.solve.start.posed import touching_candidates
 from nlpgrasp.solve.start.propose import propose
 from nlpgrasp.solve.start.result import StartGrasp, StartResult, best_of
 from nlpgrasp.solve.surface.on_body import OnBody
-from nlpgrasp.solve.surface.put import refined_on_body
+from nlpgrasp.solve.surface.put import advanced_on_body, refined_on_body
 from nlpgrasp.solve.surface.triangles import on_triangles
 from nlpgrasp.solve.workbench.clock import Clock
 from nlpgrasp.solve.workbench.placed import Placed
@@ -31,7 +31,7 @@ from nlpgrasp.solve.workers.one_thread import one_thread
 FAILURES = RuntimeError, np.linalg.LinAlgError, AlongNormalError
 """What numerics may raise for some candidates."""
 
-REFINED = 2  # refined candidates per start
+COMPARED = 2  # candidates compared after a few rounds of refinement; the best one is refined to its end
 MOST_TOUCHING = 2  # candidates that end in link collisions before a start gives up
 
 
@@ -100,22 +100,36 @@ def _best(
         proposed = touching_candidates(plain or bench, proposed, rng, stop)
     clock.mark("propose")
     ends, left, programs = list[StartGrasp](), list[FirstGrasp](), Effort()
-    for candidate in proposed:
-        first = first_grasp(plain or bench, candidate, rng)
+    firsts = (first_grasp(plain or bench, candidate, rng) for candidate in proposed)
+    batch = list[FirstGrasp]()
+    for number, first in enumerate(firsts, 1):
         programs += first.effort
         clock.mark("first program")
-        if first.score <= 0.0:
-            left.append(first)
+        (batch if first.score > 0.0 else left).append(first)
+        if len(batch) < COMPARED and number < len(proposed) and not stop.requested():
             continue
-        ends.append(_end(bench, index, first, origin, stop, clock))
+        for one in _by_promise(plain or bench, batch, stop):
+            ends.append(_end(bench, index, one, origin, stop, clock))
+            if _enough(ends):
+                break
         if stop.requested() or _enough(ends):
             break
+        batch = []
     for first in sorted(left, key=lambda one: -one.score) if not ends else ():
         ends.append(_end(bench, index, first, origin, stop, clock))
         if stop.requested() or ends[-1].record.has_grasp:
             break
     best = _better(ends)
     return replace(best, spent=best.spent + programs)
+
+
+def _by_promise(bench: Workbench, batch: Sequence[FirstGrasp], stop: Stop) -> list[FirstGrasp]:
+    """Return candidates after a few rounds of refinement each, the best first; a single one as it is."""
+    if len(batch) < 2:
+        return list(batch)
+    each = [(first, advanced_on_body(bench, first.placed, stop)) for first in batch]
+    each.sort(key=lambda one: -one[1].point.value)
+    return [replace(first, placed=advanced.point.placed) for first, advanced in each]
 
 
 def _refined(bench: Workbench, index: int, placed: Placed, stop: Stop) -> Iterator[tuple[OnBody, Refined]]:
@@ -134,9 +148,9 @@ def _refined(bench: Workbench, index: int, placed: Placed, stop: Stop) -> Iterat
 
 
 def _enough(ends: Sequence[StartGrasp]) -> bool:
-    """Return whether enough candidates led to feasible grasps, or too many to colliding links."""
+    """Return whether a candidate led to a feasible grasp, or too many to colliding links."""
     touching = sum(end.record.status is Status.TOUCHES for end in ends)
-    return sum(end.solved for end in ends) >= REFINED or touching >= MOST_TOUCHING
+    return any(end.solved for end in ends) or touching >= MOST_TOUCHING
 
 
 def _end(bench: Workbench, index: int, first: FirstGrasp, origin: Origin, stop: Stop, clock: Clock) -> StartGrasp:

@@ -8,17 +8,30 @@ import numpy as np
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.solve.ascent.refine import Refined
+from nlpgrasp.solve.ascent.refine import Refined, advance
 from nlpgrasp.solve.posture.roomy import refined_with_room
 from nlpgrasp.solve.start.coordinate_exchange import exchanged_nearby
 from nlpgrasp.solve.start.touch import TOUCHING, touching
 from nlpgrasp.solve.surface.on_body import OnBody
-from nlpgrasp.solve.surface.triangles import refined_on_triangles
+from nlpgrasp.solve.surface.triangles import on_triangles, refined_on_triangles
 from nlpgrasp.solve.surface.walk import walked
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.workbench import Workbench
 
+ROUNDS = 4  # of a candidate before it is compared with others
 EXCHANGES, GAIN = 4, 2e-3  # coordinate exchanges on a mesh, at most; least relative gain of one
+
+
+def advanced_on_body(bench: Workbench, placed: Placed, stop: Stop) -> Refined:
+    """Return a candidate after a few rounds of refinement: on the body, a hand around the smooth surface of a mesh."""
+    body = bench.problem.body
+    if not isinstance(body, Mesh):
+        return advance(bench, bench.snapped(placed), stop, ROUNDS)
+    if not bench.follows_contacts:
+        moved, left = touching(bench, bench.snapped(replace(placed, faces=body.face_names * len(placed.faces))))
+        if left <= TOUCHING:
+            return advance(bench, bench.snapped(moved), stop, ROUNDS)
+    return advance(*on_triangles(bench, replace(placed, points=body.closest(placed.points)[0])), stop, ROUNDS)
 
 
 def refined_on_body(bench: Workbench, placed: Placed, stop: Stop) -> tuple[OnBody, Refined]:
