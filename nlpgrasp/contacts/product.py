@@ -49,6 +49,14 @@ def project(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> Floa
     return np.concatenate(parts, axis=1)
 
 
+def derivative(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> list[FloatArray]:
+    """Return the blocks (m, n_i, n_i) of a generalised Jacobian of the projection at finger forces (m, n)."""
+    if all(c == contacts[0] for c in contacts):
+        shape = (len(z), len(contacts), contacts[0].components(space))
+        return list(contacts[0].derivative(z.reshape(shape)).transpose(1, 0, 2, 3))
+    return [c.derivative(z[:, where]) for c, where in zip(contacts, ranges(contacts, space), strict=True)]
+
+
 def into(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> FloatArray:
     """Project finger forces (m, n) onto K, corrected so that the result is in K."""
     parts = [c.into(z[:, where]) for c, where in zip(contacts, ranges(contacts, space), strict=True)]

@@ -11,7 +11,7 @@ from nlpgrasp.budgets.sets.base import ForceSet
 from nlpgrasp.budgets.sets.l2 import L2Set
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
-from nlpgrasp.contacts.product import project
+from nlpgrasp.contacts.product import derivative, project
 from nlpgrasp.grasp.grasp import Grasp
 
 
@@ -86,10 +86,8 @@ class WrenchSet:
         Hessian is returned.
         """
         z = y @ self.G
-        H = np.zeros((*y.shape, y.shape[1]))
-        for contact, r in zip(self.contacts, self.ranges, strict=True):
-            H += self.G[:, r] @ contact.derivative(z[:, r]) @ self.G[:, r].T
-        return H
+        parts = zip(derivative(z, self.contacts, self.space), self.ranges, strict=True)
+        return np.concatenate([self.G[:, r] @ part for part, r in parts], axis=2) @ self.G.T
 
     def transformed(self, matrix: FloatArray) -> WrenchSet:
         """Return the linear image of the set under ``matrix`` (d', d)."""

@@ -163,8 +163,9 @@ def _settled(
             if near and stale:
                 known = np.arange(len(cuts)) < len(here.minimisers)
                 curvature = reduced_hessian(linear, cuts, known, first.multipliers)
+                first = linear.quadratic_step(radius, curvature)
             stale = not stale if near else True
-            step = linear.step(radius, curvature)
+            step = None if first is None else linear.step(first, radius)
         else:
             step = program_step(bench, here.placed, here.value, cuts, radius)
         if step is None or bench.violation(step.placed) > FEASIBLE:

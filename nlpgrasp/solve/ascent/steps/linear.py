@@ -139,12 +139,9 @@ class Linearisation:
         rows = self._with_cuts(self._rows(self.z, self._size(radius), slice(0, None)))
         return shortest_step(rows, self.cost, DAMPING if curvature is None else CURVED_DAMPING, curvature=curvature)
 
-    def step(self, radius: float, curvature: FloatArray | None = None) -> Step | None:
-        """Return the trust-region step with restored feasibility; the arguments are those of ``quadratic_step``."""
+    def step(self, first: QuadraticStep, radius: float) -> Step | None:
+        """Return the step of a quadratic program inside a trust region with restored feasibility; None without one."""
         program, size = self.compiled.program, self._size(radius)
-        first = self.quadratic_step(radius, curvature)
-        if first is None:
-            return None
         others = slice(program.contained, None)
         corrected = restore(lambda z: self._rows(z, size, others), self.z + first.d, CORRECTIONS)
         if corrected.contradicted:
