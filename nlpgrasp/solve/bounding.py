@@ -13,7 +13,7 @@ from nlpgrasp.solve.workbench.programs import follows_contacts
 
 NODES, OF_FLAT, OF_MESH = 400, 1000, 160  # of many starts' bound; where faces are flat a node takes less
 BESIDE_A_HAND = 100
-ONE, ONE_OF_FLAT, EACH = 0.3, 0.65, 0.35  # share of these nodes for one start, and for each other one
+ONE, ONE_OF_FLAT, EACH = 0.15, 0.65, 0.35  # share of these nodes for one start, and for each other one
 GAP = 0.01  # that the bound aims at where none is asked for
 SHARE = 0.7  # of a gap asked for that the tree closes; the rest is the answer's own certificate
 STRIDE = 1000  # nodes between two starts that go on after the others

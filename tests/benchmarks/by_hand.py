@@ -13,7 +13,7 @@ from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.nlp import CompiledProgram, optimal_grasp_program
 from nlpgrasp.quality.certificate.minimise import random_directions
 from nlpgrasp.solve.start.run import run_start
-from nlpgrasp.solve.start.screen import draw_start
+from nlpgrasp.solve.start.propose import propose
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.variables import placed_of, variables_of
 from nlpgrasp.solve.workbench.workbench import Workbench
@@ -64,7 +64,7 @@ def run():
         result = run_start(bench, index, 0, Stop())
         seconds = sum(v for k, v in result.record.seconds.items() if k != "certificate")
         rows["nlpgrasp"].append((result.record.mu.lower, seconds, result.record.mu.upper))
-        points = draw_start(bench, np.random.default_rng([0, index]))[0].points
+        points = propose(bench, np.random.default_rng([0, index]))[0].points
         for name, method in {
             "SLSQP": lambda p, r: slsqp(p, r),
             "vertex, random": lambda p, r: random_program(bench, programs["vertex"], p, r, "vertex"),

@@ -7,7 +7,8 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.grasp.stack import GraspStack
-from nlpgrasp.solve.start.coordinate_exchange import CoordinateExchange, propose
+from nlpgrasp.solve.start.coordinate_exchange import CoordinateExchange
+from nlpgrasp.solve.start.propose import propose
 from nlpgrasp.solve.workbench import sample_tables
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.solve.start.screen import draw_start
+from nlpgrasp.solve.start.propose import propose
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
 QUICK = ng.SolveOptions(workers=1)
@@ -22,7 +22,7 @@ def level_problem(room):
 def test_starts_keep_an_equality_and_resist(room):
     bench = Workbench(level_problem(room), QUICK)
     for seed in range(5):
-        placed = draw_start(bench, np.random.default_rng(seed))[0]
+        placed = propose(bench, np.random.default_rng(seed))[0]
         assert bench.violation(placed) <= FEASIBLE
         assert set(placed.faces) == {"edge0", "edge2"}  # on one vertical side the equality holds, and nothing resists
 

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.solve.start.coordinate_exchange import propose
+from nlpgrasp.solve.start.propose import propose
 from nlpgrasp.solve.surface.triangles import on_triangles
 from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 from tests.quick import first

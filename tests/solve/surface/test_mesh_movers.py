@@ -10,7 +10,7 @@ import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.solve.start.screen import draw_start
+from nlpgrasp.solve.start.propose import propose
 from nlpgrasp.solve.start.touch import TOUCHING, touching
 from nlpgrasp.solve.surface.triangles import refined_on_triangles, touching_on_body
 from nlpgrasp.solve.workbench.hand_points import HandPoints
@@ -43,7 +43,7 @@ def posed():
     problem = ng.GraspProblem(the_mesh(), ng.FrictionContact(0.7), TASK, hand=four_finger_hand())
     bench = Workbench(problem, OPTIONS)
     names = bench.problem.body.face_names * 4
-    drawn = [replace(one, faces=names) for one in draw_start(bench, np.random.default_rng(0))]
+    drawn = [replace(one, faces=names) for one in propose(bench, np.random.default_rng(0))]
     found = (touching(bench, candidate) for candidate in drawn)
     return bench, next(placed for placed, violation in found if violation <= TOUCHING)
 

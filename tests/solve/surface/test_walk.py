@@ -9,7 +9,8 @@ import trimesh
 import nlpgrasp as ng
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.solve.start import posed
-from nlpgrasp.solve.start.posed import posed_candidates
+from nlpgrasp.solve.start.posed import touching_candidates
+from nlpgrasp.solve.start.propose import propose
 from nlpgrasp.solve.start.touch import TOUCHING
 from nlpgrasp.solve.surface.on_body import OnBody
 from nlpgrasp.solve.surface.triangles import touching_on_body
@@ -35,7 +36,8 @@ def moved(bench, seed):
     """A hand in a random pose around a can that touches its mesh, and the same after its fingers walked."""
     with pytest.MonkeyPatch.context() as unexchanged:
         unexchanged.setattr(posed, "_exchanged", lambda *_: [])
-        start = next(posed_candidates(bench, np.random.default_rng(seed), Stop()))
+        rng = np.random.default_rng(seed)
+        start = touching_candidates(bench, propose(bench, rng), rng, Stop())[0]
     _, start, left = touching_on_body(bench, start)
     assert left <= TOUCHING
     return bench, start, walked(bench, start, normals_at(bench, start), np.random.default_rng(0), Stop())

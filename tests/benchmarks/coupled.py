@@ -1,0 +1,101 @@
+"""Default solves under constraints that couple unlike contacts, beside the best known: random problems, one example.
+
+Parts: ``random``, ``example``; ``coupled:random:0:10`` runs the first 10 problems.
+"""
+
+import time
+from itertools import pairwise
+
+import numpy as np
+
+import nlpgrasp as ng
+
+PROBLEMS, SEEDS, EXAMPLE_SEEDS = 40, 2, 10
+MANY, ANOTHER = 32, 1000  # starts of the search for the best known, and its seed
+NEAR = 0.98
+OPTIONS = ng.SolveOptions(workers=1, rank="mu")
+BODIES = {
+    "box": ng.Box([0.1, 0.06, 0.04]),
+    "ellipsoid": ng.Ellipsoid([0.06, 0.04, 0.03]),
+    "cylinder": ng.Cylinder(0.02, 0.15),
+    "sphere": ng.Sphere(0.04),
+    "torus": ng.Torus(0.05, 0.015),
+    "polygon": ng.Polygon([[0.0, 0.0], [0.1, 0.0], [0.12, 0.05], [0.05, 0.1], [-0.01, 0.06]]),
+}
+COUPLINGS = ("near", "apart", "mirrored", "level", "separate")
+
+
+def run(part=None, first=0, last=PROBLEMS):
+    parts = {"random": lambda: random_problems(range(int(first), int(last))), "example": example}
+    for name in parts if part is None else (part,):
+        parts[name]()
+
+
+def coupled_problem(number):
+    """Return name and problem ``number``: six bodies, five couplings, three to five contacts of several models."""
+    rng = np.random.default_rng([5, number])
+    body_name, coupling = list(BODIES)[number % 6], COUPLINGS[number % 5]
+    body, count = BODIES[body_name], int(rng.integers(3, 6))
+    friction = float(rng.choice([0.3, 0.5, 0.8]))
+    contacts = [ng.FrictionContact(friction)] * (count - 1)
+    if body.space == 3:
+        contacts[0] = ng.SoftContact(friction, 0.005)
+    contacts.append(ng.PointContact() if count > 3 else ng.FrictionContact(0.5 * friction))
+    semi_axes = rng.uniform(0.5, 1.0, 2) if body.space == 2 else rng.uniform(0.5, 1.0, 3)
+    torques = rng.uniform(0.3, 1.0, 1 if body.space == 2 else 3) * 0.5 * body.size
+    task = ng.TaskEllipsoid([*semi_axes, *torques])
+    name = f"{body_name}, {coupling}, {count} contacts, friction {friction}"
+    return name, ng.GraspProblem(body, contacts, task, constraints=_coupled(coupling, body, rng), name=name)
+
+
+def _coupled(coupling, body, rng):
+    lower, upper = np.array(body.bounds)
+    size, axis = float(np.min(upper - lower)), int(np.argmax(upper - lower))
+    middle, unit = 0.5 * (lower + upper), np.eye(body.space)[axis]
+    match coupling:
+        case "near":
+            return [ng.Spread(max=float(rng.uniform(1.0, 1.4)) * size)]
+        case "apart":
+            return [ng.Spread(min=float(rng.uniform(0.3, 0.6)) * size)]
+        case "mirrored":
+            return [ng.Symmetric((0, 1), unit, float(middle @ unit), 1e-3)]
+        case "level":
+            off = float(rng.uniform(0.0, 0.1)) * size
+            return [ng.Constraint("level", lambda p, n: p[0][axis] - p[1][axis], -off, off), ng.Spread(min=0.2 * size)]
+    ends = np.quantile([lower[axis], upper[axis]], [0.0, 0.5, 1.0])
+    halves = []
+    for a, b in pairwise(ends):
+        corners = lower.copy() - size, upper.copy() + size
+        corners[0][axis], corners[1][axis] = a - 0.02 * size, b + 0.02 * size
+        halves.append(ng.BoxRegion(*corners))
+    return [ng.Workspace(halves[0], [0]), ng.Workspace(halves[1], [1]), ng.Spread(max=1.6 * size)]
+
+
+def random_problems(numbers):
+    shares = []
+    for number in numbers:
+        name, problem = coupled_problem(number)
+        begun = time.process_time()
+        solved = [_value(ng.solve(problem, seed=seed, options=OPTIONS)) for seed in range(SEEDS)]
+        spent = (time.process_time() - begun) / SEEDS
+        known = max(*solved, _value(ng.solve(problem, MANY, ANOTHER, OPTIONS)))
+        shares += [value / known if known > 0.0 else 1.0 for value in solved]
+        low = "".join(f"  {share:.1%}" for share in shares[-SEEDS:] if share < NEAR)
+        print(
+            f"{number} {name}: {', '.join(f'{v:.4f}' for v in solved)} of {known:.4f}, {spent:.1f} s{low}", flush=True
+        )
+    print(f"{np.mean(np.array(shares) >= NEAR):.1%} of {len(shares)} within 2 % of the best known (aim 95 %)")
+
+
+def example():
+    """A cylinder held within five centimetres by a point, two friction and a soft contact."""
+    contacts = [ng.PointContact(), ng.FrictionContact(0.5), ng.FrictionContact(0.5), ng.SoftContact(0.5, 0.005)]
+    task = ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.01])
+    near = [ng.Spread(max=0.05)]
+    problem = ng.GraspProblem(ng.Cylinder(0.02, 0.15), contacts, task, constraints=near, edge_margin=0.001)
+    found = [_value(ng.solve(problem, seed=seed)) for seed in range(EXAMPLE_SEEDS)]
+    print(f"cylinder within 5 cm, {EXAMPLE_SEEDS} seeds: {', '.join(f'{v:.4f}' for v in found)} (aim 0.52 each)")
+
+
+def _value(solution):
+    return solution.mu.lower if solution.success else 0.0
