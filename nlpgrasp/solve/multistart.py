@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import chain
@@ -38,6 +38,8 @@ from nlpgrasp.solve.workbench.clock import Clock
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workers.one_thread import one_thread
 from nlpgrasp.solve.workers.pool import NOT_BEGUN, Runner
+
+TOGETHER = 8  # starts that candidates are proposed for together
 
 
 class Multistart:
@@ -151,16 +153,25 @@ class Multistart:
         self.results.sort(key=lambda r: r.record.index)
         self._clock.mark("starts")
 
-    def _proposed(self) -> list[Sequence[Placed]]:
-        """Return the candidates of each start asked for; none after failed numerics, where starts are failed ones."""
-        count = self.runner.count
-        try:
-            proposed = propose(self.runner.bench, np.random.default_rng([self.seed, 0]), starts=count)
-        except FAILURES as error:
-            self.results += [failed(index, error) for index in range(count)]
-            return []
-        self._clock.mark("propose")
-        return shares(proposed, count)
+    def _proposed(self) -> Iterator[tuple[int, Sequence[Placed]]]:
+        """Yield the number and the candidates of each start asked for, proposed for some at a time, until a stop.
+
+        Where numerics fail, starts are failed ones.
+        """
+        for first in range(0, self.runner.count, TOGETHER):
+            if self.stop.requested():
+                return
+            numbers = range(first, min(first + TOGETHER, self.runner.count))
+            rng = np.random.default_rng([self.seed, first])
+            if first:
+                self._clock.mark("starts")
+            try:
+                proposed = propose(self.runner.bench, rng, starts=len(numbers))
+            except FAILURES as error:
+                self.results += [failed(index, error) for index in numbers]
+                continue
+            self._clock.mark("propose")
+            yield from zip(numbers, shares(proposed, len(numbers)), strict=True)
 
     def add(self, warm: WarmStart, improve: bool = True) -> bool:
         """Run a warm start in this process; return whether the best mu rose by more than its certificate's gap."""

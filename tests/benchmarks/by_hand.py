@@ -12,8 +12,8 @@ import nlpgrasp as ng
 from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.nlp import CompiledProgram, optimal_grasp_program
 from nlpgrasp.quality.certificate.minimise import random_directions
-from nlpgrasp.solve.start.run import run_start
 from nlpgrasp.solve.start.propose import propose
+from nlpgrasp.solve.start.run import run_start
 from nlpgrasp.solve.workbench.placed import Placed
 from nlpgrasp.solve.workbench.variables import placed_of, variables_of
 from nlpgrasp.solve.workbench.workbench import Workbench

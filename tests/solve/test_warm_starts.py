@@ -44,7 +44,7 @@ def test_a_grasp_that_breaks_a_constraint_is_refined_alone(known):
     above = box(constraints=[ng.Table(float(np.min(known.grasp.points[:, 2])) + 0.002)])
     found = ng.solve(above, 1, options=OPTIONS, warm_starts=[known])
     assert [start.origin for start in found.starts] == [Origin.RANDOM, Origin.WARM_START]
-    assert found.starts[1].message == Origin.WARM_START.value
+    assert found.starts[1].message.startswith(Origin.WARM_START.value)
 
 
 def test_normals_are_those_of_the_body(known):

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import pickle
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 from typing import TypeVar, cast
 
 from loky.process_executor import BrokenProcessPool
@@ -28,6 +29,9 @@ from nlpgrasp.solve.workers.processes import Processes, cores
 Item = TypeVar("Item")
 Found = TypeVar("Found")
 NOT_BEGUN = "not begun"
+WAITING = 4  # starts per worker that are under way or wait for one
+Candidates = Iterable[tuple[int, Sequence[Placed]]]
+"""Numbers of starts with the candidates of each."""
 GRACE = 10.0  # seconds in-flight starts get to finish after a stop
 
 
@@ -74,8 +78,8 @@ class Runner:
         for _ in range(self.workers):
             processes.submit(_compile, self._parcel)
 
-    def starts(self, candidates: Sequence[Sequence[Placed]], seed: int, stop: Stop) -> Iterator[StartResult]:
-        """Yield the result of a start from each sequence of candidates as it is done, in any order."""
+    def starts(self, candidates: Candidates, seed: int, stop: Stop) -> Iterator[StartResult]:
+        """Yield the result of each start, given by its number and candidates, as it is done, in any order."""
         if self.workers == 1:
             yield from self._here(candidates, seed, stop)
         else:
@@ -111,18 +115,21 @@ class Runner:
             self._bench = Workbench(self.problem, self.options)
         return self._bench
 
-    def _here(self, candidates: Sequence[Sequence[Placed]], seed: int, stop: Stop) -> Iterator[StartResult]:
-        """Run the starts in this process; once a stop is requested the running start finishes with what it has."""
-        for index, own in enumerate(candidates):
-            if stop.requested():
+    def _here(self, candidates: Candidates, seed: int, stop: Stop) -> Iterator[StartResult]:
+        """Run the starts in this process; after a stop request the running one, or the first, ends with what it has."""
+        for index, own in candidates:
+            if stop.requested() and index:
                 break
             yield run_start(self.bench, index, seed, stop, candidates=own)
 
-    def _in_processes(self, candidates: Sequence[Sequence[Placed]], seed: int, stop: Stop) -> Iterator[StartResult]:
+    def _in_processes(self, candidates: Candidates, seed: int, stop: Stop) -> Iterator[StartResult]:
         parcel, processes = cast("Parcel[LazyBench[_Asked]]", self._parcel), Processes(self.workers)
-        pending = {processes.submit(_work, parcel, i, own, seed, stop): i for i, own in enumerate(candidates)}
-        give_up = None
-        while pending:
+        waiting, pending, give_up = iter(candidates), dict[Future[StartResult], int](), None
+        while True:
+            for index, own in islice(waiting, max(0, WAITING * self.workers - len(pending))):
+                pending[processes.submit(_work, parcel, index, own, seed, stop)] = index
+            if not pending:
+                break
             done, _ = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
             for future in done:
                 yield _result(future, pending.pop(future))
@@ -143,8 +150,8 @@ def _compile(parcel: Parcel[LazyBench[_Asked]]) -> None:
 def _work(
     parcel: Parcel[LazyBench[_Asked]], index: int, candidates: Sequence[Placed], seed: int, stop: Stop
 ) -> StartResult:
-    """Run one start in a worker, unless it is too late to begin."""
-    if stop.requested():
+    """Run one start in a worker, unless it is too late to begin any but the first."""
+    if stop.requested() and index:
         return StartResult(StartRecord(index, Status.TIME_LIMIT, message=NOT_BEGUN))
     return run_start(parcel.unpacked().bench, index, seed, stop, candidates=candidates)
 
