@@ -13,7 +13,8 @@ from nlpgrasp.solve.workbench.programs import follows_contacts
 
 NODES, OF_FLAT, OF_MESH = 400, 1000, 160  # of many starts' bound; where faces are flat a node takes less
 BESIDE_A_HAND = 100
-ONE, ONE_OF_FLAT, EACH = 0.15, 0.65, 0.35  # share of these nodes for one start, and for each other one
+EFFORT = 20_000_000  # supports evaluated in curved cells for many starts' bound, after which it ends: about 3 seconds
+ONE, ONE_OF_FLAT, EACH = 0.15, 0.65, 0.35  # share of these for one start, and for each other one
 GAP = 0.01  # that the bound aims at where none is asked for
 SHARE = 0.7  # of a gap asked for that the tree closes; the rest is the answer's own certificate
 STRIDE = 1000  # nodes between two starts that go on after the others
@@ -30,10 +31,21 @@ def bounding(problem: GraspProblem, options: SolveOptions) -> BranchAndBound | N
         return None
 
 
+def effort_of(problem: GraspProblem, starts: int) -> float:
+    """Return the effort at which the short branch and bound for a number of starts ends."""
+    return _share(problem, starts) * EFFORT
+
+
+def _share(problem: GraspProblem, starts: int) -> float:
+    """Return the share of many starts' bound for a number of them."""
+    flat = isinstance(problem.body, Box | Prism)
+    return min(1.0, (ONE_OF_FLAT if flat else ONE) + EACH * (starts - 1))
+
+
 def nodes_of(problem: GraspProblem, starts: int) -> int:
-    """Return the number of nodes of the short branch and bound for a number of starts: one to four seconds."""
+    """Return the number of nodes of the short branch and bound for a number of starts."""
     flat, mesh = isinstance(problem.body, Box | Prism), isinstance(problem.body, Mesh)
-    share = min(1.0, (ONE_OF_FLAT if flat else ONE) + EACH * (starts - 1))
+    share = _share(problem, starts)
     if follows_contacts(problem):
         return int(share * (OF_MESH if mesh else OF_FLAT if flat else NODES))
     smooth = flat or isinstance(problem.budget, L2Budget)

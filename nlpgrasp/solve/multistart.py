@@ -26,7 +26,7 @@ from nlpgrasp.solve.after.why_not import diagnosis
 from nlpgrasp.solve.analyse import analyses_of, asked, with_analyses
 from nlpgrasp.solve.answer import Search, answer, solver_record
 from nlpgrasp.solve.ascent.state import Effort
-from nlpgrasp.solve.bounding import OFFERED, STRIDE, bounding, nodes_of, why_not_bounded
+from nlpgrasp.solve.bounding import OFFERED, STRIDE, bounding, effort_of, nodes_of, why_not_bounded
 from nlpgrasp.solve.many.collection import ONE, Collection, Keeping
 from nlpgrasp.solve.progress import Progress
 from nlpgrasp.solve.squeeze import with_squeezes
@@ -327,8 +327,9 @@ class Multistart:
             weak = np.array(best.kkt.directions) if best.kkt is not None and best.kkt.directions else None
             self._tree.expect(best.record.mu.lower, weak)
         if self.runner.options.gap is None:
-            nodes = nodes_of(self.runner.problem, self.runner.count) - self._nodes
-            self._tree.grow(nodes, self.stop.requested)
+            asked = self.runner.problem, self.runner.count
+            tree, most = self._tree, effort_of(*asked)
+            tree.grow(nodes_of(*asked) - self._nodes, lambda: self.stop.requested() or tree.effort > most)
         return self._tree.bound()
 
     def _analysed(self, solution: GraspSolution, best: StartGrasp | None) -> GraspSolution:

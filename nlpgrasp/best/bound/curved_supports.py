@@ -154,6 +154,7 @@ class _Look:
         supports, weights = self._supports, self._weights[owner][:, None]
         points, normals = (x.reshape(n, v, 3) for x in patches.contacts(vertices.reshape(n * v, q)))
         powers, speed, turning = supports.at(points, normals, self._twists[owner])
+        supports.looked += powers.size
         np.maximum.at(self._met, owner, np.max(np.sum(powers * weights, axis=2), axis=1))
         quarters = vertices[:, into].reshape(-1, into.shape[1], q)
         bends = patches.bends(quarters).reshape(n, len(into), 1, 2, 3)

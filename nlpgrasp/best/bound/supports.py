@@ -54,6 +54,11 @@ class Supports:
     measure : Measure
     origin : (space,) array
         Torque origin, metres, body frame.
+
+    Attributes
+    ----------
+    looked : int
+        Supports inside curved cells evaluated so far, most of a search's effort.
     """
 
     def __init__(self, contact: ContactModel, measure: Measure, origin: FloatArray) -> None:
@@ -70,6 +75,7 @@ class Supports:
         self._numbers: list[IntArray] = []
         self.curved: list[tuple[Between, ...]] = []
         self._balls: list[tuple[FloatArray, float]] = []
+        self.looked = 0
         self.widest, self.bent = 0.0, False  # radius of the largest cell; whether any has curved parts
 
     def add(self, cell: Cell) -> None:
