@@ -106,7 +106,9 @@ def solve(
     keeping = Keeping(keep, distinct)
     listener = told(progress, starts)
     known = check_warm_starts(problem, warm_starts)
-    solution = _run(Runner(problem, options.narrow(), starts), seed, keeping, listener, known)
+    runner = Runner.going_on(problem, options.narrow(), starts)
+    solution = _run(runner, seed, keeping, listener, known)
+    runner.keep()
     if throw and not solution.success:
         raise NoGraspError(solution.status.value, solution)
     return solution

@@ -32,6 +32,7 @@ NOT_BEGUN = "not begun"
 WAITING = 4  # starts per worker that are under way or wait for one
 Candidates = Iterable[tuple[int, Sequence[Placed]]]
 """Numbers of starts with the candidates of each."""
+_kept: list[Runner] = []  # the last solve's, at most one, and nobody's while it is here
 GRACE = 10.0  # seconds in-flight starts get to finish after a stop
 
 
@@ -65,12 +66,26 @@ class Runner:
         self._bench = bench
         self._parcel: Parcel[LazyBench[_Asked]] | None = None
 
+    @classmethod
+    def going_on(cls, problem: GraspProblem, options: SolveOptions, starts: int) -> Runner:
+        """Return a runner that compiles nothing anew where the runner kept last had the same problem and options."""
+        last = _kept.pop() if _kept else None
+        new = cls(problem, options, starts)
+        if last is not None and last.problem is problem and last.options == options:
+            new._bench = last._bench
+            new._parcel = last._parcel if new.workers > 1 else None
+        return new
+
+    def keep(self) -> None:
+        """Keep what was compiled for the next solve, if that is of the same problem."""
+        _kept[:] = [self]
+
     def prepare(self) -> None:
         """Begin to compile the problem in worker processes, where there are any."""
         if self.workers == 1:
             return
         try:
-            self._parcel = Parcel.of(LazyBench(partial(_Asked, self.problem, self.options)))
+            self._parcel = self._parcel or Parcel.of(LazyBench(partial(_Asked, self.problem, self.options)))
         except (TypeError, ValueError, AttributeError, pickle.PicklingError) as error:
             reason = f"{type(error).__name__}: {error}"
             raise InputError("problem", reason, "parts that can be sent to worker processes, or workers=1") from None

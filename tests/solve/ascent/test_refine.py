@@ -70,7 +70,7 @@ def test_where_it_is_led_astray_it_begins_again():
     body = ng.Polygon([[0.0, 0.0], [0.08, 0.0], [0.1, 0.04], [0.04, 0.08], [-0.01, 0.05]])
     task = ng.TaskEllipsoid([1.0, 1.0, 0.04], center=[0.5, 1.2, 0.0])
     problem = ng.GraspProblem(body, [ng.FrictionContact(0.5)] * 3, task)
-    solution = ng.solve(problem, starts=8, options=ng.SolveOptions(workers=1, global_bound=False))
+    solution = ng.solve(problem, starts=8, options=ng.SolveOptions(workers=1, global_bound=False, rank="mu"))
     assert solution.mu.lower >= 0.6
 
 
