@@ -41,13 +41,14 @@ def solve(
 ) -> GraspSolution:
     """Find the best grasp over several seeded starts and certify it.
 
-    Starts exchange contacts of random tuples of surface samples one at a time; hands with a pose of their own do so
-    over what their fingers reach from many palms. Cutting planes in a trust region refine the best candidates: steps
-    are quadratic programs of the program's linearisation with the Lagrangian's curvature, or IPOPT's where the program
-    holds forces. Their ends are certified on the body itself, and the links of a hand are measured there. The answer is
-    the start with the best certified bounds whose hand is free and comes to it freely, if any is. A branch and bound
-    over all placements, where it covers the problem, bounds mu from above: ``solution.gap`` says how far the answer is
-    from the best possible, at most, and with ``SolveOptions(gap=...)`` the search goes on until it is as close as that.
+    Candidates come from random tuples of surface samples, whose contacts are exchanged one at a time; hands with a pose
+    of their own do so over what their fingers reach from many palms. Each start refines its own candidates by cutting
+    planes in a trust region, whose steps are quadratic programs of the program's linearisation with the Lagrangian's
+    curvature, or IPOPT's where the program holds forces. Their ends are certified on the body itself, and the links of
+    a hand are measured there. The answer is the start with the best certified bounds whose hand is free and comes to it
+    freely, if any is. A branch and bound over all placements, where it covers the problem, bounds mu from above:
+    ``solution.gap`` says how far the answer is from the best possible, at most, and with ``SolveOptions(gap=...)`` the
+    search goes on until it is as close as that.
     The same seed gives the same answer with any number of workers (unless a time limit or Ctrl-C cuts the solve short).
 
     Parameters
