@@ -1,4 +1,4 @@
-"""The baseline: 60 problems, three seeds of eight starts, each a cold call; beside what is stored in baseline.json.
+"""The baseline: 60 problems, three seeds of eight starts, each in a process of its own; beside what is stored in baseline.json.
 
 ``baseline`` compares with the stored file, ``baseline:store`` writes it, ``baseline:jaw`` compares one group.
 Seconds are of CPU, over those of a fixed piece of work that is timed in the same run.
@@ -57,8 +57,8 @@ def work_unit():
 def solved(asked):
     """Return what a default solve of problem ``number`` with a seed found and cost, as JSON data."""
     number, seed = asked
-    begun = time.process_time()
     problem = list(baseline_problems())[number][2]
+    begun = time.process_time()
     solution = ng.solve(problem, starts=STARTS, seed=seed, options=ng.SolveOptions(workers=1))
     spent = time.process_time() - begun
     stages = {name: s for name, s in solution.solver["seconds"].items() if name not in OWN_STAGES and s >= 0.001}
