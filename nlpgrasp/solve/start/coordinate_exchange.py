@@ -33,7 +33,7 @@ from nlpgrasp.solve.workbench.workbench import FEASIBLE, Workbench
 
 KEPT = 8  # candidates kept between rounds of exchanges, and perturbed in each; twice as many are begun with
 DRAWN = 2048  # random tuples drawn, of which the best are half of those that exchanges begin with
-SHAKES = 6  # rounds of random perturbation and exchange
+SHAKES = 6  # rounds of random perturbation and exchange for one start; one more for each other
 SWEEPS = 4  # sweeps of exchanges over all contacts, at most
 WEAK = 24  # directions in which all samples are compared: the weakest of the remaining contacts
 LIKELY = 16  # shortlisted samples, compared in all directions
@@ -67,7 +67,7 @@ def exchanged_candidates(
     """
     tables = bench.sample_tables
     search = CoordinateExchange(bench, tables, rng, max(KEPT, count // 2))
-    tuples = search.search(SHAKES, tables.nearest(known))
+    tuples = search.search(SHAKES + count // PROPOSED - 1, tables.nearest(known))
     met = search.best(np.concatenate([tuples, *search.met]), MOST_MET)
     jaws = isinstance(bench.problem.hand, ParallelJaw)
     if jaws:
