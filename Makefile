@@ -22,7 +22,7 @@ test-all: $(READY)
 	$(BIN)/python -m pytest -n auto --dist worksteal
 
 bench: $(READY)
-	$(BIN)/python -m tests.benchmarks
+	$(BIN)/python -m benchmarks
 
 lint: $(READY)
 	$(BIN)/ruff check .

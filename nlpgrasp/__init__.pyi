@@ -1,7 +1,8 @@
 """Task-oriented optimal grasps by nonlinear programming, with certified bounds on their quality."""
 
 from nlpgrasp import hands
-from nlpgrasp.best import BestPossible
+from nlpgrasp.analysis.analyse import analyse
+from nlpgrasp.analysis.squeeze import squeeze
 from nlpgrasp.bodies import (
     Box,
     Cylinder,
@@ -49,11 +50,14 @@ from nlpgrasp.experiments import (
     run_experiment,
     solve_many,
 )
+from nlpgrasp.global_bound import BestPossible
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.grasp.stack import GraspStack
 from nlpgrasp.hands import CapsuleTip, CylinderTip, EllipsoidTip, Fingertips, FlatTip, ParallelJaw, SphereTip, URDFHand
 from nlpgrasp.mjcf import HandSceneOptions
 from nlpgrasp.nlp.formulate import Formulation, FormulationResult, formulate
+from nlpgrasp.optimize import SolveOptions, best_possible
+from nlpgrasp.pipeline.solve import solve
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import (
     Bounds,
@@ -91,8 +95,6 @@ from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solution.squeezed.joints import JointSqueeze
 from nlpgrasp.solution.squeezed.squeeze import Squeeze
-from nlpgrasp.solve import SolveOptions, analyse, best_possible, solve
-from nlpgrasp.solve.squeeze import squeeze
 from nlpgrasp.studies import (
     BlockedDirection,
     ContactCurve,

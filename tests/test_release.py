@@ -68,7 +68,7 @@ def test_the_sdist_holds_what_a_checkout_does(built):
             "docs/index.md",
             "paper/paper.md",
             "problems/pencil.py",
-            "studies/peers/run.py",
+            "benchmarks/peers/run.py",
             "tests/test_release.py",
             "nlpgrasp/version.py",
         }

@@ -26,8 +26,8 @@ def asked_analyses(words: str | None, quick: bool, hand: Hand | None) -> tuple[s
     """
     if quick and words is not None:
         raise InputError("--quick", f"--with {words} beside it", "one of the two")
-    from nlpgrasp.solve.analyse import all_analyses, check_hand
-    from nlpgrasp.solve.options import check_analyses
+    from nlpgrasp.analysis.analyse import all_analyses, check_hand
+    from nlpgrasp.optimize.options import check_analyses
 
     if words is None:
         return () if quick else all_analyses(hand)
@@ -48,7 +48,7 @@ def add_analyses(solution: ng.GraspSolution, names: tuple[str, ...], file: Path,
     as_json : bool
         Tell one JSON object a line.
     """
-    from nlpgrasp.solve.analyse import one_by_one
+    from nlpgrasp.analysis.analyse import one_by_one
 
     begun, known = time.monotonic(), str(solution).splitlines()
     analysed = solution

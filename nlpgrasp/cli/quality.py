@@ -104,7 +104,7 @@ def complete(file: Path, problem: Callable[[], GraspProblem] | None = None) -> G
     problem : callable, optional
         Returns the problem that was solved.
     """
-    from nlpgrasp.solve.analyse import added_words
+    from nlpgrasp.analysis.analyse import added_words
 
     solution = ng.GraspSolution.load(file)
     if solution.grasp is None:

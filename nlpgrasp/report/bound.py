@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nlpgrasp.best import BestPossible
-from nlpgrasp.best.worth import ContactWorth
 from nlpgrasp.bodies.mesh.triangles import triangles
 from nlpgrasp.common.extras.pyplot import pyplot, show_at_one_scale, write_figure
 from nlpgrasp.common.shown.drawing import Triangles
 from nlpgrasp.common.shown.palette import COLOURS
 from nlpgrasp.common.spatial import in_space
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.global_bound import BestPossible
+from nlpgrasp.global_bound.worth import ContactWorth
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.report.scene.surfaces import cut
 

@@ -19,18 +19,18 @@ from scipy.optimize import linear_sum_assignment
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.optimize.options import SolveOptions, check_search
+from nlpgrasp.optimize.start.result import StartGrasp
+from nlpgrasp.optimize.start.warm_starts import WarmStart
+from nlpgrasp.optimize.workbench.workbench import Workbench
+from nlpgrasp.optimize.workers.one_thread import one_thread
+from nlpgrasp.optimize.workers.pool import Runner
+from nlpgrasp.pipeline.multistart import Multistart
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import mu
 from nlpgrasp.solution.obstructions import of_the_grasp
 from nlpgrasp.solution.records import Origin
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.solve.multistart import Multistart
-from nlpgrasp.solve.options import SolveOptions, check_search
-from nlpgrasp.solve.start.result import StartGrasp
-from nlpgrasp.solve.start.warm_starts import WarmStart
-from nlpgrasp.solve.workbench.workbench import Workbench
-from nlpgrasp.solve.workers.one_thread import one_thread
-from nlpgrasp.solve.workers.pool import Runner
 
 RTOL = 0.005  # largest relative gap of certificates, as moves depend on some percent
 ROUNDS = 8  # most rounds of a refinement, which begins near a local optimum

@@ -11,8 +11,8 @@ import nlpgrasp as ng
 from nlpgrasp.experiments.found.digest import body_of
 from nlpgrasp.experiments.run.folder import HANDED_ON, OWN
 from nlpgrasp.experiments.run.resume import improved
+from nlpgrasp.optimize.workbench.workbench import Workbench
 from nlpgrasp.solution.measures.global_bound import GlobalBound
-from nlpgrasp.solve.workbench.workbench import Workbench
 from tests.experiments.small import QUICK, base, experiment
 from tests.hands.urdf import four_finger_hand
 

@@ -5,11 +5,11 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.optimize.ascent.steps.torque_cuts import torque_cuts
+from nlpgrasp.optimize.workbench.placed import Placed
+from nlpgrasp.optimize.workbench.variables import hand_of, points_of, variables_of
+from nlpgrasp.optimize.workbench.workbench import Workbench
 from nlpgrasp.quality import WrenchSet
-from nlpgrasp.solve.ascent.steps.torque_cuts import torque_cuts
-from nlpgrasp.solve.workbench.placed import Placed
-from nlpgrasp.solve.workbench.variables import hand_of, points_of, variables_of
-from nlpgrasp.solve.workbench.workbench import Workbench
 from tests.hands.urdf import FOUR, FOUR_TIPS, four_finger_hand
 from tests.once import solve_once
 

@@ -17,8 +17,8 @@ from nlpgrasp.hands.inspection.inspected import without_fingertips
 from nlpgrasp.hands.inspection.inspection import inspect
 from nlpgrasp.interop.registry import formats
 from nlpgrasp.mjcf.hand_scene.scene import mjcf_with_hand
+from nlpgrasp.motion.space.link_depth import LinkDepths
 from nlpgrasp.report.solution.panel import facts
-from nlpgrasp.solve.space.link_depth import LinkDepths
 from tests.hands.described import in_millimetres, two_fingers
 
 TASK = ng.TaskEllipsoid([1, 1, 1, 0.01, 0.01, 0.01])

@@ -252,7 +252,7 @@ def test_options_of_ipopt_reach_the_solver():
     options = ng.SolveOptions(ipopt={"mu_strategy": "adaptive", "max_iter": 7})
     assert options.to_dict()["ipopt"] == {"mu_strategy": "adaptive", "max_iter": 7}
     assert "ipopt" not in ng.SolveOptions().to_dict()
-    from nlpgrasp.solve.workbench.workbench import Workbench
+    from nlpgrasp.optimize.workbench.workbench import Workbench
 
     bench = Workbench(box_problem(), options)
     assert bench.first._options["ipopt.max_iter"] == 7

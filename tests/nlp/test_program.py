@@ -100,11 +100,11 @@ def test_vertex_program_bounds_the_measure_from_below():
     """With inradius r of the directions, a centred task has mu >= r beta at any feasible point."""
     from nlpgrasp.common.directions import inradius
     from nlpgrasp.nlp import face_parameters
-    from nlpgrasp.solve.options import SolveOptions
-    from nlpgrasp.solve.start.first_program import first_parameters
-    from nlpgrasp.solve.workbench.placed import Placed
-    from nlpgrasp.solve.workbench.variables import placed_of, variables_of
-    from nlpgrasp.solve.workbench.workbench import Workbench
+    from nlpgrasp.optimize.options import SolveOptions
+    from nlpgrasp.optimize.start.first_program import first_parameters
+    from nlpgrasp.optimize.workbench.placed import Placed
+    from nlpgrasp.optimize.workbench.variables import placed_of, variables_of
+    from nlpgrasp.optimize.workbench.workbench import Workbench
 
     bench = Workbench(ellipsoid_problem(k=4), SolveOptions())
     rng = np.random.default_rng(0)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.solve.surface.beside import edge_distances
-from nlpgrasp.solve.workbench.placed import Placed
+from nlpgrasp.optimize.surface.beside import edge_distances
+from nlpgrasp.optimize.workbench.placed import Placed
 from tests.quick import first
 
 QUICK = ng.SolveOptions(workers=1)

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.best.worth import ContactWorth
+from nlpgrasp.global_bound.worth import ContactWorth
 from nlpgrasp.report import write_report
 from nlpgrasp.report.solution.worth import EXCLUDED, SCALE, _colour, coloured, worth
 

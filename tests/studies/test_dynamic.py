@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.solve import multistart
-from nlpgrasp.solve.multistart import Multistart
+from nlpgrasp.pipeline import multistart
+from nlpgrasp.pipeline.multistart import Multistart
 from problems.filling_cup import center_of_mass, filled
 from tests.hands.urdf import four_finger_hand
 from tests.studies.random_paths import compared, random_path

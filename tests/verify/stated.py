@@ -7,10 +7,10 @@ import numpy as np
 import trimesh
 
 import nlpgrasp as ng
+from nlpgrasp.optimize.surface.beside import beside
+from nlpgrasp.optimize.workbench.placed import Placed
+from nlpgrasp.optimize.workbench.row_values import RowValues
 from nlpgrasp.solution.records import ConstraintReport
-from nlpgrasp.solve.surface.beside import beside
-from nlpgrasp.solve.workbench.placed import Placed
-from nlpgrasp.solve.workbench.row_values import RowValues
 from nlpgrasp.verify.recomputed import recomputed
 from nlpgrasp.verify.sources import Sources
 

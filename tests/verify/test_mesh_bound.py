@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.best.branch_and_bound import BranchAndBound
-from nlpgrasp.best.cells import mesh
+from nlpgrasp.global_bound.branch_and_bound import BranchAndBound
+from nlpgrasp.global_bound.cells import mesh
 from nlpgrasp.verify.bound.cells.mesh import halved
 from nlpgrasp.verify.bound.proof import Proof
 from nlpgrasp.verify.sources import Sources
-from tests.best.samples import bent_bar
+from tests.global_bound.samples import bent_bar
 from tests.quick import first
 from tests.verify.edits import put
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.solve.phases.keyframes import keyframes
-from nlpgrasp.solve.squeeze import with_squeeze
+from nlpgrasp.analysis.squeeze import with_squeeze
+from nlpgrasp.motion.phases.keyframes import keyframes
 from tests.hands.urdf import FOLDER, three_finger_hand
 from tests.studies.held_box import grasped
 from tests.verify import honest

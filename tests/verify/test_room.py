@@ -5,9 +5,9 @@ from functools import cache
 import pytest
 
 import nlpgrasp as ng
+from nlpgrasp.optimize.posture.margins import Margins
 from nlpgrasp.solution.joint_room import JointRoom, room_lines
 from nlpgrasp.solution.records import StartRecord, Status
-from nlpgrasp.solve.posture.margins import Margins
 from nlpgrasp.verify.claims.outcome import outcome_checks
 from tests.hands.urdf import FOLDER, three_finger_hand
 from tests.verify import honest

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.solve.squeeze import with_squeeze
+from nlpgrasp.analysis.squeeze import with_squeeze
 from nlpgrasp.verify.claims.squeeze import squeeze_checks
 from tests.hands.urdf import FOLDER, three_finger_hand
 from tests.verify import honest

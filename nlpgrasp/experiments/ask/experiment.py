@@ -10,10 +10,10 @@ from functools import partial
 from nlpgrasp.common.validation import integer
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.ask.variation import Case, Variation, case_of, settled_changes
+from nlpgrasp.optimize import SolveOptions
+from nlpgrasp.optimize.many.collection import Keeping
+from nlpgrasp.pipeline.solve import check_json
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.solve import SolveOptions
-from nlpgrasp.solve.many.collection import Keeping
-from nlpgrasp.solve.solve import check_json
 
 
 @dataclass(frozen=True, order=True)

@@ -11,9 +11,9 @@ from nlpgrasp.common.validation import integer, number
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Fingertips
+from nlpgrasp.optimize import SolveOptions
+from nlpgrasp.optimize.many.collection import ONE, Keeping
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.solve import SolveOptions
-from nlpgrasp.solve.many.collection import ONE, Keeping
 
 Changes: TypeAlias = Mapping[str, Any]
 """Fields of a problem by name, and the values that replace them: of any field's type."""

@@ -14,7 +14,7 @@ from loky.process_executor import BrokenProcessPool
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.ask.experiment import SolveId
 from nlpgrasp.experiments.run.work import Job, Outcome, work
-from nlpgrasp.solve.workers.processes import own_processes
+from nlpgrasp.optimize.workers.processes import own_processes
 
 IDLE = 30.0  # seconds after which idle workers end
 LOOK = 0.2  # seconds between checks for Ctrl-C, which an endless wait misses on some systems

@@ -11,9 +11,9 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.ask.experiment import Experiment, SolveId
 from nlpgrasp.experiments.run.folder import Folder
 from nlpgrasp.experiments.run.run import Progress, run_solves
+from nlpgrasp.optimize.options import SolveOptions
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.solve.options import SolveOptions
 
 NAME = "many problems"  # name of the folder's experiment
 Made = Callable[[], GraspProblem]

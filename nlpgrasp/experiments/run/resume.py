@@ -8,15 +8,15 @@ import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.grasp.stack import GraspStack
+from nlpgrasp.optimize.start.result import StartGrasp, best_of
+from nlpgrasp.optimize.start.warm_starts import WarmStart, adapted, certify_as_is, refine_warm_start
+from nlpgrasp.optimize.workbench.workbench import Workbench
+from nlpgrasp.optimize.workers.one_thread import one_thread
+from nlpgrasp.optimize.workers.pool import Runner
+from nlpgrasp.pipeline.multistart import Multistart
 from nlpgrasp.quality import Bounds, screen
 from nlpgrasp.solution.many.found import FoundGrasp
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.solve.multistart import Multistart
-from nlpgrasp.solve.start.result import StartGrasp, best_of
-from nlpgrasp.solve.start.warm_starts import WarmStart, adapted, certify_as_is, refine_warm_start
-from nlpgrasp.solve.workbench.workbench import Workbench
-from nlpgrasp.solve.workers.one_thread import one_thread
-from nlpgrasp.solve.workers.pool import Runner
 
 MARGIN = 1e-3  # least relative excess of a better grasp's certified upper bound
 FINEST = 2e-4  # relative gap of a certificate that has to distinguish two grasps

@@ -22,8 +22,8 @@ from nlpgrasp.experiments.run.hand_on import Handing
 from nlpgrasp.experiments.run.local import run_local
 from nlpgrasp.experiments.run.plan import plan_of
 from nlpgrasp.experiments.run.work import Outcome, Packer
+from nlpgrasp.optimize.workers.processes import cores
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.solve.workers.processes import cores
 
 Progress = Callable[[SolveRecord], None]
 INTERRUPTED = "Interrupted: go on with --resume; in Python with resume=True, of ng.solve_many by calling it again."

@@ -13,12 +13,12 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.ask.experiment import Experiment, SolveId
 from nlpgrasp.experiments.ask.variation import Case
 from nlpgrasp.experiments.run.resume import improved
+from nlpgrasp.optimize.workers.parcel import LazyBench, Parcel
+from nlpgrasp.pipeline.solve import check_json, solve_again
 from nlpgrasp.solution.file import text_of
 from nlpgrasp.solution.many.found import FoundGrasp
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.solve.solve import check_json, solve_again
-from nlpgrasp.solve.workers.parcel import LazyBench, Parcel
 
 _one_at_a_time = threading.Lock()  # IPOPT's linear solver is not thread-safe
 

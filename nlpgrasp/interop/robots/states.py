@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from nlpgrasp.analysis.squeeze import squeeze_for_task
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, within
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.jaw_pose import APPROACH_AXIS, CLOSING_AXIS, own_axes
 from nlpgrasp.solution.obstructions import of_the_grasp, of_the_way
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.solve.squeeze import squeeze_for_task
 
 FINGER_JOINT = "finger_joint"  # default joint of parallel jaws; its position is the opening
 UNKNOWN_WAY = "the file states no way in"

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from nlpgrasp.analysis.analyse import added_words, analyse
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.solve.analyse import added_words, analyse
 
 
 def completed(solution: GraspSolution) -> tuple[GraspSolution, str]:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
-from nlpgrasp.best.worth import ContactWorth
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.shown.drawing import Triangles
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
+from nlpgrasp.global_bound.worth import ContactWorth
 from nlpgrasp.problem.from_dict import problem_from_dict
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.report.scene.surfaces import cut, packed

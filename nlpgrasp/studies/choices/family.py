@@ -19,16 +19,16 @@ import numpy as np
 from nlpgrasp.bodies import Body
 from nlpgrasp.bodies.registry import body_from_dict
 from nlpgrasp.errors import InputError
+from nlpgrasp.optimize.options import SolveOptions
+from nlpgrasp.optimize.start.coordinate_exchange import exchanged_candidates
+from nlpgrasp.optimize.start.result import StartGrasp
+from nlpgrasp.optimize.start.warm_starts import WarmStart
+from nlpgrasp.optimize.workbench.workbench import Workbench
+from nlpgrasp.optimize.workers.one_thread import one_thread
+from nlpgrasp.optimize.workers.pool import Runner
+from nlpgrasp.pipeline.multistart import Multistart
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.solve.multistart import Multistart
-from nlpgrasp.solve.options import SolveOptions
-from nlpgrasp.solve.start.coordinate_exchange import exchanged_candidates
-from nlpgrasp.solve.start.result import StartGrasp
-from nlpgrasp.solve.start.warm_starts import WarmStart
-from nlpgrasp.solve.workbench.workbench import Workbench
-from nlpgrasp.solve.workers.one_thread import one_thread
-from nlpgrasp.solve.workers.pool import Runner
 
 CARRIES = ("l2", "per_finger", "per_finger_size", "shared", "hand_torques")  # budgets for which bounds carry over
 HOPEFUL = 0.5  # share of the larger problem's best above which a smaller one's grasp is refined

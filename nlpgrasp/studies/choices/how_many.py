@@ -10,11 +10,11 @@ import numpy as np
 from nlpgrasp.common.validation import integer, number
 from nlpgrasp.contacts.cones.wider import placed_in
 from nlpgrasp.errors import InputError
+from nlpgrasp.optimize.options import SolveOptions, check_search
+from nlpgrasp.optimize.start.result import StartGrasp
+from nlpgrasp.optimize.start.warm_starts import WarmStart, best_allowed, with_more_contacts
+from nlpgrasp.optimize.workbench.workbench import Workbench
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.solve.options import SolveOptions, check_search
-from nlpgrasp.solve.start.result import StartGrasp
-from nlpgrasp.solve.start.warm_starts import WarmStart, best_allowed, with_more_contacts
-from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.studies.choices.curve import ContactCurve
 from nlpgrasp.studies.choices.family import same_body, solve_family
 

@@ -14,10 +14,10 @@ from nlpgrasp.common.validation import within
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.contacts.cones.wider import placed_in
 from nlpgrasp.errors import InputError
+from nlpgrasp.optimize.workbench.hand_points import HandPoints
+from nlpgrasp.optimize.workbench.row_values import RowValues
+from nlpgrasp.optimize.workbench.surface_samples import SurfaceSamples
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.solve.workbench.hand_points import HandPoints
-from nlpgrasp.solve.workbench.row_values import RowValues
-from nlpgrasp.solve.workbench.surface_samples import SurfaceSamples
 
 MOST = 256  # most assignments
 DRAWN = 8  # random placements that test whether contacts are interchangeable

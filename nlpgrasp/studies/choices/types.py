@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 
 from nlpgrasp.common.validation import number
 from nlpgrasp.errors import InputError
+from nlpgrasp.optimize.options import SolveOptions, check_search
+from nlpgrasp.optimize.start.result import StartGrasp
+from nlpgrasp.optimize.start.warm_starts import WarmStart
+from nlpgrasp.optimize.workbench.placed import Placed
+from nlpgrasp.optimize.workbench.workbench import Workbench
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.solve.options import SolveOptions, check_search
-from nlpgrasp.solve.start.result import StartGrasp
-from nlpgrasp.solve.start.warm_starts import WarmStart
-from nlpgrasp.solve.workbench.placed import Placed
-from nlpgrasp.solve.workbench.workbench import Workbench
 from nlpgrasp.studies.choices.family import solve_family
 from nlpgrasp.studies.choices.menu import Menu, Names, Types
 from nlpgrasp.studies.choices.type_choice import TypeAssignment, TypeChoice, Upgrade

@@ -9,16 +9,16 @@ from nlpgrasp.common.validation import number
 from nlpgrasp.errors import InputError
 from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.hands import URDFHand
+from nlpgrasp.motion.fingers.contact_motions import ContactMotions
+from nlpgrasp.motion.fingers.linked_motions import LinkedMotions
+from nlpgrasp.motion.paths.footpath import Station
+from nlpgrasp.motion.paths.surface_paths import SurfaceGraph
+from nlpgrasp.optimize.options import SolveOptions
+from nlpgrasp.pipeline.solve import solve
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.solve.options import SolveOptions
-from nlpgrasp.solve.solve import solve
-from nlpgrasp.studies.fine_motion.fingers.contact_motions import ContactMotions
-from nlpgrasp.studies.fine_motion.fingers.linked_motions import LinkedMotions
 from nlpgrasp.studies.fine_motion.holding import Holding
 from nlpgrasp.studies.fine_motion.order import ordered_moves
-from nlpgrasp.studies.fine_motion.paths.footpath import Station
-from nlpgrasp.studies.fine_motion.paths.surface_paths import SurfaceGraph
 from nlpgrasp.studies.fine_motion.records import FineManipulation, FingerMove
 from nlpgrasp.tasks import TaskEllipsoid
 

@@ -11,11 +11,11 @@ from nlpgrasp.budgets import L2Budget
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel, PointContact
 from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.motion.paths.footpath import Footpath, Station
+from nlpgrasp.motion.paths.least_along import first_stations, least_along
+from nlpgrasp.optimize.ascent.weakest import QUICK, weakest_directions
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds, mu
-from nlpgrasp.solve.ascent.weakest import QUICK, weakest_directions
-from nlpgrasp.studies.fine_motion.paths.footpath import Footpath, Station
-from nlpgrasp.studies.fine_motion.paths.least_along import first_stations, least_along
 from nlpgrasp.studies.fine_motion.records import FingerMove
 from nlpgrasp.tasks import TaskEllipsoid
 

@@ -9,7 +9,7 @@ from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
-from nlpgrasp.studies.fine_motion.finger_path import FingerPath
+from nlpgrasp.motion.finger_path import FingerPath
 from nlpgrasp.studies.fine_motion.holding import Holding
 from nlpgrasp.studies.fine_motion.records import FingerMove
 

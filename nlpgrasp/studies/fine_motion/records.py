@@ -9,9 +9,9 @@ import numpy as np
 from nlpgrasp.common.shown.numbers import at_least
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.motion.finger_path import FingerPath
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.studies.fine_motion.finger_path import FingerPath
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.common.shown.numbers import at_most
-from nlpgrasp.solve.multistart import Multistart
-from nlpgrasp.solve.start.warm_starts import WarmStart
-from nlpgrasp.solve.workbench.placed import Placed
-from nlpgrasp.solve.workers.pool import Runner
+from nlpgrasp.optimize.start.warm_starts import WarmStart
+from nlpgrasp.optimize.workbench.placed import Placed
+from nlpgrasp.optimize.workers.pool import Runner
+from nlpgrasp.pipeline.multistart import Multistart
 from problems.how_many_fingers import EFFORT, brush, pencil
 
 FAST = ng.SolveOptions(workers=1, rtol=0.05, final_rtol=0.02)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.studies.fine_motion.finger_path import FingerPath
+from nlpgrasp.motion.finger_path import FingerPath
 from nlpgrasp.studies.fine_motion.order import ordered_moves, unknown
 from nlpgrasp.studies.fine_motion.records import FingerMove
 

@@ -1,0 +1,81 @@
+"""Experiments: throughput of two workers against one, of a Dask cluster, overhead a solve, memory over 500 solves."""
+
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import psutil
+
+import nlpgrasp as ng
+from problems.pencil import problem
+
+SOLVES, MANY = 64, 500
+OPTIONS = ng.SolveOptions()
+QUICK = ng.SolveOptions(rounds=2, rtol=0.1, final_rtol=0.05)
+
+
+def square():
+    body = ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    return ng.GraspProblem(body, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1, 1, 1], [0, 0.5, 0]), name="square")
+
+
+def timed(experiment, **settings):
+    """Return wall seconds and the sum of the solves' own."""
+    with tempfile.TemporaryDirectory() as folder:
+        begun = time.perf_counter()
+        result = ng.run_experiment(experiment, Path(folder) / "out", **settings)
+        seconds = time.perf_counter() - begun
+    if not result.complete:
+        raise RuntimeError(str(result))
+    return seconds, sum(s.seconds for s in result.solves)
+
+
+def run():
+    sweep = {f"friction {mu}": {"friction": mu} for mu in (0.3, 0.5, 0.7, 0.9)}
+    solves = ng.Experiment(problem(), sweep, seeds=range(SOLVES // 4), starts=1, options=OPTIONS)
+    one, alone = timed(solves, workers=1)
+    two, _ = timed(solves, workers=2)
+    print(f"{SOLVES} solves: {one:.1f} s with one worker, {two:.1f} s with two: {one / two:.2f} times (aim 1.8)")
+    print(f"overhead with one worker: {1e3 * (one - alone) / SOLVES:.0f} ms a solve, start of the workers included")
+    with tempfile.TemporaryDirectory() as folder:
+        dask, _ = cluster(folder, lambda address: timed(solves, scheduler=address))
+    print(f"Dask with two workers: {dask:.1f} s: {one / dask:.2f} times one worker (aim 1.6)")
+    small = ng.Experiment(square(), {"square": {}}, seeds=range(MANY), starts=1, options=QUICK)
+    memory, done = [], []
+
+    def watch(record):
+        done.append(time.perf_counter())
+        if len(done) % 50 == 0:
+            memory.append([p.memory_info().rss / 2**20 for p in [psutil.Process(), *workers()]])
+
+    _, own = timed(small, workers=1, progress=watch)
+    steady = (done[-1] - done[len(done) // 10]) / (len(done) - 1 - len(done) // 10) - own / MANY
+    print(f"{MANY} solves of {1e3 * own / MANY:.0f} ms: {1e3 * steady:.0f} ms overhead a solve (aim 50)")
+    print(
+        "memory of parent and worker, MiB, every 50 solves:", "; ".join(f"{a:.0f} + {max(b):.0f}" for a, *b in memory)
+    )
+
+
+def workers():
+    """Return the worker processes."""
+    return psutil.Process().children(recursive=True) or [psutil.Process()]
+
+
+def cluster(folder, use):
+    """Call ``use`` with the address of a Dask cluster of two workers."""
+    python, quiet = [sys.executable, "-m"], ["--no-dashboard", "--host", "127.0.0.1"]
+    settings = {"cwd": Path(__file__).resolve().parents[1], "stderr": subprocess.PIPE, "text": True}
+    processes = [subprocess.Popen([*python, "distributed.cli.dask_scheduler", "--port", "0", *quiet], **settings)]
+    try:
+        address = next(m[1] for line in processes[0].stderr if (m := re.search(r"(tcp://127\.0\.0\.1:\d+)", line)))
+        for _ in range(2):
+            line = [*python, "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny", *quiet]
+            processes.append(subprocess.Popen([*line, "--local-directory", folder], **settings))
+        return use(address)
+    finally:
+        for process in processes:
+            process.kill()
+            process.communicate()

@@ -1,0 +1,120 @@
+"""Measures of given grasps: certificates, nu, screening, finger forces against Clarabel, cones against pyramids."""
+
+import time
+
+import clarabel
+import numpy as np
+from scipy import sparse
+
+import nlpgrasp as ng
+from benchmarks.starts import run_starts
+from tests.samples import closed_ellipsoid_grasp, ellipsoid_grasp
+
+BALL = ng.TaskEllipsoid([1.0] * 6)
+
+
+def timed(function):
+    begun = time.perf_counter()
+    result = function()
+    return result, time.perf_counter() - begun
+
+
+def random_grasps(count=30):
+    rng = np.random.default_rng(0)
+    return {k: [closed_ellipsoid_grasp(rng, k) for _ in range(count)] for k in (3, 4, 5)}
+
+
+def optimal_grasps():
+    found = []
+    for k in (3, 4, 5):
+        problem = ng.GraspProblem(ng.Ellipsoid([2, 1, 1]), [ng.FrictionContact(0.5)] * k, BALL)
+        found += [r.grasp for r in run_starts(problem, 2, rtol=0.5)[0]]
+    return found
+
+
+def certificates(grasps):
+    for k, some in grasps.items():
+        for name, measure in (("mu", lambda g: ng.mu(g, BALL, 0.01)), ("delta", lambda g: ng.delta(g, 0.5))):
+            runs = [timed(lambda g=g, m=measure: m(g)) for g in some]
+            seconds = [s for _, s in runs]
+            gap = max(b.gap for b, _ in runs)
+            print(
+                f"{name}, {k} contacts, 1 %: median {1e3 * np.median(seconds):.0f} ms, most {1e3 * max(seconds):.0f} ms"
+            )
+            print(f"    widest gap {gap:.3%}")
+    optimal = optimal_grasps()
+    for name, measure in (("mu", lambda g: ng.mu(g, BALL, 0.01)), ("nu", lambda g: ng.nu(g))):
+        seconds = [timed(lambda g=g, m=measure: m(g))[1] for g in optimal]
+        print(f"{name} at optimal grasps, 1 %: median {np.median(seconds):.2f} s, most {max(seconds):.2f} s")
+    seconds = [timed(lambda g=g: ng.nu(g))[1] for some in grasps.values() for g in some[:5]]
+    print(f"nu at random grasps, 1 %: median {np.median(seconds):.2f} s, most {max(seconds):.2f} s")
+
+
+def screening():
+    rng = np.random.default_rng(0)
+    grasps = [ellipsoid_grasp(rng, 4) for _ in range(10_000)]
+    points, normals = (np.stack([getattr(g, n) for g in grasps]) for n in ("points", "normals"))
+    stack = ng.GraspStack(points, normals, ng.FrictionContact(0.5))
+    for budget in ("l2", "shared", "per_finger"):
+        seconds = timed(lambda b=budget: ng.screen(stack, BALL, force_budget=b))[1]
+        print(f"screening 10,000 grasps, {budget}: {seconds:.2f} s")
+
+
+def conic_force(grasp, wrench, settings):
+    """Return the least forces of one wrench by Clarabel, as a user would write it."""
+    n = grasp.G.shape[1]
+    rows, cones = [grasp.G], [clarabel.ZeroConeT(6)]
+    for i, contact in enumerate(grasp.contacts):
+        block = np.zeros((3, n))
+        block[0, 3 * i], block[1, 3 * i + 1], block[2, 3 * i + 2] = contact.friction, 1.0, 1.0
+        rows.append(-block)
+        cones.append(clarabel.SecondOrderConeT(3))
+    A = sparse.csc_matrix(np.vstack(rows))
+    b = np.concatenate([wrench, np.zeros(3 * len(grasp))])
+    return np.array(clarabel.DefaultSolver(sparse.eye(n, format="csc"), np.zeros(n), A, b, cones, settings).solve().x)
+
+
+def forces(grasps):
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10  # for residuals as small as ours
+    wrenches = np.random.default_rng(1).standard_normal((10_000, 6))
+    for grasp in grasps[4][:3]:
+        ours, seconds = min(
+            (timed(lambda g=grasp: ng.finger_forces(g, wrenches)) for _ in range(3)), key=lambda r: r[1]
+        )
+        conic, loop = timed(lambda g=grasp: np.array([conic_force(g, w, settings) for w in wrenches[:500]]))
+        loop *= len(wrenches) / 500
+        residual = np.max(np.linalg.norm(ours.forces @ grasp.G.T - wrenches, axis=1))
+        apart = np.max(np.linalg.norm(conic - ours.forces[:500], axis=1))
+        print(
+            f"10,000 wrenches: {seconds:.3f} s, worst residual {residual:.1e}; Clarabel {loop:.1f} s (from 500), "
+            f"{loop / seconds:.0f} times as long; forces at most {apart:.1e} apart"
+        )
+
+
+def pyramids(grasps):
+    def show(budget, rtol, k, edges):
+        ours = [timed(lambda g=g: ng.delta(g, rtol=rtol, force_budget=budget)) for g in grasps[k][:8]]
+        here = np.median([s for _, s in ours])
+        for m in edges:
+            runs = [timed(lambda g=g, m=m: ng.ferrari_canny(g, m, force_budget=budget)) for g in grasps[k][:8]]
+            there = np.median([s for _, s in runs])
+            low = np.median([1.0 - value / b.upper for (value, _), (b, _) in zip(runs, ours, strict=True)])
+            print(
+                f"{budget}, {k} contacts: certified to {rtol:.1%} in {1e3 * here:.1f} ms; {m}-edge pyramids "
+                f"{1e3 * there:.1f} ms, {low:.1%} low: {there / here:.1f} times as long"
+            )
+
+    for k in (3, 4, 5):
+        show("shared", 0.005, k, (16, 32))
+    for k in (3, 4, 5):
+        show("per_finger", 0.01, k, (4,))
+
+
+def run():
+    grasps = random_grasps()
+    certificates(grasps)
+    screening()
+    forces(grasps)
+    pyramids(grasps)

@@ -1,0 +1,1 @@
+"""The package beside what one would use instead: ``python -m benchmarks.peers``."""

@@ -1,0 +1,85 @@
+"""scipy's SLSQP as one writes it by hand: mu in random directions, its own finite differences."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+from scipy.optimize import Bounds, minimize
+
+import nlpgrasp as ng
+from benchmarks.peers.answer import Answer, cpu_seconds
+from benchmarks.peers.cases import Case
+from benchmarks.peers.epsilon import best_of
+from benchmarks.peers.random_search import Placement, start_placement
+from benchmarks.peers.surface import FaceFunction, face_functions
+from nlpgrasp.budgets.sets.l2 import L2Set
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.quality import WrenchSet
+
+NAME = "scipy SLSQP"
+SAMPLED, ITERATIONS = 200, 200
+MARGIN = 0.02  # about the bounding box, over the body's size
+
+
+def answers(case: Case, starts: int, budget: float) -> list[Answer]:
+    """Return the best of the placements that its starts end at, by epsilon; no budget."""
+    del budget
+    found = []
+    for seed in range(starts):
+        start = start_placement(case, seed)
+        points, _ = placed(case, start, np.random.default_rng(seed))
+        found.append(Answer(NAME, points, start.faces, cpu_seconds()))
+    return [best_of(case, found)]
+
+
+def placed(case: Case, start: Placement, rng: np.random.Generator) -> tuple[FloatArray, float]:
+    """Maximise t subject to phi(y_j) >= t and the contacts on their faces: points (k, 3), metres, and t.
+
+    Parameters
+    ----------
+    case : Case
+    start : Placement
+    rng : Generator
+        Of the directions.
+    """
+    k, size = case.fingers, case.body.size
+    functions = face_functions(case.body, start.faces)
+    y = rng.standard_normal((SAMPLED, 6))
+    y /= np.linalg.norm(y, axis=1, keepdims=True) * case.axes  # phi of the task is 1
+    contacts, force_set = case.contacts, L2Set(case.contacts, 3)
+
+    def reach(x: FloatArray) -> FloatArray:
+        p = x[: 3 * k].reshape(k, 3)
+        n = np.stack([f.values(q)[1] for f, q in zip(functions, p, strict=True)])
+        G = ng.GraspStack(p[None] * size, n[None], contacts, torque_origin=case.body.centroid).G[0]
+        return np.asarray(WrenchSet(G, force_set).support(y)[0] - x[-1])
+
+    constraints: list[Any] = [
+        {"type": "ineq", "fun": reach},
+        {"type": "eq", "fun": partial(_distances, functions)},
+        {"type": "ineq", "fun": partial(_room, functions)},
+    ]
+    if not len(_room(functions, np.append(start.points.ravel() / size, 0.0))):
+        constraints.pop()
+    x = np.append(start.points.ravel() / size, 0.0)
+    low, high = case.body.bounds / size + [[-MARGIN], [MARGIN]]
+    box = Bounds(np.append(np.tile(low, k), 0.0), np.append(np.tile(high, k), np.inf))
+    found = minimize(_less, x, method="SLSQP", bounds=box, constraints=constraints, options={"maxiter": ITERATIONS})
+    return found.x[:-1].reshape(k, 3) * size, float(found.x[-1])
+
+
+def _less(x: FloatArray) -> float:
+    """Return -t."""
+    return -float(x[-1])
+
+
+def _distances(functions: list[FaceFunction], x: FloatArray) -> FloatArray:
+    """Return how far each contact is from its face, (k,), in units of the body's size."""
+    return np.array([f.values(p)[0] for f, p in zip(functions, x[:-1].reshape(-1, 3), strict=True)])
+
+
+def _room(functions: list[FaceFunction], x: FloatArray) -> FloatArray:
+    """Return how far each contact is inside its face's limits, in units of the body's size; none for one face."""
+    return np.concatenate([-f.values(p)[2] for f, p in zip(functions, x[:-1].reshape(-1, 3), strict=True)])

@@ -1,0 +1,33 @@
+"""Starts one after another on one core, with what they cost."""
+
+import time
+
+import numpy as np
+
+import nlpgrasp as ng
+from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.optimize.start.run import run_start
+from nlpgrasp.optimize.workbench.workbench import Workbench
+
+
+def run_starts(problem, count, seed=0, **options):
+    """Return the results of the starts and the wall time of each; building is not counted."""
+    bench = Workbench(problem, ng.SolveOptions(workers=1, **options))
+    run_start(bench, count, seed, Stop())  # builds the programs
+    results, seconds = [], []
+    for index in range(count):
+        begun = time.perf_counter()
+        results.append(run_start(bench, index, seed, Stop()))
+        seconds.append(time.perf_counter() - begun)
+    return results, np.array(seconds)
+
+
+def stage_medians(results):
+    """Return the median seconds of each stage."""
+    stages = results[0].record.seconds
+    return {name: float(np.median([r.record.seconds[name] for r in results])) for name in stages}
+
+
+def function_share(results):
+    """Return the share of IPOPT's time that is function evaluation."""
+    return sum(r.function_seconds for r in results) / sum(r.solver_seconds for r in results)

@@ -1,0 +1,1 @@
+"""Analyses of a solution: shadow prices, infeasibility, squeeze, sensitivity, manipulability."""

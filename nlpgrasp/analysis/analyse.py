@@ -1,0 +1,226 @@
+"""Analyses of a solution, on request: shadow prices, robustness, delta, nu, phases of the hand, a drawing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+from nlpgrasp.analysis.prices import shadow_prices
+from nlpgrasp.analysis.squeeze import with_squeeze, with_squeezes
+from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.common.files import as_read
+from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.errors import InputError, NlpgraspError
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.hands import URDFHand
+from nlpgrasp.hands.base import Hand
+from nlpgrasp.hands.posed_hand import PosedHand
+from nlpgrasp.optimize.after.robust import robustness
+from nlpgrasp.optimize.after.way_in import approached, attempted
+from nlpgrasp.optimize.ascent.state import Effort
+from nlpgrasp.optimize.options import ANALYSES, SolveOptions, check_analyses
+from nlpgrasp.optimize.start.result import StartGrasp
+from nlpgrasp.optimize.start.run import with_hand
+from nlpgrasp.optimize.surface.on_body import OnBody
+from nlpgrasp.optimize.workbench.clock import Clock
+from nlpgrasp.optimize.workbench.placed import Placed
+from nlpgrasp.optimize.workbench.workbench import Workbench
+from nlpgrasp.optimize.workers.one_thread import one_thread
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.quality import Bounds, Volume, delta, nu
+from nlpgrasp.solution.drawn import drawing_of
+from nlpgrasp.solution.given import given_solution
+from nlpgrasp.solution.records import StartRecord, Status
+from nlpgrasp.solution.solution import GraspSolution
+
+RTOL = 0.02  # relative gap of delta, error bar of nu
+PARTS = ("body", "contacts", "task", "constraints")  # of a problem, that a file's has to agree with
+FIELDS = {"robustness": "robust", "phases": "hand"}  # of a solution, where they are called otherwise
+OF_PHASES = ("pregrasp", "approach", "way_in", "phases", "lift")  # of a hand, as files state it
+OF_SQUEEZE = ("squeeze", "no_squeeze")  # its commands are the last phases
+
+
+def analyse(solution: GraspSolution, *analyses: str, problem: GraspProblem | None = None) -> GraspSolution:
+    """Return a solution together with analyses of its grasp.
+
+    What the solution states already stays as it is.
+
+    Parameters
+    ----------
+    solution : GraspSolution
+        With a grasp.
+    *analyses : str
+        ``"prices"``: what limits cost in mu. ``"robustness"``: what is left of mu when contacts are off and friction is
+        less. ``"delta"``, ``"nu"``: two other measures of quality. ``"phases"``: the way of a hand with links to the
+        grasp, the squeeze and the lift. ``"drawing"``: triangles of body and hand, for pages and exports. Without a
+        name: all that the solution lacks, as far as its problem is known.
+    problem : GraspProblem, optional
+        That was solved. A solution of ``ng.solve`` knows its own; one from a file that has a mesh, a hand or a function
+        of the user's does not, and takes ``"delta"`` and ``"nu"`` alone without it.
+
+    Raises
+    ------
+    InputError
+        On a name that is none of these, without a grasp, on ``"phases"`` without a hand that has links, on an analysis
+        whose problem is not known, and on a problem that is not the one that the solution states.
+    """
+    solution = given_solution(solution)
+    if problem is not None:
+        _check_same(solution, problem)
+    names = check_analyses("analyses", analyses)
+    solution.require_grasp()
+    known = problem or solution.known_problem
+    if names:
+        check_hand("analyses", names, None if known is None else known.hand, known is not None)
+    lacking = [name for name in _applicable(names, known) if not is_stated(solution, name)]
+    of_problem = [name for name in lacking if name not in OF_GRASP]
+    if of_problem and known is None:
+        wanted = "the problem that was solved, as the file does not hold its mesh, hand or function"
+        raise InputError("problem", None, f"{wanted}: {', '.join(of_problem)} need it")
+    analysed = solution
+    for _, after in one_by_one(solution, lacking, known):
+        analysed = after
+    return with_analyses(analysed, {}, None if known is None else known.hand)
+
+
+def one_by_one(
+    solution: GraspSolution, names: Iterable[str], problem: GraspProblem | None
+) -> Iterator[tuple[str, GraspSolution]]:
+    """Yield each of some analyses, checked, with the solution after it; the problem's programs are built once."""
+    grasp, at = solution.require_grasp(), list[tuple[Workbench, StartGrasp]]()
+    for name in names:
+        if not is_stated(solution, name):
+            with one_thread():
+                if name not in OF_GRASP and not at and problem is not None:
+                    bench = Workbench(problem, SolveOptions(workers=1))
+                    at.append((bench, _as_start(bench, solution, grasp)))
+                found = OF_GRASP[name](grasp, solution.budget) if name in OF_GRASP else _of_problem(name, *at[0])
+            solution = with_analyses(solution, {name: found}, None if problem is None else problem.hand)
+        yield name, solution
+
+
+def asked(options: SolveOptions, solution: GraspSolution, hand: Hand | None) -> tuple[str, ...]:
+    """Return the analyses requested by options that a solution lacks."""
+    names = all_analyses(hand) if options.extras else options.analyses
+    return tuple(name for name in names if not is_stated(solution, name))
+
+
+def analyses_of(
+    bench: Workbench, start: StartGrasp, names: Iterable[str], stop: Stop
+) -> tuple[dict[str, Any], Mapping[str, float]]:
+    """Return the results of analyses of a start's grasp by name, and the seconds of each.
+
+    A numerical failure, or a stop, leaves one out.
+    """
+    clock, found = Clock(), dict[str, Any]()
+    with one_thread():
+        for name in names:
+            if stop.requested():
+                break
+            if name in OF_GRASP:
+                found[name] = OF_GRASP[name](start.found.grasp, bench.budget(start.found.placed))
+            else:
+                found[name] = _of_problem(name, bench, start, stop)
+            clock.mark(name)
+    return found, clock.seconds
+
+
+def _of_problem(name: str, bench: Workbench, start: StartGrasp, stop: Stop | None = None) -> Any:
+    """Return the result of an analysis that takes the problem, None where it fails numerically."""
+    return attempted(partial(OF_PROBLEM[name], bench, start, stop or Stop()))
+
+
+def with_analyses(solution: GraspSolution, found: Mapping[str, Any], hand: Hand | None) -> GraspSolution:
+    """Return a solution with results of analyses added, and with squeezes where its hand can."""
+    more = {FIELDS.get(name, name): value for name, value in found.items() if value is not None}
+    if "robust" in more:
+        more["robust"] = more["robust"].beside(solution.mu)
+    if "hand" in more:
+        own = {name: value for name, value in (solution.hand or {}).items() if name not in OF_SQUEEZE}
+        more["hand"] = own | {name: value for name, value in more["hand"].items() if name in OF_PHASES}
+    changed = replace(solution, **more, stated_first=None) if more else solution
+    return with_squeezes(with_squeeze(changed, hand), hand)
+
+
+def _delta(grasp: Grasp, budget: ForceBudget) -> Bounds:
+    return delta(grasp, grasp.mean_arm, RTOL, force_budget=budget)
+
+
+def _nu(grasp: Grasp, budget: ForceBudget) -> Volume | None:
+    """Return nu; None where it is too costly or fails."""
+    if budget.at(grasp.frames, grasp.contacts).costly:
+        return None
+    try:
+        return nu(grasp, grasp.mean_arm, RTOL, force_budget=budget)
+    except NlpgraspError:
+        return None
+
+
+OF_GRASP: Mapping[str, Callable[[Grasp, ForceBudget], Any]] = {"delta": _delta, "nu": _nu}
+OF_PROBLEM: Mapping[str, Callable[[Workbench, StartGrasp, Stop], Any]] = {
+    "prices": shadow_prices,
+    "robustness": lambda bench, start, _: robustness(bench, start.found.placed, start.found.grasp),
+    "phases": lambda bench, start, _: approached(bench, replace(start, hand=None)).hand,
+    "drawing": lambda bench, start, _: drawing_of(bench.problem.body, bench.problem.hand, start.found.placed.hand),
+}
+
+
+def added_words(before: GraspSolution, after: GraspSolution) -> str:
+    """Return the analyses that a solution states and an earlier one does not, as text."""
+    words = (words for name, words in ANALYSES.items() if is_stated(after, name) and not is_stated(before, name))
+    return ", ".join(words)
+
+
+def check_hand(field: str, names: Iterable[str], hand: Hand | None, known: bool = True) -> None:
+    """Refuse phases of no hand, or of one without links."""
+    if "phases" in names and known and not isinstance(hand, URDFHand):
+        given = "phases" if hand is None else f"phases of an ng.{type(hand).__name__}"
+        raise InputError(field, given, "no phases without a hand that has links, such as an ng.URDFHand")
+
+
+def _applicable(names: tuple[str, ...], problem: GraspProblem | None) -> tuple[str, ...]:
+    """Return the analyses that are asked for; where none is, all that there can be."""
+    if names:
+        return names
+    if problem is None:
+        return tuple(OF_GRASP)
+    return all_analyses(problem.hand)
+
+
+def all_analyses(hand: Hand | None) -> tuple[str, ...]:
+    """Return the names of all analyses possible with a hand, or without one."""
+    return tuple(name for name in ANALYSES if name != "phases" or isinstance(hand, URDFHand))
+
+
+def is_stated(solution: GraspSolution, name: str) -> bool:
+    """Return whether a solution states an analysis."""
+    if name == "phases":
+        return "approach" in (solution.hand or {})
+    return bool(getattr(solution, FIELDS.get(name, name)))
+
+
+def _check_same(solution: GraspSolution, problem: GraspProblem) -> None:
+    """Refuse a problem that differs from what a solution states."""
+    if not isinstance(problem, GraspProblem):
+        raise InputError("problem", problem, "the GraspProblem that was solved")
+    given, stated = problem.to_dict(), solution.problem
+    for part in PARTS:
+        if as_read(given[part]) != as_read(stated[part]):
+            raise InputError(f"problem.{part}", "another than the solution's", "the problem that was solved")
+    if (problem.hand is None) != (stated.get("hand") is None):
+        raise InputError("problem.hand", "another than the solution's", "the problem that was solved")
+
+
+def _as_start(bench: Workbench, solution: GraspSolution, grasp: Grasp) -> StartGrasp:
+    """Return the grasp as the result of a start."""
+    hand, posture = bench.problem.hand, solution.hand
+    placed = Placed(solution.faces, grasp.points)
+    if isinstance(hand, PosedHand) and isinstance(posture, Mapping):
+        placed = replace(placed, hand=hand.values_at(posture, grasp.points))
+    elif hand is not None:
+        placed = with_hand(bench, placed)
+    record = StartRecord(0, Status.SOLVED, solution.faces, solution.mu)
+    found = OnBody.of(bench, placed, grasp, solution.surface)
+    return StartGrasp(record, found, solution.constraints, Effort(), solution.robust, placed)

@@ -1,0 +1,204 @@
+"""Manipulability of a grasp by its hand: velocity and force transmission to the body (Section 4).
+
+With every contact kept, the contacts' components of the fingers' velocities are those of the body's:
+``J_h q' = G^T nu`` (Li, Hsu and Sastry 1989, DOI 10.1177/027836498900800402; Bicchi and Prattichizzo 2000,
+DOI 10.1109/70.864226). All pairs ``(q', nu)`` are the null space of ``[J_h, -G^T]``; with an orthonormal basis
+``[N_q; N_nu]`` of it and ``N_q = Q R``, rates of size 1 reach the twists ``A u`` with ``A = N_nu R^-1``, ``|u| <= 1``.
+
+A wrench w on the body takes torques ``tau = J_h^T x`` with ``G x = w``. Virtual work, ``tau q' = w nu`` for all pairs,
+leaves ``|tau| >= |A^T w|``, and by the alternative of linear equations some x attains it. So velocities and forces have
+the same axes with reciprocal lengths, also for hands with too many joints or too few.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.analysis.ellipsoids import RANK, Transmission
+from nlpgrasp.common.jointed import MovingHand
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, number
+from nlpgrasp.errors import InputError
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.hands import PosedHand
+from nlpgrasp.solution.solution import GraspSolution
+
+LOCKED = 1e-7  # joint rates per unit motion below which joints count as locked
+
+
+@dataclass(frozen=True)
+class FingerManipulability:
+    """Manipulability of one finger at its contact point.
+
+    Parameters
+    ----------
+    finger : int
+        Index of its contact.
+    joints : tuple of str
+        Joints that move it.
+    velocity : Transmission
+        Of the contact point, (3, joints), body frame; angular velocities are left out.
+    """
+
+    finger: int
+    joints: tuple[str, ...]
+    velocity: Transmission
+
+    @property
+    def measure(self) -> float:
+        """Yoshikawa's ``sqrt(det(J J^T))``, cubic metres for three turning joints."""
+        return self.velocity.measure
+
+    @property
+    def isotropy(self) -> float:
+        """Shortest over longest semi-axis of the velocity ellipsoid, from 0 to 1."""
+        return self.velocity.isotropy
+
+
+@dataclass(frozen=True)
+class Manipulability:
+    """Manipulability of the body by the hand with all contacts kept.
+
+    Parameters
+    ----------
+    fingers : tuple of FingerManipulability
+        One per finger.
+    hand_jacobian : (n, m) array
+        ``J_h``: velocities along the contacts' force components per unit of the joints' rates.
+    joints : tuple of m str
+        Names, in the order of the columns of ``hand_jacobian``.
+    body : Transmission
+        From joint rates that the contacts allow to twists of the body about the grasp's torque origin: velocity first,
+        body frame.
+    """
+
+    fingers: tuple[FingerManipulability, ...]
+    hand_jacobian: FloatArray
+    joints: tuple[str, ...]
+    body: Transmission
+
+    @property
+    def mobility(self) -> int:
+        """Dimension of the body's motions by the joints with all contacts kept."""
+        return self.body.rank
+
+    @property
+    def manipulable(self) -> bool:
+        """Whether the joints can give the body every twist: G has full rank, and ``range(G^T)`` lies in that of J_h."""
+        return self.mobility == len(self.body.matrix)
+
+    @property
+    def internal(self) -> int:
+        """Dimension of the joint motions that leave contacts and body fixed."""
+        values = np.linalg.svd(self.hand_jacobian, compute_uv=False)
+        return len(self.joints) - int(np.count_nonzero(values > RANK * np.max(values, initial=0.0)))
+
+    @property
+    def measure(self) -> float:
+        """Product of the semi-axes of the body's scaled velocity ellipsoid; 0 where some twist is impossible."""
+        return self.body.measure
+
+    @property
+    def isotropy(self) -> float:
+        """Shortest over longest semi-axis of the body's scaled velocity ellipsoid, from 0 to 1."""
+        return self.body.isotropy
+
+    def to_dict(self) -> Json:
+        """Return the measures as JSON data."""
+        return {
+            "mobility": self.mobility,
+            "manipulable": self.manipulable,
+            "internal": self.internal,
+            "measure": self.measure,
+            "isotropy": self.isotropy,
+            "torque_scale": self.body.torque_scale,
+            "singular_values": self.body.singular_values.tolist(),
+            "joints": list(self.joints),
+            "fingers": [
+                {"finger": f.finger, "joints": list(f.joints), "measure": f.measure, "isotropy": f.isotropy}
+                for f in self.fingers
+            ],
+        }
+
+    def __str__(self) -> str:
+        d = len(self.body.matrix)
+        lines = [
+            f"the joints move the body in {self.mobility} of {d} ways, and in {self.internal} ways move without it",
+            f"  manipulability {self.measure:.3g}, isotropy {self.isotropy:.3g}"
+            f" (torques over {1e3 * self.body.torque_scale:.3g} mm)",
+        ]
+        for f in self.fingers:
+            lines.append(f"  finger {f.finger}: manipulability {f.measure:.3g}, isotropy {f.isotropy:.3g}")
+        return "\n".join(lines)
+
+
+def manipulability(solution: GraspSolution, hand: MovingHand, torque_scale: float | None = None) -> Manipulability:
+    """Return the manipulability of the body by a hand in its grasp.
+
+    Contacts stay fixed on their links and on the body, to first order; contact models determine the transmitted
+    components: one for a frictionless point, three with friction, four for a soft finger.
+
+    Parameters
+    ----------
+    solution : GraspSolution
+        A solution with this hand.
+    hand : URDFHand
+        The problem's hand: a file does not contain all of it.
+    torque_scale : float, optional
+        Metres: the length that makes angular velocities comparable with velocities; the mean distance of the contacts
+        from the torque origin when left out. Ranks and ratios of single directions do not depend on it.
+
+    Raises
+    ------
+    InputError
+        Without a grasp, a hand with joints, or as many fingertips as contacts.
+    """
+    if not isinstance(solution, GraspSolution):
+        raise InputError("solution", solution, "a GraspSolution")
+    grasp = solution.require_grasp()
+    if not isinstance(hand, PosedHand) or not hand.loaded_joints:
+        raise InputError("hand", hand, "a hand with joints, such as ng.URDFHand")
+    if hand.count != len(grasp):
+        raise InputError("hand", f"{hand.count} fingertips", f"{len(grasp)}, one a contact")
+    if solution.hand is None:
+        raise InputError("solution", "no hand in its grasp", "a solution found with the hand")
+    scale = grasp.mean_arm if torque_scale is None else number("torque_scale", torque_scale, above=0.0)
+    jacobians = hand.contact_jacobians(hand.values_of(solution.hand), grasp.points)
+    names = tuple(hand.loaded_joints)
+    fingers = tuple(_finger(i, J[:3], names, scale) for i, J in enumerate(jacobians))
+    J_h = contact_jacobian(grasp, jacobians)
+    return Manipulability(fingers, J_h, names, body_transmission(grasp, J_h, scale))
+
+
+def contact_jacobian(grasp: Grasp, jacobians: FloatArray) -> FloatArray:
+    """Return ``J_h = B^T R^T J``, (n, m), from the contact points' Jacobians (k, 6, m) in the body frame."""
+    rows = []
+    for frame, model, J in zip(grasp.frames, grasp.contacts, jacobians, strict=True):
+        local = np.concatenate([frame.T @ J[:3], frame.T @ J[3:]])
+        rows.append(model.basis(3).T @ local)
+    return np.concatenate(rows)
+
+
+def body_transmission(grasp: Grasp, J_h: FloatArray, torque_scale: float) -> Transmission:
+    """Return the map of joint rates to body twists with all contacts kept: A of the module's docstring, (6, p)."""
+    space, m = grasp.space, J_h.shape[1]
+    scale = np.ones(grasp.dimension)
+    scale[space:] = 1.0 / torque_scale
+    G_t = grasp.G.T * scale  # for scaled twists
+    turning = np.concatenate([[axis >= space for axis in model.axes(space)] for model in grasp.contacts])
+    weight = np.where(turning, torque_scale, 1.0)[:, None]  # angular components in m/s as well
+    together = weight * np.concatenate([J_h, -G_t], axis=1)
+    values, basis = np.linalg.svd(together)[1:]
+    null = basis[int(np.count_nonzero(values > RANK * np.max(values, initial=0.0))) :].T
+    rates, twists = null[:m], null[m:]
+    lengths, turn = np.linalg.svd(rates, full_matrices=False)[1:]
+    kept = lengths > LOCKED  # the others move the body with locked joints: it is not held
+    return Transmission(scale[:, None] * (twists @ turn[kept].T / lengths[kept]), torque_scale, space)
+
+
+def _finger(i: int, J: FloatArray, names: tuple[str, ...], scale: float) -> FingerManipulability:
+    """Return the manipulability of a finger from its contact point's velocity Jacobian (3, m)."""
+    moving = np.flatnonzero(np.linalg.norm(J, axis=0) > 1e-12)
+    return FingerManipulability(i, tuple(names[j] for j in moving), Transmission(J[:, moving], scale, 3))

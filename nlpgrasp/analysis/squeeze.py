@@ -1,0 +1,174 @@
+"""Squeeze of a grasp: balanced finger forces of least friction, and the hand's joint torques."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.errors import InputError
+from nlpgrasp.grasp.grasp import Grasp
+from nlpgrasp.hands.base import Hand
+from nlpgrasp.hands.posed_hand import PosedHand
+from nlpgrasp.motion.phases.keyframes import with_commands
+from nlpgrasp.quality.forces.least_friction import balanced_forces
+from nlpgrasp.quality.forces.no_balance import NoBalanceError
+from nlpgrasp.solution.given import given_solution
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.solution.squeezed.joints import Gain, JointSqueeze, usual_gain
+from nlpgrasp.solution.squeezed.squeeze import Squeeze
+from nlpgrasp.tasks.tools import WEIGHT
+
+NORMAL_FORCE = 2.0  # newtons
+MOST_EFFORT = 0.98  # of the weakest joint's limit, that the squeeze of a solution takes
+EASY_EFFORT = 0.6  # of the same, that it takes to press harder than the usual force: what is left holds against pushes
+
+
+def squeeze(
+    solution: GraspSolution | Grasp,
+    normal_force: float = NORMAL_FORCE,
+    gravity: ArrayLike | None = None,
+    gain: Gain | None = None,
+    *,
+    up: ArrayLike | None = None,
+    hand: Hand | None = None,
+) -> Squeeze:
+    """Return finger forces that hold a body in balance and need the least friction, and what a hand's joints do then.
+
+    Of all forces f in the contacts' cones with ``G f = w`` and normal forces of at least ``normal_force``, whose sum
+    is at most twice the least there is, those in the narrowest cones: friction and torsional friction of all contacts
+    times one share s, as small as can be. Where all contacts have the same friction that is the least largest ratio of
+    tangential to normal force, ``min max_i |f_t,i| / f_n,i``. Of these the forces of least L2 norm. The problem is
+    quasi-convex and solved exactly, by a few small conic programs (docs/hands.md). Without the limit on the sum a
+    weight would be held with ever less friction, by ever more force.
+
+    Joint torques are ``tau = sum_i J_i^T (f_i, m_i)``: what the actuators have to apply for the fingers to exert these
+    forces on the body, by virtual work, at rest and without the links' own weight.
+
+    Parameters
+    ----------
+    solution : GraspSolution or Grasp
+        With a grasp; one of a URDF hand gives torques and commands too, also when read from a file with
+        ``hand.squeeze``.
+    normal_force : float
+        What each contact presses with at least, newtons.
+    gravity : float or (d,) array, optional
+        What is carried: a mass in kilograms, at the grasp's torque origin (the body's centroid unless the problem
+        says otherwise), or the wrench that the fingers exert, about that origin: the opposite of the weight's.
+        Nothing when left out.
+    gain : float or mapping of str to float, optional
+        Of the joints' position control, newton-metres a radian (newtons a metre of sliding joints), for
+        ``Squeeze.positions``.
+    up : (space,) array, optional
+        Against gravity, body frame, for a mass; its last axis when left out.
+    hand : URDFHand, optional
+        Where the solution does not hold its Jacobians: one read from a file without ``hand.squeeze``.
+
+    Returns
+    -------
+    Squeeze
+        Forces, moments, the friction they need, and with a hand's joints torques, their limits and commands.
+
+    Raises
+    ------
+    InputError
+        Without a grasp; on numbers out of range; where no forces press at all contacts, with the contacts that cannot
+        and the friction that would do.
+    """
+    grasp = solution if isinstance(solution, Grasp) else given_solution(solution).require_grasp()
+    least = number("normal_force", normal_force, above=0.0)
+    wrench = _carried(grasp, gravity, up)
+    found = balanced_forces(grasp, wrench, least)
+    result = Squeeze.of(grasp, found.x, found.share, wrench, least)
+    joints = None if isinstance(solution, Grasp) else _joints(solution, result.wrenches, gain, hand)
+    if joints is None and gain is not None:
+        raise InputError("gain", gain, "none without a hand whose joints are known; give hand= an ng.URDFHand")
+    return replace(result, joints=joints)
+
+
+def squeeze_for_task(solution: GraspSolution, hand: PosedHand | None = None, gain: Gain | None = None) -> Squeeze:
+    """Return the squeeze with the usual force, or as hard as a finger has to press for the task if that is more.
+
+    It stays within ``max_force`` and the joints' efforts. Balanced forces scale, and so do joint torques.
+
+    Parameters
+    ----------
+    solution : GraspSolution
+        With a grasp.
+    hand : PosedHand, optional
+        Whose joints exert it; forces alone without one, as of parallel jaws.
+    gain : float or mapping of str to float, optional
+        Of the joints' position control.
+
+    Raises
+    ------
+    InputError
+        As ``squeeze``.
+    """
+    usual = squeeze(solution, gain=gain, hand=hand)
+    wanted = NORMAL_FORCE if solution.needed is None else max(NORMAL_FORCE, float(np.max(solution.needed.normal)))
+    effort = 0.0 if usual.joints is None or usual.joints.worst is None else usual.joints.worst[1]
+    spent = 0.0 if solution.max_force is None else usual.largest / solution.max_force
+    times = min(wanted / NORMAL_FORCE, max(1.0, EASY_EFFORT / effort) if effort > 0.0 else np.inf)
+    times /= max(1.0, times * effort / MOST_EFFORT, times * spent)
+    return usual if times == 1.0 else squeeze(solution, times * NORMAL_FORCE, gain=gain, hand=hand)
+
+
+def with_squeeze(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
+    """Return a solution whose ``hand`` states a squeeze, or why there is none; one that does as it is.
+
+    Of hands without joints, and of weak joints that nothing balances, it states neither.
+    """
+    if not isinstance(hand, PosedHand) or not hand.loaded_joints or solution.grasp is None or solution.squeeze:
+        return solution
+    try:
+        found = squeeze_for_task(solution, hand, usual_gain(hand.sliding_joints))
+    except NoBalanceError as none:
+        why = {"reason": none.reason, **({} if none.friction is None else {"friction": none.friction})}
+        return replace(solution, hand={**(solution.hand or {}), "no_squeeze": why})
+    except InputError:  # ``squeeze`` says so to whoever asks
+        return solution
+    posture = with_commands(hand, {**(solution.hand or {}), "squeeze": found.to_dict()}, found.positions())
+    return replace(solution, hand=posture)
+
+
+def with_squeezes(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
+    """Return a solution whose other grasps, those kept beside the answer, state a squeeze where the hand can."""
+    others = [replace(found, hand=with_squeeze(solution.with_answer(found), hand).hand) for found in solution.others]
+    return replace(solution, others=tuple(others))
+
+
+def _carried(grasp: Grasp, gravity: ArrayLike | None, up: ArrayLike | None) -> FloatArray:
+    """Return the wrench that the fingers exert, (d,)."""
+    wrench = np.zeros(grasp.dimension)
+    if gravity is None:
+        return wrench
+    if np.ndim(gravity) > 0:
+        return array("gravity", gravity, (grasp.dimension,))
+    above = np.eye(grasp.space)[-1] if up is None else array("up", up, (grasp.space,))
+    length = float(np.linalg.norm(above))
+    if length == 0.0:
+        raise InputError("up", above.tolist(), "a direction")
+    wrench[: grasp.space] = number("gravity", gravity, at_least=0.0) * WEIGHT * above / length
+    return wrench
+
+
+def _joints(solution: GraspSolution, wrenches: FloatArray, gain: Gain | None, hand: Hand | None) -> JointSqueeze | None:
+    """Return what the joints do for forces and moments (k, d); None where nothing says how they move contacts."""
+    posture = solution.hand or {}
+    if hand is not None:
+        if not isinstance(hand, PosedHand) or not hand.loaded_joints:
+            raise InputError("hand", type(hand).__name__, "a hand with joints, such as ng.URDFHand")
+        grasp = solution.require_grasp()
+        if hand.count != len(grasp):
+            raise InputError("hand", f"{hand.count} fingertips", f"{len(grasp)}, one a contact")
+        jacobians = hand.contact_jacobians(hand.values_of(posture), grasp.points)
+        names, limits = hand.loaded_joints, hand.torque_limits
+    elif solution.squeeze is not None and solution.squeeze.joints is not None:
+        known = solution.squeeze.joints
+        jacobians, names, limits = known.jacobians, tuple(known.torques), known.limits
+    else:
+        return None
+    return JointSqueeze.of(names, wrenches, jacobians, limits, posture["joint_positions"], gain)

@@ -1,0 +1,160 @@
+"""Numbered cells of one contact, or several identical ones, split on demand."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cached_property
+
+import numpy as np
+
+from nlpgrasp.global_bound.bound.supports import Supports
+from nlpgrasp.global_bound.cells.allowed import Allowed
+from nlpgrasp.global_bound.cells.base import Cell, IntArray, Surface
+from nlpgrasp.global_bound.cells.bundle import BundleCell
+from nlpgrasp.global_bound.cells.mesh import Clusters, MeshCell
+
+NONE = -1
+
+
+class Bundled(IntEnum):
+    """Bundling of first cells: none, by face, or all."""
+
+    NONE = 0
+    FACES = 1
+    ALL = 2
+
+
+@dataclass(frozen=True)
+class Roots:
+    """Root cells of contacts.
+
+    Parameters
+    ----------
+    cells : mapping of Surface to sequence of Cell
+        That cover each face, or what of it is enough.
+    turned : str, optional
+        Where every placement can be turned so that the contact is in them: ``"pole"``, ``"meridian"`` or
+        ``"half-plane"``.
+    bundled : Bundled
+    """
+
+    cells: Mapping[Surface, Sequence[Cell]]
+    turned: str | None = None
+    bundled: Bundled = Bundled.NONE
+
+
+class Pieces:
+    """Numbered cells of the faces that some contacts may use.
+
+    Parameters
+    ----------
+    slots : sequence of int
+        The contacts.
+    roots : Roots
+    allowed : Allowed
+    supports : Supports
+    size : float
+        Of the body, metres.
+
+    Attributes
+    ----------
+    parts : dict
+        The numbers of both parts of each cell that was cut so far; ``NONE`` of one that constraints exclude.
+    """
+
+    def __init__(self, slots: Sequence[int], roots: Roots, allowed: Allowed, supports: Supports, size: float) -> None:
+        self.turned, self.parts = roots.turned, dict[int, tuple[int, ...]]()
+        self.slots, self.allowed, self.supports = tuple(slots), allowed, supports
+        self.cells: list[Cell] = []
+        self.radii: list[float] = []
+        self.parents: list[int] = []
+        self._children: dict[int, tuple[int, ...]] = {}
+        left = [(s, c) for s, cells in roots.cells.items() for c in cells if not allowed.excludes(c)]
+        self.roots = tuple(self._add(cell, NONE) for cell in _bundles(left, roots.bundled, size))
+
+    def _add(self, cell: Cell, parent: int) -> int:
+        self.cells.append(cell)
+        self.radii.append(cell.ball()[1])
+        self.parents.append(parent)
+        self.supports.add(cell)
+        return len(self.cells) - 1
+
+    def children(self, cell: int) -> tuple[int, ...]:
+        """Return the numbers of the parts of a cell that are not excluded; its own where it is a point."""
+        if cell not in self._children:
+            parts = self.cells[cell].split()
+            if len(parts) == 1:
+                self._children[cell] = (cell,)
+            else:
+                made = [NONE if self.allowed.excludes(part) else self._add(part, cell) for part in parts]
+                self.parts[cell] = tuple(made)
+                self._children[cell] = tuple(part for part in made if part != NONE)
+        return self._children[cell]
+
+    def cell(self, number: int) -> Cell:
+        """Return the cell of a number."""
+        return self.cells[number]
+
+    def halves(self, cells: IntArray) -> IntArray:
+        """Return the numbers of both parts of cells (n,) that can be cut, ``NONE`` of one that is excluded, (n, 2)."""
+        for cell in cells.tolist():
+            self.children(cell)
+        return np.array([self.parts[cell] for cell in cells.tolist()], dtype=np.int64).reshape(-1, 2)
+
+    def like(self, cell: int, points: np.ndarray, candidates: Sequence[int], tolerance: float) -> int:
+        """Return which candidate has these anchors, in any order, or ``NONE``."""
+        for other in candidates:
+            anchors = self.cells[other].anchors()
+            if len(anchors) == len(points):
+                apart = np.max(np.abs(anchors[:, None] - points[None]), axis=2)
+                if np.max(apart.min(axis=0)) <= tolerance and np.max(apart.min(axis=1)) <= tolerance:
+                    return other
+        return NONE
+
+
+class ClusterPieces(Pieces):
+    """Numbered clusters of a mesh that some contacts may use.
+
+    Their rows are those of ``supports``: the corners of all pieces of the mesh, in order.
+    """
+
+    def __init__(self, slots: Sequence[int], roots: Roots, allowed: Allowed, supports: Supports, size: float) -> None:
+        super().__init__(slots, roots, allowed, supports, size)
+        self.roots = self.roots and (1,)
+
+    @property
+    def clusters(self) -> Clusters:
+        """Tree of triangle clusters of the mesh that the cells belong to."""
+        whole = self.cells[0]
+        if not isinstance(whole, MeshCell):
+            raise TypeError(f"a {whole.kind}, no cell of a mesh")
+        return whole.clusters
+
+    def cell(self, number: int) -> Cell:
+        """Return a cluster."""
+        return MeshCell(self.clusters, number)
+
+    @cached_property
+    def _numbers(self) -> IntArray:
+        """The number of each cluster, ``NONE`` of those that constraints leave nothing of."""
+        numbers = np.arange(self.clusters.count)
+        if self.allowed.limited:
+            excluded = [self.allowed.excludes(self.cell(number)) for number in range(1, len(numbers))]
+            numbers[1:][excluded] = NONE
+        return numbers
+
+    def halves(self, cells: IntArray) -> IntArray:
+        """Return the numbers of both halves of clusters (n,), none of the last level."""
+        return np.asarray(self._numbers[2 * cells[:, None] + np.arange(2)])
+
+
+def _bundles(left: Sequence[tuple[Surface, Cell]], bundled: Bundled, size: float) -> list[Cell]:
+    """Return the cells with their faces, or bundles of them."""
+    if bundled is Bundled.NONE:
+        return [cell for _, cell in left]
+    together: dict[Surface | None, list[Cell]] = {}
+    for surface, cell in left:
+        together.setdefault(surface if bundled is Bundled.FACES else None, []).append(cell)
+    return [cells[0] if len(cells) == 1 else BundleCell(cells, size) for cells in together.values()]

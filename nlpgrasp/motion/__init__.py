@@ -1,0 +1,1 @@
+"""Motion of hands: clearances, straight paths, approach, phases, palm path, finger motion."""

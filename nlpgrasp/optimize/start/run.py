@@ -1,0 +1,191 @@
+"""Run of one start: propose candidates, refine the best few, put them onto the body and certify."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.contacts.direction import AlongNormalError
+from nlpgrasp.optimize.after.robust_ascent import steady
+from nlpgrasp.optimize.ascent.refine import Refined, refine
+from nlpgrasp.optimize.ascent.state import Effort
+from nlpgrasp.optimize.start.first_program import FirstGrasp, first_grasp
+from nlpgrasp.optimize.start.posed import touching_candidates
+from nlpgrasp.optimize.start.propose import propose
+from nlpgrasp.optimize.start.result import StartGrasp, StartResult, best_of
+from nlpgrasp.optimize.surface.on_body import OnBody
+from nlpgrasp.optimize.surface.put import advanced_on_body, refined_on_body
+from nlpgrasp.optimize.surface.triangles import on_triangles
+from nlpgrasp.optimize.workbench.clock import Clock
+from nlpgrasp.optimize.workbench.placed import Placed
+from nlpgrasp.optimize.workbench.workbench import Workbench
+from nlpgrasp.optimize.workers.one_thread import one_thread
+from nlpgrasp.quality import Bounds, mu
+from nlpgrasp.quality.certificate.wrench_set import WrenchSet
+from nlpgrasp.solution.records import Origin, StartRecord, Status
+
+FAILURES = RuntimeError, np.linalg.LinAlgError, AlongNormalError
+"""What numerics may raise for some candidates."""
+
+COMPARED = 2  # candidates compared after a few rounds of refinement; the best one is refined to its end
+MOST_TOUCHING = 2  # candidates that end in link collisions before a start gives up
+
+
+def run_start(
+    bench: Workbench,
+    index: int,
+    seed: int,
+    stop: Stop,
+    known: Sequence[FloatArray] = (),
+    candidates: Sequence[Placed] = (),
+) -> StartResult:
+    """Run start ``index`` from candidates, or from those that it proposes by index and seed, also near known contacts.
+
+    Never raises for a numerical failure: the record carries the status and the message. Bad input does raise.
+    Linear algebra runs on one thread, so that rounding does not depend on how many cores there are.
+
+    Parameters
+    ----------
+    bench : Workbench
+    index, seed : int
+    stop : Stop
+    known : sequence of (k, space) array
+        Contacts that proposals begin from as well, metres.
+    candidates : sequence of Placed, optional
+        The most promising first.
+    """
+    clock = Clock()
+    with one_thread():
+        try:
+            found = _best(bench, index, np.random.default_rng([seed, index]), stop, clock, known, candidates)
+        except FAILURES as error:
+            return failed(index, error, clock.seconds)
+    return replace(found, record=replace(found.record, seconds=clock.seconds))
+
+
+def failed(index: int, error: Exception, seconds: Mapping[str, float] | None = None) -> StartResult:
+    """Return the result of a start that an error ended."""
+    text = f"{type(error).__name__}: {error}".splitlines()[0]
+    return StartResult(StartRecord(index, Status.FAILED, seconds=seconds or {}, message=text))
+
+
+def with_hand(bench: Workbench, placed: Placed, normals: FloatArray | None = None) -> Placed:
+    """Return a candidate with the hand's variables computed from its contacts, where they follow from these.
+
+    Inward normals (k, space) are the body's where none are given.
+    """
+    inward = bench.inward_normals(placed) if normals is None else normals
+    hand = bench.hand_points.start(placed.points[None], inward[None])
+    return Placed(placed.faces, placed.points, {name: value[0] for name, value in hand.items()})
+
+
+def _best(
+    bench: Workbench,
+    index: int,
+    rng: np.random.Generator,
+    stop: Stop,
+    clock: Clock,
+    known: Sequence[FloatArray],
+    candidates: Sequence[Placed],
+) -> StartGrasp:
+    """Return the best result over a start's candidates, with the total effort."""
+    origin = Origin.BOUND if known else Origin.RANDOM
+    plain = None if bench.follows_contacts else bench.under_l2  # poses are compared under the paper's budget
+    proposed = candidates or propose(bench, rng, known)
+    if not bench.follows_contacts:
+        proposed = touching_candidates(plain or bench, proposed, rng, stop)
+    clock.mark("propose")
+    ends, left, programs = list[StartGrasp](), list[FirstGrasp](), Effort()
+    firsts = (first_grasp(plain or bench, candidate, rng) for candidate in proposed)
+    batch = list[FirstGrasp]()
+    for number, first in enumerate(firsts, 1):
+        programs += first.effort
+        clock.mark("first program")
+        (batch if first.score > 0.0 else left).append(first)
+        if len(batch) < COMPARED and number < len(proposed) and not stop.requested():
+            continue
+        for one in _by_promise(plain or bench, batch, stop):
+            ends.append(_end(bench, index, one, origin, stop, clock))
+            if _enough(ends):
+                break
+        if stop.requested() or _enough(ends):
+            break
+        batch = []
+    for first in sorted(left, key=lambda one: -one.score) if not ends else ():
+        ends.append(_end(bench, index, first, origin, stop, clock))
+        if stop.requested() or ends[-1].record.has_grasp:
+            break
+    best = _better(ends)
+    return replace(best, spent=best.spent + programs)
+
+
+def _by_promise(bench: Workbench, batch: Sequence[FirstGrasp], stop: Stop) -> list[FirstGrasp]:
+    """Return candidates after a few rounds of refinement each, the best first; a single one as it is."""
+    if len(batch) < 2:
+        return list(batch)
+    each = [(first, advanced_on_body(bench, first.placed, stop)) for first in batch]
+    each.sort(key=lambda one: -one[1].point.value)
+    return [replace(first, placed=advanced.point.placed) for first, advanced in each]
+
+
+def _refined(bench: Workbench, index: int, placed: Placed, stop: Stop) -> Iterator[tuple[OnBody, Refined]]:
+    """Yield refined grasps; under other budgets than L2 some are refined under L2 first.
+
+    The paper's support, a root of a sum of squares over the contacts, is smooth where those of other budgets have
+    edges. Every other start goes that way, and with a hand that has a pose all, from its end as well as to there.
+    """
+    smooth = bench.under_l2 if index % 2 or not bench.follows_contacts else None
+    if smooth is not None:
+        found, there = refined_on_body(smooth, placed, stop)
+        placed = there.point.placed
+        if not bench.follows_contacts:
+            yield found, refine(*on_triangles(bench, placed), stop, rounds=0)
+    yield refined_on_body(bench, placed, stop)
+
+
+def _enough(ends: Sequence[StartGrasp]) -> bool:
+    """Return whether a candidate led to a feasible grasp, or too many to colliding links."""
+    touching = sum(end.record.status is Status.TOUCHES for end in ends)
+    return any(end.solved for end in ends) or touching >= MOST_TOUCHING
+
+
+def _end(bench: Workbench, index: int, first: FirstGrasp, origin: Origin, stop: Stop, clock: Clock) -> StartGrasp:
+    """Return the best result of a candidate: refined, on the body, certified and measured."""
+    ends, message = list[StartGrasp](), first.message or origin.value
+    for found, refined in _refined(bench, index, first.placed, stop):
+        clock.mark("refine")
+        robust = None
+        if bench.options.maximise_robust:
+            found, robust = steady(bench, found)
+            clock.mark("robust")
+        bounds = _certified(bench, found, refined, stop)
+        clock.mark("certificate")
+        state = refined.state()
+        ends.append(StartGrasp.of(bench, index, found, bounds, state, message, origin=origin, robust=robust))
+        clock.mark("link depth")
+    return _better(ends)
+
+
+def _certified(bench: Workbench, found: OnBody, refined: Refined, stop: Stop) -> Bounds:
+    """Return the certified bounds of a grasp, the upper one tightened by known weak directions."""
+    budget, deadline, rtol = bench.budget(found.placed), stop.certificate_deadline(), bench.options.rtol
+    begun, weak = refined.certificate, refined.point.minimisers
+    if begun is not None and begun.is_of(found.grasp, budget):
+        bounds = begun.bounds(rtol, deadline)
+    else:
+        bounds = mu(found.grasp, bench.problem.task, rtol, force_budget=budget, deadline=deadline)
+    ratios = WrenchSet.of(found.grasp, budget).support(weak)[0] if len(weak) else np.array([np.inf])
+    least = int(np.argmin(ratios))
+    if not bounds.lower <= ratios[least] < bounds.upper:
+        return bounds
+    return replace(bounds, upper=float(ratios[least]), worst_direction=weak[least])
+
+
+def _better(ends: Sequence[StartGrasp]) -> StartGrasp:
+    """Return the best of several results, collision-free ones first, with their total effort."""
+    best = best_of(ends) or max(ends, key=lambda end: end.rank.lower)
+    return replace(best, spent=sum((end.effort for end in ends), Effort()))

@@ -1,0 +1,1 @@
+"""``ng.solve``: compile, propose, refine, certify, bound, analyse."""

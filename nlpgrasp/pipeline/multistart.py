@@ -1,0 +1,343 @@
+"""Multistart search for the best grasp of a problem, stage by stage."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+
+from nlpgrasp.analysis.analyse import analyses_of, asked, with_analyses
+from nlpgrasp.analysis.squeeze import with_squeezes
+from nlpgrasp.analysis.why_not import diagnosis
+from nlpgrasp.common.shown.said import warn
+from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.global_bound.branch_and_bound import BranchAndBound
+from nlpgrasp.optimize.after.choice import chosen
+from nlpgrasp.optimize.after.final_step import at_local_optimum
+from nlpgrasp.optimize.after.way_in import approached, with_free_way
+from nlpgrasp.optimize.ascent.state import Effort
+from nlpgrasp.optimize.bounding import OFFERED, STRIDE, bounding, effort_of, nodes_of, why_not_bounded
+from nlpgrasp.optimize.many.collection import ONE, Collection, Keeping
+from nlpgrasp.optimize.start.propose import propose, shares
+from nlpgrasp.optimize.start.result import StartGrasp, StartResult, best_of
+from nlpgrasp.optimize.start.run import FAILURES, failed, run_start
+from nlpgrasp.optimize.start.warm_starts import KnownGrasp, WarmStart, run_warm_start
+from nlpgrasp.optimize.workbench.clock import Clock
+from nlpgrasp.optimize.workbench.placed import Placed
+from nlpgrasp.optimize.workers.one_thread import one_thread
+from nlpgrasp.optimize.workers.pool import NOT_BEGUN, Runner
+from nlpgrasp.pipeline.answer import Search, answer, solver_record
+from nlpgrasp.pipeline.progress import Progress
+from nlpgrasp.quality import Bounds
+from nlpgrasp.solution.measures.global_bound import GlobalBound
+from nlpgrasp.solution.records import Status
+from nlpgrasp.solution.solution import GraspSolution
+
+TOGETHER = 8  # starts that candidates are proposed for together
+
+
+class Multistart:
+    """State of a multistart search, whose stages are methods: starts, warm starts, gap closing, choice, answer.
+
+    A search can take further starts and warm starts until its answer is made, and go on from an earlier solution
+    (``resumed``).
+
+    Parameters
+    ----------
+    runner : Runner
+    seed : int
+    keeping : Keeping
+    progress : callable, optional
+    flag : Path, optional
+        A file that exists once the user has interrupted the search.
+
+    Attributes
+    ----------
+    results : list of StartResult
+        Of all starts so far.
+    floor : float
+        Certified lower bound of mu that the answer keeps to, as warm starts prove it.
+    chosen : StartGrasp or None
+        The answer, once it is chosen.
+    """
+
+    def __init__(
+        self,
+        runner: Runner,
+        seed: int,
+        keeping: Keeping = ONE,
+        progress: Progress | None = None,
+        flag: Path | None = None,
+    ) -> None:
+        self.runner, self.seed = runner, seed
+        self.results: list[StartResult] = []
+        self.floor = 0.0
+        self.chosen: StartGrasp | None = None
+        self._begun, self._clock = time.monotonic(), Clock()
+        limit = runner.options.time_limit
+        self.stop = Stop(None if limit is None else self._begun + limit, flag)
+        self._keeping, self._progress = keeping, progress
+        self._others: Collection | None = None
+        self._tree: BranchAndBound | None = None
+        self._nodes = 0  # of the tree, asked for beyond its root
+        self._known_bound: GlobalBound | None = None
+        self._spent = Effort()
+
+    @classmethod
+    def resumed(cls, runner: Runner, solution: GraspSolution, seed: int) -> Multistart:
+        """Return the search that ended with a solution: its records of starts, bound and effort.
+
+        Its answer is among the starts still to come.
+        """
+        search = cls(runner, seed)
+        search.results = [StartResult(record) for record in solution.starts]
+        if solution.bound is not None:
+            search._known_bound = replace(solution.bound, stated_gap=None)  # the gap was to another grasp
+        record, seconds = solution.solver, solution.solver.get("seconds", {})
+        search._begun -= float(seconds.get("total", 0.0))
+        search._spent = Effort(
+            int(record.get("iterations", 0)),
+            float(seconds.get("ipopt", 0.0)),
+            float(seconds.get("functions", 0.0)),
+            int(record.get("ipopt_calls", 0)),
+            dict(record.get("ipopt_failures", {})),
+        )
+        return search
+
+    @property
+    def best(self) -> StartGrasp | None:
+        """The best start so far: of those certified for at least the floor, where there are any."""
+        best = best_of(self.results)
+        if best is None or best.record.mu.lower >= self.floor:
+            return best
+        return best_of([r for r in self.results if r.record.mu.lower >= self.floor])
+
+    @property
+    def next_index(self) -> int:
+        """Number of the next start: the starts asked for come first."""
+        return max([self.runner.count, *(r.record.index + 1 for r in self.results)])
+
+    def begin_bound(self) -> None:
+        """Bound mu by the undivided tree of a branch and bound, where it covers the problem."""
+        self._clock.restart()
+        problem, options = self.runner.problem, self.runner.options
+        self._tree = bounding(problem, options)
+        if self._tree is not None:
+            self._tree.grow(0)
+        elif options.gap is not None:
+            warn(f"gap: {why_not_bounded(problem)}; the answer is the best of its starts")
+        self._clock.mark("bound")
+
+    def run_starts(self, known: Sequence[KnownGrasp] = ()) -> None:
+        """Propose, refine and certify: all starts asked for, and those from known grasps, each as it is and refined.
+
+        The bound of the undivided tree comes before.
+        """
+        runner, stop = self.runner, self.stop
+        runner.prepare()
+        self.begin_bound()
+        candidates = self._proposed()
+        for result in chain(
+            runner.starts(candidates, self.seed, stop), runner.warm_starts(known, self.next_index, stop)
+        ):
+            self.results.append(result)
+            if self._progress is not None:
+                best = best_of(self.results)
+                self._progress(result.record, Bounds(0.0, float("inf")) if best is None else best.record.mu)
+        self.results.sort(key=lambda r: r.record.index)
+        self._clock.mark("starts")
+
+    def _proposed(self) -> Iterator[tuple[int, Sequence[Placed]]]:
+        """Yield the number and the candidates of each start asked for, proposed for some at a time, until a stop.
+
+        Where numerics fail, starts are failed ones.
+        """
+        for first in range(0, self.runner.count, TOGETHER):
+            if self.stop.requested():
+                return
+            numbers = range(first, min(first + TOGETHER, self.runner.count))
+            rng = np.random.default_rng([self.seed, first])
+            if first:
+                self._clock.mark("starts")
+            try:
+                proposed = propose(self.runner.bench, rng, starts=len(numbers))
+            except FAILURES as error:
+                self.results += [failed(index, error) for index in numbers]
+                continue
+            self._clock.mark("propose")
+            yield from zip(numbers, shares(proposed, len(numbers)), strict=True)
+
+    def add(self, warm: WarmStart, improve: bool = True) -> bool:
+        """Run a warm start in this process; return whether the best mu rose by more than its certificate's gap."""
+        self._clock.restart()
+        before = self.best
+        new = run_warm_start(self.runner.bench, warm, self.next_index, self.stop, improve)
+        self.results += new
+        if new and new[0].solved and new[0].record.mu.lower >= warm.floor:
+            self.floor = max(self.floor, warm.floor)
+        self._clock.mark("starts")
+        best = self.best
+        return best is not None and (before is None or best.record.mu.lower > before.record.mu.upper)
+
+    def run_until_proved(self, starts: int, rtol: float, known: Sequence[FloatArray] = ()) -> None:
+        """Run starts one at a time in this process, until the bound proves the best one to be near the best possible.
+
+        Parameters
+        ----------
+        starts : int
+            At most.
+        rtol : float
+            Relative gap to which the best start is certified before.
+        known : sequence of (k, space) array
+            Contacts that candidates begin from as well.
+        """
+        self._clock.restart()
+        nodes = nodes_of(self.runner.problem, 1) // 2
+        for _ in range(starts):
+            self.certify_best(rtol)
+            if self._search_tree(nodes) or self.stop.requested():
+                break
+            self._add_start(known)
+        self._clock.mark("starts")
+
+    def update(self, *starts: StartGrasp) -> None:
+        """Put starts in the places of the results with their numbers."""
+        by_index = {start.record.index: start for start in starts}
+        self.results = [by_index.get(result.record.index, result) for result in self.results]
+
+    def certify_best(self, rtol: float) -> StartGrasp | None:
+        """Certify the best start to this relative gap, and whichever then is the best; return it."""
+        tight = set[int]()
+        while (best := self.best) is not None and best.record.index not in tight:
+            best = best.certified(self.runner.problem, rtol, self.seed)
+            self.update(best)
+            tight.add(best.record.index)
+        return best
+
+    def close_gap(self) -> None:
+        """Search all placements until the best grasp is within the gap asked for of the bound, or a stop.
+
+        Starts go on meanwhile, also from the placements that the bound rests on.
+        """
+        if self._tree is None or self.runner.options.gap is None:
+            return
+        follows_contacts = self.runner.bench.follows_contacts
+        while not self.stop.requested() and not self._search_tree(STRIDE):
+            if follows_contacts and not self.stop.requested():
+                self._add_start()
+        self._clock.mark("closing the gap")
+
+    def _add_start(self, known: Sequence[FloatArray] = ()) -> None:
+        """Run one more start in this process, also from known contacts (k, space) and the bound's relaxed placements.
+
+        The first ones are the starts asked for, where they were not run.
+        """
+        run = {result.record.index for result in self.results}
+        index = next((i for i in range(self.runner.count) if i not in run), self.next_index)
+        relaxed = [] if self._tree is None else self._tree.relaxed_placements(OFFERED)
+        self.results.append(run_start(self.runner.bench, index, self.seed, self.stop, [*known, *relaxed]))
+
+    def _search_tree(self, nodes: int) -> bool:
+        """Branch on so many nodes more; return whether the bound proves the best start to be within its gap."""
+        if self._tree is None:
+            return False
+        best = self.best
+        self._tree.expect(0.0 if best is None else best.record.mu.lower)
+        self._tree.grow(nodes, self.stop.requested)
+        self._nodes += nodes
+        return self._tree.searched
+
+    def choose(self) -> None:
+        """Choose the answer among the starts, at the local optimum next to it, and with a free way of its hand."""
+        runner, stop, best = self.runner, self.stop, self.best
+        if best is None:
+            return
+        weighed = [best] if runner.options.weighs_fragility and not stop.requested() else []
+        choosing = runner.begin(partial(chosen, results=self.results, stop=stop), weighed)
+        if self._keeping.count > 1:
+            self._others = Collection(runner, self._keeping, stop)  # while workers choose
+        best = next(iter(choosing()), best)
+        self._clock.mark("choice")
+        if not stop.requested():
+            best = runner.run(partial(at_local_optimum, stop=stop), best) or best
+        self.update(best)
+        self._clock.mark("last step")
+        if runner.problem.hand is not None and not stop.requested():
+            best, *blocked = runner.run(partial(with_free_way, results=self.results, stop=stop), best) or (best,)
+            self.update(best, *blocked)
+        self._clock.mark("way in")
+        self.chosen = best
+
+    def keep(self, best: StartGrasp) -> None:
+        """Take a start as the answer where it is, with the way in of its hand."""
+        with one_thread():
+            self.chosen = replace(best, hand=approached(self.runner.bench, best).hand)
+        self.update(self.chosen)
+
+    def answer(self) -> GraspSolution:
+        """Bound, certify and analyse the answer, and return the solution."""
+        self._clock.restart()
+        runner, stop, clock, best, reason = self.runner, self.stop, self._clock, self.chosen, None
+        bound, cut_short = self._bound(best), self._cut_short
+        search = Search(runner.problem, runner.options, self.seed, self.results, cut_short, stop, bound, clock, best)
+        clock.mark("bound")
+        if best is None and not stop.requested() and any(isinstance(r, StartGrasp) for r in self.results):
+            reason = runner.run(partial(diagnosis, seed=self.seed, stop=stop), self.results)
+            clock.mark("why not")
+        if self._others is not None and best is not None:
+            self._others.begin(best, self.results)
+            clock.mark("other grasps")
+        solution = answer(search, reason)
+        clock.mark("answer")
+        solution = self._analysed(solution, best)
+        if self._others is not None:
+            solution = with_squeezes(replace(solution, others=self._others.grasps()), runner.problem.hand)
+            clock.mark("other grasps")
+        effort, seconds = search.effort + self._spent, time.monotonic() - self._begun
+        record = solver_record(runner.options, self.seed, effort, seconds, clock.seconds)
+        if self._keeping.count > 1:
+            record |= {"keep": self._keeping.count, "distinct": self._keeping.distinct}
+        return replace(solution, solver=record)
+
+    @property
+    def _cut_short(self) -> Status | None:
+        """Why the search ended before all starts asked for were done."""
+        if self.stop.interrupted():
+            return Status.INTERRUPTED
+        if not self.stop.requested():
+            return None
+        records = [r.record for r in self.results if r.record.index < self.runner.count]
+        begun = sum(record.message != NOT_BEGUN for record in records)
+        return Status.TIME_LIMIT if begun < self.runner.count else None
+
+    def _bound(self, best: StartGrasp | None) -> GlobalBound | None:
+        """Return the bound over all placements, after a short branch and bound; None where it does not cover them.
+
+        Where a gap is asked for it is as it was left, and that of an earlier solution as it states it.
+        """
+        if self._tree is None:
+            return self._known_bound
+        if best is not None:
+            weak = np.array(best.kkt.directions) if best.kkt is not None and best.kkt.directions else None
+            self._tree.expect(best.record.mu.lower, weak)
+        if self.runner.options.gap is None:
+            asked = self.runner.problem, self.runner.count
+            tree, most = self._tree, effort_of(*asked)
+            tree.grow(nodes_of(*asked) - self._nodes, lambda: self.stop.requested() or tree.effort > most)
+        return self._tree.bound()
+
+    def _analysed(self, solution: GraspSolution, best: StartGrasp | None) -> GraspSolution:
+        """Return the solution with the analyses that the options ask for."""
+        runner, stop = self.runner, self.stop
+        names = asked(runner.options, solution, runner.problem.hand)
+        if best is None or not names or stop.requested():
+            return solution
+        found, seconds = runner.run(partial(analyses_of, names=names, stop=stop), best) or ({}, {})
+        self._clock.mark_with(seconds, "programs")
+        return with_analyses(solution, found, runner.problem.hand)

@@ -1,1 +1,0 @@
-"""Manipulability and sensitivity of a grasp."""

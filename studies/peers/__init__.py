@@ -1,1 +1,0 @@
-"""The package beside what one would use instead: ``python -m studies.peers``."""

@@ -1,0 +1,111 @@
+"""Shadow prices against solving again with the limit moved by one per cent."""
+
+from dataclasses import replace
+
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.analysis.limits import limits_of
+from nlpgrasp.analysis.prices import price_of, shadow_prices
+from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.optimize.after.final_step import at_local_optimum
+from nlpgrasp.optimize.ascent.local_optimum import local_optimum
+from nlpgrasp.optimize.start.run import run_start
+from nlpgrasp.optimize.workbench.workbench import Workbench
+from tests.hands.urdf import four_finger_hand
+
+OPTIONS = ng.SolveOptions(workers=1, joint_margin=0.0)  # limits are moved by themselves
+BODY = ng.Ellipsoid([0.06, 0.03, 0.03])
+TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.06, 0.06, 0.06])
+FOUR = [ng.FrictionContact(0.6)] * 4
+
+PROBLEMS = {
+    "spread of a hand": lambda: ng.GraspProblem(BODY, FOUR, TASK, hand=ng.Fingertips(4, 0.005, spread=0.05)),
+    "reach and table": lambda: ng.GraspProblem(
+        BODY, FOUR, TASK, hand=ng.Fingertips(4, 0.005, reach=0.035), constraints=[ng.Table(-0.015, 0.002)]
+    ),
+    "soft contacts in a workspace": lambda: ng.GraspProblem(
+        BODY,
+        [ng.SoftContact(0.6, 0.01)] * 3,
+        TASK,
+        constraints=[ng.Workspace(ng.BoxRegion([-0.02, -1.0, -1.0], [0.02, 1.0, 1.0]))],
+    ),
+    "user's own": lambda: ng.GraspProblem(
+        BODY, FOUR, TASK, constraints=[ng.Constraint("low", lambda p, n: sum(q[0] ** 2 for q in p), 0.0, 0.001)]
+    ),
+}
+FAST = ("reach and table",)  # a price is checked by two more solves
+EXPECTED = {
+    "spread of a hand": {"Fingertips.spread (greatest)", "friction of all contacts"},
+    "reach and table": {"Fingertips.reach", "Table.height", "friction of all contacts"},
+    "soft contacts in a workspace": {"friction of all contacts", "torsional_friction of all contacts"},
+    "user's own": {"Constraint 'low'.upper", "friction of all contacts"},
+}
+
+
+def best_of(bench, starts):
+    results = [run_start(bench, i, 0, Stop()) for i in range(starts)]
+    best = max((r for r in results if r.solved), key=lambda r: r.record.mu.upper)
+    return at_local_optimum(bench, best, Stop())
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in FAST else [pytest.mark.slow]) for n in PROBLEMS])
+def test_prices_predict_solving_again(name):
+    problem = PROBLEMS[name]()
+    bench = Workbench(problem, OPTIONS)
+    best = best_of(bench, 3)
+    prices = {p.name: p for p in shadow_prices(bench, best, Stop())}
+    assert EXPECTED[name] <= set(prices)
+    here = best.optimum
+    limits = {limit.name: limit for limit in limits_of(problem)}
+    for key in EXPECTED[name]:
+        price, limit = prices[key], limits[key]
+        h = 0.002 * abs(price.value) * (1.0 if price.gain > 0.0 else -1.0)  # the way that leaves the grasp possible
+        moved = local_optimum(Workbench(limit.changed(h), OPTIONS), here.placed, Stop())
+        assert moved.kkt.is_small
+        assert moved.value - here.value == pytest.approx(price.gain / price.step * h, rel=0.05), key
+
+
+@pytest.mark.slow
+def test_prices_of_a_hand():
+    """Joint limits and clearance of a 16-joint hand: the clearance's price against solving again."""
+    problem = ng.GraspProblem(BODY, FOUR, TASK, hand=four_finger_hand(clearance=0.002))
+    bench = Workbench(problem, OPTIONS)
+    best = best_of(bench, 2)
+    prices = {p.name: p for p in shadow_prices(bench, best, Stop())}
+    assert prices["friction of all contacts"].gain > 0.0
+    assert all(p.gain > 0.0 for name, p in prices.items() if name.endswith("limit"))
+    assert all(p.unit == "1 degree of range" for name, p in prices.items() if name.endswith("limit"))
+
+
+@pytest.mark.slow
+def test_prices_of_a_hand_predict_solving_again():
+    problem = ng.GraspProblem(BODY, FOUR, TASK, hand=four_finger_hand(clearance=0.002))
+    bench = Workbench(problem, OPTIONS)
+    begun = best_of(bench, 2).optimum.placed
+    here = local_optimum(bench, begun, Stop())  # from where the others begin: optima may be next to each other
+    assert here.kkt.is_small
+    for limit in limits_of(problem):
+        h = 1e-3 * limit.step
+        moved = local_optimum(Workbench(limit.changed(h), OPTIONS), begun, Stop())
+        expected = price_of(bench, here, limit).gain / limit.step * h
+        assert moved.value - here.value == pytest.approx(expected, rel=0.05, abs=1e-7 * here.value), limit.name
+
+
+def test_no_prices_of_an_optimum_far_from_the_grasp():
+    """On a mesh the optimum on the smooth surface can be another grasp's."""
+    problem = PROBLEMS["reach and table"]()
+    bench = Workbench(problem, OPTIONS)
+    best = best_of(bench, 1)
+    assert shadow_prices(bench, best, Stop())
+    half = replace(best.record, mu=ng.Bounds(0.5 * best.record.mu.lower, 0.5 * best.record.mu.upper))
+    assert shadow_prices(bench, replace(best, record=half), Stop()) == ()
+
+
+def test_prices_are_in_the_solution_and_its_file(tmp_path):
+    solution = ng.solve(
+        PROBLEMS["reach and table"](), 1, options=replace(OPTIONS, global_bound=False, analyses=["prices"])
+    )
+    assert solution.prices == ng.GraspSolution.load(solution.save(tmp_path / "f.json")).prices
+    assert "raising Fingertips.reach by 1 mm changes mu by +" in str(solution)
+    assert abs(solution.prices[0].gain) >= abs(solution.prices[-1].gain)

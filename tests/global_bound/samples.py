@@ -1,0 +1,117 @@
+"""Cells of every kind, and random points of them by other means than rows."""
+
+import numpy as np
+import trimesh
+
+from nlpgrasp.common.spatial import tangents
+from nlpgrasp.global_bound.cells.disc import SectorCell
+from nlpgrasp.global_bound.cells.ellipsoid import EllipsoidCell, Spherical
+from nlpgrasp.global_bound.cells.mesh import Clusters, MeshCell
+from nlpgrasp.global_bound.cells.polygon import PolygonCell
+from nlpgrasp.global_bound.cells.revolved import Revolved, RevolvedCell
+
+
+def polygon_cell(rng):
+    normal = rng.standard_normal(3)
+    normal /= np.linalg.norm(normal)
+    axes = tangents(normal[None])[0]
+    angles = np.sort(rng.uniform(0, 2 * np.pi, 5))
+    flat = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return PolygonCell(rng.standard_normal(3) + flat @ axes, normal, axes)
+
+
+def ellipsoid_cell(rng):
+    corners = np.diag(rng.choice([-1.0, 1.0], 3))
+    axes = rng.uniform(0.5, 2.0, 3) if rng.random() < 0.7 else np.full(3, 1.3)
+    cell = EllipsoidCell(corners, Spherical(axes))
+    for _ in range(rng.integers(0, 8)):
+        cell = cell.split()[rng.integers(2)]
+    return cell
+
+
+def sector_cell(rng):
+    cell = SectorCell(np.array([0.0, 1.5]), np.array([0.2, 1.0]), 0.7, np.array([0.0, 0.0, -1.0]))
+    for _ in range(rng.integers(0, 5)):
+        cell = cell.split()[rng.integers(2)]
+    return cell
+
+
+def side_cell(rng):
+    cell = RevolvedCell(Revolved(np.array([0.0, rng.uniform(0.3, 2.0)])), np.array([0.0, 1.6]), np.array([-0.5, 1.0]))
+    for _ in range(rng.integers(0, 6)):
+        cell = cell.split()[rng.integers(2)]
+    return cell
+
+
+def torus_cell(rng):
+    cell = RevolvedCell(Revolved(np.array([2.0, rng.uniform(0.3, 1.5)])), np.array([0.0, 1.6]), np.array([-1.5, 0.0]))
+    for _ in range(rng.integers(0, 6)):
+        cell = cell.split()[rng.integers(2)]
+    return cell
+
+
+def rough_triangles(rng, subdivisions=3):
+    """Corners and inward normals of a bumpy ball's triangles."""
+    ball = trimesh.creation.icosphere(subdivisions, 1.3)
+    ball.vertices += 0.05 * rng.standard_normal(ball.vertices.shape) * 0.6**subdivisions
+    return np.asarray(ball.triangles), -np.asarray(ball.face_normals)
+
+
+def random_hull(rng):
+    """The convex hull of some random points."""
+    return trimesh.convex.convex_hull(rng.standard_normal((14, 3)) * [1.0, 0.7, 0.5])
+
+
+def bent_bar(rng):
+    """A bar around a corner, turned at random."""
+    outline = np.array([[0, 0], [2, 0], [2, 0.5], [0.5, 0.5], [0.5, 1.6], [0, 1.6]]) - [0.7, 0.5]
+    caps = np.array([[0, 1, 3], [1, 2, 3], [0, 3, 4], [0, 4, 5]])
+    sides = [f for i in range(6) for f in ([i, (i + 1) % 6, i + 6], [(i + 1) % 6, (i + 1) % 6 + 6, i + 6])]
+    vertices = np.concatenate([np.column_stack([outline, np.full(6, z)]) for z in (-0.25, 0.25)])
+    faces = np.concatenate([caps[:, ::-1], caps + 6, np.array(sides)])
+    turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    return trimesh.Trimesh(vertices @ (turn * np.sign(np.linalg.det(turn))).T, faces, process=False)
+
+
+def mesh_cell(rng):
+    cell = MeshCell(Clusters(*rough_triangles(rng), 1.3), 1)
+    for _ in range(rng.integers(0, 9)):
+        cell = cell.split()[rng.integers(2)]
+    return cell
+
+
+CELLS = {
+    "polygon": polygon_cell,
+    "ellipsoid": ellipsoid_cell,
+    "sector": sector_cell,
+    "side": side_cell,
+    "torus": torus_cell,
+    "mesh": mesh_cell,
+}
+
+
+def points_of(cell, count, rng):
+    """Random points of a cell and the inward normals there."""
+    if isinstance(cell, PolygonCell):
+        shares = rng.dirichlet(np.full(len(cell.vertices), 0.5), count)
+        return shares @ cell.vertices, np.tile(cell.normal, (count, 1))
+    if isinstance(cell, MeshCell):
+        which = rng.choice(cell.clusters.members(cell.node), count)
+        shares = rng.dirichlet(np.full(3, 0.5), count)
+        return np.sum(shares[:, :, None] * cell.clusters.pieces[which], axis=1), cell.clusters.normals[which]
+    if isinstance(cell, EllipsoidCell):
+        u = rng.dirichlet(np.full(len(cell.corners), 0.7), count) @ cell.corners
+        points = u / np.linalg.norm(u, axis=1, keepdims=True) * cell.a
+        inward = -points / cell.a**2
+        return points, inward / np.linalg.norm(inward, axis=1, keepdims=True)
+    first = rng.uniform(*(cell.radii if isinstance(cell, SectorCell) else cell.along), count)
+    phi = rng.uniform(*cell.angles, count)
+    out = np.stack([np.cos(phi), np.sin(phi), np.zeros(count)], axis=1)
+    up = np.array([0.0, 0.0, 1.0])
+    if isinstance(cell, SectorCell):
+        return first[:, None] * out + cell.height * up, np.tile(cell.normal, (count, 1))
+    major, minor = cell.radii
+    if major == 0.0:
+        return minor * out + first[:, None] * up, -out
+    outward = np.cos(first)[:, None] * out + np.sin(first)[:, None] * up
+    return major * out + minor * outward, -outward

@@ -1,0 +1,101 @@
+"""What rows bound, they bound for every point of their cell; both parts of a cell cover it."""
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.budgets import force_budget
+from nlpgrasp.global_bound.bound.curved_supports import mixed_supports, single_supports
+from nlpgrasp.global_bound.bound.measure import Measure
+from nlpgrasp.global_bound.bound.supports import Supports
+from tests.global_bound.samples import CELLS, points_of
+from tests.quick import every, first
+
+CONTACTS = {
+    "point": ng.PointContact(),
+    "friction": ng.FrictionContact(0.6),
+    "soft": ng.SoftContact(0.5, 0.2),
+    "elliptic": ng.SoftContact(0.5, 0.2, model="elliptic"),
+}
+BUDGETS = ("l2", "per_finger", "per_finger_size", "shared")
+
+
+def powers_at(contact, budget, points, normals, origin, twists):
+    """The support of a contact to the measure's power, from the grasp map of one contact at a time."""
+    power = {"l2": 2.0, "shared": 8.0}.get(budget, 1.0)
+    grasp = ng.Grasp(points, normals, contact, torque_origin=origin)
+    force_set = force_budget(budget).at(grasp.frames[:1], grasp.contacts[:1])
+    of_each = np.split(twists @ grasp.G, len(points), axis=1)
+    return force_set.support(np.concatenate(of_each))[0].reshape(len(points), -1) ** power
+
+
+@pytest.mark.parametrize("budget", BUDGETS)
+@pytest.mark.parametrize("contact", every(2, CONTACTS.values()), ids=CONTACTS)
+@pytest.mark.parametrize("kind", CELLS)
+def test_rows_bound_all_points_of_the_cell(kind, contact, budget):
+    rng = np.random.default_rng(len(kind) + 7 * len(budget))
+    origin = rng.standard_normal(3)
+    for _ in range(6):
+        cell = CELLS[kind](rng)
+        twists = rng.standard_normal((12, 6)) * np.where(np.arange(6) < 3, 1.0, rng.choice([0.1, 1.0, 10.0]))
+        supports = Supports(contact, Measure.of(force_budget(budget)), origin)
+        supports.add(cell)
+        number = np.zeros(1, dtype=np.int64)
+        powers = supports.powers(supports.rows_of(number), twists[None])
+        true = powers_at(contact, budget, *points_of(cell, 60, rng), origin, twists)
+        assert np.all(true <= single_supports(supports, number, powers, twists[None])[0] * (1 + 1e-9) + 1e-12)
+        for mixture in rng.dirichlet(np.full(12, 0.3), 5):
+            bound = mixed_supports(supports, number, powers, twists[None], mixture[None])[0]
+            assert np.all(true @ mixture <= bound * (1 + 1e-9) + 1e-12)
+
+
+@pytest.mark.parametrize("budget", first(1, ["l2", "per_finger"]))
+@pytest.mark.parametrize("kind", ["ellipsoid", "side", "torus"])
+def test_a_closer_look_is_close(kind, budget):
+    """The bound over a small curved cell is near the largest of many points."""
+    rng = np.random.default_rng(5)
+    for _ in range(6):
+        cell = CELLS[kind](rng)
+        supports = Supports(CONTACTS["friction"], Measure.of(force_budget(budget)), np.zeros(3))
+        supports.add(CELLS[kind](rng))
+        supports.widest = 1.0
+        while cell.ball()[1] > 0.1:
+            cell = cell.split()[0]
+        supports.add(cell)
+        twists, mixture = rng.standard_normal((1, 8, 6)), rng.dirichlet(np.ones(8))
+        number = np.ones(1, dtype=np.int64)
+        powers = supports.powers(supports.rows_of(number), twists)
+        bound = mixed_supports(supports, number, powers, twists, mixture[None])[0]
+        true = powers_at(CONTACTS["friction"], budget, *points_of(cell, 800, rng), np.zeros(3), twists[0]) @ mixture
+        assert true.max() <= bound <= 1.012 * true.max()
+
+
+def bends_of(cell):
+    curved = cell.rows().curved[0]
+    return np.max(curved.patches.bends(curved.parts)[:, 0], axis=0)
+
+
+@pytest.mark.parametrize("kind", ["ellipsoid", "side", "torus"])
+def test_what_bends_add_falls_with_the_square_of_the_cell(kind):
+    rng = np.random.default_rng(3)
+    cell = CELLS[kind](rng)
+    while cell.ball()[1] > 0.1:
+        cell = cell.split()[0]
+    small = cell
+    for _ in range(6):
+        small = small.split()[1]
+    shares = bends_of(cell) / bends_of(small)
+    assert np.all(shares[[0, 1]] > 0.5 * (cell.ball()[1] / small.ball()[1]) ** 2)
+
+
+@pytest.mark.parametrize("kind", CELLS)
+def test_both_parts_cover_a_cell(kind):
+    rng = np.random.default_rng(11)
+    for _ in range(20):
+        cell = CELLS[kind](rng)
+        points, _ = points_of(cell, 80, rng)
+        balls = [part.ball() for part in cell.split()]
+        inside = [np.linalg.norm(points - centre, axis=1) <= radius * (1 + 1e-9) for centre, radius in balls]
+        assert np.all(inside[0] | inside[1])
+        centre, radius = cell.ball()
+        assert np.all(np.linalg.norm(points - centre, axis=1) <= radius * (1 + 1e-9))

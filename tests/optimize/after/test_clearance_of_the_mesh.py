@@ -1,0 +1,41 @@
+"""The last step on a mesh: links keep their clearance from the mesh itself, not only from its smooth surface."""
+
+import numpy as np
+import pytest
+import trimesh
+
+import nlpgrasp as ng
+from nlpgrasp.optimize.workbench.workbench import Workbench
+from tests.hands.urdf import four_finger_hand
+
+STEP = "then IPOPT on the program"
+
+
+def problem():
+    body = ng.Mesh(trimesh.creation.capsule(height=0.05, radius=0.02, count=[16, 16]))
+    task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.04, 0.04, 0.04])
+    return ng.GraspProblem(body, ng.FrictionContact(0.7), task, hand=four_finger_hand(clearance=0.002))
+
+
+def test_more_clearance_moves_the_limits_of_these_rows_alone():
+    bench = Workbench(problem(), ng.SolveOptions(workers=1))
+    rows = bench.rows.clearances
+    more = np.zeros(len(bench.rows.named))
+    more[rows[3]] = 1e-3
+    programs = [b.exchange.compiled.program for b in (bench, bench.with_clearance(more))]
+    low, high = (np.array([program.limits[end] for program in programs]) for end in (0, 1))
+    changed = np.flatnonzero(low[1] != low[0])
+    assert changed.tolist() == [programs[0].placement.start + rows[3]]
+    scale = bench.rows.named[rows[3]].scale
+    assert low[1, changed[0]] - low[0, changed[0]] == pytest.approx(1e-3 / scale)
+    np.testing.assert_array_equal(high[1], high[0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_the_end_keeps_clearances_of_the_mesh(seed):
+    solution = ng.solve(problem(), 1, seed, ng.SolveOptions(workers=1, global_bound=False))
+    assert STEP in solution.winner.message, solution.kkt.reason
+    own = [row for row in solution.constraints if row.kind == "clearance from the body"]
+    assert own
+    assert min(row.value - row.lower for row in own) >= -1e-4 * problem().body.size

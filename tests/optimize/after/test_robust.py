@@ -1,0 +1,207 @@
+"""Robustness: against brute force over placements, friction in closed form, files, the option to maximise it."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.optimize.after.robust import robustness
+from nlpgrasp.optimize.workbench.placed import Placed
+from nlpgrasp.optimize.workbench.workbench import Workbench
+from nlpgrasp.report import write_report
+from nlpgrasp.solution.findings import Robustness
+from tests.once import solve_once
+
+ONE = ng.SolveOptions(workers=1, global_bound=False)
+TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.05, 0.05, 0.05])
+
+
+def problem(body):
+    return ng.GraspProblem(body, [ng.FrictionContact(0.6)] * 4, TASK)
+
+
+@pytest.fixture(scope="module")
+def ellipsoid():
+    return solve_once(problem(ng.Ellipsoid([0.05, 0.03, 0.02])), 2, options=ONE)
+
+
+@pytest.mark.slow
+def test_no_random_placement_is_worse(ellipsoid):
+    """300 placements with every contact 1 mm off, by brute force on the ellipsoid: none below the worst found."""
+    robust, rng = ellipsoid.robust, np.random.default_rng(1)
+    radii = np.array([0.05, 0.03, 0.02])
+    models = [model.with_friction(0.9) for model in ellipsoid.grasp.contacts]
+    least = np.inf
+    points, normals = [], []
+    for _ in range(300):
+        off = ellipsoid.grasp.points + 1e-3 * (d := rng.standard_normal((4, 3))) / np.linalg.norm(d, axis=1)[:, None]
+        on = off / np.linalg.norm(off / radii, axis=1)[:, None]
+        n = -on / radii**2
+        points.append(on)
+        normals.append(n / np.linalg.norm(n, axis=1)[:, None])
+    stack = ng.GraspStack(np.array(points), np.array(normals), models, ellipsoid.grasp.torque_origin)
+    least = np.min(ng.screen(stack, TASK))
+    assert robust.mu.upper <= least * 1.02
+    assert robust.mu.upper < ellipsoid.mu.lower
+
+
+def test_the_placement_found_is_on_the_body_and_within_reach(ellipsoid):
+    robust = ellipsoid.robust
+    assert np.max(np.linalg.norm(robust.points - ellipsoid.grasp.points, axis=1)) <= 1.5e-3
+    np.testing.assert_allclose(np.sum((robust.points / [0.05, 0.03, 0.02]) ** 2, axis=1), 1.0, atol=1e-9)
+
+
+def test_contacts_stay_on_their_faces():
+    found = ng.solve(problem(ng.Box([0.08, 0.05, 0.04])), 1, options=ONE)
+    half = np.array([0.04, 0.025, 0.02])
+    assert np.all(np.abs(found.robust.points) <= half * (1.0 + 1e-9))
+    np.testing.assert_allclose(found.robust.normals, found.grasp.normals, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_less_friction_alone():
+    """No offset: the same contacts with friction 0.6 * 0.8."""
+    options = ng.SolveOptions(workers=1, robust_offset=0.0, robust_friction=0.2)
+    found = ng.solve(problem(ng.Sphere(0.04)), 1, options=options)
+    grasp = ng.Grasp(found.grasp.points, found.grasp.normals, ng.FrictionContact(0.48), found.grasp.torque_origin)
+    expected = ng.mu(grasp, TASK)
+    assert found.robust.mu.lower <= expected.upper
+    assert expected.lower <= found.robust.mu.upper
+    np.testing.assert_allclose(found.robust.points, found.grasp.points)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1])
+def test_maximising_it_keeps_more(seed):
+    body = ng.Ellipsoid([0.05, 0.03, 0.02])
+    options = ng.SolveOptions(workers=1, maximise_robust=True)
+    plain, best = (ng.solve(problem(body), 2, seed, o) for o in (ONE, options))
+    assert best.robust.mu.lower > plain.robust.mu.lower
+    assert best.robust.mu.upper > plain.robust.mu.upper
+    assert best.mu.upper <= plain.mu.upper * 1.02  # at some cost in mu itself
+    assert ng.verify(best).passed
+
+
+@pytest.mark.slow
+def test_flat_faces_have_nothing_to_gain():
+    """On a box a contact that slips keeps its normal: the best grasp stays where it is, and is not lost."""
+    options = ng.SolveOptions(workers=1, maximise_robust=True)
+    plain, best = (ng.solve(problem(ng.Box([0.08, 0.05, 0.04])), 1, options=o) for o in (ONE, options))
+    assert best.robust.mu.upper >= plain.robust.mu.lower
+
+
+def test_the_file_carries_it_and_verify_recomputes_it(ellipsoid, tmp_path):
+    path = ellipsoid.save(tmp_path / "robust.json")
+    again = ng.GraspSolution.load(path)
+    assert again.robust.mu.lower == ellipsoid.robust.mu.lower
+    np.testing.assert_array_equal(again.robust.points, ellipsoid.robust.points)
+    assert [c.passed for c in ng.verify(path).checks if c.name == "robustness"] == [True]
+    data = json.loads(path.read_text())
+    data["quality"]["robust"]["mu"] = {"lower": 0.9, "upper": 1.0}
+    path.write_text(json.dumps(data))
+    assert [c.passed for c in ng.verify(path).checks if c.name == "robustness"] == [False]
+    assert "less friction, [" in str(ellipsoid)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"robust_offset": -1.0}, "robust_offset"),
+        ({"robust_friction": 1.0}, "a share below 1"),
+        ({"maximise_robust": 1}, "True or False"),
+    ],
+)
+def test_bad_options(options, message):
+    with pytest.raises(ng.InputError, match=message):
+        ng.SolveOptions(**options)
+
+
+TINY = ng.GraspProblem(ng.Ellipsoid([0.006, 0.003, 0.002]), [ng.FrictionContact(0.3)] * 3, TASK)
+
+
+@pytest.fixture(scope="module")
+def fragile():
+    """A body of a few millimetres: contacts that are 1 mm off hold nothing."""
+    return solve_once(TINY, 1, options=ONE)
+
+
+def test_fragile_is_said(fragile, ellipsoid, tmp_path):
+    words = "fragile: nothing of mu is left when contacts are 1 mm off and friction 10 % less"
+    assert str(fragile).startswith(f"grasp: Solved, but {words}; a grasp with")
+    data = fragile.to_dict()
+    assert (data["quality"]["robust"]["share"], data["quality"]["robust"]["fragile"]) == (0.0, True)
+    page = write_report({"f": fragile}, tmp_path / "f.html").read_text().replace("\N{NO-BREAK SPACE}", " ")
+    assert f"F{words[1:]}." in page
+    assert not ellipsoid.is_fragile
+    assert "fragile" not in str(ellipsoid)
+    stated = ellipsoid.to_dict()["quality"]["robust"]
+    assert stated["share"] == ellipsoid.robust.mu.upper / ellipsoid.mu.upper
+    assert stated["fragile"] is False
+
+
+@pytest.mark.parametrize(("left", "words"), [(0.1, "10 %"), (0.0007, "0.07 %"), (1e-6, "less than 0.01 %")])
+def test_the_share_in_words(left, words):
+    worst = Robustness(0.002, 0.25, ng.Bounds(0.0, 0.5 * left), np.zeros((1, 3)), np.zeros((1, 3)))
+    expected = f"fragile: {words} of mu-tilde is left when contacts are 2 mm off and friction 25 % less"
+    assert worst.fragile_words(ng.Bounds(0.4, 0.5), "mu-tilde") == expected
+
+
+@pytest.mark.parametrize(("share", "fragile"), [(0.19, True), (0.21, False), (2.0, False)])
+def test_less_than_a_fifth_is_fragile(share, fragile):
+    worst = Robustness(0.001, 0.1, ng.Bounds(0.0, 0.5 * share), np.zeros((1, 3)), np.zeros((1, 3)))
+    assert worst.is_fragile(ng.Bounds(0.49, 0.5)) is fragile
+    assert worst.share(ng.Bounds(0.49, 0.5)) == pytest.approx(min(share, 1.0))
+
+
+@pytest.mark.parametrize(("key", "value"), [("share", 0.5), ("fragile", False)])
+def test_verify_finds_lies_about_it(fragile, key, value):
+    data = fragile.to_dict()
+    data["quality"]["robust"][key] = value
+    found = ng.verify(ng.GraspSolution.from_dict(data))
+    assert [c.name for c in found.checks if c.failed] == ["robustness"]
+
+
+def test_earlier_files_do_not_say_it(fragile):
+    data = fragile.to_dict()
+    del data["quality"]["robust"]["share"], data["quality"]["robust"]["fragile"]
+    old = ng.GraspSolution.from_dict(data)
+    assert old.is_fragile
+    assert ng.verify(old).passed
+
+
+def test_a_contact_that_may_slip_over_an_edge_is_lost():
+    """Two of three fingers half a millimetre from an edge: what is left is what one finger alone resists, nothing."""
+    square = ng.Polygon([[-0.02, -0.02], [0.02, -0.02], [0.02, 0.02], [-0.02, 0.02]])
+    contacts, task = [ng.FrictionContact(0.5)] * 3, ng.TaskEllipsoid([1.0, 1.0, 0.02])
+    problem = ng.GraspProblem(square, contacts, task, edge_margin=0.0)
+    points = np.array([[-0.0195, -0.02], [0.0195, -0.02], [0.0, 0.02]])
+    normals = np.array([[0.0, 1.0], [0.0, 1.0], [0.0, -1.0]])
+    placed = Placed(("edge0", "edge0", "edge2"), points)
+    bench = Workbench(problem, ng.SolveOptions(workers=1))
+    found = robustness(bench, placed, ng.Grasp(points, normals, contacts))
+    assert found.lost == (0, 1)
+    assert found.mu.upper == 0.0
+    np.testing.assert_array_equal(found.points[:2], points[:2])
+    assert "2 slip over an edge" in str(found)
+    near = Workbench(problem, ng.SolveOptions(workers=1, robust_offset=4e-4))
+    kept = robustness(near, placed, ng.Grasp(points, normals, contacts))
+    assert kept.lost == ()
+    assert kept.mu.lower > 0.1
+
+
+@pytest.mark.slow
+def test_a_lost_contact_is_told_and_verified(tmp_path):
+    """With the paper's exact problem contacts are on edges; a solution that hides what slips is a lie."""
+    box = ng.GraspProblem(
+        ng.Box([0.08, 0.04, 0.04]), [ng.FrictionContact(0.6)] * 3, ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03])
+    )
+    options = ng.SolveOptions(workers=1, edge_margin=0.0)
+    solution = ng.solve(box, starts=1, options=options)
+    assert solution.robust.lost
+    assert ng.verify(solution).passed
+    again = ng.GraspSolution.load(solution.save(tmp_path / "edge.json"))
+    assert again.robust.lost == solution.robust.lost
+    hidden = replace(solution, robust=replace(solution.robust, lost=()))
+    assert "robustness" in [check.name for check in ng.verify(hidden).checks if check.failed]

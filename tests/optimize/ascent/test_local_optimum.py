@@ -1,0 +1,169 @@
+"""The local optimum at the end of a search: residuals by differences, curvature, triangles of meshes, reasons."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+import nlpgrasp as ng
+from nlpgrasp.bodies.mesh.facets import Facets
+from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.optimize.after.final_step import at_local_optimum, on_triangles
+from nlpgrasp.optimize.ascent.local_optimum import local_optimum, residuals_at
+from nlpgrasp.optimize.ascent.reduced_hessian import reduced_hessian
+from nlpgrasp.optimize.ascent.steps.linear import Linearisation
+from nlpgrasp.optimize.ascent.weakest import weakest_at
+from nlpgrasp.optimize.start.run import run_start
+from nlpgrasp.optimize.workbench.placed import Placed
+from nlpgrasp.optimize.workbench.workbench import Workbench
+from nlpgrasp.quality.certificate.containment import conditioned
+from nlpgrasp.quality.certificate.minimise import descend, newton, random_directions
+from tests.hands.urdf import four_finger_hand
+from tests.kkt_by_differences import kkt_by_differences
+
+OPTIONS = ng.SolveOptions(workers=1, global_bound=False, joint_margin=0.0)
+TASK = ng.TaskEllipsoid([1.0, 0.8, 0.9, 0.03, 0.02, 0.03])
+ONE_SIDED = ng.TaskEllipsoid([0.5, 0.6, 0.4, 0.01, 0.01, 0.01], center=[0.2, 0.1, 1.0, 0.0, 0.0, 0.0])
+FOUR = [ng.FrictionContact(0.5)] * 4
+POTATO = trimesh.creation.icosphere(subdivisions=3, radius=0.04)
+POTATO.apply_transform(np.diag([1.0, 0.8, 0.7, 1.0]))
+PROBLEMS = {
+    "box": lambda: ng.GraspProblem(ng.Box([0.08, 0.05, 0.04]), FOUR, TASK),
+    "ellipsoid": lambda: ng.GraspProblem(ng.Ellipsoid([0.04, 0.03, 0.025]), FOUR, TASK),
+    "one-sided": lambda: ng.GraspProblem(ng.Ellipsoid([0.04, 0.03, 0.025]), FOUR, ONE_SIDED),
+    "cylinder": lambda: ng.GraspProblem(ng.Cylinder(0.03, 0.1), FOUR[:3], TASK),
+    "polygon": lambda: ng.GraspProblem(
+        ng.Polygon([[-0.04, -0.03], [0.05, -0.02], [0.03, 0.04], [-0.03, 0.03]]),
+        [ng.FrictionContact(0.4)] * 3,
+        ng.TaskEllipsoid([1.0, 1.0, 0.02]),
+    ),
+    "mesh": lambda: ng.GraspProblem(ng.Mesh(POTATO), FOUR, TASK),
+    "hand": lambda: ng.GraspProblem(ng.Ellipsoid([0.05, 0.03, 0.03]), FOUR, TASK, hand=four_finger_hand()),
+}
+SLOW = ("hand", "mesh", "cylinder", "one-sided")
+
+
+def started(problem):
+    """Return a workbench and the first start that ends with a grasp."""
+    bench = Workbench(problem, OPTIONS)
+    return bench, next(found for i in range(4) if (found := run_start(bench, i, 0, Stop())).solved)
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] if n in SLOW else []) for n in PROBLEMS])
+def test_residuals_by_differences(name):
+    problem = PROBLEMS[name]()
+    solution = ng.solve(problem, starts=2, options=OPTIONS)
+    assert solution.kkt.is_small
+    assert solution.kkt.reason == ""
+    found = kkt_by_differences(problem, solution)
+    assert found.stationarity < 1e-6
+    assert found.complementarity < 1e-6
+    beta = float(np.array(solution.kkt.weights) @ np.ones(len(solution.kkt.weights)))
+    assert beta == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("name", ["box", "ellipsoid"])
+def test_no_grasp_beside_it_is_better(name, rng):
+    """Random steps of the contacts along the surface, a few thousandths of the body's size, gain nothing."""
+    bench, start = started(PROBLEMS[name]())
+    found = local_optimum(bench, start.found.placed, Stop())
+    assert found.kkt.is_small
+    assert found.value >= start.record.mu.upper * (1.0 - 1e-3)
+    size, gains = bench.problem.body.size, []
+    for _ in range(60):
+        step = rng.normal(size=found.placed.points.shape) * 3e-3 * size
+        there = bench.snapped(replace(found.placed, points=found.placed.points + step))
+        margin = bench.problem.margin
+        each = zip(there.faces, there.points, strict=True)
+        if all(bench.problem.body.is_on(face, p[None], margin)[0] for face, p in each):
+            gains.append(weakest_at(bench, there, rng, found.cuts).value / found.value - 1.0)
+    assert len(gains) > 5
+    assert max(gains) < 1e-4
+
+
+def test_minimisers_by_newton_are_stationary(rng):
+    bench, start = started(PROBLEMS["ellipsoid"]())
+    problem, _ = conditioned(bench.wrench_set(start.found.placed), bench.problem.task)
+    begun, before = descend(problem, random_directions(40, problem.rank, rng), 10)
+    found, values = newton(problem, begun, 15)
+    assert np.all(values <= before * (1.0 + 1e-12))
+    gradient = problem.ratio(found)[1]
+    left = np.linalg.norm(gradient - np.sum(gradient * found, axis=1)[:, None] * found, axis=1)
+    assert np.mean(left < 1e-9) > 0.7  # others are at kinks of the cones
+    assert np.min(values) == pytest.approx(np.min(descend(problem, begun, 400)[1]), rel=1e-6)
+
+
+@pytest.mark.slow
+def test_reduced_hessian_by_differences_of_values():
+    """Second differences of the weighted least ratios, each minimiser found anew, along a way over the surface.
+
+    The minimisers of this grasp are apart from each other; where two merge there is no second derivative.
+    """
+    bench, start = started(PROBLEMS["one-sided"]())
+    found = local_optimum(bench, start.found.placed, Stop())
+    cuts = found.cuts[found.weights > 1e-6]
+    here = Linearisation(bench, found.placed, cuts)
+    step = here.quadratic_step(1e-4)
+    hessian = reduced_hessian(here, cuts, np.ones(len(cuts), dtype=bool), step.multipliers)
+    values, vectors = np.linalg.eigh(hessian)
+    way = vectors[:, -1]  # of the largest curvature
+    h, weights = 1e-3, here.support(step.multipliers)
+
+    def weighted(length):
+        placed = here.placed_at(here.z + length * way)
+        there = bench.snapped(placed)
+        problem, _ = conditioned(bench.wrench_set(there), bench.problem.task)
+        u = np.linalg.lstsq(problem.matrix.T, cuts.T, rcond=None)[0].T
+        return weights @ (bench.scaling.beta * newton(problem, u, 30)[1]) ** 2
+
+    second = (weighted(h) - 2.0 * weighted(0.0) + weighted(-h)) / h**2
+    assert -second == pytest.approx(values[-1], rel=0.05)
+
+
+def test_contacts_stay_on_their_triangles():
+    problem = PROBLEMS["mesh"]()
+    body = problem.body
+    corners = np.asarray(body.mesh.triangles)[[5, 200, 700, 1000]]
+    points = np.einsum("kij,i->kj", corners, [0.2, 0.3, 0.5])
+    facets = Facets(body, body.triangles_at(points), points[None], 0.0)
+    assert [Facets.triangle_of(name) for name in facets.names] == [5, 200, 700, 1000]
+    for name, triangle, normal in zip(facets.names, corners, body.mesh.face_normals[[5, 200, 700, 1000]], strict=True):
+        inside = triangle.T @ np.array([0.6, 0.3, 0.1])
+        beyond = triangle.T @ np.array([1.1, 0.3, -0.4])
+        h, slope, outward, extent = facets.evaluate(name, np.stack([inside, beyond, inside + 0.001 * normal]))
+        np.testing.assert_allclose(h / slope, [0.0, 0.0, 0.001], atol=1e-12)
+        np.testing.assert_allclose(outward, np.tile(normal, (3, 1)), atol=1e-12)
+        assert extent[0] < 0.0 < extent[1]
+
+
+def test_a_margin_from_sharp_edges_holds_on_triangles():
+    body = ng.Mesh(trimesh.creation.box([0.08, 0.05, 0.04]))
+    point = np.array([[0.04, 0.023, 0.0]])  # 2 mm from an edge
+    facets = Facets(body, body.triangles_at(point), point[None], 0.001)
+    nearer = point + np.array([0.0, 0.0012, 0.0])
+    assert facets.evaluate(facets.names[0], point, 0.001)[3][0] < 0.0
+    assert facets.evaluate(facets.names[0], nearer, 0.001)[3][0] == pytest.approx(0.0002)
+
+
+def test_what_is_not_refined_says_why():
+    problem = PROBLEMS["box"]()
+    solution = ng.solve(problem, starts=1, options=replace(OPTIONS, rounds=0))
+    assert not solution.kkt.is_small
+    assert "rounds=0" in solution.kkt.reason
+    assert "not shown to be locally optimal (KKT residuals up to" in str(solution)
+    assert "rounds=0" in str(solution)
+    assert residuals_at(Workbench(problem, OPTIONS), Placed(solution.faces, solution.grasp.points)).largest > 1e-6
+
+
+def test_a_loss_keeps_the_grasp_where_it_was(monkeypatch):
+    bench, start = started(PROBLEMS["box"]())
+    better = replace(start, record=replace(start.record, mu=ng.Bounds(0.9 * 2.0, 2.0)))
+    kept = at_local_optimum(bench, better, Stop())
+    np.testing.assert_array_equal(kept.found.grasp.points, start.found.grasp.points)
+    assert "the local optimum next to this grasp has less mu" in kept.kkt.reason
+
+
+def test_other_bodies_keep_their_workbench():
+    bench, start = started(PROBLEMS["box"]())
+    assert on_triangles(bench, start.found.placed) == (bench, start.found.placed)

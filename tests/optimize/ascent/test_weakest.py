@@ -1,0 +1,96 @@
+"""The weakest directions of grasps of a square whose quality is known."""
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.budgets import L2Budget
+from nlpgrasp.optimize.ascent.weakest import QUICK, THOROUGH, disproved, weakest_at, weakest_directions
+from nlpgrasp.optimize.workbench.placed import Placed
+from nlpgrasp.quality.certificate.wrench_set import WrenchSet
+from tests.optimize.squares import BALL, BEST_OF_THREE, BEST_OF_TWO, THREE, TWO, square_bench
+from tests.quick import first
+
+
+@pytest.mark.parametrize("descents", [THOROUGH, QUICK], ids=["thorough", "quick"])
+@pytest.mark.parametrize(("placed", "expected"), [(TWO, BEST_OF_TWO), (THREE, BEST_OF_THREE)], ids=["two", "three"])
+def test_the_least_ratio_is_the_quality(placed, expected, descents, rng):
+    bench = square_bench(len(placed.points))
+    found = weakest_at(bench, placed, rng, descents=descents)
+    assert found.value == pytest.approx(expected, abs=1e-5)
+
+
+@pytest.mark.parametrize("placed", [TWO, THREE], ids=["two", "three"])
+def test_directions_have_unit_reach_and_come_weakest_first(placed, rng):
+    bench = square_bench(len(placed.points))
+    found = weakest_at(bench, placed, rng)
+    np.testing.assert_allclose(BALL.support(found.directions)[0], 1.0, rtol=1e-12)
+    ratios = bench.wrench_set(placed).support(found.directions)[0]
+    assert ratios[0] == pytest.approx(found.value, rel=1e-9)
+    assert np.all(np.diff(ratios) >= -1e-9)
+
+
+def test_known_directions_are_begun_from(rng):
+    """With hardly a fresh direction the search still finds what it was told of."""
+    bench = square_bench(3)
+    told = weakest_at(bench, THREE, rng).directions[:1]
+    again = weakest_at(bench, THREE, rng, known=told, descents=QUICK)
+    assert again.value <= bench.wrench_set(THREE).support(told)[0][0] + 1e-12
+
+
+def test_a_grasp_that_resists_nothing_has_value_zero(rng):
+    """Both contacts push the same way."""
+    placed = Placed((TWO.faces[0],) * 2, np.array([[-0.5, -1.0], [0.5, -1.0]]))
+    assert weakest_at(square_bench(2), placed, rng).value == pytest.approx(0.0, abs=1e-9)
+
+
+TASKS = {
+    "thin": ng.TaskEllipsoid([1.0, 0.1, 0.1, 0.003, 0.03, 0.001]),
+    "off-centre": ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.01, 0.01, 0.01], center=[0.5, 0.2, 0.0, 0.0, 0.0, 0.003]),
+    "sum": ng.lift([0.0, 0.0, 0.0], 0.3) + ng.disturbance(1.0, 0.01),
+}
+
+
+@pytest.mark.parametrize("task", first(1, TASKS))
+def test_descents_agree_with_certificates(task):
+    """Gradients alone were off by 5 % in the middle of thin tasks, by far more at the worst."""
+    task, rng = TASKS[task], np.random.default_rng(3)
+    axes, off = np.array([0.05, 0.03, 0.04]), []
+    for _ in range(60):
+        u = rng.standard_normal((4, 3))
+        u /= np.linalg.norm(u, axis=1)[:, None]
+        normals = -u / axes / np.linalg.norm(u / axes, axis=1)[:, None]
+        grasp = ng.Grasp(u * axes, normals, [ng.FrictionContact(0.7)] * 4)
+        bounds = ng.mu(grasp, task, 0.005)
+        found = weakest_directions(grasp, task, L2Budget(), rng).value
+        assert found >= bounds.lower * (1.0 - 1e-9)
+        if bounds.lower > 1e-3:
+            off.append(found / bounds.upper - 1.0)
+    assert len(off) > 20
+    assert np.median(off) < 1e-3
+    assert np.mean(np.array(off) > 0.01) <= 0.05
+
+
+def test_a_polytope_finds_what_descents_missed():
+    bench = square_bench(3)
+    found, _ = disproved(bench, THREE, 1.3 * BEST_OF_THREE)
+    assert found is not None
+    assert found.value == pytest.approx(BEST_OF_THREE, rel=0.01)
+    np.testing.assert_allclose(BALL.support(found.directions)[0], 1.0, rtol=1e-12)
+    assert disproved(bench, THREE, BEST_OF_THREE)[0] is None
+
+
+def test_the_curvature_is_the_change_of_the_support_squared(rng):
+    """Against central differences of the gradient ``G P_K(G^T y)``."""
+    u = rng.standard_normal((4, 3))
+    u /= np.linalg.norm(u, axis=1)[:, None]
+    contacts = [ng.FrictionContact(0.6), ng.PointContact(), ng.SoftContact(0.5, 0.1), ng.FrictionContact(0.3)]
+    wrenches = WrenchSet.of(ng.Grasp(u, -u, contacts), "l2")
+    y, h = rng.standard_normal((30, 6)), 1e-6
+
+    def gradient(y):
+        return wrenches.project(y @ wrenches.G) @ wrenches.G.T
+
+    expected = np.stack([(gradient(y + e) - gradient(y - e)) / (2.0 * h) for e in h * np.eye(6)], axis=2)
+    error = np.max(np.abs(wrenches.curvature(y) - expected), axis=(1, 2))
+    assert np.sum(error > 1e-6) <= 1  # one of thirty may be at a kink

@@ -1,0 +1,115 @@
+"""Two grasps are one exactly where some order of the contacts and some symmetry brings them together."""
+
+from itertools import permutations, product
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.optimize.many.likeness import Likeness
+from nlpgrasp.optimize.many.symmetries import Symmetries
+from nlpgrasp.optimize.workbench.placed import Placed
+from nlpgrasp.optimize.workbench.workbench import Workbench
+
+ROUND_TASK = ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03])
+SKEW_TASK = ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03], center=[0.1, 0.02, 0.03, 0, 0, 0])
+
+
+def bench(body, count=4, task=ROUND_TASK, **fields):
+    contacts = fields.pop("contacts", [ng.FrictionContact(0.6)] * count)
+    return Workbench(ng.GraspProblem(body, contacts, task, **fields), ng.SolveOptions(workers=1))
+
+
+def placements(workbench, count, seed=0):
+    rng = np.random.default_rng(seed)
+    clouds = [workbench.surface.cloud(i) for i in range(len(workbench.problem.models))]
+    where = [rng.integers(len(cloud.points), size=count) for cloud in clouds]
+    for i in range(count):
+        points = np.stack([cloud.points[w[i]] for cloud, w in zip(clouds, where, strict=True)])
+        yield Placed(tuple(str(c.faces[w[i]]) for c, w in zip(clouds, where, strict=True)), points)
+
+
+def displacement(p, q):
+    """The largest displacement of the best matching, over all orders."""
+    distances = np.linalg.norm(p[:, None] - q[None], axis=2)
+    return min(max(distances[i, j] for i, j in enumerate(order)) for order in permutations(range(len(p))))
+
+
+def flips():
+    return [np.diag(signs) for signs in product((1.0, -1.0), repeat=3)]
+
+
+def turned(axis, angle):
+    i = int(np.argmax(axis))
+    result, (c, s) = np.eye(3), (np.cos(angle), np.sin(angle))
+    j, k = (i + 1) % 3, (i + 2) % 3
+    result[j, j], result[j, k], result[k, j], result[k, k] = c, -s, s, c
+    return result
+
+
+@pytest.mark.parametrize(
+    ("body", "task", "fields", "motions", "has_axis", "is_round"),
+    [
+        (ng.Box([0.08, 0.05, 0.03]), ROUND_TASK, {}, 8, False, False),
+        (ng.Box([0.08, 0.04, 0.04]), ROUND_TASK, {}, 16, False, False),
+        (ng.Box([0.08, 0.05, 0.03]), SKEW_TASK, {}, 1, False, False),
+        (ng.Box([0.08, 0.05, 0.03]), ROUND_TASK, {"constraints": [ng.Table(-0.01)]}, 4, False, False),
+        (ng.Box([0.08, 0.05, 0.03]), ROUND_TASK, {"constraints": [ng.Spread(max=0.07)]}, 8, False, False),
+        (ng.Box([0.08, 0.05, 0.03]), ROUND_TASK, {"constraints": [ng.Forbid(["+z"])]}, 4, False, False),
+        (ng.Box([0.08, 0.05, 0.03]), ROUND_TASK, {"torque_origin": [0.01, 0, 0]}, 4, False, False),
+        (ng.Ellipsoid([0.06, 0.03, 0.03]), ROUND_TASK, {}, 4, True, False),
+        (ng.Cylinder(0.03, 0.08), ROUND_TASK, {}, 4, True, False),
+        (ng.Sphere(0.04), ROUND_TASK, {}, 2, True, True),
+        (ng.Sphere(0.04), ng.TaskEllipsoid([1, 1, 2, 0.03, 0.03, 0.05]), {}, 4, True, False),
+    ],
+)
+def test_the_symmetries_are_those_of_body_task_and_constraints(body, task, fields, motions, has_axis, is_round):
+    found = Symmetries(bench(body, task=task, **fields))
+    assert (len(found.motions), found.axis is not None, found.is_round) == (motions, has_axis, is_round)
+
+
+def test_on_a_box_the_answer_is_that_of_all_orders_and_mirrors():
+    workbench = bench(ng.Box([0.08, 0.05, 0.03]), 3)
+    distinct = 0.5
+    likeness, limit = Likeness(workbench, distinct), distinct * workbench.problem.body.size
+    drawn = list(placements(workbench, 24))
+    said, known = [], []
+    for one, other in product(drawn[:12], drawn[12:]):
+        said.append(likeness.alike(one, other))
+        known.append(min(displacement(one.points @ R.T, other.points) for R in flips()) <= limit)
+    assert said == known
+    assert 0 < sum(known) < len(known)
+
+
+def test_contacts_of_other_models_are_not_matched():
+    workbench = bench(ng.Box([0.08, 0.05, 0.03]), contacts=[ng.FrictionContact(0.6), ng.FrictionContact(0.3)])
+    likeness = Likeness(workbench, 0.1)
+    one = Placed(("+x", "-y"), np.array([[0.04, 0.0, 0.0], [0.01, -0.025, 0.004]]))
+    assert likeness.alike(one, one)
+    assert not likeness.alike(one, Placed(one.faces[::-1], one.points[::-1]))
+
+
+@pytest.mark.parametrize(
+    ("body", "turns"),
+    [
+        (ng.Ellipsoid([0.06, 0.03, 0.03]), lambda rng: turned([1, 0, 0], rng.uniform(0, 7))),
+        (ng.Cylinder(0.03, 0.08), lambda rng: turned([0, 0, 1], rng.uniform(0, 7))),
+        (ng.Sphere(0.04), lambda rng: np.linalg.qr(rng.normal(size=(3, 3)))[0]),
+    ],
+)
+def test_a_turned_mirrored_and_shuffled_grasp_is_the_same(body, turns):
+    workbench = bench(body)
+    likeness, rng = Likeness(workbench, 0.05), np.random.default_rng(3)
+    for placed in placements(workbench, 25, seed=1):
+        image = placed.points @ (turns(rng) @ flips()[rng.integers(8)]).T
+        nudged = image + 0.01 * body.size * rng.uniform(-1, 1, image.shape) / np.sqrt(3)
+        order = rng.permutation(4)
+        assert likeness.alike(placed, Placed(tuple(np.array(placed.faces)[order]), nudged[order]))
+
+
+def test_grasps_of_other_spans_are_two_whatever_the_turn():
+    workbench = bench(ng.Sphere(0.04), 2)
+    likeness = Likeness(workbench, 0.1)
+    far, near = np.array([[0.04, 0, 0], [-0.04, 0, 0]]), np.array([[0.04, 0, 0], [0, 0.04, 0]])
+    face = workbench.problem.body.face_names[0]
+    assert not likeness.alike(Placed((face,) * 2, far), Placed((face,) * 2, near))

@@ -1,0 +1,115 @@
+"""Initial candidates by coordinate exchange over surface samples."""
+
+from itertools import combinations_with_replacement
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.grasp.stack import GraspStack
+from nlpgrasp.optimize.start.coordinate_exchange import CoordinateExchange
+from nlpgrasp.optimize.start.propose import propose
+from nlpgrasp.optimize.workbench import sample_tables
+from nlpgrasp.optimize.workbench.workbench import FEASIBLE, Workbench
+
+QUICK = ng.SolveOptions(workers=1, global_bound=False, rank="mu")
+RECTANGLE = ng.Polygon([[-1.0, -0.5], [1.0, -0.5], [1.0, 0.5], [-1.0, 0.5]])
+
+
+def readme_box():
+    return ng.GraspProblem(
+        ng.Box([0.08, 0.04, 0.04]),
+        [ng.FrictionContact(0.6)] * 4,
+        ng.TaskEllipsoid([5, 5, 10, 0.2, 0.2, 0.2]),
+        hand=ng.Fingertips(4, radius=0.008),
+        constraints=[ng.Table(-0.02, clearance=0.01)],
+    )
+
+
+@pytest.mark.parametrize("budget", ["l2", "per_finger", "per_finger_size", "shared"])
+@pytest.mark.parametrize("centre", [[0.0, 0.0, 0.0], [0.3, 1.5, 0.2]], ids=["centred", "one-sided"])
+def test_no_tuple_of_few_samples_is_better(monkeypatch, budget, centre):
+    """All 1,771 multisets of three of 21 samples; a bound spares certificates of most."""
+    monkeypatch.setattr(sample_tables, "SAMPLES", 21)
+    task = ng.TaskEllipsoid([1.0, 0.8, 0.4], center=centre)
+    problem = ng.GraspProblem(RECTANGLE, [ng.FrictionContact(0.4)] * 3, task, force_budget=budget)
+    tables = Workbench(problem, QUICK).sample_tables
+
+    def quality(one):
+        points, normals = tables.places(one[None])
+        grasp = ng.Grasp(points[0], normals[0], problem.models, problem.origin)
+        return ng.mu(grasp, task, 0.01, force_budget=budget).lower
+
+    found = 0.0
+    for seed in range(2):
+        bench = Workbench(problem, QUICK)
+        search = CoordinateExchange(bench, bench.sample_tables, np.random.default_rng(seed))
+        found = max(found, quality(search.search(shakes=3)[0]))
+    every = np.array(list(combinations_with_replacement(range(21), 3)))
+    stack = GraspStack(*tables.places(every), problem.models, problem.origin)
+    promising = every[ng.screen(stack, task, force_budget=budget) > 1.01 * found]
+    assert found > 0.0
+    assert max((quality(one) for one in promising), default=0.0) <= 1.01 * found
+
+
+def test_readme_box_without_the_bound():
+    solution = ng.solve(readme_box(), starts=4, options=QUICK)
+    assert solution.mu.lower >= 0.99 * 0.092
+
+
+@pytest.mark.parametrize(
+    "problem",
+    [
+        readme_box(),
+        ng.GraspProblem(
+            ng.Cylinder(0.02, 0.15),
+            [ng.PointContact(), ng.FrictionContact(0.5), ng.FrictionContact(0.5), ng.SoftContact(0.5, 0.005)],
+            ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.01]),
+            constraints=[ng.Spread(max=0.05)],
+            edge_margin=0.001,
+        ),
+    ],
+    ids=["fingertips apart", "spread"],
+)
+def test_candidates_keep_coupled_constraints(problem):
+    bench = Workbench(problem, QUICK)
+    assert bench.sample_tables.coupled
+    for seed in range(3):
+        found = propose(bench, np.random.default_rng(seed))
+        assert found
+        assert all(bench.violation(candidate) <= FEASIBLE for candidate in found)
+
+
+def test_unlike_contacts_keep_to_their_faces():
+    contacts = [
+        ng.FrictionContact(0.6, faces="+x"),
+        ng.SoftContact(0.6, 0.004, faces=("-x", "-y")),
+        ng.PointContact(faces="+y"),
+        ng.FrictionContact(0.6),
+    ]
+    problem = ng.GraspProblem(ng.Box([0.08, 0.04, 0.04]), contacts, ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03]))
+    bench = Workbench(problem, QUICK)
+    assert bench.sample_tables.of_contact == [0, 1, 2, 3]
+    for candidate in propose(bench, np.random.default_rng(0)):
+        assert all(face in problem.allowed_faces(i) for i, face in enumerate(candidate.faces))
+
+
+def test_a_constraint_on_one_contact_limits_its_samples_alone():
+    problem = ng.GraspProblem(
+        ng.Sphere(0.03),
+        [ng.FrictionContact(0.6)] * 3,
+        ng.TaskEllipsoid([1, 1, 1, 0.02, 0.02, 0.02]),
+        constraints=[ng.Constraint("first on top", lambda p, n: p[0][2], 0.01, 0.03)],
+    )
+    tables = Workbench(problem, QUICK).sample_tables
+    assert not tables.coupled
+    assert tables.of_contact == [0, 1, 1]
+    assert np.min(tables.samples(0).points[:, 2]) >= 0.01 - 1e-6
+    assert np.min(tables.samples(1).points[:, 2]) < -0.02
+
+
+def test_candidates_depend_on_the_seed_alone():
+    first, second = (Workbench(readme_box(), QUICK) for _ in range(2))
+    propose(second, np.random.default_rng(7))
+    a, b = (propose(bench, np.random.default_rng(3)) for bench in (first, second))
+    np.testing.assert_array_equal(a[0].points, b[0].points)

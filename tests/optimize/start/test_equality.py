@@ -1,0 +1,40 @@
+"""Constraints that leave no room for chance: starts are drawn on the set that equalities leave."""
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.optimize.start.propose import propose
+from nlpgrasp.optimize.workbench.workbench import FEASIBLE, Workbench
+
+QUICK = ng.SolveOptions(workers=1)
+RECTANGLE = ng.Polygon([[-1.0, -0.5], [1.0, -0.5], [1.0, 0.5], [-1.0, 0.5]])
+TASK = ng.TaskEllipsoid([1.0, 1.0, 0.5], center=[0.0, 0.5, 0.0])
+
+
+def level_problem(room):
+    """Return two fingers above one another, on whichever sides."""
+    level = ng.Constraint("level", lambda p, n: p[0][0] - p[1][0], -room, room)
+    return ng.GraspProblem(RECTANGLE, [ng.FrictionContact(0.5)] * 2, TASK, constraints=[level])
+
+
+@pytest.mark.parametrize("room", [0.0, 1e-4])
+def test_starts_keep_an_equality_and_resist(room):
+    bench = Workbench(level_problem(room), QUICK)
+    for seed in range(5):
+        placed = propose(bench, np.random.default_rng(seed))[0]
+        assert bench.violation(placed) <= FEASIBLE
+        assert set(placed.faces) == {"edge0", "edge2"}  # on one vertical side the equality holds, and nothing resists
+
+
+def test_an_equality_on_any_face_is_solved_like_one_on_named_faces():
+    solution = ng.solve(level_problem(0.0), starts=1, options=QUICK)
+    # brute force: bottom and top at one x
+    x = np.linspace(-0.999, 0.999, 41)
+    normals = [[0.0, 1.0], [0.0, -1.0]]
+    best = max(
+        ng.mu(ng.Grasp([[a, -0.5], [a, 0.5]], normals, ng.FrictionContact(0.5)), TASK, rtol=0.02).lower for a in x
+    )
+    assert solution.mu.upper >= best
+    assert solution.mu.lower == pytest.approx(0.3777, abs=2e-3)
+    assert abs(solution.grasp.points[0, 0] - solution.grasp.points[1, 0]) <= 1e-5

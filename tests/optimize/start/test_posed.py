@@ -1,0 +1,105 @@
+"""What starts of a hand begin from, and that another budget's answer is no worse under it than the paper's."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import trimesh
+
+import nlpgrasp as ng
+from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.optimize.start import posed
+from nlpgrasp.optimize.start.posed import touching_candidates
+from nlpgrasp.optimize.start.propose import propose
+from nlpgrasp.optimize.start.run import run_start
+from nlpgrasp.optimize.workbench.workbench import FEASIBLE, Workbench
+from tests.hands.urdf import four_finger_hand
+from tests.quick import first
+
+OPTIONS = ng.SolveOptions(workers=1)
+TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.04, 0.04, 0.04])
+CONTACT = ng.FrictionContact(0.7)
+BOX = ng.Box([0.08, 0.04, 0.04])
+
+
+def bench_of(body=BOX, budget="l2", contacts=CONTACT):
+    problem = ng.GraspProblem(body, contacts, TASK, hand=four_finger_hand(), force_budget=budget)
+    return Workbench(problem, OPTIONS)
+
+
+@pytest.fixture(scope="module")
+def bench():
+    return bench_of()
+
+
+def candidates(bench, seed):
+    rng = np.random.default_rng(seed)
+    return touching_candidates(bench, propose(bench, rng), rng, Stop())
+
+
+def certified(bench, placed):
+    return ng.mu(bench.grasp(placed), TASK, 1e-3, force_budget=bench.budget(placed))
+
+
+@pytest.mark.parametrize("seed", first(1, range(2)))
+def test_the_best_that_touch_come_first(bench, seed):
+    found = candidates(bench, seed)
+    touching = [bench.violation(placed) <= FEASIBLE for placed in found]
+    count = sum(touching)
+    assert count >= 3
+    assert touching == [True] * count + [False] * (len(found) - count)
+    values = [certified(bench, placed) for placed in found[:count]]
+    assert values[0].lower > 0.1
+    assert all(a.upper >= 0.98 * b.lower for a, b in pairwise(values))
+
+
+@pytest.mark.slow
+def test_contacts_exchanged_within_reach_hold_better_than_those_nearest_to_random_poses(bench, monkeypatch):
+    """The median of five seeds' best candidate, and that of the best of as many random poses."""
+
+    def best(seed):
+        return certified(bench, candidates(bench, seed)[0]).upper
+
+    reaching = np.median([best(seed) for seed in range(5)])
+    monkeypatch.setattr(posed, "_exchanged", lambda *_: [])
+    assert reaching > 1.2 * np.median([best(seed) for seed in range(5)])
+
+
+def test_contacts_stay_on_the_faces_that_each_may_use():
+    """Fingers that may use different faces do not take each other's goals."""
+    faces = [["+x"], ["-x"], ["+y", "-y"], ["+y", "-y"]]
+    bench = bench_of(contacts=[ng.FrictionContact(0.7, faces=names) for names in faces])
+    for placed in propose(bench, np.random.default_rng(0)):
+        assert all(face in names for face, names in zip(placed.faces, faces, strict=True))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_palms_that_constraints_turn_away_come_last(seed):
+    """One pose in twenty-five faces within 0.4 of straight down: nearly all that are tried do, and touch."""
+    down = ng.Approach([0.0, 0.0, -1.0], 0.4)
+    problem = ng.GraspProblem(BOX, CONTACT, TASK, hand=four_finger_hand(), constraints=[down, ng.Table(-0.02)])
+    bench = Workbench(problem, OPTIONS)
+    found = candidates(bench, seed)
+    assert np.mean([bench.violation(placed) <= FEASIBLE for placed in found]) >= 0.5
+
+
+def test_a_hand_that_holds_the_body_needs_no_first_program(bench):
+    found = run_start(bench, 0, 0, Stop())
+    assert found.effort.calls == 0
+    assert found.found.violation <= FEASIBLE
+    assert bench._first == {}
+
+
+MESH = ng.Mesh(trimesh.creation.capsule(height=0.05, radius=0.02, count=[16, 16]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("body", [BOX, MESH, ng.Ellipsoid([0.06, 0.03, 0.03])], ids=["box", "mesh", "ellipsoid"])
+@pytest.mark.parametrize("budget", ["shared", "per_finger"])
+def test_an_answer_is_no_worse_under_its_budget_than_the_papers(body, budget):
+    own, plain = bench_of(body, budget), bench_of(body)
+    for seed in range(3):
+        ours, papers = run_start(own, 0, seed, Stop()), run_start(plain, 0, seed, Stop())
+        there = ng.mu(papers.found.grasp, TASK, 1e-3, force_budget=budget)
+        assert ours.record.mu.upper >= there.lower * (1.0 - 1e-6)

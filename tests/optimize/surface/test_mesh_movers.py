@@ -1,0 +1,86 @@
+"""A hand that touches a mesh on its triangles, and keeps its links away from it."""
+
+from dataclasses import replace
+from functools import cache
+
+import casadi as ca
+import numpy as np
+import pytest
+import trimesh
+
+import nlpgrasp as ng
+from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.optimize.start.propose import propose
+from nlpgrasp.optimize.start.touch import TOUCHING, touching
+from nlpgrasp.optimize.surface.triangles import refined_on_triangles, touching_on_body
+from nlpgrasp.optimize.workbench.hand_points import HandPoints
+from nlpgrasp.optimize.workbench.workbench import Workbench
+from tests.hands.urdf import four_finger_hand
+
+OPTIONS = ng.SolveOptions(workers=1)
+TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
+
+
+@cache
+def the_mesh():
+    return ng.Mesh(trimesh.creation.icosphere(subdivisions=2, radius=0.03))
+
+
+def off_mesh(points):
+    return the_mesh().closest(points)[2]
+
+
+def own_normals(points):
+    """Inward normals of the triangles that points are on: of a convex body those whose plane is farthest out."""
+    outward = the_mesh().mesh.face_normals
+    planes = np.sum(outward * the_mesh().mesh.triangles[:, 0], axis=1)
+    return -outward[np.argmax(points @ outward.T - planes, axis=1)]
+
+
+@pytest.fixture(scope="module")
+def posed():
+    """A hand around the ball, fingertips and clearances as the smooth surface wants them."""
+    problem = ng.GraspProblem(the_mesh(), ng.FrictionContact(0.7), TASK, hand=four_finger_hand())
+    bench = Workbench(problem, OPTIONS)
+    names = bench.problem.body.face_names * 4
+    drawn = [replace(one, faces=names) for one in propose(bench, np.random.default_rng(0))]
+    found = (touching(bench, candidate) for candidate in drawn)
+    return bench, next(placed for placed, violation in found if violation <= TOUCHING)
+
+
+def test_a_hand_touches_the_mesh(posed):
+    bench, placed = posed
+    own, found, left = touching_on_body(bench, placed)
+    assert left <= 1e-6
+    assert np.max(off_mesh(found.points)) <= 1e-9
+    np.testing.assert_allclose(own.inward_normals(found), own_normals(found.points), atol=1e-9)
+    towards = found.points - bench.hand_points.tip_centres(found.hand, found.points)
+    distance = np.linalg.norm(towards, axis=1)
+    np.testing.assert_allclose(distance, bench.hand_points.hand.tip_radii, atol=1e-6)
+    np.testing.assert_allclose(own.inward_normals(found), towards / distance[:, None], atol=1e-4)
+
+
+def test_links_keep_their_clearance_from_the_mesh_itself(posed):
+    bench, placed = posed
+    found, _ = refined_on_triangles(bench, placed, Stop())
+    assert found.allowed
+    clearances = bench.hand_points.mesh_clearances(the_mesh(), found.placed.hand)
+    lower = [bench.rows.named[i].lower for i in bench.rows.clearances]
+    assert np.all(clearances >= np.array(lower) - 1e-5)
+
+
+def test_links_hardly_inside_a_mesh_are_inside(posed, rng):
+    """The sign is that of the mesh itself: the spline through its distances is some tenths of a millimetre off."""
+    half, palm = np.array([0.03, 0.025, 0.004]), posed[1].hand
+    brick = ng.Mesh(trimesh.creation.box(2.0 * half))
+    problem = ng.GraspProblem(brick, ng.FrictionContact(0.7), TASK, hand=four_finger_hand())
+    symbols = problem.hand.symbols(brick.bounds)
+    centres = ca.horzcat(*(sphere.centre for sphere in problem.hand.spheres(symbols)))
+    links, points, near = ca.Function("links", list(symbols.values()), [centres]), HandPoints(problem), 0
+    for shift in rng.uniform(-0.03, 0.03, (1000, 3)):
+        values = {**palm, "palm_position": palm["palm_position"] + shift}
+        beyond = np.abs(links(*values.values()).full().T) - half
+        exact = np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(np.max(beyond, axis=1), 0.0)
+        np.testing.assert_allclose(points.mesh_clearances(brick, values), exact, atol=1e-12)
+        near += np.count_nonzero(np.abs(exact) < 2e-4)
+    assert near > 20

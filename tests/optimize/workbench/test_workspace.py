@@ -1,0 +1,72 @@
+"""Workspace of a hand: fingertips and links of the postures that reach samples, computed one by one."""
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.optimize.workbench.workbench import Workbench
+from nlpgrasp.optimize.workbench.workspace import CELL, INSIDE, NEAR
+from tests.hands.urdf import four_finger_hand
+
+BODY = ng.Box([0.08, 0.04, 0.04])
+BETWEEN = 0.002  # metres: error of distances between the nodes of a grid
+
+
+@pytest.fixture(scope="module")
+def bench():
+    task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.04, 0.04, 0.04])
+    problem = ng.GraspProblem(BODY, ng.FrictionContact(0.7), task, hand=four_finger_hand())
+    return Workbench(problem, ng.SolveOptions())
+
+
+@pytest.fixture(scope="module")
+def samples(bench):
+    return [bench.without_hand.sample_tables.samples(i) for i in range(4)]
+
+
+def palms(bench, samples):
+    """Yield palm poses, with what is reached from there."""
+    hand = bench.hand_points
+    values, _ = hand.posed_hand.draw(200, np.zeros((200, 3)), np.random.default_rng(0))
+    for i in range(200):
+        pose = {name: v[i] for name, v in values.items()}
+        reach = bench.workspace.reach(hand.posed_hand.tree.palm_frame(pose), samples)
+        if reach is not None:
+            yield pose, reach
+
+
+def test_fingertips_are_where_they_touch_and_their_links_outside(bench, samples):
+    hand, space = bench.hand_points, bench.workspace
+    least = np.array([bench.rows.named[i].lower for i in bench.rows.clearances])
+    rng, seen = np.random.default_rng(0), 0
+    for pose, reach in palms(bench, samples):
+        chosen = np.array([rng.choice(own) for own in reach.samples])
+        joints = space.joints_at(reach, chosen, pose["joints"])
+        there = {name: v[None] for name, v in (pose | {"joints": joints}).items()}
+        points, normals = (
+            np.array([getattr(cloud, key)[one] for cloud, one in zip(samples, chosen, strict=True)])
+            for key in ("points", "normals")
+        )
+        centres = points - np.array(hand.hand.tip_radii)[:, None] * normals
+        tips = hand.tip_centres({name: v[0] for name, v in there.items()}, centres)
+        assert np.max(np.linalg.norm(tips - centres, axis=1)) <= NEAR + 0.9 * CELL
+        room = BODY.signed_distance(hand.link_places(there)[0]) - least
+        assert np.min(room) >= -max(INSIDE, 0.003) - BETWEEN
+        seen += 1
+    assert seen >= 10
+
+
+def test_nothing_is_reached_from_afar_or_from_inside(bench, samples):
+    far, inside = np.eye(4), np.eye(4)
+    far[:3, 3] = 1.0
+    assert bench.workspace.reach(far, samples) is None
+    assert bench.workspace.reach(inside, samples) is None
+
+
+def test_the_contacts_alone_keep_their_constraints(bench):
+    task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.04, 0.04, 0.04])
+    limits = [ng.Spread(0.01, 0.07), ng.Table(-0.015, clearance=0.005)]
+    problem = ng.GraspProblem(BODY, ng.FrictionContact(0.7), task, hand=four_finger_hand(), constraints=limits)
+    alone = Workbench(problem, ng.SolveOptions()).without_hand
+    assert alone.problem.hand is None
+    assert any(isinstance(c, ng.Spread) for c in alone.problem.constraints)

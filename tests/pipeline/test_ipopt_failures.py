@@ -1,0 +1,139 @@
+"""IPOPT that does not run: a linear solver without its library, an option that does not exist."""
+
+import json
+import pickle
+import subprocess
+import sys
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.optimize.ascent.state import Effort
+from nlpgrasp.optimize.start.run import run_start
+from nlpgrasp.optimize.workbench import programs
+from nlpgrasp.optimize.workbench.workbench import Workbench
+from nlpgrasp.solution.starts import ipopt_lines
+
+SQUARE = ng.Polygon([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+OPTIONS = ng.SolveOptions(workers=1, rtol=0.05, final_rtol=0.05)
+
+
+def problem():
+    return ng.GraspProblem(SQUARE, [ng.FrictionContact(0.5)] * 3, ng.TaskEllipsoid([1.0, 1.0, 0.5]))
+
+
+class Given(programs.CompiledProgram):
+    """Programs of which IPOPT has an option that it cannot follow."""
+
+    option: ClassVar = {"linear_solver": "ma57", "hsllib": "/no/such/library.so"}
+
+    def __init__(self, program, ipopt):
+        super().__init__(program, {**ipopt, **self.option})
+
+
+class Unknown(Given):
+    option: ClassVar = {"no_such_option": 1}
+
+
+@pytest.fixture(params=[(Given, "Invalid_Option"), (Unknown, "No such IPOPT option: no_such_option")])
+def broken(request, monkeypatch):
+    kind, status = request.param
+    monkeypatch.setattr(programs, "CompiledProgram", kind)
+    return status
+
+
+def test_what_ipopt_returns_without_running_is_the_start(broken):
+    bench = Workbench(problem(), OPTIONS)
+    program = bench.first.program
+    start = np.full(len(program.bounds[0]), 0.25)
+    found = bench.first.solve(start, np.zeros(program.parameters[-1].stop))
+    assert not found.ran
+    assert not found.success
+    assert found.status == broken
+    assert found.iterations == 0  # CasADi's count is not set then
+    np.testing.assert_array_equal(found.z, start)
+    assert not found.multipliers.any()
+    assert Effort.of(found) + Effort.of(found) == Effort(0, 2 * found.seconds, 0.0, 2, {broken: 2})
+
+
+def test_a_solve_says_that_ipopt_did_not_run(broken, tmp_path):
+    with pytest.warns(UserWarning, match="IPOPT did not run in") as said:
+        solution = ng.solve(problem(), starts=8, options=OPTIONS)
+    assert len([w for w in said if "IPOPT" in str(w.message)]) == 1
+    calls = solution.solver["ipopt_calls"]
+    assert solution.solver["ipopt_failures"] == {broken: calls}
+    assert solution.solver["iterations"] == 0
+    line = f"IPOPT did not run in {calls} of {calls} calls ({broken}: {calls}); the answer comes from the other steps"
+    assert f"  {line}\n" in f"{solution}\n"
+    assert solution.success
+    file = solution.save(tmp_path / "square.json")
+    assert json.loads(file.read_text())["solver"]["ipopt_failures"] == {broken: calls}
+    assert line in str(ng.GraspSolution.load(file))
+
+
+def test_a_start_states_it_to_the_process_that_collects_starts(broken):
+    """What a worker returns is pickled, and its effort with it: of all steps that the program with forces took."""
+    contacts = [ng.SoftContact(0.5, 0.3, "elliptic")] * 3
+    asked = ng.GraspProblem(ng.Sphere(1.0), contacts, ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.3, 0.3, 0.3]))
+    result = pickle.loads(pickle.dumps(run_start(Workbench(asked, OPTIONS), 3, 0, Stop())))  # noqa: S301
+    assert result.effort.calls > 0
+    assert result.effort.failures == {broken: result.effort.calls}
+
+
+def test_a_solve_in_which_ipopt_ran_says_nothing(recwarn):
+    solution = ng.solve(problem(), starts=8, options=OPTIONS)
+    assert "ipopt_failures" not in solution.solver
+    assert "IPOPT" not in str(solution)
+    assert not [w for w in recwarn if "IPOPT" in str(w.message)]
+
+
+def test_calls_that_ran_are_told_apart():
+    solver = {"ipopt_calls": 5, "ipopt_failures": {"Invalid_Option": 1, "Internal_Error": 2}}
+    told = "IPOPT did not run in 3 of 5 calls (Invalid_Option: 1, Internal_Error: 2); the answer comes from the other "
+    assert ipopt_lines(solver) == [f"{told}calls and steps"]
+    assert ipopt_lines({"ipopt_calls": 5}) == []
+
+
+IN_WORKERS = """
+import nlpgrasp as ng
+from nlpgrasp.optimize.workbench import programs
+
+
+class Given(programs.CompiledProgram):
+    def __init__(self, program, ipopt):
+        super().__init__(program, {**ipopt, "linear_solver": "ma57", "hsllib": "/no/such/library.so"})
+
+
+def unpacked():
+    from nlpgrasp.optimize.workbench import programs
+
+    programs.CompiledProgram = Given
+    return ng.TaskEllipsoid([1.0, 1.0, 0.5])
+
+
+class Task(ng.TaskEllipsoid):
+    def __reduce__(self):
+        return unpacked, ()
+
+
+body = ng.Polygon([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+problem = ng.GraspProblem(body, [ng.FrictionContact(0.5)] * 3, Task([1.0, 1.0, 0.5]))
+solution = ng.solve(problem, starts=8, options=ng.SolveOptions(workers=2, rtol=0.05, final_rtol=0.05))
+print(solution.solver["ipopt_calls"], solution.solver["ipopt_failures"])
+"""
+
+
+@pytest.mark.slow
+def test_worker_processes_state_it_too(tmp_path):
+    """The programs are spoilt where the problem is unpacked: in the workers alone."""
+    script = tmp_path / "workers.py"
+    script.write_text(IN_WORKERS)
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=300, check=True)
+    calls, failures = done.stdout.split(maxsplit=1)
+    assert int(calls) > 0
+    assert failures.strip() == f"{{'Invalid_Option': {calls}}}"
+    assert done.stderr.count("UserWarning: IPOPT did not run") == 1
+    assert "workers.py:25: UserWarning" in done.stderr  # the line that called solve

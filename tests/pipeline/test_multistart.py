@@ -1,0 +1,121 @@
+"""A search that takes warm starts between its stages: what they promise is kept, what they break is left out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import nlpgrasp as ng
+from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.optimize.start.propose import propose
+from nlpgrasp.optimize.start.warm_starts import WarmStart, run_warm_start
+from nlpgrasp.optimize.workbench.placed import Placed
+from nlpgrasp.optimize.workbench.workbench import FEASIBLE, Workbench
+from nlpgrasp.optimize.workers.pool import Runner
+from nlpgrasp.pipeline.multistart import Multistart
+
+SQUARE = ng.Polygon([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+TASK = ng.TaskEllipsoid([1.0, 1.0, 0.5])
+QUICK = ng.SolveOptions(workers=1, rtol=0.05, final_rtol=0.02, rounds=0)
+FACES, POINTS = ("edge0", "edge2"), np.array([[0.3, -1.0], [0.3, 1.0]])
+
+
+def problem(**more):
+    return ng.GraspProblem(SQUARE, [ng.FrictionContact(0.5)] * 2, TASK, torque_origin=[0.0, 0.0], **more)
+
+
+def certified(points=POINTS, rtol=1e-3, normals=((0, 1), (0, -1))):
+    return ng.mu(ng.Grasp(points, normals, ng.FrictionContact(0.5), [0.0, 0.0]), TASK, rtol)
+
+
+@pytest.fixture(scope="module")
+def bench():
+    return Workbench(problem(), QUICK)
+
+
+def test_a_known_grasp_is_certified_as_it_is(bench):
+    (start,) = run_warm_start(bench, WarmStart(Placed(FACES, POINTS)), 7, Stop())
+    assert start.record.index == 7
+    assert start.record.message == "as given"
+    np.testing.assert_array_equal(start.found.grasp.points, POINTS)
+    exact = certified()
+    assert start.record.mu.lower <= exact.upper
+    assert start.record.mu.upper >= exact.lower
+
+
+def test_it_is_improved_where_the_exchange_runs():
+    better = Workbench(problem(), ng.SolveOptions(workers=1, rtol=0.01))
+    as_given, improved = run_warm_start(better, WarmStart(Placed(FACES, POINTS)), 0, Stop())
+    assert improved.record.index == 1
+    assert improved.record.mu.lower > as_given.record.mu.upper
+
+
+def test_what_is_promised_is_its_least(bench):
+    promise = certified(rtol=1e-4).lower  # tighter than the certificate of the start
+    (start,) = run_warm_start(bench, WarmStart(Placed(FACES, POINTS), floor=promise), 0, Stop())
+    assert start.record.mu.lower == promise
+    assert start.record.mu.upper >= promise
+
+
+def test_grasps_that_are_not_allowed_are_left_out(bench):
+    assert run_warm_start(bench, WarmStart(Placed(FACES, POINTS * [10.0, 1.0])), 0, Stop()) == []  # beyond the face
+    assert run_warm_start(bench, WarmStart(Placed(FACES, POINTS * [1.0, -1.0])), 0, Stop()) == []  # off it
+    one_side = Placed(("edge0", "edge0"), np.array([[0.3, -1.0], [-0.3, -1.0]]))
+    assert run_warm_start(bench, WarmStart(one_side), 0, Stop()) == []  # resists nothing
+    forbidden = Workbench(problem(constraints=[ng.Forbid("edge0")]), QUICK)
+    assert run_warm_start(forbidden, WarmStart(Placed(FACES, POINTS)), 0, Stop()) == []
+    apart = Workbench(problem(constraints=[ng.Spread(0.1, 1.9)]), QUICK)
+    assert run_warm_start(apart, WarmStart(Placed(FACES, POINTS), floor=0.2), 0, Stop()) == []
+
+
+def test_the_answer_is_never_below_what_was_promised():
+    """Also where another grasp ties with it within the certificates' gap."""
+    search = Multistart(Runner(problem(), QUICK, 1), 0)
+    search.run_starts()
+    found = search.best.found
+    promise = ng.mu(found.grasp, TASK, 1e-4).lower
+    search.add(WarmStart(Placed(found.placed.faces, found.grasp.points), found.grasp.normals, promise))
+    assert search.floor == promise
+    search.keep(search.best)
+    solution = search.answer()
+    assert solution.mu.lower >= promise
+    assert solution.mu.upper >= certified(found.grasp.points).lower or solution.success
+    assert len(solution.starts) == 2
+    assert ng.verify(solution)
+    assert ng.GraspSolution.from_dict(solution.to_dict()).mu == solution.mu
+
+
+def test_more_candidates_are_apart_allowed_and_begin_with_the_best(bench):
+    found = propose(bench, np.random.default_rng(0), starts=2)
+    assert 3 <= len(found) <= 8
+    worth = [certified(placed.points, 0.01, bench.inward_normals(placed)).upper for placed in found]
+    assert worth[0] == pytest.approx(max(worth), rel=0.02)
+    assert all(bench.violation(placed) <= FEASIBLE for placed in found)
+
+
+def test_its_answer_has_the_analyses_asked_for():
+    search = Multistart(Runner(problem(), ng.SolveOptions(workers=1, analyses=("delta",)), 1), 0)
+    search.run_starts()
+    search.choose()
+    found = search.answer()
+    assert found.delta.lower > 0.0
+    assert found.nu is None
+
+
+def test_starts_run_until_the_best_is_proved_to_be_near_the_best_possible():
+    search = Multistart(Runner(problem(), ng.SolveOptions(workers=1), 1), 0)
+    search.begin_bound()
+    search.add(WarmStart(Placed(FACES, POINTS)), improve=False)  # off the middle
+    search.run_until_proved(5, 0.002)
+    assert [result.record.index for result in search.results] == [1, 0]  # the start asked for has its own number
+    search.keep(search.certify_best(0.001))
+    assert search.chosen.record.mu.gap <= 0.001
+    assert search.answer().gap <= 0.012
+
+
+def test_without_a_bound_all_of_them_run():
+    search = Multistart(Runner(problem(), replace(QUICK, global_bound=False), 1), 0)
+    search.begin_bound()
+    search.run_until_proved(3, 0.01, [POINTS])
+    assert [result.record.index for result in search.results] == [0, 1, 2]
+    assert search.best.record.mu.lower >= certified().lower
