@@ -23,7 +23,7 @@ from benchmarks import (
     simulation,
     tasks,
 )
-from nlpgrasp.optimize.workers.one_thread import one_thread
+from nlpgrasp.optimize.processes import one_thread
 
 ALL = {
     "baseline": baseline,

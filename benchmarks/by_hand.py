@@ -12,14 +12,13 @@ import nlpgrasp as ng
 from benchmarks.peers import by_slsqp
 from benchmarks.peers.cases import Case
 from benchmarks.peers.random_search import Placement
-from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.common.deadline import Stop
 from nlpgrasp.nlp import CompiledProgram, optimal_grasp_program
-from nlpgrasp.optimize.start.propose import propose
-from nlpgrasp.optimize.start.run import run_start
-from nlpgrasp.optimize.workbench.placed import Placed
-from nlpgrasp.optimize.workbench.variables import placed_of, variables_of
-from nlpgrasp.optimize.workbench.workbench import Workbench
-from nlpgrasp.quality.certificate.minimise import random_directions
+from nlpgrasp.optimize.candidate import Placed
+from nlpgrasp.optimize.compiled_problem import Workbench, placed_of, variables_of
+from nlpgrasp.optimize.propose import propose
+from nlpgrasp.optimize.start import run_start
+from nlpgrasp.quality.ratio_minimisation import random_directions
 
 AXES = np.array([2.0, 1.0, 1.0])
 TASK = ng.TaskEllipsoid([1.0] * 6)

@@ -4,7 +4,7 @@ import numpy as np
 
 import nlpgrasp as ng
 from benchmarks.starts import function_share, run_starts, stage_medians
-from nlpgrasp.optimize.start.result import best_of
+from nlpgrasp.optimize.start_result import best_of
 
 BEST_KNOWN = {4: 0.7309, 3: 0.4870}
 TARGET = {4: 0.72, 3: 0.475}

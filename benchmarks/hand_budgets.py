@@ -6,7 +6,7 @@ import numpy as np
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.quality.other_tools.pyramids import ferrari_canny
+from nlpgrasp.quality.other_measures import ferrari_canny
 from tests.conftest import SHARED_MESHES
 from tests.hands.urdf import four_finger_hand
 

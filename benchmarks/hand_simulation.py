@@ -17,8 +17,8 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.simulation.hand.protocol import AXES, DRAWS, OFF
-from nlpgrasp.simulation.hand.trial import AS_SOLVED
+from nlpgrasp.simulation.hand_outcome import AS_SOLVED
+from nlpgrasp.simulation.hand_protocol import AXES, DRAWS, OFF
 from tests.conftest import SHARED_MESHES
 from tests.hands.robotiq import robotiq_2f85
 from tests.hands.robots import SHADOW, model, robot

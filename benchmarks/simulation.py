@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 import nlpgrasp as ng
-from nlpgrasp.cli.script import load_problem
+from nlpgrasp.cli.problem_script import load_problem
 
 PROBLEMS = Path(__file__).resolve().parents[1] / "problems"
 

@@ -5,9 +5,9 @@ import time
 import numpy as np
 
 import nlpgrasp as ng
-from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.optimize.start.run import run_start
-from nlpgrasp.optimize.workbench.workbench import Workbench
+from nlpgrasp.common.deadline import Stop
+from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.start import run_start
 
 
 def run_starts(problem, count, seed=0, **options):

@@ -6,9 +6,8 @@ Every number is the paper's, a standard's, or comes from the reasoning that stan
 from pathlib import Path
 
 import nlpgrasp as ng
-from nlpgrasp.tasks.learnt.growing.least_volume import LeastVolume
-from nlpgrasp.tasks.library.entry import Frame, Origin
-from nlpgrasp.tasks.library.entry_file import text_of
+from nlpgrasp.tasks.growing_ellipsoids import LeastVolume
+from nlpgrasp.tasks.library.entry import Frame, Origin, text_of
 
 READY = Path(__file__).resolve().parents[1] / "nlpgrasp" / "tasks" / "library" / "ready"
 PAPER = "Li and Sastry 1986"

@@ -51,10 +51,7 @@ from nlpgrasp.experiments import (
     solve_many,
 )
 from nlpgrasp.global_bound import BestPossible
-from nlpgrasp.grasp.grasp import Grasp
-from nlpgrasp.grasp.stack import GraspStack
 from nlpgrasp.hands import CapsuleTip, CylinderTip, EllipsoidTip, Fingertips, FlatTip, ParallelJaw, SphereTip, URDFHand
-from nlpgrasp.mjcf import HandSceneOptions
 from nlpgrasp.nlp.formulate import Formulation, FormulationResult, formulate
 from nlpgrasp.optimize import SolveOptions, best_possible
 from nlpgrasp.pipeline.solve import solve
@@ -81,20 +78,20 @@ from nlpgrasp.quality import (
     screen,
     smallest_singular_value,
 )
-from nlpgrasp.report.fit import draw_fit
+from nlpgrasp.quality.grasp import Grasp, GraspStack
+from nlpgrasp.report.pictures import draw_fit
 from nlpgrasp.simulation import HandSimulation, Simulation, simulate, simulate_hand
-from nlpgrasp.solution.findings import Robustness, WhyNot
-from nlpgrasp.solution.frames.in_frame import SolutionInFrame
+from nlpgrasp.simulation.robot_hand_scene import HandSceneOptions
+from nlpgrasp.solution.analysis_records import Robustness, ShadowPrice, WhyNot
+from nlpgrasp.solution.force_records import ForcesNeeded
+from nlpgrasp.solution.kept_grasps import FoundGrasp
 from nlpgrasp.solution.kkt import KKT
-from nlpgrasp.solution.many.found import FoundGrasp
-from nlpgrasp.solution.measures.needed import ForcesNeeded
-from nlpgrasp.solution.phases.phase import Phase
-from nlpgrasp.solution.phases.trajectory import Trajectory, trajectory
-from nlpgrasp.solution.prices import ShadowPrice
+from nlpgrasp.solution.phase_record import Phase
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.solution.squeezed.joints import JointSqueeze
-from nlpgrasp.solution.squeezed.squeeze import Squeeze
+from nlpgrasp.solution.squeeze_record import JointSqueeze, Squeeze
+from nlpgrasp.solution.trajectory import Trajectory, trajectory
+from nlpgrasp.solution.world_frame import SolutionInFrame
 from nlpgrasp.studies import (
     BlockedDirection,
     ContactCurve,
@@ -119,11 +116,10 @@ from nlpgrasp.studies import (
 )
 from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope, TaskSet, TaskSum
 from nlpgrasp.tasks.collision import CollisionEvent, collision_task
-from nlpgrasp.tasks.learnt.fit import EllipsoidFit, fit_ellipsoid
-from nlpgrasp.tasks.learnt.recording import WrenchRecording
 from nlpgrasp.tasks.library import TaskEntry, TaskLibrary
-from nlpgrasp.tasks.motion import MassProperties, motion_task, motion_wrenches
-from nlpgrasp.tasks.rigid_motion import RigidMotion, angular_velocity
+from nlpgrasp.tasks.motion import MassProperties, RigidMotion, angular_velocity, motion_task, motion_wrenches
+from nlpgrasp.tasks.recording import WrenchRecording
+from nlpgrasp.tasks.task_ellipsoid import EllipsoidFit, fit_ellipsoid
 from nlpgrasp.tasks.tools import cut, disturbance, gravity, insert, lift, pour, press, turn, write
 from nlpgrasp.verify.check import Verification
 from nlpgrasp.verify.verify import verify

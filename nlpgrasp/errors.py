@@ -1,4 +1,4 @@
-"""Errors a person can read: what field, what was given, what is allowed."""
+"""Errors that name the field, the given value and what is allowed."""
 
 from __future__ import annotations
 

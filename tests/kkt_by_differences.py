@@ -10,12 +10,12 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 import nlpgrasp as ng
-from nlpgrasp.grasp.grasp import Grasp
-from nlpgrasp.hands.posed_hand import PosedHand
-from nlpgrasp.optimize.workbench.placed import Placed
-from nlpgrasp.optimize.workbench.programs import budget_at
-from nlpgrasp.optimize.workbench.row_values import RowValues
-from nlpgrasp.quality.certificate.wrench_set import WrenchSet
+from nlpgrasp.hands.base import PosedHand
+from nlpgrasp.optimize.candidate import Placed
+from nlpgrasp.optimize.compiled_programs import budget_at
+from nlpgrasp.optimize.constraint_values import RowValues
+from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.quality.wrench_set import WrenchSet
 
 STEP = 1e-7  # of each variable's size: second derivatives jump where a force is at the edge of its cone
 AT = 1e-5  # relative: a limit farther away has no multiplier; the products of nearer ones with theirs are residuals

@@ -13,13 +13,13 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.budgets import ForceBudget, budget_from_dict, force_budget
+from nlpgrasp.budgets.base import ForceSet
 from nlpgrasp.budgets.registry import BUDGETS
 from nlpgrasp.budgets.registry import register as register_budget
-from nlpgrasp.budgets.sets.base import ForceSet
-from nlpgrasp.common.rows import Row
+from nlpgrasp.common.scalar_constraints import Row
 from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.contacts.base import CONTACTS
-from nlpgrasp.contacts.cones.range_cone import RangeContact
+from nlpgrasp.contacts.cones import RangeContact
 from nlpgrasp.contacts.registry import register as register_contact
 from nlpgrasp.interop.contacts_csv import contacts_csv
 from nlpgrasp.tasks import TaskPolytope, task_from_dict

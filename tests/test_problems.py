@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.cli.script import load_experiment, load_problem
+from nlpgrasp.cli.problem_script import load_experiment, load_problem
 
 # starts of seed 0, and the quality they lead to at least: a better one is no failure, and verify guards the certificate
 VALUES = {

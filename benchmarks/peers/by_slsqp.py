@@ -14,7 +14,7 @@ from benchmarks.peers.cases import Case
 from benchmarks.peers.epsilon import best_of
 from benchmarks.peers.random_search import Placement, start_placement
 from benchmarks.peers.surface import FaceFunction, face_functions
-from nlpgrasp.budgets.sets.l2 import L2Set
+from nlpgrasp.budgets.l2 import L2Set
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.quality import WrenchSet
 

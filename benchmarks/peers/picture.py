@@ -8,8 +8,8 @@ from statistics import median
 
 from benchmarks.peers.results import Row
 from benchmarks.peers.tables import best_on, methods_of
-from nlpgrasp.common.extras.pyplot import pyplot
-from nlpgrasp.common.shown.palette import COLOURS
+from nlpgrasp.common.optional_packages import pyplot
+from nlpgrasp.common.palette import COLOURS
 
 GROUND, INK, GRID = "#F7F8FA", "#333B44", "#D5DAE0"  # its own ground: the same on light and dark pages
 HUES = ("finger", "gap", "force", "task", "table", "normal")

@@ -7,33 +7,29 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from nlpgrasp.analysis.prices import shadow_prices
+from nlpgrasp.analysis.shadow_prices import shadow_prices
 from nlpgrasp.analysis.squeeze import with_squeeze, with_squeezes
 from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.common.deadline import Clock, Stop
 from nlpgrasp.common.files import as_read
-from nlpgrasp.common.stopping.stop import Stop
 from nlpgrasp.errors import InputError, NlpgraspError
-from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.hands import URDFHand
-from nlpgrasp.hands.base import Hand
-from nlpgrasp.hands.posed_hand import PosedHand
-from nlpgrasp.optimize.after.robust import robustness
-from nlpgrasp.optimize.after.way_in import approached, attempted
-from nlpgrasp.optimize.ascent.state import Effort
+from nlpgrasp.hands.base import Hand, PosedHand
+from nlpgrasp.optimize.candidate import Effort, Placed
+from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.grasp_on_body import OnBody
+from nlpgrasp.optimize.hand_approach import approached, attempted
 from nlpgrasp.optimize.options import ANALYSES, SolveOptions, check_analyses
-from nlpgrasp.optimize.start.result import StartGrasp
-from nlpgrasp.optimize.start.run import with_hand
-from nlpgrasp.optimize.surface.on_body import OnBody
-from nlpgrasp.optimize.workbench.clock import Clock
-from nlpgrasp.optimize.workbench.placed import Placed
-from nlpgrasp.optimize.workbench.workbench import Workbench
-from nlpgrasp.optimize.workers.one_thread import one_thread
+from nlpgrasp.optimize.processes import one_thread
+from nlpgrasp.optimize.robustness import robustness
+from nlpgrasp.optimize.start import with_hand
+from nlpgrasp.optimize.start_result import StartGrasp
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds, Volume, delta, nu
-from nlpgrasp.solution.drawn import drawing_of
-from nlpgrasp.solution.given import given_solution
+from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.solution.records import StartRecord, Status
-from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.solution.solution import GraspSolution, given_solution
+from nlpgrasp.solution.stored_drawing import drawing_of
 
 RTOL = 0.02  # relative gap of delta, error bar of nu
 PARTS = ("body", "contacts", "task", "constraints")  # of a problem, that a file's has to agree with

@@ -9,16 +9,12 @@ from numpy.typing import ArrayLike
 
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
-from nlpgrasp.grasp.grasp import Grasp
-from nlpgrasp.hands.base import Hand
-from nlpgrasp.hands.posed_hand import PosedHand
-from nlpgrasp.motion.phases.keyframes import with_commands
-from nlpgrasp.quality.forces.least_friction import balanced_forces
-from nlpgrasp.quality.forces.no_balance import NoBalanceError
-from nlpgrasp.solution.given import given_solution
-from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.solution.squeezed.joints import Gain, JointSqueeze, usual_gain
-from nlpgrasp.solution.squeezed.squeeze import Squeeze
+from nlpgrasp.hands.base import Hand, PosedHand
+from nlpgrasp.motion.keyframes import with_commands
+from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.quality.least_friction import NoBalanceError, balanced_forces
+from nlpgrasp.solution.solution import GraspSolution, given_solution
+from nlpgrasp.solution.squeeze_record import Gain, JointSqueeze, Squeeze, usual_gain
 from nlpgrasp.tasks.tools import WEIGHT
 
 NORMAL_FORCE = 2.0  # newtons

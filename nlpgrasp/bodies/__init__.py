@@ -1,10 +1,9 @@
 """Bodies: geometry of the grasped objects."""
 
-from nlpgrasp.bodies.base import Body
+from nlpgrasp.bodies.base import Body, Face
 from nlpgrasp.bodies.box import Box
 from nlpgrasp.bodies.cylinder import Cylinder
 from nlpgrasp.bodies.ellipsoid import Ellipsoid
-from nlpgrasp.bodies.face import Face
 from nlpgrasp.bodies.implicit import Implicit, PlanarImplicit
 from nlpgrasp.bodies.mesh.mesh import Mesh
 from nlpgrasp.bodies.polygon import Polygon

@@ -1,26 +1,116 @@
-"""Base class of bodies."""
+"""Base classes of bodies and their smooth faces."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from nlpgrasp.bodies.face import Face
-from nlpgrasp.bodies.shapes.extruded import IntArray
-from nlpgrasp.bodies.shapes.seen import Seen
-from nlpgrasp.common.given.names import listed
+from nlpgrasp.bodies.triangulation import IntArray
+from nlpgrasp.common.display import InNotebook, show
+from nlpgrasp.common.registry import StatedPart
 from nlpgrasp.common.types import Expression
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, listed
 from nlpgrasp.errors import InputError
 
+SHARP = np.radians(30.0)  # rad, angle between the normals on both sides of an edge above which it is sharp
+PAGE, CARD = ("nlpgrasp.report.body_page", "write_body"), ("nlpgrasp.report.body_page", "body_card")
 TINY = 1e-24  # m^2 under a square root, which makes it differentiable at zero
 ON = 1e-6  # of the body's size: distance within which a point counts as on a face
+
+
+@dataclass(frozen=True, repr=False)
+class Face:
+    """A smooth piece of a body's surface: ``h(p) = 0`` within its extent.
+
+    Parameters
+    ----------
+    name : str
+    surface : callable
+        ``surface(p) -> h``: zero on the face, negative inside the body, positive outside; p is a CasADi
+        column of 2 or 3 metres.
+    extent : callable
+        ``extent(p) -> list`` of expressions that are at most zero on the face: there, minus the distances from its
+        edges, metres.
+    sharp : sequence of bool, optional
+        For each extent, whether that edge is sharp (the normal turns by more than 30 degrees); by default all are.
+    edges : callable
+        ``edges(p) -> list`` of expressions: distances of a point from further sharp edges, metres.
+    room : float
+        The largest distance from sharp edges on the face, metres.
+    """
+
+    name: str
+    surface: Callable[[Expression], Expression]
+    extent: Callable[[Expression], Sequence[Expression]] = lambda p: ()
+    sharp: Sequence[bool] | None = None
+    edges: Callable[[Expression], Sequence[Expression]] = lambda p: ()
+    room: float = np.inf
+
+    def __repr__(self) -> str:
+        return f"Face({self.name!r})"
+
+    def limits(self, p: Expression, margin: float) -> list[Expression]:
+        """Return expressions that are at most zero where p is on the face, a margin, metres, off its sharp edges."""
+        extents = list(self.extent(p))
+        sharp = [True] * len(extents) if self.sharp is None else list(self.sharp)
+        own = [e + margin * s for e, s in zip(extents, sharp, strict=True)]
+        return own + [margin - distance for distance in self.edges(p)] if margin > 0.0 else own
+
+    def compiled(self, p: Expression, margin: float) -> ca.Function:
+        """Return the compiled surface function, gradient norm, unit outward normal and limits at a symbolic point."""
+        h = self.surface(p)
+        gradient = ca.gradient(h, p)
+        slope = ca.norm_2(gradient)
+        extents = self.limits(p, margin)
+        outputs = [h, slope, gradient / slope, ca.vertcat(*extents) if extents else ca.DM.zeros(0, 1)]
+        name = "surface_" + "".join(c if c.isalnum() else "_" for c in self.name).strip("_")
+        while "__" in name:
+            name = name.replace("__", "_")
+        return ca.Function(name, [p], outputs, ["p"], ["h", "slope", "normal", "extent"])
+
+
+def turning(corners: FloatArray) -> FloatArray:
+    """Return the exterior angles (m,), radians, positive to the left, at the vertices (m, 2) of a polygon."""
+    before, after = corners - np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0) - corners
+    cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+    return np.asarray(np.arctan2(cross, np.sum(before * after, axis=1)))
+
+
+class Seen(InNotebook, StatedPart):
+    """Mixin that displays a body."""
+
+    _card: ClassVar[tuple[str, str]] = CARD
+
+    @property
+    def shown_name(self) -> str:
+        """Title of the body's page."""
+        return self.kind
+
+    def show(self, path: str | Path | None = None) -> Path:
+        """Write an HTML page that shows the body, open it in a browser if possible, and return its path.
+
+        It shows the surface, the axes of its frame, the names of its faces, its size and bounds. It opens from disk and
+        needs no network. Without a browser or a display, the path is printed.
+
+        Parameters
+        ----------
+        path : str or Path, optional
+            Of the HTML page; by default a temporary file.
+
+        Raises
+        ------
+        InputError
+            For a path that cannot be written.
+        """
+        return show(self, self.shown_name, PAGE, path)
 
 
 class Body(Seen):
@@ -258,3 +348,22 @@ def intersection(parts: Sequence[Expression]) -> Expression:
     for d in parts[1:]:
         largest = ca.fmax(largest, d)
     return ca.sqrt(positive + TINY) + ca.fmin(largest, 0.0)
+
+
+class CentredBody(Body):
+    """A body in space whose bounding box and volume are centred on the origin."""
+
+    @property
+    @abstractmethod
+    def half_size(self) -> FloatArray:
+        """Half the lengths of the bounding box, (3,), metres."""
+
+    @property
+    def bounds(self) -> FloatArray:
+        """Bounding box, (2, 3): lower corner, upper corner, metres."""
+        return np.stack([-self.half_size, self.half_size])
+
+    @property
+    def centroid(self) -> FloatArray:
+        """Centre of volume, (3,), metres: the origin, also where it is not in the body."""
+        return np.zeros(3)

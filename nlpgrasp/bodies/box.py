@@ -9,13 +9,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.bodies.base import intersection
-from nlpgrasp.bodies.face import Face
-from nlpgrasp.bodies.shapes.centred import CentredBody
-from nlpgrasp.bodies.shapes.extruded import IntArray, extruded
-from nlpgrasp.common.given.lengths import in_metres
+from nlpgrasp.bodies.base import CentredBody, Face, intersection
+from nlpgrasp.bodies.triangulation import IntArray, extruded
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.common.validation import FloatArray, array, in_metres, number
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,10 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.bodies.base import TINY, intersection
-from nlpgrasp.bodies.face import Face
-from nlpgrasp.bodies.shapes.centred import CentredBody
-from nlpgrasp.bodies.shapes.extruded import IntArray, circle, extruded
-from nlpgrasp.common.given.lengths import one_in_metres
+from nlpgrasp.bodies.base import TINY, CentredBody, Face, intersection
+from nlpgrasp.bodies.triangulation import IntArray, circle, extruded
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, one_in_metres
 
 ROUND = 96  # sides of the prism that approximates it as triangles
 

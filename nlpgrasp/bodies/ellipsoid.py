@@ -9,14 +9,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.bodies.base import TINY
-from nlpgrasp.bodies.face import Face
-from nlpgrasp.bodies.shapes import curved
-from nlpgrasp.bodies.shapes.centred import CentredBody
-from nlpgrasp.bodies.shapes.extruded import IntArray
-from nlpgrasp.common.given.lengths import in_metres
+from nlpgrasp.bodies import triangulation as curved
+from nlpgrasp.bodies.base import TINY, CentredBody, Face
+from nlpgrasp.bodies.triangulation import IntArray
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.common.validation import FloatArray, array, in_metres, number
 
 ROWS = 15  # rows of triangles between a pole and the equator
 

@@ -10,8 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.bodies.base import Body
-from nlpgrasp.bodies.face import Face
+from nlpgrasp.bodies.base import Body, Face
 from nlpgrasp.common.registry import incomplete
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, read_only

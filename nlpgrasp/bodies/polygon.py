@@ -9,12 +9,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.bodies.base import TINY, Body
-from nlpgrasp.bodies.face import SHARP, Face, turning
-from nlpgrasp.bodies.shapes.extruded import PLATE, IntArray, extruded
-from nlpgrasp.common.given.lengths import in_metres
+from nlpgrasp.bodies.base import SHARP, TINY, Body, Face, turning
+from nlpgrasp.bodies.triangulation import PLATE, IntArray, extruded
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.common.validation import FloatArray, array, in_metres
 from nlpgrasp.errors import InputError
 
 

@@ -9,13 +9,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.bodies.base import Body, intersection
-from nlpgrasp.bodies.face import Face
+from nlpgrasp.bodies.base import Body, Face, intersection
 from nlpgrasp.bodies.polygon import edge_face, inradius, polygon_centroid, polygon_distance, simple_polygon
-from nlpgrasp.bodies.shapes.extruded import IntArray, extruded
-from nlpgrasp.common.given.lengths import one_in_metres
+from nlpgrasp.bodies.triangulation import IntArray, extruded
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, one_in_metres
 from nlpgrasp.errors import InputError
 
 

@@ -15,7 +15,7 @@ from nlpgrasp.bodies.prism import Prism
 from nlpgrasp.bodies.sphere import Sphere
 from nlpgrasp.bodies.superquadric import Superquadric
 from nlpgrasp.bodies.torus import Torus
-from nlpgrasp.common.solids import SOLIDS, solid_from_dict
+from nlpgrasp.common.registry import SOLIDS, solid_from_dict
 from nlpgrasp.common.types import Json
 
 Kind = TypeVar("Kind", bound=Body)

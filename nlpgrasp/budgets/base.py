@@ -1,4 +1,4 @@
-"""Base class of force budgets."""
+"""Base classes of force budgets and of their force sets ``B n K``."""
 
 from __future__ import annotations
 
@@ -6,13 +6,56 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
-from nlpgrasp.budgets.sets.base import ForceSet
-from nlpgrasp.common.jointed import JointedHand, MovingHand
-from nlpgrasp.common.rows import Row
-from nlpgrasp.common.types import Expression, Json, Ops
+from nlpgrasp.common.scalar_constraints import Row
+from nlpgrasp.common.types import Expression, JointedHand, Json, MovingHand, Ops
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel, Work
+from nlpgrasp.contacts.product import ranges
 from nlpgrasp.errors import InputError
+
+SMOOTH = 1e-8  # under square roots, which smooths the kinks of closed forms
+
+
+class ForceSet(ABC):
+    """Force set ``B n K``: admissible contact forces within one unit of a budget, (2.5-2).
+
+    Forces are stacked as in G: n components, contact by contact, each in its frame, normal force first.
+
+    Parameters
+    ----------
+    contacts : sequence of k ContactModel
+        Their force domains form K.
+    space : int
+        Dimension of the contacts' points: 2 or 3.
+    """
+
+    power: ClassVar[float] = 2.0  # p for which the support function is close to the p-norm of the contacts' supports
+
+    def __init__(self, contacts: Sequence[ContactModel], space: int) -> None:
+        self.contacts, self.space = tuple(contacts), space
+        self.ranges = ranges(self.contacts, space)
+
+    @property
+    def size(self) -> int:
+        """Number n of force components."""
+        return sum(c.components(self.space) for c in self.contacts)
+
+    @property
+    def costly(self) -> bool:
+        """Whether a support evaluation solves a conic program, too slow for the many thousand that nu needs."""
+        return False
+
+    @abstractmethod
+    def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the exact support ``max <z, x>`` over x in B n K, (m,), and maximisers (m, n), for z (m, n)."""
+
+    @abstractmethod
+    def used(self, x: FloatArray) -> FloatArray:
+        """Return the gauge of B, the least f with x in f B, (m,), for forces x of K (m, n)."""
+
+    @abstractmethod
+    def cones(self) -> list[FloatArray]:
+        """Return matrices M: x is in f B if every ``M (x, f)`` is in a second-order cone (one row: nonnegative)."""
 
 
 class ForceBudget(ABC):
@@ -123,6 +166,3 @@ class ForceBudget(ABC):
             When a number is missing or out of range, or the budget has no parameters.
         """
         raise InputError("force_budget", str(data), f'"{cls.kind}", its name alone')
-
-
-SMOOTH = 1e-8  # under square roots, which smooths the kinks of closed forms

@@ -8,12 +8,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.budgets.base import ForceBudget
-from nlpgrasp.budgets.sets.base import ForceSet
+from nlpgrasp.budgets.base import ForceBudget, ForceSet
 from nlpgrasp.budgets.shared_joint_torques import SharedJointTorqueLimits
-from nlpgrasp.common.jointed import JointedHand, MovingHand
-from nlpgrasp.common.rows import Row
-from nlpgrasp.common.types import Expression, Json
+from nlpgrasp.common.scalar_constraints import Row
+from nlpgrasp.common.types import Expression, JointedHand, Json, MovingHand
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError

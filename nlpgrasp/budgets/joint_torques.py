@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
 from nlpgrasp.budgets.base import ForceBudget
-from nlpgrasp.budgets.sets.torques import TorqueSet, check_jacobian, torque_rows
-from nlpgrasp.common.rows import Row
+from nlpgrasp.budgets.torque_sets import TorqueSet, check_jacobian, torque_rows
+from nlpgrasp.common.scalar_constraints import Row
 from nlpgrasp.common.spatial import wrench_dimension
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number, read_only

@@ -5,12 +5,32 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import ClassVar
 
-from nlpgrasp.budgets.base import ForceBudget
-from nlpgrasp.budgets.sets.l2 import L2Set
-from nlpgrasp.common.rows import Row
+import numpy as np
+
+from nlpgrasp.budgets.base import ForceBudget, ForceSet
+from nlpgrasp.common.scalar_constraints import Row
 from nlpgrasp.common.types import Expression, Ops
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel, Work
+from nlpgrasp.contacts.product import project
+
+
+class L2Set(ForceSet):
+    """L2 force set ``{x in K : |x| <= 1}``, ``B_1^n n K`` of (2.5-2)."""
+
+    def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the support ``|P_K(z)|``, (m,), and the maximisers ``P_K(z) / |P_K(z)|``, (m, n) (Moreau)."""
+        x = project(z, self.contacts, self.space)
+        size = np.linalg.norm(x, axis=1)
+        return size, x / np.where(size > 0.0, size, 1.0)[:, None]
+
+    def used(self, x: FloatArray) -> FloatArray:
+        """Return the norms ``|x|``, (m,), of forces (m, n)."""
+        return np.asarray(np.linalg.norm(x, axis=1))
+
+    def cones(self) -> list[FloatArray]:
+        """Return the cone ``|x| <= f``, (n + 1, n + 1)."""
+        return [np.roll(np.eye(self.size + 1), 1, axis=0)]
 
 
 class L2Budget(ForceBudget):

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.budgets.base import ForceBudget
-from nlpgrasp.budgets.sets.torques import TorqueSet, check_jacobian, torque_rows
-from nlpgrasp.common.rows import Row
+from nlpgrasp.budgets.torque_sets import TorqueSet, check_jacobian, torque_rows
+from nlpgrasp.common.scalar_constraints import Row
 from nlpgrasp.common.spatial import wrench_dimension
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number, read_only

@@ -1,4 +1,4 @@
-"""``nlpgrasp demo | solve | bound | program | quality | verify | experiment | report | hand | export | simulate ...``.
+"""The commands ``nlpgrasp solve``, ``verify``, ``demo`` and ``program``, and the root of all commands.
 
 Exit codes: 0 done, 1 no grasp found or verification failed, 2 wrong use or bad input.
 """
@@ -7,37 +7,164 @@ from __future__ import annotations
 
 import io
 import sys
+import time
 import warnings
 from collections.abc import Sequence
 from contextlib import nullcontext, redirect_stdout
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
 import nlpgrasp as ng
-from nlpgrasp.cli.analyses import add_analyses, asked_analyses
-from nlpgrasp.cli.bound import bound_command
-from nlpgrasp.cli.demo.command import demo_command
-from nlpgrasp.cli.experiment import experiment_command
-from nlpgrasp.cli.export import export_command
-from nlpgrasp.cli.hand.command import hand_command
-from nlpgrasp.cli.options import AsJson, File, Folders, Rtol, Script, writable
-from nlpgrasp.cli.program import program_command
-from nlpgrasp.cli.progress import Reporter, done, emit, pair
-from nlpgrasp.cli.quality import quality_command
-from nlpgrasp.cli.report import report_command
-from nlpgrasp.cli.script import load_problem
-from nlpgrasp.cli.simulate import simulate_command
-from nlpgrasp.cli.task import task_app
+from nlpgrasp.cli.bound_command import bound_command
+from nlpgrasp.cli.console import AsJson, File, Folders, Reporter, Rtol, Script, done, emit, pair, writable
+from nlpgrasp.cli.experiment_command import experiment_command
+from nlpgrasp.cli.export_command import export_command
+from nlpgrasp.cli.hand_command import hand_command
+from nlpgrasp.cli.problem_script import load_problem
+from nlpgrasp.cli.quality_command import quality_command
+from nlpgrasp.cli.report_command import report_command
+from nlpgrasp.cli.simulate_command import simulate_command
+from nlpgrasp.cli.task_command import task_app
+from nlpgrasp.common.display import opened
 from nlpgrasp.common.validation import integer, share
-from nlpgrasp.errors import NlpgraspError
+from nlpgrasp.errors import InputError, NlpgraspError
 from nlpgrasp.version import __version__
 
+if TYPE_CHECKING:
+    from nlpgrasp.hands.base import Hand
+
+
+STARTS = 4
+TOLD = """A box of 80 x 40 x 40 mm stands on a table. Four round fingertips of 8 mm, friction 0.6, are to exert
+10 N along z, 5 N across and 0.2 N m of torque on it, either way. Where should they touch it?
+"""
 INTERRUPTED = 130  # what typer makes of Ctrl-C
 # typer brings a click of its own; this is its UsageError
 USAGE_ERROR: type[typer.BadParameter] = typer.BadParameter.__bases__[0]
+
+
+def asked_analyses(words: str | None, quick: bool, hand: Hand | None) -> tuple[str, ...]:
+    """Return the names behind ``--with``: those of all analyses where it is left out, none with ``--quick``.
+
+    Raises
+    ------
+    InputError
+        On a name that is no analysis, on phases of no hand, and on both options.
+    """
+    if quick and words is not None:
+        raise InputError("--quick", f"--with {words} beside it", "one of the two")
+    from nlpgrasp.analysis.analyse import all_analyses, check_hand
+    from nlpgrasp.optimize.options import check_analyses
+
+    if words is None:
+        return () if quick else all_analyses(hand)
+    names = check_analyses("--with", [name.strip() for name in words.split(",")])
+    check_hand("--with", names, hand)
+    return names
+
+
+def add_analyses(solution: ng.GraspSolution, names: tuple[str, ...], file: Path, as_json: bool) -> ng.GraspSolution:
+    """Return a solution with analyses, each told as it comes; the file holds them too.
+
+    Parameters
+    ----------
+    solution : GraspSolution
+        As ``file`` holds it.
+    names : tuple of str
+    file : Path
+    as_json : bool
+        Tell one JSON object a line.
+    """
+    from nlpgrasp.analysis.analyse import one_by_one
+
+    begun, known = time.monotonic(), str(solution).splitlines()
+    analysed = solution
+    for name, analysed in one_by_one(solution, names, solution.known_problem):
+        if as_json:
+            emit({"event": "analysis", "name": name, "seconds": time.monotonic() - begun})
+        else:
+            lines = str(analysed).splitlines()
+            typer.echo("".join(f"{line}\n" for line in lines if line not in known), nl=False)
+            known = lines
+        begun = time.monotonic()
+    if names:
+        analysed.save(file)
+    return analysed
+
+
+def program_command(
+    script: Script,
+    transcription: Annotated[
+        str, typer.Option("--transcription", metavar="support|vertex", help="Containment: outer or inner.")
+    ] = "support",
+    forces: Annotated[
+        bool, typer.Option("--forces/--no-forces", help="Finger forces as variables, or the support in closed form.")
+    ] = True,
+    spy: Annotated[
+        Path | None, typer.Option("--spy", metavar="F.png", help="Picture of the Jacobian's sparsity.")
+    ] = None,
+) -> None:
+    """Print the program (3.5-4) of a problem script as a table: variables, parameters, constraints, equations."""
+    place = None if spy is None else writable(spy, script)  # before the script runs: it may change the folder
+    if place is not None:
+        from nlpgrasp.common.optional_packages import pyplot
+
+        pyplot("a picture")  # before the work
+    problem = load_problem(script)
+    program = ng.formulate(problem, transcription, forces=forces)
+    if place is not None:
+        from nlpgrasp.report.pictures import write_sparsity
+
+        write_sparsity(program, place)
+    typer.echo(str(program))
+    if spy is not None:
+        typer.echo(f"picture written to {spy}")
+
+
+def problem() -> ng.GraspProblem:
+    """Return the problem that the script in README states."""
+    return ng.GraspProblem(
+        body=ng.Box([0.08, 0.04, 0.04]),
+        contacts=[ng.FrictionContact(0.6)] * 4,
+        hand=ng.Fingertips(4, radius=0.008),
+        task=ng.TaskEllipsoid([5, 5, 10, 0.2, 0.2, 0.2]),
+        constraints=[ng.Table(-0.02, clearance=0.01)],
+    )
+
+
+def demo_command(
+    out: Annotated[
+        Path, typer.Option("--out", metavar="F.json", help="The grasp found; the page goes beside it.")
+    ] = Path("demo.json"),
+    show: Annotated[
+        bool, typer.Option("--open/--no-open", help="Open the page in a browser, where there is one.")
+    ] = True,
+) -> None:
+    """Solve README's example, certify and verify the grasp, and open a page that shows it: seconds."""
+    page = out.with_suffix(".html")
+    place, _ = writable(out), writable(page, out)
+    typer.echo(TOLD)
+
+    with Reporter("demo", STARTS, False) as reporter:
+        solution = ng.solve(problem(), STARTS, progress=reporter.start_done)
+    solution.save(place)
+    typer.echo(str(solution))
+    verification = ng.verify(place)
+    typer.echo(verification.verdict)
+    if solution.known_problem is not None:
+        names = asked_analyses(None, False, solution.known_problem.hand)
+        solution = add_analyses(solution, names, place, False)
+    from nlpgrasp.report import write_report
+
+    write_report({out.name: solution}, page)
+    typer.echo(f"\nwritten to {out} and {page}")
+    if show:
+        opened(page)
+    if not (solution.success and verification):
+        raise typer.Exit(1)
 
 
 def _root(

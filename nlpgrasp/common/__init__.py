@@ -1,1 +1,1 @@
-"""Shared utilities: validation, files, frames, directions, scalar constraints, meshes, display."""
+"""Shared utilities: validation, files, frames, numerics, display."""

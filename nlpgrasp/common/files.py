@@ -1,16 +1,26 @@
-"""File utilities: atomic writing, checked reading, file names."""
+"""Atomic writing, checked reading, strict JSON and locks of files."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import re
+import sys
 import tempfile
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
+from nlpgrasp.common.types import Json
 from nlpgrasp.errors import InputError
+
+if TYPE_CHECKING:
+    import jsonschema
+
 
 HASH = 16  # hexadecimal digits of hashes in file names
 HASHED = re.compile(rf"-[0-9a-f]{{{HASH}}}$")
@@ -23,6 +33,7 @@ KINDS = {
     "a table": (".csv",),
 }
 SOURCES = ("a mesh", "a CAD file", "a hand's file", "a Python script")  # never overwritten
+WAIT, AGAIN = 60.0, 0.005  # s, time-out and interval of attempts
 
 
 def kind_of(path: str | Path) -> str | None:
@@ -155,3 +166,112 @@ def _umask() -> int:
     current = os.umask(0)
     os.umask(current)
     return current
+
+
+if sys.platform == "win32":
+
+    def take(file: TextIO) -> bool:
+        """Return True without locking, which is not supported on Windows."""
+        return True
+
+else:
+    import fcntl
+
+    def take(file: TextIO) -> bool:
+        """Lock a file until it is closed or the process ends; return False if another holds it."""
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        return True
+
+
+@contextmanager
+def held(path: Path) -> Iterator[None]:
+    """Hold an exclusive lock file, created if needed, against other processes and threads.
+
+    Raises
+    ------
+    InputError
+        When its folder cannot be written, or another holds it for a minute.
+    """
+    try:
+        file = path.open("a")
+    except OSError as error:
+        raise InputError(str(path.parent), error.strerror or "no lock", "a folder that can be written") from None
+    with file:
+        given_up = time.monotonic() + WAIT
+        while not take(file):
+            if time.monotonic() > given_up:
+                raise InputError(str(path.parent), f"in use by another process for {WAIT:.0f} s", "a folder let go")
+            time.sleep(AGAIN)
+        yield
+
+
+def read_object(text: str, name: str) -> Json:
+    """Parse a JSON text that must be an object.
+
+    Parameters
+    ----------
+    text : str
+    name : str
+        Of the file, for messages.
+
+    Raises
+    ------
+    InputError
+        When the text is invalid or truncated JSON, contains NaN, infinity or too long numbers, or is no object.
+    """
+    try:
+        data = json.loads(text, parse_constant=_refuse_constant, parse_int=_bounded_int)
+    except json.JSONDecodeError as error:
+        raise InputError(name, f"not valid JSON at line {error.lineno}: {error.msg}", "a complete JSON file") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(name, str(error), "a JSON file with finite numbers") from None
+    if not isinstance(data, dict):
+        raise InputError(name, type(data).__name__, "a JSON object")
+    return data
+
+
+def check_schema(data: Json, validator: jsonschema.Draft202012Validator, name: str, expected: str) -> None:
+    """Raise for data with numbers too large for a float, or that violate a schema, naming the first such field.
+
+    Parameters
+    ----------
+    data : dict
+    validator : jsonschema validator
+    name : str
+        Of the file, for messages.
+    expected : str
+        Reference to what is allowed, for messages.
+    """
+    try:
+        _refuse_infinite(data, name)
+        errors = sorted(validator.iter_errors(data), key=lambda e: list(map(str, e.absolute_path)))
+    except RecursionError:
+        raise InputError(name, "nesting without end", expected) from None
+    if errors:
+        where = ".".join(str(part) for part in errors[0].absolute_path) or "top level"
+        raise InputError(f"{name}: {where}", errors[0].message, expected)
+
+
+def _refuse_constant(text: str) -> NoReturn:
+    raise ValueError(f"{text} is not a number in JSON")
+
+
+def _bounded_int(text: str) -> int:
+    if len(text) > 18:
+        raise ValueError(f"a whole number of {len(text)} digits")
+    return int(text)
+
+
+def _refuse_infinite(value: object, name: str, where: str = "") -> None:
+    """Raise for numbers too large for a float, which JSON parses as infinity."""
+    if isinstance(value, float) and not math.isfinite(value):
+        raise InputError(f"{name}: {where or 'top level'}", "a number too large for a float", "finite numbers")
+    if isinstance(value, Mapping):
+        for key, item in value.items():
+            _refuse_infinite(item, name, f"{where}.{key}".lstrip("."))
+    elif isinstance(value, Sequence) and not isinstance(value, str):
+        for index, item in enumerate(value):
+            _refuse_infinite(item, name, f"{where}.{index}".lstrip("."))

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Protocol, TypeAlias
 
+from nlpgrasp.common.validation import FloatArray
+
 Expression: TypeAlias = Any
 """A CasADi expression, column or scalar: ``SX`` in the program, ``MX`` where a mesh's spline takes part, ``DM`` with
 numbers in place of symbols. Constraints, hands and bodies are written once for all three, which share operators but no
@@ -27,3 +29,29 @@ class Ops(Protocol):
 Json: TypeAlias = Mapping[str, Any]
 """A JSON object: what ``to_dict`` writes and ``from_dict`` reads. Files are checked against the schema when they are
 read, so that its entries need no further types."""
+
+
+class JointedHand(Protocol):
+    """Protocol of hands with the joints that move their contacts; all of ``nlpgrasp.hands`` satisfy it."""
+
+    @property
+    def loaded_joints(self) -> tuple[str, ...]:
+        """Names of the joints that move some contact; empty without joints."""
+
+    @property
+    def torque_limits(self) -> Mapping[str, float]:
+        """Largest torques by joint, newton-metres (newtons for sliding joints)."""
+
+
+class MovingHand(JointedHand, Protocol):
+    """Protocol of jointed hands with contact Jacobians; every ``nlpgrasp.hands.PosedHand`` satisfies it."""
+
+    @property
+    def count(self) -> int:
+        """Number of fingertips."""
+
+    def contact_jacobians(self, values: Mapping[str, FloatArray], points: FloatArray) -> FloatArray:
+        """Return the contact Jacobians (k, 6, m) of points (k, 3) with respect to the loaded joints."""
+
+    def values_of(self, posture: Json) -> dict[str, FloatArray]:
+        """Return the hand's variables by name, from a posture as in ``GraspSolution.hand``."""

@@ -1,20 +1,32 @@
-"""Input validators, whose errors name the field and the received value."""
+"""Validation of user input: numbers, arrays, lengths, angles, masses, names."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from copy import copy
+from difflib import get_close_matches
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from nlpgrasp.common.user_warnings import say_once
 from nlpgrasp.errors import InputError
 
-FloatArray = NDArray[np.float64]
 LARGEST = 1e100  # largest accepted magnitude, against overflow
 SMALLEST = 1e-100  # smallest accepted positive number, against overflow of its reciprocal
 SHORTEST_BODY, LONGEST_BODY = 1e-3, 10.0  # m, plausible sizes: beyond them the unit is probably wrong
 SHARE = "a share above 0, at most 1"
+TURN = 2.0 * np.pi * (1.0 + 1e-6)  # rad, a full turn with tolerance for rounding in files
+LARGEST_TIP = 1.0  # m, largest fingertip radius
+UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+HEAVY = 50.0  # kg, mass above which grams are suspected
+MOST, NEAREST = 12, 4  # most names listed in a message, most suggestions
+CLOSE, LONG = 0.6, 3  # least similarity ratio of similar names; least letters of a significant word
+
+
+FloatArray = NDArray[np.float64]
 
 
 def number(field: str, value: object, *, above: float | None = None, at_least: float | None = None) -> float:
@@ -136,3 +148,154 @@ def within(place: str) -> Iterator[None]:
         yield
     except InputError as error:
         raise InputError(f"{place}{error.field}", error.given, error.allowed) from None
+
+
+Item = TypeVar("Item")
+
+
+def unchecked(item: Item, **fields: object) -> Item:
+    """Return a copy of a frozen object with changed fields, without validation.
+
+    For finite differences, which may step beyond a field's limits, and for parts that were checked before. Otherwise
+    use ``dataclasses.replace``, which validates.
+
+    Parameters
+    ----------
+    item : object
+        Of a frozen dataclass.
+    **fields
+        Their new values.
+    """
+    result = copy(item)
+    for name, value in fields.items():
+        object.__setattr__(result, name, value)
+    return result
+
+
+def angle(field: str, value: object, at_most: float, limit: str) -> float:
+    """Return a validated angle above zero; the ``InputError`` hints at degrees where likely.
+
+    Parameters
+    ----------
+    field : str
+    value : float
+        Radians.
+    at_most : float
+        Radians.
+    limit : str
+        The same as text: ``"pi"``.
+    """
+    found = number(field, value, above=0.0)
+    if found > at_most:
+        raise InputError(field, found, f"radians, at most {limit}{_hint(found)}")
+    return found
+
+
+def angles(field: str, values: FloatArray) -> FloatArray:
+    """Return angles of any shape, radians; raise beyond a full turn, which suggests degrees."""
+    worst = float(np.max(np.abs(values), initial=0.0))
+    if worst > TURN:
+        raise InputError(field, values.tolist(), f"radians{_hint(worst)}")
+    return values
+
+
+def _hint(size: float) -> str:
+    """Return a conversion hint for an angle that is probably in degrees, else an empty text."""
+    degrees = size > TURN or (size >= 5.0 and size == round(size))
+    return f": {size:g} degrees are {np.radians(size):.4g}" if degrees else ""
+
+
+def metres_per(field: str, unit: object) -> float:
+    """Return the length of a unit in metres, or raise ``InputError`` that lists the known units."""
+    if not isinstance(unit, str) or unit not in UNITS:
+        raise InputError(field, unit if isinstance(unit, str) else repr(unit), "one of " + ", ".join(UNITS))
+    return UNITS[unit]
+
+
+def in_metres(field: str, lengths: FloatArray, unit: object) -> FloatArray:
+    """Return lengths of any shape in metres, correctly rounded: 35 mm give exactly 0.035.
+
+    Parameters
+    ----------
+    field : str
+        Field of the unit, for messages: ``"Box.unit"``.
+    lengths : (...) array
+    unit : {"m", "dm", "cm", "mm", "in", "ft"}
+
+    Raises
+    ------
+    InputError
+        On an unknown unit.
+    """
+    factor = metres_per(field, unit)
+    parts = round(1.0 / factor)
+    # powers of ten divide: a product with 0.001 is rounded twice
+    return lengths / parts if parts * factor == 1.0 else lengths * factor
+
+
+def one_in_metres(field: str, name: str, length: object, unit: object) -> float:
+    """Return a validated length above zero in metres; errors name ``field.name`` or ``field.unit``."""
+    stated = number(f"{field}.{name}", length, above=0.0)
+    return number(f"{field}.{name}", float(in_metres(f"{field}.unit", np.asarray(stated), unit)), above=0.0)
+
+
+def of_a_hand(field: str, length: float, most: float = LONGEST_BODY) -> float:
+    """Return a length of a hand, metres; raise above ``most``, which suggests another unit.
+
+    Raises
+    ------
+    InputError
+        Naming the field.
+    """
+    if length > most:
+        allowed = f"metres, at most {most:g}: {length:g} mm are {length / 1000.0:g}"
+        raise InputError(field, f"{length:g} m", allowed)
+    return length
+
+
+def kilograms(mass: object) -> float:
+    """Return a validated mass above zero; warn once about an implausible one.
+
+    Raises
+    ------
+    InputError
+        On anything but a number above zero.
+    """
+    found = number("mass", mass, above=0.0)
+    if found > HEAVY:
+        say_once(f"mass: {found:g} kg; if grams were meant, {found / 1e3:g}")
+    return found
+
+
+def near(name: str, names: Iterable[str]) -> list[str]:
+    """Return names similar to an unknown one, most similar first, ignoring case.
+
+    Parameters
+    ----------
+    name : str
+        The unknown name.
+        names : iterable of str
+        Known names.
+    """
+    by_case = {one.casefold(): one for one in names}
+    close = [by_case[one] for one in get_close_matches(name.casefold(), by_case, NEAREST, CLOSE)]
+    words = [word for word in name.casefold().replace("_", " ").split() if len(word) >= LONG]
+    shared = [own for one, own in by_case.items() if own not in close and any(word in one for word in words)]
+    return [*close, *shared][:NEAREST]
+
+
+def listed(given: Iterable[object], names: Iterable[str]) -> str:
+    """Return a list of at most a dozen known names as text, with suggestions for unknown ones.
+
+    Parameters
+    ----------
+    given : iterable
+        Unknown names.
+    names : iterable of str
+        Known names.
+    """
+    known = list(names)
+    more = f" and {len(known) - MOST} more" if len(known) > MOST else ""
+    meant = dict.fromkeys(nearest[0] for one in given if (nearest := near(str(one), known)))
+    question = f"; did you mean {' and '.join(meant)}?" if meant else ""
+    return f"{', '.join(known[:MOST])}{more}{question}"

@@ -9,11 +9,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.frozen import unchecked
-from nlpgrasp.common.given.angles import angle
-from nlpgrasp.common.rows import Placement, Row
+from nlpgrasp.common.scalar_constraints import Placement, Row
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import array
+from nlpgrasp.common.validation import angle, array, unchecked
 from nlpgrasp.constraints.base import PlacementConstraint, is_unit
 from nlpgrasp.errors import InputError
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from nlpgrasp.common.registry import StatedPart
-from nlpgrasp.common.rows import Clearance, Placement, Row
+from nlpgrasp.common.scalar_constraints import Clearance, Placement, Row
 
 ROUNDING = 4.0 * float(np.finfo(float).eps)
 

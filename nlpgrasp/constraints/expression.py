@@ -11,11 +11,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.given.names import listed
 from nlpgrasp.common.registry import incomplete
-from nlpgrasp.common.rows import Placement, Row
+from nlpgrasp.common.scalar_constraints import Placement, Row
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.common.validation import FloatArray, listed
 from nlpgrasp.constraints.base import PlacementConstraint
 from nlpgrasp.errors import InputError
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
-from nlpgrasp.common.rows import Placement, Row
+from nlpgrasp.common.scalar_constraints import Placement, Row
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import names
 from nlpgrasp.constraints.base import PlacementConstraint

@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from nlpgrasp.common.frozen import unchecked
-from nlpgrasp.common.given.pose import Pose, rigid_transform
-from nlpgrasp.common.rows import Clearance, Placement, Row
-from nlpgrasp.common.solids import Solid, solid_from_dict
+from nlpgrasp.common.registry import Solid, solid_from_dict
+from nlpgrasp.common.scalar_constraints import Clearance, Placement, Row
+from nlpgrasp.common.spatial import Pose, rigid_transform
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.common.validation import FloatArray, array, number, unchecked
 from nlpgrasp.constraints.base import PlacementConstraint, is_unit
 from nlpgrasp.errors import InputError
 

@@ -11,10 +11,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.frozen import unchecked
 from nlpgrasp.common.registry import Registry, StatedPart, incomplete, read
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import array, number
+from nlpgrasp.common.validation import array, number, unchecked
 from nlpgrasp.constraints.base import is_unit
 from nlpgrasp.errors import InputError
 

@@ -10,10 +10,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.frozen import unchecked
-from nlpgrasp.common.rows import Placement, Row
+from nlpgrasp.common.scalar_constraints import Placement, Row
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import array, number
+from nlpgrasp.common.validation import array, number, unchecked
 from nlpgrasp.constraints.base import PlacementConstraint, is_unit
 from nlpgrasp.constraints.workspace import check_fingers, finger_numbers
 from nlpgrasp.errors import InputError

@@ -7,7 +7,7 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
-from nlpgrasp.common.rows import Placement, Row
+from nlpgrasp.common.scalar_constraints import Placement, Row
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.constraints.base import PlacementConstraint

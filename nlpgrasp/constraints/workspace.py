@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from nlpgrasp.common.rows import Label, Placement, Row
+from nlpgrasp.common.scalar_constraints import Label, Placement, Row
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.constraints.base import PlacementConstraint
 from nlpgrasp.constraints.regions import BoxRegion, ExpressionRegion, Region, region_from_dict

@@ -1,8 +1,7 @@
 """Contact models: admissible contact forces and their friction cones."""
 
-from nlpgrasp.contacts.base import ContactModel, contact_from_dict
+from nlpgrasp.contacts.base import ContactModel, Work, contact_from_dict
 from nlpgrasp.contacts.bilateral import BilateralContact
-from nlpgrasp.contacts.cones.terms import Work
 from nlpgrasp.contacts.friction import FrictionContact
 from nlpgrasp.contacts.line import LineContact
 from nlpgrasp.contacts.plane import PlaneContact

@@ -9,8 +9,7 @@ import numpy as np
 
 from nlpgrasp.common.types import Expression, Json, Ops
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts.base import ContactModel, contact_from_dict
-from nlpgrasp.contacts.cones.terms import Work, upper_triangle
+from nlpgrasp.contacts.base import ContactModel, Work, contact_from_dict, upper_triangle
 from nlpgrasp.errors import InputError
 
 

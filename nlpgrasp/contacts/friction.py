@@ -9,9 +9,8 @@ import numpy as np
 
 from nlpgrasp.common.types import Expression, Json, Ops
 from nlpgrasp.common.validation import FloatArray, number
-from nlpgrasp.contacts.base import MISSING
-from nlpgrasp.contacts.cones.range_cone import RangeContact
-from nlpgrasp.contacts.cones.terms import Blocks, Work, circle
+from nlpgrasp.contacts.base import MISSING, Blocks, Work, circle
+from nlpgrasp.contacts.cones import RangeContact
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,8 @@ from numpy.typing import NDArray
 
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, number
-from nlpgrasp.contacts.base import MISSING
-from nlpgrasp.contacts.cones.terms import Blocks
-from nlpgrasp.contacts.direction import direction_field, tangents_along, turned_direction
-from nlpgrasp.contacts.pad import Arms, PadContact, friction_fields
+from nlpgrasp.contacts.base import MISSING, Blocks
+from nlpgrasp.contacts.pad import Arms, PadContact, direction_field, friction_fields, tangents_along, turned_direction
 
 MORE, HALVINGS = 1e-7, 40  # largest relative increase of normal forces; bisection steps
 

@@ -10,9 +10,8 @@ import numpy as np
 from nlpgrasp.common.spatial import tangents as any_tangents
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number
-from nlpgrasp.contacts.cones.terms import Blocks
-from nlpgrasp.contacts.direction import direction_field, tangents_along, turned_direction
-from nlpgrasp.contacts.pad import Arms, PadContact, friction_fields
+from nlpgrasp.contacts.base import Blocks
+from nlpgrasp.contacts.pad import Arms, PadContact, direction_field, friction_fields, tangents_along, turned_direction
 from nlpgrasp.errors import InputError
 
 

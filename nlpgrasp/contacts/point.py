@@ -9,8 +9,8 @@ import numpy as np
 
 from nlpgrasp.common.types import Expression, Json, Ops
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts.cones.range_cone import RangeContact
-from nlpgrasp.contacts.cones.terms import Blocks, Work
+from nlpgrasp.contacts.base import Blocks, Work
+from nlpgrasp.contacts.cones import RangeContact
 
 
 @dataclass(frozen=True)

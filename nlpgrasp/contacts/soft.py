@@ -9,10 +9,9 @@ import numpy as np
 
 from nlpgrasp.common.types import Expression, Json, Ops
 from nlpgrasp.common.validation import FloatArray, number
-from nlpgrasp.contacts.base import MISSING
-from nlpgrasp.contacts.cones import elliptic_cone
-from nlpgrasp.contacts.cones.range_cone import RangeContact
-from nlpgrasp.contacts.cones.terms import Blocks, Work, circle, upper_triangle
+from nlpgrasp.contacts import cones as elliptic_cone
+from nlpgrasp.contacts.base import MISSING, Blocks, Work, circle, upper_triangle
+from nlpgrasp.contacts.cones import RangeContact
 from nlpgrasp.errors import InputError
 
 MODELS = ("box", "elliptic")

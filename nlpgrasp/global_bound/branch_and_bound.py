@@ -9,14 +9,14 @@ import numpy as np
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.global_bound.bound.node_mixtures import MOST_LEAVES, NodeMixtures
-from nlpgrasp.global_bound.bound.shared_mixtures import SharedMixtures
-from nlpgrasp.global_bound.bound.weakest import normalised
 from nlpgrasp.global_bound.certificate import certificate
 from nlpgrasp.global_bound.node_tree import NodeTree
-from nlpgrasp.global_bound.scope.scope import Scope, scope_of
+from nlpgrasp.global_bound.node_weights import MOST_LEAVES, NodeMixtures
+from nlpgrasp.global_bound.scope import Scope, scope_of
+from nlpgrasp.global_bound.shared_weights import SharedMixtures
+from nlpgrasp.global_bound.weak_twists import normalised
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.solution.measures.global_bound import GlobalBound
+from nlpgrasp.solution.quality_record import GlobalBound
 
 SHARE = 0.8  # share of the requested gap that the tree closes; recorded leaves and rounding take the rest
 AS_CLOSE = 0.1  # relative: excess of the bound of a whole mesh over that of its parts that is accepted

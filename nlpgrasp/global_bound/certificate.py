@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from nlpgrasp.common.types import Json
-from nlpgrasp.global_bound.bound.mixtures import Mixture
-from nlpgrasp.global_bound.cells.base import IntArray
+from nlpgrasp.global_bound.cells.cell import IntArray
+from nlpgrasp.global_bound.contact_cells import NONE, Pieces
+from nlpgrasp.global_bound.dual_weights import Mixture
 from nlpgrasp.global_bound.node_tree import NodeTree
-from nlpgrasp.global_bound.scope.pieces import NONE, Pieces
-from nlpgrasp.global_bound.scope.scope import Scope
+from nlpgrasp.global_bound.scope import Scope
 
 TURN_DIGITS = 9  # to which motions are the same
 

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.global_bound.bound.mixtures import Mixture
-from nlpgrasp.global_bound.bound.twists import Twists
-from nlpgrasp.global_bound.cells.base import IntArray
-from nlpgrasp.global_bound.scope.pieces import NONE, Pieces
-from nlpgrasp.global_bound.scope.scope import Scope
+from nlpgrasp.global_bound.cells.cell import IntArray
+from nlpgrasp.global_bound.contact_cells import NONE, Pieces
+from nlpgrasp.global_bound.dual_weights import Mixture
+from nlpgrasp.global_bound.scope import Scope
+from nlpgrasp.global_bound.weak_twists import Twists
 
 Cells = tuple[int, ...]
 Floats = FloatArray | NDArray[np.float32]

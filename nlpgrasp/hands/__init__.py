@@ -1,13 +1,12 @@
 """Hands: fingertips, parallel jaws and robot hands from URDF or MJCF files."""
 
-from nlpgrasp.hands.base import Hand, HandVariable
+from nlpgrasp.hands.base import Hand, HandVariable, PosedHand
 from nlpgrasp.hands.fingertips import Fingertips
 from nlpgrasp.hands.parallel_jaw import ParallelJaw
-from nlpgrasp.hands.posed_hand import PosedHand
 from nlpgrasp.hands.presets import allegro, barrett, leap, panda, robotiq_2f85, robotiq_3f, shadow
 from nlpgrasp.hands.registry import hand_from_dict, register
 from nlpgrasp.hands.tips import CapsuleTip, CylinderTip, EllipsoidTip, FlatTip, SphereTip, Tip
-from nlpgrasp.hands.urdf.urdf_hand import URDFHand
+from nlpgrasp.hands.urdf_hand import URDFHand
 
 __all__ = [
     "CapsuleTip",

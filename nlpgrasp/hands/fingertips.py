@@ -10,10 +10,9 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.common.given.lengths import LARGEST_TIP, of_a_hand
-from nlpgrasp.common.rows import TIPS_APART, Placement, Row
+from nlpgrasp.common.scalar_constraints import TIPS_APART, Placement, Row
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray, integer, number
+from nlpgrasp.common.validation import LARGEST_TIP, FloatArray, integer, number, of_a_hand
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.base import Hand, HandVariable
 

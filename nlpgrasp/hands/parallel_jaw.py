@@ -1,25 +1,269 @@
-"""Parallel-jaw gripper: two opposed jaws that close along a line."""
+"""Parallel-jaw gripper, and its pose about the closing line.
+
+The closing direction points from contact 0 to contact 1. The approach, in which the gripper moves to the body, is the
+clearest direction at right angles to it within the cones of the problem. The pose is that of the gripper's own frame,
+in which both directions are axes: x and z unless the hand states others.
+
+The path is straight: from the grasp back by twice the body's size. Both fingers move along it, rectangles as thick as
+stated from the pads outwards, and, where a finger's length is stated, the palm between their ends. They are sampled
+along lines at most two millimetres apart, the faces of the fingers included, so an obstacle between two lines is at
+most one millimetre deep. The pads' breadth, the gripper's body and an arm are ignored.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-from nlpgrasp.common.given.angles import angle
-from nlpgrasp.common.given.lengths import of_a_hand
-from nlpgrasp.common.rows import Placement, Row
+from nlpgrasp.common.scalar_constraints import Placement, Row
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray, number, within
+from nlpgrasp.common.validation import FloatArray, angle, array, number, of_a_hand, within
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.base import Hand, HandVariable
-from nlpgrasp.hands.jaw_pose import APPROACH_AXIS, CLOSING_AXIS, Cone, Distance, Jaws, named, own_axes
 
+CLOSING_AXIS, APPROACH_AXIS = "x", "z"  # defaults, gripper frame
+LETTERS = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+DIGITS = 1e-4  # tolerance on unit length and right angles: directions are written with few digits
+TURNS = 36  # approach directions tried about the closing line
+APART = 2e-3  # metres: largest distance between two lines
+WAY = 2.0  # length of the approach path, in body sizes
+NEAR = 0.02  # share of the body's size: tolerated depth, for example of pads on tilted faces
+ALONG = 1e-9  # least part across the closing line of a cone's axis that is tried as an approach
+WALK, FINE = 2.5e-4, 2e-5  # metres: least steps along pads or inside an obstacle, and elsewhere
+STEEP = 0.5  # fall of the distance over a step, as a share of it, where a line enters an obstacle
+NEARLY = 0.1  # share of the largest mean distance that the steepest approach may lack
+ROUNDING = 1e-9  # rounding tolerance of a number of lines
+SAME = 1e-6  # share of the body's size: clearances this close are ties
 MOST_TILT = 0.5 * np.pi * (1.0 - 1e-9)
 LARGEST_PART = 2.0  # metres: largest dimension of a gripper's finger
+
+
+Distance = Callable[[FloatArray], FloatArray]
+Cone = tuple[FloatArray, float]  # a unit direction, and the largest angle to it, radians
+
+
+def direction_of(field: str, axis: str | Sequence[float]) -> FloatArray:
+    """Return an axis as a unit direction (3,) in the gripper's frame.
+
+    Parameters
+    ----------
+    field : str
+        For messages.
+    axis : str or (3,) sequence of float
+        ``"x"``, ``"y"``, ``"z"``, with a sign before it where it points the other way, or a unit direction.
+
+    Raises
+    ------
+    InputError
+        On any other letter, and on a direction of another length.
+    """
+    allowed = '"x", "y", "z", with a sign such as "-x", or a unit direction of three numbers'
+    if isinstance(axis, str):
+        letter = axis.removeprefix("-").removeprefix("+")
+        if letter not in LETTERS or len(axis) > len(letter) + 1:
+            raise InputError(field, axis, allowed)
+        return (-1.0 if axis.startswith("-") else 1.0) * np.array(LETTERS[letter]) + 0.0
+    direction = array(field, axis, (3,))
+    length = float(np.linalg.norm(direction))
+    if not abs(length - 1.0) <= DIGITS:
+        raise InputError(field, f"a direction of length {length:.4g}", allowed)
+    return np.asarray(direction / length)
+
+
+def named(direction: FloatArray) -> str | tuple[float, float, float]:
+    """Return the signed letter of a unit direction along a coordinate axis; three numbers for any other."""
+    for letter, unit in LETTERS.items():
+        for sign, mark in ((1.0, ""), (-1.0, "-")):
+            if np.array_equal(sign * direction, unit):
+                return f"{mark}{letter}"
+    x, y, z = direction.tolist()
+    return x, y, z
+
+
+def own_axes(closing: str | Sequence[float], approach: str | Sequence[float]) -> FloatArray:
+    """Return the rotation whose columns are closing, transverse and approach directions in the gripper's frame.
+
+    Raises
+    ------
+    InputError
+        On axes that are no unit directions, or not at right angles to each other.
+    """
+    along, towards = direction_of("closing_axis", closing), direction_of("approach_axis", approach)
+    if not abs(float(along @ towards)) <= DIGITS:
+        angle = np.degrees(np.arccos(np.clip(along @ towards, -1.0, 1.0)))
+        raise InputError("approach_axis", f"{angle:.4g} degrees off closing_axis", "a direction at right angles to it")
+    towards = towards - (along @ towards) * along
+    towards /= np.linalg.norm(towards)
+    return np.stack([along, np.cross(towards, along), towards], axis=1) + 0.0  # no -0
+
+
+@dataclass(frozen=True)
+class Jaws:
+    """Two gripper pads at a pair of contacts, with the fingers behind them.
+
+    Parameters
+    ----------
+    points : (2, space) array
+        The contacts, metres, body frame.
+    length : float
+        From the pads back to the gripper's frame, metres; 0 where none is stated.
+    thickness : float
+        Of a finger in the closing direction, metres.
+    cones : tuple of pairs
+        Cones that the approach has to be within.
+    closing_axis, approach_axis : str or (3,) sequence of float
+        Closing direction and approach in the gripper's own frame.
+    """
+
+    points: FloatArray
+    length: float
+    thickness: float
+    cones: tuple[Cone, ...] = ()
+    closing_axis: str | Sequence[float] = CLOSING_AXIS
+    approach_axis: str | Sequence[float] = APPROACH_AXIS
+
+    @property
+    def opening(self) -> float:
+        """Distance between the pads, metres."""
+        return float(np.linalg.norm(self.points[1] - self.points[0]))
+
+    @property
+    def closing(self) -> FloatArray:
+        """Unit direction from contact 0 to contact 1, (space,), body frame."""
+        return np.asarray((self.points[1] - self.points[0]) / self.opening)
+
+    def approaches(self) -> FloatArray:
+        """Return unit approach directions at right angles to the closing line, (m, space), steepest downwards first.
+
+        Only those within all cones are returned, or those nearest to them; each cone's axis is tried too.
+        """
+        found = self._around()
+        if not self.cones:
+            return found
+        middles = [direction - (direction @ self.closing) * self.closing for direction, _ in self.cones]
+        lengths = [float(np.linalg.norm(middle)) for middle in middles]
+        found = np.concatenate([found, *(m[None] / n for m, n in zip(middles, lengths, strict=True) if n > ALONG)])
+        excess = [np.arccos(np.clip(found @ direction, -1.0, 1.0)) - angle for direction, angle in self.cones]
+        beyond = np.maximum(np.max(excess, axis=0), 0.0)
+        return np.asarray(found[beyond <= float(beyond.min()) + 1e-9])
+
+    def _around(self) -> FloatArray:
+        line, space = self.closing, self.points.shape[1]
+        if space == 2:
+            across = np.array([[-line[1], line[0]], [line[1], -line[0]]])
+            return across[np.argsort(across[:, 1])]
+        down = -np.eye(3)[2] if abs(line[2]) < 1.0 - 1e-9 else np.eye(3)[0]
+        first = down - (down @ line) * line
+        first /= np.linalg.norm(first)
+        angles = np.arange(TURNS) * 2.0 * np.pi / TURNS
+        return np.asarray(np.outer(np.cos(angles), first) + np.outer(np.sin(angles), np.cross(line, first)))
+
+    def clearest(self, size: float, distance: Distance) -> tuple[FloatArray, float, bool]:
+        """Return the clearest approach, (space,), its penetration depth, metres, and if it passes through anything.
+
+        Among the directions of least depth, to ``NEAR`` of the body's size, it has the largest mean distance; of equals
+        it is the steepest down the last axis. The steepest of all is taken where it lacks at most a tenth of that mean.
+        Directions that pass through something thin are taken only where all do.
+        """
+        directions = self.approaches()
+        depth, mean, through = self.walk(directions, size, distance)
+        free = depth <= max(float(depth.min()), NEAR * size)
+        best = float(mean[free].max())
+        steepest = np.where(free & (mean >= best - SAME * size), -directions[:, -1], -np.inf)
+        down = int(np.argmin(directions[:, -1]))
+        chosen = down if free[down] and mean[down] >= (1.0 - NEARLY) * best > 0.0 else int(np.argmax(steepest))
+        if through[chosen] and not np.all(through[free]):
+            chosen = int(np.argmax(np.where(free & ~through, mean, -np.inf)))
+        return directions[chosen], float(depth[chosen]), bool(through[chosen])
+
+    def walk(
+        self, directions: FloatArray, size: float, distance: Distance
+    ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+        """March along the lines of fingers and palm from the grasp outwards, the approach path backwards.
+
+        Outside, a step exceeds the signed distance by ``FINE`` alone, so that nothing thicker is between two points;
+        inside, it is the least that can get deeper than the deepest point so far. There, and along pads, no step is
+        shorter than ``WALK``.
+
+        Parameters
+        ----------
+        directions : (m, space) array
+            Unit approaches.
+        size : float
+            Of the body, metres.
+        distance : callable
+            Points (n, space) to signed distances from the body and the surroundings, (n,), metres.
+
+        Returns
+        -------
+        depth : (m,) array
+            Largest penetration depth, metres, at least zero.
+        mean : (m,) array
+            Mean distance along the lines, metres.
+        through : (m,) bool array
+            Whether a line enters something, however thin: the distance falls to zero steeply. Lines along the pads of
+            thick fingers are left out, as they slide along the body.
+        """
+        starts, firsts, on_pads = self._lines()
+        count, far = len(starts), self.length + WAY * size
+        start, back = np.tile(starts, (len(directions), 1)), np.repeat(-directions, count, axis=0)
+        along = np.tile(firsts, len(directions))
+        clear, area = distance(start + along[:, None] * back), np.zeros(len(start))
+        least = np.minimum(clear, distance(start + far * back)).reshape(-1, count).min(axis=1)
+        least, enters = np.minimum(least, 0.0), np.zeros(len(start), dtype=bool)
+        while (left := np.flatnonzero(along < far)).size:
+            now, before = clear[left], along[left]
+            reach = np.where(now > 0.0, now + FINE, now - least[left // count])
+            coarse = (now <= 0.0) | on_pads[left % count]
+            along[left] = np.minimum(before + np.where(coarse, np.maximum(reach, WALK), reach), far)
+            step, then = along[left] - before, distance(start[left] + along[left, None] * back[left])
+            enters[left] |= (now > 0.0) & (then <= 0.0) & (then - now < -STEEP * step)
+            np.minimum.at(least, left // count, then)
+            area[left] += 0.5 * step * (now + then)
+            clear[left] = then
+        lines = (len(directions), count)
+        mean = (area.reshape(lines) / (far - firsts)).mean(axis=1)
+        return 0.0 - least, mean, np.any(enters.reshape(lines) & ~(on_pads & (self.thickness > 0.0)), axis=1)
+
+    def _lines(self) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+        """Return points (n, space) of lines along the approach, their initial setback, and which lie along pads.
+
+        Finger lines begin at the pads, palm lines between them, a finger's length behind; metres.
+        """
+        (one, other), closing = self.points, self.closing
+        across = _spread(self.thickness)
+        palm = _spread(self.opening)[1:-1] if self.length > 0.0 else np.zeros(0)
+        fingers = [one - across[:, None] * closing, other + across[:, None] * closing]
+        starts = np.concatenate([*fingers, one + palm[:, None] * closing])
+        firsts = np.concatenate([np.zeros(2 * len(across)), np.full(len(palm), self.length)])
+        on_pads = np.isin(np.arange(len(starts)), [0, len(across)])
+        return starts, firsts, on_pads
+
+    def posture(self, size: float, distance: Distance) -> Json:
+        """Return opening, approach, depth and, in space, the pose of the gripper's frame, as JSON data."""
+        approach, depth, through = self.clearest(size, distance)
+        way: dict[str, object] = {"direction": approach.tolist(), "depth": depth}
+        if through:
+            way["passes_through"] = True
+        told: dict[str, object] = {"opening": self.opening, "approach": way}
+        if len(approach) == 2:
+            return told
+        there = np.stack([self.closing, np.cross(approach, self.closing), approach], axis=1)
+        turn = Rotation.from_matrix(there @ own_axes(self.closing_axis, self.approach_axis).T)
+        position = self.points.mean(axis=0) - self.length * approach
+        quaternion = turn.as_quat(canonical=True, scalar_first=True).tolist()
+        return {"palm_pose": {"position": position.tolist(), "quaternion_wxyz": quaternion}, **told}
+
+
+def _spread(width: float) -> FloatArray:
+    """Return offsets evenly across a width, both ends included, at most ``APART`` from each other, metres."""
+    return np.linspace(0.0, width, 1 + int(np.ceil(width / APART - ROUNDING)))
 
 
 @dataclass(frozen=True)

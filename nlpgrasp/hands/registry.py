@@ -9,7 +9,7 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.hands.base import Hand
 from nlpgrasp.hands.fingertips import Fingertips
 from nlpgrasp.hands.parallel_jaw import ParallelJaw
-from nlpgrasp.hands.urdf.urdf_hand import URDFHand
+from nlpgrasp.hands.urdf_hand import URDFHand
 
 Kind = TypeVar("Kind", bound=Hand)
 HANDS: Registry[Hand] = Registry("hand.type")

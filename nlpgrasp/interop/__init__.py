@@ -1,14 +1,13 @@
 """Import and export of grasps in the formats of other tools."""
 
 from nlpgrasp.interop.base import ExportFormat, ExportOptions, Need, ReadFormat, ReadGrasp, ReadOptions
-from nlpgrasp.interop.contacts_csv import contacts_csv
-from nlpgrasp.interop.contacts_table import read_contacts_csv
+from nlpgrasp.interop.benchmark_arrays import benchmark_arrays, dexgraspbench
+from nlpgrasp.interop.contacts_csv import contacts_csv, read_contacts_csv
 from nlpgrasp.interop.glb import glb
+from nlpgrasp.interop.hand_postures import grasp_of_posture
 from nlpgrasp.interop.isaac_grasp import IsaacGrasp, isaac_grasp, read_isaac_grasps
-from nlpgrasp.interop.placed_hand import grasp_of_posture
+from nlpgrasp.interop.moveit import moveit
 from nlpgrasp.interop.registry import register, register_reader
-from nlpgrasp.interop.robots.benchmark import benchmark_arrays, dexgraspbench
-from nlpgrasp.interop.robots.moveit import moveit
 
 __all__ = [
     "ExportFormat",

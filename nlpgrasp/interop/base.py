@@ -8,11 +8,11 @@ from enum import Enum
 from pathlib import Path
 
 from nlpgrasp.budgets import ForceBudget
-from nlpgrasp.common.shown.said import warn
+from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.errors import InputError
-from nlpgrasp.grasp.grasp import Grasp
-from nlpgrasp.mjcf import HandSceneOptions
 from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.simulation.robot_hand_scene import HandSceneOptions
 from nlpgrasp.solution.obstructions import of_the_grasp
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import Task

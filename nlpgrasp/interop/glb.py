@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
-from nlpgrasp.common.shown.drawing import CONE, NORMAL, drawn_size
-from nlpgrasp.common.shown.palette import COLOURS
+from nlpgrasp.common.drawing import CONE, NORMAL, drawn_size
+from nlpgrasp.common.palette import COLOURS
 from nlpgrasp.common.spatial import in_space
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.interop.base import ExportFormat

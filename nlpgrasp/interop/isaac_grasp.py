@@ -12,9 +12,7 @@ import yaml
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.interop.base import ExportFormat, ExportOptions, Need
-from nlpgrasp.interop.robots.export_warnings import not_free, warn_of_axes
-from nlpgrasp.interop.robots.files import object_file, object_scale
-from nlpgrasp.interop.robots.states import HandStates
+from nlpgrasp.interop.hand_states import HandStates, not_free, object_file, object_scale, warn_of_axes
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.version import __version__
 

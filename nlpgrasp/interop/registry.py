@@ -2,21 +2,56 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterator
 from pathlib import Path
 
-from nlpgrasp.common.given.names import listed
+from nlpgrasp.common.validation import listed
 from nlpgrasp.errors import InputError
-from nlpgrasp.interop.base import ExportFormat, ReadFormat
-from nlpgrasp.interop.contacts_csv import CSV
-from nlpgrasp.interop.contacts_table import CONTACTS_TABLE
+from nlpgrasp.interop.base import ExportFormat, ExportOptions, Need, ReadFormat, ReadGrasp, ReadOptions
+from nlpgrasp.interop.benchmark_arrays import DEXGRASPBENCH, NPZ
+from nlpgrasp.interop.contacts_csv import CONTACTS_TABLE, CSV
 from nlpgrasp.interop.glb import GLB
+from nlpgrasp.interop.hand_postures import POSTURES
 from nlpgrasp.interop.isaac_grasp import ISAAC_GRASP
-from nlpgrasp.interop.mujoco_scene import MJCF
-from nlpgrasp.interop.placed_hand import POSTURES
-from nlpgrasp.interop.robots.benchmark import DEXGRASPBENCH, NPZ
-from nlpgrasp.interop.robots.moveit import MOVEIT
-from nlpgrasp.interop.solution_file import SOLUTION
-from nlpgrasp.interop.trajectory_file import TRAJECTORY, TRAJECTORY_JSON
+from nlpgrasp.interop.moveit import MOVEIT
+from nlpgrasp.simulation.fingertip_scene import mjcf
+from nlpgrasp.simulation.robot_hand_scene import mjcf_with_hand
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.solution.trajectory import trajectory
+
+
+def _scene(solution: GraspSolution, options: ExportOptions) -> str:
+    if options.hand is None:
+        return mjcf(solution)
+    return mjcf_with_hand(solution, options.hand, options.scene, options.progress)
+
+
+MJCF = ExportFormat("mjcf", ".xml", "a MuJoCo scene", _scene, Need.NOTHING, takes_hand=True)
+
+
+def _read(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
+    """Yield the grasp of a solution file."""
+    solution = GraspSolution.load(path)
+    if solution.grasp is None:
+        raise InputError(f"{path}: grasp", "none", "a file that holds a grasp")
+    yield ReadGrasp(solution.name, solution.grasp, solution.task, solution.budget)
+
+
+SOLUTION = ReadFormat((".json",), ("problem",), _read)
+
+
+def _csv(solution: GraspSolution, _: ExportOptions) -> str:
+    return trajectory(solution).to_csv()
+
+
+def _json(solution: GraspSolution, _: ExportOptions) -> str:
+    return json.dumps(trajectory(solution).to_dict(), allow_nan=False) + "\n"
+
+
+TRAJECTORY = ExportFormat("trajectory", ".trajectory.csv", "a hand's way through its phases as a table", _csv)
+TRAJECTORY_JSON = ExportFormat("trajectory_json", ".trajectory.json", "the same as JSON", _json)
+
 
 _formats: dict[str, ExportFormat] = {}
 _readers: dict[str, ReadFormat] = {}

@@ -1,13 +1,18 @@
 """Nonlinear program of optimal grasping: formulation (``formulation.py``), named blocks, derivatives, IPOPT."""
 
 from nlpgrasp.nlp.blocks import HAND, Block
-from nlpgrasp.nlp.compile import CompiledProgram, NlpResult
 from nlpgrasp.nlp.formulate import Formulation, FormulationResult, formulate
-from nlpgrasp.nlp.formulation import SUPPORT, optimal_grasp_program
+from nlpgrasp.nlp.formulation import (
+    SUPPORT,
+    Surfaces,
+    face_parameters,
+    has_closed_form,
+    has_pieces,
+    optimal_grasp_program,
+)
+from nlpgrasp.nlp.ipopt import CompiledProgram, NlpResult
 from nlpgrasp.nlp.program import Program
 from nlpgrasp.nlp.scaling import Scaling
-from nlpgrasp.nlp.support_function import has_closed_form, has_pieces
-from nlpgrasp.nlp.surfaces import Surfaces, face_parameters
 from nlpgrasp.nlp.virtual_work import VirtualWork
 
 __all__ = [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,17 +11,14 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nlpgrasp.common.given.names import listed
 from nlpgrasp.common.types import Expression
-from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.common.validation import FloatArray, array, listed
 from nlpgrasp.errors import InputError
-from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.hands import PosedHand
-from nlpgrasp.nlp.formulation import check_transcription, optimal_grasp_program
-from nlpgrasp.nlp.functions import ProgramFunctions
-from nlpgrasp.nlp.scaling import Scaling
-from nlpgrasp.nlp.solver import nlpsol
-from nlpgrasp.nlp.start_values import (
+from nlpgrasp.nlp.blocks import HAND, Block
+from nlpgrasp.nlp.derivatives import ProgramFunctions
+from nlpgrasp.nlp.formulation import check_transcription, face_parameters, has_closed_form, optimal_grasp_program
+from nlpgrasp.nlp.initial_values import (
     TINY,
     StartContacts,
     following_hand,
@@ -30,17 +27,87 @@ from nlpgrasp.nlp.start_values import (
     pressing_forces,
     random_contacts,
 )
-from nlpgrasp.nlp.support_function import has_closed_form
-from nlpgrasp.nlp.surfaces import face_parameters
-from nlpgrasp.nlp.table import program_table
+from nlpgrasp.nlp.ipopt import nlpsol
+from nlpgrasp.nlp.program import Program
+from nlpgrasp.nlp.scaling import Scaling
 from nlpgrasp.nlp.task_samples import TaskSamples
+from nlpgrasp.problem.candidate_constraints import hand_name
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.problem.rows import hand_name
+from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.solution.kkt import KKT, kkt_residuals
 from nlpgrasp.solution.solution import GraspSolution
 
+FORM = "{:<38} {:>9}  {:<22} {:<5} {}".format
+EQUATIONS = {  # of the paper, by the kind of variables
+    "position": "p_i of (3.5-1)",
+    "normal": "n_i of (3.5-2)",
+    HAND: "q of (3.5-16)",
+    "beta": "beta of (3.5-4)",
+    "forces": "x_j of (2.5-2)",
+    "directions": "y_j of (3.4-3)",
+    "reach": "phi(y_j | A) of (3.4-3)",
+    "wrenches": "w_j of (3.3-4)",
+    "face": "which h of (3.5-1)",
+}
 FIRST_BETA = 0.1  # solver units, initial beta
 KEPT = 1e-6  # relative constraint violation within which a random start is feasible
+
+
+Limits = tuple[FloatArray, FloatArray]
+
+
+def program_table(program: Program, added: Iterable[tuple[str, Limits]] = ()) -> list[str]:
+    """Return the lines of a program's table.
+
+    Parameters
+    ----------
+    program : Program
+        In SI units.
+    added : iterable of (str, pair of arrays)
+        Names and limits of user-defined constraints.
+    """
+    lines = [FORM("variables", "size", "bounds", "unit", "in the paper")]
+    lines += [FORM(*row) for row in _block_rows(program.variables, program.bounds)]
+    lines += ["", FORM("parameters", "size", "", "", "in the paper")]
+    lines += [FORM(*row) for row in _block_rows(program.parameters, None)]
+    lines += ["", FORM("constraints", "size", "limits", "", "in the paper")]
+    groups: dict[tuple[str, str], list[int]] = {}
+    for row in program.rows:
+        groups.setdefault((row.kind, row.equation), []).extend(range(row.start, row.stop))
+    for (kind, equation), places in groups.items():
+        lines.append(FORM(kind, len(places), _interval(program.limits, places), "", equation))
+    for name, limits in added:
+        lines.append(FORM(name, len(limits[0]), _interval(limits, range(len(limits[0]))), "", "added"))
+    return [line.rstrip() for line in lines]
+
+
+def _block_rows(
+    blocks: Sequence[Block], bounds: tuple[FloatArray, FloatArray] | None
+) -> list[tuple[str, str, str, str, str]]:
+    """Return name, size, bounds, unit and equation of blocks, grouped by kind and size."""
+    groups: dict[tuple[str, int], list[Block]] = {}
+    for block in blocks:
+        groups.setdefault((block.public_name if block.kind == HAND else block.kind, block.size), []).append(block)
+    rows = []
+    for (name, size), members in groups.items():
+        first = members[0]
+        several = len(members) > 1
+        label = f"{name} {first.index} ... {members[-1].index}" if several else first.public_name
+        places = [i for block in members for i in range(block.start, block.stop)]
+        limits = "" if bounds is None else _interval(bounds, places)
+        shape = f"{len(members)} x {size}" if several else str(size)
+        rows.append((label, shape, limits, first.unit, EQUATIONS.get(first.kind, "")))
+    return rows
+
+
+def _interval(limits: tuple[FloatArray, FloatArray], places: Sequence[int] | range) -> str:
+    """Return the range of limits over given entries as text."""
+    low, high = float(np.min(limits[0][places], initial=np.inf)), float(np.max(limits[1][places], initial=-np.inf))
+    if low == high:
+        return f"= {low:g}"
+    if np.isinf(low) or np.isinf(high):
+        return f">= {low:.4g}" if np.isinf(high) else f"<= {high:.4g}"
+    return f"[{low:.4g}, {high:.4g}]"
 
 
 @dataclass(frozen=True, repr=False)

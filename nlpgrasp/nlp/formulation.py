@@ -1,6 +1,6 @@
 """Formulation of optimal grasping, (3.5-4), as a nonlinear program, to be read beside the paper.
 
-    maximise    beta
+maximise    beta
     over        p_i, n_i    contact points and inward unit normals, i = 1 ... k
                 q           the hand's joints and palm
                 x_j         finger forces of every contact, one copy for each direction y_j, j = 1 ... m
@@ -27,21 +27,165 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.common.rows import Row
+from nlpgrasp.common.scalar_constraints import Label, Row
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.contacts import Work
 from nlpgrasp.errors import InputError
-from nlpgrasp.nlp.blocks import HAND
+from nlpgrasp.nlp.blocks import HAND, FaceRows
 from nlpgrasp.nlp.program import ForceCopy, Program
 from nlpgrasp.nlp.scaling import Scaling
-from nlpgrasp.nlp.support_function import piece_function, support_function
-from nlpgrasp.nlp.surfaces import Surfaces
 from nlpgrasp.nlp.virtual_work import joint_torque_rows
+from nlpgrasp.problem.candidate_constraints import placement_rows
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.problem.rows import placement_rows
 
+ON_SURFACE, EXTENT, NORMAL = "on the surface", "extent of the face", "normal"  # kinds of constraints
+SMOOTHING = 1e-12  # solver units, under square roots, which makes them differentiable at zero
 SUPPORT, BALANCE = "support", "wrench balance"  # kinds of containment constraints
 TRANSCRIPTIONS = ("support", "vertex")
 BOX_MARGIN = 0.03  # of the body's size: margin of contact points beyond the bounding box during iterations
 MOST_BETA = 100.0  # solver units, upper bound of beta
+
+
+class Surfaces:
+    """Surface constraints of all contacts: ``h(p) = 0`` within the face's extent, ``n = -grad h / |grad h|``.
+
+    The choice among several faces is a parameter, ``face i``, which is one for the contact's face, or the geometry of
+    that face, so one program serves all assignments of contacts to faces.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+    """
+
+    def __init__(self, problem: GraspProblem) -> None:
+        self.problem = problem
+
+    @property
+    def are_splines(self) -> bool:
+        """Whether they exist only as ``MX``; their constraints then come last in a program."""
+        return self.problem.body.symbol is ca.MX
+
+    def constrain(self, program: Program, positions: Sequence[ca.SX], normals: Sequence[ca.SX]) -> None:
+        """Add the surface constraints of all contacts to a program."""
+        body = self.problem.body
+        for i, (p, n) in enumerate(zip(positions, normals, strict=True)):
+            program.equation = "(3.5-1)"
+            if self.are_splines:
+                self._on_spline(program, i, n)
+                continue
+            h, extent, outward = self._chosen(program, i, p)
+            program.constrain(Row(ON_SURFACE, h, 0.0, 0.0, scale=body.size, fingers=(i,)))
+            if extent.numel():
+                program.constrain(Row(EXTENT, extent, upper=0.0, scale=body.size, fingers=(i,)))
+            program.equation = "(3.5-2)"
+            program.constrain(Row(NORMAL, n + outward, 0.0, 0.0, fingers=(i,)))
+
+    def _chosen(self, program: Program, i: int, p: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Return surface (metres), extents (metres, at most zero on the face) and outward normal of the chosen face."""
+        problem = self.problem
+        shared = problem.body.shared_surface(problem.margin)
+        if shared is not None:
+            h, normal, limits = shared(p, program.parameter("face", shared.size1_in(1), i))
+            return h, limits, normal
+        names = problem.allowed_faces(i)
+        values = [problem.body.surface_function(name, problem.margin)(p) for name in names]
+        most = max(extent.numel() for *_, extent in values)
+        chosen = program.parameter("face", len(names), i) if len(names) > 1 else ca.SX(1)
+        total = ca.SX(0.0)
+        for j, (h, _, outward, extent) in enumerate(values):
+            padded = ca.vertcat(h, extent, -problem.body.size * ca.SX.ones(most - extent.numel()), outward)
+            total = total + ca.if_else(chosen[j] > 0.5, padded, 0.0)
+        parts: list[ca.SX] = ca.vertsplit(total, [0, 1, 1 + most, total.numel()])
+        return parts[0], parts[1], parts[2]
+
+    def _on_spline(self, program: Program, i: int, n: ca.SX) -> None:
+        """Add the constraints on a mesh's smooth surface, a spline, which exists only as ``MX``."""
+        problem, block = self.problem, program.block("position", i)
+        p, size = problem.body.point(), problem.body.size
+        point, unit = (ca.DM(block.offset) + block.scale * p, size) if program.scaled else (p, 1.0)
+        h, _, outward, extent = problem.body.surface_function(problem.allowed_faces(i)[0], problem.margin)(point)
+        rows = [FaceRows(Label(ON_SURFACE, fingers=(i,)), 1, size)]
+        rows += [FaceRows(Label(EXTENT, fingers=(i,)), extent.shape[0], size, -np.inf)] if extent.shape[0] else []
+        rows += [FaceRows(Label(NORMAL, fingers=(i,)), problem.body.space, 1.0)]
+        function = ca.Function("face", [p], [ca.vertcat(h / unit, extent / unit, outward)])
+        program.constrain_face(rows, function, block, ca.vertcat(ca.SX.zeros(1 + extent.shape[0]), n))
+
+
+def face_parameters(problem: GraspProblem, faces: Sequence[str]) -> FloatArray:
+    """Return the parameters (q,) that select each contact's face, or state its geometry."""
+    if problem.body.symbol is ca.MX:
+        return np.zeros(0)
+    if problem.body.shared_surface(problem.margin) is not None:
+        return np.concatenate([problem.body.geometry(face) for face in faces])
+    choices = [problem.allowed_faces(i) for i in range(len(faces))]
+    pairs = zip(choices, faces, strict=True)
+    return np.array([float(n == name) for names, name in pairs if len(names) > 1 for n in names])
+
+
+def has_closed_form(problem: GraspProblem) -> bool:
+    """Return whether the grasp's support function has a smooth closed form."""
+    nothing = [Work(0.0, 0.0, 0.0)] * len(problem.models)
+    return problem.budget.closed_form(problem.models, nothing, np) is not None
+
+
+def has_pieces(problem: GraspProblem) -> bool:
+    """Return whether the grasp's support function is the maximum of smooth pieces, one per contact."""
+    nothing = [Work(0.0, 0.0, 0.0)] * len(problem.models)
+    return problem.budget.pieces(problem.models, nothing, np) is not None
+
+
+def support_function(problem: GraspProblem, scaling: Scaling) -> tuple[ca.Function, int] | None:
+    """Return ``phi(y)`` or its square as a function of ``(y, p_1 ... p_k, n_1 ... n_k)``, and the power.
+
+    Positions in metres, inward unit normals; y in 1/N and 1/(N m), so phi is dimensionless. None without closed form.
+    """
+    if not has_closed_form(problem):
+        return None
+    inputs, work = _work(problem, scaling)
+    form = problem.budget.closed_form(problem.models, work, ca)
+    if form is None:
+        return None
+    phi, power = form
+    return ca.Function("support", inputs, [phi / scaling.beta**power]), power
+
+
+def piece_function(problem: GraspProblem, scaling: Scaling) -> tuple[ca.Function, int] | None:
+    """Return the smooth pieces (k,) with maximum phi as a function of ``(y, p_1 ... p_k, n_1 ... n_k)``, and 1.
+
+    Units as in ``support_function``; the 1 is the power. None without such pieces.
+    """
+    if not has_pieces(problem):
+        return None
+    inputs, work = _work(problem, scaling)
+    pieces = problem.budget.pieces(problem.models, work, ca)
+    if pieces is None:
+        return None
+    return ca.Function("pieces", inputs, [ca.vertcat(*[piece / scaling.beta for piece in pieces])]), 1
+
+
+def _work(problem: GraspProblem, scaling: Scaling) -> tuple[list[ca.SX], list[Work]]:
+    """Return symbols (y, positions, normals), and each contact's work per unit force along ``scaling.beta y``.
+
+    ``G_i^T y`` is the velocity of the contact point under the twist y: its normal part, the norm of its tangential
+    part, and the spin about the normal.
+    """
+    space = problem.body.space
+    y = ca.SX.sym("y", problem.dimension)
+    positions = [ca.SX.sym("p", space) for _ in problem.models]
+    normals = [ca.SX.sym("n", space) for _ in problem.models]
+    work: list[Work] = []
+    for p, n in zip(positions, normals, strict=True):
+        twist, arm = scaling.beta * y, p - ca.DM(scaling.origin)
+        if space == 2:
+            velocity = ca.vertcat(twist[0] - twist[2] * arm[1], twist[1] + twist[2] * arm[0])
+            spin = ca.SX(0.0)
+        else:
+            velocity = twist[:3] + ca.cross(twist[3:], arm)
+            spin = ca.sqrt(ca.dot(twist[3:], n) ** 2 + SMOOTHING)
+        along = ca.dot(velocity, n)
+        across = ca.sqrt(ca.fmax(ca.sumsqr(velocity) - along**2, 0.0) + SMOOTHING)
+        work.append(Work(along, across, spin))
+    return [y, *positions, *normals], work
 
 
 @dataclass(frozen=True)

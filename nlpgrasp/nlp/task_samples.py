@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from nlpgrasp.common.directions import directions, inradius
+from nlpgrasp.common.unit_directions import directions, inradius
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope
 

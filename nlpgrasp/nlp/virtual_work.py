@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from nlpgrasp.budgets import HandTorques
-from nlpgrasp.common.rows import Row
+from nlpgrasp.common.scalar_constraints import Row
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import PosedHand

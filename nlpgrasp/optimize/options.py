@@ -9,8 +9,8 @@ from math import inf
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import integer, number, share
 from nlpgrasp.errors import InputError
-from nlpgrasp.nlp.solver import check_ipopt_options
-from nlpgrasp.solution.link_depth import MOST_TOLERANCE
+from nlpgrasp.nlp.ipopt import check_ipopt_options
+from nlpgrasp.solution.obstructions import MOST_TOLERANCE
 
 RANKS = ("robust", "mu")
 ANALYSES = {

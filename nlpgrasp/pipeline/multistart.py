@@ -1,9 +1,10 @@
-"""Multistart search for the best grasp of a problem, stage by stage."""
+"""Multistart search for the best grasp of a problem, stage by stage, with progress messages."""
 
 from __future__ import annotations
 
+import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import chain
@@ -12,34 +13,88 @@ from pathlib import Path
 import numpy as np
 
 from nlpgrasp.analysis.analyse import analyses_of, asked, with_analyses
+from nlpgrasp.analysis.infeasibility import diagnosis
 from nlpgrasp.analysis.squeeze import with_squeezes
-from nlpgrasp.analysis.why_not import diagnosis
-from nlpgrasp.common.shown.said import warn
-from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.common.deadline import Clock, Stop
+from nlpgrasp.common.formatting import measure_word
+from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import InputError
 from nlpgrasp.global_bound.branch_and_bound import BranchAndBound
-from nlpgrasp.optimize.after.choice import chosen
-from nlpgrasp.optimize.after.final_step import at_local_optimum
-from nlpgrasp.optimize.after.way_in import approached, with_free_way
-from nlpgrasp.optimize.ascent.state import Effort
-from nlpgrasp.optimize.bounding import OFFERED, STRIDE, bounding, effort_of, nodes_of, why_not_bounded
-from nlpgrasp.optimize.many.collection import ONE, Collection, Keeping
-from nlpgrasp.optimize.start.propose import propose, shares
-from nlpgrasp.optimize.start.result import StartGrasp, StartResult, best_of
-from nlpgrasp.optimize.start.run import FAILURES, failed, run_start
-from nlpgrasp.optimize.start.warm_starts import KnownGrasp, WarmStart, run_warm_start
-from nlpgrasp.optimize.workbench.clock import Clock
-from nlpgrasp.optimize.workbench.placed import Placed
-from nlpgrasp.optimize.workers.one_thread import one_thread
-from nlpgrasp.optimize.workers.pool import NOT_BEGUN, Runner
-from nlpgrasp.pipeline.answer import Search, answer, solver_record
-from nlpgrasp.pipeline.progress import Progress
+from nlpgrasp.optimize.candidate import Effort, Placed
+from nlpgrasp.optimize.distinct_grasps import ONE, Collection, Keeping
+from nlpgrasp.optimize.final_step import at_local_optimum
+from nlpgrasp.optimize.global_search import OFFERED, STRIDE, bounding, effort_of, nodes_of, why_not_bounded
+from nlpgrasp.optimize.hand_approach import approached, with_free_way
+from nlpgrasp.optimize.parallel_starts import NOT_BEGUN, Runner
+from nlpgrasp.optimize.processes import one_thread
+from nlpgrasp.optimize.propose import propose, shares
+from nlpgrasp.optimize.start import FAILURES, failed, run_start
+from nlpgrasp.optimize.start_result import StartGrasp, StartResult, best_of
+from nlpgrasp.optimize.warm_starts import KnownGrasp, WarmStart, run_warm_start
+from nlpgrasp.pipeline.answer import Search, answer, chosen, solver_record
 from nlpgrasp.quality import Bounds
-from nlpgrasp.solution.measures.global_bound import GlobalBound
-from nlpgrasp.solution.records import Status
+from nlpgrasp.solution.quality_record import GlobalBound
+from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solution.solution import GraspSolution
 
+WORDS = {
+    Status.NO_GRASP: "no grasp",
+    Status.TIME_LIMIT: "out of time",
+    Status.LOCALLY_INFEASIBLE: "constraints not kept",
+}
 TOGETHER = 8  # starts that candidates are proposed for together
+
+
+Progress = Callable[[StartRecord, Bounds], None]
+
+
+def told(progress: Progress | bool | None, starts: int) -> Progress | None:
+    """Return the callback for finished starts, None without one.
+
+    Parameters
+    ----------
+    progress : callable, bool or None
+        A function as it is; True for lines on standard error; False or None for none.
+    starts : int
+        How many there are.
+
+    Raises
+    ------
+    InputError
+        On anything else.
+    """
+    if progress is None or progress is False:
+        return None
+    if progress is True:
+        return Lines(starts)
+    if not callable(progress):
+        raise InputError("progress", progress, "True for a line a start, or a function of a StartRecord and Bounds")
+    return progress
+
+
+class Lines:
+    """Writer of one line per finished start to standard error.
+
+    Parameters
+    ----------
+    starts : int
+        How many there are.
+    """
+
+    def __init__(self, starts: int) -> None:
+        self._starts, self._done, self._begun = starts, 0, time.monotonic()
+
+    def __call__(self, record: StartRecord, best: Bounds) -> None:
+        """Write the line of a start: how it ended, the best certified bounds so far, seconds since the solve began."""
+        self._done += 1
+        ended = WORDS.get(record.status, record.status.name.lower())
+        if record.status is Status.SOLVED:
+            ended = f"{measure_word(best.kind)} in {record.mu}"
+        so_far = f"best {best}" if best.lower > 0.0 else "no grasp yet"
+        seconds = time.monotonic() - self._begun
+        sys.stderr.write(f"start {self._done} of {self._starts}: {ended}; {so_far}; {seconds:.1f} s\n")
+        sys.stderr.flush()
 
 
 class Multistart:

@@ -1,4 +1,4 @@
-"""Solve of a problem: propose, refine and certify starts, close the gap, choose, bound and analyse the answer."""
+"""Solve of a problem, stage after stage."""
 
 from __future__ import annotations
 
@@ -9,19 +9,18 @@ from dataclasses import replace
 from pathlib import Path
 
 from nlpgrasp.analysis.analyse import check_hand
-from nlpgrasp.common.stopping.interrupt import Interrupt
+from nlpgrasp.common.deadline import Interrupt
 from nlpgrasp.common.types import Json
 from nlpgrasp.errors import InputError, NoGraspError
-from nlpgrasp.optimize.many.collection import ONE, Keeping
+from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.distinct_grasps import ONE, Keeping
 from nlpgrasp.optimize.options import SolveOptions, check_search
-from nlpgrasp.optimize.start.warm_starts import KnownGrasp, check_warm_starts
-from nlpgrasp.optimize.workbench.workbench import Workbench
-from nlpgrasp.optimize.workers.one_thread import one_thread
-from nlpgrasp.optimize.workers.pool import Runner
-from nlpgrasp.pipeline.multistart import Multistart
-from nlpgrasp.pipeline.progress import Progress, told
+from nlpgrasp.optimize.parallel_starts import Runner
+from nlpgrasp.optimize.processes import one_thread
+from nlpgrasp.optimize.warm_starts import KnownGrasp, check_warm_starts
+from nlpgrasp.pipeline.multistart import Multistart, Progress, told
+from nlpgrasp.problem.checks import warn_of_smoothing
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.problem.smooth_surface import warn_of_smoothing
 from nlpgrasp.solution.solution import GraspSolution
 
 NO_PROBLEM = "a GraspProblem, such as ng.GraspProblem(body, contacts, task); nlpgrasp solve runs scripts"

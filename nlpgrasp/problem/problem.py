@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.bodies import Body
-from nlpgrasp.budgets import ForceBudget, force_budget
-from nlpgrasp.common.frozen import unchecked
+from nlpgrasp.bodies import Body, body_from_dict
+from nlpgrasp.budgets import ForceBudget, budget_from_dict, force_budget
 from nlpgrasp.common.spatial import wrench_dimension
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray, array, number
-from nlpgrasp.constraints import PlacementConstraint
-from nlpgrasp.contacts import ContactModel
+from nlpgrasp.common.validation import FloatArray, array, number, unchecked
+from nlpgrasp.constraints import PlacementConstraint, constraint_from_dict
+from nlpgrasp.contacts import ContactModel, contact_from_dict
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Hand
-from nlpgrasp.problem.check import (
+from nlpgrasp.problem.checks import (
     body_words,
     check_patches,
     check_placements,
@@ -26,16 +25,76 @@ from nlpgrasp.problem.check import (
     hand_words,
     task_words,
     warn_of_friction,
+    warn_of_lengths,
+    warn_of_point,
+    warn_of_surroundings,
 )
-from nlpgrasp.problem.faces import allowed_faces
-from nlpgrasp.problem.margin import margin_of
-from nlpgrasp.problem.shown.seen import SeenProblem
-from nlpgrasp.problem.surroundings import warn_of_surroundings
-from nlpgrasp.problem.task_point import warn_of_point
-from nlpgrasp.problem.usual_lengths import warn_of_lengths
-from nlpgrasp.tasks import Task
+from nlpgrasp.problem.description import SeenProblem
+from nlpgrasp.tasks import Task, task_from_dict
 
+SHARE = 0.05  # of the body's shortest extent
+PATCH = 0.5  # of a fingertip's radius: patch radius when it flattens by r / 8, (2 r r / 8)^(1/2)
+OFF, SMALL = 0.001, 0.2  # m, least margin; its largest share of the shortest extent
+MOST = 0.1  # of the shortest extent: largest margin due to fingertips
+ROOM = 0.5  # of the largest possible margin: upper limit of the default
 MOST_CONTACTS = 32  # largest number of contacts
+
+
+def allowed_faces(
+    body: Body, models: Sequence[ContactModel], constraints: Sequence[PlacementConstraint], contact: int
+) -> tuple[str, ...]:
+    """Return the names of a contact's allowed faces: its own or all, without forbidden ones.
+
+    Raises
+    ------
+    InputError
+        On unknown face names.
+    """
+    chosen = body.select(models[contact].faces, f"contacts[{contact}].faces")
+    forbidden: set[str] = set()
+    for item in constraints:
+        names = item.forbidden_faces()
+        body.select(names or None, "Forbid.faces_or_region")
+        forbidden |= set(names)
+    return tuple(name for name in chosen if name not in forbidden)
+
+
+def margin_of(given: float | None, body: Body, hand: Hand | None, faces: Sequence[Sequence[str]]) -> float:
+    """Return the validated or default margin of contacts from sharp edges (above 30 degrees), metres.
+
+    Parameters
+    ----------
+    given : float or None
+        None for the default: half the largest fingertip's radius, at most a tenth of the body's shortest extent;
+        without fingertip radii, a twentieth of that extent. At least a millimetre, but at most a fifth of the extent;
+        less if the faces are too small.
+    body : Body
+    hand : Hand or None
+    faces : sequence of k sequences of str
+        Allowed faces of each contact.
+
+    Raises
+    ------
+    InputError
+        On an invalid margin, or one that leaves some contact no face.
+    """
+    each = {name: body.room(name) for name in {name for own in faces for name in own}} if given != 0.0 else {}
+    room = min((max(each[name] for name in own) for own in faces if own and each), default=np.inf)
+    if given is None:
+        shortest = float(np.min(np.ptp(body.bounds, axis=0)))
+        radius = 0.0 if hand is None else max(hand.tip_radii)
+        least = min(OFF, SMALL * shortest)
+        wanted = max(min(PATCH * radius, MOST * shortest) if radius > 0.0 else SHARE * shortest, least)
+        return min(wanted, ROOM * room) if np.isfinite(room) or any(np.isfinite(list(each.values()))) else 0.0
+    margin = number("GraspProblem.edge_margin", given, at_least=0.0)
+    if margin >= room:
+        tight = max(each, key=lambda name: each[name])
+        raise InputError(
+            "GraspProblem.edge_margin",
+            f"{margin:g} m, which leaves some contact no face",
+            f"less than {room:.4g} m, with which something is left of {tight}",
+        )
+    return margin
 
 
 @dataclass(frozen=True, repr=False)
@@ -237,3 +296,38 @@ class GraspProblem(SeenProblem):
             "edge_margin": self.margin,
         }
         return data if self.max_force is None else {**data, "max_force": self.max_force}
+
+
+def problem_from_dict(data: Json, torque_origin: FloatArray | None = None, body: Body | None = None) -> GraspProblem:
+    """Return the problem from the data of ``GraspProblem.to_dict``, without its hand.
+
+    Parameters
+    ----------
+    data : mapping
+    torque_origin : (space,) array, optional
+        Metres, body frame; by default the body's centroid.
+    body : Body, optional
+        Replaces the data's body, such as a mesh, which is not contained in the data.
+
+    Raises
+    ------
+    InputError
+        When the data are incomplete: a mesh without ``body``, an implicit body, or a region or constraint given by an
+        expression.
+    """
+    return GraspProblem(
+        body_from_dict(data["body"]) if body is None else body,
+        [_model(contact) for contact in data["contacts"]],
+        task_from_dict(data["task"]),
+        constraints=[constraint_from_dict(constraint) for constraint in data["constraints"]],
+        force_budget=budget_from_dict(data["force_budget"]),
+        torque_origin=torque_origin,
+        edge_margin=data.get("edge_margin", 0.0),
+        max_force=data.get("max_force"),
+    )
+
+
+def _model(data: Json) -> ContactModel:
+    faces = data.get("faces")
+    model = contact_from_dict(data)
+    return model if faces is None else replace(model, faces=tuple(faces))

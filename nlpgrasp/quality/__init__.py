@@ -1,16 +1,20 @@
 """Quality measures of given grasps with certified bounds, independent of CasADi."""
 
 from nlpgrasp.quality.bounds import Bounds, StackBounds
-from nlpgrasp.quality.certificate.wrench_set import WrenchSet
-from nlpgrasp.quality.convex_tasks import equivalence_constants, mu_1, mu_tilde
-from nlpgrasp.quality.forces.forces import FingerForces, finger_forces
-from nlpgrasp.quality.measures import delta, mu
-from nlpgrasp.quality.other_tools.min_weight import min_weight
-from nlpgrasp.quality.other_tools.pyramids import ferrari_canny, pyramid_volume, pyramid_wrenches
-from nlpgrasp.quality.other_tools.singular_values import isotropy, smallest_singular_value
+from nlpgrasp.quality.finger_forces import FingerForces, finger_forces
+from nlpgrasp.quality.measures import delta, equivalence_constants, mu, mu_1, mu_tilde
+from nlpgrasp.quality.other_measures import (
+    ferrari_canny,
+    isotropy,
+    min_weight,
+    pyramid_volume,
+    pyramid_wrenches,
+    smallest_singular_value,
+)
 from nlpgrasp.quality.screening import screen
 from nlpgrasp.quality.stability import Stability, allowed_twists, is_stable
 from nlpgrasp.quality.volume import Volume, nu
+from nlpgrasp.quality.wrench_set import WrenchSet
 
 __all__ = [
     "Bounds",

@@ -10,8 +10,7 @@ import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
-from nlpgrasp.grasp.grasp import Grasp
-from nlpgrasp.grasp.stack import GraspStack
+from nlpgrasp.quality.grasp import Grasp, GraspStack
 from nlpgrasp.tasks import Task
 
 P = ParamSpec("P")

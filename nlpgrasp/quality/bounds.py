@@ -8,7 +8,7 @@ from typing import Self
 
 import numpy as np
 
-from nlpgrasp.common.shown.numbers import outwards
+from nlpgrasp.common.formatting import outwards
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 

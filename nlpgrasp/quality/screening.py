@@ -6,14 +6,14 @@ import numpy as np
 from scipy.linalg import eigh
 
 from nlpgrasp.budgets import ForceBudget, force_budget
-from nlpgrasp.budgets.sets.base import ForceSet
-from nlpgrasp.common.directions import directions, directions_around
+from nlpgrasp.budgets.base import ForceSet
+from nlpgrasp.common.unit_directions import directions, directions_around
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts.product import project
 from nlpgrasp.errors import InputError
-from nlpgrasp.grasp.stack import GraspStack
 from nlpgrasp.quality.arguments import task_for
-from nlpgrasp.quality.inverse_iteration import descend
+from nlpgrasp.quality.grasp import GraspStack
+from nlpgrasp.quality.ratio_minimisation import iterate_inverse
 from nlpgrasp.tasks import Task
 
 CHUNK = 256  # grasps per batch, to fit the processor's cache
@@ -85,7 +85,7 @@ def weak_directions(
     ratios : (b, m) array
     """
     view = _View(stack, slice(None), _bound(stack, budget))
-    return descend(lambda u: view.quadratic(u, task), y, steps)
+    return iterate_inverse(lambda u: view.quadratic(u, task), y, steps)
 
 
 def _shape(stack: GraspStack, task: Task) -> FloatArray:
@@ -175,7 +175,7 @@ def _descend(view: _View, task: Task, y: FloatArray) -> FloatArray:
     first = view.support(np.broadcast_to(y, (len(view.G), *y.shape)))[0] / task.support(y)[0]
     least = first.min(axis=1)
     weakest = np.argpartition(first, min(DESCENTS, first.shape[1]) - 1, axis=1)[:, :DESCENTS]
-    value = descend(lambda u: view.quadratic(u, task), y[weakest], STEPS)[1]
+    value = iterate_inverse(lambda u: view.quadratic(u, task), y[weakest], STEPS)[1]
     return np.asarray(np.minimum(least, value.min(axis=1)))
 
 

@@ -10,12 +10,11 @@ from numpy.typing import ArrayLike
 
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
-from nlpgrasp.grasp.grasp import Grasp
-from nlpgrasp.grasp.stack import GraspStack
 from nlpgrasp.quality.arguments import require_grasp
 from nlpgrasp.quality.bounds import Bounds
-from nlpgrasp.quality.certificate.rank import equilibrated, numerical_rank
+from nlpgrasp.quality.grasp import Grasp, GraspStack
 from nlpgrasp.quality.measures import ball, mu
+from nlpgrasp.quality.wrench_set import equilibrated, numerical_rank
 
 COARSE = 0.5  # relative tolerance of the certified radius
 

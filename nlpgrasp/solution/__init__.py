@@ -1,9 +1,8 @@
 """Grasp solutions: frozen data with evidence, and their JSON files."""
 
-from nlpgrasp.solution.findings import Conflict, Robustness, WhyNot
-from nlpgrasp.solution.many.found import FoundGrasp
-from nlpgrasp.solution.placed import SurfaceMatch
-from nlpgrasp.solution.prices import ShadowPrice
+from nlpgrasp.solution.analysis_records import Conflict, Robustness, ShadowPrice, WhyNot
+from nlpgrasp.solution.kept_grasps import FoundGrasp
+from nlpgrasp.solution.placed_grasp import SurfaceMatch
 from nlpgrasp.solution.records import UNKNOWN, ConstraintReport, StartRecord, Status
 from nlpgrasp.solution.solution import GraspSolution
 

@@ -6,12 +6,9 @@ import json
 from pathlib import Path
 from typing import cast
 
-from nlpgrasp.common.files import read_text, spare_sources, write_text
-from nlpgrasp.common.stored.strict_json import check_schema, read_object
+from nlpgrasp.common.files import check_schema, read_object, read_text, spare_sources, write_text
 from nlpgrasp.errors import InputError
-from nlpgrasp.solution.schema import SCHEMA_NAME, solution_schema
-from nlpgrasp.solution.schema.kinds import EXPECTED, check_kinds
-from nlpgrasp.solution.schema.types import SolutionData
+from nlpgrasp.solution.schema import EXPECTED, SCHEMA_NAME, SolutionData, check_kinds, solution_schema
 
 LARGEST_FILE = 64 * 1024 * 1024
 DEEPEST = 50

@@ -8,7 +8,7 @@ import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
-from nlpgrasp.solution.schema.types import KKTData
+from nlpgrasp.solution.schema import KKTData
 
 SMALL = 1e-6  # scaled residuals below count as zero: a first-order optimum
 

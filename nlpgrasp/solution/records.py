@@ -9,7 +9,7 @@ from enum import Enum
 
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.bounds import Bounds
-from nlpgrasp.solution.schema.types import ConstraintData, SolverData, StartData
+from nlpgrasp.solution.schema import ConstraintData, SolverData, StartData
 
 UNKNOWN = Bounds(0.0, math.inf)
 

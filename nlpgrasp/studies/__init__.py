@@ -1,17 +1,15 @@
-"""Studies of several solves: changing tasks, contact numbers and types, fine manipulation, manipulability."""
+"""Studies of several solves: changing tasks, numbers and types of contacts, fine manipulation."""
 
-from nlpgrasp.analysis.ellipsoids import Transmission
-from nlpgrasp.analysis.manipulability import FingerManipulability, Manipulability, manipulability
+from nlpgrasp.analysis.manipulability import FingerManipulability, Manipulability, Transmission, manipulability
 from nlpgrasp.analysis.sensitivity import Rate, Sensitivity, sensitivity
-from nlpgrasp.motion.palm import BlockedDirection, PalmPath, palm_path
-from nlpgrasp.studies.choices.curve import ContactCurve
-from nlpgrasp.studies.choices.first_choice import first_choice
-from nlpgrasp.studies.choices.how_many import how_many_contacts
-from nlpgrasp.studies.choices.proposal import FirstChoice, Reason
-from nlpgrasp.studies.choices.type_choice import TypeAssignment, TypeChoice, Upgrade
-from nlpgrasp.studies.choices.types import choose_contact_types
-from nlpgrasp.studies.dynamic import DynamicGrasp, DynamicStep, follow_task
-from nlpgrasp.studies.fine_motion import FineManipulation, FingerMove, FingerPath, fine_manipulation
+from nlpgrasp.motion.approach_path import BlockedDirection
+from nlpgrasp.motion.finger_motion import FingerPath
+from nlpgrasp.motion.palm_path import PalmPath, palm_path
+from nlpgrasp.studies.contact_numbers import ContactCurve, how_many_contacts
+from nlpgrasp.studies.contact_types import TypeAssignment, TypeChoice, Upgrade, choose_contact_types
+from nlpgrasp.studies.dynamic_grasping import DynamicGrasp, DynamicStep, follow_task
+from nlpgrasp.studies.fine_manipulation import FineManipulation, FingerMove, fine_manipulation
+from nlpgrasp.studies.first_choice import FirstChoice, Reason, first_choice
 
 __all__ = [
     "BlockedDirection",

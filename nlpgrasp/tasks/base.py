@@ -1,22 +1,54 @@
-"""Base class of tasks, and Minkowski sums of tasks."""
+"""Base class of tasks, Minkowski sums of tasks, and changes of frame."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from copy import copy
-from typing import ClassVar, Self
+from typing import ClassVar, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.given.pose import Pose
 from nlpgrasp.common.registry import Registry
-from nlpgrasp.common.spatial import move_torque_origin, space_dimension
+from nlpgrasp.common.spatial import Pose, move_torque_origin, rigid_transform, rotate_body_frame, space_dimension
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number, read_only
 from nlpgrasp.errors import InputError
-from nlpgrasp.tasks.about import change_of_frame, check_alike
+
+
+class Framed(Protocol):
+    """Protocol of objects with a wrench dimension and a reference point of moments."""
+
+    about: FloatArray | None
+
+    @property
+    def dimension(self) -> int:
+        """Dimension of wrench space: 3 or 6."""
+
+
+def check_alike(one: Framed, other: Framed) -> None:
+    """Raise if two tasks differ in dimension, or if only one has a known reference point."""
+    if one.dimension != other.dimension:
+        raise InputError("task", f"dimensions {one.dimension} and {other.dimension}", "tasks of one dimension")
+    if (one.about is None) != (other.about is None):
+        raise InputError(
+            "task",
+            "a sum of wrenches about a known point and about the problem's torque origin",
+            "task.given_about(origin) for the second",
+        )
+
+
+def change_of_frame(pose: Pose, dimension: int, about: FloatArray | None) -> tuple[FloatArray, FloatArray | None]:
+    """Return the wrench map ``blockdiag(A, A)`` (d, d) of a change of body frame (2.5-6), and the mapped point.
+
+    Raises
+    ------
+    InputError
+        When the pose is not a rigid transform of this space.
+    """
+    A, b = rigid_transform("pose", pose, space_dimension(dimension))
+    return rotate_body_frame(A), None if about is None else A @ about + b
 
 
 class Task(ABC):
@@ -248,3 +280,9 @@ def task_from_dict(data: Json) -> Task:
         return kind.from_dict(data)
     except (KeyError, TypeError) as error:
         raise InputError(f"task of type {name}", f"{type(error).__name__}: {error}", "what schema 1 says") from None
+
+
+def component_ranges(task: Task) -> tuple[FloatArray, FloatArray]:
+    """Return the smallest and largest values of a task's wrench components, (d,) each, N and N m."""
+    axes = np.eye(task.dimension)
+    return -task.support(-axes)[0], task.support(axes)[0]

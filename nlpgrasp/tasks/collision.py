@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from nlpgrasp.common.validation import SMALLEST, array, number, read_only
 from nlpgrasp.errors import InputError
-from nlpgrasp.tasks.ellipsoid import TaskEllipsoid
-from nlpgrasp.tasks.learnt.enclosing import GAP, enclose
+from nlpgrasp.tasks.enclosing_ellipsoid import GAP, enclose
+from nlpgrasp.tasks.task_ellipsoid import TaskEllipsoid
 
 
 @dataclass(frozen=True)

@@ -1,24 +1,187 @@
-"""Wrenches of gravity and inertia along a trajectory (Newton-Euler equations)."""
+"""Rigid motions, and wrenches of gravity and inertia along them (Newton-Euler equations)."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, RotationSpline
 
-from nlpgrasp.common.meshes.mass import volume_integrals
+from nlpgrasp.common.meshes.mass_properties import volume_integrals
+from nlpgrasp.common.spatial import Pose, pose_matrix, rotation_matrices
 from nlpgrasp.common.validation import FloatArray, array, number, read_only, within
 from nlpgrasp.errors import InputError
-from nlpgrasp.tasks.polytope import TaskPolytope
-from nlpgrasp.tasks.rigid_motion import RigidMotion
+from nlpgrasp.tasks.task_polytope import TaskPolytope
 
 if TYPE_CHECKING:
     import trimesh
 
+
+FEWEST_POSES = 4
+UPRIGHT = 1e-6  # least cos(theta_2) at which Euler angles are coordinates
 GRAVITY = (0.0, 0.0, -9.81)  # m / s^2, world frame
 BETWEEN = 4  # wrench samples per time step
+
+
+class RigidMotion:
+    """A C^2 trajectory through poses, ``g(t)`` of Section 2.1, with its twists.
+
+    Twists are ``(v, w)``, in the order that pairs with wrenches ``(f, m)``, so that the power of (2.1-4b) is
+    ``twist @ wrench``; the paper writes ``(w, v)``. Where body frame and inertial frame coincide, as at the paper's m,
+    ``twists``, ``body_twists`` and ``spatial_twists`` are the same.
+
+    Parameters
+    ----------
+    times : (m,) array
+        Seconds, increasing; at least 4.
+    positions : (m, 3) array
+        Of the body frame's origin, inertial frame, metres.
+    quaternions : (m, 4) or (m, 3, 3) array
+        (w, x, y, z), body to inertial frame, of unit norm within 1e-3; or rotation matrices.
+
+    Raises
+    ------
+    InputError
+        On times that do not increase (the first such row is named), too few poses, or invalid quaternions.
+    """
+
+    def __init__(self, times: ArrayLike, positions: ArrayLike, quaternions: ArrayLike) -> None:
+        t = array("times", times, (None,))
+        if len(t) < FEWEST_POSES:
+            raise InputError("times", f"{len(t)} poses", f"at least {FEWEST_POSES}")
+        late = np.flatnonzero(np.diff(t) <= 0.0)
+        if len(late):
+            i = int(late[0])
+            raise InputError("times", f"{t[i + 1]:g} s after {t[i]:g} s at row {i + 1}", "increasing times")
+        p, turns = array("positions", positions, (len(t), 3)), rotation_matrices("quaternions", quaternions)
+        if len(turns) != len(t):
+            raise InputError("quaternions", f"{len(turns)} rows", f"{len(t)}, one a time")
+        self.times = read_only(t)
+        self._moving = CubicSpline(t, p)
+        self._turning = RotationSpline(t, Rotation.from_matrix(turns))
+
+    @classmethod
+    def of_poses(cls, times: ArrayLike, poses: ArrayLike | Sequence[Pose]) -> RigidMotion:
+        """Return the motion through poses ``[[A, b], [0, 1]]``, (m, 4, 4), that map body points x to ``A x + b``.
+
+        Poses may also be mappings with ``position`` and ``quaternion_wxyz`` or ``quaternion_xyzw``.
+
+        Raises
+        ------
+        InputError
+            As for the class, and when a pose is not a rigid transform (the first such row is named).
+        """
+        if not isinstance(poses, list | tuple | np.ndarray):
+            raise InputError("poses", poses, "a sequence of poses")
+        parts = [pose_matrix(f"poses[{i}]", pose) for i, pose in enumerate(poses)]
+        if len(parts) < FEWEST_POSES:
+            raise InputError("poses", f"{len(parts)} poses", f"at least {FEWEST_POSES}")
+        given = np.array(parts)
+        return cls(times, given[:, :3, 3], given[:, :3, :3])
+
+    def poses(self, at: ArrayLike | None = None) -> FloatArray:
+        """Return the poses ``[[A, b], [0, 1]]``, (j, 4, 4), at times (j,); by default those of the motion.
+
+        Raises
+        ------
+        InputError
+            On times outside the motion, here and in the following methods.
+        """
+        t = self._times(at)
+        result = np.tile(np.eye(4), (len(t), 1, 1))
+        result[:, :3, :3], result[:, :3, 3] = self._turning(t).as_matrix(), self._moving(t)
+        return result
+
+    def twists(self, at: ArrayLike | None = None) -> FloatArray:
+        """Return the twists ``(v, w)`` of (2.1-2), (j, 6), of the body origin in inertial axes, m/s and rad/s."""
+        t = self._times(at)
+        return np.concatenate([self._moving(t, 1), self._turning(t).apply(self._turning(t, 1))], axis=1)
+
+    def body_twists(self, at: ArrayLike | None = None) -> FloatArray:
+        """Return the body twists ``(v, w)``, (j, 6), of the body origin in body axes, m/s and rad/s."""
+        t = self._times(at)
+        return np.concatenate([self._turning(t).apply(self._moving(t, 1), inverse=True), self._turning(t, 1)], axis=1)
+
+    def spatial_twists(self, at: ArrayLike | None = None) -> FloatArray:
+        """Return the spatial twists ``(v, w)``, (j, 6), in inertial axes, v at the inertial origin."""
+        t = self._times(at)
+        found = self.twists(t)
+        found[:, :3] += np.cross(self._moving(t), found[:, 3:])
+        return found
+
+    def euler_angles(self, at: ArrayLike | None = None) -> FloatArray:
+        """Return the Euler angles ``(theta_1, theta_2, theta_3)`` of (2.1-1), (j, 3), radians.
+
+        Rotations about the body's z, then its y, then its x; theta_2 is within 90 degrees, the others within 180. The
+        coordinates are not global (Remark 1).
+        """
+        R = self._turning(self._times(at)).as_matrix()
+        middle = np.arctan2(-R[:, 2, 0], np.hypot(R[:, 0, 0], R[:, 1, 0]))
+        return np.stack([np.arctan2(R[:, 1, 0], R[:, 0, 0]), middle, np.arctan2(R[:, 2, 1], R[:, 2, 2])], axis=1)
+
+    def euler_rates(self, at: ArrayLike | None = None) -> FloatArray:
+        """Return the time derivatives of the Euler angles, (j, 3), rad/s, from the equations after (2.1-2).
+
+        Raises
+        ------
+        InputError
+            Also where theta_2 is 90 degrees, a singularity of the angles.
+        """
+        t = self._times(at)
+        angles, w = self.euler_angles(t), self.body_twists(t)[:, 3:]
+        upright = np.cos(angles[:, 1])
+        if np.any(upright < UPRIGHT):
+            when = t[int(np.argmin(upright))]
+            raise InputError("at", f"{when:g} s, with theta_2 at 90 degrees", "times at which Euler angles exist")
+        s, c = np.sin(angles[:, 2]), np.cos(angles[:, 2])
+        first = (w[:, 1] * s + w[:, 2] * c) / upright
+        return np.stack([first, w[:, 1] * c - w[:, 2] * s, w[:, 0] + first * np.sin(angles[:, 1])], axis=1)
+
+    def accelerations(self, at: ArrayLike | None = None) -> FloatArray:
+        """Return linear acceleration of the origin in inertial axes and angular one in body axes, (j, 6)."""
+        t = self._times(at)
+        return np.concatenate([self._moving(t, 2), self._turning(t, 2)], axis=1)
+
+    def _times(self, at: ArrayLike | None) -> FloatArray:
+        """Return validated times within the motion."""
+        if at is None:
+            return self.times
+        t, first, last = array("at", at, (None,)), self.times[0], self.times[-1]
+        outside = (t < first) | (t > last)
+        if np.any(outside):
+            raise InputError("at", f"{t[outside][0]:g} s", f"times from {first:g} s to {last:g} s")
+        return t
+
+
+def angular_velocity(angles: ArrayLike, rates: ArrayLike) -> FloatArray:
+    """Return the angular velocity in body axes from Euler angles and their rates, after (2.1-2).
+
+    Parameters
+    ----------
+    angles : (m, 3) array
+        ``(theta_1, theta_2, theta_3)``: rotations about z, then y, then x of the body, radians.
+    rates : (m, 3) array
+        Their time derivatives, rad/s.
+
+    Returns
+    -------
+    (m, 3) array
+        rad/s; also in inertial axes where all angles are zero, as at the paper's m.
+    """
+    a, b, c = array("angles", angles, (None, 3)).T
+    da, db, dc = array("rates", rates, (len(a), 3)).T
+    return np.stack(
+        [
+            dc - da * np.sin(b),
+            db * np.cos(c) + da * np.cos(b) * np.sin(c),
+            da * np.cos(b) * np.cos(c) - db * np.sin(c),
+        ],
+        axis=1,
+    )
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TypeVar
 
 from nlpgrasp.tasks.base import TASKS, Task, TaskSum
-from nlpgrasp.tasks.ellipsoid import TaskEllipsoid
-from nlpgrasp.tasks.polytope import TaskPolytope
+from nlpgrasp.tasks.task_ellipsoid import TaskEllipsoid
+from nlpgrasp.tasks.task_polytope import TaskPolytope
 
 Kind = TypeVar("Kind", bound=Task)
 

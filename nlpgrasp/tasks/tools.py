@@ -9,12 +9,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.given.angles import angle as radians
-from nlpgrasp.common.given.masses import kilograms
-from nlpgrasp.common.validation import FloatArray, array, number, within
+from nlpgrasp.common.validation import FloatArray, array, kilograms, number, within
+from nlpgrasp.common.validation import angle as radians
 from nlpgrasp.errors import InputError
-from nlpgrasp.tasks.ellipsoid import TaskEllipsoid
-from nlpgrasp.tasks.polytope import TaskPolytope
+from nlpgrasp.tasks.task_ellipsoid import TaskEllipsoid
+from nlpgrasp.tasks.task_polytope import TaskPolytope
 
 WEIGHT = 9.81  # m / s^2, gravitational acceleration
 TILTS = 13  # sampled orientations of a pour

@@ -1,12 +1,48 @@
 """Independent verification of a solution from its file alone, without the solver's code."""
 
+from __future__ import annotations
+
 from nlpgrasp.verify.check import Check, NotMadeError, Verification
-from nlpgrasp.verify.kinds import register_all
-from nlpgrasp.verify.placement import Ball, Fit, HandNumbers, Palm, StatedPlacement, Surface
+from nlpgrasp.verify.mesh_body import mesh
+from nlpgrasp.verify.numeric_bodies import (
+    box,
+    cylinder,
+    ellipsoid,
+    implicit,
+    polygon,
+    prism,
+    sphere,
+    superquadric,
+    torus,
+)
+from nlpgrasp.verify.numeric_constraints import (
+    approach,
+    expression,
+    forbid,
+    obstacle,
+    spread,
+    symmetric,
+    table,
+    workspace,
+)
+from nlpgrasp.verify.numeric_hands import fingertips, parallel_jaw
+from nlpgrasp.verify.numeric_urdf_hand import urdf
 from nlpgrasp.verify.registry import register_body, register_constraint, register_hand
-from nlpgrasp.verify.rows import RowValue
 from nlpgrasp.verify.sources import Sources
+from nlpgrasp.verify.stated_placement import Ball, Fit, HandNumbers, Palm, RowValue, StatedPlacement, Surface
 from nlpgrasp.verify.verify import verify
+
+
+def register_all() -> None:
+    """Register the numeric counterparts of the package's own kinds."""
+    for body in (box, cylinder, ellipsoid, implicit, mesh, polygon, prism, sphere, superquadric, torus):
+        register_body(body.__name__, body)
+    register_body("planar_implicit", implicit)
+    for constraint in (approach, expression, forbid, obstacle, spread, symmetric, table, workspace):
+        register_constraint(constraint.__name__, constraint)
+    for hand in (fingertips, parallel_jaw, urdf):
+        register_hand(hand.__name__, hand)
+
 
 register_all()
 

@@ -8,6 +8,7 @@ from xml.etree.ElementTree import ParseError
 
 from nlpgrasp.errors import InputError, NlpgraspError
 from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.solution.solution import GraspSolution
 
 BROKEN = (
     *(KeyError, IndexError, TypeError, ValueError, AttributeError, ArithmeticError),
@@ -154,3 +155,11 @@ def guarded(name: str, checks: Callable[[], list[Check]]) -> list[Check]:
         return checks()
     except BROKEN as error:
         return [Check(name, False, no_sense(error))]
+
+
+def states_all(solution: GraspSolution) -> bool:
+    """Return whether this version's solve wrote the file, which then states all hand and approach fields.
+
+    Options in files of earlier versions lack ``link_tolerance``.
+    """
+    return "link_tolerance" in solution.solver.get("options", {})

@@ -19,9 +19,8 @@ from typing import Generic, TypeVar
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.verify.check import NotMadeError
-from nlpgrasp.verify.placement import HandNumbers, StatedPlacement, Surface
-from nlpgrasp.verify.rows import RowValue
 from nlpgrasp.verify.sources import Sources
+from nlpgrasp.verify.stated_placement import HandNumbers, RowValue, StatedPlacement, Surface
 
 Twin = TypeVar("Twin")
 BodyTwin = Callable[[Json, Sources], Surface]

@@ -13,22 +13,30 @@ from pathlib import Path
 
 import numpy as np
 
-from nlpgrasp.grasp.grasp import Grasp
 from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.measures import mu
-from nlpgrasp.solution.given import given_solution
-from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.verify.bound.beside import beside_checks
-from nlpgrasp.verify.bound.file import bound_file, verify_bound
+from nlpgrasp.solution.solution import GraspSolution, given_solution
+from nlpgrasp.verify.bound.bound_checks import beside_checks, bound_file, verify_bound
 from nlpgrasp.verify.check import BROKEN, NO_GRASP, Check, Verification, guarded, no_sense
-from nlpgrasp.verify.claims.evidence import direction_checks, force_checks, grasp_map_check, model_checks, wrench_checks
-from nlpgrasp.verify.claims.grasps import grasps_checks
-from nlpgrasp.verify.claims.needed import needed_checks
-from nlpgrasp.verify.claims.outcome import outcome_checks
-from nlpgrasp.verify.claims.quality import OTHER_SEED, interval, other_measures, overlap, robustness, widths
-from nlpgrasp.verify.recomputed import recomputed
+from nlpgrasp.verify.force_checks import needed_checks
+from nlpgrasp.verify.outcome_checks import grasps_checks, outcome_checks
+from nlpgrasp.verify.quality_checks import (
+    OTHER_SEED,
+    direction_checks,
+    force_checks,
+    grasp_map_check,
+    interval,
+    model_checks,
+    other_measures,
+    overlap,
+    robustness,
+    widths,
+    wrench_checks,
+)
+from nlpgrasp.verify.recomputation import recomputed
 from nlpgrasp.verify.sources import Sources
-from nlpgrasp.verify.surface import half_diagonal
+from nlpgrasp.verify.surface_checks import half_diagonal
 
 
 def verify(

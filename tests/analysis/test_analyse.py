@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.cli.script import load_problem
+from nlpgrasp.cli.problem_script import load_problem
 from tests.hands.urdf import four_finger_hand
 
 CONTACTS = [ng.FrictionContact(0.6)] * 3

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.analysis.ellipsoids import Transmission
-from nlpgrasp.analysis.manipulability import body_transmission, contact_jacobian
+from nlpgrasp.analysis.manipulability import Transmission, body_transmission, contact_jacobian
 from nlpgrasp.solution.solution import GraspSolution
 from tests.hands.urdf import four_finger_hand
 

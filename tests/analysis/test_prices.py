@@ -5,13 +5,12 @@ from dataclasses import replace
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.analysis.limits import limits_of
-from nlpgrasp.analysis.prices import price_of, shadow_prices
-from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.optimize.after.final_step import at_local_optimum
-from nlpgrasp.optimize.ascent.local_optimum import local_optimum
-from nlpgrasp.optimize.start.run import run_start
-from nlpgrasp.optimize.workbench.workbench import Workbench
+from nlpgrasp.analysis.shadow_prices import limits_of, price_of, shadow_prices
+from nlpgrasp.common.deadline import Stop
+from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.final_step import at_local_optimum
+from nlpgrasp.optimize.kkt_point import local_optimum
+from nlpgrasp.optimize.start import run_start
 from tests.hands.urdf import four_finger_hand
 
 OPTIONS = ng.SolveOptions(workers=1, joint_margin=0.0)  # limits are moved by themselves

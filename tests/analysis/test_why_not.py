@@ -111,8 +111,8 @@ def test_two_constraints_of_one_kind_are_told_apart():
 
 
 def test_rows_are_grouped_by_constraint_and_by_kind():
-    from nlpgrasp.analysis.why_not import group_names
-    from nlpgrasp.optimize.workbench.workbench import Workbench
+    from nlpgrasp.analysis.infeasibility import group_names
+    from nlpgrasp.optimize.compiled_problem import Workbench
 
     rules = [ng.Table(-0.1), ng.Table(-0.2), ng.Constraint("near, level", lambda p, n: p[0], -1.0, 1.0)]
     hand = ng.Fingertips(2, 0.005, reach=0.2)

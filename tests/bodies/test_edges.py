@@ -5,10 +5,9 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.bodies.face import turning
+from nlpgrasp.bodies.base import turning
 from nlpgrasp.bodies.polygon import inradius
-from nlpgrasp.verify.bodies.edges import from_segments, sharp_segments
-from nlpgrasp.verify.bodies.triangles import TriangleSurface
+from nlpgrasp.verify.surface_geometry import TriangleSurface, from_segments, sharp_segments
 
 
 def along(ends, count=4001):

@@ -5,14 +5,13 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.bodies.mesh.triangles import triangles
-from nlpgrasp.common.meshes.frame import local_origin
-from nlpgrasp.common.meshes.mass import volume_integrals
+from nlpgrasp.bodies.mesh.display_triangles import triangles
+from nlpgrasp.common.drawing import Triangles
+from nlpgrasp.common.meshes.mass_properties import volume_integrals
 from nlpgrasp.common.meshes.mesh_file import usable_mesh
-from nlpgrasp.common.meshes.search_tree import SearchTree
-from nlpgrasp.common.shown.drawing import Triangles
-from nlpgrasp.verify.bodies.mesh import MeshSurface
-from nlpgrasp.verify.bodies.triangles import TriangleSurface
+from nlpgrasp.common.meshes.search_tree import SearchTree, local_origin
+from nlpgrasp.verify.mesh_body import MeshSurface
+from nlpgrasp.verify.surface_geometry import TriangleSurface
 from tests.bodies.good_meshes import moved, pose_of
 from tests.bodies.made_meshes import box, joined
 

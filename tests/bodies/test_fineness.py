@@ -7,9 +7,13 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.bodies.mesh.fineness import MOST_POINTS, Fineness, automatic_fineness
-from nlpgrasp.bodies.mesh.offset import smooth_offset
-from nlpgrasp.bodies.mesh.walls import wall_thickness
+from nlpgrasp.bodies.mesh.signed_distance import (
+    MOST_POINTS,
+    Fineness,
+    automatic_fineness,
+    smooth_offset,
+    wall_thickness,
+)
 
 MUG = np.array([0.083, 0.06, 0.07])  # sides of the mug, metres
 

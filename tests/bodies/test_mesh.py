@@ -3,7 +3,7 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.bodies.mesh.fineness import automatic_resolution
+from nlpgrasp.bodies.mesh.signed_distance import automatic_resolution
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.common.meshes.mass import volume_integrals
+from nlpgrasp.common.meshes.mass_properties import volume_integrals
 from nlpgrasp.common.meshes.mesh_file import mesh_digest, read_mesh, usable_mesh
 from tests.bodies.good_meshes import good_meshes, moved, pose_of, split, triangle_set, turned
 

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.verify.bodies.mesh import angle_off_cone
+from nlpgrasp.verify.mesh_body import angle_off_cone
 
 HALF = np.array([0.03, 0.02, 0.05])  # of the box, metres
 DIAGONAL = np.ones(3) / np.sqrt(3.0)

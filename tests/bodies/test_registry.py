@@ -10,7 +10,7 @@ import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.bodies import Body, Face, body_from_dict, register
-from nlpgrasp.common.solids import SOLIDS
+from nlpgrasp.common.registry import SOLIDS
 from tests.samples import BODIES
 
 SCRIPTS_ONLY = ("implicit", "planar_implicit")

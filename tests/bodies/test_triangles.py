@@ -6,9 +6,8 @@ import trimesh
 from scipy.special import beta
 
 import nlpgrasp as ng
-from nlpgrasp.bodies.mesh.triangles import triangles
-from nlpgrasp.bodies.shapes.curved import quarter_of
-from nlpgrasp.bodies.shapes.extruded import ears
+from nlpgrasp.bodies.mesh.display_triangles import triangles
+from nlpgrasp.bodies.triangulation import ears, quarter_of
 from tests.samples import BODIES
 
 COMB = [[0, 0], [5, 0], [5, 3], [4, 3], [4, 1], [3, 1], [3, 3], [2, 3], [2, 1], [1, 1], [1, 3], [0, 3]]  # area 11

@@ -2,7 +2,7 @@
 
 import json
 
-from nlpgrasp.common.shown.numbers import at_most
+from nlpgrasp.common.formatting import at_most
 from tests.cli.test_cli import SMALL, refused, run, run_here
 
 HOPELESS = SMALL.replace("ng.FrictionContact(0.5)] * 2", "ng.PointContact()] * 2")

@@ -17,7 +17,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.cli.main import main
-from nlpgrasp.cli.simulate import picture_of
+from nlpgrasp.cli.simulate_command import picture_of
 from tests.images import panels_drawn, size
 from tests.quick import first
 from tests.verify import honest

@@ -8,9 +8,7 @@ from pathlib import Path
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.cli.demo.command import demo_command
-from nlpgrasp.cli.demo.example import STARTS, problem
-from nlpgrasp.cli.main import main
+from nlpgrasp.cli.main import STARTS, demo_command, main, problem
 from nlpgrasp.errors import InputError
 from tests.verify import honest
 

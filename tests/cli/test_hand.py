@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from nlpgrasp.common.shown import face
+from nlpgrasp.common import display as face
 from tests.cli.test_cli import refused, run_here
 from tests.hands.urdf import FOUR, THREE
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.directions import directions, e6_shells, inradius
+from nlpgrasp.common.unit_directions import directions, e6_shells, inradius
 
 
 def test_e6_shells_have_72_roots_and_54_dual_vectors():

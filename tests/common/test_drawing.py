@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from matplotlib import pyplot as plt
 
-from nlpgrasp.common.extras.mujoco import import_mujoco
-from nlpgrasp.common.extras.pyplot import draw_triangles, pyplot, show_at_one_scale, write_figure
-from nlpgrasp.common.shown.drawing import Drawing, Triangles, drawn_size
+from nlpgrasp.common.drawing import Drawing, Triangles, drawn_size
+from nlpgrasp.common.optional_packages import draw_triangles, import_mujoco, pyplot, show_at_one_scale, write_figure
 from nlpgrasp.errors import InputError, MissingExtraError
 
 CORNERS = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 1.0]])

@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from nlpgrasp.common.evaluator import Evaluator
+from nlpgrasp.nlp.ipopt import Evaluator
 
 
 def test_it_returns_what_casadi_does_and_nothing_of_the_call_before():

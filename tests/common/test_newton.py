@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from nlpgrasp.common.newton import NewtonRules, restore
-from nlpgrasp.common.quadratic import Linearised
-from nlpgrasp.common.slack import RowSlack
+from nlpgrasp.common.quadratic_program import Linearised, NewtonRules, RowSlack, restore
 
 APART = 1.5
 

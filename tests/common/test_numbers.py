@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from nlpgrasp.common.shown.numbers import at_least, at_most, outwards, percent, rounded, typeset, vector
+from nlpgrasp.common.formatting import at_least, at_most, outwards, percent, rounded, typeset, vector
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from nlpgrasp.common.quadratic import Linearised, shortest_step, step_bounds
-from nlpgrasp.common.slack import GroupSlack, RowSlack
+from nlpgrasp.common.quadratic_program import GroupSlack, Linearised, RowSlack, shortest_step, step_bounds
 
 
 def rows(jacobian, lower, upper, values=None, longest=10.0):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.rows import (
+from nlpgrasp.common.scalar_constraints import (
     CLEARANCE,
     ON_FINGERTIP,
     TIPS_APART,
@@ -18,7 +18,7 @@ from nlpgrasp.common.rows import (
 )
 from nlpgrasp.hands.tips import Touch
 from nlpgrasp.nlp import optimal_grasp_program
-from nlpgrasp.problem.rows import placement_rows
+from nlpgrasp.problem.candidate_constraints import placement_rows
 from tests.hands.urdf import four_finger_hand
 
 BALL = ng.TaskEllipsoid([1.0] * 6)

@@ -1,6 +1,6 @@
 """Lines and columns of text."""
 
-from nlpgrasp.common.shown.text import LONGEST, WIDEST, columns, one_line, plain
+from nlpgrasp.common.formatting import LONGEST, WIDEST, columns, one_line, plain
 from nlpgrasp.errors import InputError
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nlpgrasp.common.shown.words import (
+from nlpgrasp.common.formatting import (
     COMPONENTS,
     DIRECTIONS,
     axis_labels,

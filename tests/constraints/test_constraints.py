@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.rows import LinkSphere, PalmPose, Placement
+from nlpgrasp.common.scalar_constraints import LinkSphere, PalmPose, Placement
 
 POSITIONS = np.array([[0.3, 0.1, 0.4], [-0.2, 0.5, -0.1], [0.0, -0.6, 0.2]])
 NORMALS = -POSITIONS / np.linalg.norm(POSITIONS, axis=1, keepdims=True)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.rows import Placement, Row
+from nlpgrasp.common.scalar_constraints import Placement, Row
 from nlpgrasp.constraints import PlacementConstraint, constraint_from_dict, register
 from nlpgrasp.constraints.registry import CONSTRAINTS
 from tests.samples import BODIES

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.contacts.cones.terms import circle, upper_triangle
+from nlpgrasp.contacts.base import circle, upper_triangle
 from nlpgrasp.contacts.product import extremes, project, ranges
 from tests.samples import EVERY as CONTACTS
 

@@ -11,9 +11,9 @@ from scipy.linalg import block_diag
 
 import nlpgrasp as ng
 from nlpgrasp.contacts import contact_from_dict
-from nlpgrasp.contacts.cones.friction_points import FrictionPoints
+from nlpgrasp.contacts.cone_sums import FrictionPoints
 from nlpgrasp.quality import WrenchSet
-from nlpgrasp.verify.claims.evidence import model_checks
+from nlpgrasp.verify.quality_checks import model_checks
 from tests.memberships import components, inside, most_work, places, slack
 from tests.samples import PADS
 from tests.verify.stated import stated_file

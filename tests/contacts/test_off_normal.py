@@ -3,8 +3,8 @@
 import numpy as np
 
 import nlpgrasp as ng
-from nlpgrasp.contacts.direction import off_normal
-from nlpgrasp.optimize.workbench.surface_samples import SurfaceSamples
+from nlpgrasp.contacts.pad import off_normal
+from nlpgrasp.optimize.surface_samples import SurfaceSamples
 
 PADS = [ng.PlaneContact(extents=(0.01, 0.006), friction=0.6, direction=[0, 0, 1])] * 2
 TASK = ng.TaskEllipsoid([1.0] * 3 + [0.01] * 3)

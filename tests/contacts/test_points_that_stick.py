@@ -5,10 +5,7 @@ import pytest
 from scipy.optimize import nnls
 
 import nlpgrasp as ng
-from nlpgrasp.contacts.cones.active_sets import least_nonnegative
-from nlpgrasp.contacts.cones.friction_points import INSIDE, OTHER, SLIPS
-from nlpgrasp.contacts.cones.sharing import Sharing
-from nlpgrasp.contacts.cones.sticking import NONE, Sticking
+from nlpgrasp.contacts.cone_sums import INSIDE, NONE, OTHER, SLIPS, Sharing, Sticking, least_nonnegative
 from tests.contacts.test_coulomb_pads import EVERY, PADS, every, forces_of, models, samples
 from tests.memberships import slack
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.contacts.cones.wider import contains, placed_in
+from nlpgrasp.contacts.cone_inclusion import contains, placed_in
 
 MODELS = {
     "point": ng.PointContact(),

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import nlpgrasp as ng
-from nlpgrasp.common.frozen import unchecked
+from nlpgrasp.common.validation import unchecked
 from tests.samples import EVERY as CONTACTS
 
 models = pytest.mark.parametrize("contact", CONTACTS.values(), ids=CONTACTS.keys())

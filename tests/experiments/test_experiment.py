@@ -7,7 +7,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.errors import InputError
-from nlpgrasp.experiments.ask.experiment import SolveId
+from nlpgrasp.experiments.experiment import SolveId
 from tests.experiments.small import base, experiment
 
 

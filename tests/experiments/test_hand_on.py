@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.experiments.found.digest import body_of
-from nlpgrasp.experiments.run.folder import HANDED_ON, OWN
-from nlpgrasp.experiments.run.resume import improved
-from nlpgrasp.optimize.workbench.workbench import Workbench
-from nlpgrasp.solution.measures.global_bound import GlobalBound
+from nlpgrasp.experiments.output_folder import HANDED_ON, OWN
+from nlpgrasp.experiments.solve_job import improved
+from nlpgrasp.experiments.solve_record import body_of
+from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.solution.quality_record import GlobalBound
 from tests.experiments.small import QUICK, base, experiment
 from tests.hands.urdf import four_finger_hand
 

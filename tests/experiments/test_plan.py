@@ -5,7 +5,7 @@ import copy
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.experiments.run.plan import check_same, plan_of
+from nlpgrasp.experiments.output_folder import check_same, plan_of
 from tests.hands.urdf import four_finger_hand
 
 

@@ -7,10 +7,8 @@ from pathlib import Path
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.experiments.found.columns import COLUMNS, Entry, row_of
-from nlpgrasp.experiments.found.digest import asked_of, measured_by
-from nlpgrasp.experiments.found.record import NOT_DONE, SolveRecord
-from nlpgrasp.experiments.found.table import write_csv
+from nlpgrasp.experiments.experiment_result import COLUMNS, Entry, row_of, write_csv
+from nlpgrasp.experiments.solve_record import NOT_DONE, SolveRecord, asked_of, measured_by
 
 BOX = Path(__file__).parents[1] / "solution" / "files" / "box.json"
 

@@ -11,17 +11,16 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.cli.experiment import write_outputs
-from nlpgrasp.common.rows import Row
-from nlpgrasp.common.shown.numbers import outwards
+from nlpgrasp.cli.experiment_command import write_outputs
+from nlpgrasp.common.formatting import outwards
+from nlpgrasp.common.scalar_constraints import Row
 from nlpgrasp.errors import InputError
-from nlpgrasp.experiments.ask.experiment import SolveId
-from nlpgrasp.experiments.found.columns import COLUMNS
-from nlpgrasp.experiments.found.ranking import ranks, ties
-from nlpgrasp.experiments.found.record import active_constraints
-from nlpgrasp.experiments.run.folder import Folder
+from nlpgrasp.experiments.experiment import SolveId
+from nlpgrasp.experiments.experiment_result import COLUMNS, ranks, ties
+from nlpgrasp.experiments.output_folder import Folder
+from nlpgrasp.experiments.solve_record import active_constraints
 from nlpgrasp.quality import Bounds
-from nlpgrasp.report.experiment.plots import wilson
+from nlpgrasp.report.experiment_page import wilson
 from nlpgrasp.solution.records import ConstraintReport
 from tests.experiments.small import experiment
 from tests.quick import every

@@ -4,11 +4,10 @@ import numpy as np
 import trimesh
 
 from nlpgrasp.common.spatial import tangents
-from nlpgrasp.global_bound.cells.disc import SectorCell
-from nlpgrasp.global_bound.cells.ellipsoid import EllipsoidCell, Spherical
-from nlpgrasp.global_bound.cells.mesh import Clusters, MeshCell
-from nlpgrasp.global_bound.cells.polygon import PolygonCell
-from nlpgrasp.global_bound.cells.revolved import Revolved, RevolvedCell
+from nlpgrasp.global_bound.cells.ellipsoid_cells import EllipsoidCell, Spherical
+from nlpgrasp.global_bound.cells.flat_cells import PolygonCell
+from nlpgrasp.global_bound.cells.mesh_cells import Clusters, MeshCell
+from nlpgrasp.global_bound.cells.revolved_cells import Revolved, RevolvedCell, SectorCell
 
 
 def polygon_cell(rng):

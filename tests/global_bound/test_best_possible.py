@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.global_bound.scope.scope import scope_of
+from nlpgrasp.global_bound.scope import scope_of
 from tests.quick import first
 from tests.studies.random_paths import random_path
 

@@ -5,9 +5,8 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.budgets import force_budget
-from nlpgrasp.global_bound.bound.curved_supports import mixed_supports, single_supports
-from nlpgrasp.global_bound.bound.measure import Measure
-from nlpgrasp.global_bound.bound.supports import Supports
+from nlpgrasp.global_bound.cell_supports import Measure, Supports
+from nlpgrasp.global_bound.support_table import mixed_supports, single_supports
 from tests.global_bound.samples import CELLS, points_of
 from tests.quick import every, first
 

@@ -46,7 +46,7 @@ def test_a_small_certificate_goes_into_another_file_and_a_large_one_beside_it(tm
     assert best.kept() == best.certificate
     file = best.save(tmp_path / "bound.json")
     assert best.kept(file) == {"file": "bound.json", "sha256": hashlib.sha256(file.read_bytes()).hexdigest()}
-    monkeypatch.setattr("nlpgrasp.solution.measures.global_bound.SMALL", 100)
+    monkeypatch.setattr("nlpgrasp.solution.quality_record.SMALL", 100)
     with pytest.raises(ng.InputError, match="more than 200 kB"):
         best.kept()
 

@@ -5,8 +5,8 @@ import pytest
 from scipy.optimize import linprog
 
 import nlpgrasp as ng
-from nlpgrasp.global_bound.bound.mixtures import mixtures
-from nlpgrasp.global_bound.bound.twists import Twists
+from nlpgrasp.global_bound.dual_weights import mixtures
+from nlpgrasp.global_bound.weak_twists import Twists
 
 
 def test_a_direction_without_work_is_never_among_them():

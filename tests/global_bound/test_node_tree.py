@@ -10,9 +10,9 @@ import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.global_bound import branch_and_bound
-from nlpgrasp.global_bound.bound import shared_mixtures
+from nlpgrasp.global_bound import shared_weights as shared_mixtures
+from nlpgrasp.global_bound.contact_cells import NONE
 from nlpgrasp.global_bound.node_tree import children
-from nlpgrasp.global_bound.scope.pieces import NONE
 
 TASK = ng.TaskEllipsoid([1.0] * 6)
 

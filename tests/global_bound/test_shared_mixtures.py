@@ -8,13 +8,12 @@ import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.budgets import force_budget
-from nlpgrasp.global_bound.bound import shared_mixtures
-from nlpgrasp.global_bound.bound.measure import Measure
-from nlpgrasp.global_bound.bound.mesh_corners import Corners
-from nlpgrasp.global_bound.bound.supports import Supports
+from nlpgrasp.global_bound import shared_weights as shared_mixtures
+from nlpgrasp.global_bound.allowed_regions import relaxed
 from nlpgrasp.global_bound.branch_and_bound import BranchAndBound
-from nlpgrasp.global_bound.cells.mesh import Clusters, MeshCell
-from nlpgrasp.global_bound.scope.places import relaxed
+from nlpgrasp.global_bound.cell_supports import Measure, Supports
+from nlpgrasp.global_bound.cells.mesh_cells import Clusters, MeshCell
+from nlpgrasp.global_bound.shared_weights import Corners
 from tests.global_bound.samples import bent_bar, random_hull, rough_triangles
 from tests.global_bound.test_cells import BUDGETS, CONTACTS, powers_at
 

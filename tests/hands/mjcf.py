@@ -3,8 +3,8 @@
 import mujoco
 import numpy as np
 
+from nlpgrasp.hands.kinematics import LinkTree
 from nlpgrasp.hands.tips import SphereTip
-from nlpgrasp.hands.urdf.link_tree import LinkTree
 
 
 def tree_of(robot):

@@ -6,10 +6,9 @@ import shlex
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.hands.inspection.inspected import without_fingertips
-from nlpgrasp.hands.inspection.inspection import inspect
-from nlpgrasp.hands.robot.ends import End, end, leaves
-from nlpgrasp.hands.robot.robot_file import read_robot
+from nlpgrasp.hands.inspection import inspect, without_fingertips
+from nlpgrasp.hands.robot_file import read_robot
+from nlpgrasp.hands.suggested_tips import End, end, leaves
 from tests.hands.urdf import FOUR, FOUR_TIPS
 
 SPHERE = '<collision><origin xyz="{}"/><geometry><sphere radius="0.008"/></geometry></collision>'

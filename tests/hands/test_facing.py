@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.hands.inspection.facing import better_approach, direction_words, fingers_lie
-from nlpgrasp.hands.inspection.findings import findings
-from nlpgrasp.hands.inspection.fingers import knuckles
-from nlpgrasp.hands.inspection.inspected import inspected
+from nlpgrasp.hands.finger_chains import better_approach, direction_words, fingers_lie, knuckles
+from nlpgrasp.hands.inspection import findings, inspected
 from tests.hands.robots import SHADOW, model, robot
 from tests.hands.urdf import FOUR, FOUR_TIPS, GRIPPER, PADS, THREE, THREE_TIPS, four_finger_hand, gripper
 from tests.hands.urdf import three_finger_hand as three

@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.grasp.grasp import Grasp
-from nlpgrasp.optimize.ascent.steps.torque_cuts import torque_cuts
-from nlpgrasp.optimize.workbench.placed import Placed
-from nlpgrasp.optimize.workbench.variables import hand_of, points_of, variables_of
-from nlpgrasp.optimize.workbench.workbench import Workbench
+from nlpgrasp.optimize.candidate import Placed
+from nlpgrasp.optimize.compiled_problem import Workbench, hand_of, points_of, variables_of
+from nlpgrasp.optimize.cutting_planes import torque_cuts
 from nlpgrasp.quality import WrenchSet
+from nlpgrasp.quality.grasp import Grasp
 from tests.hands.urdf import FOUR, FOUR_TIPS, four_finger_hand
 from tests.once import solve_once
 

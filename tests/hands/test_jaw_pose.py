@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
 from nlpgrasp.hands import hand_from_dict
-from nlpgrasp.hands.jaw_pose import Jaws
-from nlpgrasp.problem.fields import distance_to_all, fields_of
+from nlpgrasp.hands.parallel_jaw import Jaws
+from nlpgrasp.motion.distance_fields import distance_to_all, fields_of
 
 BODY = ng.Box([0.08, 0.04, 0.06])
 PADS = np.array([[0.0, 0.02, 0.0], [0.0, -0.02, 0.0]])

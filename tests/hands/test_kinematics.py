@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.hands.spheres.link_spheres import fit_spheres
-from nlpgrasp.hands.spheres.shapes import Shape
+from nlpgrasp.hands.collision_shapes import Shape
+from nlpgrasp.hands.link_spheres import fit_spheres
 from tests.hands.urdf import FOUR, GRIPPER, THREE, THREE_TIPS, Mujoco, four_finger_hand, gripper, three_finger_hand
 
 HANDS = {"four": (four_finger_hand, FOUR), "three": (three_finger_hand, THREE), "gripper": (gripper, GRIPPER)}
@@ -114,7 +114,7 @@ def test_rows_of_the_hand_have_the_derivatives_they_claim(rng):
         ],
     )
     from nlpgrasp.nlp import optimal_grasp_program
-    from nlpgrasp.nlp.functions import ProgramFunctions
+    from nlpgrasp.nlp.derivatives import ProgramFunctions
 
     program = optimal_grasp_program(problem, "support", 2, eliminated=True)
     jacobian = ProgramFunctions(program).jacobian
@@ -146,7 +146,7 @@ def test_missing_extra_names_the_command(monkeypatch):
 def test_quaternion_is_the_rotation_it_says(rng):
     from scipy.spatial.transform import Rotation
 
-    from nlpgrasp.hands.urdf.kinematics import rotation_of
+    from nlpgrasp.hands.kinematics import rotation_of
 
     rotation = Rotation.random(rng=rng)
     found = ca.DM(rotation_of(ca.DM(rotation.as_quat(scalar_first=True))))

@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
-from nlpgrasp.motion.space.link_depth import LinkDepths
+from nlpgrasp.motion.penetration import LinkDepths
 from tests.hands.urdf import FOUR, four_finger_hand
 
 TASK = ng.TaskEllipsoid([1, 1, 1, 0.02, 0.02, 0.02])

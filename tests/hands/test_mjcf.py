@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.hands.mjcf.mjcf_joints import angles
-from nlpgrasp.hands.robot.robot_file import read_robot
-from nlpgrasp.verify.hands.kinematics import poses
-from nlpgrasp.verify.hands.links import links_in
+from nlpgrasp.hands.mjcf_reader import angles
+from nlpgrasp.hands.robot_file import read_robot
+from nlpgrasp.verify.chain_kinematics import links_in, poses
 from tests.hands.mjcf import frames, tree_of
 
 HAND = """<mujoco model="pincer"><compiler angle="radian" autolimits="true"/>
@@ -209,7 +208,7 @@ XACRO = """<robot name="one" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:
 def test_xacro_without_its_package_says_what_to_install(tmp_path, monkeypatch):
     (tmp_path / "one.urdf.xacro").write_text(XACRO)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    monkeypatch.setattr("nlpgrasp.common.extras.xacro.find_spec", lambda name: None)
+    monkeypatch.setattr("nlpgrasp.common.robot_files.find_spec", lambda name: None)
     with pytest.raises(ng.InputError, match=r"pip install xacro, then xacro one.urdf.xacro > one.urdf; or this file"):
         read_robot(tmp_path / "one.urdf.xacro")
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.hands.robot.robot_file import read_robot
-from nlpgrasp.verify.hands.kinematics import poses
-from nlpgrasp.verify.hands.links import links_in
+from nlpgrasp.hands.robot_file import read_robot
+from nlpgrasp.verify.chain_kinematics import links_in, poses
 from tests.hands.mjcf import frames, tree_of
 from tests.hands.robots import ADROIT, GRIPPERS, SHADOW, model
 

@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.hands.inspection.findings import findings
-from nlpgrasp.hands.inspection.fingers import fingers
-from nlpgrasp.hands.inspection.gaps import TipGaps
-from nlpgrasp.hands.inspection.inspected import inspected, without_fingertips
-from nlpgrasp.hands.inspection.opposition import TOUCH, opposition
+from nlpgrasp.hands.finger_chains import fingers
+from nlpgrasp.hands.inspection import findings, inspected, without_fingertips
+from nlpgrasp.hands.opposition import TOUCH, TipGaps, opposition
 from tests.hands.urdf import FOUR, gripper, three_finger_hand
 
 SLIDE = """<link name="{name}">{shape}</link>

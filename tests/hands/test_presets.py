@@ -9,7 +9,8 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.hands.presets import fingers, grippers
+from nlpgrasp.hands import presets as fingers
+from nlpgrasp.hands import presets as grippers
 from tests.hands.robotiq import robotiq_2f85
 from tests.hands.robots import robot
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from nlpgrasp.hands.urdf.reaching import fitted
+from nlpgrasp.hands.linked_hand import fitted
 from tests.hands.urdf import FOUR, FOUR_TIPS, four_finger_hand, solution_links
 
 

@@ -7,9 +7,8 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from nlpgrasp.hands.spheres.hulls import Hull, meet
-from nlpgrasp.hands.spheres.self_collision import DEEP, watched_links
-from nlpgrasp.hands.spheres.shapes import Shape
+from nlpgrasp.hands.collision_shapes import Shape
+from nlpgrasp.hands.self_collision import DEEP, Hull, meet, watched_links
 from tests.hands.urdf import four_finger_hand
 
 BOX = np.array([0.02, 0.03, 0.05])

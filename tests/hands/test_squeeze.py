@@ -10,9 +10,9 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.analysis.squeeze import with_squeeze, with_squeezes
-from nlpgrasp.common.shown.numbers import rounded
-from nlpgrasp.solution.measures.needed import ForcesNeeded
-from nlpgrasp.solution.squeezed.joints import JointSqueeze
+from nlpgrasp.common.formatting import rounded
+from nlpgrasp.solution.force_records import ForcesNeeded
+from nlpgrasp.solution.squeeze_record import JointSqueeze
 from tests.hands.urdf import FOLDER, THREE, Mujoco, body_frame, solution_links, three_finger_hand
 from tests.verify import honest
 from tests.verify.edits import put

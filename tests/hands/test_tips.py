@@ -6,10 +6,10 @@ import pytest
 from scipy.optimize import minimize
 
 import nlpgrasp as ng
-from nlpgrasp.hands.spheres.shapes import Shape
+from nlpgrasp.hands.collision_shapes import Shape
+from nlpgrasp.hands.suggested_tips import tip_of
 from nlpgrasp.hands.tips import Touch
-from nlpgrasp.hands.tips.of_shape import tip_of
-from nlpgrasp.verify.hands.tips import Touching, touching_rows
+from nlpgrasp.verify.numeric_urdf_hand import Touching, touching_rows
 from tests.hands.urdf import FOUR
 
 TIPS = {

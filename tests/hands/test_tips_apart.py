@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.rows import TIPS_APART
-from nlpgrasp.hands.spheres.tips_apart import tips_apart, tips_that_meet
+from nlpgrasp.common.scalar_constraints import TIPS_APART
+from nlpgrasp.hands.self_collision import tips_apart, tips_that_meet
 from tests.hands.urdf import FOLDER, FOUR, FOUR_TIPS, Mujoco, four_finger_hand, gripper
 from tests.verify import honest
 from tests.verify.stated import edited, recomputed_file

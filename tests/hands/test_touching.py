@@ -13,12 +13,11 @@ from typer.testing import CliRunner
 
 import nlpgrasp as ng
 from nlpgrasp.cli.main import command_line
-from nlpgrasp.hands.inspection.inspected import without_fingertips
-from nlpgrasp.hands.inspection.inspection import inspect
+from nlpgrasp.hands.inspection import inspect, without_fingertips
 from nlpgrasp.interop.registry import formats
-from nlpgrasp.mjcf.hand_scene.scene import mjcf_with_hand
-from nlpgrasp.motion.space.link_depth import LinkDepths
-from nlpgrasp.report.solution.panel import facts
+from nlpgrasp.motion.penetration import LinkDepths
+from nlpgrasp.report.key_figures import facts
+from nlpgrasp.simulation.robot_hand_scene import mjcf_with_hand
 from tests.hands.described import in_millimetres, two_fingers
 
 TASK = ng.TaskEllipsoid([1, 1, 1, 0.01, 0.01, 0.01])

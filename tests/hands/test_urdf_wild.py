@@ -8,8 +8,8 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.hands.urdf.urdf_file import read_urdf
-from nlpgrasp.verify.hands.kinematics import links_below
+from nlpgrasp.hands.urdf_reader import read_urdf
+from nlpgrasp.verify.chain_kinematics import links_below
 from tests.hands.urdf import FOUR, FOUR_TIPS, GRIPPER
 
 PAD = {"left_pad": 0.01}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.shown import once
+from nlpgrasp.common import user_warnings as once
 from nlpgrasp.interop import contacts_csv, read_contacts_csv
 
 HEAD = "p_x,p_y,p_z,n_x,n_y,n_z"

@@ -12,7 +12,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.errors import InputError
 from nlpgrasp.interop import grasp_of_posture, isaac_grasp, read_isaac_grasps
-from nlpgrasp.interop.placed_hand import nearest
+from nlpgrasp.interop.hand_postures import nearest
 from tests.hands.urdf import gripper, three_finger_hand
 from tests.once import solve_once
 

@@ -11,13 +11,19 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.common.shown.drawing import Triangles
+from nlpgrasp.common.drawing import Triangles
 from nlpgrasp.errors import InputError, MissingExtraError
-from nlpgrasp.hands.urdf.inertials import urdf_inertials
-from nlpgrasp.mjcf import mjcf_with_hand
-from nlpgrasp.mjcf.hand_scene.object_mass import ANY_WAY, OF_WATER, UPRIGHT, ObjectMass, object_mass
-from nlpgrasp.mjcf.hand_scene.object_shape import DECOMPOSING, convex_pieces
-from nlpgrasp.mjcf.hand_scene.tip_geoms import tip_geom
+from nlpgrasp.hands.urdf_reader import urdf_inertials
+from nlpgrasp.simulation.robot_hand_scene import mjcf_with_hand, tip_geom
+from nlpgrasp.simulation.scene_object import (
+    ANY_WAY,
+    DECOMPOSING,
+    OF_WATER,
+    UPRIGHT,
+    ObjectMass,
+    convex_pieces,
+    object_mass,
+)
 from tests.cli.test_cli import run_here
 from tests.hands.urdf import three_finger_hand
 from tests.once import GRASP, solve_once

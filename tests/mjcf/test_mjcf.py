@@ -10,8 +10,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.errors import InputError
-from nlpgrasp.mjcf import SceneOptions, mjcf
-from nlpgrasp.tasks.mass import mass_of
+from nlpgrasp.simulation.fingertip_scene import SceneOptions, mass_of, mjcf
 from tests.hands.urdf import three_finger_hand
 from tests.images import panels_drawn
 from tests.once import GRASP, solve_once
@@ -65,7 +64,7 @@ def test_fingertips_touch_where_the_contacts_are(box):
 def test_the_keyframe_presses_with_the_forces_given(box):
     """Forces that produce no wrench leave the object at rest, and MuJoCo's contacts report them."""
     from nlpgrasp.budgets import L2Budget
-    from nlpgrasp.simulation.loads import gripping
+    from nlpgrasp.simulation.simulate import gripping
 
     grip = gripping(box.grasp, L2Budget())
     model, data = loaded(mjcf(box, SceneOptions(forces=grip)))

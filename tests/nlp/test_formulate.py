@@ -73,7 +73,7 @@ def test_forces_as_variables_give_the_same_beta(compact):
 
 
 def test_vertex_transcription_is_an_inner_one():
-    from nlpgrasp.common.directions import inradius
+    from nlpgrasp.common.unit_directions import inradius
 
     result = ng.formulate(box_problem(), "vertex").solve(START)
     bounds = ng.mu(result.grasp, TASK)
@@ -252,7 +252,7 @@ def test_options_of_ipopt_reach_the_solver():
     options = ng.SolveOptions(ipopt={"mu_strategy": "adaptive", "max_iter": 7})
     assert options.to_dict()["ipopt"] == {"mu_strategy": "adaptive", "max_iter": 7}
     assert "ipopt" not in ng.SolveOptions().to_dict()
-    from nlpgrasp.optimize.workbench.workbench import Workbench
+    from nlpgrasp.optimize.compiled_problem import Workbench
 
     bench = Workbench(box_problem(), options)
     assert bench.first._options["ipopt.max_iter"] == 7

@@ -7,8 +7,8 @@ import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.nlp import CompiledProgram, Scaling, optimal_grasp_program
-from nlpgrasp.nlp.functions import ProgramFunctions
-from nlpgrasp.nlp.support_function import has_closed_form, support_function
+from nlpgrasp.nlp.derivatives import ProgramFunctions
+from nlpgrasp.nlp.formulation import has_closed_form, support_function
 from nlpgrasp.quality import WrenchSet
 from tests.samples import CONTACTS, closed_ellipsoid_grasp
 
@@ -98,13 +98,12 @@ def test_elliptic_torsion_has_no_closed_form():
 
 def test_vertex_program_bounds_the_measure_from_below():
     """With inradius r of the directions, a centred task has mu >= r beta at any feasible point."""
-    from nlpgrasp.common.directions import inradius
+    from nlpgrasp.common.unit_directions import inradius
     from nlpgrasp.nlp import face_parameters
+    from nlpgrasp.optimize.candidate import Placed
+    from nlpgrasp.optimize.compiled_problem import Workbench, placed_of, variables_of
+    from nlpgrasp.optimize.initial_nlp import first_parameters
     from nlpgrasp.optimize.options import SolveOptions
-    from nlpgrasp.optimize.start.first_program import first_parameters
-    from nlpgrasp.optimize.workbench.placed import Placed
-    from nlpgrasp.optimize.workbench.variables import placed_of, variables_of
-    from nlpgrasp.optimize.workbench.workbench import Workbench
 
     bench = Workbench(ellipsoid_problem(k=4), SolveOptions())
     rng = np.random.default_rng(0)

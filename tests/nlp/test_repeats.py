@@ -7,7 +7,7 @@ import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.nlp import optimal_grasp_program
-from nlpgrasp.nlp.functions import ProgramFunctions
+from nlpgrasp.nlp.derivatives import ProgramFunctions
 
 LINE = ng.LineContact(0.3, friction=0.5, direction=[1, 2, 3])
 RECTANGLE = ng.PlaneContact(extents=[0.2, 0.3], friction=0.5, direction=[1, 2, 3])

@@ -6,8 +6,8 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.nlp import optimal_grasp_program
-from nlpgrasp.nlp.functions import ProgramFunctions
-from nlpgrasp.nlp.slots import Slots
+from nlpgrasp.nlp.derivatives import ProgramFunctions
+from nlpgrasp.nlp.program import Slots
 from tests.hands.urdf import four_finger_hand
 
 SLOTS = 7

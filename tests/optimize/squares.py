@@ -3,8 +3,8 @@
 import numpy as np
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.workbench.placed import Placed
-from nlpgrasp.optimize.workbench.workbench import Workbench
+from nlpgrasp.optimize.candidate import Placed
+from nlpgrasp.optimize.compiled_problem import Workbench
 
 SQUARE = ng.Polygon([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 BOTTOM, TOP = "edge0", "edge2"

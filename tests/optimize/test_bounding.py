@@ -9,12 +9,12 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.common.shown.numbers import at_most
-from nlpgrasp.common.stopping.stop import Stop
+from nlpgrasp.common.deadline import Stop
+from nlpgrasp.common.formatting import at_most
 from nlpgrasp.global_bound.branch_and_bound import BranchAndBound
-from nlpgrasp.optimize.bounding import bounding, nodes_of
-from nlpgrasp.optimize.start.run import run_start
-from nlpgrasp.optimize.workbench.workbench import Workbench
+from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.global_search import bounding, nodes_of
+from nlpgrasp.optimize.start import run_start
 from nlpgrasp.solution.records import Origin
 from tests.hands.urdf import four_finger_hand
 
@@ -46,7 +46,7 @@ def test_a_gap_is_closed_and_the_status_says_so(tmp_path):
 def test_a_large_certificate_goes_to_a_file_beside_the_solution(tmp_path, monkeypatch):
     solution = ng.solve(square(), starts=1, options=ng.SolveOptions(**QUICK))
     assert list(solution.save(tmp_path / "small.json").parent.iterdir()) == [tmp_path / "small.json"]
-    monkeypatch.setattr("nlpgrasp.solution.measures.global_bound.SMALL", 150)
+    monkeypatch.setattr("nlpgrasp.solution.quality_record.SMALL", 150)
     assert "certificate" not in solution.to_dict()["quality"]["best_possible"]
     path, beside = solution.save(tmp_path / "square.json"), tmp_path / "square.bound.json"
     stated = json.loads(path.read_text())["quality"]["best_possible"]

@@ -3,10 +3,10 @@
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.ascent.state import Effort
-from nlpgrasp.optimize.start.result import StartGrasp, StartResult, best_of
+from nlpgrasp.optimize.candidate import Effort
+from nlpgrasp.optimize.start_result import StartGrasp, StartResult, best_of
 from nlpgrasp.quality import Bounds
-from nlpgrasp.solution.findings import Robustness
+from nlpgrasp.solution.analysis_records import Robustness
 from nlpgrasp.solution.records import StartRecord, Status
 from tests.quick import first
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.optimize.ascent.state import Effort
-from nlpgrasp.optimize.start.run import run_start
-from nlpgrasp.optimize.workbench import programs
-from nlpgrasp.optimize.workbench.workbench import Workbench
-from nlpgrasp.solution.starts import ipopt_lines
+from nlpgrasp.common.deadline import Stop
+from nlpgrasp.optimize import compiled_programs as programs
+from nlpgrasp.optimize.candidate import Effort
+from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.start import run_start
+from nlpgrasp.solution.start_summary import ipopt_lines
 
 SQUARE = ng.Polygon([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 OPTIONS = ng.SolveOptions(workers=1, rtol=0.05, final_rtol=0.05)
@@ -99,7 +99,7 @@ def test_calls_that_ran_are_told_apart():
 
 IN_WORKERS = """
 import nlpgrasp as ng
-from nlpgrasp.optimize.workbench import programs
+from nlpgrasp.optimize import programs
 
 
 class Given(programs.CompiledProgram):
@@ -108,7 +108,7 @@ class Given(programs.CompiledProgram):
 
 
 def unpacked():
-    from nlpgrasp.optimize.workbench import programs
+    from nlpgrasp.optimize import programs
 
     programs.CompiledProgram = Given
     return ng.TaskEllipsoid([1.0, 1.0, 0.5])

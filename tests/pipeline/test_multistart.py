@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.optimize.start.propose import propose
-from nlpgrasp.optimize.start.warm_starts import WarmStart, run_warm_start
-from nlpgrasp.optimize.workbench.placed import Placed
-from nlpgrasp.optimize.workbench.workbench import FEASIBLE, Workbench
-from nlpgrasp.optimize.workers.pool import Runner
+from nlpgrasp.common.deadline import Stop
+from nlpgrasp.optimize.candidate import Placed
+from nlpgrasp.optimize.compiled_problem import FEASIBLE, Workbench
+from nlpgrasp.optimize.parallel_starts import Runner
+from nlpgrasp.optimize.propose import propose
+from nlpgrasp.optimize.warm_starts import WarmStart, run_warm_start
 from nlpgrasp.pipeline.multistart import Multistart
 
 SQUARE = ng.Polygon([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])

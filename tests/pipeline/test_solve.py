@@ -11,9 +11,9 @@ import pytest
 from threadpoolctl import threadpool_info
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.workbench.workbench import Workbench
-from nlpgrasp.optimize.workers.one_thread import one_thread
-from nlpgrasp.pipeline.progress import told
+from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.processes import one_thread
+from nlpgrasp.pipeline.multistart import told
 from nlpgrasp.solution.records import UNKNOWN, StartRecord, Status
 
 BALL = ng.TaskEllipsoid([1.0] * 6)

@@ -5,10 +5,10 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.verify.bodies.mesh import MeshSurface
-from nlpgrasp.verify.bodies.triangles import TriangleSurface
+from nlpgrasp.verify.mesh_body import MeshSurface
 from nlpgrasp.verify.registry import BODIES
 from nlpgrasp.verify.sources import Sources
+from nlpgrasp.verify.surface_geometry import TriangleSurface
 from tests.quick import every
 
 QUICK = ng.SolveOptions(workers=1)

@@ -9,9 +9,9 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.common.shown import face
-from nlpgrasp.problem.shown.in_words import TIMES, usable_faces
-from nlpgrasp.report.problem.scene import scene
+from nlpgrasp.common import display as face
+from nlpgrasp.problem.description import TIMES, usable_faces
+from nlpgrasp.report.body_page import problem_scene
 
 BOX = ng.Box([0.08, 0.04, 0.03])
 WALL = ng.Obstacle(ng.Box([0.02, 0.06, 0.08]), position=[0.08, 0, 0.02], name="<wall>")
@@ -84,24 +84,24 @@ def test_a_body_that_is_less_than_its_box_says_so():
 def test_faces_that_stand_on_a_table_are_none_for_contacts(height, faces):
     asked = problem(contacts=[ng.FrictionContact(0.6)] * 3, constraints=[ng.Table(height)])
     assert set(usable_faces(asked)) == faces
-    assert {label["label"] for label in scene(asked)["contacts"]} == faces
+    assert {label["label"] for label in problem_scene(asked)["contacts"]} == faces
 
 
 def test_tables_and_obstacles_are_in_the_scene():
-    drawn = scene(problem())
+    drawn = problem_scene(problem())
     assert [(part["group"], part["name"]) for part in drawn["parts"]] == [("body", "body"), ("obstacle", "<wall>")]
     assert drawn["tables"][0]["at"] == pytest.approx([0.0, 0.0, -0.015])
     assert drawn["unseen"] == []
     assert np.max(drawn["frame"], axis=0)[0] == pytest.approx(0.09)  # the wall's far side is in the picture
     box = trimesh.creation.box([0.02, 0.02, 0.02])
     with_mesh = problem(constraints=[ng.Obstacle(ng.Mesh(box, resolution=12), position=[0.1, 0, 0])])
-    assert [part["group"] for part in scene(with_mesh)["parts"]] == ["body", "obstacle"]
+    assert [part["group"] for part in problem_scene(with_mesh)["parts"]] == ["body", "obstacle"]
 
 
 def test_a_planar_problem_has_its_table_from_aside():
     plate = ng.Polygon([[-0.03, -0.02], [0.03, -0.02], [0.03, 0.02], [-0.03, 0.02]])
     task = ng.TaskEllipsoid([1, 1, 0.03])
-    drawn = scene(ng.GraspProblem(plate, [ng.FrictionContact(0.5)] * 2, task, constraints=[ng.Table(-0.02)]))
+    drawn = problem_scene(ng.GraspProblem(plate, [ng.FrictionContact(0.5)] * 2, task, constraints=[ng.Table(-0.02)]))
     assert [part["group"] for part in drawn["parts"]] == ["body", "table"]
     assert {label["label"] for label in drawn["contacts"]} == {"edge1", "edge2", "edge3"}
 

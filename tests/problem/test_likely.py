@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.shown import once
+from nlpgrasp.common import user_warnings as once
 from nlpgrasp.common.validation import LONGEST_BODY, SHORTEST_BODY
 
 BALL, DISK = ng.TaskEllipsoid([1.0] * 6), ng.TaskEllipsoid([1.0] * 3)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.surface.beside import edge_distances
-from nlpgrasp.optimize.workbench.placed import Placed
+from nlpgrasp.optimize.candidate import Placed
+from nlpgrasp.optimize.grasp_on_body import edge_distances
 from tests.quick import first
 
 QUICK = ng.SolveOptions(workers=1)

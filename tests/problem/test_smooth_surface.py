@@ -7,8 +7,8 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.common.shown import once
-from nlpgrasp.problem.smooth_surface import warn_of_smoothing
+from nlpgrasp.common import user_warnings as once
+from nlpgrasp.problem.checks import warn_of_smoothing
 
 
 @pytest.fixture(autouse=True)
@@ -44,7 +44,7 @@ def test_a_small_fingertip_is_told():
 
 def test_where_the_choice_is_the_best_known_a_finer_grid_is_named(monkeypatch):
     body = plate(smoothing=0.25, resolution=24)
-    monkeypatch.setattr("nlpgrasp.problem.smooth_surface.WALL", 1e-4)
+    monkeypatch.setattr("nlpgrasp.problem.checks.WALL", 1e-4)
     (text,) = told(body)
     assert text.endswith("smoothing=0.25, resolution=36")
 

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.common.shown import once
+from nlpgrasp.common import user_warnings as once
 
 CENTRE = [0.0, 0.0, 0.07]
 AWAY = trimesh.creation.box([0.04, 0.05, 0.1], transform=trimesh.transformations.translation_matrix(CENTRE))

@@ -7,7 +7,7 @@ import warnings
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.shown import once
+from nlpgrasp.common import user_warnings as once
 from tests.hands.urdf import THREE
 
 BOX = ng.Box([0.08, 0.04, 0.04])

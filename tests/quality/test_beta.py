@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.quality.certificate.wrench_set import WrenchSet
+from nlpgrasp.quality.wrench_set import WrenchSet
 from tests.once import solve_once
 from tests.samples import random_rotation
 

@@ -6,7 +6,7 @@ from scipy.spatial import QhullError
 
 import nlpgrasp as ng
 from nlpgrasp.errors import NlpgraspError
-from nlpgrasp.quality.other_tools import pyramids
+from nlpgrasp.quality import other_measures as pyramids
 from tests.samples import closed_ellipsoid_grasp, ellipsoid_grasp, random_rotation
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from nlpgrasp.quality.certificate.hull import Hull
+from nlpgrasp.quality.convex_hull import Hull
 
 
 def distances(planes, centre):

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import linprog
 
 import nlpgrasp as ng
-from nlpgrasp.quality.forces.least_friction import ROOM, balanced_forces
+from nlpgrasp.quality.least_friction import ROOM, balanced_forces
 
 ROUGH = ng.FrictionContact(0.5)
 ANGLES = 2.0 * np.pi / 3.0 * np.arange(3)

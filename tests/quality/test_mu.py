@@ -13,7 +13,7 @@ from scipy import sparse
 import nlpgrasp as ng
 from nlpgrasp.budgets import L2Budget
 from nlpgrasp.common.spatial import move_torque_origin, rotate_body_frame
-from nlpgrasp.quality.certificate.begun import Begun
+from nlpgrasp.quality.sandwich import Begun
 from tests.samples import closed_ellipsoid_grasp, ellipsoid_grasp, random_rotation, square_pair
 
 BALL = ng.TaskEllipsoid([1.0] * 6)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.quality.certificate import sandwich
+from nlpgrasp.quality import sandwich
 
 BUDGETS = ("l2", "per_finger", "shared", "per_finger_size")
 DIRECTIONS = 400

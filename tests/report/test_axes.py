@@ -7,9 +7,9 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.hands.inspection.inspected import without_fingertips
+from nlpgrasp.hands.inspection import without_fingertips
 from nlpgrasp.report import write_hand
-from nlpgrasp.report.body.page import write_body
+from nlpgrasp.report.body_page import write_body
 from tests.hands.urdf import FOUR
 from tests.report.test_page import browser, frames, needs_browser, opened
 

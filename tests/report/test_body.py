@@ -10,10 +10,9 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.common.shown import face
+from nlpgrasp.common import display as face
 from nlpgrasp.errors import InputError
-from nlpgrasp.report.body.page import facts
-from nlpgrasp.report.body.scene import scene
+from nlpgrasp.report.body_page import body_facts, body_scene
 from tests.samples import BODIES
 
 FILES = Path(__file__).parents[1] / "solution" / "files"
@@ -34,7 +33,7 @@ def plain(text):
 @pytest.mark.parametrize("name", ["cylinder", "box", "prism", "polygon"])
 def test_each_face_is_named_at_a_point_of_its_own(name):
     body = BODIES[name]
-    labels = scene(body)["contacts"]
+    labels = body_scene(body)["contacts"]
     assert [label["label"] for label in labels] == list(body.face_names)
     for label in labels:
         at = np.array([label["at"]])[:, : body.space]
@@ -45,7 +44,7 @@ def test_each_face_is_named_at_a_point_of_its_own(name):
 
 
 def test_a_body_of_one_face_has_no_labels():
-    assert scene(BODIES["sphere"])["contacts"] == []
+    assert body_scene(BODIES["sphere"])["contacts"] == []
 
 
 def test_the_page_says_how_large_the_body_is(tmp_path, monkeypatch, capsys):
@@ -62,10 +61,10 @@ def test_the_page_says_how_large_the_body_is(tmp_path, monkeypatch, capsys):
 
 def test_the_bounds_are_named_with_the_table_under_them():
     body = ng.Prism([[-0.045, -0.029], [0.0473, -0.029], [0.0473, 0.029], [-0.045, 0.029]], 0.095)
-    bounds = next(fact for fact in facts(body) if fact.title == "Bounds")
+    bounds = next(fact for fact in body_facts(body) if fact.title == "Bounds")
     assert plain(bounds.value) == "x -45 to 47.3 mm, y -29 to 29 mm, z -47.5 to 47.5 mm"
     assert "A table under it: <code>ng.Table(-0.0475)</code>" in bounds.more
-    flat = next(fact for fact in facts(ng.Polygon([[0, 0], [0.03, 0], [0, 0.04]])) if fact.title == "Bounds")
+    flat = next(fact for fact in body_facts(ng.Polygon([[0, 0], [0.03, 0], [0, 0.04]])) if fact.title == "Bounds")
     assert plain(flat.value) == "x 0 to 30 mm, y 0 to 40 mm"
     assert "ng.Table(0)" in flat.more
 
@@ -75,7 +74,7 @@ def test_a_table_under_a_mesh_is_where_the_mesh_ends(tmp_path):
     cup.apply_translation([0.0, 0.0, 0.04755 + 1e-9])
     cup.export(tmp_path / "cup.stl")
     body = ng.Mesh.load(tmp_path / "cup.stl", resolution=16)
-    bounds, surface = (next(f for f in facts(body) if f.title == title) for title in ("Bounds", "Smooth surface"))
+    bounds, surface = (next(f for f in body_facts(body) if f.title == title) for title in ("Bounds", "Smooth surface"))
     assert "z 0 to 95.1 mm" in plain(bounds.value)
     assert "ng.Table(0)" in bounds.more
     assert re.fullmatch(r"within [\d.]+ mm of the mesh over 80 % of it", surface.value)
@@ -84,7 +83,7 @@ def test_a_table_under_a_mesh_is_where_the_mesh_ends(tmp_path):
 @pytest.mark.parametrize("name", [name for name in BODIES if "implicit" not in name])  # whose bounds are wide
 def test_axes_are_drawn_at_the_origin_and_stick_out(name):
     body = BODIES[name]
-    drawn = scene(body)
+    drawn = body_scene(body)
     axes = drawn["axes"]
     high = body.bounds[1]
     assert axes["at"] == [0.0, 0.0, 0.0]
@@ -99,7 +98,7 @@ def test_an_origin_far_away_leaves_the_axes_at_the_bodys_corner():
     mesh = trimesh.creation.box([0.08, 0.04, 0.03])
     mesh.apply_translation([0.5, 0.2, -0.3])
     body = ng.Mesh(mesh, resolution=16)
-    axes, bounds = scene(body)["axes"], next(fact for fact in facts(body) if fact.title == "Bounds")
+    axes, bounds = body_scene(body)["axes"], next(fact for fact in body_facts(body) if fact.title == "Bounds")
     assert axes["at"] == pytest.approx([0.46, 0.18, -0.315])
     assert np.subtract(axes["ends"], axes["at"]) * (1.0 - np.eye(3)) == pytest.approx(np.zeros((3, 3)))
     assert "drawn at the body's corner, as its origin is far away" in bounds.more
@@ -107,7 +106,7 @@ def test_an_origin_far_away_leaves_the_axes_at_the_bodys_corner():
 
 
 def test_the_box_of_an_implicit_body_says_nothing_of_a_table():
-    bounds = next(fact for fact in facts(BODIES["implicit"]) if fact.title == "Bounds")
+    bounds = next(fact for fact in body_facts(BODIES["implicit"]) if fact.title == "Bounds")
     assert "of the box that was stated" in bounds.more
     assert "ng.Table" not in bounds.more
 
@@ -118,7 +117,7 @@ def test_the_axes_are_on_at_first():
 
 
 def test_a_body_in_millimetres_is_doubted():
-    size, *_ = facts(ng.Box([80, 40, 30]))
+    size, *_ = body_facts(ng.Box([80, 40, 30]))
     assert (size.tone, "lengths are metres" in size.lines[0]) == ("weak", True)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.global_bound.worth import ContactWorth
+from nlpgrasp.global_bound.marginal_bound import ContactWorth
 from tests.cli.test_cli import SMALL, run_here
 
 SQUARE = ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]])

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.report.solution.starts import NONE, RISING, convergence, starts, strip
-from nlpgrasp.report.svg import HEIGHT
+from nlpgrasp.report.html_parts import HEIGHT
+from nlpgrasp.report.start_charts import NONE, RISING, convergence, starts, strip
 
 FILES = Path(__file__).parents[1] / "solution" / "files"
 

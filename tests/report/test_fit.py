@@ -4,7 +4,7 @@ import pytest
 from matplotlib import image
 
 import nlpgrasp as ng
-from nlpgrasp.tasks.learnt.fit import fit_ellipsoid
+from nlpgrasp.tasks.task_ellipsoid import fit_ellipsoid
 
 
 @pytest.mark.parametrize("d", [3, 6])

@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
-from nlpgrasp.common.shown import face
+from nlpgrasp.common import display as face
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands.inspection.inspected import without_fingertips
+from nlpgrasp.hands.inspection import without_fingertips
 from nlpgrasp.report import write_hand
 from tests.hands.urdf import FOUR, THREE_TIPS, four_finger_hand, gripper, three_finger_hand
 from tests.report.test_body import framed

@@ -1,7 +1,6 @@
 """Pages and tables as HTML."""
 
-from nlpgrasp.report.frame import page
-from nlpgrasp.report.table import Html, table
+from nlpgrasp.report.html_parts import Html, page, table
 
 
 def test_a_page_escapes_its_title_and_keeps_its_parts():

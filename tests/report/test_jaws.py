@@ -8,7 +8,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.common.spatial import in_space
-from nlpgrasp.report.scene.jaws import jaws
+from nlpgrasp.report.grasp_scene import jaws
 
 CONTACTS = np.array([[0.01, -0.02, 0.0], [0.01, 0.02, 0.005]])
 HAND = ng.ParallelJaw(opening=0.08, finger_length=0.1, finger_thickness=0.012)

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.shown import face
+from nlpgrasp.common import display as face
 from nlpgrasp.errors import InputError, MissingExtraError
-from nlpgrasp.report.live import show
-from nlpgrasp.report.live.way import between, hand_way
-from nlpgrasp.report.scene.scene import scene
-from nlpgrasp.solution.phases.phase import Phase
+from nlpgrasp.report import live_viewer as show
+from nlpgrasp.report.grasp_scene import scene
+from nlpgrasp.report.live_viewer import between, hand_way
+from nlpgrasp.solution.phase_record import Phase
 from tests.hands.urdf import three_finger_hand
 from tests.verify import honest
 

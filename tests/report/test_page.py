@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.shown.numbers import outwards
+from nlpgrasp.common.formatting import outwards
 from nlpgrasp.errors import InputError
 from nlpgrasp.report import write_pictures, write_report
 from tests.once import solve_once
@@ -279,7 +279,7 @@ def test_no_number_has_needless_digits_or_is_minus_zero(page):
 
 
 def test_arrows_balance_the_wrench(spatial):
-    from nlpgrasp.report.solution.chosen_wrenches import chosen_wrenches
+    from nlpgrasp.report.task_wrenches import chosen_wrenches
 
     for one in chosen_wrenches(spatial):
         np.testing.assert_allclose(one.forces.sum(axis=0), one.wrench[:3], atol=1e-6)
@@ -288,7 +288,7 @@ def test_arrows_balance_the_wrench(spatial):
 def test_shadows_are_convex_and_hold_the_task(spatial, planar):
     from scipy.spatial import ConvexHull
 
-    from nlpgrasp.report.solution.wrench_space import shadows
+    from nlpgrasp.report.task_wrenches import shadows
 
     for solution in (spatial, planar):
         for shadow in shadows(solution):

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.report.solution.gauge import gauge, share_left, words
-from nlpgrasp.report.solution.panel import facts, verdict
-from nlpgrasp.report.solution.sections import contacts
-from nlpgrasp.solution.findings import Robustness
-from nlpgrasp.solution.measures.global_bound import GlobalBound
+from nlpgrasp.report.key_figures import facts, gauge, share_left, verdict, words
+from nlpgrasp.report.solution_sections import contacts
+from nlpgrasp.solution.analysis_records import Robustness
+from nlpgrasp.solution.quality_record import GlobalBound
 
 FILES = Path(__file__).parents[1] / "solution" / "files"
 

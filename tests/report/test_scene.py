@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.report.scene.scene import scene
-from nlpgrasp.report.solution.chosen_wrenches import chosen_wrenches, pushed
+from nlpgrasp.report.grasp_scene import scene
+from nlpgrasp.report.task_wrenches import chosen_wrenches, pushed
 from tests.once import solve_once
 
 ONE = ng.SolveOptions(workers=1, global_bound=False)

@@ -10,13 +10,12 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.quality import Bounds
-from nlpgrasp.report.solution.chosen_wrenches import chosen_wrenches
-from nlpgrasp.report.solution.panel import facts
-from nlpgrasp.report.solution.sections import constraints
-from nlpgrasp.report.solution.starts import starts
+from nlpgrasp.report.key_figures import facts
+from nlpgrasp.report.solution_sections import constraints
+from nlpgrasp.report.start_charts import starts
+from nlpgrasp.report.task_wrenches import chosen_wrenches
 from nlpgrasp.solution import ConstraintReport
-from nlpgrasp.solution.measures.global_bound import GlobalBound
-from nlpgrasp.solution.measures.quality import held_words
+from nlpgrasp.solution.quality_record import GlobalBound, held_words
 from nlpgrasp.solution.records import Status
 
 FILES = Path(__file__).parents[1] / "solution" / "files"

@@ -7,9 +7,9 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.bodies.mesh.triangles import triangles
-from nlpgrasp.common.shown.drawing import Triangles
-from nlpgrasp.report.scene.surfaces import cut, surface
+from nlpgrasp.bodies.mesh.display_triangles import triangles
+from nlpgrasp.common.drawing import Triangles
+from nlpgrasp.report.scene_parts import cut, surface
 from tests.samples import BODIES
 
 

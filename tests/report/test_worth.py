@@ -7,9 +7,9 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.global_bound.worth import ContactWorth
+from nlpgrasp.global_bound.marginal_bound import ContactWorth
 from nlpgrasp.report import write_report
-from nlpgrasp.report.solution.worth import EXCLUDED, SCALE, _colour, coloured, worth
+from nlpgrasp.report.solution_sections import EXCLUDED, SCALE, _colour, coloured, worth
 
 ONE = ng.SolveOptions(workers=1, analyses=["drawing"])
 BOX = ng.GraspProblem(

@@ -12,10 +12,9 @@ from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
 from nlpgrasp.errors import InputError
-from nlpgrasp.mjcf import mjcf_with_hand
-from nlpgrasp.simulation.hand.motion import Motion, Pose
-from nlpgrasp.simulation.hand.table import result, row
-from nlpgrasp.simulation.hand.world import HandWorld
+from nlpgrasp.simulation.hand_outcome import result, row
+from nlpgrasp.simulation.hand_world import HandWorld, Motion, Pose
+from nlpgrasp.simulation.robot_hand_scene import mjcf_with_hand
 from tests.hands.urdf import three_finger_hand
 from tests.images import panels_drawn
 from tests.once import GRASP, solve_once

@@ -7,19 +7,17 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.bodies.mesh.triangles import triangles
-from nlpgrasp.cli.script import load_problem
-from nlpgrasp.common.shown.drawing import Drawing, Triangles
+from nlpgrasp.bodies.mesh.display_triangles import triangles
+from nlpgrasp.cli.problem_script import load_problem
+from nlpgrasp.common.drawing import Drawing, Triangles
 from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.quality import Bounds
 from nlpgrasp.simulation import simulate
-from nlpgrasp.simulation.conditions import as_felt, displaced
-from nlpgrasp.simulation.contact_moments import components
-from nlpgrasp.simulation.given import given
-from nlpgrasp.simulation.loads import answered, gripping
-from nlpgrasp.simulation.outcome import Simulation, Trial
-from nlpgrasp.simulation.snapshot import Snapshot
-from nlpgrasp.simulation.strip import write_strip
+from nlpgrasp.simulation.fingertip_model import Snapshot, components
+from nlpgrasp.simulation.fingertip_outcome import Simulation, Trial
+from nlpgrasp.simulation.picture_strips import write_strip
+from nlpgrasp.simulation.simulate import answered, as_felt, displaced, gripping
+from nlpgrasp.simulation.simulation_input import given
 from tests.images import panels_drawn, size
 from tests.once import solve_once
 from tests.test_problems import VALUES

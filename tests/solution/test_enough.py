@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from nlpgrasp.solution.squeezed.enough import slippery, too_weak
+from nlpgrasp.solution.squeeze_record import slippery, too_weak
 
 NEEDED = SimpleNamespace(normal=np.array([4.0, 12.2, 7.0]))
 

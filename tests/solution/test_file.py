@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.shown.drawing import Drawing, Triangles
+from nlpgrasp.common.drawing import Drawing, Triangles
 from nlpgrasp.solution.file import parse, text_of
 from tests.once import solve_once
 

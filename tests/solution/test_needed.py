@@ -5,8 +5,8 @@ import json
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.shown.numbers import rounded
-from nlpgrasp.problem.from_dict import problem_from_dict
+from nlpgrasp.common.formatting import rounded
+from nlpgrasp.problem.problem import problem_from_dict
 from nlpgrasp.report import write_report
 from tests.verify.edits import failed, put, together
 from tests.verify.stated import edited

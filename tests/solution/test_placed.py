@@ -5,7 +5,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.solution import SurfaceMatch
-from nlpgrasp.solution.placed import PlacedGrasp
+from nlpgrasp.solution.placed_grasp import PlacedGrasp
 
 SIZE = 0.1  # metres between the contacts
 

@@ -10,9 +10,9 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.quality import Bounds, Volume
 from nlpgrasp.solution import UNKNOWN, Conflict, ConstraintReport, StartRecord, SurfaceMatch
-from nlpgrasp.solution.measures.forces import HeldWrench, forces_and_moments, held_wrenches
-from nlpgrasp.solution.measures.quality import Quality
-from nlpgrasp.solution.placed import PlacedGrasp
+from nlpgrasp.solution.force_records import HeldWrench, forces_and_moments, held_wrenches
+from nlpgrasp.solution.placed_grasp import PlacedGrasp
+from nlpgrasp.solution.quality_record import Quality
 from nlpgrasp.solution.records import Origin
 
 START = StartRecord(

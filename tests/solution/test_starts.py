@@ -10,7 +10,7 @@ import nlpgrasp as ng
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution import UNKNOWN, StartRecord
 from nlpgrasp.solution.records import Status
-from nlpgrasp.solution.starts import passed_over, solver_words, starts_lines, why_no_grasp
+from nlpgrasp.solution.start_summary import passed_over, solver_words, starts_lines, why_no_grasp
 
 LIMIT, WELL = "Maximum_Iterations_Exceeded", "Solve_Succeeded"
 BOX = Path(__file__).parent / "files" / "box.json"

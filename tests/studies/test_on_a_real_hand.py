@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.common.rows import Row
+from nlpgrasp.common.scalar_constraints import Row
 from nlpgrasp.constraints.base import PlacementConstraint
 from tests.hands.urdf import FOUR, Mujoco, four_finger_hand
 

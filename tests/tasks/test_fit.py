@@ -6,7 +6,7 @@ from scipy.optimize import minimize
 from scipy.stats import chi2
 
 import nlpgrasp as ng
-from nlpgrasp.tasks.learnt.min_volume import min_volume_ellipsoid
+from nlpgrasp.tasks.enclosing_ellipsoid import min_volume_ellipsoid
 from tests.samples import random_rotation
 
 

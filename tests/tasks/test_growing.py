@@ -5,12 +5,10 @@ import pytest
 from scipy.optimize import minimize
 
 import nlpgrasp as ng
-from nlpgrasp.tasks.learnt.growing import least_volume
-from nlpgrasp.tasks.learnt.growing.cover import Shape, farthest
-from nlpgrasp.tasks.learnt.growing.least_volume import LeastVolume
-from nlpgrasp.tasks.learnt.growing.moments import Moments
-from nlpgrasp.tasks.learnt.growing.normal import Normal
-from nlpgrasp.tasks.learnt.min_volume import MinVolume
+from nlpgrasp.tasks import growing_ellipsoids as least_volume
+from nlpgrasp.tasks.ellipsoid_covers import Shape, farthest
+from nlpgrasp.tasks.enclosing_ellipsoid import MinVolume
+from nlpgrasp.tasks.growing_ellipsoids import LeastVolume, Moments, Normal
 from tests.tasks.clouds import CLOUDS
 
 UNITS = np.array([4.0, 1.0, 9.0, 0.05, 0.2, 0.01])

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.tasks.library.entry_file import entry_schema, read_entry
-from nlpgrasp.tasks.library.folder import Folder
+from nlpgrasp.tasks.library.entry import entry_schema, read_entry
+from nlpgrasp.tasks.library.library import Folder
 
 UNITS = np.array([4.0, 1.0, 9.0, 0.05, 0.2, 0.01])
 PAPER_PEG = [[2.0, 1.5, 5.0, 0.12, 0.10, 0.02], [0.5, 0.0, -3.0, 0.0, 0.0, 0.0]]

@@ -7,11 +7,11 @@ import numpy as np
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.surface.beside import beside
-from nlpgrasp.optimize.workbench.placed import Placed
-from nlpgrasp.optimize.workbench.row_values import RowValues
+from nlpgrasp.optimize.candidate import Placed
+from nlpgrasp.optimize.constraint_values import RowValues
+from nlpgrasp.optimize.grasp_on_body import beside
 from nlpgrasp.solution.records import ConstraintReport
-from nlpgrasp.verify.recomputed import recomputed
+from nlpgrasp.verify.recomputation import recomputed
 from nlpgrasp.verify.sources import Sources
 
 

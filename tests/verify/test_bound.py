@@ -10,7 +10,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.common.files import write_text
-from nlpgrasp.solution.measures.global_bound import GlobalBound
+from nlpgrasp.solution.quality_record import GlobalBound
 from nlpgrasp.verify.bound.proof import Proof
 from nlpgrasp.verify.sources import Sources
 from tests.quick import every

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.verify.claims.outcome import outcome_checks
+from nlpgrasp.verify.outcome_checks import outcome_checks
 from tests.quick import first
 from tests.verify import honest
 from tests.verify.edits import failed, put, together, unbounded, verified

@@ -8,7 +8,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
-from nlpgrasp.verify.bodies.convex import convex_corners, way_out
+from nlpgrasp.verify.convex_solids import convex_corners, way_out
 from nlpgrasp.verify.registry import BODIES
 from nlpgrasp.verify.sources import Sources
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
-from nlpgrasp.problem.fields import distance_to_all, fields_of
+from nlpgrasp.motion.distance_fields import distance_to_all, fields_of
 from tests.verify.stated import edited, problem_of, recomputed_file, stated_file
 
 BODY = ng.Box([0.08, 0.04, 0.06])

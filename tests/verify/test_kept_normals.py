@@ -8,7 +8,7 @@ import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.verify.sources import Sources
-from nlpgrasp.verify.surface import surface_checks
+from nlpgrasp.verify.surface_checks import surface_checks
 from tests.hands.urdf import FOLDER, gripper
 from tests.verify.stated import problem_of, stated_file
 

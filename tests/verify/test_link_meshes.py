@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.solution.link_depth import LinkDepth
+from nlpgrasp.solution.obstructions import LinkDepth
 from tests.hands.described import FINGER, PALM, two_fingers
 from tests.verify.edits import put
 from tests.verify.stated import edited, problem_of, recomputed_file, stated_file

@@ -8,9 +8,9 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.global_bound.branch_and_bound import BranchAndBound
-from nlpgrasp.global_bound.cells import mesh
-from nlpgrasp.verify.bound.cells.mesh import halved
+from nlpgrasp.global_bound.cells import mesh_cells as mesh
 from nlpgrasp.verify.bound.proof import Proof
+from nlpgrasp.verify.bound.stated_cells import halved
 from nlpgrasp.verify.sources import Sources
 from tests.global_bound.samples import bent_bar
 from tests.quick import first

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.verify.ownership import Scales
+from nlpgrasp.verify.recomputation import Scales
 from tests.hands.urdf import GRIPPER, gripper
 from tests.verify import honest
 from tests.verify.edits import failures, row

@@ -3,7 +3,7 @@
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.verify.ownership import constraint_owner, hand_owner, links_owner
+from nlpgrasp.verify.recomputation import constraint_owner, hand_owner, links_owner
 from tests.verify import honest
 from tests.verify.edits import drop, failures, put
 from tests.verify.stated import contacts_on, edited, problem_of, stated_file

@@ -7,7 +7,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.analysis.squeeze import with_squeeze
-from nlpgrasp.motion.phases.keyframes import keyframes
+from nlpgrasp.motion.keyframes import keyframes
 from tests.hands.urdf import FOLDER, three_finger_hand
 from tests.studies.held_box import grasped
 from tests.verify import honest

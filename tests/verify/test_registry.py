@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.rows import Row
+from nlpgrasp.common.scalar_constraints import Row
 from nlpgrasp.constraints import PlacementConstraint
 from nlpgrasp.verify import RowValue, register_constraint
 from nlpgrasp.verify.registry import CONSTRAINTS

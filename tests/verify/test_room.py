@@ -5,10 +5,10 @@ from functools import cache
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.posture.margins import Margins
-from nlpgrasp.solution.joint_room import JointRoom, room_lines
+from nlpgrasp.optimize.refine import Margins
+from nlpgrasp.solution.analysis_records import JointRoom, room_lines
 from nlpgrasp.solution.records import StartRecord, Status
-from nlpgrasp.verify.claims.outcome import outcome_checks
+from nlpgrasp.verify.outcome_checks import outcome_checks
 from tests.hands.urdf import FOLDER, three_finger_hand
 from tests.verify import honest
 from tests.verify.edits import failures, put

@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.verify.bodies.triangles import TriangleSurface
+from nlpgrasp.verify.surface_geometry import TriangleSurface
 from tests.hands.urdf import FOLDER
 from tests.verify import honest
 from tests.verify.stated import edited, recomputed_file

@@ -8,7 +8,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.analysis.squeeze import with_squeeze
-from nlpgrasp.verify.claims.squeeze import squeeze_checks
+from nlpgrasp.verify.force_checks import squeeze_checks
 from tests.hands.urdf import FOLDER, three_finger_hand
 from tests.verify import honest
 from tests.verify.edits import a_little, failures, put, together

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.verify.hands.urdf import urdf
+from nlpgrasp.verify.numeric_urdf_hand import urdf
 from nlpgrasp.verify.sources import Sources
 from tests.hands.urdf import FOLDER, THREE, THREE_TIPS, four_finger_hand, gripper, three_finger_hand
 from tests.verify import honest

@@ -6,13 +6,13 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
+from nlpgrasp.verify.chain_kinematics import links_below, poses
 from nlpgrasp.verify.check import NotMadeError
-from nlpgrasp.verify.hands.kinematics import links_below, poses
-from nlpgrasp.verify.hands.tips import Touching, touching_rows
-from nlpgrasp.verify.placement import StatedPlacement
-from nlpgrasp.verify.recomputed import link_rows
+from nlpgrasp.verify.numeric_urdf_hand import Touching, touching_rows
+from nlpgrasp.verify.recomputation import link_rows
 from nlpgrasp.verify.registry import BODIES, CONSTRAINTS, HANDS
 from nlpgrasp.verify.sources import Sources
+from nlpgrasp.verify.stated_placement import StatedPlacement
 from tests import samples
 from tests.hands.urdf import FOUR, GRIPPER, PADS, THREE, Mujoco
 from tests.verify.stated import contacts_on, problem_of, recomputed_file, stated_file

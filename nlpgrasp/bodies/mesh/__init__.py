@@ -1,4 +1,4 @@
-"""Bodies from triangle meshes: loading, repair, smoothed signed distance."""
+"""Bodies from triangle meshes."""
 
 from nlpgrasp.bodies.mesh.mesh import Mesh
 

@@ -9,13 +9,11 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from nlpgrasp.common.meshes.crossings import meeting_boxes, normals_of
-from nlpgrasp.common.meshes.frame import in_frame, local_origin
-from nlpgrasp.common.meshes.merged import merged_mesh
-from nlpgrasp.common.meshes.parts import Parts, with_own_vertices, without_doubles
-from nlpgrasp.common.meshes.search_tree import IntArray, SearchTree
-from nlpgrasp.common.shown.numbers import percent, rounded, vector
-from nlpgrasp.common.stored.cache import kept
+from nlpgrasp.common.cache import kept
+from nlpgrasp.common.formatting import percent, rounded, vector
+from nlpgrasp.common.meshes.intersections import meeting_boxes, normals_of
+from nlpgrasp.common.meshes.search_tree import IntArray, SearchTree, in_frame, local_origin
+from nlpgrasp.common.meshes.topology import Parts, merged_mesh, with_own_vertices, without_doubles
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 

@@ -9,8 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from nlpgrasp.bodies.base import Body
-from nlpgrasp.bodies.face import Face
+from nlpgrasp.bodies.base import Body, Face
 from nlpgrasp.bodies.mesh.mesh import Mesh
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray

@@ -1,23 +1,110 @@
-"""Smoothed signed distance of a triangle mesh: grid, Gaussian filter, tensor-product cubic B-spline."""
+"""Smoothed signed distance of a mesh: grid, Gaussian filter, cubic B-spline, resolution from the wall thickness."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from nlpgrasp.bodies.mesh.fineness import AROUND
-from nlpgrasp.common.meshes.frame import in_frame, local_origin
-from nlpgrasp.common.meshes.search_tree import IntArray, SearchTree
-from nlpgrasp.common.stored.cache import kept
+from nlpgrasp.bodies.base import Body
+from nlpgrasp.common.cache import kept
+from nlpgrasp.common.meshes.search_tree import IntArray, SearchTree, in_frame, local_origin
 from nlpgrasp.common.validation import FloatArray
 
-Distance = Callable[[FloatArray], FloatArray]  # of points (m, 3), metres
+if TYPE_CHECKING:
+    import trimesh
+
+
+LONGEST_SIDE, SHORTEST_SIDE = 48, 16  # least number of grid cells along these sides
+MOST_POINTS = 600_000
+AROUND = 5  # grid cells beyond the mesh (a CasADi B-spline is zero outside its grid, so normals are NaN)
+FINEST = 400  # largest number of cells along the longest side
+SMOOTHING, LEAST_SMOOTHING = 1.5, 0.75  # cells, Gaussian's deviation: default, and least before the grid is refined
+DEVIATIONS = 2.4  # standard deviations of the Gaussian per wall thickness, at least
 EXACT_CELLS, EXACT_UNSMOOTHED = 3, 5  # grid cells from the surface within which distances are exact
+RAYS, THIN = 2000, 0.2  # number of rays; quantile of their lengths
+SCALED, BEHIND = 1e3, 1e-3  # diagonal of the scaled mesh, and depth below its surface at which rays begin
+STEPS = 12
+MOST_OF_IT = 0.8  # quantile over the surface
+
+
+@dataclass(frozen=True)
+class Fineness:
+    """Resolution of a distance grid and standard deviation of its Gaussian filter.
+
+    Parameters
+    ----------
+    smoothing : float
+        Standard deviation, in cells.
+    resolution : int
+        Cells along the longest side.
+    """
+
+    smoothing: float
+    resolution: int
+
+
+def automatic_fineness(
+    extents: FloatArray, wall: float, smoothing: float | None = None, resolution: int | None = None
+) -> Fineness:
+    """Choose resolution and smoothing such that 2.4 standard deviations of the Gaussian fit into a wall.
+
+    Given values are kept. The Gaussian lifts the distance inside a wall from both sides, so a wide one moves the smooth
+    surface inwards: by a sixteenth of an even wall's thickness at 2.4 deviations, and at less than 1.6 the wall
+    vanishes. Thick walls get a Gaussian of 1.5 cells on the default grid. For thinner walls the smoothing is reduced
+    first, which costs nothing; below 0.75 cells the grid is refined, up to 600,000 points, and where these do not
+    suffice the smoothing is reduced further.
+
+    Parameters
+    ----------
+    extents : (3,) array
+        Sides of the bounding box, metres.
+    wall : float
+        Thickness, metres.
+    smoothing : float, optional
+        In cells.
+    resolution : int, optional
+        Cells along the longest side.
+    """
+    cells = DEVIATIONS * float(np.max(extents)) / wall  # along the longest side, for a Gaussian of one cell
+    if resolution is None:
+        least = max(LEAST_SMOOTHING, 0.0 if smoothing is None else smoothing)
+        usual = automatic_resolution(extents)
+        resolution = max(usual, _within(int(np.ceil(min(cells * least, FINEST))), extents, usual))
+    if smoothing is None:
+        smoothing = min(SMOOTHING, np.floor(100.0 * resolution / cells) / 100.0)
+    return Fineness(float(smoothing), resolution)
+
+
+def automatic_resolution(extents: FloatArray) -> int:
+    """Return the number of grid cells along the longest side: enough for the shortest, at most 600,000 points.
+
+    On a grid too coarse for a slender part, smoothing dissolves it: at 48 cells a hammer's handle moved by 13 mm.
+
+    Parameters
+    ----------
+    extents : (3,) array
+        Sides of the bounding box, metres.
+    """
+    longest, shortest = float(np.max(extents)), float(max(np.min(extents), 1e-6))
+    wanted = max(LONGEST_SIDE, int(np.ceil(SHORTEST_SIDE * longest / shortest)))
+    return _within(wanted, extents, LONGEST_SIDE)
+
+
+def _within(resolution: int, extents: FloatArray, least: int) -> int:
+    """Return the resolution, reduced to at most 600,000 grid points but not below ``least``."""
+    while resolution > least:
+        if np.prod(extents / np.max(extents) * resolution + 1 + 2 * AROUND) <= MOST_POINTS:
+            break
+        resolution -= max(1, resolution // 20)
+    return max(resolution, least)
+
+
+Distance = Callable[[FloatArray], FloatArray]  # of points (m, 3), metres
 
 
 @dataclass(frozen=True)
@@ -174,3 +261,80 @@ def _fitted(
         knots[f"knots {axis}"] = np.asarray(spline.t, dtype=float)
     box = np.array([[a[0] + cell for a in axes], [a[-1] - cell for a in axes]])
     return {**knots, "coefficients": np.ascontiguousarray(field), "box": box}
+
+
+def wall_thickness(mesh: trimesh.Trimesh) -> float:
+    """Return a mesh's wall thickness, metres: the 20th percentile over the surface.
+
+    Rays go inwards along the normals from points uniform by area; their length to the next intersection with the
+    surface is the thickness. A quantile well above zero ignores chamfers and noise.
+
+    Parameters
+    ----------
+    mesh : trimesh.Trimesh
+        Closed, vertices in metres.
+    """
+    made_from = [np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=np.int64)]
+    return float(kept("wall", made_from, lambda: {"thickness": np.array(_thickness(mesh))})["thickness"])
+
+
+def _thickness(mesh: trimesh.Trimesh) -> float:
+    import igl
+    import trimesh
+
+    # libigl takes triangles with edges of about a thousandth for degenerate, so a scan in metres would let rays through
+    scale = SCALED / float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+    stated = np.asarray(mesh.vertices, dtype=float)
+    origin = local_origin(stated)
+    vertices = np.ascontiguousarray(in_frame(stated, origin) * scale)
+    faces = np.ascontiguousarray(mesh.faces, dtype=np.int64)
+    points, triangles = trimesh.sample.sample_surface(mesh, RAYS, seed=np.random.default_rng(0))
+    inwards = -np.asarray(mesh.face_normals)[triangles]
+    origins = np.ascontiguousarray(in_frame(np.asarray(points), origin) * scale + BEHIND * inwards)
+    tree = igl.AABB()
+    tree.init(vertices, faces)
+    met, ways, _ = tree.intersect_ray_first(vertices, faces, origins, np.ascontiguousarray(inwards))
+    through: FloatArray = np.where(np.asarray(met).ravel() >= 0, np.asarray(ways, dtype=float).ravel(), SCALED)
+    return float(np.quantile(through + BEHIND, THIN)) / scale
+
+
+@dataclass(frozen=True)
+class SmoothOffset:
+    """Distances between a mesh and its smoothed surface.
+
+    Parameters
+    ----------
+    most : float
+        The 80th percentile, metres.
+    largest : float
+        The largest over the sampled points, metres.
+    """
+
+    most: float
+    largest: float
+
+
+def smooth_offset(body: Body, start: FloatArray, cell: float, wall: float) -> SmoothOffset:
+    """Return the distances of sampled mesh points from the smoothed surface.
+
+    Newton steps of at most a grid cell lead from each point to the smoothed surface. Where they do not end on it, none
+    is nearby, and the distance counts as at least half the wall thickness.
+
+    Parameters
+    ----------
+    body : Body
+        With the smooth surface as its face ``surface``.
+    start : (m, 3) array
+        Points of the mesh, uniform by area, metres.
+    cell : float
+        Metres.
+    wall : float
+        Thickness of the mesh's walls, metres.
+    """
+    points = start
+    for _ in range(STEPS):
+        h, slope, normals, _ = body.evaluate("surface", points)
+        points = points - np.clip(h / np.maximum(slope, 1e-12), -cell, cell)[:, None] * normals
+    away = np.linalg.norm(points - start, axis=1)
+    away = np.where(body.is_on("surface", points), away, np.maximum(away, wall / 2.0))
+    return SmoothOffset(float(np.quantile(away, MOST_OF_IT)), float(np.max(away)))

@@ -1,1 +1,1 @@
-"""Triangle meshes: reading, repair, union, search trees, mass properties."""
+"""Triangle meshes: reading, repair, search trees, intersections, mass properties."""

@@ -1,4 +1,4 @@
-"""Reading, repair and validation of triangle meshes.
+"""Reading, scaling and validation of mesh files.
 
 Both bodies and the independent verification read meshes here; the digest shows whether both have the same triangles.
 """
@@ -12,22 +12,60 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nlpgrasp.common.files import kind_of
-from nlpgrasp.common.given.lengths import metres_per
-from nlpgrasp.common.meshes.frame import in_frame, local_origin
-from nlpgrasp.common.meshes.merged import is_plain, merged_mesh, open_edges
-from nlpgrasp.common.meshes.outer import outer_surface
-from nlpgrasp.common.meshes.parts import without_doubles
-from nlpgrasp.common.meshes.rounding import coarse_rounding
-from nlpgrasp.common.meshes.search_tree import IntArray
-from nlpgrasp.common.meshes.winding import OPEN_SHARE, unclear_share
-from nlpgrasp.common.shown.once import say_once
-from nlpgrasp.common.validation import LONGEST_BODY, FloatArray, likely_size
+from nlpgrasp.common.meshes.outer_surface import outer_surface
+from nlpgrasp.common.meshes.search_tree import OPEN_SHARE, IntArray, in_frame, local_origin, unclear_share
+from nlpgrasp.common.meshes.topology import is_plain, merged_mesh, open_edges, without_doubles
+from nlpgrasp.common.user_warnings import say_once
+from nlpgrasp.common.validation import LONGEST_BODY, UNITS, FloatArray, likely_size, metres_per
 from nlpgrasp.errors import InputError
 
 if TYPE_CHECKING:
     import trimesh
 
+
+COARSE = 1e-4  # of the longest side: rounding step above which a warning is due
+LOST = 0.02  # of the longest side: rounding step above which the shape is lost
+DOUBLE = 4.0 * np.finfo(float).eps  # relative error of a scaled coordinate
+DIGITS = 9  # significant decimal digits up to which a coordinate counts as decimal
+SMALLEST = 1e-300
 LARGE = 3.0  # m, length above which another unit is suspected
+
+
+def coarse_rounding(vertices: FloatArray) -> str | None:
+    """Return a warning if vertices (v, 3), metres, have coarse single-precision steps, else None.
+
+    The file's unit is unknown here, since vertices are already scaled to metres; all known units are tried.
+
+    Raises
+    ------
+    InputError
+        When the steps are so coarse that the shape is lost.
+    """
+    longest, farthest = float(np.max(np.ptp(vertices, axis=0))), float(np.max(np.abs(vertices)))
+    if float(np.spacing(np.float32(farthest))) <= COARSE * longest / 2.0:  # scaling moves it by less than 2
+        return None
+    for factor in UNITS.values():
+        stated = vertices / factor
+        step = factor * float(np.spacing(np.float32(np.max(np.abs(stated)))))
+        if step > COARSE * longest and _is_single(stated) and not _is_decimal(stated):
+            text = f"coordinates of single precision, in steps of {1e3 * step:.2g} mm this far from the origin"
+            beside = f"{text} ({farthest:.4g} m), which is coarse for a part of {1e3 * longest:.3g} mm"
+            if step > LOST * longest:
+                raise InputError("Mesh.vertices", beside, "a part exported near the origin")
+            return f"the mesh has {beside}: export it near the origin"
+    return None
+
+
+def _is_single(stated: FloatArray) -> bool:
+    """Return whether coordinates (v, 3) of a file have single precision, up to scaling errors."""
+    return bool(np.all(np.abs(stated - stated.astype(np.float32)) <= DOUBLE * np.abs(stated)))
+
+
+def _is_decimal(stated: FloatArray) -> bool:
+    """Return whether coordinates (v, 3) of a file are decimal numbers with few digits."""
+    largest = np.maximum(np.abs(stated), SMALLEST)
+    scale = 10.0 ** (DIGITS - 1 - np.floor(np.log10(largest)))
+    return bool(np.all(np.abs(stated * scale - np.round(stated * scale)) <= DOUBLE * scale * largest))
 
 
 def read_mesh(path: str | Path, unit: str) -> trimesh.Trimesh:

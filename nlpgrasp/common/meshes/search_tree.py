@@ -1,4 +1,4 @@
-"""Search trees of triangle meshes: nearest points, winding numbers, signed distances."""
+"""Nearest points, winding numbers and signed distances of triangle meshes."""
 
 from __future__ import annotations
 
@@ -10,15 +10,47 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from nlpgrasp.common.meshes.frame import in_frame, local_origin
 from nlpgrasp.common.validation import FloatArray
 
 if TYPE_CHECKING:
     import igl
 
-IntArray = NDArray[np.integer]
 
+FAR = 16.0  # longest sides: distance from the origin beyond which local coordinates are used
 AWAY = 2.0  # longest sides: distance from the origin beyond which trees use local coordinates
+BESIDE = 1e-6  # of the size: offset of test points from a triangle (STL files round to about a tenth of it)
+SAMPLES = 4000  # sample points in the bounding box
+SPREAD = 2000  # sample points on the surface
+UNCLEAR = 0.2  # distance of a winding number from an integer above which the inside is ambiguous
+OPEN_SHARE = 0.01  # of the bounding box: largest accepted share with an ambiguous inside
+
+
+def local_origin(points: FloatArray, beyond: float = FAR) -> FloatArray:
+    """Return the origin (3,) of local coordinates of points (n, 3), metres: the box centre on each far axis.
+
+    It is 0 on the other axes. With ``beyond`` of at least 1 the difference of a point and this origin, and the inverse
+    sum, are exact in floating point (Sterbenz), so points are restored exactly.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        Metres.
+    beyond : float
+        Distance from the origin that counts as far, in longest sides of the bounding box.
+    """
+    if not len(points):
+        return np.zeros(3)
+    lower, upper = points.min(axis=0), points.max(axis=0)
+    centre = lower + (upper - lower) / 2.0
+    return np.where(np.abs(centre) > beyond * float(np.max(upper - lower)), centre, 0.0)
+
+
+def in_frame(points: FloatArray, origin: FloatArray) -> FloatArray:
+    """Return points (..., 3) relative to an origin (3,); unchanged if it is 0."""
+    return points - origin if np.any(origin) else points
+
+
+IntArray = NDArray[np.integer]
 
 _every: weakref.WeakSet[SearchTree] = weakref.WeakSet()
 
@@ -102,3 +134,33 @@ class SearchTree:
         """Return the signed distances (m,), metres, of points (m, 3) from the nearest point, negative inside."""
         inside = np.abs(self.winding_numbers(points)) > 0.5
         return np.asarray(np.where(inside, -1.0, 1.0) * np.sqrt(self.nearest(points)[0]))
+
+
+def unclear_share(vertices: FloatArray, faces: IntArray) -> float:
+    """Return the share of the bounding box where the winding number is far from an integer."""
+    rng = np.random.default_rng(0)
+    points = rng.uniform(vertices.min(axis=0), vertices.max(axis=0), (SAMPLES, 3))
+    winding = SearchTree(vertices, faces).winding_numbers(points)
+    return float(np.mean(np.abs(winding - np.round(winding)) > UNCLEAR))
+
+
+def buried(vertices: FloatArray, faces: IntArray, points: FloatArray, normals: FloatArray) -> NDArray[np.bool_]:
+    """Return which surface points (m, 3) with outward unit normals (m, 3) have the inside on both sides, (m,)."""
+    step = BESIDE * float(np.linalg.norm(np.ptp(vertices, axis=0))) * normals
+    tree = SearchTree(vertices, faces)
+    result = tree.winding_numbers(points + step) > 0.5
+    behind = np.flatnonzero(result)
+    result[behind] = tree.winding_numbers(points[behind] - step[behind]) > 0.5
+    return result
+
+
+def buried_share(vertices: FloatArray, faces: IntArray) -> float:
+    """Return the buried share of the mesh's area, from points uniform by area."""
+    corners = vertices[faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(across, axis=1)
+    total = np.cumsum(area)
+    which = np.searchsorted(total, (np.arange(SPREAD) + 0.5) / SPREAD * total[-1])
+    shares = np.random.default_rng(0).dirichlet(np.ones(3), SPREAD)
+    points = np.einsum("ij,ijk->ik", shares, corners[which])
+    return float(np.mean(buried(vertices, faces, points, across[which] / area[which, None])))

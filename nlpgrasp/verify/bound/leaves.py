@@ -1,4 +1,8 @@
-"""Recomputation of a certificate's leaf bounds from cells and dual weights of directions.
+"""Recomputation of a certificate's leaf bounds from the supports of single contacts.
+
+For the velocity v of a contact point and the twist's angular velocity tau, a force with normal part n does the work
+``n v_n + f_t . v_t + m tau_n``. Its largest value depends on v_n and the magnitudes a = |v_t| and |tau_n| alone, each
+with a coefficient c.
 
 For weights w >= 0 of directions y, a grasp of the quality mu has ``mu^p sum w phi_A(y)^p <= sum w phi_G(y)^p``, and
 ``phi_G(y)^p <= sum of s_i(y)^p`` over its contacts. So mu^p is at most the sum over the contacts' cells of
@@ -9,21 +13,172 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.tasks import Task
-from nlpgrasp.verify.bound.cells.cell import Rows, Sheet
-from nlpgrasp.verify.bound.cells.mesh import MeshCell
 from nlpgrasp.verify.bound.node_cover import Group
-from nlpgrasp.verify.bound.supports import Budget, Contact
+from nlpgrasp.verify.bound.stated_cells import MeshCell, Rows, Sheet
+from nlpgrasp.verify.check import NotMadeError
 
+NARROWINGS = 50  # steps that shrink an interval of angles by a third: to the square root of rounding
+BUDGETS = {"l2": (2.0, True), "per_finger": (1.0, False), "per_finger_size": (1.0, True), "shared": (8.0, False)}
 MARGIN = 1e-9  # relative guard against rounding, added to every bound
 MATTERS = 0.5  # share of the largest leaf bound below which leaves are not resolved further
 ROUNDS, MOST_PARTS = 8, 20_000  # subdivision rounds of curved cells, and most parts of a leaf
 PART = 4000  # mesh corners in a batch
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Force budget of the bound: ``phi_G^p <= sum of s^p``, or the largest s for a shared budget.
+
+    Parameters
+    ----------
+    power : float
+        p.
+    lengths : bool
+        Whether the budget counts a force's length, not its normal part.
+    shared : bool
+    """
+
+    power: float
+    lengths: bool
+    shared: bool
+
+    @classmethod
+    def of(cls, data: str | Json) -> Budget:
+        """Return the budget of its JSON data; raise ``NotMadeError`` on an unknown kind."""
+        kind = data if isinstance(data, str) else str(data["type"])
+        if kind not in BUDGETS:
+            raise NotMadeError(f"nothing recomputes bounds under the force budget {kind!r}")
+        return cls(*BUDGETS[kind], shared=kind == "shared")
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Contact model: normal force, friction, torsion.
+
+    Parameters
+    ----------
+    coefficients : tuple of float
+        Coefficients of friction, and of torsion in metres, if any.
+    elliptic : bool
+        Whether friction and torsion share one ellipse.
+    budget : Budget
+    """
+
+    coefficients: tuple[float, ...]
+    elliptic: bool
+    budget: Budget
+
+    @classmethod
+    def of(cls, data: Json, budget: Budget) -> Contact:
+        """Return the contact of its JSON data; raise ``NotMadeError`` on other models than point, friction or soft."""
+        names = {"point": (), "friction": ("friction",), "soft": ("friction", "torsional_friction")}.get(data["model"])
+        if names is None:
+            raise NotMadeError(f"nothing recomputes bounds for a {data['model']} contact")
+        elliptic = len(names) == 2 and data.get("torsion_model", "box") == "elliptic"
+        return cls(tuple(number(name, data[name], above=0.0) for name in names), elliptic, budget)
+
+    @property
+    def steepness(self) -> float:
+        """Length of the longest force that uses one unit."""
+        return 1.0 if self.budget.lengths else float(np.sqrt(1.0 + sum(c**2 for c in self.coefficients)))
+
+    def work(self, normal: FloatArray, sizes: Sequence[FloatArray]) -> FloatArray:
+        """Return the largest work of one unit, given velocities along the normal and magnitudes in each other part."""
+        parts = list(zip(self.coefficients, sizes, strict=False))
+        if not self.budget.lengths:
+            others = [c * a for c, a in parts]
+            both = np.hypot(*others) if self.elliptic else sum(others)
+            return np.maximum(normal + both, 0.0)
+        return self._elliptic(normal, *sizes) if self.elliptic else self._longest(normal, parts)
+
+    def _longest(self, normal: FloatArray, parts: Sequence[tuple[float, FloatArray]]) -> FloatArray:
+        """Return the length of the projection onto ``a <= c n`` for every part.
+
+        The squared distance at a normal force n is ``(n - v_n)^2 + sum of (a - c n)_+^2``. Its slope is the least of
+        ``n - v_n - sum over A of c (a - c n)`` over sets A of parts, so that it vanishes at the largest of their roots.
+        """
+        n = np.maximum(normal, 0.0)
+        for chosen in product((False, True), repeat=len(parts)):
+            own = [part for part, there in zip(parts, chosen, strict=True) if there]
+            n = np.maximum(n, (normal + sum(c * a for c, a in own)) / (1.0 + sum(c**2 for c, _ in own)))
+        return np.asarray(np.sqrt(n**2 + sum(np.minimum(a, c * n) ** 2 for c, a in parts)))
+
+    def _elliptic(self, normal: FloatArray, sliding: FloatArray, turning: FloatArray) -> FloatArray:
+        """Return the length of the projection onto ``|(f_t / c_1, m / c_2)| <= n``, by search over the cone's rim."""
+        c, d = self.coefficients
+
+        def along(angle: FloatArray) -> FloatArray:
+            x, y = c * np.cos(angle), d * np.sin(angle)
+            return np.asarray((normal + x * sliding + y * turning) / np.sqrt(1.0 + x**2 + y**2))
+
+        low, high = np.zeros_like(normal), np.full_like(normal, 0.5 * np.pi)
+        for _ in range(NARROWINGS):
+            third = (high - low) / 3.0
+            rising = along(low + third) < along(high - third)
+            low, high = np.where(rising, low + third, low), np.where(rising, high, high - third)
+        ends = [along(np.zeros_like(normal)), along(np.full_like(normal, 0.5 * np.pi))]
+        rim = np.maximum(np.maximum(along(0.5 * (low + high)), np.maximum(*ends)), 0.0)
+        inside = np.hypot(sliding / c, turning / d) <= normal
+        return np.where(inside, np.sqrt(normal**2 + sliding**2 + turning**2), rim)
+
+    def powers(
+        self, points: FloatArray, normals: FloatArray, twists: FloatArray, origin: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the contacts' work along twists, to the budget's power, and their points' speeds.
+
+        Parameters
+        ----------
+        points, normals : (m, space) arrays
+            Metres; unit, into the body.
+        twists : (j, d) array
+        origin : (space,) array
+            Torque origin, metres.
+
+        Returns
+        -------
+        powers, speeds : (m, j) arrays
+        """
+        space = len(origin)
+        velocity = twists[None, :, :space] + _turned(twists[:, space:], points - origin)
+        normal = np.einsum("mjs,ms->mj", velocity, normals)
+        sliding = np.linalg.norm(velocity - normal[..., None] * normals[:, None], axis=2)
+        torsion = np.abs(normals @ twists[:, space:].T) if space == 3 else np.zeros_like(normal)
+        return self.work(normal, [sliding, torsion]) ** self.budget.power, np.linalg.norm(velocity, axis=2)
+
+    def above(self, powers: FloatArray, speeds: FloatArray, bends: FloatArray, twists: FloatArray) -> FloatArray:
+        """Return upper bounds near each contact of the work along spatial twists, to the budget's power, (m, j).
+
+        The bound is ``s^p + p (s + L x)^(p - 1) L z`` with the steepness L, the interpolation error z of the work, and
+        the largest difference x of the neighbours' work; ``(s + L x)^p`` where that is less.
+
+        Parameters
+        ----------
+        powers, speeds : (m, j) arrays
+            Powers and speeds of each contact.
+        bends : (m, 2, 3) array
+            Interpolation coefficients of the part that it is a corner of.
+        twists : (j, 6) array
+        """
+        turning, p, L = np.linalg.norm(twists[:, 3:], axis=1), self.budget.power, self.steepness
+        about = bends[..., 1] + (bends[..., 2] if len(self.coefficients) == 2 else 0.0)
+        off, more = (bends[:, i, 0, None] * speeds + about[:, i, None] * turning for i in (0, 1))
+        most = powers ** (1.0 / p) + L * more
+        return np.asarray(np.minimum(powers + p * most ** (p - 1.0) * L * off, most**p))
+
+
+def _turned(turning: FloatArray, arms: FloatArray) -> FloatArray:
+    """Return ``tau x arm`` for every arm (m, space) and angular velocity (j, 1 or 3), (m, j, space)."""
+    if arms.shape[1] == 2:
+        return np.asarray(turning[None] * np.stack([-arms[:, 1], arms[:, 0]], axis=1)[:, None])
+    (x, y, z), (p, q, r) = arms.T[:, :, None], turning.T
+    return np.stack([q * z - r * y, r * x - p * z, p * y - q * x], axis=2)
 
 
 class Leaves:
@@ -80,11 +235,11 @@ class Leaves:
             found.append(float((total / whole) ** (1.0 / self.budget.power)) * (1.0 + MARGIN))
         return found
 
-    def _mixture(self, number: int) -> tuple[FloatArray, FloatArray, float]:
+    def _mixture(self, cell_number: int) -> tuple[FloatArray, FloatArray, float]:
         """Return the dual weights (j,) and directions (j, d) of a mixture, and their ``sum w phi_A(y)^p``."""
-        if not 0 <= number < len(self._mixtures):
-            raise ValueError(f"mixture {number} of {len(self._mixtures)}")
-        numbers, weights = self._mixtures[number]
+        if not 0 <= cell_number < len(self._mixtures):
+            raise ValueError(f"mixture {cell_number} of {len(self._mixtures)}")
+        numbers, weights = self._mixtures[cell_number]
         w, chosen = array("weights", weights, (len(numbers),)), np.array(numbers, dtype=np.int64)
         if not (np.all(w > 0.0) and len(w) and np.all(chosen >= 0)):
             raise ValueError(f"weights {weights} of directions {numbers}")
@@ -96,12 +251,12 @@ class Leaves:
         """Return the largest weighted power over each cell, by group number and cell number."""
         found: dict[tuple[int, int], Largest] = {}
         for i, (group, contact) in enumerate(zip(self._groups, self._models, strict=True)):
-            own = {number: group.cells[number] for where, number in cells if where == i}
+            own = {cell_number: group.cells[cell_number] for where, cell_number in cells if where == i}
             mix = Mixed(contact, twists, weights, self.origin)
             known = _over_mesh({n: cell for n, cell in own.items() if isinstance(cell, MeshCell)}, mix)
-            for number, cell in own.items():
-                below = known[number] if number in known else mix.most(cell.rows())
-                found[i, number] = Largest(mix, below, cell.sheets())
+            for cell_number, cell in own.items():
+                below = known[cell_number] if cell_number in known else mix.most(cell.rows())
+                found[i, cell_number] = Largest(mix, below, cell.sheets())
         return found
 
 
@@ -226,5 +381,5 @@ def _over_mesh(cells: dict[int, MeshCell], mixed: Mixed) -> dict[int, float]:
             for low in range(first, last, PART // 3):
                 part = MeshCell(whole.data, whole.corners, whole.normals, low, min(last, low + PART // 3))
                 over[i] = max(over[i], mixed.most(part.rows()))
-    places = {number: np.searchsorted(ends, (cell.first, cell.last)) for number, cell in cells.items()}
-    return {number: float(np.max(over[low:high])) for number, (low, high) in places.items()}
+    places = {cell_number: np.searchsorted(ends, (cell.first, cell.last)) for cell_number, cell in cells.items()}
+    return {cell_number: float(np.max(over[low:high])) for cell_number, (low, high) in places.items()}

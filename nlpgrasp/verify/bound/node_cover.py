@@ -10,11 +10,9 @@ import numpy as np
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array
-from nlpgrasp.verify.bodies.triangles import TriangleSurface
-from nlpgrasp.verify.bound.cells.bundle import cell_of, same_place
-from nlpgrasp.verify.bound.cells.cell import Cell
-from nlpgrasp.verify.bound.cells.mesh import MeshCell
-from nlpgrasp.verify.bound.places import Places
+from nlpgrasp.verify.bound.stated_cells import Cell, MeshCell, cell_of, same_place
+from nlpgrasp.verify.bound.stated_regions import Places
+from nlpgrasp.verify.surface_geometry import TriangleSurface
 
 SAME = 1e-8  # tolerance relative to the body's size
 Node = tuple[int, ...]

@@ -10,20 +10,19 @@ import numpy as np
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.tasks import Task, task_from_dict
-from nlpgrasp.verify.bodies.mesh import MeshSurface
-from nlpgrasp.verify.bodies.triangles import TriangleSurface
-from nlpgrasp.verify.bound import continuous_symmetry, motions
-from nlpgrasp.verify.bound.cells.mesh import MeshCell
-from nlpgrasp.verify.bound.cells.outlines import Faces, faces_of
-from nlpgrasp.verify.bound.faces import SAME, uncovered
-from nlpgrasp.verify.bound.leaves import Leaves
+from nlpgrasp.verify.bound import stated_symmetry as continuous_symmetry
+from nlpgrasp.verify.bound import stated_symmetry as motions
+from nlpgrasp.verify.bound.face_cover import SAME, Faces, faces_of, uncovered
+from nlpgrasp.verify.bound.leaves import Budget, Leaves
 from nlpgrasp.verify.bound.node_cover import Group, Nodes
-from nlpgrasp.verify.bound.places import Places, places
-from nlpgrasp.verify.bound.supports import Budget
+from nlpgrasp.verify.bound.stated_cells import MeshCell
+from nlpgrasp.verify.bound.stated_regions import Places, places
 from nlpgrasp.verify.check import BROKEN, Check, NotMadeError, no_sense
-from nlpgrasp.verify.placement import Surface
+from nlpgrasp.verify.mesh_body import MeshSurface
 from nlpgrasp.verify.registry import BODIES
 from nlpgrasp.verify.sources import Sources
+from nlpgrasp.verify.stated_placement import Surface
+from nlpgrasp.verify.surface_geometry import TriangleSurface
 
 UNIT = 1e-9  # relative tolerance of the task's unit support along a direction
 RECOMPUTED = 1e-10  # share of the largest bound that a stated bound may lack of the recomputed one
@@ -147,7 +146,7 @@ class Proof:
     def _turned(self) -> tuple[str, str]:
         turning = continuous_symmetry.Turning(self.problem["body"], self.task, self.origin, self.size)
         ways = [str(group["turned"]) for group in self.data["groups"] if group["turned"] is not None]
-        wrong = continuous_symmetry.wrong_with(self.data["groups"], turning, self.faces, self.asked[0])
+        wrong = continuous_symmetry.error_of_reduction(self.data["groups"], turning, self.faces, self.asked[0])
         return wrong, ", ".join(ways) if ways else "no contact is turned to a line"
 
     def _cuts(self) -> tuple[str, str]:
@@ -164,7 +163,7 @@ class Proof:
 
     def _symmetries(self) -> tuple[str, str]:
         for i, motion in enumerate(self.data["motions"]):
-            wrong = motions.wrong_with(motion, self.problem, self.task, self.origin, self.asked[0], self.size)
+            wrong = motions.error_of_motion(motion, self.problem, self.task, self.origin, self.asked[0], self.size)
             if wrong:
                 return f"motion {i}: {wrong}", ""
         false = self.nodes.false_twins()

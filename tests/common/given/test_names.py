@@ -3,7 +3,7 @@
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.given.names import listed, near
+from nlpgrasp.common.validation import listed, near
 
 
 def test_near_names_are_like_the_one_given_or_share_a_word():

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
-from nlpgrasp.common.given.pose import pose_matrix, rigid_transform, rotation_matrices
+from nlpgrasp.common.spatial import pose_matrix, rigid_transform, rotation_matrices
 
 WHERE = [0.4, -0.1, 0.2]
 

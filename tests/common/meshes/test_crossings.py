@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nlpgrasp.common.meshes.crossings import covered, crossing, meeting_boxes
+from nlpgrasp.common.meshes.intersections import covered, crossing, meeting_boxes
 from tests.bodies.made_meshes import signed_crossings
 
 SLACK = 1e-9

@@ -8,9 +8,9 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.common.shown import once
-from nlpgrasp.common.stored import cache
-from nlpgrasp.common.stored.cache import kept
+from nlpgrasp.common import cache
+from nlpgrasp.common import user_warnings as once
+from nlpgrasp.common.cache import kept
 
 NUMBERS = {"a": np.arange(6.0).reshape(2, 3), "b": np.array(0.5)}
 

@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from nlpgrasp.common.stored import locks
+from nlpgrasp.common import files as locks
 from nlpgrasp.errors import InputError
 
 

@@ -3,7 +3,7 @@
 import jsonschema
 import pytest
 
-from nlpgrasp.common.stored.strict_json import check_schema, read_object
+from nlpgrasp.common.files import check_schema, read_object
 from nlpgrasp.errors import InputError
 
 VALIDATOR = jsonschema.Draft202012Validator({"properties": {"a": {"items": {"type": "number"}}}})

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 import nlpgrasp as ng
+from nlpgrasp.global_bound.allowed_regions import relaxed
 from nlpgrasp.global_bound.branch_and_bound import BranchAndBound
-from nlpgrasp.global_bound.scope.places import relaxed
 from tests.global_bound.brute_force.cases import random_case
 from tests.global_bound.brute_force.search import BruteForce
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.motion.fingers.contact_motions import STEP, ContactMotions
-from nlpgrasp.motion.fingers.smallest_ball import smallest_ball
-from nlpgrasp.motion.paths.footpath import Station
+from nlpgrasp.motion.contact_path import Station
+from nlpgrasp.motion.finger_motion import STEP, ContactMotions, smallest_ball
 
 BODY = ng.Box([0.1, 0.1, 0.04])
 UP = np.array([0.0, 0.0, -1.0])

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.motion.fingers.finger_joints import FingerJoints
-from nlpgrasp.motion.fingers.linked_motions import LinkedMotions
-from nlpgrasp.motion.paths.footpath import Station
-from nlpgrasp.motion.space import Surroundings
-from nlpgrasp.motion.space.straight import straight_way
+from nlpgrasp.motion.contact_path import Station
+from nlpgrasp.motion.finger_kinematics import FingerJoints
+from nlpgrasp.motion.finger_motion import LinkedMotions
+from nlpgrasp.motion.link_clearance import Surroundings
+from nlpgrasp.motion.straight_path import straight_way
 from tests.studies.two_fingers import DOWN, TIP, box_distance, chain, in_body, inverse, two_fingers, urdf
 
 BODY = ng.Box([0.06, 0.2, 0.06])

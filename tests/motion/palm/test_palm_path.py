@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
-from nlpgrasp.motion.phases.approach import BESIDE, CLOSER
+from nlpgrasp.motion.approach_path import BESIDE, CLOSER
 from tests.quick import first
 from tests.studies.held_box import BODY, HALF, PALM, grasped
 from tests.studies.two_fingers import DOWN, PALM_BALL, TIP, box_distance, chain, in_body

@@ -5,8 +5,7 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.motion.paths.footpath import MOST_TURN, Footpath, Station
-from nlpgrasp.motion.paths.strides import Stride
+from nlpgrasp.motion.contact_path import MOST_TURN, Footpath, Station, Stride
 
 
 def angle(turn):

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.motion.paths.footpath import Footpath, Station
-from nlpgrasp.motion.paths.least_along import MOST, first_stations, least_along
-from nlpgrasp.motion.paths.surface_paths import SurfaceGraph
+from nlpgrasp.motion.contact_path import Footpath, Station, SurfaceGraph
+from nlpgrasp.studies.fine_manipulation import MOST, first_stations, least_along
 
 
 @pytest.mark.parametrize("seed", range(20))

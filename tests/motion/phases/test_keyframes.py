@@ -7,9 +7,9 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.analysis.squeeze import with_squeeze
-from nlpgrasp.motion.phases.keyframes import AWAY, NO_PREGRASP, keyframes
-from nlpgrasp.motion.phases.opened import opened
-from nlpgrasp.motion.space import Surroundings
+from nlpgrasp.motion.approach_path import opened
+from nlpgrasp.motion.keyframes import AWAY, NO_PREGRASP, keyframes
+from nlpgrasp.motion.link_clearance import Surroundings
 from tests.studies.held_box import HALF, PALM, grasped
 from tests.studies.two_fingers import DOWN, PALM_BALL, TIP, box_distance, chain, in_body
 

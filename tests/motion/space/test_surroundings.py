@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.motion.space import Surroundings
-from nlpgrasp.problem.fields import fields_of
+from nlpgrasp.motion.distance_fields import fields_of
+from nlpgrasp.motion.link_clearance import Surroundings
 from tests.hands.urdf import GRIPPER, PADS
 from tests.studies.two_fingers import DOWN, TIP, box_distance, chain, in_body, two_fingers
 

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.optimize.after import choice
-from nlpgrasp.optimize.ascent.state import Effort
-from nlpgrasp.optimize.start.result import StartGrasp
+from nlpgrasp.common.deadline import Stop
+from nlpgrasp.optimize.candidate import Effort
+from nlpgrasp.optimize.start_result import StartGrasp
+from nlpgrasp.pipeline import answer as choice
 from nlpgrasp.quality import Bounds
-from nlpgrasp.solution.findings import Robustness
+from nlpgrasp.solution.analysis_records import Robustness
 from nlpgrasp.solution.records import StartRecord, Status
-from nlpgrasp.solution.starts import passed_over
+from nlpgrasp.solution.start_summary import passed_over
 
 
 def start(index, mu, left, place=None, status=Status.SOLVED):

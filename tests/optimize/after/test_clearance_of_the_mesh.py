@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.workbench.workbench import Workbench
+from nlpgrasp.optimize.compiled_problem import Workbench
 from tests.hands.urdf import four_finger_hand
 
 STEP = "then IPOPT on the program"

@@ -6,7 +6,7 @@ import pytest
 from scipy import sparse
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.after.least_forces import least_forces
+from nlpgrasp.optimize.exerted_forces import least_forces
 from tests.samples import closed_ellipsoid_grasp
 
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.after.robust import robustness
-from nlpgrasp.optimize.workbench.placed import Placed
-from nlpgrasp.optimize.workbench.workbench import Workbench
+from nlpgrasp.optimize.candidate import Placed
+from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.robustness import robustness
 from nlpgrasp.report import write_report
-from nlpgrasp.solution.findings import Robustness
+from nlpgrasp.solution.analysis_records import Robustness
 from tests.once import solve_once
 
 ONE = ng.SolveOptions(workers=1, global_bound=False)

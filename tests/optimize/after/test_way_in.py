@@ -5,11 +5,11 @@ from dataclasses import replace
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.optimize.after.way_in import with_free_way
+from nlpgrasp.common.deadline import Stop
+from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.hand_approach import with_free_way
 from nlpgrasp.optimize.options import SolveOptions
-from nlpgrasp.optimize.start.run import run_start
-from nlpgrasp.optimize.workbench.workbench import Workbench
+from nlpgrasp.optimize.start import run_start
 
 OPTIONS = SolveOptions(workers=1, global_bound=False)
 SIDES = ("+y", "-y")

@@ -8,17 +8,16 @@ import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.bodies.mesh.facets import Facets
-from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.optimize.after.final_step import at_local_optimum, on_triangles
-from nlpgrasp.optimize.ascent.local_optimum import local_optimum, residuals_at
-from nlpgrasp.optimize.ascent.reduced_hessian import reduced_hessian
-from nlpgrasp.optimize.ascent.steps.linear import Linearisation
-from nlpgrasp.optimize.ascent.weakest import weakest_at
-from nlpgrasp.optimize.start.run import run_start
-from nlpgrasp.optimize.workbench.placed import Placed
-from nlpgrasp.optimize.workbench.workbench import Workbench
-from nlpgrasp.quality.certificate.containment import conditioned
-from nlpgrasp.quality.certificate.minimise import descend, newton, random_directions
+from nlpgrasp.common.deadline import Stop
+from nlpgrasp.optimize.candidate import Placed
+from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.cutting_planes import weakest_at
+from nlpgrasp.optimize.final_step import at_local_optimum, on_triangles
+from nlpgrasp.optimize.kkt_point import local_optimum, residuals_at
+from nlpgrasp.optimize.start import run_start
+from nlpgrasp.optimize.trust_region import Linearisation, reduced_hessian
+from nlpgrasp.quality.containment import conditioned
+from nlpgrasp.quality.ratio_minimisation import descend, newton, random_directions
 from tests.hands.urdf import four_finger_hand
 from tests.kkt_by_differences import kkt_by_differences
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.optimize.ascent.refine import refine
-from nlpgrasp.optimize.start.run import run_start
-from nlpgrasp.optimize.workbench.placed import Placed
-from nlpgrasp.optimize.workbench.workbench import FEASIBLE, Workbench
+from nlpgrasp.common.deadline import Stop
+from nlpgrasp.optimize.candidate import Placed
+from nlpgrasp.optimize.compiled_problem import FEASIBLE, Workbench
+from nlpgrasp.optimize.local_search import refine
+from nlpgrasp.optimize.start import run_start
 from tests.hands.urdf import four_finger_hand
 
 ONE = ng.SolveOptions(workers=1)

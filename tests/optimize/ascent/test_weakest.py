@@ -5,9 +5,10 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.budgets import L2Budget
-from nlpgrasp.optimize.ascent.weakest import QUICK, THOROUGH, disproved, weakest_at, weakest_directions
-from nlpgrasp.optimize.workbench.placed import Placed
-from nlpgrasp.quality.certificate.wrench_set import WrenchSet
+from nlpgrasp.optimize.candidate import Placed
+from nlpgrasp.optimize.cutting_planes import disproved, weakest_at
+from nlpgrasp.quality.weakest_directions import QUICK, THOROUGH, weakest_directions
+from nlpgrasp.quality.wrench_set import WrenchSet
 from tests.optimize.squares import BALL, BEST_OF_THREE, BEST_OF_TWO, THREE, TWO, square_bench
 from tests.quick import first
 

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.many.likeness import Likeness
-from nlpgrasp.optimize.many.symmetries import Symmetries
-from nlpgrasp.optimize.workbench.placed import Placed
-from nlpgrasp.optimize.workbench.workbench import Workbench
+from nlpgrasp.optimize.candidate import Placed
+from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.grasp_equivalence import Likeness, Symmetries
 
 ROUND_TASK = ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03])
 SKEW_TASK = ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03], center=[0.1, 0.02, 0.03, 0, 0, 0])

@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.optimize.ascent.refine import refine
-from nlpgrasp.optimize.posture import roomy
-from nlpgrasp.optimize.posture.margins import Margins
-from nlpgrasp.optimize.posture.roomy import refined_with_room
-from nlpgrasp.optimize.workbench.placed import Placed
-from nlpgrasp.optimize.workbench.workbench import Workbench
+from nlpgrasp.common.deadline import Stop
+from nlpgrasp.optimize import refine as roomy
+from nlpgrasp.optimize.candidate import Placed
+from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.local_search import refine
+from nlpgrasp.optimize.refine import Margins, refined_with_room
 from tests.hands.urdf import four_finger_hand, gripper, three_finger_hand
 from tests.verify import honest
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.grasp.stack import GraspStack
-from nlpgrasp.optimize.start.coordinate_exchange import CoordinateExchange
-from nlpgrasp.optimize.start.propose import propose
-from nlpgrasp.optimize.workbench import sample_tables
-from nlpgrasp.optimize.workbench.workbench import FEASIBLE, Workbench
+from nlpgrasp.optimize import surface_samples as sample_tables
+from nlpgrasp.optimize.compiled_problem import FEASIBLE, Workbench
+from nlpgrasp.optimize.coordinate_exchange import CoordinateExchange
+from nlpgrasp.optimize.propose import propose
+from nlpgrasp.quality.grasp import GraspStack
 
 QUICK = ng.SolveOptions(workers=1, global_bound=False, rank="mu")
 RECTANGLE = ng.Polygon([[-1.0, -0.5], [1.0, -0.5], [1.0, 0.5], [-1.0, 0.5]])

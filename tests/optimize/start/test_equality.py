@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.start.propose import propose
-from nlpgrasp.optimize.workbench.workbench import FEASIBLE, Workbench
+from nlpgrasp.optimize.compiled_problem import FEASIBLE, Workbench
+from nlpgrasp.optimize.propose import propose
 
 QUICK = ng.SolveOptions(workers=1)
 RECTANGLE = ng.Polygon([[-1.0, -0.5], [1.0, -0.5], [1.0, 0.5], [-1.0, 0.5]])

@@ -5,9 +5,9 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.start.propose import propose
-from nlpgrasp.optimize.surface.triangles import on_triangles
-from nlpgrasp.optimize.workbench.workbench import FEASIBLE, Workbench
+from nlpgrasp.optimize.compiled_problem import FEASIBLE, Workbench
+from nlpgrasp.optimize.projection import on_triangles
+from nlpgrasp.optimize.propose import propose
 from tests.quick import first
 
 LONG, WIDE, WALL, HIGH = 0.08, 0.04, 0.008, 0.06  # an angle, metres: a base plate, and a wall along its left end

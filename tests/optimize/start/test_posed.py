@@ -7,12 +7,11 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.optimize.start import posed
-from nlpgrasp.optimize.start.posed import touching_candidates
-from nlpgrasp.optimize.start.propose import propose
-from nlpgrasp.optimize.start.run import run_start
-from nlpgrasp.optimize.workbench.workbench import FEASIBLE, Workbench
+from nlpgrasp.common.deadline import Stop
+from nlpgrasp.optimize import propose as posed
+from nlpgrasp.optimize.compiled_problem import FEASIBLE, Workbench
+from nlpgrasp.optimize.propose import propose, touching_candidates
+from nlpgrasp.optimize.start import run_start
 from tests.hands.urdf import four_finger_hand
 from tests.quick import first
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.start.propose import propose, shares
-from nlpgrasp.optimize.workbench.workbench import Workbench
+from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.propose import propose, shares
 
 
 def test_the_best_candidates_are_each_the_first_of_a_start():

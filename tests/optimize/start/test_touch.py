@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.optimize.start.posed import touching_candidates
-from nlpgrasp.optimize.start.touch import TOUCHING, touching
-from nlpgrasp.optimize.workbench.placed import Placed
-from nlpgrasp.optimize.workbench.workbench import Workbench
+from nlpgrasp.common.deadline import Stop
+from nlpgrasp.optimize.candidate import Placed
+from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.projection import TOUCHING, touching
+from nlpgrasp.optimize.propose import touching_candidates
 
 FACES = ("surface",) * 3
 

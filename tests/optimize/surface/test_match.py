@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.surface.match import match_on_mesh
+from nlpgrasp.optimize.grasp_on_body import match_on_mesh
 
 
 @pytest.fixture(scope="module")

@@ -9,12 +9,12 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.optimize.start.propose import propose
-from nlpgrasp.optimize.start.touch import TOUCHING, touching
-from nlpgrasp.optimize.surface.triangles import refined_on_triangles, touching_on_body
-from nlpgrasp.optimize.workbench.hand_points import HandPoints
-from nlpgrasp.optimize.workbench.workbench import Workbench
+from nlpgrasp.common.deadline import Stop
+from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.constraint_values import HandPoints
+from nlpgrasp.optimize.projection import TOUCHING, touching, touching_on_body
+from nlpgrasp.optimize.propose import propose
+from nlpgrasp.optimize.refine import refined_on_triangles
 from tests.hands.urdf import four_finger_hand
 
 OPTIONS = ng.SolveOptions(workers=1)

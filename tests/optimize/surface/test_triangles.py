@@ -7,13 +7,12 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.optimize.start.coordinate_exchange import AROUND, exchanged_nearby
-from nlpgrasp.optimize.start.run import run_start
-from nlpgrasp.optimize.surface.put import refined_on_body
-from nlpgrasp.optimize.surface.triangles import refined_on_triangles
-from nlpgrasp.optimize.workbench.placed import Placed
-from nlpgrasp.optimize.workbench.workbench import Workbench
+from nlpgrasp.common.deadline import Stop
+from nlpgrasp.optimize.candidate import Placed
+from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.coordinate_exchange import AROUND, exchanged_nearby
+from nlpgrasp.optimize.refine import refined_on_body, refined_on_triangles
+from nlpgrasp.optimize.start import run_start
 
 TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
 

@@ -7,15 +7,13 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.common.stopping.stop import Stop
-from nlpgrasp.optimize.start import posed
-from nlpgrasp.optimize.start.posed import touching_candidates
-from nlpgrasp.optimize.start.propose import propose
-from nlpgrasp.optimize.start.touch import TOUCHING
-from nlpgrasp.optimize.surface.on_body import OnBody
-from nlpgrasp.optimize.surface.triangles import touching_on_body
-from nlpgrasp.optimize.surface.walk import walked
-from nlpgrasp.optimize.workbench.workbench import Workbench
+from nlpgrasp.common.deadline import Stop
+from nlpgrasp.optimize import propose as posed
+from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.finger_exchange import walked
+from nlpgrasp.optimize.grasp_on_body import OnBody
+from nlpgrasp.optimize.projection import TOUCHING, touching_on_body
+from nlpgrasp.optimize.propose import propose, touching_candidates
 from tests.hands.urdf import FOUR, FOUR_TIPS, four_finger_hand, solution_links
 
 TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])

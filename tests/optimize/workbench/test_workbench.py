@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.workbench.placed import Placed
-from nlpgrasp.optimize.workbench.variables import hand_of, placed_of, points_of, variables_of
-from nlpgrasp.optimize.workbench.workbench import Workbench
+from nlpgrasp.optimize.candidate import Placed
+from nlpgrasp.optimize.compiled_problem import Workbench, hand_of, placed_of, points_of, variables_of
 from tests.hands.urdf import four_finger_hand
 from tests.optimize.squares import BEST_OF_TWO, SQUARE, TWO, square_bench
 

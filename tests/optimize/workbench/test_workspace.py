@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.workbench.workbench import Workbench
-from nlpgrasp.optimize.workbench.workspace import CELL, INSIDE, NEAR
+from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.hand_workspace import CELL, INSIDE, NEAR
 from tests.hands.urdf import four_finger_hand
 
 BODY = ng.Box([0.08, 0.04, 0.04])

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.workers.parcel import LazyBench, Parcel
+from nlpgrasp.optimize.parallel_starts import LazyBench, Parcel
 
 
 def test_an_item_is_unpacked_once_until_another_comes():

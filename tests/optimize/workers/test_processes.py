@@ -7,7 +7,7 @@ import time
 import pytest
 from loky.process_executor import BrokenProcessPool
 
-from nlpgrasp.optimize.workers.processes import Processes, cores, own_processes
+from nlpgrasp.optimize.processes import Processes, cores, own_processes
 
 
 def test_tasks_run_in_other_processes_that_are_kept():

@@ -6,7 +6,7 @@ import pytest
 from scipy import sparse
 
 import nlpgrasp as ng
-from nlpgrasp.quality.reference import polytope_distance
+from nlpgrasp.quality.paper_algorithms import polytope_distance
 
 CUBE = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 

@@ -6,7 +6,7 @@ from scipy.optimize import linprog
 
 import nlpgrasp as ng
 from nlpgrasp.quality import WrenchSet
-from nlpgrasp.quality.reference import inscribed_polytope, mu_by_steps
+from nlpgrasp.quality.paper_algorithms import inscribed_polytope, mu_by_steps
 from tests.samples import closed_ellipsoid_grasp, square_pair
 
 BUDGETS = ["l2", "per_finger", "shared", "per_finger_size"]

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.shown.numbers import at_most
-from nlpgrasp.optimize.start.warm_starts import WarmStart
-from nlpgrasp.optimize.workbench.placed import Placed
-from nlpgrasp.optimize.workers.pool import Runner
+from nlpgrasp.common.formatting import at_most
+from nlpgrasp.optimize.candidate import Placed
+from nlpgrasp.optimize.parallel_starts import Runner
+from nlpgrasp.optimize.warm_starts import WarmStart
 from nlpgrasp.pipeline.multistart import Multistart
 from problems.how_many_fingers import EFFORT, brush, pencil
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.studies.choices.menu import Menu
+from nlpgrasp.studies.contact_types import Menu
 
 FAST = ng.SolveOptions(workers=1, rtol=0.02, final_rtol=0.01)
 QUICK = ng.SolveOptions(workers=1, rtol=0.05, final_rtol=0.02, rounds=0)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.motion.paths.footpath import Station
-from nlpgrasp.motion.paths.surface_paths import SurfaceGraph
+from nlpgrasp.motion.contact_path import Station, SurfaceGraph
 
 OPTIONS = ng.SolveOptions(rtol=0.05, final_rtol=0.05)
 

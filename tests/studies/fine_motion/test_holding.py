@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.motion.paths.footpath import Station
-from nlpgrasp.motion.paths.surface_paths import SurfaceGraph
-from nlpgrasp.studies.fine_motion.holding import Holding
-from nlpgrasp.studies.fine_motion.order import ordered_moves
+from nlpgrasp.motion.contact_path import Station, SurfaceGraph
+from nlpgrasp.studies.fine_manipulation import Holding, ordered_moves
 
 SQUARE = ng.Polygon([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 WEIGHT = ng.TaskEllipsoid([0.1, 0.1, 0.0], center=[0.0, 1.0, 0.0])

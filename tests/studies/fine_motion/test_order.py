@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.motion.finger_path import FingerPath
-from nlpgrasp.studies.fine_motion.order import ordered_moves, unknown
-from nlpgrasp.studies.fine_motion.records import FingerMove
+from nlpgrasp.motion.finger_motion import FingerPath
+from nlpgrasp.studies.fine_manipulation import FingerMove, ordered_moves, unknown
 
 
 class Held:

@@ -1,1 +1,0 @@
-"""Shared geometry of bodies: centred bodies and triangulated surfaces."""

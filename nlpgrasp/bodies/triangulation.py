@@ -1,0 +1,184 @@
+"""Triangulations of round surfaces and of polygons extruded along z."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nlpgrasp.common.validation import FloatArray
+
+PLATE = 0.08  # of a planar body's size: thickness of the plate that represents it
+STRAIGHT = 1e-12  # of the outline's squared size: area that counts as zero
+FINE = 4000  # points for a curve's arc length and turning angle
+
+
+IntArray = NDArray[np.int64]
+
+
+def extruded(outline: FloatArray, low: float, high: float) -> tuple[FloatArray, IntArray]:
+    """Return the closed surface of an extruded polygon, its triangles counter-clockwise from outside.
+
+    Parameters
+    ----------
+    outline : (m, 2) array
+        Vertices of a simple polygon, counter-clockwise, metres.
+    low, high : float
+        Ends along z, metres.
+
+    Returns
+    -------
+    vertices : (n, 3) array
+        The outline at both ends, and the centres of the ends if the outline is convex.
+    faces : (k, 3) array
+    """
+    m = len(outline)
+    ends = [np.column_stack([outline, np.full(m, z)]) for z in (low, high)]
+    here = np.arange(m)
+    following = np.roll(here, -1)
+    sides = [np.stack([here, following, m + following], axis=1), np.stack([here, m + following, m + here], axis=1)]
+    if _is_convex(outline):
+        middle = np.tile(outline.mean(axis=0), (2, 1))
+        ends.append(np.column_stack([middle, [low, high]]))
+        bottom = np.stack([following, here, np.full(m, 2 * m)], axis=1)
+        top = np.stack([m + here, m + following, np.full(m, 2 * m + 1)], axis=1)
+    else:
+        top = m + ears(outline)
+        bottom = (top - m)[:, ::-1]
+    return np.concatenate(ends), np.concatenate([*sides, bottom, top])
+
+
+def circle(radius: float, count: int) -> FloatArray:
+    """Return points (count, 2) spread evenly on a circle about the origin, counter-clockwise, metres."""
+    angles = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    return radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+
+
+def ears(outline: FloatArray) -> IntArray:
+    """Triangulate a simple polygon by ear clipping, and return the triangles (m - 2, 3), counter-clockwise.
+
+    Parameters
+    ----------
+    outline : (m, 2) array
+        Counter-clockwise. Meisters, "Polygons have ears" (1975, doi:10.1080/00029890.1975.11993898).
+    """
+    left, found = list(range(len(outline))), []
+    while len(left) > 3:
+        corner = next((i for i in range(len(left)) if _is_ear(outline, left, i)), None)
+        if corner is None:  # rounding has closed the last ones: what is left is flat
+            corner = int(
+                np.argmax(
+                    [_turn(*outline[[left[i - 1], left[i], left[(i + 1) % len(left)]]]) for i in range(len(left))]
+                )
+            )
+        found.append([left[corner - 1], left[corner], left[(corner + 1) % len(left)]])
+        del left[corner]
+    return np.array([*found, left], dtype=np.int64)
+
+
+def _is_ear(outline: FloatArray, left: list[int], i: int) -> bool:
+    """Return whether a corner is an ear: convex, with no other vertex in its triangle."""
+    names = [left[i - 1], left[i], left[(i + 1) % len(left)]]
+    a, b, c = outline[names]
+    if _turn(a, b, c) <= STRAIGHT * float(np.max(np.ptp(outline, axis=0))) ** 2:
+        return False
+    others = outline[[v for v in left if v not in names]]
+    inside = (_turn(a, b, others) >= 0.0) & (_turn(b, c, others) >= 0.0) & (_turn(c, a, others) >= 0.0)
+    return not np.any(inside)
+
+
+def _turn(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
+    """Return twice the signed area of triangles a, b, c, for points c (..., 2)."""
+    return np.asarray((b[0] - a[0]) * (c[..., 1] - a[1]) - (b[1] - a[1]) * (c[..., 0] - a[0]))
+
+
+def _is_convex(outline: FloatArray) -> bool:
+    ahead, back = np.roll(outline, -1, axis=0) - outline, outline - np.roll(outline, 1, axis=0)
+    return bool(np.all(back[:, 0] * ahead[:, 1] - back[:, 1] * ahead[:, 0] >= 0.0))
+
+
+def sphere(rows: int) -> tuple[FloatArray, IntArray]:
+    """Return the unit sphere as ``8 rows^2`` triangles of nearly equal size, counter-clockwise from outside.
+
+    An octahedron with edges divided into ``rows`` parts: row i from a pole has ``4 i`` points.
+    """
+    polar = np.pi / 2.0 * np.concatenate([np.repeat(i, max(4 * i, 1)) for i in range(rows + 1)]) / rows
+    turn = np.concatenate([np.arange(max(4 * i, 1)) * (np.pi / 2.0 / max(i, 1)) for i in range(rows + 1)])
+    north = np.stack([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], axis=1)
+    begin = [0, *np.cumsum([max(4 * i, 1) for i in range(rows + 1)]).tolist()]
+    faces = []
+    for i in range(rows):
+        here, below = max(4 * i, 1), 4 * (i + 1)
+        for quarter in range(4):
+            for j in range(i + 1):
+                a = begin[i] + (quarter * i + j) % here
+                b, c = (begin[i + 1] + (quarter * (i + 1) + j + s) % below for s in (0, 1))
+                faces.append([a, b, c])
+                if j < i:
+                    faces.append([a, c, begin[i] + (quarter * i + j + 1) % here])
+    equator = begin[rows]
+    to_south = np.concatenate([len(north) + np.arange(equator), np.arange(equator, len(north))])
+    upper = np.array(faces, dtype=np.int64)
+    return np.concatenate([north, north[:equator] * [1.0, 1.0, -1.0]]), np.concatenate(
+        [upper, to_south[upper][:, ::-1]]
+    )
+
+
+def torus(major: float, minor: float, around: int, across: int) -> tuple[FloatArray, IntArray]:
+    """Return a torus about z of ``2 around across`` triangles, counter-clockwise from outside; radii in metres."""
+    u = np.repeat(np.linspace(0.0, 2.0 * np.pi, around, endpoint=False), across)
+    v = np.tile(np.linspace(0.0, 2.0 * np.pi, across, endpoint=False), around)
+    ring = major + minor * np.cos(v)
+    here = np.arange(around * across).reshape(around, across)
+    right, up = np.roll(here, -1, axis=0), np.roll(here, -1, axis=1)
+    return np.stack([ring * np.cos(u), ring * np.sin(u), minor * np.sin(v)], axis=1), _halves(
+        here, right, np.roll(right, -1, axis=1), up
+    )
+
+
+def superquadric(semi_axes: FloatArray, exponents: FloatArray, quarter: int) -> tuple[FloatArray, IntArray]:
+    """Return a superquadric as about ``16 quarter^2`` triangles, counter-clockwise from outside.
+
+    Parameters
+    ----------
+    semi_axes : (3,) array
+        Metres.
+    exponents : (2,) array
+        ``(e1, e2)`` of ``ng.Superquadric``.
+    quarter : int
+        Parts of a quarter of each curve.
+    """
+    rise, round_ = quarter_of(float(exponents[0]), quarter), quarter_of(float(exponents[1]), quarter)
+    ways = [[1, 1], [-1, 1], [-1, -1], [1, -1]]
+    turns = np.concatenate([(round_ if k % 2 == 0 else round_[::-1])[:-1] * way for k, way in enumerate(ways)])
+    climb = np.concatenate([rise[:0:-1] * [1, -1], rise])[1:-1]  # from pole to pole, without the poles
+    points = np.stack([np.append(cut * turns, np.full((len(turns), 1), z), axis=1) for cut, z in climb])
+    poles = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])
+    here = np.arange(points.shape[0] * len(turns)).reshape(points.shape[0], -1)
+    right, low = np.roll(here, -1, axis=1), np.full(len(turns), here.size)
+    sides = _halves(here[:-1], right[:-1], right[1:], here[1:])
+    ends = [np.stack([low, right[0], here[0]], axis=1), np.stack([low + 1, here[-1], right[-1]], axis=1)]
+    return np.concatenate([points.reshape(-1, 3), poles]) * semi_axes, np.concatenate([sides, *ends])
+
+
+def quarter_of(exponent: float, count: int) -> FloatArray:
+    """Return points (count + 1, 2) of ``x^(2/e) + y^(2/e) = 1`` from (1, 0) to (0, 1).
+
+    Half of them are spread by arc length and half by turning angle, to resolve both flat sides and tight corners.
+    """
+    angle = np.linspace(0.0, np.pi / 2.0, FINE)
+    both = np.stack([np.cos(angle), np.sin(angle)], axis=1).clip(0.0)
+    curve = both / np.sum(both ** (2.0 / exponent), axis=1, keepdims=True) ** (exponent / 2.0)
+    steps = np.diff(curve, axis=0)
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=1))])
+    headings = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    turned = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(headings))), [0.0]])
+    turned[-1] = turned[-2]
+    share = length / length[-1] + turned / max(float(turned[-1]), 1e-12)
+    at = np.searchsorted(share, np.linspace(0.0, share[-1], count + 1)[1:-1])
+    return np.concatenate([[[1.0, 0.0]], curve[at], [[0.0, 1.0]]])
+
+
+def _halves(a: IntArray, b: IntArray, c: IntArray, d: IntArray) -> IntArray:
+    """Return the triangles (m, 3) of quadrilaterals a, b, c, d, counter-clockwise from outside."""
+    corners = [x.ravel() for x in (a, b, c, d)]
+    return np.concatenate([np.stack([corners[i] for i in half], axis=1) for half in ((0, 1, 2), (0, 2, 3))])

@@ -1,1 +1,0 @@
-"""Force sets: budgets intersected with the force domains of given contacts."""

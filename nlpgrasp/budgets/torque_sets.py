@@ -1,0 +1,352 @@
+"""Force sets of joint-torque limits, ``{x in K : |T x| <= 1}``: exact for one contact, by conic programs for several.
+
+A maximiser of ``<z, x>`` is an extreme point of the set. At these, r linear conditions are active and, for r below the
+number n of components, the quadratic cone too. For r = n and n - 1 they are points that do not depend on z; for smaller
+r they form conic sections, on which a linear function has two stationary points in closed form.
+
+For contacts that share joints, have five or six components, or two quadratic cones: their extreme points are too many
+to enumerate.
+
+Contacts without common limits are independent: the set is a product over such groups, and its support function a sum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from itertools import combinations
+
+import clarabel
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.optimize import nnls
+from scipy.sparse.csgraph import connected_components
+
+from nlpgrasp.budgets.base import ForceSet
+from nlpgrasp.common.quadratic_program import cone_of, quiet_settings
+from nlpgrasp.common.spatial import wrench_transform
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.contacts import ContactModel
+from nlpgrasp.contacts.product import lifted, project, ranges
+from nlpgrasp.errors import InputError
+
+CONDITION_TOLERANCE = 1e-9  # relative tolerance of the conditions
+RAYS, WIDER = 600, 1.05  # rays of the cone that check boundedness, and their outward scaling
+TOLERANCE = 1e-10  # of the conic solver
+SCALE_INSIDE = 1.0 - 1e-9  # scale of the maximiser, which keeps it within the limits despite the solver's tolerance
+MOST_LISTED = 4  # most components of a contact whose extreme points are enumerated
+
+
+Section = tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]  # origin, axes, curvature's inverse, pull, level
+Sections = tuple[FloatArray, ...]  # several of one dimension, stacked
+
+
+class TorquePolytope:
+    """Force set ``{x in K_i : |T x| <= 1}`` of one contact, by enumeration of extreme points.
+
+    Parameters
+    ----------
+    contact : ContactModel
+        With at most one quadratic cone.
+    torques : (m, n) array
+        T: joint torques over their limits per force component.
+    space : int
+
+    Raises
+    ------
+    InputError
+        When some force of the cone loads no joint, so that the set is unbounded, or there is more than one quadratic
+        cone.
+    """
+
+    def __init__(self, contact: ContactModel, torques: FloatArray, space: int, name: str) -> None:
+        n = contact.components(space)
+        # scale components by their ranges per unit normal force, so that cones of different widths are round
+        self._units = np.array(
+            [1.0] + [float(contact.extreme(e[None, :])[1][0, j + 1]) for j, e in enumerate(np.eye(n)[1:])]
+        )
+        torques = torques * self._units
+        cones = [M * self._units for M in contact.cones(space)]
+        round_cones = [M for M in cones if len(M) > 1]
+        if len(round_cones) > 1:
+            raise InputError(name, f"a {contact.kind} contact with {len(round_cones)} round cones", "at most one")
+        check_bounded([contact], torques / self._units, space, name)
+        flat = [-M for M in cones if len(M) == 1]
+        self._linear = np.concatenate([torques, -torques, *flat])
+        self._limits = np.concatenate([np.ones(2 * len(torques)), np.zeros(len(flat))])
+        self._scale = np.maximum(np.linalg.norm(self._linear, axis=1), 1e-300)
+        self._cone = round_cones[0] if round_cones else None
+        points = [np.zeros(n)]
+        sections: list[Section] = []
+        for count in range(1, n + 1):
+            for rows in combinations(range(len(self._linear)), count):
+                self._collect(list(rows), n, points, sections)
+        found = np.array(points)
+        self._points = found[self._inside(found)]
+        sizes = sorted({across.shape[1] for _, across, *_ in sections})
+        same = [[one for one in sections if one[1].shape[1] == size] for size in sizes]
+        self._sections: list[Sections] = [tuple(map(np.array, zip(*some, strict=True))) for some in same]
+
+    def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the support function (m,) along z (m, n), and maximisers (m, n)."""
+        z = z * self._units
+        work = z @ self._points.T
+        best = np.argmax(work, axis=1)
+        value, force = work[np.arange(len(z)), best], self._points[best]
+        for some in self._sections:
+            reach, x = self._stationary(some, z, value)
+            better = reach > value
+            value, force = np.where(better, reach, value), np.where(better[:, None], x, force)
+        return value, force * self._units
+
+    def _stationary(self, sections: Sections, z: FloatArray, known: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the largest values above known ones, (m,), at stationary points of the sections, and the forces."""
+        origin, across, inverse, pull, level = sections
+        g = np.einsum("mn,snd->msd", z, across)
+        towards = np.einsum("msd,sde->mse", g, inverse)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            factor = np.sqrt(level / np.sum(g * towards, axis=2))[:, :, None]
+        w = np.concatenate([factor * towards, -factor * towards], axis=1) - np.tile(pull, (2, 1))
+        x = np.tile(origin, (2, 1)) + np.einsum("msd,snd->msn", w, np.tile(across, (2, 1, 1)))
+        work = np.einsum("mn,msn->ms", z, x)
+        hopeful = np.nonzero((work > known[:, None]) & np.all(np.isfinite(x), axis=2))
+        inside = np.full(work.shape, -np.inf)
+        inside[hopeful] = np.where(self._inside(x[hopeful]), work[hopeful], -np.inf)
+        best, every = np.argmax(inside, axis=1), np.arange(len(z))
+        return inside[every, best], x[every, best]
+
+    def _collect(self, rows: list[int], n: int, points: list[FloatArray], sections: list[Section]) -> None:
+        """Add the extreme points or the conic section with the given linear conditions active."""
+        A, b = self._linear[rows] / self._scale[rows, None], self._limits[rows] / self._scale[rows]
+        if not np.any(b):
+            return  # a face of the cone: its only extreme point is 0
+        u, s, vt = np.linalg.svd(A)
+        if s[-1] <= 1e-9:
+            return  # dependent conditions: another set of rows is equivalent
+        origin = vt[: len(rows)].T @ ((u.T @ b) / s)
+        if len(rows) == n:
+            points.append(origin)
+            return
+        if self._cone is None:
+            return
+        across = vt[len(rows) :].T
+        sign = np.diag([1.0] + [-1.0] * (len(self._cone) - 1))
+        Q = self._cone.T @ sign @ self._cone
+        curve, slope, rest = across.T @ Q @ across, across.T @ Q @ origin, float(origin @ Q @ origin)
+        if len(rows) == n - 1:
+            points.extend(origin + w * across[:, 0] for w in _roots(float(curve[0, 0]), float(slope[0]), rest))
+            return
+        values, vectors = np.linalg.eigh(curve)
+        size = max(float(np.max(np.abs(values))), 1e-300)
+        least = int(np.argmin(np.abs(values)))
+        if abs(values[least]) <= 1e-9 * size:
+            if np.linalg.norm(Q @ across @ vectors[:, least]) <= 1e-7 * size:
+                return  # ruled: its extreme points have more active conditions
+            curve = curve + 1e-9 * size * np.eye(len(curve))  # a parabola, as a very long ellipse
+        inverse = np.linalg.inv(curve)
+        pull = inverse @ slope
+        sections.append((origin, across, inverse, pull, float(slope @ pull) - rest))
+
+    def _inside(self, x: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+        """Return which forces (m, n) satisfy all conditions within tolerance."""
+        size = np.linalg.norm(x, axis=1) + 1e-300
+        excess = np.max((x @ self._linear.T - self._limits) / (self._limits + self._scale * size[:, None]), axis=1)
+        good = excess <= CONDITION_TOLERANCE
+        if self._cone is not None:
+            y = x @ self._cone.T
+            good &= np.linalg.norm(y[:, 1:], axis=1) <= y[:, 0] + 1e-7 * np.linalg.norm(y, axis=1)
+        return np.asarray(good)
+
+
+def _roots(a: float, b: float, c: float) -> list[float]:
+    """Return the real roots of ``a w^2 + 2 b w + c``."""
+    if abs(a) <= 1e-14 * max(abs(b), abs(c), 1e-300):
+        return [] if b == 0.0 else [-0.5 * c / b]
+    inner = b * b - a * c
+    return [] if inner < 0.0 else [(-b + inner**0.5) / a, (-b - inner**0.5) / a]
+
+
+def check_bounded(contacts: Sequence[ContactModel], torques: FloatArray, space: int, name: str) -> None:
+    """Raise if some force of the cones loads no joint."""
+    rng = np.random.default_rng(0)
+    every = []
+    for contact, where in zip(contacts, ranges(contacts, space), strict=True):
+        n = contact.components(space)
+        tried = np.concatenate([np.eye(n) * 1e3, -np.eye(n) * 1e3, rng.standard_normal((RAYS, n)) * 1e3])
+        rays = contact.extreme(tried)[1]
+        rays = rays[rays[:, 0] > 0.0]
+        rays[:, 1:] *= WIDER
+        every.append(torques[:, where] @ rays.T)
+    produced = np.concatenate(every, axis=1)
+    scale = max(float(np.max(np.abs(produced), initial=0.0)), 1e-300)
+    system = np.concatenate([produced / scale, np.ones((1, produced.shape[1]))])
+    residual = nnls(system, np.append(np.zeros(len(torques)), 1.0))[1]
+    if residual <= 1e-6:
+        raise InputError(
+            name,
+            "joints that leave a force of the contact without any torque",
+            "Jacobians under which every force of the cone loads some joint",
+        )
+
+
+class TorqueCone:
+    """Force set ``{x in K : |T x| <= 1}`` of one or several contacts, by conic programs.
+
+    Parameters
+    ----------
+    contacts : sequence of ContactModel
+    torques : (m, n) array
+        T: joint torques over their limits per force component.
+    space : int
+    name : str
+        For messages.
+
+    Raises
+    ------
+    InputError
+        When some force of the cones loads no joint, so that the set is unbounded.
+    """
+
+    def __init__(self, contacts: Sequence[ContactModel], torques: FloatArray, space: int, name: str) -> None:
+        check_bounded(contacts, torques, space, name)
+        self._contacts, self._torques, self._space = contacts, torques, space
+        self._lift, cones = lifted(contacts, space)
+        n = self._lift.shape[1]
+        loads = torques @ self._lift
+        self._cones = [clarabel.NonnegativeConeT(2 * len(torques)), *[cone_of(M) for M in cones]]
+        self._A = sparse.csc_matrix(np.concatenate([loads, -loads, *[-M for M in cones]]))
+        self._b = np.zeros(self._A.shape[0])
+        self._b[: 2 * len(torques)] = 1.0
+        self._none = sparse.csc_matrix((n, n))
+        self._options = quiet_settings(TOLERANCE)
+
+    def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the support function (m,) along z (m, n), and maximisers (m, n)."""
+        force = self.priced(z)[0]
+        return np.maximum(0.0, np.sum(z * force, axis=1)) / SCALE_INSIDE, force
+
+    def priced(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return maximisers along z (b, n), and the shadow prices of the torque limits, (b, m).
+
+        Prices are positive at upper limits and negative at lower ones.
+        """
+        force, prices = np.zeros_like(z), np.zeros((len(z), len(self._torques)))
+        m = len(self._torques)
+        for i, row in enumerate(z):
+            size = float(np.linalg.norm(row))
+            if size == 0.0:
+                continue
+            cost = -(row / size) @ self._lift
+            found = clarabel.DefaultSolver(self._none, cost, self._A, self._b, self._cones, self._options).solve()
+            x = project((self._lift @ np.array(found.x))[None, :], self._contacts, self._space)[0]
+            force[i] = x * SCALE_INSIDE / max(1.0, float(np.max(np.abs(self._torques @ x), initial=0.0)))
+            dual = np.array(found.z)
+            prices[i] = size * (dual[:m] - dual[m : 2 * m])
+        return force, prices
+
+
+class TorqueSet(ForceSet):
+    """Force set ``{x in K : |T x| <= 1}`` of several contacts under joint-torque limits.
+
+    Parameters
+    ----------
+    torques : (m, n) array
+        T: torques over their limits per force component.
+    contacts : sequence of ContactModel
+    space : int
+    name : str
+        For messages.
+
+    Raises
+    ------
+    InputError
+        When some force loads no joint, so that the set is unbounded.
+    """
+
+    def __init__(self, torques: FloatArray, contacts: Sequence[ContactModel], space: int, name: str) -> None:
+        super().__init__(contacts, space)
+        self.torques, self._name = torques, name
+        self._groups = [self._group(own) for own in _independent(torques, self.ranges)]
+
+    @property
+    def costly(self) -> bool:
+        """Whether some group of contacts needs a conic program per support evaluation."""
+        return any(isinstance(one, TorqueCone) for _, one in self._groups)
+
+    def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the support function (m,) along z (m, n), a sum over the groups, and maximisers (m, n)."""
+        total, forces = np.zeros(len(z)), np.zeros_like(z)
+        for where, one in self._groups:
+            value, forces[:, where] = one.support(z[:, where])
+            total += value
+        return total, forces
+
+    def prices(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return maximisers along z (m, n), and the shadow prices of the limits, (m, rows of T).
+
+        Prices are positive at upper limits and negative at lower ones.
+        """
+        forces, prices = np.zeros_like(z), np.zeros((len(z), len(self.torques)))
+        for where, rows, cone in self._cones:
+            forces[:, where], prices[:, rows] = cone.priced(z[:, where])
+        return forces, prices
+
+    def used(self, x: FloatArray) -> FloatArray:
+        """Return the largest ratios of torque to limit (m,) of forces (m, n)."""
+        return np.asarray(np.max(np.abs(x @ self.torques.T), axis=1, initial=0.0))
+
+    def cones(self) -> list[FloatArray]:
+        """Return the conditions ``f - (T x)_j >= 0`` and ``f + (T x)_j >= 0`` of all limits, (1, n + 1) each."""
+        signed = [sign * row for row in self.torques for sign in (1.0, -1.0)]
+        return [np.append(row, 1.0)[None, :] for row in signed]
+
+    def _group(self, own: list[int]) -> tuple[NDArray[np.intp], TorquePolytope | TorqueCone]:
+        """Return component indices and force set of a group of coupled contacts."""
+        where, rows = self._part(own)
+        models = [self.contacts[i] for i in own]
+        T = self.torques[np.ix_(rows, where)]
+        name = f"{self._name}, contact{'s' * (len(own) > 1)} {', '.join(map(str, own))}"
+        single = len(own) == 1 and T.shape[1] <= MOST_LISTED
+        if single and sum(len(M) > 1 for M in models[0].cones(self.space)) <= 1:
+            return where, TorquePolytope(models[0], T, self.space, name)
+        return where, TorqueCone(models, T, self.space, name)
+
+    def _part(self, own: list[int]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Return the component indices of contacts, and the rows of T that involve them."""
+        where = np.concatenate([np.arange(self.ranges[i].start, self.ranges[i].stop) for i in own])
+        return where, np.flatnonzero(np.any(self.torques[:, where] != 0.0, axis=1))
+
+    @cached_property
+    def _cones(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp], TorqueCone]]:
+        result = []
+        for own in _independent(self.torques, self.ranges):
+            where, rows = self._part(own)
+            models = [self.contacts[i] for i in own]
+            result.append((where, rows, TorqueCone(models, self.torques[np.ix_(rows, where)], self.space, self._name)))
+        return result
+
+
+def torque_rows(
+    jacobians: Sequence[FloatArray],
+    limits: Sequence[FloatArray],
+    frames: FloatArray,
+    contacts: Sequence[ContactModel],
+) -> list[FloatArray]:
+    """Return each contact's matrix of torques over limits per force component, (m_i, n_i), from its Jacobian."""
+    space = frames.shape[1]
+    maps = [wrench_transform(np.zeros(space), f) @ c.basis(space) for f, c in zip(frames, contacts, strict=True)]
+    return [(J.T / tau[:, None]) @ B[: len(J)] for J, tau, B in zip(jacobians, limits, maps, strict=True)]
+
+
+def check_jacobian(name: str, J: FloatArray, space: int, d: int) -> None:
+    """Raise for a Jacobian without rows of velocities, or of velocities and angular velocities."""
+    if len(J) not in (space, d):
+        raise InputError(name, f"{len(J)} rows", f"{space} or {d} rows")
+
+
+def _independent(torques: FloatArray, parts: Sequence[slice]) -> list[list[int]]:
+    """Return the groups of contacts without common limits."""
+    seen = np.stack([np.any(torques[:, r] != 0.0, axis=1) for r in parts]).astype(float)  # (k, rows)
+    count, labels = connected_components(sparse.csr_matrix(seen @ seen.T), directed=False)
+    return [np.flatnonzero(labels == g).tolist() for g in range(count)]

@@ -1,0 +1,205 @@
+"""The command ``nlpgrasp hand``: inspection of a hand before a solve."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from nlpgrasp.cli.console import writable
+from nlpgrasp.common.display import opened
+from nlpgrasp.common.validation import NEAREST, listed, near
+from nlpgrasp.errors import InputError
+
+if TYPE_CHECKING:
+    from nlpgrasp.hands.tips import Tip
+
+if TYPE_CHECKING:
+    from nlpgrasp.hands.base import Hand
+    from nlpgrasp.hands.inspection import Inspected
+
+
+def described(source: Path, preset: str | None) -> tuple[str | None, Path | None]:
+    """Return the name of the preset that is meant, if any, and the path of the URDF, None where it is to be fetched.
+
+    Raises
+    ------
+    InputError
+        On the name of no preset, and where there is neither a file nor a preset.
+    """
+    from nlpgrasp.hands.presets import PRESETS
+
+    if preset is not None:
+        if preset not in PRESETS:
+            raise InputError("--preset", preset, f"one of {listed([preset], PRESETS)}")
+        return preset, source
+    if not source.exists():
+        if str(source) in PRESETS:
+            return str(source), None
+        allowed = f"a URDF file that exists, or one of {listed([source], PRESETS)}"
+        raise InputError("URDF", str(source), allowed)
+    return None, source
+
+
+def link_of(source: Path, name: str, option: str, below: Sequence[str] | None = None) -> str:
+    """Return a link's name, refusing one that is not there.
+
+    Parameters
+    ----------
+    source : Path
+    name, option : str
+        What was given, and where.
+    below : sequence of str, optional
+        The links that are allowed; all of the file when left out.
+    """
+    from nlpgrasp.hands.robot_file import robot_links
+
+    names = list(robot_links(source)) if below is None else list(below)
+    if name not in names:
+        some = ", ".join((near(name, names) or names)[:NEAREST])
+        raise InputError(option, name, f"a link of {source.name}, such as {some}")
+    return name
+
+
+def direction_of(text: str | None) -> list[float]:
+    """Return the direction in which the palm faces, given as X,Y,Z; its z axis where it is not given."""
+    try:
+        direction = [0.0, 0.0, 1.0] if text is None else [float(part) for part in text.split(",")]
+    except ValueError:
+        direction = []
+    if len(direction) != 3 or not any(direction):
+        raise InputError("--approach", text, "a direction as three numbers, such as 1,0,0")
+    return direction
+
+
+def fingertips_of(source: Path, palm: str | None, given: Sequence[str]) -> Mapping[str, float | Tip | Sequence[Tip]]:
+    """Return link and patch of each fingertip given as LINK or LINK=RADIUS.
+
+    Without a radius the fingertip is the link's only collision sphere or capsule, or a sphere as thick as its collision
+    shapes, about their middle.
+
+    Raises
+    ------
+    InputError
+        On links that are not there or stand twice, radii that are none, and links without a shape and a radius.
+    """
+    from nlpgrasp.common.validation import number
+    from nlpgrasp.hands.robot_file import read_robot
+    from nlpgrasp.hands.suggested_tips import sphere_about, tip_of
+
+    robot = read_robot(source, palm)
+    result: dict[str, float | Tip | Sequence[Tip]] = {}
+    for text in given:
+        name, sign, radius = text.partition("=") if text not in robot.links else (text, "", "")
+        link = link_of(source, name, "--fingertip", robot.links)
+        if link in result:
+            raise InputError("--fingertip", f"{link} twice", "each link once")
+        if sign:
+            result[link] = number(f"--fingertip {link}", _number(link, radius), above=0.0)
+            continue
+        shapes = robot.shapes.get(link, ())
+        tip = tip_of(shapes) or sphere_about(shapes)
+        if tip is None:
+            given = f"{link}, which has no collision shape"
+            raise InputError("--fingertip", given, f"its radius: {link}=0.01 (metres)")
+        result[link] = tip
+    return result
+
+
+def _number(link: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"--fingertip {link}", text or "nothing", "a radius in metres") from None
+
+
+Source = Annotated[
+    Path,
+    typer.Argument(
+        metavar="URDF", help="A URDF or MJCF file, or the name of a preset (its URDF is fetched by robot_descriptions)."
+    ),
+]
+
+
+def hand_command(
+    source: Source,
+    palm: Annotated[
+        str | None, typer.Option("--palm", metavar="LINK", help="Palm link (default: the root link).")
+    ] = None,
+    fingertip: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--fingertip",
+            metavar="LINK[=RADIUS]",
+            help="Fingertip link and radius in metres (default: from its collision shape). Repeat for each contact.",
+        ),
+    ] = None,
+    preset: Annotated[
+        str | None,
+        typer.Option(
+            "--preset", metavar="NAME", help="Preset that supplies fingertips, palm and limits, such as allegro."
+        ),
+    ] = None,
+    approach: Annotated[
+        str | None,
+        typer.Option(
+            "--approach",
+            metavar="X,Y,Z",
+            help="Direction in which the palm faces, in the palm's frame (default: 0,0,1).",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", metavar="F.html", help="Where to write the page (default: the name of the URDF with .html)."
+        ),
+    ] = None,
+    show: Annotated[bool, typer.Option("--open/--no-open", help="Open the page in a browser, if there is one.")] = True,
+) -> None:
+    """Show a hand on one page: its links, fingertips and joints, which fingertips can meet, and what its file lacks.
+
+    The findings are printed too. A finding marked with ! can make grasps wrong.
+    """
+    target = Path(f"{source.stem}.html") if out is None else out
+    writable(target, source)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # the findings say what they say
+        hand = _hand(source, preset, palm, fingertip or [], approach)
+    from nlpgrasp.hands.inspection import inspect
+    from nlpgrasp.report import write_hand
+
+    found = inspect(hand)
+    page = write_hand(found, target)
+    typer.echo("\n".join(found.lines))
+    typer.echo(f"written to {page}")
+    if show:
+        opened(page)
+
+
+def _hand(
+    source: Path, preset: str | None, palm: str | None, fingertip: list[str], approach: str | None
+) -> Hand | Inspected:
+    """Return the hand that is shown."""
+    name, path = described(source, preset)
+    if name is not None:
+        for option, given in (("--fingertip", ", ".join(fingertip)), ("--approach", approach)):
+            if given:
+                raise InputError(option, given, f"none with the preset {name}, which has its own")
+        from nlpgrasp.hands.presets import PRESETS
+
+        make = PRESETS[name]
+        if palm is None:
+            return make(path)
+        return make(path, palm=palm if path is None else link_of(path, palm, "--palm"))
+    base = None if palm is None else link_of(source, palm, "--palm")
+    faces = direction_of(approach)
+    if not fingertip:
+        from nlpgrasp.hands.inspection import without_fingertips
+
+        return without_fingertips(source, base, faces)
+    from nlpgrasp import URDFHand
+
+    return URDFHand.load(source, fingertips_of(source, base, fingertip), palm=base, approach=faces)

@@ -1,0 +1,70 @@
+"""The command ``nlpgrasp report``."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from nlpgrasp.cli.console import writable
+from nlpgrasp.cli.problem_script import load_problem
+from nlpgrasp.cli.quality_command import complete
+from nlpgrasp.common.files import kind_of
+from nlpgrasp.errors import InputError
+
+FILES = "Solution files; several are compared. Or a script SCRIPT.py: what it asks, before anything is solved."
+Files = Annotated[list[Path], typer.Argument(metavar="F.json...", help=FILES)]
+
+
+def report_command(
+    files: Files,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="F.html", help="The page; by default F.html, of a script SCRIPT-problem.html."),
+    ] = None,
+    png: Annotated[
+        bool, typer.Option("--png", help="Write pictures beside the page instead: no browser needed.")
+    ] = False,
+) -> None:
+    """Show solutions on one page that opens from disk, or as pictures.
+
+    Analyses that solutions lack are added first, in the same files.
+    """
+    from nlpgrasp.report import write_pictures, write_report
+
+    if any(kind_of(file) == "a Python script" for file in files):
+        _report_problem(files, out, png)
+        return
+    often = Counter(file.name for file in files)
+    names = [file.name if often[file.name] == 1 else str(file) for file in files]
+    target = files[0].with_suffix(".html") if out is None else out
+    writable(target, *files)
+    if png:
+        from nlpgrasp.common.optional_packages import pyplot
+
+        pyplot("a picture")  # before the work
+    solutions = {name: complete(file) for name, file in zip(names, files, strict=True)}
+    if not png:
+        typer.echo(f"written to {write_report(solutions, target)}")
+        return
+    stems = [Path(name).stem for name in solutions]
+    for i, solution in enumerate(solutions.values()):
+        own = stems[i] if stems.count(stems[i]) == 1 else f"{stems[i]}-{i + 1}"
+        stem = target.with_suffix("") if len(stems) == 1 else target.with_name(f"{target.stem}-{own}")
+        for path in write_pictures(solution, stem):
+            typer.echo(f"written to {path}")
+
+
+def _report_problem(files: list[Path], out: Path | None, png: bool) -> None:
+    """Write the page of the problem that a script asks."""
+    from nlpgrasp.report.body_page import write_problem
+
+    if len(files) > 1:
+        raise InputError("F.json...", f"{len(files)} files, with a script", "solution files, or one script alone")
+    if png:
+        raise InputError("--png", f"with {files[0]}, a script", "a solution file with it: a problem has a page alone")
+    target = files[0].with_name(f"{files[0].stem}-problem.html") if out is None else out
+    writable(target, *files)
+    typer.echo(f"written to {write_problem(load_problem(files[0]), target)}")

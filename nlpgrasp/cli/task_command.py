@@ -1,0 +1,114 @@
+"""The commands ``nlpgrasp task fit | list | show``: libraries of tasks."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import nlpgrasp as ng
+from nlpgrasp.cli.console import AsJson, emit
+from nlpgrasp.errors import InputError
+
+Recording = Annotated[Path, typer.Argument(metavar="RECORDING.csv", help="Of a wrist force-torque sensor.")]
+Library = Annotated[Path | None, typer.Argument(metavar="LIBRARY", help="Its folder; the ready library when left out.")]
+Units = Annotated[
+    tuple[str, str] | None, typer.Option("--units", help="Of forces and torques; from the header by default.")
+]
+
+
+def fit_command(
+    recording: Recording,
+    into: Annotated[Path, typer.Option("--into", metavar="LIBRARY", help="Folder; made with the first entry.")],
+    name: Annotated[str, typer.Option("--name", help="Of the entry: a new one, or one that learns on.")],
+    outliers: Annotated[float, typer.Option("--outliers", help="Share of the recording left out first.")] = 0.0,
+    probability: Annotated[
+        float | None, typer.Option("--probability", help="Of a new entry: the covariance's ellipsoid of this share.")
+    ] = None,
+    units: Units = None,
+    exerts: Annotated[
+        str, typer.Option("--exerts", help="Whose wrench on the object it states: surroundings or fingers.")
+    ] = "surroundings",
+    skip_invalid: Annotated[bool, typer.Option("--skip-invalid", help="Leave out lines without six numbers.")] = False,
+    description: Annotated[str, typer.Option("--description", help="Of a new entry: what the task is.")] = "",
+    tag: Annotated[list[str] | None, typer.Option("--tag", help="Of a new entry: to find it by; repeatable.")] = None,
+    frame: Annotated[str, typer.Option("--frame", help="Of a new entry: the body frame in words.")] = "",
+    as_json: AsJson = False,
+) -> None:
+    """Fit the task ellipsoid of a recording, into a library: a new entry, or an update of the one of this name."""
+    library = ng.TaskLibrary(into)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        read = ng.WrenchRecording.read(recording, units=units, exerts=exerts, skip_invalid=skip_invalid)
+        known = library.path.is_dir() and name in library
+        if known:
+            new_only = {"--probability": probability, "--description": description, "--tag": tag, "--frame": frame}
+            for option, value in new_only.items():
+                if value:
+                    raise InputError(option, value, f"a new --name with it: {into} has {name!r}, which learns on")
+            entry = library.update(name, read, outliers=outliers)
+        else:
+            notes = {"description": description, "frame": frame}
+            entry = library.add(name, read, outliers=outliers, probability=probability, tags=tuple(tag or ()), **notes)
+    for one in said:
+        typer.echo(f"nlpgrasp: {one.message}", err=True)
+    if as_json:
+        emit({"did": "updated" if known else "added", "library": str(into), **entry.summary()})
+    else:
+        typer.echo(f"{'updated' if known else 'added'} in {into}: {_words(entry)}")
+
+
+def list_command(
+    library: Library = None,
+    search: Annotated[str, typer.Option("--search", help="Words that name, description or tags have.")] = "",
+    as_json: AsJson = False,
+) -> None:
+    """List the tasks of a library: names, dimensions, recorded wrenches, units."""
+    opened = ng.TaskLibrary(library)
+    found = opened.search(search)
+    if as_json:
+        for name in found:
+            emit(opened.entry(name).summary())
+    else:
+        typer.echo(opened.table(found))
+
+
+def show_command(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Of a task.")],
+    library: Annotated[
+        Path | None, typer.Option("--library", metavar="DIR", help="Its folder; the ready library when left out.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Show a task of a library: its ellipsoid, its frame, and where it comes from."""
+    entry = ng.TaskLibrary(library).entry(name)
+    if as_json:
+        emit(entry.summary())
+    else:
+        typer.echo(_words(entry))
+
+
+def _words(entry: ng.TaskEntry) -> str:
+    """Return an entry and the extents of its ellipsoid as text."""
+    import numpy as np
+
+    from nlpgrasp.common.formatting import axis_labels
+
+    axes, center = entry.task.axes, entry.task.center
+    reach = np.linalg.norm(axes, axis=0)
+    labels = axis_labels(entry.dimension)
+    extents = [f"  {n}: {c - r:.4g} to {c + r:.4g}" for n, c, r in zip(labels, center, reach, strict=True)]
+    return "\n".join([str(entry), *extents])
+
+
+def task_app() -> typer.Typer:
+    """Return the command with its three."""
+    app = typer.Typer(
+        help="Libraries of task ellipsoids: fit recordings into one, list it, show a task.", no_args_is_help=True
+    )
+    app.command("fit")(fit_command)
+    app.command("list")(list_command)
+    app.command("show")(show_command)
+    return app

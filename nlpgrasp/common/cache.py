@@ -1,0 +1,139 @@
+"""Content-addressed cache of expensive results in the user's cache folder.
+
+An entry is a file named by the SHA-256 of all its inputs: content, settings, the code that computes it, and the
+versions of this package and its libraries. It begins with the SHA-256 of the rest, so that truncated or foreign files
+are detected and recomputed. Entries are written atomically, and two processes that write the same entry write the
+same bytes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import io
+import os
+import re
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+import platformdirs
+from numpy.typing import NDArray
+
+from nlpgrasp.common.files import write_bytes
+from nlpgrasp.common.user_warnings import say_once
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import InputError
+from nlpgrasp.version import __version__
+
+SETTING = "NLPGRASP_CACHE"  # environment variable: a folder, or "off"
+MOST = 512 * 2**20  # bytes, total size of entries above which the oldest are removed
+DIGEST = 32  # bytes of a SHA-256
+LIBRARIES = ("numpy", "scipy", "libigl", "trimesh", "manifold3d")
+ENTRY = re.compile(r"[a-z-]+-[0-9a-f]{64}")
+
+Arrays = Mapping[str, FloatArray]
+
+
+def folder() -> Path | None:
+    """Return the folder of the cache, None if it is off."""
+    setting = os.environ.get(SETTING, "")
+    if setting.lower() == "off":
+        return None
+    return Path(setting) if setting else Path(platformdirs.user_cache_dir("nlpgrasp", appauthor=False))
+
+
+def kept(kind: str, made_from: Sequence[bytes | NDArray[np.generic]], make: Callable[[], Arrays]) -> Arrays:
+    """Return arrays from the cache, or compute and store them.
+
+    If the cache cannot be read or written, or an entry is corrupt, the arrays are computed, with a single warning.
+
+    Parameters
+    ----------
+    kind : str
+        Kind of entry, the first part of its name.
+    made_from : sequence of bytes and arrays
+        All inputs of the result.
+    make : callable
+        Returns the arrays by name; the source of its module is part of the key.
+    """
+    where = folder()
+    if where is None:
+        return make()
+    file = where / f"{kind}-{_key(kind, [_code_of(make), *map(_bytes, made_from)])}"
+    found = _read(file)
+    if found is None:
+        found = dict(make())
+        _write(file, found)
+    return found
+
+
+def _key(kind: str, made_from: Sequence[bytes]) -> str:
+    """Return the key of an entry, a SHA-256 in hexadecimal digits."""
+    digest = hashlib.sha256()
+    stated = [kind, __version__, *(version(library) for library in LIBRARIES)]
+    for part in [*(text.encode() for text in stated), *made_from]:
+        digest.update(len(part).to_bytes(8, "big"))
+        digest.update(part)
+    return digest.hexdigest()
+
+
+def _bytes(part: bytes | NDArray[np.generic]) -> bytes:
+    """Return the bytes of an array, or given bytes unchanged."""
+    return part if isinstance(part, bytes) else np.ascontiguousarray(part).tobytes()
+
+
+def _code_of(make: Callable[[], Arrays]) -> bytes:
+    """Return the source of a function's module; empty without a file."""
+    path = getattr(sys.modules.get(make.__module__), "__file__", None)
+    return b"" if path is None else Path(path).read_bytes()
+
+
+def _read(file: Path) -> dict[str, FloatArray] | None:
+    """Return the arrays of an entry, None if it is missing or corrupt."""
+    try:
+        data = file.read_bytes()
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        say_once(f"the cache folder {file.parent} cannot be read ({error.strerror}): going on without it")
+        return None
+    if hashlib.sha256(data[DIGEST:]).digest() == data[:DIGEST]:
+        try:
+            with np.load(io.BytesIO(data[DIGEST:]), allow_pickle=False) as arrays:
+                return {name: arrays[name] for name in arrays.files}
+        except (ValueError, OSError, BadZipFile):
+            pass
+    say_once(f"{file} is not a whole entry of the cache: it is made anew")
+    return None
+
+
+def _write(file: Path, arrays: Arrays) -> None:
+    """Write an entry and limit the cache's size; warn if that is not possible."""
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **{name: np.asarray(array) for name, array in arrays.items()})
+    content = buffer.getvalue()
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        write_bytes(file, hashlib.sha256(content).digest() + content)
+        _make_room(file.parent)
+    except (OSError, InputError) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        say_once(f"the cache folder {file.parent} cannot be written ({reason}): going on without it")
+
+
+def _make_room(where: Path) -> None:
+    """Remove the oldest entries beyond the cache's maximal size, and no other files."""
+    found = []
+    for file in where.iterdir():
+        if ENTRY.fullmatch(file.name):
+            with contextlib.suppress(FileNotFoundError):  # another process made room as well
+                found.append((file.stat().st_mtime, file.stat().st_size, file))
+    total = 0
+    for _, size, file in sorted(found, reverse=True):
+        total += size
+        if total > MOST:
+            file.unlink(missing_ok=True)

@@ -1,0 +1,129 @@
+"""Display of objects as HTML pages in a browser or notebook."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+import webbrowser
+from collections.abc import Callable
+from html import escape
+from importlib import import_module
+from pathlib import Path
+from typing import ClassVar, cast
+
+from nlpgrasp.common.files import file_name, writable_place
+
+TALL = 460  # pixels, height of a page in a notebook
+
+
+Write = Callable[[object, Path], Path]
+Card = Callable[[object], str]
+Serve = Callable[..., str | None]
+
+
+def show(thing: object, name: str, writer: tuple[str, str], path: str | Path | None = None) -> Path:
+    """Write an object's HTML page, open it in a browser if possible, and return its path.
+
+    The writer is imported by name on demand, since it belongs to a higher layer.
+
+    Parameters
+    ----------
+    thing : object
+    name : str
+        Name of the file if no path is given.
+    writer : (str, str) tuple
+        Module and function of the writer, which takes the object and a path.
+    path : str or Path, optional
+        By default a temporary file.
+
+    Raises
+    ------
+    InputError
+        When the path cannot be written (checked first), or the object cannot be shown.
+    """
+    if path is not None:
+        writable_place("show.path", Path(path))
+    write = cast(Write, _found(writer))
+    if path is not None:
+        return opened(write(thing, Path(path)))
+    folder = Path(tempfile.mkdtemp(prefix="nlpgrasp-"))
+    try:
+        page = write(thing, folder / f"{file_name(name) or 'page'}.html")
+    except BaseException:
+        folder.rmdir()
+        raise
+    return opened(page)
+
+
+def live(thing: object, server: tuple[str, str], *more: object) -> str | None:
+    """Serve an object's page and return its address, or None if that is not possible.
+
+    Parameters
+    ----------
+    thing : object
+    server : (str, str) tuple
+        Module and function of the server, which takes the object and ``more``.
+    """
+    return cast(Serve, _found(server))(thing, *more)
+
+
+def inline(thing: object, card: tuple[str, str]) -> str:
+    """Return an object's small page as HTML for a notebook, isolated in an iframe.
+
+    Parameters
+    ----------
+    thing : object
+    card : (str, str) tuple
+        Module and function that takes the object and returns a page.
+    """
+    page = cast(Card, _found(card))(thing)
+    return (
+        f'<iframe srcdoc="{escape(page)}" title="{escape(repr(thing))}" loading="lazy" '
+        f'style="border:0;border-radius:8px;height:{TALL}px;max-width:60rem;width:100%"></iframe>'
+    )
+
+
+def opened(page: Path) -> Path:
+    """Open a page in a browser, or print its path if that is not possible; return the path."""
+    place = page.resolve()
+    if not (has_display() and browsed(place.as_uri())):
+        sys.stdout.write(f"No browser was opened; the page is {place}\n")
+    return page
+
+
+def has_display() -> bool:
+    """Return whether a display is available, so that no text browser takes over the terminal."""
+    if sys.platform in ("win32", "darwin") or os.environ.get("BROWSER"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def browsed(address: str) -> bool:
+    """Open an address in a browser, and return whether that succeeded."""
+    try:
+        return webbrowser.open(address)
+    except webbrowser.Error:
+        return False
+
+
+def _found(name: tuple[str, str]) -> object:
+    """Import a function by its module and name."""
+    module, function = name
+    return getattr(import_module(module), function)
+
+
+class InNotebook:
+    """Mixin that displays an object in notebooks as a small HTML page.
+
+    Attributes
+    ----------
+    _card : (str, str) tuple
+        Module and function that takes the object and returns a page, imported on demand.
+    """
+
+    _card: ClassVar[tuple[str, str]]
+
+    def _repr_html_(self) -> str:
+        """Return the page in an iframe, as HTML."""
+        return inline(self, self._card)

@@ -1,1 +1,0 @@
-"""Optional dependencies, imported on demand."""

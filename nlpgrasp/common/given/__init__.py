@@ -1,1 +1,0 @@
-"""Conversion of user input: lengths with units, angles, masses, names, poses."""

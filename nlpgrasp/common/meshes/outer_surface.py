@@ -1,0 +1,285 @@
+"""Outer surface of a mesh: union of its parts without cavities and buried triangles.
+
+For parts that cannot be united. A triangle that no other intersects is buried entirely or not at all. Intersected
+triangles are bisected repeatedly until no piece is intersected; small pieces that still are intersected are removed,
+which leaves a slit along the seam.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nlpgrasp.common.cache import kept
+from nlpgrasp.common.meshes.intersections import (
+    covered,
+    crossing,
+    crossing_triangles,
+    in_plane,
+    meeting_boxes,
+    normals_of,
+)
+from nlpgrasp.common.meshes.search_tree import BESIDE, OPEN_SHARE, IntArray, buried, buried_share, unclear_share
+from nlpgrasp.common.meshes.topology import Parts, with_own_vertices
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import InputError
+
+SAME = 1e-9  # relative change of area and volume below which parts do not overlap
+FINEST = 1e-7  # of the size: edge length below which edges of a union are due to rounding
+SMALLEST = 1e-300
+SMALL = 1e-3  # of the size: length below which triangles are not bisected
+MOST_PIECES = 1_000_000
+GROWN = 2e-6  # of the size: outward offset that makes touching parts overlap
+MOST_BURIED = 5e-4  # of the surface area: buried share that is tolerated
+
+
+Triangles = tuple[FloatArray, IntArray]
+
+
+def outer_union(parts: Parts, grown: float = 0.0) -> tuple[Triangles, int] | None:
+    """Return the outer surface of the union of the solid parts, and the number of closed cavities.
+
+    The parts must be oriented outwards. All other triangles are appended unchanged.
+
+    Parameters
+    ----------
+    parts : Parts
+    grown : float
+        Outward offset of the solid parts' vertices, which makes touching parts overlap, metres.
+
+    Returns
+    -------
+    triangles : tuple of (v, 3) array and (f, 3) int array
+        Vertices, metres, and triangles.
+    hollows : int
+        Number of closed cavities of the union, which are removed.
+        None for both if the parts do not overlap, or manifold3d rejects one of them.
+    """
+    if len(parts.volumes) < 2 or len(solid := parts.solid) < 2:
+        return None
+    lower, upper = parts.boxes()
+    if not len(meeting_boxes(lower[solid] - grown, upper[solid] + grown)):
+        return None
+    finest = max(FINEST * float(np.linalg.norm(np.ptp(parts.vertices, axis=0))), grown)
+    joined = _unite_shells([_grown(*parts.mesh_of(part), grown) for part in solid.tolist()], finest)
+    if joined is None:
+        return None
+    found = Parts(*joined)
+    outside = np.flatnonzero(found.volumes > 0.0)
+    hollows = len(found.volumes) - len(outside)
+    if hollows:  # shells inside cavities are then inside another shell
+        joined = with_own_vertices(found.vertices, found.faces[np.isin(found.labels, outside)])
+        joined = _unite_shells([found.mesh_of(part) for part in outside.tolist()], finest) or joined
+    loose = np.flatnonzero(~np.isin(parts.labels, solid))
+    if len(loose):
+        vertices, faces = with_own_vertices(parts.vertices, parts.faces[loose])
+        joined = np.concatenate([joined[0], vertices]), np.concatenate([joined[1], faces + len(joined[0])])
+    return joined, hollows
+
+
+def _grown(vertices: FloatArray, faces: IntArray, by: float) -> Triangles:
+    """Return a shell offset outwards along area-weighted vertex normals."""
+    if by == 0.0:
+        return vertices, faces
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    across = np.repeat(np.cross(b - a, c - a), 3, axis=0)
+    normal = np.stack([np.bincount(faces.ravel(), across[:, i], len(vertices)) for i in range(3)], axis=1)
+    return vertices + by * normal / np.maximum(np.linalg.norm(normal, axis=1), SMALLEST)[:, None], faces
+
+
+def _unite_shells(shells: Sequence[Triangles], finest: float) -> Triangles | None:
+    """Return the union of closed outward shells, simplified within ``finest``, metres.
+
+    None if manifold3d rejects a shell, or if nothing overlaps: the union has the area and volume of all together.
+    trimesh's interface to manifold3d uses single precision, which would move every vertex.
+    """
+    import manifold3d
+
+    each = [
+        manifold3d.Manifold(manifold3d.Mesh64(np.ascontiguousarray(v), np.ascontiguousarray(f, dtype=np.uint64)))
+        for v, f in shells
+    ]
+    if any(shell.status() != manifold3d.Error.NoError for shell in each):
+        return None
+    union = manifold3d.Manifold.batch_boolean(each, manifold3d.OpType.Add)
+    together = np.sum([[shell.surface_area(), shell.volume()] for shell in each], axis=0)
+    if union.is_empty() or np.all(np.abs([union.surface_area(), union.volume()] - together) <= SAME * together):
+        return None
+    mesh = union.simplify(finest).to_mesh64()
+    return np.array(mesh.vert_properties, dtype=float)[:, :3], np.array(mesh.tri_verts).astype(np.int64)
+
+
+def without_buried(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+    """Return vertices (v, 3) and triangles (f, 3) of the exposed surface of a mesh.
+
+    Raises
+    ------
+    InputError
+        When too many triangles intersect.
+    """
+    size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    corners = vertices[faces]
+    pairs = crossing_triangles(vertices, faces, BESIDE * size)
+    one, other = corners[pairs[:, 0]], corners[pairs[:, 1]]
+    upon = _alike(one, other) & (in_plane(one, other, BESIDE * size) | in_plane(other, one, BESIDE * size))
+    pairs = pairs[~(upon & (pairs[:, 0] < pairs[:, 1]))]
+    whole = np.ones(len(faces), dtype=bool)
+    whole[pairs[:, 0]] = False
+    every = np.concatenate([corners[whole], _pieces(corners, pairs, size)])
+    kept = every[~buried(vertices, faces, every.mean(axis=1), normals_of(every))]
+    places, numbers = np.unique(kept.reshape(-1, 3), axis=0, return_inverse=True)
+    return places, np.asarray(numbers).reshape(-1, 3).astype(np.int64)
+
+
+def _pieces(corners: FloatArray, pairs: IntArray, size: float) -> FloatArray:
+    """Return the pieces (n, 3, 3) of bisected intersecting triangles, without small pieces still intersected.
+
+    Pieces that lie on an earlier triangle with the same orientation are also removed.
+    """
+    owners: IntArray = np.unique(pairs[:, 0])
+    piece: IntArray = np.searchsorted(owners, pairs[:, 0])
+    pieces, cutter = corners[owners], pairs[:, 1]
+    done = [np.zeros((0, 3, 3))]
+    while len(pieces):
+        cut = np.zeros(len(pieces), dtype=bool)
+        cut[piece] = True
+        small = _longest(pieces) <= SMALL * size
+        done.append(pieces[~cut])
+        pieces, owners, piece, cutter = _halved(pieces, owners, piece, cutter, cut & ~small)
+        if len(pieces) + sum(map(len, done)) > MOST_PIECES:
+            raise InputError(
+                "Mesh.mesh", "a surface that crosses itself in too many triangles", "parts joined to one closed surface"
+            )
+        some, others = pieces[piece], corners[cutter]
+        upon = covered(some, others, BESIDE * size)
+        twice = np.zeros(len(pieces), dtype=bool)
+        twice[piece[upon & _alike(some, others) & (cutter < owners[piece])]] = True
+        still = crossing(some, others, BESIDE * size) & ~upon & ~twice[piece]
+        numbers = np.cumsum(~twice) - 1
+        pieces, owners, piece, cutter = pieces[~twice], owners[~twice], numbers[piece[still]], cutter[still]
+    return np.concatenate(done)
+
+
+def _alike(one: FloatArray, other: FloatArray) -> NDArray[np.bool_]:
+    """Return which triangles (p, 3, 3) have normals within 90 degrees of others' (p, 3, 3), pair by pair."""
+    return np.asarray(np.einsum("ij,ij->i", normals_of(one), normals_of(other)) > 0.0)
+
+
+def _longest(pieces: FloatArray) -> FloatArray:
+    """Return the longest sides (n,) of triangles (n, 3, 3)."""
+    return np.asarray(np.max(np.linalg.norm(np.roll(pieces, -1, axis=1) - pieces, axis=2), axis=1))
+
+
+def _halved(
+    pieces: FloatArray, owners: IntArray, piece: IntArray, cutter: IntArray, which: NDArray[np.bool_]
+) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
+    """Return selected pieces bisected at their longest side, with owners and pairs, without the other pieces."""
+    chosen = pieces[which]
+    sides = np.linalg.norm(np.roll(chosen, -1, axis=1) - chosen, axis=2)
+    order = (np.argmax(sides, axis=1)[:, None] + np.arange(3)) % 3
+    a, b, c = np.moveaxis(np.take_along_axis(chosen, order[:, :, None], axis=1), 1, 0)
+    middle = (a + b) / 2.0
+    halves = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+    kept = which[piece]
+    first = (np.cumsum(which) - 1)[piece[kept]]
+    return (
+        halves,
+        np.tile(owners[which], 2),
+        np.concatenate([first, first + len(chosen)]),
+        np.tile(cutter[kept], 2),
+    )
+
+
+def outer_surface(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray, tuple[str, ...]]:
+    """Return vertices (v, 3) and triangles (f, 3) of a mesh's outer surface, and the repairs as sentences.
+
+    A mesh that is its own outer surface is returned unchanged. Results are cached.
+
+    Parameters
+    ----------
+    vertices : (v, 3) array
+        Metres, without duplicates.
+    faces : (f, 3) int array
+
+    Raises
+    ------
+    InputError
+        When overlapping parts cannot be united and the remaining surface has an ambiguous inside.
+    """
+    found = kept("outer", [vertices, faces], lambda: _found(vertices, faces))
+    notes = tuple(bytes(found["notes"].astype(np.uint8)).decode().splitlines())
+    if not notes:
+        return vertices, faces, ()
+    return found["vertices"], np.asarray(found["faces"], dtype=np.int64), notes
+
+
+def _found(vertices: FloatArray, faces: IntArray) -> dict[str, FloatArray]:
+    """Return the outer surface as arrays for the cache; no triangles if it is unchanged."""
+    notes: list[str] = []
+    parts = Parts(vertices, faces)
+    hollows = parts.cavities()
+    parts = _facing_outwards(parts, hollows, notes)
+    parts = _without_buried(_unite_parts(parts, hollows, notes), notes)
+    said = np.frombuffer("\n".join(notes).encode(), dtype=np.uint8).astype(float)
+    return {"notes": said, "vertices": parts.vertices, "faces": parts.faces.astype(float)} if notes else {"notes": said}
+
+
+def _facing_outwards(parts: Parts, hollows: IntArray, notes: list[str]) -> Parts:
+    """Return the parts with all closed ones, cavity walls included, oriented outwards.
+
+    For a mesh of one part or without closed parts, all triangles are reversed or none.
+    """
+    if len(parts.volumes) > 1 and len(solid := parts.solid):
+        inwards = solid[parts.volumes[solid] < 0.0]
+        wrong, every = np.setdiff1d(inwards, hollows), np.setdiff1d(solid, hollows)
+    else:
+        wrong = every = inwards = np.arange(len(parts.volumes) if parts.volumes.sum() < 0.0 else 0)
+    if not len(inwards):
+        return parts
+    if len(wrong) == len(every):
+        notes.append("turned inside out: the triangles faced inwards")
+    elif len(wrong):
+        notes.append(f"turned {len(wrong)} of {len(every)} parts inside out: their triangles faced inwards")
+    turned = np.isin(parts.labels, inwards)
+    return Parts(parts.vertices, np.where(turned[:, None], parts.faces[:, ::-1], parts.faces))
+
+
+def _unite_parts(parts: Parts, hollows: IntArray, notes: list[str]) -> Parts:
+    """Return the union of the parts; touching parts are offset outwards so that they overlap."""
+    united, how = outer_union(parts), ""
+    if len(parts.volumes) > 1 and _buried(Parts(*united[0]) if united else parts) > MOST_BURIED:
+        by = GROWN * float(np.linalg.norm(np.ptp(parts.vertices, axis=0)))
+        grown = outer_union(parts, by)
+        if grown is not None and _buried(Parts(*grown[0])) <= MOST_BURIED:
+            united, how = grown, f", grown by {by:.1g} m so that those that touch overlap"
+    if united is None:
+        return parts
+    if len(parts.solid) - len(hollows) > 1:
+        notes.append(f"joined {len(parts.solid) - len(hollows)} parts{how}: the outer surface of their union is left")
+    closed = len(hollows) + united[1]
+    if closed:
+        walls = "a closed hollow" if closed == 1 else f"{closed} closed hollows"
+        notes.append(f"left out the walls of {walls}: no finger gets there, and the body counts as filled")
+    return Parts(*united[0])
+
+
+def _without_buried(parts: Parts, notes: list[str]) -> Parts:
+    """Return the mesh without buried triangles; raise if its inside is then ambiguous."""
+    share = _buried(parts)
+    if share <= MOST_BURIED:
+        return parts
+    left = Parts(*without_buried(parts.vertices, parts.faces))
+    if not len(left.faces) or unclear_share(left.vertices, left.faces) > OPEN_SHARE or _buried(left) > MOST_BURIED:
+        raise InputError(
+            "Mesh.mesh",
+            f"a surface with {share:.2g} of its area inside the body, which cannot be parted from the rest",
+            "parts that are closed, or joined to one closed surface",
+        )
+    notes.append(f"left out triangles inside the body: {share:.2g} of the area was buried")
+    return left
+
+
+def _buried(parts: Parts) -> float:
+    return buried_share(parts.vertices, parts.faces)

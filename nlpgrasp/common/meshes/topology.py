@@ -1,0 +1,254 @@
+"""Topology of triangle meshes: merged vertices, edge-connected parts, orientation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from nlpgrasp.common.meshes.search_tree import IntArray, SearchTree
+from nlpgrasp.common.validation import FloatArray
+
+if TYPE_CHECKING:
+    import trimesh
+
+
+FLAT = 1e-9  # of the bounding box's volume: volume below which a part is a sheet
+NEGLIGIBLE = 1e-4  # of the surface area: share of opposite triangle pairs that is tolerated
+LOOKED_AT = 16  # vertices of a part tested for being inside another
+SEAM = 1e-6  # of the longest side: distance within which open edges merge (exporters use single precision)
+
+
+@dataclass(frozen=True)
+class Parts:
+    """A mesh and its edge-connected parts.
+
+    Where more than two triangles share an edge, consecutive ones in the mesh belong together, since files contain one
+    part after the other.
+
+    Parameters
+    ----------
+    vertices : (v, 3) array
+        Metres.
+    faces : (f, 3) int array
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+
+    @cached_property
+    def _edges(self) -> NDArray[np.int64]:
+        """Index of each undirected edge of each triangle, (f, 3)."""
+        ends = np.sort(np.stack([self.faces, np.roll(self.faces, -1, axis=1)], axis=2), axis=2)
+        keys = ends[..., 0] * np.int64(len(self.vertices)) + ends[..., 1]
+        return np.asarray(np.unique(keys, return_inverse=True)[1]).reshape(self.faces.shape)
+
+    @cached_property
+    def _ways(self) -> NDArray[np.int64]:
+        """Direction of each edge in its triangle, (f, 3): 1 from the smaller vertex index, -1 from the larger."""
+        return np.where(self.faces < np.roll(self.faces, -1, axis=1), 1, -1)
+
+    @cached_property
+    def open_edges(self) -> int:
+        """Number of open edges, used unequally often in both directions."""
+        return int(np.count_nonzero(np.bincount(self._edges.ravel(), self._ways.ravel())))
+
+    @cached_property
+    def open_vertices(self) -> NDArray[np.int64]:
+        """Indices of the vertices of open edges."""
+        sums = np.bincount(self._edges.ravel(), self._ways.ravel())
+        which = sums[self._edges] != 0
+        return np.unique([self.faces[which], np.roll(self.faces, -1, axis=1)[which]]).astype(np.int64)
+
+    @cached_property
+    def labels(self) -> NDArray[np.int64]:
+        """Part index of each triangle, (f,)."""
+        edges, ways = self._edges.ravel(), self._ways.ravel()
+        order = np.argsort(edges, kind="stable")
+        starts = np.flatnonzero(np.diff(edges[order], prepend=-1))
+        place = np.arange(len(edges)) - np.repeat(starts, np.diff(starts, append=len(edges)))  # among those of its edge
+        one, other = order[:-1], order[1:]
+        beside = (edges[one] == edges[other]) & (place[:-1] % 2 == 0) & (ways[one] != ways[other])
+        one, other, count = one[beside] // 3, other[beside] // 3, len(self.faces)
+        graph = coo_matrix((np.ones(len(one), dtype=bool), (one, other)), shape=(count, count))
+        return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+
+    @cached_property
+    def volumes(self) -> FloatArray:
+        """Signed volume of each part, about the mean vertex of the mesh, m^3."""
+        a, b, c = (self.vertices[self.faces[:, i]] - self.vertices.mean(axis=0) for i in range(3))
+        return np.asarray(np.bincount(self.labels, np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0))
+
+    @cached_property
+    def solid(self) -> IntArray:
+        """Indices of the parts without open edges and with volume."""
+        edges, ways = self._edges, self._ways
+        count = edges.max() + 1
+        keys, key = np.unique((self.labels[:, None] * count + edges).ravel(), return_inverse=True)
+        whole = np.ones(len(self.volumes), dtype=bool)
+        whole[keys[np.bincount(np.asarray(key).ravel(), ways.ravel()) != 0] // count] = False
+        box = float(np.prod(np.ptp(self.vertices, axis=0)))
+        return np.flatnonzero(whole & (np.abs(self.volumes) > FLAT * box))
+
+    @cached_property
+    def _order(self) -> tuple[IntArray, IntArray]:
+        """Triangle indices sorted by part, and the first position of each part."""
+        order = np.argsort(self.labels, kind="stable")
+        return order, np.searchsorted(self.labels[order], np.arange(len(self.volumes) + 1))
+
+    def mesh_of(self, part: int) -> tuple[FloatArray, IntArray]:
+        """Return the vertices (v, 3) and triangles (f, 3) of a single part."""
+        order, starts = self._order
+        return with_own_vertices(self.vertices, self.faces[order[starts[part] : starts[part + 1]]])
+
+    def boxes(self) -> tuple[FloatArray, FloatArray]:
+        """Return the lower and upper corners of all parts' bounding boxes, (p, 3) each."""
+        order, starts = self._order
+        corners = self.vertices[self.faces[order]]
+        lower = np.minimum.reduceat(corners.min(axis=1), starts[:-1], axis=0)
+        return lower, np.maximum.reduceat(corners.max(axis=1), starts[:-1], axis=0)
+
+    def cavities(self) -> IntArray:
+        """Return the solid parts that bound cavities: inside others and with opposite orientation."""
+        signs = np.sign(self.volumes)
+        if len(signs) < 2 or np.all(signs[self.solid] == signs[self.solid[:1]]):
+            return np.zeros(0, dtype=np.int64)
+        lower, upper = self.boxes()
+        tree_of = cache(lambda part: SearchTree(*self.mesh_of(part)))
+        found = []
+        for part in self.solid:
+            around = [
+                other
+                for other in self.solid
+                if other != part and np.all(lower[other] <= lower[part]) and np.all(upper[part] <= upper[other])
+            ]
+            corners = self.mesh_of(part)[0][:: max(1, self._size(part) // LOOKED_AT)]
+            inside = [other for other in around if np.all(np.abs(tree_of(other).winding_numbers(corners)) > 0.5)]
+            outside = sum(signs[other] for other in inside)
+            if abs(outside + signs[part]) < abs(outside):
+                found.append(part)
+        return np.array(found, dtype=np.int64)
+
+    def _size(self, part: int) -> int:
+        starts = self._order[1]
+        return int(starts[part + 1] - starts[part])
+
+
+def with_own_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+    """Return the vertices (v, 3) used by some triangles, and the triangles (f, 3) with renumbered vertices."""
+    used, numbers = np.unique(faces, return_inverse=True)
+    return vertices[used], np.asarray(numbers).reshape(-1, 3).astype(np.int64)
+
+
+def without_doubles(vertices: FloatArray, faces: IntArray) -> tuple[NDArray[np.bool_], int, int]:
+    """Return which triangles (f, 3) to keep, and the numbers of removed copies and opposite pairs' triangles.
+
+    Pairs of opposite triangles bound no volume. They are removed unless their area is negligible or all there is; where
+    the rest is open without them, the one of a pair that closes it stays.
+    """
+    ordered = np.argsort(faces, axis=1, kind="stable")
+    way = np.where(np.isin(ordered @ np.array([9, 3, 1]), (5, 15, 19)), 1, -1)  # 012, 120, 201: even permutations
+    _, group = np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True)
+    group = np.asarray(group).ravel()
+    net = np.bincount(group, way)
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    balanced = net[group] == 0
+    if area[balanced].sum() <= NEGLIGIBLE * area.sum() or np.all(balanced):
+        balanced[:] = False
+    first = np.full(len(net), len(faces), dtype=np.int64)
+    wanted = np.flatnonzero((net[group] == 0) | (way == np.sign(net[group])))
+    np.minimum.at(first, group[wanted], wanted)
+    copies = (net[group] != 0) & (first[group] != np.arange(len(faces)))
+    closing = _closing(faces, group, ~(copies | balanced), balanced)
+    return ~(copies | balanced) | closing, int(copies.sum()), int((balanced & ~closing).sum())
+
+
+def _closing(faces: IntArray, group: IntArray, kept: NDArray[np.bool_], pairs: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which opposite triangles (f, 3) close open edges of the kept ones, at most one per group.
+
+    An open edge with a single group of undecided triangles decides that group, then its other edges are examined.
+    """
+    ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)
+    keys = np.sort(ends, axis=2) @ np.array([faces.max() + 1, 1])
+    edges = np.unique(keys, return_inverse=True)[1].reshape(keys.shape)
+    ways = np.where(ends[..., 0] < ends[..., 1], 1, -1)
+    count = edges.max() + 1
+    undecided, closing = pairs.copy(), np.zeros(len(faces), dtype=bool)
+    members = np.maximum(np.bincount(group, pairs), 1.0)[group]
+    while True:
+        left = np.bincount(edges[kept | closing].ravel(), ways[kept | closing].ravel(), count)
+        groups = np.bincount(edges[undecided].ravel(), np.repeat(1.0 / members[undecided], 3), count)
+        fits = (left[edges] == -ways) & (np.abs(groups[edges] - 1.0) < 0.5) & undecided[:, None]
+        contrary = (left[edges] == ways) & (np.abs(groups[edges] - 1.0) < 0.5)
+        wanted = np.flatnonzero(fits.any(axis=1) & ~contrary.any(axis=1))
+        if not len(wanted):
+            return closing
+        wanted = wanted[np.unique(group[wanted], return_index=True)[1]]
+        closing[wanted] = True
+        undecided &= ~np.isin(group, group[wanted])
+
+
+def merged_mesh(vertices: FloatArray, faces: IntArray) -> trimesh.Trimesh:
+    """Return the mesh with one vertex per position and without degenerate triangles.
+
+    Vertices merge within 1e-8 m. If edges stay open, vertices of open edges merge within a millionth of the longest
+    side, and thin triangles that close a gap are kept; the result with the fewest open edges is returned.
+
+    Parameters
+    ----------
+    vertices : (v, 3) array
+        Metres.
+    faces : (f, 3) int array
+    """
+    import trimesh
+
+    merged = trimesh.Trimesh(vertices, faces, process=False)
+    merged.merge_vertices()
+    result = merged.copy()
+    result.update_faces(result.nondegenerate_faces())
+    if not len(result.faces) or is_plain(result) or not (fewest := open_edges(result)):
+        return result
+    all_faces = np.asarray(merged.faces)
+    proper = all_faces[_has_three_corners(all_faces)]
+    for candidate in (proper, welded_faces(np.asarray(merged.vertices), proper)):
+        left = Parts(np.asarray(merged.vertices), candidate).open_edges if len(candidate) else fewest
+        if left < fewest:
+            fewest, result = left, trimesh.Trimesh(merged.vertices, candidate, process=False)
+            result.remove_unreferenced_vertices()
+    return result
+
+
+def welded_faces(vertices: FloatArray, faces: IntArray) -> IntArray:
+    """Return the triangles (f, 3) with vertices of open edges merged within ``SEAM``."""
+    loose = Parts(vertices, faces).open_vertices
+    reach = SEAM * float(np.max(np.ptp(vertices, axis=0)))
+    pairs = loose[cKDTree(vertices[loose]).query_pairs(reach, output_type="ndarray")]
+    count = len(vertices)
+    graph = coo_matrix((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    labels = connected_components(graph, directed=False)[1]
+    first = np.full(count, count, dtype=np.int64)
+    np.minimum.at(first, labels, np.arange(count))
+    result = first[labels][faces]
+    return np.asarray(result[_has_three_corners(result)])
+
+
+def is_plain(mesh: trimesh.Trimesh) -> bool:
+    """Return whether the mesh is watertight with consistent winding."""
+    return bool(mesh.is_watertight and mesh.is_winding_consistent)
+
+
+def open_edges(mesh: trimesh.Trimesh) -> int:
+    """Return the number of open edges, used unequally often in both directions."""
+    return Parts(np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces)).open_edges
+
+
+def _has_three_corners(faces: IntArray) -> NDArray[np.bool_]:
+    """Return which triangles (f, 3) have three distinct vertices, (f,)."""
+    return np.asarray(np.all(faces != np.roll(faces, 1, axis=1), axis=1))

@@ -1,0 +1,123 @@
+"""Optional packages, imported on demand: MuJoCo, viser, Matplotlib with its helpers."""
+
+from __future__ import annotations
+
+import os
+from importlib import import_module
+from io import BytesIO
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from nlpgrasp.common.drawing import Triangles
+from nlpgrasp.common.files import write_bytes
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import InputError, MissingExtraError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d import Axes3D
+
+
+LIGHT = np.array([0.4, 0.3, 0.85])
+ZOOM = 1.4  # matplotlib leaves wide margins
+
+
+def import_mujoco(what: str) -> ModuleType:
+    """Import the package ``mujoco``.
+
+    Raises
+    ------
+    MissingExtraError
+        When it is not installed; ``what`` names the feature that needs it.
+    """
+    try:
+        return import_module("mujoco")
+    except ImportError:
+        raise MissingExtraError(what, "sim") from None
+
+
+def import_viser(what: str) -> ModuleType:
+    """Import the package ``viser``.
+
+    Raises
+    ------
+    MissingExtraError
+        When it is not installed; ``what`` names the feature that needs it.
+    """
+    try:
+        return import_module("viser")
+    except ImportError:
+        raise MissingExtraError(what, "view") from None
+
+
+def pyplot(what: str) -> ModuleType:
+    """Import matplotlib's pyplot with a file-only backend.
+
+    Raises
+    ------
+    MissingExtraError
+        When matplotlib is not installed; ``what`` names the feature that needs it.
+    InputError
+        When the environment names an unknown backend.
+    """
+    try:
+        import_module("matplotlib").use("Agg")
+        return import_module("matplotlib.pyplot")
+    except ImportError:
+        raise MissingExtraError(what, "viz") from None
+    except ValueError as error:
+        raise InputError("MPLBACKEND", os.environ.get("MPLBACKEND"), f"a backend of matplotlib ({error})") from None
+
+
+def write_figure(figure: Figure, path: str | Path, dpi: int = 130) -> Path:
+    """Write a figure as PNG atomically, close it, and return the path.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written.
+    """
+    image = BytesIO()
+    figure.savefig(image, dpi=dpi)
+    pyplot("a picture").close(figure)
+    return write_bytes(path, image.getvalue())
+
+
+def draw_triangles(ax: Axes3D, shape: Triangles, colour: str, opacity: float) -> None:
+    """Draw a triangulated surface with directional shading.
+
+    Parameters
+    ----------
+    ax : Axes3D
+    shape : Triangles
+    colour : str
+        As ``#rrggbb``.
+    opacity : float
+        From 0 to 1.
+    """
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    corners = shape.vertices[shape.faces]  # (m, 3, 3)
+    ax.add_collection3d(Poly3DCollection(corners, facecolors=_shaded(corners, colour), alpha=opacity))
+
+
+def show_at_one_scale(ax: Axes3D, points: FloatArray) -> None:
+    """Set equal axis scales that show all points (n, 3), and hide the axes."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    half = 0.5 * float(np.max(high - low)) or 1.0
+    for setter, middle in zip((ax.set_xlim, ax.set_ylim, ax.set_zlim), 0.5 * (low + high), strict=True):
+        setter(middle - half, middle + half)
+    ax.set_box_aspect((1, 1, 1), zoom=ZOOM)
+    ax.set_axis_off()
+
+
+def _shaded(corners: FloatArray, colour: str) -> FloatArray:
+    """Return a shaded colour (m, 3) for each triangle."""
+    base = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    light = 0.65 + 0.35 * normals @ (LIGHT / np.linalg.norm(LIGHT))
+    return np.asarray(np.clip(base * light[:, None], 0.0, 1.0))

@@ -1,0 +1,347 @@
+"""Quadratic program for the shortest step onto linearised constraints, and Newton's method for feasibility."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar, Generic, Protocol, TypeVar
+
+import clarabel
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from nlpgrasp.common.validation import FloatArray
+
+LONG, SHORT = 0.99, 0.9  # step fractions to the cones' boundary: Clarabel's default, and a more robust one
+TOLERANCE, SLACK_TOLERANCE = 1e-9, 1e-8  # solver tolerance without and with slack
+LEAST_CURVATURE = 1e-8  # quadratic penalty of slacks with a linear one
+STEP_SHARE = 0.05  # share of the step's bounds: constraints that such a step can violate are included first
+BROKEN = 1e-9  # least violation at which an omitted constraint is added
+STALLED = 0.98  # share of the violation left by a step above which it counts as no progress
+
+
+def cone_of(matrix: FloatArray) -> object:
+    """Return the cone of ``M x``: a second-order cone, or for a single row the nonnegative numbers."""
+    return clarabel.NonnegativeConeT(1) if len(matrix) == 1 else clarabel.SecondOrderConeT(len(matrix))
+
+
+def quiet_settings(tolerance: float, step: float = LONG) -> clarabel.DefaultSettings:
+    """Return silent settings with a tolerance for gap and feasibility."""
+    options = clarabel.DefaultSettings()
+    options.verbose = False
+    options.max_step_fraction = step
+    options.tol_gap_abs = options.tol_gap_rel = options.tol_feas = tolerance
+    return options
+
+
+IntArray = NDArray[np.intp]
+
+
+class Slack(Protocol):
+    """Interface of slack variables s of a quadratic program: ``a d <= b`` becomes ``a d <= b + s``."""
+
+    tolerance: ClassVar[float]  # of the solver
+    at_least_zero: ClassVar[bool]  # whether s >= 0
+    keeps_equations: ClassVar[bool]  # or takes an equation as two inequalities
+
+    def columns(self, rows: IntArray) -> FloatArray:
+        """Return the columns (m, slacks) of the slack variables for these constraints."""
+
+    def prices(self, count: int) -> tuple[FloatArray, FloatArray]:
+        """Return the linear and quadratic penalties of the slacks, (count,) each."""
+
+
+@dataclass(frozen=True)
+class NoSlack:
+    """Hard constraints, without slack."""
+
+    tolerance: ClassVar[float] = TOLERANCE
+    at_least_zero: ClassVar[bool] = False
+    keeps_equations: ClassVar[bool] = True
+
+    def columns(self, rows: IntArray) -> FloatArray:
+        """Return an empty matrix, (m, 0)."""
+        return np.zeros((len(rows), 0))
+
+    def prices(self, count: int) -> tuple[FloatArray, FloatArray]:
+        """Return empty penalties, (0,) each."""
+        return np.zeros(0), np.zeros(0)
+
+
+@dataclass(frozen=True)
+class RowSlack:
+    """One slack per constraint, with a quadratic penalty.
+
+    Parameters
+    ----------
+    penalty : float
+        Of half the square.
+    """
+
+    penalty: float
+    tolerance: ClassVar[float] = SLACK_TOLERANCE
+    at_least_zero: ClassVar[bool] = False
+    keeps_equations: ClassVar[bool] = True
+
+    def columns(self, rows: IntArray) -> FloatArray:
+        """Return one column per constraint."""
+        return -np.eye(len(rows))
+
+    def prices(self, count: int) -> tuple[FloatArray, FloatArray]:
+        """Return zero linear penalties and the quadratic penalty for each slack, (count,) each."""
+        return np.zeros(count), np.full(count, self.penalty)
+
+
+@dataclass(frozen=True)
+class GroupSlack:
+    """One slack per group of constraints: its largest violation, with a linear penalty.
+
+    Parameters
+    ----------
+    member : (rows,) array of int
+        Group of each row of the program.
+    weights : (groups,) array
+    """
+
+    member: IntArray
+    weights: FloatArray
+    tolerance: ClassVar[float] = SLACK_TOLERANCE
+    at_least_zero: ClassVar[bool] = True
+    keeps_equations: ClassVar[bool] = False
+
+    def columns(self, rows: IntArray) -> FloatArray:
+        """Return one column per group, also for groups without a constraint here."""
+        columns = np.zeros((len(rows), len(self.weights)))
+        columns[np.arange(len(rows)), self.member[rows]] = -1.0
+        return columns
+
+    def prices(self, count: int) -> tuple[FloatArray, FloatArray]:
+        """Return the groups' weights as linear penalties, and tiny quadratic ones, (count,) each."""
+        return self.weights, np.full(count, LEAST_CURVATURE)
+
+
+NO_SLACK = NoSlack()
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """Linearised constraints ``lower <= values + jacobian d <= upper`` on a step d, and its bounds.
+
+    Parameters
+    ----------
+    values : (m,) array
+    jacobian : (m, n) array
+    lower, upper : (m,) array
+        Limits of the rows; equal where the row is an equation.
+    least, most : (n,) array
+        Bounds of the step, zero between them.
+    """
+
+    values: FloatArray
+    jacobian: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    least: FloatArray
+    most: FloatArray
+
+    @property
+    def violations(self) -> FloatArray:
+        """Violation of each constraint by the zero step, (m,), at least zero."""
+        return np.maximum(np.maximum(self.lower - self.values, self.values - self.upper), 0.0)
+
+    @property
+    def violation(self) -> float:
+        """Largest violation; inf where one is unknown."""
+        worst = float(np.max(self.violations, initial=0.0))
+        return worst if np.isfinite(worst) else np.inf
+
+
+def step_bounds(
+    z: FloatArray, bounds: tuple[FloatArray, FloatArray], longest: FloatArray | float
+) -> tuple[FloatArray, FloatArray]:
+    """Return least and most step, (n,) each, from z within the variables' bounds and the step's own limit."""
+    lower, upper = bounds
+    least, most = np.maximum(lower - z, -longest), np.minimum(upper - z, longest)
+    return np.minimum(least, 0.0), np.maximum(most, 0.0)  # z may be a little out of bounds
+
+
+@dataclass(frozen=True)
+class QuadraticStep:
+    """Solution of the quadratic program: step and multipliers.
+
+    Parameters
+    ----------
+    d : (n,) array
+    multipliers : (m,) array
+        Of the rows: positive where the upper limit is active, negative where the lower one is.
+    bound_multipliers : (n,) array
+        Of the step's bounds, with the same signs.
+    """
+
+    d: FloatArray
+    multipliers: FloatArray
+    bound_multipliers: FloatArray
+
+
+def shortest_step(
+    rows: Linearised,
+    cost: FloatArray | None = None,
+    damping: float = 1.0,
+    slack: Slack = NO_SLACK,
+    curvature: FloatArray | None = None,
+) -> QuadraticStep | None:
+    """Return the minimiser of ``cost d + damping |d|^2 / 2`` plus slack penalty; None if infeasible.
+
+    Most rows are far from their limits: the program begins with equations and with rows that a short step can break,
+    and takes in others where its answer breaks them.
+
+    Parameters
+    ----------
+    rows : Linearised
+    cost : (n,) array, optional
+        Zero when left out.
+    damping : float
+    slack : Slack
+        How far rows may be broken: by default not at all.
+    curvature : (n, n) array, optional
+        Positive semidefinite: ``d curvature d / 2`` is added to what is least.
+    """
+    g, J = rows.values, rows.jacobian
+    square = damping * np.eye(J.shape[1]) + (0.0 if curvature is None else curvature)
+    reach = STEP_SHARE * np.abs(J) @ np.maximum(-rows.least, rows.most)
+    seen = (rows.lower == rows.upper) | (g - reach < rows.lower) | (g + reach > rows.upper)
+    while True:
+        found = _solved(rows, seen, np.zeros(J.shape[1]) if cost is None else cost, square, slack)
+        if found is None:
+            return None
+        there = g + J @ found.d
+        broken = ~seen & ((there < rows.lower - BROKEN) | (there > rows.upper + BROKEN))
+        if not np.any(broken):
+            return found
+        seen |= broken
+
+
+def _solved(
+    rows: Linearised, seen: NDArray[np.bool_], cost: FloatArray, square: FloatArray, slack: Slack
+) -> QuadraticStep | None:
+    """Return the solution with a subset of the constraints; None if infeasible."""
+    g, J = rows.values, rows.jacobian
+    n = J.shape[1]
+    equal = seen & (rows.lower == rows.upper) & slack.keeps_equations
+    below, above = seen & ~equal & np.isfinite(rows.lower), seen & ~equal & np.isfinite(rows.upper)
+    used = [np.flatnonzero(mask) for mask in (equal, below, above)]
+    count = sum(map(len, used))
+    columns = slack.columns(np.concatenate(used))
+    m = columns.shape[1]
+    A = np.zeros((count + 2 * n + m * slack.at_least_zero, n + m))
+    A[:count, :n] = np.concatenate([J[equal], -J[below], J[above]])
+    A[:count, n:] = columns
+    A[count : count + n, :n] = np.eye(n)
+    A[count + n : count + 2 * n, :n] = -np.eye(n)
+    b = [(rows.lower - g)[equal], (g - rows.lower)[below], (rows.upper - g)[above], rows.most, -rows.least]
+    if slack.at_least_zero:
+        A[count + 2 * n :, n:] = -np.eye(m)
+        b.append(np.zeros(m))
+    linear, quadratic = slack.prices(m)
+    right = np.concatenate(b)
+    cones = [clarabel.ZeroConeT(len(used[0])), clarabel.NonnegativeConeT(len(right) - len(used[0]))]
+    P = np.zeros((n + m, n + m))
+    P[:n, :n] = np.triu(square)
+    P[np.arange(n, n + m), np.arange(n, n + m)] = quadratic
+    q = np.concatenate([cost, linear])
+    found = clarabel.DefaultSolver(_sparse(P), q, _sparse(A), right, cones, quiet_settings(slack.tolerance)).solve()
+    if "Solved" not in str(found.status):
+        return None
+    multipliers = np.zeros(len(g))
+    duals = np.split(np.array(found.z), np.cumsum([*(len(mask) for mask in used), n, n]))
+    for where, sign, dual in zip(used, (1.0, -1.0, 1.0), duals, strict=False):
+        multipliers[where] += sign * dual
+    return QuadraticStep(np.array(found.x)[:n], multipliers, duals[3] - duals[4])
+
+
+def _sparse(matrix: FloatArray) -> sparse.csc_matrix:
+    """Return a matrix in sparse columns (scipy's own conversion takes longer than the solver)."""
+    column, row = np.nonzero(matrix.T)
+    ends = np.concatenate([[0], np.cumsum(np.bincount(column, minlength=matrix.shape[1]))])
+    return sparse.csc_matrix((matrix[row, column], row, ends), shape=matrix.shape)
+
+
+R = TypeVar("R", bound=Linearised)
+
+
+@dataclass(frozen=True)
+class NewtonRules:
+    """Termination rules of Newton's method for feasibility.
+
+    Parameters
+    ----------
+    steps : int
+        At most.
+    enough : float
+        Violation at which they end.
+    patience : int
+        Steps in a row that hardly help, after which they end.
+    slack : Slack
+        With slack a step exists also where the rows contradict each other (Levenberg and Marquardt, with bounds).
+    """
+
+    steps: int
+    enough: float
+    patience: int = 1000
+    slack: Slack = NO_SLACK
+
+
+@dataclass(frozen=True)
+class Restored(Generic[R]):
+    """Result of Newton's method for feasibility.
+
+    Parameters
+    ----------
+    best : (n,) array
+        The variables of least violation.
+    rows : Linearised
+        The rows there.
+    last : (n,) array
+        The variables after the last step, whose rows have not been looked at where all steps were taken.
+    contradicted : bool
+        Whether the steps ended because the linearised rows contradict each other.
+    """
+
+    best: FloatArray
+    rows: R
+    last: FloatArray
+    contradicted: bool
+
+    @property
+    def violation(self) -> float:
+        """Least violation reached."""
+        return self.rows.violation
+
+
+def restore(linearise: Callable[[FloatArray], R], z: FloatArray, rules: NewtonRules) -> Restored[R]:
+    """Restore feasibility: return the variables of least violation along Newton steps.
+
+    Parameters
+    ----------
+    linearise : callable
+        Variables to the rows there, linearised, with bounds of the step.
+    z : (n,) array
+    rules : NewtonRules
+    """
+    rows = linearise(z)
+    best, least, waited, contradicted = z, rows, 0, False
+    for left in reversed(range(rules.steps)):
+        if rows.violation <= rules.enough or waited > rules.patience:
+            break
+        step = shortest_step(rows, slack=rules.slack)
+        if step is None:
+            contradicted = True
+            break
+        z = z + step.d
+        if left:
+            rows = linearise(z)
+            waited = 0 if rows.violation < STALLED * least.violation else waited + 1
+            if rows.violation < least.violation:
+                best, least = z, rows
+    return Restored(best, least, z, contradicted)

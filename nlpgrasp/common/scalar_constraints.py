@@ -1,0 +1,230 @@
+"""Labelled scalar constraints of a symbolic grasp candidate."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from nlpgrasp.common.types import Expression
+
+if TYPE_CHECKING:  # certificates reach this file, and no CasADi
+    import casadi as ca
+
+
+# kinds of scalar constraints with special treatment
+CLEARANCE = "clearance from the body"
+ON_FINGERTIP = "on fingertip"  # the only kind shown together with its link
+SELF_COLLISION = "self-collision"
+TIPS_APART = "fingertip distance"
+ROOM = "room for the fingertip"
+EDGE_MARGIN = "edge margin"
+UNIT_QUATERNION = "palm quaternion of unit length"
+
+EDGES = f"the {EDGE_MARGIN}"  # omitted from global bounds on a mesh
+
+
+@dataclass(frozen=True)
+class Label:
+    """Label of a scalar constraint: kind, contacts, link and part.
+
+    Parameters
+    ----------
+    kind : str
+        Kind of constraint, for example ``"table"``.
+    fingers : tuple of int
+        Indices of the contacts involved.
+    link : str
+        Part of the hand involved, for example ``"finger/2"`` or ``"palm"``.
+    part : str
+        Distinguishes constraints of the same kind, fingers and link: a coordinate, a joint, a direction, or ``"[3]"``
+        for an element of an expression.
+    """
+
+    kind: str
+    fingers: tuple[int, ...] = field(default=(), kw_only=True)
+    link: str = field(default="", kw_only=True)
+    part: str = field(default="", kw_only=True)
+
+    @property
+    def name(self) -> str:
+        """Label as text: ``"table, finger 2"``, ``"spread, fingers 0 and 1"``, ``"level[0]"``."""
+        first = f"{self.kind} {self.link}" if self.kind == ON_FINGERTIP else self.kind
+        link = "" if self.kind == ON_FINGERTIP else self.link
+        which = f"finger{'s' * (len(self.fingers) > 1)} {' and '.join(map(str, self.fingers))}" if self.fingers else ""
+        if self.part.startswith("["):
+            return ", ".join(filter(None, (first, link, which))) + self.part
+        return ", ".join(filter(None, (first, link, which, self.part)))
+
+    @property
+    def label(self) -> Label:
+        """Label without the constraint itself."""
+        return Label(self.kind, fingers=self.fingers, link=self.link, part=self.part)
+
+
+@dataclass(frozen=True)
+class Row(Label):
+    """A labelled scalar constraint ``lower <= expression <= upper``.
+
+    Parameters
+    ----------
+    kind : str
+        As in ``Label``.
+    expression : casadi.SX
+        Scalar; in an NLP also a column, each element within the limits.
+    lower, upper : float
+        In the expression's own unit.
+    scale : float
+        Typical size of the expression, for the solver's scaling.
+    unit : {"", "m", "m2", "cos"}
+        Unit of the expression: a length, a squared length, the cosine of an angle, or other.
+    fingers, link, part
+        As in ``Label``.
+    """
+
+    expression: Expression
+    lower: float = -np.inf
+    upper: float = np.inf
+    scale: float = 1.0
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class Clearance(Label):
+    """A labelled clearance constraint ``lower <= distance(point)`` of a point from a body.
+
+    Kept apart from ``Row`` because the distance to a mesh is a spline, which exists as ``MX`` only.
+
+    Parameters
+    ----------
+    kind : str
+        As in ``Label``.
+    distance : casadi.Function
+        Signed distance of a point (space,), metres; outside never more than the true one.
+    point : casadi.SX
+        Column.
+    lower : float
+        Metres.
+    scale : float
+        As in ``Row``.
+    fingers, link, part
+        As in ``Label``.
+    """
+
+    distance: ca.Function
+    point: Expression
+    lower: float
+    scale: float = 1.0
+
+    def row(self, expression: Expression) -> Row:
+        """Return the clearance as a scalar constraint on a given expression."""
+        return Row(
+            self.kind,
+            expression,
+            self.lower,
+            scale=self.scale,
+            unit="m",
+            fingers=self.fingers,
+            link=self.link,
+            part=self.part,
+        )
+
+    def as_row(self) -> Row | None:
+        """Return the clearance as a scalar constraint, or None if the distance is not an ``SX`` expression."""
+        return self.row(self.distance(self.point)) if self.distance.is_a("SXFunction") else None
+
+
+@dataclass(frozen=True)
+class LinkSphere:
+    """Collision sphere of a hand's link.
+
+    Parameters
+    ----------
+    link : str
+        ``"link/number"``, or the link of a fingertip.
+    centre : casadi.SX
+        Column, metres, body frame.
+    radius : float
+        Metres.
+    clearance : float
+        Least distance to the grasped body, metres; negative for a fingertip, which touches it: the depth to which it
+        may penetrate the solver's smooth surface before contacts are projected onto the body.
+    finger : int, optional
+        Index of the fingertip whose own sphere it is; constraints already treat it as a fingertip.
+    """
+
+    link: str
+    centre: Expression
+    radius: float
+    clearance: float = 0.0
+    finger: int | None = None
+
+    @property
+    def is_tip(self) -> bool:
+        """Whether it is a fingertip's sphere."""
+        return self.finger is not None
+
+
+@dataclass(frozen=True)
+class PalmPose:
+    """Symbolic pose of the palm.
+
+    Parameters
+    ----------
+    position : casadi.SX
+        Origin of the palm's frame, metres, body frame.
+    rotation : casadi.SX
+        (3, 3), axes of the palm's frame as columns, body frame.
+    approach : casadi.SX
+        Unit approach direction, in which the palm faces, body frame.
+    """
+
+    position: Expression
+    rotation: Expression
+    approach: Expression
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Symbolic grasp candidate: contacts and hand, on which constraints are stated.
+
+    Parameters
+    ----------
+    positions : sequence of k columns
+        Contact positions, metres, body frame.
+    normals : sequence of k columns
+        Unit normals pointing into the body.
+    radii : sequence of k floats
+        Of the fingertips, metres; 0 for points.
+    size : float
+        The body's characteristic length, metres.
+    spheres : sequence of LinkSphere
+        Collision spheres of the hand.
+    palm : PalmPose, optional
+        Of a hand with a palm.
+    closing : column, optional
+        Vector from one jaw to the other, metres, of a gripper that is free to turn about it.
+    hand : mapping, optional
+        The hand's variables by displayed names: ``"joints"``, ``"palm position"``; None if there are only contacts.
+    """
+
+    positions: Sequence[Expression]
+    normals: Sequence[Expression]
+    radii: Sequence[float]
+    size: float
+    spheres: Sequence[LinkSphere] = ()
+    palm: PalmPose | None = None
+    closing: Expression | None = None
+    hand: Mapping[str, Expression] | None = None
+
+    @property
+    def links(self) -> list[LinkSphere]:
+        """Spheres of links other than fingertips."""
+        return [s for s in self.spheres if not s.is_tip]
+
+    @property
+    def tips(self) -> list[Expression]:
+        """Centres of the fingertips, ``p - radius n``."""
+        return [p - r * n for p, n, r in zip(self.positions, self.normals, self.radii, strict=True)]

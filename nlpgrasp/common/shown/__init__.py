@@ -1,1 +1,0 @@
-"""Display utilities: drawings, pages, formatted numbers and wrenches, warnings."""

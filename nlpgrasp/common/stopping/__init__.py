@@ -1,1 +1,0 @@
-"""Cancellation by deadlines and Ctrl-C."""

@@ -1,1 +1,0 @@
-"""Storage utilities: cache, file locks, strict JSON."""

@@ -1,0 +1,50 @@
+"""Warnings attributed to the user's line of code, each once per process where asked."""
+
+from __future__ import annotations
+
+import multiprocessing
+import sys
+import warnings
+
+PACKAGE = __name__.split(".")[0]
+BETWEEN = (PACKAGE, "contextlib", "functools", "dataclasses")  # modules whose frames are skipped
+
+
+def warn(text: str) -> None:
+    """Issue a warning attributed to the calling line outside the package.
+
+    Parameters
+    ----------
+    text : str
+        Warning text.
+    """
+    warnings.warn(text, UserWarning, stacklevel=1 + _inside())
+
+
+def _inside() -> int:
+    """Return the number of consecutive package frames, from the caller of ``warn`` upwards."""
+    frame, level = sys._getframe(2), 1
+    while frame.f_back is not None and str(frame.f_globals.get("__name__", "")).split(".")[0] in BETWEEN:
+        frame, level = frame.f_back, level + 1
+    return level
+
+
+def asked_by_user() -> bool:
+    """Return whether the calling function was called from outside the package."""
+    return str(sys._getframe(2).f_globals.get("__name__", "")).split(".")[0] != PACKAGE
+
+
+_said: set[str] = set()
+
+
+def say_once(text: str) -> None:
+    """Issue a warning once per process, and only in the main process.
+
+    Parameters
+    ----------
+    text : str
+        Warning text.
+    """
+    if text not in _said and multiprocessing.parent_process() is None:
+        _said.add(text)
+        warn(text)

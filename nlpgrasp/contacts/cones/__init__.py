@@ -1,1 +1,0 @@
-"""Friction cones: projections, their Jacobians and support functions."""

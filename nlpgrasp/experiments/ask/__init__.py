@@ -1,1 +1,0 @@
-"""Specification of an experiment: base problem, variations and seeds."""

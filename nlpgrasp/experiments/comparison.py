@@ -1,0 +1,108 @@
+"""Comparison of solutions by certified quality."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from itertools import chain, count
+
+from nlpgrasp.common.formatting import columns
+from nlpgrasp.errors import InputError
+from nlpgrasp.experiments.experiment_result import NOT_COMPARABLE, ranks, ties
+from nlpgrasp.experiments.solve_record import SolveRecord
+from nlpgrasp.quality import Bounds
+from nlpgrasp.solution.solution import GraspSolution
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Solutions ranked by certified quality, the best first.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of the solutions, the best first.
+    records : tuple of SolveRecord
+        Record of each, in the same order.
+    ranks : tuple of int
+        1 plus the number of solutions that are certainly better.
+    ties : tuple of tuple of str
+        Names of the solutions with overlapping certified intervals.
+    comparable : bool
+        Whether all measure mu by the same task and kind of force budget.
+    """
+
+    names: tuple[str, ...]
+    records: tuple[SolveRecord, ...]
+    ranks: tuple[int, ...]
+    ties: tuple[tuple[str, ...], ...]
+    comparable: bool
+
+    @property
+    def bounds(self) -> tuple[Bounds, ...]:
+        """Certified bounds of each solution; ``[0, 0]`` where there is no grasp."""
+        return tuple(r.mu for r in self.records)
+
+    def __str__(self) -> str:
+        heads = ["rank", "solution", "mu certified in", "gap", "contacts", "seconds", "starts", "ties with", "active"]
+        body = []
+        for name, record, rank, tied in zip(self.names, self.records, self.ranks, self.ties, strict=True):
+            starts = f"{record.succeeded}/{len(record.starts)}" if record.starts else ""
+            found = str(record.mu) if record.success else "no grasp"
+            seconds = f"{record.seconds:.1f}" if record.seconds else ""
+            row = [f"{rank}", name, found, record.gap_text, f"{record.contacts}", seconds, starts, "; ".join(tied)]
+            body.append([*row, "; ".join(record.active)])
+        lines = columns(heads, body)
+        if not self.comparable:
+            lines.append(NOT_COMPARABLE)
+        return "\n".join(lines)
+
+
+def compare(solutions: Mapping[str, GraspSolution] | Iterable[GraspSolution]) -> Comparison:
+    """Compare solutions by their certified quality; differences within the certified gap are ties.
+
+    Parameters
+    ----------
+    solutions : mapping of str to GraspSolution, or iterable of GraspSolution
+        Without names, those of the problems are used, numbered where equal.
+
+    Raises
+    ------
+    InputError
+        On anything else, or without solutions.
+    """
+    given = _named(solutions)
+    records = {name: SolveRecord.of(name, 0, s) for name, s in given.items()}
+    bounds = [r.mu for r in records.values()]
+    names = list(records)
+    rank, tied = ranks(bounds), ties(bounds)
+    order = sorted(range(len(names)), key=lambda i: (rank[i], -bounds[i].upper))
+    return Comparison(
+        tuple(names[i] for i in order),
+        tuple(records[names[i]] for i in order),
+        tuple(rank[i] for i in order),
+        tuple(tuple(names[j] for j in tied[i] if bounds[j].upper > 0.0) for i in order),
+        len({r.measured for r in records.values()}) <= 1,
+    )
+
+
+def _named(solutions: Mapping[str, GraspSolution] | Iterable[GraspSolution]) -> dict[str, GraspSolution]:
+    if isinstance(solutions, Mapping):
+        named = dict(solutions)
+    else:
+        try:
+            items = list(solutions)
+        except TypeError:
+            raise InputError("solutions", solutions, "solutions, or a mapping of names to solutions") from None
+        plain = [getattr(s, "name", "") for s in items]
+        named = {}
+        for name, item in zip(plain, items, strict=True):
+            numbers = (f"{name} ({i})" for i in count(1))
+            free = (n for n in chain([name] if plain.count(name) == 1 else [], numbers) if n not in named)
+            named[next(free)] = item
+    if not named:
+        raise InputError("solutions", "none", "at least one solution")
+    for name, solution in named.items():
+        if not isinstance(name, str) or not isinstance(solution, GraspSolution):
+            raise InputError(f"solutions[{name!r}]", solution, "a GraspSolution, named by a text")
+    return named

@@ -1,0 +1,402 @@
+"""Experiment: a base problem, its variations by single changes or combined factors, and seeds."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import partial
+from itertools import product
+from typing import Any, TypeAlias, TypedDict
+
+from nlpgrasp.common.formatting import one_line
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import integer, number
+from nlpgrasp.contacts import ContactModel
+from nlpgrasp.errors import InputError
+from nlpgrasp.hands import Fingertips
+from nlpgrasp.optimize import SolveOptions
+from nlpgrasp.optimize.distinct_grasps import ONE, Keeping
+from nlpgrasp.pipeline.solve import check_json
+from nlpgrasp.problem.problem import GraspProblem
+
+PARTS = tuple(f.name for f in fields(GraspProblem))
+MORE = ("friction", "fingers", "starts", "options")
+ALLOWED = f"fields of a GraspProblem ({', '.join(PARTS)}) or {', '.join(MORE)}"
+
+
+Changes: TypeAlias = Mapping[str, Any]
+"""Fields of a problem by name, and the values that replace them: of any field's type."""
+
+Variation: TypeAlias = Changes | GraspProblem | Callable[[], Changes | GraspProblem]
+"""What one variation may be: fields to replace, a whole problem, or a function that returns either."""
+
+
+class CaseData(TypedDict, total=False):
+    """JSON data of one variation; ``deferred`` alone if a function creates it."""
+
+    deferred: bool
+    problem: Json
+    starts: int
+    options: Json
+    keep: int
+    distinct: float
+
+
+@dataclass(frozen=True)
+class Case:
+    """One variation: a problem with solve options.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+    starts : int
+    options : SolveOptions
+        With one worker: an experiment parallelises over solves, not starts.
+    keeping : Keeping
+    """
+
+    problem: GraspProblem
+    starts: int
+    options: SolveOptions
+    keeping: Keeping = ONE
+
+    def to_dict(self) -> CaseData:
+        """Return the data that determine the result, as JSON data."""
+        problem = {"name": self.problem.name, "torque_origin": self.problem.origin.tolist(), **self.problem.to_dict()}
+        options = {k: v for k, v in self.options.to_dict().items() if k != "workers"}
+        data: CaseData = {"problem": problem, "starts": self.starts, "options": options}
+        if self.keeping.count == 1:
+            return data
+        return {**data, "keep": self.keeping.count, "distinct": self.keeping.distinct}
+
+
+def case_of(where: str, base: Case, variation: Variation) -> Case:
+    """Return the case of a variation.
+
+    Parameters
+    ----------
+    where : str
+        Shown in messages, for example ``Experiment.variations['table']``.
+    base : Case
+    variation : mapping, GraspProblem or callable
+        Fields to replace, a whole problem, or a function that returns either.
+
+    Raises
+    ------
+    InputError
+        On unknown fields and invalid values.
+    """
+    if isinstance(variation, type):
+        raise InputError(where, variation, "a mapping, a GraspProblem, or a function that returns one")
+    given = variation() if callable(variation) else variation
+    if isinstance(given, GraspProblem):
+        return replace(base, problem=given)
+    if not isinstance(given, Mapping):
+        raise InputError(where, given, "a mapping of fields to values, a GraspProblem, or a function returning either")
+    check_fields(where, given)
+    parts = {name: value for name, value in given.items() if name in PARTS}
+    try:
+        problem = replace(base.problem, **_with_fingers(base.problem, given, parts))
+    except InputError as error:
+        raise InputError(f"{where}: {error.field}", error.given, error.allowed) from None
+    starts = integer(f"{where}.starts", given.get("starts", base.starts), at_least=1, at_most=10**6)
+    return Case(problem, starts, _options(where, base.options, given.get("options")), base.keeping)
+
+
+def settled_changes(changes: Changes) -> Changes:
+    """Return changes that can be read repeatedly: constraints from a generator as a tuple."""
+    given = changes.get("constraints")
+    return {**changes, "constraints": tuple(given)} if isinstance(given, Iterator) else changes
+
+
+def check_fields(where: str, changes: Changes) -> None:
+    """Refuse names that are not fields of a problem."""
+    unknown = [name for name in changes if name not in (*PARTS, *MORE)]
+    if unknown:
+        raise InputError(f"{where}.{unknown[0]}", "a field that does not exist", ALLOWED)
+
+
+def _with_fingers(base: GraspProblem, given: Changes, parts: Changes) -> Changes:
+    """Return the parts with number of fingers and friction applied to contacts and hand."""
+    if "fingers" not in given and "friction" not in given:
+        return parts
+    if "contacts" in parts:
+        raise InputError("contacts", "contacts together with fingers or friction", "one or the other")
+    models = base.models
+    if "fingers" in given:
+        count = integer("fingers", given["fingers"], at_least=1)
+        if any(m != models[0] for m in models):
+            raise InputError("fingers", count, "a base problem whose contacts are all alike, or contacts")
+        models = models[:1] * count
+        hand = parts.get("hand", base.hand)
+        if isinstance(hand, Fingertips) and "hand" not in parts:
+            parts = {**parts, "hand": replace(hand, count=count)}
+    if "friction" in given:
+        friction = number("friction", given["friction"], above=0.0)
+        models = tuple(_with_friction(m, friction) for m in models)
+    return {**parts, "contacts": models}
+
+
+def _with_friction(model: ContactModel, friction: float) -> ContactModel:
+    if "friction" not in {field.name for field in fields(model)}:
+        raise InputError("friction", f"a base problem with a {type(model).__name__}", "contacts with friction")
+    return model.with_coefficients(friction=friction)
+
+
+def _options(where: str, base: SolveOptions, given: object) -> SolveOptions:
+    """Return the options of a variation: all of them, or the named ones replaced."""
+    if given is None:
+        return base
+    if isinstance(given, SolveOptions):
+        return replace(given, workers=1)
+    names = set(base.to_dict()) - {"workers"}
+    if not isinstance(given, Mapping) or not set(given) <= names:
+        raise InputError(f"{where}.options", given, "an ng.SolveOptions, or a mapping of some of its fields")
+    return replace(base, **given)
+
+
+@dataclass(frozen=True, order=True)
+class SolveId:
+    """Identifier of one solve: variation and seed.
+
+    Parameters
+    ----------
+    variation : str
+    seed : int
+    """
+
+    variation: str
+    seed: int
+
+    def __str__(self) -> str:
+        return f"{self.variation}, seed {self.seed}"
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A base problem and named variations of it, each solved with several seeds.
+
+    Parameters
+    ----------
+    base : GraspProblem
+        Problem that the variations change.
+    variations : mapping of str to mapping, GraspProblem or callable; or a sequence of such pairs
+        By name, the fields of the base problem that are replaced. Besides the fields of
+        ``GraspProblem`` these are known: ``friction`` (of all contacts), ``fingers`` (how many, where
+        the base's contacts are alike), ``starts``, and ``options`` (``SolveOptions``, or a mapping
+        of some of its fields). A whole problem replaces the base. A function without arguments that returns either is
+        called in the worker that solves it: for hundreds of meshes that should not all be in memory.
+        ``ng.combinations`` makes combinations of several factors.
+    seeds : iterable of int
+        Each variation is solved once with each seed.
+    starts : int
+        Of each solve.
+    options : SolveOptions, optional
+        ``workers`` is ignored: solves run in parallel, each in one process. So is ``rank``: variations and their starts
+        are compared by mu.
+    name : str, optional
+        The base problem's when left out.
+    keep, distinct : int, float
+        For each solve, as in ``ng.solve``. A grasp taken from another variation is kept alone.
+
+    Raises
+    ------
+    InputError
+        On two variations of one name, and on invalid problems; only functions may fail later.
+    """
+
+    base: GraspProblem
+    variations: Mapping[str, Variation] | Sequence[tuple[str, Variation]]
+    seeds: Iterable[int] = (0,)
+    starts: int = 8
+    options: SolveOptions | None = None
+    name: str | None = None
+    keep: int = 1
+    distinct: float = 0.1
+    _base: Case = field(init=False, repr=False, compare=False)
+    _by_name: dict[str, Variation] = field(init=False, repr=False, compare=False)
+    _cases: dict[str, Case] = field(init=False, repr=False, compare=False, default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.base, GraspProblem):
+            raise InputError("Experiment.base", self.base, "a GraspProblem")
+        integer("Experiment.starts", self.starts, at_least=1, at_most=10**6)
+        options = SolveOptions() if self.options is None else self.options
+        if not isinstance(options, SolveOptions):
+            raise InputError("Experiment.options", options, "a SolveOptions")
+        base = Case(self.base, self.starts, replace(options, workers=1), Keeping(self.keep, self.distinct))
+        object.__setattr__(self, "_base", base)
+        object.__setattr__(self, "name", self.base.name if self.name is None else self.name)
+        if not isinstance(self.name, str) or not self.name.strip() or not self.name.isprintable():
+            raise InputError("Experiment.name", repr(self.name), "a text of printable characters")
+        object.__setattr__(self, "seeds", check_seeds(self.seeds))
+        self._set_variations()
+        for variation, changes in self._by_name.items():
+            if not callable(changes):
+                case = case_of(f"Experiment.variations[{variation!r}]", base, changes)
+                check_json(case.problem.to_dict())
+                self._cases[variation] = case
+
+    def _set_variations(self) -> None:
+        given = self.variations
+        try:
+            pairs = [(n, v) for n, v in (given.items() if isinstance(given, Mapping) else given)]
+        except (TypeError, ValueError):
+            raise InputError("Experiment.variations", given, "a mapping, or a sequence of names and values") from None
+        check_names([name for name, _ in pairs])
+        settled = {n: settled_changes(v) if isinstance(v, Mapping) else v for n, v in pairs}
+        object.__setattr__(self, "variations", settled)
+        object.__setattr__(self, "_by_name", settled)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the variations, in their order."""
+        return tuple(self._by_name)
+
+    @property
+    def solves(self) -> tuple[SolveId, ...]:
+        """All solves, grouped by variation, as workers keep the programs of the last variation."""
+        return tuple(SolveId(name, seed) for name in self.names for seed in self.seeds)
+
+    def deferred(self, name: str) -> bool:
+        """Return whether a variation is a function that is called where it is solved."""
+        return name not in self._cases
+
+    def case(self, name: str) -> Case:
+        """Return the problem and options of a variation; a deferred one is created now.
+
+        Raises
+        ------
+        InputError
+            When the function of a deferred variation returns something that defines no problem.
+        """
+        return self.maker(name)()
+
+    def maker(self, name: str) -> Callable[[], Case]:
+        """Return a function that creates the case of a variation without the rest of the experiment, for a worker."""
+        if self.deferred(name):
+            return partial(case_of, f"Experiment.variations[{name!r}]", self._base, self._by_name[name])
+        return partial(_given, self._cases[name])
+
+
+def check_names(names: Sequence[object]) -> None:
+    """Refuse variation names that cannot be displayed or distinguished."""
+    if not names:
+        raise InputError("Experiment.variations", "none", "at least one variation")
+    for name in names:
+        if not isinstance(name, str) or not name.strip() or not name.isprintable() or len(name) > 200:
+            raise InputError("Experiment.variations", repr(name), "names of 1 to 200 printable characters")
+    twice = [name for name, count in Counter(" ".join(str(n).split()) for n in names).items() if count > 1]
+    if twice:
+        raise InputError("Experiment.variations", f"two variations named {twice[0]!r}", "each name once")
+
+
+def check_seeds(given: object) -> tuple[int, ...]:
+    """Return validated integer seeds.
+
+    Raises
+    ------
+    InputError
+        On an empty list, values other than integers, or a repeated seed.
+    """
+    try:
+        if isinstance(given, str) or not isinstance(given, Iterable):
+            raise TypeError
+        values = tuple(given)
+    except TypeError:
+        raise InputError("Experiment.seeds", given, "whole numbers") from None
+    seeds = tuple(integer("Experiment.seeds", s, at_least=0, at_most=10**15) for s in values)
+    if not seeds or len(set(seeds)) < len(seeds):
+        raise InputError("Experiment.seeds", list(seeds), "at least one whole number, none twice")
+    return seeds
+
+
+def _given(case: Case) -> Case:
+    return case
+
+
+def combinations(*factors: Mapping[str, Changes], choose: Callable[..., bool] | None = None) -> dict[str, Changes]:
+    """Return variations that combine one level of each factor, named ``"level, level"``.
+
+    Constraints of several factors are concatenated, and mappings of different options merged; any other field may come
+    from one factor only.
+
+    Parameters
+    ----------
+    *factors : mapping of str to mapping
+        Levels by name, each with the fields that it replaces. ``{}`` changes nothing.
+    choose : callable, optional
+        Predicate of the levels' names, in the order of the factors, that selects combinations; all when left out.
+
+    Raises
+    ------
+    InputError
+        On factors that are not mappings of fields, fields from two factors, or when nothing is chosen.
+
+    Examples
+    --------
+    >>> from nlpgrasp import combinations
+    >>> list(combinations({"rough": {"friction": 0.8}, "smooth": {"friction": 0.2}}, {"3": {"fingers": 3}, "4": {}}))
+    ['rough, 3', 'rough, 4', 'smooth, 3', 'smooth, 4']
+    """
+    if not factors:
+        raise InputError("combinations", "no factors", "at least one mapping of names to fields")
+    if choose is not None and not callable(choose):
+        raise InputError("choose", choose, "a function of the levels' names")
+    for i, factor in enumerate(factors):
+        _check(f"combinations: factor {i}", factor)
+    settled = [{name: settled_changes(changes) for name, changes in factor.items()} for factor in factors]
+    result: dict[str, Changes] = {}
+    for levels in product(*settled):
+        if choose is None or _chosen(choose, levels):
+            name = ", ".join(levels)
+            if name in result:
+                raise InputError("combinations", f"two combinations named {name!r}", "level names without commas")
+            result[name] = _merged(name, [factor[level] for factor, level in zip(settled, levels, strict=True)])
+    if not result:
+        raise InputError("choose", "no combination", "a function that keeps at least one")
+    return result
+
+
+def _check(where: str, factor: Mapping[str, Changes]) -> None:
+    if not isinstance(factor, Mapping) or not factor:
+        raise InputError(where, factor, "a mapping of level names to fields, not empty")
+    for name, changes in factor.items():
+        if not isinstance(name, str) or not isinstance(changes, Mapping):
+            raise InputError(f"{where}[{name!r}]", changes, "a mapping of fields to values, named by a text")
+        check_fields(f"{where}[{name!r}]", changes)
+
+
+def _merged(name: str, levels: list[Changes]) -> Changes:
+    result: dict[str, object] = {}
+    for changes in levels:
+        for changed, value in changes.items():
+            if changed not in result:
+                result[changed] = value
+            elif changed == "constraints":
+                result[changed] = (*_several(result[changed]), *_several(value))
+            elif changed == "options" and (both := _joined(result[changed], value)) is not None:
+                result[changed] = both
+            else:
+                raise InputError(f"combinations[{name!r}].{changed}", "values of two factors", "values of one factor")
+    return result
+
+
+def _joined(one: object, other: object) -> dict[str, object] | None:
+    """Return the merged mappings of options; None unless both are mappings with different options."""
+    if isinstance(one, Mapping) and isinstance(other, Mapping) and not set(one) & set(other):
+        return {**one, **other}
+    return None
+
+
+def _chosen(choose: Callable[..., bool], levels: tuple[str, ...]) -> bool:
+    try:
+        return bool(choose(*levels))
+    except TypeError as error:
+        raise InputError("choose", one_line(error), f"a function of {len(levels)} names") from None
+
+
+def _several(constraints: object) -> tuple[object, ...]:
+    """Return constraints as a tuple; a single one is allowed."""
+    return tuple(constraints) if isinstance(constraints, list | tuple) else (constraints,)

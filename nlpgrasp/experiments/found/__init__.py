@@ -1,1 +1,0 @@
-"""Results of an experiment: records, comparisons and tables."""

@@ -1,0 +1,307 @@
+"""Output folder of an experiment: plan, and one atomically written file per solve.
+
+``experiment.json`` is the plan; ``solves/`` contains a solution file for each finished solve, and a small file with the
+reason for each failed one. For a solve whose answer is a grasp of another variation, ``own/`` contains its own result,
+and ``handed_on.json`` states the solves between which grasps were exchanged. Reading executes nothing.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import NotRequired, TextIO, TypedDict
+
+from nlpgrasp.common.files import as_read, file_name, take, write_text
+from nlpgrasp.common.formatting import one_line, plain
+from nlpgrasp.errors import InputError
+from nlpgrasp.experiments.experiment import CaseData, Experiment, SolveId, check_names, check_seeds
+from nlpgrasp.experiments.solve_record import without_recorded
+from nlpgrasp.solution.file import DEEPEST, depth
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.version import __version__
+
+PLAN_SCHEMA = "nlpgrasp-experiment/1"
+PLAN, SOLVES, LOCK = "experiment.json", "solves", ".lock"
+OWN, HANDED_ON = "own", "handed_on.json"
+FAILURE_SCHEMA = "nlpgrasp-failure/1"
+
+
+class Plan(TypedDict):
+    """JSON data of an experiment."""
+
+    schema: str
+    created_by: NotRequired[dict[str, str]]
+    name: str
+    seeds: list[int]
+    variations: dict[str, CaseData]
+
+
+def plan_of(experiment: Experiment) -> Plan:
+    """Return the experiment as JSON data: everything that determines its results, and the version."""
+    variations = {
+        name: {"deferred": True} if experiment.deferred(name) else experiment.case(name).to_dict()
+        for name in experiment.names
+    }
+    plan = {
+        "schema": PLAN_SCHEMA,
+        "created_by": {"nlpgrasp": __version__},
+        "name": experiment.name,
+        "seeds": list(experiment.seeds),
+        "variations": variations,
+    }
+    read: Plan = as_read(plan)
+    return read
+
+
+def read_plan(text: str, where: str) -> Plan:
+    """Return the plan of a JSON text.
+
+    Raises
+    ------
+    InputError
+        When it is not the plan of an experiment.
+    """
+    allowed = f"the plan of an experiment ({PLAN_SCHEMA})"
+    if depth(text) > DEEPEST:
+        raise InputError(where, f"nesting deeper than {DEEPEST}", allowed)
+    try:
+        plan: Plan = json.loads(text)
+        if plan["schema"] != PLAN_SCHEMA or not isinstance(plan["variations"], dict):
+            raise ValueError("another schema")
+        check_names(list(plan["variations"]))
+        check_seeds(plan["seeds"])
+        if not all(isinstance(v, dict) and isinstance(v.get("problem", {}), dict) for v in plan["variations"].values()):
+            raise ValueError("variations that are none")
+        plan["name"] = plain(str(plan.get("name", "")))
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
+        raise InputError(where, f"no plan ({one_line(error)})", allowed) from None
+    return plan
+
+
+def check_same(old: Plan, new: Plan, where: str) -> None:
+    """Refuse to resume another experiment; variations and seeds may be added.
+
+    Raises
+    ------
+    InputError
+        Naming the differences.
+    """
+    theirs, ours = ({name: _lean(case) for name, case in plan["variations"].items()} for plan in (old, new))
+    gone = [name for name in theirs if name not in ours]
+    changed = [name for name in theirs if name in ours and theirs[name] != ours[name]]
+    seeds = [seed for seed in old["seeds"] if seed not in new["seeds"]]
+    difference = None
+    if old.get("name") != new["name"]:
+        difference = f"the experiment {old.get('name')!r}"
+    elif gone:
+        difference = f"an experiment with a variation {gone[0]!r}"
+    elif changed:
+        one, other = theirs[changed[0]], ours[changed[0]]
+        parts = _differing(one, other) + _differing(one.get("problem", {}), other.get("problem", {}))
+        difference = f"an experiment whose variation {changed[0]!r} is another ({', '.join(parts)})"
+    elif seeds:
+        difference = f"an experiment with seed {seeds[0]}"
+    if difference is not None:
+        raise InputError(f"out ({where})", difference, "the folder of this experiment, or a new one")
+
+
+def _lean(case: CaseData) -> CaseData:
+    """Return a variation without the entries that older plans lack."""
+    lean: CaseData = {**case}
+    if "problem" in case:
+        lean["problem"] = without_recorded(case["problem"])
+    return lean
+
+
+def _differing(one: Mapping[str, object], other: Mapping[str, object]) -> list[str]:
+    """Return the keys of the second mapping with different values."""
+    return [key for key, value in other.items() if one.get(key) != value]
+
+
+class Folder:
+    """Output folder, locked by this process while open.
+
+    Parameters
+    ----------
+    path : str or Path
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        if not isinstance(path, str | Path) or not str(path).strip() or "\0" in str(path):
+            raise InputError("out", path, "the path of a folder")
+        self.path = Path(path).absolute()
+        self._lock: TextIO | None = None
+
+    def open(self, plan: Plan, resume: bool) -> None:
+        """Lock the folder for an experiment, and create it if missing.
+
+        Raises
+        ------
+        InputError
+            When it is not a folder, cannot be written, holds another experiment or other files, is in use, or holds
+            this experiment and ``resume`` is false.
+        """
+        try:
+            self._open(plan, resume)
+        except OSError as error:
+            self.close()
+            raise InputError(f"out ({self.path})", error.strerror, "a folder that can be written") from None
+
+    def _open(self, plan: Plan, resume: bool) -> None:
+        path = self.path
+        if path.is_symlink() and not path.exists():
+            raise InputError(f"out ({path})", "a link to nothing", "a folder")
+        if path.exists() and not path.is_dir():
+            raise InputError(f"out ({path})", "a file", "a folder")
+        if not path.parent.is_dir():
+            raise InputError(f"out ({path})", f"no folder {path.parent}", "a folder in one that exists")
+        if (path / PLAN).is_file():
+            check_same(self.plan(), plan, str(path))
+            if not resume:
+                raise InputError(f"out ({path})", "results of this experiment", "--resume to go on, or another folder")
+        elif path.is_dir() and not all(self._own(p) for p in path.iterdir()):
+            raise InputError(f"out ({path})", "files that are no experiment's", "a new or empty folder")
+        path.mkdir(exist_ok=True)
+        self._hold()
+        write_text(path / PLAN, json.dumps(plan, indent=1) + "\n")
+        (path / SOLVES).mkdir(exist_ok=True)
+
+    @staticmethod
+    def _own(path: Path) -> bool:
+        """Return whether a file may be left from a run that ended before its plan was written."""
+        empty = path.name == SOLVES and path.is_dir() and not any(path.iterdir())
+        return empty or path.name == LOCK or (path.name.startswith(".nlpgrasp-") and path.suffix == ".tmp")
+
+    def close(self) -> None:
+        """Unlock the folder."""
+        if self._lock is not None:
+            self._lock.close()
+            self._lock = None
+
+    def _hold(self) -> None:
+        """Lock the folder against other runs."""
+        self._lock = (self.path / LOCK).open("w")
+        if not take(self._lock):
+            self.close()
+            raise InputError(f"out ({self.path})", "in use by another run", "a folder of its own")
+
+    def plan(self) -> Plan:
+        """Return the plan of the folder.
+
+        Raises
+        ------
+        InputError
+            When the folder has no plan.
+        """
+        file = self.path / PLAN
+        try:
+            text = file.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError):
+            raise InputError(str(self.path), f"no readable {PLAN}", "the folder of an experiment") from None
+        return read_plan(text, str(file))
+
+    def file(self, solve: SolveId) -> Path:
+        """Return the path of a solve's solution file."""
+        return self.path / SOLVES / f"{file_name(solve.variation)}--seed{solve.seed}.json"
+
+    def failure_file(self, solve: SolveId) -> Path:
+        """Return the path of the file with a solve's failure."""
+        return self.file(solve).with_suffix(".failed.json")
+
+    def keep(self, solve: SolveId, text: str) -> None:
+        """Write the solution of a finished solve.
+
+        Raises
+        ------
+        InputError
+            When it cannot be written, for example because the disk is full.
+        """
+        write_text(self.file(solve), text)
+        for stale in (self._own_file(solve), self.failure_file(solve)):
+            with suppress(OSError):
+                stale.unlink()
+
+    def _own_file(self, solve: SolveId) -> Path:
+        return self.path / OWN / self.file(solve).name
+
+    def own(self, solve: SolveId) -> Path:
+        """Return the path of a solve's own result, without warm starts from other variations."""
+        own = self._own_file(solve)
+        return own if own.is_file() else self.file(solve)
+
+    def keep_handed(self, texts: Mapping[SolveId, str], solves: Sequence[SolveId], state: str) -> None:
+        """Write the solutions with grasps of other variations; restore the other solves' own results.
+
+        Parameters
+        ----------
+        texts : mapping
+            By solve.
+        solves : sequence of SolveId
+            All finished solves.
+        state : str
+            Digest of the results that the texts are based on.
+
+        Raises
+        ------
+        InputError
+            When one cannot be written.
+        """
+        with suppress(OSError):
+            (self.path / HANDED_ON).unlink()
+        for solve in solves:
+            own = self._own_file(solve)
+            if solve in texts:
+                own.parent.mkdir(exist_ok=True)
+                if not own.is_file():
+                    write_text(own, self.file(solve).read_text(encoding="utf-8"))
+                write_text(self.file(solve), texts[solve])
+            elif own.is_file():
+                os.replace(own, self.file(solve))
+        write_text(self.path / HANDED_ON, state)
+
+    def handed_on(self) -> str:
+        """Return the state on which exchanged solutions are based, empty without one."""
+        try:
+            return (self.path / HANDED_ON).read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError):
+            return ""
+
+    def keep_failure(self, solve: SolveId, message: str) -> None:
+        """Write the reason of a failed solve."""
+        data = {"schema": FAILURE_SCHEMA, "variation": solve.variation, "seed": solve.seed, "message": message}
+        write_text(self.failure_file(solve), json.dumps(data, indent=1) + "\n")
+
+    def load(self, solve: SolveId) -> GraspSolution | None:
+        """Return the solution of a solve, or None without one.
+
+        Raises
+        ------
+        InputError
+            When the file is not a solution, or not one of this solve.
+        """
+        file = self.file(solve)
+        if not file.exists():
+            return None
+        solution = GraspSolution.load(file)
+        if solution.solver.get("seed") != solve.seed:
+            raise InputError(f"{file}: solver.seed", solution.solver.get("seed"), str(solve.seed))
+        return solution
+
+    def failure(self, solve: SolveId) -> str | None:
+        """Return the reason of a failed solve, or None without one."""
+        try:
+            data = json.loads(self.failure_file(solve).read_text(encoding="utf-8"))
+            return plain(str(data["message"])) or "failed"
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+            return f"its failure file cannot be read: {type(error).__name__}"
+
+    def sweep(self) -> None:
+        """Remove partly written files of an aborted run."""
+        for stale in (p for name in ("", SOLVES, OWN) for p in (self.path / name).glob(".nlpgrasp-*.tmp")):
+            with suppress(OSError):
+                os.unlink(stale)

@@ -1,0 +1,255 @@
+"""Execution of one solve of an experiment in a worker process, also resumed with warm starts."""
+
+from __future__ import annotations
+
+import threading
+import uuid
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from nlpgrasp.common.formatting import one_line
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import InputError
+from nlpgrasp.experiments.experiment import Case, Experiment, SolveId
+from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.parallel_starts import LazyBench, Parcel, Runner
+from nlpgrasp.optimize.processes import one_thread
+from nlpgrasp.optimize.start_result import StartGrasp, best_of
+from nlpgrasp.optimize.warm_starts import WarmStart, adapted, certify_as_is, refine_warm_start
+from nlpgrasp.pipeline.multistart import Multistart
+from nlpgrasp.pipeline.solve import check_json, solve_again
+from nlpgrasp.quality import Bounds, screen
+from nlpgrasp.quality.grasp import GraspStack
+from nlpgrasp.solution.file import text_of
+from nlpgrasp.solution.kept_grasps import FoundGrasp
+from nlpgrasp.solution.records import Status
+from nlpgrasp.solution.solution import GraspSolution
+
+MARGIN = 1e-3  # least relative excess of a better grasp's certified upper bound
+FINEST = 2e-4  # relative gap of a certificate that has to distinguish two grasps
+
+
+def improved(
+    bench: Workbench, starts: int, solution: GraspSolution, seed: int, offers: Mapping[str, FoundGrasp], improve: bool
+) -> GraspSolution | None:
+    """Return a solution improved by the best of some known grasps, refined; None where none is better.
+
+    Each is certified under the compiled problem's own contacts, task, constraints and budget. One is taken if its
+    certified upper bound exceeds the solution's by more than rounding, or by anything if the other problem's lower
+    bound does: then no offered grasp contradicts that a more demanding problem is no better. The new certified bounds
+    are never below the old. With starts compared by their worst case (``maximise_robust``) nothing is taken.
+
+    Parameters
+    ----------
+    bench : Workbench
+    starts : int
+        Number of starts of the solution's solve.
+    solution : GraspSolution
+        Solution of the compiled problem.
+    seed : int
+        Seed of the solution.
+    offers : mapping of str to FoundGrasp
+        Grasps of problems with the same body, certified there, by their origin as text.
+    improve : bool
+        Whether to refine the taken grasp.
+    """
+    if bench.options.maximise_robust:
+        return None
+    search = Multistart.resumed(Runner(bench.problem, bench.options, starts, bench), solution, seed)
+    known = solution.mu if solution.success else Bounds(0.0, 0.0)
+    with one_thread():
+        taken = _best(bench, search.next_index, known, offers)
+        if taken is None:
+            return None
+        warm, found = taken
+        ends, refined = [found], None
+        if improve:
+            refined = refine_warm_start(bench, warm, search.next_index + 1, search.stop)
+        if refined is not None:
+            ends.append(_certified_apart(bench, refined, known.lower))
+        search.results += ends
+        best = best_of([end for end in ends if _is_no_worse(end.record.mu, known)])
+        if best is None:
+            return None
+        search.keep(best)
+        answer = search.answer()
+    return answer if _is_no_worse(answer.mu, known) else None
+
+
+def _is_no_worse(bounds: Bounds, known: Bounds) -> bool:
+    return bounds.lower >= known.lower and bounds.upper >= known.upper
+
+
+def _best(
+    bench: Workbench, index: int, known: Bounds, offers: Mapping[str, FoundGrasp]
+) -> tuple[WarmStart, StartGrasp] | None:
+    """Return the best offered grasp above the known bounds, as a warm start and certified as it is."""
+    best = None
+    for warm, elsewhere in _promising(bench, offers, known.upper):
+        found = certify_as_is(bench, warm, index)
+        margin = 0.0 if elsewhere.lower > known.upper else MARGIN
+        if found is not None and found.record.mu.upper > (1.0 + margin) * known.upper:
+            found = _certified_apart(bench, found, known.lower)
+            if found.record.mu.lower >= known.lower:
+                best, known = (warm, found), found.record.mu
+    return best
+
+
+def _certified_apart(bench: Workbench, found: StartGrasp, least: float) -> StartGrasp:
+    """Return a grasp certified so tightly that its lower bound is above that of a worse one."""
+    rtol = bench.options.final_rtol
+    if least > 0.0:
+        rtol = min(rtol, max(0.5 * (found.record.mu.upper / least - 1.0), FINEST))
+    return found.certified(bench.problem, rtol)
+
+
+def _promising(bench: Workbench, offers: Mapping[str, FoundGrasp], least: float) -> Iterator[tuple[WarmStart, Bounds]]:
+    """Yield the grasps that fit the problem with a screened upper bound above ``least``, and their own mu."""
+    fitting = [(warm, known.mu) for origin, known in offers.items() if (warm := adapted(bench, known, origin))]
+    if not fitting:
+        return
+    bound = np.full(len(fitting), np.inf)
+    if not bench.problem.budget.depends_on_frames:
+        points = np.stack([warm.placed.points for warm, _ in fitting])
+        normals = np.stack([_normals(bench, warm) for warm, _ in fitting])
+        stack = GraspStack(points, normals, bench.problem.models, bench.problem.origin)
+        bound = screen(stack, bench.problem.task, force_budget=bench.problem.budget)
+    for i in np.argsort(-bound, kind="stable"):
+        if bound[i] > least:
+            yield fitting[int(i)]
+
+
+def _normals(bench: Workbench, warm: WarmStart) -> FloatArray:
+    return np.where(np.isnan(warm.normals), bench.inward_normals(warm.placed), warm.normals)
+
+
+_one_at_a_time = threading.Lock()  # IPOPT's linear solver is not thread-safe
+
+
+@dataclass(frozen=True)
+class HandedOn:
+    """Finished solve with grasps of other variations as its warm starts.
+
+    Parameters
+    ----------
+    own : GraspSolution
+        Solution of the solve.
+    offers : mapping of str to FoundGrasp
+        Grasps of other variations, by their origin as text.
+    improve : bool
+        Whether to refine the best of them.
+    turn : int
+        Number of earlier exchanges.
+    """
+
+    own: GraspSolution
+    offers: Mapping[str, FoundGrasp]
+    improve: bool
+    turn: int
+
+
+@dataclass(frozen=True)
+class Job:
+    """One solve as data for a worker.
+
+    Parameters
+    ----------
+    solve : SolveId
+    parcel : Parcel
+        Data of the variation: workers keep the programs of the last variation.
+    handed : HandedOn, optional
+        Grasps to compare with, for a finished solve.
+    """
+
+    solve: SolveId
+    parcel: Parcel[LazyBench[Case]]
+    handed: HandedOn | None = None
+
+    @property
+    def key(self) -> str:
+        """Unique name of the job in the run."""
+        turn = "" if self.handed is None else f"-handed{self.handed.turn}"
+        return f"nlpgrasp-{self.parcel.token}-{self.solve.seed}{turn}"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Outcome of one solve.
+
+    Parameters
+    ----------
+    text : str
+        The solution file; empty if the solve failed, or warm starts did not change it.
+    failure : str
+        Why it failed, in one line.
+    interrupted : bool
+        Whether the user interrupted it, so that it counts as not done.
+    """
+
+    text: str = ""
+    failure: str = ""
+    interrupted: bool = False
+
+
+class Packer:
+    """Factory of jobs, created on demand: only one variation is serialised at a time.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    compared : bool
+        Whether variations, and then their starts, are compared by mu.
+    """
+
+    def __init__(self, experiment: Experiment, compared: bool = True) -> None:
+        self.experiment, self._compared = experiment, compared
+        self._run = uuid.uuid4().hex
+        self._last: tuple[str, Parcel[LazyBench[Case]]] | None = None
+
+    def __call__(self, solve: SolveId) -> Job:
+        """Return the job of a solve.
+
+        Raises
+        ------
+        InputError
+            When the variation has parts that cannot be sent to another process.
+        """
+        name = solve.variation
+        if self._last is None or self._last[0] != name:
+            try:
+                parcel = Parcel.of(
+                    LazyBench(partial(_made, self.experiment.maker(name), self._compared)), f"{self._run} {name}"
+                )
+            except Exception as error:  # any error of the parts' own pickling
+                reason = one_line(error)
+                raise InputError(f"variation {name!r}", reason, "parts that can be sent to other processes") from None
+            self._last = (name, parcel)
+        return Job(solve, self._last[1])
+
+
+def work(job: Job) -> Outcome:
+    """Solve in this process; any error becomes the outcome's message and stops no other solve."""
+    with _one_at_a_time:
+        try:
+            asked, handed = job.parcel.unpacked(), job.handed
+            if handed is not None:
+                starts, seed = asked.case.starts, job.solve.seed
+                better = improved(asked.bench, starts, handed.own, seed, handed.offers, handed.improve)
+                return Outcome() if better is None else Outcome(text_of(better.to_dict()))
+            solution = solve_again(asked.bench, asked.case.starts, job.solve.seed, asked.case.keeping)
+            if solution.status is Status.INTERRUPTED:
+                return Outcome(interrupted=True)
+            return Outcome(text_of(solution.to_dict()))
+        except BaseException as error:  # even SystemExit ends this solve alone
+            return Outcome(failure=one_line(error))
+
+
+def _made(maker: Callable[[], Case], compared: bool) -> Case:
+    """Return the created case with a solve's options; refuse one whose result cannot be written."""
+    case = maker()
+    check_json(case.problem.to_dict())
+    options = case.options.narrow()
+    return replace(case, options=replace(options, rank="mu") if compared else options)

@@ -1,0 +1,174 @@
+"""Solution of many problems in one call, with all kept grasps of each in one file: a small data set."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from nlpgrasp.errors import InputError
+from nlpgrasp.experiments.experiment import Experiment, SolveId
+from nlpgrasp.experiments.output_folder import Folder
+from nlpgrasp.experiments.run_experiment import Progress, run_solves
+from nlpgrasp.optimize.options import SolveOptions
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.solution.solution import GraspSolution
+
+NAME = "many problems"  # name of the folder's experiment
+Made = Callable[[], GraspProblem]
+
+
+@dataclass(frozen=True)
+class ManySolved:
+    """Result of solving many problems.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the solution files.
+    files : mapping of str to Path
+        Solution file of each problem that has one, with or without a grasp.
+    failures : mapping of str to str
+        Reason for a missing solution, by problem.
+    grasps : int
+        Number of grasps in all files.
+    new : int
+        Number of grasps found by this call.
+    seconds : float
+        Wall time of this call.
+    notes : tuple of str
+        Further messages.
+    """
+
+    folder: Path
+    files: Mapping[str, Path]
+    failures: Mapping[str, str]
+    grasps: int
+    new: int
+    seconds: float
+    notes: tuple[str, ...] = ()
+
+    @property
+    def complete(self) -> bool:
+        """Whether every problem has a solution."""
+        return not self.failures
+
+    @property
+    def per_second(self) -> float:
+        """Grasps found per second of this call."""
+        return self.new / self.seconds if self.seconds > 0.0 else 0.0
+
+    def load(self, name: str) -> GraspSolution:
+        """Return the solution of a problem.
+
+        Raises
+        ------
+        InputError
+            On a name without a solution, and on a file that cannot be read.
+        """
+        if name not in self.files:
+            raise InputError("name", name, "a problem that has a solution: " + ", ".join(self.files))
+        return GraspSolution.load(self.files[name])
+
+    def __str__(self) -> str:
+        rate = f", {self.per_second:.2g} grasps/s" if self.new else ""
+        lines = [
+            f"{self.grasps} grasps of {len(self.files)} problems in {self.folder}",
+            f"  {self.new} of them found now, in {self.seconds:.1f} s{rate}",
+        ]
+        lines += [f"  {name}: {why}" for name, why in self.failures.items()]
+        return "\n".join([*lines, *(f"  {note}" for note in self.notes)])
+
+
+def solve_many(
+    problems: Mapping[str, GraspProblem | Made] | Iterable[GraspProblem],
+    out: str | Path,
+    starts: int = 8,
+    seed: int = 0,
+    options: SolveOptions | None = None,
+    *,
+    keep: int = 20,
+    distinct: float = 0.1,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    progress: Progress | None = None,
+) -> ManySolved:
+    """Solve many problems in parallel, and write the distinct grasps of each to a file of one folder.
+
+    The folder is that of an experiment (docs/experiments.md): ``solves/NAME--seed0.json`` is the solution file of a
+    problem, written atomically once solved. An existing folder is resumed: problems with a file are not solved again,
+    and problems may be added.
+
+    Parameters
+    ----------
+    problems : mapping of str to GraspProblem or callable, or iterable of GraspProblem
+        By name; for an iterable, by the problems' own names. A function without arguments that returns a problem is
+        called in the worker that solves it: for hundreds of meshes that should not all be in memory.
+    out : str or Path
+        Folder for the files.
+    starts, seed, options, keep, distinct
+        For each solve, as in ``ng.solve``; each runs in one process.
+    workers : int, optional
+        Processes on this machine; one a core when left out.
+    scheduler : str, optional
+        Address of a Dask scheduler, whose workers solve instead (extra ``cluster``).
+    progress : callable, optional
+        Called with the record of each solve as it is done.
+
+    Returns
+    -------
+    ManySolved
+        Also after Ctrl-C and with failures: it lists them.
+
+    Raises
+    ------
+    InputError
+        Before anything runs: on arguments that ``ng.solve`` refuses, two problems of one name, and a folder of other
+        problems or settings, or with other files.
+    MissingExtraError
+        For a scheduler without the extra ``cluster``.
+    """
+    begun = time.monotonic()
+    named = _named(problems)
+    base = next(iter(named.values()))
+    if not isinstance(base, GraspProblem):
+        base = base()
+        if not isinstance(base, GraspProblem):
+            raise InputError("problems", base, "functions that return a GraspProblem")
+    experiment = Experiment(base, named, [seed], starts, options, NAME, keep, distinct)
+    place = Folder(out)
+    result = run_solves(experiment, place, True, workers, scheduler, progress, compared=False)
+    done = [record for record in result.solves if record.done]
+    return ManySolved(
+        place.path,
+        {record.variation: place.file(SolveId(record.variation, seed)) for record in done},
+        {record.variation: record.failure for record in result.failures},
+        sum(record.grasps for record in done),
+        sum(record.grasps for record in done if not record.earlier),
+        time.monotonic() - begun,
+        result.notes,
+    )
+
+
+def _named(problems: object) -> dict[str, GraspProblem | Made]:
+    """Return problems by name, refusing other objects."""
+    allowed = "problems by name, or several problems of different names"
+    if isinstance(problems, Mapping):
+        named = dict(problems)
+    elif isinstance(problems, Iterable) and not isinstance(problems, str):
+        named = {}
+        for problem in problems:
+            if not isinstance(problem, GraspProblem):
+                raise InputError("problems", problem, allowed)
+            if problem.name in named:
+                raise InputError("problems", f"two problems named {problem.name!r}", allowed)
+            named[problem.name] = problem
+    else:
+        raise InputError("problems", problems, allowed)
+    if not named:
+        raise InputError("problems", "none", "at least one")
+    for name, problem in named.items():
+        if isinstance(problem, type) or not (isinstance(problem, GraspProblem) or callable(problem)):
+            raise InputError(f"problems[{name!r}]", problem, "a GraspProblem, or a function that returns one")
+    return named

@@ -1,0 +1,232 @@
+"""Record of one solve of an experiment, with digests that tell which solves are comparable."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from nlpgrasp.bodies import Mesh
+from nlpgrasp.bodies.registry import body_from_dict
+from nlpgrasp.common.formatting import at_most, one_line
+from nlpgrasp.common.types import Json
+from nlpgrasp.errors import InputError
+from nlpgrasp.quality import Bounds
+from nlpgrasp.solution.analysis_records import ShadowPrice
+from nlpgrasp.solution.records import ConstraintReport, StartRecord, Status
+from nlpgrasp.solution.solution import GraspSolution
+
+ALSO_RECORDED = {
+    "unit",
+    "meshes",
+    "approach",
+    "link_spheres",
+    "watched_pairs",
+    "overlaps",
+    "tips_apart",
+}  # missing in older files
+NOTHING = Bounds(0.0, 0.0)
+NOT_DONE = "not done"  # failure text of a solve that has not run
+WIDE = 2.0  # relative gap above which a bound counts as loose
+HANDED = "from variation "  # prefix of the message of a warm start from another variation
+
+
+def asked_of(problem: Json) -> str:
+    """Return a digest of a problem's JSON data without its budget, which for a hand depends on the posture."""
+    known = without_recorded(problem)
+    parts = {k: known.get(k) for k in ("body", "contacts", "task", "constraints", "hand")}
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def body_of(body: Json) -> str:
+    """Return a digest of a body's JSON data, equal for equal bodies; empty where the data are incomplete."""
+    if body.get("type") != Mesh.kind:  # mesh data contain a fingerprint
+        try:
+            body_from_dict(body)
+        except InputError:
+            return ""
+    told = {k: v for k, v in body.items() if k not in ("source", "unit")}
+    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def measured_by(solution: GraspSolution) -> str:
+    """Return a digest of the measure of mu: task and kind of budget."""
+    text = json.dumps([solution.problem["task"], solution.budget.kind], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+def without_recorded(problem: Json) -> Json:
+    """Return a problem's JSON data without the entries of body and hand that older files lack."""
+    lean = dict(problem)
+    for name in ("body", "hand"):
+        part = lean.get(name)
+        if isinstance(part, Mapping):
+            lean[name] = {k: v for k, v in part.items() if k not in ALSO_RECORDED}
+    return lean
+
+
+@dataclass(frozen=True)
+class SolveRecord:
+    """Record of one solve of an experiment.
+
+    Parameters
+    ----------
+    variation : str
+    seed : int
+    status : Status or None
+        None without a solution: the solve failed or was not run.
+    mu : Bounds
+        Certified quality of the grasp; ``[0, 0]`` without one.
+    kind : str
+        ``"mu"`` or ``"mu_tilde"``.
+    seconds : float
+        Wall time.
+    iterations : int
+        Of IPOPT.
+    starts : tuple of StartRecord
+        Its own starts, without warm starts from other variations.
+    active : tuple of str
+        Constraints at their limits, with their fingers.
+    prices : tuple of ShadowPrice
+    contacts : int
+    measured : str
+        Digest of task and force budget: values of mu are comparable where it is equal.
+    failure : str
+        Why there is no solution, in one line.
+    asked : str
+        Digest of the problem.
+    earlier : bool
+        Whether an earlier run solved it.
+    best_start : StartRecord or None
+        The start whose grasp the solution holds.
+    body : str
+        Digest of the body; empty where the solution does not state all of it.
+    best_possible : float
+        Certified bound on mu over all placements; inf where there is none.
+    grasps : int
+        Number of kept grasps.
+    """
+
+    variation: str
+    seed: int
+    status: Status | None = None
+    mu: Bounds = NOTHING
+    kind: str = "mu"
+    seconds: float = 0.0
+    iterations: int = 0
+    starts: tuple[StartRecord, ...] = ()
+    active: tuple[str, ...] = ()
+    prices: tuple[ShadowPrice, ...] = ()
+    contacts: int = 0
+    measured: str = ""
+    failure: str = ""
+    asked: str = ""
+    earlier: bool = False
+    best_start: StartRecord | None = None
+    body: str = ""
+    best_possible: float = math.inf
+    grasps: int = 0
+
+    @classmethod
+    def of(cls, variation: str, seed: int, solution: GraspSolution) -> SolveRecord:
+        """Return the record of a solution.
+
+        Raises
+        ------
+        InputError
+            When the solution's solver record is not one of a solve.
+        """
+        try:
+            return cls._of(variation, seed, solution)
+        except (AttributeError, TypeError, ValueError, OverflowError, KeyError) as error:
+            raise InputError("solver", one_line(error), "what a solve writes") from None
+
+    @classmethod
+    def _of(cls, variation: str, seed: int, solution: GraspSolution) -> SolveRecord:
+        return cls(
+            variation,
+            seed,
+            solution.status,
+            solution.mu if solution.success else NOTHING,
+            solution.kind,
+            float(solution.solver.get("seconds", {}).get("total", 0.0)),
+            min(int(solution.solver.get("iterations", 0)), 10**15),
+            tuple(s for s in solution.starts if not s.message.startswith(HANDED)),
+            active_constraints(solution.constraints),
+            solution.prices,
+            len(solution.problem.get("contacts", ())),
+            measured_by(solution),
+            asked=asked_of(solution.problem),
+            best_start=solution.winner,
+            body=body_of(solution.problem["body"]),
+            best_possible=solution.best_possible,
+            grasps=len(solution.grasps),
+        )
+
+    @property
+    def done(self) -> bool:
+        """Whether there is a solution, with a grasp or without."""
+        return self.status is not None
+
+    @property
+    def success(self) -> bool:
+        """Whether there is a grasp with a certified quality above zero."""
+        return self.mu.lower > 0.0
+
+    @property
+    def origin(self) -> str:
+        """Variation and seed of a grasp from another solve, ``"smooth, seed 2"``; empty for a grasp of its own."""
+        message = "" if self.best_start is None else self.best_start.message
+        return message.removeprefix(HANDED) if message.startswith(HANDED) else ""
+
+    @property
+    def gap(self) -> float:
+        """Relative optimality gap of the grasp, an upper bound; inf without a global bound."""
+        return max(0.0, self.best_possible / self.mu.lower - 1.0) if self.success else math.inf
+
+    @property
+    def gap_text(self) -> str:
+        """The gap as tables show it, empty without one."""
+        return percent(self.gap)
+
+    @property
+    def succeeded(self) -> int:
+        """Number of starts with a certified grasp."""
+        return sum(s.status is Status.SOLVED for s in self.starts)
+
+    @property
+    def rising(self) -> tuple[tuple[float, float], ...]:
+        """Cumulative seconds of the starts with the best certified lower bound so far."""
+        points, elapsed, best = [], 0.0, 0.0
+        for start in self.starts:
+            elapsed += sum(start.seconds.values())
+            best = max(best, start.mu.lower if start.status is Status.SOLVED else 0.0)
+            points.append((elapsed, best))
+        return tuple(points)
+
+
+def percent(gap: float) -> str:
+    """Return a gap for a table: in per cent, above 100 % as a factor, "loose" if wide, empty if infinite."""
+    if gap > WIDE:
+        return "loose" if math.isfinite(gap) else ""
+    return f"{gap:.1%}" if gap <= 1.0 else f"{at_most(1.0 + gap, 2)} times"
+
+
+def active_constraints(reports: Sequence[ConstraintReport]) -> tuple[str, ...]:
+    """Return the active inequality constraints, each once with its fingers: ``"table, fingers 1, 2"``."""
+    active: dict[str, list[tuple[int, ...]]] = {}
+    for report in reports:
+        if report.active and not report.is_equation:
+            own = active.setdefault(report.kind if report.fingers else report.name, [])
+            if report.fingers and report.fingers not in own:
+                own.append(report.fingers)
+    return tuple(_with_fingers(name, fingers) for name, fingers in active.items())
+
+
+def _with_fingers(name: str, fingers: Sequence[tuple[int, ...]]) -> str:
+    if not fingers:
+        return name
+    which = ", ".join(" and ".join(map(str, group)) for group in fingers)
+    return f"{name}, finger{'s' * (sum(map(len, fingers)) > 1)} {which}"

@@ -1,1 +1,0 @@
-"""Upper bounds on mu over surface cells, by dual weights of directions."""

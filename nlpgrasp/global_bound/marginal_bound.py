@@ -1,0 +1,82 @@
+"""Marginal bound of a contact over the surface: the most that it can add to mu."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nlpgrasp.bodies import Body
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.global_bound.branch_and_bound import tree_of
+from nlpgrasp.global_bound.scope import Scope, whole_of
+from nlpgrasp.problem.problem import GraspProblem
+
+
+@dataclass(frozen=True)
+class ContactWorth:
+    """Marginal bound on a contact's contribution to mu of any grasp, by its position.
+
+    For directions y with unit work of the task and weights w of sum one, ``mu^p <= sum_i g_i(p_i)`` holds for contacts
+    at any places p, with ``g_i(p) = sum_j w_j s_i(p, y_j)^p`` and the support s_i of contact i alone
+    (docs/how_close.md). The weights are those of the least such bound over all placements.
+
+    Parameters
+    ----------
+    scope : Scope
+        Every contact's places as one cell.
+    twists : (j, d) array
+        Directions y, about the problem's torque origin.
+    weights : (j,) array
+    """
+
+    scope: Scope
+    twists: FloatArray
+    weights: FloatArray
+
+    @classmethod
+    def of(cls, problem: GraspProblem) -> ContactWorth:
+        """Return the marginal bound of a problem, in about a second.
+
+        Raises
+        ------
+        InputError
+            On a problem that the bound does not cover.
+        """
+        scope = whole_of(problem)
+        tree = tree_of(scope)
+        tree.begin(0.0)
+        numbers, weights = tree.bounding.mixtures[int(tree.leaves.mixtures[0])]
+        return cls(scope, tree.bounding.twists[numbers], weights / np.sum(weights))
+
+    def at(self, points: FloatArray, normals: FloatArray) -> FloatArray:
+        """Return the bound at surface points with inward normals, (m, 3) each: the largest of any contact, (m,).
+
+        NaN where no contact may be.
+        """
+        worth = np.full(len(points), np.nan)
+        near = nearest_faces(self.scope.problem.body, points, normals)
+        for pieces, _ in self.scope.groups:
+            supports, slot = pieces.supports, pieces.slots[0]
+            mine = np.isin(near, self.scope.problem.allowed_faces(slot)) & pieces.allowed.each(points, normals)
+            z = self.twists @ supports.maps_at(points[mine], normals[mine])
+            found = supports.measure.powers(supports.contact, z) @ self.weights
+            worth[mine] = np.fmax(worth[mine], found)
+        return worth
+
+
+def nearest_faces(body: Body, points: FloatArray, normals: FloatArray, weight: float = 1.0) -> NDArray[np.str_]:
+    """Return the name of the face nearest to each point (m, 3) with an inward normal.
+
+    A normal that is turned by an angle counts as a distance of ``1 - cos`` of it, times a weight and the body's size.
+    """
+    if len(body.face_names) == 1:
+        return np.full(len(points), body.face_names[0])
+    apart = []
+    for name in body.face_names:
+        h, slope, outward, extent = body.evaluate(name, points)
+        beside = np.maximum(extent, 0.0) + weight * body.size * (1.0 + np.sum(outward * normals, axis=1))
+        apart.append(np.abs(h) / slope + beside)
+    nearest: NDArray[np.str_] = np.take(np.array(body.face_names), np.argmin(apart, axis=0))
+    return nearest

@@ -1,1 +1,0 @@
-"""Scope of the bound: allowed regions of contacts, root cells, symmetries."""

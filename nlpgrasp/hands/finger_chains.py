@@ -1,0 +1,148 @@
+"""Fingers as kinematic chains from the palm, and their mean direction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from nlpgrasp.common.formatting import rounded
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands.kinematics import LinkTree, link_poses
+from nlpgrasp.hands.robot import Joint, Robot
+
+POSTURES = 512  # random postures, uniform over the joint ranges
+ALIKE = 0.2  # share of the mean finger length below which the mean direction is not used
+ASKEW, NEARER = 45.0, 15.0  # degrees: least angle of a doubtful palm direction, least gain of another axis
+
+
+@dataclass(frozen=True)
+class Finger:
+    """Joints of one finger's kinematic chain.
+
+    Parameters
+    ----------
+    name : str
+        A link of it: that of its fingertip, else the one farthest from the palm.
+    tips : tuple of int
+        Its contacts.
+    joints : tuple of int
+        Numbers of the free joints, from the palm outwards.
+    """
+
+    name: str
+    tips: tuple[int, ...]
+    joints: tuple[int, ...]
+
+
+def fingers(tree: LinkTree) -> tuple[Finger, ...]:
+    """Return the free joints by finger: those with fingertips first, in the contacts' order; shared joints last."""
+    robot = tree.robot
+    hub, shared = _trunk(robot)
+    groups: dict[str, list[int]] = {}
+    for i, joint in enumerate(robot.free_joints):
+        groups.setdefault("" if joint.name in shared else _branch(robot, joint, hub), []).append(i)
+    found = []
+    for branch, numbers in groups.items():
+        names = {robot.free_joints[i].name for i in numbers}
+        tips = tuple(i for i, (link, _) in enumerate(tree.tips) if branch and names & _drivers(robot, link))
+        last = robot.free_joints[numbers[-1]].child
+        name = ", ".join(dict.fromkeys(tree.tips[i][0] for i in tips)) or last
+        found.append(Finger(name if branch else f"{robot.root} to {last}", tips, tuple(numbers)))
+    return tuple(sorted(found, key=lambda finger: finger.tips[0] if finger.tips else len(tree.tips)))
+
+
+def knuckles(tree: LinkTree) -> tuple[str, ...]:
+    """Return the first link of each fingertip's finger, in the contacts' order; the palm for a tip on no finger."""
+    robot = tree.robot
+    hub, _ = _trunk(robot)
+    groups = robot.rigid_groups
+    found = []
+    for link, _ in tree.tips:
+        chain = [joint for joint in robot.chain(link) if joint.moves]
+        found.append(next((joint.child for joint in chain if groups[joint.parent] == hub), robot.root))
+    return tuple(found)
+
+
+def _trunk(robot: Robot) -> tuple[str, set[str]]:
+    """Return the link at which the fingers branch, and the joints above it: an arm or a wrist.
+
+    A hand without branches is one finger that begins at the root.
+    """
+    groups, here = robot.rigid_groups, robot.root
+    joints: set[str] = set()
+    while True:
+        out = [j for j in robot.joints if j.moves and groups[j.parent] == here]
+        if len(out) != 1:
+            return (here, joints) if out else (robot.root, set())
+        joints.add(robot.follows(out[0])[0])
+        here = out[0].child
+
+
+def _branch(robot: Robot, joint: Joint, hub: str) -> str:
+    """Return the name of the first moving joint of a joint's finger, beyond the link at which fingers branch."""
+    chain = [j for j in robot.chain(joint.child) if j.moves]
+    return next((j.name for j in chain if robot.rigid_groups[j.parent] == hub), chain[0].name)
+
+
+def _drivers(robot: Robot, link: str) -> set[str]:
+    """Return the names of the free joints that move a link."""
+    return {robot.follows(joint)[0] for joint in robot.chain(link) if joint.moves}
+
+
+def fingers_lie(tree: LinkTree) -> FloatArray | None:
+    """Return the mean direction, over random postures, of the fingertips from their fingers' first joints.
+
+    Fingers bend towards the side that the palm faces, so this direction lies between the palm's direction and that of
+    straight fingers: within 35 degrees of the palm's direction for Allegro, Shadow, Panda and Robotiq hands.
+
+    Returns
+    -------
+    (3,) array or None
+        Unit, palm frame; None without moving joints, or where the directions cancel.
+    """
+    links = knuckles(tree)
+    if not links or not tree.robot.free_joints:
+        return None
+    lower, upper = tree.joint_limits
+    joints = np.random.default_rng(0).uniform(lower, upper, (POSTURES, len(lower)))
+    q = ca.SX.sym("q", len(lower))
+    poses = link_poses(tree.robot, set(links), q)
+    first = ca.Function("knuckles", [q], [ca.vertcat(*[poses[link][:3, 3] for link in links])])
+    begin = np.asarray(first.map(POSTURES)(joints.T).full()).T.reshape(POSTURES, len(links), 3)
+    ways = tree.palm_tips(joints) - begin
+    mean, length = ways.mean(axis=(0, 1)), float(np.mean(np.linalg.norm(ways, axis=2)))
+    size = float(np.linalg.norm(mean))
+    return None if size <= ALIKE * length else mean / size
+
+
+def better_approach(tree: LinkTree) -> FloatArray | None:
+    """Return the axis of the palm frame, (3,), nearest to the fingers; None where the stated approach is plausible.
+
+    Parameters
+    ----------
+    tree : LinkTree
+        With fingertips and the stated direction.
+    """
+    lie = fingers_lie(tree)
+    if lie is None:
+        return None
+    most = int(np.argmax(np.abs(lie)))
+    axis = np.zeros(3)
+    axis[most] = np.sign(lie[most])
+    off, near = (float(np.degrees(np.arccos(np.clip(lie @ way, -1.0, 1.0)))) for way in (tree.approach, axis))
+    return axis if off > ASKEW and off - near >= NEARER else None
+
+
+def direction_words(direction: FloatArray) -> str:
+    """Return a unit direction (3,) as text: ``+z`` along an axis, else three numbers."""
+    most = int(np.argmax(np.abs(direction)))
+    if abs(direction[most]) > 1.0 - 1e-9:
+        return f"{'+' if direction[most] > 0.0 else '-'}{'xyz'[most]}"
+    return listed(direction)
+
+
+def listed(direction: FloatArray) -> str:
+    """Return a direction (3,) as a Python list with few digits, such as ``[1, 0, 0]``."""
+    return f"[{', '.join(rounded(v, 3, 1e-4) for v in direction)}]"

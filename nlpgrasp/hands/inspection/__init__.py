@@ -1,1 +1,0 @@
-"""Inspection of a hand before any solve: fingertip opposition and warnings about its file."""

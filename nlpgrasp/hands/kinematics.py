@@ -1,0 +1,322 @@
+"""Forward kinematics and contact Jacobians of a robot, as CasADi expressions and numbers."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
+from dataclasses import replace
+from functools import cached_property
+from importlib.util import find_spec
+
+import casadi as ca
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from nlpgrasp.common.scalar_constraints import PalmPose
+from nlpgrasp.common.types import Expression
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import MissingExtraError
+from nlpgrasp.hands.robot import Joint, Robot
+from nlpgrasp.hands.tips import Tip
+
+ROUNDING = 1e-15  # smaller constants of a rotation are zero
+COMPILED = ("link_function", "contact_function", "_tip_function")
+MIDDLE = (0.1, 0.7)  # shares of the joint ranges between which random starts are drawn
+
+
+def require_kinematics() -> None:
+    """Raise ``MissingExtraError`` when adam-robotics is not installed."""
+    try:
+        found = find_spec("adam.casadi")
+    except ImportError:
+        found = None
+    if found is None:
+        raise MissingExtraError("URDFHand", "hands")
+
+
+def link_poses(robot: Robot, links: Iterable[str], joints: Expression) -> dict[str, Expression]:
+    """Return the poses of links in the palm's frame, (4, 4) homogeneous transforms.
+
+    The library gets the robot below the palm alone, with unit axes and without mimic joints: it supports
+    neither default axes nor mimic joints.
+
+    Parameters
+    ----------
+    robot : Robot
+    links : iterable of str
+    joints : casadi.SX
+        Values of ``robot.free_joints``, radians or metres.
+
+    Raises
+    ------
+    MissingExtraError
+        When adam-robotics is not installed.
+    """
+    require_kinematics()
+    from adam.casadi import KinDynComputations
+
+    moving = [j for j in robot.joints if j.moves]
+    index = {j.name: i for i, j in enumerate(robot.free_joints)}
+    values = []
+    for joint in moving:
+        driver, multiplier, offset = robot.follows(joint)
+        values.append(multiplier * joints[index[driver]] + offset)
+    model = KinDynComputations(_urdf(robot), [j.name for j in moving])
+    everything = ca.vertcat(*values)
+    poses = {name: model.forward_kinematics(name, np.eye(4), everything) for name in links if name != robot.root}
+    poses[robot.root] = ca.SX.eye(4)
+    return {name: ca.SX(ca.sparsify(pose, ROUNDING)) for name, pose in poses.items()}
+
+
+def _urdf(robot: Robot) -> str:
+    """Return a URDF with the robot's kinematics alone."""
+    root = ET.Element("robot", name=robot.name)
+    for link in robot.links:
+        _link(root, link)
+    for joint in robot.joints:
+        if joint.kind == "prismatic":  # the library slides along the axis without the origin's rotation
+            between = f"{joint.parent} to {joint.name}"
+            _link(root, between)
+            _joint(root, replace(joint, name=f"{joint.name} origin", kind="fixed", child=between))
+            element = _joint(root, replace(joint, parent=between, xyz=np.zeros(3), rpy=np.zeros(3)))
+        else:
+            element = _joint(root, joint)
+        ET.SubElement(element, "axis", xyz=_text(joint.axis))
+        if joint.kind in ("revolute", "prismatic"):
+            ET.SubElement(element, "limit", lower="-1", upper="1", effort="1", velocity="1")
+    return ET.tostring(root, encoding="unicode")
+
+
+def _link(root: ET.Element, name: str) -> None:
+    inertial = ET.SubElement(ET.SubElement(root, "link", name=name), "inertial")  # without mass it is no link
+    ET.SubElement(inertial, "origin", xyz="0 0 0", rpy="0 0 0")
+    ET.SubElement(inertial, "mass", value="1")
+    ET.SubElement(inertial, "inertia", ixx="1", iyy="1", izz="1", ixy="0", ixz="0", iyz="0")
+
+
+def _joint(root: ET.Element, joint: Joint) -> ET.Element:
+    element = ET.SubElement(root, "joint", name=joint.name, type=joint.kind)
+    ET.SubElement(element, "parent", link=joint.parent)
+    ET.SubElement(element, "child", link=joint.child)
+    ET.SubElement(element, "origin", xyz=_text(joint.xyz), rpy=_text(joint.rpy))
+    return element
+
+
+def _text(values: Iterable[float]) -> str:
+    return " ".join(repr(float(v)) for v in values)
+
+
+def rotation_of(quaternion: Expression) -> Expression:
+    """Return the rotation matrix of a unit quaternion (w, x, y, z), as a polynomial."""
+    w, x, y, z = (quaternion[i] for i in range(4))
+    return ca.vertcat(
+        ca.horzcat(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
+        ca.horzcat(2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
+        ca.horzcat(2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
+    )
+
+
+class LinkTree:
+    """Kinematic tree of the links with a fingertip or a collision shape.
+
+    Parameters
+    ----------
+    robot : Robot
+    tips : sequence of (str, Tip)
+        Link and patch of each contact.
+    approach : (3,) array
+        Unit direction in which the palm faces, palm frame.
+    """
+
+    def __init__(self, robot: Robot, tips: Sequence[tuple[str, Tip]], approach: FloatArray) -> None:
+        self.robot = robot
+        self.tips = tuple(tips)
+        self.approach = approach
+
+    @cached_property
+    def joint_limits(self) -> FloatArray:
+        """Lower and upper limits of the free joints, (2, m), narrowed by those of mimic joints."""
+        return np.array([ends[:2] for ends in self.robot.ranges.values()], dtype=float).T
+
+    def with_limits(self, limits: FloatArray) -> LinkTree:
+        """Return the same links with other limits of the free joints, (2, m)."""
+        result = copy(self)
+        result.joint_limits = limits
+        return result
+
+    def joint_positions(self, joints: FloatArray) -> dict[str, float]:
+        """Return the position of every moving joint by name, for positions of the free joints (m,)."""
+        index = {j.name: i for i, j in enumerate(self.robot.free_joints)}
+        result = {}
+        for joint in self.robot.joints:
+            if joint.moves:
+                driver, multiplier, offset = self.robot.follows(joint)
+                result[joint.name] = float(multiplier * joints[index[driver]] + offset)
+        return result
+
+    def palm(self, variables: dict[str, Expression]) -> PalmPose:
+        """Return the palm's pose in the body's frame."""
+        rotation = rotation_of(variables["palm_quaternion"])
+        return PalmPose(variables["palm_position"], rotation, ca.mtimes(rotation, ca.DM(self.approach)))
+
+    def poses(self, variables: dict[str, Expression]) -> dict[str, Expression]:
+        """Return the links' poses in the body's frame."""
+        palm = self.palm(variables)
+        base = ca.vertcat(ca.horzcat(palm.rotation, palm.position), ca.SX([[0.0, 0.0, 0.0, 1.0]]))
+        found = self.link_function(variables["joints"])
+        return {name: ca.mtimes(base, pose) for name, pose in zip(self.used_links, ca.horzsplit(found, 4), strict=True)}
+
+    def palm_frame(self, values: Mapping[str, FloatArray]) -> FloatArray:
+        """Return the palm's frame in the body's, (4, 4), for values of the hand's variables."""
+        frame = np.eye(4)
+        frame[:3, :3] = Rotation.from_quat(values["palm_quaternion"], scalar_first=True).as_matrix()
+        frame[:3, 3] = values["palm_position"]
+        return frame
+
+    def body_poses(self, values: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        """Return the used links' poses in the body's frame, (4, 4), for values of the hand's variables."""
+        base = self.palm_frame(values)
+        found = np.asarray(self.link_function(values["joints"]).full())
+        return {name: base @ found[:, 4 * i : 4 * i + 4] for i, name in enumerate(self.used_links)}
+
+    def tips_with_slides(self, variables: dict[str, Expression]) -> list[tuple[str, Tip, Expression]]:
+        """Return link, patch and sliding coordinate, if any, of each contact."""
+        slides = iter(ca.vertsplit(variables["slides"])) if "slides" in variables else iter(())
+        return [(link, tip, next(slides) if tip.slides else None) for link, tip in self.tips]
+
+    def tip_centres(self, variables: dict[str, Expression]) -> list[Expression | None]:
+        """Return the centres of round fingertips in the body's frame, None for the others."""
+        poses = self.poses(variables)
+        return [tip.ball_centre(poses[link], slide) for link, tip, slide in self.tips_with_slides(variables)]
+
+    def tip_places(self, variables: dict[str, Expression]) -> list[Expression]:
+        """Return the fingertips' centres in the body's frame."""
+        poses = self.poses(variables)
+        found = zip(self.tips, self.tip_centres(variables), strict=True)
+        return [
+            poses[link][:3, 3] + ca.mtimes(poses[link][:3, :3], ca.DM(tip.centre)) if centre is None else centre
+            for (link, tip), centre in found
+        ]
+
+    def rigid(self, link: str, other: str) -> FloatArray | None:
+        """Return the transform (4, 4) from a link's frame to another's if both are rigidly connected, else None."""
+        poses = np.asarray(self.link_function(np.zeros(len(self.robot.free_joints))).full())
+        groups = self.robot.rigid_groups
+        if groups[link] != groups[other]:
+            return None
+        a, b = (poses[:, 4 * i : 4 * i + 4] for i in (self.used_links.index(link), self.used_links.index(other)))
+        return np.asarray(np.linalg.inv(b) @ a)
+
+    @cached_property
+    def loaded_joints(self) -> tuple[str, ...]:
+        """Names of the free joints that move some contact."""
+        moving = [joint for link, _ in self.tips for joint in self.robot.chain(link) if joint.moves]
+        drivers = {self.robot.follows(joint)[0] for joint in moving}
+        return tuple(j.name for j in self.robot.free_joints if j.name in drivers)
+
+    def contact_motion(
+        self, variables: dict[str, Expression], rates: Expression, points: Sequence[Expression]
+    ) -> list[tuple[Expression, Expression]]:
+        """Return velocity and angular velocity, (3,) each, body frame, of contact points fixed to their links.
+
+        Arguments are those of ``PosedHand.contact_motion``.
+        """
+        palm, q = self.palm(variables), variables["joints"]
+        every = ca.SX(len(self.robot.free_joints), 1)
+        for j, joint in enumerate(self.robot.free_joints):
+            if joint.name in self.loaded_joints:
+                every[j] = rates[self.loaded_joints.index(joint.name)]
+        found = self.link_function(q)
+        poses, changes = (ca.horzsplit(m, 4) for m in (found, ca.jtimes(found, q, every)))
+        result = []
+        for (link, _), point in zip(self.tips, points, strict=True):
+            where = self.used_links.index(link)
+            pose, change = poses[where], changes[where]
+            local = ca.mtimes(pose[:3, :3].T, ca.mtimes(palm.rotation.T, point - palm.position) - pose[:3, 3])
+            spin = ca.mtimes(change[:3, :3], pose[:3, :3].T)
+            velocity = ca.mtimes(change[:3, :3], local) + change[:3, 3]
+            angular = ca.vertcat(spin[2, 1], spin[0, 2], spin[1, 0])
+            result.append((ca.mtimes(palm.rotation, velocity), ca.mtimes(palm.rotation, angular)))
+        return result
+
+    @cached_property
+    def contact_function(self) -> ca.Function:
+        """Function of palm position, quaternion, joints and contact points (3, k) to stacked Jacobians (6 k, m)."""
+        variables = {"palm_position": ca.SX.sym("t", 3), "palm_quaternion": ca.SX.sym("r", 4)}
+        variables["joints"] = ca.SX.sym("q", len(self.robot.free_joints))
+        rates, points = ca.SX.sym("rates", len(self.loaded_joints)), ca.SX.sym("p", 3, len(self.tips))
+        motion = self.contact_motion(variables, rates, ca.horzsplit(points))
+        both = ca.vertcat(*[part for pair in motion for part in pair])
+        return ca.Function("contacts", [*variables.values(), points], [ca.jacobian(both, rates)], {"cse": True})
+
+    @cached_property
+    def span(self) -> float:
+        """Largest distance of a fingertip from the palm's origin, metres (over 500 random joint positions)."""
+        rng = np.random.default_rng(0)
+        lower, upper = self.joint_limits
+        tips = self.palm_tips(rng.uniform(lower, upper, (500, len(lower))))
+        return float(np.max(np.linalg.norm(tips, axis=2)))
+
+    def palm_tips(self, joints: FloatArray) -> FloatArray:
+        """Return the fingertip centres (b, k, 3) in the palm's frame for joint positions (b, m)."""
+        return self._of_tips(joints)[0]
+
+    def palm_normals(self, joints: FloatArray) -> FloatArray:
+        """Return the outward normals of flat fingertips (b, k, 3) in the palm's frame, zero for curved ones."""
+        return self._of_tips(joints)[1]
+
+    def _of_tips(self, joints: FloatArray) -> list[FloatArray]:
+        """Return centres and normals of the fingertips, (b, k, 3) each, palm frame."""
+        found = self._tip_function.map(len(joints))(joints.T)
+        return [np.asarray(each.full()).T.reshape(len(joints), len(self.tips), 3) for each in found]
+
+    def draw(
+        self, count: int, around: FloatArray, rng: np.random.Generator
+    ) -> tuple[dict[str, FloatArray], FloatArray]:
+        """Return random palm poses and joints, (count, m) each, and the fingertips' centres, (count, k, 3).
+
+        The fingertips' centroid is at the given points, (count, 3).
+        """
+        lower, upper = self.joint_limits
+        shares = rng.uniform(*MIDDLE, (count, len(lower)))
+        joints = lower + shares * (upper - lower)
+        rotations = Rotation.random(count, rng=rng)
+        tips = np.einsum("bij,bkj->bki", rotations.as_matrix(), self.palm_tips(joints))
+        position = around - tips.mean(axis=1)
+        quaternion = rotations.as_quat(scalar_first=True)
+        values = {"palm_position": position, "palm_quaternion": quaternion, "joints": joints}
+        return values | self.first_slides(count), position[:, None] + tips
+
+    def first_slides(self, count: int) -> dict[str, FloatArray]:
+        """Return the initial sliding coordinates of the fingertips, (count, m), if there are any."""
+        slides = [tip.first_slide for _, tip in self.tips if tip.slides]
+        return {"slides": np.tile(slides, (count, 1))} if slides else {}
+
+    @cached_property
+    def used_links(self) -> tuple[str, ...]:
+        """Links whose poses are computed, parents first."""
+        used = {link for link, _ in self.tips} | set(self.robot.shapes)
+        return tuple(link for link in self.robot.links if link in used)
+
+    @cached_property
+    def link_function(self) -> ca.Function:
+        """Function of joints to the used links' poses in the palm's frame, side by side."""
+        q = ca.SX.sym("q", len(self.robot.free_joints))
+        poses = link_poses(self.robot, self.used_links, q)
+        return ca.Function("links", [q], [ca.horzcat(*[poses[name] for name in self.used_links])], {"cse": True})
+
+    @cached_property
+    def _tip_function(self) -> ca.Function:
+        q = ca.SX.sym("q", len(self.robot.free_joints))
+        poses = link_poses(self.robot, {link for link, _ in self.tips}, q)
+        tips = [ca.mtimes(poses[link], ca.vertcat(ca.DM(tip.centre), 1.0))[:3] for link, tip in self.tips]
+        zero = np.zeros(3)
+        normals = [
+            ca.mtimes(poses[link][:3, :3], zero if tip.normal is None else tip.normal) for link, tip in self.tips
+        ]
+        return ca.Function("tips", [q], [ca.vertcat(*tips), ca.vertcat(*normals)], {"cse": True})
+
+    def __getstate__(self) -> dict[str, object]:
+        """Keep the defining fields; compiled functions are rebuilt after unpickling."""
+        return {k: v for k, v in self.__dict__.items() if k not in COMPILED}

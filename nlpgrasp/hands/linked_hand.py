@@ -1,0 +1,183 @@
+"""Hand with a kinematic tree: pose, posture, inverse kinematics by random postures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from nlpgrasp.common.display import InNotebook
+from nlpgrasp.common.scalar_constraints import PalmPose
+from nlpgrasp.common.types import Expression, Json
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import InputError
+from nlpgrasp.hands.base import PosedHand, Values
+from nlpgrasp.hands.kinematics import LinkTree
+
+POSTURES = 4096  # random ones that are looked among
+SHARES = (0.02, 0.9)  # of the joint ranges that they are drawn from
+CARD = ("nlpgrasp.report.hand_page", "card")
+NAMED = 6  # most fingertips named in a line
+
+
+def reach(
+    tree: LinkTree, places: FloatArray, near: int, rng: np.random.Generator
+) -> tuple[dict[str, FloatArray], FloatArray]:
+    """Return palm poses and joints, (g near, m) each, and the fingertips' centres, (g near, k, 3), body frame.
+
+    The distances between the fingertips do not depend on the palm's pose: for each goal, the postures whose distances
+    are nearest to the goal's are taken, and the palm is where the least-squares fit puts the fingertips.
+
+    Parameters
+    ----------
+    tree : LinkTree
+    places : (g, k, 3) array
+        Goals: where the centre of each fingertip is to be, metres, body frame.
+    near : int
+        Postures for each goal.
+    rng : numpy.random.Generator
+    """
+    lower, upper = tree.joint_limits
+    joints = lower + rng.uniform(*SHARES, (POSTURES, len(lower))) * (upper - lower)
+    tips = tree.palm_tips(joints)
+    chosen = cKDTree(_distances(tips)).query(_distances(places), near)[1].ravel()
+    rotations, positions = fitted(tips[chosen], np.repeat(places, near, axis=0))
+    values = {
+        "palm_position": positions,
+        "palm_quaternion": Rotation.from_matrix(rotations).as_quat(scalar_first=True),
+        "joints": joints[chosen],
+    } | tree.first_slides(len(chosen))
+    return values, tips[chosen] @ rotations.transpose(0, 2, 1) + positions[:, None]
+
+
+def fitted(points: FloatArray, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the rotations (b, 3, 3) and translations (b, 3) that bring points (b, k, 3) nearest to places.
+
+    In the sense of least squares (Kabsch 1976, doi:10.1107/S0567739476001873); reflections are none of them.
+    """
+    middle, goal = points.mean(axis=1), places.mean(axis=1)
+    spread = (points - middle[:, None]).transpose(0, 2, 1) @ (places - goal[:, None])
+    U, _, Vt = np.linalg.svd(spread)
+    Vt[:, 2] *= np.sign(np.linalg.det(U) * np.linalg.det(Vt))[:, None]
+    rotations = (U @ Vt).transpose(0, 2, 1)
+    return rotations, goal - np.einsum("bij,bj->bi", rotations, middle)
+
+
+def _distances(points: FloatArray) -> FloatArray:
+    """Return the distances between each two of the points (b, k, 3), (b, k (k - 1) / 2)."""
+    i, j = np.triu_indices(points.shape[1], 1)
+    return np.asarray(np.linalg.norm(points[:, i] - points[:, j], axis=2))
+
+
+class LinkedHand(InNotebook, PosedHand):
+    """A hand whose variables are the palm's pose and the joint positions.
+
+    Attributes
+    ----------
+    tree : LinkTree
+    """
+
+    _card: ClassVar[tuple[str, str]] = CARD
+    tree: LinkTree
+
+    @property
+    def shown_name(self) -> str:
+        """Name of the hand on its page: the robot's name."""
+        return self.tree.robot.name
+
+    def __repr__(self) -> str:
+        robot, tips = self.tree.robot, [link for link, _ in self.tree.tips]
+        more = [f"{len(tips) - NAMED} more"] if len(tips) > NAMED else []
+        known = ", ".join([*tips[:NAMED], *more])
+        return f"{type(self).__name__}({robot.name!r}, {len(robot.free_joints)} joints, fingertips on {known})"
+
+    def palm(self, variables: dict[str, Expression]) -> PalmPose:
+        """Return the palm's pose in the body's frame."""
+        return self.tree.palm(variables)
+
+    def tip_centres(self, variables: dict[str, Expression]) -> list[Expression | None]:
+        """Return the centres of round fingertips in the body's frame, None for the others."""
+        return self.tree.tip_centres(variables)
+
+    def tip_places(self, variables: dict[str, Expression]) -> list[Expression]:
+        """Return the fingertips' centres in the body's frame."""
+        return self.tree.tip_places(variables)
+
+    @property
+    def loaded_joints(self) -> tuple[str, ...]:
+        """Names of the free joints that move some contact."""
+        return self.tree.loaded_joints
+
+    @property
+    def sliding_joints(self) -> dict[str, bool]:
+        """Whether each joint that moves some contact slides, by joint name."""
+        kinds = {joint.name: not joint.turns for joint in self.tree.robot.free_joints}
+        return {name: kinds[name] for name in self.loaded_joints}
+
+    def contact_motion(
+        self, variables: dict[str, Expression], rates: Expression, points: Sequence[Expression]
+    ) -> list[tuple[Expression, Expression]]:
+        """Return velocity and angular velocity of the contact points under joint rates (symbolic)."""
+        return self.tree.contact_motion(variables, rates, points)
+
+    def contact_jacobians(self, values: Mapping[str, FloatArray], points: FloatArray) -> FloatArray:
+        """Return contact Jacobians (k, 6, m): velocities of points (k, 3), metres, per rate of the loaded joints."""
+        quaternion = values["palm_quaternion"] / np.linalg.norm(values["palm_quaternion"])
+        found = self.tree.contact_function(values["palm_position"], quaternion, values["joints"], points.T)
+        return np.asarray(found.full()).reshape(self.count, 6, len(self.loaded_joints))
+
+    def draw(self, count: int, around: FloatArray, rng: np.random.Generator) -> tuple[Values, FloatArray]:
+        """Return random palm orientations and joints, with the fingertips' centroid at ``around`` (count, space).
+
+        Returns
+        -------
+        values : dict of str to (count, m) array
+            Of the variables by name.
+        tips : (count, k, 3) array
+            The fingertips' centres, metres, body frame.
+        """
+        return self.tree.draw(count, around, rng)
+
+    def reach(self, places: FloatArray, near: int, rng: np.random.Generator) -> tuple[Values, FloatArray]:
+        """Return palm poses and joints with the fingertips near places (g, k, 3), and their centres, (g near, k, 3).
+
+        Parameters
+        ----------
+        places : (g, k, 3) array
+            Goals for the centre of each fingertip, metres, body frame.
+        near : int
+            Poses for each goal.
+        rng : numpy.random.Generator
+        """
+        return reach(self.tree, places, near, rng)
+
+    def describe(self, values: Values) -> Json:
+        """Return joint positions by name (mimic joints included) and the palm's pose."""
+        quaternion = values["palm_quaternion"] / np.linalg.norm(values["palm_quaternion"])
+        return {
+            "joint_positions": self.tree.joint_positions(values["joints"]),
+            "palm_pose": {"position": values["palm_position"].tolist(), "quaternion_wxyz": quaternion.tolist()},
+            "fingertips": [link for link, _ in self.tree.tips],
+        }
+
+    def values_of(self, posture: Json) -> Values:
+        """Return the variables' values, palm pose and joints, in a posture in the format of ``describe``.
+
+        Raises
+        ------
+        InputError
+            When ``joint_positions`` or ``palm_pose`` lack what this hand needs.
+        """
+        try:
+            pose, positions = posture["palm_pose"], posture["joint_positions"]
+            return {
+                "palm_position": np.asarray(pose["position"], float).reshape(3),
+                "palm_quaternion": np.asarray(pose["quaternion_wxyz"], float).reshape(4),
+                "joints": np.array([float(positions[j.name]) for j in self.tree.robot.free_joints]),
+            }
+        except (KeyError, TypeError, ValueError) as error:
+            given = f"{type(error).__name__}: {error}"
+            raise InputError("posture", given, "joint_positions and palm_pose as in GraspSolution.hand") from None

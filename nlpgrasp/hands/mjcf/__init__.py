@@ -1,1 +1,0 @@
-"""MJCF reader: robot descriptions from MuJoCo's model files."""

@@ -1,0 +1,259 @@
+"""Fingertip opposition: which fingertips meet face to face, searched over the joint ranges.
+
+The search samples postures densely and narrows about the best: its least distances are upper bounds, in practice close.
+Collisions between links are ignored, so other links may prevent a meeting.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands.kinematics import LinkTree
+from nlpgrasp.hands.tips import Tip
+
+SIDES = 9  # sides of the triangulation of a patch that is not round
+ASKEW = np.cos(np.radians(30.0))  # cosine of the largest angle at which patches count as facing each other
+CLOSE = 2e-3  # metres: the direction between nearer points is not used
+AT_ONCE = 2_000_000  # pairs of points in a batch
+TOUCH = 1e-3  # metres between fingertips that count as touching
+TOGETHER = 0.01  # metres between fingertips that meet in a set; twice the largest radius if that is more
+MOST_TIPS = 6  # most fingertips of which all sets are checked
+SAMPLES, KEPT, ROUNDS, SHRINK = 1024, 24, 16, 0.6  # random postures, those kept, rounds about them, narrowing per round
+WIDTH = 0.25  # share of the joint ranges: standard deviation about a posture in the first round
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """Sample points of a patch, its ball radius, and outward normals unless it is round.
+
+    Arrays are (m, 3) in the link's frame, (b, m, 3) in the palm's in b postures.
+    """
+
+    points: FloatArray
+    radius: float
+    normals: FloatArray | None
+
+
+def _samples(tip: Tip) -> _Placed:
+    """Return the samples of a patch in its link's frame."""
+    if tip.standoff > 0.0:
+        return _Placed(tip.backbone, tip.standoff, None)
+    shape = tip.surface(SIDES)
+    corners = shape.vertices[shape.faces]
+    crossed = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = np.zeros_like(shape.vertices)
+    for k in range(3):
+        np.add.at(normals, shape.faces[:, k], crossed)
+    return _Placed(shape.vertices, 0.0, normals / np.linalg.norm(normals, axis=1, keepdims=True))
+
+
+class TipGaps:
+    """Distances between a hand's fingertips for batches of joint positions.
+
+    Parameters
+    ----------
+    tree : LinkTree
+    """
+
+    def __init__(self, tree: LinkTree) -> None:
+        self.tree = tree
+        self._samples = [_samples(tip) for _, tip in tree.tips]
+
+    def round(self, fingers: Sequence[int]) -> bool:
+        """Return whether all given fingertips are round, and so face every direction."""
+        return all(self._samples[i].normals is None for i in fingers)
+
+    def moving(self, fingers: Sequence[int]) -> NDArray[np.intp]:
+        """Return the numbers of the free joints that move some of the fingertips relative to others."""
+        robot = self.tree.robot
+        links = [self.tree.tips[i][0] for i in fingers]
+        chains: list[set[str]] = [{j.name for j in robot.chain(link) if j.moves} for link in links]
+        names = {name for chain in chains for name in chain if not all(name in other for other in chains)}
+        drivers = {robot.follows(joint)[0] for joint in robot.joints if joint.name in names}
+        return np.array([i for i, j in enumerate(robot.free_joints) if j.name in drivers], dtype=np.intp)
+
+    def distances(self, fingers: Sequence[int], joints: FloatArray, *, facing: bool) -> FloatArray:
+        """Return the largest pairwise distance of fingertips, (b,), metres, negative where all overlap.
+
+        Parameters
+        ----------
+        fingers : sequence of int
+        joints : (b, m) array
+            Positions of the free joints.
+        facing : bool
+            Add a penalty for fingertips that do not face each other: the misalignment times the hand's span.
+        """
+        return self._largest(fingers, joints, self.tree.span if facing else 0.0)[0]
+
+    def turned_away(self, fingers: Sequence[int], joints: FloatArray) -> FloatArray:
+        """Return the largest misalignment of any pair, (b,), as a cosine; 0 where all pairs face each other."""
+        return self._largest(fingers, joints, self.tree.span)[1]
+
+    def _largest(self, fingers: Sequence[int], joints: FloatArray, weight: float) -> tuple[FloatArray, FloatArray]:
+        """Return the largest distance and the largest misalignment over the pairs, (b,) each."""
+        sizes = sorted(len(self._samples[i].points) for i in fingers)
+        parts = np.array_split(joints, max(1, -(-len(joints) * sizes[-1] * sizes[-2] // AT_ONCE)))
+        found = [self._of_part(fingers, part, weight) for part in parts]
+        return np.concatenate([f[0] for f in found]), np.concatenate([f[1] for f in found])
+
+    def _of_part(self, fingers: Sequence[int], joints: FloatArray, weight: float) -> tuple[FloatArray, FloatArray]:
+        count = len(joints)
+        poses = np.asarray(self.tree.link_function.map(count)(joints.T).full()).reshape(4, count, -1, 4)[:3]
+        placed = [self._placed(i, poses) for i in fingers]
+        found = [_between(a, b, weight) for a, b in combinations(placed, 2)]
+        return np.max([f[0] for f in found], axis=0), np.max([f[1] for f in found], axis=0)
+
+    def _placed(self, i: int, poses: FloatArray) -> _Placed:
+        """Return a fingertip's samples for poses (3, b, links, 4) of the used links."""
+        pose = poses[:, :, self.tree.used_links.index(self.tree.tips[i][0])]
+        samples = self._samples[i]
+        points = np.einsum("xba,ma->bmx", pose[..., :3], samples.points) + pose[..., 3].T[:, None]
+        normals = None if samples.normals is None else np.einsum("xba,ma->bmx", pose[..., :3], samples.normals)
+        return _Placed(points, samples.radius, normals)
+
+
+def _between(a: _Placed, b: _Placed, weight: float) -> tuple[FloatArray, FloatArray]:
+    """Return distance and misalignment, (b,) each, of two fingertips at their best pair of points."""
+    between = b.points[:, None] - a.points[:, :, None]  # (b, points of a, points of b, 3)
+    length = np.linalg.norm(between, axis=3)
+    lack = np.zeros_like(length)
+    if weight:
+        way = between / np.maximum(length, 1e-12)[..., None]
+        for normals, axes, sign in ((a.normals, "bix", -1.0), (b.normals, "bjx", 1.0)):
+            if normals is not None:
+                askew = ASKEW + sign * np.einsum(f"bijx,{axes}->bij", way, normals)
+                lack = np.maximum(lack, np.where(length > CLOSE, askew, 0.0))
+        if a.normals is not None and b.normals is not None:
+            lack = np.maximum(lack, ASKEW + np.einsum("bix,bjx->bij", a.normals, b.normals))
+    count, rows = len(length), np.arange(len(length))
+    scores = (length - a.radius - b.radius + weight * lack).reshape(count, -1)
+    best = np.argmin(scores, axis=1)
+    return scores[rows, best], lack.reshape(count, -1)[rows, best]
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """Least distances between two or more fingertips.
+
+    Parameters
+    ----------
+    fingers : tuple of int
+        Numbers of the contacts.
+    nearest : float
+        Least distance between the surfaces of two fingertips, metres, 0 where they touch; for more, the least value of
+        their largest pairwise distance.
+    opposed : float
+        The same with the two facing each other; infinite where they never do. For more than two facing is not required.
+    joints : (m,) array
+        Positions of the free joints there: opposed where that is possible.
+    """
+
+    fingers: tuple[int, ...]
+    nearest: float
+    opposed: float
+    joints: FloatArray
+
+    @property
+    def faces(self) -> bool:
+        """Whether the fingertips face each other in some posture."""
+        return bool(np.isfinite(self.opposed))
+
+    @property
+    def touches(self) -> bool:
+        """Whether the fingertips touch, face to face."""
+        return self.opposed <= TOUCH
+
+
+@dataclass(frozen=True)
+class Opposition:
+    """Opposition of fingertips: pairs that can meet, and sets that cannot.
+
+    Parameters
+    ----------
+    pairs : tuple of Meeting
+        All pairs of fingertips.
+    apart : tuple of Meeting
+        Minimal sets of more than two fingertips that do not meet at once, although all smaller sets do.
+    together : float
+        Largest distance of fingertips that count as meeting, metres.
+    """
+
+    pairs: tuple[Meeting, ...]
+    apart: tuple[Meeting, ...]
+    together: float
+
+    @property
+    def alone(self) -> tuple[int, ...]:
+        """Fingertips that touch no other fingertip face to face."""
+        every = sorted({i for pair in self.pairs for i in pair.fingers})
+        return tuple(i for i in every if not any(p.touches for p in self.pairs if i in p.fingers))
+
+
+def opposition(tree: LinkTree, at_rest: FloatArray) -> Opposition:
+    """Return the opposition of a hand's fingertips: least distances of pairs, and sets that cannot meet.
+
+    Parameters
+    ----------
+    tree : LinkTree
+    at_rest : (m,) array
+        Positions of the free joints, kept for those that do not move the fingertips in question.
+    """
+    gaps = TipGaps(tree)
+    count = len(tree.tips)
+    pairs = tuple(_meeting(gaps, pair, at_rest) for pair in combinations(range(count), 2))
+    together = max(TOGETHER, 2.0 * max((tip.standoff for _, tip in tree.tips), default=0.0))
+    good = {p.fingers for p in pairs if p.opposed <= together}
+    apart = []
+    for size in range(3, count + 1 if count <= MOST_TIPS else 0):
+        for fingers in combinations(range(count), size):
+            if all(part in good for part in combinations(fingers, size - 1)):
+                met = _meeting(gaps, fingers, at_rest)
+                if met.opposed <= together:
+                    good.add(fingers)
+                else:
+                    apart.append(met)
+    return Opposition(pairs, tuple(apart), together)
+
+
+def _meeting(gaps: TipGaps, fingers: tuple[int, ...], at_rest: FloatArray) -> Meeting:
+    """Return the least distances between some fingertips."""
+    if len(fingers) > 2:
+        joints, value = _least(gaps, fingers, at_rest, facing=False)
+        return Meeting(fingers, value, value, joints)
+    joints, value = _least(gaps, fingers, at_rest, facing=True)
+    opposed = value if np.all(gaps.turned_away(fingers, joints[None]) <= 0.0) else np.inf
+    if gaps.round(fingers) or value <= TOUCH:
+        return Meeting(fingers, opposed, opposed, joints)
+    other, nearest = _least(gaps, fingers, at_rest, facing=False)
+    nearest = min(nearest, opposed)
+    return Meeting(fingers, nearest, opposed, joints if np.isfinite(opposed) else other)
+
+
+def _least(gaps: TipGaps, fingers: Sequence[int], at_rest: FloatArray, *, facing: bool) -> tuple[FloatArray, float]:
+    """Return the joints (m,) with the least distance, and it: random search, then refinement about the best."""
+    rng = np.random.default_rng(0)
+    lower, upper = gaps.tree.joint_limits
+    moving = gaps.moving(fingers)
+    joints = np.repeat(at_rest[None], SAMPLES, axis=0)
+    joints[:, moving] = rng.uniform(lower[moving], upper[moving], (SAMPLES, len(moving)))
+    values = gaps.distances(fingers, joints, facing=facing)
+    width = WIDTH
+    for _ in range(ROUNDS if len(moving) else 0):
+        best = np.argsort(values, kind="stable")[:KEPT]
+        joints, values = joints[best], values[best]
+        if values[0] <= 0.0:
+            break
+        around = np.repeat(joints, SAMPLES // KEPT // 2, axis=0)
+        steps = width * (upper - lower)[moving] * rng.standard_normal((len(around), len(moving)))
+        around[:, moving] = np.clip(around[:, moving] + steps, lower[moving], upper[moving])
+        joints = np.concatenate([joints, around])
+        values = np.concatenate([values, gaps.distances(fingers, around, facing=facing)])
+        width *= SHRINK
+    first = int(np.argmin(values))
+    return joints[first], max(0.0, float(gaps.distances(fingers, joints[first][None], facing=facing)[0]))

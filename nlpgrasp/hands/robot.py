@@ -1,0 +1,193 @@
+"""Robot description as plain data: links, joints and collision shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands.collision_shapes import Shape
+
+MOVABLE = ("revolute", "continuous", "prismatic")
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """Mimic relation of a joint to another: ``value = multiplier * other + offset``."""
+
+    joint: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint between two links.
+
+    Parameters
+    ----------
+    name, kind, parent, child : str
+        ``kind`` is one of revolute, continuous, prismatic, fixed.
+    xyz, rpy : (3,) array
+        Pose of the child's frame in the parent's, metres and radians.
+    axis : (3,) array
+        Unit, in the joint's frame.
+    lower, upper : float
+        Limits, radians or metres.
+    effort : float or None
+        Greatest torque (force of a sliding joint), newton-metres or newtons.
+    mimic : Mimic or None
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    xyz: FloatArray
+    rpy: FloatArray
+    axis: FloatArray
+    lower: float
+    upper: float
+    effort: float | None = None
+    mimic: Mimic | None = None
+
+    @property
+    def turns(self) -> bool:
+        """Whether the joint's position is an angle."""
+        return self.kind != "prismatic"
+
+    @property
+    def moves(self) -> bool:
+        """Whether the joint is not fixed."""
+        return self.kind in MOVABLE
+
+
+@dataclass(frozen=True)
+class Robot:
+    """The links below a palm link, with the joints between them.
+
+    Parameters
+    ----------
+    name : str
+    root : str
+        The palm.
+    links : tuple of str
+        The root first, parents before children.
+    joints : tuple of Joint
+        In the order of the links they lead to.
+    shapes : mapping
+        Link to its collision shapes, in the link's frame.
+    missing : tuple of str
+        Mesh files that were not found, with the link they belong to.
+    source : str
+        Name of the file it was read from.
+    sha256 : str
+        Of that file's bytes, hexadecimal.
+    bare : tuple of str
+        Visible links without a collision shape.
+    turned : tuple of str
+        Followers whose limits were taken with the other sign (``urdf_mimics.with_signs``).
+    unmodelled : tuple of str
+        Couplings of joints in the file that are left out, a phrase each.
+    """
+
+    name: str
+    root: str
+    links: tuple[str, ...]
+    joints: tuple[Joint, ...]
+    shapes: Mapping[str, tuple[Shape, ...]] = field(default_factory=dict)
+    missing: tuple[str, ...] = ()
+    source: str = ""
+    sha256: str = ""
+    bare: tuple[str, ...] = ()
+    turned: tuple[str, ...] = ()
+    unmodelled: tuple[str, ...] = ()
+
+    @cached_property
+    def free_joints(self) -> tuple[Joint, ...]:
+        """The moving joints that follow no other."""
+        return tuple(j for j in self.joints if j.moves and j.mimic is None)
+
+    @property
+    def mesh_files(self) -> dict[str, str]:
+        """SHA-256 of each mesh file of the collision shapes, by its name in the robot file."""
+        every = (shape.file for shapes in self.shapes.values() for shape in shapes)
+        return {file.name: file.sha256 for file in every if file is not None}
+
+    @cached_property
+    def parents(self) -> dict[str, str]:
+        """Parent of each link."""
+        return {j.child: j.parent for j in self.joints}
+
+    @cached_property
+    def rigid_groups(self) -> dict[str, str]:
+        """Topmost link of the rigid group of each link."""
+        by_child = {j.child: j for j in self.joints}
+        groups: dict[str, str] = {}
+        for link in self.links:
+            joint = by_child.get(link)
+            groups[link] = link if joint is None or joint.moves else groups[joint.parent]
+        return groups
+
+    def fixed_transform(self, link: str, other: str) -> FloatArray | None:
+        """Return the transform (4, 4) from a link's frame to another's if both are rigidly connected; else None."""
+        groups = self.rigid_groups
+        if groups[link] != groups[other]:
+            return None
+        return np.asarray(np.linalg.inv(self._in_group(other)) @ self._in_group(link))
+
+    def _in_group(self, link: str) -> FloatArray:
+        """Return the pose (4, 4) of a link in the topmost link of its rigid group."""
+        pose, top = np.eye(4), self.rigid_groups[link]
+        for joint in reversed(self.chain(link)):
+            if joint.child == top:
+                break
+            step = np.eye(4)
+            step[:3, :3] = Rotation.from_euler("xyz", joint.rpy).as_matrix()
+            step[:3, 3] = joint.xyz
+            pose = step @ pose
+        return pose
+
+    def adjacent(self, a: str, b: str) -> bool:
+        """Return whether exactly one moving joint lies between two links."""
+        groups = self.rigid_groups
+        return any({groups[j.parent], groups[j.child]} == {groups[a], groups[b]} for j in self.joints if j.moves)
+
+    @cached_property
+    def ranges(self) -> dict[str, tuple[float, float, str]]:
+        """Limits of each free joint with those of its mimic joints: lower, upper, the joint that narrowed them last."""
+        result = {j.name: (j.lower, j.upper, j.name) for j in self.free_joints}
+        for joint in self.joints:
+            if joint.moves and joint.mimic is not None:
+                driver, multiplier, offset = self.follows(joint)
+                lower, upper, _ = result[driver]
+                if multiplier == 0.0:
+                    if not joint.lower <= offset <= joint.upper:
+                        result[driver] = (np.inf, -np.inf, joint.name)
+                    continue
+                a, b = sorted(((joint.lower - offset) / multiplier, (joint.upper - offset) / multiplier))
+                if a > lower or b < upper:
+                    result[driver] = (max(lower, a) + 0.0, min(upper, b) + 0.0, joint.name)  # no -0
+        return result
+
+    def follows(self, joint: Joint) -> tuple[str, float, float]:
+        """Return the free joint that drives a moving joint, with multiplier and offset (mimic chains resolved)."""
+        by_name = {j.name: j for j in self.joints}
+        name, multiplier, offset = joint.name, 1.0, 0.0
+        while (mimic := by_name[name].mimic) is not None:
+            multiplier, offset = multiplier * mimic.multiplier, multiplier * mimic.offset + offset
+            name = mimic.joint
+        return name, multiplier, offset
+
+    def chain(self, link: str) -> tuple[Joint, ...]:
+        """Return the joints from the root to a link."""
+        by_child = {j.child: j for j in self.joints}
+        chain: list[Joint] = []
+        while link != self.root:
+            chain.insert(0, by_child[link])
+            link = by_child[link].parent
+        return tuple(chain)

@@ -1,0 +1,71 @@
+"""Robot file reader for URDF, xacro and MJCF."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from pathlib import Path
+
+from nlpgrasp.hands.mjcf_reader import mjcf_inertials, mjcf_links, read_mjcf
+from nlpgrasp.hands.robot import Robot
+from nlpgrasp.hands.urdf_reader import Inertial, bad, link_names, read_urdf, urdf_inertials
+
+
+def read_robot(path: str | Path, palm: str | None = None) -> Robot:
+    """Return the links below the palm, their joints and collision shapes.
+
+    Parameters
+    ----------
+    path : str or Path
+        A URDF, xacro or MJCF file; its root element says which.
+    palm : str, optional
+        The link that everything else hangs from; the topmost when left out.
+
+    Raises
+    ------
+    InputError
+        On files that cannot be used.
+    MissingExtraError
+        When a mesh, or MJCF, needs a package that is not installed.
+    """
+    return read_mjcf(Path(path), palm) if _is_mjcf(path) else read_urdf(path, palm)
+
+
+def robot_links(path: str | Path) -> tuple[str, ...]:
+    """Return the names of all links, in the file's order.
+
+    Raises
+    ------
+    InputError
+        When the file is missing, or is neither URDF nor MJCF.
+    MissingExtraError
+        When MJCF needs MuJoCo, which is not installed.
+    """
+    return mjcf_links(Path(path)) if _is_mjcf(path) else link_names(path)
+
+
+def robot_inertials(path: str | Path) -> Mapping[str, Inertial]:
+    """Return mass and inertia of the links that have a mass above zero.
+
+    Raises
+    ------
+    InputError
+        When the file is missing, is neither URDF nor MJCF, or states numbers that cannot be read.
+    MissingExtraError
+        When MJCF needs MuJoCo, which is not installed.
+    """
+    return mjcf_inertials(Path(path)) if _is_mjcf(path) else urdf_inertials(path)
+
+
+def _is_mjcf(path: object) -> bool:
+    """Return whether the file's root element is MuJoCo's; unreadable files are left to the URDF reader."""
+    if not isinstance(path, str | Path):
+        return False
+    try:
+        with Path(path).open("rb") as file:
+            _, first = next(iter(ET.iterparse(file, events=("start",))))  # noqa: S314  (the user's own file)
+    except (OSError, ValueError, LookupError, StopIteration, ET.ParseError):
+        return False
+    if first.tag == "mujocoinclude":
+        bad(Path(path), "<mujocoinclude> at the top, a part that other files include", "the file that includes it")
+    return bool(first.tag == "mujoco")

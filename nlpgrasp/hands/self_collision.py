@@ -1,0 +1,236 @@
+"""Self-collision pairs of links and fingertips, with the overlap that each pair may have.
+
+Spheres around a link reach beyond it: hardly any random posture keeps all spheres of a hand apart, while a quarter of
+them keep the links apart. So each pair of links has an allowed overlap, from random postures: the least overlap of
+their spheres among the postures in which the links' hulls penetrate by a millimetre, less the expected bias of a
+uniform sample's minimum, ``(largest - least) / m`` for m such postures. Links whose spheres meet in many postures and
+whose hulls do in none are not constrained (docs/hands.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import casadi as ca
+import numpy as np
+
+from nlpgrasp.common.cache import kept
+from nlpgrasp.common.scalar_constraints import SELF_COLLISION, TIPS_APART, LinkSphere, Row
+from nlpgrasp.common.types import Expression
+from nlpgrasp.common.unit_directions import directions_around
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands.collision_shapes import Shape
+from nlpgrasp.hands.kinematics import LinkTree
+from nlpgrasp.hands.link_spheres import SphereFit
+
+MOST = 64  # most corners, and normals, of a hull
+BETWEEN = 60  # further directions: for contact of edges with edges
+UP = np.array([0.0, 0.0, 1.0])
+SAMPLES = 1500
+LOOKED_AT = 300  # most postures per pair whose hulls are compared
+ALWAYS = 0.95  # share of postures: links that collide more often do so by construction
+SURE = 20  # postures with meeting spheres and disjoint hulls after which a pair is not constrained
+DEEP = 1e-3  # metres of penetration above which hulls count as colliding
+
+
+@dataclass(frozen=True)
+class Hull:
+    """Corners and normals of a shape's convex hull.
+
+    Parameters
+    ----------
+    corners : (v, 3) array
+        Metres, link frame; of a hull with many, the extreme points in ``MOST`` directions.
+    normals : (d, 3) array
+        Unit; of a hull with many, ``MOST`` directions all around.
+    """
+
+    corners: FloatArray
+    normals: FloatArray
+
+    @classmethod
+    def of(cls, shape: Shape) -> Hull:
+        """Return the hull of a shape."""
+        hull = shape.mesh.convex_hull
+        corners, normals = np.asarray(hull.vertices), np.unique(np.asarray(hull.face_normals).round(6), axis=0)
+        around = directions_around(UP, MOST)
+        if len(corners) > MOST:
+            corners = corners[np.unique(np.argmax(corners @ around.T, axis=0))]
+        return cls(corners, normals if len(normals) <= MOST else around)
+
+
+def meet(one: Sequence[Hull], other: Sequence[Hull], frames: FloatArray) -> FloatArray:
+    """Return the largest penetration depth of the hulls of two links, (b,), metres; negative where they are apart.
+
+    Two convex sets are disjoint if, in some direction, one's support function plus the other's in the opposite
+    direction is negative. The least sum over the hulls' normals and further directions is an upper bound on the depth.
+
+    Parameters
+    ----------
+    one, other : sequence of Hull
+        Of each link.
+    frames : (b, 4, 4) array
+        Of the other link in the first one's.
+    """
+    turns, moves = frames[:, :3, :3], frames[:, :3, 3]
+    return np.asarray(np.max([_depth(a, b, turns, moves) for a in one for b in other], axis=0, initial=-np.inf))
+
+
+def _depth(a: Hull, b: Hull, turns: FloatArray, moves: FloatArray) -> FloatArray:
+    there = b.corners @ turns.transpose(0, 2, 1) + moves[:, None]  # (b, v, 3), the first one's frame
+    fixed = np.concatenate([a.normals, directions_around(UP, BETWEEN)])
+    own = np.max(a.corners @ fixed.T, axis=0) - np.min(there @ fixed.T, axis=1)
+    turned = b.normals @ turns.transpose(0, 2, 1)  # (b, d, 3); these point out of b
+    swapped = turned.transpose(0, 2, 1)
+    across = np.max(there @ swapped, axis=1) - np.min(a.corners @ swapped, axis=1)
+    return np.asarray(np.minimum(own.min(axis=1), across.min(axis=1)))
+
+
+@dataclass(frozen=True)
+class WatchedLinks:
+    """A pair of links with self-collision constraints.
+
+    Parameters
+    ----------
+    links : tuple of two str
+    overlap : float
+        How far their spheres may overlap, metres.
+    pairs : tuple of pairs of int
+        Numbers of the spheres that overlap more than that in some posture.
+    """
+
+    links: tuple[str, str]
+    overlap: float
+    pairs: tuple[tuple[int, int], ...]
+
+
+def watched_links(tree: LinkTree, fits: Mapping[str, SphereFit]) -> tuple[WatchedLinks, ...]:
+    """Return the pairs of links with self-collision constraints: those that collide in some, not all, postures.
+
+    Neighbours in the chain are left out, as are links that overlap in nearly all positions.
+    """
+    poses = _random_poses(tree, fits)
+    centres = {
+        link: np.einsum("bij,mj->bmi", poses[link][:, :3, :3], fit.centres) + poses[link][:, None, :3, 3]
+        for link, fit in fits.items()
+    }
+    couples = list(_not_neighbours(tree, fits))
+    overlaps = _overlaps(tree, fits, poses, centres, couples)
+    found = []
+    for (a, b), overlap in zip(couples, overlaps, strict=True):
+        meets = _gaps(centres, fits, a, b) < -overlap
+        if np.isfinite(overlap) and np.mean(meets.any(axis=(1, 2))) <= ALWAYS:
+            often = zip(*np.nonzero(meets.any(axis=0)), strict=True)
+            found.append(WatchedLinks((a, b), float(overlap), tuple((int(i), int(j)) for i, j in often)))
+    return tuple(found)
+
+
+def _random_poses(tree: LinkTree, fits: Mapping[str, SphereFit]) -> dict[str, FloatArray]:
+    """Return the links' frames for random joint positions, (samples, 4, 4), palm frame."""
+    names, limits = tree.used_links, tree.joint_limits
+    rng = np.random.default_rng(0)
+    joints = rng.uniform(limits[0], limits[1], (SAMPLES, limits.shape[1]))
+    poses = np.asarray(tree.link_function.map(SAMPLES)(joints.T).full()).reshape(4, SAMPLES, len(names), 4)
+    return {name: poses[:, :, names.index(name)].transpose(1, 0, 2) for name in fits}
+
+
+def _not_neighbours(tree: LinkTree, fits: Mapping[str, SphereFit]) -> Iterator[tuple[str, str]]:
+    """Yield the pairs of links with more than one moving joint between them."""
+    groups = tree.robot.rigid_groups
+    for a, b in combinations(fits, 2):
+        if groups[a] != groups[b] and not tree.robot.adjacent(a, b):
+            yield a, b
+
+
+def _gaps(centres: Mapping[str, FloatArray], fits: Mapping[str, SphereFit], a: str, b: str) -> FloatArray:
+    """Return signed distances between spheres of two links, (samples, m, n), metres, negative where they overlap."""
+    apart = np.linalg.norm(centres[a][:, :, None] - centres[b][:, None], axis=3)
+    return np.asarray(apart - fits[a].radii[:, None] - fits[b].radii)
+
+
+def _overlaps(
+    tree: LinkTree,
+    fits: Mapping[str, SphereFit],
+    poses: Mapping[str, FloatArray],
+    centres: Mapping[str, FloatArray],
+    couples: Sequence[tuple[str, str]],
+) -> FloatArray:
+    """Return the allowed overlap of each pair of links, (c,), metres: infinite for those that never collide."""
+
+    def make() -> dict[str, FloatArray]:
+        hulls = {link: [Hull.of(shape) for shape in tree.robot.shapes.get(link, ())] for link in fits}
+        found = [_overlap(hulls[a], hulls[b], poses[a], poses[b], _gaps(centres, fits, a, b)) for a, b in couples]
+        return {"overlaps": np.array(found)}
+
+    every = [np.concatenate([poses[link].ravel(), fit.centres.ravel(), fit.radii]) for link, fit in fits.items()]
+    shapes = [shape.content for link in fits for shape in tree.robot.shapes.get(link, ())]
+    return kept("overlaps", ["\n".join(fits).encode(), *shapes, *every], make)["overlaps"]
+
+
+def _overlap(
+    one: Sequence[Hull], other: Sequence[Hull], frames: FloatArray, others: FloatArray, gaps: FloatArray
+) -> float:
+    """Return the allowed overlap of two links, metres, from postures with sphere distances (b, m, n)."""
+    overlap = -gaps.min(axis=(1, 2), initial=np.inf)
+    where = np.flatnonzero(overlap > 0.0)
+    where = where[:: max(1, len(where) // LOOKED_AT)]
+    if not len(where) or not one or not other:
+        return 0.0
+    deep = meet(one, other, np.linalg.inv(frames[where]) @ others[where])
+    met = overlap[where][deep > DEEP]
+    if not len(met):
+        return np.inf if len(where) >= SURE else 0.0
+    missed = (np.max(overlap) - np.min(met)) / len(met)
+    return max(0.0, float(np.min(met) - missed))
+
+
+def apart(watched: Sequence[WatchedLinks], spheres: Sequence[LinkSphere], span: float) -> list[Row]:
+    """Return one constraint per pair of spheres: their overlap is at most the allowed one.
+
+    Parameters
+    ----------
+    watched : sequence of WatchedLinks
+    spheres : sequence of LinkSphere
+        Of all links, named ``"link/number"``.
+    span : float
+        The hand's size, metres, for scaling.
+    """
+    by_name = {s.link: s for s in spheres if not s.is_tip}
+    rows = []
+    for both in watched:
+        for i, j in both.pairs:
+            a, b = by_name[f"{both.links[0]}/{i}"], by_name[f"{both.links[1]}/{j}"]
+            squared, least = ca.sumsqr(a.centre - b.centre), (a.radius + b.radius - both.overlap) ** 2
+            part = f"{a.link} and {b.link}"
+            rows.append(Row(SELF_COLLISION, squared, least, scale=span**2, unit="m2", part=part))
+    return rows
+
+
+def tips_that_meet(tree: LinkTree) -> tuple[tuple[int, int], ...]:
+    """Return the pairs of round fingertips that can collide: not those on neighbouring links of a chain."""
+    groups, robot = tree.robot.rigid_groups, tree.robot
+    round_ones = [(i, link) for i, (link, tip) in enumerate(tree.tips) if tip.standoff > 0.0]
+    return tuple(
+        (i, j) for (i, a), (j, b) in combinations(round_ones, 2) if groups[a] != groups[b] and not robot.adjacent(a, b)
+    )
+
+
+def tips_apart(tree: LinkTree, variables: dict[str, Expression]) -> list[Row]:
+    """Return one constraint per pair: the ball centres are at least the sum of the radii apart.
+
+    Parameters
+    ----------
+    tree : LinkTree
+    variables : dict
+        Symbols of the hand's variables, by name.
+    """
+    centres, radii = tree.tip_centres(variables), [tip.standoff for _, tip in tree.tips]
+    rows = []
+    for i, j in tips_that_meet(tree):
+        a, b = centres[i], centres[j]
+        if a is not None and b is not None:
+            squared, least = ca.sumsqr(a - b), (radii[i] + radii[j]) ** 2
+            rows.append(Row(TIPS_APART, squared, least, scale=tree.span**2, unit="m2", fingers=(i, j)))
+    return rows

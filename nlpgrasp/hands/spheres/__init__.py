@@ -1,1 +1,0 @@
-"""Collision spheres of links: fitting, self-collision and fingertip clearance."""

@@ -1,0 +1,110 @@
+"""Fingertips suggested by the collision shapes of a robot's leaf links."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.common.formatting import rounded
+from nlpgrasp.hands.collision_shapes import Shape
+from nlpgrasp.hands.robot import Robot
+from nlpgrasp.hands.tips import CapsuleTip, SphereTip, Tip
+
+GUESS = 0.01  # metres: radius of a fingertip whose link has no shape
+DIGITS = 4  # significant digits of a radius
+NOTHING = 5e-5  # metres: smaller coordinates count as 0
+
+
+def tip_of(shapes: Sequence[Shape]) -> Tip | None:
+    """Return the patch of a link's only sphere or capsule; None where there is not exactly one.
+
+    A capsule's end is the one farther from the link's origin.
+    """
+    round_ones = [shape for shape in shapes if shape.kind in ("sphere", "capsule")]
+    if len(round_ones) != 1:
+        return None
+    shape = round_ones[0]
+    if shape.ends is not None and np.ptp(shape.ends, axis=0).any():
+        start, end = sorted(shape.ends, key=lambda point: float(np.linalg.norm(point)))
+        return CapsuleTip(shape.radius, start, end)
+    return None if shape.centre is None else SphereTip(shape.radius, shape.centre)
+
+
+def overhang(tip: Tip, link: str, robot: Robot) -> float | None:
+    """Return how far a fingertip's patch reaches beyond the shapes of its rigid group of links, metres.
+
+    Where the patch is beyond them, the finger itself does not touch. None if none of these links has a shape. Links of
+    a rigid group do not move against each other, so the result holds in every posture.
+    """
+    groups, surface = robot.rigid_groups, tip.surface().vertices
+    outside = []
+    for other, shapes in robot.shapes.items():
+        transform = robot.fixed_transform(link, other)
+        if groups[other] == groups[link] and transform is not None:
+            local = surface @ transform[:3, :3].T + transform[:3, 3]
+            outside += [-shape.depth(local) for shape in shapes]
+    return max(0.0, float(np.max(np.min(outside, axis=0)))) if outside else None
+
+
+def sphere_about(shapes: Sequence[Shape]) -> SphereTip | None:
+    """Return a sphere about the centre of a link's shapes, as thick as they are; None without shapes."""
+    if not shapes:
+        return None
+    low = np.min([shape.mesh.bounds[0] for shape in shapes], axis=0)
+    high = np.max([shape.mesh.bounds[1] for shape in shapes], axis=0)
+    return SphereTip(float(np.min(high - low)) / 2.0, (low + high) / 2.0)
+
+
+@dataclass(frozen=True)
+class End:
+    """A leaf link as a possible fingertip.
+
+    Parameters
+    ----------
+    link : str
+    command : str
+        Value of ``--fingertip``: the link, with a radius where its sphere is about the link's origin.
+    code : str
+        Python expression for ``ng.URDFHand.load``.
+    guessed : bool
+        Whether it has no shape, so that its radius is a guess.
+    """
+
+    link: str
+    command: str
+    code: str
+    guessed: bool = False
+
+
+def leaves(robot: Robot) -> tuple[str, ...]:
+    """Return the leaf links, one per rigid group; only those that move against the palm, where any do.
+
+    Of several links fixed to each other, it is the first with a collision shape.
+    """
+    parents, groups = set(robot.parents.values()), robot.rigid_groups
+    last = [link for link in robot.links if link not in parents]
+    moving = [link for link in last if groups[link] != robot.root]
+    if not moving:
+        return tuple(last)
+    chosen: dict[str, str] = {}
+    for link in sorted(moving, key=lambda link: not robot.shapes.get(link)):
+        chosen.setdefault(groups[link], link)
+    return tuple(link for link in moving if chosen[groups[link]] == link)
+
+
+def end(robot: Robot, link: str) -> End:
+    """Return the fingertip that a leaf link's shapes suggest, as command and code."""
+    shapes = robot.shapes.get(link, ())
+    own = tip_of(shapes)
+    tip = own or sphere_about(shapes)
+    if tip is None:
+        return End(link, f"{link}={GUESS:g}", f"{GUESS:g}", guessed=True)
+    if not isinstance(tip, SphereTip):
+        return End(link, link, "None")
+    radius = rounded(tip.radius, DIGITS)
+    if not np.any(tip.centre):
+        return End(link, f"{link}={radius}", radius)
+    centre = ", ".join(rounded(v, DIGITS, NOTHING) for v in tip.centre)
+    return End(link, link, "None" if own is not None else f"ng.SphereTip({radius}, [{centre}])")

@@ -1,1 +1,0 @@
-"""URDF hands: file reader, kinematics and the hand itself."""

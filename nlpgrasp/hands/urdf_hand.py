@@ -1,0 +1,361 @@
+"""Robot hand given by a URDF or MJCF file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from copy import copy
+from functools import cached_property
+from pathlib import Path
+from typing import ClassVar, NoReturn
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.common.registry import incomplete
+from nlpgrasp.common.scalar_constraints import UNIT_QUATERNION, LinkSphere, Placement, Row
+from nlpgrasp.common.types import Expression, Json
+from nlpgrasp.common.user_warnings import warn
+from nlpgrasp.common.validation import LARGEST_TIP, MOST, FloatArray, array, integer, listed, number, of_a_hand
+from nlpgrasp.errors import InputError
+from nlpgrasp.hands.base import HandVariable, Values
+from nlpgrasp.hands.kinematics import LinkTree, require_kinematics
+from nlpgrasp.hands.link_spheres import SphereFit, fits_beside_tips, fits_of
+from nlpgrasp.hands.linked_hand import LinkedHand
+from nlpgrasp.hands.robot import Robot
+from nlpgrasp.hands.robot_file import read_robot
+from nlpgrasp.hands.self_collision import WatchedLinks, apart, tips_apart, tips_that_meet, watched_links
+from nlpgrasp.hands.suggested_tips import end, leaves, tip_of
+from nlpgrasp.hands.tips import SphereTip, Tip, Touch
+
+MEANT_AS_RADIANS = float(np.radians(2.0 * np.pi))  # radians: a full turn in radians, misread as degrees
+TIP_DEPTH = 0.2  # allowed penetration of a round tip away from its contact, as a share of its radius
+
+
+Fingertips = Mapping[str, float | Tip | Sequence[Tip] | None] | Sequence[str]
+
+
+def tips_of(robot: Robot, fingertips: Fingertips | None) -> list[tuple[str, Tip]]:
+    """Return link and patch of each contact, in the given order."""
+    if fingertips is None:
+        raise InputError("URDFHand.fingertips", "nothing", f"links with their radii, such as {_at_the_ends(robot)}")
+    if isinstance(fingertips, list | tuple) and all(isinstance(name, str) for name in fingertips):
+        fingertips = dict.fromkeys(fingertips)
+    if not isinstance(fingertips, Mapping) or not fingertips:
+        raise InputError("URDFHand.fingertips", fingertips, "link names, each with a radius or a tip")
+    unknown = [name for name in fingertips if name not in robot.links]
+    if unknown:
+        raise InputError("URDFHand.fingertips", ", ".join(map(str, unknown)), f"links: {listed(unknown, robot.links)}")
+    result: list[tuple[str, Tip]] = []
+    for link, said in fingertips.items():
+        given = _own_shape(robot, link) if said is None else said
+        several = list(given) if isinstance(given, list | tuple) else [given]
+        if not several:
+            raise InputError(f"URDFHand.fingertips[{link!r}]", given, "a radius, a tip, or several tips")
+        for one in several:
+            tip = one if isinstance(one, Tip) else SphereTip(_radius(f"URDFHand.fingertips[{link!r}]", one))
+            if (link, tip) in result:
+                raise InputError(f"URDFHand.fingertips[{link!r}]", given, "tips that are not the same")
+            result.append((link, tip))
+    if not result:
+        raise InputError("URDFHand.fingertips", fingertips, "at least one tip")
+    return result
+
+
+def _radius(field: str, given: object) -> float:
+    """Return a fingertip's radius, checked, metres."""
+    return of_a_hand(field, number(field, given, above=0.0), LARGEST_TIP)
+
+
+def _at_the_ends(robot: Robot) -> str:
+    """Return the fingertips that the leaf links suggest, as Python code."""
+    names = leaves(robot)
+    each = ", ".join(f'"{link}": {end(robot, link).code}' for link in names[:MOST])
+    more = f" ({len(names) - MOST} more links are at ends)" if len(names) > MOST else ""
+    return f"{{{each}}}{more}"
+
+
+def _own_shape(robot: Robot, link: str) -> Tip:
+    """Return the fingertip given by a link's collision shape."""
+    shapes = robot.shapes.get(link, ())
+    tip = tip_of(shapes)
+    if tip is None:
+        kinds = ", ".join(shape.kind for shape in shapes) or "none"
+        allowed = "a radius or a tip: its collision shapes are no single sphere or capsule"
+        raise InputError(f"URDFHand.fingertips[{link!r}]", f"nothing for shapes {kinds}", allowed)
+    return tip
+
+
+def approach_of(given: ArrayLike) -> FloatArray:
+    """Return the palm's facing direction as a unit vector (3,)."""
+    direction = array("URDFHand.approach", given, (3,))
+    if np.linalg.norm(direction) == 0.0:
+        raise InputError("URDFHand.approach", given, "a direction in the palm's frame")
+    return direction / np.linalg.norm(direction)
+
+
+def torque_limits_of(robot: Robot, given: Mapping[str, float] | float | None) -> dict[str, float]:
+    """Return the torque limits by joint: those given, or the URDF's efforts."""
+    names = [j.name for j in robot.free_joints]
+    if given is None:
+        return {j.name: j.effort for j in robot.free_joints if j.effort}
+    if isinstance(given, Mapping):
+        unknown = [name for name in given if name not in names]
+        if unknown:
+            allowed = f"joints: {listed(unknown, names)}"
+            raise InputError("URDFHand.torque_limits", ", ".join(map(str, unknown)), allowed)
+        return {k: number(f"URDFHand.torque_limits[{k!r}]", v, above=0.0) for k, v in given.items()}
+    return dict.fromkeys(names, number("URDFHand.torque_limits", given, above=0.0))
+
+
+def remarks(robot: Robot) -> list[str]:
+    """Return the warnings about a file that is accepted, a sentence each."""
+    found = []
+    if robot.missing:
+        found.append(f"left out {'; '.join(robot.missing)}")
+    if robot.bare:
+        found.append(f"nothing keeps links without a collision shape off the body: {', '.join(robot.bare)}")
+    return found + joint_remarks(robot)
+
+
+def joint_remarks(robot: Robot) -> list[str]:
+    """Return the warnings about joints that are modelled otherwise than in the file, a sentence each."""
+    found = []
+    if robot.turned:
+        found.append(f"taken with the other sign: {'; '.join(robot.turned)}")
+    if robot.unmodelled:
+        found.append(f"joints move on their own where the file couples them: {'; '.join(robot.unmodelled)}")
+    turning = [joint for joint in robot.free_joints if joint.kind == "revolute"]
+    widest = max((max(abs(j.lower), abs(j.upper)) for j in turning), default=0.0)
+    if robot.source.endswith(".xml") and 0.0 < widest < MEANT_AS_RADIANS:
+        said = '<compiler angle="radian"/>, without which MuJoCo reads degrees'
+        found.append(f"no joint turns by more than {np.degrees(widest):.3g} degrees: the file may lack {said}")
+    return found
+
+
+class URDFHand(LinkedHand):
+    """A robot hand whose palm pose and joint positions are variables of the program; made by ``load``.
+
+    Parameters
+    ----------
+    tree : LinkTree
+        Kinematic tree.
+    torque_limits : mapping of str to float, optional
+        By joint, newton-metres (newtons for sliding joints).
+    clearance, spheres_per_link, self_collision
+        As for ``load``.
+
+    Attributes
+    ----------
+    robot : Robot
+        The palm and all links below it.
+    tips : tuple of (str, Tip)
+        Link and patch of each contact, in the order of the contacts.
+    fits : mapping of str to SphereFit
+        Collision spheres of each link, with their error.
+    """
+
+    kind: ClassVar[str] = "urdf"
+
+    def __init__(
+        self,
+        tree: LinkTree,
+        torque_limits: Mapping[str, float] | None = None,
+        *,
+        clearance: float = 0.0,
+        spheres_per_link: int = 6,
+        self_collision: bool = True,
+    ) -> None:
+        self.tree, self.robot, self.tips = tree, tree.robot, tree.tips
+        self.count = len(self.tips)
+        self.clearance = number("URDFHand.clearance", clearance, at_least=0.0)
+        self.spheres_per_link = integer("URDFHand.spheres_per_link", spheres_per_link, at_least=1, at_most=40)
+        if not isinstance(self_collision, bool):
+            raise InputError("URDFHand.self_collision", self_collision, "True or False")
+        self.self_collision, self.torque_limits = self_collision, dict(torque_limits or {})
+        if not self.robot.free_joints:
+            fixed = ", ".join(j.name for j in self.robot.joints)
+            given = f"no movable joints below {self.robot.root}" + (f" (fixed: {fixed})" if fixed else "")
+            raise InputError(f"URDFHand.path: {self.robot.source}", given, "a hand with joints that move")
+
+    @classmethod
+    def load(
+        cls,
+        path: str | Path,
+        fingertips: Fingertips | None = None,
+        torque_limits: Mapping[str, float] | float | None = None,
+        *,
+        palm: str | None = None,
+        approach: ArrayLike = (0.0, 0.0, 1.0),
+        clearance: float = 0.0,
+        spheres_per_link: int = 6,
+        self_collision: bool = True,
+    ) -> URDFHand:
+        """Return the hand of a robot file.
+
+        Parameters
+        ----------
+        path : str or Path
+            A URDF, a xacro file (with the package ``xacro``) or MuJoCo's MJCF (extra ``sim``); the root element says
+            which. Bodies of an MJCF are links, hinges and slides are joints.
+        fingertips : mapping or sequence of str
+            Link name to a radius (a sphere around the link's origin, metres), a ``Tip``, or several tips; None, or
+            names alone, take the only sphere or capsule among the link's collision shapes. Contact i belongs to
+            fingertip i, in this order. Inner links and the palm may have tips too. Left out, the error names links.
+        torque_limits : mapping of joint names to floats, or float, optional
+            Newton-metres (newtons for sliding joints), for the force budget ``"hand_torques"``; the URDF's efforts
+            when left out.
+        palm : str, optional
+            Link whose pose is a variable; the root when left out. Links that are not below it are left out.
+        approach : (3,) array
+            Direction in which the palm faces, palm frame.
+        clearance : float
+            Least distance between the links and the body, metres.
+        spheres_per_link : int
+            Largest number of collision spheres of a link (five times as many for the palm): more fit the shape better
+            and cost time.
+        self_collision : bool
+            Keep the links from each other.
+
+        Raises
+        ------
+        InputError
+            On files, links, joints or limits that cannot be used; unknown link names list those there are.
+        MissingExtraError
+            Without adam-robotics, which solves need; on MJCF without MuJoCo, and on meshes in COLLADA without their
+            reader.
+
+        Warns
+        -----
+        UserWarning
+            On missing mesh files and on visible links without a collision shape: the other shapes are used. On mimic
+            joints with a negative multiplier whose limits lack the sign: they are taken with it. On tendons and closed
+            loops of an MJCF that couple joints and are not modelled. On an MJCF whose joints hardly turn: its limits
+            may be radians without stating so.
+        """
+        robot = read_robot(path, palm)
+        tips = tips_of(robot, fingertips)
+        require_kinematics()
+        for text in remarks(robot):
+            warn(f"{robot.source}: {text}")
+        return cls(
+            LinkTree(robot, tips, approach_of(approach)),
+            torque_limits_of(robot, torque_limits),
+            clearance=clearance,
+            spheres_per_link=spheres_per_link,
+            self_collision=self_collision,
+        )
+
+    @property
+    def tip_radii(self) -> tuple[float, ...]:
+        """Radius of each round fingertip, metres, 0 for the others."""
+        return tuple(tip.standoff for _, tip in self.tips)
+
+    def with_clearance(self, clearance: float) -> URDFHand:
+        """Return the same hand with another clearance of its links from the body."""
+        result = copy(self)
+        result.__dict__.pop("fits", None)
+        result.clearance = number("URDFHand.clearance", clearance)
+        return result
+
+    def with_limits(self, limits: FloatArray) -> URDFHand:
+        """Return the same hand with other limits of its free joints, (2, m)."""
+        result = copy(self)
+        result.tree = self.tree.with_limits(limits)
+        return result
+
+    def check(self, space: int) -> None:
+        """Refuse planar bodies, on which links cannot be placed."""
+        if space != 3:
+            raise InputError("GraspProblem.hand", "a URDF hand for a planar body", "a body in space")
+
+    def variables(self, bounds: FloatArray) -> list[HandVariable]:
+        """Return palm position, palm quaternion (w, x, y, z), joints, and the tips' sliding coordinates."""
+        lower, upper = self.tree.joint_limits
+        margin = 1.2 * self.tree.span
+        result = [
+            HandVariable("palm_position", bounds[0] - margin, bounds[1] + margin, self.tree.span),
+            HandVariable("palm_quaternion", np.full(4, -1.05), np.full(4, 1.05)),
+            HandVariable("joints", lower, upper),
+        ]
+        slides = sum(tip.slides for _, tip in self.tips)
+        if slides:
+            result.append(HandVariable("slides", np.zeros(slides), np.ones(slides)))
+        return result
+
+    def values_at(self, posture: Json, points: FloatArray) -> Values:
+        """Return values of all variables in a posture whose fingertips touch at points (k, 3), metres, body frame."""
+        values = self.values_of(posture)
+        poses = self.tree.body_poses(values)
+        slides = [
+            tip.slide_at((point - poses[link][:3, 3]) @ poses[link][:3, :3])
+            for (link, tip), point in zip(self.tips, points, strict=True)
+            if tip.slides
+        ]
+        return values | {"slides": np.array(slides)} if slides else values
+
+    def rows(self, placement: Placement, variables: dict[str, Expression]) -> list[Row]:
+        """Return constraints: unit quaternion, contacts on fingertips, no self-collision."""
+        rows = [Row(UNIT_QUATERNION, ca.sumsqr(variables["palm_quaternion"]), 1.0, 1.0)]
+        poses = self.tree.poses(variables)
+        for i, (link, tip, slide) in enumerate(self.tree.tips_with_slides(variables)):
+            p, n = placement.positions[i], placement.normals[i]
+            rows += tip.rows(Touch(link, i, poses[link], p, n, slide, placement.size))
+        if self.self_collision:
+            rows += tips_apart(self.tree, variables)
+        return rows + apart(self.watched, placement.spheres, self.tree.span)
+
+    def spheres(self, variables: dict[str, Expression]) -> list[LinkSphere]:
+        """Return the links' collision spheres in the body's frame."""
+        poses = self.tree.poses(variables)
+        result = []
+        for link, fit in self.fits.items():
+            pose = poses[link]
+            for i, (centre, radius) in enumerate(zip(fit.centres, fit.radii, strict=True)):
+                where = pose[:3, 3] + ca.mtimes(pose[:3, :3], ca.DM(centre))
+                result.append(LinkSphere(f"{link}/{i}", where, float(radius), self.clearance))
+        for i, (centre, (link, tip)) in enumerate(zip(self.tip_centres(variables), self.tips, strict=True)):
+            if centre is not None:
+                depth = -TIP_DEPTH * tip.standoff
+                result.append(LinkSphere(link, centre, tip.standoff, depth, finger=i))
+        return result
+
+    @cached_property
+    def fits(self) -> dict[str, SphereFit]:
+        """Spheres of each link, shrunk next to a fingertip so that it can touch."""
+        return fits_beside_tips(self.whole_fits, self.tree, self.clearance)
+
+    @cached_property
+    def watched(self) -> tuple[WatchedLinks, ...]:
+        """Pairs of links with self-collision constraints, and their allowed sphere overlap."""
+        return watched_links(self.tree, self.fits) if self.self_collision else ()
+
+    @cached_property
+    def whole_fits(self) -> dict[str, SphereFit]:
+        """Spheres of each link before any are shrunk next to fingertips."""
+        return fits_of(self.robot, self.spheres_per_link)
+
+    def to_dict(self) -> Json:
+        """Return source, fingerprints, fingertips, limits, and the spheres with their errors, as JSON data."""
+        return {
+            "type": self.kind,
+            "source": self.robot.source,
+            "sha256": self.robot.sha256,
+            "meshes": self.robot.mesh_files,
+            "palm": self.robot.root,
+            "fingertips": [{"link": link, **tip.to_dict()} for link, tip in self.tips],
+            "clearance": self.clearance,
+            "spheres": {link: fit.to_dict() for link, fit in self.fits.items()},
+            "missing": list(self.robot.missing),
+            "torque_limits": dict(self.torque_limits),
+            "approach": self.tree.approach.tolist(),
+            "link_spheres": {link: np.column_stack([f.centres, f.radii]).tolist() for link, f in self.fits.items()},
+            "watched_pairs": sum(len(both.pairs) for both in self.watched),
+            "overlaps": [[*both.links, both.overlap] for both in self.watched if both.overlap > 0.0],
+            "tips_apart": [list(pair) for pair in tips_that_meet(self.tree) if self.self_collision],
+        }
+
+    @classmethod
+    def from_dict(cls, data: Json) -> NoReturn:
+        """Refuse to load: the data name a URDF and do not contain it."""
+        raise incomplete("hand of type urdf", "its links, which stay in their file: ng.URDFHand.load(path, fingertips)")

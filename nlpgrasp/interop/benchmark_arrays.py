@@ -1,0 +1,105 @@
+"""Array formats of grasps, with the names and shapes of public dexterous-grasping benchmarks."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+
+from nlpgrasp.errors import InputError
+from nlpgrasp.interop.base import ExportFormat, ExportOptions, Need
+from nlpgrasp.interop.hand_states import each_state, object_file, object_scale, warn_of_axes, warn_of_squeezes
+from nlpgrasp.solution.solution import GraspSolution
+
+STATES = ("pregrasp", "grasp", "squeeze")
+IDENTITY = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+
+
+def benchmark_arrays(solution: GraspSolution, options: ExportOptions | None = None) -> bytes:
+    """Return the kept grasps as the bytes of an ``.npz`` file, best first, with the arrays of docs/interop.md.
+
+    Parameters
+    ----------
+    solution : GraspSolution
+        With a hand that has a pose and joints.
+    options : ExportOptions, optional
+        ``object`` is the body's file, ``gripper`` the name of the hand's frame, ``joints`` the joints in their order.
+
+    Raises
+    ------
+    InputError
+        Without such a hand.
+    """
+    given = options or ExportOptions()
+    states = each_state(solution, given.joints)
+    hands, alone = [hand for _, hand in states], [one for one, _ in states]
+    named = {f"grasp_{i}": hand for i, hand in enumerate(hands)}
+    warn_of_axes(hands[0], given)
+    warn_of_squeezes(named, "its squeeze_qpos and squeeze_effort are NaN and has_squeeze is false")
+    names, grasps = list(hands[0].joints), [one.require_grasp() for one in alone]
+    arrays = {f"{at}_qpos": np.stack([hand.row(at) for hand in hands]) for at in STATES}
+    arrays |= {
+        "squeeze_effort": np.stack([hand.effort_row() for hand in hands]),
+        "has_squeeze": np.array([not hand.no_squeeze for hand in hands]),
+        "has_pregrasp": np.array([hand.has_pregrasp for hand in hands]),
+        "way_in_free": np.array([not hand.blocked for hand in hands]),
+        "joint_names": np.array(names),
+        "obj_pose": np.tile(IDENTITY, (len(hands), 1)),
+        "obj_scale": np.full(len(hands), object_scale(solution, given.object)),
+        "obj_path": np.array(object_file(solution, given.object)),
+        "gripper_frame": np.array(given.gripper or hands[0].frame),
+        **hands[0].axes(),
+        "mu": np.array([[one.mu.lower, one.mu.upper] for one in alone]),
+        "contact_points": np.stack([grasp.points for grasp in grasps]),
+        "contact_normals": np.stack([grasp.normals for grasp in grasps]),
+    }
+    file = io.BytesIO()
+    np.savez(file, allow_pickle=False, **arrays)
+    return file.getvalue()
+
+
+def dexgraspbench(solution: GraspSolution, options: ExportOptions | None = None) -> bytes:
+    """Return the answer as the bytes of one grasp's ``.npy`` file of DexGraspBench: a pickled dictionary.
+
+    Its fields are those that https://github.com/JYChen18/DexGraspBench evaluates: ``pregrasp_qpos``, ``grasp_qpos`` and
+    ``squeeze_qpos`` (7 + j,), ``obj_pose`` (7,), ``obj_scale``, ``obj_path``. Additional fields for other readers:
+    ``has_pregrasp``, ``way_in_free``, and for parallel jaws ``closing_axis`` and ``approach_axis`` (3,).
+
+    Parameters
+    ----------
+    solution : GraspSolution
+        With a hand that has a pose and joints, and its squeeze.
+    options : ExportOptions, optional
+        ``object`` is the folder of the benchmark's object, ``joints`` the joints in its hand's order.
+
+    Raises
+    ------
+    InputError
+        Without such a hand or without its squeeze.
+    """
+    given = options or ExportOptions()
+    _, hand = each_state(solution, given.joints)[0]
+    if hand.no_squeeze:
+        allowed = "a solution whose hand states its squeeze: ng.analyse(solution, problem=problem) adds one left out"
+        raise InputError("solution", f"no squeeze ({hand.no_squeeze})", allowed)
+    warn_of_axes(hand, given)
+    record: dict[str, object] = {f"{at}_qpos": hand.row(at) for at in STATES}
+    record |= {
+        "obj_pose": np.array(IDENTITY),
+        "obj_scale": object_scale(solution, given.object),
+        "obj_path": object_file(solution, given.object),
+        "has_pregrasp": hand.has_pregrasp,
+        "way_in_free": not hand.blocked,
+        **hand.axes(),
+    }
+    file = io.BytesIO()
+    np.save(file, np.array(record, dtype=object), allow_pickle=True)
+    return file.getvalue()
+
+
+NPZ = ExportFormat(
+    "npz", ".npz", "arrays of a benchmark", benchmark_arrays, Need.NOTHING, takes=("object", "gripper", "joints")
+)
+DEXGRASPBENCH = ExportFormat(
+    "dexgraspbench", ".npy", "a record of DexGraspBench", dexgraspbench, Need.NOTHING, takes=("object", "joints")
+)

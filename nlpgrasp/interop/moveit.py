@@ -1,0 +1,120 @@
+"""MoveIt export: ``moveit_msgs/Grasp`` messages in YAML with postures, efforts, pose, approach and retreat.
+
+Field names are those of https://github.com/moveit/moveit_msgs (``msg/Grasp.msg``, ``msg/GripperTranslation.msg``) and
+of the ROS 2 messages in them. Omitted fields have their defaults: stamps, velocities of points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import yaml
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import InputError
+from nlpgrasp.interop.base import ExportFormat, ExportOptions, Need
+from nlpgrasp.interop.hand_states import (
+    HandStates,
+    axes_comment,
+    each_state,
+    not_free,
+    warn_of_axes,
+    warn_of_squeezes,
+    warn_of_ways,
+)
+from nlpgrasp.solution.solution import GraspSolution
+
+OBJECT = "object"  # default name of the body's frame
+DESIRED, LEAST = 0.1, 0.05  # metres of approach and retreat: desired and least
+SECONDS = 1  # seconds to the only point of a posture's trajectory
+
+
+def moveit(solution: GraspSolution, options: ExportOptions | None = None) -> str:
+    """Return the kept grasps as a list of ``moveit_msgs/Grasp`` messages in YAML, best first.
+
+    ``grasp_quality`` is the certified lower bound of mu, ``effort`` the joint torques of the squeeze,
+    ``max_contact_force`` the problem's limit or 0 (none). Comments before the list state the axes of a gripper's own
+    frame, and which grasps have no free approach, as the messages have no field for them.
+
+    Parameters
+    ----------
+    solution : GraspSolution
+        With a hand that has a pose and joints.
+    options : ExportOptions, optional
+        ``object`` names the body's frame, ``gripper`` the hand's, ``joints`` the joints.
+
+    Raises
+    ------
+    InputError
+        Without such a hand, or where its direction of approach is not known.
+
+    Warns
+    -----
+    UserWarning
+        On a gripper that closes along another axis, and on grasps without a squeeze or a free approach.
+    """
+    given = options or ExportOptions()
+    states = {f"grasp_{i}": state for i, state in enumerate(each_state(solution, given.joints))}
+    messages = [_message(name, one, hand, given) for name, (one, hand) in states.items()]
+    hands = {name: hand for name, (_, hand) in states.items()}
+    first = hands["grasp_0"]
+    warn_of_axes(first, given)
+    warn_of_squeezes(hands, "its grasp_posture has no effort")
+    warn_of_ways(hands)
+    blocked = {name: why for name, hand in hands.items() if (why := not_free(hand))}
+    comments = "".join(f"# {name}: way in not free: {' '.join(why.split())}\n" for name, why in blocked.items())
+    text = yaml.safe_dump(messages, sort_keys=False, default_flow_style=None, width=120)
+    return f"{axes_comment(first)}{comments}{text}"
+
+
+def _message(name: str, solution: GraspSolution, hand: HandStates, options: ExportOptions) -> Json:
+    """Return the message of one grasp."""
+    if hand.approach is None:
+        raise InputError(name, "no direction of approach", "a solution of this version, whose hand states it")
+    thing, frame = options.object or OBJECT, options.gripper or hand.frame
+    x, y, z, *quaternion = hand.pose.tolist()
+    orientation = dict(zip("wxyz", quaternion, strict=True))
+    return {
+        "id": name,
+        "pre_grasp_posture": _posture(hand.open_joints, {}),
+        "grasp_posture": _posture(hand.joints, hand.efforts),
+        "grasp_pose": {
+            "header": {"frame_id": thing},
+            "pose": {"position": {"x": x, "y": y, "z": z}, "orientation": orientation},
+        },
+        "grasp_quality": float(solution.mu.lower),
+        "pre_grasp_approach": _translation(frame, hand.approach),
+        "post_grasp_retreat": _translation(thing, np.array([0.0, 0.0, 1.0])),
+        "post_place_retreat": _translation(frame, -hand.approach),
+        "max_contact_force": float(solution.max_force or 0.0),
+        "allowed_touch_objects": [],
+    }
+
+
+def _posture(positions: Mapping[str, float], efforts: Mapping[str, float]) -> Json:
+    """Return a ``trajectory_msgs/JointTrajectory`` of one point; joints without a stated torque have effort 0."""
+    point = {
+        "positions": [float(position) for position in positions.values()],
+        "velocities": [],
+        "accelerations": [],
+        "effort": [float(efforts.get(name, 0.0)) for name in positions] if efforts else [],
+        "time_from_start": {"sec": SECONDS, "nanosec": 0},
+    }
+    return {"header": {"frame_id": ""}, "joint_names": list(positions), "points": [point]}
+
+
+def _translation(frame: str, direction: FloatArray) -> Json:
+    """Return a ``moveit_msgs/GripperTranslation`` along a direction."""
+    vector = dict(zip("xyz", (direction + 0.0).tolist(), strict=True))
+    return {
+        "direction": {"header": {"frame_id": frame}, "vector": vector},
+        "desired_distance": DESIRED,
+        "min_distance": LEAST,
+    }
+
+
+MOVEIT = ExportFormat(
+    "moveit", ".grasps.yaml", "MoveIt's messages", moveit, Need.NOTHING, takes=("object", "gripper", "joints")
+)

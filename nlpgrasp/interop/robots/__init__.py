@@ -1,1 +1,0 @@
-"""Grasp formats for robot control and benchmarks: hand states before, in and after closing."""

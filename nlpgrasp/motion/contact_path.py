@@ -1,0 +1,272 @@
+"""Contact paths over a body's surface: shortest paths, stations, and full motions of a finger.
+
+Between two stations the contact moves on the chord. On a surface with radius of curvature rho, a chord of length h is
+off the surface by at most ``h^2 / (8 rho)``. Instead of estimating rho, the chord's middle is projected onto the
+surface; chords whose middle is off by more than a share of the tolerance, or over which the normal turns by more than
+``MOST_TURN``, are halved, which quarters the error. At an edge between two faces the contact stops, and its normal
+turns from one face's to the other's: the fingertip rolls over the edge.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
+
+from nlpgrasp.bodies import Body
+from nlpgrasp.common.validation import FloatArray
+
+MOST_TURN = np.radians(10.0)
+LEVELS = 8  # most halvings
+SHARE = 0.25  # share of the tolerance allowed at a chord's middle
+NEWTON_STEPS = 20
+SLIDING, LIFTING_OFF, OVER, DOWN = "sliding", "lifting off", "lifted", "setting down"
+SAMPLES, NEIGHBOURS = 3000, 14
+LARGEST_GAP = 0.3  # share of an edge's length: largest distance of its middle from the surface
+
+
+@dataclass(frozen=True)
+class Station:
+    """A point of the path: position, inward unit normal and face."""
+
+    point: FloatArray
+    normal: FloatArray
+    face: str
+
+
+class Footpath:
+    """Path of a contact over a body.
+
+    Parameters
+    ----------
+    body : Body
+    stations : sequence of Station
+        At least two: the first and the last are the contacts themselves.
+    arm : float
+        Path length per radian of the normal, metres: the fingertip's radius plus its lift.
+    tolerance : float
+        Metres.
+
+    Attributes
+    ----------
+    points, normals : (m, space) arrays
+    steps : (m,) array
+        Path length up to each station, metres, rotations of the normal included.
+    lengths : (m,) array
+        Arc length on the surface alone.
+    """
+
+    def __init__(self, body: Body, stations: Sequence[Station], arm: float, tolerance: float) -> None:
+        found = _refined(body, _over_edges(body, stations), SHARE * tolerance)
+        self.points = np.array([s.point for s in found])
+        self.normals = np.array([s.normal for s in found])
+        along = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
+        cosines = np.clip(np.sum(self.normals[1:] * self.normals[:-1], axis=1), -1.0, 1.0)
+        self.lengths = np.concatenate([[0.0], np.cumsum(along)])
+        self.steps = np.concatenate([[0.0], np.cumsum(along + arm * np.arccos(cosines))])
+
+    @property
+    def total(self) -> float:
+        """Total path length, metres, rotations of the normal included."""
+        return float(self.steps[-1])
+
+    @property
+    def edges(self) -> FloatArray:
+        """Path lengths, metres, at which the contact arrives at an edge, and at which it has rolled over it."""
+        rolls = np.concatenate([[False], (np.diff(self.lengths) == 0.0) & (np.diff(self.steps) > 0.0), [False]])
+        return np.asarray(self.steps[rolls[1:] != rolls[:-1]])
+
+    def at(self, way: float) -> tuple[FloatArray, FloatArray, float]:
+        """Return point, inward unit normal and arc length on the surface at a path length."""
+        i = int(np.clip(np.searchsorted(self.steps, way, side="right") - 1, 0, len(self.steps) - 2))
+        span = self.steps[i + 1] - self.steps[i]
+        share = float(np.clip((way - self.steps[i]) / span, 0.0, 1.0)) if span > 0.0 else 1.0
+        p, n, length = ((1.0 - share) * a[i] + share * a[i + 1] for a in (self.points, self.normals, self.lengths))
+        return p, n / np.linalg.norm(n), float(length)
+
+
+def _over_edges(body: Body, stations: Sequence[Station]) -> list[Station]:
+    """Return the stations with two more at each crossed edge, one with each face's normal."""
+    result = [stations[0]]
+    for a, b in itertools.pairwise(stations):
+        if a.face != b.face:
+            result += _edge(body, a, b)
+        result.append(b)
+    return result
+
+
+def _edge(body: Body, a: Station, b: Station) -> list[Station]:
+    """Return the point near two stations that lies on both faces, by Newton's method; none where there is none."""
+    p, far = (a.point + b.point) / 2.0, float(np.linalg.norm(a.point - b.point))
+    start = p
+    for _ in range(NEWTON_STEPS):
+        h, normals = _on(body, (a.face, b.face), p)
+        step = np.linalg.lstsq(normals, h, rcond=1e-6)[0]
+        p = p - step
+        if np.linalg.norm(step) < 1e-12 * body.size:
+            break
+    h, normals = _on(body, (a.face, b.face), p)
+    if np.max(np.abs(h)) > 1e-6 * body.size or np.linalg.norm(p - start) > 2.0 * far:
+        return []
+    return [Station(p, -n, s.face) for n, s in zip(normals, (a, b), strict=True)]
+
+
+def _on(body: Body, faces: Sequence[str], p: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return first-order distance and outward normal of each face at a point."""
+    found = [body.evaluate(face, p[None]) for face in faces]
+    return np.array([h[0] / max(slope[0], 1e-12) for h, slope, _, _ in found]), np.array([n[0] for _, _, n, _ in found])
+
+
+def _refined(body: Body, stations: list[Station], enough: float) -> list[Station]:
+    """Return the stations refined until chords are near the surface and normals turn little."""
+    done = [False] * (len(stations) - 1)
+    for _ in range(LEVELS):
+        open_ones = [i for i, known in enumerate(done) if not known]
+        if not open_ones:
+            break
+        middles = _middles(body, [(stations[i], stations[i + 1]) for i in open_ones])
+        longer, known = [stations[0]], []
+        for i, finished in enumerate(done):
+            a, b = stations[i], stations[i + 1]
+            if not finished:
+                middle = middles[open_ones.index(i)]
+                off = float(np.linalg.norm(middle.point - (a.point + b.point) / 2.0))
+                turned = float(np.arccos(np.clip(a.normal @ b.normal, -1.0, 1.0)))
+                straight = off <= enough and turned <= MOST_TURN
+                if not straight:
+                    longer.append(middle)
+                    known.append(False)
+                known.append(straight)
+            else:
+                known.append(True)
+            longer.append(b)
+        stations, done = longer, known
+    return stations
+
+
+def _middles(body: Body, pairs: Sequence[tuple[Station, Station]]) -> list[Station]:
+    """Return the station half way between two: on the surface, or with the mean normal at one point."""
+    middles = np.array([(a.point + b.point) / 2.0 for a, b in pairs])
+    apart = np.array([np.linalg.norm(a.point - b.point) for a, b in pairs])
+    normals = np.array([a.normal + b.normal for a, b in pairs])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
+    faces = [a.face for a, _ in pairs]
+    same = np.array([a.face == b.face for a, b in pairs]) & (apart > 1e-9 * body.size)
+    for face in set(faces):
+        own = np.flatnonzero(same & np.array([f == face for f in faces]))
+        if len(own):
+            middles[own] = body.snap(face, middles[own])
+            normals[own] = -body.evaluate(face, middles[own])[2]
+    return [Station(p, n, face) for p, n, face in zip(middles, normals, faces, strict=True)]
+
+
+@dataclass(frozen=True)
+class Foothold:
+    """Target contact of a fingertip on its path.
+
+    Parameters
+    ----------
+    point, normal : (space,) array
+        Metres, body frame, and inward unit normal; for a lifted fingertip, the point is above the surface.
+    along : float
+        Arc length on the surface up to here, metres.
+    phase : {"sliding", "lifting off", "lifted", "setting down"}
+    height : float
+        Height above the surface, metres.
+    """
+
+    point: FloatArray
+    normal: FloatArray
+    along: float
+    phase: str
+    height: float = 0.0
+
+
+@dataclass(frozen=True)
+class Stride:
+    """Full path of a finger to its new contact.
+
+    Parameters
+    ----------
+    footpath : Footpath
+    lift : float
+        Height of the fingertip above the surface, metres; 0 for sliding.
+    """
+
+    footpath: Footpath
+    lift: float
+
+    @property
+    def total(self) -> float:
+        """Total path length, metres, lifting and setting down included."""
+        return self.footpath.total + 2.0 * self.lift
+
+    @property
+    def turns(self) -> tuple[float, ...]:
+        """Path lengths at which phases change, which are waypoints."""
+        ends = (self.lift, self.lift + self.footpath.total) if self.lift else ()
+        return (*ends, self.total)
+
+    def at(self, way: float) -> Foothold:
+        """Return the foothold at a path length, metres."""
+        over = self.footpath.total
+        point, normal, along = self.footpath.at(min(max(way - self.lift, 0.0), over))
+        if not self.lift:
+            return Foothold(point, normal, along, SLIDING)
+        height = max(min(way, self.lift, self.total - way), 0.0)
+        phase = LIFTING_OFF if way < self.lift else DOWN if way > self.lift + over else OVER
+        return Foothold(point - height * normal, normal, along, phase, height)
+
+
+class SurfaceGraph:
+    """Graph of surface samples, with edges between neighbours that stay near the surface.
+
+    Parameters
+    ----------
+    body : Body
+    """
+
+    def __init__(self, body: Body) -> None:
+        rng = np.random.default_rng(0)
+        each = max(SAMPLES // len(body.faces), 60)
+        samples = {name: body.sample(name, each, rng) for name in body.face_names}
+        self.points = np.concatenate(list(samples.values()))
+        self.normals = np.concatenate([-body.evaluate(name, p)[2] for name, p in samples.items()])
+        self.faces = np.repeat(list(samples), [len(p) for p in samples.values()])
+        self._tree: Any = cKDTree(self.points)
+        found: Any = self._tree.query(self.points, NEIGHBOURS + 1)
+        rows = np.repeat(np.arange(len(self.points)), NEIGHBOURS)
+        lengths, columns = (part[:, 1:].ravel() for part in found)
+        middle = (self.points[rows] + self.points[columns]) / 2.0
+        off = np.abs(np.asarray(body.distance_function.map(len(middle))(middle.T).full()).ravel())
+        good = off <= LARGEST_GAP * lengths
+        shape = (len(self.points), len(self.points))
+        self._edges: Any = sparse.csr_matrix((lengths[good], (rows[good], columns[good])), shape)
+
+    def distances(self, start: FloatArray, ends: FloatArray) -> FloatArray:
+        """Return the lengths of the shortest paths from a point to others, (m,), metres; inf without a path."""
+        lengths = dijkstra(self._edges, False, self._nearest(start))
+        return np.asarray(lengths[self._tree.query(ends)[1]])
+
+    def stations(self, start: Station, end: Station) -> list[Station]:
+        """Return the shortest path between two stations: these and the sample points between."""
+        between = self._nodes(start.point, end.point)[1:-1]
+        return [start, *(Station(self.points[i], self.normals[i], str(self.faces[i])) for i in between), end]
+
+    def _nodes(self, start: FloatArray, end: FloatArray) -> list[int]:
+        """Return the sample points of the path, those nearest to its ends included."""
+        a, b = self._nearest(start), self._nearest(end)
+        _, before = dijkstra(self._edges, False, a, True)
+        nodes = [b]
+        while nodes[-1] != a and before[nodes[-1]] >= 0:
+            nodes.append(int(before[nodes[-1]]))
+        return nodes[::-1] if len(nodes) > 1 else [a, b]
+
+    def _nearest(self, p: FloatArray) -> Any:
+        return self._tree.query(p)[1]

@@ -1,0 +1,106 @@
+"""Distance fields of body and obstacles, for collision checks of a hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import count
+
+import casadi as ca
+import numpy as np
+
+from nlpgrasp.bodies import Body
+from nlpgrasp.common.scalar_constraints import Clearance, LinkSphere, PalmPose, Placement, Row
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.constraints import PlacementConstraint
+
+PROBE = "probe"
+Distance = Callable[[FloatArray], FloatArray]
+
+
+@dataclass(frozen=True)
+class Field:
+    """A distance field of the body or an obstacle, less its required clearance.
+
+    Parameters
+    ----------
+    name : str
+    distance : callable
+        Maps points (m, space) to distances (m,), metres, which outside never exceed the true ones. A ball of radius r
+        about a point is collision-free if the distance is at least r.
+    """
+
+    name: str
+    distance: Distance
+
+
+def fields_of(body: Body, constraints: Sequence[PlacementConstraint], contacts: int) -> list[Field]:
+    """Return the body's distance field, then that of each constraint that keeps links away from something.
+
+    Each constraint is evaluated for a probe, a link sphere of zero radius, so that its scalar constraints are
+    distances of the centre; a ball of radius r satisfies them where they are at least r. Constraints that do not
+    involve links, such as ``Spread``, apply to grasps only, not to the hand's motion.
+    """
+    fields = [Field("the body", body.signed_distance)]
+    names = count(1)
+    for constraint in constraints:
+        distances = list(_distances(constraint, contacts, body))
+        if distances:
+            kind, which = constraint.kind, next(names)
+            label = getattr(constraint, "name", kind) if kind == "obstacle" else kind
+            taken = {f.name for f in fields}
+            fields.append(Field(f"{label} {which}" if label in taken else str(label), _least(distances)))
+    return fields
+
+
+def distance_to_all(fields: Sequence[Field]) -> Distance:
+    """Return the minimum of several distance fields."""
+    return _least([field.distance for field in fields])
+
+
+def _distances(constraint: PlacementConstraint, contacts: int, body: Body) -> Iterator[Distance]:
+    """Yield a constraint's distances of a probe as functions of its position."""
+    where = ca.SX.sym("probe", body.space)
+    positions, normals = ([ca.SX.sym(name, body.space) for _ in range(contacts)] for name in "pn")
+    palm = None
+    if body.space == 3:
+        palm = PalmPose(*(ca.SX.sym(name, *size) for name, size in zip("tRa", ((3,), (3, 3), (3,)), strict=True)))
+    probe = LinkSphere(PROBE, where, 0.0)
+    placement = Placement(positions, normals, (0.0,) * contacts, body.size, [probe], palm)
+    for row in constraint.rows(placement):
+        if row.link != PROBE:
+            continue
+        if isinstance(row, Clearance):
+            yield _of_clearance(row, where)
+        elif row.unit == "m":
+            yield from _of_row(row, where)
+
+
+def _of_clearance(row: Clearance, where: ca.SX) -> Distance:
+    local, distance, lower = _Mapped(ca.Function("local", [where], [row.point])), _Mapped(row.distance), row.lower
+    return lambda points: distance(local(points).T)[0] - lower
+
+
+def _of_row(row: Row, where: ca.SX) -> Iterator[Distance]:
+    value = _Mapped(ca.Function("row", [where], [row.expression]))
+    lower, upper = row.lower, row.upper
+    if np.isfinite(lower):
+        yield lambda points: value(points)[0] - lower
+    if np.isfinite(upper):
+        yield lambda points: upper - value(points)[0]
+
+
+def _least(distances: Sequence[Distance]) -> Distance:
+    return lambda points: np.min([distance(points) for distance in distances], axis=0)
+
+
+class _Mapped:
+    """A compiled function of a point, mapped over many points, with a cache by number of points."""
+
+    def __init__(self, function: ca.Function) -> None:
+        self.function, self.known = function, dict[int, ca.Function]()
+
+    def __call__(self, points: FloatArray) -> FloatArray:
+        """Return the values, one column per point."""
+        many = self.known.setdefault(len(points), self.function.map(len(points)))
+        return np.asarray(many(points.T).full())

@@ -1,1 +1,0 @@
-"""Motion of a single finger: inverse kinematics, waypoints and obstructions."""

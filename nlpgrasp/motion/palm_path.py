@@ -1,0 +1,251 @@
+"""Collision-free palm path to a grasp (Section 1.2): straight approach with open fingers, then closing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, array, integer, number
+from nlpgrasp.errors import InputError
+from nlpgrasp.hands import URDFHand
+from nlpgrasp.hands.base import Values
+from nlpgrasp.motion.approach_path import (
+    Approach,
+    BlockedDirection,
+    Opened,
+    free_approach,
+    opened,
+    openings,
+    ways_of_palm,
+)
+from nlpgrasp.motion.link_clearance import Surroundings
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.solution.obstructions import warn_of_touching
+from nlpgrasp.solution.solution import GraspSolution
+
+APPROACHING, CLOSING = "approaching", "closing"
+DIRECTIONS = 100
+LIMIT_ROUNDING = 1e-6  # radians or metres: tolerance of joint limits
+
+
+@dataclass(frozen=True)
+class PalmPath:
+    """Waypoints of a hand from a distance to its grasp.
+
+    Parameters
+    ----------
+    reason : str
+        Why there is no path; empty where there is one.
+    direction : (3,) array or None
+        Unit direction of the palm's motion, body frame; None where no direction is free.
+    distance : float
+        How far it moves straight, metres.
+    openings : (k,) array
+        Distance of each fingertip on the approach from its position in the grasp, palm frame, metres; empty without a
+        path.
+    phases : tuple of m str
+        ``"approaching"`` or ``"closing"``.
+    poses : (m, 4, 4) array
+        The palm's frame in the body's at each waypoint, from afar to the grasp.
+    joint_names : tuple of n str
+        All moving joints, mimic joints included.
+    joints : (m, n) array
+        Their positions, radians or metres. Between waypoints palm and joints move on straight lines.
+    clearances : (m,) array
+        Least distance of the hand to anything it must not touch, at each waypoint, metres; while the fingers close,
+        fingertips and body are not counted.
+    blocked : tuple of BlockedDirection
+        The blocked directions that were tried.
+    tolerance : float
+        Allowed penetration of links between waypoints, metres.
+    touching : str
+        Obstructions in the grasp itself, as text: links that penetrate something, contacts off their links; empty
+        without any.
+    """
+
+    reason: str
+    direction: FloatArray | None
+    distance: float
+    openings: FloatArray
+    phases: tuple[str, ...]
+    poses: FloatArray
+    joint_names: tuple[str, ...]
+    joints: FloatArray
+    clearances: FloatArray
+    blocked: tuple[BlockedDirection, ...]
+    tolerance: float
+    touching: str = ""
+
+    @property
+    def success(self) -> bool:
+        """Whether there is a path."""
+        return not self.reason
+
+    @property
+    def clearance(self) -> float:
+        """Least clearance of all waypoints, metres; inf without any."""
+        return float(np.min(self.clearances, initial=np.inf))
+
+    def to_dict(self) -> Json:
+        """Return the path as JSON data; an infinite clearance is None."""
+        return {
+            "reason": self.reason,
+            "direction": None if self.direction is None else self.direction.tolist(),
+            "distance": self.distance,
+            "openings": self.openings.tolist(),
+            "phases": list(self.phases),
+            "poses": self.poses.tolist(),
+            "joint_names": list(self.joint_names),
+            "joints": self.joints.tolist(),
+            "clearances": [float(c) if np.isfinite(c) else None for c in self.clearances],
+            "blocked": [b.to_dict() for b in self.blocked],
+            "tolerance": self.tolerance,
+            "touching": self.touching,
+        }
+
+    def __str__(self) -> str:
+        first = f"{self.touching}\n" if self.touching else ""
+        if not self.success or self.direction is None:
+            return f"{first}no way of the palm: {self.reason}"
+        along = np.array2string(self.direction, precision=3, suppress_small=True)
+        way = f"{first}{1e3 * self.distance:.0f} mm along {along}, then closing"
+        return f"{way}: {len(self.phases)} waypoints, least clearance at them {1e3 * self.clearance:.1f} mm"
+
+
+def palm_path(
+    solution: GraspSolution,
+    problem: GraspProblem,
+    direction: ArrayLike | None = None,
+    distance: float = 0.1,
+    *,
+    directions: int = DIRECTIONS,
+) -> PalmPath:
+    """Return a straight, collision-free palm path to a grasp.
+
+    The palm moves straight with the fingers open; then they close. Each finger is as in the solution's pregrasp, or as
+    near to it as clearances allow. Without a direction, the palm's facing direction is tried first, then others by
+    increasing angle, until one is free; if none is, the fingers open wider, up to four times as far. Links (as
+    enclosing spheres) stay clear of the body, of tables and obstacles in the constraints, and of each other; joints
+    keep their limits. Waypoints are so close that nothing can be between them, however thin (docs/hands.md).
+
+    Parameters
+    ----------
+    solution : GraspSolution
+        A solution with a grasp and a hand with a pregrasp.
+    problem : GraspProblem
+        The solution's problem, with body and hand.
+    direction : (3,) array, optional
+        Direction of the palm's motion, body frame; of any length.
+    distance : float
+        Length of the straight approach, metres.
+    directions : int
+        Number of directions, spread over the sphere, to try if none is given; the axes of palm and body are tried too,
+        and, if none is free, others ever closer to the one that is free longest.
+
+    Raises
+    ------
+    InputError
+        Where the solution is not the problem's, has no grasp or no pregrasp, or the hand has no links.
+
+    Warns
+    -----
+    UserWarning
+        On a link inside something in the grasp itself, and on contacts that are off their fingertips' links.
+    """
+    hand = _hand(solution, problem)
+    distance = number("distance", distance, above=0.0)
+    directions = integer("directions", directions, at_least=1, at_most=10_000)
+    grasp, pregrasp = hand.values_of(solution.hand or {}), hand.values_of((solution.hand or {})["pregrasp"])
+    around, touching = Surroundings(problem, hand), warn_of_touching(solution.name, solution.hand)
+    reason = _beyond_limits(hand, grasp, pregrasp)
+    if reason:
+        return _none(around, distance, reason, (), touching)
+    ways = [_given(direction)] if direction is not None else ways_of_palm(hand, grasp, directions)
+    found = free_approach(around, lambda times: opened(around, grasp, pregrasp, times), ways, lambda *_: distance)
+    if found.fingers is None or found.direction is None:
+        return _none(around, distance, found.reason, found.blocked, touching)
+    return _found(around, found.fingers, found.direction, found, touching)
+
+
+def _hand(solution: GraspSolution, problem: GraspProblem) -> URDFHand:
+    """Return the hand; refuse a solution that is not the problem's or has no pregrasp."""
+    if not isinstance(solution, GraspSolution):
+        raise InputError("solution", solution, "a GraspSolution")
+    if not isinstance(problem, GraspProblem):
+        raise InputError("problem", problem, "the GraspProblem of the solution")
+    if not isinstance(problem.hand, URDFHand):
+        raise InputError("problem.hand", problem.hand, "a URDFHand: other hands have no palm that moves")
+    solution.require_grasp()
+    if problem.to_dict() != dict(solution.problem):
+        raise InputError("problem", "another problem", "the problem of the solution")
+    if not solution.hand or "pregrasp" not in solution.hand:
+        raise InputError("solution.hand", "no pregrasp", "a solution whose hand has a pregrasp")
+    return problem.hand
+
+
+def _given(direction: ArrayLike) -> FloatArray:
+    """Return the given direction as a unit vector."""
+    vector = array("direction", direction, (3,))
+    size = float(np.linalg.norm(vector))
+    if size == 0.0:
+        raise InputError("direction", vector.tolist(), "a direction that is not zero")
+    return vector / size
+
+
+def _beyond_limits(hand: URDFHand, *postures: Values) -> str:
+    """Return the joint that exceeds its limits in any of the postures; those between are within if these are."""
+    lower, upper = hand.tree.joint_limits
+    for values in postures:
+        over = np.maximum(lower - values["joints"], values["joints"] - upper)
+        if np.max(over) > LIMIT_ROUNDING:
+            return f"joint {hand.robot.free_joints[int(np.argmax(over))].name} is beyond its limits"
+    return ""
+
+
+def _found(around: Surroundings, fingers: Opened, direction: FloatArray, found: Approach, touching: str) -> PalmPath:
+    """Return the record of a path, from its start to the grasp."""
+    tree, others = around.hand.tree, ~around.of_tips()
+    outside, inside = list(reversed(found.outside)), list(reversed(fingers.places))[1:]
+    values = [place.values for place in (*outside, *inside)]
+    positions = [tree.joint_positions(v["joints"]) for v in values]
+    clear = [float(np.min(p.clearances, initial=np.inf)) for p in outside]
+    clear += [float(np.min(p.clearances[others], initial=np.inf)) for p in inside]
+    return PalmPath(
+        reason="",
+        direction=direction,
+        distance=found.distance,
+        openings=openings(around, fingers.values, fingers.places[0].values),
+        phases=(APPROACHING,) * len(outside) + (CLOSING,) * len(inside),
+        poses=np.array([tree.palm_frame(v) for v in values]),
+        joint_names=tuple(positions[0]),
+        joints=np.array([list(p.values()) for p in positions]),
+        clearances=np.array(clear),
+        blocked=found.blocked,
+        tolerance=around.tolerance,
+        touching=touching,
+    )
+
+
+def _none(
+    around: Surroundings, distance: float, reason: str, blocked: tuple[BlockedDirection, ...], touching: str
+) -> PalmPath:
+    """Return the record of a failed search."""
+    names = tuple(around.hand.tree.joint_positions(np.zeros(len(around.hand.robot.free_joints))))
+    nothing = np.zeros((0, len(names)))
+    return PalmPath(
+        reason,
+        None,
+        distance,
+        np.zeros(0),
+        (),
+        np.zeros((0, 4, 4)),
+        names,
+        nothing,
+        np.zeros(0),
+        blocked,
+        around.tolerance,
+        touching,
+    )

@@ -1,1 +1,0 @@
-"""Paths of contacts over a body's surface, and their execution by a finger."""

@@ -1,1 +1,0 @@
-"""Phases of a grasp by hand: approach, pregrasp, grasp, squeeze, lift."""

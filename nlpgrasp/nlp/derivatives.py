@@ -1,0 +1,258 @@
+"""Constraint, Jacobian and Lagrangian Hessian functions of a program.
+
+For ``g = d(c(z))``: ``grad g = J^T d'`` and ``hess g = J^T d'' J + sum_a d'_a hess c_a`` with ``J = dc/dz``. The
+distance's own derivatives are evaluated as ``MX`` (a spline's) and enter ``SX`` functions as numbers.
+
+CasADi would colour the Hessian of the whole graph and evaluate it through MX at 10 ms per call. Instead the Lagrangian
+is split into an SX part with an exact sparse Hessian, one small block per contact, and the distances, whose second
+derivatives by the chain rule are SX again once the spline's derivatives are numbers.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import casadi as ca
+
+from nlpgrasp.nlp.blocks import FacePart, Repeats
+from nlpgrasp.nlp.program import Program
+
+UPPER = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # upper triangle of a 3 x 3 matrix, column by column
+
+
+class DistanceRows:
+    """Clearance constraints of a program at ``MX`` points, with derivatives.
+
+    Parameters
+    ----------
+    program : Program
+    points : casadi.MX
+        All points, 3 coordinates each, stacked in one column.
+    """
+
+    def __init__(self, program: Program, points: ca.MX) -> None:
+        self._parts = []
+        done = 0
+        for part in program.distance_parts:
+            count = len(part.points)
+            here = ca.reshape(points[3 * done : 3 * (done + count)], 3, count)
+            self._parts.append((part.function, here, ca.DM(part.scales).T))
+            done += count
+
+    def first(self) -> tuple[ca.MX, ca.MX]:
+        """Return the constraint values (m,) and their gradients with respect to the points (3 m,)."""
+        values, slopes = [ca.MX(0, 1)], [ca.MX(0, 1)]
+        for function, points, scales in self._parts:
+            q = ca.MX.sym("q", 3)
+            d = function(q)
+            both = ca.Function("distance_jac", [q], [d, ca.gradient(d, q)]).map(points.shape[1])
+            value, slope = both(points)
+            values.append((value / scales).T)
+            slopes.append(ca.vec(slope / ca.repmat(scales, 3, 1)))
+        return ca.vertcat(*values), ca.vertcat(*slopes)
+
+    def second(self, multipliers: ca.MX) -> tuple[ca.MX, ca.MX]:
+        """Return gradients (3 m,) and upper triangles of the Hessians (6 m,), weighted by multipliers."""
+        slopes, bends = [ca.MX(0, 1)], [ca.MX(0, 1)]
+        done = 0
+        for function, points, scales in self._parts:
+            count = points.shape[1]
+            q = ca.MX.sym("q", 3)
+            H, gradient = ca.hessian(function(q), q)
+            upper = ca.vertcat(*[H[a, b] for a, b in UPPER])
+            weight = multipliers[done : done + count].T / scales
+            slope, bend = ca.Function("distance_hess", [q], [gradient, upper]).map(count)(points)
+            slopes.append(ca.vec(slope * ca.repmat(weight, 3, 1)))
+            bends.append(ca.vec(bend * ca.repmat(weight, 6, 1)))
+            done += count
+        return ca.vertcat(*slopes), ca.vertcat(*bends)
+
+
+def chain_first(along: ca.SX, slopes: ca.SX, count: int) -> ca.SX:
+    """Return the constraints' Jacobian from the points' Jacobian (3 m, n) and the distance gradients (3 m,)."""
+    if not count:
+        return ca.SX(0, along.shape[1])
+    return ca.vertcat(*[ca.mtimes(slopes[3 * i : 3 * i + 3].T, along[3 * i : 3 * i + 3, :]) for i in range(count)])
+
+
+def chain_second(along: ca.SX, bends: ca.SX, count: int) -> ca.SX:
+    """Return ``sum J^T d'' J`` from the points' Jacobian (3 m, n) and the distances' weighted Hessians (6 m,)."""
+    total = ca.SX(along.shape[1], along.shape[1])
+    for i in range(count):
+        J, h = along[3 * i : 3 * i + 3, :], bends[6 * i : 6 * i + 6]
+        used = sorted(set(J.sparsity().get_triplet()[1]))
+        local = J[:, used]
+        H = ca.vertcat(ca.horzcat(h[0], h[1], h[3]), ca.horzcat(h[1], h[2], h[4]), ca.horzcat(h[3], h[4], h[5]))
+        product = ca.mtimes([local.T, H, local])
+        rows = [r for _ in used for r in used]
+        columns = [c for c in used for _ in used]
+        shape = ca.Sparsity.triplet(along.shape[1], along.shape[1], rows, columns)
+        total = total + ca.SX(shape, ca.vec(ca.densify(product)))
+    return total
+
+
+class ProgramFunctions:
+    """Constraint and derivative functions of a program, built on demand.
+
+    Parameters
+    ----------
+    program : Program
+    """
+
+    def __init__(self, program: Program) -> None:
+        self.program = program
+        self._x = ca.MX.sym("x", program.z.shape[0])
+        self._p = ca.MX.sym("p", program.theta.shape[0])
+        self._smooth = program.g.shape[0]
+        self._linear = ca.vertcat(ca.SX(0, 1), *[part.linear for part in program.face_parts])
+
+    @cached_property
+    def is_scalar(self) -> bool:
+        """Whether the whole program is one ``SX`` graph, for which CasADi's own derivatives are best."""
+        faces = all(part.function.is_a("SXFunction") for part in self.program.face_parts)
+        return faces and not self.program.distance_parts and self.program.slots is None
+
+    @cached_property
+    def nlp(self) -> dict[str, ca.SX] | dict[str, ca.MX]:
+        """Program as for CasADi's ``nlpsol``, with the negative objective to minimise."""
+        z, theta = self.program.z, self.program.theta
+        if self.is_scalar:
+            return {"x": z, "p": theta, "f": -self.program.objective, "g": self._scalar_rows()}
+        objective = ca.Function("objective", [z, theta], [-self.program.objective])
+        return {"x": self._x, "p": self._p, "f": objective(self._x, self._p), "g": self._rows}
+
+    @property
+    def first_derivatives(self) -> dict[str, ca.Function]:
+        """First-derivative function for ``nlpsol``; empty where CasADi's own is best."""
+        return {} if self.is_scalar and not self.program.copies else {"jac_g": self.jacobian}
+
+    @property
+    def derivatives(self) -> dict[str, ca.Function]:
+        """Derivative functions for ``nlpsol``; empty where CasADi's own are best."""
+        first = self.first_derivatives
+        return first and {**first, "hess_lag": self.hessian}
+
+    @cached_property
+    def jacobian(self) -> ca.Function:
+        """Function of ``(x, p)`` that returns the constraints and their Jacobian."""
+        names = (["x", "p"], ["g", "jac_g_x"])
+        z, theta = self.program.z, self.program.theta
+        if self.is_scalar:
+            g = self._scalar_rows()
+            whole = ca.vertcat(self._smooth_jacobian(), ca.jacobian(g[self._smooth :], z))
+            return ca.Function("jac_g", [z, theta], [g, whole], *names)
+        points, near = self.program.points, self.program.distances
+        slopes = ca.SX.sym("slopes", points.shape[0])
+        first = [self._smooth_jacobian(), chain_first(ca.jacobian(points, z), slopes, near)]
+        first.append(ca.jacobian(self._linear, z))
+        smooth = ca.Function("rows_jac", [z, theta, slopes], [ca.vertcat(*first)])
+        faces = [
+            _embed(_slope(part)(self._x[part.position.range]), part, z.shape[0]) for part in self.program.face_parts
+        ]
+        jac = smooth(self._x, self._p, self._distances.first()[1])
+        jac = jac + ca.vertcat(ca.MX(self._smooth + near, z.shape[0]), *faces)
+        if self.program.slots is not None:
+            jac = ca.vertcat(self.program.slots.jacobian(self._x, self._p), jac)
+        return ca.Function("jac_g", [self._x, self._p], [self._rows, jac], *names)
+
+    @cached_property
+    def hessian(self) -> ca.Function:
+        """Function of ``(x, p, lam_f, lam_g)`` that returns the upper triangle of the Lagrangian's Hessian."""
+        names = (["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"])
+        if self.is_scalar:
+            return self._scalar_hessian(*names)
+        program, near = self.program, self.program.distances
+        z, theta = program.z, program.theta
+        lam_f, lam_g = ca.SX.sym("lam_f"), ca.SX.sym("lam_g", self._smooth)
+        points = program.points
+        slopes, bends = ca.SX.sym("slopes", points.shape[0]), ca.SX.sym("bends", 6 * near)
+        rest = -lam_f * program.objective + ca.dot(slopes, points)
+        second = self._smooth_hessian(rest, lam_g) + chain_second(ca.jacobian(points, z), bends, near)
+        inputs = [z, theta, lam_f, lam_g, slopes, bends]
+        smooth = ca.Function("rows_hess", inputs, [ca.triu(second)])
+        count = self._linear.shape[0]
+        slots = 0 if program.slots is None else program.slots.count
+        every, sigma = ca.MX.sym("lam_g", slots + self._smooth + near + count), ca.MX.sym("lam_f")
+        lam = every[slots:]
+        weighted, curvature = self._distances.second(lam[self._smooth : self._smooth + near])
+        hess = smooth(self._x, self._p, sigma, lam[: self._smooth], weighted, curvature)
+        done = self._smooth + near
+        for part in program.face_parts:
+            rows = part.linear.shape[0]
+            local = _bend(part)(self._x[part.position.range], lam[done : done + rows])
+            hess = hess + _embed_square(local, part, z.shape[0])
+            done += rows
+        if program.slots is not None:
+            hess = hess + program.slots.hessian(self._x, self._p, every[:slots])
+        return ca.Function("hess_lag", [self._x, self._p, sigma, every], [ca.triu(hess)], *names)
+
+    @cached_property
+    def _distances(self) -> DistanceRows:
+        places = ca.Function("points", [self.program.z], [self.program.points], {"cse": True})
+        return DistanceRows(self.program, places(self._x))
+
+    @cached_property
+    def _rows(self) -> ca.MX:
+        """All constraints at ``x``, as ``MX``."""
+        smooth = ca.Function("rows", [self.program.z, self.program.theta], [self.program.g, self._linear])
+        rows, linear = smooth(self._x, self._p)
+        faces = [part.function(self._x[part.position.range]) for part in self.program.face_parts]
+        first = ca.MX(0, 1) if self.program.slots is None else self.program.slots.rows(self._x, self._p)
+        return ca.vertcat(first, rows, self._distances.first()[0], linear + ca.vertcat(*faces))
+
+    @cached_property
+    def _repeats(self) -> Repeats:
+        return Repeats(self.program.z, self.program.g, self.program.copies)
+
+    def _smooth_jacobian(self) -> ca.SX:
+        """Return the Jacobian of the SX constraints."""
+        z, g, done = self.program.z, self.program.g, self._repeated
+        return ca.jacobian(g, z) if not done else ca.vertcat(self._repeats.jacobian(), ca.jacobian(g[done:], z))
+
+    def _smooth_hessian(self, rest: ca.SX, lam: ca.SX) -> ca.SX:
+        """Return the Hessian of ``rest`` plus the weighted SX constraints."""
+        z, g, done = self.program.z, self.program.g, self._repeated
+        second = ca.hessian(rest + ca.dot(lam[done:], g[done:]), z)[0]
+        return second if not done else second + self._repeats.hessian(lam)
+
+    @property
+    def _repeated(self) -> int:
+        """Number of repeated constraints, which are the first ones."""
+        return self.program.copies[-1].rows.stop if self.program.copies else 0
+
+    def _scalar_hessian(self, inputs: list[str], outputs: list[str]) -> ca.Function:
+        z, theta, rows = self.program.z, self.program.theta, self._scalar_rows()
+        lam_f, lam = ca.SX.sym("lam_f"), ca.SX.sym("lam_g", rows.shape[0])
+        rest = -lam_f * self.program.objective + ca.dot(lam[self._smooth :], rows[self._smooth :])
+        hess = ca.triu(self._smooth_hessian(rest, lam[: self._smooth]))
+        return ca.Function("hess_lag", [z, theta, lam_f, lam], [hess], inputs, outputs)
+
+    def _scalar_rows(self) -> ca.SX:
+        z = self.program.z
+        faces = [part.function(z[part.position.range]) + part.linear for part in self.program.face_parts]
+        return ca.vertcat(self.program.g, *faces)
+
+
+def _slope(part: FacePart) -> ca.Function:
+    """Return the Jacobian of surface constraints with respect to the position."""
+    q = ca.MX.sym("q", part.position.stop - part.position.start)
+    return ca.Function("face_jac", [q], [ca.jacobian(part.function(q), q)])
+
+
+def _bend(part: FacePart) -> ca.Function:
+    """Return the upper triangle of the Hessian of a weighted sum of surface constraints."""
+    q = ca.MX.sym("q", part.position.stop - part.position.start)
+    weight = ca.MX.sym("w", part.linear.shape[0])
+    return ca.Function("face_hess", [q, weight], [ca.triu(ca.hessian(ca.dot(weight, part.function(q)), q)[0])])
+
+
+def _embed(block: ca.MX, part: FacePart, width: int) -> ca.MX:
+    """Embed a block (rows, space) at the position's columns of a sparse (rows, width) matrix."""
+    rows, where = block.shape[0], part.position
+    return ca.horzcat(ca.MX(rows, where.start), block, ca.MX(rows, width - where.stop))
+
+
+def _embed_square(block: ca.MX, part: FacePart, width: int) -> ca.MX:
+    """Embed a block as a diagonal block of a sparse (width, width) matrix."""
+    where = part.position
+    return ca.diagcat(ca.MX(where.start, where.start), block, ca.MX(width - where.stop, width - where.stop))

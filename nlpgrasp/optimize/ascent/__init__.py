@@ -1,1 +1,0 @@
-"""Local search: maximisation of mu by cutting planes in a trust region."""

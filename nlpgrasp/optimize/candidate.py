@@ -1,0 +1,102 @@
+"""Grasp candidate (contacts and hand configuration), and the state of its local search."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands.base import Values
+from nlpgrasp.nlp import NlpResult
+
+
+@dataclass(frozen=True)
+class Placed:
+    """Contacts on faces of the body, and the hand's configuration.
+
+    Parameters
+    ----------
+    faces : tuple of k str
+        The face each contact is on.
+    points : (k, space) array
+        Metres, body frame.
+    hand : dict
+        Values of the hand's variables, in the hand's units; empty without a hand.
+    """
+
+    faces: tuple[str, ...]
+    points: FloatArray
+    hand: Values = field(default_factory=dict)
+
+    def repeated_hand(self, count: int) -> Values:
+        """Return the hand's values repeated ``count`` times, (count, m) each: for placements that share the hand."""
+        return {name: np.repeat(value[None], count, axis=0) for name, value in self.hand.items()}
+
+
+@dataclass(frozen=True)
+class Effort:
+    """Solver effort: calls of IPOPT, iterations and seconds.
+
+    Parameters
+    ----------
+    iterations : int
+        Of IPOPT.
+    solver_seconds, function_seconds : float
+        Time in IPOPT, and in function evaluations within it.
+    calls : int
+        Of IPOPT.
+    failures : mapping
+        Number of the calls in which IPOPT did not run, by its own status.
+    """
+
+    iterations: int = 0
+    solver_seconds: float = 0.0
+    function_seconds: float = 0.0
+    calls: int = 0
+    failures: Mapping[str, int] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, result: NlpResult) -> Effort:
+        """Return the effort of one solve."""
+        failures = {} if result.ran else {result.status: 1}
+        return cls(result.iterations, result.seconds, result.function_seconds, 1, failures)
+
+    def __add__(self, other: Effort) -> Effort:
+        """Return the sum of two efforts."""
+        return Effort(
+            self.iterations + other.iterations,
+            self.solver_seconds + other.solver_seconds,
+            self.function_seconds + other.function_seconds,
+            self.calls + other.calls,
+            dict(Counter(self.failures) + Counter(other.failures)),
+        )
+
+
+@dataclass
+class AscentState:
+    """Current iterate of a local search with its cutting planes and history.
+
+    Parameters
+    ----------
+    placed : Placed
+        The best contacts, and hand, so far.
+    value : float
+        Their least support ratio found (an upper bound on mu).
+    cuts : (m, d) array
+        Directions known of them, each with ``phi_A = 1``.
+    multipliers : (rows,) array
+        Of the rows of constraints and hand in the solve that led here, solver units.
+    effort : Effort
+    history : list of float
+        ``value`` at first and after each step.
+    """
+
+    placed: Placed
+    value: float = 0.0
+    cuts: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    multipliers: FloatArray = field(default_factory=lambda: np.zeros(0))
+    effort: Effort = field(default_factory=Effort)
+    history: list[float] = field(default_factory=list)

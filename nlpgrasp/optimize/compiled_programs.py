@@ -1,0 +1,162 @@
+"""Compiled nonlinear programs of a problem: the initial NLP and the cutting-plane program.
+
+One program serves every assignment of contacts to faces: which of its faces a contact is on is a parameter.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from functools import cached_property
+
+from nlpgrasp.budgets import ForceBudget, L2Budget
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.contacts.product import extremes
+from nlpgrasp.hands import PosedHand
+from nlpgrasp.nlp import (
+    SUPPORT,
+    CompiledProgram,
+    Program,
+    has_closed_form,
+    has_pieces,
+    optimal_grasp_program,
+)
+from nlpgrasp.nlp.ipopt import Option
+from nlpgrasp.optimize.candidate import Placed
+from nlpgrasp.optimize.options import SolveOptions
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.quality.grasp import Grasp
+
+SLOTS, SLOTS_WITH_FORCES = 160, 80  # cutting planes held by the program; with finger forces as variables
+MOST_ITERATIONS = 300  # iterations of IPOPT, at most
+Ipopt = dict[str, Option]
+# with a hand's pose the first program ends once contacts and hand fit together: the exchange is faster from there
+POSED: Ipopt = {
+    "max_iter": 150,
+    "mu_strategy": "adaptive",
+    "acceptable_iter": 1,
+    "acceptable_tol": 1e5,
+    "acceptable_constr_viol_tol": 1e-5,
+    "acceptable_obj_change_tol": 0.5,
+    "acceptable_dual_inf_tol": 1e10,
+    "acceptable_compl_inf_tol": 1e2,
+}
+
+CONFIRMING_ITERATIONS = 5
+CLOSING: Ipopt = {  # of the last solve, from near a local optimum: exact rows and bounds, multipliers to begin with
+    "tol": 1e-7,
+    "mu_init": 1e-9,
+    "max_iter": 60,
+    "bound_relax_factor": 0.0,
+    "warm_start_init_point": "yes",
+    "warm_start_bound_push": 1e-9,
+    "warm_start_bound_frac": 1e-9,
+    "warm_start_slack_bound_push": 1e-9,
+    "warm_start_slack_bound_frac": 1e-9,
+    "warm_start_mult_bound_push": 1e-9,
+}
+
+
+def follows_contacts(problem: GraspProblem) -> bool:
+    """Return whether the problem has no hand, or one whose variables follow from the contacts."""
+    return problem.hand is None or problem.hand.follows_contacts
+
+
+def closure_budget(problem: GraspProblem) -> ForceBudget:
+    """Return the budget for force closure: the L2 budget where the problem's own needs a posture."""
+    return L2Budget() if problem.budget.follows_hand else problem.budget
+
+
+def budget_at(problem: GraspProblem, placed: Placed) -> ForceBudget:
+    """Return the force budget at a candidate's contacts and posture."""
+    hand = problem.hand if isinstance(problem.hand, PosedHand) else None
+    return problem.budget.posed(hand, placed.hand, placed.points)
+
+
+def first_program(problem: GraspProblem, options: SolveOptions, samples: int) -> CompiledProgram:
+    """Return the initial NLP of a start (vertex transcription), with so many samples of the task."""
+    plain = problem.unchecked(force_budget=closure_budget(problem))
+    program = optimal_grasp_program(plain, "vertex", samples)  # which never ends at a non-grasp
+    limits: Ipopt = {"tol": 1e-4, "acceptable_tol": 1e-3, "acceptable_iter": 5}
+    if not follows_contacts(problem):
+        limits |= POSED
+    return _compiled(program, options, limits)
+
+
+class ExchangeProgram:
+    """Cutting-plane program with a fixed number of slots, the same for all tasks.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+    options : SolveOptions
+    """
+
+    def __init__(self, problem: GraspProblem, options: SolveOptions) -> None:
+        self._problem, self._options = problem, options
+
+    @cached_property
+    def linearises(self) -> bool:
+        """Whether steps solve the program's linearisation: where finger forces are not among its variables."""
+        return self.closed or has_pieces(self._problem) or self._problem.budget.follows_hand
+
+    @cached_property
+    def closed(self) -> bool:
+        """Whether the support has a smooth closed form."""
+        return has_closed_form(self._problem)
+
+    @property
+    def slots(self) -> int:
+        """Number of cutting planes that the program holds."""
+        return SLOTS if self.linearises else SLOTS_WITH_FORCES
+
+    @cached_property
+    def compiled(self) -> CompiledProgram:
+        """The program with its solver, compiled."""
+        slots = 0 if self._problem.budget.follows_hand else self.slots
+        program = optimal_grasp_program(self._problem, SUPPORT, slots, eliminated=True, pieces=self.linearises)
+        return _compiled(program, self._options, {"tol": 1e-5, "mu_init": 1e-3})
+
+    @cached_property
+    def confirming(self) -> CompiledProgram:
+        """The program for a point that is a local optimum already: without second derivatives, quick to build."""
+        first: Ipopt = CLOSING | {"hessian_approximation": "limited-memory", "max_iter": CONFIRMING_ITERATIONS}
+        return self.compiled.with_options(first | dict(self._options.ipopt))
+
+    @cached_property
+    def closing(self) -> CompiledProgram:
+        """The program with tight tolerances, to be solved from near a local optimum to small residuals.
+
+        Where forces are variables there are no multipliers to begin with, nor forces.
+        """
+        last: Ipopt = CLOSING if self.linearises else {"tol": CLOSING["tol"], "bound_relax_factor": 0.0}
+        return self.compiled.with_options(last | dict(self._options.ipopt))
+
+    def within(self, name: str, bounds: FloatArray) -> ExchangeProgram:
+        """Return the program with other bounds (2, m) of one of the hand's variables, without recompiling."""
+        return self._of(self.compiled.within(name, bounds[0], bounds[1]))
+
+    def raised(self, more: FloatArray) -> ExchangeProgram:
+        """Return the program with higher lower limits of constraints, without recompiling: see ``Program.raised``."""
+        return self._of(self.compiled.raised(more))
+
+    def _of(self, compiled: CompiledProgram) -> ExchangeProgram:
+        """Return the same for a program that differs in its limits alone."""
+        result = copy(self)
+        result.compiled = compiled
+        for name in ("confirming", "closing"):
+            result.__dict__.pop(name, None)
+        return result
+
+    def pieces(self, grasp: Grasp, y: FloatArray) -> FloatArray | None:
+        """Return the supports of single contacts along directions, (m, k), where the program is made of them."""
+        if self.closed or not has_pieces(self._problem):
+            return None
+        return extremes(y @ grasp.G, grasp.contacts, self._problem.body.space)[0]
+
+
+def _compiled(program: Program, options: SolveOptions, limits: Ipopt) -> CompiledProgram:
+    # MUMPS scaling 7 avoids the factorizations that take 20 times as long as the rest (measured on scans)
+    most: Ipopt = {"max_iter": MOST_ITERATIONS, "mumps_scaling": 7}
+    if options.time_limit is not None:
+        most["max_wall_time"] = options.time_limit
+    return CompiledProgram(program, most | limits | dict(options.ipopt))

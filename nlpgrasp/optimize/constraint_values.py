@@ -1,0 +1,238 @@
+"""Values and violations of a problem's constraints at candidates, with the hand's forward kinematics."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from copy import copy
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from nlpgrasp.bodies import Mesh
+from nlpgrasp.common.scalar_constraints import CLEARANCE, Row
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.constraints import Approach
+from nlpgrasp.errors import InputError
+from nlpgrasp.hands import Hand, URDFHand
+from nlpgrasp.hands.base import Values
+from nlpgrasp.hands.linked_hand import LinkedHand
+from nlpgrasp.motion.distance_fields import Distance, distance_to_all, fields_of
+from nlpgrasp.problem.candidate_constraints import PlacementRows, placement_rows
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.solution.obstructions import jaws_depth
+
+NARROW = 1e-2  # width, relative to a constraint's scale, below which its limits count as an equation
+
+
+class RowValues:
+    """Compiled functions of the constraints of a problem and its hand.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+    """
+
+    def __init__(self, problem: GraspProblem) -> None:
+        self.problem = problem
+
+    @cached_property
+    def named(self) -> tuple[Row, ...]:
+        """Scalar constraints of the user and of the hand, in the order of the program."""
+        return self._rows[0].named
+
+    @property
+    def sources(self) -> tuple[tuple[int, ...], ...]:
+        """Indices of the scalar constraints of each user constraint, of the hand, and of its links' clearance."""
+        return self._rows[0].sources
+
+    def values(self, points: FloatArray, normals: FloatArray, hand: Values) -> FloatArray:
+        """Return the constraints' values in their own units, (b, rows), for placements (b, k, space)."""
+        if not self.named:
+            return np.zeros((len(points), 0))
+        b = len(points)
+        padded = 1 << (b - 1).bit_length()  # CasADi keeps the maps of a function by their size
+        columns = [np.resize(v.reshape(b, -1), (padded, v.size // b)).T for v in (points, normals, *hand.values())]
+        return np.asarray(self._row_function.map(padded)(*columns).full()).T[:b]
+
+    def violations(self, points: FloatArray, normals: FloatArray, hand: Values) -> FloatArray:
+        """Return each placement's largest violation but of face extents, relative to the constraints' scales, (b,)."""
+        return self.excess(self.values(points, normals, hand))
+
+    def excess(self, values: FloatArray) -> FloatArray:
+        """Return the largest violation of constraint values (b, m), relative to their scales, (b,)."""
+        return np.asarray(np.max(self.each_excess(values), axis=1, initial=0.0))
+
+    def each_excess(self, values: FloatArray, band: float = 0.0) -> FloatArray:
+        """Return the violation of each constraint value (b, m), relative to its scale, (b, m).
+
+        Narrow rows may be off by a ``band``, relative to their scales.
+        """
+        lower, upper, scale = (np.array([getattr(r, key) for r in self.named]) for key in ("lower", "upper", "scale"))
+        excess = np.maximum(lower - values, values - upper) / scale - band * (upper - lower <= NARROW * scale)
+        return np.where(np.isfinite(values), np.maximum(excess, 0.0), np.inf)
+
+    @cached_property
+    def dependence(self) -> NDArray[np.bool_]:
+        """Sparsity: the contacts, and in the last column the hand, that each constraint depends on, (rows, k + 1)."""
+        k, space = len(self.problem.models), self.problem.body.space
+        result = np.zeros((len(self.named), k + 1), dtype=bool)
+        for i in range(self._row_function.n_in() if self.named else 0):
+            rows, columns = self._row_function.jac_sparsity(0, i).get_triplet()
+            result[rows, np.array(columns, dtype=int) // space if i < 2 else k] = True
+        return result
+
+    def broken(self, points: FloatArray, normals: FloatArray, hand: Values) -> FloatArray:
+        """Return the summed violation of the user's inequalities by each placement, as ``blocked``, (b,)."""
+        own = {row for rows in self.sources[: len(self.problem.constraints)] for row in rows}
+        return self.blocked(points, normals, hand, own) if own else np.zeros(len(points))
+
+    def blocked(
+        self, points: FloatArray, normals: FloatArray, hand: Values, of: Collection[int] | None = None
+    ) -> FloatArray:
+        """Return the summed violation of inequalities by each placement, relative to their scales, (b,).
+
+        Of all rows, or of some by number.
+        """
+        values = self.values(points, normals, hand)
+        rows = [i for i, r in enumerate(self.named) if r.lower < r.upper and (of is None or i in of)]
+        lower, upper, scale = (
+            np.array([getattr(self.named[i], key) for i in rows]) for key in ("lower", "upper", "scale")
+        )
+        return np.asarray(
+            np.sum(np.maximum(np.maximum(lower - values[:, rows], values[:, rows] - upper), 0.0) / scale, axis=1)
+        )
+
+    @cached_property
+    def clearances(self) -> NDArray[np.intp]:
+        """Indices of the constraints that keep a link away from the held body."""
+        return np.array([i for i, r in enumerate(self.named) if r.kind == CLEARANCE], dtype=int)
+
+    @cached_property
+    def _rows(self) -> tuple[PlacementRows, list[ca.SX]]:
+        """Symbolic constraints with their free symbols."""
+        space, k, problem = self.problem.body.space, len(self.problem.models), self.problem
+        p, n = ca.SX.sym("p", space * k), ca.SX.sym("n", space * k)
+        split = list(range(0, space * k + 1, space))
+        symbols = {} if problem.hand is None else problem.hand.symbols(problem.body.bounds)
+        found = placement_rows(
+            problem.body, problem.constraints, problem.hand, ca.vertsplit(p, split), ca.vertsplit(n, split), symbols
+        )
+        return found, [p, n, *symbols.values()]
+
+    @cached_property
+    def _row_function(self) -> ca.Function:
+        """Function of contacts, normals and the hand's variables: the constraints' values, in their own units."""
+        found, inputs = self._rows
+        points = ca.horzcat(ca.SX(self.problem.body.space, 0), *[c.point for c in found.clearances])
+        smooth = ca.Function("rows", inputs, [ca.vertcat(*[r.expression for r in found.rows]), points])
+        if not found.clearances:
+            return ca.Function("rows", inputs, [ca.vertcat(*[r.expression for r in found.rows])])
+        symbols = [ca.MX.sym(f"x{i}", s.shape[0]) for i, s in enumerate(inputs)]
+        rows, places = smooth(*symbols)
+        distances = [c.distance(places[:, i]) for i, c in enumerate(found.clearances)]
+        return ca.Function("rows", symbols, [ca.vertcat(rows, *distances)])
+
+
+class HandPoints:
+    """Fingertip and link positions of a problem's hand.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+    """
+
+    def __init__(self, problem: GraspProblem) -> None:
+        self._problem = problem
+
+    @property
+    def hand(self) -> Hand:
+        """The hand, of a problem that has one."""
+        if self._problem.hand is None:
+            raise InputError("GraspProblem.hand", None, "a hand")
+        return self._problem.hand
+
+    @property
+    def posed_hand(self) -> LinkedHand:
+        """The hand, of a problem with one that has a pose of its own."""
+        if not isinstance(self.hand, LinkedHand):
+            raise InputError("GraspProblem.hand", self.hand, "a hand with a pose of its own, such as ng.URDFHand")
+        return self.hand
+
+    @property
+    def linked_hand(self) -> URDFHand:
+        """The hand, of a problem with one that has links."""
+        if not isinstance(self.hand, URDFHand):
+            raise InputError("GraspProblem.hand", self.hand, "a hand with links, such as ng.URDFHand")
+        return self.hand
+
+    @property
+    def has_flat_tips(self) -> bool:
+        """Whether a hand with a pose has flat fingertips."""
+        hand = self._problem.hand
+        return isinstance(hand, LinkedHand) and any(tip.normal is not None for _, tip in hand.tree.tips)
+
+    def of_limits(self, problem: GraspProblem) -> HandPoints:
+        """Return the same functions for a problem whose hand differs in its joint limits alone."""
+        result = copy(self)
+        result._problem = problem
+        return result
+
+    def start(self, points: FloatArray, normals: FloatArray) -> Values:
+        """Return the hand's starting variables for placements (b, k, space), name -> (b, m); none without a hand."""
+        hand = self._problem.hand
+        if hand is None or not hand.variables(self._problem.body.bounds):
+            return {}
+        tips = points - np.asarray(hand.tip_radii)[:, None] * normals
+        starts = [hand.start(t) for t in tips]
+        return {name: np.stack([s[name] for s in starts]) for name in starts[0]}
+
+    def at_contacts(self, points: FloatArray) -> Json:
+        """Return the pose and approach of a hand that follows contacts (k, 3), as JSON data."""
+        problem = self._problem
+        cones = [(np.asarray(c.direction), c.angle) for c in problem.constraints if isinstance(c, Approach)]
+        return self.hand.at_contacts(points, problem.body.size, lambda places: self._distance(places), cones)
+
+    def has_free_way(self, points: FloatArray) -> bool:
+        """Return whether the straight approach of parallel jaws to contacts (2, 3) is collision-free."""
+        return jaws_depth(self.at_contacts(points)) == 0.0
+
+    @cached_property
+    def _distance(self) -> Distance:
+        """Distance to the body and to the surroundings that constraints keep a hand away from."""
+        problem = self._problem
+        return distance_to_all(fields_of(problem.body, problem.constraints, len(problem.models)))
+
+    def tip_centres(self, values: Values, otherwise: FloatArray) -> FloatArray:
+        """Return the centres of round fingertips (k, 3), and the given points for the others."""
+        centres = self._function(*values.values())[0].full().T
+        return np.where(np.isnan(centres), otherwise, centres)
+
+    def mesh_clearances(self, body: Mesh, values: Values) -> FloatArray:
+        """Return the links' signed distances to the mesh itself, (m,), one per clearance constraint, metres."""
+        return body.clearance(np.asarray(self._function(*values.values())[1].full()).T)
+
+    def link_places(self, values: Values) -> FloatArray:
+        """Return the centres of the spheres around links, (b, s, 3), for values (b, m) of the hand's variables."""
+        count = len(next(iter(values.values())))
+        found = self._function.map(count)(*[v.T for v in values.values()])[1]
+        return np.asarray(found.full()).reshape(3, count, -1).transpose(1, 2, 0)
+
+    @cached_property
+    def tip_motion(self) -> ca.Function:
+        """Function of the hand's variables: fingertip positions (3, k) and their Jacobian (3 k, variables)."""
+        symbols = self.hand.symbols(self._problem.body.bounds)
+        places = ca.horzcat(*self.posed_hand.tip_places(symbols))
+        slopes = ca.densify(ca.jacobian(ca.vec(places), ca.vertcat(*symbols.values())))
+        return ca.Function("tips", list(symbols.values()), [places, slopes], {"cse": True})
+
+    @cached_property
+    def _function(self) -> ca.Function:
+        """Function of the hand's variables: centres of round fingertips (NaN for others) and of the link spheres."""
+        symbols = self.hand.symbols(self._problem.body.bounds)
+        tips = [ca.SX.nan(3) if c is None else c for c in self.hand.tip_centres(symbols)]
+        spheres = [s.centre for s in self.hand.spheres(symbols)]
+        outputs = [ca.horzcat(*tips), ca.horzcat(ca.SX(3, 0), *spheres)]
+        return ca.Function("hand", list(symbols.values()), outputs, {"cse": True})

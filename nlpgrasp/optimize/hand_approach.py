@@ -1,0 +1,225 @@
+"""Pregrasp and approach of the answer's hand, and choice of a grasp with a collision-free approach."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nlpgrasp.bodies import Mesh
+from nlpgrasp.common.deadline import Stop
+from nlpgrasp.common.quadratic_program import Linearised, NewtonRules, restore, step_bounds
+from nlpgrasp.common.scalar_constraints import ON_FINGERTIP
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands import URDFHand
+from nlpgrasp.hands.base import Values
+from nlpgrasp.motion.keyframes import keyframes
+from nlpgrasp.nlp import HAND
+from nlpgrasp.optimize.compiled_problem import Workbench, hand_of, put_contacts, variables_of
+from nlpgrasp.optimize.cutting_planes import no_cuts
+from nlpgrasp.optimize.final_step import at_local_optimum
+from nlpgrasp.optimize.grasp_on_body import OnBody
+from nlpgrasp.optimize.processes import one_thread
+from nlpgrasp.optimize.refine import Margins
+from nlpgrasp.optimize.start_result import StartGrasp, StartResult
+from nlpgrasp.solution.obstructions import of_the_way
+
+STAGES = 4  # the clearance grows in stages, each with a few Newton steps
+STAGE = NewtonRules(steps=8, enough=1e-6)  # solver units: tolerance of a stage
+FINEST = 0.02  # of the clearance: the smallest stage tried
+ENOUGH = 0.2  # of the clearance: above this the palm does not move
+LONGEST = 0.2  # longest step, radians or solver units
+T = TypeVar("T")
+
+
+IntArray = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Pregrasp:
+    """Hand configuration just before contact.
+
+    Parameters
+    ----------
+    clearance : float
+        Distance that every fingertip has moved away along its contact normal, metres.
+    hand : dict
+        Values of the hand's variables; the palm is turned as in the grasp, and where it is there if joints are enough.
+    """
+
+    clearance: float
+    hand: Values
+
+
+def pregrasp(bench: Workbench, found: OnBody, clearance: float) -> Pregrasp:
+    """Return joints that open the hand along the contact normals, free of collision.
+
+    The joints move as little as they can while each fingertip goes back by the clearance along its normal, links
+    and fingertips stay off the body, off each other and within all constraints. Where the joints alone do not
+    allow that, the largest clearance that they reach is returned; where that is below a fifth the palm moves too.
+
+    Parameters
+    ----------
+    bench : Workbench
+        Of a problem with a hand that has a pose.
+    found : OnBody
+        The grasp.
+    clearance : float
+        Metres.
+    """
+    opening = _Opening(bench, found)
+    best = opening.open(clearance, ("joints",))
+    if best.clearance < ENOUGH * clearance:
+        best = max(best, opening.open(clearance, ("joints", "palm_position")), key=lambda p: p.clearance)
+    return best
+
+
+class _Opening:
+    """Constraints of an opening hand: those of the program, and each fingertip's distance from its contact."""
+
+    def __init__(self, bench: Workbench, found: OnBody) -> None:
+        self.bench, self.hand, self.normals = bench, found.placed.hand, found.grasp.normals
+        self.compiled = bench.exchange.compiled
+        self.theta = no_cuts(bench, found.placed)
+        self.start = variables_of(bench, self.compiled.program, found.placed)
+        put_contacts(bench, self.compiled.program, self.start, found.grasp.points, found.grasp.normals)
+        own = bench.rows.sources[len(bench.problem.constraints)]
+        touching = {i for i in own if bench.rows.named[i].kind == ON_FINGERTIP}
+        self.kept = np.array([i for i in range(len(bench.rows.named)) if i not in touching], int)
+        self.near = np.flatnonzero(np.isin(self.kept, bench.rows.clearances))
+        self.tips = bench.hand_points.tip_motion
+        self.begin = self.tips(*self.hand.values())[0].full()
+
+    def open(self, clearance: float, moving: tuple[str, ...]) -> Pregrasp:
+        """Return the hand opened as far as possible with some of its variables."""
+        program, z = self.compiled.program, self.start.copy()
+        free = np.concatenate([np.arange(b.start, b.stop) for b in (program.block(HAND, name) for name in moving)])
+        best = Pregrasp(0.0, self.hand)
+        more = clearance / STAGES
+        while more > clearance * FINEST and best.clearance < clearance:
+            aim = min(best.clearance + more, clearance)
+            there = self._opened(z, free, aim)
+            if there is None:
+                more /= 2.0
+            else:
+                z, best = there, Pregrasp(aim, hand_of(program, there))
+        return best
+
+    def _opened(self, z: FloatArray, free: IntArray, back: float) -> FloatArray | None:
+        """Return the variables with every fingertip back by a distance, by Newton steps from z; None if they fail."""
+
+        def placed(moved: FloatArray) -> FloatArray:
+            result = z.copy()
+            result[free] = moved
+            return result
+
+        found = restore(lambda moved: self._rows(placed(moved), free, back), z[free], STAGE)
+        return placed(found.best) if found.violation <= STAGE.enough else None
+
+    def _rows(self, z: FloatArray, free: IntArray, back: float) -> Linearised:
+        """Return the constraints linearised in the free variables, without those that do not depend on them."""
+        bench, program = self.bench, self.compiled.program
+        size, here = bench.scaling.length, hand_of(program, z)
+        rows = self.kept + program.placement.start
+        g, J = self.compiled.linearise(z, self.theta)
+        g, J = g[rows], J[rows][:, free]
+        if isinstance(bench.problem.body, Mesh) and len(self.near):
+            g[self.near] = bench.hand_points.mesh_clearances(bench.problem.body, here) / size
+        places, slopes = (np.asarray(m.full()) for m in self.tips(*here.values()))
+        gone = np.sum((places - self.begin) * -self.normals.T, axis=0) / size  # along the outward normals
+        blocks = [program.block(HAND, name) for name in here]
+        scales = np.concatenate([np.full(b.stop - b.start, b.scale) for b in blocks])
+        first = blocks[0].start
+        along = np.stack([-n @ slopes[3 * i : 3 * i + 3] for i, n in enumerate(self.normals)]) * scales / size
+        seen = np.abs(J).sum(axis=1) > 1e-9
+        low, high = (limits[rows][seen] for limits in program.limits)
+        aim = np.full(len(gone), back / size)
+        return Linearised(
+            np.concatenate([gone, g[seen]]),
+            np.concatenate([along[:, free - first], J[seen]]),
+            np.concatenate([aim, low]),
+            np.concatenate([aim, high]),
+            *step_bounds(z[free], (program.bounds[0][free], program.bounds[1][free]), LONGEST),
+        )
+
+
+def with_free_way(
+    bench: Workbench, best: StartGrasp, results: Sequence[StartResult], stop: Stop
+) -> tuple[StartGrasp, ...]:
+    """Return the start that is the answer, with its approach, then others whose approach is blocked.
+
+    That is the best one where its way is free; else the next in the order of mu whose way is, and the best one again
+    where there is none.
+
+    Parameters
+    ----------
+    bench : Workbench
+    best : StartGrasp
+        The best start, by quality and robustness.
+    results : sequence of StartResult
+        All of them.
+    stop : Stop
+    """
+    with one_thread():
+        first = approached(bench, best)
+        if not first.record.obstruction or not first.solved:
+            return (first,)
+        blocked = [first]
+        others = [r for r in results if isinstance(r, StartGrasp) and r.solved and r.record.index != best.record.index]
+        for other in sorted(others, key=lambda r: (-r.record.mu.upper, r.record.index)):
+            if stop.requested():
+                break
+            found = approached(bench, at_local_optimum(bench, other, stop))
+            if found.solved and not found.record.obstruction:
+                return (found, *blocked)
+            blocked.append(found)
+        return tuple(blocked)
+
+
+def approached(bench: Workbench, start: StartGrasp) -> StartGrasp:
+    """Return a start with its hand record: posture, pregrasp, phases, penetration of its links."""
+    problem, placed = bench.problem, start.found.placed
+    hand = hand_posture(bench, start)
+    if hand is None:
+        return start
+    if not bench.follows_contacts:
+        opened = attempted(lambda: pregrasp(bench, start.found, bench.options.pregrasp_clearance))
+        model, links = problem.hand, bench.link_depths
+        if opened is not None and model is not None:
+            hand["pregrasp"] = {"clearance": opened.clearance, **model.describe(opened.hand)}
+        if isinstance(model, URDFHand) and links is not None:
+            before = None if opened is None else opened.hand
+            hand |= attempted(lambda: keyframes(problem, model, placed.hand, before, links)) or {}
+    if start.record.obstruction:
+        return replace(start, hand=hand)
+    return replace(start, hand=hand, record=replace(start.record, obstruction="; ".join(of_the_way(hand))))
+
+
+def hand_posture(bench: Workbench, start: StartGrasp) -> dict[str, object] | None:
+    """Return the hand in the grasp as JSON data, None without any."""
+    hand, found = bench.problem.hand, start.found
+    if hand is None:
+        return None
+    data = dict(hand.describe(found.placed.hand)) if found.placed.hand else {}
+    data |= bench.hand_points.at_contacts(found.grasp.points)
+    if not data:
+        return None
+    if start.depth is not None:
+        data["link_depth"] = start.depth.to_dict()
+    if start.tip_gaps:
+        data["tip_gaps"] = list(start.tip_gaps)
+    if isinstance(hand, URDFHand) and bench.options.seeks_room:
+        margins, options = Margins.of(hand, bench.options.joint_margin), bench.options
+        data["room"] = margins.room(found.placed.hand["joints"], options.joint_margin, options.room_price).to_dict()
+    return data
+
+
+def attempted(work: Callable[[], T]) -> T | None:
+    """Return the result of some work, or None where it fails numerically."""
+    try:
+        return work()
+    except (RuntimeError, ArithmeticError, ValueError):
+        return None

@@ -1,0 +1,199 @@
+"""Local optimum of the program (3.5-4) near a grasp, with multipliers and KKT residuals: the end of a local search.
+
+Newton steps with the reduced Hessian lead to where no step helps; there IPOPT solves the program along the directions
+that are weakest, with their multipliers to begin with, and residuals are computed from its answer without it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from nlpgrasp.common.deadline import Stop
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.nlp import SUPPORT, CompiledProgram, NlpResult
+from nlpgrasp.optimize.candidate import Effort, Placed
+from nlpgrasp.optimize.compiled_problem import Workbench, placed_of, variables_of
+from nlpgrasp.optimize.cutting_planes import minimisers_near, most_relevant, piece_parameters, weakest_at, with_new
+from nlpgrasp.optimize.local_search import Point, refine
+from nlpgrasp.optimize.trust_region import Linearisation
+from nlpgrasp.solution.kkt import KKT, kkt_residuals
+
+LAST_ROUNDS, LAST_OF_HAND = 40, 14  # Newton steps; with a hand that has a pose, whose steps take a tenth of a second
+PROGRAM_ROUNDS, ROUNDS_WITH_FORCES = 6, 3  # solves by IPOPT, at most; with finger forces as variables
+NEAR, LEAST_NEAR = 10.0, 1e-5  # trust-region radius of the program over the last step's length; at least, solver units
+WIDE = 0.01  # solver units, trust-region radius after the first solve: where minimisers merge, cuts need room
+BINDING = 1e-9  # least weight of a binding direction
+UNEQUAL = 1e-5  # largest relative slack of binding inequalities: the program smooths the tips of cones
+CLOSE = 1e-3  # largest relative excess of beta over the least ratio in all directions
+
+
+@dataclass(frozen=True)
+class LocalOptimum:
+    """Local optimum of the cutting-plane program, with multipliers and KKT residuals.
+
+    Parameters
+    ----------
+    placed : Placed
+    value : float
+        The least support ratio.
+    cuts, weights : (m, d) and (m,) arrays
+        Directions with ``phi_A = 1`` and their weights, which add up to one.
+    prices : (rows,) array
+        ``d mu / d limit`` of the rows of constraints and hand, in the rows' own units.
+    bounds : dict
+        ``d mu / d bound`` of the hand's variables by name: positive where the upper bound binds, negative the lower.
+    kkt : KKT
+        Residuals of the program along the cuts.
+    effort : Effort
+        Of IPOPT.
+    """
+
+    placed: Placed
+    value: float
+    cuts: FloatArray
+    weights: FloatArray
+    prices: FloatArray
+    bounds: dict[str, FloatArray]
+    kkt: KKT
+    effort: Effort
+
+
+def local_optimum(bench: Workbench, placed: Placed, stop: Stop) -> LocalOptimum | None:
+    """Return the local optimum next to a candidate; its residuals are not small where it did not converge.
+
+    None where the state exerts nothing, and under the torque limits of a hand, which the program does not hold.
+    """
+    if bench.problem.budget.follows_hand:
+        return None
+    rounds = LAST_ROUNDS if bench.follows_contacts else LAST_OF_HAND
+    refined = refine(bench, placed, stop, rounds if bench.exchange.linearises else 0, 0.0)
+    if refined.point.value <= 0.0:
+        return None
+    rng, last = np.random.default_rng(0), LEAST_NEAR if not bench.exchange.linearises else refined.length
+    found = _by_program(bench, refined.point, max(LEAST_NEAR, NEAR * last), rng, stop)
+    return replace(found, effort=refined.effort + found.effort)
+
+
+def _by_program(bench: Workbench, here: Point, radius: float, rng: np.random.Generator, stop: Stop) -> LocalOptimum:
+    """Return IPOPT's solution from a point; where it does not converge, with weak directions at its solution added."""
+    cuts, effort, found = here.cuts, Effort(), list[LocalOptimum]()
+    for _ in range(PROGRAM_ROUNDS if bench.exchange.linearises else ROUNDS_WITH_FORCES):
+        cuts = most_relevant(bench, here.placed, cuts)
+        first = bench.exchange.linearises and not found
+        compiled = bench.exchange.confirming if first else bench.exchange.closing
+        optimum = _solved(bench, compiled, here, cuts, radius, rng)
+        found.append(optimum)
+        effort += optimum.effort
+        if stop.requested() or optimum.kkt.is_small:
+            return replace(optimum, effort=effort)
+        cuts = with_new(bench, cuts, minimisers_near(bench, optimum.placed, rng, cuts).directions)
+        radius = WIDE
+    return replace(min(found, key=lambda optimum: optimum.kkt.largest), effort=effort)
+
+
+def _solved(
+    bench: Workbench,
+    compiled: CompiledProgram,
+    here: Point,
+    cuts: FloatArray,
+    radius: float,
+    rng: np.random.Generator,
+) -> LocalOptimum:
+    """Return IPOPT's solution inside a trust region around a point."""
+    faces, program, scale = here.placed.faces, compiled.program, bench.scaling.beta
+    z, theta = variables_of(bench, program, here.placed), piece_parameters(bench, here.placed, cuts)
+    z[program.block("beta").range] = scale * min(
+        here.value, float(np.min(bench.wrench_set(here.placed).support(cuts)[0]))
+    )
+    result = compiled.solve(z, theta, program.near(z, radius), _multipliers(bench, here, cuts, radius))
+    placed = placed_of(bench, program, faces, result.z)
+    weights = np.maximum(-result.multipliers[program.rows_of(SUPPORT)][: len(cuts)], 0.0)
+    rows = np.array([row.scale for row in bench.rows.named])
+    optimum = LocalOptimum(
+        placed,
+        minimisers_near(bench, placed, rng, cuts).value,
+        cuts,
+        weights / max(float(weights.sum()), 1e-300),
+        result.multipliers[program.placement] / (scale * rows),
+        {name: result.bound_multipliers[b.range] / (scale * b.scale) for name, b in program.hand_blocks},
+        _residuals(compiled, result, theta),
+        Effort.of(result),
+    )
+    return replace(optimum, kkt=_of_whole_inequalities(bench, optimum, result.objective / scale))
+
+
+def _of_whole_inequalities(bench: Workbench, optimum: LocalOptimum, beta: float) -> KKT:
+    """Return the KKT residuals of an optimum, with errors of the inequalities in all directions included.
+
+    The inequalities are those of all directions: beta has to be next to the least ratio. Complementarity is theirs,
+    too: where the program holds one contact's support in place of the largest (``nlpgrasp.nlp.formulation``), a
+    row may bind though its inequality does not.
+    """
+    kkt = _binding(optimum.kkt, optimum.cuts, optimum.weights)
+    slack = bench.wrench_set(optimum.placed).support(optimum.cuts)[0] - beta
+    apart = float(np.max(optimum.weights * np.abs(slack), initial=0.0)) / max(abs(beta), 1e-300)
+    above = (beta - optimum.value) / max(abs(beta), 1e-300)
+    return replace(
+        kkt,
+        feasibility=kkt.feasibility if above <= CLOSE else max(kkt.feasibility, above),
+        complementarity=kkt.complementarity if apart <= UNEQUAL else max(kkt.complementarity, apart),
+    )
+
+
+def _binding(kkt: KKT, cuts: FloatArray, weights: FloatArray) -> KKT:
+    """Return residuals with the binding directions (m, d), and their weights."""
+    binding = weights > BINDING
+    directions = tuple(tuple(map(float, direction)) for direction in cuts[binding])
+    return replace(kkt, directions=directions, weights=tuple(weights[binding].tolist()))
+
+
+def residuals_at(bench: Workbench, placed: Placed) -> KKT:
+    """Return the KKT residuals at a candidate, with the multipliers of the linearised program there."""
+    cuts = most_relevant(bench, placed, weakest_at(bench, placed, np.random.default_rng(0)).directions)
+    linear = Linearisation(bench, placed, cuts)
+    step = linear.quadratic_step(LEAST_NEAR) if len(cuts) and bench.exchange.linearises else None
+    rows = linear.rows()
+    nothing = np.zeros(len(rows.values)), np.zeros(len(linear.z))
+    multipliers = nothing if step is None else (step.multipliers, step.bound_multipliers)
+    constraints = rows.values, rows.lower, rows.upper
+    kkt = _kkt(linear.z, linear.beta, rows.jacobian, constraints, linear.compiled.program.bounds, multipliers)
+    weights = np.zeros(len(cuts)) if step is None else np.maximum(linear.support(step.multipliers), 0.0)
+    weights /= max(float(weights.sum()), 1e-300)
+    return _binding(kkt, cuts, weights)
+
+
+def _multipliers(
+    bench: Workbench, here: Point, cuts: FloatArray, radius: float
+) -> tuple[FloatArray, FloatArray] | None:
+    """Return the multipliers of constraints and bounds of the linearised program at a point, None without any."""
+    if not bench.exchange.linearises:
+        return None
+    step = Linearisation(bench, here.placed, cuts).quadratic_step(radius)
+    return None if step is None else (step.multipliers, step.bound_multipliers)
+
+
+def _residuals(compiled: CompiledProgram, result: NlpResult, theta: FloatArray) -> KKT:
+    """Return the KKT residuals of IPOPT's answer in the program without a trust region."""
+    program = compiled.program
+    values, jacobian = compiled.linearise(result.z, theta)
+    multipliers = result.multipliers, result.bound_multipliers
+    beta = program.block("beta").start
+    return _kkt(result.z, beta, jacobian, (values, *program.limits), program.bounds, multipliers)
+
+
+def _kkt(
+    z: FloatArray,
+    beta: int,
+    jacobian: FloatArray,
+    constraints: tuple[FloatArray, FloatArray, FloatArray],
+    bounds: tuple[FloatArray, FloatArray],
+    multipliers: tuple[FloatArray, FloatArray],
+) -> KKT:
+    """Return the KKT residuals of variables (n,), solver units, with beta's size as the unit of the objective."""
+    size = max(abs(float(z[beta])), 1e-300)
+    gradient = np.zeros(len(z))
+    gradient[beta] = 1.0 / size
+    of_rows, of_bounds = (each / size for each in multipliers)
+    return KKT(*kkt_residuals(gradient, jacobian, constraints, (z, *bounds), of_rows, of_bounds))

@@ -1,0 +1,200 @@
+"""Local search: maximisation of mu by cutting planes in a trust region.
+
+The support inequalities (Li and Sastry 1986, equation 3.4-3) hold in the directions where the current grasp is weakest.
+A step maximises beta in the linearised program plus the curvature of its Lagrangian; contacts and hand return to the
+constraints, are weakest in other directions there, and so on until no step helps. Where forces are variables of the
+program, IPOPT solves it inside the trust region instead.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from nlpgrasp.common.deadline import Stop
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.optimize.candidate import AscentState, Effort, Placed
+from nlpgrasp.optimize.compiled_problem import FEASIBLE, Workbench, variables_of
+from nlpgrasp.optimize.cutting_planes import disproved, minimisers_near, most_relevant, weakest_at
+from nlpgrasp.optimize.trust_region import ACTIVE, Linearisation, program_step, reduced_hessian
+from nlpgrasp.quality.sandwich import Begun
+from nlpgrasp.quality.weakest_directions import MISSED
+
+LOOKS = 4  # certificates that look for directions missed by descents, at most
+RADIUS, MOST_RADIUS = 0.03, 0.1  # trust-region radius, first and most, over the body's size
+LONGER, SHORTER = 1.5, 0.4  # factors of the trust-region radius after a step that is accepted, and rejected
+SETTLED = 1e-7  # solver units, change of the Lagrangian's gradient over a step at which refinement ends
+NO_LOSS = 1e-9  # relative decrease that still counts as none
+NEAR = 0.02  # predicted relative gain of a step without curvature below which curvature is used
+LEAST_GAIN, IDLE = 1e-4, 2  # relative gain below which a round is idle; idle rounds in a row that end a refinement
+FAIR = 0.5  # ratio of actual to predicted gain below which curvature is used
+
+
+@dataclass(frozen=True)
+class Point:
+    """Candidate with its weakest directions.
+
+    Parameters
+    ----------
+    placed : Placed
+    value : float
+        The least support ratio.
+    minimisers : (m, d) array
+        Local minimisers of the ratio, each with ``phi_A = 1``.
+    others : (m', d) array
+        Directions in which places nearby are weaker.
+    """
+
+    placed: Placed
+    value: float
+    minimisers: FloatArray
+    others: FloatArray
+
+    @property
+    def cuts(self) -> FloatArray:
+        """All directions, (m + m', d)."""
+        return np.concatenate([self.minimisers, self.others])
+
+
+@dataclass(frozen=True)
+class Refined:
+    """Result of a refinement.
+
+    Parameters
+    ----------
+    point : Point
+    length : float
+        Of the last step, solver units.
+    multipliers : (rows,) array
+        Of the rows of constraints and hand in the last step, solver units.
+    history : tuple of float
+        The least ratio at first and after each step.
+    effort : Effort
+        Of IPOPT.
+    certificate : Begun or None
+        Of the point, as far as it told that descents missed nothing.
+    """
+
+    point: Point
+    length: float
+    multipliers: FloatArray
+    history: tuple[float, ...] = ()
+    effort: Effort = field(default_factory=Effort)
+    certificate: Begun | None = None
+
+    def state(self) -> AscentState:
+        """Return the result as the state of a local search."""
+        point = self.point
+        return AscentState(point.placed, point.value, point.cuts, self.multipliers, self.effort, list(self.history))
+
+
+def point_at(bench: Workbench, placed: Placed, known: FloatArray, rng: np.random.Generator) -> Point:
+    """Return a candidate with its weakest directions, searched from known ones (m, d) as well."""
+    found = minimisers_near(bench, placed, rng, known)
+    return Point(placed, found.value, found.directions, found.directions[:0])
+
+
+def refine(
+    bench: Workbench, placed: Placed, stop: Stop, rounds: int | None = None, least: float = LEAST_GAIN
+) -> Refined:
+    """Return the local optimum reached from a candidate within some rounds; itself where it does not exert the task.
+
+    Rounds end where two in a row gain less than a share ``least``, or where the Lagrangian is flat. Descents may
+    flatter: a polytope looks for directions that they missed, and the search goes on with these, from where it began if
+    it was led astray.
+    """
+    rng, rounds = np.random.default_rng(0), bench.options.rounds if rounds is None else rounds
+    sure = refined = _begun(bench, placed, rng)
+    for _ in range(LOOKS):
+        refined = _settled(bench, refined, rng, stop, rounds, least)
+        here = refined.point
+        missed, begun = disproved(bench, here.placed, here.value)
+        if missed is None:
+            return replace(refined, certificate=begun)
+        again = point_at(bench, here.placed, np.concatenate([missed.directions, here.minimisers]), rng)
+        value = min(again.value, missed.value)
+        if value > sure.point.value:
+            sure = refined = replace(refined, point=replace(again, value=value, others=here.others))
+        else:
+            others = np.concatenate([missed.directions, sure.point.others])
+            sure = refined = replace(sure, point=replace(sure.point, others=others), effort=refined.effort)
+        if stop.requested():
+            break
+    return sure
+
+
+def advance(bench: Workbench, placed: Placed, stop: Stop, rounds: int) -> Refined:
+    """Return a candidate after a few rounds of refinement, by whose values candidates can be compared.
+
+    No certificate has looked for directions in which it is weaker.
+    """
+    rng, rounds = np.random.default_rng(0), min(rounds, bench.options.rounds)
+    return _settled(bench, _begun(bench, placed, rng), rng, stop, rounds, LEAST_GAIN)
+
+
+def _begun(bench: Workbench, placed: Placed, rng: np.random.Generator) -> Refined:
+    """Return a candidate as the beginning of a refinement."""
+    here = point_at(bench, placed, weakest_at(bench, placed, rng).directions, rng)
+    return Refined(here, RADIUS, np.zeros(len(bench.rows.named)), (here.value,))
+
+
+def _settled(
+    bench: Workbench, refined: Refined, rng: np.random.Generator, stop: Stop, rounds: int, least: float
+) -> Refined:
+    """Return the point at which no trust-region step improves any more."""
+    begun = here = refined.point
+    radius, curvature, near, stale, idle = RADIUS, None, least == 0.0, True, 0
+    for _ in range(rounds):
+        if stop.requested() or here.value <= 0.0 or idle == IDLE:
+            return refined
+        cuts = most_relevant(bench, here.placed, here.cuts)
+        if bench.exchange.linearises:
+            linear = Linearisation(bench, here.placed, cuts)
+            first = linear.quadratic_step(radius, curvature)
+            if first is None or (curvature is not None and float(np.max(np.abs(curvature @ first.d))) < SETTLED):
+                return refined
+            near = near or float(first.d[linear.beta]) < NEAR * here.value * bench.scaling.beta
+            stale = stale or least == 0.0
+            if near and stale:
+                known = np.arange(len(cuts)) < len(here.minimisers)
+                curvature = reduced_hessian(linear, cuts, known, first.multipliers)
+                first = linear.quadratic_step(radius, curvature)
+            stale = not stale if near else True
+            step = None if first is None else linear.step(first, radius)
+        else:
+            step = program_step(bench, here.placed, here.value, cuts, radius)
+        if step is None or bench.violation(step.placed) > FEASIBLE:
+            radius, stale = SHORTER * radius, True
+            continue
+        moved = float(np.max(np.abs(_differences(bench, step.placed, here.placed))))
+        refined = replace(refined, effort=refined.effort + step.effort)
+        there = point_at(bench, step.placed, here.minimisers, rng)
+        near = near or there.value - here.value < FAIR * step.promised
+        accepted = there.value >= here.value * (1.0 - NO_LOSS)
+        if there.value >= (1.0 + least) * here.value:
+            idle = 0
+        elif accepted or least > 0.0:  # the last step shortens its steps until one helps
+            idle += 1
+        if accepted:
+            binding = cuts[np.flatnonzero(step.support > ACTIVE)] if len(here.others) else here.others
+            here, radius = replace(there, others=binding), min(LONGER * radius, MOST_RADIUS)
+            history = (*refined.history, here.value)
+            refined = replace(refined, point=here, length=moved, multipliers=step.multipliers, history=history)
+        else:
+            again = point_at(bench, here.placed, np.concatenate([here.minimisers, there.minimisers]), rng)
+            others = np.concatenate([there.minimisers, here.others])
+            if again.value < (1.0 - MISSED) * begun.value:  # descents had flattered it
+                again, others = begun, np.concatenate([again.minimisers, others])
+            here = replace(again, others=others)
+            radius, stale = SHORTER * min(radius, moved), True
+            refined = replace(refined, point=here)
+    return refined
+
+
+def _differences(bench: Workbench, there: Placed, here: Placed) -> FloatArray:
+    """Return the difference of two candidates in the program's variables but beta and forces, solver units."""
+    program = bench.exchange.compiled.program
+    moved = variables_of(bench, program, there) - variables_of(bench, program, here)
+    moved[program.block("beta").range] = 0.0
+    return moved

@@ -1,1 +1,0 @@
-"""Several distinct grasps of one solve, each certified."""

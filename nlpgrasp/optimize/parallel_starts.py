@@ -1,0 +1,271 @@
+"""Parallel runs of starts over the machine's cores, with results as they complete."""
+
+from __future__ import annotations
+
+import pickle
+import sys
+import time
+import uuid
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+from dataclasses import dataclass
+from functools import cached_property, partial
+from itertools import islice
+from typing import Generic, Protocol, TypeVar, cast
+
+import cloudpickle
+from loky.process_executor import BrokenProcessPool
+
+from nlpgrasp.common.deadline import Stop
+from nlpgrasp.errors import InputError
+from nlpgrasp.optimize.candidate import Placed
+from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.options import SolveOptions
+from nlpgrasp.optimize.processes import Processes, cores
+from nlpgrasp.optimize.start import failed, run_start
+from nlpgrasp.optimize.start_result import StartGrasp, StartResult
+from nlpgrasp.optimize.warm_starts import KnownGrasp, WarmStart, run_warm_start
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.solution.records import StartRecord, Status
+
+NOT_BEGUN = "not begun"
+WAITING = 4  # starts per worker that are under way or wait for one
+GRACE = 10.0  # seconds in-flight starts get to finish after a stop
+
+
+class Asked(Protocol):
+    """Protocol of a problem with its solve options."""
+
+    @property
+    def problem(self) -> GraspProblem:
+        """Problem to solve."""
+
+    @property
+    def options(self) -> SolveOptions:
+        """Options of the solve."""
+
+
+Case = TypeVar("Case", bound=Asked)
+Item = TypeVar("Item")
+_unpacked: dict[str, object] = {}  # in this process: the item of the last parcel
+
+
+@dataclass(frozen=True)
+class Parcel(Generic[Item]):
+    """Pickled payload for worker processes, with the caller's import path.
+
+    Parameters
+    ----------
+    token : str
+        The same for all parcels of one item: a process unpacks it once, and keeps it until another comes.
+    path : tuple of str
+        The caller's ``sys.path``.
+    content : bytes
+        The item.
+    """
+
+    token: str
+    path: tuple[str, ...]
+    content: bytes
+
+    @classmethod
+    def of(cls, item: Item, token: str = "") -> Parcel[Item]:
+        """Pickle an item; errors of its parts are raised."""
+        return cls(token or uuid.uuid4().hex, tuple(sys.path), bytes(cloudpickle.dumps(item)))
+
+    def unpacked(self) -> Item:
+        """Return the item in this process."""
+        if self.token not in _unpacked:
+            _unpacked.clear()  # before the next one is built: each may hold a gigabyte
+            sys.path.extend(entry for entry in self.path if entry not in sys.path)  # before its modules are imported
+            _unpacked[self.token] = cloudpickle.loads(self.content)
+        return cast("Item", _unpacked[self.token])
+
+
+@dataclass(frozen=True)
+class LazyBench(Generic[Case]):
+    """Compiled problem, built on first use in each process: compiled programs are not pickled.
+
+    Parameters
+    ----------
+    make : callable
+        Returns what is asked; called once in a process.
+    """
+
+    make: Callable[[], Case]
+
+    @cached_property
+    def case(self) -> Case:
+        """Problem and options, made in this process."""
+        return self.make()
+
+    @cached_property
+    def bench(self) -> Workbench:
+        """Compiled problem."""
+        return Workbench(self.case.problem, self.case.options)
+
+
+Found = TypeVar("Found")
+Candidates = Iterable[tuple[int, Sequence[Placed]]]
+"""Numbers of starts with the candidates of each."""
+_kept: list[Runner] = []  # the last solve's, at most one, and nobody's while it is here
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """Problem with its solve options."""
+
+    problem: GraspProblem
+    options: SolveOptions
+
+
+class Runner:
+    """Runs starts and analyses of one problem, in worker processes that hold its compiled programs or in this one.
+
+    A worker that dies costs the starts in flight, which are reported as failed.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+    options : SolveOptions
+    starts : int
+    bench : Workbench, optional
+        Of the problem, where it has one already: the starts then run in this process.
+    """
+
+    def __init__(
+        self, problem: GraspProblem, options: SolveOptions, starts: int, bench: Workbench | None = None
+    ) -> None:
+        self.problem, self.options, self.count = problem, options, starts
+        self.workers = 1 if bench is not None else min(options.workers or cores(), starts)
+        self._bench = bench
+        self._parcel: Parcel[LazyBench[_Asked]] | None = None
+
+    @classmethod
+    def going_on(cls, problem: GraspProblem, options: SolveOptions, starts: int) -> Runner:
+        """Return a runner that compiles nothing anew where the runner kept last had the same problem and options."""
+        last = _kept.pop() if _kept else None
+        new = cls(problem, options, starts)
+        if last is not None and last.problem is problem and last.options == options:
+            new._bench = last._bench
+            new._parcel = last._parcel if new.workers > 1 else None
+        return new
+
+    def keep(self) -> None:
+        """Keep what was compiled for the next solve, if that is of the same problem."""
+        _kept[:] = [self]
+
+    def prepare(self) -> None:
+        """Begin to compile the problem in worker processes, where there are any."""
+        if self.workers == 1:
+            return
+        try:
+            self._parcel = self._parcel or Parcel.of(LazyBench(partial(_Asked, self.problem, self.options)))
+        except (TypeError, ValueError, AttributeError, pickle.PicklingError) as error:
+            reason = f"{type(error).__name__}: {error}"
+            raise InputError("problem", reason, "parts that can be sent to worker processes, or workers=1") from None
+        processes = Processes(self.workers)
+        for _ in range(self.workers):
+            processes.submit(_compile, self._parcel)
+
+    def starts(self, candidates: Candidates, seed: int, stop: Stop) -> Iterator[StartResult]:
+        """Yield the result of each start, given by its number and candidates, as it is done, in any order."""
+        if self.workers == 1:
+            yield from self._here(candidates, seed, stop)
+        else:
+            yield from self._in_processes(candidates, seed, stop)
+
+    def warm_starts(self, known: Sequence[KnownGrasp], first: int, stop: Stop) -> Iterator[StartResult]:
+        """Yield the starts from known grasps, as each is and refined, numbered from ``first`` on, two each."""
+        items = [(first + 2 * i, grasp) for i, grasp in enumerate(known)]
+        for found in self.begin(partial(_warm, stop=stop), items)():
+            yield from found
+
+    def run(self, work: Callable[[Workbench, Item], Found], item: Item) -> Found | None:
+        """Return what a function of some module makes of the workbench and an item; None where a worker ends."""
+        return next(iter(self.begin(work, [item])()), None)
+
+    def begin(self, work: Callable[[Workbench, Item], Found], items: Sequence[Item]) -> Callable[[], list[Found]]:
+        """Begin a module-level function of the compiled problem on each item.
+
+        The call that is returned waits for it: nothing where a worker ends. Without workers the work is done then.
+        """
+        if self._parcel is None or not items:
+            return lambda: [work(self.bench, item) for item in items]
+        processes = Processes(self.workers)
+        try:
+            return partial(_done, [processes.submit(_each, self._parcel, work, item) for item in items])
+        except (BrokenProcessPool, OSError, RuntimeError):
+            return list
+
+    @property
+    def bench(self) -> Workbench:
+        """Compiled problem of this process, built on first use."""
+        if self._bench is None:
+            self._bench = Workbench(self.problem, self.options)
+        return self._bench
+
+    def _here(self, candidates: Candidates, seed: int, stop: Stop) -> Iterator[StartResult]:
+        """Run the starts in this process; after a stop request the running one, or the first, ends with what it has."""
+        for index, own in candidates:
+            if stop.requested() and index:
+                break
+            yield run_start(self.bench, index, seed, stop, candidates=own)
+
+    def _in_processes(self, candidates: Candidates, seed: int, stop: Stop) -> Iterator[StartResult]:
+        parcel, processes = cast("Parcel[LazyBench[_Asked]]", self._parcel), Processes(self.workers)
+        waiting, pending, give_up = iter(candidates), dict[Future[StartResult], int](), None
+        while True:
+            for index, own in islice(waiting, max(0, WAITING * self.workers - len(pending))):
+                pending[processes.submit(_work, parcel, index, own, seed, stop)] = index
+            if not pending:
+                break
+            done, _ = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
+            for future in done:
+                yield _result(future, pending.pop(future))
+            if stop.requested() and pending:
+                give_up = give_up or time.monotonic() + GRACE
+                for future in [f for f in pending if f.cancel()]:
+                    pending.pop(future)
+                if time.monotonic() > give_up:
+                    processes.end()
+                    break
+
+
+def _compile(parcel: Parcel[LazyBench[_Asked]]) -> None:
+    """Compile the problem in a worker."""
+    parcel.unpacked().bench.exchange.compiled  # noqa: B018
+
+
+def _work(
+    parcel: Parcel[LazyBench[_Asked]], index: int, candidates: Sequence[Placed], seed: int, stop: Stop
+) -> StartResult:
+    """Run one start in a worker, unless it is too late to begin any but the first."""
+    if stop.requested() and index:
+        return StartResult(StartRecord(index, Status.TIME_LIMIT, message=NOT_BEGUN))
+    return run_start(parcel.unpacked().bench, index, seed, stop, candidates=candidates)
+
+
+def _warm(bench: Workbench, item: tuple[int, KnownGrasp], stop: Stop) -> list[StartGrasp]:
+    """Run the starts from one known grasp."""
+    return run_warm_start(bench, WarmStart.of(bench, item[1]), item[0], stop)
+
+
+def _each(parcel: Parcel[LazyBench[_Asked]], work: Callable[[Workbench, Item], Found], item: Item) -> Found:
+    """Run a part of the remaining work in a worker."""
+    return work(parcel.unpacked().bench, item)
+
+
+def _done(futures: Sequence[Future[Found]]) -> list[Found]:
+    """Wait for parts of the remaining work; none of them where a worker ends."""
+    try:
+        return [future.result() for future in futures]
+    except (BrokenProcessPool, CancelledError, OSError, RuntimeError):
+        return []
+
+
+def _result(future: Future[StartResult], index: int) -> StartResult:
+    try:
+        return future.result()
+    except (BrokenProcessPool, CancelledError, OSError, SystemExit, ImportError) as error:
+        return failed(index, RuntimeError(f"the worker process ended: {type(error).__name__}: {error}"))

@@ -1,1 +1,0 @@
-"""Joint-limit margins of a hand's posture in a grasp."""

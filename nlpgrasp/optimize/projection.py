@@ -1,0 +1,183 @@
+"""Projection of candidates onto the constraints, and of contacts and flat fingertips onto the triangles of a mesh.
+
+A flat pad touches a mesh in an edge or a corner, where its normal is none of a triangle's: contacts keep the normals of
+the smooth surface. The hand moves as little as it can until every fingertip touches: for a round tip with centre c and
+radius r the nearest point p of the mesh is at distance r, and the normal is ``(p - c) / r``. Links keep their distance
+from the mesh, not from the solver's spline of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from nlpgrasp.bodies import Mesh
+from nlpgrasp.bodies.mesh.facets import Facets
+from nlpgrasp.common.quadratic_program import Linearised, NewtonRules, RowSlack, restore, step_bounds
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.hands.base import Values
+from nlpgrasp.optimize.candidate import Placed
+from nlpgrasp.optimize.compiled_problem import (
+    FEASIBLE,
+    Workbench,
+    hand_of,
+    placed_of,
+    points_of,
+    put_contacts,
+    variables_of,
+)
+from nlpgrasp.optimize.cutting_planes import no_cuts
+from nlpgrasp.optimize.grasp_on_body import OnBody, match_on_mesh
+from nlpgrasp.quality.grasp import Grasp
+
+LONGEST = 0.4  # longest step, solver units
+# RowSlack: weight of the squared violations against the squared step
+RULES = NewtonRules(steps=25, enough=0.1 * FEASIBLE, patience=6, slack=RowSlack(1e4))
+TOUCHING = 1e-4  # violation, relative to the constraints' scales, that counts as none
+STEPS = 12  # Newton steps to the nearest mesh points, at most
+TIP_TOUCHING = 1e-6  # metres between tip and mesh at which the steps end
+LONGEST_HAND_STEP = 0.3  # longest step, solver units
+OVERLAP = 0.2  # share of a tip's radius: the mesh has no usable normal nearer to its centre
+
+
+def touching(bench: Workbench, candidate: Placed) -> tuple[Placed, float]:
+    """Return a candidate projected onto the constraints, and the remaining violation, relative to their scales."""
+    compiled = bench.exchange.compiled
+    program, theta = compiled.program, no_cuts(bench, candidate)
+    used = slice(program.contained, None)
+    low, high = (limits[used] for limits in program.limits)
+
+    def rows(z: FloatArray) -> Linearised:
+        g, J = compiled.linearise(z, theta)
+        return Linearised(g[used], J[used], low, high, *step_bounds(z, program.bounds, LONGEST))
+
+    found = restore(rows, variables_of(bench, program, candidate), RULES)
+    return placed_of(bench, program, candidate.faces, found.best), found.violation
+
+
+def touch_mesh(bench: Workbench, smooth: Placed) -> tuple[Placed, Grasp]:
+    """Return the hand moved into contact with the mesh, from contacts on the smooth surface, and its grasp."""
+    touching = _Touching(bench, smooth)
+    rows = restore(
+        touching.nearest, touching.z[touching.free], NewtonRules(STEPS, TIP_TOUCHING / bench.scaling.length)
+    ).rows
+    return Placed(smooth.faces, rows.contacts, rows.hand), bench.grasp_at(rows.contacts, rows.normals)
+
+
+@dataclass(frozen=True)
+class _TouchRows(Linearised):
+    """Constraints of a touching hand, linearised, with its contacts and configuration."""
+
+    contacts: FloatArray
+    normals: FloatArray
+    hand: Values
+
+
+class _Touching:
+    """Linearisation of the constraints in the hand's variables, for Newton steps towards contact."""
+
+    def __init__(self, bench: Workbench, start: Placed) -> None:
+        self.bench, self.program = bench, bench.exchange.compiled.program
+        self.theta = no_cuts(bench, start)
+        self.z = variables_of(bench, self.program, start)
+        self.smooth = bench.inward_normals(start)
+        self.free = np.concatenate([np.arange(b.start, b.stop) for _, b in self.program.hand_blocks])
+
+    def nearest(self, free: FloatArray) -> _TouchRows:
+        """Return the constraints for contacts at the mesh points nearest to the fingertips.
+
+        Tips that are not round keep the smooth normal: theirs, as they touch along it.
+        """
+        bench = self.bench
+        radii = np.asarray(bench.hand_points.hand.tip_radii)
+        centres = bench.hand_points.tip_centres(self._hand(free), points_of(bench, self.program, self.z))
+        contacts, _, distance = bench.surface.mesh.closest(centres)
+        towards = contacts - centres
+        outside = np.sum(towards * self.smooth, axis=1) > 0.0
+        round_tip = (radii > 0.0) & (distance > OVERLAP * radii) & outside
+        inward = np.where(round_tip[:, None], towards / np.maximum(distance, 1e-12)[:, None], self.smooth)
+        return self.rows(free, contacts, inward)
+
+    def rows(self, free: FloatArray, contacts: FloatArray, normals: FloatArray) -> _TouchRows:
+        """Return the constraints for values of the hand's variables and arbitrary contacts."""
+        bench, program, here = self.bench, self.program, self._hand(free)
+        put_contacts(bench, program, self.z, contacts, normals)
+        g, J = bench.exchange.compiled.linearise(self.z, self.theta)
+        used = program.placement
+        g = g[used]
+        g[bench.rows.clearances] = bench.hand_points.mesh_clearances(bench.surface.mesh, here) / bench.scaling.length
+        low, high = (limits[used] for limits in program.limits)
+        bounds = step_bounds(free, (program.bounds[0][self.free], program.bounds[1][self.free]), LONGEST_HAND_STEP)
+        return _TouchRows(g, J[used][:, self.free], low, high, *bounds, contacts, normals, here)
+
+    def _hand(self, free: FloatArray) -> Values:
+        """Return the hand's variables, and store them."""
+        self.z[self.free] = free
+        return hand_of(self.program, self.z)
+
+
+def on_triangles(bench: Workbench, placed: Placed, places: Sequence[FloatArray] = ()) -> tuple[Workbench, Placed]:
+    """Return the compiled problem whose faces are the mesh triangles under the contacts, and the candidate on them.
+
+    Of another body both are as they are.
+
+    Parameters
+    ----------
+    bench : Workbench
+    placed : Placed
+        Contacts may say by their faces which triangles theirs are.
+    places : sequence of (k, 3) arrays
+        Where contacts stay away from sharp edges, metres; about themselves if not given.
+    """
+    problem, body = bench.problem, bench.problem.body
+    if not isinstance(body, Mesh):
+        return bench, placed
+    triangles = body.triangles_at(placed.points)
+    for i, face in enumerate(placed.faces):
+        if face not in body.face_names:  # on an edge two are as near
+            triangles[i] = Facets.triangle_of(face)
+    facets = Facets(body, triangles, np.stack([placed.points] if not len(places) else places), problem.margin)
+    models = tuple(replace(model, faces=(name,)) for model, name in zip(problem.models, facets.names, strict=True))
+    own = problem.unchecked(body=facets, contacts=models)
+    return bench.with_faces(own), replace(placed, faces=facets.names)
+
+
+def put_on_body(bench: Workbench, own: Workbench, placed: Placed, begun: FloatArray | None = None) -> OnBody:
+    """Return the grasp of the body itself.
+
+    Parameters
+    ----------
+    bench : Workbench
+    own : Workbench
+        ``bench``, or on a mesh the one whose faces are the triangles that contacts are on; ``bench`` where flat
+        fingertips touch its edges and corners.
+    placed : Placed
+        On the faces of ``own``.
+    begun : (k, 3) array, optional
+        Where contacts were on the smooth surface of a mesh, metres; where they are if not given.
+    """
+    body = bench.problem.body
+    if not isinstance(body, Mesh):
+        return OnBody.of(bench, placed, bench.grasp(placed))
+    there, grasp = Placed(body.face_names * len(placed.points), placed.points, placed.hand), own.grasp(placed)
+    if own is bench:
+        there, grasp = touch_mesh(bench, there)
+    start = placed.points if begun is None else begun
+    match = match_on_mesh(body, start, grasp, bench.inward_normals(there), bench.follows_contacts)
+    return OnBody.of(bench, there, grasp, match)
+
+
+def touching_on_body(bench: Workbench, placed: Placed) -> tuple[Workbench, Placed, float]:
+    """Return a candidate projected onto its constraints, on a mesh on its triangles, and the remaining violation.
+
+    The first part is the compiled problem whose faces its contacts are on. It is that of a mesh's smooth surface where
+    flat fingertips cannot lie on triangles.
+    """
+    own, there = on_triangles(bench, placed)
+    moved, left = touching(own, there)
+    if left > TOUCHING and own is not bench and bench.hand_points.has_flat_tips:
+        own, faces = bench, bench.problem.body.face_names * len(placed.points)
+        moved, left = touching(own, own.snapped(replace(placed, faces=faces)))
+    return own, own.snapped(moved), left

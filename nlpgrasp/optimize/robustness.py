@@ -1,0 +1,173 @@
+"""Robustness: worst-case quality found under contact displacement and friction loss.
+
+Friction that is less makes every cone smaller, so the worst of it is the least friction. A contact that may slip over
+a sharp edge is lost, and with it all that it presses: no other place of it is worse. Where the other contacts are worst
+is searched for: each slides in turn to the place within reach that hurts most, until no slide hurts more. What is
+found is a placement that may happen, with its certified quality: an upper bound on the worst there is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from nlpgrasp.bodies import Mesh
+from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.common.spatial import tangents
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.contacts import ContactModel
+from nlpgrasp.optimize.candidate import Placed
+from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.grasp_on_body import edge_distances
+from nlpgrasp.quality import Bounds, mu
+from nlpgrasp.quality.grasp import Grasp, GraspStack
+from nlpgrasp.quality.screening import sampled_ratios
+from nlpgrasp.quality.weakest_directions import QUICK, weakest_directions
+from nlpgrasp.solution.analysis_records import Robustness
+
+AROUND = 16  # displaced positions per contact
+SWEEPS, ROUNDS = 6, 3  # sweeps of displacements in turn; searches for weak directions
+BEGINNINGS = 3  # initial displacements, at most
+RTOL, LOOSE = 0.02, 0.1
+Places = list[tuple[FloatArray, FloatArray]]  # where each contact may be, and inward normals
+SLIPS = 0.99  # share of the reach: a contact nearer to an edge may slip over it
+TOO_FAR = 1.5  # times the reach: such a point is off the face
+
+
+def robustness(bench: Workbench, placed: Placed, grasp: Grasp, quickly: bool = False) -> Robustness:
+    """Return the certified quality of the worst placement found near a grasp, with the options' displacement.
+
+    Parameters
+    ----------
+    bench : Workbench
+    placed : Placed
+        The hand's posture counts as the same.
+    grasp : Grasp
+        The same contacts with the body's own normals.
+    quickly : bool
+        Look from where the contacts are alone, and certify more loosely: a third of the time. The quality stated may
+        then be a few percent above that of the worst placement which a closer look finds.
+    """
+    offset, share = bench.options.robust_offset, bench.options.robust_friction
+    models = [model.with_friction(1.0 - share) for model in grasp.contacts]
+    places = places_near(bench, placed.faces, grasp.points, grasp.normals)
+    budget, lost = bench.budget(placed), _over_edges(bench, placed)
+    points, normals = grasp.points.copy(), grasp.normals.copy()
+    rest = [i for i in range(len(models)) if i not in lost]
+    bounds = Bounds(0.0, 0.0)
+    beginnings, rtol = (1, LOOSE) if quickly else (BEGINNINGS, RTOL)
+    if rest:
+        models, places = [models[i] for i in rest], [places[i] for i in rest]
+        chosen, _ = worst_displacement(bench, models, places, budget, np.random.default_rng(0), beginnings)
+        found = _at(bench, models, places, chosen)
+        bounds = mu(found, bench.problem.task, rtol, force_budget=budget)
+        points[rest], normals[rest] = found.points, found.normals
+    return Robustness(offset, share, bounds, points, normals, lost)
+
+
+def _over_edges(bench: Workbench, placed: Placed) -> tuple[int, ...]:
+    """Return the contacts that may slip over a sharp edge within the options' displacement.
+
+    None where the force budget counts on each contact by its number, as that of a hand's joints does.
+    """
+    if bench.problem.budget.depends_on_frames:
+        return ()
+    apart = edge_distances(bench.problem, placed)
+    return tuple(np.flatnonzero(apart < SLIPS * bench.options.robust_offset).tolist())
+
+
+def worst_displacement(
+    bench: Workbench,
+    models: Sequence[ContactModel],
+    places: Places,
+    budget: ForceBudget,
+    rng: np.random.Generator,
+    beginnings: int = BEGINNINGS,
+) -> tuple[list[int], FloatArray]:
+    """Return each contact's worst displacement found, as an index of its places, and the weak directions, (m, d).
+
+    Parameters
+    ----------
+    bench : Workbench
+    models : sequence of k ContactModel
+    places : list of k pairs
+        Points and inward normals where each contact may be, itself first.
+    budget : ForceBudget
+    rng : numpy.random.Generator
+    beginnings : int
+        The contacts where they are, and random places.
+    """
+    least, worst = np.inf, [0] * len(places)
+    y = np.zeros((0, bench.problem.dimension))
+    for beginning in range(beginnings):
+        chosen = [0 if beginning == 0 else int(rng.integers(len(points))) for points, _ in places]
+        for _ in range(ROUNDS):
+            there = _at(bench, models, places, chosen)
+            weakest = weakest_directions(there, bench.problem.task, budget, rng, y, QUICK)
+            if weakest.value < least:
+                least, worst = weakest.value, list(chosen)
+            if weakest.value <= 0.0:
+                break
+            y = np.concatenate([y, weakest.directions])[-300:]
+            if not _slide(bench, models, places, chosen, y):
+                break
+    return worst, y
+
+
+def _slide(bench: Workbench, models: Sequence[ContactModel], places: Places, chosen: list[int], y: FloatArray) -> bool:
+    """Move contacts in turn, in place, to minimise the least ratio; return whether any moved."""
+    moved = False
+    for _ in range(SWEEPS):
+        before = list(chosen)
+        for i, (points, normals) in enumerate(places):
+            count = len(points)
+            p = np.stack([np.array([places[j][0][c] for j, c in enumerate(chosen)])] * count)
+            n = np.stack([np.array([places[j][1][c] for j, c in enumerate(chosen)])] * count)
+            p[:, i], n[:, i] = points, normals
+            stack = GraspStack(p, n, models, bench.problem.origin)
+            ratios = sampled_ratios(stack, bench.problem.task, y, bench.screening_budget)
+            chosen[i] = int(np.argmin(np.min(ratios, axis=1)))
+        if chosen == before:
+            break
+        moved = True
+    return moved
+
+
+def _at(bench: Workbench, models: Sequence[ContactModel], places: Places, chosen: Sequence[int]) -> Grasp:
+    points = np.array([p[c] for (p, _), c in zip(places, chosen, strict=True)])
+    normals = np.array([n[c] for (_, n), c in zip(places, chosen, strict=True)])
+    return Grasp(points, normals, models, bench.problem.origin)
+
+
+def places_near(bench: Workbench, faces: Sequence[str], points: FloatArray, normals: FloatArray) -> Places:
+    """Return the possible positions of each contact, itself first, displaced by as much as the options ask for."""
+    offset = bench.options.robust_offset
+    each = zip(faces, points, normals, strict=True)
+    return [places_around(bench, face, p, n, offset) for face, p, n in each]
+
+
+def places_around(
+    bench: Workbench, face: str, point: FloatArray, normal: FloatArray, offset: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the contact itself and points around it on its face, with inward normals, (m, space) each."""
+    body, space = bench.problem.body, bench.problem.body.space
+    across = tangents(normal[None])[0]
+    if space == 2:
+        ring = np.concatenate([across, -across])
+    else:
+        angles = 2.0 * np.pi * np.arange(AROUND) / AROUND
+        ring = np.cos(angles)[:, None] * across[0] + np.sin(angles)[:, None] * across[1]
+    wanted = point + offset * ring
+    if isinstance(body, Mesh):
+        points, outward, _ = body.closest(wanted)
+        inward = -outward
+        near = np.linalg.norm(points - point, axis=1) <= TOO_FAR * offset
+    else:
+        points = body.snap(face, wanted)
+        _, _, outward, extent = body.evaluate(face, points)
+        inward = -outward
+        near = np.linalg.norm(points - point, axis=1) <= TOO_FAR * offset
+        near &= extent <= 1e-9 * body.size
+    good = near & np.all(np.isfinite(points), axis=1) & np.all(np.isfinite(inward), axis=1)
+    return np.concatenate([point[None], points[good]]), np.concatenate([normal[None], inward[good]])

@@ -1,0 +1,276 @@
+"""One start: propose candidates, refine the best few, put them onto the body and certify.
+
+A displacement is which of the places around it each contact slips to. Those that hurt most so far are kept; every
+contact in turn moves to the place near it where the least quality over all of them is largest, and the search for
+the worst displacement begins anew. Only what the certificate confirms is kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from nlpgrasp.common.deadline import Clock, Stop
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.contacts.pad import AlongNormalError
+from nlpgrasp.optimize.candidate import Effort, Placed
+from nlpgrasp.optimize.compiled_problem import FEASIBLE, Workbench
+from nlpgrasp.optimize.cutting_planes import weakest_at
+from nlpgrasp.optimize.grasp_on_body import OnBody
+from nlpgrasp.optimize.initial_nlp import FirstGrasp, first_grasp
+from nlpgrasp.optimize.local_search import Refined, refine
+from nlpgrasp.optimize.processes import one_thread
+from nlpgrasp.optimize.projection import on_triangles
+from nlpgrasp.optimize.propose import propose, touching_candidates
+from nlpgrasp.optimize.refine import advanced_on_body, refined_on_body
+from nlpgrasp.optimize.robustness import Places, places_around, places_near, robustness, worst_displacement
+from nlpgrasp.optimize.start_result import StartGrasp, StartResult, best_of
+from nlpgrasp.quality import Bounds, mu
+from nlpgrasp.quality.grasp import GraspStack
+from nlpgrasp.quality.screening import sampled_ratios
+from nlpgrasp.quality.weakest_directions import QUICK
+from nlpgrasp.quality.wrench_set import WrenchSet
+from nlpgrasp.solution.analysis_records import Robustness
+from nlpgrasp.solution.records import Origin, StartRecord, Status
+
+STEPS = (0.04, 0.02, 0.01, 0.005)  # of the body's size
+ROUNDS = 4  # of a step size
+GAIN = 1e-3  # relative: a move that gains less is none
+MOST_DIRECTIONS = 400
+FAILURES = RuntimeError, np.linalg.LinAlgError, AlongNormalError
+"""What numerics may raise for some candidates."""
+
+COMPARED = 2  # candidates compared after a few rounds of refinement; the best one is refined to its end
+MOST_TOUCHING = 2  # candidates that end in link collisions before a start gives up
+
+
+def steady(bench: Workbench, found: OnBody) -> tuple[OnBody, Robustness]:
+    """Return a grasp made more robust, where its contacts move freely over a smooth body."""
+    if found.surface is not None or not bench.follows_contacts:
+        return found, robustness(bench, found.placed, found.grasp)
+    best, robust = found.grasp, robustness(bench, found.placed, found.grasp)
+    placed, ascent = found.placed, _Ascent(bench, found.placed)
+    for step in STEPS:
+        for _ in range(ROUNDS):
+            ascent.look()
+            if not ascent.move(step * bench.scaling.length):
+                break
+        there = ascent.placed
+        grasp = bench.grasp(there)
+        trial = robustness(bench, there, grasp)
+        if trial.mu.lower > robust.mu.lower:
+            placed, best, robust = there, grasp, trial
+    return OnBody.of(bench, placed, best), robust
+
+
+class _Ascent:
+    """State of the search: contacts, worst displacements so far, and the weak directions."""
+
+    def __init__(self, bench: Workbench, start: Placed) -> None:
+        self.bench, self.start = bench, start
+        share = bench.options.robust_friction
+        self.models = [model.with_friction(1.0 - share) for model in bench.problem.models]
+        self.points = start.points.copy()
+        self.directions = np.zeros((0, bench.problem.dimension))
+        self.displacements: list[tuple[int, ...]] = [(0,) * len(self.points)]
+
+    @property
+    def placed(self) -> Placed:
+        """Current candidate."""
+        return Placed(self.start.faces, self.points.copy(), self.start.hand)
+
+    def look(self) -> None:
+        """Add the worst displacement found of the current contacts, and the weak directions."""
+        bench, rng = self.bench, np.random.default_rng(0)
+        here = self.placed
+        chosen, y = worst_displacement(bench, self.models, self._places(), bench.budget(here), rng)
+        nominal = weakest_at(bench, here, np.random.default_rng(0), y, QUICK)
+        self.directions = np.concatenate([self.directions, y, nominal.directions])[-MOST_DIRECTIONS:]
+        if tuple(chosen) not in self.displacements:
+            self.displacements.append(tuple(chosen))
+
+    def move(self, step: float) -> bool:
+        """Move contacts in turn to maximise the least ratio over the displacements; return whether any moved."""
+        bench, moved = self.bench, False
+        normals, now = bench.inward_normals(self.placed), self._places()
+        for i, face in enumerate(self.start.faces):
+            tried, inward = places_around(bench, face, self.points[i], normals[i], step)
+            others = places_near(bench, [face] * (len(tried) - 1), tried[1:], inward[1:])
+            around = [now[i], *others]
+            values = np.array([self._least([*now[:i], one, *now[i + 1 :]]) for one in around])
+            trials, trial_normals = (np.repeat(v[None], len(tried), axis=0) for v in (self.points, normals))
+            trials[:, i], trial_normals[:, i] = tried, inward
+            allowed = bench.rows.violations(trials, trial_normals, self.start.repeated_hand(len(tried))) <= FEASIBLE
+            best = int(np.argmax(np.where(allowed, values, -np.inf)))
+            if best > 0 and values[best] > (1.0 + GAIN) * values[0]:
+                self.points[i], normals[i], now[i], moved = tried[best], inward[best], around[best], True
+        return moved
+
+    def _least(self, places: Places) -> float:
+        """Return the least support ratio over displacements and directions."""
+        chosen = [[min(c, len(places[i][0]) - 1) for i, c in enumerate(one)] for one in self.displacements]
+        p, n = (np.array([[places[i][j][c] for i, c in enumerate(one)] for one in chosen]) for j in (0, 1))
+        stack = GraspStack(p, n, self.models, self.bench.problem.origin)
+        ratios = sampled_ratios(stack, self.bench.problem.task, self.directions, self.bench.screening_budget)
+        return float(np.min(ratios))
+
+    def _places(self) -> Places:
+        return places_near(self.bench, self.start.faces, self.points, self.bench.inward_normals(self.placed))
+
+
+def run_start(
+    bench: Workbench,
+    index: int,
+    seed: int,
+    stop: Stop,
+    known: Sequence[FloatArray] = (),
+    candidates: Sequence[Placed] = (),
+) -> StartResult:
+    """Run start ``index`` from candidates, or from those that it proposes by index and seed, also near known contacts.
+
+    Never raises for a numerical failure: the record carries the status and the message. Bad input does raise.
+    Linear algebra runs on one thread, so that rounding does not depend on how many cores there are.
+
+    Parameters
+    ----------
+    bench : Workbench
+    index, seed : int
+    stop : Stop
+    known : sequence of (k, space) array
+        Contacts that proposals begin from as well, metres.
+    candidates : sequence of Placed, optional
+        The most promising first.
+    """
+    clock = Clock()
+    with one_thread():
+        try:
+            found = _best(bench, index, np.random.default_rng([seed, index]), stop, clock, known, candidates)
+        except FAILURES as error:
+            return failed(index, error, clock.seconds)
+    return replace(found, record=replace(found.record, seconds=clock.seconds))
+
+
+def failed(index: int, error: Exception, seconds: Mapping[str, float] | None = None) -> StartResult:
+    """Return the result of a start that an error ended."""
+    text = f"{type(error).__name__}: {error}".splitlines()[0]
+    return StartResult(StartRecord(index, Status.FAILED, seconds=seconds or {}, message=text))
+
+
+def with_hand(bench: Workbench, placed: Placed, normals: FloatArray | None = None) -> Placed:
+    """Return a candidate with the hand's variables computed from its contacts, where they follow from these.
+
+    Inward normals (k, space) are the body's where none are given.
+    """
+    inward = bench.inward_normals(placed) if normals is None else normals
+    hand = bench.hand_points.start(placed.points[None], inward[None])
+    return Placed(placed.faces, placed.points, {name: value[0] for name, value in hand.items()})
+
+
+def _best(
+    bench: Workbench,
+    index: int,
+    rng: np.random.Generator,
+    stop: Stop,
+    clock: Clock,
+    known: Sequence[FloatArray],
+    candidates: Sequence[Placed],
+) -> StartGrasp:
+    """Return the best result over a start's candidates, with the total effort."""
+    origin = Origin.BOUND if known else Origin.RANDOM
+    plain = None if bench.follows_contacts else bench.under_l2  # poses are compared under the paper's budget
+    proposed = candidates or propose(bench, rng, known)
+    if not bench.follows_contacts:
+        proposed = touching_candidates(plain or bench, proposed, rng, stop)
+    clock.mark("propose")
+    ends, left, programs = list[StartGrasp](), list[FirstGrasp](), Effort()
+    firsts = (first_grasp(plain or bench, candidate, rng) for candidate in proposed)
+    batch = list[FirstGrasp]()
+    for number, first in enumerate(firsts, 1):
+        programs += first.effort
+        clock.mark("first program")
+        (batch if first.score > 0.0 else left).append(first)
+        if len(batch) < COMPARED and number < len(proposed) and not stop.requested():
+            continue
+        for one in _by_promise(plain or bench, batch, stop):
+            ends.append(_end(bench, index, one, origin, stop, clock))
+            if _enough(ends):
+                break
+        if stop.requested() or _enough(ends):
+            break
+        batch = []
+    for first in sorted(left, key=lambda one: -one.score) if not ends else ():
+        ends.append(_end(bench, index, first, origin, stop, clock))
+        if stop.requested() or ends[-1].record.has_grasp:
+            break
+    best = _better(ends)
+    return replace(best, spent=best.spent + programs)
+
+
+def _by_promise(bench: Workbench, batch: Sequence[FirstGrasp], stop: Stop) -> list[FirstGrasp]:
+    """Return candidates after a few rounds of refinement each, the best first; a single one as it is."""
+    if len(batch) < 2:
+        return list(batch)
+    each = [(first, advanced_on_body(bench, first.placed, stop)) for first in batch]
+    each.sort(key=lambda one: -one[1].point.value)
+    return [replace(first, placed=advanced.point.placed) for first, advanced in each]
+
+
+def _refined(bench: Workbench, index: int, placed: Placed, stop: Stop) -> Iterator[tuple[OnBody, Refined]]:
+    """Yield refined grasps; under other budgets than L2 some are refined under L2 first.
+
+    The paper's support, a root of a sum of squares over the contacts, is smooth where those of other budgets have
+    edges. Every other start goes that way, and with a hand that has a pose all, from its end as well as to there.
+    """
+    smooth = bench.under_l2 if index % 2 or not bench.follows_contacts else None
+    if smooth is not None:
+        found, there = refined_on_body(smooth, placed, stop)
+        placed = there.point.placed
+        if not bench.follows_contacts:
+            yield found, refine(*on_triangles(bench, placed), stop, rounds=0)
+    yield refined_on_body(bench, placed, stop)
+
+
+def _enough(ends: Sequence[StartGrasp]) -> bool:
+    """Return whether a candidate led to a feasible grasp, or too many to colliding links."""
+    touching = sum(end.record.status is Status.TOUCHES for end in ends)
+    return any(end.solved for end in ends) or touching >= MOST_TOUCHING
+
+
+def _end(bench: Workbench, index: int, first: FirstGrasp, origin: Origin, stop: Stop, clock: Clock) -> StartGrasp:
+    """Return the best result of a candidate: refined, on the body, certified and measured."""
+    ends, message = list[StartGrasp](), first.message or origin.value
+    for found, refined in _refined(bench, index, first.placed, stop):
+        clock.mark("refine")
+        robust = None
+        if bench.options.maximise_robust:
+            found, robust = steady(bench, found)
+            clock.mark("robust")
+        bounds = _certified(bench, found, refined, stop)
+        clock.mark("certificate")
+        state = refined.state()
+        ends.append(StartGrasp.of(bench, index, found, bounds, state, message, origin=origin, robust=robust))
+        clock.mark("link depth")
+    return _better(ends)
+
+
+def _certified(bench: Workbench, found: OnBody, refined: Refined, stop: Stop) -> Bounds:
+    """Return the certified bounds of a grasp, the upper one tightened by known weak directions."""
+    budget, deadline, rtol = bench.budget(found.placed), stop.certificate_deadline(), bench.options.rtol
+    begun, weak = refined.certificate, refined.point.minimisers
+    if begun is not None and begun.is_of(found.grasp, budget):
+        bounds = begun.bounds(rtol, deadline)
+    else:
+        bounds = mu(found.grasp, bench.problem.task, rtol, force_budget=budget, deadline=deadline)
+    ratios = WrenchSet.of(found.grasp, budget).support(weak)[0] if len(weak) else np.array([np.inf])
+    least = int(np.argmin(ratios))
+    if not bounds.lower <= ratios[least] < bounds.upper:
+        return bounds
+    return replace(bounds, upper=float(ratios[least]), worst_direction=weak[least])
+
+
+def _better(ends: Sequence[StartGrasp]) -> StartGrasp:
+    """Return the best of several results, collision-free ones first, with their total effort."""
+    best = best_of(ends) or max(ends, key=lambda end: end.rank.lower)
+    return replace(best, spent=sum((end.effort for end in ends), Effort()))

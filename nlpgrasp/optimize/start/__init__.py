@@ -1,1 +1,0 @@
-"""Starts of the multistart search: initial candidates, initial NLP, refinement, warm starts."""

@@ -1,0 +1,147 @@
+"""Scalar constraints of a grasp candidate from constraints and hand, in a fixed order."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import casadi as ca
+
+from nlpgrasp.bodies import Body
+from nlpgrasp.common.scalar_constraints import CLEARANCE, ROOM, Clearance, LinkSphere, Placement, Row
+from nlpgrasp.common.types import Expression
+from nlpgrasp.constraints import PlacementConstraint
+from nlpgrasp.hands import Hand
+
+FITS = 0.99  # of a fingertip's radius: least distance of its centre from the body
+
+
+@dataclass(frozen=True)
+class PlacementRows:
+    """Scalar constraints of a grasp candidate: expressions first, then clearances through a mesh distance.
+
+    Parameters
+    ----------
+    rows : tuple of Row
+    clearances : tuple of Clearance
+    sources : tuple of tuple of int
+        Indices in ``named`` of the scalar constraints of each constraint, in order, then of the hand, then of the
+        links' clearance.
+    """
+
+    rows: tuple[Row, ...]
+    clearances: tuple[Clearance, ...] = ()
+    sources: tuple[tuple[int, ...], ...] = ()
+
+    @property
+    def named(self) -> tuple[Row, ...]:
+        """All scalar constraints in order; clearances have no expression."""
+        return (*self.rows, *(c.row(None) for c in self.clearances))
+
+
+def hand_name(variable: str) -> str:
+    """Return the displayed name of a hand's variable, such as ``"palm position"``."""
+    return variable.replace("_", " ")
+
+
+def placement_of(
+    hand: Hand | None,
+    positions: Sequence[Expression],
+    normals: Sequence[Expression],
+    variables: dict[str, Expression],
+    size: float,
+) -> Placement:
+    """Return the symbolic grasp candidate that constraints take, from contacts and hand variables."""
+    if hand is None:
+        return Placement(positions, normals, (0.0,) * len(positions), size, hand={})
+    palm, closing = hand.palm(variables), hand.closing(positions)
+    shown = {hand_name(name): symbols for name, symbols in variables.items()}
+    return Placement(positions, normals, hand.tip_radii, size, hand.spheres(variables), palm, closing, shown)
+
+
+def placement_rows(
+    body: Body,
+    constraints: Sequence[PlacementConstraint],
+    hand: Hand | None,
+    positions: Sequence[Expression],
+    normals: Sequence[Expression],
+    variables: dict[str, Expression],
+) -> PlacementRows:
+    """Return the scalar constraints of all constraints, the hand, and the links' clearance from the body.
+
+    Parameters
+    ----------
+    body : Body
+    constraints : sequence of PlacementConstraint
+    hand : Hand or None
+    positions, normals : sequences of k columns
+        Metres, body frame; inward unit normals.
+    variables : dict
+        The hand's variables by name, in the hand's units.
+    """
+    placement = placement_of(hand, positions, normals, variables, body.size)
+    return collected(given_rows(body, constraints, hand, placement, variables), bool(placement.spheres))
+
+
+def given_rows(
+    body: Body,
+    constraints: Sequence[PlacementConstraint],
+    hand: Hand | None,
+    placement: Placement,
+    variables: dict[str, Expression],
+) -> list[Sequence[Row | Clearance]]:
+    """Return the scalar constraints by source: each constraint, the hand, the links' clearance."""
+    given = [c.rows(placement) for c in constraints]
+    if hand is not None:
+        given.append([*hand.rows(placement, variables), *_rooms(body, hand, placement)])
+        given.append([_clear(body, sphere) for sphere in placement.spheres])
+    return given
+
+
+def collected(given: Sequence[Sequence[Row | Clearance]], shared: bool) -> PlacementRows:
+    """Return all scalar constraints in the NLP's order: clearances through a mesh distance last."""
+    rows: list[Row] = []
+    clearances: list[Clearance] = []
+    places: list[list[tuple[bool, int]]] = []
+    for part in given:
+        places.append([])
+        for item in part:
+            row = item.as_row() if isinstance(item, Clearance) else item
+            if row is not None:
+                places[-1].append((True, len(rows)))
+                rows.append(row)
+            elif isinstance(item, Clearance):
+                places[-1].append((False, len(clearances)))
+                clearances.append(item)
+    sources = tuple(tuple(i if scalar else len(rows) + i for scalar, i in part) for part in places)
+    found = _shared(rows, clearances) if shared else PlacementRows(tuple(rows), tuple(clearances))
+    return replace(found, sources=sources)
+
+
+def _rooms(body: Body, hand: Hand, placement: Placement) -> list[Clearance]:
+    """Return clearances that keep round fingertips at their contacts from penetrating the body elsewhere.
+
+    None for a mesh, whose roughness requires a check at each surface point instead.
+    """
+    if not hand.follows_contacts or not body.cramped or body.symbol is ca.MX:
+        return []
+    each = enumerate(zip(placement.tips, placement.radii, strict=True))
+    distance, size = body.distance_function, body.size
+    return [Clearance(ROOM, distance, tip, FITS * r, size, fingers=(i,)) for i, (tip, r) in each if r > 0.0]
+
+
+def _clear(body: Body, sphere: LinkSphere) -> Clearance:
+    lower, fingers = sphere.radius + sphere.clearance, () if sphere.finger is None else (sphere.finger,)
+    distance = body.distance_function
+    return Clearance(CLEARANCE, distance, sphere.centre, lower, body.size, fingers=fingers, link=sphere.link)
+
+
+def _shared(rows: list[Row], clearances: list[Clearance]) -> PlacementRows:
+    """Return the constraints with common subexpressions eliminated, such as the links' poses."""
+    every = ca.cse(ca.vertcat(*[r.expression for r in rows], *[c.point for c in clearances]))
+    scalars = ca.vertsplit(every[: len(rows)])
+    points = ca.vertsplit(every[len(rows) :], 3) if clearances else []
+    return PlacementRows(
+        tuple(replace(r, expression=e) for r, e in zip(rows, scalars, strict=True)),
+        tuple(replace(c, point=p) for c, p in zip(clearances, points, strict=True)),
+    )

@@ -1,0 +1,347 @@
+"""Input validation of grasp problems before any solve: errors and warnings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+from nlpgrasp.bodies import Body, Mesh
+from nlpgrasp.bodies.mesh.signed_distance import FINEST, automatic_fineness
+from nlpgrasp.common.formatting import rounded
+from nlpgrasp.common.scalar_constraints import Clearance, Row
+from nlpgrasp.common.user_warnings import say_once
+from nlpgrasp.common.validation import FloatArray, likely_size
+from nlpgrasp.constraints import Obstacle, PlacementConstraint, Table
+from nlpgrasp.contacts import ContactModel
+from nlpgrasp.errors import InputError
+from nlpgrasp.hands import Hand, URDFHand
+from nlpgrasp.problem.candidate_constraints import placement_of
+from nlpgrasp.tasks import Task
+from nlpgrasp.tasks.base import component_ranges, parts_of
+
+MOST_FRICTION = 2.0  # friction coefficient above which a typing error is likely
+SAMPLES = 300  # sample points per face
+CLEARLY = 0.1  # of the body's size: violation at all samples that cannot be due to sampling
+THROUGH = 0.02  # of the body's size: depth below a table above which a mistake is likely
+ACROSS = 2.0  # times the fingertips' reach from the palm: upper bound of the hand's opening
+FAR_ORIGIN = 0.1  # of the body's size: distance of the frame's origin from the centroid
+LONG, LONGEST = 100.0, 2.0  # moment arm that is implausible: times the body's size, and metres
+MUCH = 20.0  # times the body's size: implausible torsional friction, fingertip radius or clearance
+FAR_TABLE = 50.0  # times the body's size: implausible distance of a table
+WALL = 1.0 / 3.0  # of the wall thickness: largest accepted 80th percentile of the distance
+FINER = 1.5  # advised factor on the resolution, where less smoothing does not help
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Random points of a face with inward normals.
+
+    Parameters
+    ----------
+    points : (m, space) array
+        Metres, body frame.
+    normals : (m, space) array
+        Unit, into the body.
+    """
+
+    points: FloatArray
+    normals: FloatArray
+
+
+def check_placements(
+    body: Body,
+    hand: Hand | None,
+    constraints: Sequence[PlacementConstraint],
+    faces: Sequence[tuple[str, ...]],
+    margin: float = 0.0,
+) -> None:
+    """Raise if constraints leave some contact no feasible point, or cannot be evaluated.
+
+    Parameters
+    ----------
+    body : Body
+    hand : Hand or None
+    constraints : sequence of PlacementConstraint
+    faces : sequence of k tuples of str
+        Allowed faces of each contact.
+    margin : float
+        Distance of contacts from sharp edges, metres.
+
+    Raises
+    ------
+    InputError
+        When constraints, which are named with the contact, exclude all sampled points of its faces by a wide margin,
+        or when the faces are too small for a least distance between contacts.
+    """
+    k = len(faces)
+    p = [ca.SX.sym("p", body.space) for _ in range(k)]
+    n = [ca.SX.sym("n", body.space) for _ in range(k)]
+    symbols = {} if hand is None else hand.symbols(body.bounds)
+    placement = placement_of(hand, p, n, symbols, body.size)
+    found = [row for constraint in constraints for row in constraint.rows(placement)]
+    converted = [row.as_row() if isinstance(row, Clearance) else row for row in found]
+    rows = [row for row in converted if row is not None]
+    if not rows and hand is None:
+        return
+    rng = np.random.default_rng(0)
+    samples = {name: _sampled(body, name, rng, margin) for name in sorted({name for own in faces for name in own})}
+    for i in range(k):
+        own = [row for row in rows if _only(row, p[i], n[i])]
+        used = {name: samples[name] for name in faces[i] if len(samples[name].points)}
+        if own and used:
+            _check_contact(i, own, (p[i], n[i]), used, body.size)
+    _check_room(constraints, faces, samples)
+
+
+def body_words(given: object) -> str:
+    """Return the advice of the error for an invalid body, such as a file name or a mesh."""
+    if isinstance(given, str | Path):
+        return f'a body: ng.Mesh.load("{given}", unit="mm"), in the unit of the file'
+    if type(given).__module__.split(".")[0] == "trimesh":
+        return 'a body: ng.Mesh(mesh, unit="mm"), in the unit of its vertices'
+    return "a body such as ng.Box or ng.Mesh"
+
+
+def task_words(given: object) -> str:
+    """Return the advice of the error for an invalid task, such as a list of tasks."""
+    if isinstance(given, list | tuple) and given and all(isinstance(part, Task) for part in given):
+        return "one task: tasks add up, such as ng.lift(...) + ng.disturbance(...)"
+    return "a task, such as ng.TaskEllipsoid(semi_axes)"
+
+
+def hand_words(given: object) -> str:
+    """Return the advice of the error for an invalid hand, such as a preset's name."""
+    if isinstance(given, str):
+        return f"a hand: ng.hands.{given}(...) where there is one of that name, or ng.URDFHand.load(path, fingertips)"
+    return "a hand such as ng.Fingertips, or None"
+
+
+def check_patches(models: Sequence[ContactModel], body: Body) -> None:
+    """Raise for a contact patch longer than the body, mostly due to swapped arguments."""
+    longest = float(np.max(body.bounds[1] - body.bounds[0]))
+    for i, model in enumerate(models):
+        for name in ("radius", "extents", "length"):
+            given = getattr(model, name, None)
+            if given is not None and np.max(given) > longest:
+                allowed = f"metres, no more than the body's longest side, {longest:.3g}; friction is friction=..."
+                raise InputError(f"GraspProblem.contacts[{i}].{name}", f"{np.max(given):g} m", allowed)
+
+
+def check_size(body: Body) -> None:
+    """Raise for a body so large or small that its unit is probably not metres."""
+    longest = float(np.max(body.bounds[1] - body.bounds[0]))
+    wrong = "its numbers are metres, and were probably given in a {} unit"
+    likely_size("GraspProblem.body", f"a {body.kind} with a longest side", longest, wrong, hasattr(body, "unit"))
+
+
+def warn_of_friction(models: Sequence[ContactModel], field: str) -> None:
+    """Warn, once, about implausibly large friction coefficients.
+
+    Parameters
+    ----------
+    models : sequence of ContactModel
+    field : str
+        Name of the field, with ``{}`` for the contact's index.
+    """
+    for i, model in enumerate(models):
+        friction = model.coefficients.get("friction", 0.0)
+        if friction > MOST_FRICTION:
+            text = f"{field.format(i)}: {friction:g} is above {MOST_FRICTION:g}; rubber on dry surfaces has about 1"
+            say_once(text)
+            return
+
+
+def _sampled(body: Body, name: str, rng: np.random.Generator, margin: float) -> Samples:
+    points = body.sample(name, SAMPLES, rng, margin)
+    return Samples(points, -body.evaluate(name, points)[2])
+
+
+def _only(row: Row, p: ca.SX, n: ca.SX) -> bool:
+    """Return whether an inequality constraint involves only the contact with these symbols."""
+    own = {s.__hash__() for s in ca.vertsplit(ca.vertcat(p, n))}
+    seen = [s.__hash__() for s in ca.symvar(ca.SX(row.expression))]
+    return bool(seen) and all(s in own for s in seen) and row.lower < row.upper
+
+
+def _check_contact(
+    i: int, rows: Sequence[Row], symbols: tuple[ca.SX, ca.SX], samples: Mapping[str, Samples], size: float
+) -> None:
+    """Raise if every sample of contact i's faces violates its constraints by a wide margin."""
+    where = np.concatenate([s.points for s in samples.values()])
+    normals = np.concatenate([s.normals for s in samples.values()])
+    rows_of = ca.vertcat(*[r.expression for r in rows])
+    slopes_of = ca.vertcat(*[ca.norm_2(ca.gradient(r.expression, symbols[0])) for r in rows])
+    values, slopes = ca.Function("rows", list(symbols), [rows_of, slopes_of]).map(len(where))(where.T, normals.T)
+    value, slope = np.asarray(values.full()), np.asarray(slopes.full())
+    lower, upper = (np.array([getattr(r, key) for r in rows])[:, None] for key in ("lower", "upper"))
+    with np.errstate(all="ignore"):
+        beyond = np.maximum(lower - value, value - upper)
+        # first-order distance to feasibility; a constraint that is NaN is never satisfied
+        excess = np.where(beyond > 0.0, beyond / slope, np.where(np.isnan(value), np.inf, 0.0)) / size
+    least = float(np.min(np.max(excess, axis=0)))
+    if least > CLEARLY:
+        named = ", ".join(dict.fromkeys(rows[j].name for j in np.argmax(excess, axis=0)))
+        raise InputError(
+            "GraspProblem.constraints",
+            f"{named}: kept nowhere on {_some(list(samples))}{_by(least * size)}",
+            f"constraints that leave contact {i} some part of the body",
+        )
+
+
+def _check_room(
+    constraints: Sequence[PlacementConstraint], faces: Sequence[tuple[str, ...]], samples: Mapping[str, Samples]
+) -> None:
+    """Raise if the faces are too small for the least distance between contacts."""
+    least = max((c.least_distance() for c in constraints), default=0.0)
+    k = len(faces)
+    if least <= 0.0 or k < 2:
+        return
+    names = sorted({name for own in faces for name in own})
+    cloud = np.concatenate([samples[name].points for name in names])
+    if not len(cloud):
+        return
+    # a cell of smaller diagonal than the distance holds at most one contact, as does a small cloud
+    side = 0.85 * least / np.sqrt(cloud.shape[1])
+    cells = {tuple(c) for c in np.floor((cloud - cloud.min(axis=0)) / side).astype(int)}
+    if len(cells) < k or 1.1 * np.linalg.norm(np.ptp(cloud, axis=0)) < least:
+        raise InputError(
+            "GraspProblem.contacts",
+            f"{k} contacts {least:g} m apart",
+            f"fewer contacts or less distance on {_some(names)}",
+        )
+
+
+def _by(missed: float) -> str:
+    """Return the least violation as text, metres; empty if unknown."""
+    return f" (the nearest misses by {rounded(1e3 * missed)} mm)" if np.isfinite(missed) else ""
+
+
+def _some(names: list[str]) -> str:
+    return "faces " + ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
+
+
+def warn_of_surroundings(body: Body, constraints: Sequence[PlacementConstraint], hand: Hand | None) -> None:
+    """Warn about a table that intersects the body, and a hand too small for any side of the body.
+
+    Parameters
+    ----------
+    body : Body
+    constraints : sequence of PlacementConstraint
+    hand : Hand or None
+    """
+    (low, high), extents = body.bounds[:, -1], body.bounds[1] - body.bounds[0]
+    for i, table in enumerate(constraints):
+        if isinstance(table, Table) and body.tight and THROUGH * body.size < table.height - low < high - low:
+            below = f"the body reaches {rounded(1e3 * (table.height - low))} mm below the table"
+            where = f"height {rounded(table.height)} m, lowest point {rounded(low, least=1e-9)} m"
+            say_once(f"constraints[{i}]: {below} ({where}); a table that it stands on is ng.Table.under(body)")
+    shortest = float(np.min(extents))
+    if isinstance(hand, URDFHand) and shortest > ACROSS * hand.tree.span:
+        given = f"a body whose shortest side is {rounded(shortest)} m, for a hand whose fingertips reach"
+        say_once(
+            f"GraspProblem.body: {given} {rounded(hand.tree.span)} m from its palm; are both in metres? A mesh in "
+            'millimetres takes unit="mm"'
+        )
+
+
+def warn_of_point(task: Task, body: Body) -> None:
+    """Warn, once, about a disturbance without point on a body whose frame's origin is off its centroid.
+
+    Scans and CAD parts often have their origin at a foot or a flange: a force that acts there has a moment arm about
+    the centroid, and requires far more torque than the disturbance states.
+
+    Parameters
+    ----------
+    task : Task
+        As given, before its moments are taken about the problem's torque origin.
+    body : Body
+    """
+    _warn_of_arm(task, body)
+    away = float(np.linalg.norm(body.centroid))
+    if away > FAR_ORIGIN * body.size and any(part.point_left_out for part in parts_of(task)):
+        say_once(
+            f"disturbance: without a point its force acts at the origin of the body's frame, {1e3 * away:.3g} mm from "
+            "the body's centroid: state point=body.centroid, or point=[0, 0, 0] where that is meant"
+        )
+
+
+def _warn_of_arm(task: Task, body: Body) -> None:
+    """Warn, once, about moments whose arms are too long for the body.
+
+    Typical causes are a point in millimetres and moments in newton-millimetres.
+    """
+    most, space = np.max(np.abs(component_ranges(task)), axis=0), body.space
+    force, moment = float(np.max(most[:space])), float(np.max(most[space:]))
+    if force > 0.0 and moment / force > max(LONG * body.size, LONGEST):
+        told = f"moments up to {moment:.3g} N m beside forces up to {force:.3g} N, an arm of {moment / force:.3g} m"
+        say_once(f"task: {told} on a body of {2.0 * body.size:.3g} m: moments are newton-metres, and points metres")
+
+
+def warn_of_lengths(
+    body: Body, models: Sequence[ContactModel], constraints: Sequence[PlacementConstraint], hand: Hand | None
+) -> None:
+    """Warn, once, about a length that is implausibly large for the body.
+
+    Parameters
+    ----------
+    body : Body
+    models : sequence of ContactModel
+    constraints : sequence of PlacementConstraint
+    hand : Hand or None
+    """
+    longest = float(np.max(body.bounds[1] - body.bounds[0]))
+    for field, given, beyond, most in _lengths(body, models, constraints, hand):
+        if beyond > most * body.size:
+            say_once(
+                f"{field}: {given:g} m beside a body of {longest:.3g} m; if millimetres were meant, {given / 1e3:g}"
+            )
+            return
+
+
+def _lengths(
+    body: Body, models: Sequence[ContactModel], constraints: Sequence[PlacementConstraint], hand: Hand | None
+) -> Iterator[tuple[str, float, float, float]]:
+    """Yield each length's name, given value, value to compare, and limit in body sizes."""
+    for i, model in enumerate(models):
+        torsion = model.coefficients.get("torsional_friction", 0.0)
+        yield f"contacts[{i}]: torsional friction", torsion, torsion, MUCH
+    for i, constraint in enumerate(constraints):
+        if isinstance(constraint, Table | Obstacle):
+            yield f"constraints[{i}]: clearance", constraint.clearance, constraint.clearance, MUCH
+        if isinstance(constraint, Table):
+            height, (low, high) = constraint.height, body.bounds[:, -1]
+            yield f"constraints[{i}]: height", height, max(low - height, height - high), FAR_TABLE
+    for link, tip in hand.tips if isinstance(hand, URDFHand) else ():
+        yield f"fingertip {link}: radius", tip.standoff, tip.standoff, MUCH
+
+
+def warn_of_smoothing(body: Body, hand: Hand | None) -> None:
+    """Warn, once, if a fifth of a mesh is far from the smoothed surface that the solver sees.
+
+    Parameters
+    ----------
+    body : Body
+        Far means more than a third of its wall thickness, or the radius of the hand's smallest fingertip.
+    hand : Hand or None
+    """
+    if not isinstance(body, Mesh):
+        return
+    tip = min((radius for radius in (() if hand is None else hand.tip_radii) if radius > 0.0), default=np.inf)
+    off = body.offset.most
+    if off <= min(WALL * body.wall, tip):
+        return
+    thin = off > WALL * body.wall
+    beside = f"walls {1e3 * body.wall:.3g} mm thick" if thin else f"a fingertip of {1e3 * tip:.3g} mm radius"
+    advised = automatic_fineness(np.ptp(body.bounds, axis=0), min(body.wall, tip / WALL))
+    smoothing, resolution = advised.smoothing, advised.resolution
+    if smoothing / resolution >= body.smoothing / body.resolution:
+        smoothing, resolution = body.smoothing, min(int(np.ceil(FINER * body.resolution)), FINEST)
+    say_once(
+        f"{body.source or 'the mesh'}: the smooth surface that the solver works on is {1e3 * off:.3g} mm or more off a "
+        f"fifth of the mesh, which is much beside {beside}: ng.Mesh takes smoothing={smoothing:g}, "
+        f"resolution={resolution}"
+    )

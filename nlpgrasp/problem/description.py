@@ -1,0 +1,216 @@
+"""Text description of a grasp problem, and its display."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import ClassVar, NamedTuple, Protocol, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.bodies import Body
+from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.common.display import InNotebook, show
+from nlpgrasp.common.formatting import range_words, rounded, vector
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.constraints import PlacementConstraint, Table
+from nlpgrasp.contacts import ContactModel
+from nlpgrasp.hands import Hand
+from nlpgrasp.tasks import Task
+from nlpgrasp.tasks.base import component_ranges
+
+LISTED = 8  # most faces listed by name
+LONGEST = 120  # most characters of a part's repr
+FACES = re.compile(r"faces=(?:None|\([^)]*\)), ")
+ROUNDING = 1e-6  # of the body's size: coordinates below are shown as 0
+SAMPLES = 200  # sample points per face
+TIMES = "\N{MULTIPLICATION SIGN}"
+PAGE, CARD = ("nlpgrasp.report.body_page", "write_problem"), ("nlpgrasp.report.body_page", "problem_card")
+
+
+class Asked(Protocol):
+    """Protocol of the parts of a ``GraspProblem`` that its display needs, without importing it."""
+
+    @property
+    def name(self) -> str:
+        """Name for prints."""
+
+    @property
+    def body(self) -> Body:
+        """Grasped body, in its own frame."""
+
+    @property
+    def models(self) -> tuple[ContactModel, ...]:
+        """Contact models, one per contact."""
+
+    @property
+    def task(self) -> Task:
+        """Wrenches to exert, about ``origin``."""
+
+    @property
+    def hand(self) -> Hand | None:
+        """Hand, or None for free contacts."""
+
+    @property
+    def constraints(self) -> Sequence[PlacementConstraint]:
+        """Constraints on contacts and hand."""
+
+    @property
+    def budget(self) -> ForceBudget:
+        """Force budget: the meaning of one unit of finger force."""
+
+    @property
+    def margin(self) -> float:
+        """Least distance of contacts from sharp edges, metres."""
+
+    @property
+    def origin(self) -> FloatArray:
+        """Torque origin, (space,), metres."""
+
+    @property
+    def torque_origin(self) -> ArrayLike | None:
+        """Torque origin as given, or None."""
+
+    @property
+    def max_force(self) -> float | None:
+        """Limit of each finger's force, newtons."""
+
+    def allowed_faces(self, contact: int) -> tuple[str, ...]:
+        """Return the names of a contact's allowed faces."""
+
+
+class Part(NamedTuple):
+    """A part of a problem's description: title, short value and notes."""
+
+    title: str
+    value: str
+    notes: tuple[str, ...] = ()
+
+    def lines(self) -> list[str]:
+        """Return the part as lines of text: a single note beside the value, several below it."""
+        if len(self.notes) <= 1:
+            return [f"{self.title.lower()}: {'; '.join([self.value, *self.notes])}"]
+        return [f"{self.title.lower()}: {self.value}", *(f"  {note}" for note in self.notes)]
+
+
+def in_words(problem: Asked) -> list[Part]:
+    """Return the parts of a problem's description, in millimetres, but metres in quoted reprs."""
+    constraints = tuple(_short(repr(constraint)) for constraint in problem.constraints)
+    extents = vector(1e3 * np.ptp(problem.body.bounds, axis=0)).replace(", ", f" {TIMES} ")
+    return [
+        Part("Body", f"{'' if problem.body.tight else 'within '}{extents} mm", (_short(repr(problem.body)),)),
+        Part("Contacts", str(len(problem.models)), tuple(_contacts(problem))),
+        Part("Task", f"exert {task_range(problem)}", (_about(problem),)),
+        _hand(problem),
+        Part("Constraints", str(len(constraints) or "none"), constraints),
+        _edges(problem),
+        _forces(problem),
+    ]
+
+
+def task_range(problem: Asked) -> str:
+    """Return the ranges of the task's wrench components as text."""
+    return range_words(*component_ranges(problem.task))
+
+
+def usable_faces(problem: Asked) -> tuple[str, ...]:
+    """Return the names of allowed faces that extend above all tables, in the body's order."""
+    used = {face for i in range(len(problem.models)) for face in problem.allowed_faces(i)}
+    return _off_tables(problem, [name for name in problem.body.face_names if name in used])
+
+
+def _contacts(problem: Asked) -> list[str]:
+    """Return the contacts as text, with equal neighbours combined."""
+    faces = [_off_tables(problem, problem.allowed_faces(i)) for i in range(len(problem.models))]
+    alike = groupby(zip(map(_model, problem.models), faces, strict=True))
+    return [f"{len(list(group))} {TIMES} {model}{_on(problem, usable)}" for (model, usable), group in alike]
+
+
+def _model(model: ContactModel) -> str:
+    """Return a contact model as text, without its faces."""
+    return FACES.sub("", repr(model))
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
+
+
+def _on(problem: Asked, faces: tuple[str, ...]) -> str:
+    every = len(problem.body.face_names)
+    if len(faces) == every:
+        return ", on any face" if every > 1 else ""
+    if len(faces) > LISTED:
+        return f", on {len(faces)} of {every} faces"
+    return f", on {', '.join(faces)}" if faces else ", on no face above the table"
+
+
+def _off_tables(problem: Asked, faces: Sequence[str]) -> tuple[str, ...]:
+    """Return the faces that extend above all tables by at least their clearance."""
+    least = max((t.height + t.clearance for t in problem.constraints if isinstance(t, Table)), default=-np.inf)
+    if least == -np.inf:
+        return tuple(faces)
+    rng = np.random.default_rng(0)
+    return tuple(f for f in faces if np.max(problem.body.sample(f, SAMPLES, rng)[:, -1], initial=-np.inf) >= least)
+
+
+def _about(problem: Asked) -> str:
+    named = ", the body's centroid" if problem.torque_origin is None else ""
+    least = ROUNDING * problem.body.size
+    at = ", ".join(rounded(1e3 * v, least=1e3 * least) for v in problem.origin)
+    return f"moments about [{at}] mm{named}"
+
+
+def _hand(problem: Asked) -> Part:
+    if problem.hand is None:
+        return Part("Hand", "none", ("each contact may be anywhere on the body",))
+    return Part("Hand", f"{problem.hand.count} fingertips", (_short(repr(problem.hand)),))
+
+
+def _edges(problem: Asked) -> Part:
+    near = "contacts stay that far away from sharp edges" if problem.margin > 0.0 else "contacts may lie on edges"
+    return Part("Edge margin", f"{rounded(1e3 * problem.margin)} mm", (near,))
+
+
+def _forces(problem: Asked) -> Part:
+    limit = problem.max_force
+    stated = () if limit is None else (f"max_force: no finger is to press harder than {limit:g} N",)
+    return Part("Force budget", problem.budget.kind, (f"counts the {problem.budget.amount}", *stated))
+
+
+class SeenProblem(InNotebook):
+    """Mixin that displays a grasp problem."""
+
+    _card: ClassVar[tuple[str, str]] = CARD
+    name: str
+
+    def show(self, path: str | Path | None = None) -> Path:
+        """Write an HTML page that shows the problem, open it in a browser if possible, and return its path.
+
+        It shows the body with its axes and allowed faces, tables and obstacles, and describes contacts, task, hand and
+        constraints. It opens from disk and needs no network. Without a browser or a display, the path is printed.
+
+        Parameters
+        ----------
+        path : str or Path, optional
+            Of the HTML page; by default a temporary file.
+
+        Raises
+        ------
+        InputError
+            For a path that cannot be written.
+        """
+        return show(self, self.name, PAGE, path)
+
+    def __repr__(self) -> str:
+        asked = cast(Asked, self)
+        count = len(asked.models)
+        held = f"{type(asked.body).__name__}, {count} contact{'s' if count > 1 else ''}"
+        hand = "" if asked.hand is None else f", {type(asked.hand).__name__}"
+        return f"GraspProblem({self.name!r}: {held}{hand}, {type(asked.task).__name__})"
+
+    def __str__(self) -> str:
+        told = [f"  {line}" for part in in_words(cast(Asked, self)) for line in part.lines()]
+        return "\n".join([f"{self.name}, what is asked:", *told])

@@ -1,1 +1,0 @@
-"""Display of grasp problems as text, HTML page and notebook card."""

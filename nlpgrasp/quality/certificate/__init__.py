@@ -1,1 +1,0 @@
-"""Certified bounds on mu by inner and outer approximation of the wrench set."""

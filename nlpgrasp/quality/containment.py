@@ -1,0 +1,93 @@
+"""Containment problem of a task in a wrench set, in well-conditioned coordinates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.quality.wrench_set import WrenchSet, numerical_rank
+from nlpgrasp.tasks import Task
+
+FLAT_CONDITION = 1e-10  # relative eigenvalue of the task's shape below which it is regularised
+ROUNDING = 1e-9  # relative guard against rounding
+
+
+@dataclass(frozen=True)
+class Containment:
+    """Containment problem ``alpha A inside W`` after a linear change of wrench coordinates ``w' = M w``.
+
+    The largest alpha is ``min phi_W(y) / phi_A(y)`` over directions with ``phi_A(y) > 0`` (Theorem 3-9). It does not
+    depend on the coordinates, which are chosen for conditioning: the task becomes round, and coordinates along which
+    the contacts exert no wrench are dropped.
+
+    Parameters
+    ----------
+    wrenches : WrenchSet
+        In the new coordinates, full row rank.
+    task : Task
+        In the new coordinates.
+    matrix : (r, d) array
+        M; a direction u of the new coordinates is ``M^T u`` in the old ones.
+    rounding : float
+        Relative guard for the arithmetic of the change of coordinates.
+    """
+
+    wrenches: WrenchSet
+    task: Task
+    matrix: FloatArray
+    rounding: float = ROUNDING
+
+    @property
+    def rank(self) -> int:
+        """Number of coordinates kept."""
+        return int(self.matrix.shape[0])
+
+    def ratio(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return ``phi_W / phi_A`` (inf where ``phi_A <= 0``) and its gradient, (m,) and (m, r)."""
+        phi, wrench = self.wrenches.support(u)
+        reach, demand = self.task.support(u)
+        positive = reach > 1e-12 * np.linalg.norm(u, axis=1)
+        safe = np.where(positive, reach, 1.0)
+        value = np.where(positive, phi / safe, np.inf)
+        gradient = (wrench - np.where(positive, value, 0.0)[:, None] * demand) / safe[:, None]
+        return value, gradient
+
+    def original(self, u: FloatArray) -> FloatArray:
+        """Map a direction (r,) to a unit direction (d,) in the original wrench coordinates."""
+        y = u @ self.matrix
+        return y / np.linalg.norm(y)
+
+
+def conditioned(wrenches: WrenchSet, task: Task) -> tuple[Containment | None, FloatArray | None]:
+    """Return the containment problem in well-conditioned coordinates, or a proof of ``mu = 0`` by rank.
+
+    Returns
+    -------
+    containment : Containment or None
+    proof : (d,) array or None
+        A direction along which no contact can exert a wrench although the task requires one.
+    """
+    moment = task.second_moment()
+    scale = np.sqrt(np.diag(moment) + np.sum(wrenches.G**2, axis=1))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    vectors, values, _ = np.linalg.svd(wrenches.G / scale[:, None])
+    rank = numerical_rank(values)
+    null = (vectors[:, rank:] / scale[:, None]).T  # directions without any wrench
+    for y in null:
+        both = np.stack([y, -y])
+        reach = task.support(both)[0]
+        if reach.max() > 1e-9 * np.linalg.norm(np.sqrt(np.diag(moment)) * y):
+            return None, both[int(np.argmax(reach))] / np.linalg.norm(y)
+    if rank == 0:
+        return None, None
+    reduce = (vectors[:, :rank] / scale[:, None]).T  # (rank, d)
+    shape = reduce @ moment @ reduce.T
+    spread = np.linalg.eigvalsh(shape)
+    if spread[0] <= FLAT_CONDITION * spread[-1]:
+        gram = reduce @ wrenches.G @ wrenches.G.T @ reduce.T
+        shape = shape + 0.1 * np.trace(shape) / np.trace(gram) * gram
+    matrix = np.linalg.solve(np.linalg.cholesky(shape), reduce)
+    rounding = ROUNDING + 1e-14 * float(np.linalg.cond(shape)) ** 0.5
+    return Containment(wrenches.transformed(matrix), task.transformed(matrix), matrix, rounding), None

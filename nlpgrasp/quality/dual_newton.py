@@ -1,0 +1,192 @@
+"""Batched least L2 finger forces, by a semismooth Newton method on the dual.
+
+``min ||x||^2 / 2  s.t.  G x = w, x in K`` has the dual ``max_y <w, y> - ||P_K(G^T y)||^2 / 2`` with d unknowns
+whatever the number of contacts; the primal is ``x = P_K(G^T y)``. The dual is concave, C^1 and piecewise smooth, with
+generalised Hessian ``-G P_K'(G^T y) G^T`` (docs/paper/09_support_functions.md).
+
+Arrays are components first: each row holds one component for all wrenches and is contiguous, so every operation runs
+over the wrenches. The Hessian's entries are linear in those of the contacts' ``P_Ki'``: one matrix product. For many
+wrenches, some are first solved roughly, and their best solutions are warm starts for all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from nlpgrasp.common.ldl import solve_columns
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.contacts.base import upper_triangle
+from nlpgrasp.quality.wrench_set import WrenchSet
+
+CHUNK = 16384  # wrenches per batch
+MANY, FIRST, ROUGHLY = 500, 128, 6  # wrenches above which the first ones, with few steps, give warm starts
+WORTH = 0.8  # share of unsolved wrenches below which solved ones are dropped
+TOLERANCE = 1e-10
+STEPS = 100
+SHORTER = 4  # backtracking steps before the Hessian is damped
+FLOOR = 1e-14  # of the Hessian's trace, added to its diagonal
+LEAST_DAMPING, MOST_DAMPING = 1e-6, 1e6  # of |G|^2; beyond the latter, rounding prevents progress
+
+
+def dual_newton(
+    wrench_set: WrenchSet, wrenches: FloatArray, tolerance: float = TOLERANCE, limit: float = np.inf
+) -> tuple[FloatArray, FloatArray]:
+    """Return dual solutions y (m, d) and least L2 forces x (m, n) for unit wrenches (m, d).
+
+    Wrenches that need a force above ``limit`` are abandoned as soon as the dual value shows it.
+    A wrench that the contacts cannot produce leaves a residual ``w - G x``, and y grows along a direction that
+    separates it from what they can.
+    """
+    solver = _Solver(wrench_set, tolerance, 0.5 * limit**2)
+    w = np.ascontiguousarray(wrenches.T)
+    start = solver.unconstrained(w)
+    if w.shape[1] > MANY:
+        y, x = solver.solve(w[:, :FIRST], start[:, :FIRST], ROUGHLY)
+        start = _best_start(w, y, np.linalg.norm(x, axis=0), start)
+    parts = [
+        solver.solve(np.ascontiguousarray(w[:, a : a + CHUNK]), np.ascontiguousarray(start[:, a : a + CHUNK]), STEPS)
+        for a in range(0, max(w.shape[1], 1), CHUNK)
+    ]
+    return np.concatenate([y.T for y, _ in parts]), np.concatenate([x.T for _, x in parts])
+
+
+def _best_start(w: FloatArray, y: FloatArray, size: FloatArray, otherwise: FloatArray) -> FloatArray:
+    """Return warm starts: for each wrench the multiple ``s y_j`` of a known solution with the largest dual value.
+
+    With ``x_j = P_K(G^T y_j)`` that is ``s = <w, y_j> / |x_j|^2``, where ``<w, y_j> / |x_j|`` is largest; the other
+    start given where none is positive.
+    """
+    y, size = y[:, size > 0.0], size[size > 0.0]
+    if not size.size:
+        return otherwise
+    score = w.T @ (y / size)
+    best = np.argmax(score, axis=1)
+    most = score[np.arange(len(best)), best]
+    return np.where(most > 0.0, y[:, best] * (most / size[best]), otherwise)
+
+
+@dataclass
+class _State:
+    """Iterate of the unsolved wrenches, one per column."""
+
+    index: np.ndarray[tuple[int, ...], np.dtype[np.intp]]
+    w: FloatArray
+    y: FloatArray
+    z: FloatArray  # G^T y
+    x: FloatArray  # its projection
+    value: FloatArray
+    gradient: FloatArray
+    residual: FloatArray
+    damping: FloatArray
+
+    def keep(self, columns: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]) -> None:
+        """Drop the other columns."""
+        for name in (f.name for f in fields(self)):
+            setattr(self, name, getattr(self, name)[..., columns])
+
+
+class _Solver:
+    def __init__(self, wrench_set: WrenchSet, tolerance: float, limit: float) -> None:
+        self.tolerance, self.limit = tolerance, limit
+        self.G = np.ascontiguousarray(wrench_set.G)
+        self.contacts = wrench_set.contacts
+        self.where = wrench_set.ranges
+        self.same = all(c == self.contacts[0] for c in self.contacts)
+        self.size = float(np.sum(self.G**2))
+        d = len(self.G)
+        self.upper = upper_triangle(d)
+        columns = []  # entry (a, b) of G_i P_i' G_i^T per entry (p, q) of P_i'
+        for r in self.where:
+            for p, q in upper_triangle(r.stop - r.start):
+                both = np.outer(self.G[:, r.start + p], self.G[:, r.start + q])
+                both = both if p == q else both + both.T
+                columns.append(np.array([both[place] for place in self.upper]))
+        self.assemble = np.stack(columns, axis=1)
+
+    def unconstrained(self, w: FloatArray) -> FloatArray:
+        """Return the solutions for ``K = R^n`` as starting points."""
+        return np.linalg.pinv(self.G @ self.G.T, hermitian=True) @ w
+
+    def solve(self, w: FloatArray, start: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
+        """Solve for y (d, m) and x (n, m) by Newton's method."""
+        m = w.shape[1]
+        y_out, x_out, best = np.zeros_like(w), np.zeros((self.G.shape[1], m)), np.full(m, np.inf)
+        state = self._state(np.arange(m), w, start, np.zeros(m))
+        for _ in range(steps):
+            improved = state.residual < best[state.index]
+            kept = state.index[improved]
+            best[kept] = state.residual[improved]
+            y_out[:, kept], x_out[:, kept] = state.y[:, improved], state.x[:, improved]
+            # wrenches beyond the limit, or stopped by rounding, are done too
+            going = (state.residual > self.tolerance) & (state.value <= self.limit) & (state.damping <= MOST_DAMPING)
+            if not going.any():
+                break
+            if going.mean() < WORTH or len(going) < MANY:
+                state.keep(going)
+            state = self._search(state, self._newton_step(state))
+        return y_out, x_out
+
+    def _state(
+        self, index: np.ndarray[tuple[int, ...], np.dtype[np.intp]], w: FloatArray, y: FloatArray, damping: FloatArray
+    ) -> _State:
+        """Evaluate the iterate at y."""
+        z = self.G.T @ y
+        x = self._project(z)
+        gradient = w - self.G @ x
+        value = np.einsum("dm,dm->m", w, y) - 0.5 * np.einsum("nm,nm->m", x, x)
+        return _State(index, w, y, z, x, value, gradient, np.sqrt(np.einsum("dm,dm->m", gradient, gradient)), damping)
+
+    def _newton_step(self, state: _State) -> FloatArray:
+        """Return the solution of ``(H + regular I) s = gradient`` (d, m)."""
+        entries = dict(zip(self.upper, self.assemble @ self._derivatives(state.z), strict=True))
+        d = len(state.y)
+        trace = np.sum([entries[a, a] for a in range(d)], axis=0)
+        small = np.minimum(state.residual, 0.1)
+        regular = FLOOR * trace + state.damping * self.size + 1e-3 * small**3 + 1e-300
+        return solve_columns(entries, regular, state.gradient)
+
+    def _search(self, state: _State, step: FloatArray) -> _State:
+        """Return the state after a line search; without sufficient increase, unchanged with more damping."""
+        slope = np.einsum("dm,dm->m", state.gradient, step)
+        trial = self._state(state.index, state.w, state.y + step, 0.01 * state.damping)
+        enough = trial.value >= state.value + 1e-4 * slope
+        # close to the solution the gradient decides, not the value
+        nearer = (trial.residual < 0.7 * state.residual) & (trial.value >= state.value - 1e-14 * np.abs(state.value))
+        short = np.flatnonzero(~(enough | nearer))
+        length = 1.0
+        for _ in range(SHORTER):
+            if not short.size:
+                break
+            length *= 0.25
+            y = state.y[:, short] + length * step[:, short]
+            part = self._state(state.index[short], state.w[:, short], y, trial.damping[short])
+            self._put(trial, short, part)
+            short = short[part.value < state.value[short] + 1e-4 * length * slope[short]]
+        if short.size:
+            old = self._state(state.index[short], state.w[:, short], state.y[:, short], state.damping[short])
+            old.damping = np.maximum(LEAST_DAMPING, 100.0 * old.damping)
+            self._put(trial, short, old)
+        return trial
+
+    @staticmethod
+    def _put(state: _State, columns: np.ndarray[tuple[int, ...], np.dtype[np.intp]], part: _State) -> None:
+        for name in (f.name for f in fields(state)):
+            if name not in ("index", "w"):
+                getattr(state, name)[..., columns] = getattr(part, name)
+
+    def _project(self, z: FloatArray) -> FloatArray:
+        """Return ``P_K(z)``, (n, m)."""
+        if self.same:
+            block = z.reshape(len(self.contacts), self.where[0].stop, z.shape[1]).transpose(0, 2, 1)
+            return np.ascontiguousarray(self.contacts[0].project(block).transpose(0, 2, 1)).reshape(z.shape)
+        return np.concatenate([c.project(z[r].T).T for c, r in zip(self.contacts, self.where, strict=True)])
+
+    def _derivatives(self, z: FloatArray) -> FloatArray:
+        """Return the upper triangles of every contact's ``P_Ki'`` as rows, (sum n_i (n_i + 1) / 2, m)."""
+        m = z.shape[1]
+        if self.same:
+            block = z.reshape(len(self.contacts), self.where[0].stop, m).transpose(0, 2, 1)
+            return np.moveaxis(self.contacts[0].derivative_entries(block), 0, 1).reshape(self.assemble.shape[1], m)
+        return np.concatenate([c.derivative_entries(z[r].T) for c, r in zip(self.contacts, self.where, strict=True)])

@@ -1,0 +1,225 @@
+"""Least finger forces for given wrenches, with infeasibility proofs.
+
+The grasp force optimisation problem (Boyd and Wegbreit 2007, doi:10.1109/TRO.2007.904901): minimise f subject to
+``G x = w``, x in K and x in f B.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import overload
+
+import clarabel
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+
+from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.budgets.l2 import L2Set
+from nlpgrasp.common.quadratic_program import LONG, SHORT, cone_of, quiet_settings
+from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.contacts.product import into, lifted
+from nlpgrasp.errors import NlpgraspError
+from nlpgrasp.quality.arguments import require_grasp
+from nlpgrasp.quality.dual_newton import TOLERANCE, dual_newton
+from nlpgrasp.quality.force_closure import positive_share, unreachable
+from nlpgrasp.quality.grasp import Grasp, GraspStack
+from nlpgrasp.quality.wrench_set import WrenchSet, numerical_rank
+
+TOLERANCES = (1e-11, 1e-9, 3e-8)  # tried in turn until the solver succeeds, each also with shorter steps
+PRODUCED = 1e-8  # relative residual up to which a wrench counts as produced
+PROVEN = 1e-9  # largest |P_K(z)| over |z| of a separating direction
+CLEAR = 1e-6  # least <w, y> of a separating direction, for unit vectors
+
+
+def least_forces(wrench_set: WrenchSet, wrenches: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return least forces (m, n) in units of the budget, and dual directions (m, d), for wrenches (m, d).
+
+    A dual direction is the gradient of the least amount with respect to the wrench. NaN where the solver fails.
+    """
+    d = len(wrench_set.G)
+    lift, matrices = lifted(wrench_set.contacts, wrench_set.space)
+    n = lift.shape[1]
+    rows: list[FloatArray] = [np.pad(wrench_set.G @ lift, [(0, 0), (0, 1)])]
+    cones = [clarabel.ZeroConeT(d)]
+    matrices = [np.pad(M, [(0, 0), (0, 1)]) for M in matrices]
+    matrices += [np.concatenate([M[:, :-1] @ lift, M[:, -1:]], axis=1) for M in wrench_set.force_set.cones()]
+    rows += [-M for M in matrices]
+    cones += [cone_of(M) for M in matrices]
+    A = sparse.csc_matrix(np.concatenate(rows))
+    cost = np.zeros(n + 1)
+    cost[n] = 1.0
+    settings = [quiet_settings(tolerance, step) for tolerance in TOLERANCES for step in (LONG, SHORT)]
+    forces, directions = np.full((len(wrenches), len(lift)), np.nan), np.full((len(wrenches), d), np.nan)
+    nothing = sparse.csc_matrix((n + 1, n + 1))
+    for i, w in enumerate(wrenches):
+        b = np.zeros(A.shape[0])
+        b[:d] = w
+        for options in settings:
+            found = clarabel.DefaultSolver(nothing, cost, A, b, cones, options).solve()
+            if str(found.status) == "Solved":
+                forces[i] = lift @ np.array(found.x)[:n]
+                directions[i] = -np.array(found.z)[:d]
+                break
+            if "Infeasible" in str(found.status):
+                break
+    return forces, directions
+
+
+@dataclass(frozen=True)
+class FingerForces:
+    """Least finger forces for given wrenches, with feasibility and separating directions.
+
+    Parameters
+    ----------
+    forces : (m, n) array
+        Force components in the contact frames, newtons and newton-metres, contact by contact, normal force first; the
+        solver's last iterate for infeasible wrenches.
+    feasible : (m,) bool array
+        Whether the contacts can exert the wrench with any force.
+    residual : (m,) array
+        ``||G x - w||`` relative to ``||w||``, torques over the longest arm.
+    used : (m,) array
+        Least amount of the force budget, in its units: the L2 norm of all forces, the largest normal force, ...;
+        infinite for infeasible wrenches.
+    separating_directions : (m, d) array
+        Infeasibility proof: a unit direction y with ``<w, y> > 0`` along which no force in the contacts' cones does
+        positive work; NaN for feasible wrenches.
+    """
+
+    forces: FloatArray
+    feasible: NDArray[np.bool_]
+    residual: FloatArray
+    used: FloatArray
+    separating_directions: FloatArray
+
+
+@overload
+def finger_forces(grasp: Grasp, wrenches: ArrayLike, *, force_budget: str | ForceBudget = "l2") -> FingerForces: ...
+
+
+@overload
+def finger_forces(
+    grasp: GraspStack, wrenches: ArrayLike, *, force_budget: str | ForceBudget = "l2"
+) -> tuple[FingerForces, ...]: ...
+
+
+def finger_forces(
+    grasp: Grasp | GraspStack, wrenches: ArrayLike, *, force_budget: str | ForceBudget = "l2"
+) -> FingerForces | tuple[FingerForces, ...]:
+    """Return the least finger forces for each wrench (docs/measures.md).
+
+    With the default budget the forces of least L2 norm, unique, for thousands of wrenches at once. With
+    ``"per_finger"`` the least maximal normal force (the grasp force optimisation problem), with ``"shared"`` the
+    least sum of normal forces, with ``"per_finger_size"`` the least maximal finger force, with joint-torque limits
+    the least share of them: one small conic program a wrench.
+
+    Parameters
+    ----------
+    grasp : Grasp or GraspStack
+        Contacts in place; of a stack every grasp has the same wrenches.
+    wrenches : (m, d) or (d,) array
+        Wrenches to exert, newtons and newton-metres, about the grasp's torque origin: the opposite of a load on the
+        body.
+    force_budget : str or ForceBudget
+        The minimised amount of force.
+
+    Returns
+    -------
+    FingerForces
+        For a stack, one for each grasp.
+
+    Raises
+    ------
+    InputError
+        On wrenches of another dimension, NaN, or a budget that does not bound the contacts' forces.
+    """
+    require_grasp(grasp, stack=True)
+    if isinstance(grasp, GraspStack):
+        return tuple(finger_forces(g, wrenches, force_budget=force_budget) for g in grasp)
+    w = _rows(wrenches, grasp.dimension)
+    scale = _units(grasp)
+    scaled = WrenchSet.of(grasp, force_budget).transformed(np.diag(1.0 / scale))
+    target = w / scale
+    size = np.linalg.norm(target, axis=1)
+    unit = target / np.where(size > 0.0, size, 1.0)[:, None]
+    x, residual, why = _least(scaled, unit)
+    feasible = residual <= PRODUCED
+    why = why / scale
+    why /= np.where(feasible, np.nan, np.linalg.norm(why, axis=1))[:, None]
+    used = np.where(feasible, scaled.force_set.used(x) * size, np.inf)
+    return FingerForces(x * size[:, None], feasible, residual, used, why)
+
+
+def _rows(wrenches: ArrayLike, d: int) -> FloatArray:
+    """Return wrenches as rows; a single one may be given by itself."""
+    try:
+        single = np.ndim(wrenches) == 1 and np.shape(wrenches) == (d,)
+    except ValueError:  # rows of different lengths
+        single = False
+    return array("wrenches", wrenches, (d,))[None, :] if single else array("wrenches", wrenches, (None, d))
+
+
+def _units(grasp: Grasp) -> FloatArray:
+    """Return the units (d,) of wrench components: 1 for forces, the longest arm for torques."""
+    torques = grasp.G[grasp.space :]
+    arms = np.linalg.norm(grasp.points - grasp.torque_origin, axis=1)
+    arm = max(float(np.max(np.linalg.norm(torques, axis=0))), float(np.max(arms)))
+    return np.array([1.0] * grasp.space + [arm or 1.0] * len(torques))
+
+
+def _least(wrench_set: WrenchSet, w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return forces, residuals and separating directions for unit (or zero) wrenches."""
+    basis, values, _ = np.linalg.svd(wrench_set.G)
+    basis = basis[:, : numerical_rank(values)]  # range of G, without the contacts' cones
+    inside = wrench_set.transformed(basis.T)
+    local = w @ basis
+    y, x = dual_newton(inside, local)
+    why = w - local @ basis.T
+    off = np.linalg.norm(why, axis=1) > PRODUCED
+    residual = np.linalg.norm(x @ wrench_set.G.T - w, axis=1)
+    open_ = np.flatnonzero(~off & (residual > PRODUCED))
+    proven = _separates(inside, y[open_], local[open_])
+    why[open_[proven]] = y[open_[proven]] @ basis.T
+    open_ = open_[~proven]
+    if open_.size:  # narrow cones are hard for Newton's method: use a conic solver
+        again = least_forces(replace(inside, force_set=L2Set(inside.contacts, inside.space)), local[open_])[0]
+        again = _into_the_cones(inside, again, local[open_])
+        left = np.linalg.norm(again @ inside.G.T - local[open_], axis=1)
+        good = left <= PRODUCED  # false for NaN
+        x[open_[good]], residual[open_[good]] = again[good], left[good]
+        for i in open_[~good]:
+            found = unreachable(inside, local[i])
+            why[i] = basis @ (y[i] if found is None else found)
+    if not isinstance(wrench_set.force_set, L2Set):
+        able = np.flatnonzero(residual <= PRODUCED)
+        least = least_forces(inside, local[able])[0]
+        failed = able[~np.all(np.isfinite(least), axis=1) & np.any(local[able] != 0.0, axis=1)]
+        if failed.size:
+            raise NlpgraspError(f"finger_forces: the conic solver found no least forces for wrench {int(failed[0])}")
+        x[able] = _into_the_cones(inside, np.where(np.isfinite(least), least, 0.0), local[able])
+        residual = np.linalg.norm(x @ wrench_set.G.T - w, axis=1)
+    return x, residual, why
+
+
+def _into_the_cones(wrench_set: WrenchSet, x: FloatArray, w: FloatArray) -> FloatArray:
+    """Project a conic solver's forces for wrenches w into the cones, and correct the change of wrench.
+
+    The change of wrench is compensated by additional forces, since the sum of two forces in a convex cone is in it.
+    """
+    inside = np.full_like(x, np.nan)
+    solved = np.all(np.isfinite(x), axis=1)
+    inside[solved] = into(x[solved], wrench_set.contacts, wrench_set.space)
+    left = w - inside @ wrench_set.G.T
+    size = np.linalg.norm(left, axis=1)
+    off = np.flatnonzero(size > TOLERANCE)  # false for NaN
+    mended = inside[off] + size[off, None] * dual_newton(wrench_set, left[off] / size[off, None])[1]
+    better = np.linalg.norm(w[off] - mended @ wrench_set.G.T, axis=1) < size[off]
+    inside[off[better]] = mended[better]
+    return inside
+
+
+def _separates(wrench_set: WrenchSet, y: FloatArray, w: FloatArray) -> NDArray[np.bool_]:
+    """Return where y separates w from ``G K``: no support along y, and <w, y> clearly above 0."""
+    size = np.maximum(np.linalg.norm(y, axis=1), 1e-300)
+    return np.asarray((positive_share(wrench_set, y) <= PROVEN) & (np.sum(w * y, axis=1) > CLEAR * size))

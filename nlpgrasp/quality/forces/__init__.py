@@ -1,1 +1,0 @@
-"""Grasp force optimisation: least finger forces for given wrenches."""

@@ -1,1 +1,0 @@
-"""Quality measures of other tools, for comparison."""

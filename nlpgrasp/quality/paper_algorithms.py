@@ -1,0 +1,398 @@
+"""Reference implementations of the paper's algorithms (Sections 3.1 and 3.4).
+
+Wolfe's method (Finding the nearest point in a polytope, 1976, doi:10.1007/BF01580381) with vertices from a support
+function, as in Gilbert, Johnson and Keerthi (1988, doi:10.1109/56.2083).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import ConvexHull, QhullError
+
+from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.common.unit_directions import directions, inradius
+from nlpgrasp.common.validation import FloatArray, array, integer, number, read_only
+from nlpgrasp.errors import InputError, NlpgraspError
+from nlpgrasp.quality.arguments import require_grasp, task_for
+from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.quality.ratio_minimisation import random_directions, separated
+from nlpgrasp.quality.wrench_set import WrenchSet, over_length, wrench_rank
+from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope
+
+GAP = 1e-14  # of distance times the polytope's size: tolerance of stationarity
+NOTHING = 1e-12  # weight below which a vertex is dropped
+MOST = 10_000
+VERTICES = 300  # default number of vertices
+ROUNDS = 4  # rounds of refinement beyond the worst faces
+APART = 0.95  # largest cosine between normals of one round
+LOOKED_AT = 4_000  # most faces considered per round
+SAME = 1e-12  # relative tolerance of an exact polytope
+MOST_VERTICES = {3: 100_000, 6: 1_500}  # by dimension, limited by Qhull's time and memory
+FIRST = 0.1  # first step, of the largest possible beta; factor of later steps
+SHELLS = 2
+
+
+Vertex = Callable[[FloatArray], FloatArray]
+
+
+@dataclass(frozen=True)
+class PolytopeDistance:
+    """Distance of a point from a polytope, with a certified lower bound.
+
+    Parameters
+    ----------
+    distance : float
+        From the point to ``nearest``, an upper bound of the true distance, in the unit of the points.
+    lower : float
+        Lower bound of the true distance, by a separating plane; 0 if none was found.
+    nearest : (d,) array
+        The nearest point of the polytope.
+    direction : (d,) array
+        From the nearest point to the point; unit length, zero where they are the same.
+    """
+
+    distance: float
+    lower: float
+    nearest: FloatArray
+    direction: FloatArray
+
+    @property
+    def outside(self) -> bool:
+        """Whether a separating plane proves that the point is outside."""
+        return self.lower > 0.0
+
+
+def polytope_distance(polytope: ArrayLike | Vertex, point: ArrayLike, most: int = MOST) -> PolytopeDistance:
+    """Return the distance of a point from a polytope, given by vertices or a support function.
+
+    Parameters
+    ----------
+    polytope : (m, d) array or callable
+        Its vertices, or a function that maps a direction y (d,) to the farthest point (d,) along y. That may also be of
+        any other closed convex set: the method then ends at rounding, or after ``most`` steps.
+    point : (d,) array
+        The point.
+    most : int
+        Most steps, at least 1.
+
+    Returns
+    -------
+    PolytopeDistance
+        In the unit of the points.
+
+    Raises
+    ------
+    InputError
+        On shapes that do not match, NaN, or no vertices.
+    """
+    p = array("point", point, (None,))
+    most = integer("most", most, at_least=1)
+    vertex = polytope if callable(polytope) else _of_points(polytope, len(p))
+    V = np.array([_found(vertex, p) - p])  # the vertices in use, from the point; the nearest point is a mean of them
+    weights = np.ones(1)
+    x, lower, extent, first = V[0], 0.0, 0.0, V[0]
+    for _ in range(most):
+        size = float(np.linalg.norm(x))
+        if size <= NOTHING * extent:
+            break
+        new = _found(vertex, -x) - p
+        lower, extent = max(lower, float(x @ new) / size), max(extent, float(np.linalg.norm(new - first)))
+        if x @ (x - new) <= GAP * size * extent:
+            break
+        if np.any(np.all(new == V, axis=1)):
+            break
+        V, weights = _nearest_of(np.concatenate([V, new[None]]), np.append(weights, 0.0))
+        closer = weights @ V
+        if not closer @ closer < x @ x:  # rounding: no step gets any nearer
+            break
+        x = closer
+    size = float(np.linalg.norm(x))
+    return PolytopeDistance(size, min(max(lower, 0.0), size), p + x, -x / size if size > 0.0 else np.zeros_like(x))
+
+
+def _of_points(points: ArrayLike, d: int) -> Vertex:
+    """Return the support-vertex function of the hull of points."""
+    rows = array("polytope", points, (None, d))
+    if not len(rows):
+        raise InputError("polytope", "no points", "at least one vertex")
+    return lambda y: rows[int(np.argmax(rows @ y))]
+
+
+def _found(vertex: Vertex, y: FloatArray) -> FloatArray:
+    """Return the validated farthest vertex along a direction."""
+    return array("polytope", vertex(y), y.shape)
+
+
+def _nearest_of(V: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the vertices and weights of the point of their hull nearest to the origin (Wolfe's minor cycle)."""
+    while True:
+        steps = np.linalg.lstsq((V[1:] - V[0]).T, -V[0], rcond=None)[0]
+        flat = np.concatenate([[1.0 - steps.sum()], steps])  # nearest of their flat
+        if np.all(flat > NOTHING):
+            return V, flat / flat.sum()
+        falling = flat <= NOTHING
+        drop = weights[falling] - flat[falling]
+        share = np.min(np.where(drop > 0.0, weights[falling] / np.where(drop > 0.0, drop, 1.0), 0.0))
+        weights = (1.0 - min(share, 1.0)) * weights + min(share, 1.0) * flat
+        keep = weights > NOTHING
+        if keep.all():
+            keep[int(np.argmin(weights))] = False
+        V, weights = V[keep], weights[keep] / weights[keep].sum()
+
+
+@dataclass(frozen=True)
+class InscribedPolytope:
+    """An inscribed polytope of ``G(B n K)`` with all its faces.
+
+    Wrenches are in newtons, torques over ``torque_scale``.
+
+    Parameters
+    ----------
+    vertices : (m, d) array
+        Wrenches of the set, the origin last.
+    normals : (f, d) array
+        Unit outward normals of the faces; none if the wrenches do not span wrench space.
+    distances : (f,) array
+        Distances d_i (Section 3.4) of the faces' planes from the origin, newtons, at least zero.
+    members : (f, d) array of int
+        Vertex indices of each face. A face with more than d vertices is split.
+    share : float
+        Approximation error: ``share G(B n K)`` is inside the polytope, which is inside ``G(B n K)``; at most 1.
+    torque_scale : float
+        Metres.
+    """
+
+    vertices: FloatArray
+    normals: FloatArray
+    distances: FloatArray
+    members: np.ndarray[tuple[int, ...], np.dtype[np.intp]]
+    share: float
+    torque_scale: float
+
+    @property
+    def closest(self) -> int | None:
+        """Index of the face closest to the origin, ``None`` without faces."""
+        return int(np.argmin(self.distances)) if len(self.distances) else None
+
+    @property
+    def delta(self) -> float:
+        """Least distance, newtons: between ``share`` times delta and delta; 0 without faces."""
+        return 0.0 if self.closest is None else float(self.distances[self.closest])
+
+
+def inscribed_polytope(
+    grasp: Grasp,
+    vertices: int = VERTICES,
+    torque_scale: float = 1.0,
+    *,
+    force_budget: str | ForceBudget = "l2",
+    seed: int = 0,
+) -> InscribedPolytope:
+    """Return an inscribed polytope of ``G(B n K)``, including the origin, with all its faces.
+
+    The paper's procedure for delta, (3.1-1b), which is the distance of the closest face. For comparison only: ``delta``
+    is certified and faster.
+
+    Parameters
+    ----------
+    grasp : Grasp
+        Contacts in place.
+    vertices : int
+        Largest number, at least 2 d and at most 1500 in space, where many vertices have very many faces.
+    torque_scale : float
+        Metres. Converts torques to forces; directions are uniform in these units.
+    force_budget : str or ForceBudget
+        Bound on the finger forces.
+    seed : int
+        Of the random directions.
+
+    Returns
+    -------
+    InscribedPolytope
+        Wrenches over their units, distances in newtons.
+
+    Raises
+    ------
+    InputError
+        On numbers out of range, or a budget that does not fit.
+    NlpgraspError
+        When the hull cannot be built.
+    """
+    require_grasp(grasp)
+    d = grasp.dimension
+    count = integer("vertices", vertices, at_least=2 * d, at_most=MOST_VERTICES[d])
+    rng = np.random.default_rng(integer("seed", seed, at_least=0, at_most=2**63 - 1))
+    wrenches = WrenchSet.of(grasp, force_budget).transformed(np.diag(over_length(grasp, torque_scale)))
+    each = max(count // (ROUNDS + 1), d)
+    points = np.concatenate([wrenches.support(random_directions(each, d, rng))[1], np.zeros((1, d))])
+    if wrench_rank(points) < d:
+        nothing = np.zeros((0, d))
+        return InscribedPolytope(points, nothing, np.zeros(0), nothing.astype(np.intp), 0.0, float(torque_scale))
+    while True:
+        hull = _hull(points)
+        normals, distances = hull.equations[:, :-1], np.maximum(-hull.equations[:, -1], 0.0)
+        reach, farthest = wrenches.support(normals)
+        shares = np.where(reach > 0.0, distances / np.where(reach > 0.0, reach, 1.0), 1.0)
+        room = min(count - len(points) + 1, each)
+        if room <= 0 or np.min(shares) >= 1.0 - SAME:
+            break
+        worst = separated(normals, np.argsort(shares)[:LOOKED_AT], APART, room)
+        points = np.concatenate([farthest[worst], points])
+    return InscribedPolytope(
+        vertices=read_only(points),
+        normals=read_only(normals),
+        distances=read_only(distances),
+        members=np.asarray(hull.simplices, dtype=np.intp),
+        share=min(float(np.min(shares)), 1.0),
+        torque_scale=float(torque_scale),
+    )
+
+
+def _hull(points: FloatArray) -> ConvexHull:
+    """Return the convex hull of wrenches."""
+    try:
+        return ConvexHull(points)
+    except QhullError as error:
+        raise NlpgraspError(f"the inscribed polytope cannot be built: {str(error).splitlines()[0]}") from None
+
+
+@dataclass(frozen=True)
+class SteppedMu:
+    """Result of the increments: largest beta, last step and approximation errors.
+
+    Parameters
+    ----------
+    beta : float
+        All sampled wrenches, times beta, are in the polytope.
+    step : float
+        Times ``beta + step``, the wrench ``worst`` is not.
+    worst : (d,) array
+        That wrench of the task, newtons and newton-metres.
+    wrenches : int
+        Number of sampled task wrenches.
+    task_share : float
+        Error of the samples: the task times this is in their hull; 1 for a polytope.
+    polytope_share : float
+        Error of the polytope: ``G(B n K)`` times this is in it; 0 if the origin is on its boundary.
+    """
+
+    beta: float
+    step: float
+    worst: FloatArray
+    wrenches: int
+    task_share: float
+    polytope_share: float
+
+    @property
+    def bounds(self) -> Bounds:
+        """Bounds on mu from both errors, ``task_share beta`` to ``(beta + step) / polytope_share``, not certified."""
+        upper = (self.beta + self.step) / self.polytope_share if self.polytope_share > 0.0 else np.inf
+        return Bounds(self.task_share * self.beta, upper)
+
+
+def mu_by_steps(
+    grasp: Grasp,
+    task: Task,
+    rtol: float = 1e-3,
+    vertices: int = VERTICES,
+    *,
+    force_budget: str | ForceBudget = "l2",
+    seed: int = 0,
+) -> SteppedMu:
+    """Return mu by the paper's algorithm: increase beta while the task's wrenches stay in a polytope.
+
+    The polytope is inscribed in ``G(B n K)``. Ellipsoids are sampled at well-spread boundary wrenches; of polytopes all
+    wrenches are used. Membership is tested by the distance from the polytope, [14] and [15] of the paper. When a step
+    leaves it, the step is reduced to a tenth. For comparison only: ``mu`` is certified and faster.
+
+    Parameters
+    ----------
+    grasp : Grasp
+        Contacts in place.
+    task : TaskEllipsoid or TaskPolytope
+        About the same torque origin as the grasp.
+    rtol : float
+        Last step relative to beta, greater than zero.
+    vertices : int
+        Of the polytope, as in ``inscribed_polytope``.
+    force_budget : str or ForceBudget
+        Bound on the finger forces.
+    seed : int
+        Of the polytope's directions.
+
+    Returns
+    -------
+    SteppedMu
+        With ``beta`` relative to the given task, and its errors.
+
+    Raises
+    ------
+    InputError
+        On other kinds of task, or another dimension; on numbers out of range.
+    """
+    require_grasp(grasp)
+    rtol = number("rtol", rtol, above=0.0)
+    integer("vertices", vertices, at_least=1)
+    wrenches, task_share = _wrenches_of(task_for(task, grasp))
+    arm = grasp.mean_arm
+    polytope = inscribed_polytope(grasp, vertices, arm, force_budget=force_budget, seed=seed)
+    scale = over_length(grasp, arm)
+    scaled = wrenches * scale
+    beta, step, worst = _stepped(polytope.vertices, scaled, rtol)
+    return SteppedMu(beta, step, worst / scale, len(wrenches), task_share, polytope.share)
+
+
+def _wrenches_of(task: Task) -> tuple[FloatArray, float]:
+    """Return boundary wrenches (m, d) of a task, and the share of the task in their hull."""
+    if isinstance(task, TaskPolytope):
+        return task.wrenches[np.any(task.wrenches != 0.0, axis=1)], 1.0
+    if not isinstance(task, TaskEllipsoid):
+        raise InputError("task", task, "a TaskEllipsoid or a TaskPolytope")
+    axes = np.linalg.svd(task.axes, full_matrices=False)  # of an ellipsoid with axes that are not orthogonal
+    kept = 1e-12 * axes.S[0] < axes.S
+    lengths = axes.S[kept, None] * axes.Vh[kept]
+    u = directions(len(lengths), SHELLS)
+    inside = inradius(len(lengths), SHELLS)
+    return task.center + u @ lengths, inside if task.is_centred else _off_centre(task, lengths, inside)
+
+
+def _off_centre(task: TaskEllipsoid, lengths: FloatArray, inside: float) -> float:
+    """Return the share of an off-centre ellipsoid in the hull of its samples, 0 if unknown.
+
+    With the origin inside the samples' ellipsoid at ``|v| = rho < inside`` (in units of the axes) the hull holds
+    ``c + inside L u``, hence the share ``(inside - rho) / (1 - rho)`` of the whole.
+    """
+    coordinates = np.linalg.lstsq(lengths.T, -task.center, rcond=None)[0]
+    off = lengths.T @ coordinates + task.center
+    if np.linalg.norm(off) > 1e-9 * np.linalg.norm(task.center):
+        return 0.0
+    rho = float(np.linalg.norm(coordinates))
+    return max(0.0, (inside - rho) / (1.0 - rho)) if rho < 1.0 else 0.0
+
+
+def _stepped(vertices: FloatArray, wrenches: FloatArray, rtol: float) -> tuple[float, float, FloatArray]:
+    """Return beta, the last step, and the wrench that left the polytope."""
+    most = float(np.max(np.linalg.norm(vertices, axis=1)) / np.max(np.linalg.norm(wrenches, axis=1)))
+    beta, step, worst = 0.0, FIRST * most, 0
+    while True:
+        outside = _first_outside(vertices, (beta + step) * wrenches, worst)
+        if outside is None:
+            beta += step
+            continue
+        worst = outside
+        if step <= rtol * max(beta, rtol * most):
+            return beta, step, wrenches[worst]
+        step *= FIRST
+
+
+def _first_outside(vertices: FloatArray, wrenches: FloatArray, first: int) -> int | None:
+    """Return the index of a wrench outside the hull of vertices, testing a given one first; None if all are inside."""
+    for i in [first, *(j for j in range(len(wrenches)) if j != first)]:
+        if polytope_distance(vertices, wrenches[i]).outside:
+            return i
+    return None

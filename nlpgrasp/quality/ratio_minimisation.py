@@ -1,0 +1,202 @@
+"""Local minimisation of the support ratio ``phi_W / phi_A`` over directions: gradients, inverse iteration, Newton."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.quality.containment import Containment
+
+REGULAR = 1e-6  # of the trace of ``G G^T``: regularisation of the Hessian
+DIFFERENCE, STATIONARY = 1e-6, 1e-11  # step of finite differences of gradients; gradient tolerance of Newton's method
+LEAST_CURVATURE, LONGEST = 1e-6, 0.3  # relative lower bound of curvatures; rad, longest Newton step
+
+
+Model = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
+
+
+def iterate_inverse(model: Model, u: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
+    """Minimise ``phi_G / phi_A`` by damped inverse iteration from directions of each grasp, (b, m, d).
+
+    With ``phi_A(u) = <w, u>`` for the task's maximiser w, the minimiser of ``phi_G(u) / <w, u>`` is near ``H^-1 w``
+    with the Hessian H of ``phi_G^2 / 2``.
+
+    Parameters
+    ----------
+    model : callable
+        Maps directions (b, m, d) to ratios (b, m), the task's maximisers (b, m, d) and H (b, m, d, d).
+    u : (b, m, d) array
+    steps : int
+
+    Returns
+    -------
+    directions : (b, m, d) array
+    ratios : (b, m) array
+        Not above those of the starting directions.
+    """
+    value, wrench, H = model(u)
+    step = np.ones(value.shape)
+    for _ in range(steps):
+        target = np.linalg.solve(H, wrench[..., None])[..., 0]
+        work = np.sum(target * wrench, axis=2)
+        target /= np.where(work > 0.0, work, 1.0)[..., None]
+        trial = u + step[..., None] * (np.sum(u * wrench, axis=2)[..., None] * target - u)
+        found, found_wrench, found_H = model(trial)
+        better = found < value
+        u, wrench = (np.where(better[..., None], new, old) for new, old in ((trial, u), (found_wrench, wrench)))
+        H = np.where(better[..., None, None], found_H, H)
+        value = np.where(better, found, value)
+        step = np.where(better, np.minimum(1.0, 2.0 * step), 0.3 * step)
+    return u, value
+
+
+def descend(problem: Containment, u: FloatArray, iterations: int = 30) -> tuple[FloatArray, FloatArray]:
+    """Minimise the support ratio by monotone gradient descent from each row of ``u``.
+
+    A fixed step oscillates and overestimates the minimum by several percent (docs/certified_bounds.md), so each row has
+    an adaptive step, longer after a success and shorter after a failure, and never ascends.
+
+    Parameters
+    ----------
+    problem : Containment
+    u : (m, r) array
+        Non-zero starting directions.
+    iterations : int
+
+    Returns
+    -------
+    directions : (m, r) array
+        Unit vectors.
+    ratios : (m,) array
+        Exact ratios there, each an upper bound on the measure.
+    """
+    u = u / np.linalg.norm(u, axis=1, keepdims=True)
+    value, gradient = problem.ratio(u)
+    step = np.full(len(u), 0.5)
+    for _ in range(iterations):
+        length = step / np.where(np.isfinite(value) & (value > 0.0), value, 1.0)
+        trial = u - length[:, None] * gradient
+        trial /= np.maximum(np.linalg.norm(trial, axis=1, keepdims=True), 1e-300)
+        trial_value, trial_gradient = problem.ratio(trial)
+        better = trial_value < value
+        u = np.where(better[:, None], trial, u)
+        gradient = np.where(better[:, None], trial_gradient, gradient)
+        value = np.where(better, trial_value, value)
+        step = np.where(better, 1.5 * step, 0.3 * step)
+    return u, value
+
+
+def iterate(problem: Containment, u: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
+    """Minimise the support ratio by inverse iteration from each row of ``u``, for the L2 budget.
+
+    The squared support is piecewise quadratic, so this converges in fewer steps than ``descend``
+    (``quality.inverse_iteration``). Arguments and results are those of ``descend``; a narrow minimum far from all
+    starts may be missed.
+    """
+    regular = REGULAR * np.sum(problem.wrenches.G**2) * np.eye(problem.rank)
+
+    def model(u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        phi = problem.wrenches.support(u[0])[0]
+        reach, wrench = problem.task.support(u[0])
+        value = np.where(reach > 0.0, phi / np.where(reach > 0.0, reach, 1.0), np.inf)
+        return value[None], wrench[None], (problem.wrenches.curvature(u[0]) + regular)[None]
+
+    found, values = iterate_inverse(model, u[None], steps)
+    return found[0] / np.maximum(np.linalg.norm(found[0], axis=1, keepdims=True), 1e-300), values[0]
+
+
+def newton(problem: Containment, u: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
+    """Refine nearby local minimisers of the support ratio by damped Newton steps on the unit sphere.
+
+    Convergence is quadratic, so minimisers can be tracked from one set of contacts to the next as accurately as their
+    derivatives require.
+
+    Parameters
+    ----------
+    problem : Containment
+    u : (m, r) array
+        Non-zero starting directions.
+    steps : int
+        At most.
+
+    Returns
+    -------
+    directions : (m, r) array
+        Unit vectors.
+    ratios : (m,) array
+        Not above those of the starting directions, up to rounding.
+    """
+    u = u / np.linalg.norm(u, axis=1, keepdims=True)
+    value, gradient = problem.ratio(u)
+    damping = np.ones(len(u))
+    for _ in range(steps):
+        if not len(u) or np.max(np.linalg.norm(_tangential(gradient, u), axis=1)) <= STATIONARY:
+            break
+        trial = u + damping[:, None] * _newton_step(problem, u, gradient)
+        trial /= np.linalg.norm(trial, axis=1, keepdims=True)
+        found, slope = problem.ratio(trial)
+        flatter = np.linalg.norm(_tangential(slope, trial), axis=1) < np.linalg.norm(_tangential(gradient, u), axis=1)
+        better = (found < value) | (flatter & (found <= value * (1.0 + 1e-12)))
+        u, gradient = (np.where(better[:, None], new, old) for new, old in ((trial, u), (slope, gradient)))
+        value = np.where(better, found, value)
+        damping = np.where(better, np.minimum(1.0, 4.0 * damping), 0.25 * damping)
+    return u, value
+
+
+def _newton_step(problem: Containment, u: FloatArray, gradient: FloatArray) -> FloatArray:
+    """Return tangential Newton steps (m, r) of the ratio, with absolute curvatures and limited length."""
+    axes, values = principal_curvatures(problem, u, gradient)
+    step = -np.einsum("mar,ma->mr", axes, np.einsum("mar,mr->ma", axes, gradient) / values)
+    length = np.linalg.norm(step, axis=1, keepdims=True)
+    return np.asarray(step * np.minimum(1.0, LONGEST / np.maximum(length, 1e-300)))
+
+
+def principal_curvatures(problem: Containment, u: FloatArray, gradient: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the ratio's principal curvatures on the unit sphere at directions (m, r) with gradients (m, r).
+
+    Returns
+    -------
+    axes : (m, r - 1, r) array
+        Orthonormal tangents.
+    values : (m, r - 1) array
+        Absolute curvatures along these, bounded away from zero.
+    """
+    m, r = u.shape
+    basis = np.linalg.svd(u[:, None, :])[2][:, 1:, :]  # of the tangent spaces, (m, r - 1, r)
+    around = [problem.ratio((u[:, None, :] + h * basis).reshape(-1, r))[1] for h in (DIFFERENCE, -DIFFERENCE)]
+    change = ((around[0] - around[1]) / (2.0 * DIFFERENCE)).reshape(m, r - 1, r)
+    curvature = np.einsum("mar,mbr->mab", change, basis)
+    curvature = 0.5 * (curvature + curvature.transpose(0, 2, 1))
+    curvature -= np.sum(gradient * u, axis=1)[:, None, None] * np.eye(r - 1)
+    values, vectors = np.linalg.eigh(np.where(np.isfinite(curvature), curvature, 0.0))
+    values = np.maximum(np.abs(values), LEAST_CURVATURE * np.max(np.abs(values), axis=1, initial=1e-300, keepdims=True))
+    return np.einsum("mab,mar->mbr", vectors, basis), values
+
+
+def _tangential(gradient: FloatArray, u: FloatArray) -> FloatArray:
+    """Return the tangential parts of gradients (m, r) at unit vectors u."""
+    return np.asarray(gradient - np.sum(gradient * u, axis=1, keepdims=True) * u)
+
+
+def separated(u: FloatArray, order: NDArray[np.intp], cosine: float, most: int) -> list[int]:
+    """Return indices of at most ``most`` directions, best first, with pairwise cosines below ``cosine``."""
+    ordered = u[order]
+    near = ordered @ ordered.T >= cosine
+    chosen: list[int] = []
+    taken = np.zeros(len(ordered), dtype=bool)
+    for i in range(len(ordered)):
+        if len(chosen) >= most:
+            break
+        if not taken[i]:
+            chosen.append(int(order[i]))
+            taken |= near[i]
+    return chosen
+
+
+def random_directions(count: int, dimension: int, rng: np.random.Generator) -> FloatArray:
+    """Return random unit vectors, (count, dimension)."""
+    u = rng.standard_normal((count, dimension))
+    return np.asarray(u / np.linalg.norm(u, axis=1, keepdims=True))

@@ -1,0 +1,230 @@
+"""Sandwich algorithm for certified bounds on mu, resumable at any gap.
+
+Support points ``s_j`` of the wrench set W span an inner polytope P, cut into cells around a centre c in its
+interior. A cell with plane ``{x : <a, x - c> = 1}`` allows ``alpha <= (1 + <a, c>) / phi_A(a)``; the least of these is
+a **lower** bound on the largest alpha with ``alpha A`` inside W. The exact ratio ``phi_W(y) / phi_A(y)`` at any
+direction y is an **upper** bound, and its maximiser is a new point of P.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import QhullError
+
+from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.quality.containment import Containment, conditioned
+from nlpgrasp.quality.convex_hull import Hull
+from nlpgrasp.quality.force_closure import no_support, separating_direction
+from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.quality.ratio_minimisation import descend, random_directions, separated
+from nlpgrasp.quality.wrench_set import WrenchSet
+from nlpgrasp.tasks import Task
+
+SHRINK = 1e-4  # largest relative shrinking of support points, which avoids degeneracy and keeps them inside W
+ROUNDING = 1e-9  # relative guard against rounding of planes and supports
+SEEDS, DESCENT = 60, 20  # descents before the first hull, and their steps
+BATCH = 12  # most new points per round
+SPREAD = 0.3  # least separation of a round's normals (1 - cosine), relative to the gap
+HOPELESS = ((250, 1e-6), (600, 0.3))  # points, and share of the target below which rounding then limits the lower bound
+MOST_POINTS = 6000  # most hull points, some million cells
+TIME, POINTS = "the time was up", f"{MOST_POINTS} points of its polytope did not suffice"
+ROUNDED = "contacts that nearly coincide, or closure that is nearly lost, leave floating point no better"
+
+
+@dataclass
+class Sandwich:
+    """State of the sandwich algorithm: upper bound, worst direction and inner hull.
+
+    Parameters
+    ----------
+    upper : float
+        Least support ratio so far.
+    worst : (r,) array
+        Its direction.
+    hull : Hull or None
+        Inner hull of support points; None if there is nothing to certify or no hull could be built.
+    limit : str
+        Reason for ending before the tolerance.
+    """
+
+    upper: float
+    worst: FloatArray
+    hull: Hull | None = None
+    limit: str = ROUNDED
+
+
+def sandwich(
+    problem: Containment, rtol: float, seed: int = 0, deadline: float | None = None, begun: Sandwich | None = None
+) -> Bounds:
+    """Return certified bounds on the largest alpha with ``alpha A`` inside the wrench set.
+
+    Parameters
+    ----------
+    problem : Containment
+    rtol : float
+        Stop when ``upper <= lower (1 + rtol)``.
+    seed : int
+        Random seed.
+    deadline : float, optional
+        ``time.monotonic()`` value after which the bounds reached so far are returned.
+    begun : Sandwich, optional
+        Warm start of the same containment; changed in place if its tolerance allows reuse.
+
+    Returns
+    -------
+    Bounds
+        ``worst_direction`` is a unit direction in the original wrench coordinates. Wider than ``rtol`` only after the
+        deadline or at the limits of floating point, as ``limit`` says.
+    """
+    found = narrowed(problem, rtol, seed, deadline, begun)
+    worst = problem.original(found.worst)
+    if found.upper == 0.0:
+        return Bounds(0.0, 0.0, worst)
+    if problem.rank == 1:
+        return Bounds(found.upper * (1.0 - problem.rounding), found.upper * (1.0 + problem.rounding), worst)
+    lower = 0.0 if found.hull is None else _lower(problem, found.hull) * (1.0 - problem.rounding)
+    upper = found.upper * (1.0 + problem.rounding)
+    narrow = upper <= lower * (1.0 + rtol) * (1.0 + 2.0 * problem.rounding)
+    return Bounds(min(lower, found.upper), upper, worst, limit="" if narrow else found.limit)
+
+
+def narrowed(
+    problem: Containment, rtol: float, seed: int = 0, deadline: float | None = None, begun: Sandwich | None = None
+) -> Sandwich:
+    """Run the sandwich algorithm to a tolerance, and return its state before certification."""
+    rng = np.random.default_rng(seed)
+    shrink = min(SHRINK, 0.01 * rtol)
+    # the points of a warm start are shrunk by SHRINK
+    state = _begun(problem, shrink, rng) if begun is None or shrink < SHRINK else begun
+    while state.hull is not None and state.upper > 0.0:
+        hull = state.hull
+        if len(hull) >= MOST_POINTS or (deadline is not None and time.monotonic() >= deadline):
+            state.limit = POINTS if len(hull) >= MOST_POINTS else TIME
+            break
+        target = state.upper / (1.0 + 0.8 * rtol)
+        cells = hull.worst(target, 8 * BATCH)
+        if not cells.size or _hopeless(len(hull), hull.values[cells[0]] / target):
+            break
+        normals = hull.normals(cells)
+        exact = problem.ratio(normals)[0]
+        best = int(np.argmin(exact))
+        if exact[best] < state.upper:
+            state.upper, state.worst = float(exact[best]), normals[best]
+            if no_support(problem.wrenches, state.worst):
+                return Sandwich(0.0, state.worst)
+        gap = max(1.0 - hull.values[cells[0]] / target, rtol)
+        chosen = separated(normals, np.arange(len(cells)), 1.0 - SPREAD * gap, BATCH)
+        if not hull.insert(_inner_points(problem, normals[chosen], shrink, rng)):
+            break
+    return state
+
+
+def _begun(problem: Containment, shrink: float, rng: np.random.Generator) -> Sandwich:
+    """Return the initial state from descents and the first hull."""
+    seeds = np.concatenate([random_directions(SEEDS, problem.rank, rng), np.linalg.svd(problem.wrenches.G)[0].T])
+    found, values = descend(problem, seeds, DESCENT)
+    separating = separating_direction(problem.wrenches)
+    best = int(np.argmin(values))
+    state = Sandwich(float(values[best]), found[best])
+    if separating is not None:
+        ratio = float(problem.ratio(separating[None, :])[0][0])
+        if ratio <= state.upper or (no_support(problem.wrenches, separating) and np.isfinite(ratio)):
+            state = Sandwich(ratio, separating)
+        elif np.isfinite(ratio):
+            separating = None
+    if no_support(problem.wrenches, state.worst):
+        return Sandwich(0.0, state.worst)
+    if problem.rank == 1:
+        return state
+    start = found[separated(found, np.argsort(values), 0.95, 14)]
+    state.hull = _first_hull(problem, start, shrink, separating is not None, rng)
+    return state
+
+
+def _hopeless(points: int, share: float) -> bool:
+    """Return whether rounding, not the number of points, limits the lower bound."""
+    return any(points > most and share < least for most, least in HOPELESS)
+
+
+def _inner_points(problem: Containment, u: FloatArray, shrink: float, rng: np.random.Generator) -> FloatArray:
+    """Return support points in directions u, shrunk towards the origin by small random factors."""
+    wrench = problem.wrenches.support(u)[1]
+    return np.asarray(wrench * (1.0 - shrink * rng.random((len(u), 1))))
+
+
+def _first_hull(
+    problem: Containment, start: FloatArray, shrink: float, with_origin: bool, rng: np.random.Generator
+) -> Hull | None:
+    """Return the hull of support points in given and random directions; None if they stay flat.
+
+    An origin on the boundary of W is added as a vertex.
+    """
+    for count in (8, 40, 200):
+        u = np.concatenate([start, random_directions(count, problem.rank, rng)])
+        points = _inner_points(problem, u, shrink, rng)
+        if with_origin:
+            points = np.concatenate([np.zeros((1, problem.rank)), points])
+        try:
+            return Hull(points, lambda planes, centre: _values(problem, planes, centre, 1.0))
+        except QhullError:
+            continue
+    return None
+
+
+def _values(problem: Containment, planes: FloatArray, centre: FloatArray, height: FloatArray | float) -> FloatArray:
+    """Return the largest alpha that each half-space ``{<a, x - centre> <= height}`` allows."""
+    offset = height + planes @ centre
+    offset = np.where(np.abs(offset) < ROUNDING, 0.0, offset)
+    reach = problem.task.support(planes)[0]
+    binding = reach > 0.0
+    # a half-space that the task does not bound must still contain the origin
+    free = np.where(offset < 0.0, 0.0, np.inf)
+    return np.asarray(np.where(binding, np.maximum(offset, 0.0) / np.where(binding, reach, 1.0), free))
+
+
+def _lower(problem: Containment, hull: Hull) -> float:
+    """Return the certified lower bound, with each cell's offset recomputed from its nearest vertex."""
+    _, planes, heights = hull.corners()
+    return float(np.min(_values(problem, planes, hull.centre, np.minimum(heights, 1.0))))
+
+
+@dataclass(frozen=True)
+class Begun:
+    """A resumable certificate: the partly tightened sandwich of a grasp and a task.
+
+    Parameters
+    ----------
+    grasp : Grasp
+    task : Task
+    budget : ForceBudget
+    containment : Containment
+        Of the task in the grasp's wrench set.
+    sandwich : Sandwich
+    """
+
+    grasp: Grasp
+    task: Task
+    budget: ForceBudget
+    containment: Containment
+    sandwich: Sandwich
+
+    @classmethod
+    def of(cls, grasp: Grasp, task: Task, budget: ForceBudget, rtol: float) -> Begun | None:
+        """Return the certificate tightened to a tolerance, None if rank alone proves ``mu = 0``."""
+        problem, _ = conditioned(WrenchSet.of(grasp, budget), task)
+        return None if problem is None else cls(grasp, task, budget, problem, narrowed(problem, rtol))
+
+    def is_of(self, grasp: Grasp, budget: ForceBudget) -> bool:
+        """Return whether it belongs to a grasp with identical contact points and normals and the same budget object."""
+        mine, same = self.grasp, budget is self.budget
+        return same and np.array_equal(mine.points, grasp.points) and np.array_equal(mine.normals, grasp.normals)
+
+    def bounds(self, rtol: float, deadline: float | None = None) -> Bounds:
+        """Return certified bounds, as ``mu`` does, resuming from the current sandwich."""
+        found = sandwich(self.containment, rtol, 0, deadline, self.sandwich)
+        return found.of_measure(self.task.measure, self.task.paper_beta)

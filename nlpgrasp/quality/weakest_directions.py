@@ -1,0 +1,160 @@
+"""Weakest directions of a grasp against a task: local minimisers of the support ratio, by multistart descent."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.budgets import ForceBudget, L2Budget
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.quality.containment import Containment, conditioned
+from nlpgrasp.quality.force_closure import separating_direction
+from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.quality.ratio_minimisation import descend, iterate, random_directions, separated
+from nlpgrasp.quality.sandwich import Begun, Sandwich, narrowed
+from nlpgrasp.quality.wrench_set import WrenchSet
+from nlpgrasp.tasks import Task
+
+SLACK = 1.25  # factor above the least ratio up to which local minima are kept
+KEEP = 64  # directions kept, at most
+SEPARATION = 0.97  # cosine above which two directions count as one
+DIFFERENT = 1.0 - 1e-5  # cosine above which two minimisers count as one
+NEWTON_STEPS = 12
+FRESH = 24  # random directions beside known ones
+HULL_GAP, HULL_CELLS = 2e-3, 600  # relative gap of the certificate's polytope; facets used
+MISSED, LOOK = 0.01, 0.03  # relative: error of descents that is tolerated; width of the certificate that checks it
+NEWS = 1e-4  # relative error tolerated at kinks, where descents stop and the certificate's polytope is exact
+BEGUN, FOLLOWED = 10, 40  # gradient steps; weakest directions that inverse iteration continues from
+
+
+@dataclass(frozen=True)
+class Weakest:
+    """Local minimisers of the support ratio ``phi_G / phi_A``.
+
+    Parameters
+    ----------
+    value : float
+        The least ratio found: an upper bound on mu, and nearly always mu itself.
+    directions : (m, d) array
+        Wrench-space directions, least first, each scaled so that ``phi_A = 1``.
+    """
+
+    value: float
+    directions: FloatArray
+
+
+@dataclass(frozen=True)
+class Descents:
+    """Thoroughness of a search for weakest directions.
+
+    Parameters
+    ----------
+    fresh : int
+        Random directions.
+    steps : int
+        Of each descent.
+    gap : float
+        Relative: how near to certified the least ratio is where directions come from a polytope.
+    """
+
+    fresh: int
+    steps: int = 12
+    gap: float = HULL_GAP
+
+
+THOROUGH, QUICK = Descents(150), Descents(60)
+
+
+def weakest_directions(
+    grasp: Grasp,
+    task: Task,
+    budget: ForceBudget,
+    rng: np.random.Generator,
+    known: FloatArray | None = None,
+    descents: Descents = THOROUGH,
+) -> Weakest:
+    """Return the weakest directions of a grasp.
+
+    Under the L2 budget they come from descents, in milliseconds; along the kinks of other budgets' supports these stop,
+    and where no force in the cones works along some directions, but the task does not ask for any along the one found,
+    the others may be a narrow dip that descents miss: there they come from the certificate's polytope.
+
+    Parameters
+    ----------
+    grasp : Grasp
+    task : Task
+    budget : ForceBudget
+    rng : numpy.random.Generator
+    known : (m, d) array, optional
+        Directions to start from as well, for example those of a nearby grasp.
+    descents : Descents
+    """
+    problem, proof = conditioned(WrenchSet.of(grasp, budget), task)
+    if problem is None:
+        y = np.zeros((0, grasp.dimension)) if proof is None else _unit_reach(task, proof[None, :])
+        return Weakest(0.0, y)
+    separating = separating_direction(problem.wrenches) if isinstance(budget, L2Budget) else None
+    closed = separating is None or np.isfinite(problem.ratio(separating[None])[0][0])
+    if isinstance(budget, L2Budget) and closed:
+        start = [random_directions(descents.fresh, problem.rank, rng), in_coordinates(problem, known)]
+        start += [] if separating is None else [separating[None]]
+        found, values = _iterated(problem, np.concatenate(start), descents.steps)
+    else:
+        found, values = _from_hull(problem, descents.gap)
+    return _weakest(problem, task, found, values)
+
+
+def missed(begun: Begun, value: float) -> Weakest | None:
+    """Return directions in which a certificate's polytope shows less than a known value; None where there are none."""
+    found, values = _hull_directions(begun.containment, begun.sandwich)
+    weaker = bool(np.min(values) < value * (1.0 - MISSED))
+    return _weakest(begun.containment, begun.task, found, values) if weaker else None
+
+
+def _weakest(problem: Containment, task: Task, found: FloatArray, values: FloatArray) -> Weakest:
+    """Return the weakest of directions in a containment's coordinates, well separated."""
+    order = np.argsort(values)
+    order = order[values[order] <= SLACK * values[order[0]] + 1e-12]
+    chosen = separated(found, order, SEPARATION, KEEP)
+    return Weakest(float(values[chosen[0]]), _unit_reach(task, found[chosen] @ problem.matrix))
+
+
+def in_coordinates(problem: Containment, known: FloatArray | None) -> FloatArray:
+    """Return known directions (m, d) in a containment's coordinates, without those that vanish there, (m', r)."""
+    if known is None or not len(known):
+        return np.zeros((0, problem.rank))
+    u = np.linalg.lstsq(problem.matrix.T, known.T, rcond=None)[0].T
+    size = np.linalg.norm(u, axis=1, keepdims=True)
+    return np.asarray(u[size[:, 0] > 0.0] / size[size[:, 0] > 0.0])
+
+
+def _iterated(problem: Containment, start: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
+    """Return weak directions and their ratios, by a few gradient steps followed by inverse iteration.
+
+    The former are near the latter and not yet all the same: cuts around the weakest directions are what a step needs.
+    """
+    found, values = descend(problem, start, BEGUN)
+    first = np.argsort(values, kind="stable")[:FOLLOWED]
+    last, least = iterate(problem, found[first], steps)
+    return np.concatenate([last, found]), np.concatenate([least, values])
+
+
+def _from_hull(problem: Containment, gap: float) -> tuple[FloatArray, FloatArray]:
+    """Return directions and ratios from the certificate's polytope."""
+    return _hull_directions(problem, narrowed(problem, gap))
+
+
+def _hull_directions(problem: Containment, state: Sandwich) -> tuple[FloatArray, FloatArray]:
+    """Return the normals of a polytope's lowest facets, and their ratios."""
+    found = state.worst[None, :]
+    if state.hull is not None and problem.rank > 1:
+        cells = state.hull.worst(SLACK * state.upper, HULL_CELLS)
+        found = np.concatenate([found, state.hull.normals(cells)])
+    return found, problem.ratio(found)[0]
+
+
+def _unit_reach(task: Task, y: FloatArray) -> FloatArray:
+    """Return the directions (m, d) with a positive support of the task, scaled to ``phi_A = 1``."""
+    reach = task.support(y)[0]
+    return np.asarray(y[reach > 0.0] / reach[reach > 0.0][:, None])

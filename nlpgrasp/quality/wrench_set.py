@@ -1,0 +1,122 @@
+"""Grasp wrench set ``G(B n K)`` by its support function (3.4-5), and its numerical rank."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.budgets import ForceBudget, force_budget
+from nlpgrasp.budgets.base import ForceSet
+from nlpgrasp.budgets.l2 import L2Set
+from nlpgrasp.common.validation import FloatArray, number
+from nlpgrasp.contacts import ContactModel
+from nlpgrasp.contacts.product import derivative, project
+from nlpgrasp.quality.grasp import Grasp, GraspStack
+
+RANK_TOLERANCE = 1e-10  # of the largest singular value
+
+
+@dataclass(frozen=True)
+class WrenchSet:
+    """Grasp wrench set ``{G x : x in K, x in B}`` with an exact support function.
+
+    For the L2 budget ``phi(y) = ||P_K(G^T y)||`` by Moreau's decomposition, attained at ``x = P_K(G^T y)`` over its
+    norm; for the other budgets see ``nlpgrasp.budgets.torque_sets`` (docs/paper/09_support_functions.md).
+
+    Parameters
+    ----------
+    G : (d, n) array
+        Grasp map, possibly after a linear change of wrench coordinates.
+    force_set : ForceSet
+        ``B n K``.
+    """
+
+    G: FloatArray
+    force_set: ForceSet
+
+    @classmethod
+    def of(cls, grasp: Grasp, budget: str | ForceBudget = "l2") -> WrenchSet:
+        """Return the wrench set of a grasp.
+
+        Raises
+        ------
+        InputError
+            When the budget is unknown or does not bound the contacts' forces.
+        """
+        given = force_budget(budget)
+        given.check(grasp.contacts, grasp.space)
+        return cls(grasp.G, given.at(grasp.frames, grasp.contacts))
+
+    @property
+    def contacts(self) -> tuple[ContactModel, ...]:
+        """Contact models, k of them."""
+        return self.force_set.contacts
+
+    @property
+    def space(self) -> int:
+        """Dimension of the contacts' space: 2 or 3."""
+        return self.force_set.space
+
+    @property
+    def ranges(self) -> list[slice]:
+        """Slice of each contact's components in the columns of G."""
+        return self.force_set.ranges
+
+    @property
+    def is_ellipsoid(self) -> bool:
+        """Whether it is the ellipsoid ``{G x : |x| <= 1}``: only bilateral contacts, L2 budget."""
+        return isinstance(self.force_set, L2Set) and not any(c.unilateral for c in self.contacts)
+
+    def project(self, z: FloatArray) -> FloatArray:
+        """Return the projection of force components (m, n) onto the force domain K."""
+        return project(z, self.contacts, self.space)
+
+    def forces(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the support function ``phi(y | G(B n K))`` (m,) and maximising finger forces (m, n)."""
+        return self.force_set.support(y @ self.G)
+
+    def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the support function ``phi(y | G(B n K))`` (m,) and maximising wrenches (m, d)."""
+        phi, x = self.forces(y)
+        return phi, x @ self.G.T
+
+    def curvature(self, y: FloatArray) -> FloatArray:
+        """Return the Hessian (m, d, d) of the L2 budget's ``phi^2 / 2`` at y (m, d), whatever this budget is.
+
+        ``phi^2 / 2 = |P_K(G^T y)|^2 / 2`` is differentiable everywhere; where its gradient has kinks, a generalised
+        Hessian is returned.
+        """
+        z = y @ self.G
+        parts = zip(derivative(z, self.contacts, self.space), self.ranges, strict=True)
+        return np.concatenate([self.G[:, r] @ part for part, r in parts], axis=2) @ self.G.T
+
+    def transformed(self, matrix: FloatArray) -> WrenchSet:
+        """Return the linear image of the set under ``matrix`` (d', d)."""
+        return WrenchSet(matrix @ self.G, self.force_set)
+
+
+def numerical_rank(values: FloatArray) -> int:
+    """Return the number of singular values that count as nonzero."""
+    return int(np.sum(values > RANK_TOLERANCE * max(float(np.max(values, initial=0.0)), 1e-300)))
+
+
+def equilibrated(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return wrenches (rows) with equilibrated columns, and the column norms (d,) (1 for zero columns).
+
+    Forces and torques have different units; the rank must not depend on them.
+    """
+    scale = np.linalg.norm(rows, axis=0)
+    scale = np.where(scale > 0.0, scale, 1.0)
+    return rows / scale, scale
+
+
+def wrench_rank(rows: FloatArray) -> int:
+    """Return the dimension of the span of wrenches (rows), independent of units."""
+    return numerical_rank(np.asarray(np.linalg.svd(equilibrated(rows)[0], compute_uv=False), dtype=np.float64))
+
+
+def over_length(grasp: Grasp | GraspStack, torque_scale: float) -> FloatArray:
+    """Return factors (d,) for wrench components that give torques as ``torque / torque_scale``."""
+    scale = number("torque_scale", torque_scale, above=0.0)
+    return np.array([1.0] * grasp.space + [1.0 / scale] * (grasp.dimension - grasp.space))

@@ -1,1 +1,0 @@
-"""HTML page and plots of an experiment."""

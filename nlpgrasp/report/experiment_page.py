@@ -1,0 +1,242 @@
+"""HTML page and plots of an experiment: table, certified intervals, failures, how to reproduce it."""
+
+from __future__ import annotations
+
+import base64
+import warnings
+from collections.abc import Callable, Sequence
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from nlpgrasp.common.files import write_text
+from nlpgrasp.common.formatting import measure_word, outwards, typeset
+from nlpgrasp.common.optional_packages import pyplot, write_figure
+from nlpgrasp.common.palette import COLOURS
+from nlpgrasp.experiments.experiment_result import EXPLAINED, NOT_COMPARABLE, ExperimentResult, VariationResult
+from nlpgrasp.experiments.output_folder import PLAN
+from nlpgrasp.report.html_parts import Html, page, style, table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    Draw = Callable[[Sequence[VariationResult]], Figure]
+
+
+CAPTIONS = {
+    "mu_by_variation": "Certified interval of each variation's best grasp (bar), lower bound of each seed (dots)",
+    "mu_against_time": "Best certified lower bound against time, a line a seed",
+    "convergence": "How far the exchange was from where it ended, best start of each variation",
+    "success_rate": "Share of starts that found a certified grasp, with Wilson's 95 % interval",
+}
+WHAT = "a picture"  # for the message on missing matplotlib
+MOST_SHOWN = 30  # most variations in a plot: the best ones
+MOST_COLOURS = 10  # most variations with a colour and a name in line plots
+SMALLEST = 1e-6  # share that is drawn for zero
+Z = 1.96  # normal quantile of a 95 % interval
+
+
+def write_page(result: ExperimentResult, path: Path, pictures: Sequence[Path]) -> Path:
+    """Write the self-contained HTML page.
+
+    Raises
+    ------
+    InputError
+        When it cannot be written.
+    """
+    parts = [
+        f"<h1>{escape(result.name)}</h1>",
+        f"<p>{sum(v.done for v in result.variations)} of {len(result.solves)} solves done.</p>",
+        *_warnings(result),
+        _table(result),
+        *(_figure(picture) for picture in pictures if picture.is_file()),
+        _prices(result),
+        _inputs(result),
+    ]
+    return write_text(path, page(result.name, style("experiment.css"), parts))
+
+
+def _warnings(result: ExperimentResult) -> list[str]:
+    lines = [] if result.comparable else [NOT_COMPARABLE]
+    lines += [f"{s.variation}, seed {s.seed}: {s.failure}" for s in result.failures]
+    return [f'<p class="warning">{escape(line)}</p>' for line in [*lines, *result.notes]]
+
+
+def _table(result: ExperimentResult) -> str:
+    heads = ["Rank", "Variation", "mu certified in", "", "Gap", "Seeds that agree", "Seconds a solve"]
+    heads += ["Starts that succeeded", "Ties with", "Grasp of", "Active constraints"]
+    most = max((v.mu.upper for v in result.variations), default=0.0) or 1.0
+    rows = []
+    found = zip(result.variations, result.ranks(), result.ties(), strict=True)
+    for v, rank, tied in sorted(found, key=lambda row: (row[1], -row[0].mu.upper)):
+        good, total = v.starts
+        left, width = 100.0 * v.mu.lower / most, 100.0 * (v.mu.upper - v.mu.lower) / most
+        span = f'<span class="sure" style="width:{left:.2f}%"></span>'
+        span += f'<span style="left:{left:.2f}%;width:{width:.2f}%"></span>'
+        told = " to ".join(outwards(v.mu.lower, v.mu.upper)) if v.mu.lower > 0.0 else v.found
+        bar = Html(f'<div class="interval" aria-hidden="true">{span}</div>')
+        active = "; ".join(v.best.active) if v.best is not None else ""
+        origin = v.best.origin if v.best is not None else ""
+        cells = [f"{rank}" if v.done else "", v.name, told, bar, v.gap_text]
+        cells += [f"{v.agreeing}/{len(v.solves)}", f"{v.seconds:.1f}", f"{good}/{total}", "; ".join(tied), origin]
+        rows.append([*cells, active])
+    caption = (
+        f"Rank: 1 plus the number of variations that are certainly better. Ties: within the certified gap. {EXPLAINED}"
+    )
+    return table(caption, heads, rows, focusable=False)
+
+
+def _figure(picture: Path) -> str:
+    caption = CAPTIONS.get(picture.stem, picture.stem)
+    data = base64.b64encode(picture.read_bytes()).decode()
+    return (
+        f'<figure><img alt="{caption}" src="data:image/png;base64,{data}"><figcaption>{caption}</figcaption></figure>'
+    )
+
+
+def _prices(result: ExperimentResult) -> str:
+    items = [
+        f"<dt>{escape(v.name)}</dt>" + "".join(f"<dd>{escape(typeset(str(p)))}</dd>" for p in v.best.prices)
+        for v in result.variations
+        if v.best is not None and v.best.prices
+    ]
+    return f"<h2>What limits cost</h2><dl>{''.join(items)}</dl>" if items else ""
+
+
+def _inputs(result: ExperimentResult) -> str:
+    try:
+        plan = escape((result.folder / PLAN).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError):
+        plan = f"{PLAN} is gone."
+    return (
+        "<h2>Do it again</h2><p>The solutions are in <code>solves/</code>; <code>nlpgrasp verify</code> checks each. "
+        "The same script in a new folder gives the same grasps: <code>nlpgrasp experiment SCRIPT --out DIR</code>.</p>"
+        f'<details><summary>All inputs</summary><pre class="wide">{plan}</pre></details>'
+    )
+
+
+def write_plots(result: ExperimentResult, folder: Path) -> list[Path]:
+    """Write the plots into a folder and return their paths; none without any grasp.
+
+    Raises
+    ------
+    MissingExtraError
+        Without matplotlib.
+    InputError
+        When a picture cannot be written.
+    """
+    pyplot(WHAT)  # before the work
+    ranked = sorted(zip(result.variations, result.ranks(), strict=True), key=lambda pair: (pair[1], -pair[0].mu.upper))
+    shown = [v for v, _ in ranked if v.best is not None][:MOST_SHOWN]
+    pictures = {"mu_by_variation": draw_mu, "mu_against_time": draw_time, "convergence": draw_convergence}
+    paths = []
+    for name, draw in pictures.items() if shown else ():
+        paths.append(_written(folder / f"{name}.png", draw, shown))
+    counted = [v for v in result.variations if v.starts[1]][:MOST_SHOWN]
+    if counted:
+        paths.append(_written(folder / "success_rate.png", draw_success, counted))
+    return paths
+
+
+def draw_mu(variations: Sequence[VariationResult]) -> Figure:
+    """Draw the certified interval of each variation's best grasp, and a dot for each seed."""
+    figure, ax = _blank(1.2 + 0.32 * len(variations))
+    for row, v in enumerate(variations):
+        seeds = [s.mu.lower for s in v.solves if s.success]
+        ax.plot(seeds, [row] * len(seeds), ".", color="0.6", markersize=5, zorder=1)
+        ax.plot(
+            [v.mu.lower, v.mu.upper], [row, row], "|-", color=COLOURS["finger"], linewidth=3, markersize=11, zorder=2
+        )
+    ax.set_yticks(range(len(variations)), [_short(v.name) for v in variations])
+    ax.invert_yaxis()
+    ax.set_xlim(0.0, 1.05 * max(v.mu.upper for v in variations))
+    ax.grid(axis="x", color="0.9")
+    ax.set_xlabel(f"{_label(variations)}: certified interval of the best (bar), lower bound of each seed (dots)")
+    return figure
+
+
+def draw_time(variations: Sequence[VariationResult]) -> Figure:
+    """Draw the best certified lower bound over the solver's time, a line per seed."""
+    figure, ax = _blank(4.0)
+    for i, v in enumerate(variations[:MOST_COLOURS]):
+        for j, solve in enumerate(s for s in v.solves if s.success):
+            seconds, best = np.array([(0.0, 0.0), *solve.rising]).T
+            ax.step(seconds, best, where="post", color=f"C{i}", alpha=0.7, label=_short(v.name) if j == 0 else None)
+    ax.set_ylim(bottom=0.0)
+    ax.set_xlabel("seconds in starts, one after another")
+    ax.set_ylabel(f"best {_label(variations)} so far (certified lower bound)")
+    ax.grid(color="0.9")
+    _legend(ax, len(variations))
+    return figure
+
+
+def draw_convergence(variations: Sequence[VariationResult]) -> Figure:
+    """Draw the relative distance of the refinement from its final value, by round, for each variation's best start."""
+    figure, ax = _blank(4.0)
+    for i, v in enumerate(variations[:MOST_COLOURS]):
+        start = None if v.best is None else v.best.best_start
+        if start is not None and len(start.history) > 1:
+            left = 1.0 - np.array(start.history) / start.history[-1]
+            ax.plot(np.maximum(left, SMALLEST), ".-", color=f"C{i}", alpha=0.8, label=_short(v.name))
+    ax.set_yscale("log")
+    ax.set_xlabel("rounds of the exchange, best start")
+    ax.set_ylabel(f"share of the final {_label(variations)} still to gain")
+    ax.grid(color="0.9")
+    if ax.lines:
+        _legend(ax, len(variations))
+    return figure
+
+
+def draw_success(variations: Sequence[VariationResult]) -> Figure:
+    """Draw the share of starts with a certified grasp, with Wilson's 95 % interval."""
+    figure, ax = _blank(1.2 + 0.32 * len(variations))
+    for row, v in enumerate(variations):
+        good, total = v.starts
+        low, high = wilson(good, total)
+        ax.barh(row, good / total, color=COLOURS["finger"], height=0.6)
+        ax.plot([low, high], [row, row], color="0.2", linewidth=1.2)
+        ax.text(1.02, row, f"{good}/{total}", va="center", fontsize=8)
+    ax.set_yticks(range(len(variations)), [_short(v.name) for v in variations])
+    ax.invert_yaxis()
+    ax.set_xlim(0.0, 1.12)
+    ax.set_xticks([0.0, 0.25, 0.5, 0.75, 1.0], ["0 %", "25 %", "50 %", "75 %", "100 %"])
+    ax.set_xlabel("starts that found a certified grasp (line: 95 % interval)")
+    return figure
+
+
+def wilson(good: int, total: int) -> tuple[float, float]:
+    """Return Wilson's score interval of a proportion (1927, doi:10.1080/01621459.1927.10502953)."""
+    share, z2 = good / total, Z**2 / total
+    middle = share + 0.5 * z2
+    half = Z * np.sqrt(share * (1.0 - share) / total + 0.25 * z2 / total)
+    return float((middle - half) / (1.0 + z2)), float((middle + half) / (1.0 + z2))
+
+
+def _blank(height: float) -> tuple[Figure, Axes]:
+    """Return a figure 7 inches wide with one pair of axes."""
+    figure, ax = pyplot(WHAT).subplots(figsize=(7.0, height), layout="constrained")
+    return figure, ax
+
+
+def _written(path: Path, draw: Draw, variations: Sequence[VariationResult]) -> Path:
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph", UserWarning)  # characters that the font lacks are drawn as boxes
+        return write_figure(draw(variations), path)
+
+
+def _label(variations: Sequence[VariationResult]) -> str:
+    kinds = {v.best.kind for v in variations if v.best is not None}
+    return measure_word(kinds.pop() if len(kinds) == 1 else "")
+
+
+def _legend(ax: Axes, count: int) -> None:
+    title = f"best {MOST_COLOURS} of {count}" if count > MOST_COLOURS else None
+    ax.legend(fontsize=8, title=title)
+
+
+def _short(name: str, longest: int = 32) -> str:
+    short = name if len(name) <= longest else name[: longest - 3] + "..."
+    return short.replace("$", r"\$")  # no math mode

@@ -1,0 +1,183 @@
+"""3D scene of a grasp for the viewer: surfaces, contacts, force arrows, jaws and camera."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from nlpgrasp.bodies import Box, body_from_dict
+from nlpgrasp.bodies.mesh.display_triangles import triangles
+from nlpgrasp.common.drawing import CONE, FORCE, NORMAL, Drawing, Triangles, drawn_size
+from nlpgrasp.common.spatial import in_space
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import InputError
+from nlpgrasp.hands import Fingertips, ParallelJaw
+from nlpgrasp.hands.parallel_jaw import APPROACH_AXIS, CLOSING_AXIS, own_axes
+from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.report.scene_parts import WIDE, Surroundings, first_view, framed, slab, surface, surroundings
+from nlpgrasp.report.task_wrenches import ChosenWrench
+from nlpgrasp.solution.solution import GraspSolution
+
+FINGER_THICKNESS = 0.1  # default thickness of fingers, as a share of the opening
+BEYOND = 0.06  # reach of fingers beyond the contacts, as a share of their length
+NAMES = ("jaw 0", "jaw 1", "palm")
+DISC, SHAFT = 0.055, 0.022  # radii of contact discs and arrow shafts, as shares of the body's size
+THIN = 3.5  # largest size for discs and shafts, in shortest extents of the body
+PAD = 0.16  # radius of a drawn jaw pad, as a share of the body's size
+
+
+def jaws(solution: GraspSolution) -> list[tuple[str, Triangles]]:
+    """Return name and triangles, body frame, of a gripper's fingers and palm in its pose.
+
+    Empty for planar grippers, without a ``finger_length``, and for files without a pose. The breadth of fingers is not
+    stated: they are drawn as broad as thick.
+    """
+    asked, posture = solution.problem.get("hand"), solution.hand or {}
+    if not isinstance(asked, Mapping) or asked.get("type") != ParallelJaw.kind or "palm_pose" not in posture:
+        return []
+    length, opening = float(asked.get("finger_length", 0.0)), float(posture["opening"])
+    if length <= 0.0:
+        return []
+    thick = float(asked.get("finger_thickness", 0.0)) or FINGER_THICKNESS * opening
+    aside, reach = 0.5 * (opening + thick), (1.0 + BEYOND) * length
+    pose = posture["palm_pose"]
+    axes = own_axes(asked.get("closing_axis", CLOSING_AXIS), asked.get("approach_axis", APPROACH_AXIS))
+    turn = Rotation.from_quat(pose["quaternion_wxyz"], scalar_first=True).as_matrix() @ axes
+    at = np.asarray(pose["position"], dtype=float)
+
+    def part(extents: list[float], middle: list[float]) -> Triangles:
+        """Return a box with its middle about the gripper's origin: x from jaw to jaw, z along the approach."""
+        vertices, faces = triangles(Box(extents))
+        return Triangles(_moved(vertices + middle, turn, at), faces)
+
+    finger = [thick, thick, reach]
+    parts = [part(finger, [side * aside, 0.0, 0.5 * reach]) for side in (-1.0, 1.0)]
+    palm = part([opening + 2.0 * thick, 1.5 * thick, 1.5 * thick], [0.0, 0.0, -0.75 * thick])
+    return list(zip(NAMES, [*parts, palm], strict=True))
+
+
+def _moved(points: FloatArray, turn: FloatArray, at: FloatArray) -> FloatArray:
+    return np.asarray(points @ turn.T + at)
+
+
+def scene(solution: GraspSolution, chosen: Sequence[ChosenWrench]) -> Json | None:
+    """Return the viewer's scene; metres, body frame. None where the file has neither a body nor contacts.
+
+    Returns
+    -------
+    dict
+        ``parts``: surfaces by group (body, link, tip, obstacle, table). ``contacts``: position, inward normal, radius
+        of a free fingertip or 0, slope of the friction cone or null. ``arrows``: for each chosen wrench a tail and a
+        head per finger. ``palm``: the palm point of free fingertips, or null. ``frame``: points that the camera has to
+        have in view; ``view``: azimuth and elevation, degrees.
+    """
+    grasp = solution.grasp
+    contacts = np.zeros((0, 3)) if grasp is None else in_space(grasp.points)
+    shape = drawn_body(solution)
+    size = drawn_size(None if shape is None else Drawing(shape), None if grasp is None else grasp.points)
+    body = contacts if shape is None else shape.vertices
+    if not len(body):
+        return None
+    middle = (body.min(axis=0) + body.max(axis=0)) / 2.0
+    around, flat = surroundings(solution), _is_flat(solution)
+    across = float(np.min(np.ptp(body[:, :2] if flat else body, axis=0)))
+    stout = min(size, max(THIN * across, 0.3 * size))
+    radius = _tip_radius(solution)
+    largest = max((float(np.max(np.linalg.norm(c.forces, axis=1))) for c in chosen), default=1.0) or 1.0
+    arrows = [_arrows(contacts, in_space(c.forces) * (FORCE * size / largest)) for c in chosen]
+    shapes = _shapes(solution, shape, around)
+    palm = _palm(solution)
+    ends = np.concatenate([contacts, *([] if palm is None else [palm[None]]), *(a.reshape(-1, 3) for a in arrows)])
+    seen = [body, *(s.vertices for _, _, s in shapes)]
+    if radius > 0.0:
+        seen.append((grasp_tips(solution)[:, None] + radius * np.concatenate([np.eye(3), -np.eye(3)])).reshape(-1, 3))
+    if flat:
+        shapes += [("table", "table", slab(h, body, size)) for h in around.heights]
+    return {
+        "size": size,
+        "flat": flat,
+        "parts": [{"group": group, "name": name, **surface(shape).to_dict()} for group, name, shape in shapes],
+        "tables": [] if flat else [{"at": _listed([*middle[:2], h]), "half": WIDE * size} for h in around.heights],
+        "unseen": list(around.unseen),
+        "contacts": [] if grasp is None else _contacts(grasp, solution.faces, radius),
+        "palm": None if palm is None else _listed(palm),
+        "arrows": [_listed(a) for a in arrows],
+        "lengths": {
+            "normal": NORMAL * size,
+            "cone": CONE * size,
+            "disc": DISC * stout,
+            "shaft": SHAFT * stout,
+            "pad": _pad(solution) * size,
+        },
+        "frame": _listed(np.concatenate([ends, framed(np.concatenate(seen), middle, size)])),
+        "view": first_view(solution, flat),
+    }
+
+
+def _contacts(grasp: Grasp, faces: Sequence[str], radius: float) -> list[Json]:
+    """Return the viewer's data of contacts with fingertips of this radius."""
+    entries = zip(in_space(grasp.points), in_space(grasp.normals), grasp.contacts, faces, strict=True)
+    return [
+        {"at": _listed(p), "inward": _listed(n), "tip": radius, "slope": m.coefficients.get("friction"), "face": face}
+        for p, n, m, face in entries
+    ]
+
+
+def grasp_tips(solution: GraspSolution) -> FloatArray:
+    """Return the centres of free fingertips, (k, 3), metres; the contacts where fingertips are points or a hand's."""
+    if solution.grasp is None:
+        return np.zeros((0, 3))
+    return in_space(solution.grasp.points) - _tip_radius(solution) * in_space(solution.grasp.normals)
+
+
+def drawn_body(solution: GraspSolution) -> Triangles | None:
+    """Return the body's triangles, from the drawing or else from the file's body data; None without either."""
+    if solution.drawing is not None:
+        return solution.drawing.body
+    try:
+        return Triangles(*triangles(body_from_dict(solution.problem["body"])))
+    except InputError:
+        return None
+
+
+def _shapes(solution: GraspSolution, body: Triangles | None, around: Surroundings) -> list[tuple[str, str, Triangles]]:
+    """Return group, name and triangles of body, hand and obstacles."""
+    tips = () if solution.hand is None else solution.hand.get("fingertips", ())
+    links = () if solution.drawing is None else solution.drawing.links
+    hand = [("tip" if name in tips else "link", name, shape) for name, shape in links if len(shape.faces)]
+    hand += [("link", name, shape) for name, shape in jaws(solution)]
+    obstacles = [("obstacle", name, shape) for name, shape in around.obstacles]
+    return [*([] if body is None else [("body", "body", body)]), *hand, *obstacles]
+
+
+def _arrows(points: FloatArray, forces: FloatArray) -> FloatArray:
+    """Return tails and heads (k, 2, 3) of force arrows that end at the contacts."""
+    return np.stack([points - forces, points], axis=1)
+
+
+def _is_flat(solution: GraspSolution) -> bool:
+    """Return whether the grasp, or the problem without one, is planar."""
+    return solution.task.dimension == 3
+
+
+def _tip_radius(solution: GraspSolution) -> float:
+    hand = solution.problem.get("hand") or {}
+    return float(hand.get("radius", 0.0)) if hand.get("type") == Fingertips.kind else 0.0
+
+
+def _palm(solution: GraspSolution) -> FloatArray | None:
+    """Return the palm point (3,) of free fingertips, metres; None without one."""
+    point = None if solution.hand is None else solution.hand.get("palm")
+    return None if point is None else in_space(np.atleast_2d(np.asarray(point, dtype=float)))[0]
+
+
+def _pad(solution: GraspSolution) -> float:
+    return PAD if (solution.problem.get("hand") or {}).get("type") == ParallelJaw.kind else 0.0
+
+
+def _listed(values: FloatArray | Sequence[float]) -> object:
+    """Return numbers as nested lists, rounded for display."""
+    return np.round(np.asarray(values, dtype=float), 7).tolist()

@@ -1,0 +1,352 @@
+"""Pictures by Matplotlib: grasp, wrench space, convergence, global bound, fitted ellipsoid, sparsity."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import combinations
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.bodies.mesh.display_triangles import triangles
+from nlpgrasp.common.drawing import FORCE, NORMAL, Triangles, drawn_size
+from nlpgrasp.common.formatting import axis_labels
+from nlpgrasp.common.optional_packages import draw_triangles, pyplot, show_at_one_scale, write_figure
+from nlpgrasp.common.palette import COLOURS
+from nlpgrasp.common.spatial import in_space
+from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.errors import InputError
+from nlpgrasp.global_bound import BestPossible
+from nlpgrasp.global_bound.marginal_bound import ContactWorth
+from nlpgrasp.nlp import Formulation
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.report.scene_parts import cut, first_view
+from nlpgrasp.report.start_charts import certified
+from nlpgrasp.report.task_wrenches import chosen_wrenches, shadows
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.tasks.task_ellipsoid import EllipsoidFit
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d import Axes3D
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+WHAT = "a picture"  # for the message on missing matplotlib
+SIDES, ABOVE = ((25.0, -55.0), (25.0, 125.0)), (90.0, -90.0)  # elevation and azimuth of views, degrees
+BOUND, FINGER, GAP = COLOURS["force"], COLOURS["finger"], COLOURS["gap"]
+ENOUGH = 1500  # triangles above which a surface is not subdivided
+SCALE = "cividis"  # perceptually uniform, also for colour-blind readers and in grey
+MOST_POINTS = 5000  # most points of each kind
+ROUND = np.linspace(0.0, 2.0 * np.pi, 181)
+FORMATS = (".png", ".svg", ".pdf")
+
+
+def write_pictures(solution: GraspSolution, stem: str | Path) -> list[Path]:
+    """Write ``STEM-grasp.png``, ``STEM-wrenches.png`` and ``STEM-convergence.png``, and return those with data.
+
+    Raises
+    ------
+    MissingExtraError
+        Without matplotlib.
+    InputError
+        When a picture cannot be written.
+    """
+    pyplot(WHAT)  # before the work
+    drawn: dict[str, Callable[[GraspSolution], Figure]] = {}
+    if solution.grasp is not None:
+        drawn |= {"grasp": draw_grasp, "wrenches": draw_wrenches}
+    if any(len(s.history) > 1 for s in solution.starts):
+        drawn["convergence"] = draw_convergence
+    paths = []
+    for name, draw in drawn.items():
+        paths.append(write_figure(draw(solution), f"{stem}-{name}.png"))
+    return paths
+
+
+def draw_grasp(solution: GraspSolution) -> Figure:
+    """Draw body, hand, contacts, and the finger forces for the task's hardest wrench."""
+    figure: Figure = pyplot(WHAT).figure(figsize=(7.0, 6.0), layout="constrained")
+    ax = figure.add_subplot(projection="3d")
+    everything = []
+    drawing = solution.drawn()
+    if drawing is not None:
+        shapes = [(drawing.body, "body", 0.35), *((s, "link", 0.6) for _, s in drawing.links)]
+        for shape, what, opacity in shapes:
+            draw_triangles(ax, shape, COLOURS[what], opacity)
+            everything.append(shape.vertices)
+    grasp = solution.grasp
+    if grasp is not None:
+        size = drawn_size(drawing, grasp.points)
+        points, normals = in_space(grasp.points), in_space(grasp.normals)
+        ax.scatter(*points.T, color="black", s=20)
+        ax.quiver(*points.T, *(NORMAL * size * normals).T, color=COLOURS["normal"], linewidth=1.5)
+        chosen = chosen_wrenches(solution)
+        if chosen:
+            forces = in_space(chosen[0].forces)
+            forces = forces * (FORCE * size / max(float(np.max(np.linalg.norm(forces, axis=1))), 1e-300))
+            ax.quiver(*(points - forces).T, *forces.T, color=COLOURS["force"], linewidth=2.0, arrow_length_ratio=0.15)
+            ax.set_title(f"{solution.name}: {chosen[0].label}", fontsize=8, wrap=True)
+            everything.append(points - forces)
+        everything.append(points)
+    show_at_one_scale(ax, np.vstack(everything))
+    azimuth, elevation = first_view(solution, flat=solution.task.dimension == 3)
+    ax.view_init(elev=elevation, azim=azimuth)
+    return figure
+
+
+def draw_wrenches(solution: GraspSolution) -> Figure:
+    """Draw projections of the wrench set and of the task."""
+    found = shadows(solution)
+    columns = min(4, len(found))
+    rows = -(-len(found) // columns)
+    figure: Figure
+    figure, axes = pyplot(WHAT).subplots(
+        rows, columns, figsize=(2.9 * columns, 2.7 * rows), layout="constrained", squeeze=False
+    )
+    for ax in axes.flat[len(found) :]:
+        ax.axis("off")
+    for ax, shadow in zip(axes.flat, found, strict=False):
+        ax.fill(*shadow.grasp.T, facecolor=COLOURS["finger"] + "33", edgecolor=COLOURS["finger"])
+        ax.fill(*shadow.task.T, facecolor=COLOURS["task"] + "44", edgecolor=COLOURS["task"])
+        if shadow.limit is not None:
+            ax.axvline(shadow.limit, color=COLOURS["warning"], linestyle="--")
+        ax.set_xlabel(shadow.x_label, fontsize=8)
+        ax.set_ylabel(shadow.y_label, fontsize=8)
+        ax.tick_params(labelsize=7)
+    return figure
+
+
+def draw_convergence(solution: GraspSolution) -> Figure:
+    """Draw mu over the refinement rounds of each start, and the certified final intervals."""
+    figure: Figure
+    ax: Axes
+    figure, ax = pyplot(WHAT).subplots(figsize=(6.0, 3.5), layout="constrained")
+    best = solution.winner
+    for start in solution.starts:
+        colour, width, order = (COLOURS["finger"], 2.0, 3) if start is best else ("0.6", 1.0, 2)
+        ax.plot(start.history, color=colour, linewidth=width, zorder=order)
+        mu, end = certified(solution, start), len(start.history)
+        if mu is not None:
+            last = [start.history[-1], mu.lower] if start.history else []
+            ax.plot([end - 1, end][: len(last)], last, ":", color=colour, linewidth=width, zorder=order)
+            ax.plot(end, mu.lower, "o", color=colour, markersize=6 if start is best else 4, zorder=order)
+    ax.set_xlabel("round of the exchange; dots: certified on the body (answer in blue)")
+    ax.set_ylabel("mu, from above")
+    ax.grid(color="0.9")
+    return figure
+
+
+Moment = tuple[float, float, float]  # seconds, bound, certified quality of the incumbent
+
+
+def write_bound_picture(
+    problem: GraspProblem, found: BestPossible, moments: Sequence[Moment], path: str | Path
+) -> Path:
+    """Write a picture of a branch-and-bound search: its gap over time, and marginal bounds over the surface.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+        The problem of the search.
+    found : BestPossible
+    moments : sequence of (seconds, bound, quality)
+        In order of time.
+    path : str or Path
+        Of a PNG file.
+
+    Raises
+    ------
+    MissingExtraError
+        Without matplotlib.
+    InputError
+        When the file cannot be written.
+    """
+    columns = 3 if problem.body.space == 3 else 2
+    figure: Figure = pyplot(WHAT).figure(figsize=(4.4 * columns, 4.2), layout="constrained")
+    draw_gap(figure.add_subplot(1, columns, 1), [*moments, (found.seconds, found.upper, found.mu.lower)])
+    more = range(2, columns + 1)
+    views = [figure.add_subplot(1, columns, i, projection="3d", computed_zorder=False) for i in more]
+    draw_worth(figure, views, problem, found)
+    return write_figure(figure, path)
+
+
+def draw_gap(ax: Axes, moments: Sequence[Moment]) -> None:
+    """Draw upper bound and incumbent over time."""
+    seconds, upper, lower = np.array(moments, dtype=float).T
+    ax.fill_between(seconds, lower, upper, step="post", color=GAP, alpha=0.25, linewidth=0.0, label="gap")
+    ax.step(seconds, upper, where="post", color=BOUND, label="no placement is better (bound)")
+    ax.step(seconds, lower, where="post", color=FINGER, label="best grasp met, certified")
+    ax.set_xlabel("seconds")
+    ax.set_ylabel("mu")
+    ax.set_xlim(left=0.0)
+    ax.set_ylim(bottom=0.0)
+    ax.grid(color="0.9")
+    ax.legend(loc="lower right", frameon=False)
+
+
+def draw_worth(figure: Figure, views: Sequence[Axes3D], problem: GraspProblem, found: BestPossible) -> None:
+    """Colour the body by upper bounds on a contact's contribution to mu, grey where forbidden, in one or two views.
+
+    Dots are the contacts of the incumbent, rings those behind the body.
+    """
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    plt = pyplot(WHAT)
+    corners, inward = _fine(problem)
+    worth = ContactWorth.of(problem).at(corners.mean(axis=1)[:, : problem.body.space], inward)
+    shares = worth / np.nanmax(worth)
+    colours = plt.get_cmap(SCALE)(np.nan_to_num(shares))
+    colours[np.isnan(shares)] = plt.matplotlib.colors.to_rgba("0.8")
+    width = 0.3 if problem.body.space == 3 else 4.0  # points; a planar body's boundary appears as lines
+    for ax, (elevation, azimuth) in zip(views, SIDES if problem.body.space == 3 else (ABOVE,), strict=True):
+        ax.add_collection3d(Poly3DCollection(corners, facecolors=colours, edgecolors=colours, linewidths=width))
+        if found.grasp is not None:
+            turn, tilt = np.radians([azimuth, elevation])
+            towards = np.array([np.cos(turn) * np.cos(tilt), np.sin(turn) * np.cos(tilt), np.sin(tilt)])
+            behind = in_space(found.grasp.normals) @ towards > 1e-9
+            fills = np.where(behind, "none", FINGER).tolist()
+            edges = np.where(behind, FINGER, "white").tolist()
+            ax.scatter(
+                *in_space(found.grasp.points).T, c=fills, edgecolors=edges, s=50, linewidths=1.5, depthshade=False
+            )
+        show_at_one_scale(ax, corners.reshape(-1, 3))
+        ax.set_box_aspect((1, 1, 1), zoom=1.0 if problem.body.space == 3 else 1.3)
+        ax.view_init(elev=elevation, azim=azimuth)
+    bar = figure.colorbar(plt.cm.ScalarMappable(plt.Normalize(0.0, 100.0), SCALE), ax=list(views), shrink=0.7)
+    bar.set_label("what a contact adds to mu at most,\n% of where it adds most (grey: not allowed)")
+
+
+def _fine(problem: GraspProblem) -> tuple[FloatArray, FloatArray]:
+    """Return triangles of the surface, (m, 3, 3), subdivided until there are enough, and inward normals.
+
+    For a planar body's plate these are the triangles of its boundary, with normals in the plane.
+    """
+    corners = cut(Triangles(*triangles(problem.body)), ENOUGH)
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    size, space = np.linalg.norm(across, axis=1), problem.body.space
+    kept = size > 0.0 if space == 3 else np.abs(across[:, 2]) < 0.5 * size
+    return corners[kept], -across[kept, :space] / size[kept, None]
+
+
+def draw_fit(fit: EllipsoidFit, wrenches: ArrayLike, path: str | Path) -> Path:
+    """Draw a fitted ellipsoid over its wrenches, projected on each pair of components; return the path.
+
+    Parameters
+    ----------
+    fit : EllipsoidFit
+        Result of ``fit_ellipsoid``.
+    wrenches : (m, d) array
+        The fitted wrenches, newtons and newton-metres.
+    path : str or Path
+        Of the picture; its ending says the format (png, svg, pdf).
+
+    Raises
+    ------
+    MissingExtraError
+        When matplotlib is not installed.
+    InputError
+        On wrenches of another shape, or a path that cannot be written.
+    """
+    plt = pyplot("draw_fit")
+    if not isinstance(fit, EllipsoidFit):
+        raise InputError("fit", fit, "what ng.fit_ellipsoid returns")
+    if not isinstance(path, str | Path) or Path(path).suffix.lower() not in FORMATS:
+        raise InputError("path", path, "a file name that ends in " + ", ".join(FORMATS))
+    rows = array("wrenches", wrenches, (len(fit.inside), fit.task.dimension))
+    d = fit.task.dimension
+    labels = axis_labels(d)
+    figure, axes = plt.subplots(d - 1, d - 1, figsize=(2.0 * d, 2.0 * d), layout="constrained", squeeze=False)
+    step = max(1, len(rows) // MOST_POINTS)
+    shown, inside = rows[::step], fit.inside[::step]
+    for i, j in combinations(range(d), 2):
+        ax = axes[j - 1, i]
+        ax.scatter(*shown[inside][:, [i, j]].T, s=2, color="0.6", linewidths=0, rasterized=True)
+        ax.scatter(*shown[~inside][:, [i, j]].T, s=6, color=COLOURS["warning"], linewidths=0, rasterized=True)
+        ax.plot(*_shadow(fit, i, j), color=COLOURS["task"], linewidth=1.2)
+        if j == d - 1:
+            ax.set_xlabel(labels[i])
+        if i == 0:
+            ax.set_ylabel(labels[j])
+        ax.tick_params(labelsize=6)
+    for i in range(d - 1):
+        for j in range(i):
+            axes[j, i].axis("off")
+    figure.suptitle(str(fit), fontsize=9)
+    target = Path(path)
+    try:
+        figure.savefig(target, dpi=130)
+    except (OSError, ValueError) as error:
+        raise InputError("path", f"{target}: {error}", "a file that can be written, such as fit.png") from None
+    finally:
+        plt.close(figure)
+    return target
+
+
+def _shadow(fit: EllipsoidFit, i: int, j: int) -> FloatArray:
+    """Return the outline of the ellipsoid's projection on two components, (2, m)."""
+    both = fit.task.axes[:, [i, j]]
+    _, s, vt = np.linalg.svd(both, full_matrices=False)
+    outline = (np.stack([np.cos(ROUND), np.sin(ROUND)], axis=1)[:, : len(s)] * s) @ vt
+    return np.asarray((fit.task.center[[i, j]] + outline).T)
+
+
+def write_sparsity(program: Formulation, path: str | Path) -> Path:
+    """Write a picture of the sparsity pattern of a program's constraint Jacobian, and return its path.
+
+    Parameters
+    ----------
+    program : Formulation
+    path : str or Path
+        Of a PNG file.
+
+    Raises
+    ------
+    MissingExtraError
+        Without matplotlib.
+    InputError
+        When the file cannot be written.
+    """
+    entries, rows, columns = program.sparsity()
+    figure: Figure = pyplot("a picture").figure(
+        figsize=(9.0, 9.0 * min(1.2, len(rows) / len(columns)) + 1.0), layout="constrained"
+    )
+    axes = figure.add_subplot()
+    down, across = np.nonzero(entries)
+    axes.plot(
+        across,
+        down,
+        linestyle="none",
+        marker="s",
+        markersize=max(0.4, 300.0 / max(entries.shape)),
+        color=COLOURS["force"],
+    )
+    for names, lines, ticks in (
+        (rows, axes.axhline, axes.set_yticks),
+        (columns, axes.axvline, axes.set_xticks),
+    ):
+        starts, kinds = _groups(names)
+        for start in starts[1:]:
+            lines(start - 0.5, color="0.8", linewidth=0.6)
+        middles = (np.array(starts) + np.array([*starts[1:], len(names)]) - 1) / 2.0
+        ticks(middles, kinds, rotation=0 if names is rows else 90, fontsize=8)
+    axes.set_xlim(-0.5, len(columns) - 0.5)
+    axes.set_ylim(len(rows) - 0.5, -0.5)
+    axes.set_title(f"{int(entries.sum())} of {entries.size} entries of the Jacobian", fontsize=10)
+    return write_figure(figure, path)
+
+
+def _groups(names: Sequence[str]) -> tuple[list[int], list[str]]:
+    """Return the starts of runs of names of one kind, and the kinds."""
+    kinds = [name.split(",")[0].rstrip(" 0123456789") for name in names]
+    starts = [i for i, kind in enumerate(kinds) if i == 0 or kinds[i - 1] != kind]
+    return starts, [kinds[i] for i in starts]

@@ -1,1 +1,0 @@
-"""3D scene of a grasp for the page's viewer."""

@@ -1,0 +1,307 @@
+"""Parts of 3D scenes: shaded surfaces, axes, camera, visibility switches, tables and obstacles."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from html import escape
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+
+from nlpgrasp.bodies import Body, Box
+from nlpgrasp.bodies.mesh.display_triangles import triangles
+from nlpgrasp.common.drawing import Triangles
+from nlpgrasp.common.spatial import in_space
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.unit_directions import directions
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.constraints import Obstacle, PlacementConstraint, Table
+from nlpgrasp.errors import InputError
+from nlpgrasp.solution.solution import GraspSolution
+
+CREASE = 30.0  # degrees between triangles above which their common edge is a crease
+LOOSE = 0.1  # share of loose ends among crease vertices above which creases are noise and not drawn
+SAME = 1e-6  # share of the size: nearer vertices are merged
+STEPS = 32767  # quantisation steps of a normal's component
+NEAR = 2.0  # largest distance of a drawn origin from the body's middle, in body sizes
+SHORTEST, BEYOND = 0.5, 0.3  # shares of the body's size: least length of an axis, and its length beyond the body
+DIGITS = 7  # decimals of coordinates for display, metres
+FAR = 4.0  # distance from the body's middle, in body sizes, beyond which points may leave the view
+TURNS, TILTS = np.radians(np.arange(-180.0, 180.0, 15.0)), np.radians([18.0, 28.0, 40.0])
+FROM_ABOVE = (-90.0, 74.0)  # azimuth and elevation for a planar grasp, degrees
+FROM_ASIDE = (-55.0, 25.0)  # degrees: view of a body without contacts, and for ties
+GLANCING = 0.65  # cosine to the view direction above which contacts are equally visible
+HIDDEN = -0.3  # cosine below which contacts are equally hidden
+MOST = 1000  # most triangles of an obstacle
+WIDE, THICK = 2.5, 0.05  # half width of a table, thickness of a planar one, in body sizes
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Triangle surface with vertex normals and creases.
+
+    Parameters
+    ----------
+    positions, normals : (n, 3) array
+        Metres; unit, outward. A vertex on a crease occurs once for each side.
+    faces : (m, 3) array of int
+    edges : (k, 2, 3) array
+        Ends of the creases, metres; none for a noisy surface.
+    """
+
+    positions: FloatArray
+    normals: FloatArray
+    faces: NDArray[np.int64]
+    edges: FloatArray
+
+    def to_dict(self) -> Json:
+        """Return the arrays as base64 text of little-endian numbers: 32-bit floats, 16-bit normals, integers."""
+        wide = len(self.positions) > np.iinfo(np.uint16).max
+        return {
+            "positions": packed(self.positions, "<f4"),
+            "normals": packed(np.round(STEPS * self.normals), "<i2"),
+            "faces": packed(self.faces, "<u4" if wide else "<u2"),
+            "wide": wide,
+            "edges": packed(self.edges, "<f4"),
+        }
+
+
+def surface(shape: Triangles, crease: float = CREASE) -> Surface:
+    """Return triangles with vertex normals: angle-weighted means over triangles within the crease angle.
+
+    Parameters
+    ----------
+    shape : Triangles
+        Counter-clockwise from outside.
+    crease : float
+        Degrees. The mean is weighted by the triangles' angles at the vertex (Thuermer and Wuethrich 1998).
+    """
+    vertices, faces = _welded(shape)
+    corners = vertices[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    near = float(np.cos(np.radians(crease)))
+    owner, at = np.repeat(np.arange(len(faces)), 3), faces.ravel()
+    meets = coo_matrix((np.ones(len(at)), (np.arange(len(at)), at)), shape=(len(at), len(vertices))).tocsr()
+    pairs = (meets @ meets.T).tocoo()  # pairs of corners at one vertex
+    alike = np.sum(normals[owner[pairs.row]] * normals[owner[pairs.col]], axis=1) >= near
+    row, col = pairs.row[alike], pairs.col[alike]
+    weighted = normals[owner] * _angles(corners).ravel()[:, None]
+    mean = np.stack([np.bincount(row, weighted[col, i], len(at)).astype(float) for i in range(3)], axis=1)
+    mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-300)
+    key = np.column_stack([at, np.round(1e3 * mean)])
+    _, first, which = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    return Surface(vertices[at[first]], mean[first], which.reshape(-1, 3), _creases(vertices, faces, normals, near))
+
+
+def packed(values: NDArray[np.float64] | NDArray[np.int64], kind: str) -> str:
+    """Return numbers as base64 of a numpy type."""
+    return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode()
+
+
+def cut(shape: Triangles, enough: int) -> FloatArray:
+    """Return the corners (m, 3, 3) of triangles, each subdivided into four until there are enough."""
+    corners = shape.vertices[shape.faces]
+    while 0 < len(corners) < enough:
+        a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+        ab, bc, ca = (a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0
+        parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+        corners = np.concatenate([np.stack(part, axis=1) for part in parts])
+    return corners
+
+
+def _welded(shape: Triangles) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Return merged vertices, and the triangles with nonzero area."""
+    step = SAME * max(float(np.max(np.ptp(shape.vertices, axis=0), initial=0.0)), 1e-300)
+    _, first, which = np.unique(np.round(shape.vertices / step), axis=0, return_index=True, return_inverse=True)
+    faces = which.ravel()[shape.faces]
+    a, b, c = faces.T
+    return shape.vertices[first], faces[(a != b) & (b != c) & (c != a)]
+
+
+def _angles(corners: FloatArray) -> FloatArray:
+    """Return the angles of triangles (m, 3, 3) at their corners, (m, 3), radians."""
+    ahead = np.roll(corners, -1, axis=1) - corners
+    back = np.roll(corners, 1, axis=1) - corners
+    across = np.linalg.norm(np.cross(ahead, back), axis=2)
+    return np.asarray(np.arctan2(across, np.sum(ahead * back, axis=2)))
+
+
+def _creases(vertices: FloatArray, faces: NDArray[np.int64], normals: FloatArray, near: float) -> FloatArray:
+    """Return the edges (k, 2, 3) between triangles that meet at more than the crease angle, without isolated ones."""
+    ends = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    owner = np.tile(np.arange(len(faces)), 3)
+    order = np.lexsort(ends.T)
+    ends, owner = ends[order], owner[order]
+    twice = np.flatnonzero(np.all(ends[1:] == ends[:-1], axis=1))
+    sharp = np.sum(normals[owner[twice]] * normals[owner[twice + 1]], axis=1) < near
+    edges = ends[twice[sharp]]
+    often = np.bincount(edges.ravel(), minlength=1)
+    run_on = np.sum(often == 1) <= LOOSE * np.sum(often > 0)
+    return vertices[edges] if run_on else np.zeros((0, 2, 3))
+
+
+def has_origin(low: FloatArray, high: FloatArray, size: float) -> bool:
+    """Return whether the frame's origin is near enough to a body to be drawn.
+
+    Parameters
+    ----------
+    low, high : (3,) array
+        Ends of the body's bounds, metres.
+    size : float
+        Of the body, metres.
+    """
+    return float(np.linalg.norm((low + high) / 2.0)) <= NEAR * size
+
+
+def body_axes(low: FloatArray, high: FloatArray, size: float, count: int = 3) -> Json:
+    """Return the axes of a body's frame, at its origin or, if that is far away, at the body's lowest corner.
+
+    Parameters
+    ----------
+    low, high : (3,) array
+        Ends of the body's bounds, metres.
+    size : float
+        Of the body, metres.
+    count : int
+        2 for a planar body, else 3.
+
+    Returns
+    -------
+    dict
+        ``at``: their origin; ``ends``: ends of x, y and z; metres, body frame.
+    """
+    at = np.zeros(3) if has_origin(low, high, size) else low
+    inside = (low <= at) & (at <= high)
+    lengths = np.maximum(SHORTEST * size, np.where(inside, high - at + BEYOND * size, 0.0))
+    return frame_axes(at, lengths[:count])
+
+
+def frame_axes(at: FloatArray, lengths: FloatArray) -> Json:
+    """Return axes of given lengths (k,) at a point (3,); metres, in the format of ``body_axes``."""
+    ends = at + np.diag(np.pad(lengths, (0, 3 - len(lengths))))[: len(lengths)]
+    return {"at": np.round(at, DIGITS).tolist(), "ends": np.round(ends, DIGITS).tolist()}
+
+
+def framed(points: FloatArray, middle: FloatArray, size: float) -> FloatArray:
+    """Return the outermost of points (n, 3) within some body sizes, (m, 3)."""
+    near = points[np.linalg.norm(points - middle, axis=1) <= FAR * size]
+    ways = np.concatenate([directions(3, 0), directions(3, 2)])
+    return np.asarray(near[np.unique(np.argmax(near @ ways.T, axis=0))])
+
+
+def first_view(solution: GraspSolution, flat: bool) -> list[float]:
+    """Return azimuth and elevation, degrees, of the view with most visible contacts."""
+    if flat or solution.grasp is None:
+        return list(FROM_ABOVE if flat else FROM_ASIDE)
+    outward = -in_space(solution.grasp.normals)
+    turn, tilt = (x.ravel() for x in np.meshgrid(TURNS, TILTS, indexing="ij"))
+    eyes = np.stack([np.cos(tilt) * np.cos(turn), np.cos(tilt) * np.sin(turn), np.sin(tilt)], axis=1)
+    seen = np.clip(eyes @ outward.T, HIDDEN, GLANCING).sum(axis=1) + 0.02 * np.cos(turn - np.radians(FROM_ASIDE[0]))
+    best = int(np.argmax(seen))
+    return [float(np.degrees(turn[best])), float(np.degrees(tilt[best]))]
+
+
+Switch = tuple[str, str, bool]
+
+
+def switches(entries: Sequence[Switch]) -> str:
+    """Return switches as HTML.
+
+    Parameters
+    ----------
+    entries : sequence of (str, str, bool) tuples
+        Key of the viewer, label, and whether it is on initially.
+    """
+    boxes = "".join(
+        f'<label class="switch"><input type="checkbox" data-show="{key}"{" checked" if on else ""}>'
+        f"<span>{escape(text)}</span></label>"
+        for key, text, on in entries
+    )
+    return f'<div class="switches">{boxes}</div>'
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """Tables and obstacles around a body.
+
+    Parameters
+    ----------
+    heights : tuple of float
+        Heights of the tables' tops, metres: along z, or along y for a planar body.
+    obstacles : tuple of (str, Triangles)
+        Names and triangles, body frame.
+    unseen : tuple of str
+        Obstacles whose surface the file does not contain, such as meshes.
+    """
+
+    heights: tuple[float, ...]
+    obstacles: tuple[tuple[str, Triangles], ...]
+    unseen: tuple[str, ...]
+
+
+def surroundings(solution: GraspSolution) -> Surroundings:
+    """Return the tables and obstacles of a solution's problem."""
+    kinds = {kind.kind: kind for kind in (Table, Obstacle)}
+    read: list[PlacementConstraint] = []
+    unread = []
+    for data in solution.problem.get("constraints", []):
+        if (kind := kinds.get(data.get("type"))) is not None:
+            try:
+                read.append(kind.from_dict(data))
+            except InputError:
+                unread.append(str(data.get("name", kind.kind)))
+    found = around(read)
+    return replace(found, unseen=(*unread, *found.unseen))
+
+
+def around(constraints: Iterable[PlacementConstraint]) -> Surroundings:
+    """Return the tables and obstacles among the constraints of a problem."""
+    heights, seen, unseen = [], [], []
+    for constraint in constraints:
+        if isinstance(constraint, Table):
+            heights.append(constraint.height)
+        elif isinstance(constraint, Obstacle):
+            try:
+                seen.append((constraint.name, placed(constraint)))
+            except InputError:
+                unseen.append(constraint.name)
+    return Surroundings(tuple(heights), tuple(seen), tuple(unseen))
+
+
+def placed(obstacle: Obstacle) -> Triangles:
+    """Return an obstacle's surface in its pose, body frame.
+
+    Raises
+    ------
+    InputError
+        When its body is not one of this package's, so that its surface is unknown.
+    """
+    if not isinstance(obstacle.body, Body):
+        raise InputError("Obstacle.body", obstacle.body, "a body")
+    vertices, faces = triangles(obstacle.body, MOST)
+    turn, at = np.eye(3), np.zeros(3)
+    turn[: obstacle.body.space, : obstacle.body.space] = obstacle.rotation
+    if obstacle.position is not None:
+        at[: obstacle.body.space] = np.asarray(obstacle.position)
+    return Triangles(vertices @ turn.T + at, faces)
+
+
+def slab(height: float, body: FloatArray, size: float) -> Triangles:
+    """Return the front view of a table under a planar body: a bar whose top is at the table's height.
+
+    Parameters
+    ----------
+    height : float
+        Along y, metres.
+    body : (n, 3) array
+        The drawn body's vertices.
+    size : float
+        The drawn body's, metres.
+    """
+    vertices, faces = triangles(Box([2.0 * WIDE * size, THICK * size, float(np.ptp(body[:, 2])) or THICK * size]))
+    middle = (body.min(axis=0) + body.max(axis=0)) / 2.0
+    return Triangles(vertices + np.array([middle[0], height - THICK * size / 2.0, 0.0]), faces)

@@ -1,1 +1,0 @@
-"""HTML page and pictures of solutions."""

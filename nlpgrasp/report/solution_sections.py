@@ -1,0 +1,288 @@
+"""Sections of the solution report, as HTML."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from html import escape
+
+import numpy as np
+import trimesh
+
+from nlpgrasp.bodies import Mesh
+from nlpgrasp.common.drawing import Triangles
+from nlpgrasp.common.formatting import capital, outwards, rounded, typeset, vector
+from nlpgrasp.common.spatial import in_space
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import InputError
+from nlpgrasp.experiments.comparison import Comparison
+from nlpgrasp.experiments.experiment_result import NOT_COMPARABLE
+from nlpgrasp.global_bound.marginal_bound import ContactWorth
+from nlpgrasp.problem.problem import GraspProblem, problem_from_dict
+from nlpgrasp.report.html_parts import Curve, Html, chart, table
+from nlpgrasp.report.key_figures import axis_end, facts, gauge
+from nlpgrasp.report.scene_parts import cut, packed, switches
+from nlpgrasp.report.task_wrenches import FingerForce, shadows
+from nlpgrasp.solution.analysis_records import ShadowPrice
+from nlpgrasp.solution.records import ConstraintReport
+from nlpgrasp.solution.solution import GraspSolution
+
+SCALE = ("#00224e", "#35456c", "#666970", "#948e77", "#c8b866", "#fee838")  # cividis: even to colour-blind eyes
+EXCLUDED = "#b4b4b4"  # colour of forbidden parts
+ENOUGH = 1500  # triangles up to which surfaces are subdivided
+TONES = 100  # tones of the scale, a multiple of its steps
+SMALL_BODY = 1.0  # metres: contacts of smaller bodies are shown in millimetres
+SWITCHES = (
+    ("hand", "Hand", True),
+    ("forces", "Forces", True),
+    ("normals", "Normals", False),
+    ("cones", "Cones", False),
+    ("through", "See through", False),
+)
+
+
+def worth(solution: GraspSolution) -> Json | None:
+    """Return the body's triangles coloured by upper bounds on a contact's contribution to mu, or None.
+
+    Returns
+    -------
+    dict or None
+        ``positions``: corners, packed. ``colours``: for each triangle the index of its colour in ``scale``.
+    """
+    found = coloured(solution)
+    if found is None:
+        return None
+    scale = sorted(set(found[1]))
+    place = {colour: i for i, colour in enumerate(scale)}
+    return {"positions": packed(found[0], "<f4"), "colours": [place[c] for c in found[1]], "scale": scale}
+
+
+def coloured(solution: GraspSolution) -> tuple[FloatArray, list[str]] | None:
+    """Return corners (m, 3, 3) of the body's subdivided triangles, metres, and a colour for each.
+
+    For a mesh, which is in a separate file, the drawn triangles are used. None where the drawing is missing, or the
+    global bound does not cover the problem.
+    """
+    if solution.drawing is None or solution.grasp is None or solution.bound is None:
+        return None
+    shape = solution.drawing.body
+    try:
+        problem = _problem(solution, shape)
+        measured = ContactWorth.of(problem)
+    except InputError:
+        return None
+    corners = cut(shape, ENOUGH)
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    size = np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
+    space = problem.body.space
+    inward = (-across / size)[:, :space]
+    rim = np.linalg.norm(inward, axis=1) > 0.5  # a planar body is drawn as a plate: contacts are on its boundary
+    shares = np.full(len(corners), np.nan)
+    length = np.linalg.norm(inward[rim], axis=1, keepdims=True)
+    shares[rim] = measured.at(corners[rim].mean(axis=1)[:, :space], inward[rim] / length)
+    most = float(np.nanmax(shares, initial=0.0))
+    if most <= 0.0:
+        return None
+    return corners, [_colour(share) for share in shares / most]
+
+
+def _problem(solution: GraspSolution, shape: Triangles) -> GraspProblem:
+    """Return the problem without its hand, as far as the file contains it, with a mesh as drawn.
+
+    Raises
+    ------
+    InputError
+        Where the file lacks data of the problem.
+    """
+    data, grasp = solution.problem, solution.grasp
+    drawn = Mesh(trimesh.Trimesh(shape.vertices, shape.faces)) if data["body"].get("type") == Mesh.kind else None
+    return problem_from_dict(data, None if grasp is None else grasp.torque_origin, drawn)
+
+
+def _colour(share: float) -> str:
+    """Return the interpolated colour of a share of the largest value."""
+    if np.isnan(share):
+        return EXCLUDED
+    anchors = np.array([[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in SCALE])
+    at = np.rint(min(max(share, 0.0), 1.0) * TONES) / TONES * (len(SCALE) - 1)
+    red, green, blue = np.rint([np.interp(at, range(len(SCALE)), channel) for channel in anchors.T]).astype(int)
+    return f"#{red:02x}{green:02x}{blue:02x}"
+
+
+def comparison(compared: Comparison, solutions: Mapping[str, GraspSolution]) -> str:
+    """Return the table of several solutions, with small scenes and gauges on one axis."""
+    end, order = max(axis_end(s) for s in solutions.values()), list(solutions)
+    rows = []
+    listed = zip(compared.names, compared.records, compared.ranks, compared.ties, strict=True)
+    for name, record, rank, tied in listed:
+        quality = " to ".join(outwards(record.mu.lower, record.mu.upper)) if record.success else "no grasp"
+        seen = Html(
+            f'<canvas class="small" data-of="scene{order.index(name)}" role="img" aria-label="{escape(name)}"></canvas>'
+        )
+        cells = [f"{rank}", seen, name, Html(f"{escape(typeset(quality))}{gauge(solutions[name], end)}")]
+        rows.append([*cells, f"{record.contacts}", "; ".join(tied), "; ".join(record.active)])
+    note = "" if compared.comparable else f'<p class="status failed">{escape(NOT_COMPARABLE)}</p>'
+    heads = ["Rank", "", "Solution", "Quality, certified", "Contacts", "Ties with", "Active constraints"]
+    return note + table("Ties differ by no more than the certified gap.", heads, rows)
+
+
+def asked(solution: GraspSolution) -> str:
+    """Return the problem in a sentence: contacts, body, hand and task."""
+    problem, hand = solution.problem, solution.problem.get("hand")
+    parts = [problem["body"], *([hand] if isinstance(hand, Mapping) else [])]
+    what, *by = [str(part.get("source") or part["type"]).rpartition("/")[2] for part in parts]
+    held = f", held by {by[0]}" if by else ""
+    task = solution.task_line()
+    return f"{len(problem['contacts'])} contacts on {what}{held}. {capital(task)}."
+
+
+def panel(solution: GraspSolution, fingers: Sequence[FingerForce]) -> str:
+    """Return the facts beside the scene, and the force of each finger for the slider's wrench."""
+    bars = "".join(
+        f'<li class="finger"><span class="number">{i}</span><span class="bar">'
+        f'<span style="width:{100 * f.share:.1f}%"></span></span><span class="words">{escape(f.words)}</span></li>'
+        for i, f in enumerate(fingers)
+    )
+    head = "<h3>Fingers, for the task wrench shown, as given</h3>"
+    shown = f'<div class="fact broad fingers">{head}<ul>{bars}</ul></div>' if bars else ""
+    return f'<aside class="panel">{"".join(fact.html() for fact in facts(solution))}{shown}</aside>'
+
+
+def stage(
+    solution: GraspSolution, labels: Sequence[str], number: int, scene: Json | None, strip: str, worth: bool
+) -> str:
+    """Return the scene with its switches, slider and alternative grasps; a note if there is nothing to draw."""
+    if scene is None:
+        why = "no grasp was found, or the file holds neither a drawing nor the body"
+        return f'<div class="stage"><p class="note">No picture: {why}.</p></div>'
+    unseen = scene["unseen"]
+    count = 0 if solution.grasp is None else len(solution.grasp)
+    links = 0 if solution.drawing is None else len(solution.drawing.links)
+    seen = f"The body with {count} contacts" + (f" and a hand of {links} links" if links else "")
+    aria = f"{seen}; turn it with the mouse, a finger or the arrow keys."
+    parts = [f'<div class="scene" id="scene{number}" role="img" tabindex="0" aria-label="{escape(aria)}"></div>']
+    if count:
+        parts.append(_switches(solution, worth))
+    if labels:
+        parts.append(
+            f'<div class="control"><label for="wrench{number}">Task wrench, as given</label><input id="wrench{number}" '
+            f'type="range" min="0" max="{len(labels) - 1}" step="1" value="0" '
+            f'aria-valuetext="{escape(labels[0])}">'
+            f'<output for="wrench{number}" aria-live="polite">{escape(labels[0])}</output></div>'
+        )
+    parts.append(strip)
+    if unseen:
+        parts.append(
+            f'<p class="note">Not drawn, since their triangles stay in a file: {escape(", ".join(unseen))}.</p>'
+        )
+    return f'<div class="stage">{"".join(parts)}</div>'
+
+
+def _switches(solution: GraspSolution, worth: bool) -> str:
+    """Return the visibility switches of the scene."""
+    has_hand = solution.problem.get("hand") is not None
+    shown = [s for s in SWITCHES if s[0] != "hand" or has_hand]
+    if worth:
+        shown.append(("worth", "Where a contact is worth most", False))
+    scale = (
+        f'<p class="scale note" hidden><b style="background:linear-gradient(90deg,{",".join(SCALE)})"></b>'
+        "nothing to most, of what a contact adds to mu at most; grey where none may be</p>"
+    )
+    return f"{switches(shown)}{scale if worth else ''}"
+
+
+def contacts(solution: GraspSolution) -> str:
+    """Return the table of contacts."""
+    grasp = solution.grasp
+    if grasp is None:
+        return ""
+    size = float(np.max(np.ptp(in_space(grasp.points), axis=0), initial=0.0))
+    scale, unit, least = (1e3, "mm", 1) if size < SMALL_BODY else (1.0, "m", 3)
+    rows = []
+    placed = zip(grasp.points, grasp.normals, solution.faces, grasp.contacts, strict=True)
+    for i, (p, n, face, model) in enumerate(placed):
+        kind = model.to_dict().get("model", type(model).__name__)
+        told = ", ".join(f"{name.replace('_', ' ')} {rounded(v)}" for name, v in model.coefficients.items())
+        rows.append(
+            [
+                f"{i} ({solution.fingers[i]})" if solution.fingers else f"{i}",
+                face,
+                _fixed(scale * p, scale * size, least),
+                typeset(vector(np.round(n, 3))),
+                f"{kind}".replace("_", " "),
+                told,
+            ]
+        )
+    heads = ["Finger", "Face", f"Position, {unit}", "Inward normal", "Contact", "With"]
+    return "<h3>Contacts</h3>" + table("In the body's frame.", heads, rows)
+
+
+def wrench_space(solution: GraspSolution) -> str:
+    """Return projections of the wrench set and of the task."""
+    charts = []
+    for s in shadows(solution):
+        curves = [Curve(s.grasp, "grasp", True), Curve(s.task, "task", True)]
+        if s.limit is not None:
+            low, high = float(np.min(s.grasp[:, 1])), float(np.max(s.grasp[:, 1]))
+            curves.append(Curve(np.array([[s.limit, low], [s.limit, high]]), "limit"))
+        charts.append(f"<div>{chart(f'Shadow on {s.x_label} and {s.y_label}', s.x_label, s.y_label, curves)}</div>")
+    if not charts:
+        return ""
+    words = (
+        "Blue: the wrenches that the fingers can exert within the force budget, seen along each pair of axes. Green: "
+        "the task scaled by the certified lower bound, which fits inside. First plot: the direction in which the task "
+        "comes closest to the limit (red), as a share of what the fingers can exert."
+    )
+    return f'<h3>What the fingers can exert</h3><p class="note">{words}</p><div class="charts">{"".join(charts)}</div>'
+
+
+def constraints(solution: GraspSolution) -> str:
+    """Return the active constraints as sentences, and the shadow prices of limits."""
+    active = [_limit(c, solution) for c in solution.constraints if c.active and not c.is_equation]
+    prices = [_price(p, solution) for p in solution.prices]
+    parts = [
+        f'<h3>{title}</h3><ul class="sentences">{"".join(f"<li>{escape(typeset(s))}</li>" for s in sentences)}</ul>'
+        for title, sentences in (("At their limits", active), ("What a little more would change", prices))
+        if sentences
+    ]
+    return f'<div class="two">{"".join(f"<div>{part}</div>" for part in parts)}</div>' if parts else ""
+
+
+def _limit(report: ConstraintReport, solution: GraspSolution) -> str:
+    """Return an active constraint as a sentence, with its shadow price if the solve converged."""
+    below, above = report.value - report.lower, report.upper - report.value
+    end = "the least allowed" if below <= above else "the most allowed"
+    gained = abs(report.multiplier) * min(abs(below), abs(above))  # by the remaining slack, to first order
+    price = f"; {solution.label} changes by {rounded(report.multiplier)} a unit"
+    price = price if report.multiplier and gained <= solution.mu.upper else ""
+    return f"{report.name}: {rounded(report.value, 4)}, {end}{price}."
+
+
+def _price(price: ShadowPrice, solution: GraspSolution) -> str:
+    """Return the effect of a step of a limit, as a sentence with its share of mu."""
+    mu, label = solution.mu.lower, solution.label
+    sign = "+" if price.gain > 0.0 else ""
+    share = f" ({sign}{rounded(100.0 * price.gain / mu, 2)} %)" if mu > 0.0 else ""
+    return f"{price.what} (now {rounded(price.value, 4)}): {label} {sign}{rounded(price.gain)}{share}."
+
+
+def inputs(name: str, solution: GraspSolution) -> str:
+    """Return all inputs and how to reproduce the solution."""
+    solver = {k: v for k, v in solution.solver.items() if k != "starts"}
+    data = {"problem": dict(solution.problem), "solver": solver}
+    text = escape(json.dumps(data, indent=1))
+    again = (
+        f"nlpgrasp solve SCRIPT --starts {len(solution.starts)} --seed {solver.get('seed', 0)}\nnlpgrasp verify {name}"
+    )
+    return (
+        f"<h3>Do it again</h3><pre>{escape(again)}</pre>"
+        f"<details><summary>All inputs, options and versions</summary><pre>{text}</pre></details>"
+    )
+
+
+def _fixed(values: Sequence[float], size: float, least: int) -> str:
+    """Return coordinates with decimals for three digits of the contacts' spread, and at least so many."""
+    decimals = max(least, 2 - math.floor(math.log10(size))) if size > 0.0 else least
+    return typeset(", ".join(f"{round(float(v), decimals) + 0.0:.{decimals}f}" for v in values))

@@ -1,0 +1,175 @@
+"""Task wrenches of a report with their finger forces, and projections of the wrench set."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.common.formatting import COMPONENTS, FORCE_UNIT, SMALL, axis_labels, rounded, typeset, unit_of
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.quality import finger_forces
+from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.quality.wrench_set import WrenchSet
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.tasks import Task
+
+MOST = 25  # most wrenches
+ANGLES = np.linspace(0.0, 2.0 * np.pi, 145)
+
+
+@dataclass(frozen=True)
+class ChosenWrench:
+    """A wrench of the task at full size, with the least finger forces that produce it.
+
+    Parameters
+    ----------
+    label : str
+        Description.
+    wrench : (d,) array
+        Newtons and newton-metres.
+    forces : (k, space) array
+        Body frame, newtons.
+    """
+
+    label: str
+    wrench: FloatArray
+    forces: FloatArray
+
+
+def chosen_wrenches(solution: GraspSolution) -> list[ChosenWrench]:
+    """Return the hardest wrench of the task and the ends of its semi-axes, as far as they can be produced."""
+    grasp = solution.grasp
+    if grasp is None or not solution.is_certified:
+        return []
+    task = solution.task
+    wrenches, names = [], []
+    if solution.mu.worst_direction is not None:
+        wrenches.append(task.support(solution.mu.worst_direction[None, :])[1][0])
+        names.append("Hardest")
+    for i, wrench in enumerate(task.ends()[: MOST - len(wrenches)]):
+        wrenches.append(wrench)
+        names.append(f"End {i + 1}")
+    share = solution.mu.lower  # certified within one unit of the budget; forces scale in proportion
+    found = finger_forces(grasp, share * np.array(wrenches), force_budget=solution.budget)
+    return [
+        ChosenWrench(f"{name}: {pushed(w, grasp.mean_arm)}", w, grasp.contact_wrenches(x)[:, : grasp.space] / share)
+        for name, w, x, feasible in zip(names, wrenches, found.forces, found.feasible, strict=True)
+        if feasible
+    ]
+
+
+@dataclass(frozen=True)
+class FingerForce:
+    """Force of one finger, as text.
+
+    Parameters
+    ----------
+    words : str
+    share : float
+        Force over the largest one in any of the wrenches.
+    """
+
+    words: str
+    share: float
+
+
+def finger_forces_of(grasp: Grasp, chosen: Sequence[ChosenWrench]) -> list[list[FingerForce]]:
+    """Return the normal and tangential force of each finger, for each wrench."""
+    largest = max((float(np.max(np.linalg.norm(c.forces, axis=1))) for c in chosen), default=0.0) or 1.0
+    found = []
+    for c in chosen:
+        pressing = np.sum(c.forces * grasp.normals, axis=1)
+        rubbing = np.linalg.norm(c.forces - pressing[:, None] * grasp.normals, axis=1)
+        sizes = np.linalg.norm(c.forces, axis=1) / largest
+        least = 1e-4 * largest
+        found.append(
+            [
+                FingerForce(
+                    typeset(f"normal {rounded(p, 3, least)} N, tangential {rounded(t, 3, least)} N"), float(share)
+                )
+                for p, t, share in zip(pressing, rubbing, sizes, strict=True)
+            ]
+        )
+    return found
+
+
+def pushed(wrench: FloatArray, length: float) -> str:
+    """Return a wrench (d,) as text of its significant components, such as ``0.3 N along x, 0.02 N m about z``.
+
+    Moments are compared after division by the length, metres.
+    """
+    units = [unit_of(name) for name in COMPONENTS[len(wrench)]]
+    weight = np.abs(wrench) / np.where([unit == FORCE_UNIT for unit in units], 1.0, length)
+    parts = [
+        f"{rounded(abs(v))} {unit} {'along' if unit == FORCE_UNIT else 'about'} {'-' if v < 0.0 else ''}{name[-1]}"
+        for name, unit, v, w in zip(COMPONENTS[len(wrench)], units, wrench.tolist(), weight, strict=True)
+        if w > SMALL * np.max(weight)
+    ]
+    return typeset(", ".join(parts) or "nothing")
+
+
+@dataclass(frozen=True)
+class Shadow:
+    """Projection of both sets onto one plane.
+
+    Parameters
+    ----------
+    x_label, y_label : str
+    grasp, task : (m, 2) array
+        Outlines of G(B n K), and of the task times the certified lower bound.
+    limit : float or None
+        Largest wrench of the grasp along the weakest direction, on the plane that shows it.
+    """
+
+    x_label: str
+    y_label: str
+    grasp: FloatArray
+    task: FloatArray
+    limit: float | None = None
+
+
+def shadows(solution: GraspSolution) -> list[Shadow]:
+    """Return the projections onto the planes of forces and moments, and onto one with the weakest direction."""
+    grasp = solution.grasp
+    if grasp is None:
+        return []
+    reachable = WrenchSet.of(grasp, solution.budget)
+    task, scale = solution.task, solution.mu.lower
+    d = grasp.dimension
+    labels = axis_labels(d)
+    spatial = [(0, 1), (0, 2), (1, 2), (3, 4), (3, 5), (4, 5)]
+    pairs = spatial if d == 6 else [(0, 1), (0, 2), (1, 2)]
+    found = []
+    if solution.mu.worst_direction is not None and np.any(solution.mu.worst_direction):
+        found.append(_weakest(solution.mu.worst_direction, reachable, task, scale))
+    for i, j in pairs:
+        plane = np.eye(d)[[i, j]]
+        found.append(Shadow(labels[i], labels[j], *_outlines(plane, reachable, task, scale)))
+    return found
+
+
+def _outlines(plane: FloatArray, reachable: WrenchSet, task: Task, scale: float) -> tuple[FloatArray, FloatArray]:
+    """Return the outlines of both sets' images under ``w -> plane w``: points that attain the support functions.
+
+    Parameters
+    ----------
+    plane : (2, d) array
+        Its rows need be neither orthogonal nor of unit length.
+    """
+    sizes = np.maximum(reachable.support(plane)[0], reachable.support(-plane)[0])
+    evenly = plane / np.maximum(sizes, 1e-300)[:, None]  # even directions in the picture
+    y = np.cos(ANGLES)[:, None] * evenly[0] + np.sin(ANGLES)[:, None] * evenly[1]
+    return reachable.support(y)[1] @ plane.T, scale * task.support(y)[1] @ plane.T
+
+
+def _weakest(y: FloatArray, reachable: WrenchSet, task: Task, scale: float) -> Shadow:
+    """Return the projection along the weakest direction, in shares of the producible wrench: the sets nearly touch."""
+    limit = float(reachable.support(y[None, :])[0][0])
+    along = y / limit if limit > 0.0 else y / np.linalg.norm(y)
+    sizes = np.maximum(reachable.support(np.eye(len(y)))[0], 1e-300)
+    across = (np.eye(len(y)) / sizes[:, None])[int(np.argmin(np.abs(along) * sizes))]
+    plane = np.stack([along, across])
+    grasp, shown = _outlines(plane, reachable, task, scale)
+    return Shadow("along the weakest direction", "across it", grasp, shown, float(np.max(grasp[:, 0])))

@@ -1,0 +1,262 @@
+"""MuJoCo model of fingertips that press on a free object under an external wrench."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.budgets.base import ForceSet
+from nlpgrasp.common.optional_packages import import_mujoco
+from nlpgrasp.common.spatial import in_space
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.contacts import ContactModel
+from nlpgrasp.contacts.product import ranges
+from nlpgrasp.errors import InputError, NlpgraspError
+from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.simulation.fingertip_scene import DAMPING, Scales, force_indices
+
+MOST_SLIP, MOST_TURN = 2e-3, float(np.radians(3.0))  # metres and radians: limits beyond which a grasp is lost
+GIVE = 0.02  # radians of rotation at which a contact's moment reaches its friction limit
+
+
+@dataclass(frozen=True)
+class ContactMoment:
+    """Moment components of a contact with one common limit.
+
+    Parameters
+    ----------
+    contact : int
+    model : ContactModel
+    share : float
+        Largest magnitude over the normal force, metres.
+    indices : tuple of b int
+        Indices among all components.
+    directions : (b, 3) array
+        Axes of the moments, body frame.
+    """
+
+    contact: int
+    model: ContactModel
+    share: float
+    indices: tuple[int, ...]
+    directions: FloatArray
+
+    def most(self, normal: float, rubbing: float) -> float:
+        """Return the largest moment transmitted at this normal and tangential force (newtons)."""
+        return self.share * self.model.left_for_moments(normal, rubbing)
+
+    def cut(self, moment: FloatArray, normal: float, rubbing: float) -> FloatArray:
+        """Return a moment (b,) limited to what is transmitted."""
+        size, most = float(np.linalg.norm(moment)), self.most(normal, rubbing)
+        return moment if size <= most else moment * (most / size)
+
+
+def components(grasp: Grasp) -> tuple[list[int], list[ContactMoment]]:
+    """Return the indices of the force components, and the moments."""
+    forces = force_indices(grasp)
+    moments: list[ContactMoment] = []
+    for i, (model, part) in enumerate(zip(grasp.contacts, ranges(grasp.contacts, grasp.space), strict=True)):
+        axes = model.axes(grasp.space)
+        for where, share in model.blocks(model.components(grasp.space)):
+            parts = [j for j in range(where.start, where.stop) if axes[j] >= grasp.space]
+            if parts:
+                about = np.array([_direction(grasp, i, axes[j]) for j in parts])
+                moments.append(ContactMoment(i, model, share, tuple(part.start + j for j in parts), about))
+    return forces, moments
+
+
+def _direction(grasp: Grasp, i: int, axis: int) -> FloatArray:
+    """Return the axis of a moment component, body frame."""
+    return np.eye(3)[2] if grasp.space == 2 else np.asarray(grasp.frames[i][:, axis - 3])
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """State of a simulation at one time.
+
+    Parameters
+    ----------
+    time : float
+        Seconds.
+    slip : float
+        Largest distance of a contact point on the body from its fingertip, metres.
+    turn : float
+        Rotation of the body, radians.
+    used : float
+        Used share of the hand's effort.
+    rotation, position : (3, 3) and (3,) array
+        The body's pose.
+    tips : (k, 3) array
+        Displacement of each fingertip.
+    """
+
+    time: float
+    slip: float
+    turn: float
+    used: float
+    rotation: FloatArray
+    position: FloatArray
+    tips: FloatArray
+
+    @property
+    def lost(self) -> bool:
+        """Whether the body's slip or rotation exceeds its limit."""
+        return self.beyond(1.0)
+
+    def beyond(self, share: float) -> bool:
+        """Return whether slip or turn has reached a share of its limit."""
+        return self.slip >= share * MOST_SLIP or self.turn >= share * MOST_TURN
+
+
+Course = Callable[[float], tuple[FloatArray, FloatArray]]  # time to wrench (d,) and finger forces (n,)
+
+
+class Press:
+    """MuJoCo model of a grasp.
+
+    Each fingertip is a ball driven by a motor along each direction its contact can push in, and held in place by a
+    spring; motors and springs together never exceed the hand's effort. MuJoCo's contacts transmit the forces, with
+    its elliptic (exact) friction cones. Moments about the contact points are applied as torques, cut to what the
+    contact model allows at the normal force that MuJoCo reports: MuJoCo's torsional friction differs from the box
+    model (2.4-1).
+
+    Parameters
+    ----------
+    scene : str
+        MJCF text of ``mjcf``, without stiffness.
+    grasp : Grasp
+        Of the scene.
+    allowed : ForceSet
+        Forces of the scene's contacts within one unit of the force budget.
+    effort : float
+        Units of the budget available to the hand.
+    unit : Scales
+        Of the scene.
+    gravity : float
+        Acceleration along -z (-y in the plane), m / s^2.
+    """
+
+    def __init__(
+        self, scene: str, grasp: Grasp, allowed: ForceSet, effort: float, unit: Scales, gravity: float = 0.0
+    ) -> None:
+        self.mujoco = import_mujoco("a simulation")
+        self.grasp, self.allowed, self.effort, self.unit = grasp, allowed, effort, unit
+        self.gravity = -gravity * np.eye(3)[2 if grasp.space == 3 else 1]
+        self.mujoco.set_mju_user_warning(lambda _: None)  # no log files in the user's folder
+        try:
+            self.model = self.mujoco.MjModel.from_xml_string(scene)
+        except (ValueError, self.mujoco.FatalError) as error:
+            raise InputError("solution", " ".join(str(error).split()), "a grasp that MuJoCo can simulate") from None
+        self.model.pair_dim[:] = np.minimum(self.model.pair_dim, 3)
+        self.data = self.mujoco.MjData(self.model)
+        self.body = self.model.body("object").id
+        self.tips = [self.model.body(f"tip_{i}").id for i in range(len(grasp))]
+        self.tip_of = {self.model.geom(f"tip_{i}").id: i for i in range(len(grasp))}
+        self.points = in_space(grasp.points)
+        self.arm = in_space(grasp.torque_origin[None])[0] - self.model.body_ipos[self.body]
+        self.forces, self.moments = components(grasp)
+        self.moment_indices = [index for m in self.moments for index in m.indices]
+        self.turning = np.concatenate([m.directions for m in self.moments] or [np.zeros((0, 3))])
+        self.stiffness, self.damping = self._against_turning()
+        self.pull = slice(0, grasp.space)  # force part of a wrench
+        self.turn = slice(3, 6) if grasp.space == 3 else slice(5, 6)
+        self.normal, self.rubbing = np.zeros(len(grasp)), np.zeros(len(grasp))  # contact forces of the last step
+
+    def run(
+        self, course: Course, seconds: float, rise: float, looks: int, lost: Callable[[Snapshot], bool]
+    ) -> list[Snapshot]:
+        """Return ``looks`` evenly spaced snapshots of a run from rest, which ends when the grasp is lost.
+
+        Gravity rises from zero over the first ``rise`` seconds, as the course's forces should.
+        """
+        self.mujoco.mj_resetData(self.model, self.data)
+        self.mujoco.mj_forward(self.model, self.data)
+        self.normal[:], self.rubbing[:] = 0.0, 0.0
+        steps = max(looks, round(seconds / self.model.opt.timestep))
+        rest = np.array(self.data.xpos[self.tips])
+        snapshots: list[Snapshot] = []
+        for step in range(1, steps + 1):
+            time = step * seconds / steps
+            self.model.opt.gravity[:] = min(time / rise, 1.0) * self.gravity
+            used = self._step(*course(time))
+            if step % (steps // looks) == 0 or step == steps:
+                snapshots.append(self._seen(time, used, rest))
+                if lost(snapshots[-1]):
+                    break
+        if any(warning.number for warning in self.data.warning):
+            raise NlpgraspError("simulation: MuJoCo became unstable; try another --mass")
+        return snapshots
+
+    def _step(self, wrench: FloatArray, forces: FloatArray) -> float:
+        """Step once with finger forces against the negative of ``wrench``; return the used effort."""
+        data = self.data
+        command = forces.copy()
+        command[self.forces] -= self.unit.stiffness * data.qpos[-len(self.forces) :]
+        if self.moments:
+            give = self.stiffness * (self.turning @ self._rotation())
+            command[self.moment_indices] -= give + self.damping * (self.turning @ self._angular_velocity())
+        used = float(self.allowed.used(command[None])[0]) / self.effort
+        if used > 1.0:
+            command /= used
+        data.ctrl[:] = command[self.forces]
+        load = np.zeros(6)
+        load[self.pull] = -wrench[: self.grasp.space]
+        load[self.turn] = -wrench[self.grasp.space :]
+        load[3:] += _cross(data.xmat[self.body].reshape(3, 3) @ self.arm, load[:3])
+        for m in self.moments:
+            wanted = command[list(m.indices)]
+            load[3:] += m.cut(wanted, self.normal[m.contact], self.rubbing[m.contact]) @ m.directions
+        data.xfrc_applied[self.body] = load
+        self.mujoco.mj_step(self.model, data)
+        if self.moments:
+            self._contact_forces()
+        return min(used, 1.0)
+
+    def _contact_forces(self) -> None:
+        """Store the normal and tangential force of each fingertip."""
+        self.normal[:], self.rubbing[:] = 0.0, 0.0
+        force = np.zeros(6)
+        for c, geoms in enumerate(self.data.contact.geom.tolist()):
+            i = self.tip_of.get(geoms[0], self.tip_of.get(geoms[1], -1))
+            if i >= 0:
+                self.mujoco.mj_contactForce(self.model, self.data, c, force)
+                self.normal[i], self.rubbing[i] = force[0], (force[1] ** 2 + force[2] ** 2) ** 0.5
+
+    def _seen(self, time: float, used: float, rest: FloatArray) -> Snapshot:
+        attitude = np.array(self.data.xmat[self.body]).reshape(3, 3)
+        position = np.array(self.data.xpos[self.body])
+        tips = np.array(self.data.xpos[self.tips]) - rest
+        way = self.points @ attitude.T + position - self.points - tips
+        slip = float(np.max(np.linalg.norm(way, axis=1)))
+        return Snapshot(time, slip, float(np.linalg.norm(self._rotation())), used, attitude, position, tips)
+
+    def _rotation(self) -> FloatArray:
+        """Return the body's rotation vector."""
+        result = np.zeros(3)
+        if self.grasp.space == 2:
+            result[2] = self.data.qpos[2]
+        else:
+            self.mujoco.mju_quat2Vel(result, self.data.qpos[3:7], 1.0)
+        return result
+
+    def _angular_velocity(self) -> FloatArray:
+        """Return the body's angular velocity, body frame."""
+        return np.array([0.0, 0.0, self.data.qvel[2]]) if self.grasp.space == 2 else self.data.qvel[3:6]
+
+    def _against_turning(self) -> tuple[FloatArray, FloatArray]:
+        """Return stiffness and near-critical damping of the moments: the friction limit at ``GIVE``."""
+        turned = np.zeros(9)
+        self.mujoco.mju_quat2Mat(turned, self.model.body_iquat[self.body])
+        axes = turned.reshape(3, 3)
+        inertia = axes @ np.diag(self.model.body_inertia[self.body]) @ axes.T
+        about = np.einsum("ij,jk,ik->i", self.turning, inertia, self.turning)
+        most = np.array([m.share for m in self.moments for _ in m.indices])
+        stiffness = self.unit.force * most / GIVE
+        return stiffness, DAMPING * np.sqrt(stiffness * about)
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the cross product of two vectors, faster than numpy's general one."""
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])

@@ -1,0 +1,142 @@
+"""Outcome of a simulation with free fingertips."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.simulation.fingertip_model import MOST_SLIP, MOST_TURN, Snapshot
+
+EARLY = 0.08  # tolerance below the lower bound: simulated friction creeps at its limit
+LATE = 0.05  # tolerance above the upper bound: motion takes time to show
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Simulation of one task wrench under one condition.
+
+    Parameters
+    ----------
+    condition : str
+    label : str
+        The wrench, as text.
+    snapshots : tuple of Snapshot
+        States of the run.
+    """
+
+    condition: str
+    label: str
+    snapshots: tuple[Snapshot, ...]
+
+    @property
+    def slip(self) -> float:
+        """Largest distance of a contact point from its fingertip, metres."""
+        return max(s.slip for s in self.snapshots)
+
+    @property
+    def turn(self) -> float:
+        """Rotation of the body, radians."""
+        return max(s.turn for s in self.snapshots)
+
+    @property
+    def held(self) -> bool:
+        """Whether slip and turn stayed within the limits."""
+        return not any(s.lost for s in self.snapshots)
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """Result of simulating a solution in MuJoCo.
+
+    Parameters
+    ----------
+    name : str
+        The solution's.
+    share : float
+        Scale of the task wrenches, as a share of certified mu.
+    effort : float
+        Effort of the hand, units of the force budget.
+    mass : float
+        Kilograms.
+    trials : tuple of Trial
+        One for each condition and wrench.
+    gap : float
+        The certified upper bound over the lower one.
+    lost_at : float or None
+        Share of the certified lower bound at which the growing hardest wrench was lost.
+    growing : Trial
+        The run with the growing wrench.
+    notes : tuple of str
+        Conditions that could not be simulated, with reasons.
+    touching : str
+        Links that penetrate something and contacts off their links, as text; empty without any.
+    """
+
+    name: str
+    share: float
+    effort: float
+    mass: float
+    trials: tuple[Trial, ...]
+    gap: float
+    lost_at: float | None
+    growing: Trial
+    notes: tuple[str, ...] = ()
+    touching: str = ""
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """The simulated conditions, in order."""
+        return tuple(dict.fromkeys(t.condition for t in self.trials))
+
+    def of(self, condition: str) -> tuple[Trial, ...]:
+        """Return the trials under a condition."""
+        return tuple(t for t in self.trials if t.condition == condition)
+
+    @property
+    def held(self) -> bool:
+        """Whether the grasp as solved held every wrench, with and without gravity."""
+        return all(t.held for t in self.trials if t.condition in self.conditions[:2])
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether wrenches at the share were held, and the growing one lost within or near the certified bounds.
+
+        Near means between 0.92 of the lower bound and 1.05 of the upper one; ``verdict`` says where.
+        """
+        return self.held and self.lost_at is not None and 1.0 - EARLY <= self.lost_at <= self.gap * (1.0 + LATE)
+
+    @property
+    def verdict(self) -> str:
+        """The verdict in a sentence: the share of the certified bound up to which the hardest wrench was held."""
+        if not self.held:
+            return "NOT confirmed: lost a wrench that the certificate says can be held"
+        if self.lost_at is None or self.lost_at > self.gap * (1.0 + LATE):
+            return "NOT confirmed: held more than the certificate says is possible"
+        if self.lost_at >= 1.0:
+            return "confirmed: the grasp as solved holds what is certified, and loses what is more"
+        share = f"{np.floor(1e3 * self.lost_at) / 1e3:.3f} of the certified share"
+        least = f"simulated friction creeps: {1.0 - EARLY:g} is enough"
+        if self.confirmed:
+            return f"confirmed to {share}: there the grasp as solved loses the hardest wrench ({least})"
+        return f"NOT confirmed: loses the hardest wrench at {share} ({least})"
+
+    def __str__(self) -> str:
+        first = f"{self.name}: wrenches up to {self.share:g} of certified mu, effort {self.effort:.4g}"
+        lines = [f"{self.name}: {self.touching}"] if self.touching else []
+        lines.append(f"{first}, mass {self.mass:.3g} kg")
+        lines += [in_words(condition, self.of(condition)) for condition in self.conditions]
+        lost = "never lost" if self.lost_at is None else f"lost at {self.lost_at:.3f}"
+        lines.append(f"  hardest wrench, growing  {lost}; certified in [1, {self.gap:.3f}] of the lower bound")
+        return "\n".join([*lines, *(f"  {note}" for note in self.notes)])
+
+
+def in_words(condition: str, trials: Sequence[Trial]) -> str:
+    """Return the outcome of a condition's trials in a line."""
+    count = sum(t.held for t in trials)
+    worst = max(trials, key=lambda t: max(t.slip / MOST_SLIP, t.turn / MOST_TURN))
+    verdict = "held" if count == len(trials) else "LOST" if not count else "PARTLY LOST"
+    seen = f"at most {1e3 * worst.slip:.2g} mm and {np.degrees(worst.turn):.2g} degrees"
+    where = "" if worst.held else f", at {worst.label}"
+    return f"  {condition:24} {verdict}, {count} of {len(trials)} wrenches, {seen}{where}"

@@ -1,0 +1,255 @@
+"""Outcome of a simulation with the hand's joints, as trials and a table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlpgrasp.common.formatting import rounded
+from nlpgrasp.common.types import Json
+from nlpgrasp.simulation.hand_world import LOOSE, STRICT, Motion, Seen
+
+AS_SOLVED, CONTROL, LIFTED = "as solved", "control: no squeeze", "lifted 20 cm"
+
+
+@dataclass(frozen=True)
+class HandTrial:
+    """One trial to take the object out of the hand: a push or a lift.
+
+    Parameters
+    ----------
+    condition : str
+    label : str
+        Description of the push or lift.
+    squeezed : Motion
+        Motion of the object by the squeeze itself.
+    motion : Motion
+        Largest motion of the object after the squeeze, palm frame.
+    seen : tuple of Seen
+        States of the run, 25 per second.
+    placed_off : bool
+        Whether the object began displaced from the grasp as solved, so that the squeeze has to move it.
+    """
+
+    condition: str
+    label: str
+    squeezed: Motion
+    motion: Motion
+    seen: tuple[Seen, ...] = ()
+    placed_off: bool = False
+
+    @property
+    def is_lift(self) -> bool:
+        """Whether the object was lifted under gravity, not pushed without gravity."""
+        return self.label == LIFTED
+
+    @property
+    def whole(self) -> Motion:
+        """Largest motion of the object by the squeeze and after it; after it alone for a displaced object."""
+        return self.motion if self.placed_off else self.squeezed + self.motion
+
+    @property
+    def strict(self) -> bool:
+        """Whether the object moved at most 1 cm and 10 degrees."""
+        return self.whole.within(STRICT)
+
+    @property
+    def loose(self) -> bool:
+        """Whether the object moved at most 5 cm and 15 degrees."""
+        return self.whole.within(LOOSE)
+
+
+def name_of(condition: str) -> str:
+    """Return a condition's printed name, without the colon that follows it."""
+    return condition.replace(": ", ", ")
+
+
+def result(trials: Sequence[HandTrial]) -> str:
+    """Return the number of held trials of a condition, or of lost ones of the control, as text.
+
+    Parameters
+    ----------
+    trials : sequence of HandTrial
+        All of one condition, at least one.
+    """
+    count, strict, loose = len(trials), sum(t.strict for t in trials), sum(t.loose for t in trials)
+    if trials[0].condition == CONTROL:
+        should = "as it should be" if strict < count else "although it should be"
+        return f"lost in {count - strict} of {count}, {should}"
+    pushes, lifts = [t for t in trials if not t.is_lift], [t for t in trials if t.is_lift]
+    pushed = f"{sum(t.strict for t in pushes)} of {len(pushes)} pushes"
+    if not lifts:
+        told = f"{pushed} held (no lift)"
+    elif strict == count:
+        told = f"{pushed} and the lift held"
+    else:
+        told = f"{pushed} held, the lift {'held' if all(t.strict for t in lifts) else 'lost'}"
+    return told if loose == strict else f"{told}, loosely {loose} of {count}"
+
+
+def row(trials: Sequence[HandTrial]) -> str:
+    """Return the table row of a condition: number of held trials, and largest motion of the object."""
+    condition = trials[0].condition
+    squeezed, after = Motion.largest(t.squeezed for t in trials), Motion.largest(t.motion for t in trials)
+    told = f"  {name_of(condition):28} {result(trials)}"
+    if condition == CONTROL:
+        return told if after.gone else f"{told}; at most {after}"
+    if squeezed.gone:
+        return f"{told}; the squeeze itself loses it"
+    return f"{told}; the squeeze moves it by {squeezed}, then {'it is lost' if after.gone else f'at most {after}'}"
+
+
+def legend(trials: Sequence[HandTrial], push: float) -> list[str]:
+    """Return what the trials do and what counts as held; loosely too if that number differs.
+
+    Parameters
+    ----------
+    trials : sequence of HandTrial
+        Of all conditions.
+    push : float
+        Newtons.
+    """
+    done = (
+        f"  six pushes of {push:g} N without gravity; as solved and in the control also lifted by 20 cm, with gravity"
+    )
+    held = f"  held: moved in the hand by at most {_limits(STRICT)}"
+    loosely = any(t.loose != t.strict for t in trials if t.condition != CONTROL)
+    return [done, f"{held}; loosely: {_limits(LOOSE)}" if loosely else held]
+
+
+def pressing(normal_force: float, forces: Sequence[float]) -> str:
+    """Return the fingers' normal forces as text: the requested least, and the range where they differ.
+
+    Parameters
+    ----------
+    normal_force : float
+        Requested least normal force of each finger, newtons.
+    forces : sequence of float
+        Normal force of each finger, newtons; may be empty.
+    """
+    told = f"each finger presses with at least {rounded(normal_force)} N"
+    ends = [rounded(end(forces)) for end in (min, max)] if forces else []
+    return told if len(set(ends)) < 2 else f"{told} ({ends[0]} to {ends[1]} N)"
+
+
+def _limits(limits: tuple[float, float]) -> str:
+    """Return the motion limits as text, in centimetres and degrees."""
+    return f"{100.0 * limits[0]:.0f} cm and {np.degrees(limits[1]):.0f} degrees"
+
+
+@dataclass(frozen=True)
+class HandSimulation:
+    """Result of simulating a grasp by its own hand's joints.
+
+    Parameters
+    ----------
+    name : str
+        The solution's.
+    mass : float
+        Of the object, kilograms.
+    push : float
+        Newtons.
+    normal_force : float
+        Requested least normal force of each finger, newtons.
+    trials : tuple of HandTrial
+        One for each condition and push, in order.
+    grasp : Seen
+        State in the grasp.
+    mass_source : str
+        Source of the object's mass, as text.
+    normal_forces : tuple of float
+        Normal force of each finger in the squeeze, newtons.
+    touching : str
+        Links that penetrate something and contacts off their links, as text; empty without any.
+    """
+
+    name: str
+    mass: float
+    push: float
+    normal_force: float
+    trials: tuple[HandTrial, ...]
+    grasp: Seen
+    mass_source: str = ""
+    normal_forces: tuple[float, ...] = ()
+    touching: str = ""
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """The simulated conditions, in order."""
+        return tuple(dict.fromkeys(t.condition for t in self.trials))
+
+    def of(self, condition: str) -> tuple[HandTrial, ...]:
+        """Return the trials under a condition."""
+        return tuple(t for t in self.trials if t.condition == condition)
+
+    def share(self, condition: str) -> float:
+        """Return the share of a condition's trials that were held strictly."""
+        tried = self.of(condition)
+        return sum(t.strict for t in tried) / len(tried)
+
+    @property
+    def squeezed(self) -> Motion:
+        """Motion of the object by the squeeze, as solved."""
+        return self.of(AS_SOLVED)[0].squeezed
+
+    @property
+    def held(self) -> bool:
+        """Whether the grasp as solved held everything strictly."""
+        return all(t.strict for t in self.of(AS_SOLVED))
+
+    @property
+    def control_lost(self) -> bool:
+        """Whether the control without a squeeze lost the object, so that the squeeze holds it."""
+        return not all(t.strict for t in self.of(CONTROL))
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether the grasp as solved held everything, and the control did not."""
+        return self.held and self.control_lost
+
+    @property
+    def verdict(self) -> str:
+        """The verdict in a sentence."""
+        if not self.held:
+            lost = next(t for t in self.of(AS_SOLVED) if not t.strict)
+            moved = "" if lost.whole.gone else f" ({lost.whole})"
+            return f"NOT confirmed: lost {'when' if lost.is_lift else 'at'} {lost.label}{moved}"
+        if not self.control_lost:
+            return "NOT confirmed: held without a squeeze as well, so that nothing is said about the squeeze"
+        return "confirmed: held as solved, lost without the squeeze"
+
+    def to_dict(self) -> Json:
+        """Return the simulation as JSON data: metres and radians."""
+        trials = [
+            {
+                "condition": t.condition,
+                "trial": t.label,
+                "squeezed": {"slip": t.squeezed.slip, "turn": t.squeezed.turn},
+                "slip": t.motion.slip,
+                "turn": t.motion.turn,
+                "strict": t.strict,
+                "loose": t.loose,
+            }
+            for t in self.trials
+        ]
+        return {
+            "name": self.name,
+            "confirmed": self.confirmed,
+            "verdict": self.verdict,
+            "mass": self.mass,
+            "mass_source": self.mass_source,
+            "push": self.push,
+            "normal_force": self.normal_force,
+            "normal_forces": list(self.normal_forces),
+            "touching": self.touching,
+            "trials": trials,
+        }
+
+    def __str__(self) -> str:
+        source = f", {self.mass_source}" if self.mass_source else ""
+        pressed = pressing(self.normal_force, self.normal_forces)
+        lines = [f"{self.name}: {self.touching}"] if self.touching else []
+        lines += [f"{self.name}: {self.mass:.3g} kg{source}; {pressed}", *legend(self.trials, self.push)]
+        return "\n".join([*lines, *(row(self.of(condition)) for condition in self.conditions)])

@@ -1,0 +1,494 @@
+"""MJCF scene of a grasp by a robot hand: links, servos, fingertip geoms, keyframes of all phases."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree.ElementTree import Comment, Element, SubElement
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from nlpgrasp.common.optional_packages import import_mujoco
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, number
+from nlpgrasp.contacts import ContactModel
+from nlpgrasp.errors import InputError
+from nlpgrasp.hands.collision_shapes import Shape
+from nlpgrasp.hands.robot import Joint, Robot
+from nlpgrasp.hands.robot_file import read_robot, robot_inertials
+from nlpgrasp.hands.urdf_reader import Inertial
+from nlpgrasp.simulation.fingertip_scene import DENSITY, add_free_body, mass_of, numbers, require_pressing, text
+from nlpgrasp.simulation.scene_object import Told, add_object_geoms, object_mass
+from nlpgrasp.solution.obstructions import tips_off
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.solution.squeeze_record import LEVER, Squeeze
+
+PAD = 1e-3  # m, half the thickness of a flat fingertip's geom, behind its face
+ARM_STIFFNESS = 2e4  # N / m, of the arm that carries the palm
+PREFIX = "hand_"
+ARM = ("palm_x", "palm_y", "palm_z")  # sliding joints that carry the palm, along the axes of the body frame
+LEAST_MASS, LEAST_MOMENT = 1e-3, 1e-7  # kg and kg m^2, least mass and moment of a link, as MuJoCo requires
+ARMATURE = {True: 1e-3, False: 0.1}  # armature of revolute joints, kg m^2, and of prismatic ones, kg
+LOOK = {"rgba": "0.71 0.61 0.48 1"}
+# hand and object collide, links of the hand do not: the NLP excludes self-collision by spheres
+TOUCHES = {"contype": "1", "conaffinity": "0"}
+LIFT = 0.2  # m, along z, if the file has no phases
+HELD = ("squeeze", "lift")  # phases in which set-points differ from joint positions, to exert torques
+STEP = 1e-3  # s, time step
+EFFORT = 1e-9  # relative tolerance of joint efforts
+CONTACT = {"solref": "0.004 1", "solimp": "0.95 0.99 0.001"}  # of all geoms and mimic-joint equalities
+SOLVER = {
+    "timestep": f"{STEP:g}",
+    "gravity": "0 0 0",
+    "integrator": "implicitfast",
+    "cone": "elliptic",
+    "impratio": "20",
+    "iterations": "50",
+}
+SAID = """ Keyframes: {names}. Servos hold every joint where its control is: go from one
+     keyframe to the next by moving the controls from those of the one to those of the other, over a second or so.
+     No gravity; once the object is squeezed, switch it on. Links of the hand do not touch each other. """
+
+
+def tip_geom(tip: Json) -> dict[str, str] | None:
+    """Return the attributes of a fingertip's geom in its link's frame; None for unsupported kinds.
+
+    Parameters
+    ----------
+    tip : mapping
+        A fingertip as JSON data.
+    """
+    known = KINDS.get(str(tip["type"]))
+    return None if known is None else known(tip)
+
+
+def quaternion(rotation: FloatArray) -> str:
+    """Return a rotation matrix (3, 3) as a quaternion in MJCF format."""
+    return numbers(Rotation.from_matrix(rotation).as_quat(scalar_first=True))
+
+
+def _sphere(tip: Json) -> dict[str, str]:
+    return {"type": "sphere", "size": numbers([tip["radius"]]), "pos": numbers(tip["offset"])}
+
+
+def _along(tip: Json) -> dict[str, str]:
+    """Return a capsule for cylindrical and capsule fingertips, with rounded ends for both."""
+    return {"type": "capsule", "size": numbers([tip["radius"]]), "fromto": numbers([*tip["start"], *tip["end"]])}
+
+
+def _ellipsoid(tip: Json) -> dict[str, str]:
+    turn = Rotation.from_euler("xyz", tip["rpy"]).as_matrix()
+    return {
+        "type": "ellipsoid",
+        "size": numbers(tip["semi_axes"]),
+        "pos": numbers(tip["offset"]),
+        "quat": quaternion(turn),
+    }
+
+
+def _flat(tip: Json) -> dict[str, str]:
+    turn = Rotation.from_euler("xyz", tip["rpy"]).as_matrix()
+    middle = np.asarray(tip["offset"], float) - PAD * turn[:, 2]
+    half = [*(np.asarray(tip["extents"], float) / 2.0), PAD]
+    return {"type": "box", "size": numbers(half), "pos": numbers(middle), "quat": quaternion(turn)}
+
+
+KINDS: dict[str, Callable[[Json], dict[str, str]]] = {
+    "sphere": _sphere,
+    "cylinder": _along,
+    "capsule": _along,
+    "ellipsoid": _ellipsoid,
+    "flat": _flat,
+}
+
+
+@dataclass(frozen=True)
+class HandSceneOptions:
+    """Simulation parameters of a hand's joints and its object that a grasp's file does not contain.
+
+    A URDF's damping and friction are ignored: many are placeholders that let no joint move.
+
+    Parameters
+    ----------
+    gain : float, optional
+        Of the joints' position control, N m / rad; by default that of the file's squeeze. Prismatic joints keep the
+        file's.
+    damping : float
+        Of the joints, N m s / rad.
+    frictionloss : float
+        Dry friction of the joints, N m.
+    mass : float, optional
+        Of the object, kilograms; by default from the weight in the task, else for the density of water.
+    normal_force : float, optional
+        Least normal force of each finger in the squeeze, newtons; by default the file's.
+    friction : float
+        Factor on the contacts' friction: 0.5 for half of it.
+    """
+
+    gain: float | None = None
+    damping: float = 0.1
+    frictionloss: float = 0.005
+    mass: float | None = None
+    normal_force: float | None = None
+    friction: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("gain", "mass", "normal_force"):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, number(name, value, above=0.0))
+        for name in ("damping", "frictionloss", "friction"):
+            object.__setattr__(self, name, number(name, getattr(self, name), at_least=0.0))
+
+
+@dataclass(frozen=True)
+class PlacedRobot:
+    """A robot hand placed at its palm pose in the grasp.
+
+    Parameters
+    ----------
+    robot : Robot
+    inertials : mapping of str to Inertial
+        Of the links that state them.
+    palm : mapping
+        ``position`` and ``quaternion_wxyz`` of the palm in the grasp, body frame.
+    tips : sequence of mappings
+        Fingertips as JSON data, with their ``link``.
+    gains : mapping of str to float
+        Of the joints' position control, by free joint.
+    limits : mapping of str to float
+        Torque limits by joint.
+    floating : collection of int
+        Fingertips that are off their links in the grasp: the scene has only the links' own shapes there.
+    """
+
+    robot: Robot
+    inertials: Mapping[str, Inertial]
+    palm: Json
+    tips: tuple[Json, ...]
+    gains: Mapping[str, float]
+    limits: Mapping[str, float]
+    floating: Collection[int] = ()
+
+
+def add_hand(root: Element, placed: PlacedRobot, surfaces: list[dict[str, str]], options: HandSceneOptions) -> None:
+    """Add the hand to a scene: three sliding joints that carry the palm, links, actuators, mimic joints.
+
+    Parameters
+    ----------
+    root : Element
+        Of the scene, with ``asset`` and ``worldbody``.
+    placed : PlacedRobot
+    surfaces : list of mappings
+        Attributes of each fingertip's geoms: friction of its contact model.
+    options : HandSceneOptions
+    """
+    asset, world = root.find("asset"), root.find("worldbody")
+    if asset is None or world is None:
+        raise ValueError("a scene has an asset and a worldbody")
+    robot = placed.robot
+    carried = SubElement(world, "body", name="hand", pos=numbers(placed.palm["position"]), gravcomp="1")
+    weight = sum(placed.inertials[link].mass for link in robot.links if link in placed.inertials) or 1.0
+    critical = 2.0 * np.sqrt(ARM_STIFFNESS * 2.0 * weight)  # of an arm as heavy as the hand that it carries
+    for name, axis in zip(ARM, np.eye(3), strict=True):
+        SubElement(carried, "joint", name=name, type="slide", axis=numbers(axis), damping=f"{critical:.9g}")
+    SubElement(carried, "inertial", pos="0 0 0", mass=f"{weight:.9g}", diaginertia=numbers([weight * 1e-3] * 3))
+    bodies: dict[str, Element] = {}
+    above = {joint.child: joint for joint in robot.joints}
+    own = {str(tip["link"]): surface for tip, surface in zip(placed.tips, surfaces, strict=True)}
+    for i in placed.floating:
+        group = robot.rigid_groups[str(placed.tips[i]["link"])]
+        for link in (link for link in robot.links if robot.rigid_groups[link] == group):
+            own.setdefault(link, surfaces[i])
+    for link in robot.links:
+        joint = above.get(link)
+        parent = carried if joint is None else bodies[joint.parent]
+        pose = {"quat": numbers(placed.palm["quaternion_wxyz"])} if joint is None else _pose(joint)
+        body = SubElement(parent, "body", {"name": PREFIX + link, "gravcomp": "1", **pose})
+        bodies[link] = body
+        if joint is not None and joint.moves:
+            _add_joint(body, joint, options)
+        _add_inertial(body, placed.inertials.get(link))
+        for i, shape in enumerate(robot.shapes.get(link, ())):
+            _add_shape(asset, body, f"{PREFIX}{link}_{i}", shape, own.get(link, {}))
+    for i, (tip, surface) in enumerate(zip(placed.tips, surfaces, strict=True)):
+        geom = tip_geom(tip)
+        if geom is not None and i not in placed.floating:
+            name = f"fingertip_{i}"
+            SubElement(bodies[str(tip["link"])], "geom", {"name": name, "mass": "0", **geom, **TOUCHES, **surface})
+    _add_actuators(root, placed)
+
+
+def _pose(joint: Joint) -> dict[str, str]:
+    turn = Rotation.from_euler("xyz", joint.rpy).as_matrix()
+    return {"pos": numbers(joint.xyz), "quat": quaternion(turn)}
+
+
+def _add_joint(body: Element, joint: Joint, options: HandSceneOptions) -> None:
+    arm = 1.0 if joint.turns else LEVER  # a prismatic joint counts as a revolute one on such a lever
+    given = {
+        "name": PREFIX + joint.name,
+        "type": "hinge" if joint.turns else "slide",
+        "axis": numbers(joint.axis),
+        "damping": f"{options.damping / arm**2:.9g}",
+        "frictionloss": f"{options.frictionloss / arm:.9g}",
+        "armature": f"{ARMATURE[joint.turns]:.9g}",
+    }
+    limited = joint.kind != "continuous" and np.isfinite(joint.lower) and joint.lower < joint.upper
+    SubElement(body, "joint", {**given, "range": numbers([joint.lower, joint.upper])} if limited else given)
+
+
+def _add_inertial(body: Element, stated: Inertial | None) -> None:
+    """Add mass and inertia of a link, at least the smallest that MuJoCo accepts."""
+    mass = LEAST_MASS if stated is None else max(stated.mass, LEAST_MASS)
+    center = np.zeros(3) if stated is None else stated.center
+    moments, axes = np.linalg.eigh(np.zeros((3, 3)) if stated is None else stated.inertia)
+    tensor = axes @ np.diag(np.maximum(moments, LEAST_MOMENT)) @ axes.T
+    full = numbers(tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+    SubElement(body, "inertial", pos=numbers(center), mass=f"{mass:.9g}", fullinertia=full)
+
+
+def _add_shape(asset: Element, body: Element, name: str, shape: Shape, surface: dict[str, str]) -> None:
+    """Add a collision shape: a MuJoCo primitive if possible, else the convex hull of its mesh."""
+    geom = {"name": name, **LOOK, **TOUCHES, **surface}
+    if shape.centre is not None:
+        geom |= {"type": "sphere", "size": numbers([shape.radius]), "pos": numbers(shape.centre)}
+    elif shape.pose is not None:
+        half = [shape.size[0], shape.size[1] / 2.0] if shape.kind != "box" else [s / 2.0 for s in shape.size]
+        place = {"pos": numbers(shape.pose[:3, 3]), "quat": quaternion(shape.pose[:3, :3])}
+        geom |= {"type": shape.kind, "size": numbers(half), **place}
+    else:
+        hull: FloatArray = np.asarray(shape.mesh.convex_hull.vertices)
+        SubElement(asset, "mesh", name=name, vertex=numbers(hull.ravel()))
+        geom |= {"type": "mesh", "mesh": name}
+    SubElement(body, "geom", geom)
+
+
+def _add_actuators(root: Element, placed: PlacedRobot) -> None:
+    """Add position servos for free joints and the arm, and equality constraints for mimic joints."""
+    actuator, equality = SubElement(root, "actuator"), SubElement(root, "equality")
+    for name in ARM:
+        _add_servo(actuator, name, ARM_STIFFNESS, None)
+    for joint in placed.robot.free_joints:
+        _add_servo(actuator, PREFIX + joint.name, placed.gains[joint.name], placed.limits.get(joint.name))
+    for joint in placed.robot.joints:
+        if joint.moves and joint.mimic is not None:
+            driver, multiplier, offset = placed.robot.follows(joint)
+            names = {"joint1": PREFIX + joint.name, "joint2": PREFIX + driver}
+            SubElement(equality, "joint", {**names, "polycoef": numbers([offset, multiplier, 0.0, 0.0, 0.0])})
+
+
+def _add_servo(actuator: Element, joint: str, gain: float, limit: float | None) -> None:
+    given = {"name": joint, "joint": joint, "kp": f"{gain:.9g}"}
+    bounded = {} if limit is None else {"forcerange": numbers([-limit, limit])}
+    SubElement(actuator, "position", {**given, **bounded})
+
+
+@dataclass(frozen=True)
+class Keyframe:
+    """A keyframe: palm displacement, joint positions and servo set-points of a phase.
+
+    Parameters
+    ----------
+    name : str
+    moved : (3,) array
+        Displacement of the palm from the grasp, metres, body frame.
+    joints : mapping of str to float
+        Positions of all moving joints, radians or metres.
+    told : mapping of str to float
+        Set-points of the free joints' servos.
+    """
+
+    name: str
+    moved: FloatArray
+    joints: Mapping[str, float]
+    told: Mapping[str, float]
+
+
+def keyframes(hand: Json, robot: Robot, squeeze: Squeeze, gains: Mapping[str, float], scale: float) -> list[Keyframe]:
+    """Return the keyframes of a grasp in chronological order.
+
+    Parameters
+    ----------
+    hand : mapping
+        ``hand`` of a solution file.
+    robot : Robot
+    squeeze : Squeeze
+    gains : mapping of str to float
+        Of the joints' position control.
+    scale : float
+        Factor on the squeeze: 2 presses twice as hard.
+    """
+    here, free = hand["joint_positions"], [joint.name for joint in robot.free_joints]
+    pressed = {name: here[name] + scale * tau / gains[name] for name, tau in squeeze.torques.items()}
+    result = []
+    for phase in _phases(hand):
+        moved = np.asarray(phase["palm_pose"]["position"], float) - hand["palm_pose"]["position"]
+        held = phase["name"] in HELD
+        joints = here if held else phase["joint_positions"]
+        told = {name: joints[name] for name in free} | (pressed if held else {})
+        result.append(Keyframe(str(phase["name"]), moved, joints, told))
+    return result
+
+
+def add_keyframes(root: Element, frames: Sequence[Keyframe]) -> None:
+    """Add keyframes with states and controls to a scene, with the object lifted with the palm in the lift."""
+    order = [joint.get("name", "") for joint in root.iter("joint") if joint.get("name")]
+    motors = [motor.get("name", "") for motor in root.iter("position")]
+    keyframe = SubElement(root, "keyframe")
+    for frame in frames:
+        arm = dict(zip(ARM, frame.moved, strict=True))
+        carried = frame.moved if frame.name == "lift" else np.zeros(3)
+        where = arm | {PREFIX + name: value for name, value in frame.joints.items()}
+        told = arm | {PREFIX + name: value for name, value in frame.told.items()}
+        state = [*carried, 1.0, 0.0, 0.0, 0.0, *(where[name] for name in order if name in where)]
+        controls = numbers(told[name] for name in motors)
+        SubElement(keyframe, "key", name=frame.name, qpos=numbers(state), ctrl=controls)
+
+
+def _phases(hand: Json) -> list[Json]:
+    """Return the phases of a file; for earlier versions, phases derived from its data."""
+    if hand.get("phases"):
+        return list(hand["phases"])
+    here = {"palm_pose": hand["palm_pose"], "joint_positions": hand["joint_positions"]}
+    x, y, z = hand["palm_pose"]["position"]
+    raised = {**here, "palm_pose": {**hand["palm_pose"], "position": [x, y, z + LIFT]}}
+    before = hand.get("pregrasp")
+    opened = [] if before is None else [{**before, "name": "pregrasp"}]
+    return [*opened, {**here, "name": "grasp"}, {**here, "name": "squeeze"}, {**raised, "name": "lift"}]
+
+
+def gains_of(robot: Robot, squeeze: Squeeze, gain: float | None) -> dict[str, float]:
+    """Return the position gain of each free joint: the squeeze's, or a given one for revolute joints.
+
+    Raises
+    ------
+    InputError
+        If the squeeze states none.
+    """
+    stated = None if squeeze.joints is None else squeeze.joints.gain
+    if stated is None:
+        raise InputError("hand.squeeze.gain", None, "a squeeze with the gain of the joints' position control")
+    by_joint = stated if isinstance(stated, Mapping) else {}
+    usual = max(by_joint.values(), default=0.0) if isinstance(stated, Mapping) else stated
+    result = {}
+    for joint in robot.free_joints:
+        own = by_joint.get(joint.name, usual)
+        result[joint.name] = gain if gain is not None and joint.turns else own
+    return result
+
+
+def mjcf_with_hand(
+    solution: GraspSolution, urdf: str | Path, options: HandSceneOptions | None = None, progress: Told | None = None
+) -> str:
+    """Return the scene with the articulated hand as MJCF text; metres, newtons, world frame = body frame.
+
+    The hand is built from its file: collision shapes (meshes as convex hulls), stated masses, mimic joints as
+    equalities. Each fingertip has the friction of its contact model, and collides as the problem's fingertip shape in
+    addition to its link's shapes. Three sliding joints carry the palm. The text is self-contained, without mesh files.
+
+    Parameters
+    ----------
+    solution : GraspSolution
+        Of a problem with an ``URDFHand``, with a squeeze.
+    urdf : path
+        The hand's file that the problem was solved with: URDF, xacro or MJCF.
+    options : HandSceneOptions, optional
+        Servo gains, frictions and the object's mass.
+    progress : callable, optional
+        Called with a message before the convex decomposition, which may take half a minute.
+
+    Raises
+    ------
+    InputError
+        Without such a hand or a squeeze, on another hand's file, joints too weak for the squeeze, an object without
+        volume, or a model that MuJoCo rejects.
+    MissingExtraError
+        Without MuJoCo, or without coacd for a body that is not convex (extra ``sim``).
+    """
+    given = HandSceneOptions() if options is None else options
+    mujoco = import_mujoco("a scene with the hand")
+    solution.require_grasp()
+    hand = solution.hand or {}
+    if "palm_pose" not in hand or "joint_positions" not in hand:
+        raise InputError("solution", "no hand with a palm pose and joints", "a grasp found with an ng.URDFHand")
+    squeeze = solution.require_squeeze()
+    grasp, robot = solution.require_grasp(), _robot(urdf, solution.palm, hand["joint_positions"])
+    drawing = solution.require_drawing()
+    require_pressing(grasp)
+    mass = mass_of(drawing.body, DENSITY).scaled(object_mass(solution, given.mass).kilograms)
+    surfaces = [_surface(model, given.friction) for model in grasp.contacts]
+    root = Element("mujoco", model="".join(c for c in solution.name if c.isprintable()))
+    SubElement(root, "compiler", angle="radian", autolimits="true", balanceinertia="true")
+    SubElement(root, "option", SOLVER)
+    default = SubElement(root, "default")
+    SubElement(default, "geom", CONTACT)
+    SubElement(default, "equality", {name: CONTACT[name] for name in ("solref",)})
+    asset, world = SubElement(root, "asset"), SubElement(root, "worldbody")
+    SubElement(world, "light", pos=numbers([0.0, 0.0, 1.0]), dir="0 0 -1")
+    slipperiest = min(surfaces, key=lambda s: float(s["friction"].split()[0]))
+    others = {"friction": slipperiest["friction"], "condim": "3"}
+    add_object_geoms(asset, add_free_body(world, mass), solution.body, drawing.body, others, progress)
+    gains = gains_of(robot, squeeze, given.gain)
+    limits = _limits(solution)
+    tips = tuple(solution.problem["hand"]["fingertips"])
+    floating = tips_off(solution.hand)
+    placed = PlacedRobot(robot, robot_inertials(urdf), hand["palm_pose"], tips, gains, limits, floating)
+    add_hand(root, placed, surfaces, given)
+    scale = _scale(squeeze, given.normal_force)
+    _require_effort(squeeze, scale)
+    frames = keyframes(hand, robot, squeeze, gains, scale)
+    root.insert(0, Comment(SAID.format(names=", ".join(frame.name for frame in frames))))
+    add_keyframes(root, frames)
+    told = text(root)
+    try:
+        mujoco.MjModel.from_xml_string(told)
+    except (ValueError, mujoco.FatalError) as error:
+        raise InputError(str(urdf), " ".join(str(error).split()), "a hand that MuJoCo can simulate") from None
+    return told
+
+
+def _robot(urdf: str | Path, palm: str, joints: Mapping[str, float]) -> Robot:
+    """Read the hand's file; raise if it is not the solution's hand."""
+    if not Path(urdf).is_file():
+        raise InputError("--hand", str(urdf), "the hand's URDF file")
+    robot = read_robot(urdf, palm)
+    missing = sorted(set(joints) - {joint.name for joint in robot.joints if joint.moves})
+    if missing:
+        raise InputError(str(urdf), f"no joint {missing[0]}", "the solution's hand")
+    return robot
+
+
+def _surface(model: ContactModel, share: float) -> dict[str, str]:
+    """Return the geom attributes of a contact model, with its friction scaled by ``share``."""
+    friction = share * model.coefficients.get("friction", 0.0)
+    torsion = share * model.coefficients.get("torsional_friction", 0.0)
+    dimension = 1 if friction == 0.0 else 4 if torsion else 3
+    return {"condim": str(dimension), "priority": "1", "friction": numbers([friction, torsion, 0.0])}
+
+
+def _limits(solution: GraspSolution) -> dict[str, float]:
+    stated = solution.problem["hand"].get("torque_limits") or {}
+    return {str(name): float(value) for name, value in stated.items()}
+
+
+def _scale(squeeze: Squeeze, normal_force: float | None) -> float:
+    """Return the factor on the file's squeeze; balanced forces stay balanced when scaled."""
+    if normal_force is None:
+        return 1.0
+    if np.any(squeeze.wrench):
+        raise InputError("normal_force", normal_force, "none where the file's squeeze carries a weight")
+    return normal_force / squeeze.normal_force
+
+
+def _require_effort(squeeze: Squeeze, scale: float) -> None:
+    """Raise for torques above the hand's limits, with which the forces would not be balanced."""
+    joints = squeeze.joints
+    if joints is None or joints.worst is None or scale * joints.worst[1] <= 1.0 + EFFORT:
+        return
+    name, share = joints.worst
+    force, lacking = scale * squeeze.normal_force, (scale * share - 1.0) * joints.limits[name]
+    given = f"{force:.3g} N, {lacking:.3g} N m more than the effort of joint {name}"
+    raise InputError("normal_force", given, f"at most {squeeze.normal_force / share:.3g} N")

@@ -1,0 +1,207 @@
+"""Object of a scene: collision geoms by convex decomposition, mass from the task."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from importlib import import_module
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+
+from nlpgrasp.common.drawing import Triangles, drawn_size
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import MissingExtraError
+from nlpgrasp.simulation.fingertip_scene import DENSITY, mass_of, numbers
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.tasks import Task, TaskEllipsoid
+from nlpgrasp.tasks.base import parts_of
+from nlpgrasp.tasks.tools import WEIGHT
+
+CONVEX = 0.999  # of its hull's volume: volume above which a body counts as convex
+CONCAVITY, PIECES, SEED = 0.02, 64, 0  # coacd: concavity threshold (relative), most pieces, seed
+LOOK = {"rgba": "0.56 0.64 0.71 1"}
+
+DECOMPOSING = "decomposing the body into convex pieces ..."
+ACROSS = 0.1  # of the upward force: largest lateral force of a weight
+NOTHING = 0.01  # of the same: a force range that starts below this is a tool's push, no weight
+ROUND = 1e-6  # relative tolerance of isotropic forces at one point
+NEAR = 0.5  # of half the body's diagonal: largest distance of a weight from the drawn centre of mass
+STATED, UPRIGHT = "as stated", "the weight that the task carries"
+ANY_WAY, OF_WATER = "the weight that the task carries in any orientation", "as if of water"
+
+
+_last: dict[bytes, list[FloatArray]] = {}  # cache of the last body's pieces, which a simulation needs twice
+
+Told = Callable[[str], None]
+Size = Callable[[Json], Iterable[float]]
+PRIMITIVES: dict[str, tuple[str, Size]] = {
+    "box": ("box", lambda body: np.asarray(body["extents"], float) / 2.0),
+    "sphere": ("sphere", lambda body: [body["radius"]]),
+    "ellipsoid": ("ellipsoid", lambda body: body["semi_axes"]),
+    "cylinder": ("cylinder", lambda body: [body["radius"], body["height"] / 2.0]),
+}
+
+
+def add_object_geoms(
+    asset: Element,
+    body: Element,
+    stated: Json,
+    drawn: Triangles,
+    surface: dict[str, str],
+    progress: Told | None = None,
+) -> int:
+    """Add the collision geoms to the object's MJCF body, and return their number.
+
+    Boxes, spheres, ellipsoids and cylinders are MuJoCo primitives; a convex body is its hull; any other is decomposed
+    into convex pieces (Wei et al. 2022, doi:10.1145/3528223.3530103).
+
+    Parameters
+    ----------
+    asset, body : Element
+    stated : mapping
+        The body as JSON data.
+    drawn : Triangles
+        Its surface.
+    surface : mapping
+        Attributes of each geom: its friction.
+    progress : callable, optional
+        As for ``convex_pieces``.
+
+    Raises
+    ------
+    MissingExtraError
+        When a body has to be decomposed and coacd (extra ``sim``) is not installed.
+    """
+    known = PRIMITIVES.get(str(stated.get("type")))
+    if known is not None:
+        kind, size = known
+        SubElement(body, "geom", {"name": "object", "type": kind, "size": numbers(size(stated)), **LOOK, **surface})
+        return 1
+    pieces = convex_pieces(drawn, progress)
+    for i, vertices in enumerate(pieces):
+        name = f"object_{i}"
+        SubElement(asset, "mesh", name=name, vertex=numbers(vertices.ravel()))
+        SubElement(body, "geom", {"name": name, "type": "mesh", "mesh": name, **LOOK, **surface})
+    return len(pieces)
+
+
+def convex_pieces(shape: Triangles, progress: Told | None = None) -> list[FloatArray]:
+    """Return the vertices (m, 3), metres, of the pieces of a convex decomposition of a triangulated body.
+
+    Parameters
+    ----------
+    shape : Triangles
+    progress : callable, optional
+        Called with a message before coacd runs; not for a convex or cached body.
+
+    Raises
+    ------
+    MissingExtraError
+        When more than one piece is needed and coacd is not installed.
+    """
+    import trimesh
+
+    mesh = trimesh.Trimesh(shape.vertices, shape.faces)
+    hull = mesh.convex_hull
+    if mesh.is_watertight and mesh.volume > CONVEX * hull.volume:
+        return [np.asarray(hull.vertices)]
+    try:
+        coacd = import_module("coacd")
+    except ImportError:
+        raise MissingExtraError("convex pieces of a body that is not convex (coacd)", "sim") from None
+    vertices, faces = np.asarray(shape.vertices), np.asarray(shape.faces)
+    key = vertices.tobytes() + faces.tobytes()
+    pieces = _last.get(key)
+    if pieces is None:
+        if progress is not None:
+            progress(DECOMPOSING)
+        coacd.set_log_level("error")
+        given = coacd.Mesh(vertices, faces)
+        found = coacd.run_coacd(given, threshold=CONCAVITY, max_convex_hull=PIECES, seed=SEED)
+        pieces = [np.asarray(corners, dtype=float) for corners, _ in found]
+        _last.clear()
+        _last[key] = pieces
+    return list(pieces)
+
+
+@dataclass(frozen=True)
+class ObjectMass:
+    """Mass of an object with its source.
+
+    Parameters
+    ----------
+    kilograms : float
+    source : str
+        Text such as ``the weight that the task carries``.
+    """
+
+    kilograms: float
+    source: str
+
+
+def object_mass(solution: GraspSolution, stated: float | None, otherwise: ObjectMass | None = None) -> ObjectMass:
+    """Return the mass of a solution's object: given, else from the weight in its task, else a default.
+
+    A task carries a weight if the centre of one of its parts is a force along the last axis of the body frame, as in
+    ``ng.lift``. A part of isotropic forces at one point near the centre of mass is a weight in any orientation, as in
+    ``ng.gravity``; it counts if there is no other.
+
+    Parameters
+    ----------
+    solution : GraspSolution
+        One with a grasp and a drawing.
+    stated : float or None
+        Kilograms.
+    otherwise : ObjectMass, optional
+        If the task carries no weight; by default the mass for the density of water.
+
+    Raises
+    ------
+    InputError
+        Without a grasp or a drawing, or if the density of water is used and the drawing has no volume.
+    """
+    if stated is not None:
+        return ObjectMass(stated, STATED)
+    parts = parts_of(solution.task) if solution.task.dimension == 6 else ()
+    upwards = sum(_upwards(part) for part in parts)
+    if upwards > 0.0:
+        return ObjectMass(upwards / WEIGHT, UPRIGHT)
+    any_way = max((_in_any_orientation(part, solution) for part in parts), default=0.0)
+    if any_way > 0.0:
+        return ObjectMass(any_way / WEIGHT, ANY_WAY)
+    return otherwise or ObjectMass(mass_of(solution.require_drawing().body, DENSITY).mass, OF_WATER)
+
+
+def _upwards(part: Task) -> float:
+    """Return the upward force at the centre of a task's part, newtons; 0 for pushes from zero, or without one."""
+    along = np.eye(3, 6)
+    most, least = part.support(along)[0], -part.support(-along)[0]
+    middle = 0.5 * (most + least)
+    up = float(middle[2])
+    if up <= 0.0 or np.hypot(*middle[:2]) > ACROSS * up or abs(least[2]) <= NOTHING * up:
+        return 0.0
+    return up
+
+
+def _in_any_orientation(part: Task, solution: GraspSolution) -> float:
+    """Return the isotropic force of a task's part near the centre of mass, newtons; 0 for others."""
+    if not isinstance(part, TaskEllipsoid) or not part.is_centred:
+        return 0.0
+    forces, moments = part.axes[:, :3], part.axes[:, 3:]
+    squares = forces.T @ forces
+    square, drawing = float(np.trace(squares)) / 3.0, solution.require_drawing()
+    if square == 0.0 or np.max(np.abs(squares - square * np.eye(3))) > ROUND * square:
+        return 0.0
+    point, size = _point_of(moments.T @ forces / square), drawn_size(drawing, None)
+    if np.max(np.abs(moments - np.cross(point, forces))) > ROUND * np.sqrt(square) * size:
+        return 0.0
+    center = mass_of(drawing.body, DENSITY).center - solution.require_grasp().torque_origin
+    return float(np.sqrt(square)) if np.linalg.norm(point - center) <= NEAR * size else 0.0
+
+
+def _point_of(turning: FloatArray) -> FloatArray:
+    """Return the point (3,) whose cross-product matrix is nearest to a given matrix (3, 3)."""
+    skew = 0.5 * (turning - turning.T)
+    return np.array([skew[2, 1], skew[0, 2], skew[1, 0]])

@@ -1,0 +1,101 @@
+"""Initial data of a simulation: grasp, effort of the hand, mass of the object, and wrenches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.common.formatting import wrench_words
+from nlpgrasp.common.spatial import in_space
+from nlpgrasp.common.validation import FloatArray, number
+from nlpgrasp.errors import InputError
+from nlpgrasp.quality import FingerForces, finger_forces, mu
+from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.simulation.fingertip_model import Press
+from nlpgrasp.simulation.fingertip_scene import DENSITY, Mass, SceneOptions, mass_of, mjcf, scales
+from nlpgrasp.solution.solution import GraspSolution
+
+EARTH = 9.81
+LIGHTEST = 1e-6  # kilograms: least mass
+RTOL = 0.05  # relative gap of the certificate that finds the hardest wrench, if the file lacks it
+WIDEST = 1.5  # largest ratio of upper to lower bound for a conclusive simulation
+WEIGHT = 0.25  # share of the remaining effort that the default weight takes at most
+
+
+@dataclass(frozen=True)
+class Given:
+    """Initial data of a simulation.
+
+    Parameters
+    ----------
+    solution : GraspSolution
+    grasp : Grasp
+    budget : ForceBudget
+    effort : float
+        Units of the budget available to the hand: those of the task at full size by certified mu.
+    mass : Mass
+        Mass of the object.
+    wrenches : (m, d) array
+        Wrenches of the task, at certified mu times the effort; the hardest first.
+    labels : tuple of m str
+        The wrenches as text, at the simulated share.
+    weight : (d,) array
+        The wrench that carries the object.
+    """
+
+    solution: GraspSolution
+    grasp: Grasp
+    budget: ForceBudget
+    effort: float
+    mass: Mass
+    wrenches: FloatArray
+    labels: tuple[str, ...]
+    weight: FloatArray
+
+    @cached_property
+    def least(self) -> FingerForces:
+        """The least finger forces for the hardest wrench."""
+        return finger_forces(self.grasp, self.wrenches[:1], force_budget=self.budget)
+
+    def press(self, there: Grasp, gravity: float) -> Press:
+        """Return the MuJoCo model of the grasp, with the actual contacts."""
+        unit = scales(self.grasp, float(np.linalg.norm(self.least.forces)), self.mass.mass)
+        scene = mjcf(self.solution, SceneOptions(there, self.mass, unit=unit, stiffness=False))
+        allowed = self.budget.at(there.frames, there.contacts)
+        return Press(scene, there, allowed, self.effort, unit, gravity)
+
+
+def given(solution: GraspSolution, share: float, mass: float | None, count: int) -> Given:
+    """Return the initial data of a simulation; arguments as in ``simulate``."""
+    drawing, grasp = solution.require_drawing(), solution.require_grasp()
+    if not solution.is_certified or solution.mu.upper > WIDEST * solution.mu.lower:
+        raise InputError("quality.mu", str(solution.mu), f"bounds within a factor of {WIDEST:g}: solve it again")
+    budget, task = solution.budget, solution.task
+    effort = 1.0 if budget.absolute else 1.0 / solution.mu.lower
+    hardest = solution.mu.worst_direction
+    if hardest is None:
+        hardest = mu(grasp, task, RTOL, force_budget=budget).worst_direction
+    ends = [] if hardest is None else [task.support(hardest[None, :])[1][0]]
+    wrenches = effort * solution.mu.lower * np.array([*ends, *task.ends()[:count]])
+    whole = mass_of(drawing.body, DENSITY)
+    carrying = _carrying(grasp, whole)
+    found = finger_forces(grasp, carrying, force_budget=budget)
+    if mass is not None:
+        kilograms = number("mass", mass, at_least=LIGHTEST)
+    elif found.feasible[0]:
+        kilograms = min(whole.mass, WEIGHT * (1.0 - share) * effort / float(found.used[0]) / EARTH)
+    else:
+        raise InputError("solution", "a grasp that cannot carry the body upwards", "one that bears its weight too")
+    labels = tuple(wrench_words(share * w) for w in wrenches)
+    weight = kilograms * EARTH * carrying
+    return Given(solution, grasp, budget, effort, whole.scaled(kilograms), wrenches, labels, weight)
+
+
+def _carrying(grasp: Grasp, mass: Mass) -> FloatArray:
+    """Return the wrench (d,) that carries one newton of weight."""
+    up = np.eye(3)[2 if grasp.space == 3 else 1]
+    moment = np.cross(mass.center - in_space(grasp.torque_origin[None])[0], up)
+    return np.concatenate([up, moment]) if grasp.space == 3 else np.array([*up[:2], moment[2]])

@@ -1,0 +1,308 @@
+"""Records of analyses: robustness, infeasibility, shadow prices, joint-limit margins."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, array, integer
+from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.solution.schema import ConflictData, PriceData, RobustData, WhyNotData
+
+FRAGILE = 0.2  # remaining share of mu below which a grasp is fragile: the task then takes over five times the force
+LEAST_SHARE = 1e-4  # smaller shares are written as "less than"
+RANGE = " of range"  # suffix of the unit of a joint's limits, which have two sides
+SMALL = 1e-6  # relative tolerance of a margin
+WORTH_A_WORD = 0.005  # share of mu above which the cost of margins is reported
+
+
+@dataclass(frozen=True)
+class Robustness:
+    """Remaining quality under contact displacement and friction loss, at the worst displacement found.
+
+    Parameters
+    ----------
+    offset : float
+        Largest displacement of each contact along its face, metres.
+    friction_share : float
+        Largest relative loss of friction and torsional friction.
+    mu : Bounds
+        Certified, of the worst displacement found with the least friction: its upper bound holds for the worst case
+        too.
+    points, normals : (k, space) array
+        The displaced contacts, metres, and unit inward normals, body frame.
+    lost : tuple of int
+        Contacts that slip over an edge of their face: they exert no force; their original positions are stated.
+    stated : tuple or None
+        Remaining share of mu as the solution states it, and whether the grasp is fragile; None in files of earlier
+        versions.
+    """
+
+    offset: float
+    friction_share: float
+    mu: Bounds
+    points: FloatArray
+    normals: FloatArray
+    lost: tuple[int, ...] = ()
+    stated: tuple[float, bool] | None = field(default=None, repr=False, compare=False)
+
+    def share(self, mu: Bounds) -> float:
+        """Return the remaining share of a grasp's certified quality, the ratio of the upper bounds."""
+        return min(self.mu.upper / mu.upper, 1.0) if mu.upper > 0.0 else 0.0
+
+    def is_fragile(self, mu: Bounds) -> bool:
+        """Return whether the remaining share is below ``FRAGILE``, a fifth."""
+        return self.share(mu) < FRAGILE
+
+    def fragile_words(self, mu: Bounds, label: str) -> str:
+        """Return the remaining share as text, for a grasp of this certified quality in a measure of this name."""
+        share = self.share(mu)
+        little = f"less than {100.0 * LEAST_SHARE:g} %" if share > 0.0 else "nothing"
+        left = f"{100.0 * share:.2g} %" if share >= LEAST_SHARE else little
+        off = f"contacts are {1e3 * self.offset:g} mm off and friction {100.0 * self.friction_share:g} % less"
+        return f"fragile: {left} of {label} is left when {off}"
+
+    def beside(self, mu: Bounds) -> Robustness:
+        """Return the record with share and fragility for a grasp of this certified quality."""
+        return replace(self, stated=(self.share(mu), self.is_fragile(mu)))
+
+    def to_dict(self) -> RobustData:
+        """Return the record as JSON data."""
+        data: RobustData = {
+            "offset": self.offset,
+            "friction_share": self.friction_share,
+            "mu": self.mu.to_dict(),
+            "positions": self.points.tolist(),
+            "normals": self.normals.tolist(),
+        }
+        if self.lost:
+            data["lost"] = list(self.lost)
+        if self.stated is not None:
+            data["share"], data["fragile"] = self.stated
+        return data
+
+    @classmethod
+    def from_dict(cls, data: RobustData, name: str) -> Robustness:
+        """Return the record that ``to_dict`` wrote.
+
+        Raises
+        ------
+        InputError
+            When its interval is empty or its arrays do not fit each other; ``name`` is shown in the message.
+        """
+        bounds = Bounds.from_dict(data["mu"], f"{name}.mu")
+        points = array(f"{name}.positions", data["positions"], (None, None))
+        normals = array(f"{name}.normals", data["normals"], points.shape)
+        stated = (data["share"], data["fragile"]) if "share" in data and "fragile" in data else None
+        lost = tuple(integer(f"{name}.lost", i, at_least=0, at_most=len(points) - 1) for i in data.get("lost", ()))
+        return cls(data["offset"], data["friction_share"], bounds, points, normals, lost, stated)
+
+    def __str__(self) -> str:
+        off = f"contacts {1e3 * self.offset:g} mm off and {self.friction_share:.0%} less friction"
+        slipped = f"; {len(self.lost)} slip over an edge" if self.lost else ""
+        return f"with {off}, {self.mu} is left (worst case found{slipped})"
+
+
+@dataclass(frozen=True)
+class Conflict:
+    """A constraint that conflicts with the others.
+
+    Parameters
+    ----------
+    name : str
+        The constraint.
+    row : str
+        Its most violated scalar constraint.
+    value, bound : float
+        Value of that constraint at the point of least violation, and its limit.
+    relation : {"at least", "at most", "exactly"}
+        Required relation of the value to the bound.
+    unit : {"", "m", "degrees"}
+    """
+
+    name: str
+    row: str
+    value: float
+    bound: float
+    relation: str
+    unit: str = ""
+
+    def to_dict(self) -> ConflictData:
+        """Return the conflict as JSON data."""
+        return {
+            "name": self.name,
+            "row": self.row,
+            "value": self.value,
+            "bound": self.bound,
+            "relation": self.relation,
+            "unit": self.unit,
+        }
+
+    @classmethod
+    def from_dict(cls, data: ConflictData) -> Conflict:
+        """Return the conflict that ``to_dict`` wrote."""
+        return cls(**data)
+
+    @property
+    def excess(self) -> float:
+        """Violation: the distance of the value beyond the bound."""
+        return abs(self.value - self.bound)
+
+    @property
+    def amount(self) -> str:
+        """The violation with its unit as text, lengths in millimetres."""
+        return self._text(self.excess, 3)
+
+    def __str__(self) -> str:
+        return f"{self.row}: {self._text(self.value, 4)}, wanted {self.relation} {self._text(self.bound, 4)}."
+
+    def _text(self, value: float, digits: int) -> str:
+        scale, unit = (1e3, " mm") if self.unit == "m" else (1.0, f" {self.unit}" if self.unit else "")
+        return f"{scale * value:.{digits}g}{unit}"
+
+
+@dataclass(frozen=True)
+class WhyNot:
+    """Infeasibility diagnosis: conflicting constraints, or a direction in which no force works.
+
+    Parameters
+    ----------
+    conflicts : tuple of Conflict
+        A minimal set of violated constraints; empty where all can be kept.
+    direction : (d,) array or None
+        Where the constraints can be kept: a direction y of wrench space along which no finger force does work.
+    reasons, advice : tuple of str
+        Sentences.
+    locally_infeasible : bool
+        Whether every start ended with violated constraints.
+    """
+
+    conflicts: tuple[Conflict, ...] = ()
+    direction: FloatArray | None = None
+    reasons: tuple[str, ...] = ()
+    advice: tuple[str, ...] = ()
+    locally_infeasible: bool = False
+
+    def to_dict(self) -> WhyNotData:
+        """Return the diagnosis as JSON data."""
+        return {
+            "conflicts": [conflict.to_dict() for conflict in self.conflicts],
+            "direction": None if self.direction is None else self.direction.tolist(),
+            "reasons": list(self.reasons),
+            "advice": list(self.advice),
+            "locally_infeasible": self.locally_infeasible,
+        }
+
+    @classmethod
+    def from_dict(cls, data: WhyNotData) -> WhyNot:
+        """Return the diagnosis that ``to_dict`` wrote."""
+        return cls(
+            tuple(Conflict.from_dict(conflict) for conflict in data["conflicts"]),
+            None if data["direction"] is None else np.array(data["direction"], dtype=float),
+            tuple(data["reasons"]),
+            tuple(data["advice"]),
+            data["locally_infeasible"],
+        )
+
+    def __str__(self) -> str:
+        return "\n".join([*self.reasons, *self.advice])
+
+
+@dataclass(frozen=True)
+class ShadowPrice:
+    """Shadow price of a limit.
+
+    Parameters
+    ----------
+    name : str
+        The limit, for example ``"Spread.max"``.
+    value : float
+        Current limit, SI units.
+    step : float
+        Step of the limit, SI units.
+    unit : str
+        The step as text, for example ``"1 mm"``.
+    gain : float
+        First-order rise of mu with the step, on the solver's surface.
+    """
+
+    name: str
+    value: float
+    step: float
+    unit: str
+    gain: float
+
+    def to_dict(self) -> PriceData:
+        """Return the price as JSON data."""
+        return {"name": self.name, "value": self.value, "step": self.step, "unit": self.unit, "gain": self.gain}
+
+    @classmethod
+    def from_dict(cls, data: PriceData) -> ShadowPrice:
+        """Return the price that ``to_dict`` wrote."""
+        return cls(**data)
+
+    @property
+    def what(self) -> str:
+        """The step as text."""
+        if self.unit.endswith(RANGE):
+            return f"{self.unit.removesuffix(RANGE)} more at {self.name}"
+        return f"raising {self.name} by {self.unit}"
+
+    def words(self, label: str) -> str:
+        """Return the effect of the step on the measure of this name, as text."""
+        return f"{self.what} changes {label} by {self.gain:+.3g}"
+
+    def __str__(self) -> str:
+        return self.words("mu")
+
+
+@dataclass(frozen=True)
+class JointRoom:
+    """Distances of joints from their limits, against required margins.
+
+    Parameters
+    ----------
+    margin : float
+        The requested margin, radians.
+    margins : mapping of str to float
+        Margin of each free joint: at most a tenth of its range. Radians, metres for sliding joints.
+    left : mapping of str to float
+        Distance of each of them from its nearer limit.
+    price : float
+        Largest share of mu that might be traded for the margins.
+    """
+
+    margin: float
+    margins: Mapping[str, float]
+    left: Mapping[str, float]
+    price: float
+
+    @property
+    def near(self) -> dict[str, float]:
+        """Distance from the nearer limit, for the joints that lack their margin."""
+        least = {name: (1.0 - SMALL) * margin for name, margin in self.margins.items()}
+        return {name: left for name, left in self.left.items() if left < least[name]}
+
+    def to_dict(self) -> Json:
+        """Return the margins as JSON data."""
+        return {"margin": self.margin, "margins": dict(self.margins), "near": self.near, "price": self.price}
+
+
+def mu_without(stated: Json) -> float:
+    """Return the mu before the search for joint-limit margins, from a file of an earlier version; 0 in later ones."""
+    without = stated.get("mu_without")
+    return 0.0 if without is None else float(without["upper"])
+
+
+def room_lines(stated: Json) -> list[str]:
+    """Return as text which joints are near a limit, of ``hand.room``, and what earlier versions gave for margins."""
+    told = []
+    if stated["near"]:
+        each = (f"{name} ({left:.2g} of {stated['margins'][name]:.2g})" for name, left in stated["near"].items())
+        told.append("joints near a limit: " + ", ".join(each))
+    if stated.get("cost", 0.0) > WORTH_A_WORD:
+        told.append(f"room to the joints' limits took {stated['cost']:.1%} of mu")
+    return told

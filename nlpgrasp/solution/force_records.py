@@ -1,0 +1,253 @@
+"""Finger forces of a grasp: for wrenches of the scaled task, and for the task at its full size."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+
+from nlpgrasp.budgets import ForceBudget
+from nlpgrasp.common.formatting import FORCE_UNIT, outwards, rounded, wrench_words
+from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.errors import InputError
+from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.solution.schema import FingerForceData, ForcesData, NeededData
+
+Forces: TypeAlias = Sequence[tuple[FloatArray, FloatArray]]  # (wrench, forces) pairs
+Moments: TypeAlias = Sequence[FloatArray]  # moments for each wrench, or empty
+
+
+@dataclass(frozen=True)
+class HeldWrench:
+    """A wrench and the least finger forces that produce it.
+
+    Parameters
+    ----------
+    wrench : (d,) array
+    forces : (k, space) array
+        Body frame, newtons.
+    moments : (k, d - space) array or None
+        About the contact points, newton-metres; None where no contact exerts any.
+    """
+
+    wrench: FloatArray
+    forces: FloatArray
+    moments: FloatArray | None = None
+
+    def to_dict(self) -> ForcesData:
+        """Return wrench, forces and, where there are any, moments as JSON data."""
+        data: ForcesData = {"direction": self.wrench.tolist(), "forces": self.forces.tolist()}
+        if self.moments is not None:
+            data["moments"] = self.moments.tolist()
+        return data
+
+    @classmethod
+    def from_dict(cls, data: ForcesData, name: str) -> HeldWrench:
+        """Return the record that ``to_dict`` wrote; refuse arrays of other dimensions, under this name."""
+        wrench = array(f"{name}: direction", data["direction"], (None,))
+        forces = array(f"{name}: forces", data["forces"], (None, None))
+        moments = array(f"{name}: moments", data["moments"], (None, None)) if "moments" in data else None
+        return cls(wrench, forces, moments)
+
+
+def held_wrenches(forces: Forces, moments: Moments) -> list[HeldWrench]:
+    """Return one record per wrench from the separate forces and moments of a solution."""
+    beside = moments if len(moments) else [None] * len(forces)
+    return [HeldWrench(w, f, m) for (w, f), m in zip(forces, beside, strict=True)]
+
+
+def forces_and_moments(data: Sequence[ForcesData], name: str) -> tuple[Forces, Moments]:
+    """Return the forces of a file, and the moments where contacts exert any.
+
+    Raises
+    ------
+    InputError
+        On arrays of other numbers of axes, or moments with some wrenches and not with others.
+    """
+    held = [HeldWrench.from_dict(entry, name) for entry in data]
+    moments = tuple(entry.moments for entry in held if entry.moments is not None)
+    if moments and len(moments) != len(held):
+        raise InputError(f"{name}: forces", f"{len(moments)} entries with moments", "moments in all or in none")
+    return tuple((entry.wrench, entry.forces) for entry in held), moments
+
+
+@dataclass(frozen=True)
+class ForcesNeeded:
+    """Finger forces that the task at its full size requires.
+
+    ``budget`` is certified: for every wrench of the task, the least forces use at most its upper bound of the budget.
+    The forces of single fingers are computed for the hardest wrench found and the task's extreme wrenches.
+
+    Parameters
+    ----------
+    wrench : (d,) array
+        The hardest wrench found of the task, newtons and newton-metres.
+    forces : (k, space) array
+        The least finger forces that produce it, body frame, newtons.
+    moments : (k, d - space) array or None
+        Moments about the contact points, newton-metres; None where no contact exerts any.
+    normal, size : (k,) array
+        Normal component and magnitude of each finger's force for that wrench, newtons.
+    largest : (k,) array
+        The largest force of each finger over the hardest wrench and the task's extreme ones, newtons.
+    budget : Bounds
+        Certified use of the force budget for the hardest wrench: ``1 / mu``; newtons, or a share of torque limits.
+    within : bool or None
+        Whether no finger's largest force is above the problem's ``max_force``; None where none is stated.
+    stated_summary : tuple or None
+        Summary as stated in a file; None for computed forces.
+    """
+
+    wrench: FloatArray
+    forces: FloatArray
+    moments: FloatArray | None
+    normal: FloatArray
+    size: FloatArray
+    largest: FloatArray
+    budget: Bounds
+    within: bool | None = None
+    stated_summary: tuple[float, int, float] | None = field(default=None, repr=False, compare=False)
+
+    @classmethod
+    def of(
+        cls,
+        grasp: Grasp,
+        wrench: FloatArray,
+        forces: FloatArray,
+        moments: FloatArray | None,
+        others: Sequence[FloatArray],
+        mu: Bounds,
+    ) -> ForcesNeeded:
+        """Return the record for the least forces of a grasp.
+
+        Parameters
+        ----------
+        grasp : Grasp
+            Of k contacts.
+        wrench : (d,) array
+            The hardest one.
+        forces : (k, space) array
+            Of the fingers, newtons, for the hardest wrench.
+        moments : (k, d - space) array or None
+            For that wrench.
+        others : sequence of (k, space) array
+            Forces for other wrenches of the task.
+        mu : Bounds
+            Certified quality, with a lower bound above 0.
+        """
+        size = np.linalg.norm(forces, axis=1)
+        largest = np.max([size, *(np.linalg.norm(f, axis=1) for f in others)], axis=0)
+        budget = Bounds(1.0 / mu.upper, 1.0 / mu.lower)
+        return cls(wrench, forces, moments, np.sum(forces * grasp.normals, axis=1), size, largest, budget)
+
+    @property
+    def total(self) -> float:
+        """Sum of the fingers' forces for the hardest wrench, newtons."""
+        return float(np.sum(self.size))
+
+    @property
+    def finger(self) -> int:
+        """The finger with the largest force."""
+        return int(np.argmax(self.largest))
+
+    @property
+    def summary(self) -> tuple[float, int, float]:
+        """Largest force of any finger, that finger's index, and the sum for the hardest wrench; newtons."""
+        return float(np.max(self.largest)), self.finger, self.total
+
+    def is_within(self, max_force: float | None) -> bool | None:
+        """Return whether no finger's largest force exceeds a limit, newtons; None without one."""
+        return None if max_force is None else bool(np.max(self.largest) <= max_force)
+
+    def finger_words(self) -> str:
+        """Return the fingers' forces for the hardest wrench, and their sum, as text."""
+        forces, normal = (", ".join(rounded(f) for f in each) for each in (self.size, self.normal))
+        last = len(self.size) - 1
+        which = "finger 0 exerts" if last == 0 else f"fingers 0 {'and' if last == 1 else 'to'} {last} exert"
+        return f"{which} {forces} {FORCE_UNIT} (normal {normal})"
+
+    def too_much_words(self, max_force: float) -> str:
+        """Return the finger whose force exceeds a limit, newtons, and the force, as text."""
+        most = f"{rounded(float(np.max(self.largest)))} {FORCE_UNIT}"
+        return f"finger {self.finger} needs {most} for the task, above max_force = {rounded(max_force)} {FORCE_UNIT}"
+
+    def limit_words(self, max_force: float, budget: ForceBudget) -> str:
+        """Return the largest force compared with a limit of each finger's force, newtons, as text."""
+        limit = f"max_force = {rounded(max_force)} {FORCE_UNIT}"
+        if not self.is_within(max_force):
+            return f"ABOVE {limit}"
+        if budget.bounds_fingers and self.budget.upper <= max_force:
+            return f"within {limit}, as certified for every wrench of the task"
+        return f"within {limit} for the wrenches computed: the ends of the task's axes and the hardest one"
+
+    def lines(self, budget: ForceBudget, max_force: float | None, fingers: Sequence[str] = ()) -> list[str]:
+        """Return the required forces as text lines: certified budget, hardest wrench, largest force.
+
+        Parameters
+        ----------
+        budget : ForceBudget
+            The budget in which the forces are least.
+        max_force : float or None
+            Limit of each finger's force, newtons.
+        fingers : sequence of str
+            Links of the fingers, if any.
+        """
+        low, high = outwards(self.budget.lower, self.budget.upper, 4)
+        both = high if low == high else f"{low} to {high}"
+        root = f", L2 norm {rounded(float(np.linalg.norm(self.size)))} {FORCE_UNIT}" if budget.kind == "l2" else ""
+        added = f"in all {rounded(self.total)} {FORCE_UNIT}{root}"
+        told = "" if max_force is None else f", {self.limit_words(max_force, budget)}"
+        whose = f"finger {self.finger}{f' ({fingers[self.finger]})' if fingers else ''}"
+        return [
+            f"the task as given needs {both} {budget.unit} ({budget.amount}, certified)",
+            f"for its hardest wrench found ({wrench_words(self.wrench)}) {self.finger_words()}, {added}",
+            f"the largest force of a finger is {rounded(float(np.max(self.largest)))} {FORCE_UNIT}, of {whose}{told}",
+        ]
+
+    def to_dict(self) -> NeededData:
+        """Return the required forces as JSON data."""
+        fingers: list[FingerForceData] = []
+        for i, force in enumerate(self.forces):
+            entry: FingerForceData = {
+                "force": force.tolist(),
+                "normal": float(self.normal[i]),
+                "size": float(self.size[i]),
+                "largest": float(self.largest[i]),
+            }
+            fingers.append(entry if self.moments is None else {**entry, "moment": self.moments[i].tolist()})
+        largest, finger, total = self.stated_summary or self.summary
+        data: NeededData = {
+            "wrench": self.wrench.tolist(),
+            "fingers": fingers,
+            "largest": largest,
+            "finger": finger,
+            "total": total,
+            "budget": self.budget.to_dict(),
+        }
+        return data if self.within is None else {**data, "within_max_force": self.within}
+
+    @classmethod
+    def from_dict(cls, data: NeededData, name: str) -> ForcesNeeded:
+        """Return the record that ``to_dict`` wrote; ``name`` is shown in messages.
+
+        Raises
+        ------
+        InputError
+            On an empty interval, or arrays that do not fit each other.
+        """
+        fingers = data["fingers"]
+        moments = [f["moment"] for f in fingers if "moment" in f]
+        return cls(
+            array(f"{name}.wrench", data["wrench"], (None,)),
+            array(f"{name}.fingers.force", [f["force"] for f in fingers], (None, None)),
+            array(f"{name}.fingers.moment", moments, (len(fingers), None)) if moments else None,
+            array(f"{name}.fingers.normal", [f["normal"] for f in fingers], (None,)),
+            array(f"{name}.fingers.size", [f["size"] for f in fingers], (None,)),
+            array(f"{name}.fingers.largest", [f["largest"] for f in fingers], (None,)),
+            Bounds.from_dict(data["budget"], f"{name}.budget"),
+            data.get("within_max_force"),
+            (float(data["largest"]), int(data["finger"]), float(data["total"])),
+        )

@@ -1,1 +1,0 @@
-"""Solutions transformed to a world frame."""

@@ -1,0 +1,168 @@
+"""Records of the grasps that a solve kept, their selection and table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from nlpgrasp.common.formatting import one_line
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import InputError
+from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.solution.analysis_records import Robustness
+from nlpgrasp.solution.force_records import ForcesNeeded, forces_and_moments, held_wrenches
+from nlpgrasp.solution.placed_grasp import PlacedGrasp, SurfaceMatch
+from nlpgrasp.solution.quality_record import Quality
+from nlpgrasp.solution.records import ConstraintReport
+from nlpgrasp.solution.schema import FoundData, SolutionData
+
+
+@dataclass(frozen=True)
+class FoundGrasp:
+    """One of the grasps that a solve kept.
+
+    Parameters
+    ----------
+    grasp : Grasp
+        Of k contacts.
+    faces : tuple of k str
+        The face each contact is on.
+    mu : Bounds
+        Certified quality.
+    kind : {"mu", "mu_tilde"}
+        Which measure ``mu`` holds.
+    hand : mapping or None
+        The hand in this grasp: a URDF hand's joint positions, palm pose and pregrasp.
+    robust : Robustness or None
+        Remaining quality under contact displacement and friction loss; the search is coarser than for the answer.
+    forces : sequence of (wrench, forces)
+        Task wrenches ``mu.lower * (c + semi-axis)`` (d,) and finger forces (k, space), newtons.
+    moments : sequence of (k, d - space) array
+        Newton-metres about the contact points, with the forces; empty when no contact exerts any.
+    needed : ForcesNeeded or None
+        Finger forces for the task at its full size.
+    constraints : tuple of ConstraintReport
+        Values and limits of the constraints at this grasp, by name.
+    surface : SurfaceMatch or None
+        For meshes.
+    start : int or None
+        Index of the start that ended with it; None for an intermediate iterate, which is not a local optimum.
+    """
+
+    grasp: Grasp
+    faces: tuple[str, ...]
+    mu: Bounds
+    kind: str = "mu"
+    hand: Json | None = None
+    robust: Robustness | None = None
+    forces: Sequence[tuple[FloatArray, FloatArray]] = ()
+    moments: Sequence[FloatArray] = ()
+    needed: ForcesNeeded | None = None
+    constraints: tuple[ConstraintReport, ...] = ()
+    surface: SurfaceMatch | None = None
+    start: int | None = None
+
+    @property
+    def is_fragile(self) -> bool:
+        """Whether less than a fifth of the quality is left under contact displacement; false where unknown."""
+        return self.robust is not None and self.robust.is_fragile(self.mu)
+
+    def to_dict(self) -> FoundData:
+        """Return the grasp as JSON data, with the keys of a solution."""
+        bounds = replace(self.mu, task_beta=None)  # the file states the task's beta once
+        return {
+            "start": self.start,
+            "grasp": PlacedGrasp(self.grasp, self.faces, self.surface).to_dict(),
+            "hand": None if self.hand is None else dict(self.hand),
+            "quality": Quality(bounds, self.kind, robust=self.robust, needed=self.needed).to_dict(),
+            "forces": [held.to_dict() for held in held_wrenches(self.forces, self.moments)],
+            "constraints": [report.to_dict() for report in self.constraints],
+        }
+
+    @classmethod
+    def from_dict(cls, data: FoundData, name: str) -> FoundGrasp:
+        """Return the grasp that ``to_dict`` wrote; ``name`` is shown in messages.
+
+        Raises
+        ------
+        InputError
+            When numbers contradict each other.
+        """
+        placed = PlacedGrasp.from_dict(data["grasp"], f"{name}.grasp")
+        quality = Quality.from_dict(data["quality"], placed.grasp.dimension, f"{name}.quality")
+        forces, moments = forces_and_moments(data.get("forces", []), name)
+        return cls(
+            placed.grasp,
+            placed.faces,
+            quality.mu,
+            quality.kind,
+            data.get("hand"),
+            quality.robust,
+            forces,
+            moments,
+            quality.needed,
+            tuple(map(ConstraintReport.from_dict, data.get("constraints", []))),
+            placed.surface,
+            data.get("start"),
+        )
+
+
+def found_grasps(data: SolutionData, name: str) -> list[FoundGrasp]:
+    """Return the kept grasps of a file; ``name`` is shown in messages.
+
+    Raises
+    ------
+    InputError
+        When numbers contradict each other, and where grasps are kept without an answer.
+    """
+    kept = [FoundGrasp.from_dict(found, f"{name}.{i}") for i, found in enumerate(data.get("grasps", []))]
+    if kept and data["grasp"] is None:
+        raise InputError(name, f"{len(kept)} beside no grasp", "none in a file without a grasp")
+    return kept
+
+
+Accepts = Callable[[FoundGrasp], bool]
+
+
+def first_accepted(grasps: Sequence[FoundGrasp], accepts: Accepts) -> FoundGrasp:
+    """Return the first grasp that a function accepts.
+
+    Raises
+    ------
+    InputError
+        Where it accepts none, raises, or returns neither True nor False.
+    """
+    if not callable(accepts):
+        raise InputError("select", accepts, "a function of an ng.FoundGrasp that returns True or False")
+    for i, found in enumerate(grasps):
+        try:
+            answer = accepts(found)
+        except Exception as error:  # whatever the user's function raises
+            raise InputError(f"select, at grasps[{i}]", one_line(error), "a function that raises nothing") from error
+        if not isinstance(answer, bool | np.bool_):
+            raise InputError(f"select, at grasps[{i}]", answer, "True or False")
+        if answer:
+            return found
+    kept = f"{len(grasps)} grasp{'s' * (len(grasps) != 1)}" if grasps else "no grasps"
+    raise InputError("select", f"a function that is true for none of {kept}", "one that accepts a grasp, or more kept")
+
+
+def table(grasps: Sequence[FoundGrasp], asked: int = 1) -> list[str]:
+    """Return a table of several grasps as text lines: certified quality, remaining quality at worst, faces.
+
+    Where there are fewer grasps than requested, the first line says so.
+    """
+    fewer = f"  {len(grasps)} of the {asked} grasps asked for: more starts, or a smaller distinct, may find others"
+    said = [fewer] if 0 < len(grasps) < asked else []
+    if len(grasps) < 2:
+        return said
+    lines = [*said, f"  {len(grasps)} grasps kept, best first (certified quality, what is left at worst, faces):"]
+    for i, found in enumerate(grasps):
+        left = "" if found.robust is None else f"{found.robust.mu.upper:.4g} left"
+        fragile = ", fragile" if found.is_fragile else ""
+        lines.append(f"  {i:4d}  {found.mu!s:20}  {left + fragile:20}  {', '.join(found.faces)}".rstrip())
+    return lines

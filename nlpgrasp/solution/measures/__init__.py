@@ -1,1 +1,0 @@
-"""Quality measures of a solution: certified quality, forces and bounds."""

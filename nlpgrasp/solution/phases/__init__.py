@@ -1,1 +1,0 @@
-"""Phases of a grasp by a hand: keyframes and trajectory."""

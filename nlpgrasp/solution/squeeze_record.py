@@ -1,0 +1,411 @@
+"""Record of a squeeze: internal finger forces, joint torques, position commands, warnings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from nlpgrasp.common.formatting import percent, rounded
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.errors import InputError
+from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.solution.force_records import ForcesNeeded
+
+GAIN = 5.0  # N m / rad: default gain of the joints' position control
+LEAST = 1e-9  # newton-metres, or radians per rate: smaller values count as zero
+LEVER = 0.05  # metres: moment arm that converts the default gain to sliding joints
+NONE = 1e-5  # friction below the solver's tolerance, written as none
+SPENT = 0.9  # share of the available friction above which a squeeze is warned of
+FULL = 0.95  # share of a joint's effort that suggestions use
+RESERVE = 1.5  # suggested normal force over the largest that the task needs
+
+
+Gain = float | Mapping[str, float]
+
+
+def usual_gain(sliding: Mapping[str, bool]) -> Gain:
+    """Return the default gain of the joints' position control, N m / rad, or N / m for sliding joints.
+
+    Parameters
+    ----------
+    sliding : mapping of str to bool
+        By joint, whether it slides.
+    """
+    if not any(sliding.values()):
+        return GAIN
+    return {name: GAIN / LEVER**2 if slides else GAIN for name, slides in sliding.items()}
+
+
+@dataclass(frozen=True)
+class JointSqueeze:
+    """Static joint torques of a squeeze, without the links' own weight.
+
+    By virtual work ``tau^T dq = sum_i f_i^T dx_i``: ``tau = sum_i J_i^T (f_i, m_i)`` with the forces and moments that
+    the fingers exert on the body. A positive torque drives its joint towards larger positions. Mimic joints count as
+    the joints that they follow.
+
+    Parameters
+    ----------
+    torques : mapping of str to float
+        By joint that moves a contact, newton-metres (newtons for sliding joints).
+    limits : mapping of str to float
+        The hand's torque limits, for the joints that have one.
+    grasp : mapping of str to float
+        Positions of the same joints in the grasp, radians or metres.
+    jacobians : (k, 6, m) array
+        Velocity and angular velocity of each contact, fixed to its fingertip, per rate of each of these joints.
+    gain : float, mapping of str to float, or None
+        Gain of the joints' position control, newton-metres per radian (newtons per metre), for all or by joint.
+    """
+
+    torques: Mapping[str, float]
+    limits: Mapping[str, float]
+    grasp: Mapping[str, float]
+    jacobians: FloatArray
+    gain: Gain | None = None
+
+    @classmethod
+    def of(
+        cls,
+        names: tuple[str, ...],
+        wrenches: FloatArray,
+        jacobians: FloatArray,
+        limits: Mapping[str, float],
+        positions: Mapping[str, float],
+        gain: Gain | None,
+    ) -> JointSqueeze:
+        """Return the torques for finger forces and moments (k, 6), body frame.
+
+        Raises
+        ------
+        InputError
+            On a gain that is not above zero, or for other joints than those that move contacts.
+        """
+        tau = np.einsum("kdm,kd->m", jacobians, wrenches)
+        torques = dict(zip(names, tau.tolist(), strict=True))
+        own = {name: limits[name] for name in names if name in limits}
+        return cls(torques, own, {name: float(positions[name]) for name in names}, jacobians, _gain(gain, names))
+
+    def under(self, wrenches: FloatArray) -> JointSqueeze:
+        """Return the torques of the same joints for other finger forces and moments (k, d), body frame."""
+        tau = np.einsum("kdm,kd->m", self.jacobians, wrenches)
+        return replace(self, torques=dict(zip(self.torques, tau.tolist(), strict=True)))
+
+    def positions(self, gain: Gain | None = None) -> dict[str, float]:
+        """Return position commands ``grasp + tau / gain``; joints left out stay in the grasp.
+
+        Raises
+        ------
+        InputError
+            Without a gain, here or in the squeeze.
+        """
+        chosen = self.gain if gain is None else _gain(gain, tuple(self.torques))
+        if chosen is None:
+            raise InputError("gain", None, "newton-metres a radian, of the joints' position control")
+        by_joint = chosen if isinstance(chosen, Mapping) else dict.fromkeys(self.torques, chosen)
+        return {name: self.grasp[name] + tau / by_joint[name] for name, tau in self.torques.items()}
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Torque over limit of each joint that has a limit, at least zero."""
+        return {name: abs(self.torques[name]) / limit for name, limit in self.limits.items()}
+
+    @property
+    def worst(self) -> tuple[str, float] | None:
+        """The joint with the largest torque over limit, and that share; None without limits."""
+        return max(self.shares.items(), key=lambda pair: pair[1], default=None)
+
+    @property
+    def exceeded(self) -> dict[str, float]:
+        """Excess of torques over their limits, newton-metres, for the joints that have any."""
+        over = {name: abs(self.torques[name]) - limit for name, limit in self.limits.items()}
+        return {name: amount for name, amount in over.items() if amount > 0.0}
+
+    def amount(self, name: str, value: float) -> str:
+        """Return a joint's torque as text; a force for a sliding joint."""
+        turns = self.jacobians[:, 3:, list(self.torques).index(name)]
+        return f"{rounded(value, least=LEAST)} {'N m' if np.any(np.abs(turns) > LEAST) else 'N'}"
+
+    def words(self) -> str:
+        """Return the joint with the largest share of its limit, and exceeded limits, as text."""
+        if self.worst is None:
+            most = max(self.torques, key=lambda name: abs(self.torques[name]))
+            return f"at most {self.amount(most, abs(self.torques[most]))} at a joint ({most})"
+        name, share = self.worst
+        if not self.exceeded:
+            return f"at most {100.0 * share:.3g} % of a joint's effort ({name})"
+        weak = ", ".join(f"{joint} (by {self.amount(joint, over)})" for joint, over in self.exceeded.items())
+        return f"MORE than the effort of {weak}"
+
+    def to_dict(self) -> Json:
+        """Return torques, Jacobians and, with a gain, positions as JSON data; limits and grasp are the hand's."""
+        data: Json = {"torques": dict(self.torques), "jacobians": self.jacobians.tolist()}
+        if self.worst is not None:
+            data = {**data, "worst_joint": self.worst[0], "worst_share": self.worst[1]}
+        if self.gain is None:
+            return data
+        gain = dict(self.gain) if isinstance(self.gain, Mapping) else self.gain
+        return {**data, "gain": gain, "positions": self.positions()}
+
+    @classmethod
+    def from_dict(cls, data: Json, count: int, hand: Json, stated: Json, name: str) -> JointSqueeze:
+        """Return the record that ``to_dict`` wrote, for ``count`` contacts; ``name`` is shown in messages.
+
+        Parameters
+        ----------
+        data : mapping
+            Data from ``to_dict``.
+        count : int
+            Number of contacts.
+        hand : mapping
+            ``hand`` of the file, with the joints' positions.
+        stated : mapping
+            ``problem.hand``, with the torque limits.
+        name : str
+            Of the field, for messages.
+
+        Raises
+        ------
+        InputError
+            On parts that do not fit each other.
+        """
+        torques = {joint: number(f"{name}.torques.{joint}", tau) for joint, tau in data["torques"].items()}
+        jacobians = array(f"{name}.jacobians", data["jacobians"], (count, 6, len(torques)))
+        positions, limits = hand.get("joint_positions", {}), stated.get("torque_limits") or {}
+        if not isinstance(limits, Mapping):
+            raise InputError("problem.hand.torque_limits", limits, "limits by joint")
+        lost = [joint for joint in torques if joint not in positions]
+        if lost:
+            raise InputError(f"{name}.torques", f"joint {lost[0]}", "joints of hand.joint_positions")
+        field = "problem.hand.torque_limits"
+        own = {joint: number(f"{field}.{joint}", limits[joint], above=0.0) for joint in torques if joint in limits}
+        grasp = {joint: float(positions[joint]) for joint in torques}
+        return cls(torques, own, grasp, jacobians, _gain(data.get("gain"), tuple(torques)))
+
+
+def _gain(gain: object, names: tuple[str, ...]) -> Gain | None:
+    """Return a validated gain."""
+    if gain is None:
+        return None
+    if not isinstance(gain, Mapping):
+        return number("gain", gain, above=0.0)
+    unknown, missing = [n for n in gain if n not in names], [n for n in names if n not in gain]
+    if missing:
+        raise InputError("gain", f"none for {', '.join(missing)}", "one for each joint that moves a contact")
+    if unknown:
+        raise InputError("gain", f"joint {unknown[0]}", f"joints that move a contact: {', '.join(names)}")
+    return {str(name): number(f"gain of {name}", value, above=0.0) for name, value in gain.items()}
+
+
+@dataclass(frozen=True)
+class Squeeze:
+    """Balanced finger forces of least friction, with the joint torques and commands that exert them.
+
+    Parameters
+    ----------
+    normal_force : float
+        Requested least normal force of each contact, newtons.
+    wrench : (d,) array
+        Total wrench of the fingers, newtons and newton-metres, about the grasp's torque origin: zero, or the opposite
+        of a weight.
+    forces : (k, space) array
+        Of each finger on the body, body frame, newtons.
+    moments : (k, d - space) array or None
+        About the contact points, newton-metres; None where no contact exerts any.
+    normal : (k,) array
+        Normal force of each finger, newtons.
+    friction : (k,) array
+        Required friction of each contact: tangential over normal force.
+    available : tuple of k float or None
+        Friction coefficient of each contact; None for contact models without one.
+    share : float
+        Largest used share of friction, and torsional friction: 1 less the margin to the cones.
+    residual : float
+        Norm of the equilibrium residual, relative to the forces, with moments over the contacts' mean arm.
+    joints : JointSqueeze or None
+        Joint torques and commands; None without joints.
+    """
+
+    normal_force: float
+    wrench: FloatArray
+    forces: FloatArray
+    moments: FloatArray | None
+    normal: FloatArray
+    friction: FloatArray
+    available: tuple[float | None, ...]
+    share: float
+    residual: float
+    joints: JointSqueeze | None = None
+
+    @classmethod
+    def of(cls, grasp: Grasp, x: FloatArray, share: float, wrench: FloatArray, normal_force: float) -> Squeeze:
+        """Return the squeeze of force components x (n,) in the contact frames."""
+        space, both = grasp.space, grasp.contact_wrenches(x)
+        forces = both[:, :space]
+        turning = any(axis >= space for model in grasp.contacts for axis in model.axes(space))
+        normal = np.sum(forces * grasp.normals, axis=1)
+        across = np.linalg.norm(forces - normal[:, None] * grasp.normals, axis=1)
+        unit = np.array([1.0] * space + [grasp.mean_arm] * (grasp.dimension - space))
+        residual = float(np.linalg.norm((grasp.G @ x - wrench) / unit) / np.linalg.norm(forces))
+        available = tuple(model.coefficients.get("friction") for model in grasp.contacts)
+        moments = both[:, space:] if turning else None
+        return cls(normal_force, wrench, forces, moments, normal, across / normal, available, share, residual)
+
+    @property
+    def wrenches(self) -> FloatArray:
+        """Force and moment of each finger about its contact, (k, d), newtons and newton-metres."""
+        return finger_wrenches(self.forces, self.moments)
+
+    @property
+    def largest(self) -> float:
+        """The largest force of a finger, newtons."""
+        return float(np.max(np.linalg.norm(self.forces, axis=1)))
+
+    @property
+    def friction_needed(self) -> float:
+        """Largest friction that a contact needs: with a smaller coefficient it slips."""
+        return float(np.max(self.friction))
+
+    @property
+    def torques(self) -> dict[str, float]:
+        """Actuator torques, newton-metres, by joint; empty for a hand without joints."""
+        return {} if self.joints is None else dict(self.joints.torques)
+
+    def positions(self, gain: Gain | None = None) -> dict[str, float]:
+        """Return position commands ``grasp + tau / gain``, radians (metres for sliding joints), by joint.
+
+        Parameters
+        ----------
+        gain : float or mapping of str to float, optional
+            Gain of position control, newton-metres per radian (newtons per metre); the squeeze's own when left out.
+
+        Raises
+        ------
+        InputError
+            Without joints or without a gain.
+        """
+        if self.joints is None:
+            raise InputError("squeeze", "no joints", "the squeeze of a hand with joints, such as ng.URDFHand")
+        return self.joints.positions(gain)
+
+    def line(self) -> str:
+        """Return normal force, needed and available friction, and the most loaded joint, as text."""
+        pressed = f"normal forces {', '.join(rounded(force) for force in self.normal)} N"
+        told = f"a squeeze with at least {rounded(self.normal_force)} N a finger ({pressed}) needs friction "
+        told += rounded(self.friction_needed, least=NONE)
+        known = [mu for mu in self.available if mu is not None]
+        least = f" of {rounded(min(known))}" if known else ""
+        used = f" ({percent(self.share if self.share > NONE else 0.0)} of what there is)" if known else ""
+        return f"{told}{least}{used}{'' if self.joints is None else f'; {self.joints.words()}'}"
+
+    def __str__(self) -> str:
+        lines = [self.line()]
+        for i, (normal, needed) in enumerate(zip(self.normal, self.friction, strict=True)):
+            lines.append(f"  finger {i} presses with {rounded(normal)} N, friction {rounded(needed, least=NONE)}")
+        if self.joints is not None:
+            shares = self.joints.shares
+            for name, tau in self.joints.torques.items():
+                share = f", {percent(shares[name])} of its effort" if name in shares else ""
+                lines.append(f"  joint {name}: {self.joints.amount(name, tau)}{share}")
+        return "\n".join(lines)
+
+    def to_dict(self) -> Json:
+        """Return the squeeze as JSON data, ``hand.squeeze`` of a solution file."""
+        fingers = []
+        for i, force in enumerate(self.forces):
+            entry = {"force": force.tolist(), "normal": float(self.normal[i]), "friction": float(self.friction[i])}
+            fingers.append(entry if self.moments is None else {**entry, "moment": self.moments[i].tolist()})
+        data = {
+            "normal_force": self.normal_force,
+            "wrench": self.wrench.tolist(),
+            "fingers": fingers,
+            "friction_needed": self.friction_needed,
+            "share": self.share,
+            "residual": self.residual,
+        }
+        return data if self.joints is None else {**data, **self.joints.to_dict()}
+
+    @classmethod
+    def from_dict(cls, hand: Json, stated: object, grasp: Grasp, name: str) -> Squeeze:
+        """Return the squeeze of a solution file.
+
+        Parameters
+        ----------
+        hand : mapping
+            ``hand`` of the file, with ``squeeze``.
+        stated : object
+            ``problem.hand``.
+        grasp : Grasp
+            The squeezed grasp.
+        name : str
+            Shown in messages.
+
+        Raises
+        ------
+        InputError
+            On arrays that do not fit each other or the grasp.
+        """
+        data, k, space = hand["squeeze"], len(grasp), grasp.space
+        fingers = data["fingers"]
+        moments = [f["moment"] for f in fingers if "moment" in f]
+        joints = None
+        if "torques" in data:
+            joints = JointSqueeze.from_dict(data, k, hand, stated if isinstance(stated, Mapping) else {}, name)
+        return cls(
+            number(f"{name}.normal_force", data["normal_force"], above=0.0),
+            array(f"{name}.wrench", data["wrench"], (grasp.dimension,)),
+            array(f"{name}.fingers.force", [f["force"] for f in fingers], (k, space)),
+            array(f"{name}.fingers.moment", moments, (k, grasp.dimension - space)) if moments else None,
+            array(f"{name}.fingers.normal", [f["normal"] for f in fingers], (k,)),
+            array(f"{name}.fingers.friction", [f["friction"] for f in fingers], (k,)),
+            tuple(model.coefficients.get("friction") for model in grasp.contacts),
+            number(f"{name}.share", data["share"], at_least=0.0),
+            number(f"{name}.residual", data["residual"], at_least=0.0),
+            joints,
+        )
+
+
+def finger_wrenches(forces: FloatArray, moments: FloatArray | None) -> FloatArray:
+    """Return the fingers' wrenches (k, d) from forces (k, space) and moments (k, d - space) or None."""
+    count, space = forces.shape
+    turn = np.zeros((count, 3 if space == 3 else 1)) if moments is None else moments
+    return np.concatenate([forces, turn], axis=1)
+
+
+def slippery(squeeze: Squeeze | None) -> str:
+    """Return a warning that a squeeze needs nearly all of the friction; empty where it does not, or none is known."""
+    if squeeze is None or squeeze.share <= SPENT:
+        return ""
+    used = f"{percent(squeeze.share)} of the friction there is"
+    return f"the squeeze alone needs {used}: little is left against pushes, however hard the fingers press"
+
+
+def too_weak(squeeze: Squeeze | None, needed: ForcesNeeded | None, normal_force: float | None = None) -> str:
+    """Return a warning that a squeeze is too weak for the task at full size; empty where it is not, or unknown.
+
+    Parameters
+    ----------
+    squeeze : Squeeze or None
+        Of the solution.
+    needed : ForcesNeeded or None
+        Finger forces of the task.
+    normal_force : float, optional
+        Requested normal force of each finger, newtons; the squeeze's own when left out.
+    """
+    if squeeze is None or needed is None:
+        return ""
+    pressed, most = normal_force or squeeze.normal_force, float(np.max(needed.normal))
+    if most <= pressed:
+        return ""
+    wanted = float(f"{RESERVE * most:.2g}")
+    told = f"the task needs up to {most:.3g} N at a finger, but this squeeze presses with {pressed:.3g} N at least"
+    worst = None if squeeze.joints is None else squeeze.joints.worst
+    if worst is not None and wanted * worst[1] > squeeze.normal_force:
+        able = squeeze.normal_force / worst[1]
+        if able <= pressed:
+            return f"{told}, the most that joint {worst[0]} is strong enough for"
+        return f"{told}: --normal-force {FULL * able:.2g} is what joint {worst[0]} is strong enough for"
+    return f"{told}: --normal-force {wanted:g} presses for all of it"

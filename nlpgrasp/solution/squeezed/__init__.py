@@ -1,1 +1,0 @@
-"""Squeeze of a grasp: internal finger forces, and the joint torques and commands that exert them."""

@@ -1,0 +1,166 @@
+"""Text summaries of the starts of a solve, and the start whose grasp is the answer."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+
+from nlpgrasp.solution.records import UNKNOWN, StartRecord, Status
+from nlpgrasp.solution.schema import SolverData
+
+ALLOWED = 1e-4  # largest relative violation of grasps on a mesh; elsewhere a tenth of it
+SOLVER_WORD = re.compile(r"\b[A-Z][A-Za-z]*(?:_[A-Z][A-Za-z]*)+\b")
+SOLVED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
+WORDS = {  # IPOPT's status to text, of the first program
+    "Solve_Succeeded": "solved",
+    "Solved_To_Acceptable_Level": "solved to a looser tolerance",
+    "Maximum_Iterations_Exceeded": "stopped at the iteration limit",
+    "Maximum_CpuTime_Exceeded": "stopped at the time limit",
+    "Maximum_WallTime_Exceeded": "stopped at the time limit",
+    "User_Requested_Stop": "stopped on request",
+    "Infeasible_Problem_Detected": "found nothing that keeps the constraints",
+    "Restoration_Failed": "did not get back to the constraints",
+    "Search_Direction_Becomes_Too_Small": "stopped, as its steps became too small",
+    "Diverging_Iterates": "diverged",
+    "Error_In_Step_Computation": "could not compute a step",
+    "Invalid_Number_Detected": "met a number that is not finite",
+    "Invalid_Option": "did not run, as an option is invalid or the library of the linear solver does not load",
+    "Insufficient_Memory": "did not run, for want of memory",
+    "Internal_Error": "did not run, by an error of its own",
+}
+BROKEN, UNHELD, NOWHERE = "broke a constraint", "could not hold the task", "found no placement"
+INSIDE = "got a link inside something"
+ERROR, CUT = "ended with an error", "ended before a grasp was found"
+
+
+def solver_words(message: str) -> str:
+    """Return a start's message with IPOPT's status names as plain text."""
+    return SOLVER_WORD.sub(lambda word: WORDS.get(word[0], word[0].replace("_", " ").lower()), message)
+
+
+def why_no_grasp(start: StartRecord) -> str:
+    """Return the reason why a start ended without a grasp, as text; empty for one with a grasp."""
+    kind = _kind(start)
+    if kind is None:
+        return ""
+    if kind == ERROR:
+        return solver_words(start.message) or ERROR
+    if kind == CUT:
+        return start.message or CUT
+    if kind == INSIDE:
+        return start.obstruction or INSIDE
+    broken = f"constraint violation {start.violation:.2g}"
+    if kind == BROKEN:
+        return broken if start.mu.lower > 0.0 else f"{broken}, and the task is not held"
+    return "the task is not held" if kind == UNHELD else kind
+
+
+def starts_lines(starts: Sequence[StartRecord]) -> list[str]:
+    """Return how many starts found a grasp and how the others ended, as text lines; empty for one that succeeded."""
+    lost = [s for s in starts if _kind(s) is not None]
+    count, found = len(starts), len(starts) - len(lost)
+    if count == found:
+        return [f"{'both' if count == 2 else f'all {count}'} starts found a grasp"] if count > 1 else []
+    one = "the only start found no grasp"
+    head = one if count == 1 else f"{found or 'none'} of {count} starts found a grasp"
+    ends = [_ended(kind, own) for kind, own in _by_kind(lost).items()]
+    stuck = [word[0] for s in lost if (word := SOLVER_WORD.search(s.message)) and word[0] not in SOLVED]
+    first = [f"{WORDS.get(w, solver_words(w))} ({stuck.count(w)})" for w in dict.fromkeys(stuck)]
+    solves = f"; their first solves: {', '.join(first)}" if first else ""
+    return [f"{head}: {', '.join(ends)}{solves}"]
+
+
+def ipopt_lines(solver: SolverData) -> list[str]:
+    """Return in a line the number of a solve's calls in which IPOPT did not run; empty where it always did.
+
+    Parameters
+    ----------
+    solver : mapping
+        ``solver`` of a solution.
+    """
+    failures = solver.get("ipopt_failures", {})
+    if not failures:
+        return []
+    lost, calls = sum(failures.values()), max(sum(failures.values()), solver.get("ipopt_calls", 0))
+    why = ", ".join(f"{status}: {count}" for status, count in failures.items())
+    rest = "steps" if lost == calls else "calls and steps"
+    return [f"IPOPT did not run in {lost} of {calls} calls ({why}); the answer comes from the other {rest}"]
+
+
+def winner_of(starts: Sequence[StartRecord], best_start: int | None) -> StartRecord | None:
+    """Return the start whose grasp is the answer; by default that with the largest certified upper bound."""
+    if best_start is not None:
+        return next((s for s in starts if s.index == best_start), None)
+    solved = [s for s in starts if s.has_grasp and s.mu != UNKNOWN]
+    return max(solved, key=lambda s: s.mu.upper, default=None)
+
+
+def passed_over(
+    starts: Sequence[StartRecord],
+    winner: StartRecord | None,
+    before: float = 0.0,
+    label: str = "mu",
+    by_what_is_left: bool = False,
+    squeezed: bool = False,
+) -> list[str]:
+    """Return as text the start with a larger mu than the answer, and why it is not the answer.
+
+    Parameters
+    ----------
+    starts : sequence of StartRecord
+    winner : StartRecord or None
+        The start whose grasp is the answer.
+    before : float
+        The answer's mu before its joint-limit margins were improved.
+    label : str
+        The measure's name.
+    by_what_is_left : bool
+        Whether starts were ranked by their remaining quality in the worst case.
+    squeezed : bool
+        Whether the answer had to be one that a hand can squeeze.
+    """
+    solved = [s for s in starts if s.status is Status.SOLVED and math.isfinite(s.mu.upper)]
+    best = max(solved, key=lambda s: s.mu.upper, default=None)
+    if winner is None or best is None or best.mu.upper <= max(winner.mu.upper, before):
+        return []
+    if best.obstruction:
+        why = best.obstruction
+    elif by_what_is_left:
+        why = "starts were ranked by what is left when contacts are off, which is more of the answer"
+    elif best.mu.lower >= winner.mu.lower:
+        why = "less of it is left when contacts are off and friction is less"
+        why += ", or its contacts cannot press against each other" if squeezed else ""
+    else:
+        why = "less of it is certified than of the answer"
+    return [f"start {best.index} found {label} in {best.mu}: passed over, as {why}"]
+
+
+def _kind(start: StartRecord) -> str | None:
+    """Return how a start without a grasp ended; None for one with a grasp."""
+    if start.status is Status.SOLVED:
+        return None
+    if start.status is Status.TOUCHES:
+        return INSIDE
+    if start.status is Status.FAILED:
+        return ERROR
+    if start.status in (Status.TIME_LIMIT, Status.INTERRUPTED):
+        return CUT
+    if not math.isfinite(start.mu.upper):
+        return NOWHERE
+    return BROKEN if start.mu.lower > 0.0 or start.violation > ALLOWED else UNHELD
+
+
+def _by_kind(starts: Sequence[StartRecord]) -> dict[str, list[StartRecord]]:
+    found: dict[str, list[StartRecord]] = {}
+    for start in starts:
+        found.setdefault(_kind(start) or "", []).append(start)
+    return found
+
+
+def _ended(kind: str, starts: Sequence[StartRecord]) -> str:
+    """Return how many starts ended in this way, with the size of constraint violations, as text."""
+    if kind != BROKEN:
+        return f"{len(starts)} {kind}"
+    ends = [f"{end(s.violation for s in starts):.2g}" for end in (min, max)]
+    return f"{len(starts)} {kind} (violation {' to '.join(dict.fromkeys(ends))})"

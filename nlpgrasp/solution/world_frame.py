@@ -1,0 +1,107 @@
+"""Grasp in a world frame: contacts, forces, task, palm and phases for a pose of the body."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from nlpgrasp.common.spatial import Pose, pose_matrix, rigid_transform, rotate_body_frame
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, read_only
+from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.solution.phase_record import Phase
+from nlpgrasp.tasks import Task
+
+
+@dataclass(frozen=True)
+class SolutionInFrame:
+    """The grasp of a solution in a world frame, given the pose of the body.
+
+    It serves display and planning; the file and ``ng.verify`` use the solution in the body's frame.
+
+    Parameters
+    ----------
+    name : str
+        The problem's.
+    pose : (space + 1, space + 1) array
+        ``[[A, b], [0, 1]]``: a point x of the body is at ``A x + b``, metres.
+    grasp : Grasp
+        Contacts and normals in the world frame; moments about the same point of the body.
+    faces : tuple of str
+        The face each contact is on.
+    task : Task
+        The required wrenches, about the grasp's torque origin.
+    mu : Bounds
+        Certified quality of the grasp: the same in every frame, (3.3-7a).
+    forces : tuple of (wrench, forces)
+        Task wrenches (d,) and finger forces (k, space), newtons.
+    palm_pose : (4, 4) array or None
+        Of the hand's palm, or the gripper's frame; None of hands without one.
+    joints : mapping of str to float
+        Joint positions, radians or metres; empty without joints.
+    phases : tuple of Phase
+        The keyframes of the hand, palm positions and quaternions in this frame.
+    """
+
+    name: str
+    pose: FloatArray
+    grasp: Grasp
+    faces: tuple[str, ...]
+    task: Task
+    mu: Bounds
+    forces: tuple[tuple[FloatArray, FloatArray], ...]
+    palm_pose: FloatArray | None
+    joints: Mapping[str, float]
+    phases: tuple[Phase, ...]
+
+    def __repr__(self) -> str:
+        return f"SolutionInFrame({self.name!r}, {len(self.grasp)} contacts, mu in {self.mu})"
+
+
+def moved(
+    name: str,
+    pose: Pose,
+    grasp: Grasp,
+    faces: tuple[str, ...],
+    task: Task,
+    mu: Bounds,
+    forces: Sequence[tuple[FloatArray, FloatArray]],
+    hand: Json | None,
+    phases: Sequence[Phase],
+) -> SolutionInFrame:
+    """Return a solution's grasp for a pose of the body; the other arguments are the solution's own.
+
+    Raises
+    ------
+    InputError
+        When the pose is no rotation and translation of the grasp's space.
+    """
+    space = grasp.space
+    A, b = rigid_transform("pose", pose, space)
+    whole = np.eye(space + 1)
+    whole[:space, :space], whole[:space, space] = A, b
+    map_of_wrenches = rotate_body_frame(A)
+    stated = None if hand is None else hand.get("palm_pose")
+    return SolutionInFrame(
+        name,
+        read_only(whole),
+        grasp.in_frame(whole),
+        faces,
+        task.given_about(grasp.torque_origin).in_frame(whole),
+        mu,
+        tuple((map_of_wrenches @ wrench, own @ A.T) for wrench, own in forces),
+        None if stated is None else whole @ pose_matrix("hand.palm_pose", stated),
+        dict((hand or {}).get("joint_positions") or {}),
+        tuple(_phase(phase, whole) for phase in phases),
+    )
+
+
+def _phase(phase: Phase, pose: FloatArray) -> Phase:
+    """Return a keyframe with its palm in the world frame."""
+    frame = pose @ phase.palm_frame
+    quaternion = Rotation.from_matrix(frame[:3, :3]).as_quat(canonical=True, scalar_first=True)
+    return replace(phase, palm_position=frame[:3, 3], palm_quaternion=np.asarray(quaternion))

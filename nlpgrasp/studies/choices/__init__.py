@@ -1,1 +1,0 @@
-"""Choice of number and types of contacts by solves with shared warm starts."""

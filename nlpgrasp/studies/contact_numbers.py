@@ -1,0 +1,317 @@
+"""Number of contacts that a task needs (Section 4), and quality against it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+from typing import TypeAlias
+
+import numpy as np
+
+from nlpgrasp.common.formatting import at_most, headroom_words
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import integer, number
+from nlpgrasp.contacts import ContactModel, contact_from_dict
+from nlpgrasp.contacts.cone_inclusion import placed_in
+from nlpgrasp.errors import InputError
+from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.options import SolveOptions, check_search
+from nlpgrasp.optimize.start_result import StartGrasp
+from nlpgrasp.optimize.warm_starts import WarmStart, best_allowed, with_more_contacts
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.quality import Bounds
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.studies.nested_problems import same_body, solve_family
+
+SUBSETS = 256  # most subsets of contacts to keep
+
+
+Penalty: TypeAlias = float | Sequence[float] | Mapping[str, float] | Callable[[tuple[ContactModel, ...], float], float]
+"""What contacts cost, in units of mu: each the same; of the first, second, ... contact; by the contact's kind; or any
+function of the contact models and mu."""
+
+
+@dataclass(frozen=True)
+class ContactCurve:
+    """Certified quality against number of contacts.
+
+    Parameters
+    ----------
+    solutions : tuple of (int, GraspSolution)
+        By number of contacts, increasing.
+    reached : mapping of int to int
+        Number of starts within 2 % of the grasp, by number of contacts, warm starts from other numbers included: with
+        1, a better grasp may well have been missed.
+    possible : mapping of int to float
+        Proved upper bounds on mu by number of contacts, beside those that the solutions state.
+    """
+
+    solutions: tuple[tuple[int, GraspSolution], ...]
+    reached: Mapping[int, int] = field(default_factory=dict)
+    possible: Mapping[int, float] = field(default_factory=dict)
+
+    @property
+    def best_known(self) -> dict[int, float]:
+        """Largest certified lower bound of grasps with at most so many contacts, by number.
+
+        An added contact can be left without force, so at least this is possible with more contacts, if the constraints
+        allow them.
+        """
+        known = np.maximum.accumulate([found.mu.lower for _, found in self.solutions])
+        return {k: float(best) for (k, _), best in zip(self.solutions, known, strict=True)}
+
+    @property
+    def shortfall(self) -> dict[int, float]:
+        """Relative deficit of each grasp against the best known one, by number of contacts; at least 0."""
+        best = self.best_known
+        return {k: 1.0 - found.mu.lower / best[k] if best[k] > 0.0 else 0.0 for k, found in self.solutions}
+
+    @property
+    def best_possible(self) -> dict[int, float]:
+        """Proved upper bound on mu by number of contacts; inf without one."""
+        return {k: min(found.best_possible, self.possible.get(k, np.inf)) for k, found in self.solutions}
+
+    def gap(self, contacts: int) -> float:
+        """Return the relative optimality gap of the grasp with so many contacts; inf without a bound.
+
+        Raises
+        ------
+        InputError
+            On a number of contacts that was not solved.
+        """
+        found = self._at(contacts)
+        bound = self.best_possible[contacts]
+        return max(0.0, float(bound / found.mu.lower - 1.0)) if found.mu.lower > 0.0 else np.inf
+
+    def fewest(self, force: float) -> int | None:
+        """Return the least number of contacts that exerts the whole task with a force, or None.
+
+        Parameters
+        ----------
+        force : float
+            In units of the force budget: the grasp with so many contacts has ``1 / mu.lower`` at most this.
+        """
+        limit = number("force", force, above=0.0)
+        return next((k for k, found in self.solutions if found.mu.lower * limit >= 1.0), None)
+
+    def fewest_possible(self, force: float) -> int | None:
+        """Return the least number of contacts that is not proved insufficient for a force, or None.
+
+        If it equals ``fewest(force)``, that answer is proved: none of the smaller numbers solved exerts the task.
+
+        Parameters
+        ----------
+        force : float
+            In units of the force budget.
+        """
+        limit = number("force", force, above=0.0)
+        return next((k for k, bound in self.best_possible.items() if bound * limit >= 1.0), None)
+
+    def best(self, penalty: Penalty) -> int:
+        """Return the number of contacts with the largest mu less penalty, mu at its lower bound; of equals the least.
+
+        Parameters
+        ----------
+        penalty : float, sequence, mapping or callable
+            In units of mu. A number is the price of each contact. A sequence holds those of the first, second, ...
+            contact. A mapping holds them by the contacts' kind, ``{"friction": 0.05, "soft": 0.1}``. A callable takes
+            the contact models (their number is its ``len``) and mu, and returns what they cost together: any number.
+
+        Raises
+        ------
+        InputError
+            On prices below zero, missing ones, and functions that return no finite number.
+        """
+        return max(self.solutions, key=lambda pair: (self._ends(pair[1], penalty)[0], -pair[0]))[0]
+
+    def worth(self, penalty: Penalty) -> dict[int, Bounds]:
+        """Return mu less penalty by number of contacts, at both ends of mu's interval.
+
+        A penalty that is a function of mu is evaluated at these ends alone.
+        """
+        ends = {k: sorted(self._ends(found, penalty)) for k, found in self.solutions}
+        return {k: Bounds(low, high) for k, (low, high) in ends.items()}
+
+    def _ends(self, found: GraspSolution, penalty: Penalty) -> tuple[float, float]:
+        low, high = found.mu.lower, found.mu.upper if np.isfinite(found.mu.upper) else found.mu.lower
+        contacts = _contacts(found)
+        return low - cost_of(contacts, low, penalty), high - cost_of(contacts, high, penalty)
+
+    def _at(self, contacts: int) -> GraspSolution:
+        for k, found in self.solutions:
+            if k == contacts:
+                return found
+        raise InputError("contacts", contacts, "one of " + ", ".join(str(k) for k, _ in self.solutions))
+
+    def to_dict(self) -> Json:
+        """Return the curve as JSON data, one row per number of contacts."""
+        short, bounds = self.shortfall, self.best_possible
+        return {
+            "curve": [
+                {
+                    "contacts": k,
+                    "status": found.status.name.lower(),
+                    "mu": found.mu.to_dict() if np.isfinite(found.mu.upper) else None,
+                    "kind": found.kind,
+                    "best_known": self.best_known[k],
+                    "shortfall": short[k],
+                    "reached": self.reached.get(k),
+                    "possible": _finite(bounds[k]),
+                    "gap": _finite(self.gap(k)),
+                }
+                for k, found in self.solutions
+            ]
+        }
+
+    def __str__(self) -> str:
+        short = self.shortfall
+        lines = []
+        for k, found in self.solutions:
+            bounds = f"{found.label} in {found.mu}" if found.success else found.status.name.lower()
+            if k in self.reached:
+                bounds += f", met by {self.reached[k]} of {len(found.starts)} starts"
+            if short[k] > 0.0:
+                bounds += f", {short[k]:.1%} below the best known with fewer contacts"
+            if np.isfinite(self.gap(k)):
+                bounds += f", {headroom_words(self.gap(k), 2)}"
+            elif np.isfinite(self.best_possible[k]):
+                bounds += f", at most {at_most(self.best_possible[k], 4)} possible"
+            lines.append(f"{k:3d} contacts: {bounds}")
+        return "\n".join(lines)
+
+
+def cost_of(contacts: tuple[ContactModel, ...], mu: float, penalty: Penalty) -> float:
+    """Return the penalty of contacts at a given mu, in its unit; see ``ContactCurve.best``."""
+    if callable(penalty):
+        value = penalty(contacts, mu)
+        return number("penalty", value)
+    if isinstance(penalty, Mapping):
+        labels = [model.kind for model in contacts]
+        missing = sorted({label for label in labels if label not in penalty})
+        if missing:
+            raise InputError("penalty", f"none for {', '.join(missing)}", "a price for each kind of contact")
+        return sum(number(f"penalty[{label!r}]", penalty[label], at_least=0.0) for label in labels)
+    if isinstance(penalty, list | tuple):
+        if len(penalty) < len(contacts):
+            raise InputError("penalty", f"{len(penalty)} prices", f"{len(contacts)}, one a contact")
+        return sum(number(f"penalty[{i}]", penalty[i], at_least=0.0) for i in range(len(contacts)))
+    return number("penalty", penalty, at_least=0.0) * len(contacts)
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+def _contacts(found: GraspSolution) -> tuple[ContactModel, ...]:
+    return tuple(contact_from_dict(data) for data in found.problem["contacts"])
+
+
+def how_many_contacts(
+    problem_with: Callable[[int], GraspProblem],
+    counts: Iterable[int],
+    starts: int = 8,
+    seed: int = 0,
+    options: SolveOptions | None = None,
+    *,
+    possible: Mapping[int, float] | None = None,
+) -> ContactCurve:
+    """Solve a problem with different numbers of contacts, with each other's grasps as warm starts.
+
+    An added contact can be left without force: where x is within the force budget, so is (x, 0), for the L2 norm, for
+    each normal force, for each force, and for their sum. So mu can only rise with an added contact, and so do the
+    certified bounds: each grasp with one more contact, if the constraints allow it, is a warm start for the next
+    number, with the certified bound of the smaller one. In the other direction, each grasp less a contact is a warm
+    start too. Beside its own starts, each number begins from the best of thousands of random placements, screened by
+    ``ng.screen``. Under joint torques, and with a hand that has a pose, each number is solved alone. Every solution
+    states a global bound, so that the curve shows the largest possible improvement for each number.
+
+    Parameters
+    ----------
+    problem_with : callable
+        Function of the number of contacts that returns the problem; the task is the same for all.
+    counts : iterable of int
+        Numbers of contacts to try.
+    starts, seed, options
+        As for ``solve``.
+    possible : mapping of int to float, optional
+        Proved upper bounds on mu by the number of contacts that are tighter than those the solutions state; such as
+        ``ng.best_possible(problem_with(k)).upper`` of a longer search.
+
+    Raises
+    ------
+    InputError
+        Without counts, on problems with another number of contacts, different tasks, or invalid bounds.
+    """
+    if not callable(problem_with):
+        raise InputError("problem_with", problem_with, "a function of the number of contacts")
+    if not isinstance(counts, Iterable):
+        raise InputError("counts", counts, "numbers of contacts")
+    numbers = sorted({integer("counts", k, at_least=1) for k in counts})
+    if not numbers:
+        raise InputError("counts", "no numbers of contacts", "at least one")
+    starts, seed, options = check_search(starts, seed, options)
+    bounds = _possible(possible)
+    problems = [problem_with(k) for k in numbers]
+    for k, problem in zip(numbers, problems, strict=True):
+        _check(k, problem, problems[0])
+    pairs = [(i, i + 1) for i in range(len(problems) - 1)]
+    found = dict(zip(numbers, solve_family(problems, pairs, OtherNumber(), starts, seed, options), strict=True))
+    solutions = tuple((k, solution) for k, (solution, _) in found.items())
+    return ContactCurve(solutions, {k: reached for k, (_, reached) in found.items()}, bounds)
+
+
+def _check(k: int, problem: GraspProblem, first: GraspProblem) -> None:
+    """Refuse a problem with another number of contacts than requested, or with another task."""
+    if not isinstance(problem, GraspProblem) or len(problem.models) != k:
+        raise InputError("problem_with", problem, f"a GraspProblem with {k} contacts")
+    same = np.array_equal(problem.origin, first.origin) and problem.budget == first.budget
+    if not same or problem.task.to_dict() != first.task.to_dict():
+        raise InputError(
+            "problem_with", f"another task, torque origin or budget with {k} contacts", "the same task for all"
+        )
+
+
+def _possible(given: Mapping[int, float] | None) -> dict[int, float]:
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping):
+        raise InputError("possible", given, "bounds by the number of contacts")
+    return {
+        integer("possible", k, at_least=1): number(f"possible[{k}]", bound, at_least=0.0) for k, bound in given.items()
+    }
+
+
+class OtherNumber:
+    """Conversion between problems of one body with fewer and more contacts, without posed hands."""
+
+    def up(self, found: StartGrasp, small: Workbench, large: Workbench) -> WarmStart | None:
+        """Return the grasp with the best of some random added contacts that keep the constraints, if any."""
+        if not self._suits(small, large):
+            return None
+        return with_more_contacts(large, found.found.grasp, found.found.placed.faces)
+
+    def down(self, found: StartGrasp, large: Workbench, small: Workbench) -> WarmStart | None:
+        """Return the grasp with the best subset of contacts that keeps the constraints, if any."""
+        grasp, kept = found.found.grasp, _choices(large, small) if self._suits(small, large) else []
+        if not kept:
+            return None
+        chosen = np.array(kept)
+        faces = np.array(found.found.placed.faces, dtype=object)[chosen]
+        placed = best_allowed(small, grasp.points[chosen], grasp.normals[chosen], faces)
+        return None if placed is None else WarmStart(placed)
+
+    def _suits(self, small: Workbench, large: Workbench) -> bool:
+        follow = small.follows_contacts and large.follows_contacts
+        return follow and same_body(small.problem.body, large.problem.body)
+
+
+def _choices(large: Workbench, small: Workbench) -> list[Sequence[int]]:
+    """Return the ordered subsets of the larger problem's contacts that may replace those of the smaller."""
+    mine, theirs, space = small.problem.models, large.problem.models, small.problem.body.space
+    found: list[Sequence[int]] = []
+    for subset in combinations(range(len(theirs)), len(mine)):
+        places = placed_in(mine, [theirs[j] for j in subset], space)
+        if places is not None and len(found) < SUBSETS:
+            found.append([subset[p] for p in places])
+    return found

@@ -1,0 +1,455 @@
+"""Choice of contact types per finger, hard or soft (Section 4)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations_with_replacement, product
+from typing import TypeAlias
+
+import numpy as np
+
+from nlpgrasp.common.formatting import at_least, at_most
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import integer, number, within
+from nlpgrasp.contacts import ContactModel
+from nlpgrasp.contacts.cone_inclusion import placed_in
+from nlpgrasp.errors import InputError
+from nlpgrasp.optimize.candidate import Placed
+from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.constraint_values import HandPoints, RowValues
+from nlpgrasp.optimize.options import SolveOptions, check_search
+from nlpgrasp.optimize.start_result import StartGrasp
+from nlpgrasp.optimize.surface_samples import SurfaceSamples
+from nlpgrasp.optimize.warm_starts import WarmStart
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.quality import Bounds
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.studies.nested_problems import solve_family
+
+MOST = 256  # most assignments
+DRAWN = 8  # random placements that test whether contacts are interchangeable
+
+
+@dataclass(frozen=True)
+class TypeAssignment:
+    """An assignment of contact types, with the best known grasp.
+
+    Parameters
+    ----------
+    types : tuple of k str
+        A name of the menu for each contact.
+    solution : GraspSolution
+        Certified; can be saved and verified on its own.
+    cost : float
+        The sum of its contacts' costs.
+    reached : int
+        Number of starts within 2 % of the grasp.
+    """
+
+    types: tuple[str, ...]
+    solution: GraspSolution
+    cost: float = 0.0
+    reached: int = 0
+
+    @property
+    def mu(self) -> Bounds:
+        """Certified quality of the grasp; [0, 0] without one."""
+        return self.solution.mu if self.solution.success else Bounds(0.0, 0.0)
+
+    def count(self, name: str) -> int:
+        """Return the number of contacts of a type."""
+        return self.types.count(name)
+
+    def to_dict(self) -> Json:
+        """Return the assignment as JSON data, without the solution itself."""
+        return {
+            "types": list(self.types),
+            "status": self.solution.status.name.lower(),
+            "mu": self.mu.to_dict(),
+            "cost": self.cost,
+            "reached": self.reached,
+        }
+
+    def __str__(self) -> str:
+        return " ".join(self.types)
+
+
+@dataclass(frozen=True)
+class Upgrade:
+    """Gain of an assignment over the next smaller one.
+
+    Parameters
+    ----------
+    before, after : TypeAssignment
+        The types of the second dominate those of the first.
+    """
+
+    before: TypeAssignment
+    after: TypeAssignment
+
+    @property
+    def gain(self) -> Bounds:
+        """Certified rise of mu between the grasps; at least 0, as the first grasp is feasible for the second types."""
+        low, high = self.before.mu, self.after.mu
+        return Bounds(max(low_end(high, low), 0.0), max(high.upper - low.lower, 0.0))
+
+    @property
+    def certain(self) -> bool:
+        """Whether the intervals are disjoint, so that the rise is certain."""
+        return self.gain.lower > 0.0
+
+    def to_dict(self) -> Json:
+        """Return the upgrade as JSON data."""
+        return {
+            "before": list(self.before.types),
+            "after": list(self.after.types),
+            "gain": self.gain.to_dict(),
+            "certain": self.certain,
+        }
+
+    def __str__(self) -> str:
+        text = f"{self.before} -> {self.after}"
+        if not self.after.solution.success:
+            return f"{text}: no grasp found with either"
+        if not self.certain:
+            return f"{text}: not told apart, at most +{at_most(self.gain.upper, 4)}"
+        return f"{text}: +{at_least(self.gain.lower, 4)} to +{at_most(self.gain.upper, 4)}"
+
+
+def low_end(high: Bounds, low: Bounds) -> float:
+    """Return the least excess of the first interval over the second."""
+    return high.lower - low.upper
+
+
+@dataclass(frozen=True)
+class TypeChoice:
+    """Ranked assignments of contact types.
+
+    Parameters
+    ----------
+    name : str
+        The problem's.
+    assignments : tuple of TypeAssignment
+        Largest certified lower bound first; of equals the richer one.
+    upgrades : tuple of Upgrade
+        Gains between neighbours: no third assignment is between the two.
+    """
+
+    name: str
+    assignments: tuple[TypeAssignment, ...]
+    upgrades: tuple[Upgrade, ...] = ()
+
+    def best(
+        self, *, at_most: Mapping[str, int] | None = None, spend: float | None = None, price: float = 0.0
+    ) -> TypeAssignment | None:
+        """Return the best assignment within limits, mu at its lower bound; the cheapest among equals; None without any.
+
+        Parameters
+        ----------
+        at_most : mapping of str to int, optional
+            Largest number of contacts of a type: ``{"soft": 1}`` allows one soft finger.
+        spend : float, optional
+            Largest total cost.
+        price : float
+            Price of a unit of cost, in units of mu: the best has the largest ``mu - price * cost``.
+
+        Raises
+        ------
+        InputError
+            On types that no assignment has, and limits below zero.
+        """
+        names = {name for a in self.assignments for name in a.types}
+        limits = at_most or {}
+        if not isinstance(limits, Mapping) or any(name not in names for name in limits):
+            raise InputError("at_most", at_most, "numbers by type: " + ", ".join(sorted(names)))
+        most = {name: integer(f"at_most[{name!r}]", n, at_least=0) for name, n in limits.items()}
+        limit = np.inf if spend is None else number("spend", spend, at_least=0.0)
+        each = number("price", price, at_least=0.0)
+        within = [
+            a
+            for a in self.assignments
+            if a.solution.success and a.cost <= limit and all(a.count(name) <= n for name, n in most.items())
+        ]
+        return max(within, key=lambda a: (a.mu.lower - each * a.cost, -a.cost), default=None)
+
+    def not_told_apart(self, assignment: TypeAssignment) -> tuple[TypeAssignment, ...]:
+        """Return the other assignments whose certified intervals overlap this one's."""
+        one = assignment.mu
+        others = (a for a in self.assignments if a is not assignment)
+        return tuple(a for a in others if a.mu.lower <= one.upper and one.lower <= a.mu.upper)
+
+    @property
+    def frontier(self) -> tuple[TypeAssignment, ...]:
+        """Pareto frontier: assignments whose mu, at its lower bound, no other one of at most their cost reaches."""
+        found: list[TypeAssignment] = []
+        for a in sorted(self.assignments, key=lambda a: (a.cost, -a.mu.lower)):
+            if a.solution.success and (not found or a.mu.lower > found[-1].mu.lower):
+                found.append(a)
+        return tuple(found)
+
+    def to_dict(self) -> Json:
+        """Return the ranking as JSON data."""
+        return {
+            "name": self.name,
+            "assignments": [a.to_dict() for a in self.assignments],
+            "upgrades": [u.to_dict() for u in self.upgrades],
+        }
+
+    def __str__(self) -> str:
+        width = max(len(str(a)) for a in self.assignments)
+        lines = [f"{self.name}: {len(self.assignments)} assignments of contact types, the best known grasp of each"]
+        for a in self.assignments:
+            bounds = f"{a.solution.label} in {a.mu}" if a.solution.success else "no grasp found"
+            same = len(self.not_told_apart(a)) if a.solution.success else 0
+            note = f", not told apart from {same} other{'s' * (same > 1)}" if same else ""
+            lines.append(f"  {a!s:{width}}  cost {a.cost:g}  {bounds}{note}")
+        return "\n".join([*lines, *(f"  {u}" for u in self.upgrades)])
+
+
+Types: TypeAlias = Mapping[str, ContactModel]
+Names: TypeAlias = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Menu:
+    """Allowed contact types of each contact, by name.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+    each : tuple of k mappings of str to ContactModel
+        Allowed types, with the faces of the problem's own contact where the type states none.
+    groups : tuple of k int
+        Group of each contact; those of one group are interchangeable.
+    """
+
+    problem: GraspProblem
+    each: tuple[Types, ...]
+    groups: tuple[int, ...]
+
+    @classmethod
+    def of(cls, problem: GraspProblem, types: Types | Sequence[Types]) -> Menu:
+        """Return the menu of a problem's contacts: one for all, or one per contact.
+
+        Raises
+        ------
+        InputError
+            On a menu without a type, one that is no contact model, or another number of menus than of contacts.
+        """
+        if not isinstance(problem, GraspProblem):
+            raise InputError("problem", problem, "a GraspProblem")
+        k = len(problem.models)
+        given = (types,) * k if isinstance(types, Mapping) else types
+        if not isinstance(given, list | tuple) or not all(isinstance(m, Mapping) for m in given):
+            raise InputError("types", types, "contact models by name, or such a mapping for each contact")
+        if len(given) != k:
+            raise InputError("types", f"{len(given)} menus", f"{k}, one a contact, or one for all")
+        names = ["types" if isinstance(types, Mapping) else f"types[{i}]" for i in range(k)]
+        pairs = zip(names, given, problem.models, strict=True)
+        each = tuple(_checked(name, own, model.faces) for name, own, model in pairs)
+        with within("types: "):
+            for i, own in enumerate(each):
+                for model in own.values():
+                    models = (*problem.models[:i], model, *problem.models[i + 1 :])
+                    replace(problem, contacts=models)
+        return cls(problem, each, _groups(problem, each))
+
+    @property
+    def assignments(self) -> list[Names]:
+        """The distinct assignments of types to contacts; for interchangeable contacts only the counts matter.
+
+        Raises
+        ------
+        InputError
+            Where there are more than 256.
+        """
+        members = {g: [i for i, own in enumerate(self.groups) if own == g] for g in dict.fromkeys(self.groups)}
+        ways = [list(combinations_with_replacement(list(self.each[m[0]]), len(m))) for m in members.values()]
+        total = float(np.prod([float(len(w)) for w in ways]))
+        if total > MOST:
+            raise InputError("types", f"{total:.0f} distinct assignments", f"at most {MOST}")
+        found = []
+        for chosen in product(*ways):
+            names = [""] * len(self.groups)
+            for places, own in zip(members.values(), chosen, strict=True):
+                for i, name in zip(places, own, strict=True):
+                    names[i] = name
+            found.append(tuple(names))
+        return found
+
+    def models(self, names: Names) -> tuple[ContactModel, ...]:
+        """Return the contact models of an assignment."""
+        return tuple(own[name] for own, name in zip(self.each, names, strict=True))
+
+    def problem_with(self, names: Names) -> GraspProblem:
+        """Return the problem with the contacts of an assignment."""
+        changes: Json = {"contacts": self.models(names), "name": f"{self.problem.name[:150]}: {' '.join(names)[:45]}"}
+        return replace(self.problem, **changes)
+
+    def places(self, small: Names, large: Names) -> list[int] | None:
+        """Return an injective map of contacts to larger ones whose types dominate theirs, or None."""
+        return placed_in(self.models(small), self.models(large), self.problem.body.space, self.groups)
+
+    def ordered(self) -> tuple[list[Names], list[tuple[int, int]]]:
+        """Return the assignments in an order from smaller to larger, and the pairs of neighbours.
+
+        One assignment is smaller than another if each of its contacts is dominated by one of the other's.
+        """
+        names = self.assignments
+        below = np.array([[a != b and self.places(a, b) is not None for b in names] for a in names])
+        below &= ~(below & below.T & (np.arange(len(names))[:, None] > np.arange(len(names))))  # equal: the first
+        order = np.argsort(below.sum(axis=0), kind="stable")
+        below = below[np.ix_(order, order)]
+        between = (below.astype(int) @ below.astype(int)) > 0
+        pairs = [(int(a), int(b)) for a, b in np.argwhere(below & ~between)]
+        return [names[i] for i in order], pairs
+
+
+def _checked(name: str, types: Types, faces: Iterable[str] | str | None) -> dict[str, ContactModel]:
+    if not types:
+        raise InputError(name, "no type", "at least one contact model by name")
+    for key, model in types.items():
+        if not isinstance(key, str) or not key.strip():
+            raise InputError(name, key, "names of contact models")
+        if not isinstance(model, ContactModel):
+            raise InputError(f"{name}[{key!r}]", model, "a contact model such as ng.FrictionContact")
+    changes: Json = {"faces": faces}
+    return {key: model if model.faces is not None else replace(model, **changes) for key, model in types.items()}
+
+
+def _groups(problem: GraspProblem, each: Sequence[Types]) -> tuple[int, ...]:
+    """Return a group number for each contact, equal for interchangeable contacts."""
+    budget, hand = problem.budget, problem.hand
+    if budget.depends_on_frames or budget.follows_hand or (hand is not None and not hand.follows_contacts):
+        return tuple(range(len(each)))
+    rows, samples, hand_points = RowValues(problem), SurfaceSamples(problem), HandPoints(problem)
+    rng = np.random.default_rng(0)
+    clouds = [samples.cloud(i) for i in range(len(each))]
+    drawn = [rng.integers(len(cloud.points), size=DRAWN) for cloud in clouds]
+    points = np.stack([c.points[where] for c, where in zip(clouds, drawn, strict=True)], axis=1)
+    normals = np.stack([c.normals[where] for c, where in zip(clouds, drawn, strict=True)], axis=1)
+    limits = np.array([[row.lower, row.upper, row.scale] for row in rows.named]).reshape(-1, 3)
+
+    def stated(order: list[int]) -> list[list[tuple[float, ...]]]:
+        p, n = points[:, order], normals[:, order]
+        values = rows.values(p, n, hand_points.start(p, n))
+        return [sorted(tuple(np.round([v, *limit], 9)) for v, limit in zip(row, limits, strict=True)) for row in values]
+
+    same = list(range(len(each)))
+    before = stated(list(range(len(each))))
+    for j in range(len(each)):
+        for i in range(j):
+            order = list(range(len(each)))
+            order[i], order[j] = j, i
+            if same[i] == i and each[i] == each[j] and stated(order) == before:
+                same[j] = i
+                break
+    return tuple(same)
+
+
+def choose_contact_types(
+    problem: GraspProblem,
+    types: Types | Sequence[Types],
+    starts: int = 8,
+    seed: int = 0,
+    options: SolveOptions | None = None,
+    *,
+    costs: Mapping[str, float] | None = None,
+) -> TypeChoice:
+    """Solve a problem with every distinct assignment of contact types, and rank the assignments.
+
+    For interchangeable contacts (the same menu and faces, no constraint or hand that distinguishes them) only the
+    number of each type matters: two types for three such contacts make four assignments, not eight. The fingers of a
+    hand with a pose are all distinct.
+
+    A contact whose force domain contains another's can exert the other's forces, so that the best grasp with richer
+    contacts is never worse. Every assignment has warm starts from the grasps of smaller ones, with their certified
+    bounds, and from those of larger ones; so no known grasp contradicts the ranking.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+        Its contacts' faces are used where a type states none; their models are ignored.
+    types : mapping of str to ContactModel, or sequence of k mappings
+        Allowed types by name, for all contacts or for each.
+    starts, seed, options
+        As for ``solve``, for each assignment.
+    costs : mapping of str to float, optional
+        Cost of a contact of each type, at least 0, in any unit; 0 for all when left out.
+
+    Returns
+    -------
+    TypeChoice
+        A ranked table; assignments without a grasp come last.
+
+    Raises
+    ------
+    InputError
+        On a menu without a type or with something else than contact models, more than 256 assignments, and costs that
+        are missing or below zero.
+    """
+    menu = Menu.of(problem, types)
+    starts, seed, options = check_search(starts, seed, options)
+    prices = _prices(menu, costs)
+    names, pairs = menu.ordered()
+    problems = [menu.problem_with(own) for own in names]
+    solved = solve_family(problems, pairs, OtherTypes(menu, names), starts, seed, options)
+    found = [
+        TypeAssignment(own, solution, sum(prices[name] for name in own), reached)
+        for own, (solution, reached) in zip(names, solved, strict=True)
+    ]
+    # neighbours are ordered from smaller to larger; of equals the later is the richer
+    ranked = sorted(range(len(found)), key=lambda i: (-found[i].mu.lower, -i))
+    upgrades = tuple(Upgrade(found[a], found[b]) for a, b in pairs)
+    return TypeChoice(problem.name, tuple(found[i] for i in ranked), upgrades)
+
+
+class OtherTypes:
+    """Conversion between assignments of contact types: each contact moves to a finger of a dominating type.
+
+    Parameters
+    ----------
+    menu : Menu
+    names : list of tuple of str
+        The assignments.
+    """
+
+    def __init__(self, menu: Menu, names: list[Names]) -> None:
+        self._menu = menu
+        self._names = {menu.problem_with(own).models: own for own in names}
+
+    def up(self, found: StartGrasp, small: Workbench, large: Workbench) -> WarmStart | None:
+        """Return the grasp with the richer contacts, of at least the same quality."""
+        places = self._places(small, large)
+        if places is None:
+            return None
+        back = [places.index(j) for j in range(len(places))]
+        return _reordered(found, back)
+
+    def down(self, found: StartGrasp, large: Workbench, small: Workbench) -> WarmStart | None:
+        """Return the grasp with the poorer contacts, without a guarantee."""
+        places = self._places(small, large)
+        return None if places is None else _reordered(found, places)
+
+    def _places(self, small: Workbench, large: Workbench) -> list[int] | None:
+        return self._menu.places(self._names[small.problem.models], self._names[large.problem.models])
+
+
+def _reordered(found: StartGrasp, order: list[int]) -> WarmStart:
+    """Return the grasp with its contacts in another order."""
+    placed, grasp = found.found.placed, found.found.grasp
+    faces = tuple(placed.faces[i] for i in order)
+    return WarmStart(Placed(faces, grasp.points[order], placed.hand), grasp.normals[order])
+
+
+def _prices(menu: Menu, costs: Mapping[str, float] | None) -> dict[str, float]:
+    names = list(dict.fromkeys(name for own in menu.each for name in own))
+    if costs is None:
+        return dict.fromkeys(names, 0.0)
+    if not isinstance(costs, Mapping) or any(name not in names for name in costs):
+        raise InputError("costs", costs, "costs by type: " + ", ".join(names))
+    missing = [name for name in names if name not in costs]
+    if missing:
+        raise InputError("costs", f"none for {', '.join(missing)}", "a cost for each type")
+    return {name: number(f"costs[{name!r}]", costs[name], at_least=0.0) for name in names}

@@ -1,0 +1,246 @@
+"""Dynamic grasping (Section 3.6): grasps for a task that changes with a parameter.
+
+The contacts for one task are a few refinement steps away from a local optimum for a slightly different task: the
+program is the same except for its cuts. So the grasp of each step is a warm start of the next, certified unchanged and
+refined. A short branch and bound, and a start of its own, show whether another local optimum is so much better that a
+regrasp pays; for smaller gains the fingers stay where they are.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import linear_sum_assignment
+
+from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.errors import InputError
+from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.options import SolveOptions, check_search
+from nlpgrasp.optimize.parallel_starts import Runner
+from nlpgrasp.optimize.processes import one_thread
+from nlpgrasp.optimize.start_result import StartGrasp
+from nlpgrasp.optimize.warm_starts import WarmStart
+from nlpgrasp.pipeline.multistart import Multistart
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.quality import mu
+from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.solution.obstructions import of_the_grasp
+from nlpgrasp.solution.records import Origin
+from nlpgrasp.solution.solution import GraspSolution
+
+RTOL = 0.005  # largest relative gap of certificates, as moves depend on some percent
+ROUNDS = 8  # most rounds of a refinement, which begins near a local optimum
+KNOWN = 16  # latest grasps whose contacts a start begins from as well
+
+
+@dataclass(frozen=True)
+class DynamicStep:
+    """The grasp for one value of the parameter.
+
+    Parameters
+    ----------
+    parameter : float
+        The value, in the caller's own unit.
+    solution : GraspSolution
+        Certified; can be saved and verified on its own.
+    moved : (k,) array
+        Displacement of each contact from the previous value, metres.
+    regrasp : bool
+        Whether this is another local optimum, not reached by sliding.
+    stayed : float
+        Upper bound on mu of the previous value's contacts for this task.
+    cold : bool
+        Whether no followed grasp held, so that this one comes from a cold solve.
+    """
+
+    parameter: float
+    solution: GraspSolution
+    moved: FloatArray
+    regrasp: bool
+    stayed: float
+    cold: bool = False
+
+    @property
+    def how(self) -> str:
+        """Motion of the fingers, as text."""
+        most = 1e3 * float(np.max(self.moved, initial=0.0))
+        if self.solution.mu.lower <= 0.0:
+            return "no grasp, also by a cold solve"
+        if self.cold:
+            return "found by a cold solve, as none that was followed held"
+        if self.regrasp:
+            return "regrasp"
+        return f"slide by at most {most:.1f} mm" if most > 0.0 else "stay"
+
+
+@dataclass(frozen=True)
+class DynamicGrasp:
+    """Grasps for a changing task, each certified for the parameter of its own step.
+
+    Nothing is certified between two steps: neither the tasks between them, nor the grasps while fingers slide.
+
+    Parameters
+    ----------
+    name : str
+        The problem's.
+    steps : tuple of DynamicStep
+        One per task, in order.
+    """
+
+    name: str
+    steps: tuple[DynamicStep, ...]
+
+    @property
+    def paths(self) -> FloatArray:
+        """Contacts over the parameter, (steps, k, space); a regrasp begins another path."""
+        return np.array([step.solution.grasp.points for step in self.steps if step.solution.grasp is not None])
+
+    def __str__(self) -> str:
+        lines = [f"{self.name}: {len(self.steps)} steps, certified at each, not between them"]
+        for step in self.steps:
+            bounds, kind = step.solution.mu, step.solution.kind
+            text = f"{step.parameter:10.4g}: {kind} in {bounds}, {step.how}"
+            wrong = "".join(f"; {words}" for words in of_the_grasp(step.solution.hand))
+            lines.append(f"{text}; staying would give at most {step.stayed:.4g}{wrong}")
+        return "\n".join(lines)
+
+
+def follow_task(
+    problem_at: Callable[[float], GraspProblem],
+    parameters: ArrayLike,
+    starts: int = 8,
+    seed: int = 0,
+    options: SolveOptions | None = None,
+    regrasp_gain: float = 0.02,
+) -> DynamicGrasp:
+    """Return the grasps for a task that changes with a parameter, each with the previous one as a warm start.
+
+    Each is certified for its own parameter value; nothing is certified between two values, nor while fingers slide.
+
+    Parameters
+    ----------
+    problem_at : callable
+        Function of the parameter that returns the problem. Only its task and its name may differ.
+    parameters : (m,) array
+        At least 2, in the order in which the task changes.
+    starts : int
+        Most starts of a cold solve: at the first step, and where the previous grasp does not hold. At other steps there
+        is one beside the warm start. None is run once the bound proves the grasp to be within a percent of the best.
+    seed : int
+        Of the starts.
+    options : SolveOptions, optional
+        Of each step's solve. The fingers move by mu alone.
+    regrasp_gain : float
+        Least relative gain for which the fingers move, by sliding or by a regrasp to another local optimum; at least
+        zero.
+
+    Returns
+    -------
+    DynamicGrasp
+        One step per parameter value, with a global bound where branch and bound covers the problem
+        (``step.solution.gap``). A step without a grasp, even of a cold solve, says so by its status.
+
+    Raises
+    ------
+    InputError
+        When more than the task changes, a task is empty, or no grasp is found for any.
+    """
+    if not callable(problem_at):
+        raise InputError("problem_at", problem_at, "a function of the parameter")
+    starts, seed, options = check_search(starts, seed, options)
+    values = array("parameters", parameters, (None,))
+    if len(values) < 2:
+        raise InputError("parameters", f"{len(values)} values", "at least 2")
+    gain = number("regrasp_gain", regrasp_gain, at_least=0.0)
+    problems = [_problem(problem_at, value) for value in values.tolist()]
+    for problem, value in zip(problems[1:], values[1:].tolist(), strict=True):
+        _check_same(problems[0], problem, value)
+    options = options.narrow()
+    first = Workbench(problems[0], replace(options, rounds=min(options.rounds, ROUNDS)))
+    benches = [first, *(first.with_task(problem) for problem in problems[1:])]
+    with one_thread():
+        steps = tuple(_followed(zip(benches, values.tolist(), strict=True), starts, seed, options, gain))
+    if not any(step.solution.mu.lower > 0.0 for step in steps):
+        raise InputError("problem_at", "no grasp found for any of the parameters", "tasks with a grasp")
+    return DynamicGrasp(problems[0].name, steps)
+
+
+def _problem(problem_at: Callable[[float], GraspProblem], value: float) -> GraspProblem:
+    problem = problem_at(value)
+    if not isinstance(problem, GraspProblem):
+        raise InputError("problem_at", problem, f"a GraspProblem at {value:g}")
+    if not np.any(problem.task.second_moment()):
+        raise InputError("problem_at", f"a task that asks for nothing at {value:g}", "tasks with some wrench")
+    return problem
+
+
+def _check_same(one: GraspProblem, other: GraspProblem, value: float) -> None:
+    """Refuse problems that differ in more than their task."""
+    a, b = one.to_dict(), other.to_dict()
+    differ = [name for name in a if name != "task" and a[name] != b[name]]
+    if not np.array_equal(one.origin, other.origin):
+        differ.append("torque_origin")
+    if differ:
+        raise InputError(
+            "problem_at", f"another {', '.join(differ)} at {value:g}", "problems that differ in their task"
+        )
+
+
+def _followed(
+    tasks: Iterable[tuple[Workbench, float]], starts: int, seed: int, options: SolveOptions, gain: float
+) -> Iterator[DynamicStep]:
+    """Yield the grasp for each task, given with its parameter; see ``follow_task``."""
+    held: StartGrasp | None = None
+    known = deque[FloatArray](maxlen=KNOWN)
+    for bench, parameter in tasks:
+        search = Multistart(Runner(bench.problem, options, 1, bench), seed)
+        search.begin_bound()
+        if held is not None:
+            search.add(WarmStart(held.found.placed, held.found.grasp.normals))
+        rtol, lost = min(options.final_rtol, RTOL), search.best is None
+        search.run_until_proved(starts if lost else 1, rtol, known)
+        search.close_gap()
+        best = _worth_moving(search, rtol, gain)
+        if best is not None:
+            search.keep(best)
+        yield _step(bench, search, held, parameter, cold=lost and held is not None)
+        held = search.chosen or held
+        known.extend(r.found.grasp.points for r in search.results if isinstance(r, StartGrasp) and r.solved)
+
+
+def _worth_moving(search: Multistart, rtol: float, gain: float) -> StartGrasp | None:
+    """Return the warm start unchanged, or else refined, where the best start does not gain enough over it."""
+    best = search.certify_best(rtol)
+    if best is None:
+        return None
+    least = best.record.mu.lower / (1.0 + gain)
+    solved = [r for r in search.results if isinstance(r, StartGrasp) and r.solved and r.record.mu.upper >= least]
+    warm = [start for start in solved if start.record.origin is Origin.WARM_START]
+    certified = (start.certified(search.runner.problem, rtol, search.seed) for start in warm)
+    return next((start for start in certified if start.record.mu.lower >= least), best)
+
+
+def _step(bench: Workbench, search: Multistart, held: StartGrasp | None, parameter: float, cold: bool) -> DynamicStep:
+    """Return the record of a step, with the way from the grasp held before.
+
+    Its solution does not list the starts: fingers may stay where another start is better.
+    """
+    solution, best = replace(search.answer(), starts=(), best_start=None), search.chosen
+    moved, regrasp, stayed = np.zeros(len(bench.problem.models)), False, solution.mu.upper
+    if held is not None:
+        before, budget = held.found.grasp, bench.budget(held.found.placed)
+        stayed = mu(before, bench.problem.task, bench.options.rtol, force_budget=budget).upper
+        if best is not None:
+            regrasp = best.record.origin is not Origin.WARM_START
+            moved = _moved(before, best.found.grasp, any_order=regrasp)
+    return DynamicStep(parameter, solution, moved, regrasp, stayed, cold)
+
+
+def _moved(before: Grasp, after: Grasp, any_order: bool) -> FloatArray:
+    """Return the contacts' displacements, (k,), metres; in any order by the matching with the least sum."""
+    apart = np.linalg.norm(before.points[:, None] - after.points, axis=2)
+    return apart[linear_sum_assignment(apart)] if any_order else np.diagonal(apart)

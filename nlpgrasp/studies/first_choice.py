@@ -1,0 +1,359 @@
+"""Rule-based initial choice from weight and size: number and type of contacts, force and opening (Section 4)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nlpgrasp.bodies import Body, Mesh
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.contacts import ContactModel, FrictionContact, SoftContact
+from nlpgrasp.errors import InputError
+from nlpgrasp.hands import Hand, ParallelJaw
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.tasks import Task, TaskEllipsoid
+from nlpgrasp.tasks.tools import WEIGHT
+
+WIDEST, HEAVY = 0.07, 0.5  # metres, kilograms: 96 % of human grasp widths, 92 % of object masses
+FINGERS, MOST = 5, 12  # most contacts of a precision grasp, and of any: G_2 of (4-2) has twelve
+LEAST_ROOM, ROOM = 0.005, 0.1  # clearance on each side of the body: metres, share of its width
+LONG, FLAT = 2.0, 3.0  # least ratios: longest over middle side, middle over shortest
+SMALL, LARGE = 0.025, 0.05  # diameters of wraps, metres
+SHAKE = 0.1  # share of the weight: disturbance at the far end of the body
+CELLS = 48  # cells along each side of the box in which a volume is counted
+FEIX_1 = "Feix, Bullock and Dollar 2014, DOI 10.1109/TOH.2014.2326871"
+FEIX_2 = "Feix, Bullock and Dollar 2014, DOI 10.1109/TOH.2014.2326867"
+CUTKOSKY = "Cutkosky 1989, DOI 10.1109/70.34763; the thresholds are this package's"
+SALISBURY = "Salisbury and Craig 1982, DOI 10.1177/027836498200100102"
+PRESSURE = "Howe and Cutkosky 1996, DOI 10.1177/027836499601500603: even pressure on a disc"
+STATICS = "statics: each of k contacts on upright walls lifts friction times its normal force"
+PAPER = "Li and Sastry 1986, Section 4: light tasks few contacts, heavy ones many"
+
+
+@dataclass(frozen=True)
+class Reason:
+    """Rule and source of one proposal.
+
+    Parameters
+    ----------
+    what : str
+        The proposal, with its value.
+    rule : str
+        The rule, with its numbers.
+    source : str
+        Reference.
+    """
+
+    what: str
+    rule: str
+    source: str
+
+    def __str__(self) -> str:
+        return f"{self.what}: {self.rule} ({self.source})"
+
+
+@dataclass(frozen=True)
+class FirstChoice:
+    """Rule-based initial choice of a grasp; nothing is solved or certified.
+
+    Parameters
+    ----------
+    body : Body
+        The held body.
+    mass : float
+        Kilograms.
+    grasp_type : {"precision", "power"}
+        Fingertips alone, or links and palm as well.
+    name : str
+        The grasp's name in Cutkosky's taxonomy.
+    contact : ContactModel
+        Contact model of every contact.
+    count : int
+        Number of contacts.
+    normal_force : float
+        Required normal force of each contact, newtons, with the safety factor, if all contacts are on vertical walls
+        and share the load evenly.
+    opening : float
+        Gripper opening, metres: the body's shortest side plus clearance on both sides.
+    safety : float
+        Factor on the forces that the weight requires.
+    task : Task
+        The weight, accelerations and a disturbance, about ``torque_origin``.
+    torque_origin : (3,) tuple
+        The centre of mass, metres, body frame.
+    reasons : tuple of Reason
+        Rule and source of each number.
+    """
+
+    body: Body
+    mass: float
+    grasp_type: str
+    name: str
+    contact: ContactModel
+    count: int
+    normal_force: float
+    opening: float
+    safety: float
+    task: Task
+    torque_origin: tuple[float, float, float]
+    reasons: tuple[Reason, ...]
+
+    @property
+    def hand(self) -> Hand | None:
+        """A gripper for two contacts; None, for free fingertips, with more."""
+        return ParallelJaw(self.opening) if self.count == 2 else None
+
+    def problem(self) -> GraspProblem:
+        """Return the problem to solve: each normal force at most 1 N, so that ``needed_force`` is in newtons."""
+        return GraspProblem(
+            self.body,
+            [self.contact] * self.count,
+            self.task,
+            hand=self.hand,
+            force_budget="per_finger",
+            torque_origin=self.torque_origin,
+            name=f"first choice: {self.name}",
+        )
+
+    def needed_force(self, solution: GraspSolution) -> float:
+        """Return the certified normal force of each contact for the whole task, times the safety factor, newtons.
+
+        Raises
+        ------
+        InputError
+            Where the solution has no grasp that exerts the task, or another budget than normal forces.
+        """
+        if not isinstance(solution, GraspSolution) or not solution.success:
+            raise InputError("solution", solution, "a solution with a grasp that exerts the task's wrenches")
+        if solution.budget.kind != "per_finger":
+            raise InputError("solution", f"force budget {solution.budget.kind!r}", "'per_finger', as problem() has")
+        return self.safety / solution.mu.lower
+
+    def to_dict(self) -> Json:
+        """Return the choice as JSON data."""
+        return {
+            "mass": self.mass,
+            "grasp_type": self.grasp_type,
+            "name": self.name,
+            "contact": self.contact.to_dict(),
+            "count": self.count,
+            "normal_force": self.normal_force,
+            "opening": self.opening,
+            "safety": self.safety,
+            "task": self.task.to_dict(),
+            "reasons": [{"what": r.what, "rule": r.rule, "source": r.source} for r in self.reasons],
+        }
+
+    def __str__(self) -> str:
+        lines = [f"{self.count} {self.contact.label} contacts, {self.grasp_type} grasp: {self.name}"]
+        return "\n".join([*lines, *(f"  {reason}" for reason in self.reasons)])
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """Data of the body and limits of the fingers; SI units."""
+
+    body: Body
+    mass: float
+    friction: float
+    safety: float
+    load: float
+    finger_force: float
+    pad_radius: float
+
+    @property
+    def sides(self) -> FloatArray:
+        """Sides of the bounding box, the shortest first, (3,)."""
+        return np.asarray(np.sort(self.body.bounds[1] - self.body.bounds[0]))
+
+    def pressing(self, count: int) -> float:
+        return self.safety * self.load / (count * self.friction)
+
+
+def first_choice(
+    body: Body,
+    *,
+    friction: float,
+    mass: float | None = None,
+    density: float | None = None,
+    center_of_mass: ArrayLike | None = None,
+    up: ArrayLike = (0.0, 0.0, 1.0),
+    acceleration: float = 2.0,
+    safety: float = 2.0,
+    finger_force: float = 10.0,
+    pad_radius: float = 0.008,
+) -> FirstChoice:
+    """Propose a grasp from a body's size, weight and friction, with the rule and source of each proposal.
+
+    These are rules of thumb: size, mass and task predict human grasp types in less than half of the cases (Feix et al.
+    2014). They are a starting point: ``ng.solve(choice.problem())`` finds and certifies the contacts,
+    ``ng.how_many_contacts`` and ``ng.choose_contact_types`` compare numbers and types.
+
+    Parameters
+    ----------
+    body : Body
+        In space. Its bounding box in its own frame counts as its size.
+    friction : float
+        Coulomb coefficient.
+    mass, density : float
+        Kilograms, or kilograms per cubic metre: one of the two.
+    center_of_mass : (3,) array, optional
+        Metres, body frame; the centre of volume when left out.
+    up : (3,) array
+        In the body frame.
+    acceleration : float
+        In any direction, m / s^2, at least 0.
+    safety : float
+        Factor on the normal forces, at least 1.
+    finger_force : float
+        Largest normal force of a finger, newtons.
+    pad_radius : float
+        Of a soft fingertip's contact patch, metres.
+
+    Returns
+    -------
+    FirstChoice
+        With a reason for each proposal.
+
+    Raises
+    ------
+    InputError
+        On planar bodies, neither or both of mass and density, and numbers out of range.
+    """
+    if not isinstance(body, Body) or body.space != 3:
+        raise InputError("body", body, "a body in space such as ng.Box or ng.Mesh")
+    kilograms = _mass(body, mass, density)
+    middle = body.centroid if center_of_mass is None else array("center_of_mass", center_of_mass, (3,))
+    above = array("up", up, (3,))
+    if not np.linalg.norm(above) > 0.0:
+        raise InputError("up", up, "a direction of some length")
+    shaking = number("acceleration", acceleration, at_least=0.0)
+    asked = _Asked(
+        body,
+        kilograms,
+        number("friction", friction, above=0.0),
+        number("safety", safety, at_least=1.0),
+        kilograms * (WEIGHT + shaking),
+        number("finger_force", finger_force, above=0.0),
+        number("pad_radius", pad_radius, above=0.0),
+    )
+    return _proposed(asked, middle, *_task(asked, above / np.linalg.norm(above), shaking))
+
+
+def _proposed(asked: _Asked, middle: FloatArray, task: TaskEllipsoid, load: Reason) -> FirstChoice:
+    count, why = _count(asked)
+    contact, kind = _contact(asked, count)
+    grasp_type, style = _type(asked, count)
+    name = _name(asked, count, grasp_type)
+    opening, room = _opening(asked)
+    force = asked.pressing(count)
+    formula = f"safety x mass x (g + a) / (contacts x friction) = {asked.safety:g} x {asked.load:.4g} N / "
+    pressing = Reason(f"{force:.3g} N a contact", f"{formula}({count} x {asked.friction:g})", STATICS)
+    named = Reason(name, "by grasp type, number of contacts, and whether the body is long, flat or compact", CUTKOSKY)
+    return FirstChoice(
+        asked.body,
+        asked.mass,
+        grasp_type,
+        name,
+        contact,
+        count,
+        force,
+        opening,
+        asked.safety,
+        task,
+        (float(middle[0]), float(middle[1]), float(middle[2])),
+        (why, kind, style, named, pressing, room, load),
+    )
+
+
+def _mass(body: Body, mass: float | None, density: float | None) -> float:
+    if (mass is None) == (density is None):
+        raise InputError("mass", f"mass {mass}, density {density}", "one of the two")
+    if mass is not None:
+        return number("mass", mass, above=0.0)
+    return number("density", density, above=0.0) * volume_of(body)
+
+
+def volume_of(body: Body) -> float:
+    """Return the volume of a body, cubic metres: exact for a mesh, else by counting cells, to some percent."""
+    if isinstance(body, Mesh):
+        return abs(float(body.mesh.volume))
+    lower, upper = body.bounds
+    steps = [(np.arange(CELLS) + 0.5) / CELLS * (b - a) + a for a, b in zip(lower, upper, strict=True)]
+    points = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 3)
+    return float(np.mean(body.signed_distance(points) < 0.0) * np.prod(upper - lower))
+
+
+def _count(asked: _Asked) -> tuple[int, Reason]:
+    """Return the fewest contacts that lift the load with the fingers' force; more than two if the body is too wide."""
+    first = 2 if asked.sides[0] <= WIDEST else 3
+    enough = int(np.ceil(asked.safety * asked.load / (asked.friction * asked.finger_force) - 1e-9))
+    count = min(max(first, enough), MOST)
+    if asked.pressing(count) > asked.finger_force * (1.0 + 1e-9):
+        rule = f"even {MOST} contacts need more than the {asked.finger_force:g} N that a finger has"
+        return count, Reason(f"{count} contacts", rule, PAPER)
+    if count > first:
+        rule = f"{count - 1} would each need {asked.pressing(count - 1):.3g} N, above {asked.finger_force:g} N"
+        return count, Reason(f"{count} contacts", rule, PAPER)
+    side = f"the shortest side, {1e3 * asked.sides[0]:.3g} mm, is"
+    rule = (
+        f"{side} at most {1e3 * WIDEST:g} mm" if first == 2 else f"{side} above {1e3 * WIDEST:g} mm, too wide for two"
+    )
+    return count, Reason(f"{count} contacts", rule, FEIX_1)
+
+
+def _contact(asked: _Asked, count: int) -> tuple[ContactModel, Reason]:
+    if count > 2:
+        rule = "three points with friction, not on a line, hold a body; more only share the load"
+        return FrictionContact(asked.friction), Reason("hard fingers", rule, SALISBURY)
+    radius = min(asked.pad_radius, asked.sides[1] / 4.0)
+    torsion = 2.0 / 3.0 * asked.friction * radius
+    rule = "two hard fingers exert no torque about the line between them; torsion 2/3 x friction x radius of the patch"
+    return SoftContact(asked.friction, float(torsion)), Reason("soft fingers", rule, f"{SALISBURY}; {PRESSURE}")
+
+
+def _type(asked: _Asked, count: int) -> tuple[str, Reason]:
+    if asked.mass > HEAVY or count > FINGERS:
+        rule = f"heavier than {HEAVY:g} kg" if asked.mass > HEAVY else f"more than {FINGERS} contacts"
+        return "power", Reason("power grasp", rule, FEIX_2)
+    if asked.sides[0] > WIDEST:
+        return "power", Reason("power grasp", f"wider than {1e3 * WIDEST:g} mm", FEIX_2)
+    rule = f"at most {HEAVY:g} kg, {1e3 * WIDEST:g} mm and {FINGERS} contacts: dexterity before strength"
+    return "precision", Reason("precision grasp", rule, CUTKOSKY)
+
+
+def _name(asked: _Asked, count: int, grasp_type: str) -> str:
+    short, middle, long = asked.sides.tolist()
+    flat, slender = middle >= FLAT * short, long >= LONG * middle
+    if grasp_type == "power":
+        if slender:
+            return "small diameter" if short < SMALL else "large diameter" if short > LARGE else "medium wrap"
+        return "power disk" if flat else "power sphere"
+    if count == 2:
+        return "thumb-index finger"
+    if slender:
+        return f"thumb-{count - 1} finger"
+    if count == 3:
+        return "tripod"
+    return "precision disk" if flat else "precision sphere"
+
+
+def _opening(asked: _Asked) -> tuple[float, Reason]:
+    width = float(asked.sides[0])
+    room = max(LEAST_ROOM, ROOM * width)
+    rule = f"the shortest side, {1e3 * width:.3g} mm, and {1e3 * room:.3g} mm on both sides"
+    source = f"{FEIX_1}: 94 % of grasps are across the shortest side; the room is this package's"
+    return width + 2.0 * room, Reason(f"opening {1e3 * (width + 2.0 * room):.3g} mm", rule, source)
+
+
+def _task(asked: _Asked, up: FloatArray, shaking: float) -> tuple[TaskEllipsoid, Reason]:
+    """Return the weight with accelerations and a disturbance at the far end, about the centre of mass."""
+    weight, arm = asked.mass * WEIGHT, 0.5 * float(asked.sides[-1])
+    force, torque = asked.mass * shaking + SHAKE * weight, SHAKE * weight * arm
+    task = TaskEllipsoid([force] * 3 + [torque] * 3, center=np.concatenate([weight * up, np.zeros(3)]))
+    rule = f"weight {weight:.3g} N, with {force:.3g} N and {torque:.3g} N m in any direction about it"
+    return task, Reason("task", rule, f"weight and inertia as in Section 4; a knock of {SHAKE:.0%} of the weight")

@@ -1,0 +1,176 @@
+"""Solves of problems with nested contact sets or types, with each other's grasps as warm starts.
+
+A grasp with fewer or poorer contacts is feasible for every larger problem, and never worse there: with forces x of its
+own contacts and none of the others, ``G' x' = G x``. So ``G (B n K)`` is inside ``G' (B' n K')`` if the larger budget
+allows the forces of the smaller one, with the other components zero. This holds for the L2 norm of all forces, for
+bounds on each normal force or each force, for their sum, and for joint torques in the same posture. Then mu of the
+larger grasp is at least that of the smaller, and every certified lower bound carries over. In the other direction, a
+grasp of the larger problem is a warm start for the smaller one, without such a guarantee.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from nlpgrasp.bodies import Body
+from nlpgrasp.bodies.registry import body_from_dict
+from nlpgrasp.errors import InputError
+from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.coordinate_exchange import exchanged_candidates
+from nlpgrasp.optimize.options import SolveOptions
+from nlpgrasp.optimize.parallel_starts import Runner
+from nlpgrasp.optimize.processes import one_thread
+from nlpgrasp.optimize.start_result import StartGrasp
+from nlpgrasp.optimize.warm_starts import WarmStart
+from nlpgrasp.pipeline.multistart import Multistart
+from nlpgrasp.problem.problem import GraspProblem
+from nlpgrasp.solution.solution import GraspSolution
+
+CARRIES = ("l2", "per_finger", "per_finger_size", "shared", "hand_torques")  # budgets for which bounds carry over
+HOPEFUL = 0.5  # share of the larger problem's best above which a smaller one's grasp is refined
+SWEEPS = 3  # most sweeps down and up
+
+
+class Step(Protocol):
+    """Conversion of grasps between two problems of a family."""
+
+    def up(self, found: StartGrasp, small: Workbench, large: Workbench) -> WarmStart | None:
+        """Return a grasp of the smaller problem as one of the larger; None where it is infeasible."""
+
+    def down(self, found: StartGrasp, large: Workbench, small: Workbench) -> WarmStart | None:
+        """Return a warm start for the smaller problem from a grasp of the larger; None without one."""
+
+
+def solve_family(
+    problems: Sequence[GraspProblem],
+    pairs: Sequence[tuple[int, int]],
+    step: Step,
+    starts: int,
+    seed: int,
+    options: SolveOptions,
+) -> list[tuple[GraspSolution, int]]:
+    """Solve problems with each other's grasps as warm starts; return solutions and numbers of starts near each.
+
+    Near means within 2 % of the best. No certified lower bound is below that of a smaller problem whose grasps are
+    feasible for the larger.
+
+    Parameters
+    ----------
+    problems : sequence of GraspProblem
+        The smaller before the larger.
+    pairs : sequence of (int, int)
+        Indices of a smaller and a larger problem.
+    step : Step
+    starts, seed, options
+        As for ``solve``, for each problem.
+    """
+    by_mu = replace(options.narrow(), rank="mu")
+    with one_thread():
+        searches = [Multistart(Runner(problem, by_mu, starts), seed) for problem in problems]
+        _Family(searches, pairs, step).run()
+        return [(search.answer(), _reached(search)) for search in searches]
+
+
+class _Family:
+    """Multistart searches with mutual warm starts."""
+
+    def __init__(self, searches: Sequence[Multistart], pairs: Sequence[tuple[int, int]], step: Step) -> None:
+        self._searches, self._step = searches, step
+        self._up = sorted(pairs, key=lambda pair: (pair[1], pair[0]))
+        self._down = [(b, a) for a, b in sorted(pairs, reverse=True)]
+        self._carried: set[tuple[int, int, int]] = set()
+
+    def run(self) -> None:
+        """Run all starts, then transfer grasps up and down until no best grasp changes."""
+        for search in self._searches:
+            search.run_starts()
+            search.close_gap()
+            _scout(search)
+        self._carry_all(self._up)
+        for _ in range(SWEEPS):
+            if not self._carry_all(self._down):
+                break
+            self._carry_all(self._up)
+        self._keep_promises()
+
+    def _carry_all(self, pairs: Sequence[tuple[int, int]]) -> bool:
+        """Transfer grasps from the first to the second of each pair; return whether any best grasp improved."""
+        rose = [self._carry(source, target) for source, target in pairs]
+        return any(rose)
+
+    def _carry(self, source: int, target: int) -> bool:
+        """Run the best grasp of one search as a warm start of another, once; return whether its best improved."""
+        giver, taker = self._searches[source], self._searches[target]
+        best, known, down = giver.best, taker.best, source > target
+        if best is None or (source, target, best.record.index) in self._carried:
+            return False
+        self._carried.add((source, target, best.record.index))
+        if down:
+            warm = self._step.down(best, giver.runner.bench, taker.runner.bench)
+        else:
+            warm = self._raised(best, giver, taker)
+        hopeful = known is None or best.record.mu.upper >= HOPEFUL * known.record.mu.lower
+        return warm is not None and taker.add(warm, improve=down or hopeful)
+
+    def _raised(self, best: StartGrasp, small: Multistart, large: Multistart) -> WarmStart | None:
+        """Return a grasp of a smaller problem as a warm start of a larger one, with its certified bound there."""
+        warm = self._step.up(best, small.runner.bench, large.runner.bench)
+        return warm and replace(warm, floor=promised(best, small.runner.problem, large.runner.problem))
+
+    def _keep_promises(self) -> None:
+        """Certify the best grasps as tightly as the answers, and carry their bounds over."""
+        for j, large in enumerate(self._searches):
+            for small in (self._searches[a] for a, b in self._up if b == j):
+                best, known = small.chosen, large.best
+                warm = None if best is None else self._raised(best, small, large)
+                if warm is not None and warm.floor > (0.0 if known is None else known.record.mu.lower):
+                    large.add(warm, improve=False)
+            chosen = large.certify_best(large.runner.options.final_rtol)
+            if chosen is not None:
+                large.keep(chosen)
+
+
+def _scout(search: Multistart) -> None:
+    """Run further starts from one more coordinate exchange: half as many as starts, at least two."""
+    bench, starts = search.runner.bench, search.runner.count
+    rng, count = np.random.default_rng([search.seed, starts]), max(2, -(-starts // 2))
+    for placed in exchanged_candidates(bench, rng, count=count) if bench.follows_contacts else ():
+        search.add(WarmStart(placed))
+
+
+def _reached(search: Multistart) -> int:
+    """Return the number of starts, warm starts included, within 2 % of the best."""
+    best = search.chosen
+    if best is None:
+        return 0
+    return sum(r.solved and r.record.mu.upper >= 0.98 * best.record.mu.lower for r in search.results)
+
+
+def promised(found: StartGrasp, small: GraspProblem, large: GraspProblem) -> float:
+    """Return the certified lower bound that a grasp of the smaller problem carries to the larger; 0 for none.
+
+    Parameters
+    ----------
+    found : StartGrasp
+    small, large : GraspProblem
+        Of the same body.
+    """
+    same = small.budget == large.budget and small.budget.kind in CARRIES
+    same = same and small.task.to_dict() == large.task.to_dict() and bool((small.origin == large.origin).all())
+    return found.record.mu.lower if same else 0.0
+
+
+def same_body(one: Body, other: Body) -> bool:
+    """Return whether two bodies are known to be equal: one object, or complete and equal data."""
+    if one is other:
+        return True
+    data = one.to_dict()
+    try:
+        body_from_dict(data)
+    except InputError:
+        return False
+    return data == other.to_dict()

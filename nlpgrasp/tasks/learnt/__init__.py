@@ -1,1 +1,0 @@
-"""Task ellipsoids fitted to recorded wrenches."""

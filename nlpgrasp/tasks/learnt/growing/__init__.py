@@ -1,1 +1,0 @@
-"""Incremental enclosing ellipsoids of growing sets of wrenches."""

@@ -1,0 +1,163 @@
+"""Force-torque sensor recordings from CSV files, pandas frames and arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from nlpgrasp.common.spatial import Pose, pose_matrix, wrench_transform
+from nlpgrasp.common.user_warnings import warn
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import InputError
+from nlpgrasp.tasks.enclosing_ellipsoid import GAP, bad_rows, enclose
+from nlpgrasp.tasks.task_ellipsoid import EllipsoidFit
+from nlpgrasp.tasks.wrench_table import Table, columns_of, csv_table, scales_of, table_of
+
+SI = ("N", "Nm")
+
+
+@dataclass(frozen=True)
+class WrenchRecording:
+    """Recorded wrenches that the fingers exerted, body frame, moments about its origin.
+
+    Parameters
+    ----------
+    wrenches : (m, 6) array
+        Newtons and newton-metres.
+    lines : (m,) array
+        Line number of each in the file.
+    dropped : (s,) array
+        Lines left out because they contain NaN, infinity or text.
+    source : str
+        Of the recording, for messages and libraries; mostly the file's name.
+    """
+
+    wrenches: FloatArray
+    lines: NDArray[np.intp]
+    dropped: NDArray[np.intp]
+    source: str
+
+    def __repr__(self) -> str:
+        left = f", {len(self.dropped)} lines left out" if len(self.dropped) else ""
+        return f"WrenchRecording({len(self.wrenches)} wrenches from {self.source}{left})"
+
+    @classmethod
+    def read(
+        cls,
+        path: str | Path,
+        *,
+        columns: Sequence[str | int] | None = None,
+        units: tuple[str, str] | None = None,
+        sensor_pose: Pose | None = None,
+        exerts: str = "surroundings",
+        skip_invalid: bool = False,
+    ) -> WrenchRecording:
+        """Read a recording from a CSV file of a sensor or a ROS bag export.
+
+        Semicolons, tabs or commas delimit; with the first two, numbers may have decimal commas.
+
+        Parameters
+        ----------
+        path : str or Path
+            A text file with a header and one wrench per row.
+        columns : sequence of 6 str or int, optional
+            Names or indices (from 0) of the columns f_x, f_y, f_z, m_x, m_y, m_z. By default identified by name, in any
+            case: ``fx ... mz`` or ``tx ... tz``, ``wrench.force.x ... wrench.torque.z``, ``wrench/force/x``,
+            ``/ft/wrench.force.x``. Other columns are ignored.
+        units : pair of str, optional
+            Of forces (N, mN, kN, lbf, kgf) and of torques (Nm, Nmm, mNm, Ncm, kNm, lbf in, lbf ft). By default taken
+            from the header, ``Fx [N]``.
+        sensor_pose : (4, 4) array or mapping, optional
+            Of the sensor frame in the body frame; by default the identity. A matrix, or a mapping with ``position`` and
+            ``quaternion_wxyz`` or ``quaternion_xyzw``.
+        exerts : {"surroundings", "fingers"}
+            Who exerts the measured wrench on the object: against that of the surroundings the fingers exert the
+            opposite.
+        skip_invalid : bool
+            Skip rows that are not six finite numbers, with a warning, instead of raising.
+
+        Raises
+        ------
+        InputError
+            On files, columns or units that cannot be used; rows that are not numbers are counted and named.
+        """
+        if not isinstance(path, str | Path) or "\0" in str(path):
+            raise InputError("path", path, "the name of a CSV file; ng.WrenchRecording.of takes frames and arrays")
+        return cls._of(csv_table(Path(path)), columns, units, sensor_pose, exerts, skip_invalid)
+
+    @classmethod
+    def of(
+        cls,
+        table: ArrayLike,
+        *,
+        columns: Sequence[str | int] | None = None,
+        units: tuple[str, str] | None = None,
+        sensor_pose: Pose | None = None,
+        exerts: str = "surroundings",
+        skip_invalid: bool = False,
+    ) -> WrenchRecording:
+        """Return the recording of a pandas frame or an array.
+
+        Parameters
+        ----------
+        table : pandas.DataFrame or (m, n) array
+            A frame's columns are identified as in ``read``. An array without ``columns`` has six, f_x to m_z, in
+            newtons and newton-metres by default.
+        columns, units, sensor_pose, exerts, skip_invalid
+            As for ``read``.
+
+        Raises
+        ------
+        InputError
+            As ``read``.
+        """
+        found = table_of("table", table)
+        if found.header is None:
+            units = SI if units is None else units
+            if columns is None:
+                columns = range(6)
+                if found.width != 6:
+                    raise InputError("table", f"{found.width} columns without names", "six, or columns=")
+        return cls._of(found, columns, units, sensor_pose, exerts, skip_invalid)
+
+    @classmethod
+    def _of(
+        cls,
+        table: Table,
+        columns: object,
+        units: object,
+        sensor_pose: Pose | None,
+        exerts: object,
+        skip_invalid: object,
+    ) -> WrenchRecording:
+        """Return the recording of a table."""
+        if not isinstance(skip_invalid, bool):
+            raise InputError("skip_invalid", skip_invalid, "True or False")
+        chosen = columns_of(table.header, columns, table.width, table.name)
+        scale = scales_of(table.header, chosen, units, table.name)
+        if not isinstance(exerts, str) or exerts not in ("surroundings", "fingers"):
+            raise InputError("exerts", exerts, "surroundings or fingers")
+        values = table.numbers(chosen) * scale
+        good = np.all(np.isfinite(values), axis=1)
+        lines, bad = table.lines, table.lines[~good]
+        if not good.all():
+            if not skip_invalid:
+                raise InputError(table.name, bad_rows(bad), "six numbers in every line, or skip_invalid")
+            warn(f"{table.name}: left out {bad_rows(bad)}")
+        if not good.any():
+            raise InputError(table.name, "no line with six numbers", "at least one wrench")
+        pose = np.eye(4) if sensor_pose is None else pose_matrix("sensor_pose", sensor_pose)
+        wrenches = values[good] @ wrench_transform(pose[:3, 3], pose[:3, :3]).T
+        sign = -1.0 if exerts == "surroundings" else 1.0
+        return cls(sign * wrenches, lines[good], bad, table.name)
+
+    def fit(
+        self, *, outliers: float = 0.0, probability: float | None = None, center: ArrayLike | None = None
+    ) -> EllipsoidFit:
+        """Fit an ellipsoid to the recording, about the body frame's origin; see ``fit_ellipsoid``."""
+        found = EllipsoidFit.of(enclose(self.wrenches, outliers, probability, center, GAP))
+        return replace(found, task=found.task.given_about(np.zeros(3)))

@@ -1,0 +1,251 @@
+"""Tables of wrenches from CSV files, pandas frames and arrays: columns and units."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nlpgrasp.common.validation import LARGEST, FloatArray
+from nlpgrasp.errors import InputError
+
+LARGEST_FILE = 500_000_000  # bytes
+FORCES = {"N": 1.0, "mN": 1e-3, "kN": 1e3, "lbf": 4.4482216152605, "kgf": 9.80665}
+TORQUES = {"Nm": 1.0, "mNm": 1e-3, "Nmm": 1e-3, "Ncm": 1e-2, "kNm": 1e3, "lbfin": 0.1129848290276167}
+SPATIAL = (("f", "x"), ("f", "y"), ("f", "z"), ("m", "x"), ("m", "y"), ("m", "z"))
+PLANAR = (("f", "x"), ("f", "y"), ("m", "z"))
+QUANTITIES = {"f": "f", "force": "f", "m": "m", "t": "m", "torque": "m", "moment": "m"}
+UNIT = re.compile(r"[\[(]([^\])]*)[\])]")
+ONE_WORD = re.compile(r"(force|torque|moment|f|m|t)(x|y|z)")
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table: rows of cells with an optional header.
+
+    Parameters
+    ----------
+    name : str
+        For messages: a file's path.
+    header : list of str or None
+    rows : list of lists, or (m, n) array
+        Text for a file, numbers for an array; rows with more or fewer cells than the first are empty.
+    lines : (m,) array
+        Line number of each row in the file; for an array the row index, from 0.
+    comma : bool
+        Whether decimal commas are allowed, since the delimiter is another.
+    """
+
+    name: str
+    header: list[str] | None
+    rows: list[list[str]] | FloatArray
+    lines: NDArray[np.intp]
+    comma: bool = False
+
+    @property
+    def width(self) -> int:
+        """Number of columns."""
+        return len(self.rows[0]) if len(self.rows) else len(self.header or ())
+
+    def numbers(self, columns: list[int]) -> FloatArray:
+        """Return selected columns as numbers, (m, len(columns)), NaN where a cell is not a number.
+
+        Raises
+        ------
+        InputError
+            When a file has both decimal commas and decimal points.
+        """
+        if not isinstance(self.rows, list):
+            found = self.rows[:, columns]
+        else:
+            cells = [[row[c] if c < len(row) else "" for c in columns] for row in self.rows]
+            commas = self.comma and any("," in cell for row in cells for cell in row)
+            if commas and any("." in cell for row in cells for cell in row):
+                raise InputError(f"{self.name}: decimals", "commas and points", "one of them in all numbers")
+            found = np.array([[_number(cell.replace(",", ".") if commas else cell) for cell in row] for row in cells])
+        return np.where(np.abs(found) <= LARGEST, found, np.nan).reshape(-1, len(columns))
+
+
+def csv_table(path: Path) -> Table:
+    """Read a CSV file delimited by semicolons, tabs or commas.
+
+    Raises
+    ------
+    InputError
+        On a file that cannot be read, is empty, or too large.
+    """
+    try:
+        if path.stat().st_size > LARGEST_FILE:
+            raise InputError(str(path), f"{path.stat().st_size} bytes", f"at most {LARGEST_FILE}")
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            sample = file.read(4096)
+            file.seek(0)
+            delimiter = next((sign for sign in ";\t" if sign in sample), ",")
+            reader = csv.reader(file, delimiter=delimiter)
+            both = [
+                (row[:-1] if len(row) > 1 and not row[-1].strip() else row, reader.line_num) for row in reader if row
+            ]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(str(path), type(error).__name__, "a readable CSV file") from None
+    if not both:
+        raise InputError(str(path), "an empty file", "a CSV file of wrenches")
+    width, comma = len(both[0][0]), delimiter != ","
+    rows, lines = [row if len(row) == width else [] for row, _ in both], np.array([line for _, line in both], np.intp)
+    named = any(rows[0]) and not any(_is_number(cell.replace(",", ".") if comma else cell) for cell in rows[0])
+    if named:
+        return Table(str(path), rows[0], rows[1:], lines[1:], comma)
+    return Table(str(path), None, rows, lines, comma)
+
+
+def table_of(field: str, value: object) -> Table:
+    """Return the table of a pandas frame or an array.
+
+    Raises
+    ------
+    InputError
+        On other types, or other than two dimensions.
+    """
+    names, header = getattr(value, "columns", None), None
+    if names is not None and hasattr(value, "to_numpy"):
+        own = [str(name) if isinstance(name, str) else "" for name in names]
+        header = own if any(own) else None
+        cells = np.column_stack([_column(value, i) for i in range(len(own))]) if own else np.zeros((0, 0))
+    else:
+        try:
+            given = np.asarray(value)
+            if given.dtype.kind not in "iuf":
+                raise TypeError
+            cells = np.asarray(given, dtype=float)
+        except (TypeError, ValueError, OverflowError):
+            raise InputError(field, value, "a pandas frame or an array of numbers") from None
+    if cells.ndim != 2 or not len(cells):
+        raise InputError(field, f"shape {cells.shape}", "rows of numbers, at least one")
+    return Table(field, header, cells, np.arange(len(cells)))
+
+
+def _column(frame: Any, i: int) -> FloatArray:
+    """Return a column of a pandas frame as numbers, NaN where it holds anything else."""
+    values = frame.iloc[:, i].to_numpy()
+    if values.dtype.kind in "iuf":
+        return np.asarray(values, dtype=float)
+    if values.dtype.kind == "O":
+        return np.array([_number(cell) if isinstance(cell, str | int | float) else np.nan for cell in values])
+    return np.full(len(values), np.nan)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _number(cell: str | float) -> float:
+    """Return a cell as a number, NaN where it is not a number."""
+    try:
+        return float(cell)
+    except ValueError:
+        return float("nan")
+
+
+TORQUES |= {"lbfft": 1.3558179483314004}
+
+
+def columns_of(header: Sequence[str] | None, given: object, width: int, table: str, wrench_size: int = 6) -> list[int]:
+    """Return the indices of the columns f_x, f_y, f_z, m_x, m_y, m_z, or f_x, f_y, m_z.
+
+    Parameters
+    ----------
+    header : sequence of str or None
+        Names to recognise if ``given`` is None: ``fx``, ``Tx [Nm]``, ``force_x``, ``/ft/wrench.torque.z``, in any case.
+    given : sequence of str or int, or None
+        Explicit column names or indices.
+    width : int
+        Number of columns.
+    table : str
+        Name of the table, for messages.
+    wrench_size : int
+        6, or 3 in the plane.
+
+    Raises
+    ------
+    InputError
+        When columns are missing or ambiguous, as with two sensors.
+    """
+    have = "columns " + ", ".join(header) if header else f"{width} columns without names"
+    if given is not None:
+        return _named(header, given, width, have, wrench_size)
+    wanted = SPATIAL if wrench_size == 6 else PLANAR
+    known = [_component(name) for name in header or ()]
+    places = [[i for i, own in enumerate(known) if own is not None and own[1:] == one] for one in wanted]
+    sensors = {own[0] for own in known if own is not None and own[1:] in wanted}
+    if any(len(found) != 1 for found in places) or len(sensors) > 1:
+        several = len(sensors) > 1 or any(len(found) > 1 for found in places)
+        names = ", ".join(a + b for a, b in wanted)
+        allowed = f"one each of {names} (or wrench.force.x ... wrench.torque.z), or columns="
+        raise InputError(f"{table}: columns", have, allowed + (" with the sensor's own" if several else ""))
+    return [found[0] for found in places]
+
+
+def _named(header: Sequence[str] | None, given: object, width: int, have: str, wrench_size: int) -> list[int]:
+    """Return the indices of columns given by name or index."""
+    if not isinstance(given, Sequence) or isinstance(given, str) or len(given) != wrench_size:
+        raise InputError("columns", given, f"{'six' if wrench_size == 6 else 'three'} names or numbers")
+    result = []
+    for one in given:
+        if isinstance(one, int) and not isinstance(one, bool) and 0 <= one < width:
+            result.append(one)
+        elif isinstance(one, str) and header and list(header).count(one) == 1:
+            result.append(list(header).index(one))
+        else:
+            raise InputError("columns", repr(one), have)
+    return result
+
+
+def _component(name: str) -> tuple[str, str, str] | None:
+    """Return prefix, quantity (``"f"`` or ``"m"``) and axis of a wrench column's name; None for other columns."""
+    words = [word for word in re.split(r"[\s_./:-]+", UNIT.split(name)[0].lower()) if word]
+    if len(words) > 1 and words[-1] in "xyz" and words[-2] in QUANTITIES:
+        return ".".join(words[:-2]), QUANTITIES[words[-2]], words[-1]
+    found = ONE_WORD.fullmatch(words[-1]) if words else None
+    return None if found is None else (".".join(words[:-1]), QUANTITIES[found[1]], found[2])
+
+
+def scales_of(header: Sequence[str] | None, chosen: Sequence[int], units: object, table: str) -> FloatArray:
+    """Return factors to newtons and newton-metres, one per column, from given units or the header.
+
+    Raises
+    ------
+    InputError
+        On unknown or missing units.
+    """
+    if units is not None and (not isinstance(units, list | tuple) or len(units) != 2):
+        raise InputError("units", units, 'a pair such as ("N", "Nm")')
+    factors, forces = [], 3 if len(chosen) == 6 else 2
+    for i, column in enumerate(chosen):
+        known = FORCES if i < forces else TORQUES
+        if isinstance(units, list | tuple):
+            text = str(units[0 if i < forces else 1])
+        else:
+            found = UNIT.search(header[column]) if header else None
+            if found is None:
+                allowed = 'units=("N", "Nm"), which ROS messages are in, or a header such as Fx [N]'
+                raise InputError(f"{table}: units", "none in the header", allowed)
+            text = found.group(1)
+        key = re.sub(r"[\s*\u00b7.-]", "", text)
+        if key not in known:
+            raise InputError("units", repr(text), "one of " + ", ".join(known))
+        factors.append(known[key])
+    return np.array(factors)
+
+
+def states_units(header: Sequence[str], chosen: Sequence[int]) -> bool:
+    """Return whether any of the columns states its unit."""
+    return any(UNIT.search(header[column]) for column in chosen)

@@ -1,1 +1,0 @@
-"""Numeric bodies from JSON data: surfaces, normals and signed distances in closed form."""

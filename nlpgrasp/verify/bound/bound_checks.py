@@ -1,0 +1,187 @@
+"""Checks of a bound file, and of the global bound that a solution states."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from nlpgrasp.budgets import budget_from_dict
+from nlpgrasp.common.files import read_text
+from nlpgrasp.common.types import Json
+from nlpgrasp.contacts import contact_from_dict
+from nlpgrasp.errors import InputError
+from nlpgrasp.quality.bounds import Bounds
+from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.quality.measures import mu
+from nlpgrasp.solution.quality_record import GlobalBound
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.verify.bound.proof import RECOMPUTED, Proof
+from nlpgrasp.verify.check import BROKEN, Check, NotMadeError, Verification, guarded, no_sense
+from nlpgrasp.verify.quality_checks import OTHER_SEED, overlap
+from nlpgrasp.verify.sources import Sources
+
+SCHEMA = "nlpgrasp-bound/1"
+LARGEST = 512 * 2**20  # bytes: largest file that is read
+KEYS = ("upper", "gap", "closed", "dropped", "problem", "grasp", "certificate")
+ON_FACE = 1e-6  # tolerance relative to the body's size, and of unit normals
+SAME = 1e-9  # relative tolerance
+PARTS = ("body", "contacts", "task", "constraints", "hand", "force_budget", "edge_margin")  # keys of a problem
+
+
+def bound_file(path: Path) -> Json | None:
+    """Return the data of a bound file; None for another kind of file.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, or is a bound file of another version.
+    """
+    text = read_text(path, "a solution file or a bound file", LARGEST)
+    if '"nlpgrasp-bound/' not in text:
+        return None
+    try:
+        data = json.loads(text)
+    except ValueError:
+        return None
+    schema = data.get("schema") if isinstance(data, Mapping) else None
+    if not isinstance(schema, str) or not schema.startswith("nlpgrasp-bound/"):
+        return None
+    if schema != SCHEMA:
+        raise InputError(f"{path}: schema", schema, f'"{SCHEMA}"')
+    missing = [key for key in KEYS if key not in data]
+    if missing:
+        raise InputError(str(path), f"no {', '.join(missing)}", "what docs/how_close.md says of a bound file")
+    return dict(data)
+
+
+def verify_bound(data: Json, rtol: float, sources: Sources) -> Verification:
+    """Return the checks of a bound file: certificate, grasp, gap; a bound that cannot be recomputed fails."""
+    with np.errstate(all="ignore"):  # invalid numbers give NaN, which fails every comparison
+        try:
+            upper, proof = float(data["upper"]), Proof(data["problem"], data["certificate"], sources)
+            checks = proof.checks(upper, data["dropped"])
+        except BROKEN as error:
+            return Verification((Check("certificate", False, no_sense(error)),), None)
+        unmade = [check for check in checks if not check.made]
+        if unmade:  # a bound file claims the bound alone, which needs all checks
+            checks.append(Check("bound", False, f"not computed again: {unmade[0].name} was {unmade[0].detail}"))
+        found: Bounds | None = None
+        lower = 0.0
+        if data["grasp"] is not None:
+            try:
+                found, more = _grasp(proof, data["grasp"], upper, rtol)
+                lower = float(data["grasp"]["mu"]["lower"])
+                checks += more
+            except BROKEN as error:
+                checks.append(Check("grasp", False, no_sense(error)))
+        checks += guarded("gap", lambda: [_gap_check(data, lower)])
+    return Verification(tuple(checks), found, tuple(dict.fromkeys(sources.missing)))
+
+
+def _grasp(proof: Proof, data: Json, upper: float, rtol: float) -> tuple[Bounds, list[Check]]:
+    """Return the quality of a bound file's grasp, and its checks."""
+    problem = proof.problem
+    models = [contact_from_dict(contact) for contact in problem["contacts"]]
+    grasp = Grasp(data["positions"], data["normals"], models, proof.origin)
+    found = mu(grasp, proof.task, rtol, force_budget=budget_from_dict(problem["force_budget"]), seed=OTHER_SEED)
+    stated = Bounds.from_dict(data["mu"], "grasp.mu")
+    text = f"{stated.lower:.8g} of the grasp, {upper:.8g} over all placements"
+    checks = [
+        overlap("certified quality", stated, found),
+        Check("grasp below the bound", stated.lower <= upper and found.lower <= upper, text),
+    ]
+    try:
+        checks.append(_placed(proof, grasp, data["faces"]))
+    except NotMadeError as reason:
+        checks.append(Check.not_made("grasp", str(reason)))
+    return found, checks
+
+
+def _placed(proof: Proof, grasp: Grasp, faces: Sequence[str]) -> Check:
+    """Return the check that contacts are on their faces, with the faces' normals, where constraints allow them."""
+    slack, off = ON_FACE * proof.size, 0.0
+    for i, (face, p, n, own) in enumerate(zip(faces, grasp.points, grasp.normals, proof.asked[0], strict=True)):
+        fit = proof.surface.fit(face, p, n, None)
+        off = max(off, fit.off)
+        if not fit.off <= slack or (fit.turned is not None and not fit.turned <= ON_FACE):
+            return Check("grasp", False, f"contact {i} is {fit.off:.2g} m off {face}, or has another normal")
+        if own.forbid(face, p, n, slack):
+            return Check("grasp", False, f"contact {i} is where constraints do not allow it")
+    return Check("grasp", True, f"{len(grasp)} contacts at most {off:.2g} m off their faces")
+
+
+def _gap_check(data: Json, lower: float) -> Check:
+    """Return the check that the stated gap follows from bound and grasp, and whether it is closed as stated."""
+    upper, stated, asked = float(data["upper"]), data["gap"], float(data["certificate"]["asked"])
+    gap = max(upper / lower - 1.0, 0.0) if lower > 0.0 else 0.0 if upper == 0.0 else None
+    same = stated is None if gap is None else stated is not None and abs(float(stated) - gap) <= RECOMPUTED
+    near = gap is not None and gap <= asked * (1.0 + RECOMPUTED) + RECOMPUTED
+    closed = data["closed"] is near
+    words = "none" if gap is None else f"{gap:.6g}"
+    text = f"stated {stated}, computed again {words}; asked {asked:g}, {'' if data['closed'] else 'not '}closed"
+    return Check("gap", bool(same and closed), text)
+
+
+def beside_checks(solution: GraspSolution, grasp: Grasp, found: Bounds, sources: Sources) -> list[Check]:
+    """Return the checks that the bound is not below the grasp, and that it follows from its certificate.
+
+    Parameters
+    ----------
+    solution : GraspSolution
+        The certificate of its bound is in the file itself, or named as ``file`` and ``sha256``.
+    grasp : Grasp
+    found : Bounds
+        The grasp's recomputed quality.
+    sources : Sources
+        Where the named file is searched.
+    """
+    bound, problem, lower = solution.bound, solution.problem, solution.mu.lower
+    if bound is None:
+        return []
+    gap, stated = bound.gap(lower), bound.stated_gap
+    same = stated is None or gap == stated or abs(gap - stated) <= SAME * max(1.0, gap)
+    text = f"{found.lower:.8g} of the grasp, {bound.upper:.8g} over all placements"
+    checks = [
+        Check("best possible", max(found.lower, lower) <= bound.upper, text),
+        Check("gap", same, f"stated {gap if stated is None else stated:.6g}, bound over quality {gap:.6g}"),
+    ]
+    if not bound.certificate:
+        return [*checks, Check.not_made("bound", "the file holds no certificate of the bound over all placements")]
+    try:
+        certificate = _certificate(bound, problem, sources)
+    except NotMadeError as reason:
+        return [*checks, Check.not_made("bound", str(reason))]
+    except InputError as error:
+        return [*checks, Check("bound", False, str(error))]
+    proof = Proof(problem, certificate, sources)
+    try:
+        if problem["body"]["type"] == "mesh":
+            sources.find(problem["body"].get("source"))
+    except NotMadeError as reason:
+        return [*checks, Check.not_made("bound", str(reason))]
+    for check in proof.checks(bound.upper, bound.dropped):
+        checks.append(Check(f"bound, {check.name}", check.passed, check.detail, check.made))
+    off = float(max(abs(proof.origin - grasp.torque_origin)))
+    return [*checks, Check("bound, torque origin", off == 0.0, f"{off:.3g} m from the grasp's")]
+
+
+def _certificate(bound: GlobalBound, problem: Json, sources: Sources) -> Json:
+    """Return the certificate, from the solution or from the bound file that it names by digest."""
+    stated = bound.certificate
+    if "file" not in stated:
+        return stated
+    path = sources.find(stated["file"])
+    if hashlib.sha256(path.read_bytes()).hexdigest() != stated["sha256"]:
+        raise InputError(path.name, "another fingerprint", "the file that was written with the solution")
+    data = bound_file(path)
+    if data is None:
+        raise InputError(path.name, "no bound", "a bound file")
+    other = [part for part in PARTS if data["problem"].get(part, 0.0) != problem.get(part, 0.0)]
+    if other or data["upper"] != bound.upper:
+        raise InputError(path.name, f"another {other[0] if other else 'bound'}", "the bound that the solution states")
+    certificate: Json = data["certificate"]
+    return certificate

@@ -1,1 +1,0 @@
-"""Numeric cells of a global bound, from their JSON data."""

@@ -1,0 +1,707 @@
+"""Numeric cells of a global bound, from their JSON data."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from typing import Protocol
+
+import numpy as np
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.verify.check import NotMadeError
+from nlpgrasp.verify.numeric_bodies import positive
+from nlpgrasp.verify.surface_geometry import TriangleSurface
+
+UNIT = 1e-9
+SPACING = 0.3  # radians: largest side of the initial parts
+MOST_PARTS = 8  # most initial parts in each direction
+MOST_HALVINGS = 3  # most halvings of sides to get there
+SIDES = "012"
+
+
+Cut = int | list[list[int]]
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Vertex contacts that represent the flat part of a cell.
+
+    Parameters
+    ----------
+    points, normals : (m, space) array
+        Points, metres, and unit inward normals; body frame.
+    """
+
+    points: FloatArray
+    normals: FloatArray
+
+    @classmethod
+    def flat(cls, points: FloatArray, normal: FloatArray) -> Rows:
+        """Return vertex contacts with one normal, between which the work is linear."""
+        return cls(points, np.tile(normal, (len(points), 1)))
+
+    @classmethod
+    def none(cls) -> Rows:
+        """Return no vertex contacts, for a cell without a flat part."""
+        return cls(np.zeros((0, 3)), np.zeros((0, 3)))
+
+
+class Sheet(Protocol):
+    """A parametrised curved face; its parts have corners (n, c, q)."""
+
+    def start(self) -> FloatArray:
+        """Return the initial parts, which together are the cell's part of the face."""
+
+    def contacts(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return points, metres, and inward unit normals at coordinates (m, q), (m, 3) each."""
+
+    def bends(self, parts: FloatArray) -> FloatArray:
+        """Return coefficients of ``|v|``, ``|tau|`` and, for contacts with a moment about the normal, ``|tau|`` again.
+
+        (n, 2, 3): bounds on the difference of a contact's work in each part from the linear interpolation of the
+        corners' work, and from that of any corner.
+        """
+
+    def halved(self, parts: FloatArray) -> FloatArray:
+        """Return r smaller parts in place of each, (n r, c, q), grouped by the divided part."""
+
+
+class Cell(Protocol):
+    """A piece of a body's face."""
+
+    @property
+    def data(self) -> Json:
+        """The cell as JSON data."""
+
+    def rows(self) -> Rows:
+        """Return the vertex contacts of the cell's flat part."""
+
+    def sheets(self) -> list[Sheet]:
+        """Return the curved parts of the cell."""
+
+    def parts(self, cut: Cut) -> tuple[Cell, Cell]:
+        """Return the two parts of a cut, which cover the cell; raise ``ValueError`` on an invalid cut."""
+
+    def hull(self) -> tuple[FloatArray, float]:
+        """Return points (m, space) and a radius, metres: the cell is within this distance of their convex hull."""
+
+    def anchors(self) -> FloatArray:
+        """Return points (m, space) that identify the cell among those of its kind, metres."""
+
+
+def ball(cell: Cell) -> tuple[FloatArray, float]:
+    """Return centre (space,) and radius, metres, of a bounding ball of a cell."""
+    points, beyond = cell.hull()
+    middle = points.mean(axis=0)
+    return middle, beyond + float(np.max(np.linalg.norm(points - middle, axis=1)))
+
+
+def halves(interval: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the lower and the upper half of an interval (2,)."""
+    low, high = interval.tolist()
+    return np.array([low, 0.5 * (low + high)]), np.array([0.5 * (low + high), high])
+
+
+def one_of(cut: Cut, count: int) -> int:
+    """Return the number of a cut, validated to be from 0 to below a count."""
+    if not isinstance(cut, int) or isinstance(cut, bool) or not 0 <= cut < count:
+        raise ValueError(f"cut {cut!r}, expected a number from 0 to {count - 1}")
+    return cut
+
+
+def increasing(name: str, interval: FloatArray, widest: float = np.inf) -> FloatArray:
+    """Return an interval (2,); refuse one that is reversed, or too wide for its vertex contacts."""
+    if not 0.0 <= interval[1] - interval[0] <= widest:
+        raise ValueError(f"{name} from {interval[0]:g} to {interval[1]:g}")
+    return interval
+
+
+@dataclass(frozen=True)
+class Polygon:
+    """A polygon around its vertices, in order; a segment if there are two.
+
+    Parameters
+    ----------
+    data : mapping
+        ``vertices`` (m, space), metres; ``normal`` (space,), unit, into the body; ``axes`` (space - 1, space), unit,
+        the directions along which it may be halved.
+    """
+
+    data: Json
+
+    @cached_property
+    def vertices(self) -> FloatArray:
+        """Corners in order, (m, space), metres."""
+        return array("vertices", self.data["vertices"], (None, None))
+
+    @cached_property
+    def normal(self) -> FloatArray:
+        """Unit inward normal, (space,)."""
+        return array("normal", self.data["normal"], (self.vertices.shape[1],))
+
+    @cached_property
+    def axes(self) -> FloatArray:
+        """Directions of cuts, (space - 1, space), unit."""
+        return array("axes", self.data["axes"], (None, self.vertices.shape[1]))
+
+    def rows(self) -> Rows:
+        """Return the vertices as contacts: a convex function of the point is largest at one of them."""
+        if not abs(float(np.linalg.norm(self.normal)) - 1.0) <= UNIT:
+            raise ValueError("a normal that is no unit vector")
+        return Rows.flat(self.vertices, self.normal)
+
+    def sheets(self) -> list[Sheet]:
+        """Return no curved parts."""
+        return []
+
+    def parts(self, cut: Cut) -> tuple[Polygon, Polygon]:
+        """Return the parts below and above the middle of the extent along an axis."""
+        axis = self.axes[one_of(cut, len(self.axes))]
+        height = self.vertices @ axis
+        middle = 0.5 * float(height.min() + height.max())
+        low, high = below(self.vertices, height - middle), below(self.vertices, middle - height)
+        return self._of(low), self._of(high)
+
+    def _of(self, vertices: FloatArray) -> Polygon:
+        return Polygon({**self.data, "vertices": vertices.tolist()})
+
+    def hull(self) -> tuple[FloatArray, float]:
+        """Return the vertices."""
+        return self.vertices, 0.0
+
+    def anchors(self) -> FloatArray:
+        """Return the vertices."""
+        return self.vertices
+
+
+def below(vertices: FloatArray, height: FloatArray) -> FloatArray:
+    """Return the part of a polygon or segment where a linear function is at most zero.
+
+    Parameters
+    ----------
+    vertices : (m, space) array
+        In order.
+    height : (m,) array
+        Values of the function at the vertices.
+    """
+    count = len(vertices)
+    kept = []
+    for i in range(count):
+        if height[i] <= 0.0:
+            kept.append(vertices[i])
+        following = (i + 1) % count
+        if (following > i or count > 2) and min(height[i], height[following]) < 0.0 < max(height[i], height[following]):
+            share = height[i] / (height[i] - height[following])
+            kept.append(vertices[i] + share * (vertices[following] - vertices[i]))
+    return np.array(kept).reshape(-1, vertices.shape[1])
+
+
+@dataclass(frozen=True)
+class TurnedSheet:
+    """Patch ``phi_0 <= phi <= phi_1``, ``t_0 <= t <= t_1`` of a cylinder's side (t height) or a torus (t angle).
+
+    A rotation by phi turns point and normal alike: ``|z''| <= |f_c| + |tau| |p_0|`` about any point c of the axis, and
+    likewise around the tube about its centre line; along a cylinder the work is linear.
+
+    Parameters
+    ----------
+    radii : (ring, tube)
+        Of a torus; 0 and the radius of a cylinder, metres.
+    angles, along : (2,) arrays
+        Intervals of phi and t, the coordinates of a point.
+    """
+
+    radii: tuple[float, float]
+    angles: FloatArray
+    along: FloatArray
+
+    def start(self) -> FloatArray:
+        """Return patches with corners (low, low), (low, high), (high, low), (high, high); lines with both ends."""
+        straight = self.radii[0] == 0.0
+        return _patches(_steps(self.angles, False), _steps(self.along, straight))
+
+    def contacts(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return points and inward normals at (phi, t), (m, 2)."""
+        (ring, tube), phi, t = self.radii, places[:, 0], places[:, 1:]
+        out, up = np.stack([np.cos(phi), np.sin(phi), 0.0 * phi], axis=1), np.array([0.0, 0.0, 1.0])
+        if ring == 0.0:
+            return tube * out + t * up, -out
+        around = np.cos(t) * out + np.sin(t) * up
+        return ring * out + tube * around, -around
+
+    def bends(self, parts: FloatArray) -> FloatArray:
+        """Return the interpolation coefficients (n, 2, 3) of patches or lines (n, c, 2)."""
+        ring, tube = self.radii
+        d, e = (parts[:, -1] - parts[:, 0]).T
+        widest = ring + tube
+        arm = widest + np.hypot(widest, np.minimum(e, 2.0 * tube) if ring > 0.0 else e)
+        off = [d**2, d**2 * arm, d**2]
+        more = [d, d * arm, d]
+        if ring > 0.0:
+            off = [off[0] + e**2, off[1] + 2.0 * e**2 * tube + e**2 * widest * d, off[2] + e**2]
+            more = [more[0] + e, more[1] + e * (2.0 * tube + widest * d), more[2] + e]
+        else:
+            off[1], more[1] = off[1] + d**2 * e, more[1] + e
+        return np.stack([np.stack(off, axis=1) / 8.0, np.stack(more, axis=1)], axis=1)
+
+    def halved(self, parts: FloatArray) -> FloatArray:
+        """Return four patches for each (n, 4, 2), two lines for each (n, 2, 2)."""
+        made = []
+        for part in parts:
+            low, high = part[0], part[-1]
+            ends = [np.unique([a, 0.5 * (a + b), b]) for a, b in zip(low, high, strict=True)]
+            made.append(_patches(*ends))
+        return np.concatenate(made)
+
+
+def _steps(interval: FloatArray, straight: bool) -> FloatArray:
+    """Return the initial grid of an interval."""
+    low, high = interval.tolist()
+    if high == low:
+        return np.array([low])
+    count = 1 if straight else min(max(int(np.ceil((high - low) / SPACING)), 1), MOST_PARTS)
+    return np.linspace(low, high, count + 1)
+
+
+def _patches(phi: FloatArray, t: FloatArray) -> FloatArray:
+    """Return the rectangles between grid lines; lines where one coordinate is constant."""
+    sides = [np.stack([x[:-1], x[1:]], axis=1) if len(x) > 1 else x[:, None] for x in (phi, t)]
+    return np.array([list(product(a, b)) for a, b in product(*sides)])
+
+
+@dataclass(frozen=True)
+class Sector:
+    """Annular sector ``r_0 <= r <= r_1``, ``phi_0 <= phi <= phi_1`` of a horizontal disc.
+
+    Parameters
+    ----------
+    data : mapping
+        ``radii`` and ``height``, metres; ``angles``, radians, less than half a turn apart; ``normal``.
+    """
+
+    data: Json
+
+    @property
+    def radii(self) -> FloatArray:
+        """Inner and outer radius, (2,), metres."""
+        return increasing("radii", array("radii", self.data["radii"], (2,)))
+
+    @property
+    def angles(self) -> FloatArray:
+        """Both angles, (2,), radians."""
+        return increasing("angles", array("angles", self.data["angles"], (2,)), 3.0)
+
+    def rows(self) -> Rows:
+        """Return the corners, and the intersection of the tangents at the ends of the outer arc."""
+        (inner, outer), (low, high) = self.radii.tolist(), self.angles.tolist()
+        places = [(inner, low), (inner, high), (outer, low), (outer, high)]
+        if high > low:
+            places.append((outer / np.cos(0.5 * (high - low)), 0.5 * (low + high)))
+        height = number("height", self.data["height"])
+        points = [(r * np.cos(phi), r * np.sin(phi), height) for r, phi in places]
+        return Rows.flat(np.array(points), array("normal", self.data["normal"], (3,)))
+
+    def sheets(self) -> list[Sheet]:
+        """Return no curved parts."""
+        return []
+
+    def parts(self, cut: Cut) -> tuple[Sector, Sector]:
+        """Return the halves of the radii, for cut 0, or of the angles, for cut 1."""
+        key, interval = (("radii", self.radii), ("angles", self.angles))[one_of(cut, 2)]
+        low, high = halves(interval)
+        return Sector({**self.data, key: low.tolist()}), Sector({**self.data, key: high.tolist()})
+
+    def hull(self) -> tuple[FloatArray, float]:
+        """Return the vertex contacts' points."""
+        return self.rows().points, 0.0
+
+    def anchors(self) -> FloatArray:
+        """Return the vertex contacts' points."""
+        return self.rows().points
+
+
+@dataclass(frozen=True)
+class Revolved:
+    """Patch ``phi_0 <= phi <= phi_1``, ``t_0 <= t <= t_1`` of a cylinder's side (t height) or a torus (t angle).
+
+    Parameters
+    ----------
+    data : mapping
+        ``radii``: that of the tube's centre line, 0 for a cylinder, and that of tube or cylinder, metres; ``angles``,
+        radians; ``along``, t.
+    """
+
+    data: Json
+
+    @property
+    def radii(self) -> tuple[float, float]:
+        """Radii of the centre line and of the tube or cylinder, metres."""
+        ring, tube = array("radii", self.data["radii"], (2,)).tolist()
+        return ring, tube
+
+    @property
+    def angles(self) -> FloatArray:
+        """Both angles about the axis, radians."""
+        return increasing("angles", array("angles", self.data["angles"], (2,)), 3.0)
+
+    @property
+    def along(self) -> FloatArray:
+        """Both ends of t, metres or radians."""
+        return increasing("along", array("along", self.data["along"], (2,)), 3.0 if self.radii[0] > 0.0 else np.inf)
+
+    def rows(self) -> Rows:
+        """Return the point itself for a cell of one point."""
+        return Rows.none() if self.sheets() else Rows(*self._sheet.contacts(self._sheet.start()[:, 0]))
+
+    @property
+    def _sheet(self) -> TurnedSheet:
+        return TurnedSheet(self.radii, self.angles, self.along)
+
+    def sheets(self) -> list[Sheet]:
+        """Return the patch, or the line, as a curved part."""
+        return [self._sheet] if np.ptp(self.angles) > 0.0 or np.ptp(self.along) > 0.0 else []
+
+    def parts(self, cut: Cut) -> tuple[Revolved, Revolved]:
+        """Return the halves of phi, for cut 0, or of t, for cut 1."""
+        key, interval = (("angles", self.angles), ("along", self.along))[one_of(cut, 2)]
+        low, high = halves(interval)
+        return Revolved({**self.data, key: low.tolist()}), Revolved({**self.data, key: high.tolist()})
+
+    def hull(self) -> tuple[FloatArray, float]:
+        """Return the middle point and the longest path on the surface to a corner."""
+        ring, tube = self.radii
+        middle = self._sheet.contacts(np.array([[self.angles.mean(), self.along.mean()]]))[0]
+        beside = float(np.ptp(self.along)) * (tube if ring > 0.0 else 1.0)
+        return middle, 0.5 * ((ring + tube) * float(np.ptp(self.angles)) + beside)
+
+    def anchors(self) -> FloatArray:
+        """Return the corners and the middles of all sides."""
+        three = [np.linspace(float(ends[0]), float(ends[1]), 3) for ends in (self.angles, self.along)]
+        return self._sheet.contacts(np.array(list(product(*three))))[0]
+
+
+@dataclass(frozen=True)
+class EllipsoidSheet:
+    """The image under ``diag(axes)`` of a spherical triangle, arc or point.
+
+    Parameters
+    ----------
+    corners : (c, 3) array
+        Unit vectors; the coordinates of a point are its unit vector.
+    axes : (3,) array
+        Metres.
+    """
+
+    corners: FloatArray
+    axes: FloatArray
+
+    def start(self) -> FloatArray:
+        """Return the initial triangles or arcs."""
+        found = self.corners[None]
+        for _ in range(MOST_HALVINGS):
+            if float(np.max(_sides(found))) <= SPACING:
+                break
+            found = self.halved(found)
+        return found
+
+    def contacts(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return points and inward normals at unit vectors (m, 3)."""
+        inward = -places / self.axes
+        return places * self.axes, inward / np.linalg.norm(inward, axis=1, keepdims=True)
+
+    def bends(self, parts: FloatArray) -> FloatArray:
+        """Return the interpolation coefficients (m, 2, 3) of small parts (m, c, 3).
+
+        On a great circle of unit speed, the normal ``A^-1 u / g``, ``g = |A^-1 u|``, turns at ``w <= |A^-1| / g``, and
+        its rate of turning changes by at most ``2 w |u'^T A^-2 u| / g^2``.
+        """
+        long, short = float(self.axes.max()), float(self.axes.min())
+        side = _sides(parts)
+        centre = np.sum(parts, axis=1)
+        centre /= np.linalg.norm(centre, axis=1, keepdims=True)
+        reach = np.max(between(parts, centre[:, None]), axis=1)
+        g = np.maximum(np.linalg.norm(centre / self.axes, axis=1) - reach / short, 1.0 / long)
+        w = 1.0 / (short * g)
+        squared = centre / self.axes**2
+        slope = np.linalg.norm(squared - centre * np.sum(centre * squared, axis=1, keepdims=True), axis=1)
+        steepest = 0.5 * (1.0 / short**2 - 1.0 / long**2)
+        quick = w**2 + 2.0 * w * np.minimum(steepest, slope + 3.0 * steepest * reach) / g**2
+        if long == short:
+            arm = np.full(len(parts), 2.0 * long)
+        else:
+            farthest = np.minimum(long, np.linalg.norm(centre * self.axes, axis=1) + long * reach)
+            arm = farthest + (long / short + short / long) / g
+        bowed = 0.5 * _radius(parts) ** 2
+        off = np.column_stack([quick, arm + quick * long * side, quick]) * bowed[:, None]
+        more = np.column_stack([w, long + w * long * side, w]) * side[:, None]
+        return np.stack([off, more], axis=1)
+
+    def halved(self, parts: FloatArray) -> FloatArray:
+        """Return four triangles for each (n, 3, 3), two arcs for each (n, 2, 3)."""
+        middles = parts + np.roll(parts, -1, axis=1)
+        middles /= np.linalg.norm(middles, axis=2, keepdims=True)
+        if parts.shape[1] == 2:
+            ends = [(parts[:, 0], middles[:, 0]), (middles[:, 0], parts[:, 1])]
+            made = [np.stack(pair, axis=1) for pair in ends]
+        else:
+            made = [np.stack([parts[:, i], middles[:, i], middles[:, (i + 2) % 3]], axis=1) for i in range(3)]
+            made.append(middles)
+        return np.stack(made, axis=1).reshape(-1, *parts.shape[1:])
+
+
+def _sides(parts: FloatArray) -> FloatArray:
+    """Return the longest side of each part, radians, (n,)."""
+    return np.asarray(np.max(between(parts, np.roll(parts, -1, axis=1)), axis=1))
+
+
+def _radius(parts: FloatArray) -> FloatArray:
+    """Return the circumradius of each part, developed into the plane from any of its points, (m,).
+
+    Developed along great circles from one of its points, a part has sides at most ``t / sin t`` times as long, t the
+    longest: the radius is then that of the circumcircle for an acute triangle, half the longest side for others.
+    """
+    ends = between(parts, np.roll(parts, -1, axis=1))
+    long = np.max(ends, axis=1)
+    if parts.shape[1] < 3:
+        return np.asarray(0.5 * long)
+    c, b, a = np.sort(ends * (long / np.sin(long))[:, None], axis=1).T
+    cosine = (b**2 + c**2 - a**2) / (2.0 * b * c)  # cosine of the largest angle
+    sine = np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
+    return np.asarray(np.where((cosine > 0.0) & (sine > 0.0), 0.5 * a / np.where(sine > 0.0, sine, 1.0), 0.5 * a))
+
+
+def between(u: FloatArray, v: FloatArray) -> FloatArray:
+    """Return the angles between unit vectors, radians."""
+    return np.asarray(2.0 * np.arcsin(np.minimum(1.0, 0.5 * np.linalg.norm(u - v, axis=-1))))
+
+
+@dataclass(frozen=True)
+class Ellipsoid:
+    """The image under ``diag(semi_axes)`` of the spherical convex hull of one to three corners.
+
+    Parameters
+    ----------
+    data : mapping
+        ``corners`` (1 to 3, 3), unit, and ``semi_axes`` (3,), metres.
+    """
+
+    data: Json
+
+    @cached_property
+    def corners(self) -> FloatArray:
+        """Unit vectors (c, 3)."""
+        found = array("corners", self.data["corners"], (None, 3))
+        good = 1 <= len(found) <= 3 and np.all(np.abs(np.linalg.norm(found, axis=1) - 1.0) <= UNIT)
+        if not good or np.min(found @ found.T) < -UNIT:
+            raise ValueError("corners that are not one to three unit vectors within a right angle of each other")
+        return found
+
+    @cached_property
+    def axes(self) -> FloatArray:
+        """Semi-axes (3,), metres."""
+        return positive("semi_axes", self.data["semi_axes"], 3)
+
+    def rows(self) -> Rows:
+        """Return the point itself for a cell of one point."""
+        if len(self.corners) > 1:
+            return Rows.none()
+        return Rows(*EllipsoidSheet(self.corners, self.axes).contacts(self.corners))
+
+    def sheets(self) -> list[Sheet]:
+        """Return the triangle or arc as a curved part."""
+        return [EllipsoidSheet(self.corners, self.axes)] if len(self.corners) > 1 else []
+
+    def parts(self, cut: Cut) -> tuple[Ellipsoid, Ellipsoid]:
+        """Return both halves of a cut from the middle of a side to the opposite corner."""
+        first = one_of(cut, len(self.corners))
+        second = (first + 1) % len(self.corners)
+        middle = self.corners[first] + self.corners[second]
+        middle = middle / np.linalg.norm(middle)
+        return self._with(second, middle), self._with(first, middle)
+
+    def _with(self, corner: int, place: FloatArray) -> Ellipsoid:
+        corners = self.corners.tolist()
+        corners[corner] = place.tolist()
+        return Ellipsoid({**self.data, "corners": corners})
+
+    def hull(self) -> tuple[FloatArray, float]:
+        """Return the cell's middle point, and the largest semi-axis times the angle to the farthest corner."""
+        middle = np.sum(self.corners, axis=0)
+        middle /= np.linalg.norm(middle)
+        return (middle * self.axes)[None], float(self.axes.max() * np.max(between(self.corners, middle[None])))
+
+    def anchors(self) -> FloatArray:
+        """Return the corners on the ellipsoid."""
+        return self.corners * self.axes
+
+
+@dataclass(frozen=True)
+class MeshCell:
+    """A range of the pieces of a mesh's subdivided triangles.
+
+    Parameters
+    ----------
+    data : mapping
+        ``halved`` and ``order`` of the whole mesh, None for the original order (docs/how_close.md).
+    corners : (n, 3, 3) array
+        Corners of the ordered pieces, metres.
+    normals : (n, 3) array
+        Unit, into the body.
+    first, last : int
+        Range of the cell's pieces, the last excluded.
+    """
+
+    data: Json
+    corners: FloatArray
+    normals: FloatArray
+    first: int
+    last: int
+
+    @classmethod
+    def whole(cls, data: Json, mesh: TriangleSurface) -> MeshCell:
+        """Return the cell of all pieces; raise ``ValueError`` where the data name pieces that do not exist."""
+        corners, triangle = halved(mesh.corners, data["halved"])
+        stated = data["order"]
+        order = np.arange(len(corners)) if stated is None else np.array(stated, dtype=np.int64)
+        if len(order) and not (order.min() >= 0 and order.max() < len(corners)):
+            raise ValueError(f"pieces up to {order.max()}, of {len(corners)}")
+        return cls({**data, "order": order.tolist()}, corners[order], -mesh.normals[triangle[order]], 0, len(order))
+
+    def left_out(self, mesh: TriangleSurface) -> int:
+        """Return the number of the mesh's pieces that the cell lacks."""
+        count = len(halved(mesh.corners, self.data["halved"])[0])
+        return count - len(set(map(int, self.data["order"][self.first : self.last])))
+
+    def rows(self) -> Rows:
+        """Return the corners with their pieces' normals: a convex function on a flat piece is largest at a corner."""
+        points = self.corners[self.first : self.last].reshape(-1, 3)
+        normals = np.repeat(self.normals[self.first : self.last], 3, axis=0)
+        return Rows(points, normals)
+
+    def sheets(self) -> list[Sheet]:
+        """Return no curved parts."""
+        return []
+
+    def parts(self, cut: Cut) -> tuple[MeshCell, MeshCell]:
+        """Return the first pieces, as many as the cut states, and the rest."""
+        if not isinstance(cut, int) or not 0 < cut < self.last - self.first:
+            raise ValueError(f"{cut} of {self.last - self.first} pieces")
+        at = self.first + cut
+        first = MeshCell(self.data, self.corners, self.normals, self.first, at)
+        return first, MeshCell(self.data, self.corners, self.normals, at, self.last)
+
+    def hull(self) -> tuple[FloatArray, float]:
+        """Return the corners."""
+        return self.anchors(), 0.0
+
+    def anchors(self) -> FloatArray:
+        """Return the corners."""
+        return self.corners[self.first : self.last].reshape(-1, 3)
+
+
+def halved(corners: FloatArray, rounds: Sequence[str]) -> tuple[FloatArray, np.ndarray]:
+    """Return the pieces of subdivided triangles (t, 3, 3), and the triangle of each piece.
+
+    In each round every piece has a character: the number of a corner if the side from that corner to the next is
+    halved, any other if the piece stays. The half with the corner stays in place, the other half goes to the end.
+    """
+    pieces, triangle = [*corners], [*range(len(corners))]
+    for row in rounds:
+        if len(row) != len(pieces):
+            raise ValueError(f"{len(row)} characters for {len(pieces)} pieces")
+        for i, character in enumerate(row):
+            if character in SIDES:
+                start = SIDES.index(character)
+                end, across = (start + 1) % 3, (start + 2) % 3
+                p = pieces[i]
+                middle = (p[start] + p[end]) / 2.0
+                pieces[i] = np.array([p[start], middle, p[across]])
+                pieces.append(np.array([middle, p[end], p[across]]))
+                triangle.append(triangle[i])
+    return np.array(pieces), np.array(triangle, dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """A union of cells.
+
+    Parameters
+    ----------
+    data : mapping
+        ``members``, cells.
+    """
+
+    data: Json
+
+    @cached_property
+    def members(self) -> list[Cell]:
+        """The member cells."""
+        return [cell_of(member) for member in self.data["members"]]
+
+    def rows(self) -> Rows:
+        """Return the vertex contacts of all members."""
+        every = [member.rows() for member in self.members]
+        return Rows(*(np.concatenate([getattr(rows, name) for rows in every]) for name in ("points", "normals")))
+
+    def sheets(self) -> list[Sheet]:
+        """Return the curved parts of all members."""
+        return [sheet for member in self.members for sheet in member.sheets()]
+
+    def parts(self, cut: Cut) -> tuple[Cell, Cell]:
+        """Return the two bundles of a partition of the members."""
+        count = len(self.members)
+        if isinstance(cut, int) or len(cut) != 2 or not all(cut) or set(cut[0] + cut[1]) != set(range(count)):
+            raise ValueError("a cut that does not share the members out")
+        first, second = ([self.data["members"][i] for i in part] for part in cut)
+        return self._of(first), self._of(second)
+
+    def _of(self, members: list[Json]) -> Cell:
+        return cell_of(members[0] if len(members) == 1 else {**self.data, "members": members})
+
+    def hull(self) -> tuple[FloatArray, float]:
+        """Return the points of all members, and the largest of their radii."""
+        every = [member.hull() for member in self.members]
+        return np.concatenate([points for points, _ in every]), max(radius for _, radius in every)
+
+    def anchors(self) -> FloatArray:
+        """Return the anchor points of all members."""
+        return np.concatenate([member.anchors() for member in self.members])
+
+
+KINDS: dict[str, Callable[[Json], Cell]] = {
+    "polygon": Polygon,
+    "ellipsoid": Ellipsoid,
+    "sector": Sector,
+    "revolved": Revolved,
+    "bundle": Bundle,
+}
+
+
+def cell_of(data: Json) -> Cell:
+    """Return the cell of its JSON data; raise ``NotMadeError`` on an unknown kind."""
+    kind = KINDS.get(str(data["kind"]))
+    if data["kind"] == "superquadric":
+        raise NotMadeError("a bound of a superquadric, by an earlier version: superquadrics are not bounded any more")
+    if kind is None:
+        raise NotMadeError(f"nothing recomputes a cell of kind {data['kind']!r}")
+    return kind(data)
+
+
+def same_place(cell: Cell, other: Cell, image: FloatArray, tolerance: float) -> bool:
+    """Return whether a cell is the image of another with transformed anchors (m, space), in any order."""
+    if cell.data["kind"] != other.data["kind"]:
+        return False
+    if isinstance(cell, Bundle) and isinstance(other, Bundle):
+        ends = np.cumsum([len(member.anchors()) for member in other.members])[:-1]
+        moved = list(zip(other.members, np.split(image, ends), strict=True))
+        one = all(any(same_place(m, o, i, tolerance) for m in cell.members) for o, i in moved)
+        return one and all(any(same_place(m, o, i, tolerance) for o, i in moved) for m in cell.members)
+    own = cell.anchors()
+    if len(own) != len(image):
+        return False
+    apart = np.max(np.abs(own[:, None] - image[None]), axis=2)
+    return bool(np.max(apart.min(axis=0)) <= tolerance and np.max(apart.min(axis=1)) <= tolerance)

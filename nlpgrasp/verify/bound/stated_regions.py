@@ -1,0 +1,148 @@
+"""Allowed region of one contact by its own constraints, and the parts of a problem that the bound relaxes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from nlpgrasp.common.scalar_constraints import EDGES
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.verify.bound.stated_cells import Cell, ball
+from nlpgrasp.verify.check import NotMadeError
+from nlpgrasp.verify.numeric_constraints import corners, unit
+from nlpgrasp.verify.registry import BODIES, HANDS
+from nlpgrasp.verify.sources import Sources
+
+EXACT = ("box", "cylinder", "polygon", "prism", "sphere", "torus")  # bodies with an exact distance everywhere
+Sides = tuple[FloatArray, FloatArray]
+"""``A`` (m, space), unit rows, and ``b`` (m,): the points with ``A p <= b``, metres."""
+
+
+@dataclass(frozen=True)
+class Places:
+    """Allowed region of one contact.
+
+    Parameters
+    ----------
+    faces : tuple of str
+        Names of faces that its model allows and no constraint forbids; None for all faces.
+    inside : tuple of (A, b, radius)
+        ``A (p - radius n) <= b`` for the contact p with inward normal n.
+    outside : tuple of (A, b)
+        Forbidden regions ``A p < b``.
+    away : tuple of (distance, least, radius)
+        Distances of the fingertip's centre from other bodies, metres.
+    """
+
+    faces: tuple[str, ...]
+    inside: tuple[tuple[FloatArray, FloatArray, float], ...]
+    outside: tuple[Sides, ...]
+    away: tuple[tuple[Callable[[FloatArray], FloatArray], float, float], ...]
+
+    @property
+    def limited(self) -> bool:
+        """Whether the contact has other limits than its faces."""
+        return bool(self.inside or self.outside or self.away)
+
+    def exclude(self, cell: Cell, slack: float) -> bool:
+        """Return whether no contact of a cell is allowed, even with a slack in metres."""
+        points, beyond = cell.hull()
+        for A, b, radius in self.inside:
+            if np.any(np.min(points @ A.T, axis=0) - beyond - b > radius - slack):
+                return True
+        if any(np.all(np.max(points @ A.T, axis=0) + beyond - b < slack) for A, b in self.outside):
+            return True
+        middle, around = ball(cell)
+        return any(float(d(middle[None])[0]) + around + radius < least + slack for d, least, radius in self.away)
+
+    def forbid(self, face: str, point: FloatArray, normal: FloatArray, slack: float) -> bool:
+        """Return whether a contact (space,) on a face violates its region by more than a slack in metres."""
+        if face not in self.faces or any(np.any(A @ (point - r * normal) - b > slack) for A, b, r in self.inside):
+            return True
+        if any(np.all(A @ point - b < -slack) for A, b in self.outside):
+            return True
+        return any(float(d((point - r * normal)[None])[0]) < least - slack for d, least, r in self.away)
+
+    def rows(self) -> FloatArray:
+        """Return the half-spaces of all required regions, (m, space + 2): direction, offset, radius."""
+        return np.concatenate([np.column_stack([A, b, np.full(len(b), radius)]) for A, b, radius in self.inside])
+
+    def same(self, other: Places) -> bool:
+        """Return whether another contact has the same allowed region."""
+        if set(self.faces) != set(other.faces) or len(self.outside) != len(other.outside):
+            return False
+        if len(self.inside) != len(other.inside) or len(self.away) != len(other.away):
+            return False
+        if self.inside and not np.array_equal(self.rows(), other.rows()):
+            return False
+        return [a[1:] for a in self.away] == [a[1:] for a in other.away]
+
+
+def places(problem: Json, faces: Sequence[str], space: int, sources: Sources) -> tuple[list[Places], list[str]]:
+    """Return each contact's allowed region, and the relaxed parts of the problem as text: those of several contacts."""
+    constraints, contacts, hand = problem["constraints"], problem["contacts"], problem["hand"]
+    forbidden = {name for c in constraints if c["type"] == "forbid" for name in c.get("faces", ())}
+    radii = [0.0] * len(contacts) if hand is None else list(HANDS.of(hand)(hand, {}, {}, sources).radii)
+    found, known = [], set()
+    for i, (contact, radius) in enumerate(zip(contacts, radii, strict=True)):
+        own = Places(tuple(f for f in contact.get("faces") or faces if f not in forbidden), (), (), ())
+        for j, data in enumerate(constraints):
+            more = _limit(data, i, radius, space, sources)
+            if more is not None:
+                known.add(j)
+                own = Places(own.faces, own.inside + more.inside, own.outside + more.outside, own.away + more.away)
+        found.append(own)
+    dropped = [] if hand is None else [f"the hand ({hand['type']})"]
+    for j, data in enumerate(constraints):
+        if j not in known and not data.get("faces"):
+            dropped.append(str(data.get("name", data["type"])))
+    if problem["body"]["type"] == "mesh" and problem.get("edge_margin", 0.0) > 0.0:
+        dropped.append(EDGES)
+    return found, dropped
+
+
+def _limit(data: Json, contact: int, radius: float, space: int, sources: Sources) -> Places | None:
+    """Return a constraint's limits on one contact alone; None without any."""
+    kind = data["type"]
+    if kind == "table":
+        lowest = number("height", data["height"]) + number("clearance", data["clearance"], at_least=0.0) + radius
+        return Places((), ((-np.eye(space)[-1:], np.array([-lowest]), radius),), (), ())
+    if kind == "forbid" and data.get("region") is not None:
+        sides = _sides(data["region"], space)
+        return None if sides is None else Places((), (), (sides,), ())
+    if kind == "workspace" and not data["palm"]:
+        sides = _sides(data["region"], space)
+        held = data.get("fingers") is None or contact in data["fingers"]
+        return Places((), ((*sides, 0.0),), (), ()) if held and sides is not None else None
+    if kind == "obstacle" and data["body"]["type"] in EXACT:
+        least = radius + number("clearance", data["clearance"], at_least=0.0)
+        return Places((), (), (), ((_distance(data, space, sources), least, radius),))
+    return None
+
+
+def _sides(region: Json, space: int) -> Sides | None:
+    """Return the half-spaces of a region; None where its function is not in the file."""
+    if region["type"] == "half_space":
+        normal = unit("normal", region["normal"], space)
+        return -normal[None], np.array([-number("offset", region["offset"])])
+    if region["type"] == "box_region":
+        lower, upper = corners(region)
+        return np.concatenate([np.eye(space), -np.eye(space)]), np.concatenate([upper, -lower])
+    return None
+
+
+def _distance(data: Json, space: int, sources: Sources) -> Callable[[FloatArray], FloatArray]:
+    """Return the distance function of an obstacle, points (m, space) to metres."""
+    surface = BODIES.of(data["body"])(data["body"], sources)
+    position = np.zeros(space) if data["position"] is None else array("position", data["position"], (space,))
+    turn = data["quaternion_wxyz"]
+    if turn is None:
+        return lambda p: surface.distance(p - position)
+    if space == 2:
+        raise NotMadeError("an obstacle turned out of the plane")
+    back = Rotation.from_quat(unit("quaternion_wxyz", turn, 4), scalar_first=True).inv()
+    return lambda p: surface.distance(back.apply(p - position))

@@ -1,0 +1,266 @@
+"""Check that motions and continuous reductions are symmetries of body, task, constraints and torque origin."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope, TaskSum
+from nlpgrasp.verify.bound.face_cover import Faces, FlatFace, is_among
+from nlpgrasp.verify.bound.stated_cells import Ellipsoid
+from nlpgrasp.verify.bound.stated_regions import Places
+
+IMAGE_TOLERANCE = 1e-8  # relative tolerance of an image
+RADIAN = 1.0  # an irrational share of a turn: invariance under it implies invariance under all turns
+POLE_TOLERANCE = 1e-9
+
+
+def error_of_motion(
+    motion: Json, problem: Json, task: Task, origin: FloatArray, own: Sequence[Places], size: float
+) -> str:
+    """Return the part of the problem that a motion does not map onto itself; empty for a symmetry.
+
+    Parameters
+    ----------
+    motion : mapping
+        ``rotation`` R, orthogonal, and ``translation`` t, metres: ``p -> R p + t``.
+    problem : mapping
+    task : Task
+    origin : (space,) array
+        Torque origin, metres.
+    own : sequence of Places
+        Allowed region of each contact.
+    size : float
+        Of the body, metres.
+    """
+    space = len(origin)
+    R, t = array("rotation", motion["rotation"], (space, space)), array("translation", motion["translation"], (space,))
+    if np.max(np.abs(R @ R.T - np.eye(space))) > IMAGE_TOLERANCE:
+        return "it is no rotation or reflection"
+    if np.max(np.abs(R - np.eye(space))) <= IMAGE_TOLERANCE and np.max(np.abs(t)) <= IMAGE_TOLERANCE * size:
+        return ""
+    if not keeps_body(problem["body"], R, t, IMAGE_TOLERANCE * size):
+        return "the body has no such symmetry"
+    if np.max(np.abs(R @ origin + t - origin)) > IMAGE_TOLERANCE * size:
+        return "it moves the torque origin"
+    if not keeps_task(task, on_wrenches(R)):
+        return "the task has no such symmetry"
+    if not all(_keeps_places(places, R, t, IMAGE_TOLERANCE * size) for places in own):
+        return "constraints have no such symmetry"
+    return ""
+
+
+def on_wrenches(R: FloatArray) -> FloatArray:
+    """Return the action of R on wrenches about a fixed point: ``(R p) x (R f) = det(R) R (p x f)``."""
+    space, handed = len(R), 1.0 if np.linalg.det(R) > 0.0 else -1.0
+    turned = np.array([[handed]]) if space == 2 else handed * R
+    zero = np.zeros((space, len(turned)))
+    return np.block([[R, zero], [zero.T, turned]])
+
+
+def keeps_task(task: Task, matrix: FloatArray) -> bool:
+    """Return whether a linear map leaves a set of wrenches invariant, as far as its kind shows it."""
+    if isinstance(task, TaskSum):
+        return all(keeps_task(part, matrix) for part in task.tasks)
+    if isinstance(task, TaskPolytope):
+        points, scale = task.wrenches, _scale(np.max(np.abs(task.wrenches), axis=0))
+        return _same_points(points @ matrix.T / scale, points / scale, IMAGE_TOLERANCE)
+    if isinstance(task, TaskEllipsoid):
+        scale = _scale(np.linalg.norm(task.axes, axis=0) + np.abs(task.center))
+        axes, image = task.axes / scale, task.axes @ matrix.T / scale  # the set is centre + axes^T (unit ball)
+        middle = np.max(np.abs((matrix @ task.center - task.center) / scale))
+        return bool(np.max(np.abs(axes.T @ axes - image.T @ image)) <= IMAGE_TOLERANCE and middle <= IMAGE_TOLERANCE)
+    return False
+
+
+def _scale(sizes: FloatArray) -> FloatArray:
+    """Return the largest force for each force component, the largest moment for each moment component; 1 for zeros."""
+    forces = 2 if len(sizes) == 3 else 3
+    most = np.repeat([sizes[:forces].max(), sizes[forces:].max()], [forces, len(sizes) - forces])
+    return np.where(most > 0.0, most, 1.0)
+
+
+def keeps_body(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
+    """Return whether a motion maps a body onto itself."""
+    check = BODIES.get(body["type"])
+    return check is not None and check(body, R, t, tolerance)
+
+
+def _box(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
+    """Return whether corners map to corners: the box is their convex hull."""
+    signs = np.array(np.meshgrid(*[[1.0, -1.0]] * 3)).reshape(3, -1).T
+    corners = signs * array("extents", body["extents"], (3,)) / 2.0
+    return _same_points(corners @ R.T + t, corners, tolerance)
+
+
+def _polygon(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
+    """Return whether corners map to corners, and edge midpoints to edge midpoints."""
+    corners = array("vertices", body["vertices"], (None, 2))
+    return _same_outline(corners, R, t, tolerance)
+
+
+def _prism(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
+    corners = array("polygon", body["polygon"], (None, 2))
+    upright = max(np.max(np.abs(R[2, :2])), np.max(np.abs(R[:2, 2])), abs(abs(R[2, 2]) - 1.0)) <= IMAGE_TOLERANCE
+    return bool(upright and abs(t[2]) <= tolerance and _same_outline(corners, R[:2, :2], t[:2], tolerance))
+
+
+def _ellipsoid(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
+    """Return whether the quadratic form of the surface is invariant."""
+    axes = np.full(3, body["radius"]) if body["type"] == "sphere" else array("semi_axes", body["semi_axes"], (3,))
+    form = np.diag((axes / axes.max()) ** 2)
+    return bool(np.max(np.abs(t)) <= tolerance and np.max(np.abs(R @ form @ R.T - form)) <= IMAGE_TOLERANCE)
+
+
+def _turned(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
+    """Return whether the z axis maps to itself, or to its reverse."""
+    return bool(np.max(np.abs(t)) <= tolerance and np.max(np.abs(R[2, :2])) <= IMAGE_TOLERANCE)
+
+
+BODIES: dict[str, Callable[[Json, FloatArray, FloatArray, float], bool]] = {
+    "box": _box,
+    "polygon": _polygon,
+    "prism": _prism,
+    "sphere": _ellipsoid,
+    "ellipsoid": _ellipsoid,
+    "cylinder": _turned,
+    "torus": _turned,
+}
+
+
+def _same_outline(corners: FloatArray, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
+    """Return whether a plane motion maps a polygon's corners onto those in order, or reversed."""
+    image = corners @ R.T + t
+    for one in (image, image[::-1]):
+        for shift in range(len(corners)):
+            if np.max(np.abs(np.roll(one, shift, axis=0) - corners)) <= tolerance:
+                return True
+    return False
+
+
+def _keeps_places(places: Places, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
+    """Return whether the regions that a contact has to be inside of are invariant; False for other limits."""
+    if places.outside or places.away:
+        return False
+    if not places.inside:
+        return True
+    rows, space = places.rows(), len(t)
+    image = rows.copy()
+    image[:, :space] = rows[:, :space] @ R.T
+    image[:, space] += image[:, :space] @ t
+    return _same_points(image, rows, tolerance)
+
+
+def _same_points(image: FloatArray, points: FloatArray, tolerance: float) -> bool:
+    """Return whether two sets of points are equal within a tolerance."""
+    apart = np.max(np.abs(image[:, None] - points[None]), axis=2)
+    return bool(np.max(apart.min(axis=0)) <= tolerance and np.max(apart.min(axis=1)) <= tolerance)
+
+
+class Turning:
+    """Body, task and torque origin of a problem, for tests of rotational symmetry without constraints.
+
+    Parameters
+    ----------
+    body : mapping
+    task : Task
+    origin : (3,) array
+        Torque origin, metres.
+    size : float
+        Of the body, metres.
+    """
+
+    def __init__(self, body: Json, task: Task, origin: FloatArray, size: float) -> None:
+        self.body, self.task, self.origin, self.size = body, task, origin, size
+
+    def about(self, axis: FloatArray) -> bool:
+        """Return whether rotations about a unit axis (3,) through the frame's origin leave everything invariant."""
+        R = Rotation.from_rotvec(RADIAN * axis).as_matrix()
+        stays = float(np.max(np.abs(R @ self.origin - self.origin))) <= POLE_TOLERANCE * self.size
+        same_task = keeps_task(self.task, on_wrenches(R))
+        return stays and same_task and keeps_body(self.body, R, np.zeros(3), POLE_TOLERANCE * self.size)
+
+
+def error_of_reduction(groups: Sequence[Json], turning: Turning, faces: Faces, places: Sequence[Places]) -> str:
+    """Return why the stated reductions are not allowed, or do not cover their line; empty if they are.
+
+    Two reductions are allowed. On a body of revolution, one contact on the half-plane at angle 0, for an ellipsoid on
+    any half-plane through the axis. On a sphere, one contact at a pole and one on a meridian through it.
+    """
+    turned = [group for group in groups if group["turned"] is not None]
+    if not turned:
+        return ""
+    if len(turning.origin) != 3 or any(own.limited for own in places):
+        return "constraints, or a body in the plane, do not turn"
+    if any(len(group["contacts"]) != 1 for group in turned):
+        return "several contacts are turned as one"
+    ways = sorted(str(group["turned"]) for group in turned)
+    roots = {str(group["turned"]): [cell for _, cell in group["roots"]] for group in turned}
+    if ways == ["half-plane"]:
+        own = places[turned[0]["contacts"][0]]
+        return _half_plane(roots["half-plane"], turning, {n: f for n, f in faces.items() if n in own.faces})
+    if ways in (["pole"], ["meridian", "pole"]):
+        return _pole(roots["pole"], roots.get("meridian"), turning)
+    return f"nothing can be turned to {', '.join(ways)}"
+
+
+def _half_plane(roots: Sequence[Json], turning: Turning, faces: Faces) -> str:
+    axis = np.array([0.0, 0.0, 1.0])
+    if turning.body["type"] in ("sphere", "ellipsoid"):
+        ends = _arcs(roots)
+        if ends is None or not all(_is_on(Ellipsoid(cell), turning) for cell in roots):
+            return "the cells are no half-plane of the body"
+        axis = ends
+    if not turning.about(axis):
+        return "body and task are not the same after every turn"
+    for name, face in faces.items():
+        if turning.body["type"] in ("sphere", "ellipsoid"):
+            continue
+        if isinstance(face, FlatFace):
+            return "a flat face does not turn"
+        if face is None:
+            return "a mesh does not turn"
+        at_zero = [{**cell, "angles": [0.0, 0.0]} for cell in face]
+        if not all(is_among(cell, roots, turning.size) for cell in at_zero):
+            return f"the cells do not cover the half-plane of {name}"
+    return ""
+
+
+def _pole(pole: Sequence[Json], meridian: Sequence[Json] | None, turning: Turning) -> str:
+    if not _round(turning.body) or len(pole) != 1:
+        return "only a sphere has every point for a pole"
+    point = Ellipsoid(pole[0])
+    if not _is_on(point, turning) or len(point.corners) != 1:
+        return "the pole is no point of the sphere"
+    if not all(turning.about(axis) for axis in np.eye(3)):
+        return "body and task are not the same after every turn"
+    ends = None if meridian is None else _arcs(meridian)
+    if meridian is not None:
+        on = all(_is_on(Ellipsoid(cell), turning) for cell in meridian)
+        if not on or ends is None or np.max(np.abs(np.abs(ends @ point.corners[0]) - 1.0)) > POLE_TOLERANCE:
+            return "the cells are no meridian through the pole"
+    return ""
+
+
+def _round(body: Json) -> bool:
+    """Return whether a body is a sphere, also as an ellipsoid with equal semi-axes."""
+    return body["type"] == "sphere" or (body["type"] == "ellipsoid" and len(set(body["semi_axes"])) == 1)
+
+
+def _is_on(cell: Ellipsoid, turning: Turning) -> bool:
+    axes = turning.body["radius"] if turning.body["type"] == "sphere" else np.asarray(turning.body["semi_axes"])
+    return bool(np.all(np.abs(cell.axes - axes) <= POLE_TOLERANCE * turning.size))
+
+
+def _arcs(roots: Sequence[Json]) -> FloatArray | None:
+    """Return the axis of two quarter circles that meet in one point at right angles to it; None for other arcs."""
+    cells = [Ellipsoid(cell) for cell in roots if cell["kind"] == "ellipsoid"]
+    if len(cells) != 2 or any(len(cell.corners) != 2 for cell in cells):
+        return None
+    (first, side), (last, again) = (cell.corners for cell in cells)
+    straight = max(np.max(np.abs(side - again)), np.max(np.abs(first + last)), abs(float(first @ side)))
+    return np.asarray(first) if straight <= POLE_TOLERANCE else None

@@ -1,1 +1,0 @@
-"""Checks of a file's claims: quality, optimality, outcome, forces, hand and drawing."""

@@ -1,1 +1,0 @@
-"""Numeric constraints: recomputed values for stated contacts and hand."""

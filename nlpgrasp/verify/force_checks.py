@@ -1,0 +1,300 @@
+"""Checks of the stated finger forces for the full task, and of the squeeze.
+
+Every amount of force is proved by weak duality: for any direction y of wrench space, forces that produce w use at least
+``<w, y> / phi(y)`` of the budget, phi the support function of the wrenches of one unit. The proof does not depend on
+the conic program that proposes y.
+
+Forces are inserted into the equilibrium equations and the contacts' cones; torques come from virtual work with the
+Jacobians of this package's own kinematics, from the URDF. That no other forces need less friction is not checked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+from scipy.optimize import linprog
+
+from nlpgrasp.budgets.base import ForceSet
+from nlpgrasp.budgets.l2 import L2Set
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.errors import InputError
+from nlpgrasp.quality.finger_forces import least_forces
+from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.quality.other_measures import pyramid_wrenches
+from nlpgrasp.quality.wrench_set import WrenchSet
+from nlpgrasp.solution.force_records import ForcesNeeded
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.tasks import Task, TaskEllipsoid
+from nlpgrasp.verify.check import Check, NotMadeError
+from nlpgrasp.verify.numeric_urdf_hand import require_links
+from nlpgrasp.verify.quality_checks import DIRECTIONS, FORCE_TOLERANCE, put_back
+from nlpgrasp.verify.stated_placement import HandNumbers
+
+LEAST_FORCE_TOLERANCE = 1e-7  # relative tolerance of forces over the least ones
+DERIVED_TOLERANCE = 1e-9  # relative tolerance of numbers that follow from others in the file
+EDGES = 24  # edges of a friction pyramid
+INSIDE = 0.98  # share of the friction that a refuting squeeze may use
+INFEASIBLE = 2  # HiGHS status
+JACOBIAN_TOLERANCE = 1e-6  # relative tolerance of recomputed Jacobians
+LESS = 1e-3  # relative tolerance of the share of friction
+LEAST_FRICTION_SHARE = 1e-5  # smaller shares of friction count as none
+
+
+def needed_checks(solution: GraspSolution, grasp: Grasp, task: Task, force_set: ForceSet) -> list[Check]:
+    """Recompute the stated requirement of the task at full size: wrench, least forces and derived numbers."""
+    stated = solution.needed
+    if stated is None:
+        return []
+    k, space, d = len(grasp), grasp.space, grasp.dimension
+    moments = np.zeros((k, d - space)) if stated.moments is None else stated.moments
+    shapes = [(stated.wrench, (d,)), (stated.forces, (k, space)), (moments, (k, d - space))]
+    shapes += [(each, (k,)) for each in (stated.normal, stated.size, stated.largest)]
+    if any(given.shape != wanted for given, wanted in shapes):
+        return [Check("forces needed", False, f"shapes that are not those of {k} contacts")]
+    amounts = _Amounts(grasp, force_set)
+    balance, cone, used = put_back(grasp, force_set, stated.wrench, stated.forces, moments)
+    wrong = [*_wrench(solution, stated.wrench, task, amounts, used), *_numbers(solution, grasp, task, stated)]
+    if not (balance <= FORCE_TOLERANCE and cone <= FORCE_TOLERANCE):
+        wrong.append(f"relative residual {balance:.1e}, distance to the cones {cone:.1e}")
+    wrong += _not_least(solution, stated.wrench, grasp, force_set, amounts, used)
+    above = f", ABOVE max_force = {solution.max_force:g} N" if solution.is_too_weak else ""
+    told = (
+        f"largest {float(np.max(stated.largest)):.6g} N{above}, together {stated.total:.6g} N, of the budget {used:.6g}"
+    )
+    return [Check("forces needed", not wrong, "; ".join(wrong) if wrong else f"{told}: least, and in the cones")]
+
+
+class _Amounts:
+    """Lower bounds on the budget that wrenches need, each proved by a direction."""
+
+    def __init__(self, grasp: Grasp, force_set: ForceSet) -> None:
+        arms = np.linalg.norm(grasp.points - grasp.torque_origin, axis=1)
+        units = np.ones(grasp.dimension)
+        units[grasp.space :] = float(np.max(arms)) or 1.0
+        self._units, self._set = units, WrenchSet(grasp.G / units[:, None], force_set)
+
+    def __call__(self, wrenches: FloatArray) -> FloatArray:
+        """Return lower bounds on the budget of wrenches (m, d), (m,); 0 where no direction proves more."""
+        scaled = wrenches / self._units
+        size = np.maximum(np.linalg.norm(scaled, axis=1), 1e-300)
+        scaled /= size[:, None]
+        y = least_forces(self._set, scaled)[1]
+        y[~np.all(np.isfinite(y), axis=1)] = 0.0
+        reach = self._set.support(y)[0]
+        work = np.sum(scaled * y, axis=1)
+        return np.asarray(np.where(reach > 0.0, work / np.where(reach > 0.0, reach, 1.0), 0.0) * size)
+
+
+def _wrench(solution: GraspSolution, wrench: FloatArray, task: Task, amounts: _Amounts, used: float) -> Iterator[str]:
+    """Yield the errors in the stated wrench: not in the task, or easier than others."""
+    y = solution.mu.worst_direction
+    if not _asked(task, wrench):
+        yield "a wrench that the task does not ask for"
+    others = task.ends() if y is None else np.concatenate([task.ends(), task.support(y[None])[1]])
+    hardest = float(np.max(amounts(others), initial=0.0))
+    if not hardest <= used * (1.0 + LEAST_FORCE_TOLERANCE):
+        yield f"a wrench that takes {used:.6g} of the budget, another of the task takes {hardest:.6g}"
+
+
+def _asked(task: Task, wrench: FloatArray) -> bool:
+    """Return whether a wrench (d,) is in the task: by coordinates for an ellipsoid, else along directions."""
+    close = FORCE_TOLERANCE * max(float(np.linalg.norm(wrench)), 1e-300)
+    if isinstance(task, TaskEllipsoid):
+        u = np.linalg.lstsq(task.axes.T, wrench - task.center, rcond=None)[0]
+        off = float(np.linalg.norm(task.center + u @ task.axes - wrench))
+        return bool(off <= close and np.linalg.norm(u) <= 1.0 + FORCE_TOLERANCE)
+    y = np.random.default_rng(0).normal(size=(DIRECTIONS, len(wrench)))
+    y = np.concatenate([y, [wrench]])
+    y /= np.linalg.norm(y, axis=1, keepdims=True)
+    return bool(np.all(y @ wrench <= task.support(y)[0] + close))
+
+
+def _numbers(solution: GraspSolution, grasp: Grasp, task: Task, stated: ForcesNeeded) -> Iterator[str]:
+    """Yield the numbers that do not follow from the stated forces, mu and the problem's limit.
+
+    If the file omits forces of some extreme wrenches, the largest ones may belong to those.
+    """
+    size, share = np.linalg.norm(stated.forces, axis=1), solution.mu.lower
+    scale = max(float(np.max(size)), 1e-300)
+    others = [np.linalg.norm(forces, axis=1) / share for _, forces in solution.forces] if share > 0.0 else []
+    largest = np.max([size, *others], axis=0)
+    pairs = {
+        "normal forces": (stated.normal, np.sum(stated.forces * grasp.normals, axis=1)),
+        "sizes of the forces": (stated.size, size),
+    }
+    if len(solution.forces) >= len(task.ends()):
+        pairs["largest forces"] = (stated.largest, largest)
+    elif np.any(stated.largest < largest * (1.0 - DERIVED_TOLERANCE)):
+        yield "largest forces below those of the stated forces"
+    for name, (told, found) in pairs.items():
+        if not np.max(np.abs(told - found)) <= DERIVED_TOLERANCE * max(scale, float(np.max(largest))):
+            yield f"{name} that are not those of the stated forces"
+    if not np.allclose(stated.stated_summary or stated.summary, stated.summary, rtol=DERIVED_TOLERANCE, atol=0.0):
+        yield "a largest force, its finger or a total that is not that of the fingers"
+    bounds = [1.0 / solution.mu.upper, 1.0 / share if share > 0.0 else np.inf]
+    if not np.allclose([stated.budget.lower, stated.budget.upper], bounds, rtol=DERIVED_TOLERANCE, atol=0.0):
+        yield f"{stated.budget} of the budget, 1 / mu is in [{bounds[0]:.5g}, {bounds[1]:.5g}]"
+    if stated.within != stated.is_within(solution.max_force):
+        yield f"within the limit of {solution.max_force}: {stated.within}"
+
+
+def _not_least(
+    solution: GraspSolution,
+    wrench: FloatArray,
+    grasp: Grasp,
+    force_set: ForceSet,
+    amounts: _Amounts,
+    used: float,
+) -> Iterator[str]:
+    """Yield the stated forces that are not least."""
+    least = float(amounts(wrench[None])[0])
+    if not used <= least * (1.0 + LEAST_FORCE_TOLERANCE):
+        yield f"{used:.6g} of the budget, where {least:.6g} is enough"
+    if not solution.forces:
+        return
+    none = np.zeros((len(grasp), grasp.dimension - grasp.space))
+    moments = solution.moments if len(solution.moments) else [none] * len(solution.forces)
+    wrenches = np.array([wrench for wrench, _ in solution.forces])
+    taken = [put_back(grasp, force_set, w, f, m)[2] for (w, f), m in zip(solution.forces, moments, strict=True)]
+    more = np.array(taken) - amounts(wrenches) * (1.0 + LEAST_FORCE_TOLERANCE)
+    if not np.all(more <= 0.0):
+        worst = int(np.argmax(more))
+        yield f"forces {worst} take {more[worst]:.2g} of the budget more than they have to"
+
+
+def squeeze_checks(solution: GraspSolution, grasp: Grasp, hand: HandNumbers | None) -> list[Check]:
+    """Check balance, cones, normal forces and friction of ``hand.squeeze``, then torques and positions."""
+    posture = solution.hand or {}
+    stated = posture.get("squeeze")
+    if "no_squeeze" in posture:
+        try:
+            wrong = _none(grasp) if stated is None else "states a squeeze, and that there is none"
+        except NotMadeError as reason:
+            return [Check.not_made("squeeze", str(reason))]
+        return [Check("squeeze", not wrong, wrong or "none: no forces that balance press at every contact")]
+    if stated is None:
+        return []
+    wrong = "; ".join(_forces(stated, grasp))
+    told = f"friction {stated['friction_needed']:.4g} needed, {stated['share']:.4g} of what there is"
+    checks = [Check("squeeze", not wrong, wrong or told)]
+    if "torques" not in stated:
+        return checks
+    try:
+        wrong = "; ".join(_joints(stated, solution, grasp, hand))
+    except NotMadeError as reason:
+        return [*checks, Check.not_made("squeeze torques", str(reason))]
+    return [
+        *checks,
+        Check("squeeze torques", not wrong, wrong or f"of {len(stated['torques'])} joints, by virtual work"),
+    ]
+
+
+def _none(grasp: Grasp) -> str:
+    """Return the error in the claim that the contacts cannot press against each other; empty without one.
+
+    Balanced forces on the edges of friction pyramids inside the cones, with a normal force at every contact, would
+    refute it: a linear program, by HiGHS.
+    """
+    smoother = [model.with_friction(INSIDE) for model in grasp.contacts]
+    try:
+        edges = pyramid_wrenches(
+            Grasp(grasp.points, grasp.normals, smoother, grasp.torque_origin, grasp.tangents), EDGES, grasp.mean_arm
+        )
+    except InputError as error:
+        raise NotMadeError(str(error)) from None
+    presses = np.zeros((len(grasp), sum(map(len, edges))))
+    for i, end in enumerate(np.cumsum([len(each) for each in edges])):
+        presses[i, end - len(edges[i]) : end] = -1.0
+    balance, everywhere = np.concatenate(edges).T, -np.ones(len(grasp))
+    found = linprog(np.ones(presses.shape[1]), presses, everywhere, balance, np.zeros(len(balance)), method="highs")
+    return (
+        ""
+        if found.status == INFEASIBLE
+        else "states that there is none, but forces that balance press at every contact"
+    )
+
+
+def _forces(stated: Json, grasp: Grasp) -> Iterator[str]:
+    """Yield the errors in the forces."""
+    k, space, d = len(grasp), grasp.space, grasp.dimension
+    fingers, wrench = stated["fingers"], array("wrench", stated["wrench"], (d,))
+    forces = array("force", [f["force"] for f in fingers], (k, space))
+    turned = array("moment", [f.get("moment", [0.0] * (d - space)) for f in fingers], (k, d - space))
+    balance, cone, _ = put_back(grasp, L2Set(grasp.contacts, space), wrench, forces, turned)
+    if not (balance <= FORCE_TOLERANCE and cone <= FORCE_TOLERANCE):
+        yield f"forces {balance:.1e} off balance and {cone:.1e} off their cones, relative to them"
+    if not abs(stated["residual"] - balance) <= FORCE_TOLERANCE:
+        yield f"residual {stated['residual']:.1e} stated, {balance:.1e} found"
+    normal = np.sum(forces * grasp.normals, axis=1)
+    friction = np.linalg.norm(forces - normal[:, None] * grasp.normals, axis=1) / normal
+    for i, finger in enumerate(fingers):
+        if not normal[i] >= stated["normal_force"] * (1.0 - JACOBIAN_TOLERANCE):
+            yield f"finger {i} presses with {normal[i]:.4g} N, less than {stated['normal_force']:.4g} N"
+        if not (_same(finger["normal"], normal[i]) and _same(finger["friction"], friction[i], 1.0)):
+            yield f"finger {i} states another normal force or friction than its force has"
+    if not _same(stated["friction_needed"], float(np.max(friction)), 1.0):
+        yield f"friction {stated['friction_needed']:.4g} stated as needed, {np.max(friction):.4g} found"
+    yield from _share(stated["share"], grasp, wrench, forces, turned)
+
+
+def _share(share: float, grasp: Grasp, wrench: FloatArray, forces: FloatArray, turned: FloatArray) -> Iterator[str]:
+    """Yield an error if forces need another share of friction than stated."""
+
+    def off(part: float) -> float:
+        models = [model.with_friction(part) for model in grasp.contacts]
+        rougher = Grasp(grasp.points, grasp.normals, models, grasp.torque_origin, grasp.tangents)
+        return put_back(rougher, L2Set(rougher.contacts, grasp.space), wrench, forces, turned)[1]
+
+    enough = max(share, 0.0) + LEAST_FRICTION_SHARE
+    if not off(enough) <= FORCE_TOLERANCE:
+        yield f"the forces need more than a share of {share:.4g} of the friction"
+    less = (1.0 - LESS) * share - 2.0 * LEAST_FRICTION_SHARE
+    if less > 0.0 and not off(less) > 0.0:
+        yield f"the forces need less than a share of {share:.4g} of the friction"
+
+
+def _joints(stated: Json, solution: GraspSolution, grasp: Grasp, hand: HandNumbers | None) -> Iterator[str]:
+    """Yield the errors in torques, Jacobians, limits and positions."""
+    known = require_links(hand, "Jacobians")
+    found, torques = known.loads(grasp.points), stated["torques"]
+    if list(torques) != list(found):
+        yield f"torques of {', '.join(torques)}, where {', '.join(found)} move the contacts"
+        return
+    forces = np.array([[*f["force"], *f.get("moment", [0.0] * 3)] for f in stated["fingers"]], dtype=float)
+    size, close = float(np.max(np.linalg.norm(forces[:, :3], axis=1))), JACOBIAN_TOLERANCE + known.turn
+    jacobians = array("jacobians", stated["jacobians"], (len(grasp), 6, len(found)))
+    for j, (joint, J) in enumerate(found.items()):
+        arm = max(1.0, float(np.max(np.abs(J))))
+        if not np.max(np.abs(jacobians[:, :, j] - J)) <= close * arm:
+            yield f"Jacobian of joint {joint} is not that of the hand in its posture"
+        tau = float(np.sum(J * forces))
+        if not abs(torques[joint] - tau) <= close * size * arm:
+            yield f"joint {joint} needs {tau:.4g}, stated {torques[joint]:.4g}"
+    limits = known.data.get("torque_limits") or {}
+    shares = {joint: abs(torques[joint]) / limits[joint] for joint in found if joint in limits}
+    worst, most = stated.get("worst_joint"), max(shares.values(), default=None)
+    if (most is None) != (worst is None) or (most is not None and not _same(stated["worst_share"], most)):
+        yield f"the worst joint's share of its torque limit is {most}, stated {stated.get('worst_share')}"
+    elif worst is not None and not (worst in shares and _same(shares[worst], most)):
+        yield f"joint {worst} is not the worst"
+    yield from _positions(stated, solution)
+
+
+def _positions(stated: Json, solution: GraspSolution) -> Iterator[str]:
+    """Yield commands other than the grasp's positions plus torque over gain."""
+    if "gain" not in stated:
+        return
+    gain, grasp, told = stated["gain"], (solution.hand or {})["joint_positions"], stated["positions"]
+    if set(told) != set(stated["torques"]):
+        yield "positions of other joints than torques"
+        return
+    for joint, tau in stated["torques"].items():
+        command = grasp[joint] + tau / (gain[joint] if isinstance(gain, Mapping) else gain)
+        if not _same(told[joint], command, 1.0):
+            yield f"the command of joint {joint} is {command:.6g}, stated {told[joint]:.6g}"
+
+
+def _same(stated: float, found: float | None, least: float = 0.0) -> bool:
+    return found is not None and abs(stated - found) <= JACOBIAN_TOLERANCE * max(abs(found), least)

@@ -1,1 +1,0 @@
-"""Numeric hands from JSON data and their own file: constraints and link poses."""

@@ -1,0 +1,149 @@
+"""Checks of joint-limit margins and of joint-torque budgets in the stated posture.
+
+Joint ranges come from the hand's file, by this package's own kinematics. That no posture has larger margins at the
+same price is not checked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.errors import InputError
+from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.verify.check import Check, NotMadeError
+from nlpgrasp.verify.numeric_hands import FreeHand
+from nlpgrasp.verify.numeric_urdf_hand import URDFNumbers, require_links
+from nlpgrasp.verify.stated_placement import HandNumbers
+
+MARGIN_TOLERANCE = 1e-9  # relative tolerance
+PART = 0.1  # largest margin, as a share of a joint's range
+LESS = 1e-6  # relative tolerance of a margin
+TOLD = 1e-6  # tolerance of a stated distance, relative to the margin
+JACOBIAN_TOLERANCE = 1e-6  # relative tolerance of recomputed Jacobians
+KINDS = ("joint_torques", "shared_joint_torques")
+
+
+def room_checks(solution: GraspSolution, hand: HandNumbers | None) -> list[Check]:
+    """Check the price and the joints near a limit that ``hand.room`` states."""
+    stated = (solution.hand or {}).get("room")
+    if stated is None:
+        return []
+    wrong = "; ".join(_price(stated, solution))
+    told = f"{stated['cost']:.2%} of mu, " if "cost" in stated else ""
+    checks = [Check("price of room", not wrong, wrong or f"{told}{stated['price']:.2%} allowed")]
+    try:
+        wrong = "; ".join(_near(stated, solution, hand))
+    except NotMadeError as reason:
+        return [*checks, Check.not_made("room of joints", str(reason))]
+    told = f"{len(stated['margins'])} joints, {len(stated['near'])} near a limit"
+    return [*checks, Check("room of joints", not wrong, wrong or told)]
+
+
+def _price(stated: Json, solution: GraspSolution) -> Iterator[str]:
+    """Yield the errors in the price: other options than the solve's.
+
+    In files of earlier versions, which state the cost: another cost, or more than the price allows.
+    """
+    price, margin = number("hand.room.price", stated["price"], at_least=0.0), stated["margin"]
+    options, without = solution.solver.get("options", {}), stated.get("mu_without")
+    for name, value in (("room_price", price), ("joint_margin", margin)):
+        if options.get(name, value) != value:
+            yield f"{name} {options[name]} among the options, {value} stated"
+    if without is None:
+        return
+    low, high = (number(f"hand.room.mu_without.{end}", without[end], above=0.0) for end in ("lower", "upper"))
+    best = solution.winner
+    if best is None:
+        return
+    if not (
+        best.mu.lower >= (1.0 - price - MARGIN_TOLERANCE) * low
+        and best.mu.upper >= (1.0 - price - MARGIN_TOLERANCE) * high
+    ):
+        yield f"mu in {best.mu} is more than {price:.2%} below [{low:.4f}, {high:.4f}], which is without room"
+    if not abs(stated["cost"] - (1.0 - best.mu.upper / high)) <= MARGIN_TOLERANCE:
+        yield f"it took {1.0 - best.mu.upper / high:.2%} of mu, stated {stated['cost']:.2%}"
+
+
+def _near(stated: Json, solution: GraspSolution, hand: HandNumbers | None) -> Iterator[str]:
+    """Yield joints with other margins, or other distances from their limits, than stated."""
+    margins, near, margin = stated["margins"], stated["near"], number("hand.room.margin", stated["margin"], above=0.0)
+    ends, positions = require_links(hand, "joints").ranges, (solution.hand or {})["joint_positions"]
+    if set(margins) != set(ends) or not set(near) <= set(ends):
+        raise InputError("hand.room.margins", ", ".join(margins), ", ".join(ends))
+    for joint, (lower, upper, slides) in ends.items():
+        wanted = PART * (upper - lower) if slides else min(margin, PART * (upper - lower))
+        left = min(positions[joint] - lower, upper - positions[joint])
+        if not abs(margins[joint] - wanted) <= TOLD * wanted:
+            yield f"joint {joint} is to have {wanted:.4g}, stated {margins[joint]:.4g}"
+        if joint in near and not abs(near[joint] - left) <= TOLD * wanted:
+            yield f"joint {joint} is {left:.4g} from a limit, stated {near[joint]:.4g}"
+        if joint not in near and not left >= (1.0 - 2.0 * LESS) * wanted:
+            yield f"joint {joint} is {left:.4g} from a limit, and not named"
+        if joint in near and not left <= wanted:
+            yield f"joint {joint} is named and has its margin"
+
+
+def torque_checks(solution: GraspSolution, grasp: Grasp, hand: HandNumbers | None) -> list[Check]:
+    """Compare Jacobians and limits of a joint-torque budget with the hand's.
+
+    Files state a hand's torque limits as ``shared_joint_torques`` in the solution's posture. Without a hand, Jacobians
+    are the problem's own.
+    """
+    budget = solution.problem["force_budget"]
+    if not isinstance(budget, Mapping) or budget.get("type") not in KINDS:
+        return []
+    try:
+        return _compared(budget, grasp, hand)
+    except NotMadeError as reason:
+        return [Check.not_made("joint torques", str(reason))]
+
+
+def _compared(budget: Json, grasp: Grasp, hand: HandNumbers | None) -> list[Check]:
+    if hand is None or isinstance(hand, FreeHand):
+        raise NotMadeError("no hand moves the contacts: the Jacobians are the problem's own")
+    known = require_links(hand, "Jacobians")
+    if budget["type"] != "shared_joint_torques":
+        return [Check("joint torques", False, "each contact has joints of its own, where the hand's are common to all")]
+    found = known.loads(grasp.points)
+    own = np.array([known.data["torque_limits"][joint] for joint in found], dtype=float)
+    limits = array("limits", budget["limits"], (len(found),))
+    number("force_limit", budget["force_limit"], above=0.0)
+    wrong = _other_jacobians(budget["jacobians"], found, known.turn)
+    if not np.array_equal(limits, own):
+        joint = list(found)[int(np.argmax(limits != own))]
+        wrong = f"another limit for joint {joint} than problem.hand.torque_limits states"
+    agree = f"Jacobians of {len(grasp)} contacts and limits of {len(found)} joints"
+    return [Check("joint torques", not wrong, wrong or agree), _efforts(known, list(found))]
+
+
+def _other_jacobians(stated: object, found: Mapping[str, FloatArray], turn: float) -> str:
+    """Return the difference of stated and recomputed Jacobians, (k, 6 or 3, m); empty where they agree."""
+    own = np.stack(list(found.values()), axis=2)  # (k, 6, m)
+    for i, (J, expected) in enumerate(zip(_listed(stated, len(own)), own, strict=True)):
+        rows = array(f"jacobians[{i}]", J, (None, own.shape[2]))
+        if len(rows) not in (3, 6):
+            return f"Jacobian {i} has {len(rows)} rows"
+        off = float(np.max(np.abs(rows - expected[: len(rows)])))
+        if not off <= (JACOBIAN_TOLERANCE + turn) * max(1.0, float(np.max(np.abs(expected)))):
+            return f"Jacobian {i} is {off:.2g} off that of the hand in its posture"
+    return ""
+
+
+def _listed(stated: object, count: int) -> Sequence[object]:
+    if not isinstance(stated, Sequence) or len(stated) != count:
+        raise ValueError(f"not {count} Jacobians")
+    return stated
+
+
+def _efforts(hand: URDFNumbers, joints: Sequence[str]) -> Check:
+    """Return the check that the limits are the URDF's efforts; users may have stated others."""
+    efforts = {link.joint: link.effort for link in hand.links}
+    other = [joint for joint in joints if hand.data["torque_limits"][joint] != efforts[joint]]
+    if other:
+        return Check.not_made("torque limits", f"those of {', '.join(other)} are the problem's own, not the URDF's")
+    return Check("torque limits", True, f"of {len(joints)} joints, the URDF's efforts")

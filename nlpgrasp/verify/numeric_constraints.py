@@ -1,0 +1,204 @@
+"""Numeric constraints: recomputed values for stated contacts and hand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import combinations, count, takewhile
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.errors import InputError
+from nlpgrasp.verify.check import NotMadeError
+from nlpgrasp.verify.numeric_hands import JawNumbers
+from nlpgrasp.verify.stated_placement import RowValue, StatedPlacement
+
+UNIT = 1e-9  # tolerance of the length of unit vectors
+
+
+def inside(region: Json, point: FloatArray) -> float:
+    """Return the depth of a point (space,) in a region, metres, negative outside; in a box to its nearest side.
+
+    Raises
+    ------
+    NotMadeError
+        On a region given by a script's function: the file contains its text alone.
+    """
+    if region["type"] == "half_space":
+        normal = unit("normal", region["normal"], len(point))
+        return float(normal @ point) - number("offset", region["offset"])
+    if region["type"] == "box_region":
+        lower, upper = corners(region)
+        return float(np.min(np.minimum(point - lower, upper - point)))
+    raise NotMadeError(f"a region of type {region['type']!r} stays in the script that made it")
+
+
+def corners(region: Json) -> tuple[FloatArray, FloatArray]:
+    """Return the lower and upper corner of a box region, (space,) each."""
+    return array("lower", region["lower"], (None,)), array("upper", region["upper"], (None,))
+
+
+def unit(field: str, value: object, space: int) -> FloatArray:
+    """Return a unit vector (space,) of a file; refuse another length, which would scale its constraint."""
+    vector = array(field, value, (space,))
+    if not abs(float(np.linalg.norm(vector)) - 1.0) <= UNIT:
+        raise InputError(field, value, "a vector of length 1")
+    return vector
+
+
+def table(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
+    """Yield the height of the lowest point of every fingertip and link, at least the table's plus the clearance."""
+    lower = number("height", data["height"]) + number("clearance", data["clearance"], at_least=0.0)
+    for i, (tip, radius) in enumerate(zip(placement.tips, placement.radii, strict=True)):
+        yield RowValue(f"table, finger {i}", float(tip[-1]) - radius, lower, scale=placement.size)
+    for ball in placement.links:
+        height = float(ball.centre[-1]) - ball.radius
+        yield RowValue(f"table, {ball.name}", height, lower, scale=placement.size, error=placement.error)
+
+
+def spread(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
+    """Yield the squared distance of each pair of contacts."""
+    least, most = number("min", data["min"], at_least=0.0), data["max"]
+    upper = np.inf if most is None else number("max", most) ** 2
+    for i, j in combinations(sorted(_fingers(data, placement)), 2):
+        squared = float(np.sum((placement.points[i] - placement.points[j]) ** 2))
+        yield RowValue(f"spread, fingers {i} and {j}", squared, least**2, upper, placement.size**2)
+
+
+def workspace(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
+    """Yield the coordinates of contacts or palm in a box, or their depth in another region."""
+    if data["palm"]:
+        points = {"workspace, palm": placement.palm.position}
+    else:
+        points = {f"workspace, finger {i}": placement.points[i] for i in _fingers(data, placement)}
+    if data["region"]["type"] != "box_region":
+        yield from _depths(data["region"], points, placement, 0.0, np.inf)
+        return
+    lower, upper = (corner.tolist() for corner in corners(data["region"]))
+    for name, point in points.items():
+        for axis, value, low, high in zip("xyz", point.tolist(), lower, upper, strict=False):
+            yield RowValue(f"{name}, {axis}", value, low, high, placement.size)
+
+
+def forbid(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
+    """Yield each contact's depth in a forbidden region, at most zero; forbidden faces give no constraints."""
+    region = data.get("region")
+    if region is not None:
+        points = {f"forbidden region, finger {i}": point for i, point in enumerate(placement.points)}
+        yield from _depths(region, points, placement, -np.inf, 0.0)
+
+
+def symmetric(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
+    """Yield the difference of mirror image and contact, by coordinate."""
+    i, j = (int(f) for f in data["fingers"])
+    a, b = placement.points[i], placement.points[j]
+    normal = unit("normal", data["normal"], len(a))
+    tolerance = number("tolerance", data["tolerance"], above=0.0)
+    apart = a - 2.0 * (normal @ a - number("offset", data["offset"])) * normal - b
+    for axis, value in zip("xyz", apart.tolist(), strict=False):
+        yield RowValue(f"symmetric, fingers {i} and {j}, {axis}", value, -tolerance, tolerance, placement.size)
+
+
+def approach(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
+    """Yield the cosine of the angle between the palm's direction and the required one.
+
+    For jaws, which may turn about the line between their contacts: the condition that a turn within the angle exists.
+    """
+    if isinstance(placement.hand, JawNumbers):
+        wanted, angle = unit("direction", data["direction"], 3), number("angle", data["angle"])
+        if angle < np.pi / 2.0:
+            line = placement.points[1] - placement.points[0]
+            beyond = float(line @ wanted) ** 2 - float(np.sin(angle)) ** 2 * float(line @ line)
+            yield RowValue("approach, palm", beyond, upper=0.0, scale=placement.size**2)
+        return
+    palm = placement.palm
+    if palm.approach is None:
+        raise NotMadeError("the file does not record in which direction the palm faces")
+    along = float(palm.approach @ unit("direction", data["direction"], 3))
+    yield RowValue("approach, palm", along, float(np.cos(number("angle", data["angle"]))), error=palm.error)
+
+
+def _fingers(data: Json, placement: StatedPlacement) -> Sequence[int]:
+    return range(len(placement.points)) if data.get("fingers") is None else [int(i) for i in data["fingers"]]
+
+
+def _depths(
+    region: Json, points: Mapping[str, FloatArray], placement: StatedPlacement, lower: float, upper: float
+) -> Iterator[RowValue]:
+    """Yield the depths of points in a region; unknown where the region's function is not in the file."""
+    unknown = ""
+    for name, point in points.items():
+        value: float | None = None
+        try:
+            value = inside(region, point)
+        except NotMadeError as reason:
+            unknown = str(reason)
+        yield RowValue(name, value, lower, upper, placement.size)
+    if unknown:
+        raise NotMadeError(unknown, every_row=True)
+
+
+def obstacle(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
+    """Yield the distance of every fingertip's and link's centre from the obstacle, at least radius plus clearance.
+
+    For a mesh, the solver uses a spline through distances on a grid, and a lower bound far away: the stated value may
+    be smaller there, and may exceed the distance to the mesh itself by half a cell.
+    """
+    surface = placement.surface_of(data["body"])
+    clearance, name = number("clearance", data["clearance"], at_least=0.0), str(data["name"])
+
+    def row(part: str, centre: FloatArray, radius: float, error: float) -> RowValue:
+        value = float(surface.distance(in_frame_of(data, centre)[None])[0])
+        lower, doubt = radius + clearance, error + surface.rough
+        return RowValue(
+            f"{name}, {part}", value, lower, scale=placement.size, error=doubt, stated_below=surface.rough > 0.0
+        )
+
+    for i, (tip, radius) in enumerate(zip(placement.tips, placement.radii, strict=True)):
+        yield row(f"finger {i}", tip, radius, 0.0)
+    for ball in placement.links:
+        yield row(ball.name, ball.centre, ball.radius, placement.error)
+
+
+def in_frame_of(data: Json, points: FloatArray) -> FloatArray:
+    """Return a point (space,), or points (m, space), of the body's frame in the obstacle's frame."""
+    point = points
+    if data["position"] is not None:
+        point = point - array("position", data["position"], point.shape[-1:])
+    return point if data["quaternion_wxyz"] is None else np.asarray(_turn(data).inv().apply(point))
+
+
+def in_body_frame(data: Json, points: FloatArray) -> FloatArray:
+    """Return points (m, space) of the obstacle's frame in the held body's frame."""
+    turned = points if data["quaternion_wxyz"] is None else np.asarray(_turn(data).apply(points))
+    return turned if data["position"] is None else turned + array("position", data["position"], points.shape[-1:])
+
+
+def _turn(data: Json) -> Rotation:
+    """Return the obstacle's orientation in the held body's frame."""
+    return Rotation.from_quat(unit("quaternion_wxyz", data["quaternion_wxyz"], 4), scalar_first=True)
+
+
+def expression(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
+    """Yield the stated limits with unknown values.
+
+    Several limits fix the number of scalar constraints; one limit holds for all, whose number is not in the file.
+    """
+    name, lower, upper = str(data["name"]), list(data["lower"]), list(data["upper"])
+    elements = max(len(lower), len(upper))
+    numbered = list(takewhile(placement.stated.__contains__, (f"{name}[{i}]" for i in count())))
+    if elements > 1:
+        labels = [f"{name}[{i}]" for i in range(elements)]
+    elif numbered and name in placement.stated:
+        raise NotMadeError(f"the file does not say which rows are those of which {name!r}")
+    else:
+        labels = numbered or [name] * (name in placement.stated)
+    for i, label in enumerate(labels):
+        low, high = (ends[i] if len(ends) > 1 else ends[0] for ends in (lower, upper))
+        yield RowValue(label, None, -np.inf if low is None else float(low), np.inf if high is None else float(high))
+    if not labels:
+        raise NotMadeError(f"the file states no row of {name!r}")
+    text = f"the expression {name!r} stays in the script that made it; its limits are the problem's"
+    raise NotMadeError(text, every_row=True)

@@ -1,0 +1,184 @@
+"""Numeric hands without links: free fingertips, parallel jaws, unknown hands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import NoReturn
+
+import numpy as np
+
+from nlpgrasp.common.scalar_constraints import ROOM, TIPS_APART
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, array, integer, number
+from nlpgrasp.verify.check import NO_BODY, NotMadeError
+from nlpgrasp.verify.sources import Sources
+from nlpgrasp.verify.stated_placement import Ball, Palm, RowValue, StatedPlacement, Surface
+
+FITS = 0.99  # least distance of a fingertip's centre from the body, in its radii
+TURNED = 1e-9  # radians: least right turn of a reentrant corner
+HOLLOW = ("torus", "mesh")  # and polygons with a reentrant corner
+
+
+@dataclass(frozen=True)
+class FreeHand:
+    """A hand without links, whose fingertips are at its contacts.
+
+    Parameters
+    ----------
+    data : mapping
+        ``problem.hand``.
+    posture : mapping
+        ``hand``: the variables by name.
+    radii : tuple of float
+        Of the fingertips, metres.
+    """
+
+    data: Json
+    posture: Json
+    radii: Sequence[float]
+    error: float = 0.0
+    linked: bool = False
+
+    @property
+    def posed_tips(self) -> Sequence[None]:
+        """None for each fingertip, as all are free."""
+        return [None] * len(self.radii)
+
+    def palm(self) -> Palm | None:
+        """Return None, as the hand has no palm pose."""
+        return None
+
+    def balls(self, placement: StatedPlacement) -> Sequence[Ball]:
+        """Return no spheres, as there are no links."""
+        return []
+
+    def apart(self) -> Sequence[RowValue]:
+        """Return no self-collision constraints."""
+        return []
+
+    def limits(self) -> Sequence[RowValue]:
+        """Return no limits of variables."""
+        return []
+
+
+class FingertipNumbers(FreeHand):
+    """Numeric counterpart of ``Fingertips``."""
+
+    def rows(self, placement: StatedPlacement) -> Iterator[RowValue]:
+        """Yield the squared distances of the fingertips' centres from the palm point and from each other."""
+        tips, scale = placement.tips, placement.size**2
+        if self.data["reach"] is not None:
+            palm, most = self._palm_point(tips), number("reach", self.data["reach"]) ** 2
+            for i, tip in enumerate(tips):
+                yield RowValue(f"reach, finger {i}", float(np.sum((tip - palm) ** 2)), upper=most, scale=scale)
+        low, high = (0.0, np.inf) if self.data["spread"] is None else map(float, self.data["spread"])
+        low = max(low, 2.0 * number("radius", self.data["radius"]))
+        if low > 0.0 or np.isfinite(high):
+            for i, j in combinations(range(len(tips)), 2):
+                squared = float(np.sum((tips[i] - tips[j]) ** 2))
+                yield RowValue(f"{TIPS_APART}, fingers {i} and {j}", squared, low**2, high**2, scale)
+
+    def _palm_point(self, tips: FloatArray) -> FloatArray:
+        return array("hand.palm", self.posture["palm"], (tips.shape[1],))
+
+
+class JawNumbers(FreeHand):
+    """Numeric counterpart of ``ParallelJaw``."""
+
+    def rows(self, placement: StatedPlacement) -> Iterator[RowValue]:
+        """Yield the opening, and the angle of each normal to the line between the contacts."""
+        (p, q), (m, n) = placement.points, placement.normals
+        between = q - p
+        squared, size = float(between @ between), placement.size
+        closed, opening, tilt = (number(key, self.data[key]) for key in ("closed", "opening", "tilt"))
+        short = np.cos(tilt) * np.sqrt(squared + 1e-12 * size**2)
+        yield RowValue("opening of the jaws", squared, closed**2, opening**2, size**2)
+        yield RowValue("opposed jaws", float(m @ n), upper=-float(np.cos(2.0 * tilt)))
+        yield RowValue("facing, jaw 0", float(m @ between - short), 0.0, scale=size)
+        yield RowValue("facing, jaw 1", float(-n @ between - short), 0.0, scale=size)
+
+
+def fingertips(data: Json, posture: Json, stated: Mapping[str, float], sources: Sources) -> FingertipNumbers:
+    """Return free fingertips of equal radius."""
+    count = integer("count", data["count"], at_least=1)
+    return FingertipNumbers(data, posture, (number("radius", data["radius"], at_least=0.0),) * count)
+
+
+def parallel_jaw(data: Json, posture: Json, stated: Mapping[str, float], sources: Sources) -> JawNumbers:
+    """Return parallel jaws with two flat pads."""
+    return JawNumbers(data, posture, (0.0, 0.0))
+
+
+@dataclass(frozen=True)
+class UnknownHand:
+    """A hand that cannot be recomputed: its methods raise ``NotMadeError``.
+
+    Parameters
+    ----------
+    why : str
+    """
+
+    why: str
+    linked: bool = False
+
+    @property
+    def radii(self) -> Sequence[float]:
+        """Radius of each fingertip."""
+        self._refuse()
+
+    @property
+    def posed_tips(self) -> Sequence[str | None]:
+        """Kind of each fingertip."""
+        self._refuse()
+
+    @property
+    def error(self) -> float:
+        """Error bound of its points."""
+        self._refuse()
+
+    def palm(self) -> Palm | None:
+        """Return the palm pose."""
+        self._refuse()
+
+    def balls(self, placement: StatedPlacement) -> Sequence[Ball]:
+        """Return the collision spheres of the links."""
+        self._refuse()
+
+    def rows(self, placement: StatedPlacement) -> Iterator[RowValue]:
+        """Yield the constraints of the hand."""
+        self._refuse()
+
+    def apart(self) -> Iterator[RowValue]:
+        """Yield the self-collision constraints."""
+        self._refuse()
+
+    def limits(self) -> Iterator[RowValue]:
+        """Yield the limits of its variables."""
+        self._refuse()
+
+    def _refuse(self) -> NoReturn:
+        raise NotMadeError(self.why)
+
+
+def room_rows(body: Json, surface: Surface | None, placement: StatedPlacement) -> Iterator[RowValue]:
+    """Yield the distance of each round fingertip's centre from a body that is possibly not convex."""
+    if not (body["type"] in HOLLOW or (body["type"] == "polygon" and _points_inwards(body))):
+        return
+    round_tips = [i for i, radius in enumerate(placement.radii) if radius > 0.0]
+    if not round_tips:
+        return
+    if surface is None:
+        raise NotMadeError(NO_BODY)
+    for i in round_tips:
+        value = float(surface.distance(placement.tips[i][None])[0])
+        yield RowValue(f"{ROOM}, finger {i}", value, FITS * placement.radii[i], scale=placement.size)
+
+
+def _points_inwards(body: Json) -> bool:
+    v = array("vertices", body["vertices"], (None, 2))
+    along = np.roll(v, -1, axis=0) - v
+    angles = np.arctan2(along[:, 1], along[:, 0])
+    turns = (np.roll(angles, -1) - angles + np.pi) % (2.0 * np.pi) - np.pi
+    return bool(np.any(turns < -TURNED))

@@ -1,0 +1,169 @@
+"""Checks of the stated outcome of a solve and of its alternative grasps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from itertools import combinations, permutations
+
+import numpy as np
+
+from nlpgrasp.common.formatting import headroom_words
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.solution.analysis_records import mu_without
+from nlpgrasp.solution.kept_grasps import FoundGrasp
+from nlpgrasp.solution.records import Status
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.verify.check import Check, guarded
+
+WITH_GRASP = (Status.SOLVED, Status.OPTIMAL, Status.TOUCHES)
+WITHOUT_GRASP = (Status.LOCALLY_INFEASIBLE, Status.FAILED)
+SAME = 1e-9  # relative tolerance
+KEPT = 0.5  # least share of a fragile start's mu with which a robust grasp wins over it
+MOST = 6  # most contacts that are matched in every order
+SLACK = 1e-9  # relative tolerance
+
+
+def outcome_checks(solution: GraspSolution) -> list[Check]:
+    """Return the check that status, starts and winning start agree with grasp and quality."""
+    wrong = [*_status(solution), *_winner(solution)]
+    told = f"{solution.status.name.lower()}, {len(solution.starts)} starts"
+    return [Check("outcome", not wrong, "; ".join(wrong) if wrong else told)]
+
+
+def _status(solution: GraspSolution) -> Iterator[str]:
+    status = solution.status.name.lower()
+    if solution.grasp is None:
+        if solution.status in WITH_GRASP:
+            yield f"{status}, and no grasp"
+        if solution.best_start is not None:
+            yield f"no grasp, and start {solution.best_start} found it"
+        return
+    if solution.status in WITHOUT_GRASP or (solution.status is Status.NO_GRASP and solution.mu.lower > 0.0):
+        yield f"{status}, and a grasp with mu in {solution.mu}"
+    elif solution.status in WITH_GRASP and not solution.mu.lower > 0.0:
+        yield f"{status}, and no certified quality above zero"
+    if solution.status in WITH_GRASP and (solution.status is Status.TOUCHES) != solution.touches:
+        yield f"{status}, and links that are stated to be {'inside something' if solution.touches else 'free'}"
+    asked = solution.solver.get("options", {}).get("gap")
+    if solution.status is Status.OPTIMAL and not (isinstance(asked, float) and solution.gap <= asked):
+        yield f"optimal, with a gap of {asked} asked for, and {headroom_words(solution.gap)}"
+    if solution.why_not is not None:
+        yield "a grasp, and why there is none"
+
+
+def _winner(solution: GraspSolution) -> Iterator[str]:
+    """Yield the false statements of the winning start.
+
+    The answer's certificate is recomputed and keeps the better ends of both. Without a search for robustness no other
+    start is certainly better, except for mu traded for joint-limit margins, and for starts that are fragile or cannot
+    be squeezed: a grasp with half their mu wins over them if it is robust or can be squeezed.
+    """
+    indices = [start.index for start in solution.starts]
+    if len(set(indices)) < len(indices):
+        yield "two starts of one index"
+    best = None if solution.grasp is None or solution.best_start is None else solution.winner
+    if best is None:
+        return
+    name = f"start {best.index}"
+    if not best.has_grasp:
+        yield f"{name} won and ended {best.status.name.lower()}"
+    if best.faces != solution.faces:
+        yield f"{name} won on other faces"
+    low, high = solution.mu.lower * (1.0 + SAME), solution.mu.upper * (1.0 - SAME)
+    if best.mu.lower > low or best.mu.upper < high:
+        yield f"{name} won with mu in {best.mu}, stated {solution.mu}"
+    options = solution.solver.get("options", {})
+    if not options.get("maximise_robust", False):
+        most = max(best.mu.upper, _without_room(solution))
+        preferred = _is_steady(solution) or solution.squeeze is not None
+        most /= KEPT if options.get("rank") == "robust" and preferred else 1.0
+        free = solution.has_free_way  # then obstructed starts rank behind it
+        rivals = [s for s in solution.starts if s.status is Status.SOLVED and not (free and s.obstruction)]
+        better = [s.index for s in rivals if s.mu.lower > most]
+        if better:
+            yield f"start {better[0]} is better than start {best.index}, which won"
+
+
+def _without_room(solution: GraspSolution) -> float:
+    """Return the mu that a grasp had before the search for joint-limit margins; see ``room_checks``."""
+    room = (solution.hand or {}).get("room")
+    return 0.0 if room is None else mu_without(room)
+
+
+def _is_steady(solution: GraspSolution) -> bool:
+    """Return whether a grasp is stated not to be fragile, and so may win over one with up to twice its mu."""
+    return solution.robust is not None and not solution.is_fragile
+
+
+Checked = Callable[[GraspSolution], Sequence[Check]]
+
+
+def grasps_checks(solution: GraspSolution, checked: Checked, size: float) -> list[Check]:
+    """Return one check per kept grasp, and one of their order and distinctness.
+
+    Parameters
+    ----------
+    solution : GraspSolution
+    checked : callable
+        Returns the checks of a solution with one of them as its answer.
+    size : float
+        Upper bound on the body's size, metres.
+    """
+    if solution.stated_first is None and not solution.others:
+        return []
+    wrong = list(_together(solution, size))
+    told = f"{len(solution.grasps)} distinct grasps, the first is the answer"
+    checks = [Check("grasps kept", not wrong, "; ".join(wrong[:4]) if wrong else told)]
+    for i, found in enumerate(solution.others, 1):
+        alone = solution.with_answer(found)
+        checks += guarded(f"grasps[{i}]", partial(_one, i, alone, checked))
+    return checks
+
+
+def _one(i: int, alone: GraspSolution, checked: Checked) -> list[Check]:
+    """Return one check that combines those of one grasp."""
+    checks = checked(alone)
+    failed = [f"{check.name}: {check.detail}" for check in checks if check.failed]
+    left = sum(not check.made for check in checks)
+    told = f"mu in {alone.mu}, {len(checks) - left} checks" + (f", {left} not made" if left else "")
+    return [Check(f"grasps[{i}]", not failed, "; ".join(failed[:4]) if failed else told)]
+
+
+def _together(solution: GraspSolution, size: float) -> Iterator[str]:
+    """Yield the inconsistencies between the kept grasps."""
+    first = solution.stated_first
+    if first is not None and first.to_dict() != solution.grasps[0].to_dict():
+        yield "grasps[0] is another than the answer"
+    indices = {start.index for start in solution.starts}
+    named = [found.start for found in solution.grasps if found.start is not None]
+    if len(set(named)) < len(named):
+        yield "two grasps of one start"
+    for i, found in enumerate(solution.others, 1):
+        if found.start is not None and found.start not in indices:
+            yield f"grasps[{i}] of start {found.start}, which there is not"
+        if not found.mu.lower > 0.0:
+            yield f"grasps[{i}] with no certified quality above zero"
+        if found.kind != solution.kind:
+            yield f"grasps[{i}] states {found.kind}, the file {solution.kind}"
+    solver = solution.solver
+    if len(solution.grasps) > solver.get("keep", len(solution.grasps)):
+        yield f"{len(solution.grasps)} grasps where {solver.get('keep')} were to be kept"
+    least = float(solver.get("distinct", 0.0)) * size * (1.0 - SLACK)
+    for (i, one), (j, other) in combinations(enumerate(solution.grasps), 2):
+        if (one.hand is None or "joint_positions" not in one.hand) and _apart(one, other) < least:
+            yield f"grasps[{i}] and grasps[{j}] are one: contacts less than {least:.3g} m apart"
+
+
+def _apart(one: FoundGrasp, other: FoundGrasp) -> float:
+    """Return the largest contact distance of two grasps in the best order, metres; for many contacts a lower bound."""
+    p, q = one.grasp.points, other.grasp.points
+    if p.shape != q.shape:
+        return np.inf
+    distances: FloatArray = np.linalg.norm(p[:, None] - q[None], axis=2)
+    k = len(p)
+    if k > MOST:
+        return np.inf
+    models = one.grasp.contacts
+    orders = np.array([o for o in permutations(range(k)) if all(models[i] == models[j] for i, j in enumerate(o))])
+    return float(np.min(np.max(distances[np.arange(k), orders], axis=1)))

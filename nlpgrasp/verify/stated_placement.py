@@ -1,0 +1,347 @@
+"""Numeric placement as a file states it, and comparison of recomputed scalar constraints with stated ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.solution.records import ConstraintReport
+from nlpgrasp.verify.check import Check, NotMadeError
+
+ROUNDING = 1e-6  # tolerance of recomputed values, relative to the scale; rounding is below a thousandth of it
+LIMITS = 1e-9  # relative tolerance of limits, which are the problem's numbers or their squares
+FAR, AT = 1e-2, 1e-8  # distances from a limit, relative to the scale: too far for active, and on the limit
+PROMISE = 1e-5  # the solver's feasibility tolerance, relative to the scale; ten times as much on a mesh
+
+
+@dataclass(frozen=True)
+class RowValue:
+    """A scalar constraint ``lower <= value <= upper`` with its value recomputed from positions and hand.
+
+    Parameters
+    ----------
+    name : str
+        Name in the file.
+    value : float or None
+        In the constraint's own unit; None if unknown: then the stated value has to keep the limits.
+    lower, upper : float
+    scale : float
+        Typical size of the value: tolerances are relative to it.
+    error : float
+        Error bound of the value by the digits in the file, in the constraint's own unit.
+    stated_below : bool
+        Whether the stated value may be smaller, as the solver uses a lower bound of some distances.
+    """
+
+    name: str
+    value: float | None
+    lower: float = -np.inf
+    upper: float = np.inf
+    scale: float = 1.0
+    error: float = 0.0
+    stated_below: bool = False
+
+    def broken(self, value: float, promise: float) -> str:
+        """Return a message if a value violates the limits by more than the solver's tolerance, else empty."""
+        slack = promise * self.scale + self.error
+        kept = self.lower - slack <= value <= self.upper + slack
+        return "" if kept else f"{self.name}: {value:.9g} is outside {self._limits}"
+
+    def off(self, stated: ConstraintReport) -> float:
+        """Return the excess of the stated value over the recomputed one."""
+        return 0.0 if self.value is None else stated.value - self.value
+
+    def contradicts(self, stated: ConstraintReport) -> str:
+        """Return the error in a stated constraint; empty where it agrees."""
+        if not (_same(stated.lower, self.lower, self.scale) and _same(stated.upper, self.upper, self.scale)):
+            return f"{self.name}: stated within [{stated.lower:g}, {stated.upper:g}], the problem says {self._limits}"
+        off = self.off(stated)
+        if (self.stated_below and off < 0.0) or abs(off) <= ROUNDING * self.scale + self.error:
+            return "" if self.value is None else self._idle(stated)
+        return f"{self.name}: stated {stated.value:.9g}, recomputed {self.value:.9g}"
+
+    def _idle(self, stated: ConstraintReport) -> str:
+        """Return the error in a stated constraint's active flag; empty where it is compatible with the value.
+
+        A solve calls a constraint active within 1e-4 of its scale from a limit, and the scale may differ here.
+        """
+        room = min(stated.value - stated.lower, stated.upper - stated.value)
+        if stated.multiplier != 0.0 and not stated.active:
+            return f"{self.name}: a multiplier of {stated.multiplier:.3g} where no limit is active"
+        if stated.active and room > FAR * self.scale:
+            return f"{self.name}: active, {room:.3g} from its limits"
+        return f"{self.name}: not active at its limit" if not stated.active and room <= AT * self.scale else ""
+
+    @property
+    def _limits(self) -> str:
+        return f"[{self.lower:g}, {self.upper:g}]"
+
+
+def _same(stated: float, own: float, scale: float) -> bool:
+    return stated == own or (np.isfinite(own) and abs(stated - own) <= LIMITS * max(abs(own), scale))
+
+
+class StatedRows:
+    """The scalar constraints that a file states, each matched once with a recomputed one.
+
+    Parameters
+    ----------
+    reports : iterable of ConstraintReport
+
+    Attributes
+    ----------
+    unknown : list of str
+        Names of the parts of the problem with constraints that were not recomputed.
+    slack : dict
+        Allowed violation of each recomputed constraint, by the report's identity.
+    """
+
+    def __init__(self, reports: Iterable[ConstraintReport]) -> None:
+        self.unknown: list[str] = []
+        self.slack: dict[int, float] = {}
+        self._left: dict[str, list[ConstraintReport]] = {}
+        for report in reports:
+            self._left.setdefault(report.name, []).append(report)
+
+    def take(self, name: str) -> ConstraintReport | None:
+        """Return the next unmatched constraint of this name, ``None`` without one."""
+        waiting = self._left.get(name, [])
+        return waiting.pop(0) if waiting else None
+
+    def values(self) -> Mapping[str, float]:
+        """Return the stated values of the unmatched constraints, by name; of several the first."""
+        return {name: reports[0].value for name, reports in self._left.items() if reports}
+
+    @property
+    def left(self) -> list[str]:
+        """Names of the unmatched constraints."""
+        return [name for name, reports in self._left.items() for _ in reports]
+
+
+def compare(name: str, rows: Iterable[RowValue], stated: StatedRows, promise: float) -> Check:
+    """Return the check that the file states these constraints with their limits and values, and that these are kept.
+
+    Constraints are compared as they are computed: where one raises ``NotMadeError``, those before it have been
+    compared, and the check fails by them or is not made.
+    """
+    count, wrong, why = 0, [], ""
+    worst = 0.0
+    try:
+        for row in rows:
+            count += 1
+            said = stated.take(row.name)
+            if said is None:
+                wrong.append(f"{row.name}: not in the file")
+                continue
+            stated.slack[id(said)] = (promise + ROUNDING) * row.scale + row.error
+            lie = row.contradicts(said) or row.broken(said.value if row.value is None else row.value, promise)
+            wrong += [lie] if lie else []
+            worst = max(worst, abs(row.off(said)) / row.scale)
+    except NotMadeError as reason:
+        why = str(reason)
+        stated.unknown += [] if reason.every_row else [name]
+    if wrong:
+        return Check(name, False, _listed(wrong))
+    agree = f"{count} row{'s' if count != 1 else ''} recomputed, relative difference {worst:.1e}"
+    if why:
+        return Check.not_made(name, f"{why} ({agree})" if count else why)
+    return Check(name, True, agree)
+
+
+def kept(name: str, rows: Iterable[RowValue], promise: float) -> Check:
+    """Return the check that constraints which the file does not state keep their limits."""
+    found = list(rows)
+    wrong = [lie for row in found if row.value is not None and (lie := row.broken(row.value, promise))]
+    return Check(name, not wrong, _listed(wrong) if wrong else f"{len(found)} within their limits")
+
+
+def _listed(wrong: list[str], most: int = 4) -> str:
+    more = len(wrong) - most
+    return "; ".join(wrong[:most]) + (f"; and {more} more" if more > 0 else "")
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Deviation of a contact from a face.
+
+    Parameters
+    ----------
+    off : float
+        Distance of the contact from the face, metres.
+    turned : float or None
+        Length of the difference between the stated inward normal and the face's; None where the fingertip may keep
+        another normal than the face's.
+    angle : float
+        Angle of the stated normal to the mesh's, radians; an edge has all directions between its triangles' normals.
+    """
+
+    off: float
+    turned: float | None
+    angle: float = 0.0
+
+
+class Surface(Protocol):
+    """Interface of numeric bodies."""
+
+    @property
+    def bounds(self) -> FloatArray:
+        """Bounding box, (2, space), metres."""
+
+    def fit(self, face: str, point: FloatArray, normal: FloatArray, tip: str | None) -> Fit:
+        """Return the deviation of a contact with this inward normal from a face.
+
+        Parameters
+        ----------
+        face : str
+            ``KeyError`` where the body has no such face.
+        point, normal : (space,) arrays
+        tip : str or None
+            The kind of the posed fingertip at the contact, ``None`` for free contacts.
+        """
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        """Return the signed distance of points (m, space), (m,), metres, negative inside, as constraints state it."""
+
+    def edge_distance(self, face: str, point: FloatArray) -> float:
+        """Return the distance of a point (space,) of a face from its sharp edges, metres; infinite without any."""
+
+    @property
+    def rough(self) -> float:
+        """Largest excess of the solver's obstacle distance over this one, metres; 0 where both are equal."""
+
+
+@dataclass(frozen=True)
+class Ball:
+    """Collision sphere of a link, or contact ball of a fingertip.
+
+    Parameters
+    ----------
+    name : str
+        ``"link/number"``, or ``"link, finger i"`` of a fingertip.
+    centre : (3,) array
+        Metres, body frame.
+    radius : float
+        Metres.
+    least : float
+        Least distance of the centre from the held body, metres.
+    is_tip : bool
+        Whether it is a fingertip.
+    """
+
+    name: str
+    centre: FloatArray
+    radius: float
+    least: float
+    is_tip: bool = False
+
+
+@dataclass(frozen=True)
+class Palm:
+    """Palm position and direction.
+
+    Parameters
+    ----------
+    position : (3,) array
+        Metres, body frame.
+    approach : (3,) array or None
+        Unit facing direction, body frame; None if not recorded.
+    error : float
+        Error bound of that direction, by the digits in the file.
+    """
+
+    position: FloatArray
+    approach: FloatArray | None = None
+    error: float = 0.0
+
+
+class HandNumbers(Protocol):
+    """Interface of numeric hands in the stated posture. Unknown results raise ``NotMadeError``."""
+
+    @property
+    def radii(self) -> Sequence[float]:
+        """Radius of each fingertip, metres; 0 for points and pads."""
+
+    @property
+    def linked(self) -> bool:
+        """Whether it has links and joints with checks of their own."""
+
+    @property
+    def posed_tips(self) -> Sequence[str | None]:
+        """Kind of each fingertip that is fixed to a posed link, ``None`` for free ones."""
+
+    @property
+    def error(self) -> float:
+        """Error bound of its points, by the digits in the file, metres."""
+
+    def palm(self) -> Palm | None:
+        """Return the palm pose, ``None`` without one."""
+
+    def balls(self, placement: StatedPlacement) -> Sequence[Ball]:
+        """Return the spheres of its links and fingertips; empty for a hand without links."""
+
+    def rows(self, placement: StatedPlacement) -> Iterable[RowValue]:
+        """Return the constraints of the hand on a placement, as files state them."""
+
+    def apart(self) -> Iterable[RowValue]:
+        """Return the self-collision constraints, as files state them."""
+
+    def limits(self) -> Iterable[RowValue]:
+        """Return the limits of the hand's variables, which files do not state as constraints."""
+
+
+@dataclass(frozen=True)
+class StatedPlacement:
+    """Contacts and hand as stated in a file.
+
+    Parameters
+    ----------
+    points, normals : (k, space) arrays
+        Metres, body frame; unit, into the body.
+    size : float
+        The body's characteristic length, metres, limited by the contacts' spread: the reference of tolerances.
+    hand : HandNumbers or None
+    surface_of : callable
+        Function of another body's JSON data to its ``Surface``.
+    stated : mapping
+        Stated values of all constraints, by name.
+    """
+
+    points: FloatArray
+    normals: FloatArray
+    size: float
+    hand: HandNumbers | None
+    surface_of: Callable[[Json], Surface]
+    stated: Mapping[str, float]
+
+    @property
+    def radii(self) -> Sequence[float]:
+        """Radius of each fingertip, metres."""
+        return [0.0] * len(self.points) if self.hand is None else self.hand.radii
+
+    @property
+    def tips(self) -> FloatArray:
+        """Centres of the fingertips, (k, space): ``p - r n``."""
+        return np.asarray(self.points - np.asarray(self.radii, dtype=float)[:, None] * self.normals)
+
+    @property
+    def links(self) -> Sequence[Ball]:
+        """Collision spheres of the hand's links, without fingertips."""
+        return [] if self.hand is None else [ball for ball in self.hand.balls(self) if not ball.is_tip]
+
+    @property
+    def error(self) -> float:
+        """Error bound of the links' points, by the digits in the file, metres."""
+        return 0.0 if self.hand is None else self.hand.error
+
+    @property
+    def palm(self) -> Palm:
+        """The hand's palm pose."""
+        found = None if self.hand is None else self.hand.palm()
+        if found is None:
+            raise NotMadeError("the hand has no palm")
+        return found

@@ -1,0 +1,151 @@
+"""Check that the stated contacts lie on their faces, with the faces' normals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.metadata import version
+
+import numpy as np
+
+from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.solution.placed_grasp import kept_normals
+from nlpgrasp.solution.solution import GraspSolution
+from nlpgrasp.verify.check import BROKEN, Check, NotMadeError, no_sense
+from nlpgrasp.verify.mesh_body import OtherMeshError
+from nlpgrasp.verify.registry import BODIES
+from nlpgrasp.verify.sources import Sources
+from nlpgrasp.verify.stated_placement import Fit, HandNumbers, Surface
+
+ON_FACE = 1e-6  # tolerance relative to the body's size
+NORMAL = 1e-6  # length of the difference of unit normals
+ANGLE = 1e-5  # radians: tolerance of normals and stated angles on a mesh
+WIDEST = 50.0  # largest body size for tolerances, in units of the largest distance of contacts
+ELSEWHERE = "unknown"  # kind of the fingertips of a hand that cannot be recomputed
+
+
+def size_of(box: FloatArray, grasp: Grasp) -> float:
+    """Return the reference length of tolerances, metres.
+
+    It is half the diagonal of the body's bounding box (2, space), the reference of the solver's tolerance. A file could
+    state a body that is larger away from the contacts, and so widen every tolerance; therefore the length is limited to
+    a multiple of the largest distance between contacts.
+    """
+    points = grasp.points if len(grasp) > 1 else np.stack([grasp.points[0], grasp.torque_origin])
+    apart = float(np.max(np.linalg.norm(points[:, None] - points[None], axis=2)))
+    return min(float(np.linalg.norm(box[1] - box[0])) / 2.0, WIDEST * apart)
+
+
+def half_diagonal(solution: GraspSolution, sources: Sources) -> float:
+    """Return half the diagonal of the body's bounding box, metres; 0 if the body is missing."""
+    try:
+        box = BODIES.of(solution.body)(solution.body, sources).bounds
+    except (NotMadeError, *BROKEN):
+        return 0.0
+    return float(np.linalg.norm(box[1] - box[0])) / 2.0
+
+
+def surface_checks(
+    solution: GraspSolution, grasp: Grasp, hand: HandNumbers | None, sources: Sources
+) -> tuple[Surface | None, list[Check]]:
+    """Return the numeric body, None if missing, and the checks of contacts and normals on it."""
+    tips = _tips(hand, len(grasp))
+    body = solution.body
+    try:
+        surface = BODIES.of(body)(body, sources)
+    except OtherMeshError as other:
+        return _on_another_mesh(solution, grasp, tips, other)
+    except NotMadeError as reason:
+        return None, _not_made(str(reason))
+    except BROKEN as error:
+        return None, [Check("surface", False, no_sense(error))]
+    return surface, _fitted(solution, grasp, tips, surface)
+
+
+def face_check(solution: GraspSolution) -> Check:
+    """Return the check that every contact is on a face that its model allows and nothing forbids."""
+    contacts, constraints = solution.problem["contacts"], solution.problem["constraints"]
+    forbidden = {name for c in constraints if c["type"] == "forbid" for name in c.get("faces", ())}
+    wrong = []
+    for i, (face, model) in enumerate(zip(solution.faces, contacts, strict=False)):
+        allowed = model.get("faces")
+        if face in forbidden:
+            wrong.append(f"contact {i} on {face}, which is forbidden")
+        elif allowed is not None and face not in allowed:
+            wrong.append(f"contact {i} on {face}, allowed on {', '.join(allowed)}")
+    return Check("faces", not wrong, "; ".join(wrong) if wrong else ", ".join(solution.faces))
+
+
+def _tips(hand: HandNumbers | None, count: int) -> Sequence[str | None]:
+    try:
+        return [None] * count if hand is None else hand.posed_tips
+    except NotMadeError:
+        return [ELSEWHERE] * count
+
+
+def _on_another_mesh(
+    solution: GraspSolution, grasp: Grasp, tips: Sequence[str | None], other: OtherMeshError
+) -> tuple[Surface | None, list[Check]]:
+    """Return body and checks for a mesh with another fingerprint than recorded.
+
+    If contacts and normals fit it, and it was read by the same versions, the recorded fingerprint is wrong. Otherwise
+    it may be another mesh, which proves nothing about the file.
+    """
+    versions = solution.solver.get("versions", {})
+    same_reader = all(versions.get(name) == version(name) for name in other.readers)
+    for surface in other.readings if same_reader else ():
+        checks = _fitted(solution, grasp, tips, surface)
+        if all(check.passed for check in checks):
+            return surface, [Check("mesh file", False, f"{other}, though the contacts fit it"), *checks]
+    return None, _not_made(str(other))
+
+
+def _fitted(solution: GraspSolution, grasp: Grasp, tips: Sequence[str | None], surface: Surface) -> list[Check]:
+    fits = []
+    for i, (face, p, n, tip) in enumerate(zip(solution.faces, grasp.points, grasp.normals, tips, strict=True)):
+        try:
+            fits.append(surface.fit(face, p, n, tip))
+        except KeyError:
+            return [Check("surface", False, f"contact {i} on {face!r}, which is no face of the body")]
+        except NotMadeError as reason:
+            return _not_made(str(reason))
+    return [_on_surface(fits, ON_FACE * size_of(surface.bounds, grasp)), _normals(fits, _angles(solution, len(fits)))]
+
+
+def _angles(solution: GraspSolution, count: int) -> FloatArray | None:
+    """Return the stated angles (k,) between normals and the mesh's, None where none are stated."""
+    stated = None if solution.surface is None else solution.surface.stated
+    return stated if stated is not None and len(stated) == count else None
+
+
+def _on_surface(fits: Sequence[Fit], most: float) -> Check:
+    off = [fit.off for fit in fits]
+    worst = int(np.argmax(off))
+    text = f"contact {worst} is {off[worst]:.2g} m off its face, allowed {most:.2g} m"
+    return Check("surface", bool(np.max(off) <= most), text)
+
+
+def _normals(fits: Sequence[Fit], stated: FloatArray | None) -> Check:
+    """Return the check that normals are the face's own, and angles to the mesh's normals as stated.
+
+    Normals kept from the solver's smooth surface are not approved: the check states their deviation.
+    """
+    if stated is not None:
+        wrong = np.abs(stated - [fit.angle for fit in fits])
+        worst = int(np.argmax(wrong))
+        if wrong[worst] > ANGLE:
+            here, there = np.degrees(fits[worst].angle), np.degrees(stated[worst])
+            text = f"the normal of contact {worst} is {here:.2g} degrees off the mesh's, stated {there:.2g}"
+            return Check("normals", False, text)
+    kept = {i: fit.angle for i, fit in enumerate(fits) if fit.turned is None and fit.angle > ANGLE}
+    own = [fit.turned for fit in fits if fit.turned is not None]
+    near = [fit.angle for i, fit in enumerate(fits) if fit.turned is None and i not in kept]
+    text = f"{len(own) + len(near)} compared, at most {max([*own, *near], default=0.0):.2g} off"
+    passed = max(own, default=0.0) <= NORMAL
+    if kept and passed:
+        return Check.not_made("normals", kept_normals(kept) + (f"; {text}" if own or near else ""))
+    return Check("normals", passed, text)
+
+
+def _not_made(why: str) -> list[Check]:
+    return [Check.not_made("surface", why), Check.not_made("normals", why)]

@@ -1,0 +1,151 @@
+"""Distances from triangles and from sharp edges, in numpy alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nlpgrasp.common.scalar_constraints import EDGE_MARGIN
+from nlpgrasp.common.types import Json
+from nlpgrasp.common.validation import FloatArray, number
+from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.verify.check import NO_BODY, NotMadeError
+from nlpgrasp.verify.stated_placement import RowValue, Surface
+
+FACES = NDArray[np.int64]
+SMALLEST = 1e-300
+COSINE = 0.75**0.5  # cosine of 30 degrees
+FLAT = 1e-12  # area over squared size below which a triangle counts as degenerate
+
+
+@dataclass(frozen=True)
+class TriangleSurface:
+    """A surface of triangles, counter-clockwise from outside.
+
+    Parameters
+    ----------
+    vertices : (n, 3) array
+        Metres.
+    faces : (m, 3) array of int
+    """
+
+    vertices: FloatArray
+    faces: FACES
+
+    @cached_property
+    def corners(self) -> FloatArray:
+        """The triangles' corners, (m, 3, 3)."""
+        return self.vertices[self.faces]
+
+    @cached_property
+    def normals(self) -> FloatArray:
+        """Outward unit normals of the triangles, (m, 3)."""
+        a, b, c = (self.corners[:, i] for i in range(3))
+        normal = np.cross(b - a, c - a)
+        return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=1), SMALLEST)[:, None])
+
+    def near(self, point: FloatArray, reach: float) -> tuple[NDArray[np.intp], FloatArray]:
+        """Return the triangles possibly within ``reach`` of the nearest one, and their distances from a point (3,).
+
+        Bounding balls about the triangles' centres rule out nearly all of them.
+        """
+        centre, radius = self._balls
+        apart = np.linalg.norm(centre - point, axis=1)
+        which = np.flatnonzero(apart - radius <= np.min(apart) + reach)
+        return which, distances(point, self.corners[which])
+
+    def distance(self, point: FloatArray) -> float:
+        """Return the distance of a point (3,) from the nearest triangle, metres."""
+        return float(np.min(self.near(point, 0.0)[1]))
+
+    def is_inside(self, point: FloatArray) -> bool:
+        """Return whether the surface encloses a point (3,), by solid angles (Van Oosterom and Strackee 1983)."""
+        a, b, c = ((self.corners[:, i] - point) for i in range(3))
+        la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+        volume = np.einsum("ij,ij->i", a, np.cross(b, c))
+        dot = np.einsum("ij,ij->i", a, b), np.einsum("ij,ij->i", b, c), np.einsum("ij,ij->i", c, a)
+        angles = np.arctan2(volume, la * lb * lc + dot[0] * lc + dot[1] * la + dot[2] * lb)
+        return bool(np.sum(angles) > np.pi)  # each is half a solid angle: together 2 pi inside, 0 outside
+
+    @cached_property
+    def _balls(self) -> tuple[FloatArray, FloatArray]:
+        centre = self.corners.mean(axis=1)
+        return centre, np.max(np.linalg.norm(self.corners - centre[:, None], axis=2), axis=1)
+
+
+def distances(point: FloatArray, corners: FloatArray) -> FloatArray:
+    """Return the distances of a point (3,) from triangles (m, 3, 3): to the plane inside, to the edges outside."""
+    a, b, c = (corners[:, i] for i in range(3))
+    normal = np.cross(b - a, c - a)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1), SMALLEST)[:, None]
+    inside = np.ones(len(corners), dtype=bool)
+    result = np.full(len(corners), np.inf)
+    for start, end in ((a, b), (b, c), (c, a)):
+        along, there = end - start, point - start
+        inside &= np.einsum("ij,ij->i", np.cross(along, there), normal) >= 0.0
+        share = np.einsum("ij,ij->i", there, along) / np.maximum(np.einsum("ij,ij->i", along, along), SMALLEST)
+        off = there - np.clip(share, 0.0, 1.0)[:, None] * along
+        result = np.minimum(result, np.linalg.norm(off, axis=1))
+    plane = np.abs(np.einsum("ij,ij->i", point - a, normal))
+    return np.where(inside & np.any(normal, axis=1), plane, result)
+
+
+Distance = Callable[[FloatArray], float]
+"""Of a point (space,) of a face from the face's own sharp edges, metres; infinite where it has none."""
+
+
+def from_corners(v: FloatArray, i: int) -> Distance:
+    """Return the distance function from the sharp ends, by more than 30 degrees, of edge i of a polygon (n, 2)."""
+    before, here, there, after = (v[(i + j) % len(v)] for j in (-1, 0, 1, 2))
+    ends = [end for a, end, b in ((before, here, there), (here, there, after)) if _cosine(end - a, b - end) < COSINE]
+    return lambda p: min((float(np.linalg.norm(p[:2] - end)) for end in ends), default=np.inf)
+
+
+def sharp_segments(surface: TriangleSurface) -> FloatArray:
+    """Return the ends of the edges between two triangles whose normals differ by more than 30 degrees, (m, 2, 3)."""
+    faces = surface.faces
+    ends = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    owner = np.repeat(np.arange(len(faces)), 3)
+    order = np.lexsort((ends[:, 1], ends[:, 0]))
+    ends, owner = ends[order], owner[order]
+    new = np.concatenate([[True], np.any(ends[1:] != ends[:-1], axis=1)])
+    first = np.flatnonzero(new)
+    twice = first[np.diff(np.append(first, len(ends))) == 2]  # edges of exactly two triangles
+    one, other = owner[twice], owner[twice + 1]
+    a, b, c = (surface.corners[:, i] for i in range(3))
+    areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    solid = np.minimum(areas[one], areas[other]) > FLAT * float(np.sum(np.ptp(surface.vertices, axis=0) ** 2))
+    sharp = solid & (np.sum(surface.normals[one] * surface.normals[other], axis=1) < COSINE)
+    return np.asarray(surface.vertices[ends[twice[sharp]]])
+
+
+def from_segments(segments: FloatArray) -> Distance:
+    """Return the distance function from segments (m, 2, 3)."""
+    start, along = segments[:, 0], segments[:, 1] - segments[:, 0]
+    lengths = np.maximum(np.sum(along**2, axis=1), 1e-300)
+
+    def distance(p: FloatArray) -> float:
+        t = np.clip(np.sum((p - start) * along, axis=1) / lengths, 0.0, 1.0)
+        return float(np.min(np.linalg.norm(p - start - t[:, None] * along, axis=1), initial=np.inf))
+
+    return distance
+
+
+def margin_rows(problem: Json, faces: tuple[str, ...], grasp: Grasp, surface: Surface | None) -> Iterator[RowValue]:
+    """Yield the distance of each contact from its face's sharp edges, where the problem states a margin."""
+    margin = number("edge_margin", problem["edge_margin"], at_least=0.0)
+    if surface is None:
+        raise NotMadeError(NO_BODY)
+    size = float(np.linalg.norm(surface.bounds[1] - surface.bounds[0])) / 2.0
+    for i, (face, point) in enumerate(zip(faces, grasp.points, strict=True)):
+        value = surface.edge_distance(face, point)
+        if np.isfinite(value):
+            yield RowValue(f"{EDGE_MARGIN}, finger {i}", value, margin, scale=size)
+
+
+def _cosine(a: FloatArray, b: FloatArray) -> float:
+    return float(a @ b) / float(np.linalg.norm(a) * np.linalg.norm(b))
