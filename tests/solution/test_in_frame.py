@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
-from tests.motion.phases.test_keyframes import phased
+from tests.motion.test_keyframes import phased
 
 FILES = Path(__file__).parent / "files"
 TURN, WHERE = Rotation.from_rotvec([0.5, -1.1, 0.7]), np.array([0.6, -0.2, 0.9])

@@ -10,7 +10,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.interop.registry import format_named
 from nlpgrasp.solution.phase_record import phases_from
-from tests.motion.phases.test_keyframes import phased
+from tests.motion.test_keyframes import phased
 from tests.studies.held_box import grasped
 
 

@@ -15,7 +15,7 @@ OPTIONS = ng.SolveOptions(rtol=0.05, final_rtol=0.05)
 def names():
     from pathlib import Path
 
-    return runpy.run_path(str(Path(__file__).resolve().parents[3] / "problems" / "odd_object_on_table.py"))
+    return runpy.run_path(str(Path(__file__).resolve().parents[2] / "problems" / "odd_object_on_table.py"))
 
 
 @pytest.fixture(scope="module")
