@@ -1,4 +1,4 @@
-"""The baseline: 60 problems, three seeds of eight starts, each in a process of its own; beside what is stored in baseline.json.
+"""The baseline: 60 problems, three seeds of eight starts, each in its own process; beside what baseline.json stores.
 
 ``baseline`` compares with the stored file, ``baseline:store`` writes it, ``baseline:jaw`` compares one group.
 Seconds are of CPU, over those of a fixed piece of work that is timed in the same run.

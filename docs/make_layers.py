@@ -7,7 +7,7 @@ from pathlib import Path
 DOCS = Path(__file__).resolve().parent
 WIDTH, ROW, LEFT, ROOMS, GAP = 1180, 46, 24, 530, 8
 HUES = ("#0072B2", "#00795A", "#5B6773", "#8A4B08")  # asks and shows, searches, is data, proves: colour-blind safe
-KIND = {"cli": 0, "faces": 0, "studies": 1, "pipeline": 1, "optimize": 1, "nlp": 1}
+KIND = {"cli": 0, "faces": 0} | dict.fromkeys(("studies", "pipeline", "analysis", "optimize", "nlp", "motion"), 1)
 KIND |= {"quality": 3, "verify": 3, "global_bound": 3}
 FACES = ("report", "experiments", "interop", "simulation")
 

@@ -30,7 +30,8 @@ from nlpgrasp.optimize.processes import cores, own_processes
 from nlpgrasp.solution.solution import GraspSolution
 
 if TYPE_CHECKING:
-    from distributed import Client, Future
+    from distributed import Client
+    from distributed import Future as ClusterFuture
 
 
 IDLE = 30.0  # seconds after which idle workers end
@@ -132,7 +133,7 @@ def run_cluster(
     from distributed import as_completed
 
     waiting = iter(solves)
-    under_way: dict[Future, SolveId] = {}
+    under_way: dict[ClusterFuture, SolveId] = {}
     done = as_completed(loop=client.loop)
 
     def submit() -> None:
@@ -164,7 +165,7 @@ class ClusterLostError(NlpgraspError):
     """Error on losing the scheduler during a run."""
 
 
-def _outcome(future: Future) -> Outcome:
+def _outcome(future: ClusterFuture) -> Outcome:
     if future.status == "finished":
         result: Outcome = future.result()
         return result
