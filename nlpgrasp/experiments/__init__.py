@@ -3,7 +3,7 @@
 from nlpgrasp.experiments.comparison import Comparison, compare
 from nlpgrasp.experiments.experiment import Experiment, combinations
 from nlpgrasp.experiments.experiment_result import ExperimentResult, VariationResult
-from nlpgrasp.experiments.run_experiment import run_experiment
+from nlpgrasp.experiments.experiment_run import run_experiment
 from nlpgrasp.experiments.solve_many import ManySolved, solve_many
 
 __all__ = [

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.experiment import Experiment, SolveId
+from nlpgrasp.experiments.experiment_run import Progress, run_solves
 from nlpgrasp.experiments.output_folder import Folder
-from nlpgrasp.experiments.run_experiment import Progress, run_solves
 from nlpgrasp.optimize.options import SolveOptions
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.solution import GraspSolution

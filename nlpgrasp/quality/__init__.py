@@ -1,7 +1,7 @@
 """Quality measures of given grasps with certified bounds, independent of CasADi."""
 
 from nlpgrasp.quality.bounds import Bounds, StackBounds
-from nlpgrasp.quality.finger_forces import FingerForces, finger_forces
+from nlpgrasp.quality.force_problem import FingerForces, finger_forces
 from nlpgrasp.quality.measures import delta, equivalence_constants, mu, mu_1, mu_tilde
 from nlpgrasp.quality.other_measures import (
     ferrari_canny,

@@ -28,7 +28,7 @@ from nlpgrasp.budgets.l2 import L2Set
 from nlpgrasp.common.formatting import outwards
 from nlpgrasp.common.validation import FloatArray, integer, number
 from nlpgrasp.errors import NlpgraspError
-from nlpgrasp.quality import finger_forces as conic
+from nlpgrasp.quality import force_problem as conic
 from nlpgrasp.quality.arguments import require_grasp
 from nlpgrasp.quality.bounds import SHOWN, Bounds
 from nlpgrasp.quality.dual_newton import dual_newton

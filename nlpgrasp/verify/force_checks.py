@@ -20,7 +20,7 @@ from nlpgrasp.budgets.l2 import L2Set
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
-from nlpgrasp.quality.finger_forces import least_forces
+from nlpgrasp.quality.force_problem import least_forces
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.other_measures import pyramid_wrenches
 from nlpgrasp.quality.wrench_set import WrenchSet
