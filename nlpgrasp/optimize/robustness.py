@@ -4,6 +4,10 @@ Friction that is less makes every cone smaller, so the worst of it is the least 
 a sharp edge is lost, and with it all that it presses: no other place of it is worse. Where the other contacts are worst
 is searched for: each slides in turn to the place within reach that hurts most, until no slide hurts more. What is
 found is a placement that may happen, with its certified quality: an upper bound on the worst there is.
+
+A grasp is made more robust (``steady``) by the worst displacements met so far: every contact in turn moves to the place
+near it where the least quality over all of them is largest, and the search for the worst displacement begins anew. Only
+what the certificate confirms is kept.
 """
 
 from __future__ import annotations
@@ -18,8 +22,9 @@ from nlpgrasp.common.spatial import tangents
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.optimize.candidate import Placed
-from nlpgrasp.optimize.compiled_problem import Workbench
-from nlpgrasp.optimize.grasp_on_body import edge_distances
+from nlpgrasp.optimize.compiled_problem import FEASIBLE, Workbench
+from nlpgrasp.optimize.cutting_planes import weakest_at
+from nlpgrasp.optimize.grasp_on_body import OnBody, edge_distances
 from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.quality.grasp import Grasp, GraspStack
 from nlpgrasp.quality.screening import sampled_ratios
@@ -30,6 +35,10 @@ AROUND = 16  # displaced positions per contact
 SWEEPS, ROUNDS = 6, 3  # sweeps of displacements in turn; searches for weak directions
 BEGINNINGS = 3  # initial displacements, at most
 RTOL, LOOSE = 0.02, 0.1
+MOVES = (0.04, 0.02, 0.01, 0.005)  # of the body's size
+MOVES_OF_ONE = 4  # of a step size
+GAIN = 1e-3  # relative: a move that gains less is none
+MOST_DIRECTIONS = 400
 Places = list[tuple[FloatArray, FloatArray]]  # where each contact may be, and inward normals
 SLIPS = 0.99  # share of the reach: a contact nearer to an edge may slip over it
 TOO_FAR = 1.5  # times the reach: such a point is off the face
@@ -64,6 +73,25 @@ def robustness(bench: Workbench, placed: Placed, grasp: Grasp, quickly: bool = F
         bounds = mu(found, bench.problem.task, rtol, force_budget=budget)
         points[rest], normals[rest] = found.points, found.normals
     return Robustness(offset, share, bounds, points, normals, lost)
+
+
+def steady(bench: Workbench, found: OnBody) -> tuple[OnBody, Robustness]:
+    """Return a grasp made more robust, where its contacts move freely over a smooth body."""
+    if found.surface is not None or not bench.follows_contacts:
+        return found, robustness(bench, found.placed, found.grasp)
+    best, robust = found.grasp, robustness(bench, found.placed, found.grasp)
+    placed, ascent = found.placed, _Ascent(bench, found.placed)
+    for step in MOVES:
+        for _ in range(MOVES_OF_ONE):
+            ascent.look()
+            if not ascent.move(step * bench.scaling.length):
+                break
+        there = ascent.placed
+        grasp = bench.grasp(there)
+        trial = robustness(bench, there, grasp)
+        if trial.mu.lower > robust.mu.lower:
+            placed, best, robust = there, grasp, trial
+    return OnBody.of(bench, placed, best), robust
 
 
 def _over_edges(bench: Workbench, placed: Placed) -> tuple[int, ...]:
@@ -171,3 +199,58 @@ def places_around(
         near &= extent <= 1e-9 * body.size
     good = near & np.all(np.isfinite(points), axis=1) & np.all(np.isfinite(inward), axis=1)
     return np.concatenate([point[None], points[good]]), np.concatenate([normal[None], inward[good]])
+
+
+class _Ascent:
+    """State of the search: contacts, worst displacements so far, and the weak directions."""
+
+    def __init__(self, bench: Workbench, start: Placed) -> None:
+        self.bench, self.start = bench, start
+        share = bench.options.robust_friction
+        self.models = [model.with_friction(1.0 - share) for model in bench.problem.models]
+        self.points = start.points.copy()
+        self.directions = np.zeros((0, bench.problem.dimension))
+        self.displacements: list[tuple[int, ...]] = [(0,) * len(self.points)]
+
+    @property
+    def placed(self) -> Placed:
+        """Current candidate."""
+        return Placed(self.start.faces, self.points.copy(), self.start.hand)
+
+    def look(self) -> None:
+        """Add the worst displacement found of the current contacts, and the weak directions."""
+        bench, rng = self.bench, np.random.default_rng(0)
+        here = self.placed
+        chosen, y = worst_displacement(bench, self.models, self._places(), bench.budget(here), rng)
+        nominal = weakest_at(bench, here, np.random.default_rng(0), y, QUICK)
+        self.directions = np.concatenate([self.directions, y, nominal.directions])[-MOST_DIRECTIONS:]
+        if tuple(chosen) not in self.displacements:
+            self.displacements.append(tuple(chosen))
+
+    def move(self, step: float) -> bool:
+        """Move contacts in turn to maximise the least ratio over the displacements; return whether any moved."""
+        bench, moved = self.bench, False
+        normals, now = bench.inward_normals(self.placed), self._places()
+        for i, face in enumerate(self.start.faces):
+            tried, inward = places_around(bench, face, self.points[i], normals[i], step)
+            others = places_near(bench, [face] * (len(tried) - 1), tried[1:], inward[1:])
+            around = [now[i], *others]
+            values = np.array([self._least([*now[:i], one, *now[i + 1 :]]) for one in around])
+            trials, trial_normals = (np.repeat(v[None], len(tried), axis=0) for v in (self.points, normals))
+            trials[:, i], trial_normals[:, i] = tried, inward
+            allowed = bench.rows.violations(trials, trial_normals, self.start.repeated_hand(len(tried))) <= FEASIBLE
+            best = int(np.argmax(np.where(allowed, values, -np.inf)))
+            if best > 0 and values[best] > (1.0 + GAIN) * values[0]:
+                self.points[i], normals[i], now[i], moved = tried[best], inward[best], around[best], True
+        return moved
+
+    def _least(self, places: Places) -> float:
+        """Return the least support ratio over displacements and directions."""
+        chosen = [[min(c, len(places[i][0]) - 1) for i, c in enumerate(one)] for one in self.displacements]
+        p, n = (np.array([[places[i][j][c] for i, c in enumerate(one)] for one in chosen]) for j in (0, 1))
+        stack = GraspStack(p, n, self.models, self.bench.problem.origin)
+        ratios = sampled_ratios(stack, self.bench.problem.task, self.directions, self.bench.screening_budget)
+        return float(np.min(ratios))
+
+    def _places(self) -> Places:
+        return places_near(self.bench, self.start.faces, self.points, self.bench.inward_normals(self.placed))
