@@ -11,8 +11,8 @@ import numpy as np
 import nlpgrasp as ng
 from benchmarks import hand_budgets
 from benchmarks.best_problems import gap_problems, hit_problem
+from benchmarks.outside import MESHES, MISSING
 from problems.peg_in_hole import problem as peg
-from tests.conftest import SHARED_MESHES
 from tests.global_bound.brute_force.cases import Case
 from tests.global_bound.brute_force.search import BruteForce
 
@@ -70,10 +70,10 @@ def _shown(found):
 
 
 def meshes():
-    if not SHARED_MESHES.is_dir():
-        print(f"skipped meshes: no {SHARED_MESHES}")
+    if not MESHES.is_dir():
+        print(f"skipped meshes: {MISSING}")
         return
-    for path in sorted(SHARED_MESHES.glob("*.stl")):
+    for path in sorted(MESHES.glob("*.stl")):
         body = ng.Mesh.load(path, unit="m" if path.name.startswith("ycb") else "in")
         task = ng.TaskEllipsoid([1, 1, 1, *[body.size] * 3])
         found, _, search = gap_over_time(ng.GraspProblem(body, [ng.FrictionContact(0.6)] * 4, task), 60.0, 0.01)

@@ -13,7 +13,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from tests.conftest import SHARED_MESHES
+from benchmarks.outside import MESHES as OUTSIDE_MESHES
+from benchmarks.outside import MISSING
 
 ROOT = Path(__file__).resolve().parents[1]
 MESHES = ("ycb_012_strawberry", "featuretype", "ycb_048_hammer")
@@ -47,10 +48,10 @@ def command():
 
 def _solves(with_hand):
     names = ["box", "ellipsoid"]
-    if SHARED_MESHES.is_dir():
-        names += [str(SHARED_MESHES / f"{name}.stl") for name in MESHES]
+    if OUTSIDE_MESHES.is_dir():
+        names += [str(OUTSIDE_MESHES / f"{name}.stl") for name in MESHES]
     else:
-        print(f"skipped meshes: no {SHARED_MESHES}")
+        print(f"skipped meshes: {MISSING}")
     for name in names:
         with tempfile.TemporaryDirectory() as folder:
             cold, again = _call(name, with_hand, folder), _call(name, with_hand, folder)

@@ -6,8 +6,8 @@ import numpy as np
 import trimesh
 
 import nlpgrasp as ng
+from benchmarks.outside import MESHES, MISSING
 from nlpgrasp.quality.other_measures import ferrari_canny
-from tests.conftest import SHARED_MESHES
 from tests.hands.urdf import four_finger_hand
 
 SEEDS = 5
@@ -29,12 +29,12 @@ def bodies():
     """Yield name, body, mean radius and aim, None for meshes."""
     for name, (body, mesh, aim) in PRIMITIVES.items():
         yield name, body, _mean_radius(mesh, body.centroid), aim
-    if SHARED_MESHES.is_dir():
-        for path in sorted(SHARED_MESHES.glob("*.stl")):
+    if MESHES.is_dir():
+        for path in sorted(MESHES.glob("*.stl")):
             body = ng.Mesh.load(path, unit="m" if path.name.startswith("ycb") else "in")
             yield path.stem, body, _mean_radius(body.mesh, body.centroid), None
     else:
-        print(f"skipped meshes: no {SHARED_MESHES}")
+        print(f"skipped meshes: {MISSING}")
 
 
 def _mean_radius(mesh, centre):

@@ -17,9 +17,9 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
+from benchmarks.outside import MESHES, MISSING
 from nlpgrasp.simulation.hand_outcome import AS_SOLVED
 from nlpgrasp.simulation.hand_protocol import AXES, DRAWS, OFF
-from tests.conftest import SHARED_MESHES
 from tests.hands.robotiq import robotiq_2f85
 from tests.hands.robots import SHADOW, model, robot
 
@@ -36,7 +36,7 @@ BODIES = {
     "ellipsoid": lambda: ng.Ellipsoid([0.04, 0.03, 0.03]),
     "sphere": lambda: ng.Sphere(0.035),
     "capsule": lambda: ng.Mesh(trimesh.creation.capsule(height=0.05, radius=0.025, count=[24, 24])),
-    MESH: lambda: ng.Mesh.load(SHARED_MESHES / "ycb_012_strawberry.stl"),
+    MESH: lambda: ng.Mesh.load(MESHES / "ycb_012_strawberry.stl"),
 }
 STARTS, TASK = 4, ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.02, 0.02, 0.02])
 TORSION = 5e-3  # metres: torsional friction of flat pads
@@ -85,8 +85,8 @@ def run(hands=None, bodies=None):
             print(f"{name}: {reason}")
             continue
         for body in BODIES if bodies is None else bodies.split(","):
-            if body == MESH and not SHARED_MESHES.is_dir():
-                print(f"{name} {body}: no {SHARED_MESHES}")
+            if body == MESH and not MESHES.is_dir():
+                print(f"{name} {body}: {MISSING}")
                 continue
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", UserWarning)  # tests check what is said of these files

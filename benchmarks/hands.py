@@ -1,10 +1,10 @@
-"""A 16-joint hand on the meshes of ../shared/meshes: starts, their stages, and how deep links are in the mesh."""
+"""A 16-joint hand on the meshes of NLPGRASP_TEST_DATA: starts, their stages, and how deep links are in the mesh."""
 
 import numpy as np
 
 import nlpgrasp as ng
+from benchmarks.outside import MESHES, MISSING
 from benchmarks.starts import run_starts, stage_medians
-from tests.conftest import SHARED_MESHES
 from tests.hands.urdf import four_finger_hand
 
 STARTS = 20
@@ -12,11 +12,11 @@ STARTS = 20
 
 def run():
     hand = four_finger_hand()
-    if SHARED_MESHES.is_dir():
-        for path in sorted(SHARED_MESHES.glob("*.stl")):
+    if MESHES.is_dir():
+        for path in sorted(MESHES.glob("*.stl")):
             _mesh(path, hand)
     else:
-        print(f"skipped meshes: no {SHARED_MESHES}")
+        print(f"skipped meshes: {MISSING}")
 
 
 def _report(problem):

@@ -1,19 +1,19 @@
-"""Meshes of ../shared/meshes: free fingertips, four fingers, friction 0.6, 20 starts each, one core."""
+"""Meshes of NLPGRASP_TEST_DATA: free fingertips, four fingers, friction 0.6, 20 starts each, one core."""
 
 import numpy as np
 
 import nlpgrasp as ng
+from benchmarks.outside import MESHES, MISSING
 from benchmarks.starts import function_share, run_starts, stage_medians
-from tests.conftest import SHARED_MESHES
 
 STARTS = 20
 
 
 def run():
-    if not SHARED_MESHES.is_dir():
-        print(f"skipped: no {SHARED_MESHES}")
+    if not MESHES.is_dir():
+        print(f"skipped: {MISSING}")
         return
-    for path in sorted(SHARED_MESHES.glob("*.stl")):
+    for path in sorted(MESHES.glob("*.stl")):
         body = ng.Mesh.load(path, unit="m" if path.name.startswith("ycb") else "in")
         task = ng.TaskEllipsoid([1, 1, 1, *[body.size] * 3])
         results, seconds = run_starts(ng.GraspProblem(body, [ng.FrictionContact(0.6)] * 4, task), STARTS)

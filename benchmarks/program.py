@@ -8,7 +8,7 @@ import time
 import numpy as np
 
 import nlpgrasp as ng
-from tests.conftest import SHARED_MESHES
+from benchmarks.outside import MESHES, MISSING
 from tests.hands.urdf import four_finger_hand, three_finger_hand
 from tests.kkt_by_differences import kkt_by_differences
 
@@ -24,7 +24,7 @@ def run(first=0, last=PROBLEMS):
     for number in numbers:
         name, problem = random_problem(number)
         if problem is None:
-            print(f"{number} {name}: skipped, no {SHARED_MESHES}")
+            print(f"{number} {name}: skipped, {MISSING}")
             continue
         (found, spent), (alone, spent_alone) = (solved(problem, bound) for bound in (True, False))
         near.append(alone.mu.lower >= (1.0 - NEAR) * found.mu.lower)
@@ -100,7 +100,7 @@ def analytic_body(kind, rng):
 
 def shared_mesh(number):
     """Return one of the shared meshes, None where there are none."""
-    paths = sorted(SHARED_MESHES.glob("*.stl"))
+    paths = sorted(MESHES.glob("*.stl"))
     if number >= len(paths):
         return None
     path = paths[number]

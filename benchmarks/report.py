@@ -7,16 +7,16 @@ import time
 from pathlib import Path
 
 import nlpgrasp as ng
+from benchmarks.outside import MESHES, MISSING
 from nlpgrasp.report import write_report
 
-MESHES = Path(__file__).resolve().parents[2] / "shared" / "meshes"
 NAMES = ("ycb_012_strawberry.stl", "ycb_048_hammer.stl", "ycb_010_potted_meat_can.stl")
 REPEATS = 5
 
 
 def run():
     if not MESHES.is_dir():
-        print("no ../shared/meshes beside the checkout")
+        print(MISSING)
         return
     for name in NAMES:
         body = ng.Mesh.load(MESHES / name)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-SHARED_MESHES = Path(__file__).resolve().parents[2] / "shared" / "meshes"
+from benchmarks.outside import MESHES, MISSING
 
 
 def pytest_configure(config):
@@ -28,11 +28,11 @@ def rng():
 
 
 @pytest.fixture(scope="session")
-def shared_meshes():
-    """Folder of scanned and machined meshes beside the checkout; tests that need it skip without it."""
-    if not SHARED_MESHES.is_dir():
-        pytest.skip("no ../shared/meshes beside the checkout")
-    return SHARED_MESHES
+def outside_meshes():
+    """Folder of scanned and machined meshes that the repository does not carry; tests that need it skip without it."""
+    if not MESHES.is_dir():
+        pytest.skip(MISSING)
+    return MESHES
 
 
 @pytest.fixture(scope="session")

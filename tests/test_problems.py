@@ -137,9 +137,9 @@ SLOW = (
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in MESHES])
-def test_shared_meshes_are_grasped_on_the_mesh_itself(shared_meshes, name):
+def test_shared_meshes_are_grasped_on_the_mesh_itself(outside_meshes, name):
     unit, value = MESHES[name]
-    body = ng.Mesh.load(shared_meshes / name, unit=unit)
+    body = ng.Mesh.load(outside_meshes / name, unit=unit)
     task = ng.TaskEllipsoid([1, 1, 1, *[body.size] * 3])
     problem = ng.GraspProblem(body, [ng.FrictionContact(0.6)] * 4, task, name=name)
     solution = ng.solve(problem, starts=8, options=ng.SolveOptions(rank="mu", rtol=0.05, final_rtol=0.02))

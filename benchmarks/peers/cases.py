@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 
 import nlpgrasp as ng
+from benchmarks.outside import MESHES
 from nlpgrasp.bodies import Body
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
 
-MESHES = Path(__file__).resolve().parents[3] / "shared" / "meshes"  # scans and parts, where somebody has them
 FRICTION, TORSION = 0.5, 0.1  # coefficient; of the body's size
 BALL = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
 LIFT = (0.5, 0.5, 1.0, 0.3, 0.3, 0.3)

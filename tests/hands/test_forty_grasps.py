@@ -11,11 +11,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
+from benchmarks.outside import HANDS, MISSING
 from tests.hands.described import in_millimetres, two_fingers
 from tests.hands.urdf import FOUR, THREE, four_finger_hand, three_finger_hand
 
-SHARED = Path(__file__).parents[3] / "shared" / "hands"
-LEAP, BARRETT = SHARED / "leap_hand/leap_hand_right.urdf", SHARED / "barrett_hand/bhand_model.urdf"
+LEAP, BARRETT = HANDS / "leap_hand/leap_hand_right.urdf", HANDS / "barrett_hand/bhand_model.urdf"
 OPTIONS = ng.SolveOptions(workers=1, global_bound=False, joint_margin=0.0)
 BODIES = {
     "cylinder": (lambda s: ng.Cylinder(s, 4.0 * s), lambda s: (mujoco.mjtGeom.mjGEOM_CYLINDER, [s, 2.0 * s, 0.0])),
@@ -69,7 +69,7 @@ def _made(name, folder):
     if name in ("leap", "barrett"):
         path = LEAP if name == "leap" else BARRETT
         if not path.exists():
-            pytest.skip(f"{path.name} is not there: public files of robot hands are looked for beside the checkout")
+            pytest.skip(f"no {path.name}: {MISSING}")
         return Described(getattr(ng.hands, name)(path), path, 0.03)
     if name == "four fingers":
         return Described(four_finger_hand(), FOUR, 0.03)

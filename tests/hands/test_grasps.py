@@ -181,9 +181,9 @@ def test_parallel_jaw_is_no_wider_than_it_opens():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "quality"), [("ycb_012_strawberry", 0.4824), ("angle_block", 0.5215)])
-def test_hand_on_a_mesh_touches_the_mesh_itself(name, quality, shared_meshes):
+def test_hand_on_a_mesh_touches_the_mesh_itself(name, quality, outside_meshes):
     """Recomputed from the JSON data: contacts on tip and mesh within 0.1 mm, links in the mesh by at most 0.5 mm."""
-    body = ng.Mesh.load(shared_meshes / f"{name}.stl", unit="m" if name.startswith("ycb") else "in")
+    body = ng.Mesh.load(outside_meshes / f"{name}.stl", unit="m" if name.startswith("ycb") else "in")
     hand = four_finger_hand()
     solution = solved(body, hand, starts=2)
     best = max(start.mu.upper for start in solution.starts)  # the answer may be a less fragile one
