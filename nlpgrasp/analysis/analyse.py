@@ -32,10 +32,10 @@ from nlpgrasp.solution.solution import GraspSolution, given_solution
 from nlpgrasp.solution.stored_drawing import drawing_of
 
 RTOL = 0.02  # relative gap of delta, error bar of nu
-PARTS = ("body", "contacts", "task", "constraints")  # of a problem, that a file's has to agree with
-FIELDS = {"robustness": "robust", "phases": "hand"}  # of a solution, where they are called otherwise
+PARTS = ("body", "contacts", "task", "constraints")  # of a problem, compared with those that a solution states
+FIELDS = {"robustness": "robust", "phases": "hand"}  # of a solution, where an analysis has another name
 OF_PHASES = ("pregrasp", "approach", "way_in", "phases", "lift")  # of a hand, as files state it
-OF_SQUEEZE = ("squeeze", "no_squeeze")  # its commands are the last phases
+OF_SQUEEZE = ("squeeze", "no_squeeze")  # the same; the commands of a squeeze are the last phases
 
 
 def analyse(solution: GraspSolution, *analyses: str, problem: GraspProblem | None = None) -> GraspSolution:
@@ -97,12 +97,6 @@ def one_by_one(
         yield name, solution
 
 
-def asked(options: SolveOptions, solution: GraspSolution, hand: Hand | None) -> tuple[str, ...]:
-    """Return the analyses requested by options that a solution lacks."""
-    names = all_analyses(hand) if options.extras else options.analyses
-    return tuple(name for name in names if not is_stated(solution, name))
-
-
 def analyses_of(
     bench: Workbench, start: StartGrasp, names: Iterable[str], stop: Stop
 ) -> tuple[dict[str, Any], Mapping[str, float]]:
@@ -123,11 +117,6 @@ def analyses_of(
     return found, clock.seconds
 
 
-def _of_problem(name: str, bench: Workbench, start: StartGrasp, stop: Stop | None = None) -> Any:
-    """Return the result of an analysis that takes the problem, None where it fails numerically."""
-    return attempted(partial(OF_PROBLEM[name], bench, start, stop or Stop()))
-
-
 def with_analyses(solution: GraspSolution, found: Mapping[str, Any], hand: Hand | None) -> GraspSolution:
     """Return a solution with results of analyses added, and with squeezes where its hand can."""
     more = {FIELDS.get(name, name): value for name, value in found.items() if value is not None}
@@ -140,27 +129,22 @@ def with_analyses(solution: GraspSolution, found: Mapping[str, Any], hand: Hand 
     return with_squeezes(with_squeeze(changed, hand), hand)
 
 
-def _delta(grasp: Grasp, budget: ForceBudget) -> Bounds:
-    return delta(grasp, grasp.mean_arm, RTOL, force_budget=budget)
+def asked(options: SolveOptions, solution: GraspSolution, hand: Hand | None) -> tuple[str, ...]:
+    """Return the analyses requested by options that a solution lacks."""
+    names = all_analyses(hand) if options.extras else options.analyses
+    return tuple(name for name in names if not is_stated(solution, name))
 
 
-def _nu(grasp: Grasp, budget: ForceBudget) -> Volume | None:
-    """Return nu; None where it is too costly or fails."""
-    if budget.at(grasp.frames, grasp.contacts).costly:
-        return None
-    try:
-        return nu(grasp, grasp.mean_arm, RTOL, force_budget=budget)
-    except NlpgraspError:
-        return None
+def all_analyses(hand: Hand | None) -> tuple[str, ...]:
+    """Return the names of all analyses possible with a hand, or without one."""
+    return tuple(name for name in ANALYSES if name != "phases" or isinstance(hand, URDFHand))
 
 
-OF_GRASP: Mapping[str, Callable[[Grasp, ForceBudget], Any]] = {"delta": _delta, "nu": _nu}
-OF_PROBLEM: Mapping[str, Callable[[Workbench, StartGrasp, Stop], Any]] = {
-    "prices": shadow_prices,
-    "robustness": lambda bench, start, _: robustness(bench, start.found.placed, start.found.grasp),
-    "phases": lambda bench, start, _: approached(bench, replace(start, hand=None)).hand,
-    "drawing": lambda bench, start, _: drawing_of(bench.problem.body, bench.problem.hand, start.found.placed.hand),
-}
+def is_stated(solution: GraspSolution, name: str) -> bool:
+    """Return whether a solution states an analysis."""
+    if name == "phases":
+        return "approach" in (solution.hand or {})
+    return bool(getattr(solution, FIELDS.get(name, name)))
 
 
 def added_words(before: GraspSolution, after: GraspSolution) -> str:
@@ -183,18 +167,6 @@ def _applicable(names: tuple[str, ...], problem: GraspProblem | None) -> tuple[s
     if problem is None:
         return tuple(OF_GRASP)
     return all_analyses(problem.hand)
-
-
-def all_analyses(hand: Hand | None) -> tuple[str, ...]:
-    """Return the names of all analyses possible with a hand, or without one."""
-    return tuple(name for name in ANALYSES if name != "phases" or isinstance(hand, URDFHand))
-
-
-def is_stated(solution: GraspSolution, name: str) -> bool:
-    """Return whether a solution states an analysis."""
-    if name == "phases":
-        return "approach" in (solution.hand or {})
-    return bool(getattr(solution, FIELDS.get(name, name)))
 
 
 def _check_same(solution: GraspSolution, problem: GraspProblem) -> None:
@@ -220,3 +192,34 @@ def _as_start(bench: Workbench, solution: GraspSolution, grasp: Grasp) -> StartG
     record = StartRecord(0, Status.SOLVED, solution.faces, solution.mu)
     found = OnBody.of(bench, placed, grasp, solution.surface)
     return StartGrasp(record, found, solution.constraints, Effort(), solution.robust, placed)
+
+
+def _of_problem(name: str, bench: Workbench, start: StartGrasp, stop: Stop | None = None) -> Any:
+    """Return the result of an analysis that takes the problem, None where it fails numerically."""
+    return attempted(partial(OF_PROBLEM[name], bench, start, stop or Stop()))
+
+
+def _delta(grasp: Grasp, budget: ForceBudget) -> Bounds:
+    return delta(grasp, grasp.mean_arm, RTOL, force_budget=budget)
+
+
+def _nu(grasp: Grasp, budget: ForceBudget) -> Volume | None:
+    """Return nu; None where it is too costly or fails."""
+    if budget.at(grasp.frames, grasp.contacts).costly:
+        return None
+    try:
+        return nu(grasp, grasp.mean_arm, RTOL, force_budget=budget)
+    except NlpgraspError:
+        return None
+
+
+# analyses by name: of a grasp under its force budget, and those that take the compiled problem
+OF_GRASP: Mapping[str, Callable[[Grasp, ForceBudget], Any]] = {"delta": _delta, "nu": _nu}
+
+
+OF_PROBLEM: Mapping[str, Callable[[Workbench, StartGrasp, Stop], Any]] = {
+    "prices": shadow_prices,
+    "robustness": lambda bench, start, _: robustness(bench, start.found.placed, start.found.grasp),
+    "phases": lambda bench, start, _: approached(bench, replace(start, hand=None)).hand,
+    "drawing": lambda bench, start, _: drawing_of(bench.problem.body, bench.problem.hand, start.found.placed.hand),
+}

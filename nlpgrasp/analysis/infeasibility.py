@@ -1,8 +1,11 @@
 """Infeasibility diagnosis: contradicting constraints, or a wrench that the fingers cannot exert.
 
-Elastic relaxation: every group of rows (a constraint, the fingertips, the links' clearance) may be broken at a
-price, and the sum of the groups' largest violations is minimised from several starts, by quadratic programs in a
+Elastic relaxation: every group of constraints (one of the user's, the fingertips, the links' clearance) may be broken
+at a price, and the sum of the groups' largest violations is minimised from several starts, by quadratic programs in a
 trust region. What is left is a least violated set: locally, so the status is locally infeasible, never more.
+
+Where the constraints can be kept, the diagnosis names a wrench that the best grasp found cannot exert, and the larger
+friction with which it could.
 """
 
 from __future__ import annotations
@@ -28,45 +31,16 @@ from nlpgrasp.quality import mu
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.solution.analysis_records import Conflict, WhyNot
 
-STARTS, STEPS = 6, 40
-FIRST_RADIUS, LAST_RADIUS = 0.3, 1e-3  # solver units
+STARTS, STEPS = 6, 40  # starts of the relaxation; steps of each, at most
+FIRST_RADIUS, LAST_RADIUS = 0.3, 1e-3  # trust-region radius, solver units
 LEAST_GAIN = 1e-4  # relative: a step that gains less is rejected
-DAMPING = 1e-3
-FINGERTIPS = "fingertips on the body"
+DAMPING = 1e-3  # weight of the squared step
+FINGERTIPS = "fingertips on the body"  # group of the constraints between fingertips and contacts
 HARD = "the body's surface"  # group of the constraints that are never relaxed
 HAND_GROUPS = {ON_FINGERTIP: FINGERTIPS, UNIT_QUATERNION: HARD}  # where they are not called as their kind
-HARD_WEIGHT = 100.0
+HARD_WEIGHT = 100.0  # of the violation of the hard group; 1 of the others
 KEPT = 1e-4  # relative to a constraint's scale: a smaller violation counts as none
-FACTORS = (1.1, 1.25, 1.5, 2.0, 3.0)
-
-
-def conflict_of(name: str, row: Row, value: float) -> Conflict:
-    """Return the conflict of a violated constraint: squared lengths as lengths, cosines as angles."""
-    least = value < row.lower
-    bound = row.lower if least else row.upper
-    relation = "exactly" if row.lower == row.upper else "at least" if least else "at most"
-    if row.unit == "m2":
-        value, bound = float(np.sqrt(max(value, 0.0))), float(np.sqrt(max(bound, 0.0)))
-    if row.unit == "cos":
-        value, bound = (float(np.degrees(np.arccos(np.clip(c, -1.0, 1.0)))) for c in (value, bound))
-        relation = {"at least": "at most", "at most": "at least"}.get(relation, relation)
-    return Conflict(name, row.name, value, bound, relation, {"m2": "m", "cos": "degrees"}.get(row.unit, row.unit))
-
-
-@dataclass(frozen=True)
-class Relaxed:
-    """Least violated placement of an elastic relaxation.
-
-    Parameters
-    ----------
-    total : float
-        Sum of the groups' largest violations, relative to the rows' scales.
-    worst : dict
-        Group to its largest violation and the index and value of that row among the constraint rows.
-    """
-
-    total: float
-    worst: dict[str, tuple[float, int, float]]
+FACTORS = (1.1, 1.25, 1.5, 2.0, 3.0)  # of friction, with which the best grasp is tried
 
 
 def diagnosis(bench: Workbench, results: Sequence[StartResult], seed: int, stop: Stop) -> WhyNot | None:
@@ -92,106 +66,6 @@ def why_not(bench: Workbench, results: Sequence[StartResult], seed: int, stop: S
     if best.total > KEPT:
         return _contradiction(bench, best)
     return _unreachable(bench, results)
-
-
-@dataclass(frozen=True)
-class _Point:
-    """Iterate of the relaxation with its constraints: merit is the weighted sum of the groups' violations."""
-
-    z: FloatArray
-    values: FloatArray
-    jacobian: FloatArray
-    largest: FloatArray
-    merit: float
-
-
-class _Relaxation:
-    """Elastic relaxation: groups of constraints with a penalty on the largest violation of each."""
-
-    def __init__(self, bench: Workbench, candidate: Placed) -> None:
-        self.bench, self.compiled = bench, bench.exchange.compiled
-        program = self.compiled.program
-        self.theta = no_cuts(bench, candidate)
-        self.used = slice(program.contained, None)
-        self.offset = program.placement.start - program.contained
-        self.low, self.high = (limits[self.used] for limits in program.limits)
-        groups = _groups(bench, len(self.low), self.offset)
-        self.names = sorted(set(groups))
-        member = np.array([self.names.index(g) for g in groups])
-        self.slack = GroupSlack(member, np.array([HARD_WEIGHT if name == HARD else 1.0 for name in self.names]))
-
-    def at(self, z: FloatArray) -> _Point:
-        """Return the iterate at some variables of the program."""
-        g, J = self.compiled.linearise(z, self.theta)
-        largest = np.zeros(len(self.names))
-        np.maximum.at(largest, self.slack.member, self.violated(g[self.used]))
-        return _Point(z, g[self.used], J[self.used], largest, float(self.slack.weights @ largest))
-
-    def violated(self, values: FloatArray) -> FloatArray:
-        """Return the violation of each constraint."""
-        return np.maximum(np.maximum(self.low - values, values - self.high), 0.0)
-
-    def step(self, here: _Point, radius: float) -> _Point | None:
-        """Return the iterate after the step of least weighted violation; None where the solver finds none."""
-        bounds = step_bounds(here.z, self.compiled.program.bounds, radius)
-        rows = Linearised(here.values, here.jacobian, self.low, self.high, *bounds)
-        found = shortest_step(rows, damping=DAMPING, slack=self.slack)
-        return None if found is None else self.at(here.z + found.d)
-
-    def left(self, here: _Point) -> Relaxed:
-        """Return the remaining violations at an iterate, by the worst constraint of each group."""
-        violated, worst = self.violated(here.values), {}
-        for i, name in enumerate(self.names):
-            own = np.flatnonzero(self.slack.member == i)
-            row = int(own[np.argmax(violated[own])])
-            if violated[row] > KEPT and name != HARD:
-                index = row - self.offset
-                scale = self.bench.rows.named[index].scale
-                worst[name] = (float(violated[row]), index, float(here.values[row] * scale))
-        return Relaxed(float(np.sum(here.largest)), worst)
-
-
-def relax(bench: Workbench, candidate: Placed) -> Relaxed:
-    """Return the least violated placement near a candidate."""
-    relaxation = _Relaxation(bench, candidate)
-    here = relaxation.at(variables_of(bench, relaxation.compiled.program, candidate))
-    radius = FIRST_RADIUS
-    for _ in range(STEPS):
-        if here.merit <= 0.1 * KEPT or radius < LAST_RADIUS:
-            break
-        there = relaxation.step(here, radius)
-        if there is None:
-            radius *= 0.3
-        elif there.merit < here.merit * (1.0 - LEAST_GAIN):
-            here, radius = there, min(1.5 * radius, FIRST_RADIUS)
-        else:
-            radius *= 0.4
-    return relaxation.left(here)
-
-
-def group_names(bench: Workbench) -> list[str]:
-    """Return the group of each constraint row: its constraint, or the kind of a hand's row.
-
-    Several constraints of one kind are numbered in the order of ``GraspProblem.constraints``.
-    """
-    rows, sources = bench.rows.named, bench.rows.sources
-    count = len(bench.problem.constraints)
-    own = [rows[source[0]].kind if source else "" for source in sources[:count]]
-    names = [""] * len(rows)
-    for i, source in enumerate(sources):
-        for row in source:
-            if i >= count:
-                names[row] = HAND_GROUPS.get(rows[row].kind, rows[row].kind)
-            else:
-                number = own[: i + 1].count(own[i])
-                names[row] = own[i] if own.count(own[i]) == 1 else f"{own[i]} ({number})"
-    return names
-
-
-def _groups(bench: Workbench, count: int, offset: int) -> list[str]:
-    """Return the group of each scalar constraint: those of faces and unit quaternions are hard."""
-    names = group_names(bench)
-    return [HARD] * offset + names + [HARD] * (count - offset - len(names))
 
 
 def _contradiction(bench: Workbench, best: Relaxed) -> WhyNot:
@@ -242,3 +116,132 @@ def _with_friction(bench: Workbench, grasp: Grasp) -> list[str]:
         if mu(rougher, bench.problem.task, 0.5, force_budget=bench.closure_budget).lower > 0.0:
             return [f"With friction {factor:g} times as large the best grasp found would exert the task's wrenches."]
     return []
+
+
+@dataclass(frozen=True)
+class Relaxed:
+    """Least violated placement of an elastic relaxation.
+
+    Parameters
+    ----------
+    total : float
+        Sum of the groups' largest violations, relative to the rows' scales.
+    worst : dict
+        Group to its largest violation and the index and value of that row among the constraint rows.
+    """
+
+    total: float
+    worst: dict[str, tuple[float, int, float]]
+
+
+def relax(bench: Workbench, candidate: Placed) -> Relaxed:
+    """Return the least violated placement near a candidate."""
+    relaxation = _Relaxation(bench, candidate)
+    here = relaxation.at(variables_of(bench, relaxation.compiled.program, candidate))
+    radius = FIRST_RADIUS
+    for _ in range(STEPS):
+        if here.merit <= 0.1 * KEPT or radius < LAST_RADIUS:
+            break
+        there = relaxation.step(here, radius)
+        if there is None:
+            radius *= 0.3
+        elif there.merit < here.merit * (1.0 - LEAST_GAIN):
+            here, radius = there, min(1.5 * radius, FIRST_RADIUS)
+        else:
+            radius *= 0.4
+    return relaxation.left(here)
+
+
+class _Relaxation:
+    """Elastic relaxation: groups of constraints with a penalty on the largest violation of each."""
+
+    def __init__(self, bench: Workbench, candidate: Placed) -> None:
+        self.bench, self.compiled = bench, bench.exchange.compiled
+        program = self.compiled.program
+        self.theta = no_cuts(bench, candidate)
+        self.used = slice(program.contained, None)
+        self.offset = program.placement.start - program.contained
+        self.low, self.high = (limits[self.used] for limits in program.limits)
+        groups = _groups(bench, len(self.low), self.offset)
+        self.names = sorted(set(groups))
+        member = np.array([self.names.index(g) for g in groups])
+        self.slack = GroupSlack(member, np.array([HARD_WEIGHT if name == HARD else 1.0 for name in self.names]))
+
+    def at(self, z: FloatArray) -> _Point:
+        """Return the iterate at some variables of the program."""
+        g, J = self.compiled.linearise(z, self.theta)
+        largest = np.zeros(len(self.names))
+        np.maximum.at(largest, self.slack.member, self.violated(g[self.used]))
+        return _Point(z, g[self.used], J[self.used], largest, float(self.slack.weights @ largest))
+
+    def violated(self, values: FloatArray) -> FloatArray:
+        """Return the violation of each constraint."""
+        return np.maximum(np.maximum(self.low - values, values - self.high), 0.0)
+
+    def step(self, here: _Point, radius: float) -> _Point | None:
+        """Return the iterate after the step of least weighted violation; None where the solver finds none."""
+        bounds = step_bounds(here.z, self.compiled.program.bounds, radius)
+        rows = Linearised(here.values, here.jacobian, self.low, self.high, *bounds)
+        found = shortest_step(rows, damping=DAMPING, slack=self.slack)
+        return None if found is None else self.at(here.z + found.d)
+
+    def left(self, here: _Point) -> Relaxed:
+        """Return the remaining violations at an iterate, by the worst constraint of each group."""
+        violated, worst = self.violated(here.values), {}
+        for i, name in enumerate(self.names):
+            own = np.flatnonzero(self.slack.member == i)
+            row = int(own[np.argmax(violated[own])])
+            if violated[row] > KEPT and name != HARD:
+                index = row - self.offset
+                scale = self.bench.rows.named[index].scale
+                worst[name] = (float(violated[row]), index, float(here.values[row] * scale))
+        return Relaxed(float(np.sum(here.largest)), worst)
+
+
+@dataclass(frozen=True)
+class _Point:
+    """Iterate of the relaxation with its constraints: merit is the weighted sum of the groups' violations."""
+
+    z: FloatArray
+    values: FloatArray
+    jacobian: FloatArray
+    largest: FloatArray
+    merit: float
+
+
+def group_names(bench: Workbench) -> list[str]:
+    """Return the group of each constraint row: its constraint, or the kind of a hand's row.
+
+    Several constraints of one kind are numbered in the order of ``GraspProblem.constraints``.
+    """
+    rows, sources = bench.rows.named, bench.rows.sources
+    count = len(bench.problem.constraints)
+    own = [rows[source[0]].kind if source else "" for source in sources[:count]]
+    names = [""] * len(rows)
+    for i, source in enumerate(sources):
+        for row in source:
+            if i >= count:
+                names[row] = HAND_GROUPS.get(rows[row].kind, rows[row].kind)
+            else:
+                number = own[: i + 1].count(own[i])
+                names[row] = own[i] if own.count(own[i]) == 1 else f"{own[i]} ({number})"
+    return names
+
+
+def _groups(bench: Workbench, count: int, offset: int) -> list[str]:
+    """Return the group of each scalar constraint: those of faces and unit quaternions are hard."""
+    names = group_names(bench)
+    return [HARD] * offset + names + [HARD] * (count - offset - len(names))
+
+
+def conflict_of(name: str, row: Row, value: float) -> Conflict:
+    """Return the conflict of a violated constraint: squared lengths as lengths, cosines as angles."""
+    least = value < row.lower
+    bound = row.lower if least else row.upper
+    relation = "exactly" if row.lower == row.upper else "at least" if least else "at most"
+    if row.unit == "m2":
+        value, bound = float(np.sqrt(max(value, 0.0))), float(np.sqrt(max(bound, 0.0)))
+    if row.unit == "cos":
+        value, bound = (float(np.degrees(np.arccos(np.clip(c, -1.0, 1.0)))) for c in (value, bound))
+        relation = {"at least": "at most", "at most": "at least"}.get(relation, relation)
+    return Conflict(name, row.name, value, bound, relation, {"m2": "m", "cos": "degrees"}.get(row.unit, row.unit))

@@ -31,24 +31,147 @@ SAME = 1e-4  # relative distance below which directions are merged
 ALMOST = 1e-3  # relative excess of the ratio up to which directions count as weakest
 
 
+def sensitivity(
+    solution: GraspSolution, body: Body | None = None, hand: MovingHand | None = None, almost: float = ALMOST
+) -> Sensitivity:
+    """Return the rates of mu with contact positions, friction coefficients and joint positions.
+
+    The rates are exact one-sided derivatives over the weakest directions found: those with a ratio within ``almost`` of
+    the least, at the grasp and at a small step along each change. Missed directions can only make mu fall faster;
+    nearly weakest ones make a rate more conservative, as at a solver's grasp directions are equally weak only to its
+    tolerance. Rates hold for small changes alone; ``solution.robust`` certifies the remaining quality after larger
+    ones.
+
+    Contacts move on their faces, and normals follow the surface; on a mesh they move in the tangent plane. A joint
+    carries its contacts along; their motion off or into the body is ignored, as is rolling.
+
+    Parameters
+    ----------
+    solution : GraspSolution
+        One with a grasp.
+    body : Body, optional
+        Required where the solution does not contain it: a mesh, or a body given by a function.
+    hand : URDFHand, optional
+        The solution's hand, for the rates of joints.
+    almost : float
+        Relative; above 0.
+
+    Raises
+    ------
+    InputError
+        Without a grasp that exerts the task, with a budget of joint torques (which depend on the posture), without a
+        body where one is needed, or with a hand that is not the solution's.
+    """
+    if not isinstance(solution, GraspSolution):
+        raise InputError("solution", solution, "a GraspSolution")
+    grasp, share = solution.require_grasp(), number("almost", almost, above=0.0)
+    if solution.budget.depends_on_frames:
+        raise InputError(
+            "solution", f"force budget {solution.budget.kind!r}", "one that does not depend on the posture"
+        )
+    shape = body_from_dict(solution.body) if body is None else body
+    if not isinstance(shape, Body) or shape.space != grasp.space:
+        raise InputError("body", body, "the body of the solution")
+    start = weakest_directions(grasp, solution.task, solution.budget, np.random.default_rng(0))
+    if start.value <= 0.0:
+        raise InputError("solution", "a grasp that does not exert the task's wrenches", "one with mu above 0")
+    changes = Changes(grasp, solution.faces, shape)
+    groups = (
+        changes.of_contacts(),
+        changes.of_coefficients(),
+        [] if hand is None else changes.of_joints(hand, solution.hand),
+    )
+    y = _weakest(solution, grasp, start.directions, [c for group in groups for c in group], share)
+    before = _ratios(solution, grasp, y)
+    contacts, coefficients, joints = (tuple(_rate(solution, c, y, before) for c in group) for group in groups)
+    return Sensitivity(float(np.min(before)), contacts, coefficients, joints, y)
+
+
 @dataclass(frozen=True)
-class Change:
-    """A scalar parameter of a grasp.
+class Sensitivity:
+    """One-sided derivatives of mu with respect to contacts, friction and joints.
+
+    Parameters
+    ----------
+    mu : float
+        Value of mu at the grasp: the least ratio found.
+    contacts : tuple of Rate
+        Of each contact along each of its tangents, per metre.
+    coefficients : tuple of Rate
+        Of each contact's friction, and torsional friction in metres, per unit.
+    joints : tuple of Rate
+        Of each joint that moves a contact, per radian (per metre for a sliding joint); empty without a hand.
+    directions : (m, d) array
+        The weakest directions, each with ``phi_A = 1``.
+    """
+
+    mu: float
+    contacts: tuple[Rate, ...]
+    coefficients: tuple[Rate, ...]
+    joints: tuple[Rate, ...]
+    directions: FloatArray
+
+    @property
+    def rates(self) -> tuple[Rate, ...]:
+        """Rates of contacts, coefficients and joints, in this order."""
+        return (*self.contacts, *self.coefficients, *self.joints)
+
+    @property
+    def worst_contact(self) -> Rate:
+        """Rate of the contact and tangent along which mu falls fastest."""
+        return max(self.contacts, key=lambda rate: rate.worst)
+
+    def to_dict(self) -> Json:
+        """Return the rates as JSON data."""
+        return {
+            "mu": self.mu,
+            "contacts": [rate.to_dict() for rate in self.contacts],
+            "coefficients": [rate.to_dict() for rate in self.coefficients],
+            "joints": [rate.to_dict() for rate in self.joints],
+            "directions": self.directions.tolist(),
+        }
+
+    def __str__(self) -> str:
+        lines = [f"mu {self.mu:.5g}, {len(self.directions)} weakest directions; rates to first order"]
+        return "\n".join([*lines, *(f"  {rate}" for rate in self.rates)])
+
+
+@dataclass(frozen=True)
+class Rate:
+    """One-sided derivatives of mu with respect to one parameter.
 
     Parameters
     ----------
     name : str
+        For example ``"contact 2 along tangent 0"``.
     unit : {"m", "", "rad or m"}
-    size : float
-        Typical magnitude of a considerable change, in its unit.
-    grasp : callable
-        Function of an increment that returns the grasp.
+        Unit of the parameter: rates are per unit.
+    more, less : float
+        Change of mu per unit of increase, and per unit of decrease.
     """
 
     name: str
     unit: str
-    size: float
-    grasp: Callable[[float], Grasp]
+    more: float
+    less: float
+
+    @property
+    def worst(self) -> float:
+        """Largest rate of decrease of mu, at least 0."""
+        return max(-self.more, -self.less, 0.0)
+
+    @property
+    def smooth(self) -> bool:
+        """Whether both one-sided rates agree to 1 %, so that mu appears differentiable."""
+        return abs(self.more + self.less) <= 0.01 * max(abs(self.more), abs(self.less))
+
+    def to_dict(self) -> dict[str, str | float]:
+        """Return the rates as JSON data."""
+        return {"name": self.name, "unit": self.unit, "more": self.more, "less": self.less}
+
+    def __str__(self) -> str:
+        per = f" per {self.unit}" if self.unit else ""
+        return f"{self.name}: {self.more:+.3g} up, {self.less:+.3g} down{per}"
 
 
 class Changes:
@@ -133,150 +256,23 @@ class Changes:
 
 
 @dataclass(frozen=True)
-class Rate:
-    """One-sided derivatives of mu with respect to one parameter.
+class Change:
+    """A scalar parameter of a grasp.
 
     Parameters
     ----------
     name : str
-        For example ``"contact 2 along tangent 0"``.
     unit : {"m", "", "rad or m"}
-        Unit of the parameter: rates are per unit.
-    more, less : float
-        Change of mu per unit of increase, and per unit of decrease.
+    size : float
+        Typical magnitude of a considerable change, in its unit.
+    grasp : callable
+        Function of an increment that returns the grasp.
     """
 
     name: str
     unit: str
-    more: float
-    less: float
-
-    @property
-    def worst(self) -> float:
-        """Largest rate of decrease of mu, at least 0."""
-        return max(-self.more, -self.less, 0.0)
-
-    @property
-    def smooth(self) -> bool:
-        """Whether both one-sided rates agree to 1 %, so that mu appears differentiable."""
-        return abs(self.more + self.less) <= 0.01 * max(abs(self.more), abs(self.less))
-
-    def to_dict(self) -> dict[str, str | float]:
-        """Return the rates as JSON data."""
-        return {"name": self.name, "unit": self.unit, "more": self.more, "less": self.less}
-
-    def __str__(self) -> str:
-        per = f" per {self.unit}" if self.unit else ""
-        return f"{self.name}: {self.more:+.3g} up, {self.less:+.3g} down{per}"
-
-
-@dataclass(frozen=True)
-class Sensitivity:
-    """One-sided derivatives of mu with respect to contacts, friction and joints.
-
-    Parameters
-    ----------
-    mu : float
-        Value of mu at the grasp: the least ratio found.
-    contacts : tuple of Rate
-        Of each contact along each of its tangents, per metre.
-    coefficients : tuple of Rate
-        Of each contact's friction, and torsional friction in metres, per unit.
-    joints : tuple of Rate
-        Of each joint that moves a contact, per radian (per metre for a sliding joint); empty without a hand.
-    directions : (m, d) array
-        The weakest directions, each with ``phi_A = 1``.
-    """
-
-    mu: float
-    contacts: tuple[Rate, ...]
-    coefficients: tuple[Rate, ...]
-    joints: tuple[Rate, ...]
-    directions: FloatArray
-
-    @property
-    def rates(self) -> tuple[Rate, ...]:
-        """Rates of contacts, coefficients and joints, in this order."""
-        return (*self.contacts, *self.coefficients, *self.joints)
-
-    @property
-    def worst_contact(self) -> Rate:
-        """Rate of the contact and tangent along which mu falls fastest."""
-        return max(self.contacts, key=lambda rate: rate.worst)
-
-    def to_dict(self) -> Json:
-        """Return the rates as JSON data."""
-        return {
-            "mu": self.mu,
-            "contacts": [rate.to_dict() for rate in self.contacts],
-            "coefficients": [rate.to_dict() for rate in self.coefficients],
-            "joints": [rate.to_dict() for rate in self.joints],
-            "directions": self.directions.tolist(),
-        }
-
-    def __str__(self) -> str:
-        lines = [f"mu {self.mu:.5g}, {len(self.directions)} weakest directions; rates to first order"]
-        return "\n".join([*lines, *(f"  {rate}" for rate in self.rates)])
-
-
-def sensitivity(
-    solution: GraspSolution, body: Body | None = None, hand: MovingHand | None = None, almost: float = ALMOST
-) -> Sensitivity:
-    """Return the rates of mu with contact positions, friction coefficients and joint positions.
-
-    The rates are exact one-sided derivatives over the weakest directions found: those with a ratio within ``almost`` of
-    the least, at the grasp and at a small step along each change. Missed directions can only make mu fall faster;
-    nearly weakest ones make a rate more conservative, as at a solver's grasp directions are equally weak only to its
-    tolerance. Rates hold for small changes alone; ``solution.robust`` certifies the remaining quality after larger
-    ones.
-
-    Contacts move on their faces, and normals follow the surface; on a mesh they move in the tangent plane. A joint
-    carries its contacts along; their motion off or into the body is ignored, as is rolling.
-
-    Parameters
-    ----------
-    solution : GraspSolution
-        One with a grasp.
-    body : Body, optional
-        Required where the solution does not contain it: a mesh, or a body given by a function.
-    hand : URDFHand, optional
-        The solution's hand, for the rates of joints.
-    almost : float
-        Relative; above 0.
-
-    Raises
-    ------
-    InputError
-        Without a grasp that exerts the task, with a budget of joint torques (which depend on the posture), without a
-        body where one is needed, or with a hand that is not the solution's.
-    """
-    if not isinstance(solution, GraspSolution):
-        raise InputError("solution", solution, "a GraspSolution")
-    grasp, share = solution.require_grasp(), number("almost", almost, above=0.0)
-    if solution.budget.depends_on_frames:
-        raise InputError(
-            "solution", f"force budget {solution.budget.kind!r}", "one that does not depend on the posture"
-        )
-    shape = body_from_dict(solution.body) if body is None else body
-    if not isinstance(shape, Body) or shape.space != grasp.space:
-        raise InputError("body", body, "the body of the solution")
-    start = weakest_directions(grasp, solution.task, solution.budget, np.random.default_rng(0))
-    if start.value <= 0.0:
-        raise InputError("solution", "a grasp that does not exert the task's wrenches", "one with mu above 0")
-    changes = Changes(grasp, solution.faces, shape)
-    groups = (
-        changes.of_contacts(),
-        changes.of_coefficients(),
-        [] if hand is None else changes.of_joints(hand, solution.hand),
-    )
-    y = _weakest(solution, grasp, start.directions, [c for group in groups for c in group], share)
-    before = _ratios(solution, grasp, y)
-    contacts, coefficients, joints = (tuple(_rate(solution, c, y, before) for c in group) for group in groups)
-    return Sensitivity(float(np.min(before)), contacts, coefficients, joints, y)
-
-
-def _ratios(solution: GraspSolution, grasp: Grasp, y: FloatArray) -> FloatArray:
-    return WrenchSet.of(grasp, solution.budget).support(y)[0]
+    size: float
+    grasp: Callable[[float], Grasp]
 
 
 def _weakest(
@@ -306,3 +302,7 @@ def _rate(solution: GraspSolution, change: Change, y: FloatArray, before: FloatA
     each = (_ratios(solution, change.grasp(sign * step), y) - before for sign in (1.0, -1.0))
     more, less = (float(np.min(difference)) / step for difference in each)
     return Rate(change.name, change.unit, more, less)
+
+
+def _ratios(solution: GraspSolution, grasp: Grasp, y: FloatArray) -> FloatArray:
+    return WrenchSet.of(grasp, solution.budget).support(y)[0]

@@ -3,6 +3,9 @@
 At a local optimum with multipliers lambda of the rows ``g <= limit`` of the program that maximises beta, the
 optimum moves with a parameter t by ``sum lambda d(limit - g) / dt`` (the envelope theorem). Rows of containment
 count by the support ratio's own derivative: ``sum a_j d(phi_j / phi_A) / dt`` with weights a_j of sum one.
+
+The derivatives are central differences. A price is stated for a limit's usual step, such as 1 mm, 1 degree or 0.1 of
+friction.
 """
 
 from __future__ import annotations
@@ -30,14 +33,52 @@ from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.solution.analysis_records import ShadowPrice
 
-EDGE_STEP = 1e-3
-AT = 1e-4  # over the body's size: a contact this near to the margin is at it
-STEP = 1e-5  # over the body's size, of the central differences
-MILLIMETRE, DEGREE, TENTH = (1e-3, "1 mm"), (np.pi / 180.0, "1 degree"), (0.1, "0.1")
-STEPS = {"angle": DEGREE, "tilt": DEGREE, "friction": TENTH}
-NO_LIMITS = ("count", "tolerance", "palm", "length")
+EDGE_STEP = 1e-3  # metres, what the price of the edge margin is for
+AT = 1e-4  # over the body's size: a contact this near to the edge margin is at it
+STEP = 1e-5  # over the body's size: step of central differences in contact positions
+MILLIMETRE, DEGREE, TENTH = (1e-3, "1 mm"), (np.pi / 180.0, "1 degree"), (0.1, "0.1")  # what prices are for
+STEPS = {"angle": DEGREE, "tilt": DEGREE, "friction": TENTH}  # by the name of a field; a millimetre for the others
+NO_LIMITS = ("count", "tolerance", "palm", "length")  # fields that are numbers, but no limits
 NOTHING = 1e-4  # smaller relative gains count as zero
 FAR = 0.02  # relative: an optimum whose value differs more from the grasp's mu belongs to another grasp
+Item = TypeVar("Item")
+
+
+def shadow_prices(bench: Workbench, best: StartGrasp, stop: Stop) -> tuple[ShadowPrice, ...]:
+    """Return the shadow prices of all limits of constraints, hand and contacts, the largest first.
+
+    None for an answer that is not at a local optimum: without multipliers limits have no prices. An answer that is, but
+    was read from a file, is solved once more from where it is.
+    """
+    optimum = best.optimum
+    if optimum is None and best.kkt is None:
+        optimum = local_optimum(*on_triangles(bench, best.found.placed), stop)
+    known = best.record.mu.upper
+    if optimum is None or not optimum.kkt.is_small or abs(optimum.value - known) > FAR * known:
+        return ()
+    own = on_triangles(bench, optimum.placed)[0]
+    found = [price_of(own, optimum, limit) for limit in limits_of(own.problem)]
+    found.append(edge_price(own, optimum.placed, lambda placed: _lagrangian(own, optimum, placed)))
+    prices = [price for price in found if price is not None] + _joint_prices(bench, optimum)
+    prices = [p for p in prices if abs(p.gain) > NOTHING * optimum.value]
+    return tuple(sorted(prices, key=lambda p: -abs(p.gain)))
+
+
+def price_of(bench: Workbench, optimum: LocalOptimum, limit: Limit) -> ShadowPrice | None:
+    """Return the shadow price of one limit, by central differences of the constraints and ratios it enters."""
+    h = 1e-3 * limit.step
+    more, less = limit.changed(h), limit.changed(-h)
+    gain, own = 0.0, bench.problem
+    if more.hand is not own.hand or more.constraints != own.constraints:
+        rooms = [_room(bench, optimum, problem) for problem in (more, less)]
+        if any(len(room) != len(optimum.prices) for room in rooms):
+            return None  # rows come or go with the limit: it is at a threshold, where it has no price
+        active = np.abs(optimum.prices) > 0.0
+        gain = float(np.sum(optimum.prices[active] * (rooms[0] - rooms[1])[active])) / (2.0 * h)
+    if limit.touches_contacts:
+        ratios = (_ratios(bench, optimum, more) - _ratios(bench, optimum, less)) / (2.0 * h)
+        gain += float(optimum.weights @ ratios)
+    return ShadowPrice(limit.name, limit.value, limit.step, limit.unit, gain * limit.step)
 
 
 def edge_price(bench: Workbench, placed: Placed, worth: Callable[[Placed], float]) -> ShadowPrice | None:
@@ -64,48 +105,6 @@ def edge_price(bench: Workbench, placed: Placed, worth: Callable[[Placed], float
     h = STEP * problem.body.size
     more, less = (worth(bench.snapped(replace(placed, points=placed.points + s * h * away))) for s in (1.0, -1.0))
     return ShadowPrice("GraspProblem.edge_margin", problem.margin, EDGE_STEP, "1 mm", (more - less) / (2.0 * h) * 1e-3)
-
-
-def _away(bench: Workbench, face: str, point: FloatArray) -> FloatArray:
-    """Return the shortest step (space,) that takes a contact one metre away from each edge whose margin is active.
-
-    Zero for a contact that stands at none.
-    """
-    body, h = bench.problem.body, STEP * bench.problem.body.size
-    limits = body.surface_function(face, bench.problem.margin)
-
-    def extents(p: FloatArray) -> FloatArray:
-        return np.asarray(limits(p)[3].full()).ravel()
-
-    at = np.flatnonzero(extents(point) >= -AT * body.size)
-    if not at.size:
-        return np.zeros(len(point))
-    slopes = np.stack([(extents(point + h * e) - extents(point - h * e))[at] for e in np.eye(len(point))], axis=1)
-    return np.asarray(-np.linalg.pinv(slopes / (2.0 * h)) @ np.ones(len(at)))
-
-
-Item = TypeVar("Item")
-
-
-@dataclass(frozen=True)
-class Number(Generic[Item]):
-    """Adjustable number of a constraint or a hand.
-
-    Parameters
-    ----------
-    name : str
-    value : float
-        SI units.
-    changed : callable
-        ``changed(h)`` is the constraint or hand with the number larger by h.
-    step : (float, str)
-        What its price is for, SI units and in words.
-    """
-
-    name: str
-    value: float
-    changed: Callable[[float], Item]
-    step: tuple[float, str] = MILLIMETRE
 
 
 @dataclass(frozen=True)
@@ -147,158 +146,6 @@ def limits_of(problem: GraspProblem) -> list[Limit]:
             changed = _hand_change(problem, of_hand.changed)
             result.append(Limit(of_hand.name, of_hand.value, *of_hand.step, changed))
     return result + _contact_limits(problem)
-
-
-def _constraint_change(
-    problem: GraspProblem, i: int, new: Callable[[float], PlacementConstraint]
-) -> Callable[[float], GraspProblem]:
-    def changed(h: float) -> GraspProblem:
-        constraints = list(problem.constraints)
-        constraints[i] = new(h)
-        return problem.unchecked(constraints=tuple(constraints))
-
-    return changed
-
-
-def _hand_change(problem: GraspProblem, new: Callable[[float], Hand]) -> Callable[[float], GraspProblem]:
-    return lambda h: problem.unchecked(hand=new(h))
-
-
-def _constraint_numbers(item: PlacementConstraint) -> list[Number[PlacementConstraint]]:
-    """Return name, value and a setter for each number of a constraint."""
-    if not isinstance(item, Constraint):
-        return _field_numbers(item)
-    pairs = [(name, np.asarray(getattr(item, name), dtype=float)) for name in ("lower", "upper")]
-    return [
-        Number(f"Constraint {item.name!r}.{name}", value, _field_change(item, name, value), _hundredth(value))
-        for name, value in ((name, float(value)) for name, value in pairs if value.size == 1)
-        if np.isfinite(value)
-    ]
-
-
-def _hundredth(value: float) -> tuple[float, str]:
-    """Return the step of a number in user-defined units: a hundredth of it."""
-    step = 0.01 * max(abs(value), 1e-3)
-    return step, f"{step:g}"
-
-
-def _hand_numbers(hand: Hand) -> list[Number[Hand]]:
-    """Return name, value and a setter for each number of a hand."""
-    if isinstance(hand, URDFHand):
-        return [Number("URDFHand.clearance", hand.clearance, lambda h: hand.with_clearance(hand.clearance + h))]
-    return _field_numbers(hand)
-
-
-def _field_numbers(item: Item) -> list[Number[Item]]:
-    """Return the numbers among a dataclass's fields, and in the regions and ranges it holds."""
-    if not is_dataclass(item):
-        return []
-    label = type(item).__name__
-    result: list[Number[Item]] = []
-    for field in fields(item):
-        value, name = getattr(item, field.name), f"{label}.{field.name}"
-        if field.name in NO_LIMITS or isinstance(value, bool | str):
-            continue
-        if isinstance(value, float):
-            step = STEPS.get(field.name, MILLIMETRE)
-            result.append(Number(name, value, _field_change(item, field.name, value), step))
-        elif isinstance(value, HalfSpace):
-            change = _part_change(item, field.name, value, "offset", None)
-            result.append(Number(f"{name}.offset", float(value.offset), change))
-        elif isinstance(value, BoxRegion):
-            for side in ("lower", "upper"):
-                for axis, number in enumerate(np.asarray(getattr(value, side), dtype=float)):
-                    change = _part_change(item, field.name, value, side, axis)
-                    result.append(Number(f"{name}.{side}[{axis}]", float(number), change))
-        elif field.name == "spread" and isinstance(value, tuple):
-            for place, which in enumerate(("least", "greatest")):
-                if np.isfinite(value[place]) and value[place] > 0.0:
-                    change = _entry_change(item, field.name, value, place)
-                    result.append(Number(f"{name} ({which})", float(value[place]), change))
-    return result
-
-
-def _field_change(item: Item, name: str, value: float) -> Callable[[float], Item]:
-    return lambda h: unchecked(item, **{name: value + h})
-
-
-def _entry_change(item: Item, name: str, values: tuple[float, ...], place: int) -> Callable[[float], Item]:
-    return lambda h: unchecked(item, **{name: tuple(v + h * (i == place) for i, v in enumerate(values))})
-
-
-def _part_change(
-    item: Item, name: str, region: HalfSpace | BoxRegion, side: str, axis: int | None
-) -> Callable[[float], Item]:
-    """Return a setter for a number of a region that a constraint holds."""
-
-    def changed(h: float) -> Item:
-        value = np.array(getattr(region, side), dtype=float)
-        if axis is None:
-            return unchecked(item, **{name: unchecked(region, **{side: float(value + h)})})
-        value[axis] += h
-        return unchecked(item, **{name: unchecked(region, **{side: tuple(value.tolist())})})
-
-    return changed
-
-
-def _contact_limits(problem: GraspProblem) -> list[Limit]:
-    """Return friction and torsional friction, of all contacts together where they are alike."""
-    result = []
-    for name, (step, unit) in (("friction", TENTH), ("torsional_friction", MILLIMETRE)):
-        groups: dict[float, list[int]] = {}
-        for i, model in enumerate(problem.models):
-            if name in model.coefficients:
-                groups.setdefault(model.coefficients[name], []).append(i)
-        for value, members in groups.items():
-            label = (
-                "all contacts" if len(members) == len(problem.models) else f"contacts {', '.join(map(str, members))}"
-            )
-
-            def changed(h: float, name: str = name, value: float = value, members: list[int] = members) -> GraspProblem:
-                models = [
-                    unchecked(m, **{name: value + h}) if i in members else m for i, m in enumerate(problem.models)
-                ]
-                return problem.unchecked(contacts=tuple(models))
-
-            result.append(Limit(f"{name} of {label}", value, step, unit, changed, touches_contacts=True))
-    return result
-
-
-def shadow_prices(bench: Workbench, best: StartGrasp, stop: Stop) -> tuple[ShadowPrice, ...]:
-    """Return the shadow prices of all limits of constraints, hand and contacts, the largest first.
-
-    None for an answer that is not at a local optimum: without multipliers limits have no prices. An answer that is, but
-    was read from a file, is solved once more from where it is.
-    """
-    optimum = best.optimum
-    if optimum is None and best.kkt is None:
-        optimum = local_optimum(*on_triangles(bench, best.found.placed), stop)
-    known = best.record.mu.upper
-    if optimum is None or not optimum.kkt.is_small or abs(optimum.value - known) > FAR * known:
-        return ()
-    own = on_triangles(bench, optimum.placed)[0]
-    found = [price_of(own, optimum, limit) for limit in limits_of(own.problem)]
-    found.append(edge_price(own, optimum.placed, lambda placed: _lagrangian(own, optimum, placed)))
-    prices = [price for price in found if price is not None] + _joint_prices(bench, optimum)
-    prices = [p for p in prices if abs(p.gain) > NOTHING * optimum.value]
-    return tuple(sorted(prices, key=lambda p: -abs(p.gain)))
-
-
-def price_of(bench: Workbench, optimum: LocalOptimum, limit: Limit) -> ShadowPrice | None:
-    """Return the shadow price of one limit, by central differences of the constraints and ratios it enters."""
-    h = 1e-3 * limit.step
-    more, less = limit.changed(h), limit.changed(-h)
-    gain, own = 0.0, bench.problem
-    if more.hand is not own.hand or more.constraints != own.constraints:
-        rooms = [_room(bench, optimum, problem) for problem in (more, less)]
-        if any(len(room) != len(optimum.prices) for room in rooms):
-            return None  # rows come or go with the limit: it is at a threshold, where it has no price
-        active = np.abs(optimum.prices) > 0.0
-        gain = float(np.sum(optimum.prices[active] * (rooms[0] - rooms[1])[active])) / (2.0 * h)
-    if limit.touches_contacts:
-        ratios = (_ratios(bench, optimum, more) - _ratios(bench, optimum, less)) / (2.0 * h)
-        gain += float(optimum.weights @ ratios)
-    return ShadowPrice(limit.name, limit.value, limit.step, limit.unit, gain * limit.step)
 
 
 def _lagrangian(bench: Workbench, optimum: LocalOptimum, placed: Placed) -> float:
@@ -349,3 +196,157 @@ def _joint_prices(bench: Workbench, optimum: LocalOptimum) -> list[ShadowPrice]:
         unit += " of range"
         result.append(ShadowPrice(f"{joint.name}, {which} limit", float(value), sign * step, unit, abs(price) * step))
     return result
+
+
+def _away(bench: Workbench, face: str, point: FloatArray) -> FloatArray:
+    """Return the shortest step (space,) that takes a contact one metre away from each edge whose margin is active.
+
+    Zero for a contact that stands at none.
+    """
+    body, h = bench.problem.body, STEP * bench.problem.body.size
+    limits = body.surface_function(face, bench.problem.margin)
+
+    def extents(p: FloatArray) -> FloatArray:
+        return np.asarray(limits(p)[3].full()).ravel()
+
+    at = np.flatnonzero(extents(point) >= -AT * body.size)
+    if not at.size:
+        return np.zeros(len(point))
+    slopes = np.stack([(extents(point + h * e) - extents(point - h * e))[at] for e in np.eye(len(point))], axis=1)
+    return np.asarray(-np.linalg.pinv(slopes / (2.0 * h)) @ np.ones(len(at)))
+
+
+@dataclass(frozen=True)
+class Number(Generic[Item]):
+    """Adjustable number of a constraint or a hand.
+
+    Parameters
+    ----------
+    name : str
+    value : float
+        SI units.
+    changed : callable
+        ``changed(h)`` is the constraint or hand with the number larger by h.
+    step : (float, str)
+        What its price is for, SI units and in words.
+    """
+
+    name: str
+    value: float
+    changed: Callable[[float], Item]
+    step: tuple[float, str] = MILLIMETRE
+
+
+def _constraint_numbers(item: PlacementConstraint) -> list[Number[PlacementConstraint]]:
+    """Return name, value and a setter for each number of a constraint."""
+    if not isinstance(item, Constraint):
+        return _field_numbers(item)
+    pairs = [(name, np.asarray(getattr(item, name), dtype=float)) for name in ("lower", "upper")]
+    return [
+        Number(f"Constraint {item.name!r}.{name}", value, _field_change(item, name, value), _hundredth(value))
+        for name, value in ((name, float(value)) for name, value in pairs if value.size == 1)
+        if np.isfinite(value)
+    ]
+
+
+def _hand_numbers(hand: Hand) -> list[Number[Hand]]:
+    """Return name, value and a setter for each number of a hand."""
+    if isinstance(hand, URDFHand):
+        return [Number("URDFHand.clearance", hand.clearance, lambda h: hand.with_clearance(hand.clearance + h))]
+    return _field_numbers(hand)
+
+
+def _contact_limits(problem: GraspProblem) -> list[Limit]:
+    """Return friction and torsional friction, of all contacts together where they are alike."""
+    result = []
+    for name, (step, unit) in (("friction", TENTH), ("torsional_friction", MILLIMETRE)):
+        groups: dict[float, list[int]] = {}
+        for i, model in enumerate(problem.models):
+            if name in model.coefficients:
+                groups.setdefault(model.coefficients[name], []).append(i)
+        for value, members in groups.items():
+            label = (
+                "all contacts" if len(members) == len(problem.models) else f"contacts {', '.join(map(str, members))}"
+            )
+
+            def changed(h: float, name: str = name, value: float = value, members: list[int] = members) -> GraspProblem:
+                models = [
+                    unchecked(m, **{name: value + h}) if i in members else m for i, m in enumerate(problem.models)
+                ]
+                return problem.unchecked(contacts=tuple(models))
+
+            result.append(Limit(f"{name} of {label}", value, step, unit, changed, touches_contacts=True))
+    return result
+
+
+def _field_numbers(item: Item) -> list[Number[Item]]:
+    """Return the numbers among a dataclass's fields, and in the regions and ranges it holds."""
+    if not is_dataclass(item):
+        return []
+    label = type(item).__name__
+    result: list[Number[Item]] = []
+    for field in fields(item):
+        value, name = getattr(item, field.name), f"{label}.{field.name}"
+        if field.name in NO_LIMITS or isinstance(value, bool | str):
+            continue
+        if isinstance(value, float):
+            step = STEPS.get(field.name, MILLIMETRE)
+            result.append(Number(name, value, _field_change(item, field.name, value), step))
+        elif isinstance(value, HalfSpace):
+            change = _part_change(item, field.name, value, "offset", None)
+            result.append(Number(f"{name}.offset", float(value.offset), change))
+        elif isinstance(value, BoxRegion):
+            for side in ("lower", "upper"):
+                for axis, number in enumerate(np.asarray(getattr(value, side), dtype=float)):
+                    change = _part_change(item, field.name, value, side, axis)
+                    result.append(Number(f"{name}.{side}[{axis}]", float(number), change))
+        elif field.name == "spread" and isinstance(value, tuple):
+            for place, which in enumerate(("least", "greatest")):
+                if np.isfinite(value[place]) and value[place] > 0.0:
+                    change = _entry_change(item, field.name, value, place)
+                    result.append(Number(f"{name} ({which})", float(value[place]), change))
+    return result
+
+
+def _hundredth(value: float) -> tuple[float, str]:
+    """Return the step of a number in user-defined units: a hundredth of it."""
+    step = 0.01 * max(abs(value), 1e-3)
+    return step, f"{step:g}"
+
+
+def _constraint_change(
+    problem: GraspProblem, i: int, new: Callable[[float], PlacementConstraint]
+) -> Callable[[float], GraspProblem]:
+    def changed(h: float) -> GraspProblem:
+        constraints = list(problem.constraints)
+        constraints[i] = new(h)
+        return problem.unchecked(constraints=tuple(constraints))
+
+    return changed
+
+
+def _hand_change(problem: GraspProblem, new: Callable[[float], Hand]) -> Callable[[float], GraspProblem]:
+    return lambda h: problem.unchecked(hand=new(h))
+
+
+def _field_change(item: Item, name: str, value: float) -> Callable[[float], Item]:
+    return lambda h: unchecked(item, **{name: value + h})
+
+
+def _entry_change(item: Item, name: str, values: tuple[float, ...], place: int) -> Callable[[float], Item]:
+    return lambda h: unchecked(item, **{name: tuple(v + h * (i == place) for i, v in enumerate(values))})
+
+
+def _part_change(
+    item: Item, name: str, region: HalfSpace | BoxRegion, side: str, axis: int | None
+) -> Callable[[float], Item]:
+    """Return a setter for a number of a region that a constraint holds."""
+
+    def changed(h: float) -> Item:
+        value = np.array(getattr(region, side), dtype=float)
+        if axis is None:
+            return unchecked(item, **{name: unchecked(region, **{side: float(value + h)})})
+        value[axis] += h
+        return unchecked(item, **{name: unchecked(region, **{side: tuple(value.tolist())})})
+
+    return changed

@@ -17,9 +17,9 @@ from nlpgrasp.solution.solution import GraspSolution, given_solution
 from nlpgrasp.solution.squeeze_record import Gain, JointSqueeze, Squeeze, usual_gain
 from nlpgrasp.tasks.tools import WEIGHT
 
-NORMAL_FORCE = 2.0  # newtons
-MOST_EFFORT = 0.98  # of the weakest joint's limit, that the squeeze of a solution takes
-EASY_EFFORT = 0.6  # of the same, that it takes to press harder than the usual force: what is left holds against pushes
+NORMAL_FORCE = 2.0  # newtons, the usual least normal force of each contact
+MOST_EFFORT = 0.98  # share of the weakest joint's limit that the squeeze of a solution takes, at most
+EASY_EFFORT = 0.6  # the same, to press harder than the usual force: the rest of the limit resists pushes
 
 
 def squeeze(

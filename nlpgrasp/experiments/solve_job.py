@@ -15,8 +15,8 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.experiment import Case, Experiment, SolveId
 from nlpgrasp.optimize.compiled_problem import Workbench
-from nlpgrasp.optimize.parallel_starts import LazyBench, Parcel, Runner
-from nlpgrasp.optimize.processes import one_thread
+from nlpgrasp.optimize.parallel_starts import LazyBench, Runner
+from nlpgrasp.optimize.processes import Parcel, one_thread
 from nlpgrasp.optimize.start_result import StartGrasp, best_of
 from nlpgrasp.optimize.warm_starts import WarmStart, adapted, certify_as_is, refine_warm_start
 from nlpgrasp.pipeline.multistart import Multistart

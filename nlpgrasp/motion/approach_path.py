@@ -1,4 +1,8 @@
-"""Straight approach of the palm to the open hand: a collision-free direction and opening."""
+"""Straight approach of the palm with an open hand: a collision-free direction and opening.
+
+The fingers open from the grasp towards the pregrasp or wider (``opened``). From there the palm leaves in the first
+direction that is free (``free_approach``); the approach is that path in reverse.
+"""
 
 from __future__ import annotations
 
@@ -17,32 +21,142 @@ from nlpgrasp.motion.link_clearance import BoolArray, Surroundings
 from nlpgrasp.motion.straight_path import Place, StraightWay, straight_way
 
 WIDER = (1.0, 2.0, 4.0)  # openings tried, times the pregrasp's
-CLOSER, BESIDE = np.radians([13.0, 6.5, 3.2, 1.6]), 6  # radians from the direction free longest; directions at each
-SAME = 1e-9  # of a cosine: nearer directions count as one
+CLOSER, BESIDE = np.radians([13.0, 6.5, 3.2, 1.6]), 6  # angles from the direction free longest; directions at each
+SAME = 1e-9  # difference of a cosine from 1 below which two directions count as one
 
 
-@dataclass(frozen=True)
-class Opened:
-    """Path of postures from the grasp to the open hand.
+def free_approach(
+    around: Surroundings,
+    open_hand: Callable[[float], Opened],
+    ways: Sequence[FloatArray],
+    distance: Callable[[Values, FloatArray], float],
+    locate: bool = True,
+) -> Approach:
+    """Return the first collision-free approach direction of the open hand, opened wider where none is free.
+
+    Where none of several is, others are looked at about the one that is free longest, nearer and nearer to it: the way
+    out of a narrow place lies between the directions of any list.
 
     Parameters
     ----------
-    places : tuple of Place
-        The grasp first.
-    blocked_by : str
-        What is in the way where no finger opens at all; empty otherwise.
-    straight : bool
-        Whether all joints go on one straight line.
+    around : Surroundings
+    open_hand : callable
+        How wide, times the pregrasp's opening, to the opened hand.
+    ways : sequence of (3,) arrays
+        Directions of the palm towards the grasp, unit, body frame, those that are liked best first.
+    distance : callable
+        The open hand and a direction to how far the palm moves, metres.
+    locate : bool
+        Whether ``BlockedDirection.free`` is to be found to the tolerance.
+    """
+    blocked = list[BlockedDirection]()
+    fingers, longest = None, 0.0
+    for times in WIDER:
+        opened = open_hand(times)
+        if opened.blocked_by:
+            return Approach(f"the fingers cannot open: {opened.blocked_by}", (), fingers)
+        fingers = fingers or opened
+        for way in _closer(ways, blocked):
+            longest = distance(opened.values, way)
+            found = _away(around, opened.values, way, longest, locate)
+            if not found.blocked_by:
+                return Approach("", tuple(blocked), opened, way, longest, found.places)
+            blocked.append(BlockedDirection(way, found.free * longest, times, found.blocked_by))
+    count = sum(b.times == WIDER[0] for b in blocked)
+    return Approach(_why_none(blocked, count, longest), tuple(blocked), fingers)
+
+
+@dataclass(frozen=True)
+class Approach:
+    """Result of a search for a free approach: a direction, or the reason why there is none.
+
+    Parameters
+    ----------
+    reason : str
+        Why no direction is free; empty where one is.
+    blocked : tuple of BlockedDirection
+        Those that were looked at before.
+    fingers : Opened or None
+        The hand as wide open as at the last look; None where it does not open.
+    direction : (3,) array or None
+        In which the palm moves towards the grasp, unit, body frame.
+    distance : float
+        How far, metres.
+    outside : tuple of Place
+        From the open hand at the grasp on, away from it.
     """
 
-    places: tuple[Place, ...]
-    blocked_by: str
-    straight: bool = True
+    reason: str
+    blocked: tuple[BlockedDirection, ...] = ()
+    fingers: Opened | None = None
+    direction: FloatArray | None = None
+    distance: float = 0.0
+    outside: tuple[Place, ...] = ()
 
-    @property
-    def values(self) -> Values:
-        """Values of the hand's variables when it is open."""
-        return self.places[-1].values
+
+@dataclass(frozen=True)
+class BlockedDirection:
+    """Approach direction that is not collision-free.
+
+    Parameters
+    ----------
+    direction : (3,) array
+        Of the palm towards the grasp, unit, body frame.
+    free : float
+        Metres before the grasp from which on it is free.
+    times : float
+        How wide the fingers were open, times the pregrasp's opening.
+    reason : str
+        What is in the way farther out.
+    """
+
+    direction: FloatArray
+    free: float
+    times: float
+    reason: str
+
+    def to_dict(self) -> Json:
+        """Return the direction as JSON data."""
+        return {
+            "direction": self.direction.tolist(),
+            "free": self.free,
+            "times": self.times,
+            "reason": self.reason,
+        }
+
+
+def ways_of_palm(hand: URDFHand, values: Values, count: int) -> list[FloatArray]:
+    """Return candidate approach directions of the palm, the one in which it faces first, the nearest to it next.
+
+    Parameters
+    ----------
+    hand : URDFHand
+    values : dict
+        Of its variables in the grasp.
+    count : int
+        How many are spread over the sphere; beside them are the axes of palm and body, both ways. One is that in which
+        the palm faces alone.
+
+    Returns
+    -------
+    list of (3,) arrays
+        Unit, body frame.
+    """
+    first = facing(hand, values)
+    ways = directions_around(first, count)
+    if count > 1:
+        axes = np.concatenate([hand.tree.palm_frame(values)[:3, :3].T, np.eye(3)])
+        ways = np.concatenate([ways, axes, -axes])
+    kept: list[FloatArray] = []
+    for way in ways[np.argsort(-(ways @ first), kind="stable")]:
+        if all(way @ other < 1.0 - SAME for other in kept):
+            kept.append(way)
+    return kept
+
+
+def facing(hand: URDFHand, values: Values) -> FloatArray:
+    """Return the direction in which the palm faces, (3,), body frame."""
+    return np.asarray(hand.tree.palm_frame(values)[:3, :3] @ hand.tree.approach)
 
 
 def opened(around: Surroundings, grasp: Values, pregrasp: Values, times: float) -> Opened:
@@ -93,132 +207,34 @@ def opened_straight(around: Surroundings, grasp: Values, pregrasp: Values, times
     return Opened(tuple(places), "" if len(places) > 1 else way.blocked_by)
 
 
-def _allowed(around: Surroundings, first: Place) -> FloatArray:
-    """Return the least clearances, (n,), metres; links that overlap in the grasp may do so, no deeper."""
-    least, pairs = around.allowed(), around.of_pairs()
-    least[pairs] = np.minimum(first.clearances[pairs], 0.0)
-    return least
+@dataclass(frozen=True)
+class Opened:
+    """Path of postures from the grasp to the open hand.
 
+    Parameters
+    ----------
+    places : tuple of Place
+        The grasp first.
+    blocked_by : str
+        What is in the way where no finger opens at all; empty otherwise.
+    straight : bool
+        Whether all joints go on one straight line.
+    """
 
-def _towards(here: Values, aim: Values, free: BoolArray) -> Callable[[float], Values]:
-    """Return the straight path of the free joints to their goal; the palm moves along while all are free."""
-    ends = {"joints": np.where(free, aim["joints"], here["joints"])}
-    ends["palm_position"] = aim["palm_position"] if free.all() else here["palm_position"]
+    places: tuple[Place, ...]
+    blocked_by: str
+    straight: bool = True
 
-    def posture(share: float) -> Values:
-        return {**here, **{name: here[name] + share * (end - here[name]) for name, end in ends.items()}}
-
-    return posture
-
-
-def _least(around: Surroundings, place: Place) -> float:
-    return float(np.min(place.clearances - around.allowed(), initial=np.inf))
+    @property
+    def values(self) -> Values:
+        """Values of the hand's variables when it is open."""
+        return self.places[-1].values
 
 
 def openings(around: Surroundings, values: Values, grasp: Values) -> FloatArray:
     """Return each fingertip's distance from its position in the grasp, palm frame, (k,), metres."""
     there, here = around.hand.tree.palm_tips(np.stack([values["joints"], grasp["joints"]]))
     return np.asarray(np.linalg.norm(there - here, axis=1))
-
-
-@dataclass(frozen=True)
-class BlockedDirection:
-    """Approach direction that is not collision-free.
-
-    Parameters
-    ----------
-    direction : (3,) array
-        Of the palm towards the grasp, unit, body frame.
-    free : float
-        Metres before the grasp from which on it is free.
-    times : float
-        How wide the fingers were open, times the pregrasp's opening.
-    reason : str
-        What is in the way farther out.
-    """
-
-    direction: FloatArray
-    free: float
-    times: float
-    reason: str
-
-    def to_dict(self) -> Json:
-        """Return the direction as JSON data."""
-        return {
-            "direction": self.direction.tolist(),
-            "free": self.free,
-            "times": self.times,
-            "reason": self.reason,
-        }
-
-
-@dataclass(frozen=True)
-class Approach:
-    """Result of a search for a free approach: a direction, or the reason why there is none.
-
-    Parameters
-    ----------
-    reason : str
-        Why no direction is free; empty where one is.
-    blocked : tuple of BlockedDirection
-        Those that were looked at before.
-    fingers : Opened or None
-        The hand as wide open as at the last look; None where it does not open.
-    direction : (3,) array or None
-        In which the palm moves towards the grasp, unit, body frame.
-    distance : float
-        How far, metres.
-    outside : tuple of Place
-        From the open hand at the grasp on, away from it.
-    """
-
-    reason: str
-    blocked: tuple[BlockedDirection, ...] = ()
-    fingers: Opened | None = None
-    direction: FloatArray | None = None
-    distance: float = 0.0
-    outside: tuple[Place, ...] = ()
-
-
-def free_approach(
-    around: Surroundings,
-    open_hand: Callable[[float], Opened],
-    ways: Sequence[FloatArray],
-    distance: Callable[[Values, FloatArray], float],
-    locate: bool = True,
-) -> Approach:
-    """Return the first collision-free approach direction of the open hand, opened wider where none is free.
-
-    Where none of several is, others are looked at about the one that is free longest, nearer and nearer to it: the way
-    out of a narrow place lies between the directions of any list.
-
-    Parameters
-    ----------
-    around : Surroundings
-    open_hand : callable
-        How wide, times the pregrasp's opening, to the opened hand.
-    ways : sequence of (3,) arrays
-        Directions of the palm towards the grasp, unit, body frame, those that are liked best first.
-    distance : callable
-        The open hand and a direction to how far the palm moves, metres.
-    locate : bool
-        Whether ``BlockedDirection.free`` is to be found to the tolerance.
-    """
-    blocked = list[BlockedDirection]()
-    fingers, longest = None, 0.0
-    for times in WIDER:
-        opened = open_hand(times)
-        if opened.blocked_by:
-            return Approach(f"the fingers cannot open: {opened.blocked_by}", (), fingers)
-        fingers = fingers or opened
-        for way in _closer(ways, blocked):
-            longest = distance(opened.values, way)
-            found = _away(around, opened.values, way, longest, locate)
-            if not found.blocked_by:
-                return Approach("", tuple(blocked), opened, way, longest, found.places)
-            blocked.append(BlockedDirection(way, found.free * longest, times, found.blocked_by))
-    count = sum(b.times == WIDER[0] for b in blocked)
-    return Approach(_why_none(blocked, count, longest), tuple(blocked), fingers)
 
 
 def _closer(ways: Sequence[FloatArray], blocked: Sequence[BlockedDirection]) -> Iterator[FloatArray]:
@@ -258,35 +274,23 @@ def _why_none(blocked: list[BlockedDirection], count: int, distance: float) -> s
     return f"{one} free for {1e3 * distance:.0f} mm; {said}"
 
 
-def ways_of_palm(hand: URDFHand, values: Values, count: int) -> list[FloatArray]:
-    """Return candidate approach directions of the palm, the one in which it faces first, the nearest to it next.
-
-    Parameters
-    ----------
-    hand : URDFHand
-    values : dict
-        Of its variables in the grasp.
-    count : int
-        How many are spread over the sphere; beside them are the axes of palm and body, both ways. One is that in which
-        the palm faces alone.
-
-    Returns
-    -------
-    list of (3,) arrays
-        Unit, body frame.
-    """
-    first = facing(hand, values)
-    ways = directions_around(first, count)
-    if count > 1:
-        axes = np.concatenate([hand.tree.palm_frame(values)[:3, :3].T, np.eye(3)])
-        ways = np.concatenate([ways, axes, -axes])
-    kept: list[FloatArray] = []
-    for way in ways[np.argsort(-(ways @ first), kind="stable")]:
-        if all(way @ other < 1.0 - SAME for other in kept):
-            kept.append(way)
-    return kept
+def _allowed(around: Surroundings, first: Place) -> FloatArray:
+    """Return the least clearances, (n,), metres; links that overlap in the grasp may do so, no deeper."""
+    least, pairs = around.allowed(), around.of_pairs()
+    least[pairs] = np.minimum(first.clearances[pairs], 0.0)
+    return least
 
 
-def facing(hand: URDFHand, values: Values) -> FloatArray:
-    """Return the direction in which the palm faces, (3,), body frame."""
-    return np.asarray(hand.tree.palm_frame(values)[:3, :3] @ hand.tree.approach)
+def _towards(here: Values, aim: Values, free: BoolArray) -> Callable[[float], Values]:
+    """Return the straight path of the free joints to their goal; the palm moves along while all are free."""
+    ends = {"joints": np.where(free, aim["joints"], here["joints"])}
+    ends["palm_position"] = aim["palm_position"] if free.all() else here["palm_position"]
+
+    def posture(share: float) -> Values:
+        return {**here, **{name: here[name] + share * (end - here[name]) for name, end in ends.items()}}
+
+    return posture
+
+
+def _least(around: Surroundings, place: Place) -> float:
+    return float(np.min(place.clearances - around.allowed(), initial=np.inf))

@@ -1,5 +1,8 @@
 """Contact paths over a body's surface: shortest paths, stations, and full motions of a finger.
 
+A shortest path in a graph of surface samples gives the first stations (``SurfaceGraph``). ``Footpath`` refines them;
+``Stride`` adds lifting off and setting down.
+
 Between two stations the contact moves on the chord. On a surface with radius of curvature rho, a chord of length h is
 off the surface by at most ``h^2 / (8 rho)``. Instead of estimating rho, the chord's middle is projected onto the
 surface; chords whose middle is off by more than a share of the tolerance, or over which the normal turns by more than
@@ -22,13 +25,13 @@ from scipy.spatial import cKDTree
 from nlpgrasp.bodies import Body
 from nlpgrasp.common.validation import FloatArray
 
-MOST_TURN = np.radians(10.0)
-LEVELS = 8  # most halvings
+MOST_TURN = np.radians(10.0)  # largest turn of the normal over a chord
+LEVELS = 8  # halvings of a chord, at most
 SHARE = 0.25  # share of the tolerance allowed at a chord's middle
-NEWTON_STEPS = 20
-SLIDING, LIFTING_OFF, OVER, DOWN = "sliding", "lifting off", "lifted", "setting down"
-SAMPLES, NEIGHBOURS = 3000, 14
-LARGEST_GAP = 0.3  # share of an edge's length: largest distance of its middle from the surface
+NEWTON_STEPS = 20  # to the point of an edge, at most
+SLIDING, LIFTING_OFF, OVER, DOWN = "sliding", "lifting off", "lifted", "setting down"  # phases
+SAMPLES, NEIGHBOURS = 3000, 14  # samples in the graph, in all; edges from each
+LARGEST_GAP = 0.3  # share of a graph edge's length: largest distance of its middle from the surface
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,54 @@ class Station:
     point: FloatArray
     normal: FloatArray
     face: str
+
+
+class SurfaceGraph:
+    """Graph of surface samples, with edges between neighbours that stay near the surface.
+
+    Parameters
+    ----------
+    body : Body
+    """
+
+    def __init__(self, body: Body) -> None:
+        rng = np.random.default_rng(0)
+        each = max(SAMPLES // len(body.faces), 60)
+        samples = {name: body.sample(name, each, rng) for name in body.face_names}
+        self.points = np.concatenate(list(samples.values()))
+        self.normals = np.concatenate([-body.evaluate(name, p)[2] for name, p in samples.items()])
+        self.faces = np.repeat(list(samples), [len(p) for p in samples.values()])
+        self._tree: Any = cKDTree(self.points)
+        found: Any = self._tree.query(self.points, NEIGHBOURS + 1)
+        rows = np.repeat(np.arange(len(self.points)), NEIGHBOURS)
+        lengths, columns = (part[:, 1:].ravel() for part in found)
+        middle = (self.points[rows] + self.points[columns]) / 2.0
+        off = np.abs(np.asarray(body.distance_function.map(len(middle))(middle.T).full()).ravel())
+        good = off <= LARGEST_GAP * lengths
+        shape = (len(self.points), len(self.points))
+        self._edges: Any = sparse.csr_matrix((lengths[good], (rows[good], columns[good])), shape)
+
+    def distances(self, start: FloatArray, ends: FloatArray) -> FloatArray:
+        """Return the lengths of the shortest paths from a point to others, (m,), metres; inf without a path."""
+        lengths = dijkstra(self._edges, False, self._nearest(start))
+        return np.asarray(lengths[self._tree.query(ends)[1]])
+
+    def stations(self, start: Station, end: Station) -> list[Station]:
+        """Return the shortest path between two stations: these and the sample points between."""
+        between = self._nodes(start.point, end.point)[1:-1]
+        return [start, *(Station(self.points[i], self.normals[i], str(self.faces[i])) for i in between), end]
+
+    def _nodes(self, start: FloatArray, end: FloatArray) -> list[int]:
+        """Return the sample points of the path, those nearest to its ends included."""
+        a, b = self._nearest(start), self._nearest(end)
+        _, before = dijkstra(self._edges, False, a, True)
+        nodes = [b]
+        while nodes[-1] != a and before[nodes[-1]] >= 0:
+            nodes.append(int(before[nodes[-1]]))
+        return nodes[::-1] if len(nodes) > 1 else [a, b]
+
+    def _nearest(self, p: FloatArray) -> Any:
+        return self._tree.query(p)[1]
 
 
 class Footpath:
@@ -89,6 +140,64 @@ class Footpath:
         share = float(np.clip((way - self.steps[i]) / span, 0.0, 1.0)) if span > 0.0 else 1.0
         p, n, length = ((1.0 - share) * a[i] + share * a[i + 1] for a in (self.points, self.normals, self.lengths))
         return p, n / np.linalg.norm(n), float(length)
+
+
+@dataclass(frozen=True)
+class Stride:
+    """Full path of a finger to its new contact.
+
+    Parameters
+    ----------
+    footpath : Footpath
+    lift : float
+        Height of the fingertip above the surface, metres; 0 for sliding.
+    """
+
+    footpath: Footpath
+    lift: float
+
+    @property
+    def total(self) -> float:
+        """Total path length, metres, lifting and setting down included."""
+        return self.footpath.total + 2.0 * self.lift
+
+    @property
+    def turns(self) -> tuple[float, ...]:
+        """Path lengths at which phases change, which are waypoints."""
+        ends = (self.lift, self.lift + self.footpath.total) if self.lift else ()
+        return (*ends, self.total)
+
+    def at(self, way: float) -> Foothold:
+        """Return the foothold at a path length, metres."""
+        over = self.footpath.total
+        point, normal, along = self.footpath.at(min(max(way - self.lift, 0.0), over))
+        if not self.lift:
+            return Foothold(point, normal, along, SLIDING)
+        height = max(min(way, self.lift, self.total - way), 0.0)
+        phase = LIFTING_OFF if way < self.lift else DOWN if way > self.lift + over else OVER
+        return Foothold(point - height * normal, normal, along, phase, height)
+
+
+@dataclass(frozen=True)
+class Foothold:
+    """Target contact of a fingertip on its path.
+
+    Parameters
+    ----------
+    point, normal : (space,) array
+        Metres, body frame, and inward unit normal; for a lifted fingertip, the point is above the surface.
+    along : float
+        Arc length on the surface up to here, metres.
+    phase : {"sliding", "lifting off", "lifted", "setting down"}
+    height : float
+        Height above the surface, metres.
+    """
+
+    point: FloatArray
+    normal: FloatArray
+    along: float
+    phase: str
+    height: float = 0.0
 
 
 def _over_edges(body: Body, stations: Sequence[Station]) -> list[Station]:
@@ -164,109 +273,3 @@ def _middles(body: Body, pairs: Sequence[tuple[Station, Station]]) -> list[Stati
             middles[own] = body.snap(face, middles[own])
             normals[own] = -body.evaluate(face, middles[own])[2]
     return [Station(p, n, face) for p, n, face in zip(middles, normals, faces, strict=True)]
-
-
-@dataclass(frozen=True)
-class Foothold:
-    """Target contact of a fingertip on its path.
-
-    Parameters
-    ----------
-    point, normal : (space,) array
-        Metres, body frame, and inward unit normal; for a lifted fingertip, the point is above the surface.
-    along : float
-        Arc length on the surface up to here, metres.
-    phase : {"sliding", "lifting off", "lifted", "setting down"}
-    height : float
-        Height above the surface, metres.
-    """
-
-    point: FloatArray
-    normal: FloatArray
-    along: float
-    phase: str
-    height: float = 0.0
-
-
-@dataclass(frozen=True)
-class Stride:
-    """Full path of a finger to its new contact.
-
-    Parameters
-    ----------
-    footpath : Footpath
-    lift : float
-        Height of the fingertip above the surface, metres; 0 for sliding.
-    """
-
-    footpath: Footpath
-    lift: float
-
-    @property
-    def total(self) -> float:
-        """Total path length, metres, lifting and setting down included."""
-        return self.footpath.total + 2.0 * self.lift
-
-    @property
-    def turns(self) -> tuple[float, ...]:
-        """Path lengths at which phases change, which are waypoints."""
-        ends = (self.lift, self.lift + self.footpath.total) if self.lift else ()
-        return (*ends, self.total)
-
-    def at(self, way: float) -> Foothold:
-        """Return the foothold at a path length, metres."""
-        over = self.footpath.total
-        point, normal, along = self.footpath.at(min(max(way - self.lift, 0.0), over))
-        if not self.lift:
-            return Foothold(point, normal, along, SLIDING)
-        height = max(min(way, self.lift, self.total - way), 0.0)
-        phase = LIFTING_OFF if way < self.lift else DOWN if way > self.lift + over else OVER
-        return Foothold(point - height * normal, normal, along, phase, height)
-
-
-class SurfaceGraph:
-    """Graph of surface samples, with edges between neighbours that stay near the surface.
-
-    Parameters
-    ----------
-    body : Body
-    """
-
-    def __init__(self, body: Body) -> None:
-        rng = np.random.default_rng(0)
-        each = max(SAMPLES // len(body.faces), 60)
-        samples = {name: body.sample(name, each, rng) for name in body.face_names}
-        self.points = np.concatenate(list(samples.values()))
-        self.normals = np.concatenate([-body.evaluate(name, p)[2] for name, p in samples.items()])
-        self.faces = np.repeat(list(samples), [len(p) for p in samples.values()])
-        self._tree: Any = cKDTree(self.points)
-        found: Any = self._tree.query(self.points, NEIGHBOURS + 1)
-        rows = np.repeat(np.arange(len(self.points)), NEIGHBOURS)
-        lengths, columns = (part[:, 1:].ravel() for part in found)
-        middle = (self.points[rows] + self.points[columns]) / 2.0
-        off = np.abs(np.asarray(body.distance_function.map(len(middle))(middle.T).full()).ravel())
-        good = off <= LARGEST_GAP * lengths
-        shape = (len(self.points), len(self.points))
-        self._edges: Any = sparse.csr_matrix((lengths[good], (rows[good], columns[good])), shape)
-
-    def distances(self, start: FloatArray, ends: FloatArray) -> FloatArray:
-        """Return the lengths of the shortest paths from a point to others, (m,), metres; inf without a path."""
-        lengths = dijkstra(self._edges, False, self._nearest(start))
-        return np.asarray(lengths[self._tree.query(ends)[1]])
-
-    def stations(self, start: Station, end: Station) -> list[Station]:
-        """Return the shortest path between two stations: these and the sample points between."""
-        between = self._nodes(start.point, end.point)[1:-1]
-        return [start, *(Station(self.points[i], self.normals[i], str(self.faces[i])) for i in between), end]
-
-    def _nodes(self, start: FloatArray, end: FloatArray) -> list[int]:
-        """Return the sample points of the path, those nearest to its ends included."""
-        a, b = self._nearest(start), self._nearest(end)
-        _, before = dijkstra(self._edges, False, a, True)
-        nodes = [b]
-        while nodes[-1] != a and before[nodes[-1]] >= 0:
-            nodes.append(int(before[nodes[-1]]))
-        return nodes[::-1] if len(nodes) > 1 else [a, b]
-
-    def _nearest(self, p: FloatArray) -> Any:
-        return self._tree.query(p)[1]

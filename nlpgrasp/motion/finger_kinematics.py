@@ -17,8 +17,8 @@ from nlpgrasp.motion.contact_path import OVER, SLIDING, Foothold
 from nlpgrasp.motion.link_clearance import Surroundings
 
 ENOUGH = 1e-6  # share of the body's size, and radians: tolerance of a reached contact
-STEPS = NewtonRules(steps=15, enough=ENOUGH)
-FREE_STEPS = 6
+STEPS = NewtonRules(steps=15, enough=ENOUGH)  # with joint limits and clearances
+FREE_STEPS = 6  # before these, on the contact's equations alone, at most
 LONGEST = 0.2  # radians (metres for sliding joints, tip coordinates): largest Newton step
 NEAR = 0.1  # share of the hand's span: clearances below this enter the steps
 DIFFERENCE = 1e-6  # radians or metres: step of finite differences

@@ -1,15 +1,17 @@
 """Motion of a single finger along its contact path: of a hand with links, of free fingertips and jaws.
 
-From each waypoint a step is tried, and halved until four conditions hold. The finger's joints reach the waypoint within
-joint limits and clearances. No joint turns by more than ``MOST_JOINT``, so that the posture does not jump between
-branches of the inverse kinematics. At the middle of the joint motion, where a chord deviates most to second order, the
-fingertip is off the path by less than the tolerance. No sphere can have penetrated anything by more than the tolerance
-(``Surroundings.between``). Where a step of ``FINEST`` fails, the finger stops.
+A hand with links (``LinkedMotions``): from each waypoint a step is tried, and halved until four conditions hold. The
+finger's joints reach the waypoint within joint limits and clearances. No joint turns by more than ``MOST_JOINT``, so
+that the posture does not jump between branches of the inverse kinematics. At the middle of the joint motion, where a
+chord deviates most to second order, the fingertip is off the path by less than the tolerance. No sphere can have
+penetrated anything by more than the tolerance (``Surroundings.between``). Where a step of ``FINEST`` fails, the finger
+stops.
 
-Such a hand constrains its contacts jointly. Its constraints are evaluated at waypoints ``STEP`` apart: between two, no
-distance of two contacts or from an obstacle differs by more than half of it from those at both ends. The palm point may
-move: any point that all fingertips reach is allowed, and the set of these points is convex and changes continuously
-with the fingertips, so that the palm can follow.
+A hand that is given by its contacts alone (``ContactMotions``), such as free fingertips or jaws, constrains these
+jointly. Its constraints are evaluated at waypoints ``STEP`` apart: between two, no distance of two contacts or from an
+obstacle differs by more than half of it from those at both ends. The palm point may move: any point that all fingertips
+reach is allowed, and the set of these points is convex and changes continuously with the fingertips, so that the palm
+can follow.
 """
 
 from __future__ import annotations
@@ -35,10 +37,11 @@ from nlpgrasp.problem.problem import GraspProblem
 FINEST, LARGEST = 1.0 / 16.0, 16.0  # least and largest steps, in tolerances
 MOST_JOINT = 0.1  # radians between waypoints; share of the span for sliding joints
 SLIDES = np.linspace(0.0, 1.0, 201)  # candidate sliding coordinates, which a solution does not state
-INSIDE = 1e-12  # relative tolerance
-STEP = 5e-3  # distance of waypoints, as a share of the body's size
+INSIDE = 1e-12  # relative tolerance of a point in a ball
+STEP = 5e-3  # distance of waypoints of hands without links, over the body's size
 ENOUGH = 1e-6  # feasibility tolerance, relative to the constraint's scale
-PALM = "palm"
+PALM = "palm"  # name of the variable for the palm point
+Contacts = tuple[FloatArray, FloatArray]  # points and inward unit normals
 
 
 @dataclass(frozen=True)
@@ -109,14 +112,58 @@ class FingerPath:
         return f"within the hand's limits ({len(self.points)} waypoints{least})"
 
 
-@dataclass(frozen=True)
-class Waypoint:
-    """One posture on the path, with all clearances (n,)."""
+class LinkedMotions:
+    """Finger motions of a URDF hand.
 
-    way: float
-    hold: Foothold
-    values: Values
-    clearances: FloatArray
+    Parameters
+    ----------
+    problem : GraspProblem
+        Problem with the constraints to keep.
+    hand : URDFHand
+    values : dict
+        Of the hand's variables in the first grasp.
+    paths : sequence of k sequences of Station
+        Path of each finger from its contact to its new one.
+    lift : float
+        Height of a lifted finger above the surface, metres.
+    """
+
+    def __init__(
+        self, problem: GraspProblem, hand: URDFHand, values: Values, paths: Sequence[Sequence[Station]], lift: float
+    ) -> None:
+        self.body, self.hand, self.paths, self.lift = problem.body, hand, paths, lift
+        self.around = Surroundings(problem, hand)
+        self.fingers = [FingerJoints(hand, i, self.around, problem.body.size) for i in range(hand.count)]
+        self._first = self._with_slides(values)
+        self._footpaths: dict[tuple[int, float], Footpath] = {}
+
+    def start(self) -> Values:
+        """Return the values of the hand's variables in the first grasp."""
+        return self._first
+
+    def taken(self, posture: Values, finger: int, slides: bool) -> tuple[FingerPath, Values]:
+        """Return the path of a finger from a posture to its new contact, and the final posture."""
+        lift = 0.0 if slides else self.lift
+        if (finger, lift) not in self._footpaths:
+            arm = self.hand.tips[finger][1].standoff + lift
+            self._footpaths[finger, lift] = Footpath(self.body, self.paths[finger], arm, self.around.tolerance)
+        return Walk(self.fingers[finger], Stride(self._footpaths[finger, lift], lift)).taken(posture)
+
+    def _with_slides(self, values: Values) -> Values:
+        """Return the values with the sliding coordinates of tips nearest to their contacts."""
+        count = sum(tip.slides for _, tip in self.hand.tips)
+        if not count:
+            return values
+        result = {**values, "slides": np.full(count, 0.5)}
+        for joints, path in zip(self.fingers, self.paths, strict=True):
+            if joints.slide is not None:
+                hold = Foothold(path[0].point, path[0].normal, 0.0, SLIDING)
+                off = []
+                for share in SLIDES:
+                    result["slides"][joints.slide] = share
+                    off.append(joints.off(result, hold))
+                result["slides"][joints.slide] = SLIDES[int(np.argmin(off))]
+        return result
 
 
 class Walk:
@@ -202,87 +249,14 @@ class Walk:
         )
 
 
-class LinkedMotions:
-    """Finger motions of a URDF hand.
+@dataclass(frozen=True)
+class Waypoint:
+    """One posture on the path, with all clearances (n,)."""
 
-    Parameters
-    ----------
-    problem : GraspProblem
-        Problem with the constraints to keep.
-    hand : URDFHand
-    values : dict
-        Of the hand's variables in the first grasp.
-    paths : sequence of k sequences of Station
-        Path of each finger from its contact to its new one.
-    lift : float
-        Height of a lifted finger above the surface, metres.
-    """
-
-    def __init__(
-        self, problem: GraspProblem, hand: URDFHand, values: Values, paths: Sequence[Sequence[Station]], lift: float
-    ) -> None:
-        self.body, self.hand, self.paths, self.lift = problem.body, hand, paths, lift
-        self.around = Surroundings(problem, hand)
-        self.fingers = [FingerJoints(hand, i, self.around, problem.body.size) for i in range(hand.count)]
-        self._first = self._with_slides(values)
-        self._footpaths: dict[tuple[int, float], Footpath] = {}
-
-    def start(self) -> Values:
-        """Return the values of the hand's variables in the first grasp."""
-        return self._first
-
-    def taken(self, posture: Values, finger: int, slides: bool) -> tuple[FingerPath, Values]:
-        """Return the path of a finger from a posture to its new contact, and the final posture."""
-        lift = 0.0 if slides else self.lift
-        if (finger, lift) not in self._footpaths:
-            arm = self.hand.tips[finger][1].standoff + lift
-            self._footpaths[finger, lift] = Footpath(self.body, self.paths[finger], arm, self.around.tolerance)
-        return Walk(self.fingers[finger], Stride(self._footpaths[finger, lift], lift)).taken(posture)
-
-    def _with_slides(self, values: Values) -> Values:
-        """Return the values with the sliding coordinates of tips nearest to their contacts."""
-        count = sum(tip.slides for _, tip in self.hand.tips)
-        if not count:
-            return values
-        result = {**values, "slides": np.full(count, 0.5)}
-        for joints, path in zip(self.fingers, self.paths, strict=True):
-            if joints.slide is not None:
-                hold = Foothold(path[0].point, path[0].normal, 0.0, SLIDING)
-                off = []
-                for share in SLIDES:
-                    result["slides"][joints.slide] = share
-                    off.append(joints.off(result, hold))
-                result["slides"][joints.slide] = SLIDES[int(np.argmin(off))]
-        return result
-
-
-def smallest_ball(points: FloatArray) -> tuple[FloatArray, float]:
-    """Return centre (space,) and radius of the smallest ball around points (k, space), metres, by Welzl's algorithm."""
-    return _around(list(points), [], points.shape[1])
-
-
-def _around(points: Sequence[FloatArray], on: Sequence[FloatArray], space: int) -> tuple[FloatArray, float]:
-    """Return the smallest ball around ``points`` with the points of ``on`` on its surface."""
-    if not points or len(on) == space + 1:
-        return _through(on, space)
-    first, rest = points[0], points[1:]
-    centre, radius = _around(rest, on, space)
-    if np.linalg.norm(first - centre) <= radius * (1.0 + INSIDE):
-        return centre, radius
-    return _around(rest, [*on, first], space)
-
-
-def _through(on: Sequence[FloatArray], space: int) -> tuple[FloatArray, float]:
-    """Return the smallest ball through points; one of radius -1 for none."""
-    if not on:
-        return np.zeros(space), -1.0
-    sides = np.array(on[1:]).reshape(-1, space) - on[0]
-    shares = np.linalg.lstsq(sides @ sides.T, np.sum(sides**2, axis=1) / 2.0, rcond=None)[0]
-    out = sides.T @ shares
-    return on[0] + out, float(np.linalg.norm(out))
-
-
-Contacts = tuple[FloatArray, FloatArray]  # points and inward unit normals
+    way: float
+    hold: Foothold
+    values: Values
+    clearances: FloatArray
 
 
 class ContactMotions:
@@ -366,3 +340,29 @@ def _said(row: Row, value: float) -> str:
     if row.unit == "m2":
         return f"{row.name} would be {1e3 * np.sqrt(value):.1f} mm, {side} {1e3 * np.sqrt(limit):.1f} mm"
     return f"{row.name} would be {value:.4g}, {side} {limit:.4g}"
+
+
+def smallest_ball(points: FloatArray) -> tuple[FloatArray, float]:
+    """Return centre (space,) and radius of the smallest ball around points (k, space), metres, by Welzl's algorithm."""
+    return _around(list(points), [], points.shape[1])
+
+
+def _around(points: Sequence[FloatArray], on: Sequence[FloatArray], space: int) -> tuple[FloatArray, float]:
+    """Return the smallest ball around ``points`` with the points of ``on`` on its surface."""
+    if not points or len(on) == space + 1:
+        return _through(on, space)
+    first, rest = points[0], points[1:]
+    centre, radius = _around(rest, on, space)
+    if np.linalg.norm(first - centre) <= radius * (1.0 + INSIDE):
+        return centre, radius
+    return _around(rest, [*on, first], space)
+
+
+def _through(on: Sequence[FloatArray], space: int) -> tuple[FloatArray, float]:
+    """Return the smallest ball through points; one of radius -1 for none."""
+    if not on:
+        return np.zeros(space), -1.0
+    sides = np.array(on[1:]).reshape(-1, space) - on[0]
+    shares = np.linalg.lstsq(sides @ sides.T, np.sum(sides**2, axis=1) / 2.0, rcond=None)[0]
+    out = sides.T @ shares
+    return on[0] + out, float(np.linalg.norm(out))

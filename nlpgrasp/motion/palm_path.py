@@ -26,8 +26,8 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.obstructions import warn_of_touching
 from nlpgrasp.solution.solution import GraspSolution
 
-APPROACHING, CLOSING = "approaching", "closing"
-DIRECTIONS = 100
+APPROACHING, CLOSING = "approaching", "closing"  # phases
+DIRECTIONS = 100  # of the approach, spread over the sphere, where none is given
 LIMIT_ROUNDING = 1e-6  # radians or metres: tolerance of joint limits
 
 

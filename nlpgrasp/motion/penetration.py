@@ -2,10 +2,10 @@
 
 Two measures of depth are taken, and the larger counts:
 
-- ``max over x of d_L(x) + d_T(x)``, where ``d`` is how far a point of a solid is from the solid's surface. It is at
-  least the depth of any point of one surface inside the other solid, and at most the shortest translation that parts
-  the two: balls of radius ``d_L(x)`` and ``d_T(x)`` about x lie inside them, and a translation that parts two balls
-  with one centre is as long as the sum of their radii.
+- ``max over x of d_L(x) + d_T(x)`` for a link L and a thing T (the body, a table, an obstacle), where ``d`` is how far
+  a point of a solid is from the solid's surface. It is at least the depth of any point of one surface inside the other
+  solid, and at most the shortest translation that parts the two: balls of radius ``d_L(x)`` and ``d_T(x)`` about x lie
+  inside them, and a translation that parts two balls with one centre is as long as the sum of their radii.
 - Of convex solids that meet, the shortest translation itself: thin plates that cross are parted by a long one only.
 """
 
@@ -36,194 +36,22 @@ FINE = (1e-4, 0.05)  # metres and share: triangles are subdivided until the dept
 MOST = 1000  # triangles subdivided together; of more the most promising ones
 IMPLIED = 20_000  # triangles approximating an implicit body, at most
 SAMPLES = 400  # per curved face, for the distance of its triangles from the surface
-FEW = 64  # mesh corners up to which convexity is tested
+FEW = 64  # corners of a mesh up to which its convexity is tested
 BEGINNINGS = 6  # starting points of the pattern search, per surface
 BULGE = 0.02  # share by which a thing may be larger than the points of its surface that are known
 SHEET = 0.05  # of its hull's volume: a surface that encloses less is none of a solid
 CONVEX, PLANES = 0.999, 500  # of its hull's volume: a surface that counts as convex; planes that stand for its faces
 SAME = 6  # digits to which normals of coplanar triangles agree
-AROUND, BESIDE = 200, 12  # directions all around, and about the best one, for the shortest way out
-ANGLES = (0.1, 1e-4)  # radians: first and last of that search
-STEPS = (1e-3, 1e-5)  # metres: first and last step of that search
-
+AROUND, BESIDE = 200, 12  # directions all around, and about the best one, for the shortest separating translation
+ANGLES = (0.1, 1e-4)  # radians: first and last angle about the best one
+STEPS = (1e-3, 1e-5)  # metres: first and last step of the pattern search for the deepest point
 ON = 1e-7  # metres: how far outside a solid a point of its surface may be by rounding
 STATION, MOST_STATIONS = 2e-3, 50  # metres that a link's middle moves between two postures; postures of a leg
-
 _axes = np.concatenate([np.eye(3), -np.eye(3)])
 _corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) / np.sqrt(3.0)
-DIRECTIONS = np.concatenate([_axes, _corners])  # of that search
+DIRECTIONS = np.concatenate([_axes, _corners])  # of the pattern search
 Distance = Callable[[FloatArray], FloatArray]
 IntArray = NDArray[np.integer]
-
-
-@dataclass(frozen=True)
-class Thing:
-    """Solid obstacle to the links: body, table or obstacle.
-
-    Parameters
-    ----------
-    name : str
-    fast, fine : callable
-        Points (m, 3), body frame, to signed distances (m,), metres, negative inside: one that is quick and never more
-        than the true one near the surface, and one that is as exact as the body states it.
-    points : (n, 3) array
-        Points of its surface, corners among them, metres, body frame: they may be inside a link whose own surface is
-        outside.
-    convex : _Convex or None
-        Where it is convex.
-    """
-
-    name: str
-    fast: Distance
-    fine: Distance
-    points: FloatArray
-    convex: _Convex | None = None
-
-    def seen_from(self, pose: FloatArray) -> Thing:
-        """Return the same obstacle for points in a frame that has this pose (4, 4)."""
-        fast, fine, turn, shift = self.fast, self.fine, pose[:3, :3].T, pose[:3, 3]
-        points = (self.points - shift) @ pose[:3, :3]
-        convex = None if self.convex is None else self.convex.turned(pose)
-        return Thing(self.name, lambda p: fast(p @ turn + shift), lambda p: fine(p @ turn + shift), points, convex)
-
-
-def _things(constraints: Sequence[PlacementConstraint]) -> Iterator[Thing]:
-    """Yield the tables and obstacles among some constraints, without the required clearance."""
-    for constraint in constraints:
-        if isinstance(constraint, Table):
-            above = partial(_above, constraint.height)
-            yield Thing("the table", above, above, np.zeros((0, 3)))
-        elif isinstance(constraint, Obstacle) and isinstance(constraint.body, Body):
-            pose = np.eye(4)
-            pose[:3, :3] = constraint.rotation
-            pose[:3, 3] = 0.0 if constraint.position is None else np.asarray(constraint.position, dtype=float)
-            outside = np.asarray(np.linalg.inv(pose), dtype=float)
-            yield _solid_body(constraint.name, constraint.body).seen_from(outside)
-
-
-def _above(height: float, points: FloatArray) -> FloatArray:
-    """Return the heights of points (m, 3) above a table."""
-    return np.asarray(points[:, 2] - height)
-
-
-def _solid_body(name: str, body: Body) -> Thing:
-    """Return a body with a fast and a fine signed distance.
-
-    The first-order distance ``h / |grad h|`` of a curved body is exact near its surface and too deep inside; that from
-    its triangles is too small by their distance from the surface, anywhere. Both are lower bounds, so the larger holds.
-    """
-    if isinstance(body, Mesh):
-        corners, faces = np.asarray(body.mesh.vertices, dtype=float), np.asarray(body.mesh.faces)
-        convex = _Solid.of(corners, faces).convex if len(corners) <= FEW else None
-        return Thing(name, body.clearance, body.clearance, _some(corners), convex)
-    rng = np.random.default_rng(0)
-    sampled = np.concatenate([body.sample(face, SAMPLES, rng) for face in body.face_names])
-    surface = body.triangles()
-    solid = _Solid.of(*(triangles(body, IMPLIED) if surface is None else surface))
-    within = solid.distance
-    off = max(0.0, float(np.max(within(sampled), initial=0.0)))
-
-    def fast(points: FloatArray) -> FloatArray:
-        return within(points) - off
-
-    points = _some(solid.corners.reshape(-1, 3))
-    if surface is None:  # nothing is known of how an implicit function grows away from its surface
-        return Thing(name, fast, fast, points, solid.convex)
-    return Thing(name, fast, lambda p: np.maximum(body.signed_distance(p), fast(p)), points, solid.convex)
-
-
-def _some(points: FloatArray) -> FloatArray:
-    """Return about ``MOST`` of some points (n, 3), evenly chosen, including the outermost ones."""
-    around = directions_around(np.eye(3)[2], AROUND)
-    outermost = points[np.unique(np.argmax(points @ around.T, axis=0))]
-    return np.concatenate([points[:: max(1, len(points) // MOST)], outermost])
-
-
-@dataclass(frozen=True)
-class _Solid:
-    """Closed surface with its signed distance.
-
-    Parameters
-    ----------
-    corners : (m, 3, 3) array
-        Of the surface's triangles, metres.
-    distance : callable
-        Points (m, 3) to metres, negative inside: exact there, and outside never too large.
-    convex : _Convex or None
-        Where the solid is convex.
-    """
-
-    corners: FloatArray
-    distance: Distance
-    convex: _Convex | None = None
-
-    @classmethod
-    def of(cls, vertices: FloatArray, faces: IntArray) -> _Solid:
-        """Return the solid of triangles; of sheets, which enclose next to nothing, their convex hull, as MuJoCo does.
-
-        Inside a convex polyhedron the nearest point of its surface is on the nearest of its faces' planes. One with
-        many faces is taken as the hull of its outermost vertices in ``PLANES`` directions, within the planes that touch
-        it across them: wrong by less than a hundredth of a round one's radius. Any other surface is searched.
-        """
-        corners = vertices[faces]
-        volume = float(np.sum(np.linalg.det(corners - corners.mean(axis=(0, 1))))) / 6.0
-        hull = _hull(vertices)
-        if hull is None or SHEET * hull.volume <= abs(volume) < CONVEX * hull.volume:
-            return cls(corners, SearchTree(vertices, faces).clearance)
-        if abs(volume) < SHEET * hull.volume:
-            corners = vertices[hull.simplices]
-        normals, ends = np.unique(hull.equations[:, :3].round(SAME), axis=0), vertices[hull.vertices]
-        offsets = np.max(normals @ ends.T, axis=1)[:, None]
-        if len(normals) > PLANES:
-            normals = directions_around(np.eye(3)[2], PLANES)
-            offsets = np.max(normals @ ends.T, axis=1)[:, None]
-            ends = ends[np.unique(np.argmax(normals @ ends.T, axis=1))]
-            corners = ends[ConvexHull(ends).simplices]
-        shape = _Convex(ends, normals)
-        return cls(corners, lambda points: np.asarray(np.max(normals @ points.T - offsets, axis=0)), shape)
-
-
-@dataclass(frozen=True)
-class _Convex:
-    """Convex solid: corners (n, 3), metres, and unit normals (m, 3) of its faces."""
-
-    corners: FloatArray
-    normals: FloatArray
-
-    def turned(self, pose: FloatArray) -> _Convex:
-        """Return the same solid for points in a frame that has this pose (4, 4)."""
-        return _Convex((self.corners - pose[:3, 3]) @ pose[:3, :3], self.normals @ pose[:3, :3])
-
-
-def _way_out(one: _Convex, other: _Convex) -> float:
-    """Return the penetration depth of two convex solids (shortest separating translation), metres; 0 if apart.
-
-    That is the least sum over directions of how far one reaches along it and the other against it: among the normals of
-    both, then near the best of them.
-    """
-
-    def overlap(directions: FloatArray) -> FloatArray:
-        return np.asarray(np.max(one.corners @ directions.T, axis=0) - np.min(other.corners @ directions.T, axis=0))
-
-    directions = np.concatenate([one.normals, -other.normals, directions_around(np.eye(3)[2], AROUND)])
-    values = overlap(directions)
-    best, least, angle = directions[int(np.argmin(values))], float(np.min(values)), ANGLES[0]
-    while angle >= ANGLES[1] and least > 0.0:
-        beside = directions_beside(best, angle, BESIDE)
-        values = overlap(beside)
-        if np.min(values) < least:
-            best, least = beside[int(np.argmin(values))], float(np.min(values))
-        else:
-            angle /= 2.0
-    return max(0.0, least)
-
-
-def _hull(vertices: FloatArray) -> ConvexHull | None:
-    """Return the convex hull of points (n, 3); None where they are in one plane."""
-    try:
-        return ConvexHull(vertices)
-    except QhullError:
-        return None
 
 
 class LinkDepths:
@@ -330,6 +158,37 @@ class LinkDepths:
 
 
 @dataclass(frozen=True)
+class Thing:
+    """Solid obstacle to the links: body, table or obstacle.
+
+    Parameters
+    ----------
+    name : str
+    fast, fine : callable
+        Points (m, 3), body frame, to signed distances (m,), metres, negative inside: one that is quick and never more
+        than the true one near the surface, and one that is as exact as the body states it.
+    points : (n, 3) array
+        Points of its surface, corners among them, metres, body frame: they may be inside a link whose own surface is
+        outside.
+    convex : _Convex or None
+        Where it is convex.
+    """
+
+    name: str
+    fast: Distance
+    fine: Distance
+    points: FloatArray
+    convex: _Convex | None = None
+
+    def seen_from(self, pose: FloatArray) -> Thing:
+        """Return the same obstacle for points in a frame that has this pose (4, 4)."""
+        fast, fine, turn, shift = self.fast, self.fine, pose[:3, :3].T, pose[:3, 3]
+        points = (self.points - shift) @ pose[:3, :3]
+        convex = None if self.convex is None else self.convex.turned(pose)
+        return Thing(self.name, lambda p: fast(p @ turn + shift), lambda p: fine(p @ turn + shift), points, convex)
+
+
+@dataclass(frozen=True)
 class _LinkSolid:
     """Union of a link's collision shapes.
 
@@ -391,9 +250,148 @@ class _LinkSolid:
         return np.asarray(np.min([part.distance(points) for part in self.parts], axis=0))
 
 
+@dataclass(frozen=True)
+class _Solid:
+    """Closed surface with its signed distance.
+
+    Parameters
+    ----------
+    corners : (m, 3, 3) array
+        Of the surface's triangles, metres.
+    distance : callable
+        Points (m, 3) to metres, negative inside: exact there, and outside never too large.
+    convex : _Convex or None
+        Where the solid is convex.
+    """
+
+    corners: FloatArray
+    distance: Distance
+    convex: _Convex | None = None
+
+    @classmethod
+    def of(cls, vertices: FloatArray, faces: IntArray) -> _Solid:
+        """Return the solid of triangles; of sheets, which enclose next to nothing, their convex hull, as MuJoCo does.
+
+        Inside a convex polyhedron the nearest point of its surface is on the nearest of its faces' planes. One with
+        many faces is taken as the hull of its outermost vertices in ``PLANES`` directions, within the planes that touch
+        it across them: wrong by less than a hundredth of a round one's radius. Any other surface is searched.
+        """
+        corners = vertices[faces]
+        volume = float(np.sum(np.linalg.det(corners - corners.mean(axis=(0, 1))))) / 6.0
+        hull = _hull(vertices)
+        if hull is None or SHEET * hull.volume <= abs(volume) < CONVEX * hull.volume:
+            return cls(corners, SearchTree(vertices, faces).clearance)
+        if abs(volume) < SHEET * hull.volume:
+            corners = vertices[hull.simplices]
+        normals, ends = np.unique(hull.equations[:, :3].round(SAME), axis=0), vertices[hull.vertices]
+        offsets = np.max(normals @ ends.T, axis=1)[:, None]
+        if len(normals) > PLANES:
+            normals = directions_around(np.eye(3)[2], PLANES)
+            offsets = np.max(normals @ ends.T, axis=1)[:, None]
+            ends = ends[np.unique(np.argmax(normals @ ends.T, axis=1))]
+            corners = ends[ConvexHull(ends).simplices]
+        shape = _Convex(ends, normals)
+        return cls(corners, lambda points: np.asarray(np.max(normals @ points.T - offsets, axis=0)), shape)
+
+
+@dataclass(frozen=True)
+class _Convex:
+    """Convex solid: corners (n, 3), metres, and unit normals (m, 3) of its faces."""
+
+    corners: FloatArray
+    normals: FloatArray
+
+    def turned(self, pose: FloatArray) -> _Convex:
+        """Return the same solid for points in a frame that has this pose (4, 4)."""
+        return _Convex((self.corners - pose[:3, 3]) @ pose[:3, :3], self.normals @ pose[:3, :3])
+
+
 def _of_shape(shape: Shape) -> _Solid:
     """Return the solid of a collision shape."""
     return _Solid.of(np.asarray(shape.mesh.vertices, dtype=float), np.asarray(shape.mesh.faces))
+
+
+def _things(constraints: Sequence[PlacementConstraint]) -> Iterator[Thing]:
+    """Yield the tables and obstacles among some constraints, without the required clearance."""
+    for constraint in constraints:
+        if isinstance(constraint, Table):
+            above = partial(_above, constraint.height)
+            yield Thing("the table", above, above, np.zeros((0, 3)))
+        elif isinstance(constraint, Obstacle) and isinstance(constraint.body, Body):
+            pose = np.eye(4)
+            pose[:3, :3] = constraint.rotation
+            pose[:3, 3] = 0.0 if constraint.position is None else np.asarray(constraint.position, dtype=float)
+            outside = np.asarray(np.linalg.inv(pose), dtype=float)
+            yield _solid_body(constraint.name, constraint.body).seen_from(outside)
+
+
+def _above(height: float, points: FloatArray) -> FloatArray:
+    """Return the heights of points (m, 3) above a table."""
+    return np.asarray(points[:, 2] - height)
+
+
+def _solid_body(name: str, body: Body) -> Thing:
+    """Return a body with a fast and a fine signed distance.
+
+    The first-order distance ``h / |grad h|`` of a curved body is exact near its surface and too deep inside; that from
+    its triangles is too small by their distance from the surface, anywhere. Both are lower bounds, so the larger holds.
+    """
+    if isinstance(body, Mesh):
+        corners, faces = np.asarray(body.mesh.vertices, dtype=float), np.asarray(body.mesh.faces)
+        convex = _Solid.of(corners, faces).convex if len(corners) <= FEW else None
+        return Thing(name, body.clearance, body.clearance, _some(corners), convex)
+    rng = np.random.default_rng(0)
+    sampled = np.concatenate([body.sample(face, SAMPLES, rng) for face in body.face_names])
+    surface = body.triangles()
+    solid = _Solid.of(*(triangles(body, IMPLIED) if surface is None else surface))
+    within = solid.distance
+    off = max(0.0, float(np.max(within(sampled), initial=0.0)))
+
+    def fast(points: FloatArray) -> FloatArray:
+        return within(points) - off
+
+    points = _some(solid.corners.reshape(-1, 3))
+    if surface is None:  # nothing is known of how an implicit function grows away from its surface
+        return Thing(name, fast, fast, points, solid.convex)
+    return Thing(name, fast, lambda p: np.maximum(body.signed_distance(p), fast(p)), points, solid.convex)
+
+
+def _some(points: FloatArray) -> FloatArray:
+    """Return about ``MOST`` of some points (n, 3), evenly chosen, including the outermost ones."""
+    around = directions_around(np.eye(3)[2], AROUND)
+    outermost = points[np.unique(np.argmax(points @ around.T, axis=0))]
+    return np.concatenate([points[:: max(1, len(points) // MOST)], outermost])
+
+
+def _hull(vertices: FloatArray) -> ConvexHull | None:
+    """Return the convex hull of points (n, 3); None where they are in one plane."""
+    try:
+        return ConvexHull(vertices)
+    except QhullError:
+        return None
+
+
+def _way_out(one: _Convex, other: _Convex) -> float:
+    """Return the penetration depth of two convex solids (shortest separating translation), metres; 0 if apart.
+
+    That is the least sum over directions of how far one reaches along it and the other against it: among the normals of
+    both, then near the best of them.
+    """
+
+    def overlap(directions: FloatArray) -> FloatArray:
+        return np.asarray(np.max(one.corners @ directions.T, axis=0) - np.min(other.corners @ directions.T, axis=0))
+
+    directions = np.concatenate([one.normals, -other.normals, directions_around(np.eye(3)[2], AROUND)])
+    values = overlap(directions)
+    best, least, angle = directions[int(np.argmin(values))], float(np.min(values)), ANGLES[0]
+    while angle >= ANGLES[1] and least > 0.0:
+        beside = directions_beside(best, angle, BESIDE)
+        values = overlap(beside)
+        if np.min(values) < least:
+            best, least = beside[int(np.argmin(values))], float(np.min(values))
+        else:
+            angle /= 2.0
+    return max(0.0, least)
 
 
 def _deepest_points(distance: Distance, corners: FloatArray) -> FloatArray:

@@ -27,7 +27,8 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.grasp import Grasp
 
 SLOTS, SLOTS_WITH_FORCES = 160, 80  # cutting planes held by the program; with finger forces as variables
-MOST_ITERATIONS = 300  # iterations of IPOPT, at most
+MOST_ITERATIONS = 300  # iterations of IPOPT in one solve, at most
+CONFIRMING_ITERATIONS = 5  # the same, from a point that is a local optimum already
 Ipopt = dict[str, Option]
 # with a hand's pose the first program ends once contacts and hand fit together: the exchange is faster from there
 POSED: Ipopt = {
@@ -40,8 +41,6 @@ POSED: Ipopt = {
     "acceptable_dual_inf_tol": 1e10,
     "acceptable_compl_inf_tol": 1e2,
 }
-
-CONFIRMING_ITERATIONS = 5
 CLOSING: Ipopt = {  # of the last solve, from near a local optimum: exact rows and bounds, multipliers to begin with
     "tol": 1e-7,
     "mu_init": 1e-9,

@@ -7,6 +7,8 @@ best exchange of one contact takes one addition and one minimum a sample and dir
 optimal designs do: Meyer and Nachtsheim 1995, "The coordinate-exchange algorithm for constructing exact optimal
 experimental designs", doi:10.1080/00401706.1995.10485889). Directions are well-spread ones of the task, and those in
 which candidates turn out to be weakest.
+
+On a mesh the same exchange also improves a refined grasp, over dense samples near its contacts (``exchanged_nearby``).
 """
 
 from __future__ import annotations
@@ -47,18 +49,6 @@ MOST_MET, BEST_MET = 200, 12  # tuples compared; pairs for jaws whose approach i
 REPAIRABLE = 1e-3  # largest violation of coupled constraints, relative to their scales, that is repaired afterwards
 AROUND, MOST_AROUND = 0.08, 300  # radius over the body's size, and most samples, of a contact's neighbourhood on a mesh
 APART = 0.05  # over the body's size: congruent placements differ by less in all distances between contacts
-
-
-def scores(bench: Workbench, points: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return the sampled quality of placements (b, k, space), (b,)."""
-    stack = GraspStack(points, normals, bench.problem.models, bench.problem.origin)
-    ratios = sampled_ratios(stack, bench.problem.task, screening_directions(bench), bench.screening_budget)
-    return screening_score(ratios) * bench.scaling.beta
-
-
-def screening_directions(bench: Workbench) -> FloatArray:
-    """Return well-spread directions in wrench space, isotropic in the solver's units, (m, d)."""
-    return directions(bench.problem.dimension, 2) * bench.scaling.wrench
 
 
 def exchanged_candidates(
@@ -344,24 +334,16 @@ def of_different_kinds(bench: Workbench, points: FloatArray) -> list[int]:
     return chosen
 
 
-def _repaired(bench: Workbench, placed: Placed) -> tuple[Placed, FloatArray] | None:
-    """Return a candidate projected onto constraints that it violates slightly, and its inward normals (k, space).
-
-    None where it does not get there.
-    """
-    own, there = on_triangles(bench, placed)
-    if own.violation(there) > FEASIBLE:
-        moved, left = touching(own, there)
-        there = own.snapped(moved)
-        if left > TOUCHING or own.violation(there) > FEASIBLE:
-            return None
-    return Placed(placed.faces, there.points, there.hand), own.inward_normals(there)
+def scores(bench: Workbench, points: FloatArray, normals: FloatArray) -> FloatArray:
+    """Return the sampled quality of placements (b, k, space), (b,)."""
+    stack = GraspStack(points, normals, bench.problem.models, bench.problem.origin)
+    ratios = sampled_ratios(stack, bench.problem.task, screening_directions(bench), bench.screening_budget)
+    return screening_score(ratios) * bench.scaling.beta
 
 
-def _ranked(bench: Workbench, found: Sequence[tuple[Placed, FloatArray]]) -> list[Placed]:
-    """Return candidates, given with their inward normals, by decreasing sampled quality."""
-    points, normals = np.stack([placed.points for placed, _ in found]), np.stack([normals for _, normals in found])
-    return [found[b][0] for b in np.argsort(-scores(bench, points, normals), kind="stable")]
+def screening_directions(bench: Workbench) -> FloatArray:
+    """Return well-spread directions in wrench space, isotropic in the solver's units, (m, d)."""
+    return directions(bench.problem.dimension, 2) * bench.scaling.wrench
 
 
 @dataclass(frozen=True)
@@ -389,3 +371,23 @@ def random_placements(bench: Workbench, count: int, rng: np.random.Generator) ->
         np.stack([cloud.normals[where] for cloud, where in each], axis=1),
         np.stack([cloud.faces[where] for cloud, where in each], axis=1),
     )
+
+
+def _repaired(bench: Workbench, placed: Placed) -> tuple[Placed, FloatArray] | None:
+    """Return a candidate projected onto constraints that it violates slightly, and its inward normals (k, space).
+
+    None where it does not get there.
+    """
+    own, there = on_triangles(bench, placed)
+    if own.violation(there) > FEASIBLE:
+        moved, left = touching(own, there)
+        there = own.snapped(moved)
+        if left > TOUCHING or own.violation(there) > FEASIBLE:
+            return None
+    return Placed(placed.faces, there.points, there.hand), own.inward_normals(there)
+
+
+def _ranked(bench: Workbench, found: Sequence[tuple[Placed, FloatArray]]) -> list[Placed]:
+    """Return candidates, given with their inward normals, by decreasing sampled quality."""
+    points, normals = np.stack([placed.points for placed, _ in found]), np.stack([normals for _, normals in found])
+    return [found[b][0] for b in np.argsort(-scores(bench, points, normals), kind="stable")]

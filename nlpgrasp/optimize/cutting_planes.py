@@ -1,4 +1,7 @@
-"""Cutting planes: weakest directions of candidates, along which the program enforces the support inequalities."""
+"""Cutting planes: weakest directions of candidates, along which the program enforces the support inequalities.
+
+Directions are searched at a candidate, selected for the slots of the program, and passed to it as its parameters.
+"""
 
 from __future__ import annotations
 
@@ -33,6 +36,52 @@ from nlpgrasp.quality.weakest_directions import (
 )
 
 SAME = 1.0 - 1e-7  # cosine above which a direction counts as a known cut
+
+
+def weakest_at(
+    bench: Workbench,
+    placed: Placed,
+    rng: np.random.Generator,
+    known: FloatArray | None = None,
+    descents: Descents = THOROUGH,
+) -> Weakest:
+    """Return the weakest directions of a candidate against the problem's task; see ``weakest_directions``."""
+    return weakest_directions(bench.grasp(placed), bench.problem.task, bench.budget(placed), rng, known, descents)
+
+
+def minimisers_near(bench: Workbench, placed: Placed, rng: np.random.Generator, known: FloatArray) -> Weakest:
+    """Return the weakest directions of a candidate as local minimisers to rounding, however close together.
+
+    They are looked for from known directions, such as those of a state nearby, and from a few random ones.
+    """
+    problem, _ = conditioned(bench.wrench_set(placed), bench.problem.task)
+    if problem is None:
+        return Weakest(0.0, known[:0])
+    start = np.concatenate([in_coordinates(problem, known), random_directions(FRESH, problem.rank, rng)])
+    squared = isinstance(bench.budget(placed), L2Budget)
+    found, values = iterate(problem, start, BEGUN) if squared else descend(problem, start, BEGUN)
+    order = np.argsort(values)
+    chosen = separated(found, order[values[order] <= SLACK * values[order[0]]], DIFFERENT, KEEP)
+    found, values = newton(problem, found[chosen], NEWTON_STEPS)
+    order = np.argsort(values)
+    chosen = separated(found, order, DIFFERENT, KEEP)
+    return Weakest(float(values[chosen[0]]), _unit_reach(bench.problem.task, found[chosen] @ problem.matrix))
+
+
+def disproved(bench: Workbench, placed: Placed, value: float) -> tuple[Weakest | None, Begun | None]:
+    """Return directions in which a candidate is weaker than its known value, None where there are none.
+
+    Descents miss a narrow dip that no start is near, and stop at the kinks of other budgets than the paper's; a
+    certificate's polytope does not. That is returned too, where there is one.
+    """
+    budget = bench.budget(placed)
+    if value <= 0.0:
+        return None, None
+    if not isinstance(budget, L2Budget):
+        found = weakest_at(bench, placed, np.random.default_rng(0))
+        return (found if found.value < value * (1.0 - NEWS) else None), None
+    begun = Begun.of(bench.grasp(placed), bench.problem.task, budget, LOOK)
+    return (None if begun is None else missed(begun, value)), begun
 
 
 def most_relevant(bench: Workbench, placed: Placed, cuts: FloatArray) -> FloatArray:
@@ -117,49 +166,3 @@ def torque_cuts(bench: Workbench, placed: Placed, z: FloatArray, cuts: FloatArra
     normals = bench.inward_normals(placed)
     slopes = bench.virtual_work.slopes(z, normals, cuts, wrenches[:, :, :3], wrenches[:, :, 3:], rates)
     return bench.scaling.beta * np.sum(work * x, axis=1), slopes
-
-
-def weakest_at(
-    bench: Workbench,
-    placed: Placed,
-    rng: np.random.Generator,
-    known: FloatArray | None = None,
-    descents: Descents = THOROUGH,
-) -> Weakest:
-    """Return the weakest directions of a candidate against the problem's task; see ``weakest_directions``."""
-    return weakest_directions(bench.grasp(placed), bench.problem.task, bench.budget(placed), rng, known, descents)
-
-
-def minimisers_near(bench: Workbench, placed: Placed, rng: np.random.Generator, known: FloatArray) -> Weakest:
-    """Return the weakest directions of a candidate as local minimisers to rounding, however close together.
-
-    They are looked for from known directions, such as those of a state nearby, and from a few random ones.
-    """
-    problem, _ = conditioned(bench.wrench_set(placed), bench.problem.task)
-    if problem is None:
-        return Weakest(0.0, known[:0])
-    start = np.concatenate([in_coordinates(problem, known), random_directions(FRESH, problem.rank, rng)])
-    squared = isinstance(bench.budget(placed), L2Budget)
-    found, values = iterate(problem, start, BEGUN) if squared else descend(problem, start, BEGUN)
-    order = np.argsort(values)
-    chosen = separated(found, order[values[order] <= SLACK * values[order[0]]], DIFFERENT, KEEP)
-    found, values = newton(problem, found[chosen], NEWTON_STEPS)
-    order = np.argsort(values)
-    chosen = separated(found, order, DIFFERENT, KEEP)
-    return Weakest(float(values[chosen[0]]), _unit_reach(bench.problem.task, found[chosen] @ problem.matrix))
-
-
-def disproved(bench: Workbench, placed: Placed, value: float) -> tuple[Weakest | None, Begun | None]:
-    """Return directions in which a candidate is weaker than its known value, None where there are none.
-
-    Descents miss a narrow dip that no start is near, and stop at the kinks of other budgets than the paper's; a
-    certificate's polytope does not. That is returned too, where there is one.
-    """
-    budget = bench.budget(placed)
-    if value <= 0.0:
-        return None, None
-    if not isinstance(budget, L2Budget):
-        found = weakest_at(bench, placed, np.random.default_rng(0))
-        return (found if found.value < value * (1.0 - NEWS) else None), None
-    begun = Begun.of(bench.grasp(placed), bench.problem.task, budget, LOOK)
-    return (None if begun is None else missed(begun, value)), begun

@@ -33,6 +33,100 @@ SCREENED = 4  # placements screened closely per grasp wanted
 HALF = 0.5  # of the best mu: lower bound for grasps that are not ends of starts
 MET = 4  # candidates drawn per grasp wanted
 SHORT = 1.1  # grasps certified at a time per missing one, as some are rejected
+_Filled = tuple[StartGrasp, FoundGrasp]
+
+
+@dataclass(frozen=True)
+class Keeping:
+    """Number and distinctness of the grasps that a solve keeps.
+
+    Parameters
+    ----------
+    count : int
+        At most.
+    distinct : float
+        Of the body's size: how far apart two of them are at least.
+    """
+
+    count: int = 1
+    distinct: float = 0.1
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "count", integer("keep", self.count, at_least=1, at_most=10_000))
+        object.__setattr__(self, "distinct", share("distinct", self.distinct))
+
+
+ONE = Keeping()
+
+
+class Collection:
+    """Distinct grasps kept beside the answer, processed by the workers while the answer is completed.
+
+    That are the ends of the starts, distinct from each other and from the answer, the best first. Where these are too
+    few, candidates of one more coordinate exchange, and then the best neighbours of the grasps kept so far, with one
+    contact elsewhere, as they are, join them: those with at least half the mu of the best.
+
+    Parameters
+    ----------
+    runner : Runner
+    keeping : Keeping
+    stop : Stop
+    """
+
+    def __init__(self, runner: Runner, keeping: Keeping, stop: Stop) -> None:
+        self._runner, self._stop = runner, stop
+        self._kept = Distinct(Likeness(runner.bench, keeping.distinct), keeping.count)
+        self._ends: Callable[[], list[FoundGrasp]] = list
+        self._filled: list[FoundGrasp] = []
+        self._least = 0.0
+        self._waiting: Iterator[Placed] = iter(())
+        self._begun: Callable[[], list[_Filled | None]] | None = None
+
+    def begin(self, best: StartGrasp, results: Sequence[StartResult]) -> None:
+        """Begin to process the grasps beside the answer, given the results of all starts."""
+        kept, runner, stop = self._kept, self._runner, self._stop
+        kept.offer(best)
+        ended = [r for r in results if isinstance(r, StartGrasp) and r.record.has_grasp]
+        solved = [r for r in ended if r.record.index != best.record.index]
+        solved.sort(key=lambda r: (not r.solved, -r.record.mu.lower, r.record.index))
+        for start in solved:
+            kept.offer(start)
+        self._ends = runner.begin(partial(_finished, stop=stop), kept.grasps[1:])
+        self._least = HALF * max(r.record.mu.lower for r in (best, *solved[:1]))
+        full = kept.missing <= 0 or not runner.bench.follows_contacts or stop.requested()
+        self._waiting = iter(()) if full else _met(runner, kept, stop)
+        self._begun = self._next()
+
+    def grasps(self) -> tuple[FoundGrasp, ...]:
+        """Return the kept grasps, best first, once they are processed."""
+        while self._begun is not None:
+            filled = [one for one in self._begun() if one is not None]
+            for start, told in sorted(filled, key=lambda one: -one[0].record.mu.lower):
+                if self._kept.offer(start):
+                    self._filled.append(told)
+            self._begun = self._next()
+        found = [*self._ends(), *self._filled]
+        weighs = self._runner.options.weighs_fragility
+        by_robust = self._runner.options.maximise_robust
+
+        def order(grasp: FoundGrasp) -> tuple[bool, bool, bool, float]:
+            bounds = grasp.robust.mu if by_robust and grasp.robust is not None else grasp.mu
+            fragile = weighs and not by_robust and grasp.is_fragile
+            return bool(of_the_grasp(grasp.hand)), bool(of_the_way(grasp.hand)), fragile, -bounds.lower
+
+        return tuple(sorted(found, key=order))
+
+    def _next(self) -> Callable[[], list[_Filled | None]] | None:
+        """Begin to certify and finish about as many as are missing; None without candidates or time."""
+        if self._kept.missing <= 0 or self._stop.requested():
+            return None
+        batch: list[Placed] = []
+        for placed in self._waiting:
+            if not self._kept.has(placed) and not self._kept.alike(placed, batch):
+                batch.append(placed)
+            if len(batch) >= SHORT * self._kept.missing:
+                break
+        return self._runner.begin(partial(_as_it_is, least=self._least, stop=self._stop), batch) if batch else None
 
 
 class Distinct:
@@ -108,100 +202,6 @@ def _moved(bench: Workbench, placed: Placed) -> Drawn:
             cloud.faces[where],
         )
     return Drawn(points, normals, faces)
-
-
-@dataclass(frozen=True)
-class Keeping:
-    """Number and distinctness of the grasps that a solve keeps.
-
-    Parameters
-    ----------
-    count : int
-        At most.
-    distinct : float
-        Of the body's size: how far apart two of them are at least.
-    """
-
-    count: int = 1
-    distinct: float = 0.1
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "count", integer("keep", self.count, at_least=1, at_most=10_000))
-        object.__setattr__(self, "distinct", share("distinct", self.distinct))
-
-
-ONE = Keeping()
-_Filled = tuple[StartGrasp, FoundGrasp]
-
-
-class Collection:
-    """Distinct grasps kept beside the answer, processed by the workers while the answer is completed.
-
-    That are the ends of the starts, distinct from each other and from the answer, the best first. Where these are too
-    few, candidates of one more coordinate exchange, and then the best neighbours of the grasps kept so far, with one
-    contact elsewhere, as they are, join them: those with at least half the mu of the best.
-
-    Parameters
-    ----------
-    runner : Runner
-    keeping : Keeping
-    stop : Stop
-    """
-
-    def __init__(self, runner: Runner, keeping: Keeping, stop: Stop) -> None:
-        self._runner, self._stop = runner, stop
-        self._kept = Distinct(Likeness(runner.bench, keeping.distinct), keeping.count)
-        self._ends: Callable[[], list[FoundGrasp]] = list
-        self._filled: list[FoundGrasp] = []
-        self._least = 0.0
-        self._waiting: Iterator[Placed] = iter(())
-        self._begun: Callable[[], list[_Filled | None]] | None = None
-
-    def begin(self, best: StartGrasp, results: Sequence[StartResult]) -> None:
-        """Begin to process the grasps beside the answer, given the results of all starts."""
-        kept, runner, stop = self._kept, self._runner, self._stop
-        kept.offer(best)
-        ended = [r for r in results if isinstance(r, StartGrasp) and r.record.has_grasp]
-        solved = [r for r in ended if r.record.index != best.record.index]
-        solved.sort(key=lambda r: (not r.solved, -r.record.mu.lower, r.record.index))
-        for start in solved:
-            kept.offer(start)
-        self._ends = runner.begin(partial(_finished, stop=stop), kept.grasps[1:])
-        self._least = HALF * max(r.record.mu.lower for r in (best, *solved[:1]))
-        full = kept.missing <= 0 or not runner.bench.follows_contacts or stop.requested()
-        self._waiting = iter(()) if full else _met(runner, kept, stop)
-        self._begun = self._next()
-
-    def grasps(self) -> tuple[FoundGrasp, ...]:
-        """Return the kept grasps, best first, once they are processed."""
-        while self._begun is not None:
-            filled = [one for one in self._begun() if one is not None]
-            for start, told in sorted(filled, key=lambda one: -one[0].record.mu.lower):
-                if self._kept.offer(start):
-                    self._filled.append(told)
-            self._begun = self._next()
-        found = [*self._ends(), *self._filled]
-        weighs = self._runner.options.weighs_fragility
-        by_robust = self._runner.options.maximise_robust
-
-        def order(grasp: FoundGrasp) -> tuple[bool, bool, bool, float]:
-            bounds = grasp.robust.mu if by_robust and grasp.robust is not None else grasp.mu
-            fragile = weighs and not by_robust and grasp.is_fragile
-            return bool(of_the_grasp(grasp.hand)), bool(of_the_way(grasp.hand)), fragile, -bounds.lower
-
-        return tuple(sorted(found, key=order))
-
-    def _next(self) -> Callable[[], list[_Filled | None]] | None:
-        """Begin to certify and finish about as many as are missing; None without candidates or time."""
-        if self._kept.missing <= 0 or self._stop.requested():
-            return None
-        batch: list[Placed] = []
-        for placed in self._waiting:
-            if not self._kept.has(placed) and not self._kept.alike(placed, batch):
-                batch.append(placed)
-            if len(batch) >= SHORT * self._kept.missing:
-                break
-        return self._runner.begin(partial(_as_it_is, least=self._least, stop=self._stop), batch) if batch else None
 
 
 def _met(runner: Runner, kept: Distinct, stop: Stop) -> Iterator[Placed]:

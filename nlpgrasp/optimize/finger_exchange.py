@@ -1,8 +1,8 @@
 """Coordinate exchange of a hand's contacts on a mesh: one finger at a time, by inverse kinematics.
 
-The hand was placed around a smooth surface, and the mesh's normals are others: what is best there need not be good
-here. The palm and the other fingers stay where they are; the joints that move one finger alone bring its round
-tip to a place beside a point of the mesh, where it touches the mesh and overlaps it nowhere.
+A hand that was refined around the smooth surface meets other normals on the mesh, where its contacts may be poor. The
+palm and the other fingers stay where they are; the joints that move one finger alone bring its round tip to a place
+beside a point of the mesh, where it touches the mesh and overlaps it nowhere.
 """
 
 from __future__ import annotations
@@ -36,52 +36,6 @@ DAMPING = 1e-8  # square metres, of the damped least squares in inverse kinemati
 STILL = 1e-9  # metres per unit: variables that move a fingertip less count as not moving it
 
 
-class Scored:
-    """Sampled quality with a growing set of weak directions.
-
-    Parameters
-    ----------
-    bench : Workbench
-    rng : numpy.random.Generator
-    """
-
-    def __init__(self, bench: Workbench, rng: np.random.Generator) -> None:
-        self._bench, self._rng = bench, rng
-        self._screening = screening_directions(bench)
-        self._cuts = self._screening[:0]
-
-    def look(self, points: FloatArray, normals: FloatArray) -> None:
-        """Add the weakest directions of a grasp with these contacts, (k, space) each."""
-        bench, known = self._bench, self._cuts[-KNOWN:]
-        grasp, task = bench.grasp_at(points, normals), bench.problem.task
-        found = weakest_directions(grasp, task, bench.closure_budget, self._rng, known, QUICK).directions
-        self._cuts = np.concatenate([self._cuts, found])[-MOST_CUTS:]
-
-    def of(self, points: FloatArray, normals: FloatArray) -> FloatArray:
-        """Return the sampled quality of placements (b, k, space), (b,).
-
-        The least ratio over all directions, with the tie-break for placements that are not closed.
-        """
-        problem, y = self._bench.problem, np.concatenate([self._screening, self._cuts])
-        stack = GraspStack(points, normals, problem.models, problem.origin)
-        return screening_score(sampled_ratios(stack, problem.task, y, self._bench.screening_budget))
-
-
-@dataclass(frozen=True)
-class Held:
-    """Contacts on a mesh and the hand touching it there.
-
-    Parameters
-    ----------
-    placed : Placed
-    normals : (k, 3) array
-        Inward.
-    """
-
-    placed: Placed
-    normals: FloatArray
-
-
 def walked(
     bench: Workbench, placed: Placed, normals: FloatArray, rng: np.random.Generator, stop: Stop
 ) -> Placed | None:
@@ -113,6 +67,52 @@ def walked(
             walking.held = best
             reach *= 0.5
     return None if best is start else best.placed
+
+
+@dataclass(frozen=True)
+class Held:
+    """Contacts on a mesh and the hand touching it there.
+
+    Parameters
+    ----------
+    placed : Placed
+    normals : (k, 3) array
+        Inward.
+    """
+
+    placed: Placed
+    normals: FloatArray
+
+
+class Scored:
+    """Sampled quality with a growing set of weak directions.
+
+    Parameters
+    ----------
+    bench : Workbench
+    rng : numpy.random.Generator
+    """
+
+    def __init__(self, bench: Workbench, rng: np.random.Generator) -> None:
+        self._bench, self._rng = bench, rng
+        self._screening = screening_directions(bench)
+        self._cuts = self._screening[:0]
+
+    def look(self, points: FloatArray, normals: FloatArray) -> None:
+        """Add the weakest directions of a grasp with these contacts, (k, space) each."""
+        bench, known = self._bench, self._cuts[-KNOWN:]
+        grasp, task = bench.grasp_at(points, normals), bench.problem.task
+        found = weakest_directions(grasp, task, bench.closure_budget, self._rng, known, QUICK).directions
+        self._cuts = np.concatenate([self._cuts, found])[-MOST_CUTS:]
+
+    def of(self, points: FloatArray, normals: FloatArray) -> FloatArray:
+        """Return the sampled quality of placements (b, k, space), (b,).
+
+        The least ratio over all directions, with the tie-break for placements that are not closed.
+        """
+        problem, y = self._bench.problem, np.concatenate([self._screening, self._cuts])
+        stack = GraspStack(points, normals, problem.models, problem.origin)
+        return screening_score(sampled_ratios(stack, problem.task, y, self._bench.screening_budget))
 
 
 class _Walking:

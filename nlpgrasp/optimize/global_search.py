@@ -1,4 +1,8 @@
-"""Global optimisation of a placement: certified upper bound on mu, and a grasp close to it."""
+"""Global optimisation of a placement: certified upper bound on mu, and a grasp close to it.
+
+``best_possible`` alternates between starts and branch and bound. The other functions give ``ng.solve`` its branch and
+bound, and the effort of a short one.
+"""
 
 from __future__ import annotations
 
@@ -24,58 +28,19 @@ from nlpgrasp.optimize.start_result import StartGrasp, StartResult
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds
 
-NODES, OF_FLAT, OF_MESH = 400, 1000, 160  # of many starts' bound; where faces are flat a node takes less
-BESIDE_A_HAND = 100
+NODES, OF_FLAT, OF_MESH = 400, 1000, 160  # nodes of many starts' bound: on curved, on flat faces (quicker), on a mesh
+BESIDE_A_HAND = 100  # the same, with a hand that has a pose
 EFFORT = 20_000_000  # supports evaluated in curved cells for many starts' bound, after which it ends: about 3 seconds
-ONE, ONE_OF_FLAT, EACH = 0.15, 0.65, 0.35  # share of these for one start, and for each other one
-GAP = 0.01  # that the bound aims at where none is asked for
-SHARE = 0.7  # of a gap asked for that the tree closes; the rest is the answer's own certificate
+ONE, ONE_OF_FLAT, EACH = 0.15, 0.65, 0.35  # share of these for one start, for one on flat faces, for each other start
+GAP = 0.01  # relative gap that the bound aims at where none is requested
+SHARE = 0.7  # share of the requested gap that the tree closes; the rest is the answer's own certificate
 STRIDE = 1000  # nodes between two starts that go on after the others
-OFFERED = 8  # relaxed placements that such a start begins from as well
+OFFERED = 8  # relaxed placements that a start beside the tree begins from as well
 ROUGH = 0.01  # width of the certificates of starts, at most
-FINE, BETTER = 0.15, 1e-3  # of the best grasp, relative to the gap asked for; by how much another has to seem better
+FINE = 0.15  # width of the best grasp's certificate, relative to the requested gap
+BETTER = 1e-3  # relative gain of mu above which another grasp is certified as narrowly
 FIRST = 2  # starts before the tree grows; others follow when it has doubled
-LEAST = 100  # nodes at which it doubles first
-
-
-def bounding(problem: GraspProblem, options: SolveOptions) -> BranchAndBound | None:
-    """Return a branch and bound before its first node; None where it does not cover the problem or is not wanted."""
-    if not options.global_bound:
-        return None
-    try:
-        return BranchAndBound(problem, GAP if options.gap is None else SHARE * options.gap)
-    except InputError:
-        return None
-
-
-def effort_of(problem: GraspProblem, starts: int) -> float:
-    """Return the effort at which the short branch and bound for a number of starts ends."""
-    return _share(problem, starts) * EFFORT
-
-
-def _share(problem: GraspProblem, starts: int) -> float:
-    """Return the share of many starts' bound for a number of them."""
-    flat = isinstance(problem.body, Box | Prism)
-    return min(1.0, (ONE_OF_FLAT if flat else ONE) + EACH * (starts - 1))
-
-
-def nodes_of(problem: GraspProblem, starts: int) -> int:
-    """Return the number of nodes of the short branch and bound for a number of starts."""
-    flat, mesh = isinstance(problem.body, Box | Prism), isinstance(problem.body, Mesh)
-    share = _share(problem, starts)
-    if follows_contacts(problem):
-        return int(share * (OF_MESH if mesh else OF_FLAT if flat else NODES))
-    smooth = flat or isinstance(problem.budget, L2Budget)
-    return int(share * BESIDE_A_HAND) if smooth and not mesh else 0
-
-
-def why_not_bounded(problem: GraspProblem) -> str:
-    """Return the reason why there is no global bound for a problem, as text."""
-    try:
-        scope_of(problem)
-    except InputError as error:
-        return f"there is no bound over all placements of this problem ({error.field}: {error.given})"
-    return "no bound over all placements was looked for"
+LEAST = 100  # nodes of the tree before the third start, at least
 
 
 def best_possible(
@@ -166,3 +131,43 @@ def _better(bench: Workbench, best: StartGrasp | None, found: StartResult, gap: 
         return best
     better = found.certified(bench.problem, FINE * gap)
     return better if best is None or better.record.mu.lower > best.record.mu.lower else best
+
+
+def bounding(problem: GraspProblem, options: SolveOptions) -> BranchAndBound | None:
+    """Return a branch and bound before its first node; None where it does not cover the problem or is not wanted."""
+    if not options.global_bound:
+        return None
+    try:
+        return BranchAndBound(problem, GAP if options.gap is None else SHARE * options.gap)
+    except InputError:
+        return None
+
+
+def nodes_of(problem: GraspProblem, starts: int) -> int:
+    """Return the number of nodes of the short branch and bound for a number of starts."""
+    flat, mesh = isinstance(problem.body, Box | Prism), isinstance(problem.body, Mesh)
+    share = _share(problem, starts)
+    if follows_contacts(problem):
+        return int(share * (OF_MESH if mesh else OF_FLAT if flat else NODES))
+    smooth = flat or isinstance(problem.budget, L2Budget)
+    return int(share * BESIDE_A_HAND) if smooth and not mesh else 0
+
+
+def effort_of(problem: GraspProblem, starts: int) -> float:
+    """Return the effort at which the short branch and bound for a number of starts ends."""
+    return _share(problem, starts) * EFFORT
+
+
+def _share(problem: GraspProblem, starts: int) -> float:
+    """Return the share of many starts' bound for a number of them."""
+    flat = isinstance(problem.body, Box | Prism)
+    return min(1.0, (ONE_OF_FLAT if flat else ONE) + EACH * (starts - 1))
+
+
+def why_not_bounded(problem: GraspProblem) -> str:
+    """Return the reason why there is no global bound for a problem, as text."""
+    try:
+        scope_of(problem)
+    except InputError as error:
+        return f"there is no bound over all placements of this problem ({error.field}: {error.given})"
+    return "no bound over all placements was looked for"

@@ -22,6 +22,89 @@ ACTIVE = 1e-4  # relative to a constraint's scale: distance from a limit at whic
 
 
 @dataclass(frozen=True)
+class OnBody:
+    """Grasp on the body itself, with the body's own normals and its constraint values.
+
+    Parameters
+    ----------
+    placed : Placed
+        Contacts and hand.
+    grasp : Grasp
+        The same contacts with the body's own normals.
+    values : (rows,) array
+        Of the rows of constraints and hand, in their own units; distances from a mesh are the mesh's own.
+    violation : float
+        Largest violation of these rows, relative to their scales, and of those beside, over the body's size.
+    surface : SurfaceMatch or None
+        For meshes.
+    beside : tuple of AtLeast
+        What is asked of each contact by itself: the margin from sharp edges, on a mesh room for its fingertip.
+    """
+
+    placed: Placed
+    grasp: Grasp
+    values: FloatArray
+    violation: float
+    surface: SurfaceMatch | None = None
+    beside: tuple[AtLeast, ...] = ()
+
+    @classmethod
+    def of(cls, bench: Workbench, placed: Placed, grasp: Grasp, surface: SurfaceMatch | None = None) -> OnBody:
+        """Return a grasp with its constraint values and largest violation."""
+        values = bench.row_values(placed, grasp.normals)
+        own = tuple(beside(bench.problem, placed, grasp.normals))
+        short = max((row.lower - row.value for row in own), default=0.0) / bench.problem.body.size
+        return cls(placed, grasp, values, max(float(bench.rows.excess(values[None])[0]), short), surface, own)
+
+    @property
+    def allowed(self) -> bool:
+        """Whether the grasp is feasible; on a mesh to ten times the tolerance, at which its steps end."""
+        return self.violation <= (FEASIBLE if self.surface is None else 10.0 * FEASIBLE)
+
+
+def constraint_reports(bench: Workbench, found: OnBody, multipliers: FloatArray) -> tuple[ConstraintReport, ...]:
+    """Return value, limits, multiplier and activity of every scalar constraint.
+
+    The solver's multiplier is the derivative of the minimised ``-beta`` with respect to the row; a limit moved by
+    one unit of the row changes mu by that over the task's and the row's scales.
+    """
+    reports = []
+    for row, value, multiplier in zip(bench.rows.named, found.values, multipliers, strict=True):
+        distance = min(value - row.lower, row.upper - value)
+        active = bool(distance <= ACTIVE * row.scale)
+        price = float(multiplier) / (bench.scaling.beta * row.scale) if active else 0.0
+        limits = row.lower, row.upper
+        reports.append(ConstraintReport(row.name, float(value), *limits, price, active, row.kind, row.fingers))
+    for beside in found.beside:  # what they cost is among the prices
+        label, limits = beside.label, (beside.lower, np.inf)
+        active = bool(beside.value - beside.lower <= ACTIVE * bench.problem.body.size)
+        reports.append(ConstraintReport(label.name, beside.value, *limits, 0.0, active, label.kind, label.fingers))
+    return tuple(reports)
+
+
+def match_on_mesh(body: Mesh, start: FloatArray, grasp: Grasp, smooth: FloatArray, free: bool) -> SurfaceMatch:
+    """Return the differences between contacts on the smooth surface and the grasp on the mesh.
+
+    Parameters
+    ----------
+    body : Mesh
+    start : (k, 3) array
+        Contacts on the smooth surface, metres.
+    grasp : Grasp
+        On the mesh, with the inward normals that are stated.
+    smooth : (k, 3) array
+        Inward unit normals of the smooth surface at the grasp's contacts.
+    free : bool
+        Whether no posed fingertips touch: contacts then have the normal of one triangle, also on edges.
+    """
+    stated = body.angles_off_normals(grasp.points, -grasp.normals, on_edges=not free)
+    own = np.where((stated <= OWN_NORMAL)[:, None], grasp.normals, -body.closest(grasp.points)[1])
+    angles = np.arccos(np.clip(np.sum(smooth * own, axis=1), -1.0, 1.0))
+    moved = np.linalg.norm(grasp.points - start, axis=1)
+    return SurfaceMatch(body.closest(start)[2], angles, moved, stated)
+
+
+@dataclass(frozen=True)
 class AtLeast:
     """Length with a lower limit.
 
@@ -68,86 +151,3 @@ def near_edges(problem: GraspProblem, placed: Placed) -> FloatArray:
     if problem.margin == 0.0:
         return np.zeros(len(placed.points))
     return np.asarray(np.maximum((problem.margin - edge_distances(problem, placed)) / problem.body.size, 0.0))
-
-
-@dataclass(frozen=True)
-class OnBody:
-    """Grasp on the body itself, with the body's own normals and its constraint values.
-
-    Parameters
-    ----------
-    placed : Placed
-        Contacts and hand.
-    grasp : Grasp
-        The same contacts with the body's own normals.
-    values : (rows,) array
-        Of the rows of constraints and hand, in their own units; distances from a mesh are the mesh's own.
-    violation : float
-        Largest violation of these rows, relative to their scales, and of those beside, over the body's size.
-    surface : SurfaceMatch or None
-        For meshes.
-    beside : tuple of AtLeast
-        What is asked of each contact by itself: the margin from sharp edges, on a mesh room for its fingertip.
-    """
-
-    placed: Placed
-    grasp: Grasp
-    values: FloatArray
-    violation: float
-    surface: SurfaceMatch | None = None
-    beside: tuple[AtLeast, ...] = ()
-
-    @classmethod
-    def of(cls, bench: Workbench, placed: Placed, grasp: Grasp, surface: SurfaceMatch | None = None) -> OnBody:
-        """Return a grasp with its constraint values and largest violation."""
-        values = bench.row_values(placed, grasp.normals)
-        own = tuple(beside(bench.problem, placed, grasp.normals))
-        short = max((row.lower - row.value for row in own), default=0.0) / bench.problem.body.size
-        return cls(placed, grasp, values, max(float(bench.rows.excess(values[None])[0]), short), surface, own)
-
-    @property
-    def allowed(self) -> bool:
-        """Whether the grasp is feasible; on a mesh to ten times the tolerance, at which its steps end."""
-        return self.violation <= (FEASIBLE if self.surface is None else 10.0 * FEASIBLE)
-
-
-def match_on_mesh(body: Mesh, start: FloatArray, grasp: Grasp, smooth: FloatArray, free: bool) -> SurfaceMatch:
-    """Return the differences between contacts on the smooth surface and the grasp on the mesh.
-
-    Parameters
-    ----------
-    body : Mesh
-    start : (k, 3) array
-        Contacts on the smooth surface, metres.
-    grasp : Grasp
-        On the mesh, with the inward normals that are stated.
-    smooth : (k, 3) array
-        Inward unit normals of the smooth surface at the grasp's contacts.
-    free : bool
-        Whether no posed fingertips touch: contacts then have the normal of one triangle, also on edges.
-    """
-    stated = body.angles_off_normals(grasp.points, -grasp.normals, on_edges=not free)
-    own = np.where((stated <= OWN_NORMAL)[:, None], grasp.normals, -body.closest(grasp.points)[1])
-    angles = np.arccos(np.clip(np.sum(smooth * own, axis=1), -1.0, 1.0))
-    moved = np.linalg.norm(grasp.points - start, axis=1)
-    return SurfaceMatch(body.closest(start)[2], angles, moved, stated)
-
-
-def constraint_reports(bench: Workbench, found: OnBody, multipliers: FloatArray) -> tuple[ConstraintReport, ...]:
-    """Return value, limits, multiplier and activity of every scalar constraint.
-
-    The solver's multiplier is the derivative of the minimised ``-beta`` with respect to the row; a limit moved by
-    one unit of the row changes mu by that over the task's and the row's scales.
-    """
-    reports = []
-    for row, value, multiplier in zip(bench.rows.named, found.values, multipliers, strict=True):
-        distance = min(value - row.lower, row.upper - value)
-        active = bool(distance <= ACTIVE * row.scale)
-        price = float(multiplier) / (bench.scaling.beta * row.scale) if active else 0.0
-        limits = row.lower, row.upper
-        reports.append(ConstraintReport(row.name, float(value), *limits, price, active, row.kind, row.fingers))
-    for beside in found.beside:  # what they cost is among the prices
-        label, limits = beside.label, (beside.lower, np.inf)
-        active = bool(beside.value - beside.lower <= ACTIVE * bench.problem.body.size)
-        reports.append(ConstraintReport(label.name, beside.value, *limits, 0.0, active, label.kind, label.fingers))
-    return tuple(reports)

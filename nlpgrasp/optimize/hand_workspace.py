@@ -20,8 +20,8 @@ NEAR = 0.004  # metres, largest distance between a cell's centre and a fingertip
 INSIDE, PALM_INSIDE = 0.0015, 0.003  # metres, allowed clearance violation of finger links, and of the palm
 DISTANCES, AROUND = 32, 0.5  # cells per side of the distance grid; its margin around the body, over the size
 ASIDE = np.cos(np.radians(30.0))  # cosine of the largest angle between a flat fingertip's normal and a sample's
-NONE = -1
-STILL = 1e-9  # metres: smaller motions count as none
+NONE = -1  # in place of the number of a configuration: a cell or sample has none
+STILL = 1e-9  # metres: smaller motions of a point count as none
 
 
 @dataclass(frozen=True)
@@ -38,13 +38,6 @@ class Reach:
 
     samples: list[IntArray]
     postures: list[IntArray]
-
-
-class _Links:
-    """Spheres around links of the palm or of one finger: centres (b, s, 3), palm frame, and least distances."""
-
-    def __init__(self, places: FloatArray, least: FloatArray) -> None:
-        self.places, self.least = np.ascontiguousarray(places), least
 
 
 class Workspace:
@@ -128,6 +121,13 @@ class Workspace:
         count = len(joints)
         palm = {"palm_position": np.zeros((count, 3)), "palm_quaternion": np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))}
         return self._hand.link_places(palm | {"joints": joints} | self._tree.first_slides(count))
+
+
+class _Links:
+    """Spheres around links of the palm or of one finger: centres (b, s, 3), palm frame, and least distances."""
+
+    def __init__(self, places: FloatArray, least: FloatArray) -> None:
+        self.places, self.least = np.ascontiguousarray(places), least
 
 
 def _moved(places: FloatArray) -> NDArray[np.bool_]:

@@ -1,7 +1,7 @@
 """Local optimum of the program (3.5-4) near a grasp, with multipliers and KKT residuals: the end of a local search.
 
-Newton steps with the reduced Hessian lead to where no step helps; there IPOPT solves the program along the directions
-that are weakest, with their multipliers to begin with, and residuals are computed from its answer without it.
+Newton steps with the reduced Hessian lead to where no step helps. There IPOPT solves the program along the weakest
+directions, starting from their multipliers. The KKT residuals are computed from its answer by other code.
 """
 
 from __future__ import annotations
@@ -76,6 +76,21 @@ def local_optimum(bench: Workbench, placed: Placed, stop: Stop) -> LocalOptimum 
     return replace(found, effort=refined.effort + found.effort)
 
 
+def residuals_at(bench: Workbench, placed: Placed) -> KKT:
+    """Return the KKT residuals at a candidate, with the multipliers of the linearised program there."""
+    cuts = most_relevant(bench, placed, weakest_at(bench, placed, np.random.default_rng(0)).directions)
+    linear = Linearisation(bench, placed, cuts)
+    step = linear.quadratic_step(LEAST_NEAR) if len(cuts) and bench.exchange.linearises else None
+    rows = linear.rows()
+    nothing = np.zeros(len(rows.values)), np.zeros(len(linear.z))
+    multipliers = nothing if step is None else (step.multipliers, step.bound_multipliers)
+    constraints = rows.values, rows.lower, rows.upper
+    kkt = _kkt(linear.z, linear.beta, rows.jacobian, constraints, linear.compiled.program.bounds, multipliers)
+    weights = np.zeros(len(cuts)) if step is None else np.maximum(linear.support(step.multipliers), 0.0)
+    weights /= max(float(weights.sum()), 1e-300)
+    return _binding(kkt, cuts, weights)
+
+
 def _by_program(bench: Workbench, here: Point, radius: float, rng: np.random.Generator, stop: Stop) -> LocalOptimum:
     """Return IPOPT's solution from a point; where it does not converge, with weak directions at its solution added."""
     cuts, effort, found = here.cuts, Effort(), list[LocalOptimum]()
@@ -147,21 +162,6 @@ def _binding(kkt: KKT, cuts: FloatArray, weights: FloatArray) -> KKT:
     binding = weights > BINDING
     directions = tuple(tuple(map(float, direction)) for direction in cuts[binding])
     return replace(kkt, directions=directions, weights=tuple(weights[binding].tolist()))
-
-
-def residuals_at(bench: Workbench, placed: Placed) -> KKT:
-    """Return the KKT residuals at a candidate, with the multipliers of the linearised program there."""
-    cuts = most_relevant(bench, placed, weakest_at(bench, placed, np.random.default_rng(0)).directions)
-    linear = Linearisation(bench, placed, cuts)
-    step = linear.quadratic_step(LEAST_NEAR) if len(cuts) and bench.exchange.linearises else None
-    rows = linear.rows()
-    nothing = np.zeros(len(rows.values)), np.zeros(len(linear.z))
-    multipliers = nothing if step is None else (step.multipliers, step.bound_multipliers)
-    constraints = rows.values, rows.lower, rows.upper
-    kkt = _kkt(linear.z, linear.beta, rows.jacobian, constraints, linear.compiled.program.bounds, multipliers)
-    weights = np.zeros(len(cuts)) if step is None else np.maximum(linear.support(step.multipliers), 0.0)
-    weights /= max(float(weights.sum()), 1e-300)
-    return _binding(kkt, cuts, weights)
 
 
 def _multipliers(

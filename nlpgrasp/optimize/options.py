@@ -12,7 +12,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.nlp.ipopt import check_ipopt_options
 from nlpgrasp.solution.obstructions import MOST_TOLERANCE
 
-RANKS = ("robust", "mu")
+RANKS = ("robust", "mu")  # measures by which the answer is chosen
 ANALYSES = {
     "prices": "shadow prices",
     "robustness": "robustness",
@@ -20,7 +20,7 @@ ANALYSES = {
     "nu": "nu",
     "phases": "phases of the hand",
     "drawing": "the drawing",
-}  # by name, and in words
+}  # name to words for messages
 NARROW = 0.2  # share of the requested gap that certificates may take
 
 

@@ -1,11 +1,13 @@
-"""Parallel runs of starts over the machine's cores, with results as they complete."""
+"""Parallel runs of starts over the machine's cores, with results as they complete.
+
+Compiled programs are not pickled: a worker process receives the problem and its options once, compiles them itself
+(``LazyBench``) and keeps the compiled problem for all further starts.
+"""
 
 from __future__ import annotations
 
 import pickle
-import sys
 import time
-import uuid
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from dataclasses import dataclass
@@ -13,7 +15,6 @@ from functools import cached_property, partial
 from itertools import islice
 from typing import Generic, Protocol, TypeVar, cast
 
-import cloudpickle
 from loky.process_executor import BrokenProcessPool
 
 from nlpgrasp.common.deadline import Stop
@@ -21,102 +22,21 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.optimize.candidate import Placed
 from nlpgrasp.optimize.compiled_problem import Workbench
 from nlpgrasp.optimize.options import SolveOptions
-from nlpgrasp.optimize.processes import Processes, cores
+from nlpgrasp.optimize.processes import Parcel, Processes, cores
 from nlpgrasp.optimize.start import failed, run_start
 from nlpgrasp.optimize.start_result import StartGrasp, StartResult
 from nlpgrasp.optimize.warm_starts import KnownGrasp, WarmStart, run_warm_start
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.records import StartRecord, Status
 
-NOT_BEGUN = "not begun"
+NOT_BEGUN = "not begun"  # message of a start that a stop came before
 WAITING = 4  # starts per worker that are under way or wait for one
 GRACE = 10.0  # seconds in-flight starts get to finish after a stop
-
-
-class Asked(Protocol):
-    """Protocol of a problem with its solve options."""
-
-    @property
-    def problem(self) -> GraspProblem:
-        """Problem to solve."""
-
-    @property
-    def options(self) -> SolveOptions:
-        """Options of the solve."""
-
-
-Case = TypeVar("Case", bound=Asked)
 Item = TypeVar("Item")
-_unpacked: dict[str, object] = {}  # in this process: the item of the last parcel
-
-
-@dataclass(frozen=True)
-class Parcel(Generic[Item]):
-    """Pickled payload for worker processes, with the caller's import path.
-
-    Parameters
-    ----------
-    token : str
-        The same for all parcels of one item: a process unpacks it once, and keeps it until another comes.
-    path : tuple of str
-        The caller's ``sys.path``.
-    content : bytes
-        The item.
-    """
-
-    token: str
-    path: tuple[str, ...]
-    content: bytes
-
-    @classmethod
-    def of(cls, item: Item, token: str = "") -> Parcel[Item]:
-        """Pickle an item; errors of its parts are raised."""
-        return cls(token or uuid.uuid4().hex, tuple(sys.path), bytes(cloudpickle.dumps(item)))
-
-    def unpacked(self) -> Item:
-        """Return the item in this process."""
-        if self.token not in _unpacked:
-            _unpacked.clear()  # before the next one is built: each may hold a gigabyte
-            sys.path.extend(entry for entry in self.path if entry not in sys.path)  # before its modules are imported
-            _unpacked[self.token] = cloudpickle.loads(self.content)
-        return cast("Item", _unpacked[self.token])
-
-
-@dataclass(frozen=True)
-class LazyBench(Generic[Case]):
-    """Compiled problem, built on first use in each process: compiled programs are not pickled.
-
-    Parameters
-    ----------
-    make : callable
-        Returns what is asked; called once in a process.
-    """
-
-    make: Callable[[], Case]
-
-    @cached_property
-    def case(self) -> Case:
-        """Problem and options, made in this process."""
-        return self.make()
-
-    @cached_property
-    def bench(self) -> Workbench:
-        """Compiled problem."""
-        return Workbench(self.case.problem, self.case.options)
-
-
 Found = TypeVar("Found")
 Candidates = Iterable[tuple[int, Sequence[Placed]]]
 """Numbers of starts with the candidates of each."""
 _kept: list[Runner] = []  # the last solve's, at most one, and nobody's while it is here
-
-
-@dataclass(frozen=True)
-class _Asked:
-    """Problem with its solve options."""
-
-    problem: GraspProblem
-    options: SolveOptions
 
 
 class Runner:
@@ -230,6 +150,52 @@ class Runner:
                 if time.monotonic() > give_up:
                     processes.end()
                     break
+
+
+class Asked(Protocol):
+    """Protocol of a problem with its solve options."""
+
+    @property
+    def problem(self) -> GraspProblem:
+        """Problem to solve."""
+
+    @property
+    def options(self) -> SolveOptions:
+        """Options of the solve."""
+
+
+Case = TypeVar("Case", bound=Asked)
+
+
+@dataclass(frozen=True)
+class LazyBench(Generic[Case]):
+    """Compiled problem, built on first use in each process: compiled programs are not pickled.
+
+    Parameters
+    ----------
+    make : callable
+        Returns what is asked; called once in a process.
+    """
+
+    make: Callable[[], Case]
+
+    @cached_property
+    def case(self) -> Case:
+        """Problem and options, made in this process."""
+        return self.make()
+
+    @cached_property
+    def bench(self) -> Workbench:
+        """Compiled problem."""
+        return Workbench(self.case.problem, self.case.options)
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """Problem with its solve options."""
+
+    problem: GraspProblem
+    options: SolveOptions
 
 
 def _compile(parcel: Parcel[LazyBench[_Asked]]) -> None:

@@ -1,30 +1,37 @@
-"""Worker processes with single-threaded linear algebra."""
+"""Worker processes with single-threaded linear algebra, and the payload that is pickled for them."""
 
 from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 import time
+import uuid
 import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager
-from typing import ParamSpec, TypeVar
+from dataclasses import dataclass
+from typing import Generic, ParamSpec, TypeVar, cast
 
 import casadi as ca
+import cloudpickle
 from loky import ProcessPoolExecutor, get_reusable_executor
 from threadpoolctl import OpenBLASController, register, threadpool_limits
 
 P = ParamSpec("P")
 T = TypeVar("T")
+Item = TypeVar("Item")
 IDLE = 300.0  # seconds after which idle workers end
 WATCH = 1.0  # seconds between checks that the parent is alive
-
-
 # loky renews a worker that has grown by hundreds of megabytes, which is wanted and costs no task
 warnings.filterwarnings("ignore", "A worker was restarted while some jobs", UserWarning)
+_unpacked: dict[str, object] = {}  # in this process: the item of the last parcel
 _kept: list[Processes] = []  # those of the last context that had its own; at most one, and nobody's while it is here
+# the OpenBLAS that CasADi brings for IPOPT, which threadpoolctl does not know by its name
+CasadiOpenBLAS = type("CasadiOpenBLAS", (OpenBLASController,), {"filename_prefixes": ("libcasadi-tp-openblas",)})
+register(CasadiOpenBLAS)
 
 
 class Processes:
@@ -63,9 +70,8 @@ class Processes:
 
     def end(self) -> None:
         """End all workers now, whatever they do."""
-        shutdown: Callable[..., None] = (
-            self._executor.shutdown
-        )  # loky's has one more argument than the standard library's
+        # loky's has one more argument than the standard library's
+        shutdown: Callable[..., None] = self._executor.shutdown
         shutdown(wait=True, kill_workers=True)
 
 
@@ -98,15 +104,49 @@ def own_processes(count: int, idle: float) -> Iterator[Processes]:
     _kept.append(kept)
 
 
+@dataclass(frozen=True)
+class Parcel(Generic[Item]):
+    """Pickled payload for worker processes, with the caller's import path.
+
+    Parameters
+    ----------
+    token : str
+        The same for all parcels of one item: a process unpacks it once, and keeps it until another comes.
+    path : tuple of str
+        The caller's ``sys.path``.
+    content : bytes
+        The item.
+    """
+
+    token: str
+    path: tuple[str, ...]
+    content: bytes
+
+    @classmethod
+    def of(cls, item: Item, token: str = "") -> Parcel[Item]:
+        """Pickle an item; errors of its parts are raised."""
+        return cls(token or uuid.uuid4().hex, tuple(sys.path), bytes(cloudpickle.dumps(item)))
+
+    def unpacked(self) -> Item:
+        """Return the item in this process."""
+        if self.token not in _unpacked:
+            _unpacked.clear()  # before the next one is built: each may hold a gigabyte
+            sys.path.extend(entry for entry in self.path if entry not in sys.path)  # before its modules are imported
+            _unpacked[self.token] = cloudpickle.loads(self.content)
+        return cast("Item", _unpacked[self.token])
+
+
+def one_thread() -> threadpool_limits:
+    """Return a context in which numpy, scipy and IPOPT compute on one thread."""
+    ca.has_nlpsol("ipopt")  # loads it: a library that is loaded later would not be limited
+    return threadpool_limits(1)
+
+
 def cores() -> int:
     """Return the cores this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
-
-
-def _nothing() -> None:
-    """Do nothing, in a worker."""
 
 
 def _prepare(parent: int) -> None:
@@ -122,12 +162,5 @@ def _prepare(parent: int) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-# the OpenBLAS that CasADi brings for IPOPT, which threadpoolctl does not know by its name
-CasadiOpenBLAS = type("CasadiOpenBLAS", (OpenBLASController,), {"filename_prefixes": ("libcasadi-tp-openblas",)})
-register(CasadiOpenBLAS)
-
-
-def one_thread() -> threadpool_limits:
-    """Return a context in which numpy, scipy and IPOPT compute on one thread."""
-    ca.has_nlpsol("ipopt")  # loads it: a library that is loaded later would not be limited
-    return threadpool_limits(1)
+def _nothing() -> None:
+    """Do nothing, in a worker."""

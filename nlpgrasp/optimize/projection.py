@@ -1,9 +1,13 @@
-"""Projection of candidates onto the constraints, and of contacts and flat fingertips onto the triangles of a mesh.
+"""Projection of candidates onto the constraints, and of contacts and fingertips onto the triangles of a mesh.
 
-A flat pad touches a mesh in an edge or a corner, where its normal is none of a triangle's: contacts keep the normals of
-the smooth surface. The hand moves as little as it can until every fingertip touches: for a round tip with centre c and
-radius r the nearest point p of the mesh is at distance r, and the normal is ``(p - c) / r``. Links keep their distance
-from the mesh, not from the solver's spline of it.
+Newton steps move contacts and hand as little as they can until the constraints hold (``touching``). On a mesh the faces
+of the compiled problem are the triangles under the contacts (``on_triangles``).
+
+A flat pad touches a mesh in an edge or a corner, where its normal is none of a triangle's. Such a hand is moved from
+the smooth surface into contact with the mesh (``touch_mesh``), as little as it can, until every fingertip touches. A
+round tip with centre c and radius r touches where the nearest point p of the mesh is at distance r, and its normal is
+``(p - c) / r``; other contacts keep the normals of the smooth surface. Links keep their distance from the mesh, not
+from the solver's spline of it.
 """
 
 from __future__ import annotations
@@ -32,13 +36,13 @@ from nlpgrasp.optimize.cutting_planes import no_cuts
 from nlpgrasp.optimize.grasp_on_body import OnBody, match_on_mesh
 from nlpgrasp.quality.grasp import Grasp
 
-LONGEST = 0.4  # longest step, solver units
-# RowSlack: weight of the squared violations against the squared step
+LONGEST = 0.4  # longest step of contacts and hand onto the constraints, solver units
+# of these steps; RowSlack: weight of the squared violations against the squared step
 RULES = NewtonRules(steps=25, enough=0.1 * FEASIBLE, patience=6, slack=RowSlack(1e4))
 TOUCHING = 1e-4  # violation, relative to the constraints' scales, that counts as none
-STEPS = 12  # Newton steps to the nearest mesh points, at most
-TIP_TOUCHING = 1e-6  # metres between tip and mesh at which the steps end
-LONGEST_HAND_STEP = 0.3  # longest step, solver units
+STEPS = 12  # Newton steps of a hand towards the nearest mesh points, at most
+TIP_TOUCHING = 1e-6  # metres between tip and mesh at which these steps end
+LONGEST_HAND_STEP = 0.3  # the longest of them, solver units
 OVERLAP = 0.2  # share of a tip's radius: the mesh has no usable normal nearer to its centre
 
 
@@ -57,65 +61,18 @@ def touching(bench: Workbench, candidate: Placed) -> tuple[Placed, float]:
     return placed_of(bench, program, candidate.faces, found.best), found.violation
 
 
-def touch_mesh(bench: Workbench, smooth: Placed) -> tuple[Placed, Grasp]:
-    """Return the hand moved into contact with the mesh, from contacts on the smooth surface, and its grasp."""
-    touching = _Touching(bench, smooth)
-    rows = restore(
-        touching.nearest, touching.z[touching.free], NewtonRules(STEPS, TIP_TOUCHING / bench.scaling.length)
-    ).rows
-    return Placed(smooth.faces, rows.contacts, rows.hand), bench.grasp_at(rows.contacts, rows.normals)
+def touching_on_body(bench: Workbench, placed: Placed) -> tuple[Workbench, Placed, float]:
+    """Return a candidate projected onto its constraints, on a mesh on its triangles, and the remaining violation.
 
-
-@dataclass(frozen=True)
-class _TouchRows(Linearised):
-    """Constraints of a touching hand, linearised, with its contacts and configuration."""
-
-    contacts: FloatArray
-    normals: FloatArray
-    hand: Values
-
-
-class _Touching:
-    """Linearisation of the constraints in the hand's variables, for Newton steps towards contact."""
-
-    def __init__(self, bench: Workbench, start: Placed) -> None:
-        self.bench, self.program = bench, bench.exchange.compiled.program
-        self.theta = no_cuts(bench, start)
-        self.z = variables_of(bench, self.program, start)
-        self.smooth = bench.inward_normals(start)
-        self.free = np.concatenate([np.arange(b.start, b.stop) for _, b in self.program.hand_blocks])
-
-    def nearest(self, free: FloatArray) -> _TouchRows:
-        """Return the constraints for contacts at the mesh points nearest to the fingertips.
-
-        Tips that are not round keep the smooth normal: theirs, as they touch along it.
-        """
-        bench = self.bench
-        radii = np.asarray(bench.hand_points.hand.tip_radii)
-        centres = bench.hand_points.tip_centres(self._hand(free), points_of(bench, self.program, self.z))
-        contacts, _, distance = bench.surface.mesh.closest(centres)
-        towards = contacts - centres
-        outside = np.sum(towards * self.smooth, axis=1) > 0.0
-        round_tip = (radii > 0.0) & (distance > OVERLAP * radii) & outside
-        inward = np.where(round_tip[:, None], towards / np.maximum(distance, 1e-12)[:, None], self.smooth)
-        return self.rows(free, contacts, inward)
-
-    def rows(self, free: FloatArray, contacts: FloatArray, normals: FloatArray) -> _TouchRows:
-        """Return the constraints for values of the hand's variables and arbitrary contacts."""
-        bench, program, here = self.bench, self.program, self._hand(free)
-        put_contacts(bench, program, self.z, contacts, normals)
-        g, J = bench.exchange.compiled.linearise(self.z, self.theta)
-        used = program.placement
-        g = g[used]
-        g[bench.rows.clearances] = bench.hand_points.mesh_clearances(bench.surface.mesh, here) / bench.scaling.length
-        low, high = (limits[used] for limits in program.limits)
-        bounds = step_bounds(free, (program.bounds[0][self.free], program.bounds[1][self.free]), LONGEST_HAND_STEP)
-        return _TouchRows(g, J[used][:, self.free], low, high, *bounds, contacts, normals, here)
-
-    def _hand(self, free: FloatArray) -> Values:
-        """Return the hand's variables, and store them."""
-        self.z[self.free] = free
-        return hand_of(self.program, self.z)
+    The first part is the compiled problem whose faces its contacts are on. It is that of a mesh's smooth surface where
+    flat fingertips cannot lie on triangles.
+    """
+    own, there = on_triangles(bench, placed)
+    moved, left = touching(own, there)
+    if left > TOUCHING and own is not bench and bench.hand_points.has_flat_tips:
+        own, faces = bench, bench.problem.body.face_names * len(placed.points)
+        moved, left = touching(own, own.snapped(replace(placed, faces=faces)))
+    return own, own.snapped(moved), left
 
 
 def on_triangles(bench: Workbench, placed: Placed, places: Sequence[FloatArray] = ()) -> tuple[Workbench, Placed]:
@@ -169,15 +126,60 @@ def put_on_body(bench: Workbench, own: Workbench, placed: Placed, begun: FloatAr
     return OnBody.of(bench, there, grasp, match)
 
 
-def touching_on_body(bench: Workbench, placed: Placed) -> tuple[Workbench, Placed, float]:
-    """Return a candidate projected onto its constraints, on a mesh on its triangles, and the remaining violation.
+def touch_mesh(bench: Workbench, smooth: Placed) -> tuple[Placed, Grasp]:
+    """Return the hand moved into contact with the mesh, from contacts on the smooth surface, and its grasp."""
+    hand = _Touching(bench, smooth)
+    rows = restore(hand.nearest, hand.z[hand.free], NewtonRules(STEPS, TIP_TOUCHING / bench.scaling.length)).rows
+    return Placed(smooth.faces, rows.contacts, rows.hand), bench.grasp_at(rows.contacts, rows.normals)
 
-    The first part is the compiled problem whose faces its contacts are on. It is that of a mesh's smooth surface where
-    flat fingertips cannot lie on triangles.
-    """
-    own, there = on_triangles(bench, placed)
-    moved, left = touching(own, there)
-    if left > TOUCHING and own is not bench and bench.hand_points.has_flat_tips:
-        own, faces = bench, bench.problem.body.face_names * len(placed.points)
-        moved, left = touching(own, own.snapped(replace(placed, faces=faces)))
-    return own, own.snapped(moved), left
+
+class _Touching:
+    """Linearisation of the constraints in the hand's variables, for Newton steps towards contact."""
+
+    def __init__(self, bench: Workbench, start: Placed) -> None:
+        self.bench, self.program = bench, bench.exchange.compiled.program
+        self.theta = no_cuts(bench, start)
+        self.z = variables_of(bench, self.program, start)
+        self.smooth = bench.inward_normals(start)
+        self.free = np.concatenate([np.arange(b.start, b.stop) for _, b in self.program.hand_blocks])
+
+    def nearest(self, free: FloatArray) -> _TouchRows:
+        """Return the constraints for contacts at the mesh points nearest to the fingertips.
+
+        Tips that are not round keep the smooth normal: theirs, as they touch along it.
+        """
+        bench = self.bench
+        radii = np.asarray(bench.hand_points.hand.tip_radii)
+        centres = bench.hand_points.tip_centres(self._hand(free), points_of(bench, self.program, self.z))
+        contacts, _, distance = bench.surface.mesh.closest(centres)
+        towards = contacts - centres
+        outside = np.sum(towards * self.smooth, axis=1) > 0.0
+        round_tip = (radii > 0.0) & (distance > OVERLAP * radii) & outside
+        inward = np.where(round_tip[:, None], towards / np.maximum(distance, 1e-12)[:, None], self.smooth)
+        return self.rows(free, contacts, inward)
+
+    def rows(self, free: FloatArray, contacts: FloatArray, normals: FloatArray) -> _TouchRows:
+        """Return the constraints for values of the hand's variables and arbitrary contacts."""
+        bench, program, here = self.bench, self.program, self._hand(free)
+        put_contacts(bench, program, self.z, contacts, normals)
+        g, J = bench.exchange.compiled.linearise(self.z, self.theta)
+        used = program.placement
+        g = g[used]
+        g[bench.rows.clearances] = bench.hand_points.mesh_clearances(bench.surface.mesh, here) / bench.scaling.length
+        low, high = (limits[used] for limits in program.limits)
+        bounds = step_bounds(free, (program.bounds[0][self.free], program.bounds[1][self.free]), LONGEST_HAND_STEP)
+        return _TouchRows(g, J[used][:, self.free], low, high, *bounds, contacts, normals, here)
+
+    def _hand(self, free: FloatArray) -> Values:
+        """Return the hand's variables, and store them."""
+        self.z[self.free] = free
+        return hand_of(self.program, self.z)
+
+
+@dataclass(frozen=True)
+class _TouchRows(Linearised):
+    """Constraints of a touching hand, linearised, with its contacts and configuration."""
+
+    contacts: FloatArray
+    normals: FloatArray
+    hand: Values

@@ -1,7 +1,8 @@
 """Initial candidates of a search: by coordinate exchange of free contacts, or within reach of sampled hand poses.
 
-With the palm where it is, each fingertip reaches some surface samples. Fingers have joints of their own, so contacts
-are exchanged one at a time over these as free contacts are over all samples, for many palm poses side by side.
+From a fixed pose of the palm, each fingertip of a hand reaches some surface samples. Fingers have joints of their own,
+so contacts are exchanged one at a time over these as free contacts are over all samples, for many palm poses side by
+side.
 """
 
 from __future__ import annotations
@@ -44,32 +45,23 @@ TRIES = 12  # poses per start, moved towards contact
 MANY, MANY_TRIES = 6, 32  # number of contacts from which hands rarely touch with all; poses per start then
 
 
-@dataclass(frozen=True)
-class _Poses:
-    """Sampled hand poses, with the surface samples nearest to the fingertips.
+def propose(
+    bench: Workbench, rng: np.random.Generator, known: Sequence[FloatArray] = (), starts: int = 1
+) -> list[Placed]:
+    """Return initial candidates for so many starts, the most promising first; also near known contacts (k, space).
 
-    Parameters
-    ----------
-    values : dict of str to (b, m) array
-    points, normals : (b, k, 3) array
-    faces : (b, k) array of str
-    far : (b,) array
-        The fingertips' mean distance from the body, metres.
+    A hand with a pose of its own is near the body: its fingertips need not touch yet. Poses are compared under the
+    paper's budget. There is at least one candidate, the least violated one where none is feasible.
     """
+    if bench.follows_contacts:
+        return exchanged_candidates(bench, rng, known, starts * PROPOSED)
+    each = TRIES if len(bench.problem.models) < MANY else MANY_TRIES
+    return reachable_candidates(bench.under_l2 or bench, rng, starts * each)
 
-    values: Values
-    points: FloatArray
-    normals: FloatArray
-    faces: NDArray[np.object_]
-    far: FloatArray
 
-    def placed(self, i: int) -> Placed:
-        """Return pose i as a candidate, its contacts at the samples nearest to the fingertips."""
-        return Placed(tuple(self.faces[i]), self.points[i], {name: v[i] for name, v in self.values.items()})
-
-    def hands(self, against: FloatArray) -> list[Values]:
-        """Return the hand's variables of all poses, those first that least (b,) speaks against."""
-        return [{name: v[i] for name, v in self.values.items()} for i in np.argsort(against, kind="stable").tolist()]
+def shares(candidates: Sequence[Placed], starts: int) -> list[Sequence[Placed]]:
+    """Return the candidates of each of so many starts: the best ones are each the first of one."""
+    return [candidates[i::starts] or candidates[i % len(candidates) :] for i in range(starts)]
 
 
 def reachable_candidates(bench: Workbench, rng: np.random.Generator, count: int) -> list[Placed]:
@@ -156,10 +148,32 @@ def _drawn(search: CoordinateExchange, reach: Reach, rng: np.random.Generator) -
     return np.asarray(drawn[int(np.argmax(search.values(drawn)))])
 
 
-def _against(bench: Workbench, poses: _Poses) -> FloatArray:
-    """Return the distance of fingertips from the body and violated constraints, weighted, (b,)."""
-    broken = bench.rows.broken(poses.points, poses.normals, poses.values)
-    return FAR * poses.far / bench.scaling.length + BROKEN * broken
+@dataclass(frozen=True)
+class _Poses:
+    """Sampled hand poses, with the surface samples nearest to the fingertips.
+
+    Parameters
+    ----------
+    values : dict of str to (b, m) array
+    points, normals : (b, k, 3) array
+    faces : (b, k) array of str
+    far : (b,) array
+        The fingertips' mean distance from the body, metres.
+    """
+
+    values: Values
+    points: FloatArray
+    normals: FloatArray
+    faces: NDArray[np.object_]
+    far: FloatArray
+
+    def placed(self, i: int) -> Placed:
+        """Return pose i as a candidate, its contacts at the samples nearest to the fingertips."""
+        return Placed(tuple(self.faces[i]), self.points[i], {name: v[i] for name, v in self.values.items()})
+
+    def hands(self, against: FloatArray) -> list[Values]:
+        """Return the hand's variables of all poses, those first that least (b,) speaks against."""
+        return [{name: v[i] for name, v in self.values.items()} for i in np.argsort(against, kind="stable").tolist()]
 
 
 def _at_random(bench: Workbench, rng: np.random.Generator) -> _Poses:
@@ -199,20 +213,7 @@ def _beside(bench: Workbench, values: Values, tips: FloatArray) -> _Poses:
     return _Poses(values, points, normals, faces, far)
 
 
-def propose(
-    bench: Workbench, rng: np.random.Generator, known: Sequence[FloatArray] = (), starts: int = 1
-) -> list[Placed]:
-    """Return initial candidates for so many starts, the most promising first; also near known contacts (k, space).
-
-    A hand with a pose of its own is near the body: its fingertips need not touch yet. Poses are compared under the
-    paper's budget. There is at least one candidate, the least violated one where none is feasible.
-    """
-    if bench.follows_contacts:
-        return exchanged_candidates(bench, rng, known, starts * PROPOSED)
-    each = TRIES if len(bench.problem.models) < MANY else MANY_TRIES
-    return reachable_candidates(bench.under_l2 or bench, rng, starts * each)
-
-
-def shares(candidates: Sequence[Placed], starts: int) -> list[Sequence[Placed]]:
-    """Return the candidates of each of so many starts: the best ones are each the first of one."""
-    return [candidates[i::starts] or candidates[i % len(candidates) :] for i in range(starts)]
+def _against(bench: Workbench, poses: _Poses) -> FloatArray:
+    """Return the distance of fingertips from the body and violated constraints, weighted, (b,)."""
+    broken = bench.rows.broken(poses.points, poses.normals, poses.values)
+    return FAR * poses.far / bench.scaling.length + BROKEN * broken

@@ -1,7 +1,11 @@
 """Refinement of candidates on the body itself, on a mesh on its triangles, and under joint-limit margins.
 
-The ranges of the joints are narrower by their margins. Joints that cannot go inside where the fingertips touch keep
-their whole range; so do those whose margins take more of mu, to first order by their multipliers, than the price.
+On a mesh, refinement with each contact on its triangle alternates with coordinate exchange over mesh points nearby
+(``refined_on_body``).
+
+Where joints of a hand are to stay off their limits, their ranges are narrower by the margins (``refined_with_room``).
+Joints that cannot go inside where the fingertips touch keep their whole range; so do those whose margins take more of
+mu, to first order by their multipliers, than the price.
 """
 
 from __future__ import annotations
@@ -28,9 +32,102 @@ from nlpgrasp.solution.analysis_records import SMALL, JointRoom
 
 SHARE = 0.1  # share of a joint's range: upper bound on its margin
 NEARBY = 1e-3  # over the body's size: trust-region radius of the linearised program that prices the margins
-PASSES = 4  # refinements, at most, while contacts come too near to further sharp edges of a mesh
-ROUNDS = 4  # of a candidate before it is compared with others
+PASSES = 4  # refinements on triangles, at most, while contacts come too near to further sharp edges of a mesh
+ROUNDS = 4  # rounds of refinement of a candidate before it is compared with others
 EXCHANGES, GAIN = 4, 2e-3  # coordinate exchanges on a mesh, at most; least relative gain of one
+
+
+def refined_on_body(bench: Workbench, placed: Placed, stop: Stop) -> tuple[OnBody, Refined]:
+    """Return the local optimum reached from a candidate, with its grasp on the body itself.
+
+    On a mesh, refinement on triangles alternates with coordinate exchange over mesh points nearby.
+    """
+    body = bench.problem.body
+    if not isinstance(body, Mesh):
+        return refined_on_triangles(bench, bench.snapped(placed), stop)
+    if bench.follows_contacts:
+        placed = replace(placed, points=body.closest(placed.points)[0])
+    else:
+        placed = _around_smooth_surface(bench, replace(placed, faces=body.face_names * len(placed.faces)), stop)
+    found, refined = refined_on_triangles(bench, placed, stop)
+    for _ in range(EXCHANGES):
+        value = refined.point.value
+        if stop.requested() or value <= 0.0 or not bench.options.rounds:
+            break
+        moved = _exchanged(bench, found, refined, stop)
+        if moved is None:
+            break
+        trial, there = refined_on_triangles(bench, moved, stop)
+        if (trial.allowed, there.point.value) <= (found.allowed, (1.0 + GAIN) * value):
+            break
+        found, refined = trial, replace(there, history=refined.history + there.history)
+    return found, refined
+
+
+def refined_on_triangles(bench: Workbench, placed: Placed, stop: Stop) -> tuple[OnBody, Refined]:
+    """Return the local optimum reached from a candidate on the body; contacts on a mesh stay on their triangles.
+
+    Where the smooth distance flatters the clearance of links from the mesh, it has to be larger by what they lack.
+    Contacts that come near to further sharp edges are kept away from these as well.
+    """
+    places, (own, begin) = [placed.points], on_triangles(bench, placed)
+    if own.violation(begin) > FEASIBLE:
+        touched, moved, left = touching_on_body(bench, placed)
+        own, begin = (touched, moved) if left <= TOUCHING else (own, begin)
+    short = np.zeros(len(bench.rows.named))
+    while True:
+        _, refined = refined_with_room(own.with_clearance(short) if short.any() else own, begin, stop)
+        found = put_on_body(bench, own, refined.point.placed)
+        if own is bench or found.allowed or len(places) == PASSES or stop.requested():
+            return found, refined
+        short += missing_clearance(bench, found)
+        places.append(refined.point.placed.points)
+        own, _ = on_triangles(bench, begin, places)
+
+
+def missing_clearance(bench: Workbench, found: OnBody) -> FloatArray:
+    """Return each link's violation of its clearance from the body, (rows,), metres."""
+    short = np.zeros(len(bench.rows.named))
+    rows = bench.rows.clearances
+    short[rows] = [max(bench.rows.named[i].lower - found.values[i], 0.0) for i in rows]
+    return short
+
+
+def advanced_on_body(bench: Workbench, placed: Placed, stop: Stop) -> Refined:
+    """Return a candidate after a few rounds of refinement: on the body, a hand around the smooth surface of a mesh."""
+    body = bench.problem.body
+    if not isinstance(body, Mesh):
+        return advance(bench, bench.snapped(placed), stop, ROUNDS)
+    if not bench.follows_contacts:
+        moved, left = touching(bench, bench.snapped(replace(placed, faces=body.face_names * len(placed.faces))))
+        if left <= TOUCHING:
+            return advance(bench, bench.snapped(moved), stop, ROUNDS)
+    return advance(*on_triangles(bench, replace(placed, points=body.closest(placed.points)[0])), stop, ROUNDS)
+
+
+def refined_with_room(bench: Workbench, placed: Placed, stop: Stop) -> tuple[Workbench, Refined]:
+    """Return the refined candidate, and the compiled problem with the joint limits used.
+
+    Parameters
+    ----------
+    bench : Workbench
+        Of a problem whose hand has a pose.
+    placed : Placed
+        Contacts and hand, whose joints may be anywhere in their ranges.
+    stop : Stop
+    """
+    hand, options = bench.problem.hand, bench.options
+    if not isinstance(hand, URDFHand) or not options.seeks_room:
+        return bench, refine(bench, placed, stop)
+    margins = Margins.of(hand, options.joint_margin)
+    inside, placed = _inside(bench, margins, placed)
+    own = bench.with_joints(margins.narrowed(inside))
+    refined = refine(own, placed, stop)
+    dear = _dear(own, refined, inside * margins.wanted)
+    if np.any(dear):
+        own = bench.with_joints(margins.narrowed(inside & ~dear))
+        refined = refine(own, refined.point.placed, stop)
+    return own, refined
 
 
 @dataclass(frozen=True)
@@ -83,29 +180,17 @@ class Margins:
         return np.stack([self.limits[0] + inside, self.limits[1] - inside])
 
 
-def refined_with_room(bench: Workbench, placed: Placed, stop: Stop) -> tuple[Workbench, Refined]:
-    """Return the refined candidate, and the compiled problem with the joint limits used.
+def _around_smooth_surface(bench: Workbench, placed: Placed, stop: Stop) -> Placed:
+    """Return a hand refined around a mesh's smooth surface, where its contacts move farther than on triangles."""
+    moved, left = touching(bench, bench.snapped(placed))
+    return placed if left > TOUCHING else refined_with_room(bench, bench.snapped(moved), stop)[1].point.placed
 
-    Parameters
-    ----------
-    bench : Workbench
-        Of a problem whose hand has a pose.
-    placed : Placed
-        Contacts and hand, whose joints may be anywhere in their ranges.
-    stop : Stop
-    """
-    hand, options = bench.problem.hand, bench.options
-    if not isinstance(hand, URDFHand) or not options.seeks_room:
-        return bench, refine(bench, placed, stop)
-    margins = Margins.of(hand, options.joint_margin)
-    inside, placed = _inside(bench, margins, placed)
-    own = bench.with_joints(margins.narrowed(inside))
-    refined = refine(own, placed, stop)
-    dear = _dear(own, refined, inside * margins.wanted)
-    if np.any(dear):
-        own = bench.with_joints(margins.narrowed(inside & ~dear))
-        refined = refine(own, refined.point.placed, stop)
-    return own, refined
+
+def _exchanged(bench: Workbench, found: OnBody, refined: Refined, stop: Stop) -> Placed | None:
+    """Return contacts moved to better mesh points nearby that the hand reaches; None where none are better."""
+    if bench.follows_contacts:
+        return exchanged_nearby(bench, refined.point.placed, found.grasp, refined.point.cuts)
+    return walked(bench, found.placed, found.grasp.normals, np.random.default_rng(0), stop)
 
 
 def _inside(bench: Workbench, margins: Margins, placed: Placed) -> tuple[NDArray[np.bool_], Placed]:
@@ -137,84 +222,3 @@ def _dear(bench: Workbench, refined: Refined, margins: FloatArray) -> NDArray[np
     cheapest = np.argsort(cost)
     nothing[cheapest] = np.cumsum(cost[cheapest]) > bench.options.room_price
     return nothing
-
-
-def refined_on_triangles(bench: Workbench, placed: Placed, stop: Stop) -> tuple[OnBody, Refined]:
-    """Return the local optimum reached from a candidate on the body; contacts on a mesh stay on their triangles.
-
-    Where the smooth distance flatters the clearance of links from the mesh, it has to be larger by what they lack.
-    Contacts that come near to further sharp edges are kept away from these as well.
-    """
-    places, (own, begin) = [placed.points], on_triangles(bench, placed)
-    if own.violation(begin) > FEASIBLE:
-        touched, moved, left = touching_on_body(bench, placed)
-        own, begin = (touched, moved) if left <= TOUCHING else (own, begin)
-    short = np.zeros(len(bench.rows.named))
-    while True:
-        _, refined = refined_with_room(own.with_clearance(short) if short.any() else own, begin, stop)
-        found = put_on_body(bench, own, refined.point.placed)
-        if own is bench or found.allowed or len(places) == PASSES or stop.requested():
-            return found, refined
-        short += missing_clearance(bench, found)
-        places.append(refined.point.placed.points)
-        own, _ = on_triangles(bench, begin, places)
-
-
-def missing_clearance(bench: Workbench, found: OnBody) -> FloatArray:
-    """Return each link's violation of its clearance from the body, (rows,), metres."""
-    short = np.zeros(len(bench.rows.named))
-    rows = bench.rows.clearances
-    short[rows] = [max(bench.rows.named[i].lower - found.values[i], 0.0) for i in rows]
-    return short
-
-
-def advanced_on_body(bench: Workbench, placed: Placed, stop: Stop) -> Refined:
-    """Return a candidate after a few rounds of refinement: on the body, a hand around the smooth surface of a mesh."""
-    body = bench.problem.body
-    if not isinstance(body, Mesh):
-        return advance(bench, bench.snapped(placed), stop, ROUNDS)
-    if not bench.follows_contacts:
-        moved, left = touching(bench, bench.snapped(replace(placed, faces=body.face_names * len(placed.faces))))
-        if left <= TOUCHING:
-            return advance(bench, bench.snapped(moved), stop, ROUNDS)
-    return advance(*on_triangles(bench, replace(placed, points=body.closest(placed.points)[0])), stop, ROUNDS)
-
-
-def refined_on_body(bench: Workbench, placed: Placed, stop: Stop) -> tuple[OnBody, Refined]:
-    """Return the local optimum reached from a candidate, with its grasp on the body itself.
-
-    On a mesh, refinement on triangles alternates with coordinate exchange over mesh points nearby.
-    """
-    body = bench.problem.body
-    if not isinstance(body, Mesh):
-        return refined_on_triangles(bench, bench.snapped(placed), stop)
-    if bench.follows_contacts:
-        placed = replace(placed, points=body.closest(placed.points)[0])
-    else:
-        placed = _around_smooth_surface(bench, replace(placed, faces=body.face_names * len(placed.faces)), stop)
-    found, refined = refined_on_triangles(bench, placed, stop)
-    for _ in range(EXCHANGES):
-        value = refined.point.value
-        if stop.requested() or value <= 0.0 or not bench.options.rounds:
-            break
-        moved = _exchanged(bench, found, refined, stop)
-        if moved is None:
-            break
-        trial, there = refined_on_triangles(bench, moved, stop)
-        if (trial.allowed, there.point.value) <= (found.allowed, (1.0 + GAIN) * value):
-            break
-        found, refined = trial, replace(there, history=refined.history + there.history)
-    return found, refined
-
-
-def _around_smooth_surface(bench: Workbench, placed: Placed, stop: Stop) -> Placed:
-    """Return a hand refined around a mesh's smooth surface, where its contacts move farther than on triangles."""
-    moved, left = touching(bench, bench.snapped(placed))
-    return placed if left > TOUCHING else refined_with_room(bench, bench.snapped(moved), stop)[1].point.placed
-
-
-def _exchanged(bench: Workbench, found: OnBody, refined: Refined, stop: Stop) -> Placed | None:
-    """Return contacts moved to better mesh points nearby that the hand reaches; None where none are better."""
-    if bench.follows_contacts:
-        return exchanged_nearby(bench, refined.point.placed, found.grasp, refined.point.cuts)
-    return walked(bench, found.placed, found.grasp.normals, np.random.default_rng(0), stop)

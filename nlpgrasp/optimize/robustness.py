@@ -34,14 +34,14 @@ from nlpgrasp.solution.analysis_records import Robustness
 AROUND = 16  # displaced positions per contact
 SWEEPS, ROUNDS = 6, 3  # sweeps of displacements in turn; searches for weak directions
 BEGINNINGS = 3  # initial displacements, at most
-RTOL, LOOSE = 0.02, 0.1
-MOVES = (0.04, 0.02, 0.01, 0.005)  # of the body's size
-MOVES_OF_ONE = 4  # of a step size
+RTOL, LOOSE = 0.02, 0.1  # relative width of the certificate; of a quick one
+MOVES = (0.04, 0.02, 0.01, 0.005)  # step sizes of ``steady``, over the body's size
+MOVES_OF_ONE = 4  # moves with one step size, at most
 GAIN = 1e-3  # relative: a move that gains less is none
-MOST_DIRECTIONS = 400
+MOST_DIRECTIONS = 400  # directions kept by ``steady``
 Places = list[tuple[FloatArray, FloatArray]]  # where each contact may be, and inward normals
-SLIPS = 0.99  # share of the reach: a contact nearer to an edge may slip over it
-TOO_FAR = 1.5  # times the reach: such a point is off the face
+SLIPS = 0.99  # share of the displacement: a contact nearer to an edge may slip over it
+TOO_FAR = 1.5  # times the displacement: a point farther away than that is off the face
 
 
 def robustness(bench: Workbench, placed: Placed, grasp: Grasp, quickly: bool = False) -> Robustness:
@@ -94,17 +94,6 @@ def steady(bench: Workbench, found: OnBody) -> tuple[OnBody, Robustness]:
     return OnBody.of(bench, placed, best), robust
 
 
-def _over_edges(bench: Workbench, placed: Placed) -> tuple[int, ...]:
-    """Return the contacts that may slip over a sharp edge within the options' displacement.
-
-    None where the force budget counts on each contact by its number, as that of a hand's joints does.
-    """
-    if bench.problem.budget.depends_on_frames:
-        return ()
-    apart = edge_distances(bench.problem, placed)
-    return tuple(np.flatnonzero(apart < SLIPS * bench.options.robust_offset).tolist())
-
-
 def worst_displacement(
     bench: Workbench,
     models: Sequence[ContactModel],
@@ -143,31 +132,6 @@ def worst_displacement(
     return worst, y
 
 
-def _slide(bench: Workbench, models: Sequence[ContactModel], places: Places, chosen: list[int], y: FloatArray) -> bool:
-    """Move contacts in turn, in place, to minimise the least ratio; return whether any moved."""
-    moved = False
-    for _ in range(SWEEPS):
-        before = list(chosen)
-        for i, (points, normals) in enumerate(places):
-            count = len(points)
-            p = np.stack([np.array([places[j][0][c] for j, c in enumerate(chosen)])] * count)
-            n = np.stack([np.array([places[j][1][c] for j, c in enumerate(chosen)])] * count)
-            p[:, i], n[:, i] = points, normals
-            stack = GraspStack(p, n, models, bench.problem.origin)
-            ratios = sampled_ratios(stack, bench.problem.task, y, bench.screening_budget)
-            chosen[i] = int(np.argmin(np.min(ratios, axis=1)))
-        if chosen == before:
-            break
-        moved = True
-    return moved
-
-
-def _at(bench: Workbench, models: Sequence[ContactModel], places: Places, chosen: Sequence[int]) -> Grasp:
-    points = np.array([p[c] for (p, _), c in zip(places, chosen, strict=True)])
-    normals = np.array([n[c] for (_, n), c in zip(places, chosen, strict=True)])
-    return Grasp(points, normals, models, bench.problem.origin)
-
-
 def places_near(bench: Workbench, faces: Sequence[str], points: FloatArray, normals: FloatArray) -> Places:
     """Return the possible positions of each contact, itself first, displaced by as much as the options ask for."""
     offset = bench.options.robust_offset
@@ -199,6 +163,42 @@ def places_around(
         near &= extent <= 1e-9 * body.size
     good = near & np.all(np.isfinite(points), axis=1) & np.all(np.isfinite(inward), axis=1)
     return np.concatenate([point[None], points[good]]), np.concatenate([normal[None], inward[good]])
+
+
+def _over_edges(bench: Workbench, placed: Placed) -> tuple[int, ...]:
+    """Return the contacts that may slip over a sharp edge within the options' displacement.
+
+    None where the force budget counts on each contact by its number, as that of a hand's joints does.
+    """
+    if bench.problem.budget.depends_on_frames:
+        return ()
+    apart = edge_distances(bench.problem, placed)
+    return tuple(np.flatnonzero(apart < SLIPS * bench.options.robust_offset).tolist())
+
+
+def _slide(bench: Workbench, models: Sequence[ContactModel], places: Places, chosen: list[int], y: FloatArray) -> bool:
+    """Move contacts in turn, in place, to minimise the least ratio; return whether any moved."""
+    moved = False
+    for _ in range(SWEEPS):
+        before = list(chosen)
+        for i, (points, normals) in enumerate(places):
+            count = len(points)
+            p = np.stack([np.array([places[j][0][c] for j, c in enumerate(chosen)])] * count)
+            n = np.stack([np.array([places[j][1][c] for j, c in enumerate(chosen)])] * count)
+            p[:, i], n[:, i] = points, normals
+            stack = GraspStack(p, n, models, bench.problem.origin)
+            ratios = sampled_ratios(stack, bench.problem.task, y, bench.screening_budget)
+            chosen[i] = int(np.argmin(np.min(ratios, axis=1)))
+        if chosen == before:
+            break
+        moved = True
+    return moved
+
+
+def _at(bench: Workbench, models: Sequence[ContactModel], places: Places, chosen: Sequence[int]) -> Grasp:
+    points = np.array([p[c] for (p, _), c in zip(places, chosen, strict=True)])
+    normals = np.array([n[c] for (_, n), c in zip(places, chosen, strict=True)])
+    return Grasp(points, normals, models, bench.problem.origin)
 
 
 class _Ascent:

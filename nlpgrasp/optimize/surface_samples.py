@@ -1,4 +1,8 @@
-"""Surface samples of a body, their support tables, and pairs of opposite samples."""
+"""Surface samples of a body, their support tables, and pairs of opposite samples.
+
+``SurfaceSamples`` holds the points that each contact may use. ``SampleTables`` holds the supports of single contacts at
+these points along shared directions, for coordinate exchange. Parallel jaws begin with pairs of opposite points.
+"""
 
 from __future__ import annotations
 
@@ -24,16 +28,17 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.grasp import GraspStack
 from nlpgrasp.quality.screening import spread_directions
 
-CLOUD, LEAST = 2400, 600  # sample points for drawing contacts: in all; per face, at least
-MESH_SAMPLES = 20000  # mesh points for sliding contacts
+CLOUD, LEAST = 2400, 600  # sample points of a body with faces: in all; per face, at least
+MESH_SAMPLES = 20000  # sample points of a mesh
 MESH_ANGLE = np.radians(30.0)  # most between mesh normal and smooth normal: avoids sharp edges
-POINTS, BLOCK = 1200, 200  # sample points that are paired; block size of the pairing
+POINTS, BLOCK = 1200, 200  # sample points that are paired across the body; block size of the pairing
 ASIDE = 1.5  # largest distance of a partner from the line along the normal, in spacings of the points
 PARTNERS = 3  # partners per point, at most: those nearest to its line
-SAMPLES = 2400  # samples per contact, at most
+SAMPLES = 2400  # samples of a contact in its support table, at most
 BAND = 0.05  # allowed violation of equations, relative to their scales; samples are projected afterwards
-KEEPS = 1e-5  # violation, relative to the constraint's scale, that counts as none
+KEEPS = 1e-5  # violation beyond this band, relative to the constraint's scale, that counts as none
 SHAPED_BY = 256  # random grasps whose wrenches complete the metric of a degenerate task
+IntArray = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -60,42 +65,6 @@ class Cloud:
         """Return the points with these numbers (m,)."""
         points = self.points[kept]
         return Cloud(self.faces[kept], points, self.normals[kept], cKDTree(points))
-
-
-def mesh_of(problem: GraspProblem) -> Mesh:
-    """Return a problem's body, which must be a mesh."""
-    if not isinstance(problem.body, Mesh):
-        raise InputError("GraspProblem.body", type(problem.body).__name__, "a mesh")
-    return problem.body
-
-
-def plain(problem: GraspProblem, points: FloatArray, outward: FloatArray) -> NDArray[np.bool_]:
-    """Return the mask of mesh points (m, 3), with outward normals (m, 3), that a contact may use.
-
-    They are the margin away from sharp edges, the normals there are near those of the smooth surface, and the largest
-    fingertip that is where its contact is cuts the mesh nowhere.
-    """
-    body, face, hand = mesh_of(problem), problem.body.face_names[0], problem.hand
-    kept = np.sum(body.evaluate(face, points)[2] * outward, axis=1) >= np.cos(MESH_ANGLE)
-    if directions := _directions(problem):
-        kept &= _told(directions, outward)
-    if problem.margin > 0.0:
-        kept &= body.edge_distance(face, points) >= problem.margin
-    radius = 0.0 if hand is None or not hand.follows_contacts else max(hand.tip_radii)
-    if radius > 0.0:
-        kept[kept] = body.clearance((points + radius * outward)[kept]) >= FITS * radius
-    return np.asarray(kept)
-
-
-def _directions(problem: GraspProblem) -> list[tuple[float, ...]]:
-    """Return the directions of lines and rectangles among the contacts."""
-    each = (getattr(model, "direction", None) for model in problem.models) if problem.body.space == 3 else ()
-    return [direction for direction in each if direction is not None]
-
-
-def _told(directions: Sequence[tuple[float, ...]], outward: FloatArray) -> NDArray[np.bool_]:
-    """Return the mask of unit normals (m, 3) at which all directions determine a line's or rectangle's orientation."""
-    return np.asarray(np.all([off_normal(direction, outward) for direction in directions], axis=0))
 
 
 class SurfaceSamples:
@@ -161,61 +130,29 @@ class SurfaceSamples:
         return Cloud(np.full(len(points), body.face_names[0], dtype=object), points, -normals, cKDTree(points))
 
 
-def pairs_across(cloud: Cloud) -> NDArray[np.intp]:
-    """Return pairs of opposite points by number, (b, 2): the second is where the first one's normal leads.
+def mesh_of(problem: GraspProblem) -> Mesh:
+    """Return a problem's body, which must be a mesh."""
+    if not isinstance(problem.body, Mesh):
+        raise InputError("GraspProblem.body", type(problem.body).__name__, "a mesh")
+    return problem.body
 
-    A normal may lead out of the body and into it again: each point has up to three partners.
 
-    Parameters
-    ----------
-    cloud : Cloud
-        Of which at most 1200 points are paired, always the same.
+def plain(problem: GraspProblem, points: FloatArray, outward: FloatArray) -> NDArray[np.bool_]:
+    """Return the mask of mesh points (m, 3), with outward normals (m, 3), that a contact may use.
+
+    They are the margin away from sharp edges, the normals there are near those of the smooth surface, and the largest
+    fingertip that is where its contact is cuts the mesh nowhere.
     """
-    some = np.random.default_rng(0).permutation(len(cloud.points))[:POINTS]
-    p, n = cloud.points[some], cloud.normals[some]
-    nearest = np.asarray(cloud.tree.query(p, k=2)[0])[:, 1]
-    spacing = float(np.median(nearest)) * np.sqrt(len(cloud.points) / len(p))
-    pairs = []
-    for begin in range(0, len(p), BLOCK):
-        here = slice(begin, begin + BLOCK)
-        between = p[None] - p[here, None]
-        along = np.einsum("ijk,ik->ij", between, n[here])
-        beside = np.sqrt(np.maximum(np.sum(between**2, axis=2) - along**2, 0.0))
-        good = (along > 0.0) & (beside <= ASIDE * spacing) & (n[here] @ n.T < 0.0)
-        order = np.argsort(np.where(good, beside, np.inf), axis=1)[:, :PARTNERS]
-        rows, columns = np.nonzero(np.take_along_axis(good, order, axis=1))
-        ends = order[rows, columns]
-        pairs.append(np.stack([some[here][rows], some[ends]], axis=1))
-    return np.concatenate(pairs)
-
-
-IntArray = NDArray[np.intp]
-
-
-@dataclass(frozen=True)
-class SampleTable:
-    """Samples feasible for one contact by the constraints on it alone, and its grasp maps there.
-
-    Parameters
-    ----------
-    model : ContactModel
-    measure : Measure
-        Of the force budget.
-    samples : Cloud
-    maps : (m, d, n) array
-    """
-
-    model: ContactModel
-    measure: Measure
-    samples: Cloud
-    maps: FloatArray
-
-    def powers(self, y: FloatArray) -> FloatArray:
-        """Return ``s^p``, the power of the support, at all samples along directions (j, d), (j, m)."""
-        m, d, n = self.maps.shape
-        work = (y @ self.maps.transpose(1, 0, 2).reshape(d, m * n)).reshape(len(y), m, n)
-        found = (self.measure.powers if self.measure.exact else self.measure.support)(self.model, work)
-        return np.asarray(found, dtype=np.float32)
+    body, face, hand = mesh_of(problem), problem.body.face_names[0], problem.hand
+    kept = np.sum(body.evaluate(face, points)[2] * outward, axis=1) >= np.cos(MESH_ANGLE)
+    if directions := _directions(problem):
+        kept &= _told(directions, outward)
+    if problem.margin > 0.0:
+        kept &= body.edge_distance(face, points) >= problem.margin
+    radius = 0.0 if hand is None or not hand.follows_contacts else max(hand.tip_radii)
+    if radius > 0.0:
+        kept[kept] = body.clearance((points + radius * outward)[kept]) >= FITS * radius
+    return np.asarray(kept)
 
 
 class SampleTables:
@@ -313,6 +250,71 @@ class SampleTables:
         clouds = [self.samples(i) for i in range(tuples.shape[1])]
         points = np.stack([cloud.points[tuples[:, i]] for i, cloud in enumerate(clouds)], axis=1)
         return points, np.stack([cloud.normals[tuples[:, i]] for i, cloud in enumerate(clouds)], axis=1)
+
+
+@dataclass(frozen=True)
+class SampleTable:
+    """Samples feasible for one contact by the constraints on it alone, and its grasp maps there.
+
+    Parameters
+    ----------
+    model : ContactModel
+    measure : Measure
+        Of the force budget.
+    samples : Cloud
+    maps : (m, d, n) array
+    """
+
+    model: ContactModel
+    measure: Measure
+    samples: Cloud
+    maps: FloatArray
+
+    def powers(self, y: FloatArray) -> FloatArray:
+        """Return ``s^p``, the power of the support, at all samples along directions (j, d), (j, m)."""
+        m, d, n = self.maps.shape
+        work = (y @ self.maps.transpose(1, 0, 2).reshape(d, m * n)).reshape(len(y), m, n)
+        found = (self.measure.powers if self.measure.exact else self.measure.support)(self.model, work)
+        return np.asarray(found, dtype=np.float32)
+
+
+def pairs_across(cloud: Cloud) -> NDArray[np.intp]:
+    """Return pairs of opposite points by number, (b, 2): the second is where the first one's normal leads.
+
+    A normal may lead out of the body and into it again: each point has up to three partners.
+
+    Parameters
+    ----------
+    cloud : Cloud
+        Of which at most 1200 points are paired, always the same.
+    """
+    some = np.random.default_rng(0).permutation(len(cloud.points))[:POINTS]
+    p, n = cloud.points[some], cloud.normals[some]
+    nearest = np.asarray(cloud.tree.query(p, k=2)[0])[:, 1]
+    spacing = float(np.median(nearest)) * np.sqrt(len(cloud.points) / len(p))
+    pairs = []
+    for begin in range(0, len(p), BLOCK):
+        here = slice(begin, begin + BLOCK)
+        between = p[None] - p[here, None]
+        along = np.einsum("ijk,ik->ij", between, n[here])
+        beside = np.sqrt(np.maximum(np.sum(between**2, axis=2) - along**2, 0.0))
+        good = (along > 0.0) & (beside <= ASIDE * spacing) & (n[here] @ n.T < 0.0)
+        order = np.argsort(np.where(good, beside, np.inf), axis=1)[:, :PARTNERS]
+        rows, columns = np.nonzero(np.take_along_axis(good, order, axis=1))
+        ends = order[rows, columns]
+        pairs.append(np.stack([some[here][rows], some[ends]], axis=1))
+    return np.concatenate(pairs)
+
+
+def _directions(problem: GraspProblem) -> list[tuple[float, ...]]:
+    """Return the directions of lines and rectangles among the contacts."""
+    each = (getattr(model, "direction", None) for model in problem.models) if problem.body.space == 3 else ()
+    return [direction for direction in each if direction is not None]
+
+
+def _told(directions: Sequence[tuple[float, ...]], outward: FloatArray) -> NDArray[np.bool_]:
+    """Return the mask of unit normals (m, 3) at which all directions determine a line's or rectangle's orientation."""
+    return np.asarray(np.all([off_normal(direction, outward) for direction in directions], axis=0))
 
 
 def _subset(cloud: Cloud, allowed: NDArray[np.bool_]) -> Cloud:

@@ -1,9 +1,10 @@
 """Trust-region steps, by the program's linearisation with the reduced Hessian or by IPOPT.
 
-A full solve a round costs tenths of a second, with forces or a hand in the program seconds, for a step that the trust
-region cuts short. Here a round linearises all rows at the current contacts, maximises beta inside the trust region by
-Clarabel, and returns to the constraints by Newton steps. For the least of many smooth functions this is the method of
-Madsen (1975, doi:10.1093/imamat/16.3.321).
+Solving the whole program in each round would take tenths of a second, with forces or a hand in it seconds, for a step
+that the trust region cuts short. Instead a round linearises all constraints at the current contacts, maximises beta
+inside the trust region by Clarabel, and returns to the constraints by Newton steps (``Linearisation``). For the least
+of many smooth functions this is the method of Madsen (1975, doi:10.1093/imamat/16.3.321). Only where forces are
+variables does IPOPT solve the program inside the trust region (``program_step``).
 
 A cut ``phi_G(y_j; p) >= beta`` touches ``psi_j(p) = min over y near y_j of phi_G(y; p) / phi_A(y)`` from above: the
 two have the same gradient, but not the same curvature, and at most local optima the cuts alone curve the wrong way.
@@ -43,7 +44,7 @@ CURVED_DAMPING = 1e-6  # the same where the Lagrangian's curvature is in the obj
 OTHERS = {"normal": 4.0, "hand": 3.0}  # trust-region radius of other variables over that of positions
 CORRECTIONS = NewtonRules(steps=3, enough=1e-7)
 BETA_STEP = 10.0  # solver units, effectively unbounded
-STEP = 1e-5  # difference step, solver units or radians
+STEP = 1e-5  # step of finite differences, solver units or radians
 ACTIVE = 1e-7  # multipliers below count as zero
 INDEPENDENT = 1e-9  # relative singular value below which constraints are dependent
 LEAST_REACH = 1e-300  # lower bound on the task's support, against division by zero

@@ -38,7 +38,6 @@ from nlpgrasp.solution.solution import GraspSolution
 
 ON = 1e-3  # largest distance from the surface, over the body's size, of contacts that are projected onto it
 DRAWN = 128  # random positions compared for each added contact
-
 KnownGrasp = Grasp | FoundGrasp | GraspSolution
 """What users pass as a warm start."""
 
@@ -102,49 +101,45 @@ def check_warm_starts(problem: GraspProblem, warm_starts: object) -> tuple[Known
     return tuple(warm_starts)
 
 
-def _check(problem: GraspProblem, known: KnownGrasp, name: str) -> None:
-    grasp = _grasp_of(known, name)
-    if isinstance(known, GraspSolution) and as_read(known.problem["body"]) != as_read(problem.to_dict()["body"]):
-        raise InputError(name, "a grasp of another body", f"one of the problem's {problem.body.kind}")
-    expected, kinds = [m.kind for m in problem.models], [m.kind for m in grasp.contacts]
-    if grasp.space != problem.body.space or expected != kinds:
-        raise InputError(f"{name}.contacts", ", ".join(kinds), f"the problem's: {', '.join(expected)}")
-    points = on_surface(problem, _faces_of(problem, known, grasp), grasp.points)
-    apart = np.linalg.norm(points - grasp.points, axis=1)
-    worst = int(np.argmax(apart))
-    if not apart[worst] <= ON * problem.body.size:
-        raise InputError(f"{name}.points[{worst}]", f"{1e3 * apart[worst]:.3g} mm off the surface", "a point on it")
-    if isinstance(problem.hand, PosedHand):
-        posture = None if isinstance(known, Grasp) else known.hand
-        allowed = "a solution of the same hand, which states its posture"
-        if posture is None:
-            raise InputError(f"{name}.hand", None, allowed)
+def run_warm_start(bench: Workbench, warm: WarmStart, index: int, stop: Stop, improve: bool = True) -> list[StartGrasp]:
+    """Return the starts ``index`` and ``index + 1`` from a warm start: unchanged and, with ``improve``, refined.
+
+    Each is left out where there is none.
+    """
+    as_is = certify_as_is(bench, warm, index)
+    refined = refine_warm_start(bench, warm, index + (as_is is not None), stop) if improve else None
+    return [start for start in (as_is, refined) if start is not None]
+
+
+def certify_as_is(bench: Workbench, warm: WarmStart, index: int) -> StartGrasp | None:
+    """Return a warm start certified unchanged, with a mu of at least its floor.
+
+    None where a contact is on a face that it may not use, or where it breaks a constraint or exerts nothing.
+    """
+    begun = time.perf_counter()
+    with one_thread():
+        if not _is_on_faces(bench, warm.placed):
+            return None
+        state = AscentState(warm.placed, multipliers=np.zeros(len(bench.rows.named)))
+        found = _certified(bench, _on_body(bench, warm), state, index, warm.origin or "as given", begun, warm.floor)
+    return found if found.solved else None
+
+
+def refine_warm_start(bench: Workbench, warm: WarmStart, index: int, stop: Stop) -> StartGrasp | None:
+    """Return a warm start refined and certified.
+
+    None after a stop, without refinement, where numerics fail, or a contact is on a face that it may not use.
+    """
+    begun = time.perf_counter()
+    if stop.requested() or not bench.options.rounds or not _is_on_faces(bench, warm.placed):
+        return None
+    with one_thread():
         try:
-            problem.hand.values_of(posture)
-        except (InputError, KeyError):
-            raise InputError(f"{name}.hand", "the posture of another hand", allowed) from None
-
-
-def on_surface(problem: GraspProblem, faces: Sequence[str], points: FloatArray) -> FloatArray:
-    """Return contacts projected onto the body, (k, space)."""
-    body = problem.body
-    if isinstance(body, Mesh):
-        return body.closest(points)[0]
-    return np.concatenate([body.snap(face, point[None]) for face, point in zip(faces, points, strict=True)])
-
-
-def _grasp_of(known: KnownGrasp, name: str = "") -> Grasp:
-    grasp = known if isinstance(known, Grasp) else known.grasp
-    if grasp is None:
-        raise InputError(name, "a solution without a grasp", "one with a grasp")
-    return grasp
-
-
-def _faces_of(problem: GraspProblem, known: KnownGrasp, grasp: Grasp) -> tuple[str, ...]:
-    """Return the faces stated by a grasp, or the ones nearest to its contacts."""
-    if not isinstance(known, Grasp) and set(known.faces) <= set(problem.body.face_names):
-        return known.faces
-    return tuple(map(str, nearest_faces(problem.body, grasp.points, grasp.normals, ON)))
+            found, refined = refined_on_body(bench, warm.placed, stop)
+        except (RuntimeError, np.linalg.LinAlgError):
+            return None
+        message = f"{warm.origin}, improved" if warm.origin else Origin.WARM_START.value
+        return _certified(bench, found, refined.state(), index, message, begun)
 
 
 def adapted(bench: Workbench, known: FoundGrasp, origin: str) -> WarmStart | None:
@@ -218,45 +213,49 @@ def best_allowed(bench: Workbench, points: FloatArray, normals: FloatArray, face
     return Placed(tuple(faces[best]), points[best], {name: v[best] for name, v in hand.items()})
 
 
-def run_warm_start(bench: Workbench, warm: WarmStart, index: int, stop: Stop, improve: bool = True) -> list[StartGrasp]:
-    """Return the starts ``index`` and ``index + 1`` from a warm start: unchanged and, with ``improve``, refined.
-
-    Each is left out where there is none.
-    """
-    as_is = certify_as_is(bench, warm, index)
-    refined = refine_warm_start(bench, warm, index + (as_is is not None), stop) if improve else None
-    return [start for start in (as_is, refined) if start is not None]
+def on_surface(problem: GraspProblem, faces: Sequence[str], points: FloatArray) -> FloatArray:
+    """Return contacts projected onto the body, (k, space)."""
+    body = problem.body
+    if isinstance(body, Mesh):
+        return body.closest(points)[0]
+    return np.concatenate([body.snap(face, point[None]) for face, point in zip(faces, points, strict=True)])
 
 
-def certify_as_is(bench: Workbench, warm: WarmStart, index: int) -> StartGrasp | None:
-    """Return a warm start certified unchanged, with a mu of at least its floor.
-
-    None where a contact is on a face that it may not use, or where it breaks a constraint or exerts nothing.
-    """
-    begun = time.perf_counter()
-    with one_thread():
-        if not _is_on_faces(bench, warm.placed):
-            return None
-        state = AscentState(warm.placed, multipliers=np.zeros(len(bench.rows.named)))
-        found = _certified(bench, _on_body(bench, warm), state, index, warm.origin or "as given", begun, warm.floor)
-    return found if found.solved else None
-
-
-def refine_warm_start(bench: Workbench, warm: WarmStart, index: int, stop: Stop) -> StartGrasp | None:
-    """Return a warm start refined and certified.
-
-    None after a stop, without refinement, where numerics fail, or a contact is on a face that it may not use.
-    """
-    begun = time.perf_counter()
-    if stop.requested() or not bench.options.rounds or not _is_on_faces(bench, warm.placed):
-        return None
-    with one_thread():
+def _check(problem: GraspProblem, known: KnownGrasp, name: str) -> None:
+    grasp = _grasp_of(known, name)
+    if isinstance(known, GraspSolution) and as_read(known.problem["body"]) != as_read(problem.to_dict()["body"]):
+        raise InputError(name, "a grasp of another body", f"one of the problem's {problem.body.kind}")
+    expected, kinds = [m.kind for m in problem.models], [m.kind for m in grasp.contacts]
+    if grasp.space != problem.body.space or expected != kinds:
+        raise InputError(f"{name}.contacts", ", ".join(kinds), f"the problem's: {', '.join(expected)}")
+    points = on_surface(problem, _faces_of(problem, known, grasp), grasp.points)
+    apart = np.linalg.norm(points - grasp.points, axis=1)
+    worst = int(np.argmax(apart))
+    if not apart[worst] <= ON * problem.body.size:
+        raise InputError(f"{name}.points[{worst}]", f"{1e3 * apart[worst]:.3g} mm off the surface", "a point on it")
+    if isinstance(problem.hand, PosedHand):
+        posture = None if isinstance(known, Grasp) else known.hand
+        allowed = "a solution of the same hand, which states its posture"
+        if posture is None:
+            raise InputError(f"{name}.hand", None, allowed)
         try:
-            found, refined = refined_on_body(bench, warm.placed, stop)
-        except (RuntimeError, np.linalg.LinAlgError):
-            return None
-        message = f"{warm.origin}, improved" if warm.origin else Origin.WARM_START.value
-        return _certified(bench, found, refined.state(), index, message, begun)
+            problem.hand.values_of(posture)
+        except (InputError, KeyError):
+            raise InputError(f"{name}.hand", "the posture of another hand", allowed) from None
+
+
+def _grasp_of(known: KnownGrasp, name: str = "") -> Grasp:
+    grasp = known if isinstance(known, Grasp) else known.grasp
+    if grasp is None:
+        raise InputError(name, "a solution without a grasp", "one with a grasp")
+    return grasp
+
+
+def _faces_of(problem: GraspProblem, known: KnownGrasp, grasp: Grasp) -> tuple[str, ...]:
+    """Return the faces stated by a grasp, or the ones nearest to its contacts."""
+    if not isinstance(known, Grasp) and set(known.faces) <= set(problem.body.face_names):
+        return known.faces
+    return tuple(map(str, nearest_faces(problem.body, grasp.points, grasp.normals, ON)))
 
 
 def _is_on_faces(bench: Workbench, placed: Placed) -> bool:

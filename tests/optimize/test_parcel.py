@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.parallel_starts import LazyBench, Parcel
+from nlpgrasp.optimize.parallel_starts import LazyBench
+from nlpgrasp.optimize.processes import Parcel
 
 
 def test_an_item_is_unpacked_once_until_another_comes():
