@@ -1,4 +1,9 @@
-"""Support bounds of one contact over cells, and their combination by force budget."""
+"""Supports of one contact at the rows of its cells, and their combination by force budget.
+
+A row is a point of the surface with its inward normal, where the contact's work along a twist is evaluated. The rows of
+a flat cell bound the support all over the cell; curved cells also have parts between their rows (``Between``), over
+which ``support_table`` bounds it.
+"""
 
 from __future__ import annotations
 

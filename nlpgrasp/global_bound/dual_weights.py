@@ -15,14 +15,14 @@ import numpy as np
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.global_bound.cells.cell import IntArray
 
-ITERATIONS = 14
+ITERATIONS = 14  # Newton steps, at most
 CENTRING = 0.05  # centring parameter of the path-following method
 ENOUGH = 1e-6  # mean complementarity, relative to the largest support, at which iterations end
 INSIDE = 0.95  # share of the step to the boundary
-REGULAR = 1e-9
-LIGHT = 1e-3  # weight below which a direction is dropped
+REGULAR = 1e-9  # relative increase of the Newton matrix's diagonal
+LIGHT = 1e-3  # solved weight below which a direction is dropped
 DIGITS = 8  # digits of recorded weights
-LEAST = 1e-5  # smallest weight recorded
+LEAST = 1e-5  # recorded weight below which a direction is dropped
 
 
 class Mixture(NamedTuple):

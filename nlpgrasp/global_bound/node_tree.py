@@ -22,7 +22,7 @@ from nlpgrasp.global_bound.dual_weights import Mixture
 from nlpgrasp.global_bound.scope import Scope
 from nlpgrasp.global_bound.weak_twists import Twists
 
-Cells = tuple[int, ...]
+Cells = tuple[int, ...]  # a node: the number of a cell for each slot
 Floats = FloatArray | NDArray[np.float32]
 
 

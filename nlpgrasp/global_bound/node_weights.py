@@ -1,4 +1,4 @@
-"""Bounding strategy with dual weights per node: small linear programs, solved in batches."""
+"""Bounding strategy for bodies other than meshes: dual weights per node, by small linear programs in batches."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from nlpgrasp.global_bound.node_tree import Bounding, Cells, FractionalPlacement
 from nlpgrasp.global_bound.scope import Scope
 from nlpgrasp.global_bound.support_table import ROUNDING_MARGIN, SupportTable
 
-BATCH = 64
+BATCH = 64  # nodes bounded together, at most
 DIRECTIONS = 16  # directions per node
 FEWEST, PART = 8, 4  # nodes cut at a time: at least, and of those so far one in so many
 WORK = 500_000  # rows times directions of a batch

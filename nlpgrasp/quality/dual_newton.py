@@ -23,8 +23,8 @@ from nlpgrasp.quality.wrench_set import WrenchSet
 CHUNK = 16384  # wrenches per batch
 MANY, FIRST, ROUGHLY = 500, 128, 6  # wrenches above which the first ones, with few steps, give warm starts
 WORTH = 0.8  # share of unsolved wrenches below which solved ones are dropped
-TOLERANCE = 1e-10
-STEPS = 100
+TOLERANCE = 1e-10  # default residual of unit wrenches at which iterations end
+STEPS = 100  # Newton steps, at most
 SHORTER = 4  # backtracking steps before the Hessian is damped
 FLOOR = 1e-14  # of the Hessian's trace, added to its diagonal
 LEAST_DAMPING, MOST_DAMPING = 1e-6, 1e6  # of |G|^2; beyond the latter, rounding prevents progress

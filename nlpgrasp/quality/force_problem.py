@@ -32,40 +32,6 @@ PROVEN = 1e-9  # largest |P_K(z)| over |z| of a separating direction
 CLEAR = 1e-6  # least <w, y> of a separating direction, for unit vectors
 
 
-def least_forces(wrench_set: WrenchSet, wrenches: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return least forces (m, n) in units of the budget, and dual directions (m, d), for wrenches (m, d).
-
-    A dual direction is the gradient of the least amount with respect to the wrench. NaN where the solver fails.
-    """
-    d = len(wrench_set.G)
-    lift, matrices = lifted(wrench_set.contacts, wrench_set.space)
-    n = lift.shape[1]
-    rows: list[FloatArray] = [np.pad(wrench_set.G @ lift, [(0, 0), (0, 1)])]
-    cones = [clarabel.ZeroConeT(d)]
-    matrices = [np.pad(M, [(0, 0), (0, 1)]) for M in matrices]
-    matrices += [np.concatenate([M[:, :-1] @ lift, M[:, -1:]], axis=1) for M in wrench_set.force_set.cones()]
-    rows += [-M for M in matrices]
-    cones += [cone_of(M) for M in matrices]
-    A = sparse.csc_matrix(np.concatenate(rows))
-    cost = np.zeros(n + 1)
-    cost[n] = 1.0
-    settings = [quiet_settings(tolerance, step) for tolerance in TOLERANCES for step in (LONG, SHORT)]
-    forces, directions = np.full((len(wrenches), len(lift)), np.nan), np.full((len(wrenches), d), np.nan)
-    nothing = sparse.csc_matrix((n + 1, n + 1))
-    for i, w in enumerate(wrenches):
-        b = np.zeros(A.shape[0])
-        b[:d] = w
-        for options in settings:
-            found = clarabel.DefaultSolver(nothing, cost, A, b, cones, options).solve()
-            if str(found.status) == "Solved":
-                forces[i] = lift @ np.array(found.x)[:n]
-                directions[i] = -np.array(found.z)[:d]
-                break
-            if "Infeasible" in str(found.status):
-                break
-    return forces, directions
-
-
 @dataclass(frozen=True)
 class FingerForces:
     """Least finger forces for given wrenches, with feasibility and separating directions.
@@ -223,3 +189,37 @@ def _separates(wrench_set: WrenchSet, y: FloatArray, w: FloatArray) -> NDArray[n
     """Return where y separates w from ``G K``: no support along y, and <w, y> clearly above 0."""
     size = np.maximum(np.linalg.norm(y, axis=1), 1e-300)
     return np.asarray((positive_share(wrench_set, y) <= PROVEN) & (np.sum(w * y, axis=1) > CLEAR * size))
+
+
+def least_forces(wrench_set: WrenchSet, wrenches: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return least forces (m, n) in units of the budget, and dual directions (m, d), for wrenches (m, d).
+
+    A dual direction is the gradient of the least amount with respect to the wrench. NaN where the solver fails.
+    """
+    d = len(wrench_set.G)
+    lift, matrices = lifted(wrench_set.contacts, wrench_set.space)
+    n = lift.shape[1]
+    rows: list[FloatArray] = [np.pad(wrench_set.G @ lift, [(0, 0), (0, 1)])]
+    cones = [clarabel.ZeroConeT(d)]
+    matrices = [np.pad(M, [(0, 0), (0, 1)]) for M in matrices]
+    matrices += [np.concatenate([M[:, :-1] @ lift, M[:, -1:]], axis=1) for M in wrench_set.force_set.cones()]
+    rows += [-M for M in matrices]
+    cones += [cone_of(M) for M in matrices]
+    A = sparse.csc_matrix(np.concatenate(rows))
+    cost = np.zeros(n + 1)
+    cost[n] = 1.0
+    settings = [quiet_settings(tolerance, step) for tolerance in TOLERANCES for step in (LONG, SHORT)]
+    forces, directions = np.full((len(wrenches), len(lift)), np.nan), np.full((len(wrenches), d), np.nan)
+    nothing = sparse.csc_matrix((n + 1, n + 1))
+    for i, w in enumerate(wrenches):
+        b = np.zeros(A.shape[0])
+        b[:d] = w
+        for options in settings:
+            found = clarabel.DefaultSolver(nothing, cost, A, b, cones, options).solve()
+            if str(found.status) == "Solved":
+                forces[i] = lift @ np.array(found.x)[:n]
+                directions[i] = -np.array(found.z)[:d]
+                break
+            if "Infeasible" in str(found.status):
+                break
+    return forces, directions

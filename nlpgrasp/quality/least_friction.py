@@ -36,8 +36,8 @@ from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.wrench_set import numerical_rank
 
 ROOM = 2.0  # times the least total normal force: limit of the total normal force
-TOLERANCES = (1e-10, 1e-8)
-STEPS = 30
+TOLERANCES = (1e-10, 1e-8)  # of the conic solver, tried in turn until it succeeds
+STEPS = 30  # of Dinkelbach's method, at most
 CLOSE = 1e-7  # tolerance of the share of friction
 SLACK = 1e-6  # relative and absolute relaxation of the share for the program of least forces
 ABOVE = 1e-7  # relative increase of the least normal forces, against the solver's tolerance

@@ -22,27 +22,6 @@ from nlpgrasp.tasks import Task, TaskEllipsoid, TaskSet
 ROUNDING = 1e-9  # relative guard against rounding
 
 
-def bilateral_ellipsoid(wrenches: WrenchSet, task: Task) -> Bounds | None:
-    """Return bounds on the least ``|G^T y| / |L^T y|`` if that is the quality, or None if it is not.
-
-    With ``G = U S V^T`` and ``y = U S^-1 v`` it is one over the largest singular value of ``L^T U S^-1``; for a ball of
-    wrenches the smallest singular value of G.
-    """
-    if not (wrenches.is_ellipsoid and isinstance(task, TaskEllipsoid)):
-        return None
-    rows = np.linalg.norm(wrenches.G, axis=1)
-    if not task.is_centred or np.any(rows == 0.0):
-        return None
-    U, S, _ = np.linalg.svd(wrenches.G / rows[:, None])
-    if numerical_rank(S) < len(U):
-        return None
-    _, values, right = np.linalg.svd((task.axes / rows) @ U / S)
-    worst = (U @ (right[0] / S)) / rows
-    guard = ROUNDING + 1e-14 * S[0] / S[-1]
-    ratio = float(1.0 / values[0])
-    return Bounds(float(ratio * (1.0 - guard)), float(ratio * (1.0 + guard)), worst / np.linalg.norm(worst))
-
-
 @overload
 def mu(
     grasp: Grasp,
@@ -133,6 +112,27 @@ def _certified(
     if problem is None:
         return Bounds(0.0, 0.0, proof)
     return sandwich(problem, rtol, seed, deadline)
+
+
+def bilateral_ellipsoid(wrenches: WrenchSet, task: Task) -> Bounds | None:
+    """Return bounds on the least ``|G^T y| / |L^T y|`` if that is the quality, or None if it is not.
+
+    With ``G = U S V^T`` and ``y = U S^-1 v`` it is one over the largest singular value of ``L^T U S^-1``; for a ball of
+    wrenches the smallest singular value of G.
+    """
+    if not (wrenches.is_ellipsoid and isinstance(task, TaskEllipsoid)):
+        return None
+    rows = np.linalg.norm(wrenches.G, axis=1)
+    if not task.is_centred or np.any(rows == 0.0):
+        return None
+    U, S, _ = np.linalg.svd(wrenches.G / rows[:, None])
+    if numerical_rank(S) < len(U):
+        return None
+    _, values, right = np.linalg.svd((task.axes / rows) @ U / S)
+    worst = (U @ (right[0] / S)) / rows
+    guard = ROUNDING + 1e-14 * S[0] / S[-1]
+    ratio = float(1.0 / values[0])
+    return Bounds(float(ratio * (1.0 - guard)), float(ratio * (1.0 + guard)), worst / np.linalg.norm(worst))
 
 
 @overload

@@ -93,7 +93,7 @@ def iterate(problem: Containment, u: FloatArray, steps: int) -> tuple[FloatArray
     """Minimise the support ratio by inverse iteration from each row of ``u``, for the L2 budget.
 
     The squared support is piecewise quadratic, so this converges in fewer steps than ``descend``
-    (``quality.inverse_iteration``). Arguments and results are those of ``descend``; a narrow minimum far from all
+    (``iterate_inverse``). Arguments and results are those of ``descend``; a narrow minimum far from all
     starts may be missed.
     """
     regular = REGULAR * np.sum(problem.wrenches.G**2) * np.eye(problem.rank)

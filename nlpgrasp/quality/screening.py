@@ -1,4 +1,8 @@
-"""Fast upper bounds on mu for many grasps."""
+"""Fast upper bounds on mu for many grasps: sampled support ratios, and local minimisation from the weakest.
+
+All work on stacks of grasps at once. ``screen`` is the complete bound; the other functions are its parts, for searches
+that choose the directions themselves.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +22,9 @@ from nlpgrasp.tasks import Task
 
 CHUNK = 256  # grasps per batch, to fit the processor's cache
 DESCENTS, STEPS = 4, 16  # descents per grasp, and their steps
-REGULAR = 1e-6
-FLAT = 1e-6
-PLANAR = 200  # directions in the plane
+REGULAR = 1e-6  # of the trace of ``G G^T``: regularisation of the Hessian
+FLAT = 1e-6  # least over largest moment of the task, relative to the grasps', below which it counts as flat
+PLANAR = 200  # directions for planar grasps
 LEAST_WEIGHT = 1e-2  # least relative weight of a contact in the quadratic model
 
 
@@ -56,6 +60,23 @@ def screen(stack: GraspStack, task: Task, *, force_budget: str | ForceBudget = "
     return np.concatenate(parts)
 
 
+def _budget(stack: GraspStack, value: str | ForceBudget) -> ForceBudget:
+    budget = force_budget(value)
+    budget.check(stack.contacts, stack.space)
+    if budget.depends_on_frames:
+        raise InputError("force_budget", value, "a budget that does not depend on each grasp's frames")
+    return budget
+
+
+def _descend(view: _View, task: Task, y: FloatArray) -> FloatArray:
+    """Return each grasp's least ratio over the directions and over descents from the weakest."""
+    first = view.support(np.broadcast_to(y, (len(view.G), *y.shape)))[0] / task.support(y)[0]
+    least = first.min(axis=1)
+    weakest = np.argpartition(first, min(DESCENTS, first.shape[1]) - 1, axis=1)[:, :DESCENTS]
+    value = iterate_inverse(lambda u: view.quadratic(u, task), y[weakest], STEPS)[1]
+    return np.asarray(np.minimum(least, value.min(axis=1)))
+
+
 def spread_directions(stack: GraspStack, task: Task) -> FloatArray:
     """Return directions (m, d) well spread in a task's metric, which grasps regularise for a flat task."""
     planar = stack.dimension == 3
@@ -63,29 +84,6 @@ def spread_directions(stack: GraspStack, task: Task) -> FloatArray:
     y = spread @ np.linalg.inv(np.linalg.cholesky(_shape(stack, task)))
     reach = task.support(y)[0]
     return np.asarray(y[reach > 1e-9 * np.max(reach)])
-
-
-def weak_directions(
-    stack: GraspStack, task: Task, y: FloatArray, budget: ForceBudget, steps: int = STEPS
-) -> tuple[FloatArray, FloatArray]:
-    """Minimise ``phi_G / phi_A`` locally from directions of each grasp, (b, m, d).
-
-    Parameters
-    ----------
-    stack : GraspStack
-    task : Task
-    y : (b, m, d) array
-    budget : ForceBudget
-        One that does not depend on the contacts' frames.
-    steps : int
-
-    Returns
-    -------
-    directions : (b, m, d) array
-    ratios : (b, m) array
-    """
-    view = _View(stack, slice(None), _bound(stack, budget))
-    return iterate_inverse(lambda u: view.quadratic(u, task), y, steps)
 
 
 def _shape(stack: GraspStack, task: Task) -> FloatArray:
@@ -133,6 +131,29 @@ def screening_score(ratios: FloatArray) -> FloatArray:
     return np.asarray(lowest.min(axis=1) + 0.05 * lowest.mean(axis=1))
 
 
+def weak_directions(
+    stack: GraspStack, task: Task, y: FloatArray, budget: ForceBudget, steps: int = STEPS
+) -> tuple[FloatArray, FloatArray]:
+    """Minimise ``phi_G / phi_A`` locally from directions of each grasp, (b, m, d).
+
+    Parameters
+    ----------
+    stack : GraspStack
+    task : Task
+    y : (b, m, d) array
+    budget : ForceBudget
+        One that does not depend on the contacts' frames.
+    steps : int
+
+    Returns
+    -------
+    directions : (b, m, d) array
+    ratios : (b, m) array
+    """
+    view = _View(stack, slice(None), _bound(stack, budget))
+    return iterate_inverse(lambda u: view.quadratic(u, task), y, steps)
+
+
 class _View:
     """Batched support functions of some grasps of a stack."""
 
@@ -170,24 +191,7 @@ class _View:
         return value, wrench.reshape(y.shape), H + REGULAR * scale * np.eye(y.shape[2])
 
 
-def _descend(view: _View, task: Task, y: FloatArray) -> FloatArray:
-    """Return each grasp's least ratio over the directions and over descents from the weakest."""
-    first = view.support(np.broadcast_to(y, (len(view.G), *y.shape)))[0] / task.support(y)[0]
-    least = first.min(axis=1)
-    weakest = np.argpartition(first, min(DESCENTS, first.shape[1]) - 1, axis=1)[:, :DESCENTS]
-    value = iterate_inverse(lambda u: view.quadratic(u, task), y[weakest], STEPS)[1]
-    return np.asarray(np.minimum(least, value.min(axis=1)))
-
-
 def _bound(stack: GraspStack, budget: ForceBudget) -> ForceSet:
     """Return the force set of a budget that does not depend on the grasps' frames."""
     any_frames = np.broadcast_to(np.eye(stack.space), (len(stack.contacts), stack.space, stack.space))
     return budget.at(any_frames, stack.contacts)
-
-
-def _budget(stack: GraspStack, value: str | ForceBudget) -> ForceBudget:
-    budget = force_budget(value)
-    budget.check(stack.contacts, stack.space)
-    if budget.depends_on_frames:
-        raise InputError("force_budget", value, "a budget that does not depend on each grasp's frames")
-    return budget

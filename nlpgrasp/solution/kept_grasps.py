@@ -20,6 +20,8 @@ from nlpgrasp.solution.quality_record import Quality
 from nlpgrasp.solution.records import ConstraintReport
 from nlpgrasp.solution.schema import FoundData, SolutionData
 
+Accepts = Callable[["FoundGrasp"], bool]  # whether a kept grasp may be the answer
+
 
 @dataclass(frozen=True)
 class FoundGrasp:
@@ -123,9 +125,6 @@ def found_grasps(data: SolutionData, name: str) -> list[FoundGrasp]:
     if kept and data["grasp"] is None:
         raise InputError(name, f"{len(kept)} beside no grasp", "none in a file without a grasp")
     return kept
-
-
-Accepts = Callable[[FoundGrasp], bool]
 
 
 def first_accepted(grasps: Sequence[FoundGrasp], accepts: Accepts) -> FoundGrasp:

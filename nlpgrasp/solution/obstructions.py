@@ -12,7 +12,7 @@ from nlpgrasp.errors import InputError
 
 TOLERANCE = 1e-3  # metres: default penetration up to which links count as free
 MOST_TOLERANCE = 0.01  # metres: largest tolerance that may be chosen
-BODY = "the body"
+BODY = "the body"  # name of the held body among the things that links penetrate
 
 
 @dataclass(frozen=True)

@@ -20,21 +20,73 @@ FAR = 1e-3  # metres: larger moves of contacts are reported
 MISLED = 0.01  # share of the contacts' spread: larger distances of smooth surface and mesh are warned of
 
 
-def kept_normals(angles: Mapping[int, float]) -> str:
-    """Return the message that lists contacts with deviating normals and their angles in degrees.
+@dataclass(frozen=True)
+class PlacedGrasp:
+    """A grasp with the face of each contact and its match with the mesh.
 
     Parameters
     ----------
-    angles : mapping
-        Angle by contact, radians; at least one.
+    grasp : Grasp
+    faces : tuple of k str
+        The face each contact is on.
+    surface : SurfaceMatch or None
+        For meshes.
     """
-    each = [f"{np.degrees(angle):.2g}" for angle in angles.values()]
-    numbers = [str(i) for i in angles]
-    if len(each) == 1:
-        return f"the normal stated at contact {numbers[0]} is not the mesh's: it is {each[0]} degrees off"
-    listed = f"{', '.join(numbers[:-1])} and {numbers[-1]}"
-    off = f"{', '.join(each[:-1])} and {each[-1]}"
-    return f"the normals stated at contacts {listed} are not the mesh's: they are {off} degrees off"
+
+    grasp: Grasp
+    faces: tuple[str, ...]
+    surface: SurfaceMatch | None = None
+
+    def lines(self, fingers: Sequence[str] = ()) -> list[str]:
+        """Return the contacts as text, one a line, with the fingers' links if any."""
+        result = []
+        for i, (p, n, face) in enumerate(zip(self.grasp.points, self.grasp.normals, self.faces, strict=True)):
+            which = f"{i} ({fingers[i]})" if fingers else f"{i}"
+            result.append(f"  contact {which} on {face}: position [{vector(p, 4)}] m, inward normal [{vector(n, 4)}]")
+        size = float(np.linalg.norm(np.ptp(self.grasp.points, axis=0)))
+        return result if self.surface is None else [*result, *self.surface.lines(size)]
+
+    def to_dict(self) -> GraspData:
+        """Return the grasp as JSON data, contact by contact."""
+        return {
+            "dimension": self.grasp.dimension,
+            "torque_origin": self.grasp.torque_origin.tolist(),
+            "contacts": [self._contact(i) for i in range(len(self.grasp))],
+        }
+
+    def _contact(self, i: int) -> ContactData:
+        grasp = self.grasp
+        entries = {
+            "position": grasp.points[i].tolist(),
+            "normal": grasp.normals[i].tolist(),
+            "tangents": grasp.tangents[i].tolist(),
+            "face": self.faces[i],
+            **grasp.contacts[i].to_dict(),
+            **({} if self.surface is None else self.surface.at(i)),
+        }
+        return cast(ContactData, entries)  # and those of its contact model
+
+    @classmethod
+    def from_dict(cls, data: GraspData, name: str) -> PlacedGrasp:
+        """Return the grasp that ``to_dict`` wrote.
+
+        Raises
+        ------
+        InputError
+            When the numbers make no grasp, or one of another dimension; ``name`` is shown in the message.
+        """
+        contacts = data["contacts"]
+        with within(f"{name}."):
+            grasp = Grasp(
+                [c["position"] for c in contacts],
+                [c["normal"] for c in contacts],
+                [contact_from_dict(c) for c in contacts],
+                data["torque_origin"],
+                [c["tangents"] for c in contacts],
+            )
+        if grasp.dimension != data["dimension"]:
+            raise InputError(f"{name}.dimension", data["dimension"], f"{grasp.dimension}, as the positions say")
+        return cls(grasp, tuple(str(c.get("face", "")) for c in contacts), SurfaceMatch.of(contacts))
 
 
 @dataclass(frozen=True)
@@ -123,75 +175,23 @@ class SurfaceMatch:
         )
 
 
-@dataclass(frozen=True)
-class PlacedGrasp:
-    """A grasp with the face of each contact and its match with the mesh.
-
-    Parameters
-    ----------
-    grasp : Grasp
-    faces : tuple of k str
-        The face each contact is on.
-    surface : SurfaceMatch or None
-        For meshes.
-    """
-
-    grasp: Grasp
-    faces: tuple[str, ...]
-    surface: SurfaceMatch | None = None
-
-    def lines(self, fingers: Sequence[str] = ()) -> list[str]:
-        """Return the contacts as text, one a line, with the fingers' links if any."""
-        result = []
-        for i, (p, n, face) in enumerate(zip(self.grasp.points, self.grasp.normals, self.faces, strict=True)):
-            which = f"{i} ({fingers[i]})" if fingers else f"{i}"
-            result.append(f"  contact {which} on {face}: position [{vector(p, 4)}] m, inward normal [{vector(n, 4)}]")
-        size = float(np.linalg.norm(np.ptp(self.grasp.points, axis=0)))
-        return result if self.surface is None else [*result, *self.surface.lines(size)]
-
-    def to_dict(self) -> GraspData:
-        """Return the grasp as JSON data, contact by contact."""
-        return {
-            "dimension": self.grasp.dimension,
-            "torque_origin": self.grasp.torque_origin.tolist(),
-            "contacts": [self._contact(i) for i in range(len(self.grasp))],
-        }
-
-    def _contact(self, i: int) -> ContactData:
-        grasp = self.grasp
-        entries = {
-            "position": grasp.points[i].tolist(),
-            "normal": grasp.normals[i].tolist(),
-            "tangents": grasp.tangents[i].tolist(),
-            "face": self.faces[i],
-            **grasp.contacts[i].to_dict(),
-            **({} if self.surface is None else self.surface.at(i)),
-        }
-        return cast(ContactData, entries)  # and those of its contact model
-
-    @classmethod
-    def from_dict(cls, data: GraspData, name: str) -> PlacedGrasp:
-        """Return the grasp that ``to_dict`` wrote.
-
-        Raises
-        ------
-        InputError
-            When the numbers make no grasp, or one of another dimension; ``name`` is shown in the message.
-        """
-        contacts = data["contacts"]
-        with within(f"{name}."):
-            grasp = Grasp(
-                [c["position"] for c in contacts],
-                [c["normal"] for c in contacts],
-                [contact_from_dict(c) for c in contacts],
-                data["torque_origin"],
-                [c["tangents"] for c in contacts],
-            )
-        if grasp.dimension != data["dimension"]:
-            raise InputError(f"{name}.dimension", data["dimension"], f"{grasp.dimension}, as the positions say")
-        return cls(grasp, tuple(str(c.get("face", "")) for c in contacts), SurfaceMatch.of(contacts))
-
-
 def _which(values: FloatArray) -> str:
     """Return the contact with the largest of values (k,), as text."""
     return f"contact {int(np.argmax(values))}"
+
+
+def kept_normals(angles: Mapping[int, float]) -> str:
+    """Return the message that lists contacts with deviating normals and their angles in degrees.
+
+    Parameters
+    ----------
+    angles : mapping
+        Angle by contact, radians; at least one.
+    """
+    each = [f"{np.degrees(angle):.2g}" for angle in angles.values()]
+    numbers = [str(i) for i in angles]
+    if len(each) == 1:
+        return f"the normal stated at contact {numbers[0]} is not the mesh's: it is {each[0]} degrees off"
+    listed = f"{', '.join(numbers[:-1])} and {numbers[-1]}"
+    off = f"{', '.join(each[:-1])} and {each[-1]}"
+    return f"the normals stated at contacts {listed} are not the mesh's: they are {off} degrees off"

@@ -11,7 +11,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.solution.schema import ConstraintData, SolverData, StartData
 
-UNKNOWN = Bounds(0.0, math.inf)
+UNKNOWN = Bounds(0.0, math.inf)  # quality without a grasp
 
 
 class Status(Enum):

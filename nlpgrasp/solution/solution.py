@@ -1,4 +1,8 @@
-"""Grasp solution: frozen result of a solve, with its JSON form."""
+"""Grasp solution: frozen result of a solve, with its JSON form.
+
+``GraspSolution`` holds the data. Its base classes hold what follows from them: the problem's parts, the results that
+depend on the hand, the quality measures, the kept grasps, and the display.
+"""
 
 from __future__ import annotations
 
@@ -50,14 +54,13 @@ from nlpgrasp.tasks.base import component_ranges
 
 if TYPE_CHECKING:
     from nlpgrasp.hands.base import Hand
-
-if TYPE_CHECKING:
     from nlpgrasp.problem.problem import GraspProblem
 
-
+# advice where contacts cannot press against each other
 MORE = "a task that pushes from more sides, such as + ng.disturbance(force, torque, point), gives contacts that can"
-ROUNDING = 1e-6  # relative
+ROUNDING = 1e-6  # relative tolerance of forces against ``max_force``
 FINE = 5e-5  # metres: smaller lengths are not reported
+# module and function of each display, imported on use
 PAGE = ("nlpgrasp.report.solution_page", "write_own")
 CARD = ("nlpgrasp.report.solution_page", "card")
 LIVE = ("nlpgrasp.report.live_viewer", "show_live")

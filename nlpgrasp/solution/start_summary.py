@@ -10,8 +10,8 @@ from nlpgrasp.solution.records import UNKNOWN, StartRecord, Status
 from nlpgrasp.solution.schema import SolverData
 
 ALLOWED = 1e-4  # largest relative violation of grasps on a mesh; elsewhere a tenth of it
-SOLVER_WORD = re.compile(r"\b[A-Z][A-Za-z]*(?:_[A-Z][A-Za-z]*)+\b")
-SOLVED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
+SOLVER_WORD = re.compile(r"\b[A-Z][A-Za-z]*(?:_[A-Z][A-Za-z]*)+\b")  # a status name of IPOPT in a message
+SOLVED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")  # statuses of a successful run of IPOPT
 WORDS = {  # IPOPT's status to text, of the first program
     "Solve_Succeeded": "solved",
     "Solved_To_Acceptable_Level": "solved to a looser tolerance",
@@ -29,6 +29,7 @@ WORDS = {  # IPOPT's status to text, of the first program
     "Insufficient_Memory": "did not run, for want of memory",
     "Internal_Error": "did not run, by an error of its own",
 }
+# how starts without a grasp end
 BROKEN, UNHELD, NOWHERE = "broke a constraint", "could not hold the task", "found no placement"
 INSIDE = "got a link inside something"
 ERROR, CUT = "ended with an error", "ended before a grasp was found"

@@ -15,7 +15,8 @@ from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.solution.solution import GraspSolution
 
-RATE, SPEED, JOINT_SPEED = 50.0, 0.1, 0.5  # 1/s, m/s, rad/s
+RATE, SPEED, JOINT_SPEED = 50.0, 0.1, 0.5  # defaults: samples per second, m/s of the palm, rad/s of joints
+# columns of the palm's pose in a table of the trajectory
 PALM = ("palm_x", "palm_y", "palm_z", "palm_qw", "palm_qx", "palm_qy", "palm_qz")
 
 

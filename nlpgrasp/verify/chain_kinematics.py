@@ -1,4 +1,8 @@
-"""Forward kinematics in numpy of a URDF's or MJCF's links, from the file's text."""
+"""Forward kinematics in numpy of a URDF's or MJCF's links, from the file's text.
+
+Both formats become the same chain of ``Link``: one link per joint, parents first. A URDF is read here; an MJCF is
+compiled by MuJoCo, whose model gives the joints.
+"""
 
 from __future__ import annotations
 
@@ -78,6 +82,27 @@ class Link:
         return np.asarray(self.origin @ move)
 
 
+def links_in(place: Path, palm: str) -> tuple[Link, ...]:
+    """Return the links below the palm, parents first; raise ``NotMadeError`` where a needed tool is missing.
+
+    Parameters
+    ----------
+    place : Path
+        The hand's file, with the recorded sha256.
+    palm : str
+    """
+    text = place.read_bytes()
+    root = ET.fromstring(text)  # noqa: S314  (expat refuses entity bombs)
+    if root.tag == "mujoco":
+        return links_in_mjcf(place, palm)
+    if any(element.tag.endswith("/xacro}" + element.tag.rpartition("}")[2]) for element in root.iter()):
+        try:
+            text = expanded(place)
+        except InputError as error:
+            raise NotMadeError(str(error)) from None
+    return links_below(text, palm)
+
+
 def links_below(text: bytes, palm: str) -> tuple[Link, ...]:
     """Return the links below the palm, parents first.
 
@@ -96,87 +121,6 @@ def links_below(text: bytes, palm: str) -> tuple[Link, ...]:
         found += below
         names += [link.name for link in below]
     return tuple(_signed(link, found) for link in found)
-
-
-def poses(
-    links: tuple[Link, ...], palm: str, base: FloatArray, positions: Mapping[str, float]
-) -> dict[str, FloatArray]:
-    """Return the frames of all links, (4, 4), with the palm's at ``base``."""
-    found = {palm: base}
-    for link in links:
-        found[link.name] = found[link.parent] @ link.step(positions[link.joint] if link.moves else 0.0)
-    return found
-
-
-def reach(links: tuple[Link, ...]) -> float:
-    """Return an upper bound on the links' frames' distance from the palm's, metres: sums of offsets and slides."""
-    far = {link.parent: 0.0 for link in links}
-    for link in links:
-        slide = max(abs(link.lower), abs(link.upper)) if link.kind == "prismatic" else 0.0
-        far[link.name] = far[link.parent] + float(np.linalg.norm(link.origin[:3, 3])) + slide
-    return max(far.values(), default=0.0)
-
-
-def ranges(links: tuple[Link, ...]) -> dict[str, tuple[float, float]]:
-    """Return the limits of the free joints, narrowed by those of their mimic joints."""
-    found = {link.joint: (link.lower, link.upper) for link in links if link.moves and link.follow is None}
-    for link in links:
-        if link.moves and link.follow is not None:
-            joint, rate, offset = _driver(links, link)
-            if rate != 0.0:
-                ends = sorted(((link.lower - offset) / rate, (link.upper - offset) / rate))
-                found[joint] = max(found[joint][0], ends[0]), min(found[joint][1], ends[1])
-    return found
-
-
-def loaded(links: tuple[Link, ...], ends: Iterable[str]) -> tuple[str, ...]:
-    """Return the free joints that move some of the links ``ends``, in the order of their links."""
-    drivers = {_driver(links, link)[0] for end in ends for link in _chain(links, end) if link.moves}
-    return tuple(link.joint for link in links if link.joint in drivers)
-
-
-def jacobian(
-    links: tuple[Link, ...], at: Mapping[str, FloatArray], end: str, point: FloatArray
-) -> dict[str, FloatArray]:
-    """Return velocity and angular velocity (6,) of a point fixed to a link, per rate of each joint that moves it.
-
-    Parameters
-    ----------
-    links : tuple of Link
-    at : mapping
-        Frames of the links, (4, 4).
-    end : str
-        The link.
-    point : (3,) array
-        The point in the same base frame, metres.
-    """
-    found: dict[str, FloatArray] = {}
-    for link in _chain(links, end):
-        if link.moves:
-            joint, rate, _ = _driver(links, link)
-            frame = at[link.name]
-            axis = frame[:3, :3] @ link.axis
-            turning = np.concatenate([np.cross(axis, point - frame[:3, 3]), axis])
-            step = np.concatenate([axis, np.zeros(3)]) if link.kind == "prismatic" else turning
-            found[joint] = found.get(joint, np.zeros(6)) + rate * step
-    return found
-
-
-def _chain(links: tuple[Link, ...], end: str) -> Iterator[Link]:
-    """Yield the links from one up to the palm, without the palm."""
-    above = {link.name: link for link in links}
-    while end in above:
-        yield above[end]
-        end = above[end].parent
-
-
-def _driver(links: tuple[Link, ...], link: Link) -> tuple[str, float, float]:
-    """Return the joint that a link's joint follows, or itself, with multiplier and offset."""
-    by_joint, rate, offset = {other.joint: other for other in links}, 1.0, 0.0
-    while (follow := link.follow) is not None:
-        rate, offset = rate * follow.multiplier, rate * follow.offset + offset
-        link = by_joint[follow.joint]
-    return link.joint, rate, offset
 
 
 def _link(element: ET.Element) -> Link:
@@ -356,22 +300,82 @@ def _frame(position: FloatArray, quaternion: FloatArray | None = None) -> FloatA
     return frame
 
 
-def links_in(place: Path, palm: str) -> tuple[Link, ...]:
-    """Return the links below the palm, parents first; raise ``NotMadeError`` where a needed tool is missing.
+def poses(
+    links: tuple[Link, ...], palm: str, base: FloatArray, positions: Mapping[str, float]
+) -> dict[str, FloatArray]:
+    """Return the frames of all links, (4, 4), with the palm's at ``base``."""
+    found = {palm: base}
+    for link in links:
+        found[link.name] = found[link.parent] @ link.step(positions[link.joint] if link.moves else 0.0)
+    return found
+
+
+def reach(links: tuple[Link, ...]) -> float:
+    """Return an upper bound on the links' frames' distance from the palm's, metres: sums of offsets and slides."""
+    far = {link.parent: 0.0 for link in links}
+    for link in links:
+        slide = max(abs(link.lower), abs(link.upper)) if link.kind == "prismatic" else 0.0
+        far[link.name] = far[link.parent] + float(np.linalg.norm(link.origin[:3, 3])) + slide
+    return max(far.values(), default=0.0)
+
+
+def ranges(links: tuple[Link, ...]) -> dict[str, tuple[float, float]]:
+    """Return the limits of the free joints, narrowed by those of their mimic joints."""
+    found = {link.joint: (link.lower, link.upper) for link in links if link.moves and link.follow is None}
+    for link in links:
+        if link.moves and link.follow is not None:
+            joint, rate, offset = _driver(links, link)
+            if rate != 0.0:
+                ends = sorted(((link.lower - offset) / rate, (link.upper - offset) / rate))
+                found[joint] = max(found[joint][0], ends[0]), min(found[joint][1], ends[1])
+    return found
+
+
+def loaded(links: tuple[Link, ...], ends: Iterable[str]) -> tuple[str, ...]:
+    """Return the free joints that move some of the links ``ends``, in the order of their links."""
+    drivers = {_driver(links, link)[0] for end in ends for link in _chain(links, end) if link.moves}
+    return tuple(link.joint for link in links if link.joint in drivers)
+
+
+def jacobian(
+    links: tuple[Link, ...], at: Mapping[str, FloatArray], end: str, point: FloatArray
+) -> dict[str, FloatArray]:
+    """Return velocity and angular velocity (6,) of a point fixed to a link, per rate of each joint that moves it.
 
     Parameters
     ----------
-    place : Path
-        The hand's file, with the recorded sha256.
-    palm : str
+    links : tuple of Link
+    at : mapping
+        Frames of the links, (4, 4).
+    end : str
+        The link.
+    point : (3,) array
+        The point in the same base frame, metres.
     """
-    text = place.read_bytes()
-    root = ET.fromstring(text)  # noqa: S314  (expat refuses entity bombs)
-    if root.tag == "mujoco":
-        return links_in_mjcf(place, palm)
-    if any(element.tag.endswith("/xacro}" + element.tag.rpartition("}")[2]) for element in root.iter()):
-        try:
-            text = expanded(place)
-        except InputError as error:
-            raise NotMadeError(str(error)) from None
-    return links_below(text, palm)
+    found: dict[str, FloatArray] = {}
+    for link in _chain(links, end):
+        if link.moves:
+            joint, rate, _ = _driver(links, link)
+            frame = at[link.name]
+            axis = frame[:3, :3] @ link.axis
+            turning = np.concatenate([np.cross(axis, point - frame[:3, 3]), axis])
+            step = np.concatenate([axis, np.zeros(3)]) if link.kind == "prismatic" else turning
+            found[joint] = found.get(joint, np.zeros(6)) + rate * step
+    return found
+
+
+def _chain(links: tuple[Link, ...], end: str) -> Iterator[Link]:
+    """Yield the links from one up to the palm, without the palm."""
+    above = {link.name: link for link in links}
+    while end in above:
+        yield above[end]
+        end = above[end].parent
+
+
+def _driver(links: tuple[Link, ...], link: Link) -> tuple[str, float, float]:
+    """Return the free joint that drives a link's joint, or itself, with multiplier and offset."""
+    by_joint, rate, offset = {other.joint: other for other in links}, 1.0, 0.0
+    while (follow := link.follow) is not None:
+        rate, offset = rate * follow.multiplier, rate * follow.offset + offset
+        link = by_joint[follow.joint]
+    return link.joint, rate, offset

@@ -1,4 +1,4 @@
-"""Signed distances of many points from solids, and penetration depths of convex ones.
+"""Solids around a hand: signed distances of many points from them, and penetration depths of convex ones.
 
 Two convex solids A and B overlap if their Minkowski difference, the hull of all ``a - b``, contains the origin; the
 origin's distance from its nearest face is the length of the shortest translation that separates them (Cameron and
@@ -26,6 +26,78 @@ from nlpgrasp.verify.stated_placement import StatedPlacement, Surface
 CONVEX = 0.999  # least share of its hull's volume of a surface that counts as convex
 AROUND = 400  # sample points of a curved surface, or corners of a cylinder
 CORNERS = 64  # most corners of a solid; of more, the extreme ones in as many directions
+
+Distance = Callable[[FloatArray], FloatArray]
+"""Points (m, space), body frame, to signed distances (m,), metres, negative inside."""
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A solid that a hand may collide with.
+
+    Parameters
+    ----------
+    name : str
+    distance : callable
+        Points (m, space), body frame, to signed distances (m,), metres, negative inside.
+    clearance : float
+        Required clearance of a hand, metres.
+    rough : float
+        Largest excess of the solver's distance over this one, metres.
+    corners : (n, 3) array or None
+        Corners of a convex solid in space, metres, body frame.
+    """
+
+    name: str
+    distance: Distance
+    clearance: float = 0.0
+    rough: float = 0.0
+    corners: FloatArray | None = None
+
+
+def surroundings(constraints: Sequence[Json], placement: StatedPlacement) -> Iterator[Solid]:
+    """Yield the tables and obstacles among constraints, as solids."""
+    for data in constraints:
+        if data["type"] == "table":
+            clearance = number("clearance", data["clearance"], at_least=0.0)
+            yield Solid("the table", partial(_above, number("height", data["height"])), clearance)
+        elif data["type"] == "obstacle":
+            clearance = number("clearance", data["clearance"], at_least=0.0)
+            surface = placement.surface_of(data["body"])
+            own = solid_body(str(data["name"]), data["body"], surface)
+            corners = None if own.corners is None else in_body_frame(data, own.corners)
+            yield Solid(own.name, partial(_beside, data, own.distance), clearance, surface.rough, corners)
+
+
+def solid_body(name: str, data: Json, surface: Surface) -> Solid:
+    """Return a body as a solid in its own frame.
+
+    Parameters
+    ----------
+    name : str
+    data : mapping
+        The body's JSON data.
+    surface : Surface
+        The same body.
+    """
+    return Solid(name, fast_distance(surface), corners=convex_corners(data, surface))
+
+
+def fast_distance(surface: Surface) -> Distance:
+    """Return the signed distance function of a body, points (m, space) to metres; of a mesh by a search tree."""
+    if isinstance(surface, MeshSurface):
+        return SearchTree(surface.triangles.vertices, surface.triangles.faces).clearance
+    return surface.distance
+
+
+def _above(height: float, points: FloatArray) -> FloatArray:
+    """Return the height of points (m, space) above a level along the last axis, metres."""
+    return np.asarray(points[:, -1] - height)
+
+
+def _beside(data: Json, distance: Distance, points: FloatArray) -> FloatArray:
+    """Return the signed distance of points (m, space) from an obstacle, metres; ``distance`` is in its frame."""
+    return distance(in_frame_of(data, points))
 
 
 def convex_corners(data: Json, surface: Surface) -> FloatArray | None:
@@ -55,6 +127,13 @@ def convex_corners(data: Json, surface: Surface) -> FloatArray | None:
         height = number("height", data["height"]) / 2.0
         return np.concatenate([np.column_stack([outline, np.full(len(outline), z)]) for z in (-height, height)])
     return None
+
+
+def _on_superquadric(directions: FloatArray, e1: float, e2: float) -> FloatArray:
+    """Return the points (m, 3), in given directions, of a superquadric with semi-axes 1."""
+    x, y, z = np.abs(directions).T
+    flat = (x ** (2.0 / e2) + y ** (2.0 / e2)) ** (e2 / e1)
+    return np.asarray(directions / (flat + z ** (2.0 / e1))[:, None] ** (e1 / 2.0))
 
 
 def mesh_corners(vertices: FloatArray, triangles: FloatArray) -> FloatArray | None:
@@ -90,82 +169,3 @@ def _outermost(corners: FloatArray) -> FloatArray:
     if len(corners) <= CORNERS:
         return corners
     return np.asarray(corners[np.unique(np.argmax(directions_around(np.eye(3)[2], CORNERS) @ corners.T, axis=1))])
-
-
-def _on_superquadric(directions: FloatArray, e1: float, e2: float) -> FloatArray:
-    """Return the points (m, 3), in given directions, of a superquadric with semi-axes 1."""
-    x, y, z = np.abs(directions).T
-    flat = (x ** (2.0 / e2) + y ** (2.0 / e2)) ** (e2 / e1)
-    return np.asarray(directions / (flat + z ** (2.0 / e1))[:, None] ** (e1 / 2.0))
-
-
-Distance = Callable[[FloatArray], FloatArray]
-
-
-@dataclass(frozen=True)
-class Solid:
-    """A solid that a hand may collide with.
-
-    Parameters
-    ----------
-    name : str
-    distance : callable
-        Points (m, space), body frame, to signed distances (m,), metres, negative inside.
-    clearance : float
-        Required clearance of a hand, metres.
-    rough : float
-        Largest excess of the solver's distance over this one, metres.
-    corners : (n, 3) array or None
-        Corners of a convex solid in space, metres, body frame.
-    """
-
-    name: str
-    distance: Distance
-    clearance: float = 0.0
-    rough: float = 0.0
-    corners: FloatArray | None = None
-
-
-def solid_body(name: str, data: Json, surface: Surface) -> Solid:
-    """Return a body as a solid in its own frame.
-
-    Parameters
-    ----------
-    name : str
-    data : mapping
-        The body's JSON data.
-    surface : Surface
-        The same body.
-    """
-    return Solid(name, fast_distance(surface), corners=convex_corners(data, surface))
-
-
-def surroundings(constraints: Sequence[Json], placement: StatedPlacement) -> Iterator[Solid]:
-    """Yield the tables and obstacles among constraints, as solids."""
-    for data in constraints:
-        if data["type"] == "table":
-            clearance = number("clearance", data["clearance"], at_least=0.0)
-            yield Solid("the table", partial(_above, number("height", data["height"])), clearance)
-        elif data["type"] == "obstacle":
-            clearance = number("clearance", data["clearance"], at_least=0.0)
-            surface = placement.surface_of(data["body"])
-            own = solid_body(str(data["name"]), data["body"], surface)
-            corners = None if own.corners is None else in_body_frame(data, own.corners)
-            yield Solid(own.name, partial(_beside, data, own.distance), clearance, surface.rough, corners)
-
-
-def fast_distance(surface: Surface) -> Distance:
-    """Return the signed distance function of a body, points (m, space) to metres; of a mesh by a search tree."""
-    if isinstance(surface, MeshSurface):
-        return SearchTree(surface.triangles.vertices, surface.triangles.faces).clearance
-    return surface.distance
-
-
-def _above(height: float, points: FloatArray) -> FloatArray:
-    """Return the height of points (m, space) above a level along the last axis, metres."""
-    return np.asarray(points[:, -1] - height)
-
-
-def _beside(data: Json, distance: Distance, points: FloatArray) -> FloatArray:
-    """Return the signed distance of points (m, space) from an obstacle, metres; ``distance`` is in its frame."""
-    return distance(in_frame_of(data, points))

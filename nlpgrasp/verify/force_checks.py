@@ -1,11 +1,13 @@
-"""Checks of the stated finger forces for the full task, and of the squeeze.
+"""Checks of stated finger forces: for the scaled task, for the task at its full size, and of the squeeze.
 
-Every amount of force is proved by weak duality: for any direction y of wrench space, forces that produce w use at least
-``<w, y> / phi(y)`` of the budget, phi the support function of the wrenches of one unit. The proof does not depend on
-the conic program that proposes y.
+Forces are inserted into the equilibrium equations and the contacts' cones (``put_back``).
 
-Forces are inserted into the equilibrium equations and the contacts' cones; torques come from virtual work with the
-Jacobians of this package's own kinematics, from the URDF. That no other forces need less friction is not checked.
+That forces for the task at its full size are least is proved by weak duality: for any direction y of wrench space,
+forces that produce w use at least ``<w, y> / phi(y)`` of the budget, phi the support function of the wrenches of one
+unit. The proof does not depend on the conic program that proposes y.
+
+Joint torques of a squeeze come from virtual work with the Jacobians of this package's own kinematics. That no other
+forces need less friction is not checked.
 """
 
 from __future__ import annotations
@@ -26,12 +28,13 @@ from nlpgrasp.quality.other_measures import pyramid_wrenches
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.solution.force_records import ForcesNeeded
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.tasks import Task, TaskEllipsoid
+from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope
 from nlpgrasp.verify.check import Check, NotMadeError
 from nlpgrasp.verify.numeric_urdf_hand import require_links
-from nlpgrasp.verify.quality_checks import DIRECTIONS, FORCE_TOLERANCE, put_back
 from nlpgrasp.verify.stated_placement import HandNumbers
 
+FORCE_TOLERANCE = 1e-6  # relative tolerance of balance, cones and budget
+DIRECTIONS = 500  # directions in which a wrench is compared with the task's support
 LEAST_FORCE_TOLERANCE = 1e-7  # relative tolerance of forces over the least ones
 DERIVED_TOLERANCE = 1e-9  # relative tolerance of numbers that follow from others in the file
 EDGES = 24  # edges of a friction pyramid
@@ -40,6 +43,93 @@ INFEASIBLE = 2  # HiGHS status
 JACOBIAN_TOLERANCE = 1e-6  # relative tolerance of recomputed Jacobians
 LESS = 1e-3  # relative tolerance of the share of friction
 LEAST_FRICTION_SHARE = 1e-5  # smaller shares of friction count as none
+
+
+def force_checks(solution: GraspSolution, grasp: Grasp, force_set: ForceSet) -> list[Check]:
+    """Check that stated forces are in the cones and the budget and add up to the stated wrench."""
+    if not solution.forces:
+        return []
+    k, space, d = len(grasp), grasp.space, grasp.dimension
+    worst_balance = worst_cone = most = 0.0
+    for i, (wrench, forces) in enumerate(solution.forces):
+        moments = solution.moments[i] if len(solution.moments) else np.zeros((k, d - space))
+        if forces.shape != (k, space) or moments.shape != (k, d - space) or wrench.shape != (d,):
+            return [Check("forces", False, f"shapes {forces.shape} and {moments.shape} for {k} contacts")]
+        balance, cone, used = put_back(grasp, force_set, wrench, forces, moments)
+        worst_balance, worst_cone, most = max(worst_balance, balance), max(worst_cone, cone), max(most, used)
+    good = worst_balance <= FORCE_TOLERANCE and worst_cone <= FORCE_TOLERANCE and most <= 1.0 + FORCE_TOLERANCE
+    residuals = f"relative residual {worst_balance:.1e}, distance to the cones {worst_cone:.1e}"
+    return [Check("forces", good, f"{len(solution.forces)} wrenches, {residuals}, {most:.4g} of the force budget")]
+
+
+def put_back(
+    grasp: Grasp, force_set: ForceSet, wrench: FloatArray, forces: FloatArray, moments: FloatArray
+) -> tuple[float, float, float]:
+    """Return equilibrium residual, cone distance and budget of forces (k, space), moments (k, d - space), wrench (d,).
+
+    Returns
+    -------
+    balance, cone, used : float
+        Both distances relative to the forces, and the used share of the force budget.
+    """
+    space, d = grasp.space, grasp.dimension
+    total = np.concatenate([forces.sum(axis=0), _moments(grasp, forces) + moments.sum(axis=0)])
+    arm = max(float(np.max(np.abs(grasp.points - grasp.torque_origin))), 1e-300)
+    units = np.concatenate([np.ones(space), np.full(d - space, 1.0 / arm)])
+    scale = max(float(np.linalg.norm(forces)), float(np.linalg.norm(moments)) / arm, 1e-300)
+    balance, cone = float(np.linalg.norm((total - wrench) * units)) / scale, 0.0
+    inside = []
+    for force, moment, frame, model in zip(forces, moments, grasp.frames, grasp.contacts, strict=True):
+        local = np.concatenate([frame.T @ force, frame.T @ moment if space == 3 else moment])
+        allowed = np.zeros(d)
+        components = model.project(local[None, list(model.axes(space))])[0]
+        allowed[list(model.axes(space))] = components
+        inside.append(components)
+        cone = max(cone, float(np.linalg.norm(local - allowed)) / scale)
+    return balance, cone, float(force_set.used(np.concatenate(inside)[None, :])[0])
+
+
+def _moments(grasp: Grasp, forces: FloatArray) -> FloatArray:
+    arm = grasp.points - grasp.torque_origin
+    if grasp.space == 2:
+        return np.array([np.sum(arm[:, 0] * forces[:, 1] - arm[:, 1] * forces[:, 0])])
+    return np.asarray(np.sum(np.cross(arm, forces), axis=0))
+
+
+def wrench_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Check]:
+    """Check that the stated forces are for wrenches on the task's boundary times the stated lower bound.
+
+    Some wrenches may be missing, but not all in the file of a solve. Ends of semi-axes and vertices are compared
+    number by number; for other tasks, a wrench must be within the task and not zero.
+    """
+    share, name = solution.mu.lower, "wrenches"
+    if not solution.forces:
+        if share <= 0.0 or not len(task.ends()):
+            return []
+        if not solution.starts:  # a continuation step: its file claims no forces
+            return [Check.not_made(name, "the file states no finger forces")]
+        return [Check(name, False, "no finger forces for any of the task's wrenches")]
+    wrenches = np.array([wrench for wrench, _ in solution.forces])
+    if wrenches.shape[1:] != (grasp.dimension,):
+        return [Check(name, False, f"shape {wrenches.shape} for dimension {grasp.dimension}")]
+    wrong = _not_asked(task, wrenches, share)
+    if wrong:
+        detail = f"wrench {wrong[0]} is not the stated lower bound times one that the task asks for"
+        return [Check(name, False, detail)]
+    return [Check(name, True, f"{len(wrenches)} of the task's, times {share:.6g}")]
+
+
+def _not_asked(task: Task, wrenches: FloatArray, share: float) -> list[int]:
+    """Return the indices of wrenches (m, d) that are not in a task times a share."""
+    size = FORCE_TOLERANCE * np.linalg.norm(wrenches, axis=1)
+    if isinstance(task, TaskEllipsoid | TaskPolytope):
+        ends = share * (task.ends() if isinstance(task, TaskEllipsoid) else task.wrenches)
+        off = [float(np.min(np.linalg.norm(ends - wrench, axis=1))) for wrench in wrenches]
+        return np.flatnonzero(~(np.array(off) <= size)).tolist()
+    directions = np.random.default_rng(0).normal(size=(DIRECTIONS, wrenches.shape[1]))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    past = np.max(wrenches @ directions.T - share * task.support(directions)[0], axis=1)
+    return np.flatnonzero(~(past <= size) | ~(size > 0.0)).tolist()
 
 
 def needed_checks(solution: GraspSolution, grasp: Grasp, task: Task, force_set: ForceSet) -> list[Check]:
@@ -64,27 +154,6 @@ def needed_checks(solution: GraspSolution, grasp: Grasp, task: Task, force_set: 
         f"largest {float(np.max(stated.largest)):.6g} N{above}, together {stated.total:.6g} N, of the budget {used:.6g}"
     )
     return [Check("forces needed", not wrong, "; ".join(wrong) if wrong else f"{told}: least, and in the cones")]
-
-
-class _Amounts:
-    """Lower bounds on the budget that wrenches need, each proved by a direction."""
-
-    def __init__(self, grasp: Grasp, force_set: ForceSet) -> None:
-        arms = np.linalg.norm(grasp.points - grasp.torque_origin, axis=1)
-        units = np.ones(grasp.dimension)
-        units[grasp.space :] = float(np.max(arms)) or 1.0
-        self._units, self._set = units, WrenchSet(grasp.G / units[:, None], force_set)
-
-    def __call__(self, wrenches: FloatArray) -> FloatArray:
-        """Return lower bounds on the budget of wrenches (m, d), (m,); 0 where no direction proves more."""
-        scaled = wrenches / self._units
-        size = np.maximum(np.linalg.norm(scaled, axis=1), 1e-300)
-        scaled /= size[:, None]
-        y = least_forces(self._set, scaled)[1]
-        y[~np.all(np.isfinite(y), axis=1)] = 0.0
-        reach = self._set.support(y)[0]
-        work = np.sum(scaled * y, axis=1)
-        return np.asarray(np.where(reach > 0.0, work / np.where(reach > 0.0, reach, 1.0), 0.0) * size)
 
 
 def _wrench(solution: GraspSolution, wrench: FloatArray, task: Task, amounts: _Amounts, used: float) -> Iterator[str]:
@@ -162,6 +231,27 @@ def _not_least(
     if not np.all(more <= 0.0):
         worst = int(np.argmax(more))
         yield f"forces {worst} take {more[worst]:.2g} of the budget more than they have to"
+
+
+class _Amounts:
+    """Lower bounds on the budget that wrenches need, each proved by a direction."""
+
+    def __init__(self, grasp: Grasp, force_set: ForceSet) -> None:
+        arms = np.linalg.norm(grasp.points - grasp.torque_origin, axis=1)
+        units = np.ones(grasp.dimension)
+        units[grasp.space :] = float(np.max(arms)) or 1.0
+        self._units, self._set = units, WrenchSet(grasp.G / units[:, None], force_set)
+
+    def __call__(self, wrenches: FloatArray) -> FloatArray:
+        """Return lower bounds on the budget of wrenches (m, d), (m,); 0 where no direction proves more."""
+        scaled = wrenches / self._units
+        size = np.maximum(np.linalg.norm(scaled, axis=1), 1e-300)
+        scaled /= size[:, None]
+        y = least_forces(self._set, scaled)[1]
+        y[~np.all(np.isfinite(y), axis=1)] = 0.0
+        reach = self._set.support(y)[0]
+        work = np.sum(scaled * y, axis=1)
+        return np.asarray(np.where(reach > 0.0, work / np.where(reach > 0.0, reach, 1.0), 0.0) * size)
 
 
 def squeeze_checks(solution: GraspSolution, grasp: Grasp, hand: HandNumbers | None) -> list[Check]:

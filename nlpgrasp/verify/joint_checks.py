@@ -20,12 +20,12 @@ from nlpgrasp.verify.numeric_hands import FreeHand
 from nlpgrasp.verify.numeric_urdf_hand import URDFNumbers, require_links
 from nlpgrasp.verify.stated_placement import HandNumbers
 
-MARGIN_TOLERANCE = 1e-9  # relative tolerance
+MARGIN_TOLERANCE = 1e-9  # relative tolerance of the price of margins
 PART = 0.1  # largest margin, as a share of a joint's range
-LESS = 1e-6  # relative tolerance of a margin
-TOLD = 1e-6  # tolerance of a stated distance, relative to the margin
+LESS = 1e-6  # relative tolerance up to which a joint has its margin
+TOLD = 1e-6  # tolerance of a stated margin or distance from a limit, relative to the margin
 JACOBIAN_TOLERANCE = 1e-6  # relative tolerance of recomputed Jacobians
-KINDS = ("joint_torques", "shared_joint_torques")
+KINDS = ("joint_torques", "shared_joint_torques")  # force budgets of joint torques
 
 
 def room_checks(solution: GraspSolution, hand: HandNumbers | None) -> list[Check]:

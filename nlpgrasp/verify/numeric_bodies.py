@@ -1,7 +1,9 @@
 """Numeric bodies from JSON data: surfaces, normals and signed distances in closed form.
 
-Each is the zero set of a function h with gradient g: ``|h| / |g|`` is the distance to it, exactly for sphere and torus,
-to first order near the surface for the others, and ``g / |g|`` is the outward normal.
+A body with one smooth face (``SmoothSurface``) is the zero set of a function h with gradient g: ``|h| / |g|`` is the
+distance to it, exactly for sphere and torus, to first order near the surface for the others, and ``g / |g|`` is the
+outward normal. A body of several faces (``FacedSurface``) has exact distances. Of an implicit body (``TextSurface``)
+the file holds the bounding box alone. Meshes are in ``mesh_body``.
 """
 
 from __future__ import annotations
@@ -19,11 +21,13 @@ from nlpgrasp.verify.sources import Sources
 from nlpgrasp.verify.stated_placement import Fit
 from nlpgrasp.verify.surface_geometry import Distance, from_corners
 
-SMALLEST = 1e-300
+SMALLEST = 1e-300  # least divisor
 ROUNDED = 1e-8  # superquadrics: width of the smoothing of powers below 2 near the planes of symmetry
 
-
 Field = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+"""Points (m, 3) to signed distances (m,) and outward gradients (m, 3)."""
+Piece = Callable[[FloatArray], tuple[float, FloatArray, float]]
+"""A point to its distance from the face's plane or cylinder, the outward normal, and how far it is past the edges."""
 
 
 @dataclass(frozen=True)
@@ -122,10 +126,6 @@ def positive(field: str, value: object, count: int) -> FloatArray:
     if not np.all(lengths > 0.0):
         raise InputError(field, value, "numbers above zero")
     return lengths
-
-
-Piece = Callable[[FloatArray], tuple[float, FloatArray, float]]
-"""A point to its distance from the face's plane or cylinder, the outward normal, and how far it is past the edges."""
 
 
 @dataclass(frozen=True)

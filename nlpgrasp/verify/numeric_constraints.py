@@ -18,36 +18,6 @@ from nlpgrasp.verify.stated_placement import RowValue, StatedPlacement
 UNIT = 1e-9  # tolerance of the length of unit vectors
 
 
-def inside(region: Json, point: FloatArray) -> float:
-    """Return the depth of a point (space,) in a region, metres, negative outside; in a box to its nearest side.
-
-    Raises
-    ------
-    NotMadeError
-        On a region given by a script's function: the file contains its text alone.
-    """
-    if region["type"] == "half_space":
-        normal = unit("normal", region["normal"], len(point))
-        return float(normal @ point) - number("offset", region["offset"])
-    if region["type"] == "box_region":
-        lower, upper = corners(region)
-        return float(np.min(np.minimum(point - lower, upper - point)))
-    raise NotMadeError(f"a region of type {region['type']!r} stays in the script that made it")
-
-
-def corners(region: Json) -> tuple[FloatArray, FloatArray]:
-    """Return the lower and upper corner of a box region, (space,) each."""
-    return array("lower", region["lower"], (None,)), array("upper", region["upper"], (None,))
-
-
-def unit(field: str, value: object, space: int) -> FloatArray:
-    """Return a unit vector (space,) of a file; refuse another length, which would scale its constraint."""
-    vector = array(field, value, (space,))
-    if not abs(float(np.linalg.norm(vector)) - 1.0) <= UNIT:
-        raise InputError(field, value, "a vector of length 1")
-    return vector
-
-
 def table(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
     """Yield the height of the lowest point of every fingertip and link, at least the table's plus the clearance."""
     lower = number("height", data["height"]) + number("clearance", data["clearance"], at_least=0.0)
@@ -90,6 +60,22 @@ def forbid(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
         yield from _depths(region, points, placement, -np.inf, 0.0)
 
 
+def _depths(
+    region: Json, points: Mapping[str, FloatArray], placement: StatedPlacement, lower: float, upper: float
+) -> Iterator[RowValue]:
+    """Yield the depths of points in a region; unknown where the region's function is not in the file."""
+    unknown = ""
+    for name, point in points.items():
+        value: float | None = None
+        try:
+            value = inside(region, point)
+        except NotMadeError as reason:
+            unknown = str(reason)
+        yield RowValue(name, value, lower, upper, placement.size)
+    if unknown:
+        raise NotMadeError(unknown, every_row=True)
+
+
 def symmetric(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
     """Yield the difference of mirror image and contact, by coordinate."""
     i, j = (int(f) for f in data["fingers"])
@@ -118,26 +104,6 @@ def approach(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
         raise NotMadeError("the file does not record in which direction the palm faces")
     along = float(palm.approach @ unit("direction", data["direction"], 3))
     yield RowValue("approach, palm", along, float(np.cos(number("angle", data["angle"]))), error=palm.error)
-
-
-def _fingers(data: Json, placement: StatedPlacement) -> Sequence[int]:
-    return range(len(placement.points)) if data.get("fingers") is None else [int(i) for i in data["fingers"]]
-
-
-def _depths(
-    region: Json, points: Mapping[str, FloatArray], placement: StatedPlacement, lower: float, upper: float
-) -> Iterator[RowValue]:
-    """Yield the depths of points in a region; unknown where the region's function is not in the file."""
-    unknown = ""
-    for name, point in points.items():
-        value: float | None = None
-        try:
-            value = inside(region, point)
-        except NotMadeError as reason:
-            unknown = str(reason)
-        yield RowValue(name, value, lower, upper, placement.size)
-    if unknown:
-        raise NotMadeError(unknown, every_row=True)
 
 
 def obstacle(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
@@ -202,3 +168,37 @@ def expression(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
         raise NotMadeError(f"the file states no row of {name!r}")
     text = f"the expression {name!r} stays in the script that made it; its limits are the problem's"
     raise NotMadeError(text, every_row=True)
+
+
+def _fingers(data: Json, placement: StatedPlacement) -> Sequence[int]:
+    return range(len(placement.points)) if data.get("fingers") is None else [int(i) for i in data["fingers"]]
+
+
+def inside(region: Json, point: FloatArray) -> float:
+    """Return the depth of a point (space,) in a region, metres, negative outside; in a box to its nearest side.
+
+    Raises
+    ------
+    NotMadeError
+        On a region given by a script's function: the file contains its text alone.
+    """
+    if region["type"] == "half_space":
+        normal = unit("normal", region["normal"], len(point))
+        return float(normal @ point) - number("offset", region["offset"])
+    if region["type"] == "box_region":
+        lower, upper = corners(region)
+        return float(np.min(np.minimum(point - lower, upper - point)))
+    raise NotMadeError(f"a region of type {region['type']!r} stays in the script that made it")
+
+
+def corners(region: Json) -> tuple[FloatArray, FloatArray]:
+    """Return the lower and upper corner of a box region, (space,) each."""
+    return array("lower", region["lower"], (None,)), array("upper", region["upper"], (None,))
+
+
+def unit(field: str, value: object, space: int) -> FloatArray:
+    """Return a unit vector (space,) of a file; refuse another length, which would scale its constraint."""
+    vector = array(field, value, (space,))
+    if not abs(float(np.linalg.norm(vector)) - 1.0) <= UNIT:
+        raise InputError(field, value, "a vector of length 1")
+    return vector

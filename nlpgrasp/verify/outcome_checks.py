@@ -18,10 +18,12 @@ from nlpgrasp.verify.check import Check, guarded
 
 WITH_GRASP = (Status.SOLVED, Status.OPTIMAL, Status.TOUCHES)
 WITHOUT_GRASP = (Status.LOCALLY_INFEASIBLE, Status.FAILED)
-SAME = 1e-9  # relative tolerance
+SAME = 1e-9  # relative tolerance of mu
 KEPT = 0.5  # least share of a fragile start's mu with which a robust grasp wins over it
 MOST = 6  # most contacts that are matched in every order
-SLACK = 1e-9  # relative tolerance
+SLACK = 1e-9  # relative tolerance of the least distance of kept grasps
+
+Checked = Callable[[GraspSolution], Sequence[Check]]
 
 
 def outcome_checks(solution: GraspSolution) -> list[Check]:
@@ -94,9 +96,6 @@ def _without_room(solution: GraspSolution) -> float:
 def _is_steady(solution: GraspSolution) -> bool:
     """Return whether a grasp is stated not to be fragile, and so may win over one with up to twice its mu."""
     return solution.robust is not None and not solution.is_fragile
-
-
-Checked = Callable[[GraspSolution], Sequence[Check]]
 
 
 def grasps_checks(solution: GraspSolution, checked: Checked, size: float) -> list[Check]:

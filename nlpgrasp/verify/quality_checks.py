@@ -1,4 +1,4 @@
-"""Checks of certified measures and their evidence: grasp map, worst direction, finger forces."""
+"""Checks of certified measures and their evidence: intervals, grasp map, worst direction, robustness."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.budgets.base import ForceSet
 from nlpgrasp.common.scalar_constraints import EDGE_MARGIN
-from nlpgrasp.common.validation import FloatArray, number
+from nlpgrasp.common.validation import number
 from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.grasp import Grasp
@@ -15,23 +15,20 @@ from nlpgrasp.quality.measures import delta, mu
 from nlpgrasp.quality.volume import nu
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope
+from nlpgrasp.tasks import Task
 from nlpgrasp.verify.check import Check
 
-OTHER_SEED = 7919
+OTHER_SEED = 7919  # of search directions other than the solver's
 WIDER = 2.0  # allowed width over the recomputed one, where rounding ends a certificate early
-MUCH_WIDER = 100.0
+MUCH_WIDER = 100.0  # the same, where the recomputed lower bound is zero
 SMALL = 1e-9  # per unit force: smaller upper bounds count as zero
 ANY_GAP = 1.0  # relative gap assumed for files that do not state the requested one
 ERROR_BAR = 0.1  # largest relative error bar of nu; solves state less
 NOTHING = 1e-3  # share of the grasp's quality: a smaller upper bound counts as nothing left
 SAME = 1e-9  # tolerance of shares, which follow from other numbers of the file
 OFF_BY = 1.5  # allowed displacement over the stated offset, as surfaces are curved
-
 SLIPS = 0.99  # share of the offset: a contact nearer to an edge slips over it
-FORCE_TOLERANCE = 1e-6
 PROVEN = 1e-5  # relative tolerance of the upper bound over the support ratio
-DIRECTIONS = 500  # directions in which a wrench is compared with the task's support
 
 
 def interval(stated: Bounds) -> Check:
@@ -154,90 +151,3 @@ def direction_checks(solution: GraspSolution, grasp: Grasp, task: Task, force_se
     least, most = solution.mu.lower, solution.mu.upper
     good = least <= ratio * (1.0 + 1e-6) + 1e-12 and most <= max(ratio, 0.0) * (1.0 + PROVEN) + 1e-12
     return [Check("worst direction", good, f"support ratio {ratio:.6g}, stated from {least:.6g} to {most:.6g}")]
-
-
-def force_checks(solution: GraspSolution, grasp: Grasp, force_set: ForceSet) -> list[Check]:
-    """Check that stated forces are in the cones and the budget and add up to the stated wrench."""
-    if not solution.forces:
-        return []
-    k, space, d = len(grasp), grasp.space, grasp.dimension
-    worst_balance = worst_cone = most = 0.0
-    for i, (wrench, forces) in enumerate(solution.forces):
-        moments = solution.moments[i] if len(solution.moments) else np.zeros((k, d - space))
-        if forces.shape != (k, space) or moments.shape != (k, d - space) or wrench.shape != (d,):
-            return [Check("forces", False, f"shapes {forces.shape} and {moments.shape} for {k} contacts")]
-        balance, cone, used = put_back(grasp, force_set, wrench, forces, moments)
-        worst_balance, worst_cone, most = max(worst_balance, balance), max(worst_cone, cone), max(most, used)
-    good = worst_balance <= FORCE_TOLERANCE and worst_cone <= FORCE_TOLERANCE and most <= 1.0 + FORCE_TOLERANCE
-    residuals = f"relative residual {worst_balance:.1e}, distance to the cones {worst_cone:.1e}"
-    return [Check("forces", good, f"{len(solution.forces)} wrenches, {residuals}, {most:.4g} of the force budget")]
-
-
-def put_back(
-    grasp: Grasp, force_set: ForceSet, wrench: FloatArray, forces: FloatArray, moments: FloatArray
-) -> tuple[float, float, float]:
-    """Return equilibrium residual, cone distance and budget of forces (k, space), moments (k, d - space), wrench (d,).
-
-    Returns
-    -------
-    balance, cone, used : float
-        Both distances relative to the forces, and the used share of the force budget.
-    """
-    space, d = grasp.space, grasp.dimension
-    total = np.concatenate([forces.sum(axis=0), _moments(grasp, forces) + moments.sum(axis=0)])
-    arm = max(float(np.max(np.abs(grasp.points - grasp.torque_origin))), 1e-300)
-    units = np.concatenate([np.ones(space), np.full(d - space, 1.0 / arm)])
-    scale = max(float(np.linalg.norm(forces)), float(np.linalg.norm(moments)) / arm, 1e-300)
-    balance, cone = float(np.linalg.norm((total - wrench) * units)) / scale, 0.0
-    inside = []
-    for force, moment, frame, model in zip(forces, moments, grasp.frames, grasp.contacts, strict=True):
-        local = np.concatenate([frame.T @ force, frame.T @ moment if space == 3 else moment])
-        allowed = np.zeros(d)
-        components = model.project(local[None, list(model.axes(space))])[0]
-        allowed[list(model.axes(space))] = components
-        inside.append(components)
-        cone = max(cone, float(np.linalg.norm(local - allowed)) / scale)
-    return balance, cone, float(force_set.used(np.concatenate(inside)[None, :])[0])
-
-
-def wrench_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Check]:
-    """Check that the stated forces are for wrenches on the task's boundary times the stated lower bound.
-
-    Some wrenches may be missing, but not all in the file of a solve. Ends of semi-axes and vertices are compared
-    number by number; for other tasks, a wrench must be within the task and not zero.
-    """
-    share, name = solution.mu.lower, "wrenches"
-    if not solution.forces:
-        if share <= 0.0 or not len(task.ends()):
-            return []
-        if not solution.starts:  # a continuation step: its file claims no forces
-            return [Check.not_made(name, "the file states no finger forces")]
-        return [Check(name, False, "no finger forces for any of the task's wrenches")]
-    wrenches = np.array([wrench for wrench, _ in solution.forces])
-    if wrenches.shape[1:] != (grasp.dimension,):
-        return [Check(name, False, f"shape {wrenches.shape} for dimension {grasp.dimension}")]
-    wrong = _not_asked(task, wrenches, share)
-    if wrong:
-        detail = f"wrench {wrong[0]} is not the stated lower bound times one that the task asks for"
-        return [Check(name, False, detail)]
-    return [Check(name, True, f"{len(wrenches)} of the task's, times {share:.6g}")]
-
-
-def _not_asked(task: Task, wrenches: FloatArray, share: float) -> list[int]:
-    """Return the indices of wrenches (m, d) that are not in a task times a share."""
-    size = FORCE_TOLERANCE * np.linalg.norm(wrenches, axis=1)
-    if isinstance(task, TaskEllipsoid | TaskPolytope):
-        ends = share * (task.ends() if isinstance(task, TaskEllipsoid) else task.wrenches)
-        off = [float(np.min(np.linalg.norm(ends - wrench, axis=1))) for wrench in wrenches]
-        return np.flatnonzero(~(np.array(off) <= size)).tolist()
-    directions = np.random.default_rng(0).normal(size=(DIRECTIONS, wrenches.shape[1]))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    past = np.max(wrenches @ directions.T - share * task.support(directions)[0], axis=1)
-    return np.flatnonzero(~(past <= size) | ~(size > 0.0)).tolist()
-
-
-def _moments(grasp: Grasp, forces: FloatArray) -> FloatArray:
-    arm = grasp.points - grasp.torque_origin
-    if grasp.space == 2:
-        return np.array([np.sum(arm[:, 0] * forces[:, 1] - arm[:, 1] * forces[:, 0])])
-    return np.asarray(np.sum(np.cross(arm, forces), axis=0))

@@ -1,4 +1,9 @@
-"""Recomputation of constraints and hand from problem, contacts and posture in the file."""
+"""Recomputation of constraints and hand from problem, contacts and posture in the file.
+
+Each part of the problem (its constraints, the edge margin, the hand, its links) yields scalar constraints, which are
+compared with those that the file states. Stated constraints that no part yields must belong to a part that cannot be
+recomputed, by their names; they must keep their stated limits, to a tolerance that depends on their unit (``Scales``).
+"""
 
 from __future__ import annotations
 
@@ -20,7 +25,7 @@ from nlpgrasp.common.scalar_constraints import (
     UNIT_QUATERNION,
 )
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray, array
+from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.solution.records import ConstraintReport
@@ -47,8 +52,15 @@ from nlpgrasp.verify.stated_placement import (
     kept,
 )
 from nlpgrasp.verify.surface_checks import WIDEST, face_check, size_of, surface_checks
-from nlpgrasp.verify.surface_geometry import margin_rows
 
+FITTING = "room for fingertips"  # name of the check
+LIKENESS = 0.1  # tolerance relative to the body's size: drawings have fewer triangles
+ON_MESH = 10.0  # tolerance of constraints on meshes, in units of the promise
+UNSEEN = 5.0  # largest size of a missing, undrawn body, in units of its contacts' spread
+SPAN = 3.0  # largest reach of a hand, in distances of the farthest contact from the palm
+LEAST_SLACK = 1e-6  # least tolerance of constraints that are not recomputed, in their own unit
+
+# beginnings of the names of scalar constraints, by the part that they belong to
 CONSTRAINT_BEGINNINGS = {
     "table": "table, ",
     "spread": "spread, ",
@@ -57,116 +69,22 @@ CONSTRAINT_BEGINNINGS = {
     "symmetric": "symmetric, ",
     "approach": "approach, ",
 }
-"""How the rows of the package's constraints begin."""
 HAND_BEGINNINGS = {
     "urdf": (f"{ON_FINGERTIP} ", UNIT_QUATERNION, f"{TIPS_APART}, "),
     "fingertips": ("reach, ", f"{TIPS_APART}, "),
     "parallel_jaw": ("opening of the jaws", "opposed jaws", "facing, "),
 }
 LINKS = (f"{CLEARANCE}, ", f"{SELF_COLLISION}, ")
-FINGER = re.compile(r"(?:finger|fingers|and) (\d+)(?=,| and |$)")
+FINGER = re.compile(r"(?:finger|fingers|and) (\d+)(?=,| and |$)")  # indices of contacts in a name
 
-
-ON_TIP_LENGTHS = (", x", ", y", ", z", ", plane", ", extent x", ", extent y")  # endings of lengths on a fingertip
+# beginnings and endings of the names of scalar constraints, by their unit
 OF_CONSTRAINTS = ("table, ", "workspace, ", "symmetric, ", "forbidden region, ")
 LENGTHS = (*OF_CONSTRAINTS, f"{CLEARANCE}, ", f"{EDGE_MARGIN}, ", f"{ROOM}, ")
+ON_TIP_LENGTHS = (", x", ", y", ", z", ", plane", ", extent x", ", extent y")  # endings of lengths on a fingertip
 SQUARED_SPANS = (f"{TIPS_APART}, ", f"{SELF_COLLISION}, ")  # for hands with links; free fingertips are recomputed
-LIKENESS = 0.1  # tolerance relative to the body's size: drawings have fewer triangles
-FITTING = "room for fingertips"
-ON_MESH = 10.0  # tolerance of constraints on meshes, in units of the promise
-UNSEEN = 5.0  # largest size of a missing, undrawn body, in units of its contacts' spread
-SPAN = 3.0  # largest reach of a hand, in distances of the farthest contact from the palm
-LEAST_SLACK = 1e-6  # least tolerance of constraints that are not recomputed, in their own unit
-
 
 Owner = Callable[[str], bool]
-"""Whether a part may own a row of this name."""
-
-
-@dataclass(frozen=True)
-class Scales:
-    """Scales of stated constraints by their names, for relative tolerances.
-
-    Parameters
-    ----------
-    size : float
-        The body's characteristic length, metres.
-    span : float
-        Reach of the hand from its palm, metres.
-    obstacles : tuple of str
-        Names of the problem's obstacles.
-    """
-
-    size: float
-    span: float
-    obstacles: tuple[str, ...] = ()
-
-    def of(self, name: str) -> float:
-        """Return the scale of a constraint, in its own unit: metres, square metres, or 1 for a cosine."""
-        if name.startswith(SQUARED_SPANS):
-            return self.span**2
-        if name.startswith(f"{ON_FINGERTIP} "):
-            return self.size if name.endswith(ON_TIP_LENGTHS) else 1.0
-        lengths = (*LENGTHS, *(f"{obstacle}, " for obstacle in self.obstacles))
-        return self.size if name.startswith(lengths) else 1.0
-
-
-def constraint_owner(data: Json, contacts: int) -> Owner:
-    """Return the predicate of scalar constraints that a constraint may own; any for another package's."""
-    kind = str(data["type"])
-    if kind == "obstacle":
-        return _beginning((f"{data['name']}, ",), contacts)
-    if kind == "expression":
-        elements = re.compile(re.escape(str(data["name"])) + r"(?:\[\d+\])?")
-        return lambda row: elements.fullmatch(row) is not None
-    return _beginning((CONSTRAINT_BEGINNINGS[kind],), contacts) if kind in CONSTRAINT_BEGINNINGS else anything
-
-
-def hand_owner(data: Json, contacts: int) -> Owner:
-    """Return the predicate of scalar constraints that a hand may own; any for another package's."""
-    kind = str(data["type"])
-    return _beginning(HAND_BEGINNINGS[kind], contacts) if kind in HAND_BEGINNINGS else anything
-
-
-def links_owner(contacts: int) -> Owner:
-    """Return the predicate of scalar constraints that the links of a hand may own."""
-    return _beginning(LINKS, contacts)
-
-
-def margin_owner(contacts: int) -> Owner:
-    """Return the predicate of scalar constraints that the margin from sharp edges may own."""
-    return _beginning((f"{EDGE_MARGIN}, ",), contacts)
-
-
-def room_owner(contacts: int) -> Owner:
-    """Return the predicate of scalar constraints that the clearance of fingertips may own."""
-    return _beginning((f"{ROOM}, ",), contacts)
-
-
-def anything(row: str) -> bool:
-    """Return True: parts of other packages may own any scalar constraint."""
-    return True
-
-
-def _beginning(first: tuple[str, ...], contacts: int) -> Owner:
-    """Return the predicate of names with such a beginning and existing contacts."""
-    return lambda row: row.startswith(first) and all(int(i) < contacts for i in FINGER.findall(row))
-
-
-def drawing_check(drawing: Drawing, surface: Surface) -> Check:
-    """Compare the bounding box of the drawn body with the body's own.
-
-    Implicit bodies may be smaller than the box of their function, and so may bodies from outside the package that do
-    not state ``tight``: their drawings have to be within the box.
-    """
-    low, high = surface.bounds
-    space = len(low)
-    size = float(np.linalg.norm(high - low)) / 2.0
-    seen = drawing.body.vertices[:, :space]  # planar bodies are drawn as thin plates
-    past = np.concatenate([low - seen.min(axis=0), seen.max(axis=0) - high])
-    off = float(np.max(np.abs(past) if getattr(surface, "tight", False) else past))
-    text = f"box around the drawn body {max(off, 0.0):.2g} m off the body's, allowed {LIKENESS * size:.2g} m"
-    return Check("drawing", off <= LIKENESS * size, text)
+"""Whether a part of the problem may own a scalar constraint of this name."""
 
 
 def recomputed(solution: GraspSolution, grasp: Grasp, sources: Sources) -> list[Check]:
@@ -237,28 +155,6 @@ def _drawn_box(solution: GraspSolution, grasp: Grasp) -> FloatArray:
     return np.stack([seen.min(axis=0), seen.max(axis=0)])
 
 
-def _drawing_checks(solution: GraspSolution, surface: Surface | None) -> list[Check]:
-    drawing = solution.drawing
-    return [] if drawing is None or surface is None else [drawing_check(drawing, surface)]
-
-
-def _constraint_rows(data: Json, placement: StatedPlacement) -> Iterable[RowValue]:
-    return CONSTRAINTS.of(data)(data, placement)
-
-
-def link_rows(hand: HandNumbers, surface: Surface | None, placement: StatedPlacement) -> Iterator[RowValue]:
-    """Yield the distance of each sphere of the hand from the held body, then the self-collision constraints."""
-    balls = hand.balls(placement)
-    if balls and surface is None:
-        raise NotMadeError(NO_BODY)
-    if balls and surface is not None:
-        distances = surface.distance(np.array([ball.centre for ball in balls]))
-        for ball, value in zip(balls, distances.tolist(), strict=True):
-            name = f"{CLEARANCE}, {ball.name}"
-            yield RowValue(name, value, ball.least, scale=placement.size, error=placement.error)
-    yield from hand.apart()
-
-
 def _guarded(
     name: str, rows: Callable[[], Iterable[RowValue]], judge: Callable[[str, Iterable[RowValue]], Check]
 ) -> Check:
@@ -276,22 +172,54 @@ def _each(rows: Callable[[], Iterable[RowValue]]) -> Iterator[RowValue]:
     yield from rows()
 
 
-def _owners(solution: GraspSolution, contacts: int) -> dict[str, Owner]:
-    """Return the owner predicate of each part of the problem, by the part's name."""
-    constraints, hand = solution.problem["constraints"], solution.problem["hand"]
-    found = {f"constraint {i}, {data['type']}": constraint_owner(data, contacts) for i, data in enumerate(constraints)}
-    found[EDGE_MARGIN], found[FITTING] = margin_owner(contacts), room_owner(contacts)
-    return found if hand is None else {**found, "hand": hand_owner(hand, contacts), "links": links_owner(contacts)}
+def _constraint_rows(data: Json, placement: StatedPlacement) -> Iterable[RowValue]:
+    return CONSTRAINTS.of(data)(data, placement)
 
 
-def _scales(solution: GraspSolution, grasp: Grasp, size: float) -> Scales:
-    """Return the scales of constraints, as far as the file itself determines them."""
-    pose, span = (solution.hand or {}).get("palm_pose"), size
-    if pose is not None and grasp.space == 3:
-        palm = array("hand.palm_pose.position", pose["position"], (3,))
-        span = min(SPAN * float(np.max(np.linalg.norm(grasp.points - palm, axis=1))), WIDEST * size)
-    asked = solution.problem["constraints"]
-    return Scales(size, span, tuple(str(data["name"]) for data in asked if data["type"] == "obstacle"))
+def margin_rows(problem: Json, faces: tuple[str, ...], grasp: Grasp, surface: Surface | None) -> Iterator[RowValue]:
+    """Yield the distance of each contact from its face's sharp edges, where the problem states a margin."""
+    margin = number("edge_margin", problem["edge_margin"], at_least=0.0)
+    if surface is None:
+        raise NotMadeError(NO_BODY)
+    size = float(np.linalg.norm(surface.bounds[1] - surface.bounds[0])) / 2.0
+    for i, (face, point) in enumerate(zip(faces, grasp.points, strict=True)):
+        value = surface.edge_distance(face, point)
+        if np.isfinite(value):
+            yield RowValue(f"{EDGE_MARGIN}, finger {i}", value, margin, scale=size)
+
+
+def link_rows(hand: HandNumbers, surface: Surface | None, placement: StatedPlacement) -> Iterator[RowValue]:
+    """Yield the distance of each sphere of the hand from the held body, then the self-collision constraints."""
+    balls = hand.balls(placement)
+    if balls and surface is None:
+        raise NotMadeError(NO_BODY)
+    if balls and surface is not None:
+        distances = surface.distance(np.array([ball.centre for ball in balls]))
+        for ball, value in zip(balls, distances.tolist(), strict=True):
+            name = f"{CLEARANCE}, {ball.name}"
+            yield RowValue(name, value, ball.least, scale=placement.size, error=placement.error)
+    yield from hand.apart()
+
+
+def _drawing_checks(solution: GraspSolution, surface: Surface | None) -> list[Check]:
+    drawing = solution.drawing
+    return [] if drawing is None or surface is None else [drawing_check(drawing, surface)]
+
+
+def drawing_check(drawing: Drawing, surface: Surface) -> Check:
+    """Compare the bounding box of the drawn body with the body's own.
+
+    Implicit bodies may be smaller than the box of their function, and so may bodies from outside the package that do
+    not state ``tight``: their drawings have to be within the box.
+    """
+    low, high = surface.bounds
+    space = len(low)
+    size = float(np.linalg.norm(high - low)) / 2.0
+    seen = drawing.body.vertices[:, :space]  # planar bodies are drawn as thin plates
+    past = np.concatenate([low - seen.min(axis=0), seen.max(axis=0) - high])
+    off = float(np.max(np.abs(past) if getattr(surface, "tight", False) else past))
+    text = f"box around the drawn body {max(off, 0.0):.2g} m off the body's, allowed {LIKENESS * size:.2g} m"
+    return Check("drawing", off <= LIKENESS * size, text)
 
 
 def _stated_check(
@@ -322,3 +250,91 @@ def _slack(row: ConstraintReport, stated: StatedRows, scales: Scales, promise: f
     """
     known = stated.slack.get(id(row))
     return max((promise + ROUNDING) * scales.of(row.name), LEAST_SLACK) if known is None else known
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Scales of stated constraints by their names, for relative tolerances.
+
+    Parameters
+    ----------
+    size : float
+        The body's characteristic length, metres.
+    span : float
+        Reach of the hand from its palm, metres.
+    obstacles : tuple of str
+        Names of the problem's obstacles.
+    """
+
+    size: float
+    span: float
+    obstacles: tuple[str, ...] = ()
+
+    def of(self, name: str) -> float:
+        """Return the scale of a constraint, in its own unit: metres, square metres, or 1 for a cosine."""
+        if name.startswith(SQUARED_SPANS):
+            return self.span**2
+        if name.startswith(f"{ON_FINGERTIP} "):
+            return self.size if name.endswith(ON_TIP_LENGTHS) else 1.0
+        lengths = (*LENGTHS, *(f"{obstacle}, " for obstacle in self.obstacles))
+        return self.size if name.startswith(lengths) else 1.0
+
+
+def _scales(solution: GraspSolution, grasp: Grasp, size: float) -> Scales:
+    """Return the scales of constraints, as far as the file itself determines them."""
+    pose, span = (solution.hand or {}).get("palm_pose"), size
+    if pose is not None and grasp.space == 3:
+        palm = array("hand.palm_pose.position", pose["position"], (3,))
+        span = min(SPAN * float(np.max(np.linalg.norm(grasp.points - palm, axis=1))), WIDEST * size)
+    asked = solution.problem["constraints"]
+    return Scales(size, span, tuple(str(data["name"]) for data in asked if data["type"] == "obstacle"))
+
+
+def _owners(solution: GraspSolution, contacts: int) -> dict[str, Owner]:
+    """Return the owner predicate of each part of the problem, by the part's name."""
+    constraints, hand = solution.problem["constraints"], solution.problem["hand"]
+    found = {f"constraint {i}, {data['type']}": constraint_owner(data, contacts) for i, data in enumerate(constraints)}
+    found[EDGE_MARGIN], found[FITTING] = margin_owner(contacts), room_owner(contacts)
+    return found if hand is None else {**found, "hand": hand_owner(hand, contacts), "links": links_owner(contacts)}
+
+
+def constraint_owner(data: Json, contacts: int) -> Owner:
+    """Return the predicate of scalar constraints that a constraint may own; any for another package's."""
+    kind = str(data["type"])
+    if kind == "obstacle":
+        return _beginning((f"{data['name']}, ",), contacts)
+    if kind == "expression":
+        elements = re.compile(re.escape(str(data["name"])) + r"(?:\[\d+\])?")
+        return lambda row: elements.fullmatch(row) is not None
+    return _beginning((CONSTRAINT_BEGINNINGS[kind],), contacts) if kind in CONSTRAINT_BEGINNINGS else anything
+
+
+def hand_owner(data: Json, contacts: int) -> Owner:
+    """Return the predicate of scalar constraints that a hand may own; any for another package's."""
+    kind = str(data["type"])
+    return _beginning(HAND_BEGINNINGS[kind], contacts) if kind in HAND_BEGINNINGS else anything
+
+
+def links_owner(contacts: int) -> Owner:
+    """Return the predicate of scalar constraints that the links of a hand may own."""
+    return _beginning(LINKS, contacts)
+
+
+def margin_owner(contacts: int) -> Owner:
+    """Return the predicate of scalar constraints that the margin from sharp edges may own."""
+    return _beginning((f"{EDGE_MARGIN}, ",), contacts)
+
+
+def room_owner(contacts: int) -> Owner:
+    """Return the predicate of scalar constraints that the clearance of fingertips may own."""
+    return _beginning((f"{ROOM}, ",), contacts)
+
+
+def anything(row: str) -> bool:
+    """Return True: parts of other packages may own any scalar constraint."""
+    return True
+
+
+def _beginning(first: tuple[str, ...], contacts: int) -> Owner:
+    """Return the predicate of names with such a beginning and existing contacts."""
+    return lambda row: row.startswith(first) and all(int(i) < contacts for i in FINGER.findall(row))

@@ -24,27 +24,6 @@ WIDEST = 50.0  # largest body size for tolerances, in units of the largest dista
 ELSEWHERE = "unknown"  # kind of the fingertips of a hand that cannot be recomputed
 
 
-def size_of(box: FloatArray, grasp: Grasp) -> float:
-    """Return the reference length of tolerances, metres.
-
-    It is half the diagonal of the body's bounding box (2, space), the reference of the solver's tolerance. A file could
-    state a body that is larger away from the contacts, and so widen every tolerance; therefore the length is limited to
-    a multiple of the largest distance between contacts.
-    """
-    points = grasp.points if len(grasp) > 1 else np.stack([grasp.points[0], grasp.torque_origin])
-    apart = float(np.max(np.linalg.norm(points[:, None] - points[None], axis=2)))
-    return min(float(np.linalg.norm(box[1] - box[0])) / 2.0, WIDEST * apart)
-
-
-def half_diagonal(solution: GraspSolution, sources: Sources) -> float:
-    """Return half the diagonal of the body's bounding box, metres; 0 if the body is missing."""
-    try:
-        box = BODIES.of(solution.body)(solution.body, sources).bounds
-    except (NotMadeError, *BROKEN):
-        return 0.0
-    return float(np.linalg.norm(box[1] - box[0])) / 2.0
-
-
 def surface_checks(
     solution: GraspSolution, grasp: Grasp, hand: HandNumbers | None, sources: Sources
 ) -> tuple[Surface | None, list[Check]]:
@@ -60,20 +39,6 @@ def surface_checks(
     except BROKEN as error:
         return None, [Check("surface", False, no_sense(error))]
     return surface, _fitted(solution, grasp, tips, surface)
-
-
-def face_check(solution: GraspSolution) -> Check:
-    """Return the check that every contact is on a face that its model allows and nothing forbids."""
-    contacts, constraints = solution.problem["contacts"], solution.problem["constraints"]
-    forbidden = {name for c in constraints if c["type"] == "forbid" for name in c.get("faces", ())}
-    wrong = []
-    for i, (face, model) in enumerate(zip(solution.faces, contacts, strict=False)):
-        allowed = model.get("faces")
-        if face in forbidden:
-            wrong.append(f"contact {i} on {face}, which is forbidden")
-        elif allowed is not None and face not in allowed:
-            wrong.append(f"contact {i} on {face}, allowed on {', '.join(allowed)}")
-    return Check("faces", not wrong, "; ".join(wrong) if wrong else ", ".join(solution.faces))
 
 
 def _tips(hand: HandNumbers | None, count: int) -> Sequence[str | None]:
@@ -149,3 +114,38 @@ def _normals(fits: Sequence[Fit], stated: FloatArray | None) -> Check:
 
 def _not_made(why: str) -> list[Check]:
     return [Check.not_made("surface", why), Check.not_made("normals", why)]
+
+
+def face_check(solution: GraspSolution) -> Check:
+    """Return the check that every contact is on a face that its model allows and nothing forbids."""
+    contacts, constraints = solution.problem["contacts"], solution.problem["constraints"]
+    forbidden = {name for c in constraints if c["type"] == "forbid" for name in c.get("faces", ())}
+    wrong = []
+    for i, (face, model) in enumerate(zip(solution.faces, contacts, strict=False)):
+        allowed = model.get("faces")
+        if face in forbidden:
+            wrong.append(f"contact {i} on {face}, which is forbidden")
+        elif allowed is not None and face not in allowed:
+            wrong.append(f"contact {i} on {face}, allowed on {', '.join(allowed)}")
+    return Check("faces", not wrong, "; ".join(wrong) if wrong else ", ".join(solution.faces))
+
+
+def size_of(box: FloatArray, grasp: Grasp) -> float:
+    """Return the reference length of tolerances, metres.
+
+    It is half the diagonal of the body's bounding box (2, space), the reference of the solver's tolerance. A file could
+    state a body that is larger away from the contacts, and so widen every tolerance; therefore the length is limited to
+    a multiple of the largest distance between contacts.
+    """
+    points = grasp.points if len(grasp) > 1 else np.stack([grasp.points[0], grasp.torque_origin])
+    apart = float(np.max(np.linalg.norm(points[:, None] - points[None], axis=2)))
+    return min(float(np.linalg.norm(box[1] - box[0])) / 2.0, WIDEST * apart)
+
+
+def half_diagonal(solution: GraspSolution, sources: Sources) -> float:
+    """Return half the diagonal of the body's bounding box, metres; 0 if the body is missing."""
+    try:
+        box = BODIES.of(solution.body)(solution.body, sources).bounds
+    except (NotMadeError, *BROKEN):
+        return 0.0
+    return float(np.linalg.norm(box[1] - box[0])) / 2.0

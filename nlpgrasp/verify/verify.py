@@ -19,12 +19,11 @@ from nlpgrasp.quality.measures import mu
 from nlpgrasp.solution.solution import GraspSolution, given_solution
 from nlpgrasp.verify.bound.bound_checks import beside_checks, bound_file, verify_bound
 from nlpgrasp.verify.check import BROKEN, NO_GRASP, Check, Verification, guarded, no_sense
-from nlpgrasp.verify.force_checks import needed_checks
+from nlpgrasp.verify.force_checks import force_checks, needed_checks, wrench_checks
 from nlpgrasp.verify.outcome_checks import grasps_checks, outcome_checks
 from nlpgrasp.verify.quality_checks import (
     OTHER_SEED,
     direction_checks,
-    force_checks,
     grasp_map_check,
     interval,
     model_checks,
@@ -32,7 +31,6 @@ from nlpgrasp.verify.quality_checks import (
     overlap,
     robustness,
     widths,
-    wrench_checks,
 )
 from nlpgrasp.verify.recomputation import recomputed
 from nlpgrasp.verify.sources import Sources

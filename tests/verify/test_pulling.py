@@ -7,7 +7,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.quality import WrenchSet
-from nlpgrasp.verify.quality_checks import force_checks
+from nlpgrasp.verify.force_checks import force_checks
 from tests.samples import EVERY as CONTACTS
 from tests.verify.stated import stated_file
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.verify.quality_checks import wrench_checks
+from nlpgrasp.verify.force_checks import wrench_checks
 from tests.verify import honest
 from tests.verify.edits import failed, unbounded, verified
 from tests.verify.stated import edited

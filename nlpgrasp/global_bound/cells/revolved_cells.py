@@ -1,4 +1,7 @@
-"""Cells of discs, cylinders and tori: sectors of rings and patches of surfaces of revolution."""
+"""Cells of discs, cylinders and tori: sectors of discs and patches of surfaces of revolution about the z axis.
+
+``Revolved`` bounds how far a contact's work in a small patch is off that at the patch's corners.
+"""
 
 from __future__ import annotations
 
@@ -113,106 +116,6 @@ class DiscFace(Surface):
         return [SectorCell(np.array([0.0, self.radius]), np.zeros(2), self.height, self.normal)]
 
 
-def halves(interval: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return both halves of an interval (2,)."""
-    middle = 0.5 * float(interval[0] + interval[1])
-    return np.array([interval[0], middle]), np.array([middle, interval[1]])
-
-
-class Revolved:
-    """Parts ``phi_0 <= phi <= phi_1``, ``t_0 <= t <= t_1`` of a cylinder's side or a torus about the z axis.
-
-    On a cylinder's side t is the height z; on a torus it is the angle around the tube. Turning by phi turns point and
-    normal alike, ``z = R_0^T (R_z^T f + R_z^T tau x p_0)``: ``|z''| <= |f_c| + |tau| |p_0|`` about any point c of the
-    axis. Going round the tube is the same about the tube's middle; along a cylinder the work is linear. A part needs
-    one step each way (``|z''| l^2 / 8`` each).
-
-    Parameters
-    ----------
-    radii : (2,) array
-        R and r of a torus, metres; R = 0 for a cylinder of radius r.
-    """
-
-    def __init__(self, radii: FloatArray) -> None:
-        self.radii = radii
-
-    @property
-    def round(self) -> bool:
-        """Whether t is an angle."""
-        return bool(self.radii[0] > 0.0)
-
-    def contacts(self, coordinates: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return points and inward normals at (phi, t), (m, 2)."""
-        return at(self.radii, coordinates[:, 0], coordinates[:, 1])
-
-    def bends(self, parts: FloatArray) -> FloatArray:
-        """Return the bends of parts (n, c, 2), (n, 2, 3)."""
-        d, e = np.ptp(parts, axis=1).T
-        outer, zero = float(np.sum(self.radii)), np.zeros(len(parts))
-        # about the point of the axis at the corner's own height: |f_c| <= |v| + |tau| rho
-        rise = np.minimum(e, 2.0 * self.radii[1]) if self.round else e
-        out = np.hypot(outer, rise)
-        second = np.stack([d**2, d**2 * (outer + out), d**2], axis=1) / 8.0
-        first = np.stack([d, d * (out + outer), d], axis=1)
-        if self.round:  # about the tube's middle, r from the corner
-            r = float(self.radii[1])
-            second += np.stack([e**2, 2.0 * e**2 * r + e**2 * outer * d, e**2], axis=1) / 8.0
-            first += np.stack([e, 2.0 * e * r + e * outer * d, e], axis=1)
-        else:
-            second += np.stack([zero, d**2 * e, zero], axis=1) / 8.0
-            first += np.stack([zero, e, zero], axis=1)
-        return np.stack([second, first], axis=1)
-
-    def finer(self, parts: FloatArray) -> tuple[FloatArray, IntArray]:
-        """Return the quarters of parts (n, 4, 2), the halves of lines (n, 2, 2), as corners and which."""
-        return quarters(parts)
-
-
-def quarters(parts: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Return rectangles (n, 4, 2), corners ordered as of ``rectangles``, or lines (n, 2, 2), cut in the middle.
-
-    Returns
-    -------
-    vertices : (n, v, 2) array
-    into : (r, c) array of int
-        The vertices of each smaller part.
-    """
-    ends = np.stack([parts[:, 0], 0.5 * (parts[:, 0] + parts[:, -1]), parts[:, -1]], axis=1)
-    if parts.shape[1] == 2:
-        return ends, np.array([[0, 1], [1, 2]])
-    first, second = np.repeat(ends[..., 0], 3, axis=1), np.tile(ends[..., 1], 3)
-    return np.stack([first, second], axis=2), rectangles(np.arange(3.0), np.arange(3.0))[1]
-
-
-def rectangles(first: FloatArray, second: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Return the points of a grid over two coordinates, and the rectangles or lines between them.
-
-    Returns
-    -------
-    corners : (m, 2) array
-        The second coordinate runs fastest.
-    parts : (n, c) array of int
-        Numbers of corners: (low, low), (low, high), (high, low), (high, high) of both coordinates; of lines both ends.
-    """
-    corners = np.stack(np.meshgrid(first, second, indexing="ij"), axis=2).reshape(-1, 2)
-    number = np.arange(len(corners)).reshape(len(first), len(second))
-    ways = [slice(None, -1), slice(1, None)]
-    every = slice(None)
-    one, other = ways if len(first) > 1 else [every], ways if len(second) > 1 else [every]
-    return corners, np.stack([number[a, b].ravel() for a in one for b in other], axis=1)
-
-
-def at(radii: FloatArray, phi: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return points and inward normals at angles phi (m,) and t (m,), (m, 3) each."""
-    cos, sin = np.cos(phi), np.sin(phi)
-    if radii[0] == 0.0:
-        points = np.stack([radii[1] * cos, radii[1] * sin, t], axis=1)
-        return points, np.stack([-cos, -sin, np.zeros(len(phi))], axis=1)
-    ring = radii[0] + radii[1] * np.cos(t)
-    points = np.stack([ring * cos, ring * sin, radii[1] * np.sin(t)], axis=1)
-    return points, -np.stack([np.cos(t) * cos, np.cos(t) * sin, np.sin(t)], axis=1)
-
-
 class RevolvedCell(Cell):
     """A patch ``phi_0 <= phi <= phi_1``, ``t_0 <= t <= t_1`` of a surface that turns about the z axis.
 
@@ -312,3 +215,103 @@ def _count(interval: FloatArray) -> int:
 
 def _grid(interval: FloatArray, steps: int) -> FloatArray:
     return np.linspace(float(interval[0]), float(interval[1]), steps + 1)
+
+
+class Revolved:
+    """Parts ``phi_0 <= phi <= phi_1``, ``t_0 <= t <= t_1`` of a cylinder's side or a torus about the z axis.
+
+    On a cylinder's side t is the height z; on a torus it is the angle around the tube. Turning by phi turns point and
+    normal alike, ``z = R_0^T (R_z^T f + R_z^T tau x p_0)``: ``|z''| <= |f_c| + |tau| |p_0|`` about any point c of the
+    axis. Going round the tube is the same about the tube's middle; along a cylinder the work is linear. A part needs
+    one step each way (``|z''| l^2 / 8`` each).
+
+    Parameters
+    ----------
+    radii : (2,) array
+        R and r of a torus, metres; R = 0 for a cylinder of radius r.
+    """
+
+    def __init__(self, radii: FloatArray) -> None:
+        self.radii = radii
+
+    @property
+    def round(self) -> bool:
+        """Whether t is an angle."""
+        return bool(self.radii[0] > 0.0)
+
+    def contacts(self, coordinates: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return points and inward normals at (phi, t), (m, 2)."""
+        return at(self.radii, coordinates[:, 0], coordinates[:, 1])
+
+    def bends(self, parts: FloatArray) -> FloatArray:
+        """Return the bends of parts (n, c, 2), (n, 2, 3)."""
+        d, e = np.ptp(parts, axis=1).T
+        outer, zero = float(np.sum(self.radii)), np.zeros(len(parts))
+        # about the point of the axis at the corner's own height: |f_c| <= |v| + |tau| rho
+        rise = np.minimum(e, 2.0 * self.radii[1]) if self.round else e
+        out = np.hypot(outer, rise)
+        second = np.stack([d**2, d**2 * (outer + out), d**2], axis=1) / 8.0
+        first = np.stack([d, d * (out + outer), d], axis=1)
+        if self.round:  # about the tube's middle, r from the corner
+            r = float(self.radii[1])
+            second += np.stack([e**2, 2.0 * e**2 * r + e**2 * outer * d, e**2], axis=1) / 8.0
+            first += np.stack([e, 2.0 * e * r + e * outer * d, e], axis=1)
+        else:
+            second += np.stack([zero, d**2 * e, zero], axis=1) / 8.0
+            first += np.stack([zero, e, zero], axis=1)
+        return np.stack([second, first], axis=1)
+
+    def finer(self, parts: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Return the quarters of parts (n, 4, 2), the halves of lines (n, 2, 2), as corners and which."""
+        return quarters(parts)
+
+
+def at(radii: FloatArray, phi: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return points and inward normals at angles phi (m,) and t (m,), (m, 3) each."""
+    cos, sin = np.cos(phi), np.sin(phi)
+    if radii[0] == 0.0:
+        points = np.stack([radii[1] * cos, radii[1] * sin, t], axis=1)
+        return points, np.stack([-cos, -sin, np.zeros(len(phi))], axis=1)
+    ring = radii[0] + radii[1] * np.cos(t)
+    points = np.stack([ring * cos, ring * sin, radii[1] * np.sin(t)], axis=1)
+    return points, -np.stack([np.cos(t) * cos, np.cos(t) * sin, np.sin(t)], axis=1)
+
+
+def quarters(parts: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Return rectangles (n, 4, 2), corners ordered as of ``rectangles``, or lines (n, 2, 2), cut in the middle.
+
+    Returns
+    -------
+    vertices : (n, v, 2) array
+    into : (r, c) array of int
+        The vertices of each smaller part.
+    """
+    ends = np.stack([parts[:, 0], 0.5 * (parts[:, 0] + parts[:, -1]), parts[:, -1]], axis=1)
+    if parts.shape[1] == 2:
+        return ends, np.array([[0, 1], [1, 2]])
+    first, second = np.repeat(ends[..., 0], 3, axis=1), np.tile(ends[..., 1], 3)
+    return np.stack([first, second], axis=2), rectangles(np.arange(3.0), np.arange(3.0))[1]
+
+
+def rectangles(first: FloatArray, second: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Return the points of a grid over two coordinates, and the rectangles or lines between them.
+
+    Returns
+    -------
+    corners : (m, 2) array
+        The second coordinate runs fastest.
+    parts : (n, c) array of int
+        Numbers of corners: (low, low), (low, high), (high, low), (high, high) of both coordinates; of lines both ends.
+    """
+    corners = np.stack(np.meshgrid(first, second, indexing="ij"), axis=2).reshape(-1, 2)
+    number = np.arange(len(corners)).reshape(len(first), len(second))
+    ways = [slice(None, -1), slice(1, None)]
+    every = slice(None)
+    one, other = ways if len(first) > 1 else [every], ways if len(second) > 1 else [every]
+    return corners, np.stack([number[a, b].ravel() for a in one for b in other], axis=1)
+
+
+def halves(interval: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return both halves of an interval (2,)."""
+    middle = 0.5 * float(interval[0] + interval[1])
+    return np.array([interval[0], middle]), np.array([middle, interval[1]])

@@ -24,11 +24,11 @@ from nlpgrasp.verify.check import BROKEN, Check, NotMadeError, Verification, gua
 from nlpgrasp.verify.quality_checks import OTHER_SEED, overlap
 from nlpgrasp.verify.sources import Sources
 
-SCHEMA = "nlpgrasp-bound/1"
+SCHEMA = "nlpgrasp-bound/1"  # of a bound file
 LARGEST = 512 * 2**20  # bytes: largest file that is read
 KEYS = ("upper", "gap", "closed", "dropped", "problem", "grasp", "certificate")
 ON_FACE = 1e-6  # tolerance relative to the body's size, and of unit normals
-SAME = 1e-9  # relative tolerance
+SAME = 1e-9  # relative tolerance of a stated gap
 PARTS = ("body", "contacts", "task", "constraints", "hand", "force_budget", "edge_margin")  # keys of a problem
 
 

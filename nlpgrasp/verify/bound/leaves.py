@@ -1,12 +1,12 @@
 """Recomputation of a certificate's leaf bounds from the supports of single contacts.
 
-For the velocity v of a contact point and the twist's angular velocity tau, a force with normal part n does the work
-``n v_n + f_t . v_t + m tau_n``. Its largest value depends on v_n and the magnitudes a = |v_t| and |tau_n| alone, each
-with a coefficient c.
-
 For weights w >= 0 of directions y, a grasp of the quality mu has ``mu^p sum w phi_A(y)^p <= sum w phi_G(y)^p``, and
 ``phi_G(y)^p <= sum of s_i(y)^p`` over its contacts. So mu^p is at most the sum over the contacts' cells of
 ``max over the cell of sum w s^p``, divided by ``sum w phi_A(y)^p``.
+
+The support s of a contact is the largest work of one unit of force. For the velocity v of the contact point and the
+twist's angular velocity tau, a force with normal part n does the work ``n v_n + f_t . v_t + m tau_n``. Its largest
+value depends on v_n and the magnitudes a = |v_t| and |tau_n| alone, each with a coefficient c.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from nlpgrasp.verify.bound.stated_cells import MeshCell, Rows, Sheet
 from nlpgrasp.verify.check import NotMadeError
 
 NARROWINGS = 50  # steps that shrink an interval of angles by a third: to the square root of rounding
+# by force budget: the power p, and whether it counts the length of a force and not its normal part
 BUDGETS = {"l2": (2.0, True), "per_finger": (1.0, False), "per_finger_size": (1.0, True), "shared": (8.0, False)}
 MARGIN = 1e-9  # relative guard against rounding, added to every bound
 MATTERS = 0.5  # share of the largest leaf bound below which leaves are not resolved further
@@ -32,30 +33,208 @@ ROUNDS, MOST_PARTS = 8, 20_000  # subdivision rounds of curved cells, and most p
 PART = 4000  # mesh corners in a batch
 
 
-@dataclass(frozen=True)
-class Budget:
-    """Force budget of the bound: ``phi_G^p <= sum of s^p``, or the largest s for a shared budget.
+class Leaves:
+    """The leaves of a certificate, with the data of their bounds.
 
     Parameters
     ----------
-    power : float
-        p.
-    lengths : bool
-        Whether the budget counts a force's length, not its normal part.
-    shared : bool
+    data : mapping
+        ``origin``, ``directions``; ``mixtures``: numbers of directions and their dual weights; ``leaves``: cells by
+        slot, the number of a mixture, and the stated bound.
+    groups : sequence of Group
+    contacts : sequence of mapping
+        Contacts of the problem, by number.
+    task : Task
+    budget : Budget
     """
 
-    power: float
-    lengths: bool
-    shared: bool
+    def __init__(
+        self, data: Json, groups: Sequence[Group], contacts: Sequence[Json], task: Task, budget: Budget
+    ) -> None:
+        self.leaves, self.budget, self._mixtures = data["leaves"], budget, data["mixtures"]
+        self.twists = array("directions", data["directions"], (None, task.dimension))
+        self.reach = task.support(self.twists)[0]
+        self.origin = array("origin", data["origin"], (2 if task.dimension == 3 else 3,))
+        self._models = [Contact.of(contacts[group.contacts[0]], budget) for group in groups]
+        self._groups, self._slots = groups, [i for i, group in enumerate(groups) for _ in group.contacts]
 
-    @classmethod
-    def of(cls, data: str | Json) -> Budget:
-        """Return the budget of its JSON data; raise ``NotMadeError`` on an unknown kind."""
-        kind = data if isinstance(data, str) else str(data["type"])
-        if kind not in BUDGETS:
-            raise NotMadeError(f"nothing recomputes bounds under the force budget {kind!r}")
-        return cls(*BUDGETS[kind], shared=kind == "shared")
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Return the claimed and the recomputed bounds of the leaves, (n,) each.
+
+        The claim of a leaf far below the largest is raised to a share of that, which suffices. Over curved cells,
+        bounds are refined only until they are not above the claimed ones.
+        """
+        stated = np.array([float(bound) for _, _, bound in self.leaves])
+        claimed = np.maximum(stated, MATTERS * np.max(stated, initial=0.0))
+        by_mixture: dict[int, list[int]] = {}
+        for i, (_, mixture, _) in enumerate(self.leaves):
+            by_mixture.setdefault(int(mixture), []).append(i)
+        found = np.empty(len(self.leaves))
+        for mixture, own in by_mixture.items():
+            found[own] = self._under(mixture, [self.leaves[i][0] for i in own], claimed[own].tolist())
+        return claimed, found
+
+    def _under(self, mixture: int, nodes: Sequence[Sequence[int]], claimed: Sequence[float]) -> list[float]:
+        """Return the bounds of nodes by one set of dual weights, refined until they meet the claims."""
+        w, twists, whole = self._mixture(mixture)
+        add = max if self.budget.shared and len(w) == 1 else sum
+        slots = [list(zip(self._slots, node, strict=True)) for node in nodes]
+        largest = self._largest({slot for own in slots for slot in own}, twists, w)
+        found = []
+        for own, claim in zip(slots, claimed, strict=True):
+            asked = (claim / (1.0 + MARGIN)) ** self.budget.power * whole
+            total = _total([largest[slot] for slot in own], asked, add)
+            found.append(float((total / whole) ** (1.0 / self.budget.power)) * (1.0 + MARGIN))
+        return found
+
+    def _mixture(self, index: int) -> tuple[FloatArray, FloatArray, float]:
+        """Return the dual weights (j,) and directions (j, d) of a mixture, and their ``sum w phi_A(y)^p``."""
+        if not 0 <= index < len(self._mixtures):
+            raise ValueError(f"mixture {index} of {len(self._mixtures)}")
+        numbers, weights = self._mixtures[index]
+        w, chosen = array("weights", weights, (len(numbers),)), np.array(numbers, dtype=np.int64)
+        if not (np.all(w > 0.0) and len(w) and np.all(chosen >= 0)):
+            raise ValueError(f"weights {weights} of directions {numbers}")
+        return w, self.twists[chosen], float(w @ self.reach[chosen] ** self.budget.power)
+
+    def _largest(
+        self, cells: set[tuple[int, int]], twists: FloatArray, weights: FloatArray
+    ) -> dict[tuple[int, int], Largest]:
+        """Return the largest weighted power over each cell, by group number and cell number."""
+        found: dict[tuple[int, int], Largest] = {}
+        for i, (group, contact) in enumerate(zip(self._groups, self._models, strict=True)):
+            own = {cell_number: group.cells[cell_number] for where, cell_number in cells if where == i}
+            mix = Mixed(contact, twists, weights, self.origin)
+            known = _over_mesh({n: cell for n, cell in own.items() if isinstance(cell, MeshCell)}, mix)
+            for cell_number, cell in own.items():
+                below = known[cell_number] if cell_number in known else mix.most(cell.rows())
+                found[i, cell_number] = Largest(mix, below, cell.sheets())
+        return found
+
+
+class Largest:
+    """Lower and upper bounds on the largest weighted power of a contact in a cell.
+
+    Parameters
+    ----------
+    mixed : Mixed
+    below : float
+        The largest over the vertex contacts of the cell.
+    sheets : sequence of Sheet
+        Curved parts of the cell.
+
+    Attributes
+    ----------
+    below, above : float
+        Largest value over evaluated contacts, and an upper bound for all contacts.
+    """
+
+    def __init__(self, mixed: Mixed, below: float, sheets: Sequence[Sheet]) -> None:
+        self._mixed, self.below = mixed, below
+        self._parts: list[tuple[Sheet, FloatArray, FloatArray]] = []
+        for sheet in sheets:
+            parts = sheet.start()
+            self._parts.append((sheet, parts, self._bounds(sheet, parts)))
+
+    @property
+    def above(self) -> float:
+        """Upper bound over all contacts of the cell."""
+        return max([self.below, *(float(np.max(bounds)) for _, _, bounds in self._parts)])
+
+    @property
+    def count(self) -> int:
+        """Number of parts."""
+        return sum(len(bounds) for _, _, bounds in self._parts)
+
+    def narrow(self, enough: float, room: float) -> None:
+        """Subdivide the parts whose upper bound exceeds the lower one by too much.
+
+        Parameters
+        ----------
+        enough, room : float
+            Allowed relative and absolute excess.
+        """
+        for i, (sheet, parts, bounds) in enumerate(self._parts):
+            large = bounds > (1.0 + enough) * self.below + room
+            if np.any(large):
+                small = sheet.halved(parts[large])
+                new = np.concatenate([bounds[~large], self._bounds(sheet, small)])
+                self._parts[i] = (sheet, np.concatenate([parts[~large], small]), new)
+
+    def _bounds(self, sheet: Sheet, parts: FloatArray) -> FloatArray:
+        """Return an upper bound for the contacts in each part (n, c, q), (n,)."""
+        n, c, q = parts.shape
+        contact, twists, weights = self._mixed.contact, self._mixed.twists, self._mixed.weights
+        points, normals = sheet.contacts(parts.reshape(n * c, q))
+        powers, speeds = contact.powers(points, normals, twists, self._mixed.origin)
+        self.below = max(self.below, float(np.max(powers @ weights)))
+        bends = np.repeat(sheet.bends(parts), c, axis=0)
+        above = contact.above(powers, speeds, bends, twists) @ weights
+        return np.asarray(np.max(above.reshape(n, c), axis=1))
+
+
+def _total(largest: Sequence[Largest], asked: float, add: Callable[[Iterable[float]], float]) -> float:
+    """Return an upper bound for a node's contacts together, refined until the requested bound is shown or disproved.
+
+    Parameters
+    ----------
+    largest : sequence of Largest
+        Bounds of each contact's cell.
+    asked : float
+        The requested bound.
+    add : callable
+        Aggregation over contacts: sum or maximum.
+    """
+    once = list(dict.fromkeys(largest))
+    for _ in range(ROUNDS):
+        met = add(part.below for part in largest)
+        done = met > asked or add(part.above for part in largest) <= asked  # disproved, or shown
+        if done or sum(part.count for part in once) > MOST_PARTS:
+            break
+        for part in once:  # half of the slack by shares, half equally
+            part.narrow(0.5 * (asked / met - 1.0) if met > 0.0 else 0.0, 0.5 * (asked - met) / len(largest))
+    return add(part.above for part in largest)
+
+
+def _over_mesh(cells: dict[int, MeshCell], mixed: Mixed) -> dict[int, float]:
+    """Return the largest weighted power over cells of one mesh, from disjoint ranges of its pieces."""
+    if not cells:
+        return {}
+    whole = next(iter(cells.values()))
+    ends = np.unique([end for cell in cells.values() for end in (cell.first, cell.last)])
+    over = np.full(len(ends) - 1, -np.inf)
+    for i, (first, last) in enumerate(zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True)):
+        if any(cell.first <= first and last <= cell.last for cell in cells.values()):
+            for low in range(first, last, PART // 3):
+                part = MeshCell(whole.data, whole.corners, whole.normals, low, min(last, low + PART // 3))
+                over[i] = max(over[i], mixed.most(part.rows()))
+    places = {cell_number: np.searchsorted(ends, (cell.first, cell.last)) for cell_number, cell in cells.items()}
+    return {cell_number: float(np.max(over[low:high])) for cell_number, (low, high) in places.items()}
+
+
+@dataclass(frozen=True)
+class Mixed:
+    """The weighted power ``sum of w s^p`` of one contact, s its support along each direction.
+
+    Parameters
+    ----------
+    contact : Contact
+    twists : (j, d) array
+    weights : (j,) array
+    origin : (space,) array
+        Torque origin, metres.
+    """
+
+    contact: Contact
+    twists: FloatArray
+    weights: FloatArray
+    origin: FloatArray
+
+    def most(self, rows: Rows) -> float:
+        """Return the largest weighted power over vertex contacts; 0 without any."""
+        if not len(rows.points):
+            return 0.0
+        return float(np.max(self.contact.powers(rows.points, rows.normals, self.twists, self.origin)[0] @ self.weights))
 
 
 @dataclass(frozen=True)
@@ -181,205 +360,27 @@ def _turned(turning: FloatArray, arms: FloatArray) -> FloatArray:
     return np.stack([q * z - r * y, r * x - p * z, p * y - q * x], axis=2)
 
 
-class Leaves:
-    """The leaves of a certificate, with the data of their bounds.
-
-    Parameters
-    ----------
-    data : mapping
-        ``origin``, ``directions``; ``mixtures``: numbers of directions and their dual weights; ``leaves``: cells by
-        slot, the number of a mixture, and the stated bound.
-    groups : sequence of Group
-    contacts : sequence of mapping
-        Contacts of the problem, by number.
-    task : Task
-    budget : Budget
-    """
-
-    def __init__(
-        self, data: Json, groups: Sequence[Group], contacts: Sequence[Json], task: Task, budget: Budget
-    ) -> None:
-        self.leaves, self.budget, self._mixtures = data["leaves"], budget, data["mixtures"]
-        self.twists = array("directions", data["directions"], (None, task.dimension))
-        self.reach = task.support(self.twists)[0]
-        self.origin = array("origin", data["origin"], (2 if task.dimension == 3 else 3,))
-        self._models = [Contact.of(contacts[group.contacts[0]], budget) for group in groups]
-        self._groups, self._slots = groups, [i for i, group in enumerate(groups) for _ in group.contacts]
-
-    def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Return the claimed and the recomputed bounds of the leaves, (n,) each.
-
-        The claim of a leaf far below the largest is raised to a share of that, which suffices. Over curved cells,
-        bounds are refined only until they are not above the claimed ones.
-        """
-        stated = np.array([float(bound) for _, _, bound in self.leaves])
-        claimed = np.maximum(stated, MATTERS * np.max(stated, initial=0.0))
-        by_mixture: dict[int, list[int]] = {}
-        for i, (_, mixture, _) in enumerate(self.leaves):
-            by_mixture.setdefault(int(mixture), []).append(i)
-        found = np.empty(len(self.leaves))
-        for mixture, own in by_mixture.items():
-            found[own] = self._under(mixture, [self.leaves[i][0] for i in own], claimed[own].tolist())
-        return claimed, found
-
-    def _under(self, mixture: int, nodes: Sequence[Sequence[int]], claimed: Sequence[float]) -> list[float]:
-        """Return the bounds of nodes by one set of dual weights, refined until they meet the claims."""
-        w, twists, whole = self._mixture(mixture)
-        add = max if self.budget.shared and len(w) == 1 else sum
-        slots = [list(zip(self._slots, node, strict=True)) for node in nodes]
-        largest = self._largest({slot for own in slots for slot in own}, twists, w)
-        found = []
-        for own, claim in zip(slots, claimed, strict=True):
-            asked = (claim / (1.0 + MARGIN)) ** self.budget.power * whole
-            total = _total([largest[slot] for slot in own], asked, add)
-            found.append(float((total / whole) ** (1.0 / self.budget.power)) * (1.0 + MARGIN))
-        return found
-
-    def _mixture(self, cell_number: int) -> tuple[FloatArray, FloatArray, float]:
-        """Return the dual weights (j,) and directions (j, d) of a mixture, and their ``sum w phi_A(y)^p``."""
-        if not 0 <= cell_number < len(self._mixtures):
-            raise ValueError(f"mixture {cell_number} of {len(self._mixtures)}")
-        numbers, weights = self._mixtures[cell_number]
-        w, chosen = array("weights", weights, (len(numbers),)), np.array(numbers, dtype=np.int64)
-        if not (np.all(w > 0.0) and len(w) and np.all(chosen >= 0)):
-            raise ValueError(f"weights {weights} of directions {numbers}")
-        return w, self.twists[chosen], float(w @ self.reach[chosen] ** self.budget.power)
-
-    def _largest(
-        self, cells: set[tuple[int, int]], twists: FloatArray, weights: FloatArray
-    ) -> dict[tuple[int, int], Largest]:
-        """Return the largest weighted power over each cell, by group number and cell number."""
-        found: dict[tuple[int, int], Largest] = {}
-        for i, (group, contact) in enumerate(zip(self._groups, self._models, strict=True)):
-            own = {cell_number: group.cells[cell_number] for where, cell_number in cells if where == i}
-            mix = Mixed(contact, twists, weights, self.origin)
-            known = _over_mesh({n: cell for n, cell in own.items() if isinstance(cell, MeshCell)}, mix)
-            for cell_number, cell in own.items():
-                below = known[cell_number] if cell_number in known else mix.most(cell.rows())
-                found[i, cell_number] = Largest(mix, below, cell.sheets())
-        return found
-
-
 @dataclass(frozen=True)
-class Mixed:
-    """The weighted power ``sum of w s^p`` of one contact, s its support along each direction.
+class Budget:
+    """Force budget of the bound: ``phi_G^p <= sum of s^p``, or the largest s for a shared budget.
 
     Parameters
     ----------
-    contact : Contact
-    twists : (j, d) array
-    weights : (j,) array
-    origin : (space,) array
-        Torque origin, metres.
+    power : float
+        p.
+    lengths : bool
+        Whether the budget counts a force's length, not its normal part.
+    shared : bool
     """
 
-    contact: Contact
-    twists: FloatArray
-    weights: FloatArray
-    origin: FloatArray
+    power: float
+    lengths: bool
+    shared: bool
 
-    def most(self, rows: Rows) -> float:
-        """Return the largest weighted power over vertex contacts; 0 without any."""
-        if not len(rows.points):
-            return 0.0
-        return float(np.max(self.contact.powers(rows.points, rows.normals, self.twists, self.origin)[0] @ self.weights))
-
-
-class Largest:
-    """Lower and upper bounds on the largest weighted power of a contact in a cell.
-
-    Parameters
-    ----------
-    mixed : Mixed
-    below : float
-        The largest over the vertex contacts of the cell.
-    sheets : sequence of Sheet
-        Curved parts of the cell.
-
-    Attributes
-    ----------
-    below, above : float
-        Largest value over evaluated contacts, and an upper bound for all contacts.
-    """
-
-    def __init__(self, mixed: Mixed, below: float, sheets: Sequence[Sheet]) -> None:
-        self._mixed, self.below = mixed, below
-        self._parts: list[tuple[Sheet, FloatArray, FloatArray]] = []
-        for sheet in sheets:
-            parts = sheet.start()
-            self._parts.append((sheet, parts, self._bounds(sheet, parts)))
-
-    @property
-    def above(self) -> float:
-        """Upper bound over all contacts of the cell."""
-        return max([self.below, *(float(np.max(bounds)) for _, _, bounds in self._parts)])
-
-    @property
-    def count(self) -> int:
-        """Number of parts."""
-        return sum(len(bounds) for _, _, bounds in self._parts)
-
-    def narrow(self, enough: float, room: float) -> None:
-        """Subdivide the parts whose upper bound exceeds the lower one by too much.
-
-        Parameters
-        ----------
-        enough, room : float
-            Allowed relative and absolute excess.
-        """
-        for i, (sheet, parts, bounds) in enumerate(self._parts):
-            large = bounds > (1.0 + enough) * self.below + room
-            if np.any(large):
-                small = sheet.halved(parts[large])
-                new = np.concatenate([bounds[~large], self._bounds(sheet, small)])
-                self._parts[i] = (sheet, np.concatenate([parts[~large], small]), new)
-
-    def _bounds(self, sheet: Sheet, parts: FloatArray) -> FloatArray:
-        """Return an upper bound for the contacts in each part (n, c, q), (n,)."""
-        n, c, q = parts.shape
-        contact, twists, weights = self._mixed.contact, self._mixed.twists, self._mixed.weights
-        points, normals = sheet.contacts(parts.reshape(n * c, q))
-        powers, speeds = contact.powers(points, normals, twists, self._mixed.origin)
-        self.below = max(self.below, float(np.max(powers @ weights)))
-        bends = np.repeat(sheet.bends(parts), c, axis=0)
-        above = contact.above(powers, speeds, bends, twists) @ weights
-        return np.asarray(np.max(above.reshape(n, c), axis=1))
-
-
-def _total(largest: Sequence[Largest], asked: float, add: Callable[[Iterable[float]], float]) -> float:
-    """Return an upper bound for a node's contacts together, refined until the requested bound is shown or disproved.
-
-    Parameters
-    ----------
-    largest : sequence of Largest
-        Bounds of each contact's cell.
-    asked : float
-        The requested bound.
-    add : callable
-        Aggregation over contacts: sum or maximum.
-    """
-    once = list(dict.fromkeys(largest))
-    for _ in range(ROUNDS):
-        met = add(part.below for part in largest)
-        done = met > asked or add(part.above for part in largest) <= asked  # disproved, or shown
-        if done or sum(part.count for part in once) > MOST_PARTS:
-            break
-        for part in once:  # half of the slack by shares, half equally
-            part.narrow(0.5 * (asked / met - 1.0) if met > 0.0 else 0.0, 0.5 * (asked - met) / len(largest))
-    return add(part.above for part in largest)
-
-
-def _over_mesh(cells: dict[int, MeshCell], mixed: Mixed) -> dict[int, float]:
-    """Return the largest weighted power over cells of one mesh, from disjoint ranges of its pieces."""
-    if not cells:
-        return {}
-    whole = next(iter(cells.values()))
-    ends = np.unique([end for cell in cells.values() for end in (cell.first, cell.last)])
-    over = np.full(len(ends) - 1, -np.inf)
-    for i, (first, last) in enumerate(zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True)):
-        if any(cell.first <= first and last <= cell.last for cell in cells.values()):
-            for low in range(first, last, PART // 3):
-                part = MeshCell(whole.data, whole.corners, whole.normals, low, min(last, low + PART // 3))
-                over[i] = max(over[i], mixed.most(part.rows()))
-    places = {cell_number: np.searchsorted(ends, (cell.first, cell.last)) for cell_number, cell in cells.items()}
-    return {cell_number: float(np.max(over[low:high])) for cell_number, (low, high) in places.items()}
+    @classmethod
+    def of(cls, data: str | Json) -> Budget:
+        """Return the budget of its JSON data; raise ``NotMadeError`` on an unknown kind."""
+        kind = data if isinstance(data, str) else str(data["type"])
+        if kind not in BUDGETS:
+            raise NotMadeError(f"nothing recomputes bounds under the force budget {kind!r}")
+        return cls(*BUDGETS[kind], shared=kind == "shared")

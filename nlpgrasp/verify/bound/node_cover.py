@@ -16,6 +16,7 @@ from nlpgrasp.verify.surface_geometry import TriangleSurface
 
 SAME = 1e-8  # tolerance relative to the body's size
 Node = tuple[int, ...]
+"""The number of a cell for each contact, sorted within each group."""
 
 
 class Group:

@@ -10,13 +10,12 @@ import numpy as np
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.tasks import Task, task_from_dict
-from nlpgrasp.verify.bound import stated_symmetry as continuous_symmetry
-from nlpgrasp.verify.bound import stated_symmetry as motions
 from nlpgrasp.verify.bound.face_cover import SAME, Faces, faces_of, uncovered
 from nlpgrasp.verify.bound.leaves import Budget, Leaves
 from nlpgrasp.verify.bound.node_cover import Group, Nodes
 from nlpgrasp.verify.bound.stated_cells import MeshCell
 from nlpgrasp.verify.bound.stated_regions import Places, places
+from nlpgrasp.verify.bound.stated_symmetry import Turning, error_of_motion, error_of_reduction
 from nlpgrasp.verify.check import BROKEN, Check, NotMadeError, no_sense
 from nlpgrasp.verify.mesh_body import MeshSurface
 from nlpgrasp.verify.registry import BODIES
@@ -144,9 +143,9 @@ class Proof:
         return "", f"{sum(len(group.roots) for group in self.groups)} cells to begin with"
 
     def _turned(self) -> tuple[str, str]:
-        turning = continuous_symmetry.Turning(self.problem["body"], self.task, self.origin, self.size)
+        turning = Turning(self.problem["body"], self.task, self.origin, self.size)
         ways = [str(group["turned"]) for group in self.data["groups"] if group["turned"] is not None]
-        wrong = continuous_symmetry.error_of_reduction(self.data["groups"], turning, self.faces, self.asked[0])
+        wrong = error_of_reduction(self.data["groups"], turning, self.faces, self.asked[0])
         return wrong, ", ".join(ways) if ways else "no contact is turned to a line"
 
     def _cuts(self) -> tuple[str, str]:
@@ -163,7 +162,7 @@ class Proof:
 
     def _symmetries(self) -> tuple[str, str]:
         for i, motion in enumerate(self.data["motions"]):
-            wrong = motions.error_of_motion(motion, self.problem, self.task, self.origin, self.asked[0], self.size)
+            wrong = error_of_motion(motion, self.problem, self.task, self.origin, self.asked[0], self.size)
             if wrong:
                 return f"motion {i}: {wrong}", ""
         false = self.nodes.false_twins()

@@ -1,4 +1,10 @@
-"""Numeric cells of a global bound, from their JSON data."""
+"""Numeric cells of a global bound, from their JSON data.
+
+A cell is a piece of a face. Of its flat part the vertex contacts (``Rows``) suffice, as the work is linear between
+them; its curved part is a parametrised ``Sheet``, subdivided as far as a bound requires. There are cells of flat faces
+(``Polygon``, ``Sector``), of cylinders and tori (``Revolved``), of ellipsoids (``Ellipsoid``) and of meshes
+(``MeshCell``), and unions of cells (``Bundle``).
+"""
 
 from __future__ import annotations
 
@@ -16,14 +22,14 @@ from nlpgrasp.verify.check import NotMadeError
 from nlpgrasp.verify.numeric_bodies import positive
 from nlpgrasp.verify.surface_geometry import TriangleSurface
 
-UNIT = 1e-9
-SPACING = 0.3  # radians: largest side of the initial parts
+UNIT = 1e-9  # tolerance of the length of unit vectors
+SPACING = 0.3  # radians: largest side of the initial parts of a curved cell
 MOST_PARTS = 8  # most initial parts in each direction
 MOST_HALVINGS = 3  # most halvings of sides to get there
-SIDES = "012"
-
+SIDES = "012"  # characters of the sides across which a triangle is halved
 
 Cut = int | list[list[int]]
+"""Number of the side, interval or direction that is cut; of a bundle both parts, as numbers of members."""
 
 
 @dataclass(frozen=True)
@@ -201,79 +207,6 @@ def below(vertices: FloatArray, height: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class TurnedSheet:
-    """Patch ``phi_0 <= phi <= phi_1``, ``t_0 <= t <= t_1`` of a cylinder's side (t height) or a torus (t angle).
-
-    A rotation by phi turns point and normal alike: ``|z''| <= |f_c| + |tau| |p_0|`` about any point c of the axis, and
-    likewise around the tube about its centre line; along a cylinder the work is linear.
-
-    Parameters
-    ----------
-    radii : (ring, tube)
-        Of a torus; 0 and the radius of a cylinder, metres.
-    angles, along : (2,) arrays
-        Intervals of phi and t, the coordinates of a point.
-    """
-
-    radii: tuple[float, float]
-    angles: FloatArray
-    along: FloatArray
-
-    def start(self) -> FloatArray:
-        """Return patches with corners (low, low), (low, high), (high, low), (high, high); lines with both ends."""
-        straight = self.radii[0] == 0.0
-        return _patches(_steps(self.angles, False), _steps(self.along, straight))
-
-    def contacts(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return points and inward normals at (phi, t), (m, 2)."""
-        (ring, tube), phi, t = self.radii, places[:, 0], places[:, 1:]
-        out, up = np.stack([np.cos(phi), np.sin(phi), 0.0 * phi], axis=1), np.array([0.0, 0.0, 1.0])
-        if ring == 0.0:
-            return tube * out + t * up, -out
-        around = np.cos(t) * out + np.sin(t) * up
-        return ring * out + tube * around, -around
-
-    def bends(self, parts: FloatArray) -> FloatArray:
-        """Return the interpolation coefficients (n, 2, 3) of patches or lines (n, c, 2)."""
-        ring, tube = self.radii
-        d, e = (parts[:, -1] - parts[:, 0]).T
-        widest = ring + tube
-        arm = widest + np.hypot(widest, np.minimum(e, 2.0 * tube) if ring > 0.0 else e)
-        off = [d**2, d**2 * arm, d**2]
-        more = [d, d * arm, d]
-        if ring > 0.0:
-            off = [off[0] + e**2, off[1] + 2.0 * e**2 * tube + e**2 * widest * d, off[2] + e**2]
-            more = [more[0] + e, more[1] + e * (2.0 * tube + widest * d), more[2] + e]
-        else:
-            off[1], more[1] = off[1] + d**2 * e, more[1] + e
-        return np.stack([np.stack(off, axis=1) / 8.0, np.stack(more, axis=1)], axis=1)
-
-    def halved(self, parts: FloatArray) -> FloatArray:
-        """Return four patches for each (n, 4, 2), two lines for each (n, 2, 2)."""
-        made = []
-        for part in parts:
-            low, high = part[0], part[-1]
-            ends = [np.unique([a, 0.5 * (a + b), b]) for a, b in zip(low, high, strict=True)]
-            made.append(_patches(*ends))
-        return np.concatenate(made)
-
-
-def _steps(interval: FloatArray, straight: bool) -> FloatArray:
-    """Return the initial grid of an interval."""
-    low, high = interval.tolist()
-    if high == low:
-        return np.array([low])
-    count = 1 if straight else min(max(int(np.ceil((high - low) / SPACING)), 1), MOST_PARTS)
-    return np.linspace(low, high, count + 1)
-
-
-def _patches(phi: FloatArray, t: FloatArray) -> FloatArray:
-    """Return the rectangles between grid lines; lines where one coordinate is constant."""
-    sides = [np.stack([x[:-1], x[1:]], axis=1) if len(x) > 1 else x[:, None] for x in (phi, t)]
-    return np.array([list(product(a, b)) for a, b in product(*sides)])
-
-
-@dataclass(frozen=True)
 class Sector:
     """Annular sector ``r_0 <= r <= r_1``, ``phi_0 <= phi <= phi_1`` of a horizontal disc.
 
@@ -385,6 +318,139 @@ class Revolved:
 
 
 @dataclass(frozen=True)
+class TurnedSheet:
+    """Patch ``phi_0 <= phi <= phi_1``, ``t_0 <= t <= t_1`` of a cylinder's side (t height) or a torus (t angle).
+
+    A rotation by phi turns point and normal alike: ``|z''| <= |f_c| + |tau| |p_0|`` about any point c of the axis, and
+    likewise around the tube about its centre line; along a cylinder the work is linear.
+
+    Parameters
+    ----------
+    radii : (ring, tube)
+        Of a torus; 0 and the radius of a cylinder, metres.
+    angles, along : (2,) arrays
+        Intervals of phi and t, the coordinates of a point.
+    """
+
+    radii: tuple[float, float]
+    angles: FloatArray
+    along: FloatArray
+
+    def start(self) -> FloatArray:
+        """Return patches with corners (low, low), (low, high), (high, low), (high, high); lines with both ends."""
+        straight = self.radii[0] == 0.0
+        return _patches(_steps(self.angles, False), _steps(self.along, straight))
+
+    def contacts(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return points and inward normals at (phi, t), (m, 2)."""
+        (ring, tube), phi, t = self.radii, places[:, 0], places[:, 1:]
+        out, up = np.stack([np.cos(phi), np.sin(phi), 0.0 * phi], axis=1), np.array([0.0, 0.0, 1.0])
+        if ring == 0.0:
+            return tube * out + t * up, -out
+        around = np.cos(t) * out + np.sin(t) * up
+        return ring * out + tube * around, -around
+
+    def bends(self, parts: FloatArray) -> FloatArray:
+        """Return the interpolation coefficients (n, 2, 3) of patches or lines (n, c, 2)."""
+        ring, tube = self.radii
+        d, e = (parts[:, -1] - parts[:, 0]).T
+        widest = ring + tube
+        arm = widest + np.hypot(widest, np.minimum(e, 2.0 * tube) if ring > 0.0 else e)
+        off = [d**2, d**2 * arm, d**2]
+        more = [d, d * arm, d]
+        if ring > 0.0:
+            off = [off[0] + e**2, off[1] + 2.0 * e**2 * tube + e**2 * widest * d, off[2] + e**2]
+            more = [more[0] + e, more[1] + e * (2.0 * tube + widest * d), more[2] + e]
+        else:
+            off[1], more[1] = off[1] + d**2 * e, more[1] + e
+        return np.stack([np.stack(off, axis=1) / 8.0, np.stack(more, axis=1)], axis=1)
+
+    def halved(self, parts: FloatArray) -> FloatArray:
+        """Return four patches for each (n, 4, 2), two lines for each (n, 2, 2)."""
+        made = []
+        for part in parts:
+            low, high = part[0], part[-1]
+            ends = [np.unique([a, 0.5 * (a + b), b]) for a, b in zip(low, high, strict=True)]
+            made.append(_patches(*ends))
+        return np.concatenate(made)
+
+
+def _steps(interval: FloatArray, straight: bool) -> FloatArray:
+    """Return the initial grid of an interval."""
+    low, high = interval.tolist()
+    if high == low:
+        return np.array([low])
+    count = 1 if straight else min(max(int(np.ceil((high - low) / SPACING)), 1), MOST_PARTS)
+    return np.linspace(low, high, count + 1)
+
+
+def _patches(phi: FloatArray, t: FloatArray) -> FloatArray:
+    """Return the rectangles between grid lines; lines where one coordinate is constant."""
+    sides = [np.stack([x[:-1], x[1:]], axis=1) if len(x) > 1 else x[:, None] for x in (phi, t)]
+    return np.array([list(product(a, b)) for a, b in product(*sides)])
+
+
+@dataclass(frozen=True)
+class Ellipsoid:
+    """The image under ``diag(semi_axes)`` of the spherical convex hull of one to three corners.
+
+    Parameters
+    ----------
+    data : mapping
+        ``corners`` (1 to 3, 3), unit, and ``semi_axes`` (3,), metres.
+    """
+
+    data: Json
+
+    @cached_property
+    def corners(self) -> FloatArray:
+        """Unit vectors (c, 3)."""
+        found = array("corners", self.data["corners"], (None, 3))
+        good = 1 <= len(found) <= 3 and np.all(np.abs(np.linalg.norm(found, axis=1) - 1.0) <= UNIT)
+        if not good or np.min(found @ found.T) < -UNIT:
+            raise ValueError("corners that are not one to three unit vectors within a right angle of each other")
+        return found
+
+    @cached_property
+    def axes(self) -> FloatArray:
+        """Semi-axes (3,), metres."""
+        return positive("semi_axes", self.data["semi_axes"], 3)
+
+    def rows(self) -> Rows:
+        """Return the point itself for a cell of one point."""
+        if len(self.corners) > 1:
+            return Rows.none()
+        return Rows(*EllipsoidSheet(self.corners, self.axes).contacts(self.corners))
+
+    def sheets(self) -> list[Sheet]:
+        """Return the triangle or arc as a curved part."""
+        return [EllipsoidSheet(self.corners, self.axes)] if len(self.corners) > 1 else []
+
+    def parts(self, cut: Cut) -> tuple[Ellipsoid, Ellipsoid]:
+        """Return both halves of a cut from the middle of a side to the opposite corner."""
+        first = one_of(cut, len(self.corners))
+        second = (first + 1) % len(self.corners)
+        middle = self.corners[first] + self.corners[second]
+        middle = middle / np.linalg.norm(middle)
+        return self._with(second, middle), self._with(first, middle)
+
+    def _with(self, corner: int, place: FloatArray) -> Ellipsoid:
+        corners = self.corners.tolist()
+        corners[corner] = place.tolist()
+        return Ellipsoid({**self.data, "corners": corners})
+
+    def hull(self) -> tuple[FloatArray, float]:
+        """Return the cell's middle point, and the largest semi-axis times the angle to the farthest corner."""
+        middle = np.sum(self.corners, axis=0)
+        middle /= np.linalg.norm(middle)
+        return (middle * self.axes)[None], float(self.axes.max() * np.max(between(self.corners, middle[None])))
+
+    def anchors(self) -> FloatArray:
+        """Return the corners on the ellipsoid."""
+        return self.corners * self.axes
+
+
+@dataclass(frozen=True)
 class EllipsoidSheet:
     """The image under ``diag(axes)`` of a spherical triangle, arc or point.
 
@@ -477,66 +543,6 @@ def _radius(parts: FloatArray) -> FloatArray:
 def between(u: FloatArray, v: FloatArray) -> FloatArray:
     """Return the angles between unit vectors, radians."""
     return np.asarray(2.0 * np.arcsin(np.minimum(1.0, 0.5 * np.linalg.norm(u - v, axis=-1))))
-
-
-@dataclass(frozen=True)
-class Ellipsoid:
-    """The image under ``diag(semi_axes)`` of the spherical convex hull of one to three corners.
-
-    Parameters
-    ----------
-    data : mapping
-        ``corners`` (1 to 3, 3), unit, and ``semi_axes`` (3,), metres.
-    """
-
-    data: Json
-
-    @cached_property
-    def corners(self) -> FloatArray:
-        """Unit vectors (c, 3)."""
-        found = array("corners", self.data["corners"], (None, 3))
-        good = 1 <= len(found) <= 3 and np.all(np.abs(np.linalg.norm(found, axis=1) - 1.0) <= UNIT)
-        if not good or np.min(found @ found.T) < -UNIT:
-            raise ValueError("corners that are not one to three unit vectors within a right angle of each other")
-        return found
-
-    @cached_property
-    def axes(self) -> FloatArray:
-        """Semi-axes (3,), metres."""
-        return positive("semi_axes", self.data["semi_axes"], 3)
-
-    def rows(self) -> Rows:
-        """Return the point itself for a cell of one point."""
-        if len(self.corners) > 1:
-            return Rows.none()
-        return Rows(*EllipsoidSheet(self.corners, self.axes).contacts(self.corners))
-
-    def sheets(self) -> list[Sheet]:
-        """Return the triangle or arc as a curved part."""
-        return [EllipsoidSheet(self.corners, self.axes)] if len(self.corners) > 1 else []
-
-    def parts(self, cut: Cut) -> tuple[Ellipsoid, Ellipsoid]:
-        """Return both halves of a cut from the middle of a side to the opposite corner."""
-        first = one_of(cut, len(self.corners))
-        second = (first + 1) % len(self.corners)
-        middle = self.corners[first] + self.corners[second]
-        middle = middle / np.linalg.norm(middle)
-        return self._with(second, middle), self._with(first, middle)
-
-    def _with(self, corner: int, place: FloatArray) -> Ellipsoid:
-        corners = self.corners.tolist()
-        corners[corner] = place.tolist()
-        return Ellipsoid({**self.data, "corners": corners})
-
-    def hull(self) -> tuple[FloatArray, float]:
-        """Return the cell's middle point, and the largest semi-axis times the angle to the farthest corner."""
-        middle = np.sum(self.corners, axis=0)
-        middle /= np.linalg.norm(middle)
-        return (middle * self.axes)[None], float(self.axes.max() * np.max(between(self.corners, middle[None])))
-
-    def anchors(self) -> FloatArray:
-        """Return the corners on the ellipsoid."""
-        return self.corners * self.axes
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,8 @@
-"""Check that motions and continuous reductions are symmetries of body, task, constraints and torque origin."""
+"""Check that stated symmetries leave body, task, constraints and torque origin invariant.
+
+Motions map a node of the search onto its symmetric copy (``error_of_motion``). Reductions turn a contact about an axis
+to a line or a point of the surface, which requires invariance under all turns (``error_of_reduction``).
+"""
 
 from __future__ import annotations
 
@@ -16,7 +20,7 @@ from nlpgrasp.verify.bound.stated_regions import Places
 
 IMAGE_TOLERANCE = 1e-8  # relative tolerance of an image
 RADIAN = 1.0  # an irrational share of a turn: invariance under it implies invariance under all turns
-POLE_TOLERANCE = 1e-9
+POLE_TOLERANCE = 1e-9  # tolerance of axes, poles and meridians, relative to the body's size
 
 
 def error_of_motion(
