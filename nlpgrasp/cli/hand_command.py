@@ -15,11 +15,9 @@ from nlpgrasp.common.validation import NEAREST, listed, near
 from nlpgrasp.errors import InputError
 
 if TYPE_CHECKING:
-    from nlpgrasp.hands.tips import Tip
-
-if TYPE_CHECKING:
     from nlpgrasp.hands.base import Hand
     from nlpgrasp.hands.inspection import Inspected
+    from nlpgrasp.hands.tips import Tip
 
 
 def described(source: Path, preset: str | None) -> tuple[str | None, Path | None]:

@@ -24,10 +24,6 @@ from nlpgrasp.solution.solution import GraspSolution
 if TYPE_CHECKING:
     import pandas as pd
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-
 EXTRA = "tables"
 EXPLAINED = (
     "Intervals are of the grasps found, local optima: where few seeds agree with the best, more starts may find "

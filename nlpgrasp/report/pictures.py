@@ -31,15 +31,7 @@ from nlpgrasp.tasks.task_ellipsoid import EllipsoidFit
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d import Axes3D
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 WHAT = "a picture"  # for the message on missing matplotlib
 SIDES, ABOVE = ((25.0, -55.0), (25.0, 125.0)), (90.0, -90.0)  # elevation and azimuth of views, degrees

@@ -22,10 +22,6 @@ from nlpgrasp.solution.solution import GraspSolution
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
 
-if TYPE_CHECKING:
-    from mpl_toolkits.mplot3d import Axes3D
-
-
 FRAMES = 4  # pictures of each run
 MAGNIFIED = 0.2  # share of the body's size: least drawn slip at the end
 PICTURES = 5  # pictures of a run

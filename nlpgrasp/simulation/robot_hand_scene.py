@@ -16,9 +16,8 @@ from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.collision_shapes import Shape
-from nlpgrasp.hands.robot import Joint, Robot
+from nlpgrasp.hands.robot import Inertial, Joint, Robot
 from nlpgrasp.hands.robot_file import read_robot, robot_inertials
-from nlpgrasp.hands.urdf_reader import Inertial
 from nlpgrasp.simulation.fingertip_scene import DENSITY, add_free_body, mass_of, numbers, require_pressing, text
 from nlpgrasp.simulation.scene_object import Told, add_object_geoms, object_mass
 from nlpgrasp.solution.obstructions import tips_off

@@ -34,10 +34,6 @@ from nlpgrasp.common.validation import FloatArray, integer, metres_per, number
 if TYPE_CHECKING:
     import trimesh
 
-if TYPE_CHECKING:
-    import trimesh
-
-
 FLAT = 1e-12  # of the squared size: area below which a triangle's normal is unreliable
 TOUCHING = 1e-6  # of the size: distance within which a triangle contains a point
 FLATTERS = 0.1  # grid cells: overestimate of the splined distance from sharp edges, 90th percentile
