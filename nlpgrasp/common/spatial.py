@@ -23,6 +23,8 @@ WXYZ, XYZW = "quaternion_wxyz", "quaternion_xyzw"
 SPELLINGS = f'{{"position": (x, y, z), "{WXYZ}" or "{XYZW}": ...}}'
 UNIT = 1e-3  # tolerance of a quaternion's norm
 
+Pose = ArrayLike | Mapping[str, ArrayLike]
+
 
 def wrench_dimension(space: int) -> int:
     """Return the dimension of wrench space: 3 in the plane, 6 in space."""
@@ -178,9 +180,6 @@ def move_torque_origin(shift: FloatArray) -> FloatArray:
     else:
         result[3:, :3] = -cross_matrix(b)
     return result
-
-
-Pose = ArrayLike | Mapping[str, ArrayLike]
 
 
 def rigid_transform(field: str, value: Pose, space: int) -> tuple[FloatArray, FloatArray]:

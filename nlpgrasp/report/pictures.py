@@ -42,6 +42,8 @@ MOST_POINTS = 5000  # most points of each kind
 ROUND = np.linspace(0.0, 2.0 * np.pi, 181)
 FORMATS = (".png", ".svg", ".pdf")
 
+Moment = tuple[float, float, float]  # seconds, bound, certified quality of the incumbent
+
 
 def write_pictures(solution: GraspSolution, stem: str | Path) -> list[Path]:
     """Write ``STEM-grasp.png``, ``STEM-wrenches.png`` and ``STEM-convergence.png``, and return those with data.
@@ -136,9 +138,6 @@ def draw_convergence(solution: GraspSolution) -> Figure:
     ax.set_ylabel("mu, from above")
     ax.grid(color="0.9")
     return figure
-
-
-Moment = tuple[float, float, float]  # seconds, bound, certified quality of the incumbent
 
 
 def write_bound_picture(

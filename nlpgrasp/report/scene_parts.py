@@ -38,6 +38,8 @@ HIDDEN = -0.3  # cosine below which contacts are equally hidden
 MOST = 1000  # most triangles of an obstacle
 WIDE, THICK = 2.5, 0.05  # half width of a table, thickness of a planar one, in body sizes
 
+Switch = tuple[str, str, bool]
+
 
 @dataclass(frozen=True)
 class Surface:
@@ -203,9 +205,6 @@ def first_view(solution: GraspSolution, flat: bool) -> list[float]:
     seen = np.clip(eyes @ outward.T, HIDDEN, GLANCING).sum(axis=1) + 0.02 * np.cos(turn - np.radians(FROM_ASIDE[0]))
     best = int(np.argmax(seen))
     return [float(np.degrees(turn[best])), float(np.degrees(tilt[best]))]
-
-
-Switch = tuple[str, str, bool]
 
 
 def switches(entries: Sequence[Switch]) -> str:
