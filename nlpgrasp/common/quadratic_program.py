@@ -55,7 +55,7 @@ class NoSlack:
         return np.zeros(0), np.zeros(0)
 
 
-NO_SLACK = NoSlack()
+NO_SLACK = NoSlack()  # default of quadratic programs
 
 
 @dataclass(frozen=True)

@@ -19,11 +19,11 @@ from nlpgrasp.errors import InputError
 
 UNIT_TOLERANCE = 1e-6  # tolerance of unit vectors and rotations
 ROUNDING = 8.0 * float(np.finfo(float).eps)  # of the coordinates: rounding error of their difference
-WXYZ, XYZW = "quaternion_wxyz", "quaternion_xyzw"
+WXYZ, XYZW = "quaternion_wxyz", "quaternion_xyzw"  # fields of a pose given as a mapping
 SPELLINGS = f'{{"position": (x, y, z), "{WXYZ}" or "{XYZW}": ...}}'
-UNIT = 1e-3  # tolerance of a quaternion's norm
+UNIT = 1e-3  # tolerance of the norm of a given quaternion, which is then normalised
 
-Pose = ArrayLike | Mapping[str, ArrayLike]
+Pose = ArrayLike | Mapping[str, ArrayLike]  # a homogeneous transform, or position and quaternion
 
 
 def wrench_dimension(space: int) -> int:

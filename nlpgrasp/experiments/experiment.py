@@ -20,6 +20,7 @@ from nlpgrasp.optimize.distinct_grasps import ONE, Keeping
 from nlpgrasp.pipeline.solve import check_json
 from nlpgrasp.problem.problem import GraspProblem
 
+# names of what a variation may replace
 PARTS = tuple(f.name for f in fields(GraspProblem))
 MORE = ("friction", "fingers", "starts", "options")
 ALLOWED = f"fields of a GraspProblem ({', '.join(PARTS)}) or {', '.join(MORE)}"

@@ -36,10 +36,10 @@ if TYPE_CHECKING:
 
 IDLE = 30.0  # seconds after which idle workers end
 LOOK = 0.2  # seconds between checks for Ctrl-C, which an endless wait misses on some systems
-ADDRESS = re.compile(r"([a-z]+://)?[^\s/]+:\d+")
+ADDRESS = re.compile(r"([a-z]+://)?[^\s/]+:\d+")  # of a Dask scheduler
 REACHED = 10  # seconds: timeout for reaching a scheduler
 AHEAD = 2  # queued solves per worker
-LEAST_WINDOW = 4
+LEAST_WINDOW = 4  # least number of queued solves
 INTERRUPTED = "Interrupted: go on with --resume; in Python with resume=True, of ng.solve_many by calling it again."
 GO_ON = "What was written before is kept; go on with --resume."
 

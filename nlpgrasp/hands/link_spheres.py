@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 SURFACE, INSIDE = 900, 400  # samples per link
-SWEEPS = 30
+SWEEPS = 30  # most moves of all spheres to better places
 INSETS = (1.0, 1.3, 1.7, 2.2)  # distances of the outer spheres from the ends, in half cells
 FIRST_ERROR, GROWTH = 0.05, 1.25  # first error as a share of the link's size; growth factor
 MARGIN = 0.25  # share of the sample spacing added to distances, for the surface between samples

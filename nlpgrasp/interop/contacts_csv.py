@@ -20,10 +20,11 @@ from nlpgrasp.problem.checks import warn_of_friction
 from nlpgrasp.quality.grasp import Grasp, all_point_away
 from nlpgrasp.solution.solution import GraspSolution
 
+# names of columns
 POSITION, NORMAL = ("p_x", "p_y", "p_z"), ("n_x", "n_y", "n_z")
 FRICTION, TORSION, MODEL, GRASP = "friction", "torsional_friction", "model", "grasp"
 STEP = 1e-3  # share of the body's size: probing step along a normal
-MOST_ROWS = 1000
+MOST_ROWS = 1000  # contacts in a table
 UNIT = 1e-2  # tolerance of unit normals: other tools write few digits
 
 

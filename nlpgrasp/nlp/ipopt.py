@@ -1,4 +1,8 @@
-"""Compiled nonlinear program with IPOPT, and CasADi's other solvers by name."""
+"""Compiled nonlinear program with IPOPT, and CasADi's other solvers by name.
+
+``CompiledProgram`` solves and linearises a ``Program`` for many starts and parameters. ``nlpsol`` makes a solver of any
+CasADi program, with checked options.
+"""
 
 from __future__ import annotations
 

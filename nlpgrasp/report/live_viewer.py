@@ -37,7 +37,7 @@ WHOLE = 100.0  # per cent: the whole task
 HEAD = 2.4  # radius of an arrow's head over its shaft's
 SHORT = 1e-3  # share of the task below which no arrow is drawn
 GLASS = {"link": 0.6, "tip": 0.85, "obstacle": 0.45, "table": 0.5}  # opacity by group
-FREE_TIP = 0.5
+FREE_TIP = 0.5  # opacity of free fingertips
 SIDES = 32  # sides of a disc
 OVER = 0.006  # share of the body's size: height of discs over the surface
 AWAY = 2.9  # distance of the camera from the body's middle, in body sizes
@@ -445,7 +445,7 @@ def _tips_back(data: Json, tips: Sequence[Any]) -> Way:
 
 
 def unpacked(text: str, kind: str) -> FloatArray:
-    """Return the numbers of packed surface data (``report.scene.surfaces.packed``)."""
+    """Return the numbers of packed surface data (``report.scene_parts.packed``)."""
     return np.asarray(np.frombuffer(base64.b64decode(text), kind))
 
 

@@ -30,6 +30,7 @@ NEAR = 2.0  # largest distance of a drawn origin from the body's middle, in body
 SHORTEST, BEYOND = 0.5, 0.3  # shares of the body's size: least length of an axis, and its length beyond the body
 DIGITS = 7  # decimals of coordinates for display, metres
 FAR = 4.0  # distance from the body's middle, in body sizes, beyond which points may leave the view
+# radians: azimuths and elevations among which a view is chosen
 TURNS, TILTS = np.radians(np.arange(-180.0, 180.0, 15.0)), np.radians([18.0, 28.0, 40.0])
 FROM_ABOVE = (-90.0, 74.0)  # azimuth and elevation for a planar grasp, degrees
 FROM_ASIDE = (-55.0, 25.0)  # degrees: view of a body without contacts, and for ties

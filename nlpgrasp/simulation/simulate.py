@@ -20,22 +20,26 @@ from nlpgrasp.simulation.simulation_input import EARTH, Given, given
 from nlpgrasp.solution.obstructions import warn_of_touching
 from nlpgrasp.solution.solution import GraspSolution, given_solution
 
+# conditions
 LESS_FRICTION, OFF = 0.1, 2e-3  # loss of friction as a share, displacement in metres
 FARTHEST = 4.0  # largest extrapolation of the file's worst displacement, in its offsets
+AS_SOLVED, WEIGHTLESS, SLIPPERY = "as solved", "without gravity", f"friction {LESS_FRICTION:.0%} lower"
+DISPLACED = f"contacts {1e3 * OFF:g} mm off"
+# finger forces
 MARGINS = np.arange(0.0, 0.41, 0.05)  # candidate friction margins, as shares
 FOR_FRICTION, FOR_GRIP = 0.90, 0.95  # usable shares of the effort; the rest holds the fingertips in place
+# trials of task wrenches
+RISE, PAUSE, GROW, HOLD = 4.0, 4.0, 12.0, 10.0  # parts of a run, units of time
+SNAPSHOTS = 30  # of a run
+# growth of the hardest wrench until it is lost
 FURTHEST = 1.5  # largest wrench, in certified upper bounds
+STEPS = 40  # shares with computed forces, between which forces are interpolated
 GRIP_RISE, SOON = 8.0, 20.0  # units of time of gripping, and of the wrench's growth to QUICK
 QUICK = 0.9  # share of the wrench that the effort can produce
 SLOWLY = 0.002  # growth per unit of time after that, slow enough for failure to show despite damping
-GROWTH_SNAPSHOTS = 2000
-STEPS = 40  # shares with computed forces, between which forces are interpolated
+GROWTH_SNAPSHOTS = 2000  # of the whole growth
 BEGUN = 0.1  # share of the motion that counts as lost, at which failure begins
 FAR = 5.0  # largest motion in pictures, in motions that count as lost
-RISE, PAUSE, GROW, HOLD = 4.0, 4.0, 12.0, 10.0  # parts of a run, units of time
-SNAPSHOTS = 30
-AS_SOLVED, WEIGHTLESS, SLIPPERY = "as solved", "without gravity", f"friction {LESS_FRICTION:.0%} lower"
-DISPLACED = f"contacts {1e3 * OFF:g} mm off"
 
 
 def simulate(

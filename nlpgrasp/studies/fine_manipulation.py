@@ -35,16 +35,16 @@ MOST = 40  # most stations of a search
 CHANGE = 0.02  # least relative improvement that an interval has to promise
 STEEPER = 2.0  # assumed slope in an interval over the steepest one beside it
 ROUGH = 6  # evenly spaced stations for estimating a slide
-HELD_RTOL = 0.05
+HELD_RTOL = 0.05  # relative gap of certificates of intermediate grasps
 TOLERANCE, ARM = 1e-3, 0.2  # shares of the body's size: chord tolerance; arc length per radian of the normal
 S = TypeVar("S")
-LIFTED, SLIDES = False, True
+LIFTED, SLIDES = False, True  # ways of a move: whether the finger slides
 UNEVEN = 0.1  # share of the weight: disturbance in any direction while a finger moves
 LIFT = 5e-3  # metres: default height of a lifted finger
 
 
 _Width = tuple[int, float]  # 0 if the other fingers hold the body alone, else 1; negative quality
-_WIDEST: _Width = (0, -np.inf)
+_WIDEST: _Width = (0, -np.inf)  # width of the empty path
 
 
 def fine_manipulation(

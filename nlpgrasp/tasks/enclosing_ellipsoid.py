@@ -39,7 +39,7 @@ SHRINK, BACK_OFF = 0.15, 0.95  # factor of the complementarity per step; share o
 NEGLIGIBLE = 1e-9  # weight relative to the largest that counts as zero
 # trimming of outliers
 SWEEPS = 50  # most iterations
-SHRINKS = 2e-3  # relative decrease of volume below which trimming stops
+SHRINKS = 2e-3  # relative decrease of volume below which trimming stops (SHRINK is of the interior-point method)
 
 
 def enclose(

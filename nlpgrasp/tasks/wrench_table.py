@@ -31,8 +31,8 @@ SPATIAL = (("f", "x"), ("f", "y"), ("f", "z"), ("m", "x"), ("m", "y"), ("m", "z"
 PLANAR = (("f", "x"), ("f", "y"), ("m", "z"))
 # recognition of column names
 QUANTITIES = {"f": "f", "force": "f", "m": "m", "t": "m", "torque": "m", "moment": "m"}
-UNIT = re.compile(r"[\[(]([^\])]*)[\])]")
-ONE_WORD = re.compile(r"(force|torque|moment|f|m|t)(x|y|z)")
+UNIT = re.compile(r"[\[(]([^\])]*)[\])]")  # a unit in brackets
+ONE_WORD = re.compile(r"(force|torque|moment|f|m|t)(x|y|z)")  # quantity and axis without a separator
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,8 @@ DEVIATIONS = 2.4  # standard deviations of the Gaussian per wall thickness, at l
 EXACT_CELLS, EXACT_UNSMOOTHED = 3, 5  # grid cells from the surface within which distances are exact
 RAYS, THIN = 2000, 0.2  # number of rays; quantile of their lengths
 SCALED, BEHIND = 1e3, 1e-3  # diagonal of the scaled mesh, and depth below its surface at which rays begin
-STEPS = 12
-MOST_OF_IT = 0.8  # quantile over the surface
+STEPS = 12  # Newton steps from mesh points to the smoothed surface
+MOST_OF_IT = 0.8  # quantile of the offset over the surface
 
 Distance = Callable[[FloatArray], FloatArray]  # of points (m, 3), metres
 
