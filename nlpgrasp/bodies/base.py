@@ -21,6 +21,7 @@ from nlpgrasp.common.validation import FloatArray, listed
 from nlpgrasp.errors import InputError
 
 SHARP = np.radians(30.0)  # rad, angle between the normals on both sides of an edge above which it is sharp
+# functions that write the HTML page and the notebook's card
 PAGE, CARD = ("nlpgrasp.report.body_page", "write_body"), ("nlpgrasp.report.body_page", "body_card")
 TINY = 1e-24  # m^2 under a square root, which makes it differentiable at zero
 ON = 1e-6  # of the body's size: distance within which a point counts as on a face

@@ -1,13 +1,15 @@
 """Force sets of joint-torque limits, ``{x in K : |T x| <= 1}``: exact for one contact, by conic programs for several.
 
-A maximiser of ``<z, x>`` is an extreme point of the set. At these, r linear conditions are active and, for r below the
-number n of components, the quadratic cone too. For r = n and n - 1 they are points that do not depend on z; for smaller
-r they form conic sections, on which a linear function has two stationary points in closed form.
+Contacts without common limits are independent: the set of all contacts (``TorqueSet``) is a product over groups of
+coupled contacts, and its support function a sum.
 
-For contacts that share joints, have five or six components, or two quadratic cones: their extreme points are too many
-to enumerate.
+A single contact with few components and at most one quadratic cone has few extreme points (``TorquePolytope``). A
+maximiser of ``<z, x>`` is one of them: r linear conditions are active there and, for r below the number n of
+components, the quadratic cone too. For r = n and n - 1 they are points that do not depend on z; for smaller r they form
+conic sections, on which a linear function has two stationary points in closed form.
 
-Contacts without common limits are independent: the set is a product over such groups, and its support function a sum.
+Contacts that share joints, have five or six components, or two quadratic cones have too many extreme points to
+enumerate; their support is the optimum of a conic program (``TorqueCone``).
 """
 
 from __future__ import annotations
@@ -37,9 +39,96 @@ TOLERANCE = 1e-10  # of the conic solver
 SCALE_INSIDE = 1.0 - 1e-9  # scale of the maximiser, which keeps it within the limits despite the solver's tolerance
 MOST_LISTED = 4  # most components of a contact whose extreme points are enumerated
 
-
 Section = tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]  # origin, axes, curvature's inverse, pull, level
 Sections = tuple[FloatArray, ...]  # several of one dimension, stacked
+
+
+class TorqueSet(ForceSet):
+    """Force set ``{x in K : |T x| <= 1}`` of several contacts under joint-torque limits.
+
+    Parameters
+    ----------
+    torques : (m, n) array
+        T: torques over their limits per force component.
+    contacts : sequence of ContactModel
+    space : int
+    name : str
+        For messages.
+
+    Raises
+    ------
+    InputError
+        When some force loads no joint, so that the set is unbounded.
+    """
+
+    def __init__(self, torques: FloatArray, contacts: Sequence[ContactModel], space: int, name: str) -> None:
+        super().__init__(contacts, space)
+        self.torques, self._name = torques, name
+        self._groups = [self._group(own) for own in _independent(torques, self.ranges)]
+
+    @property
+    def costly(self) -> bool:
+        """Whether some group of contacts needs a conic program per support evaluation."""
+        return any(isinstance(one, TorqueCone) for _, one in self._groups)
+
+    def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the support function (m,) along z (m, n), a sum over the groups, and maximisers (m, n)."""
+        total, forces = np.zeros(len(z)), np.zeros_like(z)
+        for where, one in self._groups:
+            value, forces[:, where] = one.support(z[:, where])
+            total += value
+        return total, forces
+
+    def prices(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return maximisers along z (m, n), and the shadow prices of the limits, (m, rows of T).
+
+        Prices are positive at upper limits and negative at lower ones.
+        """
+        forces, prices = np.zeros_like(z), np.zeros((len(z), len(self.torques)))
+        for where, rows, cone in self._cones:
+            forces[:, where], prices[:, rows] = cone.priced(z[:, where])
+        return forces, prices
+
+    def used(self, x: FloatArray) -> FloatArray:
+        """Return the largest ratios of torque to limit (m,) of forces (m, n)."""
+        return np.asarray(np.max(np.abs(x @ self.torques.T), axis=1, initial=0.0))
+
+    def cones(self) -> list[FloatArray]:
+        """Return the conditions ``f - (T x)_j >= 0`` and ``f + (T x)_j >= 0`` of all limits, (1, n + 1) each."""
+        signed = [sign * row for row in self.torques for sign in (1.0, -1.0)]
+        return [np.append(row, 1.0)[None, :] for row in signed]
+
+    def _group(self, own: list[int]) -> tuple[NDArray[np.intp], TorquePolytope | TorqueCone]:
+        """Return component indices and force set of a group of coupled contacts."""
+        where, rows = self._part(own)
+        models = [self.contacts[i] for i in own]
+        T = self.torques[np.ix_(rows, where)]
+        name = f"{self._name}, contact{'s' * (len(own) > 1)} {', '.join(map(str, own))}"
+        single = len(own) == 1 and T.shape[1] <= MOST_LISTED
+        if single and sum(len(M) > 1 for M in models[0].cones(self.space)) <= 1:
+            return where, TorquePolytope(models[0], T, self.space, name)
+        return where, TorqueCone(models, T, self.space, name)
+
+    def _part(self, own: list[int]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Return the component indices of contacts, and the rows of T that involve them."""
+        where = np.concatenate([np.arange(self.ranges[i].start, self.ranges[i].stop) for i in own])
+        return where, np.flatnonzero(np.any(self.torques[:, where] != 0.0, axis=1))
+
+    @cached_property
+    def _cones(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp], TorqueCone]]:
+        result = []
+        for own in _independent(self.torques, self.ranges):
+            where, rows = self._part(own)
+            models = [self.contacts[i] for i in own]
+            result.append((where, rows, TorqueCone(models, self.torques[np.ix_(rows, where)], self.space, self._name)))
+        return result
+
+
+def _independent(torques: FloatArray, parts: Sequence[slice]) -> list[list[int]]:
+    """Return the groups of contacts without common limits."""
+    seen = np.stack([np.any(torques[:, r] != 0.0, axis=1) for r in parts]).astype(float)  # (k, rows)
+    count, labels = connected_components(sparse.csr_matrix(seen @ seen.T), directed=False)
+    return [np.flatnonzero(labels == g).tolist() for g in range(count)]
 
 
 class TorquePolytope:
@@ -167,29 +256,6 @@ def _roots(a: float, b: float, c: float) -> list[float]:
     return [] if inner < 0.0 else [(-b + inner**0.5) / a, (-b - inner**0.5) / a]
 
 
-def check_bounded(contacts: Sequence[ContactModel], torques: FloatArray, space: int, name: str) -> None:
-    """Raise if some force of the cones loads no joint."""
-    rng = np.random.default_rng(0)
-    every = []
-    for contact, where in zip(contacts, ranges(contacts, space), strict=True):
-        n = contact.components(space)
-        tried = np.concatenate([np.eye(n) * 1e3, -np.eye(n) * 1e3, rng.standard_normal((RAYS, n)) * 1e3])
-        rays = contact.extreme(tried)[1]
-        rays = rays[rays[:, 0] > 0.0]
-        rays[:, 1:] *= WIDER
-        every.append(torques[:, where] @ rays.T)
-    produced = np.concatenate(every, axis=1)
-    scale = max(float(np.max(np.abs(produced), initial=0.0)), 1e-300)
-    system = np.concatenate([produced / scale, np.ones((1, produced.shape[1]))])
-    residual = nnls(system, np.append(np.zeros(len(torques)), 1.0))[1]
-    if residual <= 1e-6:
-        raise InputError(
-            name,
-            "joints that leave a force of the contact without any torque",
-            "Jacobians under which every force of the cone loads some joint",
-        )
-
-
 class TorqueCone:
     """Force set ``{x in K : |T x| <= 1}`` of one or several contacts, by conic programs.
 
@@ -246,85 +312,27 @@ class TorqueCone:
         return force, prices
 
 
-class TorqueSet(ForceSet):
-    """Force set ``{x in K : |T x| <= 1}`` of several contacts under joint-torque limits.
-
-    Parameters
-    ----------
-    torques : (m, n) array
-        T: torques over their limits per force component.
-    contacts : sequence of ContactModel
-    space : int
-    name : str
-        For messages.
-
-    Raises
-    ------
-    InputError
-        When some force loads no joint, so that the set is unbounded.
-    """
-
-    def __init__(self, torques: FloatArray, contacts: Sequence[ContactModel], space: int, name: str) -> None:
-        super().__init__(contacts, space)
-        self.torques, self._name = torques, name
-        self._groups = [self._group(own) for own in _independent(torques, self.ranges)]
-
-    @property
-    def costly(self) -> bool:
-        """Whether some group of contacts needs a conic program per support evaluation."""
-        return any(isinstance(one, TorqueCone) for _, one in self._groups)
-
-    def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the support function (m,) along z (m, n), a sum over the groups, and maximisers (m, n)."""
-        total, forces = np.zeros(len(z)), np.zeros_like(z)
-        for where, one in self._groups:
-            value, forces[:, where] = one.support(z[:, where])
-            total += value
-        return total, forces
-
-    def prices(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return maximisers along z (m, n), and the shadow prices of the limits, (m, rows of T).
-
-        Prices are positive at upper limits and negative at lower ones.
-        """
-        forces, prices = np.zeros_like(z), np.zeros((len(z), len(self.torques)))
-        for where, rows, cone in self._cones:
-            forces[:, where], prices[:, rows] = cone.priced(z[:, where])
-        return forces, prices
-
-    def used(self, x: FloatArray) -> FloatArray:
-        """Return the largest ratios of torque to limit (m,) of forces (m, n)."""
-        return np.asarray(np.max(np.abs(x @ self.torques.T), axis=1, initial=0.0))
-
-    def cones(self) -> list[FloatArray]:
-        """Return the conditions ``f - (T x)_j >= 0`` and ``f + (T x)_j >= 0`` of all limits, (1, n + 1) each."""
-        signed = [sign * row for row in self.torques for sign in (1.0, -1.0)]
-        return [np.append(row, 1.0)[None, :] for row in signed]
-
-    def _group(self, own: list[int]) -> tuple[NDArray[np.intp], TorquePolytope | TorqueCone]:
-        """Return component indices and force set of a group of coupled contacts."""
-        where, rows = self._part(own)
-        models = [self.contacts[i] for i in own]
-        T = self.torques[np.ix_(rows, where)]
-        name = f"{self._name}, contact{'s' * (len(own) > 1)} {', '.join(map(str, own))}"
-        single = len(own) == 1 and T.shape[1] <= MOST_LISTED
-        if single and sum(len(M) > 1 for M in models[0].cones(self.space)) <= 1:
-            return where, TorquePolytope(models[0], T, self.space, name)
-        return where, TorqueCone(models, T, self.space, name)
-
-    def _part(self, own: list[int]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Return the component indices of contacts, and the rows of T that involve them."""
-        where = np.concatenate([np.arange(self.ranges[i].start, self.ranges[i].stop) for i in own])
-        return where, np.flatnonzero(np.any(self.torques[:, where] != 0.0, axis=1))
-
-    @cached_property
-    def _cones(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp], TorqueCone]]:
-        result = []
-        for own in _independent(self.torques, self.ranges):
-            where, rows = self._part(own)
-            models = [self.contacts[i] for i in own]
-            result.append((where, rows, TorqueCone(models, self.torques[np.ix_(rows, where)], self.space, self._name)))
-        return result
+def check_bounded(contacts: Sequence[ContactModel], torques: FloatArray, space: int, name: str) -> None:
+    """Raise if some force of the cones loads no joint."""
+    rng = np.random.default_rng(0)
+    every = []
+    for contact, where in zip(contacts, ranges(contacts, space), strict=True):
+        n = contact.components(space)
+        tried = np.concatenate([np.eye(n) * 1e3, -np.eye(n) * 1e3, rng.standard_normal((RAYS, n)) * 1e3])
+        rays = contact.extreme(tried)[1]
+        rays = rays[rays[:, 0] > 0.0]
+        rays[:, 1:] *= WIDER
+        every.append(torques[:, where] @ rays.T)
+    produced = np.concatenate(every, axis=1)
+    scale = max(float(np.max(np.abs(produced), initial=0.0)), 1e-300)
+    system = np.concatenate([produced / scale, np.ones((1, produced.shape[1]))])
+    residual = nnls(system, np.append(np.zeros(len(torques)), 1.0))[1]
+    if residual <= 1e-6:
+        raise InputError(
+            name,
+            "joints that leave a force of the contact without any torque",
+            "Jacobians under which every force of the cone loads some joint",
+        )
 
 
 def torque_rows(
@@ -343,10 +351,3 @@ def check_jacobian(name: str, J: FloatArray, space: int, d: int) -> None:
     """Raise for a Jacobian without rows of velocities, or of velocities and angular velocities."""
     if len(J) not in (space, d):
         raise InputError(name, f"{len(J)} rows", f"{space} or {d} rows")
-
-
-def _independent(torques: FloatArray, parts: Sequence[slice]) -> list[list[int]]:
-    """Return the groups of contacts without common limits."""
-    seen = np.stack([np.any(torques[:, r] != 0.0, axis=1) for r in parts]).astype(float)  # (k, rows)
-    count, labels = connected_components(sparse.csr_matrix(seen @ seen.T), directed=False)
-    return [np.flatnonzero(labels == g).tolist() for g in range(count)]

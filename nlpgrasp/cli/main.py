@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from nlpgrasp.hands.base import Hand
 
 
-STARTS = 4
+STARTS = 4  # of the demo
 TOLD = """A box of 80 x 40 x 40 mm stands on a table. Four round fingertips of 8 mm, friction 0.6, are to exert
 10 N along z, 5 N across and 0.2 N m of torque on it, either way. Where should they touch it?
 """

@@ -33,7 +33,7 @@ SETTING = "NLPGRASP_CACHE"  # environment variable: a folder, or "off"
 MOST = 512 * 2**20  # bytes, total size of entries above which the oldest are removed
 DIGEST = 32  # bytes of a SHA-256
 LIBRARIES = ("numpy", "scipy", "libigl", "trimesh", "manifold3d")
-ENTRY = re.compile(r"[a-z-]+-[0-9a-f]{64}")
+ENTRY = re.compile(r"[a-z-]+-[0-9a-f]{64}")  # name of a cached file
 
 Arrays = Mapping[str, FloatArray]
 

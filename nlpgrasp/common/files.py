@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 HASH = 16  # hexadecimal digits of hashes in file names
-HASHED = re.compile(rf"-[0-9a-f]{{{HASH}}}$")
+HASHED = re.compile(rf"-[0-9a-f]{{{HASH}}}$")  # end of a name that may be a hash
 KINDS = {
     "a mesh": (".stl", ".obj", ".ply", ".off", ".glb", ".gltf", ".3mf", ".dae"),
     "a CAD file": (".step", ".stp", ".iges", ".igs"),

@@ -12,9 +12,9 @@ import numpy as np
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import NlpgraspError
 
-DIGITS = 3
+DIGITS = 3  # significant digits by default
 SMALLEST, LARGEST = 1e-4, 1e7  # range of magnitudes written without exponent
-RAISED = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+RAISED = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")  # superscripts
 MOST = 6  # most digits of an interval's ends
 LONGEST = 1000  # most characters of a line
 WIDEST = 60  # most characters of a column

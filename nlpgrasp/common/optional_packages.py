@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
 
 
-LIGHT = np.array([0.4, 0.3, 0.85])
+LIGHT = np.array([0.4, 0.3, 0.85])  # direction to the light of pictures
 ZOOM = 1.4  # matplotlib leaves wide margins
 
 

@@ -21,20 +21,6 @@ BROKEN = 1e-9  # least violation at which an omitted constraint is added
 STALLED = 0.98  # share of the violation left by a step above which it counts as no progress
 
 
-def cone_of(matrix: FloatArray) -> object:
-    """Return the cone of ``M x``: a second-order cone, or for a single row the nonnegative numbers."""
-    return clarabel.NonnegativeConeT(1) if len(matrix) == 1 else clarabel.SecondOrderConeT(len(matrix))
-
-
-def quiet_settings(tolerance: float, step: float = LONG) -> clarabel.DefaultSettings:
-    """Return silent settings with a tolerance for gap and feasibility."""
-    options = clarabel.DefaultSettings()
-    options.verbose = False
-    options.max_step_fraction = step
-    options.tol_gap_abs = options.tol_gap_rel = options.tol_feas = tolerance
-    return options
-
-
 IntArray = NDArray[np.intp]
 
 
@@ -67,6 +53,9 @@ class NoSlack:
     def prices(self, count: int) -> tuple[FloatArray, FloatArray]:
         """Return empty penalties, (0,) each."""
         return np.zeros(0), np.zeros(0)
+
+
+NO_SLACK = NoSlack()  # default of quadratic programs
 
 
 @dataclass(frozen=True)
@@ -119,9 +108,6 @@ class GroupSlack:
     def prices(self, count: int) -> tuple[FloatArray, FloatArray]:
         """Return the groups' weights as linear penalties, and tiny quadratic ones, (count,) each."""
         return self.weights, np.full(count, LEAST_CURVATURE)
-
-
-NO_SLACK = NoSlack()
 
 
 @dataclass(frozen=True)
@@ -265,6 +251,20 @@ def _sparse(matrix: FloatArray) -> sparse.csc_matrix:
     column, row = np.nonzero(matrix.T)
     ends = np.concatenate([[0], np.cumsum(np.bincount(column, minlength=matrix.shape[1]))])
     return sparse.csc_matrix((matrix[row, column], row, ends), shape=matrix.shape)
+
+
+def cone_of(matrix: FloatArray) -> object:
+    """Return the cone of ``M x``: a second-order cone, or for a single row the nonnegative numbers."""
+    return clarabel.NonnegativeConeT(1) if len(matrix) == 1 else clarabel.SecondOrderConeT(len(matrix))
+
+
+def quiet_settings(tolerance: float, step: float = LONG) -> clarabel.DefaultSettings:
+    """Return silent settings with a tolerance for gap and feasibility."""
+    options = clarabel.DefaultSettings()
+    options.verbose = False
+    options.max_step_fraction = step
+    options.tol_gap_abs = options.tol_gap_rel = options.tol_feas = tolerance
+    return options
 
 
 R = TypeVar("R", bound=Linearised)

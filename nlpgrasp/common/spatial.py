@@ -19,9 +19,11 @@ from nlpgrasp.errors import InputError
 
 UNIT_TOLERANCE = 1e-6  # tolerance of unit vectors and rotations
 ROUNDING = 8.0 * float(np.finfo(float).eps)  # of the coordinates: rounding error of their difference
-WXYZ, XYZW = "quaternion_wxyz", "quaternion_xyzw"
+WXYZ, XYZW = "quaternion_wxyz", "quaternion_xyzw"  # fields of a pose given as a mapping
 SPELLINGS = f'{{"position": (x, y, z), "{WXYZ}" or "{XYZW}": ...}}'
-UNIT = 1e-3  # tolerance of a quaternion's norm
+UNIT = 1e-3  # tolerance of the norm of a given quaternion, which is then normalised
+
+Pose = ArrayLike | Mapping[str, ArrayLike]  # a homogeneous transform, or position and quaternion
 
 
 def wrench_dimension(space: int) -> int:
@@ -178,9 +180,6 @@ def move_torque_origin(shift: FloatArray) -> FloatArray:
     else:
         result[3:, :3] = -cross_matrix(b)
     return result
-
-
-Pose = ArrayLike | Mapping[str, ArrayLike]
 
 
 def rigid_transform(field: str, value: Pose, space: int) -> tuple[FloatArray, FloatArray]:

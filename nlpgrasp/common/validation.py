@@ -28,6 +28,8 @@ CLOSE, LONG = 0.6, 3  # least similarity ratio of similar names; least letters o
 
 FloatArray = NDArray[np.float64]
 
+Item = TypeVar("Item")
+
 
 def number(field: str, value: object, *, above: float | None = None, at_least: float | None = None) -> float:
     """Return ``value`` as a finite float, or raise ``InputError`` naming ``field``.
@@ -148,9 +150,6 @@ def within(place: str) -> Iterator[None]:
         yield
     except InputError as error:
         raise InputError(f"{place}{error.field}", error.given, error.allowed) from None
-
-
-Item = TypeVar("Item")
 
 
 def unchecked(item: Item, **fields: object) -> Item:

@@ -10,7 +10,7 @@ import numpy as np
 from nlpgrasp.common.registry import StatedPart
 from nlpgrasp.common.scalar_constraints import Clearance, Placement, Row
 
-ROUNDING = 4.0 * float(np.finfo(float).eps)
+ROUNDING = 4.0 * float(np.finfo(float).eps)  # tolerance of a unit vector's length
 
 
 class PlacementConstraint(StatedPart):

@@ -1,50 +1,19 @@
-"""Minkowski sums of friction cones: support, membership, and projection in closed form or by Newton's method.
-
-``z = sum_i A_i u_i`` has many solutions ``u = A^+ z + N x``. The minimum of ``sum_i dist(u_i, F')^2`` over x, with F'
-slightly inside the friction cone F, is 0 where z is well inside; a semismooth Newton method approaches it in a few
-steps. Only forces with every u_i in F itself count, which proves membership; wrenches close to the boundary are left
-to other methods.
-
-Read the projection q of z onto the polar cone as the body's motion. A loaded point then either sticks,
-``A_i^T q = 0``, or slips, and ``z - q = sum_i A_i u_i``. Where a point sticks the body turns about it, so the slip
-directions of all others follow from the sign of that turn. Hence (docs/paper/02_contacts.md):
-
-* If one point sticks and those of a set S slip with forces ``l_j a_j``, ``(u_i, l_S)`` is the least-squares solution
-  of ``A_i u_i + sum_S a_j l_j = z``. It is optimal if u_i is in the friction cone, ``l_S >= 0`` and q is in the polar
-  cone.
-* If two points stick, q is a rotation about the line through both, or zero without others; ``z - q`` has to be a
-  wrench of two friction contacts, whose forces are unique but for the friction along the line, shared by both.
-* If three or more stick, q is zero.
-
-In each case q is in the polar cone, z - q in the cone, and both are orthogonal: conditions that only the projection
-meets.
-
-With the velocities ``v_i = A_i^T q`` of the points, ``g_i(q) = v_n + mu |v_t|`` is convex, homogeneous and smooth where
-``v_t`` is not zero. The nearest q to z with every ``g_i <= 0`` satisfies ``q = z - sum_i l_i a_i(q)``,
-``a_i = grad g_i``, ``l_i >= 0`` and ``l_i g_i = 0``. One step of Newton's method solves
-
-    H q = z - a l,   l = argmin over l >= 0 of |z - a l| in the metric of H^-1,   H = 1 + sum_i l_i Hess g_i
-
-since ``a_i^T q = g_i`` and ``Hess g_i q = 0``. H differs from the identity in the components ``(f_t1, f_t2, m_n)``
-alone, where ``Hess g_i = mu / |v_t| p_i p_i^T`` with the unit force across the velocity as p_i. Steps are limited such
-that no loaded point crosses the kink at ``v_t = 0``: each keeps a share of its speed, since all slip at the solution.
-Results are checked against the KKT conditions; points that fail are left to the other methods.
-
-Each stage minimises ``|q - z|^2 / 2 + sum_i |P_F(u_i + r A_i^T q)|^2 / (2 r)`` by a semismooth Newton method with the
-closed form of ``P_F``, then sets ``u_i = P_F(u_i + r A_i^T q)`` and increases r. Slower than the other methods.
+"""Minkowski sums of friction cones: support function, projection and its Jacobian.
 
 Under Coulomb's law and any pressure, the wrench on a line or polygonal pad is that of friction contacts at its ends or
 corners (docs/paper/02_contacts.md). With ``u_i`` in the friction cone F of point i
 
     K = {sum_i A_i u_i : u_i in F},   polar  K° = {y : v_n + mu |v_t| <= 0 for v = A_i^T y of every i}.
 
-The projection is ``P(z) = z - q`` where q is the projection onto the polar cone (Moreau). Four methods are tried in
-turn, and their results are checked against the optimality conditions:
+The projection is ``P(z) = z - q`` where q is the projection onto the polar cone (Moreau). Read q as the body's motion:
+a loaded point either sticks, ``A_i^T q = 0``, or slips. Four methods are tried in turn:
 
-1. One or two points stick: linear maps (``sticking``).
-2. Three or more stick: ``q = 0``, z is a sum of friction forces (``sharing``).
-3. All loaded points slip: Newton's method (``edge_newton``), which solves nearly all.
-4. All other cases: the method of multipliers (``multipliers``).
+1. ``Sticking``: one or two points stick; linear maps.
+2. ``Sharing``: three or more stick; ``q = 0`` and z is a sum of friction forces.
+3. ``EdgeNewton``: all loaded points slip; Newton's method, which solves nearly all of these.
+4. ``Multipliers``: all other cases; the method of multipliers, the slowest.
+
+The results of 1 to 3 are checked against conditions that only the projection meets.
 """
 
 from __future__ import annotations
@@ -61,492 +30,32 @@ from nlpgrasp.common.ldl import solve_matrices, solve_some
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts.base import upper_triangle
 
-NARROWER = 1e-3  # relative reduction of friction in F'; height of its apex over the mean normal force
-MEMBERSHIP_STEPS = 20
-FLAT = 1e-100  # tangential force that counts as zero
-REGULAR = 1e-10  # regularisation of the Hessian's diagonal
+CHUNK = 4096  # points per batch
+LEAST_WORK = 1e-9  # work of unit points below which only rounding is left
+POLAR, SLIPS, OTHER, INSIDE = -1, -2, -3, -4  # methods of a projection; from 0: index of the map for sticking points
+NONE = -1  # of the maps for sticking points: none projects the point
+ROUNDING = 1e-14  # relative tolerance of the conditions on the velocities, and of the last step of a stage
+FLAT = 1e-100  # tangential force or speed that counts as zero
+# sticking points
 RANK = 1e-9  # relative rank tolerance
-ROUNDING = 1e-14  # relative tolerance of the conditions on the velocities
-NONE = -1
+# sharing of a wrench among the points
+MEMBERSHIP_STEPS = 20  # most Newton steps
+NARROWER = 1e-3  # relative reduction of friction in F'; height of its apex over the mean normal force
+REGULAR = 1e-10  # added to the diagonal of the Hessian
+# Newton's method for slipping points
 SETS = 4  # active sets tried per problem
 SETTLED = 1e-8  # length of the last step, for projections of about unit length: the next would be rounding
 EXACT = 4e-14  # tolerance of the KKT conditions, relative to the point
-REGULARISATION = 1e-15  # regularisation of the multipliers' matrix, singular where four gradients are dependent
+REGULARISATION = 1e-15  # added to the multipliers' matrix, singular where four gradients are dependent
 ORDER = [0, 4, 5, 1, 2, 3]  # components reordered: those of normal forces first, then those of tangential forces
-BACK = [0, 3, 4, 5, 1, 2]
+BACK = [0, 3, 4, 5, 1, 2]  # inverse of ORDER
+# method of multipliers
 FIRST, FACTOR, LAST, MOST = 100.0, 10.0, 1e8, 1e11  # penalty r: first, growth, last for arms of 1 m, largest
 ROUGHLY, FINELY = 1e-4, 1e-12  # gradient norms, for unit points, that end a stage, and those at the last r
 AGAIN = 8  # most updates of the multipliers at the last r
 FAR = 1e-2  # gradient norm above which a stage has failed and its multipliers are not used
 MOVED = 1e-14  # change by the last update, relative to the point
 NEWTON_STEPS, SHORTER = 30, 12  # most Newton steps per stage and backtracking steps
-CHUNK = 4096  # points per batch
-LEAST_WORK = 1e-9  # work of unit points below which only rounding is left
-POLAR, SLIPS, OTHER, INSIDE = -1, -2, -3, -4  # methods of a projection; from 0: index of the map for sticking points
-
-
-class Sharing:
-    """Search for friction forces that sum to a wrench, for points with generators A (n, 3 N)."""
-
-    def __init__(self, generators: FloatArray, friction: float) -> None:
-        self._friction = friction
-        self._count = generators.shape[1] // 3
-        arms = generators.reshape(len(generators), self._count, 3)
-        self._most = np.sum(np.max(np.abs(arms), axis=1) * [1.0, friction, friction], axis=1)
-        self._least = np.asarray(np.linalg.pinv(generators))
-        self._free = np.asarray(np.linalg.svd(generators)[2][np.linalg.matrix_rank(generators) :].T)
-        free = self._free.reshape(self._count, 3, -1)
-        self._squares = np.einsum("ipa,iqb->ipqab", free, free).reshape(9 * self._count, -1)
-
-    def inside(self, z: FloatArray) -> NDArray[np.bool_]:
-        """Return where wrenches (n, m) were found to be sums of forces in the friction cones, (m,)."""
-        found = np.zeros(z.shape[1], dtype=bool)
-        left = np.flatnonzero(np.all(np.abs(z) <= self._most[:, None] * z[0], axis=0))
-        u = (self._least @ z[:, left]).reshape(self._count, 3, -1)
-        for count in range(MEMBERSHIP_STEPS):
-            if count:
-                u = u + self._step(u)
-            good = self._allowed(u)
-            found[left[good]] = True
-            left, u = left[~good], u[..., ~good]
-            if not left.size:
-                break
-        return found
-
-    def _allowed(self, u: FloatArray) -> NDArray[np.bool_]:
-        return np.asarray(np.all(np.hypot(u[:, 1], u[:, 2]) <= self._friction * u[:, 0], axis=0))
-
-    def _step(self, u: FloatArray) -> FloatArray:
-        """Return the semismooth Newton step (N, 3, m)."""
-        mu, apex = self._friction * (1.0 - NARROWER), NARROWER * np.mean(u[:, 0], axis=0)
-        u = u.copy()
-        u[:, 0] -= apex
-        size = np.hypot(u[:, 1], u[:, 2])
-        pressing = np.maximum(np.maximum(u[:, 0], 0.0), (u[:, 0] + mu * size) / (1.0 + mu**2))
-        edge = (size > mu * pressing) & (pressing > 0.0)
-        inverse = 1.0 / np.where(size > FLAT, size, 1.0)
-        shrink = np.where(size > mu * pressing, mu * pressing * inverse, 1.0)
-        direction = u[:, 1:] * inverse[:, None]
-        off = u.copy()
-        off[:, 0] -= pressing
-        off[:, 1:] *= (1.0 - shrink)[:, None]
-        share = edge / (1.0 + mu**2)
-        bend = np.zeros((self._count, 3, 3, u.shape[2]))  # 1 - P_F'
-        outside = (size > mu * pressing).astype(float)
-        bend[:, 0, 0] = np.where(edge, 1.0 - share, outside)
-        bend[:, 0, 1:] = bend[:, 1:, 0] = -mu * share[:, None] * direction
-        both = direction[:, :, None] * direction[:, None]
-        bend[:, 1:, 1:] = (shrink * outside - mu**2 * share)[:, None, None] * both
-        bend[:, 1, 1] += outside * (1.0 - shrink)
-        bend[:, 2, 2] += outside * (1.0 - shrink)
-        d = self._free.shape[1]
-        H = (self._squares.T @ bend.reshape(9 * self._count, -1)).T.reshape(-1, d, d)
-        H[:, range(d), range(d)] += REGULAR
-        slope = self._free.T @ off.reshape(3 * self._count, -1)
-        x = np.linalg.solve(H, -slope.T[..., None])[..., 0].T
-        return (self._free @ x).reshape(u.shape)
-
-
-class Sticking:
-    """Projection maps for points with generators A (n, 3 N) at ``arms`` (N, 2) and equal friction."""
-
-    def __init__(self, generators: FloatArray, arms: FloatArray, friction: float) -> None:
-        self._generators, self._arms, self._friction = generators, arms, friction
-        one = [self._one(i, sign, others) for i, sign, others in self._patterns()]
-        two = [found for pair in combinations(range(len(arms)), 2) if (found := self._two(*pair)) is not None]
-        rows = max(len(force) for force, _ in one)
-        padded = [np.pad(force, [(0, rows - len(force)), (0, 0)]) for force, _ in one]
-        self._alone, self._pairs = np.stack(padded), np.stack([force for force, _ in two])
-        self.maps = np.stack([kept for _, kept in (*one, *two)])  # z to z - q, each (n, n)
-
-    def find(self, z: FloatArray) -> NDArray[np.intp]:
-        """Return the indices (m,) of the ``maps`` that project points (n, m); ``NONE`` if none does."""
-        mu, count = self._friction, z.shape[1]
-        force = (self._alone.reshape(-1, len(z)) @ z).reshape(*self._alone.shape[:2], count)
-        good = np.all(force[:, [0, *range(3, force.shape[1])]] >= 0.0, axis=1)
-        good &= force[:, 1] ** 2 + force[:, 2] ** 2 <= (mu * force[:, 0]) ** 2
-        force = (self._pairs.reshape(-1, len(z)) @ z).reshape(len(self._pairs), 5, count)
-        room, across = mu * force[:, :2], np.abs(force[:, 2:4])
-        along = np.sqrt(np.maximum((room - across) * (room + across), 0.0)).sum(axis=1)
-        both = np.all(room >= across, axis=1) & (np.abs(force[:, 4]) <= along)
-        which, where = np.nonzero(np.concatenate([good, both]))
-        some = z[:, where]
-        q = some - np.matmul(self.maps[which], some.T[..., None])[..., 0].T
-        v = (self._generators.T @ q).reshape(len(self._arms), 3, -1)
-        work = np.max(v[:, 0] + mu * np.hypot(v[:, 1], v[:, 2]), axis=0)
-        meets = work <= ROUNDING * (1.0 + np.sqrt(np.sum(some**2, axis=0)))
-        result = np.full(count, NONE)
-        result[where[meets]] = which[meets]
-        return result
-
-    def _patterns(self) -> list[tuple[int, float, tuple[int, ...]]]:
-        """Return all patterns: the sticking point, the sign of the turn about it, and the slipping points."""
-        every, count = range(len(self._arms)), self._generators.shape[0] - 3
-        result: list[tuple[int, float, tuple[int, ...]]] = []
-        for i in every:
-            others = [j for j in every if j != i]
-            result.append((i, 1.0, ()))
-            result += [
-                (i, sign, some) for sign in (1.0, -1.0) for m in range(1, count) for some in combinations(others, m)
-            ]
-        return result
-
-    def _one(self, i: int, sign: float, others: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
-        """Return the matrices that map z to ``(u_i, l_S)`` and to ``z - q`` for one sticking point."""
-        columns = [self._part(i)]
-        for j in others:
-            first, second = self._arms[j] - self._arms[i]
-            slip = sign * self._friction / np.hypot(first, second)
-            columns.append(self._part(j) @ np.array([[1.0], [-slip * second], [slip * first]]))
-        span = np.concatenate(columns, axis=1)
-        force = np.asarray(np.linalg.pinv(span, rcond=RANK))
-        return force, span @ force
-
-    def _two(self, i: int, j: int) -> tuple[FloatArray, FloatArray] | None:
-        """Return the matrices that map z to the forces of two sticking points (5, n) and to ``z - q``.
-
-        The forces are both normal forces, both across the line, and their sum along it. None if other points lie on
-        both sides of the line, about which the body then cannot turn.
-        """
-        middle = 0.5 * (self._arms[i] + self._arms[j])
-        apart = self._arms[j] - self._arms[i]
-        length = float(np.hypot(*apart))
-        e = apart / length
-        side = (self._arms - middle) @ np.array([-e[1], e[0]])
-        if np.min(side) < -RANK * length and np.max(side) > RANK * length:
-            return None
-        forces = np.concatenate([self._part(i), self._part(j)], axis=1)
-        inverse = np.asarray(np.linalg.pinv(forces, rcond=RANK))
-        turn = np.zeros((5, 6))
-        turn[0, 0] = turn[1, 3] = 1.0
-        turn[2, 1:3] = turn[3, 4:6] = -e[1], e[0]
-        turn[4, 1:3] = turn[4, 4:6] = e
-        return turn @ inverse, forces @ inverse
-
-    def _part(self, i: int) -> FloatArray:
-        return self._generators[:, 3 * i : 3 * i + 3]
-
-
-def least_nonnegative(
-    matrix: FloatArray, right: FloatArray, active: NDArray[np.bool_], least: FloatArray, shift: float
-) -> FloatArray:
-    """Minimise ``l^T M l / 2 - right^T l`` over ``l >= 0`` for m small problems, from guessed active sets.
-
-    Parameters
-    ----------
-    matrix : (N, N, m) array
-        Symmetric, positive semidefinite.
-    right : (N, m) array
-    active : (N, m) array of bool
-        Guess of the nonzero l.
-    least : (m,) array
-        Tolerance of the gradient at l = 0.
-    shift : float
-        Added to the diagonal of M, in case it is singular.
-
-    Returns
-    -------
-    (N, m) array
-        Result of the last active set tried: nearly always the minimiser.
-    """
-    result = _restricted(matrix, right, active, shift)
-    lam, going = result, np.arange(right.shape[1])
-    for _ in range(SETS - 1):
-        pays = right - np.einsum("ijm,jm->im", matrix, lam) > least
-        chosen = np.where(active, lam > 0.0, pays)
-        wrong = np.flatnonzero((chosen != active).any(axis=0))
-        if not wrong.size:
-            break
-        going, active, least = going[wrong], chosen[:, wrong], least[wrong]
-        matrix, right = matrix[:, :, wrong], right[:, wrong]
-        lam = _restricted(matrix, right, active, shift)
-        result[:, going] = lam
-    return np.maximum(result, 0.0)
-
-
-def _restricted(matrix: FloatArray, right: FloatArray, active: NDArray[np.bool_], shift: float) -> FloatArray:
-    """Return the minimisers (N, m) with all inactive l fixed at zero."""
-    both = matrix * (active[:, None] & active)
-    for i, one in enumerate(active):
-        both[i, i] += np.where(one, 0.0, 1.0)
-    return solve_matrices(both, shift, np.where(active, right, 0.0))
-
-
-class _Try(NamedTuple):
-    """Settings of a Newton run: least share of speed kept, steps, offset of the start (None: continue)."""
-
-    keeps: float
-    steps: int
-    aside: float | None
-
-
-TRIES = (_Try(0.5, 16, 0.0), _Try(0.01, 3, None), _Try(0.1, 24, 0.3))  # the first mostly takes 4 or 5 steps
-
-
-class _Local(NamedTuple):
-    """Local model at q and lam: slip velocities (2, N, m), speeds and g (N, m), and tangential parts.
-
-    The tangential parts are those of a (3, N, m), of H^-1 (3, 3, m) and of H^-1 a (3, N, m).
-    """
-
-    slip: FloatArray
-    speed: FloatArray
-    values: FloatArray
-    gradients: FloatArray
-    inverse: FloatArray
-    moved: FloatArray
-
-
-class EdgeNewton:
-    """Newton's method for contact points at ``arms`` (N, 2) along both tangents, with equal friction."""
-
-    def __init__(self, arms: FloatArray, friction: float) -> None:
-        self._a, self._b = arms[:, :1], arms[:, 1:]
-        self._mu = friction
-        self._normal = np.stack([np.ones(len(arms)), arms[:, 1], -arms[:, 0]], axis=1)  # of a_i, (N, 3)
-        self._gram = (self._normal @ self._normal.T)[..., None]
-
-    def solve(self, z: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-        """Return projections q (6, m) of ``z`` (6, m), multipliers l (N, m), and where KKT conditions hold, (m,)."""
-        z = z[ORDER]
-        q, lam, good = z.copy(), np.zeros((len(self._a), z.shape[1])), np.zeros(z.shape[1], dtype=bool)
-        for one in TRIES:
-            left = np.flatnonzero(~good)
-            if not left.size:
-                break
-            begin, pressed = q[:, left], lam[:, left]
-            if one.aside is not None:
-                begin, pressed = z[:, left], np.zeros_like(pressed)
-                begin[3:] += one.aside * np.array([[1.0], [0.7], [0.4]])
-            q[:, left], lam[:, left], good[left] = self._iterate(z[:, left], begin, pressed, one)
-        return q[BACK], lam, good
-
-    def derivative(self, q: FloatArray, lam: FloatArray) -> FloatArray:
-        """Return the Jacobian ``1 - H^-1 + H^-1 a (a^T H^-1 a)^-1 a^T H^-1`` of ``z - q``, (6, 6, m)."""
-        local = self._at(q[ORDER], lam)
-        matrix = np.where((lam[:, None] > 0.0) & (lam[None] > 0.0), self._products(local), 0.0).transpose(2, 0, 1)
-        matrix += np.eye(len(lam)) * np.where(lam > 0.0, REGULARISATION, 1.0).T[:, None, :]
-        a = np.zeros((6, *lam.shape))
-        a[:3], a[3:] = self._normal.T[..., None], local.moved
-        a *= lam > 0.0
-        result = np.asarray(np.einsum("aim,mij,bjm->abm", a, np.linalg.inv(matrix), a, optimize=True))
-        result[3:, 3:] += np.eye(3)[..., None] - local.inverse
-        return np.asarray(result[np.ix_(BACK, BACK)])
-
-    def _iterate(
-        self, z: FloatArray, q: FloatArray, lam: FloatArray, one: _Try
-    ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-        """Run Newton's method as in ``solve`` from given q and multipliers."""
-        size = 1.0 + np.sqrt(np.sum(z**2, axis=0))
-        q_all, lam_all = q.copy(), lam.copy()
-        going, some, limit = np.arange(z.shape[1]), z, size
-        for _ in range(one.steps):
-            local = self._at(q, lam)
-            step, pressed = self._step(some, local, lam, REGULARISATION * limit)
-            step -= q
-            length = self._length(local, step, pressed, one.keeps)
-            q, lam = q + length * step, lam + length * (pressed - lam)
-            q_all[:, going], lam_all[:, going] = q, lam
-            still = np.max(np.abs(step), axis=0) > SETTLED + 0.5 * EXACT * limit
-            if not still.any():
-                break
-            if not still.all():
-                kept = np.flatnonzero(still)
-                going, q, lam, some, limit = going[kept], q[:, kept], lam[:, kept], some[:, kept], limit[kept]
-        return q_all, lam_all, self._meets(z, q_all, lam_all, EXACT * size)
-
-    def _length(self, local: _Local, step: FloatArray, pressed: FloatArray, keeps: float) -> FloatArray:
-        """Return the step lengths (m,) at which every loaded point keeps a share of its speed along its slip."""
-        loss = -local.slip[0] * (step[3] - self._b * step[5]) - local.slip[1] * (step[4] + self._a * step[5])
-        room = (1.0 - keeps) * local.speed**2
-        return np.asarray(np.min(room / np.where(pressed > 0.0, np.maximum(loss, room), room).clip(FLAT), axis=0))
-
-    def _step(self, z: FloatArray, local: _Local, lam: FloatArray, least: FloatArray) -> tuple[FloatArray, FloatArray]:
-        z_t = np.einsum("abm,bm->am", local.inverse, z[3:])
-        right = self._normal @ z[:3] + np.einsum("aim,am->im", local.gradients, z_t)
-        active = (lam > 0.0) | (local.values > least)
-        lam = least_nonnegative(self._products(local), right, active, least, REGULARISATION)
-        q = np.empty_like(z)
-        q[:3] = z[:3] - self._normal.T @ lam
-        q[3:] = z_t - np.einsum("aim,im->am", local.moved, lam)
-        return q, lam
-
-    def _at(self, q: FloatArray, lam: FloatArray) -> _Local:
-        a, b, mu = self._a, self._b, self._mu
-        slip, gradients, across = np.empty((2, *lam.shape)), np.empty((3, *lam.shape)), np.empty((3, *lam.shape))
-        slip[0], slip[1] = q[3] - b * q[5], q[4] + a * q[5]
-        speed = np.sqrt(slip[0] * slip[0] + slip[1] * slip[1])
-        values = self._normal @ q[:3] + mu * speed
-        inverse = 1.0 / np.where(speed > FLAT, speed, 1.0)
-        first, second = slip * inverse
-        gradients[0], gradients[1], gradients[2] = first, second, a * second - b * first
-        gradients *= mu
-        across[0], across[1], across[2] = -second, first, a * first + b * second
-        H = np.einsum("aim,bim->abm", across * (mu * lam * inverse), across)
-        inverted = _inverse_of_one_plus(H)
-        return _Local(slip, speed, values, gradients, inverted, np.einsum("abm,bim->aim", inverted, gradients))
-
-    def _products(self, local: _Local) -> FloatArray:
-        """Return ``a^T H^-1 a``, (N, N, m)."""
-        return np.asarray(self._gram + np.einsum("aim,ajm->ijm", local.gradients, local.moved))
-
-    def _meets(self, z: FloatArray, q: FloatArray, lam: FloatArray, limit: FloatArray) -> NDArray[np.bool_]:
-        """Return where the KKT conditions hold: feasibility, complementarity, stationarity."""
-        local = self._at(q, lam)
-        off = q - z
-        off[:3] += self._normal.T @ lam
-        off[3:] += np.einsum("aim,im->am", local.gradients, lam)
-        most = np.maximum(np.max(local.values, axis=0), np.max(np.abs(local.values * lam), axis=0))
-        return np.asarray((most <= limit) & (np.max(np.abs(off), axis=0) <= limit))
-
-
-def _inverse_of_one_plus(H: FloatArray) -> FloatArray:
-    """Return the inverses of ``1 + H`` for positive semidefinite matrices H (3, 3, m)."""
-    first = 1.0 / (1.0 + H[0, 0])
-    a, b = H[0, 1] * first, H[0, 2] * first
-    second = 1.0 / np.maximum(1.0 + H[1, 1] - a * H[0, 1], 1.0)
-    rest = H[1, 2] - a * H[0, 2]
-    c = rest * second
-    third = 1.0 / np.maximum(1.0 + H[2, 2] - b * H[0, 2] - c * rest, 1.0)
-    b = a * c - b
-    result = np.empty_like(H)
-    result[2, 2] = third
-    result[1, 2] = result[2, 1] = -c * third
-    result[0, 2] = result[2, 0] = b * third
-    result[1, 1] = second + c * c * third
-    result[0, 1] = result[1, 0] = -a * second - b * c * third
-    result[0, 0] = first + a * a * second + b * b * third
-    return result
-
-
-class _Look(NamedTuple):
-    """Projections ``P_F(w)`` at every point, with value and gradient of the augmented Lagrangian."""
-
-    forces: FloatArray  # (N, 3, m)
-    shrink: FloatArray  # (N, m): scale of the tangential part
-    outside: FloatArray  # (N, m): 1 where w is outside F, else 0
-    w: FloatArray
-    gradient: FloatArray  # (n, m)
-    value: FloatArray  # (m,)
-
-
-class Multipliers:
-    """Method of multipliers for points with generators A (n, 3 N) at ``arms`` (N, 2) and equal friction."""
-
-    def __init__(self, generators: FloatArray, arms: FloatArray, friction: float) -> None:
-        self._generators, self._count, self._friction = generators, len(arms), friction
-        self._upper = upper_triangle(len(generators))
-        short = np.min(np.abs(arms)[np.abs(arms) > 1e-9 * np.max(np.abs(arms))])
-        self._last = float(min(MOST, LAST / min(1.0, short) ** 2))  # moments of short arms weigh little
-        columns = []  # entries (a, b) of A P' A^T per entry (p, q) of every point's 3 by 3 matrix P'
-        for part in np.split(generators, len(arms), axis=1):
-            for p, q in upper_triangle(3):
-                both = np.outer(part[:, p], part[:, q])
-                both = both if p == q else both + both.T
-                columns.append(np.array([both[place] for place in self._upper]))
-        self._assemble = np.stack(columns, axis=1)
-
-    def derivative(self, z: FloatArray, q: FloatArray, u: FloatArray) -> FloatArray:
-        """Return the Jacobian of ``z - q``, (n, n, m): ``1 - (1 + r A P_F' A^T)^-1`` for large r."""
-        n, m = z.shape
-        matrix = np.empty((m, n, n))
-        entries = self._curvature(self._look(z, q, u, self._last), self._last)
-        for (a, b), entry in zip(self._upper, entries, strict=True):
-            matrix[:, a, b] = matrix[:, b, a] = entry + (a == b)
-        inverse = np.linalg.inv(matrix).transpose(1, 2, 0)
-        return np.asarray(np.eye(n)[..., None] - 0.5 * (inverse + inverse.transpose(1, 0, 2)))
-
-    def solve(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return projections q (n, m) of ``z`` (n, m) onto the polar cone and friction forces u (N, 3, m)."""
-        q, u, r = z.copy(), np.zeros((self._count, 3, z.shape[1])), FIRST
-        while r < self._last:
-            q = self._minimise(z, q, u, r, ROUGHLY)
-            there = self._look(z, q, u, r)
-            u = np.where(np.linalg.norm(there.gradient, axis=0) < FAR, there.forces, u)
-            r *= FACTOR
-        going = np.arange(z.shape[1])
-        for _ in range(AGAIN):
-            before = q[:, going]
-            q[:, going] = self._minimise(z[:, going], before, u[:, :, going], self._last, FINELY)
-            there = self._look(z[:, going], q[:, going], u[:, :, going], self._last)
-            near = np.linalg.norm(there.gradient, axis=0) < FAR
-            u[:, :, going] = np.where(near, there.forces, u[:, :, going])
-            moved = np.linalg.norm(q[:, going] - before, axis=0)
-            going = going[moved > MOVED * (1.0 + np.linalg.norm(before, axis=0))]
-            if not going.size:
-                break
-        return q, u
-
-    def _minimise(self, z: FloatArray, q: FloatArray, u: FloatArray, r: float, tolerance: float) -> FloatArray:
-        """Return the minimisers (n, m) of one stage by Newton's method, from q."""
-        q, here, going = q.copy(), self._look(z, q, u, r), np.arange(z.shape[1])
-        for _ in range(NEWTON_STEPS):
-            entries = dict(zip(self._upper, self._curvature(here, r), strict=True))
-            step = -solve_some(entries, np.ones(len(going)), here.gradient)
-            slope, size = np.sum(here.gradient * step, axis=0), np.linalg.norm(here.gradient, axis=0)
-            for _ in range(SHORTER):
-                there = self._look(z, q[:, going] + step, u, r)
-                left = np.linalg.norm(there.gradient, axis=0)
-                uphill = (there.value > here.value + 1e-4 * slope) & (left > 0.5 * size)
-                if not uphill.any():
-                    break
-                step[:, uphill] *= 0.25
-                slope[uphill] *= 0.25
-            else:
-                there = self._look(z, q[:, going] + step, u, r)
-                left = np.linalg.norm(there.gradient, axis=0)
-            q[:, going] += step
-            rounding = ROUNDING * (1.0 + np.linalg.norm(q[:, going], axis=0))
-            still = (left > tolerance) & (np.linalg.norm(step, axis=0) > rounding)
-            if not still.any():
-                break
-            going, z, u = going[still], z[:, still], u[:, :, still]
-            here = _Look(*(part[..., still] for part in there))
-        return q
-
-    def _look(self, z: FloatArray, q: FloatArray, u: FloatArray, r: float) -> _Look:
-        """Evaluate projections, gradient and value at ``w = u + r A^T q``."""
-        mu = self._friction
-        w = u + r * (self._generators.T @ q).reshape(u.shape)
-        size = np.hypot(w[:, 1], w[:, 2])
-        pressing = np.maximum(np.maximum(w[:, 0], 0.0), (w[:, 0] + mu * size) / (1.0 + mu**2))
-        outside = size > mu * pressing
-        shrink = np.where(outside, mu * pressing / np.where(size > 0.0, size, 1.0), 1.0)
-        forces = np.stack([pressing, w[:, 1] * shrink, w[:, 2] * shrink], axis=1)
-        off = q - z
-        gradient = off + self._generators @ forces.reshape(self._generators.shape[1], -1)
-        value = np.sum(q * (0.5 * q - z), axis=0) + np.sum(forces**2, axis=(0, 1)) / (2.0 * r)
-        return _Look(forces, shrink, outside.astype(float), w, gradient, value)
-
-    def _curvature(self, look: _Look, r: float) -> FloatArray:
-        """Return the upper triangles of ``r A P_F'(w) A^T``, (n (n + 1) / 2, m)."""
-        mu = self._friction
-        on = (look.forces[:, 0] > 0.0).astype(float)
-        edge = on * look.outside
-        size = np.hypot(look.w[:, 1], look.w[:, 2])
-        first, second = look.w[:, 1:].transpose(1, 0, 2) / np.where(size > 0.0, size, 1.0)
-        weight = on / (1.0 + mu**2 * edge)
-        across = edge * look.shrink  # of the tangential part across w's own
-        along = edge * mu
-        rest = on - edge + across
-        entries = [
-            weight,
-            weight * along * first,
-            weight * along * second,
-            (weight * along**2 - across) * first**2 + rest,
-            (weight * along**2 - across) * first * second,
-            (weight * along**2 - across) * second**2 + rest,
-        ]
-        return np.asarray(r * (self._assemble @ np.stack(entries, axis=1).reshape(self._assemble.shape[1], -1)))
-
-
-class _Nearest(NamedTuple):
-    """Projections onto the polar cone (n, m), their methods (m,), and multipliers."""
-
-    q: FloatArray
-    how: NDArray[np.intp]
-    weights: FloatArray  # (N, m), where points slip
-    forces: FloatArray  # (N, 3, number solved by the method of multipliers)
 
 
 @dataclass(frozen=True)
@@ -693,6 +202,15 @@ class FrictionPoints:
         return _Nearest(q, how, weights, forces)
 
 
+class _Nearest(NamedTuple):
+    """Projections onto the polar cone (n, m), their methods (m,), and multipliers."""
+
+    q: FloatArray
+    how: NDArray[np.intp]
+    weights: FloatArray  # (N, m), where points slip
+    forces: FloatArray  # (N, 3, number solved by the method of multipliers)
+
+
 def _unit(z: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return points (..., n) as columns of unit length (or zero), (n, m), and their lengths (m,)."""
     flat = z.reshape(-1, z.shape[-1]).T
@@ -701,3 +219,493 @@ def _unit(z: FloatArray) -> tuple[FloatArray, FloatArray]:
     length = np.linalg.norm(flat / most, axis=0)
     length = np.where(length > 0.0, length, 1.0)
     return flat / most / length, most * length
+
+
+class Sticking:
+    """Projection maps for points with generators A (n, 3 N) at ``arms`` (N, 2) and equal friction.
+
+    Where a point sticks the body turns about it, so the slip directions of all others follow from the sign of that
+    turn (docs/paper/02_contacts.md):
+
+    * If one point sticks and those of a set S slip with forces ``l_j a_j``, ``(u_i, l_S)`` is the least-squares
+      solution of ``A_i u_i + sum_S a_j l_j = z``. It is optimal if u_i is in the friction cone, ``l_S >= 0`` and q is
+      in the polar cone.
+    * If two points stick, q is a rotation about the line through both, or zero without others; ``z - q`` has to be a
+      wrench of two friction contacts, whose forces are unique but for the friction along the line, shared by both.
+
+    In both cases q is in the polar cone, z - q in the cone, and both are orthogonal: conditions that only the
+    projection meets.
+    """
+
+    def __init__(self, generators: FloatArray, arms: FloatArray, friction: float) -> None:
+        self._generators, self._arms, self._friction = generators, arms, friction
+        one = [self._one(i, sign, others) for i, sign, others in self._patterns()]
+        two = [found for pair in combinations(range(len(arms)), 2) if (found := self._two(*pair)) is not None]
+        rows = max(len(force) for force, _ in one)
+        padded = [np.pad(force, [(0, rows - len(force)), (0, 0)]) for force, _ in one]
+        self._alone, self._pairs = np.stack(padded), np.stack([force for force, _ in two])
+        self.maps = np.stack([kept for _, kept in (*one, *two)])  # z to z - q, each (n, n)
+
+    def find(self, z: FloatArray) -> NDArray[np.intp]:
+        """Return the indices (m,) of the ``maps`` that project points (n, m); ``NONE`` if none does."""
+        mu, count = self._friction, z.shape[1]
+        force = (self._alone.reshape(-1, len(z)) @ z).reshape(*self._alone.shape[:2], count)
+        good = np.all(force[:, [0, *range(3, force.shape[1])]] >= 0.0, axis=1)
+        good &= force[:, 1] ** 2 + force[:, 2] ** 2 <= (mu * force[:, 0]) ** 2
+        force = (self._pairs.reshape(-1, len(z)) @ z).reshape(len(self._pairs), 5, count)
+        room, across = mu * force[:, :2], np.abs(force[:, 2:4])
+        along = np.sqrt(np.maximum((room - across) * (room + across), 0.0)).sum(axis=1)
+        both = np.all(room >= across, axis=1) & (np.abs(force[:, 4]) <= along)
+        which, where = np.nonzero(np.concatenate([good, both]))
+        some = z[:, where]
+        q = some - np.matmul(self.maps[which], some.T[..., None])[..., 0].T
+        v = (self._generators.T @ q).reshape(len(self._arms), 3, -1)
+        work = np.max(v[:, 0] + mu * np.hypot(v[:, 1], v[:, 2]), axis=0)
+        meets = work <= ROUNDING * (1.0 + np.sqrt(np.sum(some**2, axis=0)))
+        result = np.full(count, NONE)
+        result[where[meets]] = which[meets]
+        return result
+
+    def _patterns(self) -> list[tuple[int, float, tuple[int, ...]]]:
+        """Return all patterns: the sticking point, the sign of the turn about it, and the slipping points."""
+        every, count = range(len(self._arms)), self._generators.shape[0] - 3
+        result: list[tuple[int, float, tuple[int, ...]]] = []
+        for i in every:
+            others = [j for j in every if j != i]
+            result.append((i, 1.0, ()))
+            result += [
+                (i, sign, some) for sign in (1.0, -1.0) for m in range(1, count) for some in combinations(others, m)
+            ]
+        return result
+
+    def _one(self, i: int, sign: float, others: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+        """Return the matrices that map z to ``(u_i, l_S)`` and to ``z - q`` for one sticking point."""
+        columns = [self._part(i)]
+        for j in others:
+            first, second = self._arms[j] - self._arms[i]
+            slip = sign * self._friction / np.hypot(first, second)
+            columns.append(self._part(j) @ np.array([[1.0], [-slip * second], [slip * first]]))
+        span = np.concatenate(columns, axis=1)
+        force = np.asarray(np.linalg.pinv(span, rcond=RANK))
+        return force, span @ force
+
+    def _two(self, i: int, j: int) -> tuple[FloatArray, FloatArray] | None:
+        """Return the matrices that map z to the forces of two sticking points (5, n) and to ``z - q``.
+
+        The forces are both normal forces, both across the line, and their sum along it. None if other points lie on
+        both sides of the line, about which the body then cannot turn.
+        """
+        middle = 0.5 * (self._arms[i] + self._arms[j])
+        apart = self._arms[j] - self._arms[i]
+        length = float(np.hypot(*apart))
+        e = apart / length
+        side = (self._arms - middle) @ np.array([-e[1], e[0]])
+        if np.min(side) < -RANK * length and np.max(side) > RANK * length:
+            return None
+        forces = np.concatenate([self._part(i), self._part(j)], axis=1)
+        inverse = np.asarray(np.linalg.pinv(forces, rcond=RANK))
+        turn = np.zeros((5, 6))
+        turn[0, 0] = turn[1, 3] = 1.0
+        turn[2, 1:3] = turn[3, 4:6] = -e[1], e[0]
+        turn[4, 1:3] = turn[4, 4:6] = e
+        return turn @ inverse, forces @ inverse
+
+    def _part(self, i: int) -> FloatArray:
+        return self._generators[:, 3 * i : 3 * i + 3]
+
+
+class Sharing:
+    """Search for friction forces that sum to a wrench, for points with generators A (n, 3 N).
+
+    ``z = sum_i A_i u_i`` has many solutions ``u = A^+ z + N x``. The minimum of ``sum_i dist(u_i, F')^2`` over x, with
+    F' slightly inside the friction cone F, is 0 where z is well inside; a semismooth Newton method approaches it in a
+    few steps. Only forces with every u_i in F itself count, which proves membership; wrenches close to the boundary
+    are left to other methods.
+    """
+
+    def __init__(self, generators: FloatArray, friction: float) -> None:
+        self._friction = friction
+        self._count = generators.shape[1] // 3
+        arms = generators.reshape(len(generators), self._count, 3)
+        self._most = np.sum(np.max(np.abs(arms), axis=1) * [1.0, friction, friction], axis=1)
+        self._least = np.asarray(np.linalg.pinv(generators))
+        self._free = np.asarray(np.linalg.svd(generators)[2][np.linalg.matrix_rank(generators) :].T)
+        free = self._free.reshape(self._count, 3, -1)
+        self._squares = np.einsum("ipa,iqb->ipqab", free, free).reshape(9 * self._count, -1)
+
+    def inside(self, z: FloatArray) -> NDArray[np.bool_]:
+        """Return where wrenches (n, m) were found to be sums of forces in the friction cones, (m,)."""
+        found = np.zeros(z.shape[1], dtype=bool)
+        left = np.flatnonzero(np.all(np.abs(z) <= self._most[:, None] * z[0], axis=0))
+        u = (self._least @ z[:, left]).reshape(self._count, 3, -1)
+        for count in range(MEMBERSHIP_STEPS):
+            if count:
+                u = u + self._step(u)
+            good = self._allowed(u)
+            found[left[good]] = True
+            left, u = left[~good], u[..., ~good]
+            if not left.size:
+                break
+        return found
+
+    def _allowed(self, u: FloatArray) -> NDArray[np.bool_]:
+        return np.asarray(np.all(np.hypot(u[:, 1], u[:, 2]) <= self._friction * u[:, 0], axis=0))
+
+    def _step(self, u: FloatArray) -> FloatArray:
+        """Return the semismooth Newton step (N, 3, m)."""
+        mu, apex = self._friction * (1.0 - NARROWER), NARROWER * np.mean(u[:, 0], axis=0)
+        u = u.copy()
+        u[:, 0] -= apex
+        size = np.hypot(u[:, 1], u[:, 2])
+        pressing = np.maximum(np.maximum(u[:, 0], 0.0), (u[:, 0] + mu * size) / (1.0 + mu**2))
+        edge = (size > mu * pressing) & (pressing > 0.0)
+        inverse = 1.0 / np.where(size > FLAT, size, 1.0)
+        shrink = np.where(size > mu * pressing, mu * pressing * inverse, 1.0)
+        direction = u[:, 1:] * inverse[:, None]
+        off = u.copy()
+        off[:, 0] -= pressing
+        off[:, 1:] *= (1.0 - shrink)[:, None]
+        share = edge / (1.0 + mu**2)
+        bend = np.zeros((self._count, 3, 3, u.shape[2]))  # 1 - P_F'
+        outside = (size > mu * pressing).astype(float)
+        bend[:, 0, 0] = np.where(edge, 1.0 - share, outside)
+        bend[:, 0, 1:] = bend[:, 1:, 0] = -mu * share[:, None] * direction
+        both = direction[:, :, None] * direction[:, None]
+        bend[:, 1:, 1:] = (shrink * outside - mu**2 * share)[:, None, None] * both
+        bend[:, 1, 1] += outside * (1.0 - shrink)
+        bend[:, 2, 2] += outside * (1.0 - shrink)
+        d = self._free.shape[1]
+        H = (self._squares.T @ bend.reshape(9 * self._count, -1)).T.reshape(-1, d, d)
+        H[:, range(d), range(d)] += REGULAR
+        slope = self._free.T @ off.reshape(3 * self._count, -1)
+        x = np.linalg.solve(H, -slope.T[..., None])[..., 0].T
+        return (self._free @ x).reshape(u.shape)
+
+
+class EdgeNewton:
+    """Newton's method for slipping contact points at ``arms`` (N, 2) along both tangents, with equal friction.
+
+    With the velocities ``v_i = A_i^T q`` of the points, ``g_i(q) = v_n + mu |v_t|`` is convex, homogeneous and smooth
+    where ``v_t`` is not zero. The nearest q to z with every ``g_i <= 0`` satisfies ``q = z - sum_i l_i a_i(q)``,
+    ``a_i = grad g_i``, ``l_i >= 0`` and ``l_i g_i = 0``. One step of Newton's method solves
+
+        H q = z - a l,   l = argmin over l >= 0 of |z - a l| in the metric of H^-1,   H = 1 + sum_i l_i Hess g_i
+
+    since ``a_i^T q = g_i`` and ``Hess g_i q = 0``. H differs from the identity in the components ``(f_t1, f_t2, m_n)``
+    alone, where ``Hess g_i = mu / |v_t| p_i p_i^T`` with the unit force across the velocity as p_i. Steps are limited
+    such that no loaded point crosses the kink at ``v_t = 0``: each keeps a share of its speed, since all slip at the
+    solution. Results are checked against the KKT conditions; points that fail are left to the other methods.
+    """
+
+    def __init__(self, arms: FloatArray, friction: float) -> None:
+        self._a, self._b = arms[:, :1], arms[:, 1:]
+        self._mu = friction
+        self._normal = np.stack([np.ones(len(arms)), arms[:, 1], -arms[:, 0]], axis=1)  # of a_i, (N, 3)
+        self._gram = (self._normal @ self._normal.T)[..., None]
+
+    def solve(self, z: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+        """Return projections q (6, m) of ``z`` (6, m), multipliers l (N, m), and where KKT conditions hold, (m,)."""
+        z = z[ORDER]
+        q, lam, good = z.copy(), np.zeros((len(self._a), z.shape[1])), np.zeros(z.shape[1], dtype=bool)
+        for one in TRIES:
+            left = np.flatnonzero(~good)
+            if not left.size:
+                break
+            begin, pressed = q[:, left], lam[:, left]
+            if one.aside is not None:
+                begin, pressed = z[:, left], np.zeros_like(pressed)
+                begin[3:] += one.aside * np.array([[1.0], [0.7], [0.4]])
+            q[:, left], lam[:, left], good[left] = self._iterate(z[:, left], begin, pressed, one)
+        return q[BACK], lam, good
+
+    def derivative(self, q: FloatArray, lam: FloatArray) -> FloatArray:
+        """Return the Jacobian ``1 - H^-1 + H^-1 a (a^T H^-1 a)^-1 a^T H^-1`` of ``z - q``, (6, 6, m)."""
+        local = self._at(q[ORDER], lam)
+        matrix = np.where((lam[:, None] > 0.0) & (lam[None] > 0.0), self._products(local), 0.0).transpose(2, 0, 1)
+        matrix += np.eye(len(lam)) * np.where(lam > 0.0, REGULARISATION, 1.0).T[:, None, :]
+        a = np.zeros((6, *lam.shape))
+        a[:3], a[3:] = self._normal.T[..., None], local.moved
+        a *= lam > 0.0
+        result = np.asarray(np.einsum("aim,mij,bjm->abm", a, np.linalg.inv(matrix), a, optimize=True))
+        result[3:, 3:] += np.eye(3)[..., None] - local.inverse
+        return np.asarray(result[np.ix_(BACK, BACK)])
+
+    def _iterate(
+        self, z: FloatArray, q: FloatArray, lam: FloatArray, one: _Try
+    ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+        """Run Newton's method as in ``solve`` from given q and multipliers."""
+        size = 1.0 + np.sqrt(np.sum(z**2, axis=0))
+        q_all, lam_all = q.copy(), lam.copy()
+        going, some, limit = np.arange(z.shape[1]), z, size
+        for _ in range(one.steps):
+            local = self._at(q, lam)
+            step, pressed = self._step(some, local, lam, REGULARISATION * limit)
+            step -= q
+            length = self._length(local, step, pressed, one.keeps)
+            q, lam = q + length * step, lam + length * (pressed - lam)
+            q_all[:, going], lam_all[:, going] = q, lam
+            still = np.max(np.abs(step), axis=0) > SETTLED + 0.5 * EXACT * limit
+            if not still.any():
+                break
+            if not still.all():
+                kept = np.flatnonzero(still)
+                going, q, lam, some, limit = going[kept], q[:, kept], lam[:, kept], some[:, kept], limit[kept]
+        return q_all, lam_all, self._meets(z, q_all, lam_all, EXACT * size)
+
+    def _length(self, local: _Local, step: FloatArray, pressed: FloatArray, keeps: float) -> FloatArray:
+        """Return the step lengths (m,) at which every loaded point keeps a share of its speed along its slip."""
+        loss = -local.slip[0] * (step[3] - self._b * step[5]) - local.slip[1] * (step[4] + self._a * step[5])
+        room = (1.0 - keeps) * local.speed**2
+        return np.asarray(np.min(room / np.where(pressed > 0.0, np.maximum(loss, room), room).clip(FLAT), axis=0))
+
+    def _step(self, z: FloatArray, local: _Local, lam: FloatArray, least: FloatArray) -> tuple[FloatArray, FloatArray]:
+        z_t = np.einsum("abm,bm->am", local.inverse, z[3:])
+        right = self._normal @ z[:3] + np.einsum("aim,am->im", local.gradients, z_t)
+        active = (lam > 0.0) | (local.values > least)
+        lam = least_nonnegative(self._products(local), right, active, least, REGULARISATION)
+        q = np.empty_like(z)
+        q[:3] = z[:3] - self._normal.T @ lam
+        q[3:] = z_t - np.einsum("aim,im->am", local.moved, lam)
+        return q, lam
+
+    def _at(self, q: FloatArray, lam: FloatArray) -> _Local:
+        a, b, mu = self._a, self._b, self._mu
+        slip, gradients, across = np.empty((2, *lam.shape)), np.empty((3, *lam.shape)), np.empty((3, *lam.shape))
+        slip[0], slip[1] = q[3] - b * q[5], q[4] + a * q[5]
+        speed = np.sqrt(slip[0] * slip[0] + slip[1] * slip[1])
+        values = self._normal @ q[:3] + mu * speed
+        inverse = 1.0 / np.where(speed > FLAT, speed, 1.0)
+        first, second = slip * inverse
+        gradients[0], gradients[1], gradients[2] = first, second, a * second - b * first
+        gradients *= mu
+        across[0], across[1], across[2] = -second, first, a * first + b * second
+        H = np.einsum("aim,bim->abm", across * (mu * lam * inverse), across)
+        inverted = _inverse_of_one_plus(H)
+        return _Local(slip, speed, values, gradients, inverted, np.einsum("abm,bim->aim", inverted, gradients))
+
+    def _products(self, local: _Local) -> FloatArray:
+        """Return ``a^T H^-1 a``, (N, N, m)."""
+        return np.asarray(self._gram + np.einsum("aim,ajm->ijm", local.gradients, local.moved))
+
+    def _meets(self, z: FloatArray, q: FloatArray, lam: FloatArray, limit: FloatArray) -> NDArray[np.bool_]:
+        """Return where the KKT conditions hold: feasibility, complementarity, stationarity."""
+        local = self._at(q, lam)
+        off = q - z
+        off[:3] += self._normal.T @ lam
+        off[3:] += np.einsum("aim,im->am", local.gradients, lam)
+        most = np.maximum(np.max(local.values, axis=0), np.max(np.abs(local.values * lam), axis=0))
+        return np.asarray((most <= limit) & (np.max(np.abs(off), axis=0) <= limit))
+
+
+class _Try(NamedTuple):
+    """Settings of a Newton run: least share of speed kept, steps, offset of the start (None: continue)."""
+
+    keeps: float
+    steps: int
+    aside: float | None
+
+
+TRIES = (_Try(0.5, 16, 0.0), _Try(0.01, 3, None), _Try(0.1, 24, 0.3))  # the first mostly takes 4 or 5 steps
+
+
+class _Local(NamedTuple):
+    """Local model at q and lam: slip velocities (2, N, m), speeds and g (N, m), and tangential parts.
+
+    The tangential parts are those of a (3, N, m), of H^-1 (3, 3, m) and of H^-1 a (3, N, m).
+    """
+
+    slip: FloatArray
+    speed: FloatArray
+    values: FloatArray
+    gradients: FloatArray
+    inverse: FloatArray
+    moved: FloatArray
+
+
+def _inverse_of_one_plus(H: FloatArray) -> FloatArray:
+    """Return the inverses of ``1 + H`` for positive semidefinite matrices H (3, 3, m)."""
+    first = 1.0 / (1.0 + H[0, 0])
+    a, b = H[0, 1] * first, H[0, 2] * first
+    second = 1.0 / np.maximum(1.0 + H[1, 1] - a * H[0, 1], 1.0)
+    rest = H[1, 2] - a * H[0, 2]
+    c = rest * second
+    third = 1.0 / np.maximum(1.0 + H[2, 2] - b * H[0, 2] - c * rest, 1.0)
+    b = a * c - b
+    result = np.empty_like(H)
+    result[2, 2] = third
+    result[1, 2] = result[2, 1] = -c * third
+    result[0, 2] = result[2, 0] = b * third
+    result[1, 1] = second + c * c * third
+    result[0, 1] = result[1, 0] = -a * second - b * c * third
+    result[0, 0] = first + a * a * second + b * b * third
+    return result
+
+
+def least_nonnegative(
+    matrix: FloatArray, right: FloatArray, active: NDArray[np.bool_], least: FloatArray, shift: float
+) -> FloatArray:
+    """Minimise ``l^T M l / 2 - right^T l`` over ``l >= 0`` for m small problems, from guessed active sets.
+
+    Parameters
+    ----------
+    matrix : (N, N, m) array
+        Symmetric, positive semidefinite.
+    right : (N, m) array
+    active : (N, m) array of bool
+        Guess of the nonzero l.
+    least : (m,) array
+        Tolerance of the gradient at l = 0.
+    shift : float
+        Added to the diagonal of M, in case it is singular.
+
+    Returns
+    -------
+    (N, m) array
+        Result of the last active set tried: nearly always the minimiser.
+    """
+    result = _restricted(matrix, right, active, shift)
+    lam, going = result, np.arange(right.shape[1])
+    for _ in range(SETS - 1):
+        pays = right - np.einsum("ijm,jm->im", matrix, lam) > least
+        chosen = np.where(active, lam > 0.0, pays)
+        wrong = np.flatnonzero((chosen != active).any(axis=0))
+        if not wrong.size:
+            break
+        going, active, least = going[wrong], chosen[:, wrong], least[wrong]
+        matrix, right = matrix[:, :, wrong], right[:, wrong]
+        lam = _restricted(matrix, right, active, shift)
+        result[:, going] = lam
+    return np.maximum(result, 0.0)
+
+
+def _restricted(matrix: FloatArray, right: FloatArray, active: NDArray[np.bool_], shift: float) -> FloatArray:
+    """Return the minimisers (N, m) with all inactive l fixed at zero."""
+    both = matrix * (active[:, None] & active)
+    for i, one in enumerate(active):
+        both[i, i] += np.where(one, 0.0, 1.0)
+    return solve_matrices(both, shift, np.where(active, right, 0.0))
+
+
+class Multipliers:
+    """Method of multipliers for points with generators A (n, 3 N) at ``arms`` (N, 2) and equal friction.
+
+    Each stage minimises ``|q - z|^2 / 2 + sum_i |P_F(u_i + r A_i^T q)|^2 / (2 r)`` by a semismooth Newton method with
+    the closed form of ``P_F``, then sets ``u_i = P_F(u_i + r A_i^T q)`` and increases r.
+    """
+
+    def __init__(self, generators: FloatArray, arms: FloatArray, friction: float) -> None:
+        self._generators, self._count, self._friction = generators, len(arms), friction
+        self._upper = upper_triangle(len(generators))
+        short = np.min(np.abs(arms)[np.abs(arms) > 1e-9 * np.max(np.abs(arms))])
+        self._last = float(min(MOST, LAST / min(1.0, short) ** 2))  # moments of short arms weigh little
+        columns = []  # entries (a, b) of A P' A^T per entry (p, q) of every point's 3 by 3 matrix P'
+        for part in np.split(generators, len(arms), axis=1):
+            for p, q in upper_triangle(3):
+                both = np.outer(part[:, p], part[:, q])
+                both = both if p == q else both + both.T
+                columns.append(np.array([both[place] for place in self._upper]))
+        self._assemble = np.stack(columns, axis=1)
+
+    def derivative(self, z: FloatArray, q: FloatArray, u: FloatArray) -> FloatArray:
+        """Return the Jacobian of ``z - q``, (n, n, m): ``1 - (1 + r A P_F' A^T)^-1`` for large r."""
+        n, m = z.shape
+        matrix = np.empty((m, n, n))
+        entries = self._curvature(self._look(z, q, u, self._last), self._last)
+        for (a, b), entry in zip(self._upper, entries, strict=True):
+            matrix[:, a, b] = matrix[:, b, a] = entry + (a == b)
+        inverse = np.linalg.inv(matrix).transpose(1, 2, 0)
+        return np.asarray(np.eye(n)[..., None] - 0.5 * (inverse + inverse.transpose(1, 0, 2)))
+
+    def solve(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return projections q (n, m) of ``z`` (n, m) onto the polar cone and friction forces u (N, 3, m)."""
+        q, u, r = z.copy(), np.zeros((self._count, 3, z.shape[1])), FIRST
+        while r < self._last:
+            q = self._minimise(z, q, u, r, ROUGHLY)
+            there = self._look(z, q, u, r)
+            u = np.where(np.linalg.norm(there.gradient, axis=0) < FAR, there.forces, u)
+            r *= FACTOR
+        going = np.arange(z.shape[1])
+        for _ in range(AGAIN):
+            before = q[:, going]
+            q[:, going] = self._minimise(z[:, going], before, u[:, :, going], self._last, FINELY)
+            there = self._look(z[:, going], q[:, going], u[:, :, going], self._last)
+            near = np.linalg.norm(there.gradient, axis=0) < FAR
+            u[:, :, going] = np.where(near, there.forces, u[:, :, going])
+            moved = np.linalg.norm(q[:, going] - before, axis=0)
+            going = going[moved > MOVED * (1.0 + np.linalg.norm(before, axis=0))]
+            if not going.size:
+                break
+        return q, u
+
+    def _minimise(self, z: FloatArray, q: FloatArray, u: FloatArray, r: float, tolerance: float) -> FloatArray:
+        """Return the minimisers (n, m) of one stage by Newton's method, from q."""
+        q, here, going = q.copy(), self._look(z, q, u, r), np.arange(z.shape[1])
+        for _ in range(NEWTON_STEPS):
+            entries = dict(zip(self._upper, self._curvature(here, r), strict=True))
+            step = -solve_some(entries, np.ones(len(going)), here.gradient)
+            slope, size = np.sum(here.gradient * step, axis=0), np.linalg.norm(here.gradient, axis=0)
+            for _ in range(SHORTER):
+                there = self._look(z, q[:, going] + step, u, r)
+                left = np.linalg.norm(there.gradient, axis=0)
+                uphill = (there.value > here.value + 1e-4 * slope) & (left > 0.5 * size)
+                if not uphill.any():
+                    break
+                step[:, uphill] *= 0.25
+                slope[uphill] *= 0.25
+            else:
+                there = self._look(z, q[:, going] + step, u, r)
+                left = np.linalg.norm(there.gradient, axis=0)
+            q[:, going] += step
+            rounding = ROUNDING * (1.0 + np.linalg.norm(q[:, going], axis=0))
+            still = (left > tolerance) & (np.linalg.norm(step, axis=0) > rounding)
+            if not still.any():
+                break
+            going, z, u = going[still], z[:, still], u[:, :, still]
+            here = _Look(*(part[..., still] for part in there))
+        return q
+
+    def _look(self, z: FloatArray, q: FloatArray, u: FloatArray, r: float) -> _Look:
+        """Evaluate projections, gradient and value at ``w = u + r A^T q``."""
+        mu = self._friction
+        w = u + r * (self._generators.T @ q).reshape(u.shape)
+        size = np.hypot(w[:, 1], w[:, 2])
+        pressing = np.maximum(np.maximum(w[:, 0], 0.0), (w[:, 0] + mu * size) / (1.0 + mu**2))
+        outside = size > mu * pressing
+        shrink = np.where(outside, mu * pressing / np.where(size > 0.0, size, 1.0), 1.0)
+        forces = np.stack([pressing, w[:, 1] * shrink, w[:, 2] * shrink], axis=1)
+        off = q - z
+        gradient = off + self._generators @ forces.reshape(self._generators.shape[1], -1)
+        value = np.sum(q * (0.5 * q - z), axis=0) + np.sum(forces**2, axis=(0, 1)) / (2.0 * r)
+        return _Look(forces, shrink, outside.astype(float), w, gradient, value)
+
+    def _curvature(self, look: _Look, r: float) -> FloatArray:
+        """Return the upper triangles of ``r A P_F'(w) A^T``, (n (n + 1) / 2, m)."""
+        mu = self._friction
+        on = (look.forces[:, 0] > 0.0).astype(float)
+        edge = on * look.outside
+        size = np.hypot(look.w[:, 1], look.w[:, 2])
+        first, second = look.w[:, 1:].transpose(1, 0, 2) / np.where(size > 0.0, size, 1.0)
+        weight = on / (1.0 + mu**2 * edge)
+        across = edge * look.shrink  # of the tangential part across w's own
+        along = edge * mu
+        rest = on - edge + across
+        entries = [
+            weight,
+            weight * along * first,
+            weight * along * second,
+            (weight * along**2 - across) * first**2 + rest,
+            (weight * along**2 - across) * first * second,
+            (weight * along**2 - across) * second**2 + rest,
+        ]
+        return np.asarray(r * (self._assemble @ np.stack(entries, axis=1).reshape(self._assemble.shape[1], -1)))
+
+
+class _Look(NamedTuple):
+    """Projections ``P_F(w)`` at every point, with value and gradient of the augmented Lagrangian."""
+
+    forces: FloatArray  # (N, 3, m)
+    shrink: FloatArray  # (N, m): scale of the tangential part
+    outside: FloatArray  # (N, m): 1 where w is outside F, else 0
+    w: FloatArray
+    gradient: FloatArray  # (n, m)
+    value: FloatArray  # (m,)

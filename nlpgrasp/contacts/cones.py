@@ -1,4 +1,9 @@
-"""Box and elliptic friction cones: projections, their Jacobians and support functions."""
+"""Box and elliptic friction cones: projections, their Jacobians and support functions.
+
+``RangeContact`` is the base class of contacts with a box, ``|x_j| <= c_j x_n`` for each block j of components. The
+functions ``project``, ``derivative`` and ``extreme`` are those of the elliptic cone of soft contacts,
+``(|f_t| / mu)^2 + (tau / mu_t)^2 <= f_n^2``.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +17,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts.base import Blocks, ContactModel, upper_triangle
 
 NOTHING = 1e-100  # norm of a block that counts as zero
+# elliptic cone
 NEWTON, LAST = 60, 1e-9  # largest number of Newton steps; relative size of the last (convergence is quadratic)
 AWAY = 1e-9  # distance kept from the multiplier 1, a removable singularity of the derivative
 
@@ -130,7 +136,7 @@ def _normal_force_of_blocks(normal: FloatArray, sizes: list[FloatArray], coeffic
 
 
 def project(z: FloatArray, mu: float, mu_t: float) -> FloatArray:
-    """Return the Euclidean projection of ``(f_n, f_t1, f_t2, tau)`` onto the cone, (..., 4) to (..., 4)."""
+    """Return the projection of ``z = (f_n, f_t1, f_t2, tau)`` onto the elliptic cone, (..., 4) to (..., 4)."""
     r, s = _sizes(z)
     pressing = _normal_force_of_ellipse(z[..., 0], r, s, mu, mu_t)
     tangential, torsion = _rest(z[..., 0], r, s, pressing, mu, mu_t)
@@ -143,7 +149,7 @@ def project(z: FloatArray, mu: float, mu_t: float) -> FloatArray:
 
 
 def derivative(z: FloatArray, mu: float, mu_t: float) -> FloatArray:
-    """Return the Jacobian of the projection (..., 4, 4).
+    """Return the Jacobian of the projection onto the elliptic cone, (..., 4, 4).
 
     On the boundary ``x = (I + t D)^-1 z`` with ``D = diag(-1, 1/mu^2, 1/mu^2, 1/mu_t^2)`` and ``<x, D x> = 0``;
     differentiating both gives ``M - M D x (M D x)^T / <D x, M D x>`` with ``M = (I + t D)^-1``.
@@ -166,7 +172,7 @@ def derivative(z: FloatArray, mu: float, mu_t: float) -> FloatArray:
 
 
 def extreme(z: FloatArray, mu: float, mu_t: float) -> tuple[FloatArray, FloatArray]:
-    """Return the support ``max(0, z_n + |(mu z_t, mu_t z_tau)|)`` of ``z`` (..., 4), and a maximiser (..., 4)."""
+    """Return the elliptic cone's support ``max(0, z_n + |(mu z_t, mu_t z_tau)|)``, and a maximiser (..., 4)."""
     r, s = _sizes(z)
     size = np.hypot(mu * r, mu_t * s)
     value = z[..., 0] + size
@@ -180,11 +186,12 @@ def extreme(z: FloatArray, mu: float, mu_t: float) -> tuple[FloatArray, FloatArr
 
 
 def _sizes(z: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the sizes of tangential force and torsion."""
     return np.hypot(z[..., 1], z[..., 2]), np.abs(z[..., 3])
 
 
 def _inside(z: FloatArray, r: FloatArray, s: FloatArray, mu: float, mu_t: float) -> NDArray[np.bool_]:
-    """Return where a force is in the cone."""
+    """Return where a force is in the elliptic cone."""
     return np.asarray(np.hypot(r / mu, s / mu_t) <= z)
 
 
@@ -221,7 +228,7 @@ def _normal_force_of_ellipse(z: FloatArray, r: FloatArray, s: FloatArray, mu: fl
 def _rest(
     z: FloatArray, r: FloatArray, s: FloatArray, pressing: FloatArray, mu: float, mu_t: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return tangential force and torsion of the projection, given its normal force."""
+    """Return tangential force and torsion of the projection onto the elliptic cone, given its normal force."""
     safe = np.where(pressing > 0.0, pressing, 1.0)
     t = np.where(pressing > 0.0, 1.0 - z / safe, np.inf)
     t = np.maximum(t, 0.0)

@@ -13,7 +13,7 @@ from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.contacts.base import MISSING, Blocks
 from nlpgrasp.contacts.pad import Arms, PadContact, direction_field, friction_fields, tangents_along, turned_direction
 
-MORE, HALVINGS = 1e-7, 40  # largest relative increase of normal forces; bisection steps
+MORE, HALVINGS = 1e-7, 40  # correction of projections: largest relative increase of forces; bisection steps
 
 
 @dataclass(frozen=True)

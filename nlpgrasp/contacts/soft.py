@@ -14,7 +14,7 @@ from nlpgrasp.contacts.base import MISSING, Blocks, Work, circle, upper_triangle
 from nlpgrasp.contacts.cones import RangeContact
 from nlpgrasp.errors import InputError
 
-MODELS = ("box", "elliptic")
+MODELS = ("box", "elliptic")  # shapes of the force domain
 
 
 @dataclass(frozen=True)

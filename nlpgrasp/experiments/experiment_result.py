@@ -24,10 +24,6 @@ from nlpgrasp.solution.solution import GraspSolution
 if TYPE_CHECKING:
     import pandas as pd
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-
 EXTRA = "tables"
 EXPLAINED = (
     "Intervals are of the grasps found, local optima: where few seeds agree with the best, more starts may find "
@@ -37,265 +33,9 @@ EXPLAINED = (
 NOT_COMPARABLE = "They differ in task or force budget: their values of mu measure different things."
 
 
-@dataclass(frozen=True)
-class VariationResult:
-    """All solves of one variation.
-
-    Parameters
-    ----------
-    name : str
-        The variation's.
-    solves : tuple of SolveRecord
-        One per seed.
-    """
-
-    name: str
-    solves: tuple[SolveRecord, ...]
-
-    @property
-    def best(self) -> SolveRecord | None:
-        """Record of the solve with the best certified bounds; None without any."""
-        return max((s for s in self.solves if s.success), key=lambda s: (s.mu.upper, s.mu.lower), default=None)
-
-    @cached_property
-    def mu(self) -> Bounds:
-        """Certified bounds of the best grasp over all solves; ``[0, 0]`` without one."""
-        found = [s.mu for s in self.solves if s.success]
-        return Bounds(max(b.lower for b in found), max(b.upper for b in found)) if found else NOTHING
-
-    @property
-    def best_possible(self) -> float:
-        """Certified bound on mu over all placements, the least of the solves' bounds; inf without one."""
-        return min((s.best_possible for s in self.solves), default=math.inf)
-
-    @property
-    def gap(self) -> float:
-        """Relative optimality gap of the best grasp, an upper bound; inf without a global bound."""
-        return max(0.0, self.best_possible / self.mu.lower - 1.0) if self.mu.lower > 0.0 else math.inf
-
-    @property
-    def gap_text(self) -> str:
-        """The gap as tables show it, empty without one."""
-        return percent(self.gap)
-
-    @property
-    def done(self) -> int:
-        """Number of solves with a solution."""
-        return sum(s.done for s in self.solves)
-
-    @property
-    def starts(self) -> tuple[int, int]:
-        """Number of starts with a certified grasp, and number of all starts."""
-        return sum(s.succeeded for s in self.solves), sum(len(s.starts) for s in self.solves)
-
-    @property
-    def found(self) -> str:
-        """The certified interval, or the reason for having none, as text."""
-        if self.best is not None:
-            return str(self.mu)
-        return "no grasp" if self.done else "not done" if self.failures[0].failure == NOT_DONE else "failed"
-
-    @property
-    def agreeing(self) -> int:
-        """Number of solves whose certified interval overlaps the best one."""
-        return sum(s.success and s.mu.upper >= self.mu.lower for s in self.solves)
-
-    @property
-    def seconds(self) -> float:
-        """Median wall time of a solve, seconds."""
-        return median([s.seconds for s in self.solves if s.done] or [0.0])
-
-    @property
-    def failures(self) -> tuple[SolveRecord, ...]:
-        """Records of the solves without a solution."""
-        return tuple(s for s in self.solves if not s.done)
-
-
-def ranks(bounds: Sequence[Bounds]) -> list[int]:
-    """Return for each interval 1 plus the number of intervals wholly above it."""
-    return [1 + sum(other.lower > one.upper for other in bounds) for one in bounds]
-
-
-def ties(bounds: Sequence[Bounds]) -> list[tuple[int, ...]]:
-    """Return for each interval the indices of the others that it overlaps."""
-    return [
-        tuple(j for j, other in enumerate(bounds) if j != i and one.lower <= other.upper and other.lower <= one.upper)
-        for i, one in enumerate(bounds)
-    ]
-
-
 Cell: TypeAlias = str | int | float | None
 Row: TypeAlias = dict[str, Cell]
 """What the table says of one solve, by the names of ``COLUMNS``."""
-
-
-@dataclass(frozen=True)
-class Entry:
-    """One solve with its rank and file.
-
-    Parameters
-    ----------
-    experiment : str
-    record : SolveRecord
-    rank : int or None
-        Rank of the variation; None if none of its solves are done.
-    file : str
-        File of the solution, in the output folder.
-    """
-
-    experiment: str
-    record: SolveRecord
-    rank: int | None
-    file: str
-
-
-@dataclass(frozen=True)
-class Column:
-    """A column of an experiment's table.
-
-    Parameters
-    ----------
-    name : str
-        Heading.
-    meaning : str
-        Description.
-    value : callable
-        Function of an entry that returns the cell.
-    """
-
-    name: str
-    meaning: str
-    value: Callable[[Entry], Cell]
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
-COLUMNS = (
-    Column("experiment", "name of the experiment", lambda e: e.experiment),
-    Column("variation", "name of the variation", lambda e: e.record.variation),
-    Column("seed", "of the solve", lambda e: e.record.seed),
-    Column("status", "of the solution; failed or not_done where there is none", lambda e: _status(e.record)),
-    Column("kind", "mu or mu_tilde", lambda e: e.record.kind),
-    Column("mu_lower", "certified, of the grasp found; 0 without one", lambda e: e.record.mu.lower),
-    Column("mu_upper", "certified", lambda e: e.record.mu.upper),
-    Column(
-        "best_possible",
-        "certified bound on mu over all placements; empty where there is none",
-        lambda e: _finite(e.record.best_possible),
-    ),
-    Column("gap", "best_possible / mu_lower - 1; empty without a grasp or a bound", lambda e: _finite(e.record.gap)),
-    Column("origin", "whose grasp it is; empty where the solve found it", lambda e: e.record.origin),
-    Column(
-        "rank",
-        "of the variation: 1 plus the number of variations that are certainly better; empty where nothing is done",
-        lambda e: e.rank,
-    ),
-    Column("contacts", "number of contacts", lambda e: e.record.contacts),
-    Column("starts", "number of starts", lambda e: len(e.record.starts)),
-    Column("starts_succeeded", "starts that found a certified grasp", lambda e: e.record.succeeded),
-    Column("seconds", "wall time of the solve", lambda e: e.record.seconds),
-    Column("iterations", "of IPOPT", lambda e: e.record.iterations),
-    Column("active", "constraints at their limits, separated by semicolons", lambda e: "; ".join(e.record.active)),
-    Column(
-        "prices",
-        "shadow prices, change of mu by a step of a limit, separated by semicolons",
-        lambda e: "; ".join(map(str, e.record.prices)),
-    ),
-    Column(
-        "measured",
-        "digest of task and force budget: mu can be compared where it is the same",
-        lambda e: e.record.measured,
-    ),
-    Column("failure", "why there is no solution", lambda e: e.record.failure),
-    Column("file", "of the solution, in the output folder", lambda e: e.file if e.record.done else ""),
-)
-
-
-def row_of(entry: Entry) -> Row:
-    """Return a solve as a row of the table."""
-    return {column.name: column.value(entry) for column in COLUMNS}
-
-
-def _status(record: SolveRecord) -> str:
-    if record.status is None:
-        return "not_done" if record.failure == NOT_DONE else "failed"
-    return record.status.name.lower()
-
-
-def write_csv(rows: Sequence[Row], path: str | Path) -> Path:
-    """Write rows as CSV (RFC 4180, UTF-8) with numbers at full precision."""
-    text = io.StringIO(newline="")
-    writer = csv.DictWriter(text, [column.name for column in COLUMNS])
-    writer.writeheader()
-    writer.writerows(rows)
-    return write_text(path, text.getvalue())
-
-
-def write_parquet(rows: Sequence[Row], path: str | Path) -> Path:
-    """Write rows as Parquet (extra ``tables``).
-
-    Raises
-    ------
-    MissingExtraError
-        When pyarrow is not installed.
-    """
-    try:
-        import pyarrow as pa
-        from pyarrow import parquet
-    except ImportError:
-        raise MissingExtraError("a Parquet table", EXTRA) from None
-    sink = pa.BufferOutputStream()
-    parquet.write_table(pa.Table.from_pylist(list(rows)), sink)
-    return write_bytes(path, sink.getvalue().to_pybytes())
-
-
-def frame(rows: Sequence[Row]) -> pd.DataFrame:
-    """Return rows as a pandas frame (extra ``tables``).
-
-    Raises
-    ------
-    MissingExtraError
-        When pandas is not installed.
-    """
-    try:
-        import pandas as pd
-    except ImportError:
-        raise MissingExtraError("a pandas frame", EXTRA) from None
-    return pd.DataFrame(list(rows), columns=[column.name for column in COLUMNS])
-
-
-def _record(place: Folder, solve: SolveId) -> SolveRecord | None:
-    """Return the record of a solve from its file; None without one."""
-    solution = place.load(solve)
-    if solution is None:
-        return None
-    return replace(SolveRecord.of(solve.variation, solve.seed, solution), earlier=True)
-
-
-def read_records(place: Folder, solves: Sequence[SolveId], plan: Plan) -> tuple[dict[SolveId, SolveRecord], list[str]]:
-    """Return the records of the solves with a file, and a note for each unusable file.
-
-    All solves of a variation have to belong to the plan's problem, or to one and the same problem if it is deferred.
-    """
-    variations = plan["variations"].items()
-    asked = {name: asked_of(v["problem"]) for name, v in variations if isinstance(v.get("problem"), Mapping)}
-    records: dict[SolveId, SolveRecord] = {}
-    notes = []
-    for solve in solves:
-        try:
-            record = _record(place, solve)
-            if record is not None and record.asked != asked.setdefault(solve.variation, record.asked):
-                raise InputError(str(place.file(solve)), "another problem", "the problem of its variation")
-        except InputError as error:
-            notes.append(f"{solve}: not used, {plain(str(error))}")
-            record = SolveRecord(solve.variation, solve.seed, failure="its file cannot be used")
-        if record is not None:
-            records[solve] = record
-        elif (why := place.failure(solve)) is not None:
-            records[solve] = SolveRecord(solve.variation, solve.seed, failure=why)
-    return records, notes
 
 
 @dataclass(frozen=True)
@@ -409,7 +149,7 @@ class ExperimentResult:
         return GraspSolution.load(Folder(self.folder).file(SolveId(variation, best.seed if seed is None else seed)))
 
     def rows(self) -> list[Row]:
-        """Return the table as one mapping per solve, with the keys of ``columns.COLUMNS``."""
+        """Return the table as one mapping per solve, with the keys of ``COLUMNS``."""
         place, rows = Folder(self.folder), []
         for variation, rank in zip(self.variations, self.ranks(), strict=True):
             for solve in variation.solves:
@@ -450,3 +190,259 @@ class ExperimentResult:
         missing = sum(s.failure == NOT_DONE for s in self.failures)
         lines += [f"{missing} solves not done"] if missing else []
         return "\n".join([*lines, *self.notes])
+
+
+@dataclass(frozen=True)
+class VariationResult:
+    """All solves of one variation.
+
+    Parameters
+    ----------
+    name : str
+        The variation's.
+    solves : tuple of SolveRecord
+        One per seed.
+    """
+
+    name: str
+    solves: tuple[SolveRecord, ...]
+
+    @property
+    def best(self) -> SolveRecord | None:
+        """Record of the solve with the best certified bounds; None without any."""
+        return max((s for s in self.solves if s.success), key=lambda s: (s.mu.upper, s.mu.lower), default=None)
+
+    @cached_property
+    def mu(self) -> Bounds:
+        """Certified bounds of the best grasp over all solves; ``[0, 0]`` without one."""
+        found = [s.mu for s in self.solves if s.success]
+        return Bounds(max(b.lower for b in found), max(b.upper for b in found)) if found else NOTHING
+
+    @property
+    def best_possible(self) -> float:
+        """Certified bound on mu over all placements, the least of the solves' bounds; inf without one."""
+        return min((s.best_possible for s in self.solves), default=math.inf)
+
+    @property
+    def gap(self) -> float:
+        """Relative optimality gap of the best grasp, an upper bound; inf without a global bound."""
+        return max(0.0, self.best_possible / self.mu.lower - 1.0) if self.mu.lower > 0.0 else math.inf
+
+    @property
+    def gap_text(self) -> str:
+        """The gap as tables show it, empty without one."""
+        return percent(self.gap)
+
+    @property
+    def done(self) -> int:
+        """Number of solves with a solution."""
+        return sum(s.done for s in self.solves)
+
+    @property
+    def starts(self) -> tuple[int, int]:
+        """Number of starts with a certified grasp, and number of all starts."""
+        return sum(s.succeeded for s in self.solves), sum(len(s.starts) for s in self.solves)
+
+    @property
+    def found(self) -> str:
+        """The certified interval, or the reason for having none, as text."""
+        if self.best is not None:
+            return str(self.mu)
+        return "no grasp" if self.done else "not done" if self.failures[0].failure == NOT_DONE else "failed"
+
+    @property
+    def agreeing(self) -> int:
+        """Number of solves whose certified interval overlaps the best one."""
+        return sum(s.success and s.mu.upper >= self.mu.lower for s in self.solves)
+
+    @property
+    def seconds(self) -> float:
+        """Median wall time of a solve, seconds."""
+        return median([s.seconds for s in self.solves if s.done] or [0.0])
+
+    @property
+    def failures(self) -> tuple[SolveRecord, ...]:
+        """Records of the solves without a solution."""
+        return tuple(s for s in self.solves if not s.done)
+
+
+def ranks(bounds: Sequence[Bounds]) -> list[int]:
+    """Return for each interval 1 plus the number of intervals wholly above it."""
+    return [1 + sum(other.lower > one.upper for other in bounds) for one in bounds]
+
+
+def ties(bounds: Sequence[Bounds]) -> list[tuple[int, ...]]:
+    """Return for each interval the indices of the others that it overlaps."""
+    return [
+        tuple(j for j, other in enumerate(bounds) if j != i and one.lower <= other.upper and other.lower <= one.upper)
+        for i, one in enumerate(bounds)
+    ]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One solve with its rank and file.
+
+    Parameters
+    ----------
+    experiment : str
+    record : SolveRecord
+    rank : int or None
+        Rank of the variation; None if none of its solves are done.
+    file : str
+        File of the solution, in the output folder.
+    """
+
+    experiment: str
+    record: SolveRecord
+    rank: int | None
+    file: str
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of an experiment's table.
+
+    Parameters
+    ----------
+    name : str
+        Heading.
+    meaning : str
+        Description.
+    value : callable
+        Function of an entry that returns the cell.
+    """
+
+    name: str
+    meaning: str
+    value: Callable[[Entry], Cell]
+
+
+COLUMNS = (
+    Column("experiment", "name of the experiment", lambda e: e.experiment),
+    Column("variation", "name of the variation", lambda e: e.record.variation),
+    Column("seed", "of the solve", lambda e: e.record.seed),
+    Column("status", "of the solution; failed or not_done where there is none", lambda e: _status(e.record)),
+    Column("kind", "mu or mu_tilde", lambda e: e.record.kind),
+    Column("mu_lower", "certified, of the grasp found; 0 without one", lambda e: e.record.mu.lower),
+    Column("mu_upper", "certified", lambda e: e.record.mu.upper),
+    Column(
+        "best_possible",
+        "certified bound on mu over all placements; empty where there is none",
+        lambda e: _finite(e.record.best_possible),
+    ),
+    Column("gap", "best_possible / mu_lower - 1; empty without a grasp or a bound", lambda e: _finite(e.record.gap)),
+    Column("origin", "whose grasp it is; empty where the solve found it", lambda e: e.record.origin),
+    Column(
+        "rank",
+        "of the variation: 1 plus the number of variations that are certainly better; empty where nothing is done",
+        lambda e: e.rank,
+    ),
+    Column("contacts", "number of contacts", lambda e: e.record.contacts),
+    Column("starts", "number of starts", lambda e: len(e.record.starts)),
+    Column("starts_succeeded", "starts that found a certified grasp", lambda e: e.record.succeeded),
+    Column("seconds", "wall time of the solve", lambda e: e.record.seconds),
+    Column("iterations", "of IPOPT", lambda e: e.record.iterations),
+    Column("active", "constraints at their limits, separated by semicolons", lambda e: "; ".join(e.record.active)),
+    Column(
+        "prices",
+        "shadow prices, change of mu by a step of a limit, separated by semicolons",
+        lambda e: "; ".join(map(str, e.record.prices)),
+    ),
+    Column(
+        "measured",
+        "digest of task and force budget: mu can be compared where it is the same",
+        lambda e: e.record.measured,
+    ),
+    Column("failure", "why there is no solution", lambda e: e.record.failure),
+    Column("file", "of the solution, in the output folder", lambda e: e.file if e.record.done else ""),
+)
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _status(record: SolveRecord) -> str:
+    if record.status is None:
+        return "not_done" if record.failure == NOT_DONE else "failed"
+    return record.status.name.lower()
+
+
+def row_of(entry: Entry) -> Row:
+    """Return a solve as a row of the table."""
+    return {column.name: column.value(entry) for column in COLUMNS}
+
+
+def write_csv(rows: Sequence[Row], path: str | Path) -> Path:
+    """Write rows as CSV (RFC 4180, UTF-8) with numbers at full precision."""
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, [column.name for column in COLUMNS])
+    writer.writeheader()
+    writer.writerows(rows)
+    return write_text(path, text.getvalue())
+
+
+def write_parquet(rows: Sequence[Row], path: str | Path) -> Path:
+    """Write rows as Parquet (extra ``tables``).
+
+    Raises
+    ------
+    MissingExtraError
+        When pyarrow is not installed.
+    """
+    try:
+        import pyarrow as pa
+        from pyarrow import parquet
+    except ImportError:
+        raise MissingExtraError("a Parquet table", EXTRA) from None
+    sink = pa.BufferOutputStream()
+    parquet.write_table(pa.Table.from_pylist(list(rows)), sink)
+    return write_bytes(path, sink.getvalue().to_pybytes())
+
+
+def frame(rows: Sequence[Row]) -> pd.DataFrame:
+    """Return rows as a pandas frame (extra ``tables``).
+
+    Raises
+    ------
+    MissingExtraError
+        When pandas is not installed.
+    """
+    try:
+        import pandas as pd
+    except ImportError:
+        raise MissingExtraError("a pandas frame", EXTRA) from None
+    return pd.DataFrame(list(rows), columns=[column.name for column in COLUMNS])
+
+
+def _record(place: Folder, solve: SolveId) -> SolveRecord | None:
+    """Return the record of a solve from its file; None without one."""
+    solution = place.load(solve)
+    if solution is None:
+        return None
+    return replace(SolveRecord.of(solve.variation, solve.seed, solution), earlier=True)
+
+
+def read_records(place: Folder, solves: Sequence[SolveId], plan: Plan) -> tuple[dict[SolveId, SolveRecord], list[str]]:
+    """Return the records of the solves with a file, and a note for each unusable file.
+
+    All solves of a variation have to belong to the plan's problem, or to one and the same problem if it is deferred.
+    """
+    variations = plan["variations"].items()
+    asked = {name: asked_of(v["problem"]) for name, v in variations if isinstance(v.get("problem"), Mapping)}
+    records: dict[SolveId, SolveRecord] = {}
+    notes = []
+    for solve in solves:
+        try:
+            record = _record(place, solve)
+            if record is not None and record.asked != asked.setdefault(solve.variation, record.asked):
+                raise InputError(str(place.file(solve)), "another problem", "the problem of its variation")
+        except InputError as error:
+            notes.append(f"{solve}: not used, {plain(str(error))}")
+            record = SolveRecord(solve.variation, solve.seed, failure="its file cannot be used")
+        if record is not None:
+            records[solve] = record
+        elif (why := place.failure(solve)) is not None:
+            records[solve] = SolveRecord(solve.variation, solve.seed, failure=why)
+    return records, notes

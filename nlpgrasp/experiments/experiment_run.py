@@ -36,143 +36,12 @@ if TYPE_CHECKING:
 
 IDLE = 30.0  # seconds after which idle workers end
 LOOK = 0.2  # seconds between checks for Ctrl-C, which an endless wait misses on some systems
-ADDRESS = re.compile(r"([a-z]+://)?[^\s/]+:\d+")
+ADDRESS = re.compile(r"([a-z]+://)?[^\s/]+:\d+")  # of a Dask scheduler
 REACHED = 10  # seconds: timeout for reaching a scheduler
 AHEAD = 2  # queued solves per worker
-LEAST_WINDOW = 4
+LEAST_WINDOW = 4  # least number of queued solves
 INTERRUPTED = "Interrupted: go on with --resume; in Python with resume=True, of ng.solve_many by calling it again."
 GO_ON = "What was written before is kept; go on with --resume."
-
-
-def run_local(
-    solves: Sequence[SolveId], pack: Callable[[SolveId], Job], workers: int
-) -> Generator[tuple[SolveId, Outcome], None, None]:
-    """Yield each solve with its outcome when done, in any order.
-
-    At most one solve per worker is active. When a worker process crashes, all workers end, and the guilty solve is
-    unknown: each active solve is repeated alone, and one that crashes its process again has failed.
-    """
-    if multiprocessing.current_process().daemon:
-        raise InputError("workers", "a daemonic process, which can have none", "a call from another process")
-    waiting = dict.fromkeys(solves)
-    while waiting:
-        suspects, _ = yield from _until_broken(waiting, pack, workers)
-        for solve in suspects:
-            alone = {solve: None}
-            again, how = yield from _until_broken(alone, pack, 1)
-            if again:
-                yield solve, Outcome(failure=f"its process ended, twice{how}: a crash, or out of memory")
-            if again or not alone:
-                del waiting[solve]  # else it was not started: a worker crashed before
-
-
-def _until_broken(
-    waiting: dict[SolveId, None], pack: Callable[[SolveId], Job], workers: int
-) -> Generator[tuple[SolveId, Outcome], None, tuple[list[SolveId], str]]:
-    """Yield outcomes of waiting solves until all are done or a worker crashes.
-
-    Returns the solves that were active then, which stay waiting, and how the worker ended, as text.
-    """
-    left = iter(list(waiting))
-    under_way: dict[Future[Outcome], SolveId] = {}
-    try:
-        with own_processes(workers, IDLE) as processes:
-            while True:
-                for solve in islice(left, workers - len(under_way)):
-                    under_way[processes.submit(_quietly, pack(solve))] = solve
-                if not under_way:
-                    return [], ""
-                done, _ = wait(under_way, timeout=LOOK, return_when=FIRST_COMPLETED)
-                for future in sorted(done, key=lambda one: one.exception() is not None):
-                    outcome = future.result()
-                    solve = under_way.pop(future)
-                    del waiting[solve]
-                    yield solve, outcome
-    except BrokenProcessPool as error:
-        codes = re.search(r"\{(.+?)\}", str(error))  # such as {SIGSEGV(-11)}
-        return list(under_way.values()), f" ({codes[1]})" if codes else ""
-
-
-def _quietly(job: Job) -> Outcome:
-    """Run a job in a worker; the parent reports a crash in one line."""
-    faulthandler.disable()
-    return work(job)
-
-
-def connect(address: str) -> Client:
-    """Return a client of a Dask scheduler.
-
-    Raises
-    ------
-    MissingExtraError
-        Without the extra ``cluster``.
-    InputError
-        When no scheduler answers at the address.
-    """
-    try:
-        from distributed import Client
-    except ImportError:
-        raise MissingExtraError("a Dask scheduler", "cluster") from None
-    allowed = "the address of a running Dask scheduler, such as tcp://host:8786"
-    if not isinstance(address, str) or not ADDRESS.fullmatch(address):
-        raise InputError("scheduler", address, allowed)
-    try:
-        return Client(address, timeout=REACHED, set_as_default=False)
-    except Exception as error:  # every kind of address has its own errors
-        raise InputError("scheduler", f"{address} ({type(error).__name__}: nobody answers)", allowed) from None
-
-
-def run_cluster(
-    solves: Sequence[SolveId], pack: Callable[[SolveId], Job], client: Client
-) -> Generator[tuple[SolveId, Outcome], None, None]:
-    """Yield each solve with its outcome when done, in any order.
-
-    A few solves per worker are submitted at a time. Those of a terminated worker are repeated by others; a solve that
-    terminates several workers has failed (Dask's ``allowed-failures``).
-    """
-    from distributed import as_completed
-
-    waiting = iter(solves)
-    under_way: dict[ClusterFuture, SolveId] = {}
-    done = as_completed(loop=client.loop)
-
-    def submit() -> None:
-        while len(under_way) < _window(client):
-            solve = next(waiting, None)
-            if solve is None:
-                return
-            job = pack(solve)
-            future = client.submit(work, job, pure=False, key=job.key)
-            under_way[future] = solve
-            done.add(future)
-
-    try:
-        submit()
-        for future in done:
-            solve = under_way.pop(future)
-            yield solve, _outcome(future)
-            submit()
-    except (OSError, RuntimeError, KeyError, CancelledError) as error:  # errors of distributed without a scheduler
-        raise ClusterLostError(f"the cluster was lost ({type(error).__name__})") from None
-
-
-def _window(client: Client) -> int:
-    """Return the number of solves that may be submitted, for the cluster's current size."""
-    return max(LEAST_WINDOW, AHEAD * len(client.scheduler_info(n_workers=-1)["workers"]))
-
-
-class ClusterLostError(NlpgraspError):
-    """Error on losing the scheduler during a run."""
-
-
-def _outcome(future: ClusterFuture) -> Outcome:
-    if future.status == "finished":
-        result: Outcome = future.result()
-        return result
-    error = future.exception() if future.status == "error" else None
-    if error is None:
-        raise ClusterLostError("the cluster lost a solve")
-    return Outcome(failure=one_line(error))
 
 
 Progress = Callable[[SolveRecord], None]
@@ -356,3 +225,134 @@ class _Run:
 
 class _NotWrittenError(Exception):
     """Error on writing a result."""
+
+
+def run_local(
+    solves: Sequence[SolveId], pack: Callable[[SolveId], Job], workers: int
+) -> Generator[tuple[SolveId, Outcome], None, None]:
+    """Yield each solve with its outcome when done, in any order.
+
+    At most one solve per worker is active. When a worker process crashes, all workers end, and the guilty solve is
+    unknown: each active solve is repeated alone, and one that crashes its process again has failed.
+    """
+    if multiprocessing.current_process().daemon:
+        raise InputError("workers", "a daemonic process, which can have none", "a call from another process")
+    waiting = dict.fromkeys(solves)
+    while waiting:
+        suspects, _ = yield from _until_broken(waiting, pack, workers)
+        for solve in suspects:
+            alone = {solve: None}
+            again, how = yield from _until_broken(alone, pack, 1)
+            if again:
+                yield solve, Outcome(failure=f"its process ended, twice{how}: a crash, or out of memory")
+            if again or not alone:
+                del waiting[solve]  # else it was not started: a worker crashed before
+
+
+def _until_broken(
+    waiting: dict[SolveId, None], pack: Callable[[SolveId], Job], workers: int
+) -> Generator[tuple[SolveId, Outcome], None, tuple[list[SolveId], str]]:
+    """Yield outcomes of waiting solves until all are done or a worker crashes.
+
+    Returns the solves that were active then, which stay waiting, and how the worker ended, as text.
+    """
+    left = iter(list(waiting))
+    under_way: dict[Future[Outcome], SolveId] = {}
+    try:
+        with own_processes(workers, IDLE) as processes:
+            while True:
+                for solve in islice(left, workers - len(under_way)):
+                    under_way[processes.submit(_quietly, pack(solve))] = solve
+                if not under_way:
+                    return [], ""
+                done, _ = wait(under_way, timeout=LOOK, return_when=FIRST_COMPLETED)
+                for future in sorted(done, key=lambda one: one.exception() is not None):
+                    outcome = future.result()
+                    solve = under_way.pop(future)
+                    del waiting[solve]
+                    yield solve, outcome
+    except BrokenProcessPool as error:
+        codes = re.search(r"\{(.+?)\}", str(error))  # such as {SIGSEGV(-11)}
+        return list(under_way.values()), f" ({codes[1]})" if codes else ""
+
+
+def _quietly(job: Job) -> Outcome:
+    """Run a job in a worker; the parent reports a crash in one line."""
+    faulthandler.disable()
+    return work(job)
+
+
+def run_cluster(
+    solves: Sequence[SolveId], pack: Callable[[SolveId], Job], client: Client
+) -> Generator[tuple[SolveId, Outcome], None, None]:
+    """Yield each solve with its outcome when done, in any order.
+
+    A few solves per worker are submitted at a time. Those of a terminated worker are repeated by others; a solve that
+    terminates several workers has failed (Dask's ``allowed-failures``).
+    """
+    from distributed import as_completed
+
+    waiting = iter(solves)
+    under_way: dict[ClusterFuture, SolveId] = {}
+    done = as_completed(loop=client.loop)
+
+    def submit() -> None:
+        while len(under_way) < _window(client):
+            solve = next(waiting, None)
+            if solve is None:
+                return
+            job = pack(solve)
+            future = client.submit(work, job, pure=False, key=job.key)
+            under_way[future] = solve
+            done.add(future)
+
+    try:
+        submit()
+        for future in done:
+            solve = under_way.pop(future)
+            yield solve, _outcome(future)
+            submit()
+    except (OSError, RuntimeError, KeyError, CancelledError) as error:  # errors of distributed without a scheduler
+        raise ClusterLostError(f"the cluster was lost ({type(error).__name__})") from None
+
+
+def _window(client: Client) -> int:
+    """Return the number of solves that may be submitted, for the cluster's current size."""
+    return max(LEAST_WINDOW, AHEAD * len(client.scheduler_info(n_workers=-1)["workers"]))
+
+
+def connect(address: str) -> Client:
+    """Return a client of a Dask scheduler.
+
+    Raises
+    ------
+    MissingExtraError
+        Without the extra ``cluster``.
+    InputError
+        When no scheduler answers at the address.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        raise MissingExtraError("a Dask scheduler", "cluster") from None
+    allowed = "the address of a running Dask scheduler, such as tcp://host:8786"
+    if not isinstance(address, str) or not ADDRESS.fullmatch(address):
+        raise InputError("scheduler", address, allowed)
+    try:
+        return Client(address, timeout=REACHED, set_as_default=False)
+    except Exception as error:  # every kind of address has its own errors
+        raise InputError("scheduler", f"{address} ({type(error).__name__}: nobody answers)", allowed) from None
+
+
+class ClusterLostError(NlpgraspError):
+    """Error on losing the scheduler during a run."""
+
+
+def _outcome(future: ClusterFuture) -> Outcome:
+    if future.status == "finished":
+        result: Outcome = future.result()
+        return result
+    error = future.exception() if future.status == "error" else None
+    if error is None:
+        raise ClusterLostError("the cluster lost a solve")
+    return Outcome(failure=one_line(error))

@@ -27,7 +27,7 @@ ALSO_RECORDED = {
     "overlaps",
     "tips_apart",
 }  # missing in older files
-NOTHING = Bounds(0.0, 0.0)
+NOTHING = Bounds(0.0, 0.0)  # mu without a grasp
 NOT_DONE = "not done"  # failure text of a solve that has not run
 WIDE = 2.0  # relative gap above which a bound counts as loose
 HANDED = "from variation "  # prefix of the message of a warm start from another variation

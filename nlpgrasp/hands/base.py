@@ -17,10 +17,10 @@ from nlpgrasp.common.scalar_constraints import LinkSphere, PalmPose, Placement, 
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray
 
-PAGE = ("nlpgrasp.report.hand_page", "write_hand")
+PAGE = ("nlpgrasp.report.hand_page", "write_hand")  # function that writes the HTML page
 
 
-Values = dict[str, FloatArray]
+Values = dict[str, FloatArray]  # of the hand's variables, by name
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,128 @@ OFF, FAR_OFF = 1e-3, 5e-3  # metres that a fingertip reaches beyond its link: wa
 PLACEHOLDER = 100.0  # newton-metres, above any finger motor's torque; forces of sliding joints are not checked
 LISTED = 12  # most links that are named
 ALONG_Z = [0.0, 0.0, 1.0]  # default palm direction
+# stated if there are no warnings
 GOOD = "every visible link has a collision shape, every joint has limits, and every two fingertips can touch."
+
+
+def inspect(hand: Hand | Inspected) -> Inspection:
+    """Return the inspection of a hand.
+
+    Raises
+    ------
+    InputError
+        For a hand without links.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # the findings hold the same warnings
+        shown = hand if isinstance(hand, Inspected) else inspected(hand)
+    met = opposition(shown.tree, shown.at_rest) if shown.tree.tips else None
+    return Inspection(shown, met, findings(shown, met))
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """Result of inspecting a hand.
+
+    Parameters
+    ----------
+    hand : Inspected
+    met : Opposition or None
+        Opposition of the fingertips; None where none are stated.
+    findings : tuple of Finding
+        Warnings, grave ones first.
+    """
+
+    hand: Inspected
+    met: Opposition | None
+    findings: tuple[Finding, ...]
+
+    @property
+    def verdict(self) -> str:
+        """The number of warnings as text, or that there are none."""
+        if not self.hand.tree.tips:
+            return "no fingertips stated"
+        count = len(self.findings)
+        return f"{_counted(count, 'thing')} to know" if count else "no problems found"
+
+    @property
+    def kind(self) -> str:
+        """``good``, ``some`` (there are warnings) or ``bad`` (grasps may come out wrong)."""
+        if not self.hand.tree.tips:
+            return "some"
+        if any(finding.grave for finding in self.findings):
+            return "bad"
+        return "some" if self.findings else "good"
+
+    @property
+    def sentences(self) -> tuple[Finding, ...]:
+        """The warnings, after how to state fingertips where there are none; empty without problems."""
+        if self.hand.tree.tips:
+            return self.findings
+        ends, more = ends_of(self.hand), len(self.hand.leaves) - LISTED
+        named = ", ".join(tip.link for tip in ends) + (f" and {more} more" if more > 0 else "")
+        guess = ""
+        if any(tip.guessed for tip in ends):
+            guess = f" A radius of {GUESS:g} m stands for a link without a collision shape."
+            robot = self.hand.tree.robot
+            reaches = {t.link: overhang(SphereTip(GUESS), t.link, robot) or 0.0 for t in ends if t.guessed}
+            off = {link: reach for link, reach in reaches.items() if reach > OFF}
+            if off:
+                told = ", ".join(f"{link} by up to {millimetres(reach)}" for link, reach in off.items())
+                guess += f" It floats beyond the finger's own shapes at {told}: state tips that lie on the finger."
+        return (Finding(f"No fingertips are stated. Links at the ends: {named}.{guess} To use them:"), *self.findings)
+
+    @property
+    def to_paste(self) -> tuple[str, ...]:
+        """A command and a line of Python that state fingertips, if there are none yet; else empty."""
+        return () if self.hand.tree.tips else lines_to_paste(self.hand)
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """The hand's parts and the verdict, a line each, then the warnings."""
+        robot = self.hand.tree.robot
+        follow = sum(joint.moves for joint in robot.joints) - len(robot.free_joints)
+        joints = _counted(len(robot.free_joints), "joint") + f" and {follow} more that follow{'s' * (follow == 1)}" * (
+            follow > 0
+        )
+        parts = f"{_counted(len(robot.links), 'link')}, {joints}, {_counted(len(self.hand.tree.tips), 'fingertip')}"
+        first = f"{robot.name}: {parts}"
+        told = [f"  {'! ' if f.grave else '- '}{f.command or f.text}" for f in self.sentences]
+        if not self.hand.tree.tips:  # the first sentence says what to do
+            return (first, told[0], *(f"      {line}" for line in self.to_paste), *told[1:])
+        return (first, f"{self.verdict}:{'' if told else f' {GOOD}'}", *told)
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"
+
+
+def inspected(hand: Hand) -> Inspected:
+    """Return the inspection data of a hand.
+
+    Raises
+    ------
+    InputError
+        For a hand without links.
+    """
+    fits = getattr(hand, "fits", None) if isinstance(hand, LinkedHand) else None
+    if not isinstance(hand, LinkedHand) or fits is None:
+        given = f"{type(hand).__name__}, which has no links to draw"
+        raise InputError("hand.show", given, "a hand with links: ng.URDFHand.load or one of ng.hands")
+    return Inspected(hand.tree, fits, hand.torque_limits)
+
+
+def without_fingertips(path: str | Path, palm: str | None, approach: ArrayLike) -> Inspected:
+    """Return the inspection data of a URDF without fingertips; arguments are those of ``ng.URDFHand.load``.
+
+    Raises
+    ------
+    InputError
+        As ``ng.URDFHand.load``.
+    """
+    robot = read_robot(path, palm)
+    tree = LinkTree(robot, (), approach_of(approach))
+    return Inspected(tree, fits_of(robot, SPHERES), torque_limits_of(robot, None), str(path), palm)
 
 
 @dataclass(frozen=True)
@@ -75,32 +196,23 @@ class Inspected:
         return leaves(self.tree.robot)
 
 
-def inspected(hand: Hand) -> Inspected:
-    """Return the inspection data of a hand.
+def findings(hand: Inspected, met: Opposition | None) -> tuple[Finding, ...]:
+    """Return the warnings about a hand, grave ones first.
 
-    Raises
-    ------
-    InputError
-        For a hand without links.
+    Parameters
+    ----------
+    hand : Inspected
+    met : Opposition or None
+        Opposition of its fingertips; None where none are stated.
     """
-    fits = getattr(hand, "fits", None) if isinstance(hand, LinkedHand) else None
-    if not isinstance(hand, LinkedHand) or fits is None:
-        given = f"{type(hand).__name__}, which has no links to draw"
-        raise InputError("hand.show", given, "a hand with links: ng.URDFHand.load or one of ng.hands")
-    return Inspected(hand.tree, fits, hand.torque_limits)
-
-
-def without_fingertips(path: str | Path, palm: str | None, approach: ArrayLike) -> Inspected:
-    """Return the inspection data of a URDF without fingertips; arguments are those of ``ng.URDFHand.load``.
-
-    Raises
-    ------
-    InputError
-        As ``ng.URDFHand.load``.
-    """
-    robot = read_robot(path, palm)
-    tree = LinkTree(robot, (), approach_of(approach))
-    return Inspected(tree, fits_of(robot, SPHERES), torque_limits_of(robot, None), str(path), palm)
+    found = [
+        *_palm(hand),
+        *_shapes(hand),
+        *_overhangs(hand),
+        *_joints(hand),
+        *([] if met is None else _tips(hand, met)),
+    ]
+    return tuple(sorted(found, key=lambda finding: not finding.grave))
 
 
 @dataclass(frozen=True)
@@ -120,25 +232,6 @@ class Finding:
     text: str
     grave: bool = False
     command: str = ""
-
-
-def findings(hand: Inspected, met: Opposition | None) -> tuple[Finding, ...]:
-    """Return the warnings about a hand, grave ones first.
-
-    Parameters
-    ----------
-    hand : Inspected
-    met : Opposition or None
-        Opposition of its fingertips; None where none are stated.
-    """
-    found = [
-        *_palm(hand),
-        *_shapes(hand),
-        *_overhangs(hand),
-        *_joints(hand),
-        *([] if met is None else _tips(hand, met)),
-    ]
-    return tuple(sorted(found, key=lambda finding: not finding.grave))
 
 
 def _palm(hand: Inspected) -> list[Finding]:
@@ -230,6 +323,28 @@ def _pair(hand: Inspected, pair: Meeting) -> Finding:
     return Finding(f"{names} cannot meet: they stay {far} apart and can hold nothing thinner between them.")
 
 
+def lines_to_paste(hand: Inspected) -> tuple[str, str]:
+    """Return the command and the line of Python that state the leaf links as fingertips."""
+    ends, approach = ends_of(hand), hand.tree.approach.tolist()
+    command, more = ["nlpgrasp", "hand", hand.file], ""
+    if hand.palm is not None:
+        command += ["--palm", hand.palm]
+        more += f", palm={json.dumps(hand.palm, ensure_ascii=False)}"
+    if approach != ALONG_Z:
+        faces = listed(hand.tree.approach)
+        command += ["--approach", faces.strip("[]").replace(" ", "")]
+        more += f", approach={faces}"
+    for tip in ends:
+        command += ["--fingertip", tip.command]
+    tips = ", ".join(f"{json.dumps(tip.link, ensure_ascii=False)}: {tip.code}" for tip in ends)
+    return shlex.join(command), f"ng.URDFHand.load({json.dumps(hand.file, ensure_ascii=False)}, {{{tips}}}{more})"
+
+
+def ends_of(hand: Inspected) -> tuple[End, ...]:
+    """Return the first leaf links, with the fingertips that their shapes suggest."""
+    return tuple(end(hand.tree.robot, link) for link in hand.leaves[:LISTED])
+
+
 def millimetres(distance: float) -> str:
     """Return a distance in metres as text, to a tenth of a millimetre."""
     return f"{rounded(round(1e3 * distance, 1))} mm"
@@ -250,117 +365,3 @@ def _some(names: Sequence[str], what: str, count: int = 0) -> str:
     if len(names) == count > 1:
         return f"all {count} {what}s"
     return f"{what}{'s' if len(names) > 1 else ''} {', '.join(names)}"
-
-
-def ends_of(hand: Inspected) -> tuple[End, ...]:
-    """Return the first leaf links, with the fingertips that their shapes suggest."""
-    return tuple(end(hand.tree.robot, link) for link in hand.leaves[:LISTED])
-
-
-def lines_to_paste(hand: Inspected) -> tuple[str, str]:
-    """Return the command and the line of Python that state the leaf links as fingertips."""
-    ends, approach = ends_of(hand), hand.tree.approach.tolist()
-    command, more = ["nlpgrasp", "hand", hand.file], ""
-    if hand.palm is not None:
-        command += ["--palm", hand.palm]
-        more += f", palm={json.dumps(hand.palm, ensure_ascii=False)}"
-    if approach != ALONG_Z:
-        faces = listed(hand.tree.approach)
-        command += ["--approach", faces.strip("[]").replace(" ", "")]
-        more += f", approach={faces}"
-    for tip in ends:
-        command += ["--fingertip", tip.command]
-    tips = ", ".join(f"{json.dumps(tip.link, ensure_ascii=False)}: {tip.code}" for tip in ends)
-    return shlex.join(command), f"ng.URDFHand.load({json.dumps(hand.file, ensure_ascii=False)}, {{{tips}}}{more})"
-
-
-@dataclass(frozen=True)
-class Inspection:
-    """Result of inspecting a hand.
-
-    Parameters
-    ----------
-    hand : Inspected
-    met : Opposition or None
-        Opposition of the fingertips; None where none are stated.
-    findings : tuple of Finding
-        Warnings, grave ones first.
-    """
-
-    hand: Inspected
-    met: Opposition | None
-    findings: tuple[Finding, ...]
-
-    @property
-    def verdict(self) -> str:
-        """The number of warnings as text, or that there are none."""
-        if not self.hand.tree.tips:
-            return "no fingertips stated"
-        count = len(self.findings)
-        return f"{_counted(count, 'thing')} to know" if count else "no problems found"
-
-    @property
-    def kind(self) -> str:
-        """``good``, ``some`` (there are warnings) or ``bad`` (grasps may come out wrong)."""
-        if not self.hand.tree.tips:
-            return "some"
-        if any(finding.grave for finding in self.findings):
-            return "bad"
-        return "some" if self.findings else "good"
-
-    @property
-    def sentences(self) -> tuple[Finding, ...]:
-        """The warnings, after how to state fingertips where there are none; empty without problems."""
-        if self.hand.tree.tips:
-            return self.findings
-        ends, more = ends_of(self.hand), len(self.hand.leaves) - LISTED
-        named = ", ".join(tip.link for tip in ends) + (f" and {more} more" if more > 0 else "")
-        guess = ""
-        if any(tip.guessed for tip in ends):
-            guess = f" A radius of {GUESS:g} m stands for a link without a collision shape."
-            robot = self.hand.tree.robot
-            reaches = {t.link: overhang(SphereTip(GUESS), t.link, robot) or 0.0 for t in ends if t.guessed}
-            off = {link: reach for link, reach in reaches.items() if reach > OFF}
-            if off:
-                told = ", ".join(f"{link} by up to {millimetres(reach)}" for link, reach in off.items())
-                guess += f" It floats beyond the finger's own shapes at {told}: state tips that lie on the finger."
-        return (Finding(f"No fingertips are stated. Links at the ends: {named}.{guess} To use them:"), *self.findings)
-
-    @property
-    def to_paste(self) -> tuple[str, ...]:
-        """A command and a line of Python that state fingertips, if there are none yet; else empty."""
-        return () if self.hand.tree.tips else lines_to_paste(self.hand)
-
-    @property
-    def lines(self) -> tuple[str, ...]:
-        """The hand's parts and the verdict, a line each, then the warnings."""
-        robot = self.hand.tree.robot
-        follow = sum(joint.moves for joint in robot.joints) - len(robot.free_joints)
-        joints = _counted(len(robot.free_joints), "joint") + f" and {follow} more that follow{'s' * (follow == 1)}" * (
-            follow > 0
-        )
-        parts = f"{_counted(len(robot.links), 'link')}, {joints}, {_counted(len(self.hand.tree.tips), 'fingertip')}"
-        first = f"{robot.name}: {parts}"
-        told = [f"  {'! ' if f.grave else '- '}{f.command or f.text}" for f in self.sentences]
-        if not self.hand.tree.tips:  # the first sentence says what to do
-            return (first, told[0], *(f"      {line}" for line in self.to_paste), *told[1:])
-        return (first, f"{self.verdict}:{'' if told else f' {GOOD}'}", *told)
-
-
-def inspect(hand: Hand | Inspected) -> Inspection:
-    """Return the inspection of a hand.
-
-    Raises
-    ------
-    InputError
-        For a hand without links.
-    """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # the findings hold the same warnings
-        shown = hand if isinstance(hand, Inspected) else inspected(hand)
-    met = opposition(shown.tree, shown.at_rest) if shown.tree.tips else None
-    return Inspection(shown, met, findings(shown, met))
-
-
-def _counted(count: int, what: str) -> str:
-    return f"{count} {what}{'' if count == 1 else 's'}"

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 SURFACE, INSIDE = 900, 400  # samples per link
-SWEEPS = 30
+SWEEPS = 30  # most moves of all spheres to better places
 INSETS = (1.0, 1.3, 1.7, 2.2)  # distances of the outer spheres from the ends, in half cells
 FIRST_ERROR, GROWTH = 0.05, 1.25  # first error as a share of the link's size; growth factor
 MARGIN = 0.25  # share of the sample spacing added to distances, for the surface between samples
@@ -71,6 +71,52 @@ class SphereFit:
         return SphereFit(self.centres[kept], radii[kept], self.error, self.uncovered)
 
 
+def fits_of(robot: Robot, per_link: int) -> dict[str, SphereFit]:
+    """Return spheres for each link that has a collision shape, at most ``per_link`` (more for the palm)."""
+    result = {}
+    known: dict[tuple[bytes, int], SphereFit] = {}
+    for link, shapes in robot.shapes.items():
+        most = (PALM_SHARE if link == robot.root else 1) * per_link
+        key = (b"".join(shape.fingerprint for shape in shapes), most)  # fingers are often alike
+        if key not in known:
+            known[key] = fit_spheres(shapes, most)
+        result[link] = known[key]
+    return result
+
+
+def fits_beside_tips(whole: Mapping[str, SphereFit], tree: LinkTree, clearance: float) -> dict[str, SphereFit]:
+    """Return the spheres with those rigidly connected to a fingertip shrunk or removed so that it can touch."""
+    result = {}
+    for link, fit in whole.items():
+        beside: list[tuple[FloatArray, Tip]] = []
+        for other, tip in tree.tips:
+            transform = tree.rigid(link, other)
+            if transform is not None:
+                there = fit.centres @ transform[:3, :3].T + transform[:3, 3]
+                ball = 0.0 if tip.slides else tip.standoff  # a sliding tip's ball is not fixed to the link
+                inside = np.linalg.norm(there - tip.centre, axis=1) + fit.radii <= ball * (1.0 + 1e-6)
+                fit = fit.limited(tip.most_radius(there) - clearance, inside)
+                beside.append((transform, tip))
+        if beside:
+            fit = replace(fit, uncovered=_uncovered(tree.robot.shapes[link], fit, beside))
+            if fit.uncovered > WORTH_A_WARNING:
+                deep = f"{1e3 * fit.uncovered:.1f} mm"
+                text = f"link {link} is thicker than its fingertip: beside a contact it may reach {deep} into the body"
+                warn(text)
+        if len(fit.radii):
+            result[link] = fit
+    return result
+
+
+def _uncovered(shapes: Sequence[Shape], fit: SphereFit, beside: Sequence[tuple[FloatArray, Tip]]) -> float:
+    """Return how far the shapes stick out of the spheres and the fingertip solids, metres."""
+    points, _ = surface_points(shapes, np.random.default_rng(0))
+    gaps = [tip.beyond(points @ T[:3, :3].T + T[:3, 3]) for T, tip in beside]
+    if len(fit.radii):
+        gaps.append(np.min(np.linalg.norm(points[:, None] - fit.centres, axis=2) - fit.radii, axis=1))
+    return max(0.0, float(np.max(np.min(gaps, axis=0))))
+
+
 def fit_spheres(shapes: Sequence[Shape], most: int) -> SphereFit:
     """Return at most ``most`` spheres that cover the shapes of one link (one per shape if all are spheres)."""
     if all(s.centre is not None for s in shapes):
@@ -106,6 +152,44 @@ def _chosen(shapes: Sequence[Shape], most: int) -> SphereFit:
     return SphereFit(inner[best][kept], reach[kept], float(np.max((reach - depth[best])[kept], initial=0.0)))
 
 
+def _cover(covers: BoolArray, most: int) -> list[int] | None:
+    """Return a greedy set cover of all columns by at most ``most`` rows; None where it needs more."""
+    chosen: list[int] = []
+    left = np.ones(covers.shape[1], dtype=bool)
+    while left.any():
+        if len(chosen) == most:
+            return None
+        gains = covers[:, left].sum(axis=1)
+        best = int(np.argmax(gains))
+        if gains[best] == 0:
+            return None
+        chosen.append(best)
+        left &= ~covers[best]
+    return chosen
+
+
+def _improved(apart: FloatArray, depth: FloatArray, chosen: list[int]) -> tuple[IntArray, FloatArray]:
+    """Move each sphere to cover its own samples with the least error; return indices of centres, and radii."""
+    best = np.array(chosen)
+    radii = np.zeros(len(best))
+    least = np.inf
+    centres = best
+    for _ in range(SWEEPS):
+        owner = np.argmin(apart[centres] - depth[centres][:, None], axis=0)
+        moved, reach = centres.copy(), np.zeros(len(centres))
+        for i in range(len(centres)):
+            own = owner == i
+            if own.any():
+                farthest = np.max(apart[:, own], axis=1)
+                moved[i] = int(np.argmin(farthest - depth))
+                reach[i] = farthest[moved[i]]
+        error = float(np.max(np.where(reach > 0.0, reach - depth[moved], -np.inf)))
+        if error >= least:
+            break
+        best, radii, least, centres = moved, reach, error, moved
+    return best, radii
+
+
 def _regular(shapes: Sequence[Shape], most: int) -> SphereFit:
     """Return the best regular arrangement of spheres in the shapes' bounding box: best for boxes and fingers."""
     surface, spacing = surface_points(shapes, np.random.default_rng(0))
@@ -138,28 +222,6 @@ def _arrangements(most: int) -> list[tuple[int, int, int]]:
         for c in range(1, most // (a * b) + 1)
         if 2 * a * b * c >= most
     ]
-
-
-def _improved(apart: FloatArray, depth: FloatArray, chosen: list[int]) -> tuple[IntArray, FloatArray]:
-    """Move each sphere to cover its own samples with the least error; return indices of centres, and radii."""
-    best = np.array(chosen)
-    radii = np.zeros(len(best))
-    least = np.inf
-    centres = best
-    for _ in range(SWEEPS):
-        owner = np.argmin(apart[centres] - depth[centres][:, None], axis=0)
-        moved, reach = centres.copy(), np.zeros(len(centres))
-        for i in range(len(centres)):
-            own = owner == i
-            if own.any():
-                farthest = np.max(apart[:, own], axis=1)
-                moved[i] = int(np.argmin(farthest - depth))
-                reach[i] = farthest[moved[i]]
-        error = float(np.max(np.where(reach > 0.0, reach - depth[moved], -np.inf)))
-        if error >= least:
-            break
-        best, radii, least, centres = moved, reach, error, moved
-    return best, radii
 
 
 def surface_points(shapes: Sequence[Shape], rng: np.random.Generator) -> tuple[FloatArray, float]:
@@ -213,65 +275,3 @@ def _axis_points(mesh: trimesh.Trimesh) -> FloatArray:
     axis = int(np.argmax(high - low))
     middle[:, axis] = (low + t * (high - low))[:, axis]
     return middle
-
-
-def _cover(covers: BoolArray, most: int) -> list[int] | None:
-    """Return a greedy set cover of all columns by at most ``most`` rows; None where it needs more."""
-    chosen: list[int] = []
-    left = np.ones(covers.shape[1], dtype=bool)
-    while left.any():
-        if len(chosen) == most:
-            return None
-        gains = covers[:, left].sum(axis=1)
-        best = int(np.argmax(gains))
-        if gains[best] == 0:
-            return None
-        chosen.append(best)
-        left &= ~covers[best]
-    return chosen
-
-
-def fits_of(robot: Robot, per_link: int) -> dict[str, SphereFit]:
-    """Return spheres for each link that has a collision shape, at most ``per_link`` (more for the palm)."""
-    result = {}
-    known: dict[tuple[bytes, int], SphereFit] = {}
-    for link, shapes in robot.shapes.items():
-        most = (PALM_SHARE if link == robot.root else 1) * per_link
-        key = (b"".join(shape.fingerprint for shape in shapes), most)  # fingers are often alike
-        if key not in known:
-            known[key] = fit_spheres(shapes, most)
-        result[link] = known[key]
-    return result
-
-
-def fits_beside_tips(whole: Mapping[str, SphereFit], tree: LinkTree, clearance: float) -> dict[str, SphereFit]:
-    """Return the spheres with those rigidly connected to a fingertip shrunk or removed so that it can touch."""
-    result = {}
-    for link, fit in whole.items():
-        beside: list[tuple[FloatArray, Tip]] = []
-        for other, tip in tree.tips:
-            transform = tree.rigid(link, other)
-            if transform is not None:
-                there = fit.centres @ transform[:3, :3].T + transform[:3, 3]
-                ball = 0.0 if tip.slides else tip.standoff  # a sliding tip's ball is not fixed to the link
-                inside = np.linalg.norm(there - tip.centre, axis=1) + fit.radii <= ball * (1.0 + 1e-6)
-                fit = fit.limited(tip.most_radius(there) - clearance, inside)
-                beside.append((transform, tip))
-        if beside:
-            fit = replace(fit, uncovered=_uncovered(tree.robot.shapes[link], fit, beside))
-            if fit.uncovered > WORTH_A_WARNING:
-                deep = f"{1e3 * fit.uncovered:.1f} mm"
-                text = f"link {link} is thicker than its fingertip: beside a contact it may reach {deep} into the body"
-                warn(text)
-        if len(fit.radii):
-            result[link] = fit
-    return result
-
-
-def _uncovered(shapes: Sequence[Shape], fit: SphereFit, beside: Sequence[tuple[FloatArray, Tip]]) -> float:
-    """Return how far the shapes stick out of the spheres and the fingertip solids, metres."""
-    points, _ = surface_points(shapes, np.random.default_rng(0))
-    gaps = [tip.beyond(points @ T[:3, :3].T + T[:3, 3]) for T, tip in beside]
-    if len(fit.radii):
-        gaps.append(np.min(np.linalg.norm(points[:, None] - fit.centres, axis=2) - fit.radii, axis=1))
-    return max(0.0, float(np.max(np.min(gaps, axis=0))))

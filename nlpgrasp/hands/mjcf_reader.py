@@ -14,419 +14,21 @@ from scipy.spatial.transform import Rotation
 from nlpgrasp.common.optional_packages import import_mujoco
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.collision_shapes import MeshFile, Shape
-from nlpgrasp.hands.robot import Joint, Mimic, Robot
-from nlpgrasp.hands.urdf_reader import Inertial, bad, check_mimics, check_ranges
+from nlpgrasp.hands.robot import Inertial, Joint, Mimic, Robot, bad, check_mimics, check_ranges
 
 if TYPE_CHECKING:
     from mujoco import MjModel
 
-if TYPE_CHECKING:
-    from mujoco import MjModel
-
-if TYPE_CHECKING:
-    from mujoco import MjModel
-
-if TYPE_CHECKING:
-    from mujoco import MjModel
-
-if TYPE_CHECKING:
-    from mujoco import MjModel
-
-if TYPE_CHECKING:
-    from mujoco import MjModel
-
-if TYPE_CHECKING:
-    from mujoco import MjModel
-
-
+COLLISION_GROUP = 3  # the group of collision shapes by convention
+# MuJoCo's enumerations
 FREE, BALL, SLIDE, HINGE = range(4)  # mjtJoint
 SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = range(2, 8)  # mjtGeom
-COLLISION_GROUP = 3  # the group of collision shapes by convention
-WRAP_JOINT = 1  # mjtWrap
-TENDON_DRIVEN = 3  # mjtTrn
 CONNECT, WELD, JOINT, TENDON = range(4)  # mjtEq
 SITE = 6  # mjtObj
+WRAP_JOINT = 1  # mjtWrap
 JOINT_DRIVEN = (0, 1)  # mjtTrn: joint, joint in parent
+TENDON_DRIVEN = 3  # mjtTrn
 FIXED_GAIN, NO_BIAS = 0, 0  # mjtGain, mjtBias
-
-
-def body_name(model: MjModel, body: int) -> str:
-    """Return a body's name."""
-    return str(model.body(body).name) or f"body_{body}"
-
-
-def joint_name(model: MjModel, joint: int) -> str:
-    """Return a joint's name."""
-    return str(model.joint(joint).name) or f"joint_{joint}"
-
-
-def tendon_name(model: MjModel, tendon: int) -> str:
-    """Return a tendon's name."""
-    return str(model.tendon(tendon).name) or f"tendon_{tendon}"
-
-
-def geom_name(model: MjModel, geom: int) -> str:
-    """Return a geometry's name."""
-    return str(model.geom(geom).name) or f"geom_{geom}"
-
-
-def joints_to(path: Path, model: MjModel, body: int) -> list[Joint]:
-    """Return the joints from a body's parent to the body; several are chained by links without shapes.
-
-    With anchor a and axis u in the body's frame a hinge moves what is below it by ``T(a) R(u, q - q0) T(-a)``, after
-    the joints before it: each joint's frame stands in its anchor. Joints without a range have infinite limits here.
-
-    Raises
-    ------
-    InputError
-        On ball and free joints.
-    """
-    name, parent = body_name(model, body), body_name(model, int(model.body_parentid[body]))
-    here = transform(model.body_pos[body], model.body_quat[body])
-    first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
-    result: list[Joint] = []
-    for j in range(first, first + count):
-        kind, label = int(model.jnt_type[j]), joint_name(model, j)
-        if kind in (FREE, BALL):
-            cure = (
-                f"hinges and slides below the palm, or palm={name!r}" if kind == FREE else "three hinges in its place"
-            )
-            bad(path, f"joint {label} of body {name}, of type {('free', 'ball')[kind]}", cure)
-        anchor, axis, reference = (
-            model.jnt_pos[j],
-            np.array(model.jnt_axis[j]),
-            float(model.qpos0[model.jnt_qposadr[j]]),
-        )
-        back = transform(-anchor)
-        here = here @ transform(anchor) @ moved(kind == SLIDE, axis, -reference)
-        last = j == first + count - 1 and not np.any(anchor)
-        child = name if last else f"{name}/{label}"
-        lower, upper = (float(v) for v in model.jnt_range[j]) if model.jnt_limited[j] else (-np.inf, np.inf)
-        xyz, rpy = here[:3, 3].copy(), angles(here[:3, :3])
-        what = "prismatic" if kind == SLIDE else "revolute"
-        result.append(Joint(label, what, parent, child, xyz, rpy, axis, lower, upper))
-        here, parent = back, child
-    if parent != name:
-        xyz, rpy, axis = here[:3, 3].copy(), angles(here[:3, :3]), np.array([1.0, 0.0, 0.0])
-        result.append(Joint(f"{name}/fixed", "fixed", parent, name, xyz, rpy, axis, 0.0, 0.0))
-    return result
-
-
-def held(joint: Joint, position: float) -> Joint:
-    """Return the joint fixed at a position, radians or metres."""
-    here = transform(joint.xyz)
-    here[:3, :3] = Rotation.from_euler("xyz", joint.rpy).as_matrix()
-    there = here @ moved(joint.kind == "prismatic", joint.axis, position)
-    return replace(joint, kind="fixed", xyz=there[:3, 3].copy(), rpy=angles(there[:3, :3]), lower=0.0, upper=0.0)
-
-
-def closed(path: Path, joint: Joint) -> Joint:
-    """Return the joint with finite limits: a hinge without a range turns half a turn either way.
-
-    Raises
-    ------
-    InputError
-        On slides without a range that follow no other joint.
-    """
-    if not joint.moves or joint.mimic is not None or np.isfinite(joint.upper):
-        return joint
-    if joint.kind == "prismatic":
-        bad(path, f"joint {joint.name}, a slide without range", "range= on every slide")
-    return replace(joint, kind="continuous", lower=-np.pi, upper=np.pi)
-
-
-def transform(position: FloatArray, quaternion: FloatArray | None = None) -> FloatArray:
-    """Return the (4, 4) transform of a position (3,) and a quaternion (4,) w, x, y, z."""
-    pose = np.eye(4)
-    pose[:3, 3] = position
-    if quaternion is not None:
-        pose[:3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
-    return pose
-
-
-def moved(slides: bool, axis: FloatArray, position: float) -> FloatArray:
-    """Return the (4, 4) motion of a joint along, or about, an axis (3,) through the origin."""
-    pose = np.eye(4)
-    if slides:
-        pose[:3, 3] = position * axis
-    else:
-        pose[:3, :3] = Rotation.from_rotvec(position * axis).as_matrix()
-    return pose
-
-
-def angles(rotation: FloatArray) -> FloatArray:
-    """Return roll, pitch and yaw (3,) of a rotation (3, 3), accurate near the singularity too."""
-    yaw = float(np.arctan2(rotation[1, 0], rotation[0, 0]))
-    rest = Rotation.from_euler("z", -yaw).as_matrix() @ rotation  # = Ry(pitch) Rx(roll)
-    return np.array([np.arctan2(-rest[1, 2], rest[1, 1]), np.arctan2(-rest[2, 0], rest[0, 0]), yaw])
-
-
-def read_geoms(
-    model: MjModel, bodies: Sequence[int]
-) -> tuple[dict[str, tuple[Shape, ...]], tuple[str, ...], tuple[str, ...]]:
-    """Return shapes by body, the shapes left out, and visible bodies without a collision shape.
-
-    A geometry counts if it can collide (``contype`` or ``conaffinity``) or is in the collision group. Meshes are taken
-    as they are, not as the convex hulls that MuJoCo collides.
-    """
-    shapes: dict[str, tuple[Shape, ...]] = {}
-    missing, bare = [], []
-    for body in bodies:
-        first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
-        every, name = range(first, first + count), body_name(model, body)
-        solid = [g for g in every if model.geom_contype[g] or model.geom_conaffinity[g] or _grouped(model, g)]
-        found = [(g, _shape(model, g)) for g in solid]
-        missing += [f"{geom_name(model, g)} (link {name}: no solid)" for g, shape in found if shape is None]
-        if kept := tuple(shape for _, shape in found if shape is not None):
-            shapes[name] = kept
-        elif count:
-            bare.append(name)
-    return shapes, tuple(missing), tuple(bare)
-
-
-def _grouped(model: MjModel, geom: int) -> bool:
-    return int(model.geom_group[geom]) == COLLISION_GROUP
-
-
-def _shape(model: MjModel, geom: int) -> Shape | None:
-    kind, size = int(model.geom_type[geom]), np.array(model.geom_size[geom])
-    pose = transform(model.geom_pos[geom], model.geom_quat[geom])
-    if kind == SPHERE:
-        return Shape.sphere(float(size[0]), pose)
-    if kind == CAPSULE:
-        return Shape.capsule(float(size[0]), 2.0 * float(size[1]), pose)
-    if kind == CYLINDER:
-        return Shape.cylinder(float(size[0]), 2.0 * float(size[1]), pose)
-    if kind == ELLIPSOID:
-        return Shape.ellipsoid(size, pose)
-    if kind == BOX:
-        return Shape.box(2.0 * size, pose)
-    return _mesh(model, int(model.geom_dataid[geom]), pose) if kind == MESH else None
-
-
-def _mesh(model: MjModel, mesh: int, pose: FloatArray) -> Shape:
-    import trimesh
-
-    first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
-    start, faces = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
-    vertices = np.array(model.mesh_vert[first : first + count], dtype=float)
-    solid = trimesh.Trimesh(vertices, np.array(model.mesh_face[start : start + faces]))
-    solid.apply_transform(pose)
-    return Shape("mesh", solid, file=_mesh_file(model, mesh))
-
-
-def _mesh_file(model: MjModel, mesh: int) -> MeshFile | None:
-    """Return a mesh's file by the mesh's name in the model; None if the MJCF itself states the vertices."""
-    start = int(model.mesh_pathadr[mesh])
-    path = Path(model.paths[start : model.paths.index(b"\0", start)].decode()) if start >= 0 else None
-    return MeshFile.of(model.mesh(mesh).name, path) if path is not None and path.is_file() else None
-
-
-@dataclass(frozen=True)
-class Tendon:
-    """A tendon that acts on joints of the hand.
-
-    Parameters
-    ----------
-    name : str
-    arms : mapping of str to float
-        Moment arms: change of length per change of each joint; empty for a spatial tendon.
-    rest : float
-        Its length in the reference position.
-    pulls : bool
-        Whether a spring or an actuator is on it.
-    lower, upper : float
-        Limits of its length.
-    """
-
-    name: str
-    arms: Mapping[str, float]
-    rest: float
-    pulls: bool
-    lower: float
-    upper: float
-
-    def couples(self, robot: Robot) -> bool:
-        """Return whether it acts on the robot beyond the joints' own couplings and limits."""
-        if not self.arms:
-            return self.pulls or np.isfinite(self.upper)
-        joints = {joint.name: joint for joint in robot.joints}
-        here = [joints[name] for name in self.arms if name in joints]
-        ends = [sorted((self.arms[j.name] * j.lower, self.arms[j.name] * j.upper)) for j in here]
-        low, high = sum(low for low, _ in ends), sum(high for _, high in ends)
-        drivers = {robot.follows(joint)[0] for joint in here if joint.moves}
-        return (self.pulls and len(drivers) > 1) or low < self.lower - 1e-9 or high > self.upper + 1e-9
-
-    def said(self) -> str:
-        """Return the tendon as a phrase."""
-        return f"tendon {self.name}" + (f" of joints {' and '.join(self.arms)}" if self.arms else "")
-
-
-def tendons_of(model: MjModel, robot: Robot) -> dict[int, Tendon]:
-    """Return the fixed tendons that act on the robot's joints, and the spatial ones, by number."""
-    driven = {
-        int(i)
-        for i, kind in zip(model.actuator_trnid[:, 0], model.actuator_trntype, strict=True)
-        if kind == TENDON_DRIVEN
-    }
-    moving = {joint.name for joint in robot.joints}
-    result = {}
-    for t in range(model.ntendon):
-        arms, rest = arms_of(model, t), 0.0
-        if arms and not moving & set(arms):
-            continue
-        rest = float(sum(arm * model.qpos0[model.joint(name).qposadr[0]] for name, arm in arms.items()))
-        pulls = bool(np.any(model.tendon_stiffness[t])) or t in driven
-        lower, upper = model.tendon_range[t] if model.tendon_limited[t] else (-np.inf, np.inf)
-        result[t] = Tendon(tendon_name(model, t), arms, rest, pulls, float(lower), float(upper))
-    return result
-
-
-def arms_of(model: MjModel, tendon: int) -> dict[str, float]:
-    """Return a fixed tendon's moment arms, change of length per change of each joint; none for spatial ones."""
-    first, count = int(model.tendon_adr[tendon]), int(model.tendon_num[tendon])
-    wraps = [w for w in range(first, first + count) if int(model.wrap_type[w]) == WRAP_JOINT]
-    return {joint_name(model, int(model.wrap_objid[w])): float(model.wrap_prm[w]) for w in wraps}
-
-
-def coupled(path: Path, model: MjModel, robot: Robot) -> Robot:
-    """Return the robot with mimic joints, and a list of the couplings that are not modelled.
-
-    An equality of two joints makes the first follow the second. A tendon of two joints with an equality makes the later
-    joint of the file follow the earlier one, where their limits leave both a range.
-
-    Raises
-    ------
-    InputError
-        On joints that follow another by a curve, two others, or one that is not below the palm.
-    """
-    active = [e for e in range(model.neq) if model.eq_active0[e]]
-    for e in active:
-        if int(model.eq_type[e]) == JOINT:
-            robot = _followed(path, model, robot, e)
-    check_mimics(path, robot.joints)
-    tendons = tendons_of(model, robot)
-    taken = set()
-    for e in active:
-        number = int(model.eq_obj1id[e])
-        if int(model.eq_type[e]) == TENDON and number in tendons and int(model.eq_obj2id[e]) < 0:
-            after = _tied(robot, tendons[number], float(model.eq_data[e][0]))
-            if after is not None:
-                robot = after
-                taken.add(number)
-    equal = {
-        int(i) for e in active if int(model.eq_type[e]) == TENDON for i in (model.eq_obj1id[e], model.eq_obj2id[e])
-    }
-    left = [t.said() for i, t in tendons.items() if i not in taken and (i in equal or t.couples(robot))]
-    return replace(robot, unmodelled=(*left, *_loops(model, robot, active)))
-
-
-def _followed(path: Path, model: MjModel, robot: Robot, equality: int) -> Robot:
-    """Return the robot after one joint equality: the joint follows another, or is fixed."""
-    joints = {joint.name: joint for joint in robot.joints}
-    first, second = int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])
-    name, other = joint_name(model, first), joint_name(model, second) if second >= 0 else ""
-    if name not in joints and other not in joints:
-        return robot
-    if name not in joints or (other and other not in joints):
-        bad(path, f"joint {name} that follows {other}", "both of them below the palm")
-    if joints[name].mimic is not None or not joints[name].moves:
-        bad(path, f"joint {name} that follows two others", "one equality for a joint")
-    a = np.array(model.eq_data[equality][:5])
-    start = float(model.qpos0[model.jnt_qposadr[first]])
-    if not other:
-        return _with(robot, held(joints[name], start + float(a[0])))
-    if np.any(a[2:]):
-        bad(path, f"joint {name} that follows {other} by polycoef {a.tolist()}", "a straight line: a0 and a1 alone")
-    offset = start + float(a[0] - a[1] * model.qpos0[model.jnt_qposadr[second]])
-    return _with(robot, replace(joints[name], mimic=Mimic(other, float(a[1]), offset)))
-
-
-def _tied(robot: Robot, tendon: Tendon, longer: float) -> Robot | None:
-    """Return the robot where a tendon of fixed length makes one of its two joints follow; None where it cannot."""
-    joints = {joint.name: joint for joint in robot.joints}
-    if len(tendon.arms) != 2 or not all(name in joints for name in tendon.arms):
-        return None
-    pair = sorted(tendon.arms, key=list(joints).index)
-    total = tendon.rest + longer
-    for other, name in (pair, pair[::-1]):
-        if joints[name].mimic is None and joints[name].moves and robot.follows(joints[other])[0] != name:
-            ratio = -tendon.arms[other] / tendon.arms[name]
-            after = _with(robot, replace(joints[name], mimic=Mimic(other, ratio, total / tendon.arms[name])))
-            return after if all(lower < upper for lower, upper, _ in after.ranges.values()) else None
-    return None
-
-
-def _with(robot: Robot, joint: Joint) -> Robot:
-    return replace(robot, joints=tuple(joint if j.name == joint.name else j for j in robot.joints))
-
-
-def _loops(model: MjModel, robot: Robot, active: list[int]) -> list[str]:
-    """Return a phrase for each closed loop: a connect or weld constraint between bodies of the hand."""
-    found = []
-    for e in active:
-        if int(model.eq_type[e]) in (CONNECT, WELD):
-            ends = [int(model.eq_obj1id[e]), int(model.eq_obj2id[e])]
-            if int(model.eq_objtype[e]) == SITE:
-                ends = [int(model.site_bodyid[end]) for end in ends]
-            names = [body_name(model, end) for end in ends]
-            if any(name in robot.links and name != robot.root for name in names):
-                what = "weld" if int(model.eq_type[e]) == WELD else "connect"
-                found.append(f"<{what}> of bodies {names[0]} and {names[1]}")
-    return found
-
-
-def with_efforts(model: MjModel, robot: Robot) -> Robot:
-    """Return the robot with the largest torque (force) of each free joint, where the file states one.
-
-    An actuator's largest force is the smaller end of its ``forcerange``, or of a motor's ``ctrlrange`` without one. By
-    virtual work it counts at the free joint that its joints follow. An actuator whose tendon pulls several free joints
-    counts at none of them.
-    """
-    joints = {joint.name: joint for joint in robot.joints}
-    efforts: dict[str, float] = {}
-    unknown = set()
-    for a in range(model.nu):
-        arms: dict[str, float] = {}
-        for name, arm in _arms(model, a).items():
-            if name in joints and joints[name].moves:
-                driver, ratio, _ = robot.follows(joints[name])
-                arms[driver] = arms.get(driver, 0.0) + ratio * arm
-        force = _force(model, a)
-        for driver, arm in arms.items():
-            if force is None or len(arms) > 1:
-                unknown.add(driver)
-            else:
-                efforts[driver] = efforts.get(driver, 0.0) + abs(arm) * force
-    for j in range(model.njnt):
-        name = joint_name(model, j)
-        if name in joints and model.jnt_actfrclimited[j]:
-            most = float(np.min(np.abs(model.jnt_actfrcrange[j])))
-            efforts[name] = min(efforts.get(name, np.inf), most)
-            unknown.discard(name)
-    free = {joint.name for joint in robot.free_joints} - unknown
-    stated = {name: effort for name, effort in efforts.items() if name in free}
-    return replace(robot, joints=tuple(replace(j, effort=stated.get(j.name)) for j in robot.joints))
-
-
-def _arms(model: MjModel, actuator: int) -> dict[str, float]:
-    """Return the moment arm of an actuator at each joint: generalised force per unit of its force."""
-    kind, target = int(model.actuator_trntype[actuator]), int(model.actuator_trnid[actuator][0])
-    gear = float(model.actuator_gear[actuator][0])
-    if kind in JOINT_DRIVEN:
-        return {joint_name(model, target): gear}
-    return {name: gear * arm for name, arm in arms_of(model, target).items()} if kind == TENDON_DRIVEN else {}
-
-
-def _force(model: MjModel, actuator: int) -> float | None:
-    """Return the force that an actuator has in both directions; None where the file does not state it."""
-    if model.actuator_forcelimited[actuator]:
-        return float(np.min(np.abs(model.actuator_forcerange[actuator])))
-    plain = int(model.actuator_gaintype[actuator]) == FIXED_GAIN and int(model.actuator_biastype[actuator]) == NO_BIAS
-    if plain and model.actuator_ctrllimited[actuator]:
-        gain = abs(float(model.actuator_gainprm[actuator][0]))
-        return gain * float(np.min(np.abs(model.actuator_ctrlrange[actuator])))
-    return None
 
 
 def read_mjcf(path: Path, palm: str | None = None) -> Robot:
@@ -526,3 +128,382 @@ def _start(path: Path, model: MjModel, palm: str | None) -> int:
     if len(roots) > 1:
         bad(path, "bodies " + ", ".join(names[b] for b in roots) + " side by side", "palm=, the hand's own body")
     return roots[0]
+
+
+def joints_to(path: Path, model: MjModel, body: int) -> list[Joint]:
+    """Return the joints from a body's parent to the body; several are chained by links without shapes.
+
+    With anchor a and axis u in the body's frame a hinge moves what is below it by ``T(a) R(u, q - q0) T(-a)``, after
+    the joints before it: each joint's frame stands in its anchor. Joints without a range have infinite limits here.
+
+    Raises
+    ------
+    InputError
+        On ball and free joints.
+    """
+    name, parent = body_name(model, body), body_name(model, int(model.body_parentid[body]))
+    here = transform(model.body_pos[body], model.body_quat[body])
+    first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+    result: list[Joint] = []
+    for j in range(first, first + count):
+        kind, label = int(model.jnt_type[j]), joint_name(model, j)
+        if kind in (FREE, BALL):
+            cure = (
+                f"hinges and slides below the palm, or palm={name!r}" if kind == FREE else "three hinges in its place"
+            )
+            bad(path, f"joint {label} of body {name}, of type {('free', 'ball')[kind]}", cure)
+        anchor, axis, reference = (
+            model.jnt_pos[j],
+            np.array(model.jnt_axis[j]),
+            float(model.qpos0[model.jnt_qposadr[j]]),
+        )
+        back = transform(-anchor)
+        here = here @ transform(anchor) @ moved(kind == SLIDE, axis, -reference)
+        last = j == first + count - 1 and not np.any(anchor)
+        child = name if last else f"{name}/{label}"
+        lower, upper = (float(v) for v in model.jnt_range[j]) if model.jnt_limited[j] else (-np.inf, np.inf)
+        xyz, rpy = here[:3, 3].copy(), angles(here[:3, :3])
+        what = "prismatic" if kind == SLIDE else "revolute"
+        result.append(Joint(label, what, parent, child, xyz, rpy, axis, lower, upper))
+        here, parent = back, child
+    if parent != name:
+        xyz, rpy, axis = here[:3, 3].copy(), angles(here[:3, :3]), np.array([1.0, 0.0, 0.0])
+        result.append(Joint(f"{name}/fixed", "fixed", parent, name, xyz, rpy, axis, 0.0, 0.0))
+    return result
+
+
+def held(joint: Joint, position: float) -> Joint:
+    """Return the joint fixed at a position, radians or metres."""
+    here = transform(joint.xyz)
+    here[:3, :3] = Rotation.from_euler("xyz", joint.rpy).as_matrix()
+    there = here @ moved(joint.kind == "prismatic", joint.axis, position)
+    return replace(joint, kind="fixed", xyz=there[:3, 3].copy(), rpy=angles(there[:3, :3]), lower=0.0, upper=0.0)
+
+
+def closed(path: Path, joint: Joint) -> Joint:
+    """Return the joint with finite limits: a hinge without a range turns half a turn either way.
+
+    Raises
+    ------
+    InputError
+        On slides without a range that follow no other joint.
+    """
+    if not joint.moves or joint.mimic is not None or np.isfinite(joint.upper):
+        return joint
+    if joint.kind == "prismatic":
+        bad(path, f"joint {joint.name}, a slide without range", "range= on every slide")
+    return replace(joint, kind="continuous", lower=-np.pi, upper=np.pi)
+
+
+def read_geoms(
+    model: MjModel, bodies: Sequence[int]
+) -> tuple[dict[str, tuple[Shape, ...]], tuple[str, ...], tuple[str, ...]]:
+    """Return shapes by body, the shapes left out, and visible bodies without a collision shape.
+
+    A geometry counts if it can collide (``contype`` or ``conaffinity``) or is in the collision group. Meshes are taken
+    as they are, not as the convex hulls that MuJoCo collides.
+    """
+    shapes: dict[str, tuple[Shape, ...]] = {}
+    missing, bare = [], []
+    for body in bodies:
+        first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
+        every, name = range(first, first + count), body_name(model, body)
+        solid = [g for g in every if model.geom_contype[g] or model.geom_conaffinity[g] or _grouped(model, g)]
+        found = [(g, _shape(model, g)) for g in solid]
+        missing += [f"{geom_name(model, g)} (link {name}: no solid)" for g, shape in found if shape is None]
+        if kept := tuple(shape for _, shape in found if shape is not None):
+            shapes[name] = kept
+        elif count:
+            bare.append(name)
+    return shapes, tuple(missing), tuple(bare)
+
+
+def _grouped(model: MjModel, geom: int) -> bool:
+    return int(model.geom_group[geom]) == COLLISION_GROUP
+
+
+def _shape(model: MjModel, geom: int) -> Shape | None:
+    kind, size = int(model.geom_type[geom]), np.array(model.geom_size[geom])
+    pose = transform(model.geom_pos[geom], model.geom_quat[geom])
+    if kind == SPHERE:
+        return Shape.sphere(float(size[0]), pose)
+    if kind == CAPSULE:
+        return Shape.capsule(float(size[0]), 2.0 * float(size[1]), pose)
+    if kind == CYLINDER:
+        return Shape.cylinder(float(size[0]), 2.0 * float(size[1]), pose)
+    if kind == ELLIPSOID:
+        return Shape.ellipsoid(size, pose)
+    if kind == BOX:
+        return Shape.box(2.0 * size, pose)
+    return _mesh(model, int(model.geom_dataid[geom]), pose) if kind == MESH else None
+
+
+def _mesh(model: MjModel, mesh: int, pose: FloatArray) -> Shape:
+    import trimesh
+
+    first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+    start, faces = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
+    vertices = np.array(model.mesh_vert[first : first + count], dtype=float)
+    solid = trimesh.Trimesh(vertices, np.array(model.mesh_face[start : start + faces]))
+    solid.apply_transform(pose)
+    return Shape("mesh", solid, file=_mesh_file(model, mesh))
+
+
+def _mesh_file(model: MjModel, mesh: int) -> MeshFile | None:
+    """Return a mesh's file by the mesh's name in the model; None if the MJCF itself states the vertices."""
+    start = int(model.mesh_pathadr[mesh])
+    path = Path(model.paths[start : model.paths.index(b"\0", start)].decode()) if start >= 0 else None
+    return MeshFile.of(model.mesh(mesh).name, path) if path is not None and path.is_file() else None
+
+
+def coupled(path: Path, model: MjModel, robot: Robot) -> Robot:
+    """Return the robot with mimic joints, and a list of the couplings that are not modelled.
+
+    An equality of two joints makes the first follow the second. A tendon of two joints with an equality makes the later
+    joint of the file follow the earlier one, where their limits leave both a range.
+
+    Raises
+    ------
+    InputError
+        On joints that follow another by a curve, two others, or one that is not below the palm.
+    """
+    active = [e for e in range(model.neq) if model.eq_active0[e]]
+    for e in active:
+        if int(model.eq_type[e]) == JOINT:
+            robot = _followed(path, model, robot, e)
+    check_mimics(path, robot.joints)
+    tendons = tendons_of(model, robot)
+    taken = set()
+    for e in active:
+        number = int(model.eq_obj1id[e])
+        if int(model.eq_type[e]) == TENDON and number in tendons and int(model.eq_obj2id[e]) < 0:
+            after = _tied(robot, tendons[number], float(model.eq_data[e][0]))
+            if after is not None:
+                robot = after
+                taken.add(number)
+    equal = {
+        int(i) for e in active if int(model.eq_type[e]) == TENDON for i in (model.eq_obj1id[e], model.eq_obj2id[e])
+    }
+    left = [t.said() for i, t in tendons.items() if i not in taken and (i in equal or t.couples(robot))]
+    return replace(robot, unmodelled=(*left, *_loops(model, robot, active)))
+
+
+def _followed(path: Path, model: MjModel, robot: Robot, equality: int) -> Robot:
+    """Return the robot after one joint equality: the joint follows another, or is fixed."""
+    joints = {joint.name: joint for joint in robot.joints}
+    first, second = int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])
+    name, other = joint_name(model, first), joint_name(model, second) if second >= 0 else ""
+    if name not in joints and other not in joints:
+        return robot
+    if name not in joints or (other and other not in joints):
+        bad(path, f"joint {name} that follows {other}", "both of them below the palm")
+    if joints[name].mimic is not None or not joints[name].moves:
+        bad(path, f"joint {name} that follows two others", "one equality for a joint")
+    a = np.array(model.eq_data[equality][:5])
+    start = float(model.qpos0[model.jnt_qposadr[first]])
+    if not other:
+        return _with(robot, held(joints[name], start + float(a[0])))
+    if np.any(a[2:]):
+        bad(path, f"joint {name} that follows {other} by polycoef {a.tolist()}", "a straight line: a0 and a1 alone")
+    offset = start + float(a[0] - a[1] * model.qpos0[model.jnt_qposadr[second]])
+    return _with(robot, replace(joints[name], mimic=Mimic(other, float(a[1]), offset)))
+
+
+def _tied(robot: Robot, tendon: Tendon, longer: float) -> Robot | None:
+    """Return the robot where a tendon of fixed length makes one of its two joints follow; None where it cannot."""
+    joints = {joint.name: joint for joint in robot.joints}
+    if len(tendon.arms) != 2 or not all(name in joints for name in tendon.arms):
+        return None
+    pair = sorted(tendon.arms, key=list(joints).index)
+    total = tendon.rest + longer
+    for other, name in (pair, pair[::-1]):
+        if joints[name].mimic is None and joints[name].moves and robot.follows(joints[other])[0] != name:
+            ratio = -tendon.arms[other] / tendon.arms[name]
+            after = _with(robot, replace(joints[name], mimic=Mimic(other, ratio, total / tendon.arms[name])))
+            return after if all(lower < upper for lower, upper, _ in after.ranges.values()) else None
+    return None
+
+
+def _with(robot: Robot, joint: Joint) -> Robot:
+    return replace(robot, joints=tuple(joint if j.name == joint.name else j for j in robot.joints))
+
+
+def _loops(model: MjModel, robot: Robot, active: list[int]) -> list[str]:
+    """Return a phrase for each closed loop: a connect or weld constraint between bodies of the hand."""
+    found = []
+    for e in active:
+        if int(model.eq_type[e]) in (CONNECT, WELD):
+            ends = [int(model.eq_obj1id[e]), int(model.eq_obj2id[e])]
+            if int(model.eq_objtype[e]) == SITE:
+                ends = [int(model.site_bodyid[end]) for end in ends]
+            names = [body_name(model, end) for end in ends]
+            if any(name in robot.links and name != robot.root for name in names):
+                what = "weld" if int(model.eq_type[e]) == WELD else "connect"
+                found.append(f"<{what}> of bodies {names[0]} and {names[1]}")
+    return found
+
+
+@dataclass(frozen=True)
+class Tendon:
+    """A tendon that acts on joints of the hand.
+
+    Parameters
+    ----------
+    name : str
+    arms : mapping of str to float
+        Moment arms: change of length per change of each joint; empty for a spatial tendon.
+    rest : float
+        Its length in the reference position.
+    pulls : bool
+        Whether a spring or an actuator is on it.
+    lower, upper : float
+        Limits of its length.
+    """
+
+    name: str
+    arms: Mapping[str, float]
+    rest: float
+    pulls: bool
+    lower: float
+    upper: float
+
+    def couples(self, robot: Robot) -> bool:
+        """Return whether it acts on the robot beyond the joints' own couplings and limits."""
+        if not self.arms:
+            return self.pulls or np.isfinite(self.upper)
+        joints = {joint.name: joint for joint in robot.joints}
+        here = [joints[name] for name in self.arms if name in joints]
+        ends = [sorted((self.arms[j.name] * j.lower, self.arms[j.name] * j.upper)) for j in here]
+        low, high = sum(low for low, _ in ends), sum(high for _, high in ends)
+        drivers = {robot.follows(joint)[0] for joint in here if joint.moves}
+        return (self.pulls and len(drivers) > 1) or low < self.lower - 1e-9 or high > self.upper + 1e-9
+
+    def said(self) -> str:
+        """Return the tendon as a phrase."""
+        return f"tendon {self.name}" + (f" of joints {' and '.join(self.arms)}" if self.arms else "")
+
+
+def tendons_of(model: MjModel, robot: Robot) -> dict[int, Tendon]:
+    """Return the fixed tendons that act on the robot's joints, and the spatial ones, by number."""
+    driven = {
+        int(i)
+        for i, kind in zip(model.actuator_trnid[:, 0], model.actuator_trntype, strict=True)
+        if kind == TENDON_DRIVEN
+    }
+    moving = {joint.name for joint in robot.joints}
+    result = {}
+    for t in range(model.ntendon):
+        arms, rest = arms_of(model, t), 0.0
+        if arms and not moving & set(arms):
+            continue
+        rest = float(sum(arm * model.qpos0[model.joint(name).qposadr[0]] for name, arm in arms.items()))
+        pulls = bool(np.any(model.tendon_stiffness[t])) or t in driven
+        lower, upper = model.tendon_range[t] if model.tendon_limited[t] else (-np.inf, np.inf)
+        result[t] = Tendon(tendon_name(model, t), arms, rest, pulls, float(lower), float(upper))
+    return result
+
+
+def arms_of(model: MjModel, tendon: int) -> dict[str, float]:
+    """Return a fixed tendon's moment arms, change of length per change of each joint; none for spatial ones."""
+    first, count = int(model.tendon_adr[tendon]), int(model.tendon_num[tendon])
+    wraps = [w for w in range(first, first + count) if int(model.wrap_type[w]) == WRAP_JOINT]
+    return {joint_name(model, int(model.wrap_objid[w])): float(model.wrap_prm[w]) for w in wraps}
+
+
+def with_efforts(model: MjModel, robot: Robot) -> Robot:
+    """Return the robot with the largest torque (force) of each free joint, where the file states one.
+
+    An actuator's largest force is the smaller end of its ``forcerange``, or of a motor's ``ctrlrange`` without one. By
+    virtual work it counts at the free joint that its joints follow. An actuator whose tendon pulls several free joints
+    counts at none of them.
+    """
+    joints = {joint.name: joint for joint in robot.joints}
+    efforts: dict[str, float] = {}
+    unknown = set()
+    for a in range(model.nu):
+        arms: dict[str, float] = {}
+        for name, arm in _arms(model, a).items():
+            if name in joints and joints[name].moves:
+                driver, ratio, _ = robot.follows(joints[name])
+                arms[driver] = arms.get(driver, 0.0) + ratio * arm
+        force = _force(model, a)
+        for driver, arm in arms.items():
+            if force is None or len(arms) > 1:
+                unknown.add(driver)
+            else:
+                efforts[driver] = efforts.get(driver, 0.0) + abs(arm) * force
+    for j in range(model.njnt):
+        name = joint_name(model, j)
+        if name in joints and model.jnt_actfrclimited[j]:
+            most = float(np.min(np.abs(model.jnt_actfrcrange[j])))
+            efforts[name] = min(efforts.get(name, np.inf), most)
+            unknown.discard(name)
+    free = {joint.name for joint in robot.free_joints} - unknown
+    stated = {name: effort for name, effort in efforts.items() if name in free}
+    return replace(robot, joints=tuple(replace(j, effort=stated.get(j.name)) for j in robot.joints))
+
+
+def _arms(model: MjModel, actuator: int) -> dict[str, float]:
+    """Return the moment arm of an actuator at each joint: generalised force per unit of its force."""
+    kind, target = int(model.actuator_trntype[actuator]), int(model.actuator_trnid[actuator][0])
+    gear = float(model.actuator_gear[actuator][0])
+    if kind in JOINT_DRIVEN:
+        return {joint_name(model, target): gear}
+    return {name: gear * arm for name, arm in arms_of(model, target).items()} if kind == TENDON_DRIVEN else {}
+
+
+def _force(model: MjModel, actuator: int) -> float | None:
+    """Return the force that an actuator has in both directions; None where the file does not state it."""
+    if model.actuator_forcelimited[actuator]:
+        return float(np.min(np.abs(model.actuator_forcerange[actuator])))
+    plain = int(model.actuator_gaintype[actuator]) == FIXED_GAIN and int(model.actuator_biastype[actuator]) == NO_BIAS
+    if plain and model.actuator_ctrllimited[actuator]:
+        gain = abs(float(model.actuator_gainprm[actuator][0]))
+        return gain * float(np.min(np.abs(model.actuator_ctrlrange[actuator])))
+    return None
+
+
+def body_name(model: MjModel, body: int) -> str:
+    """Return a body's name."""
+    return str(model.body(body).name) or f"body_{body}"
+
+
+def joint_name(model: MjModel, joint: int) -> str:
+    """Return a joint's name."""
+    return str(model.joint(joint).name) or f"joint_{joint}"
+
+
+def tendon_name(model: MjModel, tendon: int) -> str:
+    """Return a tendon's name."""
+    return str(model.tendon(tendon).name) or f"tendon_{tendon}"
+
+
+def geom_name(model: MjModel, geom: int) -> str:
+    """Return a geometry's name."""
+    return str(model.geom(geom).name) or f"geom_{geom}"
+
+
+def transform(position: FloatArray, quaternion: FloatArray | None = None) -> FloatArray:
+    """Return the (4, 4) transform of a position (3,) and a quaternion (4,) w, x, y, z."""
+    pose = np.eye(4)
+    pose[:3, 3] = position
+    if quaternion is not None:
+        pose[:3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
+    return pose
+
+
+def moved(slides: bool, axis: FloatArray, position: float) -> FloatArray:
+    """Return the (4, 4) motion of a joint along, or about, an axis (3,) through the origin."""
+    pose = np.eye(4)
+    if slides:
+        pose[:3, 3] = position * axis
+    else:
+        pose[:3, :3] = Rotation.from_rotvec(position * axis).as_matrix()
+    return pose
+
+
+def angles(rotation: FloatArray) -> FloatArray:
+    """Return roll, pitch and yaw (3,) of a rotation (3, 3), accurate near the singularity too."""
+    yaw = float(np.arctan2(rotation[1, 0], rotation[0, 0]))
+    rest = Rotation.from_euler("z", -yaw).as_matrix() @ rotation  # = Ry(pitch) Rx(roll)
+    return np.array([np.arctan2(-rest[1, 2], rest[1, 1]), np.arctan2(-rest[2, 0], rest[0, 0]), yaw])

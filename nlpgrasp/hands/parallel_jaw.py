@@ -4,10 +4,10 @@ The closing direction points from contact 0 to contact 1. The approach, in which
 clearest direction at right angles to it within the cones of the problem. The pose is that of the gripper's own frame,
 in which both directions are axes: x and z unless the hand states others.
 
-The path is straight: from the grasp back by twice the body's size. Both fingers move along it, rectangles as thick as
-stated from the pads outwards, and, where a finger's length is stated, the palm between their ends. They are sampled
-along lines at most two millimetres apart, the faces of the fingers included, so an obstacle between two lines is at
-most one millimetre deep. The pads' breadth, the gripper's body and an arm are ignored.
+The approach path is straight: from the grasp back by twice the body's size. Both fingers move along it, rectangles as
+thick as stated from the pads outwards, and, where a finger's length is stated, the palm between their ends. They are
+sampled along lines at most two millimetres apart, the faces of the fingers included, so an obstacle between two lines
+is at most one millimetre deep. The pads' breadth, the gripper's body and an arm are ignored.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.hands.base import Hand, HandVariable
 
 CLOSING_AXIS, APPROACH_AXIS = "x", "z"  # defaults, gripper frame
+# unit directions of the axes
 LETTERS = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 DIGITS = 1e-4  # tolerance on unit length and right angles: directions are written with few digits
 TURNS = 36  # approach directions tried about the closing line
@@ -40,7 +41,7 @@ STEEP = 0.5  # fall of the distance over a step, as a share of it, where a line 
 NEARLY = 0.1  # share of the largest mean distance that the steepest approach may lack
 ROUNDING = 1e-9  # rounding tolerance of a number of lines
 SAME = 1e-6  # share of the body's size: clearances this close are ties
-MOST_TILT = 0.5 * np.pi * (1.0 - 1e-9)
+MOST_TILT = 0.5 * np.pi * (1.0 - 1e-9)  # radians: largest angle of a contact's normal to the closing line
 LARGEST_PART = 2.0  # metres: largest dimension of a gripper's finger
 
 
@@ -48,59 +49,108 @@ Distance = Callable[[FloatArray], FloatArray]
 Cone = tuple[FloatArray, float]  # a unit direction, and the largest angle to it, radians
 
 
-def direction_of(field: str, axis: str | Sequence[float]) -> FloatArray:
-    """Return an axis as a unit direction (3,) in the gripper's frame.
+@dataclass(frozen=True)
+class ParallelJaw(Hand):
+    """Two flat jaws that face each other, for two contacts (usually soft ones).
+
+    The line between the contacts is within an angle of both inward normals: jaws close along one line and touch
+    flat. The opening is the distance of the contacts along it.
+
+    A solution states the gripper's pose in ``hand``: ``palm_pose`` (of the gripper's own frame: its closing axis from
+    contact 0 to contact 1, its approach axis along the approach), ``opening``, and ``approach``: its ``direction``, and
+    its penetration ``depth``. The contacts do not determine the rotation about the closing line: of 36 directions the
+    clearest of the body, tables and obstacles is taken, within the cones of ``Approach`` (docs/hands.md).
 
     Parameters
     ----------
-    field : str
-        For messages.
-    axis : str or (3,) sequence of float
-        ``"x"``, ``"y"``, ``"z"``, with a sign before it where it points the other way, or a unit direction.
-
-    Raises
-    ------
-    InputError
-        On any other letter, and on a direction of another length.
+    opening : float
+        Greatest distance between the jaws, metres.
+    closed : float
+        Least distance between them, metres.
+    tilt : float
+        Largest angle between a contact's normal and the closing direction, radians: compliant pads give a little.
+    finger_length : float
+        From the middle between the pads back to the gripper's frame, metres; 0 puts the frame between the pads.
+    finger_thickness : float
+        Of a finger in the closing direction, outwards from its pad, metres; 0 checks the pads' lines alone.
+    closing_axis : str or (3,) sequence of float
+        Direction of the closing line in the gripper's own frame, from the jaw at contact 0 to that at contact 1:
+        ``"x"``, ``"y"``, ``"z"``, with a sign such as ``"-x"``, or a unit direction. The Franka hand closes along y.
+    approach_axis : str or (3,) sequence of float
+        Direction in which the gripper moves to the body, in its own frame, at right angles to ``closing_axis``.
     """
-    allowed = '"x", "y", "z", with a sign such as "-x", or a unit direction of three numbers'
-    if isinstance(axis, str):
-        letter = axis.removeprefix("-").removeprefix("+")
-        if letter not in LETTERS or len(axis) > len(letter) + 1:
-            raise InputError(field, axis, allowed)
-        return (-1.0 if axis.startswith("-") else 1.0) * np.array(LETTERS[letter]) + 0.0
-    direction = array(field, axis, (3,))
-    length = float(np.linalg.norm(direction))
-    if not abs(length - 1.0) <= DIGITS:
-        raise InputError(field, f"a direction of length {length:.4g}", allowed)
-    return np.asarray(direction / length)
 
+    kind: ClassVar[str] = "parallel_jaw"
+    opening: float
+    closed: float = 0.0
+    tilt: float = 0.05
+    finger_length: float = 0.0
+    finger_thickness: float = 0.0
+    closing_axis: str | Sequence[float] = CLOSING_AXIS
+    approach_axis: str | Sequence[float] = APPROACH_AXIS
+    count: int = field(default=2, init=False, repr=False)
 
-def named(direction: FloatArray) -> str | tuple[float, float, float]:
-    """Return the signed letter of a unit direction along a coordinate axis; three numbers for any other."""
-    for letter, unit in LETTERS.items():
-        for sign, mark in ((1.0, ""), (-1.0, "-")):
-            if np.array_equal(sign * direction, unit):
-                return f"{mark}{letter}"
-    x, y, z = direction.tolist()
-    return x, y, z
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "closed", number("ParallelJaw.closed", self.closed, at_least=0.0))
+        opening = of_a_hand("ParallelJaw.opening", number("ParallelJaw.opening", self.opening, above=0.0))
+        if opening <= self.closed:
+            raise InputError("ParallelJaw.opening", f"{opening:g} m", f"more than closed, {self.closed:g} m")
+        object.__setattr__(self, "opening", opening)
+        object.__setattr__(self, "tilt", angle("ParallelJaw.tilt", self.tilt, MOST_TILT, "less than a right angle"))
+        for name in ("finger_length", "finger_thickness"):
+            length = number(f"ParallelJaw.{name}", getattr(self, name), at_least=0.0)
+            object.__setattr__(self, name, of_a_hand(f"ParallelJaw.{name}", length, LARGEST_PART))
+        with within("ParallelJaw."):
+            axes = own_axes(self.closing_axis, self.approach_axis)
+        object.__setattr__(self, "closing_axis", named(axes[:, 0]))
+        object.__setattr__(self, "approach_axis", named(axes[:, 2]))
 
+    @property
+    def tip_radii(self) -> tuple[float, ...]:
+        """Radii of the two flat pads: zero."""
+        return (0.0, 0.0)
 
-def own_axes(closing: str | Sequence[float], approach: str | Sequence[float]) -> FloatArray:
-    """Return the rotation whose columns are closing, transverse and approach directions in the gripper's frame.
+    def variables(self, bounds: FloatArray) -> list[HandVariable]:
+        """Return no variables: the contacts determine the jaws."""
+        return []
 
-    Raises
-    ------
-    InputError
-        On axes that are no unit directions, or not at right angles to each other.
-    """
-    along, towards = direction_of("closing_axis", closing), direction_of("approach_axis", approach)
-    if not abs(float(along @ towards)) <= DIGITS:
-        angle = np.degrees(np.arccos(np.clip(along @ towards, -1.0, 1.0)))
-        raise InputError("approach_axis", f"{angle:.4g} degrees off closing_axis", "a direction at right angles to it")
-    towards = towards - (along @ towards) * along
-    towards /= np.linalg.norm(towards)
-    return np.stack([along, np.cross(towards, along), towards], axis=1) + 0.0  # no -0
+    def rows(self, placement: Placement, variables: dict[str, Expression]) -> list[Row]:
+        """Return constraints on the opening and on the angle of each normal to the closing line."""
+        (p, q), (m, n) = placement.positions, placement.normals
+        between = q - p
+        squared = ca.sumsqr(between)
+        length = ca.sqrt(squared + 1e-12 * placement.size**2)
+        cosine = float(np.cos(self.tilt))
+        return [
+            Row("opening of the jaws", squared, self.closed**2, self.opening**2, placement.size**2, unit="m2"),
+            Row("opposed jaws", ca.dot(m, n), upper=-float(np.cos(2.0 * self.tilt))),
+            Row("facing", ca.dot(m, between) - cosine * length, 0.0, scale=placement.size, part="jaw 0"),
+            Row("facing", -ca.dot(n, between) - cosine * length, 0.0, scale=placement.size, part="jaw 1"),
+        ]
+
+    def closing(self, positions: Sequence[Expression]) -> Expression:
+        """Return the line from one contact to the other."""
+        return positions[1] - positions[0]
+
+    def at_contacts(self, points: FloatArray, size: float, distance: Distance, cones: Sequence[Cone] = ()) -> Json:
+        """Return pose, opening and approach of the gripper, as JSON data."""
+        axes = self.closing_axis, self.approach_axis
+        return Jaws(points, self.finger_length, self.finger_thickness, tuple(cones), *axes).posture(size, distance)
+
+    def to_dict(self) -> Json:
+        """Return limits, fingers, and axes other than x and z, as JSON data."""
+        axes = {"closing_axis": self.closing_axis, "approach_axis": self.approach_axis}
+        usual = {"closing_axis": CLOSING_AXIS, "approach_axis": APPROACH_AXIS}
+        others = {k: a if isinstance(a, str) else list(a) for k, a in axes.items() if a != usual[k]}
+        return {
+            "type": self.kind,
+            "opening": self.opening,
+            "closed": self.closed,
+            "tilt": self.tilt,
+            "finger_length": self.finger_length,
+            "finger_thickness": self.finger_thickness,
+            **others,
+        }
 
 
 @dataclass(frozen=True)
@@ -266,105 +316,56 @@ def _spread(width: float) -> FloatArray:
     return np.linspace(0.0, width, 1 + int(np.ceil(width / APART - ROUNDING)))
 
 
-@dataclass(frozen=True)
-class ParallelJaw(Hand):
-    """Two flat jaws that face each other, for two contacts (usually soft ones).
+def own_axes(closing: str | Sequence[float], approach: str | Sequence[float]) -> FloatArray:
+    """Return the rotation whose columns are closing, transverse and approach directions in the gripper's frame.
 
-    The line between the contacts is within an angle of both inward normals: jaws close along one line and touch
-    flat. The opening is the distance of the contacts along it.
+    Raises
+    ------
+    InputError
+        On axes that are no unit directions, or not at right angles to each other.
+    """
+    along, towards = direction_of("closing_axis", closing), direction_of("approach_axis", approach)
+    if not abs(float(along @ towards)) <= DIGITS:
+        angle = np.degrees(np.arccos(np.clip(along @ towards, -1.0, 1.0)))
+        raise InputError("approach_axis", f"{angle:.4g} degrees off closing_axis", "a direction at right angles to it")
+    towards = towards - (along @ towards) * along
+    towards /= np.linalg.norm(towards)
+    return np.stack([along, np.cross(towards, along), towards], axis=1) + 0.0  # no -0
 
-    A solution states the gripper's pose in ``hand``: ``palm_pose`` (of the gripper's own frame: its closing axis from
-    contact 0 to contact 1, its approach axis along the approach), ``opening``, and ``approach``: its ``direction``, and
-    its penetration ``depth``. The contacts do not determine the rotation about the closing line: of 36 directions the
-    clearest of the body, tables and obstacles is taken, within the cones of ``Approach`` (docs/hands.md).
+
+def direction_of(field: str, axis: str | Sequence[float]) -> FloatArray:
+    """Return an axis as a unit direction (3,) in the gripper's frame.
 
     Parameters
     ----------
-    opening : float
-        Greatest distance between the jaws, metres.
-    closed : float
-        Least distance between them, metres.
-    tilt : float
-        Largest angle between a contact's normal and the closing direction, radians: compliant pads give a little.
-    finger_length : float
-        From the middle between the pads back to the gripper's frame, metres; 0 puts the frame between the pads.
-    finger_thickness : float
-        Of a finger in the closing direction, outwards from its pad, metres; 0 checks the pads' lines alone.
-    closing_axis : str or (3,) sequence of float
-        Direction of the closing line in the gripper's own frame, from the jaw at contact 0 to that at contact 1:
-        ``"x"``, ``"y"``, ``"z"``, with a sign such as ``"-x"``, or a unit direction. The Franka hand closes along y.
-    approach_axis : str or (3,) sequence of float
-        Direction in which the gripper moves to the body, in its own frame, at right angles to ``closing_axis``.
+    field : str
+        For messages.
+    axis : str or (3,) sequence of float
+        ``"x"``, ``"y"``, ``"z"``, with a sign before it where it points the other way, or a unit direction.
+
+    Raises
+    ------
+    InputError
+        On any other letter, and on a direction of another length.
     """
+    allowed = '"x", "y", "z", with a sign such as "-x", or a unit direction of three numbers'
+    if isinstance(axis, str):
+        letter = axis.removeprefix("-").removeprefix("+")
+        if letter not in LETTERS or len(axis) > len(letter) + 1:
+            raise InputError(field, axis, allowed)
+        return (-1.0 if axis.startswith("-") else 1.0) * np.array(LETTERS[letter]) + 0.0
+    direction = array(field, axis, (3,))
+    length = float(np.linalg.norm(direction))
+    if not abs(length - 1.0) <= DIGITS:
+        raise InputError(field, f"a direction of length {length:.4g}", allowed)
+    return np.asarray(direction / length)
 
-    kind: ClassVar[str] = "parallel_jaw"
-    opening: float
-    closed: float = 0.0
-    tilt: float = 0.05
-    finger_length: float = 0.0
-    finger_thickness: float = 0.0
-    closing_axis: str | Sequence[float] = CLOSING_AXIS
-    approach_axis: str | Sequence[float] = APPROACH_AXIS
-    count: int = field(default=2, init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "closed", number("ParallelJaw.closed", self.closed, at_least=0.0))
-        opening = of_a_hand("ParallelJaw.opening", number("ParallelJaw.opening", self.opening, above=0.0))
-        if opening <= self.closed:
-            raise InputError("ParallelJaw.opening", f"{opening:g} m", f"more than closed, {self.closed:g} m")
-        object.__setattr__(self, "opening", opening)
-        object.__setattr__(self, "tilt", angle("ParallelJaw.tilt", self.tilt, MOST_TILT, "less than a right angle"))
-        for name in ("finger_length", "finger_thickness"):
-            length = number(f"ParallelJaw.{name}", getattr(self, name), at_least=0.0)
-            object.__setattr__(self, name, of_a_hand(f"ParallelJaw.{name}", length, LARGEST_PART))
-        with within("ParallelJaw."):
-            axes = own_axes(self.closing_axis, self.approach_axis)
-        object.__setattr__(self, "closing_axis", named(axes[:, 0]))
-        object.__setattr__(self, "approach_axis", named(axes[:, 2]))
-
-    @property
-    def tip_radii(self) -> tuple[float, ...]:
-        """Radii of the two flat pads: zero."""
-        return (0.0, 0.0)
-
-    def variables(self, bounds: FloatArray) -> list[HandVariable]:
-        """Return no variables: the contacts determine the jaws."""
-        return []
-
-    def rows(self, placement: Placement, variables: dict[str, Expression]) -> list[Row]:
-        """Return constraints on the opening and on the angle of each normal to the closing line."""
-        (p, q), (m, n) = placement.positions, placement.normals
-        between = q - p
-        squared = ca.sumsqr(between)
-        length = ca.sqrt(squared + 1e-12 * placement.size**2)
-        cosine = float(np.cos(self.tilt))
-        return [
-            Row("opening of the jaws", squared, self.closed**2, self.opening**2, placement.size**2, unit="m2"),
-            Row("opposed jaws", ca.dot(m, n), upper=-float(np.cos(2.0 * self.tilt))),
-            Row("facing", ca.dot(m, between) - cosine * length, 0.0, scale=placement.size, part="jaw 0"),
-            Row("facing", -ca.dot(n, between) - cosine * length, 0.0, scale=placement.size, part="jaw 1"),
-        ]
-
-    def closing(self, positions: Sequence[Expression]) -> Expression:
-        """Return the line from one contact to the other."""
-        return positions[1] - positions[0]
-
-    def at_contacts(self, points: FloatArray, size: float, distance: Distance, cones: Sequence[Cone] = ()) -> Json:
-        """Return pose, opening and approach of the gripper, as JSON data."""
-        axes = self.closing_axis, self.approach_axis
-        return Jaws(points, self.finger_length, self.finger_thickness, tuple(cones), *axes).posture(size, distance)
-
-    def to_dict(self) -> Json:
-        """Return limits, fingers, and axes other than x and z, as JSON data."""
-        axes = {"closing_axis": self.closing_axis, "approach_axis": self.approach_axis}
-        usual = {"closing_axis": CLOSING_AXIS, "approach_axis": APPROACH_AXIS}
-        others = {k: a if isinstance(a, str) else list(a) for k, a in axes.items() if a != usual[k]}
-        return {
-            "type": self.kind,
-            "opening": self.opening,
-            "closed": self.closed,
-            "tilt": self.tilt,
-            "finger_length": self.finger_length,
-            "finger_thickness": self.finger_thickness,
-            **others,
-        }
+def named(direction: FloatArray) -> str | tuple[float, float, float]:
+    """Return the signed letter of a unit direction along a coordinate axis; three numbers for any other."""
+    for letter, unit in LETTERS.items():
+        for sign, mark in ((1.0, ""), (-1.0, "-")):
+            if np.array_equal(sign * direction, unit):
+                return f"{mark}{letter}"
+    x, y, z = direction.tolist()
+    return x, y, z

@@ -1,4 +1,7 @@
-"""Presets of common hands: fingertips, approach and effort limits for their URDFs."""
+"""Presets of common hands: fingertips, approach and effort limits for their URDFs.
+
+Each hand has a function of its name, which documents its data, and a ``Preset`` that holds them.
+"""
 
 from __future__ import annotations
 
@@ -18,12 +21,189 @@ from nlpgrasp.hands.tips import CapsuleTip, FlatTip, SphereTip, Tip
 from nlpgrasp.hands.urdf_hand import URDFHand
 
 CLEARANCE = 2e-3  # metres between links and body, for the positioning error of an arm
-QUARTER = np.pi / 2.0
+QUARTER = np.pi / 2.0  # radians, a quarter turn
 PANDA_FORCE = 70.0  # newtons on each finger
 ROBOTIQ_PAD = FlatTip((0.022, 0.0375), (0.0, -0.003175, 0.0), (QUARTER, 0.0, 0.0))
 
-
 Direction = tuple[float, float, float]
+
+
+def allegro(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
+    """Return the Allegro hand (Wonik Robotics), right or left: four fingers, 16 joints.
+
+    Contacts, in this order: the three fingers (links ``link_3.0_tip``, ``link_7.0_tip``, ``link_11.0_tip``) and the
+    thumb (``link_15.0_tip``), each a sphere of 12 mm around the link's origin, as the collision shape of the maker's
+    URDF. The palm (``palm_link``) faces along its x axis.
+
+    Torque limits: 0.7 N m a joint, the greatest torque of the maker's technical specification. The URDF's effort of
+    15 is a placeholder.
+
+    Parameters
+    ----------
+    urdf : str or Path, optional
+        Its URDF; from ``robot_descriptions`` when left out (extra ``descriptions``).
+    **options
+        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``: as for ``URDFHand.load``.
+
+    Raises
+    ------
+    InputError
+        When there is no URDF, or it lacks one of these links.
+    """
+    return ALLEGRO.hand(urdf, **options)
+
+
+def barrett(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
+    """Return the BarrettHand (BH8-28x): three fingers.
+
+    Contacts: ``finger_1_dist_link``, ``finger_2_dist_link`` and ``finger_3_dist_link``, spheres of 7 mm in the end of
+    each link, 51 mm from its joint. The palm (``base_link``) faces along its z axis.
+
+    Torque limits: the maker's 15 N at the fingertip takes 1.7 N m of a finger's inner joint, 114 mm away with the
+    finger straight, and 0.77 N m of the outer one (its torque sensor ends at 1 N m). The joints that spread the
+    fingers, with the same motors, are taken to hold 1.7 N m. The URDF states an effort of 0. One motor drives both
+    joints of a finger; the URDF lets them move on their own.
+
+    Parameters
+    ----------
+    urdf : str or Path, optional
+        Its URDF; from ``robot_descriptions`` when left out (extra ``descriptions``).
+    **options
+        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``: as for ``URDFHand.load``.
+
+    Raises
+    ------
+    InputError
+        When there is no URDF, or it lacks one of these links.
+    """
+    return BARRETT.hand(urdf, **options)
+
+
+def leap(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
+    """Return the LEAP hand (v1): four fingers, 16 joints.
+
+    Contacts, in this order: the three fingers (links ``fingertip``, ``fingertip_2``, ``fingertip_3``) and the thumb
+    (``thumb_fingertip``). Each is a sphere whose end is 48 mm (thumb: 60 mm) along -y of the link, where public URDFs
+    have the tip's frame. Its radius of 12 mm is an assumption: hands are printed, measure yours. The palm
+    (``palm_lower``) faces along -z: there the fingers close.
+
+    Torque limits: 0.93 N m a joint, the stall torque of its motors at 5 V (ROBOTIS, Dynamixel XC330-M288-T); the
+    current limits that its software sets take a part of that.
+
+    Parameters
+    ----------
+    urdf : str or Path, optional
+        Its URDF; from ``robot_descriptions`` when left out (extra ``descriptions``).
+    **options
+        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``: as for ``URDFHand.load``.
+
+    Raises
+    ------
+    InputError
+        When there is no URDF, or it lacks one of these links.
+    """
+    return LEAP.hand(urdf, **options)
+
+
+def panda(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
+    """Return the gripper of a Panda or FR3 arm (Franka Hand): two pads, one joint; the arm is left out.
+
+    Contacts: the pads of the left and right finger (links ``leftfinger``, ``rightfinger``, with any prefix), flat
+    rectangles of 17.5 mm by 18.5 mm where the maker's URDF has the rubber tips. The palm (``panda_hand``) faces along
+    its z axis.
+
+    Force limits: 70 N on each finger, the maker's continuous grasping force (140 N is the greatest, for a moment). A
+    joint that drives both fingers therefore gets 140 N.
+
+    Parameters
+    ----------
+    urdf : str or Path, optional
+        The URDF of gripper or arm; from ``robot_descriptions`` when left out (extra ``descriptions``).
+    **options
+        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``: as for ``URDFHand.load``.
+
+    Raises
+    ------
+    InputError
+        When there is no URDF, or it lacks one of these links.
+    """
+    return PANDA.hand(urdf, **options)
+
+
+def robotiq_2f85(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
+    """Return the Robotiq 2F-85 gripper: two pads, one joint.
+
+    Contacts: the pads ``left_inner_finger_pad`` and ``right_inner_finger_pad`` of the ROS-Industrial description, flat
+    rectangles of 22 mm by 37.5 mm. The palm (``robotiq_arg2f_base_link``) faces along its z axis.
+
+    Torque limit: 25 N m at ``finger_joint``. The maker's greatest grip force is 235 N; a pad's stroke of 42.5 mm over
+    0.8 rad is 53 mm a radian, and the joint moves both pads: 2 x 235 N x 0.053 m. The URDF's 1000 is a placeholder.
+
+    Parameters
+    ----------
+    urdf : str or Path, optional
+        Its URDF; from ``robot_descriptions`` when left out (extra ``descriptions``).
+    **options
+        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``: as for ``URDFHand.load``.
+
+    Raises
+    ------
+    InputError
+        When there is no URDF, or it lacks one of these links.
+    """
+    return ROBOTIQ_2F85.hand(urdf, **options)
+
+
+def robotiq_3f(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
+    """Return the Robotiq 3-Finger gripper, with all of its joints free (its linkage couples those of a finger).
+
+    Contacts: ``finger_1_link_3``, ``finger_2_link_3`` and ``finger_middle_link_3``, spheres of 11 mm in the end of the
+    last link, 26 mm from its joint. The palm (``palm``) faces along its y axis.
+
+    Torque limits of a finger's joints: 7, 4 and 1.6 N m, which its greatest force of 60 N at the tip (the maker's
+    manual, register FORCE) takes of each with the finger straight. The joints that spread the fingers keep the URDF's
+    effort, a placeholder.
+
+    Parameters
+    ----------
+    urdf : str or Path, optional
+        Its URDF. ``robot_descriptions`` has none.
+    **options
+        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``: as for ``URDFHand.load``.
+
+    Raises
+    ------
+    InputError
+        When there is no URDF, or it lacks one of these links.
+    """
+    return ROBOTIQ_3F.hand(urdf, **options)
+
+
+def shadow(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
+    """Return the Shadow Dexterous Hand, right or left: five fingers, from the palm on (the wrist is left out).
+
+    Contacts, in this order: first, middle, ring and little finger (links ``ffdistal``, ``mfdistal``, ``rfdistal``,
+    ``lfdistal``, with any prefix such as ``rh_``), spheres of 7 mm, 24 mm along the link's z axis, and the thumb
+    (``thdistal``), 9 mm and 26 mm: the ends of the capsules that stand for these links in gymnasium-robotics' model
+    of the hand. Where the file has capsules there, as that model (MJCF), the fingertips are the capsules.
+    The palm (``palm``) faces along its -y axis.
+
+    Torque limits: the URDF's efforts, which are the maker's. The two outer joints of each finger share a tendon; its
+    URDF lets them move on their own.
+
+    Parameters
+    ----------
+    urdf : str or Path, optional
+        Its URDF. ``robot_descriptions`` has none.
+    **options
+        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``: as for ``URDFHand.load``.
+
+    Raises
+    ------
+    InputError
+        When there is no URDF, or it lacks one of these links.
+    """
+    return SHADOW.hand(urdf, **options)
 
 
 class Options(TypedDict, total=False):
@@ -208,111 +388,6 @@ def of_urdf(robot: Robot) -> Mapping[str, float]:
     return {joint.name: joint.effort for joint in robot.free_joints if joint.effort}
 
 
-ALLEGRO = Preset(
-    "allegro",
-    ("palm_link", "palm", "base_link"),
-    {f"link_{last}.0_tip": SphereTip(0.012) for last in (3, 7, 11, 15)},
-    (1.0, 0.0, 0.0),
-    same_for_all(0.7),
-    "allegro_hand_description",
-)
-LEAP = Preset(
-    "leap",
-    ("palm_lower",),
-    {name: SphereTip(0.012, (0.0, -0.036, 0.015)) for name in ("fingertip", "fingertip_2", "fingertip_3")}
-    | {"thumb_fingertip": SphereTip(0.012, (0.0, -0.048, -0.015))},
-    (0.0, 0.0, -1.0),
-    same_for_all(0.93),
-    "leap_hand_v1_description",
-)
-SHADOW = Preset(
-    "shadow",
-    ("palm",),
-    {f"{finger}distal": SphereTip(0.007, (0.0, 0.0, 0.024)) for finger in ("ff", "mf", "rf", "lf")}
-    | {"thdistal": SphereTip(0.009, (0.0, 0.0, 0.026))},
-    (0.0, -1.0, 0.0),
-    of_urdf,
-)
-
-
-def allegro(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
-    """Return the Allegro hand (Wonik Robotics), right or left: four fingers, 16 joints.
-
-    Contacts, in this order: the three fingers (links ``link_3.0_tip``, ``link_7.0_tip``, ``link_11.0_tip``) and the
-    thumb (``link_15.0_tip``), each a sphere of 12 mm around the link's origin, as the collision shape of the maker's
-    URDF. The palm (``palm_link``) faces along its x axis.
-
-    Torque limits: 0.7 N m a joint, the greatest torque of the maker's technical specification. The URDF's effort of
-    15 is a placeholder.
-
-    Parameters
-    ----------
-    urdf : str or Path, optional
-        Its URDF; from ``robot_descriptions`` when left out (extra ``descriptions``).
-    **options
-        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``: as for ``URDFHand.load``.
-
-    Raises
-    ------
-    InputError
-        When there is no URDF, or it lacks one of these links.
-    """
-    return ALLEGRO.hand(urdf, **options)
-
-
-def leap(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
-    """Return the LEAP hand (v1): four fingers, 16 joints.
-
-    Contacts, in this order: the three fingers (links ``fingertip``, ``fingertip_2``, ``fingertip_3``) and the thumb
-    (``thumb_fingertip``). Each is a sphere whose end is 48 mm (thumb: 60 mm) along -y of the link, where public URDFs
-    have the tip's frame. Its radius of 12 mm is an assumption: hands are printed, measure yours. The palm
-    (``palm_lower``) faces along -z: there the fingers close.
-
-    Torque limits: 0.93 N m a joint, the stall torque of its motors at 5 V (ROBOTIS, Dynamixel XC330-M288-T); the
-    current limits that its software sets take a part of that.
-
-    Parameters
-    ----------
-    urdf : str or Path, optional
-        Its URDF; from ``robot_descriptions`` when left out (extra ``descriptions``).
-    **options
-        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``: as for ``URDFHand.load``.
-
-    Raises
-    ------
-    InputError
-        When there is no URDF, or it lacks one of these links.
-    """
-    return LEAP.hand(urdf, **options)
-
-
-def shadow(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
-    """Return the Shadow Dexterous Hand, right or left: five fingers, from the palm on (the wrist is left out).
-
-    Contacts, in this order: first, middle, ring and little finger (links ``ffdistal``, ``mfdistal``, ``rfdistal``,
-    ``lfdistal``, with any prefix such as ``rh_``), spheres of 7 mm, 24 mm along the link's z axis, and the thumb
-    (``thdistal``), 9 mm and 26 mm: the ends of the capsules that stand for these links in gymnasium-robotics' model
-    of the hand. Where the file has capsules there, as that model (MJCF), the fingertips are the capsules.
-    The palm (``palm``) faces along its -y axis.
-
-    Torque limits: the URDF's efforts, which are the maker's. The two outer joints of each finger share a tendon; its
-    URDF lets them move on their own.
-
-    Parameters
-    ----------
-    urdf : str or Path, optional
-        Its URDF. ``robot_descriptions`` has none.
-    **options
-        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``: as for ``URDFHand.load``.
-
-    Raises
-    ------
-    InputError
-        When there is no URDF, or it lacks one of these links.
-    """
-    return SHADOW.hand(urdf, **options)
-
-
 def _panda_pad(joint: Joint) -> FlatTip:
     """Return a finger's pad, which faces where the finger closes to: against its joint's axis (y or -y)."""
     side = 1.0 if joint.axis[1] > 0.0 else -1.0
@@ -325,29 +400,16 @@ def _panda_limits(robot: Robot) -> Mapping[str, float]:
     return {joint.name: PANDA_FORCE * driven.count(joint.name) for joint in robot.free_joints}
 
 
-PANDA = Preset(
-    "panda",
-    ("panda_hand", "hand"),
-    {"leftfinger": _panda_pad, "rightfinger": _panda_pad},
-    (0.0, 0.0, 1.0),
-    _panda_limits,
-    "panda_description",
+ALLEGRO = Preset(
+    "allegro",
+    ("palm_link", "palm", "base_link"),
+    {f"link_{last}.0_tip": SphereTip(0.012) for last in (3, 7, 11, 15)},
+    (1.0, 0.0, 0.0),
+    same_for_all(0.7),
+    "allegro_hand_description",
 )
-ROBOTIQ_2F85 = Preset(
-    "robotiq_2f85",
-    ("robotiq_arg2f_base_link", "robotiq_85_base_link"),
-    {"left_inner_finger_pad": ROBOTIQ_PAD, "right_inner_finger_pad": ROBOTIQ_PAD},
-    (0.0, 0.0, 1.0),
-    by_ending({"finger_joint": 25.0}),
-    "robotiq_2f85_description",
-)
-ROBOTIQ_3F = Preset(
-    "robotiq_3f",
-    ("palm",),
-    {f"finger_{name}_link_3": SphereTip(0.011, (0.0205, 0.016, 0.0)) for name in ("1", "2", "middle")},
-    (0.0, 1.0, 0.0),
-    by_ending({"joint_1": 7.0, "joint_2": 4.0, "joint_3": 1.6}),
-)
+
+
 BARRETT = Preset(
     "barrett",
     ("base_link",),
@@ -358,106 +420,57 @@ BARRETT = Preset(
 )
 
 
-def panda(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
-    """Return the gripper of a Panda or FR3 arm (Franka Hand): two pads, one joint; the arm is left out.
-
-    Contacts: the pads of the left and right finger (links ``leftfinger``, ``rightfinger``, with any prefix), flat
-    rectangles of 17.5 mm by 18.5 mm where the maker's URDF has the rubber tips. The palm (``panda_hand``) faces along
-    its z axis.
-
-    Force limits: 70 N on each finger, the maker's continuous grasping force (140 N is the greatest, for a moment). A
-    joint that drives both fingers therefore gets 140 N.
-
-    Parameters
-    ----------
-    urdf : str or Path, optional
-        The URDF of gripper or arm; from ``robot_descriptions`` when left out (extra ``descriptions``).
-    **options
-        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``: as for ``URDFHand.load``.
-
-    Raises
-    ------
-    InputError
-        When there is no URDF, or it lacks one of these links.
-    """
-    return PANDA.hand(urdf, **options)
+LEAP = Preset(
+    "leap",
+    ("palm_lower",),
+    {name: SphereTip(0.012, (0.0, -0.036, 0.015)) for name in ("fingertip", "fingertip_2", "fingertip_3")}
+    | {"thumb_fingertip": SphereTip(0.012, (0.0, -0.048, -0.015))},
+    (0.0, 0.0, -1.0),
+    same_for_all(0.93),
+    "leap_hand_v1_description",
+)
 
 
-def robotiq_2f85(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
-    """Return the Robotiq 2F-85 gripper: two pads, one joint.
-
-    Contacts: the pads ``left_inner_finger_pad`` and ``right_inner_finger_pad`` of the ROS-Industrial description, flat
-    rectangles of 22 mm by 37.5 mm. The palm (``robotiq_arg2f_base_link``) faces along its z axis.
-
-    Torque limit: 25 N m at ``finger_joint``. The maker's greatest grip force is 235 N; a pad's stroke of 42.5 mm over
-    0.8 rad is 53 mm a radian, and the joint moves both pads: 2 x 235 N x 0.053 m. The URDF's 1000 is a placeholder.
-
-    Parameters
-    ----------
-    urdf : str or Path, optional
-        Its URDF; from ``robot_descriptions`` when left out (extra ``descriptions``).
-    **options
-        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``: as for ``URDFHand.load``.
-
-    Raises
-    ------
-    InputError
-        When there is no URDF, or it lacks one of these links.
-    """
-    return ROBOTIQ_2F85.hand(urdf, **options)
+PANDA = Preset(
+    "panda",
+    ("panda_hand", "hand"),
+    {"leftfinger": _panda_pad, "rightfinger": _panda_pad},
+    (0.0, 0.0, 1.0),
+    _panda_limits,
+    "panda_description",
+)
 
 
-def robotiq_3f(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
-    """Return the Robotiq 3-Finger gripper, with all of its joints free (its linkage couples those of a finger).
-
-    Contacts: ``finger_1_link_3``, ``finger_2_link_3`` and ``finger_middle_link_3``, spheres of 11 mm in the end of the
-    last link, 26 mm from its joint. The palm (``palm``) faces along its y axis.
-
-    Torque limits of a finger's joints: 7, 4 and 1.6 N m, which its greatest force of 60 N at the tip (the maker's
-    manual, register FORCE) takes of each with the finger straight. The joints that spread the fingers keep the URDF's
-    effort, a placeholder.
-
-    Parameters
-    ----------
-    urdf : str or Path, optional
-        Its URDF. ``robot_descriptions`` has none.
-    **options
-        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``: as for ``URDFHand.load``.
-
-    Raises
-    ------
-    InputError
-        When there is no URDF, or it lacks one of these links.
-    """
-    return ROBOTIQ_3F.hand(urdf, **options)
+ROBOTIQ_2F85 = Preset(
+    "robotiq_2f85",
+    ("robotiq_arg2f_base_link", "robotiq_85_base_link"),
+    {"left_inner_finger_pad": ROBOTIQ_PAD, "right_inner_finger_pad": ROBOTIQ_PAD},
+    (0.0, 0.0, 1.0),
+    by_ending({"finger_joint": 25.0}),
+    "robotiq_2f85_description",
+)
 
 
-def barrett(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
-    """Return the BarrettHand (BH8-28x): three fingers.
+ROBOTIQ_3F = Preset(
+    "robotiq_3f",
+    ("palm",),
+    {f"finger_{name}_link_3": SphereTip(0.011, (0.0205, 0.016, 0.0)) for name in ("1", "2", "middle")},
+    (0.0, 1.0, 0.0),
+    by_ending({"joint_1": 7.0, "joint_2": 4.0, "joint_3": 1.6}),
+)
 
-    Contacts: ``finger_1_dist_link``, ``finger_2_dist_link`` and ``finger_3_dist_link``, spheres of 7 mm in the end of
-    each link, 51 mm from its joint. The palm (``base_link``) faces along its z axis.
 
-    Torque limits: the maker's 15 N at the fingertip takes 1.7 N m of a finger's inner joint, 114 mm away with the
-    finger straight, and 0.77 N m of the outer one (its torque sensor ends at 1 N m). The joints that spread the
-    fingers, with the same motors, are taken to hold 1.7 N m. The URDF states an effort of 0. One motor drives both
-    joints of a finger; the URDF lets them move on their own.
-
-    Parameters
-    ----------
-    urdf : str or Path, optional
-        Its URDF; from ``robot_descriptions`` when left out (extra ``descriptions``).
-    **options
-        ``palm``, ``torque_limits``, ``clearance``, ``spheres_per_link``, ``self_collision``: as for ``URDFHand.load``.
-
-    Raises
-    ------
-    InputError
-        When there is no URDF, or it lacks one of these links.
-    """
-    return BARRETT.hand(urdf, **options)
+SHADOW = Preset(
+    "shadow",
+    ("palm",),
+    {f"{finger}distal": SphereTip(0.007, (0.0, 0.0, 0.024)) for finger in ("ff", "mf", "rf", "lf")}
+    | {"thdistal": SphereTip(0.009, (0.0, 0.0, 0.026))},
+    (0.0, -1.0, 0.0),
+    of_urdf,
+)
 
 
 PRESETS = {make.__name__: make for make in (allegro, barrett, leap, panda, robotiq_2f85, robotiq_3f, shadow)}
+
 
 __all__ = ["allegro", "barrett", "leap", "panda", "robotiq_2f85", "robotiq_3f", "shadow"]

@@ -1,18 +1,21 @@
-"""Robot description as plain data: links, joints and collision shapes."""
+"""Robot description as plain data: links, joints, collision shapes and masses, with checks for the file readers."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.validation import FloatArray
+from nlpgrasp.errors import InputError
 from nlpgrasp.hands.collision_shapes import Shape
 
-MOVABLE = ("revolute", "continuous", "prismatic")
+MOVABLE = ("revolute", "continuous", "prismatic")  # kinds of joints that move
 
 
 @dataclass(frozen=True)
@@ -90,7 +93,7 @@ class Robot:
     bare : tuple of str
         Visible links without a collision shape.
     turned : tuple of str
-        Followers whose limits were taken with the other sign (``urdf_mimics.with_signs``).
+        Followers whose limits were taken with the other sign (``urdf_reader.with_signs``).
     unmodelled : tuple of str
         Couplings of joints in the file that are left out, a phrase each.
     """
@@ -191,3 +194,52 @@ class Robot:
             chain.insert(0, by_child[link])
             link = by_child[link].parent
         return tuple(chain)
+
+
+@dataclass(frozen=True)
+class Inertial:
+    """Mass, centre of mass and inertia of a link.
+
+    Parameters
+    ----------
+    mass : float
+        Kilograms.
+    center : (3,) array
+        Centre of mass, metres, link frame.
+    inertia : (3, 3) array
+        About the centre of mass, in axes parallel to the link's, kg m^2.
+    """
+
+    mass: float
+    center: FloatArray
+    inertia: FloatArray
+
+
+def check_mimics(source: Path, joints: tuple[Joint, ...]) -> None:
+    """Refuse joints that follow missing joints, or each other."""
+    by_name = {j.name: j for j in joints if j.moves}
+    for joint in by_name.values():
+        seen, here = [joint.name], joint
+        while here.mimic is not None:
+            wanted = here.mimic.joint
+            if wanted not in by_name:
+                others = [name for name in by_name if name != here.name]
+                like = [name for name in others if wanted and name.endswith(wanted)]
+                bad(source, f"joint {here.name} that mimics {wanted!r}", "a moving joint: " + ", ".join(like or others))
+            here = by_name[wanted]
+            if here.name in seen:
+                bad(source, f"joints that mimic each other: {', '.join(seen)}", "a joint to follow")
+            seen.append(here.name)
+
+
+def check_ranges(source: Path, robot: Robot) -> None:
+    """Refuse joints whose mimic joints leave them an empty range."""
+    for joint in robot.free_joints:
+        lower, upper, why = robot.ranges[joint.name]
+        if lower > upper or (lower == upper and joint.lower < joint.upper):
+            bad(source, f"joint {joint.name} with joint {why} that follows it", "limits that both can keep")
+
+
+def bad(source: Path, given: str, allowed: str) -> NoReturn:
+    """Raise ``InputError`` for an invalid statement in a robot file."""
+    raise InputError(f"URDFHand.path: {source.name}", given, allowed)

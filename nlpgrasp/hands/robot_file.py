@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from nlpgrasp.hands.mjcf_reader import mjcf_inertials, mjcf_links, read_mjcf
-from nlpgrasp.hands.robot import Robot
-from nlpgrasp.hands.urdf_reader import Inertial, bad, link_names, read_urdf, urdf_inertials
+from nlpgrasp.hands.robot import Inertial, Robot, bad
+from nlpgrasp.hands.urdf_reader import link_names, read_urdf, urdf_inertials
 
 
 def read_robot(path: str | Path, palm: str | None = None) -> Robot:

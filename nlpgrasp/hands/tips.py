@@ -26,94 +26,6 @@ TILT = np.sin(np.radians(20.0))  # sine of the largest tilt of a finger without 
 ROUNDING = 1e-4  # largest depth of a contact inside the capsule, as a share of the axis' length
 
 
-def dome(facing: FloatArray, angle: float, sides: int) -> Triangles:
-    """Return the part of the unit sphere within an angle of a direction.
-
-    Parameters
-    ----------
-    facing : (3,) array
-        Unit.
-    angle : float
-        Radians, up to pi: the whole sphere.
-    sides : int
-        Sides of each ring of triangles.
-    """
-    rings = max(2, round(sides * angle / (2.0 * np.pi)))
-    polar, turn = np.linspace(0.0, angle, rings + 1), 2.0 * np.pi * np.arange(sides) / sides
-    first, second = tangents(facing[None])[0]
-    around = np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second
-    points = np.cos(polar)[:, None, None] * facing + np.sin(polar)[:, None, None] * around
-    return Triangles(points.reshape(-1, 3), _woven(rings, sides))
-
-
-def tube(radius: float, start: FloatArray, end: FloatArray, sides: int) -> Triangles:
-    """Return the side of a cylinder between two points (3,) of its axis."""
-    steps = max(2, sides // 4)
-    along = (end - start) / np.linalg.norm(end - start)
-    first, second = tangents(along[None])[0]
-    turn = 2.0 * np.pi * np.arange(sides) / sides
-    around = radius * (np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second)
-    axis = start + np.linspace(1.0, 0.0, steps + 1)[:, None] * (end - start)  # the far end first: outward triangles
-    return Triangles((axis[:, None] + around).reshape(-1, 3), _woven(steps, sides))
-
-
-def rectangle(extents: FloatArray, frame: FloatArray, steps: int) -> Triangles:
-    """Return a rectangle of full lengths (2,) in the xy plane of a frame (4, 4), facing along z."""
-    share = np.linspace(-0.5, 0.5, steps + 1)
-    x, y = np.meshgrid(share * extents[0], share * extents[1], indexing="ij")
-    flat = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
-    corner = (np.arange(steps)[:, None] * (steps + 1) + np.arange(steps)).ravel()
-    a, b, c, d = corner, corner + steps + 1, corner + steps + 2, corner + 1
-    faces = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
-    return Triangles(flat @ frame[:3, :3].T + frame[:3, 3], faces)
-
-
-def _woven(rings: int, sides: int) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
-    """Return the triangles between consecutive closed rings of points."""
-    row, column = (i.ravel() for i in np.meshgrid(np.arange(rings), np.arange(sides), indexing="ij"))
-    a, b = row * sides + column, row * sides + (column + 1) % sides
-    c, d = a + sides, b + sides
-    return np.concatenate([np.column_stack([a, c, d]), np.column_stack([a, d, b])]).astype(np.int64)
-
-
-@dataclass(frozen=True)
-class Touch:
-    """Symbolic link pose and contact of a fingertip.
-
-    Parameters
-    ----------
-    link : str
-        The link's name.
-    finger : int
-        Number of the contact.
-    pose : casadi.SX
-        (4, 4) transform from the link's frame to the body's.
-    p, n : casadi.SX
-        Contact point and inward normal, body frame.
-    slide : casadi.SX or None
-        The patch's own coordinate.
-    size : float
-        The body's characteristic length, for scaling.
-    """
-
-    link: str
-    finger: int
-    pose: Expression
-    p: Expression
-    n: Expression
-    slide: Expression
-    size: float
-
-    def row(
-        self, part: str, expression: Expression, lower: float = 0.0, upper: float = np.inf, *, length: bool = False
-    ) -> Row:
-        """Return a constraint of the tip, on a length in metres or a number; ``part`` names it."""
-        scale, unit = (self.size, "m") if length else (1.0, "")
-        return Row(
-            ON_FINGERTIP, expression, lower, upper, scale, unit, fingers=(self.finger,), link=self.link, part=part
-        )
-
-
 class Tip(ABC):
     """A convex patch of a link's surface that touches the body.
 
@@ -190,33 +102,93 @@ class Tip(ABC):
         """Return the patch as JSON data."""
 
 
-def equal(touch: Touch, left: Expression, right: Expression) -> list[Row]:
-    """Return constraints ``left = right`` for columns of 3."""
-    return [touch.row(axis, left[i] - right[i], 0.0, 0.0, length=True) for i, axis in enumerate("xyz")]
+@dataclass(frozen=True)
+class Touch:
+    """Symbolic link pose and contact of a fingertip.
+
+    Parameters
+    ----------
+    link : str
+        The link's name.
+    finger : int
+        Number of the contact.
+    pose : casadi.SX
+        (4, 4) transform from the link's frame to the body's.
+    p, n : casadi.SX
+        Contact point and inward normal, body frame.
+    slide : casadi.SX or None
+        The patch's own coordinate.
+    size : float
+        The body's characteristic length, for scaling.
+    """
+
+    link: str
+    finger: int
+    pose: Expression
+    p: Expression
+    n: Expression
+    slide: Expression
+    size: float
+
+    def row(
+        self, part: str, expression: Expression, lower: float = 0.0, upper: float = np.inf, *, length: bool = False
+    ) -> Row:
+        """Return a constraint of the tip, on a length in metres or a number; ``part`` names it."""
+        scale, unit = (self.size, "m") if length else (1.0, "")
+        return Row(
+            ON_FINGERTIP, expression, lower, upper, scale, unit, fingers=(self.finger,), link=self.link, part=part
+        )
 
 
-def frame_of(field: str, offset: ArrayLike, rpy: ArrayLike) -> FloatArray:
-    """Return the (4, 4) transform of an offset and roll, pitch, yaw, checked."""
-    pose = np.eye(4)
-    pose[:3, 3] = array(f"{field}.offset", offset, (3,))
-    turns = angles(f"{field}.rpy", array(f"{field}.rpy", rpy, (3,)))
-    pose[:3, :3] = Rotation.from_euler("xyz", turns).as_matrix()
-    return pose
+@dataclass(frozen=True)
+class SphereTip(Tip):
+    """A sphere fixed to a link, with the constraint ``c(q) = p - r n`` (docs/hands.md).
 
+    Parameters
+    ----------
+    radius : float
+        Metres, greater than zero.
+    offset : (3,) array
+        Centre, metres, link frame.
+    """
 
-def offset_and_rpy(
-    field: str, offset: ArrayLike, rpy: ArrayLike, pose: Pose | None
-) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return the given offset and roll, pitch, yaw, or those of a pose given instead."""
-    if pose is not None:
-        if np.any(np.asarray(offset, dtype=object) != 0.0) or np.any(np.asarray(rpy, dtype=object) != 0.0):
-            raise InputError(f"{field}.pose", "a pose beside offset or rpy", "one of them")
-        frame = pose_matrix(f"{field}.pose", pose)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # roll and yaw are not unique at a pitch of a right angle
-            offset, rpy = frame[:3, 3], Rotation.from_matrix(frame[:3, :3]).as_euler("xyz")
-    frame_of(field, offset, rpy)
-    return tuple(np.asarray(offset, float).tolist()), tuple(np.asarray(rpy, float).tolist())
+    kind: ClassVar[str] = "sphere"
+    radius: float
+    offset: ArrayLike = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radius", number("SphereTip.radius", self.radius, above=0.0))
+        object.__setattr__(self, "offset", tuple(array("SphereTip.offset", self.offset, (3,)).tolist()))
+
+    @property
+    def centre(self) -> FloatArray:
+        """Centre of the sphere, (3,), metres, link frame."""
+        return np.asarray(self.offset, dtype=float)
+
+    @property
+    def standoff(self) -> float:
+        """Radius of the sphere, metres."""
+        return self.radius
+
+    def ball_centre(self, pose: Expression, slide: Expression) -> Expression:
+        """Return the sphere's centre, body frame."""
+        return pose[:3, 3] + ca.mtimes(pose[:3, :3], ca.DM(self.centre))
+
+    def rows(self, touch: Touch) -> list[Row]:
+        """Return the constraints ``c = p - r n``."""
+        return equal(touch, self.ball_centre(touch.pose, None), touch.p - self.radius * touch.n)
+
+    def beyond(self, points: FloatArray) -> FloatArray:
+        """Return the distance of points (m, 3) outside the sphere, (m,), metres."""
+        return np.asarray(np.linalg.norm(points - self.centre, axis=1) - self.radius)
+
+    def most_radius(self, centres: FloatArray) -> FloatArray:
+        """Return radii for points (m, 3), (m,), metres, within a cone of 20 degrees around the sphere."""
+        return np.asarray(self.radius + TILT * np.linalg.norm(centres - self.centre, axis=1))
+
+    def to_dict(self) -> Json:
+        """Return radius and offset as JSON data."""
+        return {"type": self.kind, "radius": self.radius, "offset": list(self.centre)}
 
 
 @dataclass(frozen=True)
@@ -554,55 +526,83 @@ class FlatTip(Tip):
         }
 
 
-@dataclass(frozen=True)
-class SphereTip(Tip):
-    """A sphere fixed to a link, with the constraint ``c(q) = p - r n`` (docs/hands.md).
+def equal(touch: Touch, left: Expression, right: Expression) -> list[Row]:
+    """Return constraints ``left = right`` for columns of 3."""
+    return [touch.row(axis, left[i] - right[i], 0.0, 0.0, length=True) for i, axis in enumerate("xyz")]
+
+
+def frame_of(field: str, offset: ArrayLike, rpy: ArrayLike) -> FloatArray:
+    """Return the (4, 4) transform of an offset and roll, pitch, yaw, checked."""
+    pose = np.eye(4)
+    pose[:3, 3] = array(f"{field}.offset", offset, (3,))
+    turns = angles(f"{field}.rpy", array(f"{field}.rpy", rpy, (3,)))
+    pose[:3, :3] = Rotation.from_euler("xyz", turns).as_matrix()
+    return pose
+
+
+def offset_and_rpy(
+    field: str, offset: ArrayLike, rpy: ArrayLike, pose: Pose | None
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return the given offset and roll, pitch, yaw, or those of a pose given instead."""
+    if pose is not None:
+        if np.any(np.asarray(offset, dtype=object) != 0.0) or np.any(np.asarray(rpy, dtype=object) != 0.0):
+            raise InputError(f"{field}.pose", "a pose beside offset or rpy", "one of them")
+        frame = pose_matrix(f"{field}.pose", pose)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # roll and yaw are not unique at a pitch of a right angle
+            offset, rpy = frame[:3, 3], Rotation.from_matrix(frame[:3, :3]).as_euler("xyz")
+    frame_of(field, offset, rpy)
+    return tuple(np.asarray(offset, float).tolist()), tuple(np.asarray(rpy, float).tolist())
+
+
+def dome(facing: FloatArray, angle: float, sides: int) -> Triangles:
+    """Return the part of the unit sphere within an angle of a direction.
 
     Parameters
     ----------
-    radius : float
-        Metres, greater than zero.
-    offset : (3,) array
-        Centre, metres, link frame.
+    facing : (3,) array
+        Unit.
+    angle : float
+        Radians, up to pi: the whole sphere.
+    sides : int
+        Sides of each ring of triangles.
     """
+    rings = max(2, round(sides * angle / (2.0 * np.pi)))
+    polar, turn = np.linspace(0.0, angle, rings + 1), 2.0 * np.pi * np.arange(sides) / sides
+    first, second = tangents(facing[None])[0]
+    around = np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second
+    points = np.cos(polar)[:, None, None] * facing + np.sin(polar)[:, None, None] * around
+    return Triangles(points.reshape(-1, 3), _woven(rings, sides))
 
-    kind: ClassVar[str] = "sphere"
-    radius: float
-    offset: ArrayLike = (0.0, 0.0, 0.0)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "radius", number("SphereTip.radius", self.radius, above=0.0))
-        object.__setattr__(self, "offset", tuple(array("SphereTip.offset", self.offset, (3,)).tolist()))
+def tube(radius: float, start: FloatArray, end: FloatArray, sides: int) -> Triangles:
+    """Return the side of a cylinder between two points (3,) of its axis."""
+    steps = max(2, sides // 4)
+    along = (end - start) / np.linalg.norm(end - start)
+    first, second = tangents(along[None])[0]
+    turn = 2.0 * np.pi * np.arange(sides) / sides
+    around = radius * (np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second)
+    axis = start + np.linspace(1.0, 0.0, steps + 1)[:, None] * (end - start)  # the far end first: outward triangles
+    return Triangles((axis[:, None] + around).reshape(-1, 3), _woven(steps, sides))
 
-    @property
-    def centre(self) -> FloatArray:
-        """Centre of the sphere, (3,), metres, link frame."""
-        return np.asarray(self.offset, dtype=float)
 
-    @property
-    def standoff(self) -> float:
-        """Radius of the sphere, metres."""
-        return self.radius
+def rectangle(extents: FloatArray, frame: FloatArray, steps: int) -> Triangles:
+    """Return a rectangle of full lengths (2,) in the xy plane of a frame (4, 4), facing along z."""
+    share = np.linspace(-0.5, 0.5, steps + 1)
+    x, y = np.meshgrid(share * extents[0], share * extents[1], indexing="ij")
+    flat = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+    corner = (np.arange(steps)[:, None] * (steps + 1) + np.arange(steps)).ravel()
+    a, b, c, d = corner, corner + steps + 1, corner + steps + 2, corner + 1
+    faces = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+    return Triangles(flat @ frame[:3, :3].T + frame[:3, 3], faces)
 
-    def ball_centre(self, pose: Expression, slide: Expression) -> Expression:
-        """Return the sphere's centre, body frame."""
-        return pose[:3, 3] + ca.mtimes(pose[:3, :3], ca.DM(self.centre))
 
-    def rows(self, touch: Touch) -> list[Row]:
-        """Return the constraints ``c = p - r n``."""
-        return equal(touch, self.ball_centre(touch.pose, None), touch.p - self.radius * touch.n)
-
-    def beyond(self, points: FloatArray) -> FloatArray:
-        """Return the distance of points (m, 3) outside the sphere, (m,), metres."""
-        return np.asarray(np.linalg.norm(points - self.centre, axis=1) - self.radius)
-
-    def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return radii for points (m, 3), (m,), metres, within a cone of 20 degrees around the sphere."""
-        return np.asarray(self.radius + TILT * np.linalg.norm(centres - self.centre, axis=1))
-
-    def to_dict(self) -> Json:
-        """Return radius and offset as JSON data."""
-        return {"type": self.kind, "radius": self.radius, "offset": list(self.centre)}
+def _woven(rings: int, sides: int) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
+    """Return the triangles between consecutive closed rings of points."""
+    row, column = (i.ravel() for i in np.meshgrid(np.arange(rings), np.arange(sides), indexing="ij"))
+    a, b = row * sides + column, row * sides + (column + 1) % sides
+    c, d = a + sides, b + sides
+    return np.concatenate([np.column_stack([a, c, d]), np.column_stack([a, d, b])]).astype(np.int64)
 
 
 __all__ = ["CapsuleTip", "CylinderTip", "EllipsoidTip", "FlatTip", "SphereTip", "Tip", "Touch"]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import hashlib
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple, NoReturn
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -16,30 +16,266 @@ from nlpgrasp.common.robot_files import expanded, find_mesh
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.hands.collision_shapes import MeshFile, Shape
-from nlpgrasp.hands.robot import MOVABLE, Joint, Mimic, Robot
+from nlpgrasp.hands.robot import MOVABLE, Inertial, Joint, Mimic, Robot, bad, check_mimics, check_ranges
 
+# namespaces of elements that are macros
 XACRO = ("{http://www.ros.org/wiki/xacro}", "{http://ros.org/wiki/xacro}", "{http://www.ros.org/xacro}")
 FULL_TURN = 2.0 * np.pi  # limits of a continuous joint: half a turn either way
-MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")  # attributes of <inertia>
 
 
-def bad(source: Path, given: str, allowed: str) -> NoReturn:
-    """Raise ``InputError`` for an invalid statement in a URDF."""
-    raise InputError(f"URDFHand.path: {source.name}", given, allowed)
+def read_urdf(path: str | Path, palm: str | None = None) -> Robot:
+    """Return the links below the palm, their joints and collision shapes.
+
+    Parameters
+    ----------
+    path : str or Path
+    palm : str, optional
+        The link that everything else hangs from; the URDF's root when left out. What is above it (an arm) and
+        beside it is left out, and may hold joints of any type.
+
+    Raises
+    ------
+    InputError
+        When the file is missing, is not a URDF, its joints do not make a tree, limits are upside down, a
+        number cannot be read, or the palm is not a link.
+    MissingExtraError
+        When a collision mesh needs a package that is not installed.
+    """
+    source, root, links = _opened(path)
+    edges = [_edge(source, e, links) for e in root.findall("joint")]
+    _no_twins(source, "joint", [e.name for e in edges])
+    base = _base(source, links, edges)
+    if palm is not None and palm not in links:
+        raise InputError("URDFHand.palm", palm, "a link of the URDF: " + ", ".join(links))
+    start = base if palm is None else palm
+    order, used = _below(start, edges)
+    joints = tuple(_joint(source, edge) for edge in used)
+    check_mimics(source, joints)
+    joints, turned = with_signs(joints)
+    elements = {e.get("name", ""): e for e in root.findall("link")}
+    shapes, missing = read_shapes(source, elements, order)
+    bare = tuple(n for n in order if elements[n].find("visual") is not None and elements[n].find("collision") is None)
+    digest = hashlib.sha256(source.read_bytes()).hexdigest()
+    name = root.get("name", source.stem)
+    robot = Robot(name, start, order, joints, shapes, missing, source.name, digest, bare, turned)
+    check_ranges(source, robot)
+    return robot
 
 
-def numbers(source: Path, where: str, text: str | None, default: Iterable[float]) -> FloatArray:
-    """Return the numbers of an attribute, (m,), or the default where it is missing."""
-    wanted = np.array(list(default), dtype=float)
-    if text is None:
-        return wanted
+def link_names(path: str | Path) -> tuple[str, ...]:
+    """Return the names of all links, in the file's order.
+
+    Raises
+    ------
+    InputError
+        When the file is missing, or is not a URDF.
+    """
+    return tuple(_opened(path)[2])
+
+
+def urdf_inertials(path: str | Path) -> Mapping[str, Inertial]:
+    """Return mass and inertia of the links of a URDF that state a mass above zero.
+
+    Raises
+    ------
+    InputError
+        On numbers that cannot be read.
+    """
+    source, result = Path(path), {}
+    for link in urdf_root(source).findall("link"):
+        name, stated = link.get("name", ""), link.find("inertial")
+        if stated is None:
+            continue
+        label, origin = f"inertial of link {name}", stated.find("origin")
+        weight, moments = stated.find("mass"), stated.find("inertia")
+        mass = float(numbers(source, f"{label}, mass", None if weight is None else weight.get("value"), [0.0])[0])
+        if mass <= 0.0:
+            continue
+        pose = [None if origin is None else origin.get(key) for key in ("xyz", "rpy")]
+        center, rpy = (numbers(source, f"{label}, origin", value, np.zeros(3)) for value in pose)
+        told = [None if moments is None else moments.get(key) for key in MOMENTS]
+        values = [float(numbers(source, f"{label}, inertia", value, [0.0])[0]) for value in told]
+        turn = Rotation.from_euler("xyz", rpy).as_matrix()
+        tensor = np.diag(values[:3])
+        tensor[[0, 0, 1], [1, 2, 2]] = tensor[[1, 2, 2], [0, 0, 1]] = values[3:]
+        result[name] = Inertial(mass, center, turn @ tensor @ turn.T)
+    return result
+
+
+def urdf_root(source: Path) -> ET.Element:
+    """Return the <robot> of a URDF, macros expanded.
+
+    Raises
+    ------
+    InputError
+        When the file is missing, or is not a URDF.
+    """
     try:
-        values = np.array([float(v) for v in text.split()])
-    except ValueError:
-        values = np.array([np.nan])
-    if values.shape != wanted.shape or not np.all(np.isfinite(values)):
-        bad(source, f"{where} {text!r}", f"{wanted.size} finite number{'s' if wanted.size > 1 else ''}")
-    return values
+        text = source.read_bytes()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError("URDFHand.path", str(source), f"a URDF file that can be read ({reason})") from None
+    try:
+        root = ET.fromstring(text)  # noqa: S314  (expat refuses entity bombs; a URDF is the user's own file)
+    except (ET.ParseError, ValueError, LookupError) as error:
+        raise InputError(f"URDFHand.path: {source.name}", f"broken XML ({error})", "a URDF file") from None
+    if root.tag != "robot":
+        bad(source, f"<{root.tag}> at the top", "<robot>, as a URDF has")
+    if any(element.tag.startswith(XACRO) for element in root.iter()):
+        return ET.fromstring(expanded(source))  # noqa: S314
+    return root
+
+
+def _opened(path: str | Path) -> tuple[Path, ET.Element, list[str]]:
+    """Return the file's path, its root element and the names of its links."""
+    if not isinstance(path, str | Path):
+        raise InputError("URDFHand.path", path, "the path of a URDF file")
+    source = Path(path)
+    root = urdf_root(source)
+    links = [_name(source, e, "link") for e in root.findall("link")]
+    if not links:
+        bad(source, "no <link>", "a robot with links")
+    _no_twins(source, "link", links)
+    return source, root, links
+
+
+def _name(source: Path, element: ET.Element, tag: str) -> str:
+    name = element.get("name")
+    if not name:
+        bad(source, f"a <{tag}> without name", "a name on every link and joint")
+    return name
+
+
+def _no_twins(source: Path, tag: str, names: list[str]) -> None:
+    twins = sorted({n for n in names if names.count(n) > 1})
+    if twins:
+        bad(source, f"two {tag}s named {', '.join(twins)}", "one of each name")
+
+
+class Edge(NamedTuple):
+    """A joint element with its parent and child links."""
+
+    name: str
+    parent: str
+    child: str
+    element: ET.Element
+
+
+def _edge(source: Path, element: ET.Element, links: list[str]) -> Edge:
+    name = _name(source, element, "joint")
+    ends = []
+    for tag in ("parent", "child"):
+        found = element.find(tag)
+        link = None if found is None else found.get("link")
+        if link not in links:
+            bad(source, f"joint {name} with {tag} {link!r}", "a link of the URDF: " + ", ".join(links))
+        ends.append(link)
+    return Edge(name, ends[0], ends[1], element)
+
+
+def _base(source: Path, links: list[str], joints: Sequence[Edge]) -> str:
+    """Return the root link; refuse anything but a tree."""
+    children = [j.child for j in joints]
+    twice = sorted({c for c in children if children.count(c) > 1})
+    if twice:
+        bad(source, f"link {', '.join(twice)} with two parents", "a tree of links")
+    roots = [name for name in links if name not in children]
+    if len(roots) != 1:
+        given = f"roots {', '.join(roots)}" if roots else "a loop of links"
+        bad(source, given, "one root link that everything hangs from")
+    if len(_below(roots[0], joints)[0]) != len(links):
+        bad(source, "a loop of links", "a tree of links")
+    return roots[0]
+
+
+def _below(start: str, joints: Sequence[Edge]) -> tuple[tuple[str, ...], tuple[Edge, ...]]:
+    """Return the links below a link, itself first, and the joints that lead to them."""
+    links, used = [start], []
+    for link in links:
+        for joint in joints:
+            if joint.parent == link:
+                links.append(joint.child)
+                used.append(joint)
+    return tuple(links), tuple(used)
+
+
+def _joint(source: Path, edge: Edge) -> Joint:
+    name, parent, child, element = edge
+    label = f"joint {name}"
+    kind = element.get("type", "")
+    if kind not in (*MOVABLE, "fixed"):
+        bad(source, f"{label} of type {kind!r}", "revolute, continuous, prismatic or fixed")
+    origin, axis = element.find("origin"), element.find("axis")
+    xyz = numbers(source, f"{label}, xyz", None if origin is None else origin.get("xyz"), np.zeros(3))
+    rpy = numbers(source, f"{label}, rpy", None if origin is None else origin.get("rpy"), np.zeros(3))
+    along = numbers(source, f"{label}, axis", None if axis is None else axis.get("xyz"), [1.0, 0.0, 0.0])
+    if kind in MOVABLE and np.linalg.norm(along) < 1e-9:
+        bad(source, f"{label} with axis zero", "a direction")
+    along = along / max(float(np.max(np.abs(along))), 1e-300)  # scaled first: the square of a large number overflows
+    along = along / max(float(np.linalg.norm(along)), 1e-300)
+    lower, upper, effort = _limits(source, element, kind, label)
+    return Joint(name, kind, parent, child, xyz, rpy, along, lower, upper, effort, _mimic(source, element, label))
+
+
+def _limits(source: Path, element: ET.Element, kind: str, label: str) -> tuple[float, float, float | None]:
+    limit = element.find("limit")
+    if kind == "fixed":
+        return 0.0, 0.0, None
+    effort = None if limit is None or limit.get("effort") is None else limit.get("effort")
+    torque = None if effort is None else float(numbers(source, f"{label}, effort", effort, [0.0])[0])
+    if torque is not None and torque < 0.0:
+        bad(source, f"{label} with effort {torque:g}", "an effort of at least zero")
+    if kind == "continuous":
+        return -FULL_TURN / 2.0, FULL_TURN / 2.0, torque
+    if limit is None or (limit.get("lower") is None and limit.get("upper") is None):
+        if element.find("mimic") is None:
+            what = "<limit>" if limit is None else "lower and upper in its <limit>"
+            bad(source, f"{label} without {what}", "limits on every revolute and prismatic joint, or type continuous")
+        return -np.inf, np.inf, torque
+    lower = float(numbers(source, f"{label}, lower", limit.get("lower"), [0.0])[0])
+    upper = float(numbers(source, f"{label}, upper", limit.get("upper"), [0.0])[0])
+    if lower > upper:
+        bad(source, f"{label} with limits {lower:g} to {upper:g}", "a lower limit below the upper one")
+    return lower, upper, torque
+
+
+def _mimic(source: Path, element: ET.Element, label: str) -> Mimic | None:
+    found = element.find("mimic")
+    if found is None:
+        return None
+    multiplier = float(numbers(source, f"{label}, multiplier", found.get("multiplier"), [1.0])[0])
+    offset = float(numbers(source, f"{label}, offset", found.get("offset"), [0.0])[0])
+    return Mimic(found.get("joint", ""), multiplier, offset)
+
+
+def with_signs(joints: tuple[Joint, ...]) -> tuple[tuple[Joint, ...], tuple[str, ...]]:
+    """Return the joints with the limits of mimic joints in their direction of motion, and those that were negated.
+
+    Files often give a mimic joint with a negative multiplier the limits of the joint it follows, without the sign, so
+    that at most one position keeps both. Such limits are negated where that leaves a range.
+
+    Returns
+    -------
+    joints : tuple of Joint
+    turned : tuple of str
+        Each joint whose limits were taken with the other sign, with what it follows and its limits.
+    """
+    by_name = {j.name: j for j in joints}
+    result, turned = [], []
+    for joint in joints:
+        mimic = joint.mimic
+        if joint.moves and mimic is not None and mimic.multiplier < 0.0:
+            other = by_name[mimic.joint]
+            ends = [mimic.multiplier * end + mimic.offset for end in (other.upper, other.lower)]
+            stated = min(ends[1], joint.upper) - max(ends[0], joint.lower)
+            signed = min(ends[1], -joint.lower) - max(ends[0], -joint.upper)
+            if stated <= 0.0 < signed:
+                text = f"limits {joint.lower:g} to {joint.upper:g} of joint {joint.name}, which follows joint"
+                turned.append(f"{text} {other.name} with multiplier {mimic.multiplier:g}")
+                joint = replace(joint, lower=0.0 - joint.upper, upper=0.0 - joint.lower)
+        result.append(joint)
+    return tuple(result), tuple(turned)
 
 
 def read_shapes(
@@ -133,299 +369,15 @@ def _mesh(source: Path, link: str, element: ET.Element, pose: FloatArray, missin
     return Shape("mesh", mesh, file=MeshFile.of(name, path))
 
 
-def check_mimics(source: Path, joints: tuple[Joint, ...]) -> None:
-    """Refuse joints that follow missing joints, or each other."""
-    by_name = {j.name: j for j in joints if j.moves}
-    for joint in by_name.values():
-        seen, here = [joint.name], joint
-        while here.mimic is not None:
-            wanted = here.mimic.joint
-            if wanted not in by_name:
-                others = [name for name in by_name if name != here.name]
-                like = [name for name in others if wanted and name.endswith(wanted)]
-                bad(source, f"joint {here.name} that mimics {wanted!r}", "a moving joint: " + ", ".join(like or others))
-            here = by_name[wanted]
-            if here.name in seen:
-                bad(source, f"joints that mimic each other: {', '.join(seen)}", "a joint to follow")
-            seen.append(here.name)
-
-
-def with_signs(joints: tuple[Joint, ...]) -> tuple[tuple[Joint, ...], tuple[str, ...]]:
-    """Return the joints with the limits of mimic joints in their direction of motion, and those that were negated.
-
-    Files often give a mimic joint with a negative multiplier the limits of the joint it follows, without the sign, so
-    that at most one position keeps both. Such limits are negated where that leaves a range.
-
-    Returns
-    -------
-    joints : tuple of Joint
-    turned : tuple of str
-        Each joint whose limits were taken with the other sign, with what it follows and its limits.
-    """
-    by_name = {j.name: j for j in joints}
-    result, turned = [], []
-    for joint in joints:
-        mimic = joint.mimic
-        if joint.moves and mimic is not None and mimic.multiplier < 0.0:
-            other = by_name[mimic.joint]
-            ends = [mimic.multiplier * end + mimic.offset for end in (other.upper, other.lower)]
-            stated = min(ends[1], joint.upper) - max(ends[0], joint.lower)
-            signed = min(ends[1], -joint.lower) - max(ends[0], -joint.upper)
-            if stated <= 0.0 < signed:
-                text = f"limits {joint.lower:g} to {joint.upper:g} of joint {joint.name}, which follows joint"
-                turned.append(f"{text} {other.name} with multiplier {mimic.multiplier:g}")
-                joint = replace(joint, lower=0.0 - joint.upper, upper=0.0 - joint.lower)
-        result.append(joint)
-    return tuple(result), tuple(turned)
-
-
-def check_ranges(source: Path, robot: Robot) -> None:
-    """Refuse joints whose mimic joints leave them an empty range."""
-    for joint in robot.free_joints:
-        lower, upper, why = robot.ranges[joint.name]
-        if lower > upper or (lower == upper and joint.lower < joint.upper):
-            bad(source, f"joint {joint.name} with joint {why} that follows it", "limits that both can keep")
-
-
-class Edge(NamedTuple):
-    """A joint element with its parent and child links."""
-
-    name: str
-    parent: str
-    child: str
-    element: ET.Element
-
-
-def read_urdf(path: str | Path, palm: str | None = None) -> Robot:
-    """Return the links below the palm, their joints and collision shapes.
-
-    Parameters
-    ----------
-    path : str or Path
-    palm : str, optional
-        The link that everything else hangs from; the URDF's root when left out. What is above it (an arm) and
-        beside it is left out, and may hold joints of any type.
-
-    Raises
-    ------
-    InputError
-        When the file is missing, is not a URDF, its joints do not make a tree, limits are upside down, a
-        number cannot be read, or the palm is not a link.
-    MissingExtraError
-        When a collision mesh needs a package that is not installed.
-    """
-    source, root, links = _opened(path)
-    edges = [_edge(source, e, links) for e in root.findall("joint")]
-    _no_twins(source, "joint", [e.name for e in edges])
-    base = _base(source, links, edges)
-    if palm is not None and palm not in links:
-        raise InputError("URDFHand.palm", palm, "a link of the URDF: " + ", ".join(links))
-    start = base if palm is None else palm
-    order, used = _below(start, edges)
-    joints = tuple(_joint(source, edge) for edge in used)
-    check_mimics(source, joints)
-    joints, turned = with_signs(joints)
-    elements = {e.get("name", ""): e for e in root.findall("link")}
-    shapes, missing = read_shapes(source, elements, order)
-    bare = tuple(n for n in order if elements[n].find("visual") is not None and elements[n].find("collision") is None)
-    digest = hashlib.sha256(source.read_bytes()).hexdigest()
-    name = root.get("name", source.stem)
-    robot = Robot(name, start, order, joints, shapes, missing, source.name, digest, bare, turned)
-    check_ranges(source, robot)
-    return robot
-
-
-def link_names(path: str | Path) -> tuple[str, ...]:
-    """Return the names of all links, in the file's order.
-
-    Raises
-    ------
-    InputError
-        When the file is missing, or is not a URDF.
-    """
-    return tuple(_opened(path)[2])
-
-
-def _opened(path: str | Path) -> tuple[Path, ET.Element, list[str]]:
-    """Return the file's path, its root element and the names of its links."""
-    if not isinstance(path, str | Path):
-        raise InputError("URDFHand.path", path, "the path of a URDF file")
-    source = Path(path)
-    root = urdf_root(source)
-    links = [_name(source, e, "link") for e in root.findall("link")]
-    if not links:
-        bad(source, "no <link>", "a robot with links")
-    _no_twins(source, "link", links)
-    return source, root, links
-
-
-def urdf_root(source: Path) -> ET.Element:
-    """Return the <robot> of a URDF, macros expanded.
-
-    Raises
-    ------
-    InputError
-        When the file is missing, or is not a URDF.
-    """
+def numbers(source: Path, where: str, text: str | None, default: Iterable[float]) -> FloatArray:
+    """Return the numbers of an attribute, (m,), or the default where it is missing."""
+    wanted = np.array(list(default), dtype=float)
+    if text is None:
+        return wanted
     try:
-        text = source.read_bytes()
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError("URDFHand.path", str(source), f"a URDF file that can be read ({reason})") from None
-    try:
-        root = ET.fromstring(text)  # noqa: S314  (expat refuses entity bombs; a URDF is the user's own file)
-    except (ET.ParseError, ValueError, LookupError) as error:
-        raise InputError(f"URDFHand.path: {source.name}", f"broken XML ({error})", "a URDF file") from None
-    if root.tag != "robot":
-        bad(source, f"<{root.tag}> at the top", "<robot>, as a URDF has")
-    if any(element.tag.startswith(XACRO) for element in root.iter()):
-        return ET.fromstring(expanded(source))  # noqa: S314
-    return root
-
-
-def _name(source: Path, element: ET.Element, tag: str) -> str:
-    name = element.get("name")
-    if not name:
-        bad(source, f"a <{tag}> without name", "a name on every link and joint")
-    return name
-
-
-def _no_twins(source: Path, tag: str, names: list[str]) -> None:
-    twins = sorted({n for n in names if names.count(n) > 1})
-    if twins:
-        bad(source, f"two {tag}s named {', '.join(twins)}", "one of each name")
-
-
-def _edge(source: Path, element: ET.Element, links: list[str]) -> Edge:
-    name = _name(source, element, "joint")
-    ends = []
-    for tag in ("parent", "child"):
-        found = element.find(tag)
-        link = None if found is None else found.get("link")
-        if link not in links:
-            bad(source, f"joint {name} with {tag} {link!r}", "a link of the URDF: " + ", ".join(links))
-        ends.append(link)
-    return Edge(name, ends[0], ends[1], element)
-
-
-def _joint(source: Path, edge: Edge) -> Joint:
-    name, parent, child, element = edge
-    label = f"joint {name}"
-    kind = element.get("type", "")
-    if kind not in (*MOVABLE, "fixed"):
-        bad(source, f"{label} of type {kind!r}", "revolute, continuous, prismatic or fixed")
-    origin, axis = element.find("origin"), element.find("axis")
-    xyz = numbers(source, f"{label}, xyz", None if origin is None else origin.get("xyz"), np.zeros(3))
-    rpy = numbers(source, f"{label}, rpy", None if origin is None else origin.get("rpy"), np.zeros(3))
-    along = numbers(source, f"{label}, axis", None if axis is None else axis.get("xyz"), [1.0, 0.0, 0.0])
-    if kind in MOVABLE and np.linalg.norm(along) < 1e-9:
-        bad(source, f"{label} with axis zero", "a direction")
-    along = along / max(float(np.max(np.abs(along))), 1e-300)  # scaled first: the square of a large number overflows
-    along = along / max(float(np.linalg.norm(along)), 1e-300)
-    lower, upper, effort = _limits(source, element, kind, label)
-    return Joint(name, kind, parent, child, xyz, rpy, along, lower, upper, effort, _mimic(source, element, label))
-
-
-def _limits(source: Path, element: ET.Element, kind: str, label: str) -> tuple[float, float, float | None]:
-    limit = element.find("limit")
-    if kind == "fixed":
-        return 0.0, 0.0, None
-    effort = None if limit is None or limit.get("effort") is None else limit.get("effort")
-    torque = None if effort is None else float(numbers(source, f"{label}, effort", effort, [0.0])[0])
-    if torque is not None and torque < 0.0:
-        bad(source, f"{label} with effort {torque:g}", "an effort of at least zero")
-    if kind == "continuous":
-        return -FULL_TURN / 2.0, FULL_TURN / 2.0, torque
-    if limit is None or (limit.get("lower") is None and limit.get("upper") is None):
-        if element.find("mimic") is None:
-            what = "<limit>" if limit is None else "lower and upper in its <limit>"
-            bad(source, f"{label} without {what}", "limits on every revolute and prismatic joint, or type continuous")
-        return -np.inf, np.inf, torque
-    lower = float(numbers(source, f"{label}, lower", limit.get("lower"), [0.0])[0])
-    upper = float(numbers(source, f"{label}, upper", limit.get("upper"), [0.0])[0])
-    if lower > upper:
-        bad(source, f"{label} with limits {lower:g} to {upper:g}", "a lower limit below the upper one")
-    return lower, upper, torque
-
-
-def _mimic(source: Path, element: ET.Element, label: str) -> Mimic | None:
-    found = element.find("mimic")
-    if found is None:
-        return None
-    multiplier = float(numbers(source, f"{label}, multiplier", found.get("multiplier"), [1.0])[0])
-    offset = float(numbers(source, f"{label}, offset", found.get("offset"), [0.0])[0])
-    return Mimic(found.get("joint", ""), multiplier, offset)
-
-
-def _base(source: Path, links: list[str], joints: Sequence[Edge]) -> str:
-    """Return the root link; refuse anything but a tree."""
-    children = [j.child for j in joints]
-    twice = sorted({c for c in children if children.count(c) > 1})
-    if twice:
-        bad(source, f"link {', '.join(twice)} with two parents", "a tree of links")
-    roots = [name for name in links if name not in children]
-    if len(roots) != 1:
-        given = f"roots {', '.join(roots)}" if roots else "a loop of links"
-        bad(source, given, "one root link that everything hangs from")
-    if len(_below(roots[0], joints)[0]) != len(links):
-        bad(source, "a loop of links", "a tree of links")
-    return roots[0]
-
-
-def _below(start: str, joints: Sequence[Edge]) -> tuple[tuple[str, ...], tuple[Edge, ...]]:
-    """Return the links below a link, itself first, and the joints that lead to them."""
-    links, used = [start], []
-    for link in links:
-        for joint in joints:
-            if joint.parent == link:
-                links.append(joint.child)
-                used.append(joint)
-    return tuple(links), tuple(used)
-
-
-@dataclass(frozen=True)
-class Inertial:
-    """Mass, centre of mass and inertia of a link.
-
-    Parameters
-    ----------
-    mass : float
-        Kilograms.
-    center : (3,) array
-        Centre of mass, metres, link frame.
-    inertia : (3, 3) array
-        About the centre of mass, in axes parallel to the link's, kg m^2.
-    """
-
-    mass: float
-    center: FloatArray
-    inertia: FloatArray
-
-
-def urdf_inertials(path: str | Path) -> Mapping[str, Inertial]:
-    """Return mass and inertia of the links of a URDF that state a mass above zero.
-
-    Raises
-    ------
-    InputError
-        On numbers that cannot be read.
-    """
-    source, result = Path(path), {}
-    for link in urdf_root(source).findall("link"):
-        name, stated = link.get("name", ""), link.find("inertial")
-        if stated is None:
-            continue
-        label, origin = f"inertial of link {name}", stated.find("origin")
-        weight, moments = stated.find("mass"), stated.find("inertia")
-        mass = float(numbers(source, f"{label}, mass", None if weight is None else weight.get("value"), [0.0])[0])
-        if mass <= 0.0:
-            continue
-        pose = [None if origin is None else origin.get(key) for key in ("xyz", "rpy")]
-        center, rpy = (numbers(source, f"{label}, origin", value, np.zeros(3)) for value in pose)
-        told = [None if moments is None else moments.get(key) for key in MOMENTS]
-        values = [float(numbers(source, f"{label}, inertia", value, [0.0])[0]) for value in told]
-        turn = Rotation.from_euler("xyz", rpy).as_matrix()
-        tensor = np.diag(values[:3])
-        tensor[[0, 0, 1], [1, 2, 2]] = tensor[[1, 2, 2], [0, 0, 1]] = values[3:]
-        result[name] = Inertial(mass, center, turn @ tensor @ turn.T)
-    return result
+        values = np.array([float(v) for v in text.split()])
+    except ValueError:
+        values = np.array([np.nan])
+    if values.shape != wanted.shape or not np.all(np.isfinite(values)):
+        bad(source, f"{where} {text!r}", f"{wanted.size} finite number{'s' if wanted.size > 1 else ''}")
+    return values

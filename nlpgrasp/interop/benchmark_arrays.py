@@ -12,7 +12,7 @@ from nlpgrasp.interop.hand_states import each_state, object_file, object_scale, 
 from nlpgrasp.solution.solution import GraspSolution
 
 STATES = ("pregrasp", "grasp", "squeeze")
-IDENTITY = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+IDENTITY = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # pose: position and quaternion w, x, y, z
 
 
 def benchmark_arrays(solution: GraspSolution, options: ExportOptions | None = None) -> bytes:

@@ -20,11 +20,15 @@ from nlpgrasp.problem.checks import warn_of_friction
 from nlpgrasp.quality.grasp import Grasp, all_point_away
 from nlpgrasp.solution.solution import GraspSolution
 
+# names of columns
 POSITION, NORMAL = ("p_x", "p_y", "p_z"), ("n_x", "n_y", "n_z")
 FRICTION, TORSION, MODEL, GRASP = "friction", "torsional_friction", "model", "grasp"
 STEP = 1e-3  # share of the body's size: probing step along a normal
-MOST_ROWS = 1000
+MOST_ROWS = 1000  # contacts in a table
 UNIT = 1e-2  # tolerance of unit normals: other tools write few digits
+
+
+Row = dict[str, str | None]  # the text of each column
 
 
 def contacts_csv(solution: GraspSolution) -> str:
@@ -53,60 +57,6 @@ def contacts_csv(solution: GraspSolution) -> str:
             rough = [model.coefficients.get(name, "") for name in (FRICTION, TORSION)]
             writer.writerow([*named, i, *p.tolist(), *n.tolist(), face, model.label, *rough])
     return text.getvalue()
-
-
-CSV = ExportFormat("csv", ".csv", "contacts as a table", lambda solution, _: contacts_csv(solution))
-
-
-def warn_frictionless(name: str, unsaid: Sequence[bool]) -> None:
-    """Warn of rows without friction and model, which are assumed frictionless."""
-    rows = [str(i + 2) for i, open_ in enumerate(unsaid) if open_]
-    if not rows:
-        return
-    which = f"no {FRICTION} stated" if len(rows) == len(unsaid) else f"no {FRICTION} stated in rows {', '.join(rows)}"
-    text = f"{name}: {which}: taken to be frictionless; friction=0.5 (--friction 0.5) states another"
-    warn(text)
-
-
-def check_inward(name: str, grasp: Grasp, body: Body | None) -> None:
-    """Refuse normals that point out of the body; without a body, warn of those that all seem to.
-
-    Parameters
-    ----------
-    name : str
-        Of the table, for messages.
-    grasp : Grasp
-    body : Body or None
-
-    Raises
-    ------
-    InputError
-        Naming the row.
-    """
-    points, normals = grasp.points, grasp.normals
-    if body is None or body.space != grasp.space:
-        if all_point_away(points, normals):
-            text = f"{name}: all normals point away from the middle of the contacts; they have to point into the body"
-            warn(text)
-        return
-    step = STEP * body.size
-    along, behind = (body.signed_distance(points + s * normals) for s in (step, -step))
-    outward = np.flatnonzero(along - behind > step)
-    if outward.size:
-        raise InputError(
-            f"{name}: row {outward[0] + 2}", "a normal that points out of the body", "normals into the body"
-        )
-
-
-def body_of(solution: GraspSolution) -> Body | None:
-    """Return the body of a solution; None if its file does not contain it (a mesh, a function)."""
-    try:
-        return body_from_dict(solution.body)
-    except InputError:
-        return None
-
-
-Row = dict[str, str | None]  # the text of each column
 
 
 def read_contacts_csv(path: str | Path, friction: float | None = None, body: Body | None = None) -> Grasp:
@@ -229,6 +179,54 @@ def _model(name: str, index: int, row: Row, friction: float | None) -> ContactMo
     return model
 
 
+def check_inward(name: str, grasp: Grasp, body: Body | None) -> None:
+    """Refuse normals that point out of the body; without a body, warn of those that all seem to.
+
+    Parameters
+    ----------
+    name : str
+        Of the table, for messages.
+    grasp : Grasp
+    body : Body or None
+
+    Raises
+    ------
+    InputError
+        Naming the row.
+    """
+    points, normals = grasp.points, grasp.normals
+    if body is None or body.space != grasp.space:
+        if all_point_away(points, normals):
+            text = f"{name}: all normals point away from the middle of the contacts; they have to point into the body"
+            warn(text)
+        return
+    step = STEP * body.size
+    along, behind = (body.signed_distance(points + s * normals) for s in (step, -step))
+    outward = np.flatnonzero(along - behind > step)
+    if outward.size:
+        raise InputError(
+            f"{name}: row {outward[0] + 2}", "a normal that points out of the body", "normals into the body"
+        )
+
+
+def warn_frictionless(name: str, unsaid: Sequence[bool]) -> None:
+    """Warn of rows without friction and model, which are assumed frictionless."""
+    rows = [str(i + 2) for i, open_ in enumerate(unsaid) if open_]
+    if not rows:
+        return
+    which = f"no {FRICTION} stated" if len(rows) == len(unsaid) else f"no {FRICTION} stated in rows {', '.join(rows)}"
+    text = f"{name}: {which}: taken to be frictionless; friction=0.5 (--friction 0.5) states another"
+    warn(text)
+
+
+def body_of(solution: GraspSolution) -> Body | None:
+    """Return the body of a solution; None if its file does not contain it (a mesh, a function)."""
+    try:
+        return body_from_dict(solution.body)
+    except InputError:
+        return None
+
+
 def _read(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
     """Yield the grasps of a table, with task and body of a solution file if given."""
     other = None if options.task is None else GraspSolution.load(options.task)
@@ -252,6 +250,9 @@ def _about(task: Path | None, other: GraspSolution | None, name: str, grasp: Gra
             "--task", "a file whose force budget is that of its own contacts", "one with another force budget"
         )
     return ReadGrasp(name, about, other.task, other.budget)
+
+
+CSV = ExportFormat("csv", ".csv", "contacts as a table", lambda solution, _: contacts_csv(solution))
 
 
 CONTACTS_TABLE = ReadFormat((".csv",), ("friction", "task"), _read)

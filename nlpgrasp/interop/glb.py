@@ -13,7 +13,7 @@ from nlpgrasp.interop.base import ExportFormat
 from nlpgrasp.solution.solution import GraspSolution
 
 POINT = "#141414"
-OPAQUE, SEEN_THROUGH = 255, 140
+OPAQUE, SEEN_THROUGH = 255, 140  # opacities, of 255
 POINT_RADIUS, ARROW_RADIUS = 0.02, 0.006  # shares of the body's size
 
 

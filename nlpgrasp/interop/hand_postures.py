@@ -18,7 +18,7 @@ from nlpgrasp.interop.isaac_grasp import IsaacGrasp, read_isaac_grasps
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.grasp import Grasp
 
-SLIDES, SHARE = 60, 0.5
+SLIDES, SHARE = 60, 0.5  # most steps along the surface to a normal line; share of the way in each
 NEAR = 2e-3  # metres: largest distance of a touching fingertip from the body
 
 

@@ -17,7 +17,7 @@ from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.version import __version__
 
 FORMAT, VERSION = "isaac_grasp", 1.0
-LARGEST = 16 * 1024 * 1024
+LARGEST = 16 * 1024 * 1024  # bytes of a file that is read
 UNIT = 1e-2  # tolerance of unit quaternions
 
 

@@ -1,4 +1,8 @@
-"""Public interface to the nonlinear program: print, extend and solve it with any CasADi solver."""
+"""Public interface to the nonlinear program (3.5-4): print, extend and solve it with any CasADi solver.
+
+``formulate(problem)`` returns a ``Formulation``, the program with named symbols; its ``solve`` returns a
+``FormulationResult``. ``program_table`` prints a program.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +41,7 @@ from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.solution.kkt import KKT, kkt_residuals
 from nlpgrasp.solution.solution import GraspSolution
 
-FORM = "{:<38} {:>9}  {:<22} {:<5} {}".format
+FORM = "{:<38} {:>9}  {:<22} {:<5} {}".format  # line of the table
 EQUATIONS = {  # of the paper, by the kind of variables
     "position": "p_i of (3.5-1)",
     "normal": "n_i of (3.5-2)",
@@ -52,125 +56,48 @@ EQUATIONS = {  # of the paper, by the kind of variables
 FIRST_BETA = 0.1  # solver units, initial beta
 KEPT = 1e-6  # relative constraint violation within which a random start is feasible
 
-
-Limits = tuple[FloatArray, FloatArray]
-
-
-def program_table(program: Program, added: Iterable[tuple[str, Limits]] = ()) -> list[str]:
-    """Return the lines of a program's table.
-
-    Parameters
-    ----------
-    program : Program
-        In SI units.
-    added : iterable of (str, pair of arrays)
-        Names and limits of user-defined constraints.
-    """
-    lines = [FORM("variables", "size", "bounds", "unit", "in the paper")]
-    lines += [FORM(*row) for row in _block_rows(program.variables, program.bounds)]
-    lines += ["", FORM("parameters", "size", "", "", "in the paper")]
-    lines += [FORM(*row) for row in _block_rows(program.parameters, None)]
-    lines += ["", FORM("constraints", "size", "limits", "", "in the paper")]
-    groups: dict[tuple[str, str], list[int]] = {}
-    for row in program.rows:
-        groups.setdefault((row.kind, row.equation), []).extend(range(row.start, row.stop))
-    for (kind, equation), places in groups.items():
-        lines.append(FORM(kind, len(places), _interval(program.limits, places), "", equation))
-    for name, limits in added:
-        lines.append(FORM(name, len(limits[0]), _interval(limits, range(len(limits[0]))), "", "added"))
-    return [line.rstrip() for line in lines]
+Limits = tuple[FloatArray, FloatArray]  # lower and upper
 
 
-def _block_rows(
-    blocks: Sequence[Block], bounds: tuple[FloatArray, FloatArray] | None
-) -> list[tuple[str, str, str, str, str]]:
-    """Return name, size, bounds, unit and equation of blocks, grouped by kind and size."""
-    groups: dict[tuple[str, int], list[Block]] = {}
-    for block in blocks:
-        groups.setdefault((block.public_name if block.kind == HAND else block.kind, block.size), []).append(block)
-    rows = []
-    for (name, size), members in groups.items():
-        first = members[0]
-        several = len(members) > 1
-        label = f"{name} {first.index} ... {members[-1].index}" if several else first.public_name
-        places = [i for block in members for i in range(block.start, block.stop)]
-        limits = "" if bounds is None else _interval(bounds, places)
-        shape = f"{len(members)} x {size}" if several else str(size)
-        rows.append((label, shape, limits, first.unit, EQUATIONS.get(first.kind, "")))
-    return rows
-
-
-def _interval(limits: tuple[FloatArray, FloatArray], places: Sequence[int] | range) -> str:
-    """Return the range of limits over given entries as text."""
-    low, high = float(np.min(limits[0][places], initial=np.inf)), float(np.max(limits[1][places], initial=-np.inf))
-    if low == high:
-        return f"= {low:g}"
-    if np.isinf(low) or np.isinf(high):
-        return f">= {low:.4g}" if np.isinf(high) else f"<= {high:.4g}"
-    return f"[{low:.4g}, {high:.4g}]"
-
-
-@dataclass(frozen=True, repr=False)
-class FormulationResult:
-    """Result of a solve: values and multipliers by name, KKT residuals, and the grasp.
+def formulate(
+    problem: GraspProblem,
+    transcription: str = "support",
+    directions: ArrayLike | None = None,
+    *,
+    forces: bool = True,
+) -> Formulation:
+    """Return the nonlinear program (3.5-4) of a problem, to print, change and solve.
 
     Parameters
     ----------
-    values : dict of str to (m,) array
-        Variables by name, SI units.
-    multipliers : dict of str to (m,) array
-        Of the constraints by name: change of the objective per unit of the limit, positive at upper limits.
-    bound_multipliers : dict of str to (m,) array
-        The same for the variables' bounds.
-    objective : float
-        Maximised objective value.
-    status : str
-        The solver's status.
-    success : bool
-        Whether the solver reports convergence; ``kkt`` is computed independently.
-    stats : dict
-        The solver's statistics from CasADi.
-    kkt : KKT
-        Residuals, recomputed from values and multipliers.
-    grasp : Grasp
-        The contacts, on the body; ``ng.mu(grasp, task)`` certifies it.
-    faces : tuple of str
-        The face each contact is on.
+    problem : GraspProblem
+        Body, contacts, task, hand and constraints.
+    transcription : {"support", "vertex"}
+        Containment of the task: ``"support"`` imposes (3.4-3) along directions of wrench space, and its optimal beta is
+        at least mu; ``"vertex"`` makes the grasp produce the task's maximisers along the directions.
+    directions : (m, d) array, optional
+        Directions y_j of wrench space, of any length; by default those of the E6 lattice in the task's axes.
+    forces : bool
+        Whether finger forces are variables. Without them ``"support"`` uses the closed form of the support function, if
+        contacts and budget have one, with only a few dozen variables.
+
+    Returns
+    -------
+    Formulation
+        In SI units and the body's frame.
+
+    Raises
+    ------
+    InputError
+        On an unknown transcription, directions of a wrong shape, and ``forces=False`` without a closed form.
     """
-
-    values: dict[str, FloatArray]
-    multipliers: dict[str, FloatArray]
-    bound_multipliers: dict[str, FloatArray]
-    objective: float
-    status: str
-    success: bool
-    stats: dict[str, Any]
-    kkt: KKT
-    grasp: Grasp
-    faces: tuple[str, ...]
-
-    @property
-    def beta(self) -> float:
-        """Scale beta of the task at the solution."""
-        return float(self.values["beta"][0])
-
-    def __repr__(self) -> str:
-        iterations = self.stats.get("iter_count", "?")
-        return (
-            f"{self.status}: beta {self.beta:.6g}, objective {self.objective:.6g}, {iterations} iterations; "
-            f"stationarity {self.kkt.stationarity:.1e}, feasibility {self.kkt.feasibility:.1e}, "
-            f"complementarity {self.kkt.complementarity:.1e}"
-        )
-
-
-@dataclass(frozen=True)
-class _Added:
-    """A user-defined constraint."""
-
-    name: str
-    expression: Expression
-    lower: FloatArray
-    upper: FloatArray
+    if not isinstance(problem, GraspProblem):
+        raise InputError("formulate", problem, "a GraspProblem, such as ng.GraspProblem(body, contacts, task)")
+    check_transcription(transcription)
+    if not forces and (transcription != "support" or not has_closed_form(problem)):
+        allowed = 'True with these contacts and budget, whose support has no closed form, and with "vertex"'
+        raise InputError("formulate forces", forces, allowed)
+    return Formulation(problem, transcription, directions, forces)
 
 
 class Formulation:
@@ -558,6 +485,16 @@ class Formulation:
 
 
 @dataclass(frozen=True)
+class _Added:
+    """A user-defined constraint."""
+
+    name: str
+    expression: Expression
+    lower: FloatArray
+    upper: FloatArray
+
+
+@dataclass(frozen=True)
 class _Scales:
     """Scaling ``x = offset + variables z`` of variables, and of constraints and objective."""
 
@@ -565,47 +502,6 @@ class _Scales:
     offset: FloatArray
     constraints: FloatArray
     objective: float
-
-
-def formulate(
-    problem: GraspProblem,
-    transcription: str = "support",
-    directions: ArrayLike | None = None,
-    *,
-    forces: bool = True,
-) -> Formulation:
-    """Return the nonlinear program (3.5-4) of a problem, to print, change and solve.
-
-    Parameters
-    ----------
-    problem : GraspProblem
-        Body, contacts, task, hand and constraints.
-    transcription : {"support", "vertex"}
-        Containment of the task: ``"support"`` imposes (3.4-3) along directions of wrench space, and its optimal beta is
-        at least mu; ``"vertex"`` makes the grasp produce the task's maximisers along the directions.
-    directions : (m, d) array, optional
-        Directions y_j of wrench space, of any length; by default those of the E6 lattice in the task's axes.
-    forces : bool
-        Whether finger forces are variables. Without them ``"support"`` uses the closed form of the support function, if
-        contacts and budget have one, with only a few dozen variables.
-
-    Returns
-    -------
-    Formulation
-        In SI units and the body's frame.
-
-    Raises
-    ------
-    InputError
-        On an unknown transcription, directions of a wrong shape, and ``forces=False`` without a closed form.
-    """
-    if not isinstance(problem, GraspProblem):
-        raise InputError("formulate", problem, "a GraspProblem, such as ng.GraspProblem(body, contacts, task)")
-    check_transcription(transcription)
-    if not forces and (transcription != "support" or not has_closed_form(problem)):
-        allowed = 'True with these contacts and budget, whose support has no closed form, and with "vertex"'
-        raise InputError("formulate forces", forces, allowed)
-    return Formulation(problem, transcription, directions, forces)
 
 
 def _given_parameters(problem: GraspProblem, transcription: str, directions: ArrayLike | None) -> dict[str, FloatArray]:
@@ -649,3 +545,110 @@ def _points(values: Mapping[str, FloatArray], count: int, space: int) -> FloatAr
     if missing or more:
         raise InputError("start", f"without {missing[0]!r}" if missing else f"{more[0]!r}", f"{count} positions")
     return np.stack([array(f"position {i}", values[f"position {i}"], (space,)) for i in range(count)])
+
+
+@dataclass(frozen=True, repr=False)
+class FormulationResult:
+    """Result of a solve: values and multipliers by name, KKT residuals, and the grasp.
+
+    Parameters
+    ----------
+    values : dict of str to (m,) array
+        Variables by name, SI units.
+    multipliers : dict of str to (m,) array
+        Of the constraints by name: change of the objective per unit of the limit, positive at upper limits.
+    bound_multipliers : dict of str to (m,) array
+        The same for the variables' bounds.
+    objective : float
+        Maximised objective value.
+    status : str
+        The solver's status.
+    success : bool
+        Whether the solver reports convergence; ``kkt`` is computed independently.
+    stats : dict
+        The solver's statistics from CasADi.
+    kkt : KKT
+        Residuals, recomputed from values and multipliers.
+    grasp : Grasp
+        The contacts, on the body; ``ng.mu(grasp, task)`` certifies it.
+    faces : tuple of str
+        The face each contact is on.
+    """
+
+    values: dict[str, FloatArray]
+    multipliers: dict[str, FloatArray]
+    bound_multipliers: dict[str, FloatArray]
+    objective: float
+    status: str
+    success: bool
+    stats: dict[str, Any]
+    kkt: KKT
+    grasp: Grasp
+    faces: tuple[str, ...]
+
+    @property
+    def beta(self) -> float:
+        """Scale beta of the task at the solution."""
+        return float(self.values["beta"][0])
+
+    def __repr__(self) -> str:
+        iterations = self.stats.get("iter_count", "?")
+        return (
+            f"{self.status}: beta {self.beta:.6g}, objective {self.objective:.6g}, {iterations} iterations; "
+            f"stationarity {self.kkt.stationarity:.1e}, feasibility {self.kkt.feasibility:.1e}, "
+            f"complementarity {self.kkt.complementarity:.1e}"
+        )
+
+
+def program_table(program: Program, added: Iterable[tuple[str, Limits]] = ()) -> list[str]:
+    """Return the lines of a program's table.
+
+    Parameters
+    ----------
+    program : Program
+        In SI units.
+    added : iterable of (str, pair of arrays)
+        Names and limits of user-defined constraints.
+    """
+    lines = [FORM("variables", "size", "bounds", "unit", "in the paper")]
+    lines += [FORM(*row) for row in _block_rows(program.variables, program.bounds)]
+    lines += ["", FORM("parameters", "size", "", "", "in the paper")]
+    lines += [FORM(*row) for row in _block_rows(program.parameters, None)]
+    lines += ["", FORM("constraints", "size", "limits", "", "in the paper")]
+    groups: dict[tuple[str, str], list[int]] = {}
+    for row in program.rows:
+        groups.setdefault((row.kind, row.equation), []).extend(range(row.start, row.stop))
+    for (kind, equation), places in groups.items():
+        lines.append(FORM(kind, len(places), _interval(program.limits, places), "", equation))
+    for name, limits in added:
+        lines.append(FORM(name, len(limits[0]), _interval(limits, range(len(limits[0]))), "", "added"))
+    return [line.rstrip() for line in lines]
+
+
+def _block_rows(
+    blocks: Sequence[Block], bounds: tuple[FloatArray, FloatArray] | None
+) -> list[tuple[str, str, str, str, str]]:
+    """Return name, size, bounds, unit and equation of blocks, grouped by kind and size."""
+    groups: dict[tuple[str, int], list[Block]] = {}
+    for block in blocks:
+        groups.setdefault((block.public_name if block.kind == HAND else block.kind, block.size), []).append(block)
+    rows = []
+    for (name, size), members in groups.items():
+        first = members[0]
+        several = len(members) > 1
+        label = f"{name} {first.index} ... {members[-1].index}" if several else first.public_name
+        places = [i for block in members for i in range(block.start, block.stop)]
+        limits = "" if bounds is None else _interval(bounds, places)
+        shape = f"{len(members)} x {size}" if several else str(size)
+        rows.append((label, shape, limits, first.unit, EQUATIONS.get(first.kind, "")))
+    return rows
+
+
+def _interval(limits: tuple[FloatArray, FloatArray], places: Sequence[int] | range) -> str:
+    """Return the range of limits over given entries as text."""
+    low, high = float(np.min(limits[0][places], initial=np.inf)), float(np.max(limits[1][places], initial=-np.inf))
+    if low == high:
+        return f"= {low:g}"
+    if np.isinf(low) or np.isinf(high):
+        return f">= {low:.4g}" if np.isinf(high) else f"<= {high:.4g}"
+    return f"[{low:.4g}, {high:.4g}]"

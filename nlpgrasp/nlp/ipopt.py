@@ -1,4 +1,8 @@
-"""Compiled nonlinear program with IPOPT, and CasADi's other solvers by name."""
+"""Compiled nonlinear program with IPOPT, and CasADi's other solvers by name.
+
+``CompiledProgram`` solves and linearises a ``Program`` for many starts and parameters. ``nlpsol`` makes a solver of any
+CasADi program, with checked options.
+"""
 
 from __future__ import annotations
 
@@ -31,8 +35,27 @@ NOT_RUN = frozenset(  # statuses of IPOPT that mean that it could not run or bro
         "Unrecoverable_Exception",
     }
 )
-SOLVERS = ("ipopt", "sqpmethod", "qrsqp", "feasiblesqpmethod", "blocksqp", "fatrop", "madnlp", "uno", "sleqp", "alpaqa")
-OF_CASADI = {"print_time", "record_time", "expand", "verbose", "calc_lam_p", "calc_lam_x", "error_on_fail"}
+SOLVERS = (  # nonlinear solvers that CasADi may have
+    "ipopt",
+    "sqpmethod",
+    "qrsqp",
+    "feasiblesqpmethod",
+    "blocksqp",
+    "fatrop",
+    "madnlp",
+    "uno",
+    "sleqp",
+    "alpaqa",
+)
+OF_CASADI = {  # options of CasADi, not of the solver
+    "print_time",
+    "record_time",
+    "expand",
+    "verbose",
+    "calc_lam_p",
+    "calc_lam_x",
+    "error_on_fail",
+}
 QUIET: dict[str, dict[str, Any]] = {  # options that keep a solver silent
     "ipopt": {"ipopt.print_level": 0, "ipopt.sb": "yes"},
     "sqpmethod": {"print_header": False, "print_iteration": False, "print_status": False},
@@ -41,84 +64,7 @@ QUIET: dict[str, dict[str, Any]] = {  # options that keep a solver silent
     "blocksqp": {"print_header": False, "print_iteration": False},
 }
 
-
-class Evaluator:
-    """A CasADi function evaluated on numpy arrays through preallocated buffers.
-
-    Parameters
-    ----------
-    function : casadi.Function
-        With dense column vectors as inputs.
-    """
-
-    def __init__(self, function: ca.Function) -> None:
-        buffer: Any
-        buffer, self._evaluate = function.buffer()
-        self._buffer = buffer  # of the arrays, which it writes to
-        self._inputs = [np.zeros(function.nnz_in(i)) for i in range(function.n_in())]
-        self._outputs = [np.zeros(function.nnz_out(i)) for i in range(function.n_out())]
-        for i, array in enumerate(self._inputs):
-            buffer.set_arg(i, array.data)
-        for i, array in enumerate(self._outputs):
-            buffer.set_res(i, array.data)
-        self._places = [_places(function.sparsity_out(i)) for i in range(function.n_out())]
-
-    def __call__(self, *values: FloatArray) -> list[FloatArray]:
-        """Evaluate the function and return its outputs, (rows, columns) each."""
-        for array, value in zip(self._inputs, values, strict=True):
-            array[:] = value
-        self._evaluate()
-        found = []
-        for (shape, rows, columns), nonzeros in zip(self._places, self._outputs, strict=True):
-            full = np.zeros(shape)
-            full[rows, columns] = nonzeros
-            found.append(full)
-        return found
-
-
-def _places(sparsity: ca.Sparsity) -> tuple[tuple[int, int], NDArray[np.intp], NDArray[np.intp]]:
-    """Return shape, row indices and column indices of an output's nonzeros."""
-    rows, columns = sparsity.get_triplet()
-    return sparsity.shape, np.array(rows, dtype=np.intp), np.array(columns, dtype=np.intp)
-
-
-Option = bool | int | float | str | ca.Function
-
-
-@dataclass(frozen=True)
-class NlpResult:
-    """Result of an IPOPT call; if it did not run, ``z`` is the start and all multipliers are zero.
-
-    Parameters
-    ----------
-    z : (n,) array
-        Variables, solver units.
-    multipliers : (m,) array
-        Of the constraints: positive at active upper limits, negative at lower ones.
-    bound_multipliers : (n,) array
-        Of the variables' bounds, with the same signs.
-    objective : float
-        Maximised objective value.
-    status : str
-        The solver's status or error.
-    ran : bool
-        Whether IPOPT ran at all.
-    success : bool
-    iterations : int
-    seconds, function_seconds : float
-        Wall time of the solve, and of the function evaluations in it.
-    """
-
-    z: FloatArray
-    multipliers: FloatArray
-    bound_multipliers: FloatArray
-    objective: float
-    status: str
-    ran: bool
-    success: bool
-    iterations: int
-    seconds: float
-    function_seconds: float
+Option = bool | int | float | str | ca.Function  # value of a solver option
 
 
 class CompiledProgram:
@@ -224,6 +170,42 @@ class CompiledProgram:
         return g.ravel(), J
 
 
+@dataclass(frozen=True)
+class NlpResult:
+    """Result of an IPOPT call; if it did not run, ``z`` is the start and all multipliers are zero.
+
+    Parameters
+    ----------
+    z : (n,) array
+        Variables, solver units.
+    multipliers : (m,) array
+        Of the constraints: positive at active upper limits, negative at lower ones.
+    bound_multipliers : (n,) array
+        Of the variables' bounds, with the same signs.
+    objective : float
+        Maximised objective value.
+    status : str
+        The solver's status or error.
+    ran : bool
+        Whether IPOPT ran at all.
+    success : bool
+    iterations : int
+    seconds, function_seconds : float
+        Wall time of the solve, and of the function evaluations in it.
+    """
+
+    z: FloatArray
+    multipliers: FloatArray
+    bound_multipliers: FloatArray
+    objective: float
+    status: str
+    ran: bool
+    success: bool
+    iterations: int
+    seconds: float
+    function_seconds: float
+
+
 def _not_run(start: FloatArray, rows: int, status: str, seconds: float) -> NlpResult:
     """Return the result of a call in which IPOPT did not run."""
     return NlpResult(start, np.zeros(rows), np.zeros(len(start)), 0.0, status, False, False, 0, seconds, 0.0)
@@ -233,6 +215,46 @@ def _reason(error: RuntimeError) -> str:
     """Return the last line of a CasADi error without its source location."""
     lines = str(error).strip().splitlines() or [type(error).__name__]
     return lines[-1].split(": ", 1)[-1].strip()
+
+
+class Evaluator:
+    """A CasADi function evaluated on numpy arrays through preallocated buffers.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        With dense column vectors as inputs.
+    """
+
+    def __init__(self, function: ca.Function) -> None:
+        buffer: Any
+        buffer, self._evaluate = function.buffer()
+        self._buffer = buffer  # of the arrays, which it writes to
+        self._inputs = [np.zeros(function.nnz_in(i)) for i in range(function.n_in())]
+        self._outputs = [np.zeros(function.nnz_out(i)) for i in range(function.n_out())]
+        for i, array in enumerate(self._inputs):
+            buffer.set_arg(i, array.data)
+        for i, array in enumerate(self._outputs):
+            buffer.set_res(i, array.data)
+        self._places = [_places(function.sparsity_out(i)) for i in range(function.n_out())]
+
+    def __call__(self, *values: FloatArray) -> list[FloatArray]:
+        """Evaluate the function and return its outputs, (rows, columns) each."""
+        for array, value in zip(self._inputs, values, strict=True):
+            array[:] = value
+        self._evaluate()
+        found = []
+        for (shape, rows, columns), nonzeros in zip(self._places, self._outputs, strict=True):
+            full = np.zeros(shape)
+            full[rows, columns] = nonzeros
+            found.append(full)
+        return found
+
+
+def _places(sparsity: ca.Sparsity) -> tuple[tuple[int, int], NDArray[np.intp], NDArray[np.intp]]:
+    """Return shape, row indices and column indices of an output's nonzeros."""
+    rows, columns = sparsity.get_triplet()
+    return sparsity.shape, np.array(rows, dtype=np.intp), np.array(columns, dtype=np.intp)
 
 
 def check_ipopt_options(name: str, options: object) -> dict[str, bool | int | float | str]:

@@ -1,11 +1,11 @@
 """Builder of nonlinear programs from named blocks of variables, parameters and constraints.
 
-The derivatives of f are built once and mapped over the slots; the Lagrangian's Hessian is their sum. The time to build
-a program therefore does not grow with the number of slots.
-
 Canonical form: maximise a scalar subject to ``lower <= g(z; theta) <= upper`` and bounds on z. Constraints are
 written in SI units; a scaled program divides variables and constraints by their typical sizes. Every block has a name,
 so reports say "friction, finger 2, direction 17" instead of "g[57]".
+
+The order of the constraints is fixed: containment (``Slots`` or copies of forces), other ``SX`` expressions, then
+clearances and surface constraints through splines, which exist only as ``MX``.
 """
 
 from __future__ import annotations
@@ -27,100 +27,7 @@ from nlpgrasp.problem.candidate_constraints import PlacementRows
 
 REACHABILITY, HAND_CONSTRAINTS = "(3.5-15)", "(3.5-16)"  # equations of the paper
 
-
 IntArray = NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class Slots:
-    """Constraints ``f(x; theta_j)`` of a program.
-
-    Parameters
-    ----------
-    function : casadi.Function
-        Maps x (s,) and theta_j (q,) to a scalar.
-    variables : (s,) array of int
-        Indices of x in the program's variables, ascending.
-    parameters : (q, m) array of int
-        Indices of theta_j in the program's parameters.
-    """
-
-    function: ca.Function
-    variables: IntArray
-    parameters: IntArray
-
-    @property
-    def count(self) -> int:
-        """Number of constraints."""
-        return int(self.parameters.shape[1])
-
-    def rows(self, z: ca.MX, theta: ca.MX) -> ca.MX:
-        """Return the constraint values (m, 1), given all variables and parameters of the program."""
-        return ca.vec(self._mapped(self.function)(*self._own(z, theta)))
-
-    def jacobian(self, z: ca.MX, theta: ca.MX) -> ca.MX:
-        """Return the constraints' Jacobian (m, n) with respect to all variables."""
-        x, t, row = self._one
-        gradient = ca.Function("slot_jac", [x, t], [ca.gradient(row, x)], {"cse": True})
-        found = self._mapped(gradient)(*self._own(z, theta))
-        return ca.MX(self._sparsity(np.arange(self.count), self.count, z.shape[0]), ca.vec(found.T))
-
-    def hessian(self, z: ca.MX, theta: ca.MX, lam: ca.MX) -> ca.MX:
-        """Return the Hessian (n, n) of the constraints' sum weighted by ``lam`` (m,)."""
-        x, t, row = self._one
-        weight = ca.SX.sym("weight")
-        second = ca.densify(ca.hessian(weight * row, x)[0])
-        function = ca.Function("slot_hess", [x, t, weight], [second], {"cse": True})
-        found = self._mapped(function, [0])(*self._own(z, theta), lam.T)
-        return ca.MX(self._sparsity(self.variables, z.shape[0], z.shape[0]), ca.vec(found))
-
-    @cached_property
-    def _one(self) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Symbols x and theta, and the constraint on them."""
-        x, t = ca.SX.sym("x", len(self.variables)), ca.SX.sym("t", self.parameters.shape[0])
-        return x, t, self.function(x, t)
-
-    def _mapped(self, function: ca.Function, summed: list[int] | None = None) -> ca.Function:
-        """Map a function over the slots with shared x; outputs are stacked or summed."""
-        return function.map(f"{function.name()}s", "serial", self.count, [0], summed or [], {})
-
-    def _own(self, z: ca.MX, theta: ca.MX) -> tuple[ca.MX, ca.MX]:
-        own = ca.reshape(theta[self.parameters.ravel(order="F").tolist()], *self.parameters.shape)
-        return z[self.variables.tolist()], own
-
-    def _sparsity(self, rows: IntArray, height: int, width: int) -> ca.Sparsity:
-        """Return the sparsity pattern of given rows and the columns of x."""
-        down, across = np.tile(rows, len(self.variables)), np.repeat(self.variables, len(rows))
-        return ca.Sparsity.triplet(height, width, down.tolist(), across.tolist())
-
-
-@dataclass(frozen=True)
-class ForceCopy:
-    """Force variables of one direction and their constraints, which a program repeats for every direction.
-
-    Parameters
-    ----------
-    values : casadi.SX
-        Symbol of the variables, SI units.
-    lower, upper, scale : float
-        Of all variables, SI units.
-    sizes : sequence of int
-        Number of variables of each contact.
-    rows : list of (str, Row)
-        Equation of the paper, and constraint on the program's variables, these, and the copy's parameters.
-    """
-
-    values: ca.SX
-    lower: float
-    upper: float
-    scale: float
-    sizes: Sequence[int]
-    rows: list[tuple[str, Row]] = field(default_factory=list)
-
-    @property
-    def of_contacts(self) -> list[ca.SX]:
-        """Force variables of each contact, as columns."""
-        return list(ca.vertsplit(self.values, [0, *accumulate(self.sizes)]))
 
 
 @dataclass
@@ -385,6 +292,101 @@ class Program:
     def limits(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper limits of the scalar constraints, (m,) each, surface constraints last."""
         return _stacked(self._limits)
+
+
+@dataclass(frozen=True)
+class ForceCopy:
+    """Force variables of one direction and their constraints, which a program repeats for every direction.
+
+    Parameters
+    ----------
+    values : casadi.SX
+        Symbol of the variables, SI units.
+    lower, upper, scale : float
+        Of all variables, SI units.
+    sizes : sequence of int
+        Number of variables of each contact.
+    rows : list of (str, Row)
+        Equation of the paper, and constraint on the program's variables, these, and the copy's parameters.
+    """
+
+    values: ca.SX
+    lower: float
+    upper: float
+    scale: float
+    sizes: Sequence[int]
+    rows: list[tuple[str, Row]] = field(default_factory=list)
+
+    @property
+    def of_contacts(self) -> list[ca.SX]:
+        """Force variables of each contact, as columns."""
+        return list(ca.vertsplit(self.values, [0, *accumulate(self.sizes)]))
+
+
+@dataclass(frozen=True)
+class Slots:
+    """Constraints ``f(x; theta_j)`` of a program, one for each slot j.
+
+    The derivatives of f are built once and mapped over the slots; the Lagrangian's Hessian is their sum. The time to
+    build a program therefore does not grow with the number of slots.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        Maps x (s,) and theta_j (q,) to a scalar.
+    variables : (s,) array of int
+        Indices of x in the program's variables, ascending.
+    parameters : (q, m) array of int
+        Indices of theta_j in the program's parameters.
+    """
+
+    function: ca.Function
+    variables: IntArray
+    parameters: IntArray
+
+    @property
+    def count(self) -> int:
+        """Number of constraints."""
+        return int(self.parameters.shape[1])
+
+    def rows(self, z: ca.MX, theta: ca.MX) -> ca.MX:
+        """Return the constraint values (m, 1), given all variables and parameters of the program."""
+        return ca.vec(self._mapped(self.function)(*self._own(z, theta)))
+
+    def jacobian(self, z: ca.MX, theta: ca.MX) -> ca.MX:
+        """Return the constraints' Jacobian (m, n) with respect to all variables."""
+        x, t, row = self._one
+        gradient = ca.Function("slot_jac", [x, t], [ca.gradient(row, x)], {"cse": True})
+        found = self._mapped(gradient)(*self._own(z, theta))
+        return ca.MX(self._sparsity(np.arange(self.count), self.count, z.shape[0]), ca.vec(found.T))
+
+    def hessian(self, z: ca.MX, theta: ca.MX, lam: ca.MX) -> ca.MX:
+        """Return the Hessian (n, n) of the constraints' sum weighted by ``lam`` (m,)."""
+        x, t, row = self._one
+        weight = ca.SX.sym("weight")
+        second = ca.densify(ca.hessian(weight * row, x)[0])
+        function = ca.Function("slot_hess", [x, t, weight], [second], {"cse": True})
+        found = self._mapped(function, [0])(*self._own(z, theta), lam.T)
+        return ca.MX(self._sparsity(self.variables, z.shape[0], z.shape[0]), ca.vec(found))
+
+    @cached_property
+    def _one(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Symbols x and theta, and the constraint on them."""
+        x, t = ca.SX.sym("x", len(self.variables)), ca.SX.sym("t", self.parameters.shape[0])
+        return x, t, self.function(x, t)
+
+    def _mapped(self, function: ca.Function, summed: list[int] | None = None) -> ca.Function:
+        """Map a function over the slots with shared x; outputs are stacked or summed."""
+        return function.map(f"{function.name()}s", "serial", self.count, [0], summed or [], {})
+
+    def _own(self, z: ca.MX, theta: ca.MX) -> tuple[ca.MX, ca.MX]:
+        own = ca.reshape(theta[self.parameters.ravel(order="F").tolist()], *self.parameters.shape)
+        return z[self.variables.tolist()], own
+
+    def _sparsity(self, rows: IntArray, height: int, width: int) -> ca.Sparsity:
+        """Return the sparsity pattern of given rows and the columns of x."""
+        down, across = np.tile(rows, len(self.variables)), np.repeat(self.variables, len(rows))
+        return ca.Sparsity.triplet(height, width, down.tolist(), across.tolist())
 
 
 def _end(blocks: Sequence[Range]) -> int:

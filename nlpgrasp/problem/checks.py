@@ -24,7 +24,7 @@ from nlpgrasp.tasks import Task
 from nlpgrasp.tasks.base import component_ranges, parts_of
 
 MOST_FRICTION = 2.0  # friction coefficient above which a typing error is likely
-SAMPLES = 300  # sample points per face
+SAMPLES = 300  # sample points per face, for the constraints on contacts
 CLEARLY = 0.1  # of the body's size: violation at all samples that cannot be due to sampling
 THROUGH = 0.02  # of the body's size: depth below a table above which a mistake is likely
 ACROSS = 2.0  # times the fingertips' reach from the palm: upper bound of the hand's opening
@@ -34,22 +34,6 @@ MUCH = 20.0  # times the body's size: implausible torsional friction, fingertip 
 FAR_TABLE = 50.0  # times the body's size: implausible distance of a table
 WALL = 1.0 / 3.0  # of the wall thickness: largest accepted 80th percentile of the distance
 FINER = 1.5  # advised factor on the resolution, where less smoothing does not help
-
-
-@dataclass(frozen=True)
-class Samples:
-    """Random points of a face with inward normals.
-
-    Parameters
-    ----------
-    points : (m, space) array
-        Metres, body frame.
-    normals : (m, space) array
-        Unit, into the body.
-    """
-
-    points: FloatArray
-    normals: FloatArray
 
 
 def check_placements(
@@ -97,62 +81,20 @@ def check_placements(
     _check_room(constraints, faces, samples)
 
 
-def body_words(given: object) -> str:
-    """Return the advice of the error for an invalid body, such as a file name or a mesh."""
-    if isinstance(given, str | Path):
-        return f'a body: ng.Mesh.load("{given}", unit="mm"), in the unit of the file'
-    if type(given).__module__.split(".")[0] == "trimesh":
-        return 'a body: ng.Mesh(mesh, unit="mm"), in the unit of its vertices'
-    return "a body such as ng.Box or ng.Mesh"
-
-
-def task_words(given: object) -> str:
-    """Return the advice of the error for an invalid task, such as a list of tasks."""
-    if isinstance(given, list | tuple) and given and all(isinstance(part, Task) for part in given):
-        return "one task: tasks add up, such as ng.lift(...) + ng.disturbance(...)"
-    return "a task, such as ng.TaskEllipsoid(semi_axes)"
-
-
-def hand_words(given: object) -> str:
-    """Return the advice of the error for an invalid hand, such as a preset's name."""
-    if isinstance(given, str):
-        return f"a hand: ng.hands.{given}(...) where there is one of that name, or ng.URDFHand.load(path, fingertips)"
-    return "a hand such as ng.Fingertips, or None"
-
-
-def check_patches(models: Sequence[ContactModel], body: Body) -> None:
-    """Raise for a contact patch longer than the body, mostly due to swapped arguments."""
-    longest = float(np.max(body.bounds[1] - body.bounds[0]))
-    for i, model in enumerate(models):
-        for name in ("radius", "extents", "length"):
-            given = getattr(model, name, None)
-            if given is not None and np.max(given) > longest:
-                allowed = f"metres, no more than the body's longest side, {longest:.3g}; friction is friction=..."
-                raise InputError(f"GraspProblem.contacts[{i}].{name}", f"{np.max(given):g} m", allowed)
-
-
-def check_size(body: Body) -> None:
-    """Raise for a body so large or small that its unit is probably not metres."""
-    longest = float(np.max(body.bounds[1] - body.bounds[0]))
-    wrong = "its numbers are metres, and were probably given in a {} unit"
-    likely_size("GraspProblem.body", f"a {body.kind} with a longest side", longest, wrong, hasattr(body, "unit"))
-
-
-def warn_of_friction(models: Sequence[ContactModel], field: str) -> None:
-    """Warn, once, about implausibly large friction coefficients.
+@dataclass(frozen=True)
+class Samples:
+    """Random points of a face with inward normals.
 
     Parameters
     ----------
-    models : sequence of ContactModel
-    field : str
-        Name of the field, with ``{}`` for the contact's index.
+    points : (m, space) array
+        Metres, body frame.
+    normals : (m, space) array
+        Unit, into the body.
     """
-    for i, model in enumerate(models):
-        friction = model.coefficients.get("friction", 0.0)
-        if friction > MOST_FRICTION:
-            text = f"{field.format(i)}: {friction:g} is above {MOST_FRICTION:g}; rubber on dry surfaces has about 1"
-            say_once(text)
-            return
+
+    points: FloatArray
+    normals: FloatArray
 
 
 def _sampled(body: Body, name: str, rng: np.random.Generator, margin: float) -> Samples:
@@ -224,61 +166,39 @@ def _some(names: list[str]) -> str:
     return "faces " + ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
 
 
-def warn_of_surroundings(body: Body, constraints: Sequence[PlacementConstraint], hand: Hand | None) -> None:
-    """Warn about a table that intersects the body, and a hand too small for any side of the body.
+def check_patches(models: Sequence[ContactModel], body: Body) -> None:
+    """Raise for a contact patch longer than the body, mostly due to swapped arguments."""
+    longest = float(np.max(body.bounds[1] - body.bounds[0]))
+    for i, model in enumerate(models):
+        for name in ("radius", "extents", "length"):
+            given = getattr(model, name, None)
+            if given is not None and np.max(given) > longest:
+                allowed = f"metres, no more than the body's longest side, {longest:.3g}; friction is friction=..."
+                raise InputError(f"GraspProblem.contacts[{i}].{name}", f"{np.max(given):g} m", allowed)
+
+
+def check_size(body: Body) -> None:
+    """Raise for a body so large or small that its unit is probably not metres."""
+    longest = float(np.max(body.bounds[1] - body.bounds[0]))
+    wrong = "its numbers are metres, and were probably given in a {} unit"
+    likely_size("GraspProblem.body", f"a {body.kind} with a longest side", longest, wrong, hasattr(body, "unit"))
+
+
+def warn_of_friction(models: Sequence[ContactModel], field: str) -> None:
+    """Warn, once, about implausibly large friction coefficients.
 
     Parameters
     ----------
-    body : Body
-    constraints : sequence of PlacementConstraint
-    hand : Hand or None
+    models : sequence of ContactModel
+    field : str
+        Name of the field, with ``{}`` for the contact's index.
     """
-    (low, high), extents = body.bounds[:, -1], body.bounds[1] - body.bounds[0]
-    for i, table in enumerate(constraints):
-        if isinstance(table, Table) and body.tight and THROUGH * body.size < table.height - low < high - low:
-            below = f"the body reaches {rounded(1e3 * (table.height - low))} mm below the table"
-            where = f"height {rounded(table.height)} m, lowest point {rounded(low, least=1e-9)} m"
-            say_once(f"constraints[{i}]: {below} ({where}); a table that it stands on is ng.Table.under(body)")
-    shortest = float(np.min(extents))
-    if isinstance(hand, URDFHand) and shortest > ACROSS * hand.tree.span:
-        given = f"a body whose shortest side is {rounded(shortest)} m, for a hand whose fingertips reach"
-        say_once(
-            f"GraspProblem.body: {given} {rounded(hand.tree.span)} m from its palm; are both in metres? A mesh in "
-            'millimetres takes unit="mm"'
-        )
-
-
-def warn_of_point(task: Task, body: Body) -> None:
-    """Warn, once, about a disturbance without point on a body whose frame's origin is off its centroid.
-
-    Scans and CAD parts often have their origin at a foot or a flange: a force that acts there has a moment arm about
-    the centroid, and requires far more torque than the disturbance states.
-
-    Parameters
-    ----------
-    task : Task
-        As given, before its moments are taken about the problem's torque origin.
-    body : Body
-    """
-    _warn_of_arm(task, body)
-    away = float(np.linalg.norm(body.centroid))
-    if away > FAR_ORIGIN * body.size and any(part.point_left_out for part in parts_of(task)):
-        say_once(
-            f"disturbance: without a point its force acts at the origin of the body's frame, {1e3 * away:.3g} mm from "
-            "the body's centroid: state point=body.centroid, or point=[0, 0, 0] where that is meant"
-        )
-
-
-def _warn_of_arm(task: Task, body: Body) -> None:
-    """Warn, once, about moments whose arms are too long for the body.
-
-    Typical causes are a point in millimetres and moments in newton-millimetres.
-    """
-    most, space = np.max(np.abs(component_ranges(task)), axis=0), body.space
-    force, moment = float(np.max(most[:space])), float(np.max(most[space:]))
-    if force > 0.0 and moment / force > max(LONG * body.size, LONGEST):
-        told = f"moments up to {moment:.3g} N m beside forces up to {force:.3g} N, an arm of {moment / force:.3g} m"
-        say_once(f"task: {told} on a body of {2.0 * body.size:.3g} m: moments are newton-metres, and points metres")
+    for i, model in enumerate(models):
+        friction = model.coefficients.get("friction", 0.0)
+        if friction > MOST_FRICTION:
+            text = f"{field.format(i)}: {friction:g} is above {MOST_FRICTION:g}; rubber on dry surfaces has about 1"
+            say_once(text)
+            return
 
 
 def warn_of_lengths(
@@ -319,6 +239,63 @@ def _lengths(
         yield f"fingertip {link}: radius", tip.standoff, tip.standoff, MUCH
 
 
+def warn_of_point(task: Task, body: Body) -> None:
+    """Warn, once, about a disturbance without point on a body whose frame's origin is off its centroid.
+
+    Scans and CAD parts often have their origin at a foot or a flange: a force that acts there has a moment arm about
+    the centroid, and requires far more torque than the disturbance states.
+
+    Parameters
+    ----------
+    task : Task
+        As given, before its moments are taken about the problem's torque origin.
+    body : Body
+    """
+    _warn_of_arm(task, body)
+    away = float(np.linalg.norm(body.centroid))
+    if away > FAR_ORIGIN * body.size and any(part.point_left_out for part in parts_of(task)):
+        say_once(
+            f"disturbance: without a point its force acts at the origin of the body's frame, {1e3 * away:.3g} mm from "
+            "the body's centroid: state point=body.centroid, or point=[0, 0, 0] where that is meant"
+        )
+
+
+def _warn_of_arm(task: Task, body: Body) -> None:
+    """Warn, once, about moments whose arms are too long for the body.
+
+    Typical causes are a point in millimetres and moments in newton-millimetres.
+    """
+    most, space = np.max(np.abs(component_ranges(task)), axis=0), body.space
+    force, moment = float(np.max(most[:space])), float(np.max(most[space:]))
+    if force > 0.0 and moment / force > max(LONG * body.size, LONGEST):
+        told = f"moments up to {moment:.3g} N m beside forces up to {force:.3g} N, an arm of {moment / force:.3g} m"
+        say_once(f"task: {told} on a body of {2.0 * body.size:.3g} m: moments are newton-metres, and points metres")
+
+
+def warn_of_surroundings(body: Body, constraints: Sequence[PlacementConstraint], hand: Hand | None) -> None:
+    """Warn about a table that intersects the body, and a hand too small for any side of the body.
+
+    Parameters
+    ----------
+    body : Body
+    constraints : sequence of PlacementConstraint
+    hand : Hand or None
+    """
+    (low, high), extents = body.bounds[:, -1], body.bounds[1] - body.bounds[0]
+    for i, table in enumerate(constraints):
+        if isinstance(table, Table) and body.tight and THROUGH * body.size < table.height - low < high - low:
+            below = f"the body reaches {rounded(1e3 * (table.height - low))} mm below the table"
+            where = f"height {rounded(table.height)} m, lowest point {rounded(low, least=1e-9)} m"
+            say_once(f"constraints[{i}]: {below} ({where}); a table that it stands on is ng.Table.under(body)")
+    shortest = float(np.min(extents))
+    if isinstance(hand, URDFHand) and shortest > ACROSS * hand.tree.span:
+        given = f"a body whose shortest side is {rounded(shortest)} m, for a hand whose fingertips reach"
+        say_once(
+            f"GraspProblem.body: {given} {rounded(hand.tree.span)} m from its palm; are both in metres? A mesh in "
+            'millimetres takes unit="mm"'
+        )
+
+
 def warn_of_smoothing(body: Body, hand: Hand | None) -> None:
     """Warn, once, if a fifth of a mesh is far from the smoothed surface that the solver sees.
 
@@ -345,3 +322,26 @@ def warn_of_smoothing(body: Body, hand: Hand | None) -> None:
         f"fifth of the mesh, which is much beside {beside}: ng.Mesh takes smoothing={smoothing:g}, "
         f"resolution={resolution}"
     )
+
+
+def body_words(given: object) -> str:
+    """Return the advice of the error for an invalid body, such as a file name or a mesh."""
+    if isinstance(given, str | Path):
+        return f'a body: ng.Mesh.load("{given}", unit="mm"), in the unit of the file'
+    if type(given).__module__.split(".")[0] == "trimesh":
+        return 'a body: ng.Mesh(mesh, unit="mm"), in the unit of its vertices'
+    return "a body such as ng.Box or ng.Mesh"
+
+
+def task_words(given: object) -> str:
+    """Return the advice of the error for an invalid task, such as a list of tasks."""
+    if isinstance(given, list | tuple) and given and all(isinstance(part, Task) for part in given):
+        return "one task: tasks add up, such as ng.lift(...) + ng.disturbance(...)"
+    return "a task, such as ng.TaskEllipsoid(semi_axes)"
+
+
+def hand_words(given: object) -> str:
+    """Return the advice of the error for an invalid hand, such as a preset's name."""
+    if isinstance(given, str):
+        return f"a hand: ng.hands.{given}(...) where there is one of that name, or ng.URDFHand.load(path, fingertips)"
+    return "a hand such as ng.Fingertips, or None"

@@ -24,11 +24,48 @@ from nlpgrasp.tasks.base import component_ranges
 
 LISTED = 8  # most faces listed by name
 LONGEST = 120  # most characters of a part's repr
-FACES = re.compile(r"faces=(?:None|\([^)]*\)), ")
+FACES = re.compile(r"faces=(?:None|\([^)]*\)), ")  # in the repr of a contact model
 ROUNDING = 1e-6  # of the body's size: coordinates below are shown as 0
-SAMPLES = 200  # sample points per face
+SAMPLES = 200  # sample points per face, for its extent above a table
 TIMES = "\N{MULTIPLICATION SIGN}"
+# functions that write the HTML page and the notebook's card
 PAGE, CARD = ("nlpgrasp.report.body_page", "write_problem"), ("nlpgrasp.report.body_page", "problem_card")
+
+
+class SeenProblem(InNotebook):
+    """Mixin that displays a grasp problem."""
+
+    _card: ClassVar[tuple[str, str]] = CARD
+    name: str
+
+    def show(self, path: str | Path | None = None) -> Path:
+        """Write an HTML page that shows the problem, open it in a browser if possible, and return its path.
+
+        It shows the body with its axes and allowed faces, tables and obstacles, and describes contacts, task, hand and
+        constraints. It opens from disk and needs no network. Without a browser or a display, the path is printed.
+
+        Parameters
+        ----------
+        path : str or Path, optional
+            Of the HTML page; by default a temporary file.
+
+        Raises
+        ------
+        InputError
+            For a path that cannot be written.
+        """
+        return show(self, self.name, PAGE, path)
+
+    def __repr__(self) -> str:
+        asked = cast(Asked, self)
+        count = len(asked.models)
+        held = f"{type(asked.body).__name__}, {count} contact{'s' if count > 1 else ''}"
+        hand = "" if asked.hand is None else f", {type(asked.hand).__name__}"
+        return f"GraspProblem({self.name!r}: {held}{hand}, {type(asked.task).__name__})"
+
+    def __str__(self) -> str:
+        lines = [f"  {line}" for part in in_words(cast(Asked, self)) for line in part.lines()]
+        return "\n".join([f"{self.name}, what is asked:", *lines])
 
 
 class Asked(Protocol):
@@ -82,20 +119,6 @@ class Asked(Protocol):
         """Return the names of a contact's allowed faces."""
 
 
-class Part(NamedTuple):
-    """A part of a problem's description: title, short value and notes."""
-
-    title: str
-    value: str
-    notes: tuple[str, ...] = ()
-
-    def lines(self) -> list[str]:
-        """Return the part as lines of text: a single note beside the value, several below it."""
-        if len(self.notes) <= 1:
-            return [f"{self.title.lower()}: {'; '.join([self.value, *self.notes])}"]
-        return [f"{self.title.lower()}: {self.value}", *(f"  {note}" for note in self.notes)]
-
-
 def in_words(problem: Asked) -> list[Part]:
     """Return the parts of a problem's description, in millimetres, but metres in quoted reprs."""
     constraints = tuple(_short(repr(constraint)) for constraint in problem.constraints)
@@ -109,6 +132,20 @@ def in_words(problem: Asked) -> list[Part]:
         _edges(problem),
         _forces(problem),
     ]
+
+
+class Part(NamedTuple):
+    """A part of a problem's description: title, short value and notes."""
+
+    title: str
+    value: str
+    notes: tuple[str, ...] = ()
+
+    def lines(self) -> list[str]:
+        """Return the part as lines of text: a single note beside the value, several below it."""
+        if len(self.notes) <= 1:
+            return [f"{self.title.lower()}: {'; '.join([self.value, *self.notes])}"]
+        return [f"{self.title.lower()}: {self.value}", *(f"  {note}" for note in self.notes)]
 
 
 def task_range(problem: Asked) -> str:
@@ -178,39 +215,3 @@ def _forces(problem: Asked) -> Part:
     limit = problem.max_force
     stated = () if limit is None else (f"max_force: no finger is to press harder than {limit:g} N",)
     return Part("Force budget", problem.budget.kind, (f"counts the {problem.budget.amount}", *stated))
-
-
-class SeenProblem(InNotebook):
-    """Mixin that displays a grasp problem."""
-
-    _card: ClassVar[tuple[str, str]] = CARD
-    name: str
-
-    def show(self, path: str | Path | None = None) -> Path:
-        """Write an HTML page that shows the problem, open it in a browser if possible, and return its path.
-
-        It shows the body with its axes and allowed faces, tables and obstacles, and describes contacts, task, hand and
-        constraints. It opens from disk and needs no network. Without a browser or a display, the path is printed.
-
-        Parameters
-        ----------
-        path : str or Path, optional
-            Of the HTML page; by default a temporary file.
-
-        Raises
-        ------
-        InputError
-            For a path that cannot be written.
-        """
-        return show(self, self.name, PAGE, path)
-
-    def __repr__(self) -> str:
-        asked = cast(Asked, self)
-        count = len(asked.models)
-        held = f"{type(asked.body).__name__}, {count} contact{'s' if count > 1 else ''}"
-        hand = "" if asked.hand is None else f", {type(asked.hand).__name__}"
-        return f"GraspProblem({self.name!r}: {held}{hand}, {type(asked.task).__name__})"
-
-    def __str__(self) -> str:
-        told = [f"  {line}" for part in in_words(cast(Asked, self)) for line in part.lines()]
-        return "\n".join([f"{self.name}, what is asked:", *told])

@@ -42,6 +42,7 @@ ENOUGH = 2000  # triangles for locating the middle of a face
 NAMED = 24  # most labelled faces
 DOT = 0.02  # radius of the mark under a label, as a share of the body's size
 DIGITS = 7  # decimals of coordinates for display, metres
+# visibility switches of the scene: group, label, initially shown
 SWITCHES = (("triad", "Axes", True), ("through", "See through", False))
 LARGE = 1.0  # metres: larger bodies are probably in millimetres
 SMALL = 1e-3  # metres: smaller bodies probably have a wrong unit
@@ -58,7 +59,7 @@ def drawn_shape(body: Body) -> Triangles:
 
 
 def body_scene(body: Body, shape: Triangles | None = None) -> Json:
-    """Return the viewer's scene of a body; metres, body frame, in the format of ``report.scene``.
+    """Return the viewer's scene of a body; metres, body frame, in the format of ``report.grasp_scene.scene``.
 
     The names of the faces are under ``contacts``; ``axes`` are those of the frame. ``shape`` is ``drawn_shape(body)``,
     if already computed.

@@ -28,6 +28,7 @@ from nlpgrasp.report.hand_scene import (
 )
 from nlpgrasp.report.html_parts import ICON, Html, page, style, table, viewer
 
+# colours of the scene and what they show
 KEY = (("link", "collision shapes"), ("finger", "fingertips"), ("task", "where the palm faces"))
 FEW = 12_000  # most triangles of all links together: a notebook stores the page
 

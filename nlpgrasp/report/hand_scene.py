@@ -30,6 +30,7 @@ FACED = 0.35  # weight of a view into the palm, relative to the broadest view
 PADS = 1.5  # weight of a view at the fingertips' patches
 ONE_DIGIT = 100.0  # degrees or millimetres below which one decimal is shown
 GENERAL = ("relaxed", "zero", "lower limits", "upper limits")
+# visibility switches of the scene: group, label, initially shown
 SWITCHES = (
     ("links", "Links", True),
     ("spheres", "Spheres", False),

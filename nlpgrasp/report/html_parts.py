@@ -15,7 +15,7 @@ from nlpgrasp.common.validation import FloatArray
 
 ICON = '<link rel="icon" href="data:,">'  # no icon: a page from disk requests no file
 VIEWER = ("shapes.js", "renderer.js", "view.js", "page.js")
-WIDTH, HEIGHT, LEFT, BOTTOM, TOP = 320, 240, 58, 38, 8
+WIDTH, HEIGHT, LEFT, BOTTOM, TOP = 320, 240, 58, 38, 8  # pixels: size and margins of a chart
 
 
 def page(title: str, style: str, parts: Sequence[str], head: str = "", scripts: str = "") -> str:

@@ -37,7 +37,7 @@ WHOLE = 100.0  # per cent: the whole task
 HEAD = 2.4  # radius of an arrow's head over its shaft's
 SHORT = 1e-3  # share of the task below which no arrow is drawn
 GLASS = {"link": 0.6, "tip": 0.85, "obstacle": 0.45, "table": 0.5}  # opacity by group
-FREE_TIP = 0.5
+FREE_TIP = 0.5  # opacity of free fingertips
 SIDES = 32  # sides of a disc
 OVER = 0.006  # share of the body's size: height of discs over the surface
 AWAY = 2.9  # distance of the camera from the body's middle, in body sizes
@@ -46,108 +46,194 @@ HOST = "127.0.0.1"
 LARGEST_PORT = 65535
 
 
-@dataclass(frozen=True)
-class Way:
-    """Approach path of a hand.
-
-    Parameters
-    ----------
-    names : tuple of str
-        Names of the keyframes.
-    grasp : int
-        Index of the grasp's keyframe.
-    put : callable
-        Moves the drawn parts to a position on the path, from 0 to the index of the last keyframe.
-    """
-
-    names: tuple[str, ...]
-    grasp: int
-    put: Callable[[float], None]
-
-    def where(self, at: float) -> str:
-        """Return a position on the path as text."""
-        before = self.names[int(at)]
-        return before if at == int(at) else f"{before} to {self.names[int(at) + 1]}"
+_viewers: dict[int, Viewer] = {}  # by port: a new grasp replaces the previous one
 
 
-def own_hand(solution: GraspSolution, hand: Hand | None) -> None:
-    """Refuse another hand than the problem's.
-
-    Raises
-    ------
-    InputError
-        Naming the hand.
-    """
-    asked = solution.problem.get("hand") or {}
-    stated = {} if hand is None else hand.to_dict() if isinstance(hand, Hand) else {"type": type(hand).__name__}
-    if hand is not None and any(stated.get(key) != asked.get(key) for key in ("type", "sha256")):
-        raise InputError("show.hand", stated.get("source", stated["type"]), "the hand that the grasp was found with")
-
-
-def hand_way(
-    solution: GraspSolution, data: Json, links: Mapping[str, Any], tips: Sequence[Any], hand: Hand | None = None
-) -> Way | None:
-    """Return the approach of a hand with links, or of free fingertips; None for a hand that cannot be moved.
+def show_live(solution: GraspSolution, port: int | None = None, hand: Hand | None = None) -> str | None:
+    """Show a grasp in the local viewer, and return its address; a script waits until Ctrl-C.
 
     Parameters
     ----------
     solution : GraspSolution
-    data : mapping
-        Scene of the solution.
-    links : mapping of str to handle
-        Drawn parts of the hand's links, by name.
-    tips : sequence of handle
-        Free fingertips.
+    port : int or None
+        None for the previously used port, or a free one.
     hand : Hand or None
-        The hand with the links.
+        The hand of the problem, for a slider over its approach; the solution of a solve knows it.
+
+    Returns
+    -------
+    str or None
+        None, after a message, without the extra, where the port is taken, or without a port and a display; None too
+        without a grasp to draw, and without a port where no browser opens.
+
+    Raises
+    ------
+    InputError
+        On an invalid port, and another hand.
     """
-    if tips:
-        return _tips_back(data, tips)
-    phases = [phase for phase in solution.phases if phase.name != LIFT]  # in a lift the body moves along
-    if not links or [phase.name for phase in phases].count(GRASP) != 1 or len(phases) < 2:
+    if port is not None:
+        integer("show.port", port, at_least=1, at_most=LARGEST_PORT)
+    if hand is None and solution.source is not None:
+        hand = solution.source.hand
+    own_hand(solution, hand)
+    solution = replace(solution, drawing=solution.drawn())
+    if solution.grasp is None or drawn_body(solution) is None:
         return None
-    return _links_along(hand, phases, links) if isinstance(hand, LinkedHand) else None
+    if port is None and not has_display():
+        _instead("there is no display. show(port=8080) serves the page with sliders to a browser elsewhere")
+        return None
+    try:
+        viser = import_viser("a view with sliders")
+    except MissingExtraError as error:
+        _instead(str(error))
+        return None
+    viewer = served(viser, solution, port, hand)
+    if viewer is None:
+        _instead(f"port {port} is taken")
+        return None
+    if not (has_display() and browsed(viewer.address)) and port is None:
+        stop(viewer.port)
+        return None
+    sys.stdout.write(f"The grasp is shown at {viewer.address}\n")
+    _wait(viewer.port)
+    return viewer.address
 
 
-def between(phases: Sequence[Phase], at: float) -> Phase:
-    """Return the hand interpolated linearly between keyframes of one palm orientation."""
-    i = min(int(at), len(phases) - 2)
-    share, first, last = at - i, phases[i], phases[i + 1]
-    joints = {name: (1.0 - share) * value + share * last.joints[name] for name, value in first.joints.items()}
-    place = (1.0 - share) * first.palm_position + share * last.palm_position
-    return replace(first, palm_position=place, joints=joints)
+def served(
+    viser: ModuleType, solution: GraspSolution, port: int | None = None, hand: Hand | None = None
+) -> Viewer | None:
+    """Return the viewer of a grasp at a port, a free one for None; None where another program has the port."""
+    chosen = next(iter(_viewers), None) if port is None else port
+    if chosen not in _viewers:
+        chosen = _free(0 if port is None else port)
+        if chosen is None:
+            return None
+        with contextlib.redirect_stdout(io.StringIO()):  # viser prints a banner
+            viewer = Viewer(viser, HOST, chosen)
+        if viewer.port != chosen:  # taken in the meantime
+            viewer.stop()
+            return None
+        _viewers[chosen] = viewer
+    _viewers[chosen].show(solution, hand)
+    return _viewers[chosen]
 
 
-def _links_along(hand: LinkedHand, phases: Sequence[Phase], links: Mapping[str, Any]) -> Way:
-    names = tuple(phase.name for phase in phases)
-    grasp = names.index(GRASP)
-    drawn = _poses(hand, phases[grasp])
-
-    def put(at: float) -> None:
-        for name, pose in _poses(hand, between(phases, at)).items():
-            if name in links:
-                moved = pose @ np.linalg.inv(drawn[name])
-                links[name].wxyz = Rotation.from_matrix(moved[:3, :3]).as_quat(scalar_first=True)
-                links[name].position = moved[:3, 3]
-
-    return Way(names, grasp, put)
+def stop(port: int) -> None:
+    """Stop the viewer at a port."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        _viewers.pop(port).stop()
 
 
-def _poses(hand: LinkedHand, phase: Phase) -> dict[str, FloatArray]:
-    """Return the poses (4, 4) of the links in the body's frame."""
-    return hand.tree.body_poses(hand.values_of(phase.to_dict()))
+def _free(port: int) -> int | None:
+    """Return the port, or any free one for 0; None where it is taken."""
+    with socket.socket() as probe:
+        if sys.platform != "win32":  # on Windows it would share a taken port
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((HOST, port))
+        except OSError:
+            return None
+        return int(probe.getsockname()[1])
 
 
-def _tips_back(data: Json, tips: Sequence[Any]) -> Way:
-    """Return the approach of free fingertips, along their contacts' normals."""
-    contacts = [contact for contact in data["contacts"] if contact["tip"] > 0.0]
+def _wait(port: int) -> None:
+    """Block a script until Ctrl-C; return at once at a prompt and in a notebook."""
+    if hasattr(sys, "ps1") or sys.flags.interactive or "ipykernel" in sys.modules:
+        return
+    sys.stdout.write("Ctrl-C ends it.\n")
+    with contextlib.suppress(KeyboardInterrupt):
+        threading.Event().wait()
+    stop(port)
 
-    def put(at: float) -> None:
-        for contact, tip in zip(contacts, tips, strict=True):
-            back = contact["tip"] + (1.0 - at) * FAR * float(data["size"])
-            tip.position = np.array(contact["at"]) - back * np.array(contact["inward"])
 
-    return Way(("away", GRASP), 1, put)
+def _instead(why: str) -> None:
+    sys.stdout.write(f"The report is written to a file instead: {why}\n")
+
+
+class Viewer:
+    """A local viser server that draws one grasp at a time.
+
+    Parameters
+    ----------
+    viser : module
+    host : str
+    port : int
+    """
+
+    def __init__(self, viser: ModuleType, host: str, port: int) -> None:
+        logging.getLogger("websockets").setLevel(logging.CRITICAL)  # a closed browser is not an error
+        self.server: Any = viser.ViserServer(host=host, port=port, label="nlpgrasp", verbose=False)
+        self.server.gui.configure_theme(show_logo=False, show_share_button=False)
+        self.host = host
+        self.port = int(self.server.get_port())
+
+    @property
+    def address(self) -> str:
+        """Address of the page."""
+        return f"http://{self.host}:{self.port}"
+
+    def show(self, solution: GraspSolution, hand: Hand | None = None) -> None:
+        """Draw a solution that has a grasp, in place of the previous one; with its hand, the approach too."""
+        chosen = chosen_wrenches(solution)
+        data = scene(solution, chosen)
+        if data is None:
+            return
+        self.server.scene.reset()
+        self.server.gui.reset()
+        self._look(data)
+        links = {name: part for name, part in self._parts(data) if name}
+        tips = self._contacts(data)
+        for i, table in enumerate(data["tables"]):
+            wide = 2.0 * float(table["half"])
+            self.server.scene.add_grid(
+                f"/table/{i}", width=wide, height=wide, cell_size=wide / CELLS, section_size=wide, position=table["at"]
+            )
+        way = hand_way(solution, data, links, tips, hand)
+        self.controls = Controls(self.server, solution, chosen, data, way, [*links.values(), *tips])
+
+    def stop(self) -> None:
+        """End the server."""
+        self.server.stop()
+
+    def _look(self, data: Json) -> None:
+        """Set the camera to the report's initial view."""
+        frame = np.asarray(data["frame"], dtype=float)
+        middle, size = (frame.min(axis=0) + frame.max(axis=0)) / 2.0, float(data["size"])
+        turn, tilt = np.radians(data["view"])
+        back = np.array([np.cos(tilt) * np.cos(turn), np.cos(tilt) * np.sin(turn), np.sin(tilt)])
+        camera = self.server.initial_camera
+        camera.near, camera.far = 0.02 * size, 100.0 * size
+        camera.look_at, camera.position = tuple(middle), tuple(middle + AWAY * size * back)
+
+    def _parts(self, data: Json) -> list[tuple[str, Any]]:
+        """Draw the surfaces; return the hand's links with their names, other parts without."""
+        found = []
+        for i, part in enumerate(data["parts"]):
+            group = part["group"]
+            handle = self.server.scene.add_mesh_simple(
+                f"/{group}/{i}",
+                vertices=unpacked(part["positions"], "<f4").reshape(-1, 3),
+                faces=unpacked(part["faces"], "<u4" if part["wide"] else "<u2").reshape(-1, 3),
+                color=rgb("finger" if group == "tip" else group),
+                opacity=GLASS.get(group),
+            )
+            found.append((part["name"] if group in ("link", "tip") else "", handle))
+        return found
+
+    def _contacts(self, data: Json) -> list[Any]:
+        """Draw the contacts with their numbers; return free fingertips."""
+        tips, add = [], self.server.scene
+        for i, contact in enumerate(data["contacts"]):
+            at, inward = np.array(contact["at"]), np.array(contact["inward"])
+            vertices, faces = disc(at - OVER * data["size"] * inward, inward, data["lengths"]["disc"])
+            add.add_mesh_simple(f"/contact/{i}", vertices, faces, color=rgb("finger"), side="double")
+            add.add_label(f"/contact/{i}/number", str(i), position=tuple(at - 0.2 * data["size"] * inward))
+            if contact["tip"] > 0.0:
+                centre = tuple(at - contact["tip"] * inward)
+                tips.append(
+                    add.add_icosphere(f"/hand/{i}", contact["tip"], rgb("finger"), opacity=FREE_TIP, position=centre)
+                )
+        return tips
 
 
 class Controls:
@@ -254,94 +340,112 @@ def _plain(name: str) -> str:
     return "".join(c for c in name if c.isalnum() or c in " -.,:()")
 
 
-class Viewer:
-    """A local viser server that draws one grasp at a time.
+@dataclass(frozen=True)
+class Way:
+    """Approach path of a hand.
 
     Parameters
     ----------
-    viser : module
-    host : str
-    port : int
+    names : tuple of str
+        Names of the keyframes.
+    grasp : int
+        Index of the grasp's keyframe.
+    put : callable
+        Moves the drawn parts to a position on the path, from 0 to the index of the last keyframe.
     """
 
-    def __init__(self, viser: ModuleType, host: str, port: int) -> None:
-        logging.getLogger("websockets").setLevel(logging.CRITICAL)  # a closed browser is not an error
-        self.server: Any = viser.ViserServer(host=host, port=port, label="nlpgrasp", verbose=False)
-        self.server.gui.configure_theme(show_logo=False, show_share_button=False)
-        self.host = host
-        self.port = int(self.server.get_port())
+    names: tuple[str, ...]
+    grasp: int
+    put: Callable[[float], None]
 
-    @property
-    def address(self) -> str:
-        """Address of the page."""
-        return f"http://{self.host}:{self.port}"
+    def where(self, at: float) -> str:
+        """Return a position on the path as text."""
+        before = self.names[int(at)]
+        return before if at == int(at) else f"{before} to {self.names[int(at) + 1]}"
 
-    def show(self, solution: GraspSolution, hand: Hand | None = None) -> None:
-        """Draw a solution that has a grasp, in place of the previous one; with its hand, the approach too."""
-        chosen = chosen_wrenches(solution)
-        data = scene(solution, chosen)
-        if data is None:
-            return
-        self.server.scene.reset()
-        self.server.gui.reset()
-        self._look(data)
-        links = {name: part for name, part in self._parts(data) if name}
-        tips = self._contacts(data)
-        for i, table in enumerate(data["tables"]):
-            wide = 2.0 * float(table["half"])
-            self.server.scene.add_grid(
-                f"/table/{i}", width=wide, height=wide, cell_size=wide / CELLS, section_size=wide, position=table["at"]
-            )
-        way = hand_way(solution, data, links, tips, hand)
-        self.controls = Controls(self.server, solution, chosen, data, way, [*links.values(), *tips])
 
-    def stop(self) -> None:
-        """End the server."""
-        self.server.stop()
+def own_hand(solution: GraspSolution, hand: Hand | None) -> None:
+    """Refuse another hand than the problem's.
 
-    def _look(self, data: Json) -> None:
-        """Set the camera to the report's initial view."""
-        frame = np.asarray(data["frame"], dtype=float)
-        middle, size = (frame.min(axis=0) + frame.max(axis=0)) / 2.0, float(data["size"])
-        turn, tilt = np.radians(data["view"])
-        back = np.array([np.cos(tilt) * np.cos(turn), np.cos(tilt) * np.sin(turn), np.sin(tilt)])
-        camera = self.server.initial_camera
-        camera.near, camera.far = 0.02 * size, 100.0 * size
-        camera.look_at, camera.position = tuple(middle), tuple(middle + AWAY * size * back)
+    Raises
+    ------
+    InputError
+        Naming the hand.
+    """
+    asked = solution.problem.get("hand") or {}
+    stated = {} if hand is None else hand.to_dict() if isinstance(hand, Hand) else {"type": type(hand).__name__}
+    if hand is not None and any(stated.get(key) != asked.get(key) for key in ("type", "sha256")):
+        raise InputError("show.hand", stated.get("source", stated["type"]), "the hand that the grasp was found with")
 
-    def _parts(self, data: Json) -> list[tuple[str, Any]]:
-        """Draw the surfaces; return the hand's links with their names, other parts without."""
-        found = []
-        for i, part in enumerate(data["parts"]):
-            group = part["group"]
-            handle = self.server.scene.add_mesh_simple(
-                f"/{group}/{i}",
-                vertices=unpacked(part["positions"], "<f4").reshape(-1, 3),
-                faces=unpacked(part["faces"], "<u4" if part["wide"] else "<u2").reshape(-1, 3),
-                color=rgb("finger" if group == "tip" else group),
-                opacity=GLASS.get(group),
-            )
-            found.append((part["name"] if group in ("link", "tip") else "", handle))
-        return found
 
-    def _contacts(self, data: Json) -> list[Any]:
-        """Draw the contacts with their numbers; return free fingertips."""
-        tips, add = [], self.server.scene
-        for i, contact in enumerate(data["contacts"]):
-            at, inward = np.array(contact["at"]), np.array(contact["inward"])
-            vertices, faces = disc(at - OVER * data["size"] * inward, inward, data["lengths"]["disc"])
-            add.add_mesh_simple(f"/contact/{i}", vertices, faces, color=rgb("finger"), side="double")
-            add.add_label(f"/contact/{i}/number", str(i), position=tuple(at - 0.2 * data["size"] * inward))
-            if contact["tip"] > 0.0:
-                centre = tuple(at - contact["tip"] * inward)
-                tips.append(
-                    add.add_icosphere(f"/hand/{i}", contact["tip"], rgb("finger"), opacity=FREE_TIP, position=centre)
-                )
-        return tips
+def hand_way(
+    solution: GraspSolution, data: Json, links: Mapping[str, Any], tips: Sequence[Any], hand: Hand | None = None
+) -> Way | None:
+    """Return the approach of a hand with links, or of free fingertips; None for a hand that cannot be moved.
+
+    Parameters
+    ----------
+    solution : GraspSolution
+    data : mapping
+        Scene of the solution.
+    links : mapping of str to handle
+        Drawn parts of the hand's links, by name.
+    tips : sequence of handle
+        Free fingertips.
+    hand : Hand or None
+        The hand with the links.
+    """
+    if tips:
+        return _tips_back(data, tips)
+    phases = [phase for phase in solution.phases if phase.name != LIFT]  # in a lift the body moves along
+    if not links or [phase.name for phase in phases].count(GRASP) != 1 or len(phases) < 2:
+        return None
+    return _links_along(hand, phases, links) if isinstance(hand, LinkedHand) else None
+
+
+def between(phases: Sequence[Phase], at: float) -> Phase:
+    """Return the hand interpolated linearly between keyframes of one palm orientation."""
+    i = min(int(at), len(phases) - 2)
+    share, first, last = at - i, phases[i], phases[i + 1]
+    joints = {name: (1.0 - share) * value + share * last.joints[name] for name, value in first.joints.items()}
+    place = (1.0 - share) * first.palm_position + share * last.palm_position
+    return replace(first, palm_position=place, joints=joints)
+
+
+def _links_along(hand: LinkedHand, phases: Sequence[Phase], links: Mapping[str, Any]) -> Way:
+    names = tuple(phase.name for phase in phases)
+    grasp = names.index(GRASP)
+    drawn = _poses(hand, phases[grasp])
+
+    def put(at: float) -> None:
+        for name, pose in _poses(hand, between(phases, at)).items():
+            if name in links:
+                moved = pose @ np.linalg.inv(drawn[name])
+                links[name].wxyz = Rotation.from_matrix(moved[:3, :3]).as_quat(scalar_first=True)
+                links[name].position = moved[:3, 3]
+
+    return Way(names, grasp, put)
+
+
+def _poses(hand: LinkedHand, phase: Phase) -> dict[str, FloatArray]:
+    """Return the poses (4, 4) of the links in the body's frame."""
+    return hand.tree.body_poses(hand.values_of(phase.to_dict()))
+
+
+def _tips_back(data: Json, tips: Sequence[Any]) -> Way:
+    """Return the approach of free fingertips, along their contacts' normals."""
+    contacts = [contact for contact in data["contacts"] if contact["tip"] > 0.0]
+
+    def put(at: float) -> None:
+        for contact, tip in zip(contacts, tips, strict=True):
+            back = contact["tip"] + (1.0 - at) * FAR * float(data["size"])
+            tip.position = np.array(contact["at"]) - back * np.array(contact["inward"])
+
+    return Way(("away", GRASP), 1, put)
 
 
 def unpacked(text: str, kind: str) -> FloatArray:
-    """Return the numbers of packed surface data (``report.scene.surfaces.packed``)."""
+    """Return the numbers of packed surface data (``report.scene_parts.packed``)."""
     return np.asarray(np.frombuffer(base64.b64decode(text), kind))
 
 
@@ -359,107 +463,3 @@ def disc(at: FloatArray, normal: FloatArray, radius: float) -> tuple[FloatArray,
     around = np.arange(1, SIDES + 1)
     faces = np.column_stack([np.zeros(SIDES, dtype=int), around, np.roll(around, -1)])
     return np.vstack([at, ring]), faces
-
-
-_viewers: dict[int, Viewer] = {}  # by port: a new grasp replaces the previous one
-
-
-def show_live(solution: GraspSolution, port: int | None = None, hand: Hand | None = None) -> str | None:
-    """Show a grasp in the local viewer, and return its address; a script waits until Ctrl-C.
-
-    Parameters
-    ----------
-    solution : GraspSolution
-    port : int or None
-        None for the previously used port, or a free one.
-    hand : Hand or None
-        The hand of the problem, for a slider over its approach; the solution of a solve knows it.
-
-    Returns
-    -------
-    str or None
-        None, after a message, without the extra, where the port is taken, or without a port and a display; None too
-        without a grasp to draw, and without a port where no browser opens.
-
-    Raises
-    ------
-    InputError
-        On an invalid port, and another hand.
-    """
-    if port is not None:
-        integer("show.port", port, at_least=1, at_most=LARGEST_PORT)
-    if hand is None and solution.source is not None:
-        hand = solution.source.hand
-    own_hand(solution, hand)
-    solution = replace(solution, drawing=solution.drawn())
-    if solution.grasp is None or drawn_body(solution) is None:
-        return None
-    if port is None and not has_display():
-        _instead("there is no display. show(port=8080) serves the page with sliders to a browser elsewhere")
-        return None
-    try:
-        viser = import_viser("a view with sliders")
-    except MissingExtraError as error:
-        _instead(str(error))
-        return None
-    viewer = served(viser, solution, port, hand)
-    if viewer is None:
-        _instead(f"port {port} is taken")
-        return None
-    if not (has_display() and browsed(viewer.address)) and port is None:
-        stop(viewer.port)
-        return None
-    sys.stdout.write(f"The grasp is shown at {viewer.address}\n")
-    _wait(viewer.port)
-    return viewer.address
-
-
-def served(
-    viser: ModuleType, solution: GraspSolution, port: int | None = None, hand: Hand | None = None
-) -> Viewer | None:
-    """Return the viewer of a grasp at a port, a free one for None; None where another program has the port."""
-    chosen = next(iter(_viewers), None) if port is None else port
-    if chosen not in _viewers:
-        chosen = _free(0 if port is None else port)
-        if chosen is None:
-            return None
-        with contextlib.redirect_stdout(io.StringIO()):  # viser prints a banner
-            viewer = Viewer(viser, HOST, chosen)
-        if viewer.port != chosen:  # taken in the meantime
-            viewer.stop()
-            return None
-        _viewers[chosen] = viewer
-    _viewers[chosen].show(solution, hand)
-    return _viewers[chosen]
-
-
-def stop(port: int) -> None:
-    """Stop the viewer at a port."""
-    with contextlib.redirect_stdout(io.StringIO()):
-        _viewers.pop(port).stop()
-
-
-def _free(port: int) -> int | None:
-    """Return the port, or any free one for 0; None where it is taken."""
-    with socket.socket() as probe:
-        if sys.platform != "win32":  # on Windows it would share a taken port
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind((HOST, port))
-        except OSError:
-            return None
-        return int(probe.getsockname()[1])
-
-
-def _wait(port: int) -> None:
-    """Block a script until Ctrl-C; return at once at a prompt and in a notebook."""
-    if hasattr(sys, "ps1") or sys.flags.interactive or "ipykernel" in sys.modules:
-        return
-    sys.stdout.write("Ctrl-C ends it.\n")
-    with contextlib.suppress(KeyboardInterrupt):
-        threading.Event().wait()
-    stop(port)
-
-
-def _instead(why: str) -> None:
-    sys.stdout.write(f"The report is written to a file instead: {why}\n")

@@ -31,24 +31,18 @@ from nlpgrasp.tasks.task_ellipsoid import EllipsoidFit
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d import Axes3D
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 WHAT = "a picture"  # for the message on missing matplotlib
 SIDES, ABOVE = ((25.0, -55.0), (25.0, 125.0)), (90.0, -90.0)  # elevation and azimuth of views, degrees
-BOUND, FINGER, GAP = COLOURS["force"], COLOURS["finger"], COLOURS["gap"]
+BOUND, FINGER, GAP = COLOURS["force"], COLOURS["finger"], COLOURS["gap"]  # colours
 ENOUGH = 1500  # triangles above which a surface is not subdivided
 SCALE = "cividis"  # perceptually uniform, also for colour-blind readers and in grey
 MOST_POINTS = 5000  # most points of each kind
-ROUND = np.linspace(0.0, 2.0 * np.pi, 181)
+ROUND = np.linspace(0.0, 2.0 * np.pi, 181)  # radians, angles of an outline
 FORMATS = (".png", ".svg", ".pdf")
+
+Moment = tuple[float, float, float]  # seconds, bound, certified quality of the incumbent
 
 
 def write_pictures(solution: GraspSolution, stem: str | Path) -> list[Path]:
@@ -144,9 +138,6 @@ def draw_convergence(solution: GraspSolution) -> Figure:
     ax.set_ylabel("mu, from above")
     ax.grid(color="0.9")
     return figure
-
-
-Moment = tuple[float, float, float]  # seconds, bound, certified quality of the incumbent
 
 
 def write_bound_picture(

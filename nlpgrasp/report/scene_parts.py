@@ -30,6 +30,7 @@ NEAR = 2.0  # largest distance of a drawn origin from the body's middle, in body
 SHORTEST, BEYOND = 0.5, 0.3  # shares of the body's size: least length of an axis, and its length beyond the body
 DIGITS = 7  # decimals of coordinates for display, metres
 FAR = 4.0  # distance from the body's middle, in body sizes, beyond which points may leave the view
+# radians: azimuths and elevations among which a view is chosen
 TURNS, TILTS = np.radians(np.arange(-180.0, 180.0, 15.0)), np.radians([18.0, 28.0, 40.0])
 FROM_ABOVE = (-90.0, 74.0)  # azimuth and elevation for a planar grasp, degrees
 FROM_ASIDE = (-55.0, 25.0)  # degrees: view of a body without contacts, and for ties
@@ -37,6 +38,8 @@ GLANCING = 0.65  # cosine to the view direction above which contacts are equally
 HIDDEN = -0.3  # cosine below which contacts are equally hidden
 MOST = 1000  # most triangles of an obstacle
 WIDE, THICK = 2.5, 0.05  # half width of a table, thickness of a planar one, in body sizes
+
+Switch = tuple[str, str, bool]
 
 
 @dataclass(frozen=True)
@@ -203,9 +206,6 @@ def first_view(solution: GraspSolution, flat: bool) -> list[float]:
     seen = np.clip(eyes @ outward.T, HIDDEN, GLANCING).sum(axis=1) + 0.02 * np.cos(turn - np.radians(FROM_ASIDE[0]))
     best = int(np.argmax(seen))
     return [float(np.degrees(turn[best])), float(np.degrees(tilt[best]))]
-
-
-Switch = tuple[str, str, bool]
 
 
 def switches(entries: Sequence[Switch]) -> str:

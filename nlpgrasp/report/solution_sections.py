@@ -34,6 +34,7 @@ EXCLUDED = "#b4b4b4"  # colour of forbidden parts
 ENOUGH = 1500  # triangles up to which surfaces are subdivided
 TONES = 100  # tones of the scale, a multiple of its steps
 SMALL_BODY = 1.0  # metres: contacts of smaller bodies are shown in millimetres
+# visibility switches of the scene: group, label, initially shown
 SWITCHES = (
     ("hand", "Hand", True),
     ("forces", "Forces", True),

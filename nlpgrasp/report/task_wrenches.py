@@ -16,7 +16,7 @@ from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import Task
 
 MOST = 25  # most wrenches
-ANGLES = np.linspace(0.0, 2.0 * np.pi, 145)
+ANGLES = np.linspace(0.0, 2.0 * np.pi, 145)  # radians, directions of an outline's points
 
 
 @dataclass(frozen=True)

@@ -21,95 +21,6 @@ MOST_SLIP, MOST_TURN = 2e-3, float(np.radians(3.0))  # metres and radians: limit
 GIVE = 0.02  # radians of rotation at which a contact's moment reaches its friction limit
 
 
-@dataclass(frozen=True)
-class ContactMoment:
-    """Moment components of a contact with one common limit.
-
-    Parameters
-    ----------
-    contact : int
-    model : ContactModel
-    share : float
-        Largest magnitude over the normal force, metres.
-    indices : tuple of b int
-        Indices among all components.
-    directions : (b, 3) array
-        Axes of the moments, body frame.
-    """
-
-    contact: int
-    model: ContactModel
-    share: float
-    indices: tuple[int, ...]
-    directions: FloatArray
-
-    def most(self, normal: float, rubbing: float) -> float:
-        """Return the largest moment transmitted at this normal and tangential force (newtons)."""
-        return self.share * self.model.left_for_moments(normal, rubbing)
-
-    def cut(self, moment: FloatArray, normal: float, rubbing: float) -> FloatArray:
-        """Return a moment (b,) limited to what is transmitted."""
-        size, most = float(np.linalg.norm(moment)), self.most(normal, rubbing)
-        return moment if size <= most else moment * (most / size)
-
-
-def components(grasp: Grasp) -> tuple[list[int], list[ContactMoment]]:
-    """Return the indices of the force components, and the moments."""
-    forces = force_indices(grasp)
-    moments: list[ContactMoment] = []
-    for i, (model, part) in enumerate(zip(grasp.contacts, ranges(grasp.contacts, grasp.space), strict=True)):
-        axes = model.axes(grasp.space)
-        for where, share in model.blocks(model.components(grasp.space)):
-            parts = [j for j in range(where.start, where.stop) if axes[j] >= grasp.space]
-            if parts:
-                about = np.array([_direction(grasp, i, axes[j]) for j in parts])
-                moments.append(ContactMoment(i, model, share, tuple(part.start + j for j in parts), about))
-    return forces, moments
-
-
-def _direction(grasp: Grasp, i: int, axis: int) -> FloatArray:
-    """Return the axis of a moment component, body frame."""
-    return np.eye(3)[2] if grasp.space == 2 else np.asarray(grasp.frames[i][:, axis - 3])
-
-
-@dataclass(frozen=True)
-class Snapshot:
-    """State of a simulation at one time.
-
-    Parameters
-    ----------
-    time : float
-        Seconds.
-    slip : float
-        Largest distance of a contact point on the body from its fingertip, metres.
-    turn : float
-        Rotation of the body, radians.
-    used : float
-        Used share of the hand's effort.
-    rotation, position : (3, 3) and (3,) array
-        The body's pose.
-    tips : (k, 3) array
-        Displacement of each fingertip.
-    """
-
-    time: float
-    slip: float
-    turn: float
-    used: float
-    rotation: FloatArray
-    position: FloatArray
-    tips: FloatArray
-
-    @property
-    def lost(self) -> bool:
-        """Whether the body's slip or rotation exceeds its limit."""
-        return self.beyond(1.0)
-
-    def beyond(self, share: float) -> bool:
-        """Return whether slip or turn has reached a share of its limit."""
-        return self.slip >= share * MOST_SLIP or self.turn >= share * MOST_TURN
-
-
 Course = Callable[[float], tuple[FloatArray, FloatArray]]  # time to wrench (d,) and finger forces (n,)
 
 
@@ -255,6 +166,95 @@ class Press:
         most = np.array([m.share for m in self.moments for _ in m.indices])
         stiffness = self.unit.force * most / GIVE
         return stiffness, DAMPING * np.sqrt(stiffness * about)
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """State of a simulation at one time.
+
+    Parameters
+    ----------
+    time : float
+        Seconds.
+    slip : float
+        Largest distance of a contact point on the body from its fingertip, metres.
+    turn : float
+        Rotation of the body, radians.
+    used : float
+        Used share of the hand's effort.
+    rotation, position : (3, 3) and (3,) array
+        The body's pose.
+    tips : (k, 3) array
+        Displacement of each fingertip.
+    """
+
+    time: float
+    slip: float
+    turn: float
+    used: float
+    rotation: FloatArray
+    position: FloatArray
+    tips: FloatArray
+
+    @property
+    def lost(self) -> bool:
+        """Whether the body's slip or rotation exceeds its limit."""
+        return self.beyond(1.0)
+
+    def beyond(self, share: float) -> bool:
+        """Return whether slip or turn has reached a share of its limit."""
+        return self.slip >= share * MOST_SLIP or self.turn >= share * MOST_TURN
+
+
+@dataclass(frozen=True)
+class ContactMoment:
+    """Moment components of a contact with one common limit.
+
+    Parameters
+    ----------
+    contact : int
+    model : ContactModel
+    share : float
+        Largest magnitude over the normal force, metres.
+    indices : tuple of b int
+        Indices among all components.
+    directions : (b, 3) array
+        Axes of the moments, body frame.
+    """
+
+    contact: int
+    model: ContactModel
+    share: float
+    indices: tuple[int, ...]
+    directions: FloatArray
+
+    def most(self, normal: float, rubbing: float) -> float:
+        """Return the largest moment transmitted at this normal and tangential force (newtons)."""
+        return self.share * self.model.left_for_moments(normal, rubbing)
+
+    def cut(self, moment: FloatArray, normal: float, rubbing: float) -> FloatArray:
+        """Return a moment (b,) limited to what is transmitted."""
+        size, most = float(np.linalg.norm(moment)), self.most(normal, rubbing)
+        return moment if size <= most else moment * (most / size)
+
+
+def components(grasp: Grasp) -> tuple[list[int], list[ContactMoment]]:
+    """Return the indices of the force components, and the moments."""
+    forces = force_indices(grasp)
+    moments: list[ContactMoment] = []
+    for i, (model, part) in enumerate(zip(grasp.contacts, ranges(grasp.contacts, grasp.space), strict=True)):
+        axes = model.axes(grasp.space)
+        for where, share in model.blocks(model.components(grasp.space)):
+            parts = [j for j in range(where.start, where.stop) if axes[j] >= grasp.space]
+            if parts:
+                about = np.array([_direction(grasp, i, axes[j]) for j in parts])
+                moments.append(ContactMoment(i, model, share, tuple(part.start + j for j in parts), about))
+    return forces, moments
+
+
+def _direction(grasp: Grasp, i: int, axis: int) -> FloatArray:
+    """Return the axis of a moment component, body frame."""
+    return np.eye(3)[2] if grasp.space == 2 else np.asarray(grasp.frames[i][:, axis - 3])
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:

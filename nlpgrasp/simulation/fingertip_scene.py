@@ -45,6 +45,172 @@ SOLVER = {
 }
 
 
+def mjcf(solution: GraspSolution, options: SceneOptions | None = None) -> str:
+    """Return the scene as MJCF text; metres, newtons, world frame = body frame, no gravity.
+
+    Parameters
+    ----------
+    solution : GraspSolution
+        One with a grasp.
+    options : SceneOptions, optional
+        Masses, sizes and gains of the scene.
+
+    Raises
+    ------
+    InputError
+        Without a grasp or a drawing, or with bilateral contacts.
+    """
+    given = SceneOptions() if options is None else options
+    drawing, held = solution.require_drawing(), _pressed(solution, given.grasp)
+    mass = mass_of(drawing.body, DENSITY) if given.mass is None else given.mass
+    x = pressing(held) if given.forces is None else given.forces
+    unit = scales(held, float(np.linalg.norm(x)), mass.mass) if given.unit is None else given.unit
+    root, asset, world = _empty(solution, held, unit)
+    root.insert(0, Comment(" fingertips touch the object's tangent plane at their contacts, and nothing else "))
+    add_patches(add_object(asset, world, held, drawing, mass), held, unit)
+    add_links(asset, world, drawing)
+    contact, actuator = SubElement(root, "contact"), SubElement(root, "actuator")
+    for i, model in enumerate(held.contacts):
+        add_fingertip(world, held, i, unit, given.stiffness)
+        add_contact(contact, i, model)
+        for joint in joint_names(i, model, held.space):
+            SubElement(actuator, "motor", name=f"{joint}_motor", joint=joint)
+    SubElement(SubElement(root, "keyframe"), "key", name="grasp", ctrl=numbers(x[force_indices(held)]))
+    return text(root)
+
+
+@dataclass(frozen=True)
+class SceneOptions:
+    """Options that replace a solution's data in a scene.
+
+    Parameters
+    ----------
+    grasp : Grasp, optional
+        Replaces the solution's grasp.
+    mass : Mass, optional
+        By default for the density of water.
+    forces : (n,) array, optional
+        Finger forces of the keyframe ``grasp``, contact by contact as in G; by default normal forces of one newton.
+    unit : Scales, optional
+        By default that of the keyframe's forces.
+    stiffness : bool
+        Whether joint springs hold the fingertips in place in addition to their motors.
+    """
+
+    grasp: Grasp | None = None
+    mass: Mass | None = None
+    forces: FloatArray | None = None
+    unit: Scales | None = None
+    stiffness: bool = True
+
+
+def _pressed(solution: GraspSolution, grasp: Grasp | None) -> Grasp:
+    """Return the given or the solution's grasp; raise for bilateral contacts."""
+    held = solution.require_grasp() if grasp is None else grasp
+    require_pressing(held)
+    return held
+
+
+def require_pressing(held: Grasp) -> None:
+    """Raise for bilateral contacts."""
+    for given in held.contacts:
+        if not given.unilateral:
+            raise InputError("contacts", given, "contacts that press: a simulator's fingertips cannot pull")
+
+
+def _empty(solution: GraspSolution, held: Grasp, unit: Scales) -> tuple[Element, Element, Element]:
+    """Return an empty scene with a light and time step, its assets, and its world."""
+    step, size = STEP * unit.time, drawn_size(solution.drawn(), held.points)
+    root = Element("mujoco", model="".join(c for c in solution.name if c.isprintable()))
+    SubElement(root, "compiler", angle="radian", autolimits="true")
+    SubElement(root, "option", SOLVER, timestep=f"{step:.6g}", gravity="0 0 0")
+    SubElement(SubElement(root, "default"), "pair", solref=f"{STIFF * step:.6g} 1", solimp="0.95 0.99 1e-6")
+    asset, world = SubElement(root, "asset"), SubElement(root, "worldbody")
+    SubElement(world, "light", pos=numbers([0.0, 0.0, 4.0 * size]), dir="0 0 -1")
+    return root, asset, world
+
+
+def add_object(asset: Element, world: Element, grasp: Grasp, drawing: Drawing, mass: Mass) -> Element:
+    """Add the free object (in the plane, if planar) with its mesh, and return its body."""
+    body = add_free_body(world, mass, grasp.space)
+    _add_mesh(asset, "object", drawing.body)
+    SubElement(body, "geom", name="object", type="mesh", mesh="object", rgba="0.56 0.64 0.71 0.5")
+    return body
+
+
+def add_free_body(world: Element, mass: Mass, space: int = 3) -> Element:
+    """Add the free object's body (in the plane, if planar) without a shape, and return it."""
+    body = SubElement(world, "body", name="object")
+    if space == 3:
+        SubElement(body, "freejoint", name="object")
+    else:
+        SubElement(body, "joint", name="object_x", type="slide", axis="1 0 0")
+        SubElement(body, "joint", name="object_y", type="slide", axis="0 1 0")
+        SubElement(body, "joint", name="object_turn", type="hinge", axis="0 0 1")
+    moments = numbers((mass.inertia + LEAST_INERTIA * np.eye(3))[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+    SubElement(body, "inertial", pos=numbers(mass.center), mass=f"{mass.mass:.9g}", fullinertia=moments)
+    return body
+
+
+def _add_mesh(asset: Element, name: str, shape: Triangles) -> None:
+    faces = " ".join(map(str, shape.faces.ravel().tolist()))
+    SubElement(asset, "mesh", name=name, inertia="shell", vertex=numbers(shape.vertices.ravel()), face=faces)
+
+
+def add_patches(body: Element, grasp: Grasp, unit: Scales) -> None:
+    """Add a patch of the tangent plane at each contact to the object's body."""
+    thick = TIP * unit.length
+    half = numbers([thick, PATCH * unit.length, PATCH * unit.length])
+    for i, (p, n) in enumerate(zip(in_space(grasp.points), in_space(grasp.normals), strict=True)):
+        place = {"pos": numbers(p + thick * n), "xyaxes": _axes(grasp, i), "size": half}
+        look = {"group": "4", "rgba": "0 0 0 0"}
+        SubElement(body, "geom", {"name": f"patch_{i}", "type": "box", **place, **look, **UNTOUCHED})
+
+
+def add_links(asset: Element, world: Element, drawing: Drawing) -> None:
+    """Add the hand's links in the grasp's posture, for display without collision."""
+    if not drawing.links:
+        return
+    hand = SubElement(world, "body", name="hand")
+    for i, (_, shape) in enumerate(drawing.links):
+        _add_mesh(asset, f"link_{i}", shape)
+        look = {"group": "2", "rgba": "0.71 0.61 0.48 0.6"}
+        SubElement(hand, "geom", {"name": f"link_{i}", "type": "mesh", "mesh": f"link_{i}", **look, **UNTOUCHED})
+
+
+def add_fingertip(world: Element, grasp: Grasp, i: int, unit: Scales, stiffness: bool) -> None:
+    """Add a fingertip: a small ball with sliding joints along its contact's force components."""
+    p, n, model = in_space(grasp.points)[i], in_space(grasp.normals)[i], grasp.contacts[i]
+    radius = TIP * unit.length
+    place = {"pos": numbers(p - radius * n), "xyaxes": _axes(grasp, i)}
+    tip = SubElement(world, "body", place, name=f"tip_{i}", gravcomp="1")  # the hand carries its own weight
+    held = {"stiffness": f"{unit.stiffness if stiffness else 0.0:.9g}", "damping": f"{unit.damping:.9g}"}
+    axes = [axis for axis in model.axes(grasp.space) if axis < grasp.space]
+    for joint, axis in zip(joint_names(i, model, grasp.space), axes, strict=True):
+        SubElement(tip, "joint", {"name": joint, "type": "slide", "axis": numbers(np.eye(3)[axis]), **held})
+    own = numbers([0.4 * TIP_MASS * unit.mass * radius**2 + LEAST_INERTIA] * 3)
+    SubElement(tip, "inertial", pos="0 0 0", mass=f"{TIP_MASS * unit.mass:.9g}", diaginertia=own)
+    look = {"name": f"tip_{i}", "type": "sphere", "rgba": "0.1 0.1 0.1 1", "size": f"{radius:.9g}"}
+    SubElement(tip, "geom", {**look, **UNTOUCHED})
+
+
+def add_contact(contact: Element, i: int, model: ContactModel) -> None:
+    """Add the contact pair of a fingertip and its patch."""
+    friction = model.coefficients.get("friction", 0.0)
+    torsion = model.coefficients.get("torsional_friction", 0.0)
+    dimension, coefficients = 1, [1.0] * 5
+    if friction:
+        dimension = 4 if torsion else 3
+        coefficients = [friction, friction, torsion or 1.0, 1.0, 1.0]
+    pair = {"name": f"contact_{i}", "geom1": f"tip_{i}", "geom2": f"patch_{i}"}
+    SubElement(contact, "pair", pair, condim=str(dimension), friction=numbers(coefficients))
+
+
+def _axes(grasp: Grasp, i: int) -> str:
+    """Return normal and first tangent of a contact's frame, formatted for MJCF."""
+    return numbers(np.concatenate([in_space(grasp.normals)[i], in_space(grasp.tangents[i])[0]]))
+
+
 @dataclass(frozen=True)
 class Scales:
     """Characteristic units of a grasp's dynamics, from which time step and stiffness follow at any size.
@@ -155,175 +321,9 @@ def joint_names(i: int, model: ContactModel, space: int) -> list[str]:
     return [f"tip_{i}_{FORCE_NAMES[axis]}" for axis in model.axes(space) if axis < space]
 
 
-def add_object(asset: Element, world: Element, grasp: Grasp, drawing: Drawing, mass: Mass) -> Element:
-    """Add the free object (in the plane, if planar) with its mesh, and return its body."""
-    body = add_free_body(world, mass, grasp.space)
-    _add_mesh(asset, "object", drawing.body)
-    SubElement(body, "geom", name="object", type="mesh", mesh="object", rgba="0.56 0.64 0.71 0.5")
-    return body
-
-
-def add_free_body(world: Element, mass: Mass, space: int = 3) -> Element:
-    """Add the free object's body (in the plane, if planar) without a shape, and return it."""
-    body = SubElement(world, "body", name="object")
-    if space == 3:
-        SubElement(body, "freejoint", name="object")
-    else:
-        SubElement(body, "joint", name="object_x", type="slide", axis="1 0 0")
-        SubElement(body, "joint", name="object_y", type="slide", axis="0 1 0")
-        SubElement(body, "joint", name="object_turn", type="hinge", axis="0 0 1")
-    moments = numbers((mass.inertia + LEAST_INERTIA * np.eye(3))[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
-    SubElement(body, "inertial", pos=numbers(mass.center), mass=f"{mass.mass:.9g}", fullinertia=moments)
-    return body
-
-
-def add_patches(body: Element, grasp: Grasp, unit: Scales) -> None:
-    """Add a patch of the tangent plane at each contact to the object's body."""
-    thick = TIP * unit.length
-    half = numbers([thick, PATCH * unit.length, PATCH * unit.length])
-    for i, (p, n) in enumerate(zip(in_space(grasp.points), in_space(grasp.normals), strict=True)):
-        place = {"pos": numbers(p + thick * n), "xyaxes": _axes(grasp, i), "size": half}
-        look = {"group": "4", "rgba": "0 0 0 0"}
-        SubElement(body, "geom", {"name": f"patch_{i}", "type": "box", **place, **look, **UNTOUCHED})
-
-
-def add_links(asset: Element, world: Element, drawing: Drawing) -> None:
-    """Add the hand's links in the grasp's posture, for display without collision."""
-    if not drawing.links:
-        return
-    hand = SubElement(world, "body", name="hand")
-    for i, (_, shape) in enumerate(drawing.links):
-        _add_mesh(asset, f"link_{i}", shape)
-        look = {"group": "2", "rgba": "0.71 0.61 0.48 0.6"}
-        SubElement(hand, "geom", {"name": f"link_{i}", "type": "mesh", "mesh": f"link_{i}", **look, **UNTOUCHED})
-
-
-def add_fingertip(world: Element, grasp: Grasp, i: int, unit: Scales, stiffness: bool) -> None:
-    """Add a fingertip: a small ball with sliding joints along its contact's force components."""
-    p, n, model = in_space(grasp.points)[i], in_space(grasp.normals)[i], grasp.contacts[i]
-    radius = TIP * unit.length
-    place = {"pos": numbers(p - radius * n), "xyaxes": _axes(grasp, i)}
-    tip = SubElement(world, "body", place, name=f"tip_{i}", gravcomp="1")  # the hand carries its own weight
-    held = {"stiffness": f"{unit.stiffness if stiffness else 0.0:.9g}", "damping": f"{unit.damping:.9g}"}
-    axes = [axis for axis in model.axes(grasp.space) if axis < grasp.space]
-    for joint, axis in zip(joint_names(i, model, grasp.space), axes, strict=True):
-        SubElement(tip, "joint", {"name": joint, "type": "slide", "axis": numbers(np.eye(3)[axis]), **held})
-    own = numbers([0.4 * TIP_MASS * unit.mass * radius**2 + LEAST_INERTIA] * 3)
-    SubElement(tip, "inertial", pos="0 0 0", mass=f"{TIP_MASS * unit.mass:.9g}", diaginertia=own)
-    look = {"name": f"tip_{i}", "type": "sphere", "rgba": "0.1 0.1 0.1 1", "size": f"{radius:.9g}"}
-    SubElement(tip, "geom", {**look, **UNTOUCHED})
-
-
-def add_contact(contact: Element, i: int, model: ContactModel) -> None:
-    """Add the contact pair of a fingertip and its patch."""
-    friction = model.coefficients.get("friction", 0.0)
-    torsion = model.coefficients.get("torsional_friction", 0.0)
-    dimension, coefficients = 1, [1.0] * 5
-    if friction:
-        dimension = 4 if torsion else 3
-        coefficients = [friction, friction, torsion or 1.0, 1.0, 1.0]
-    pair = {"name": f"contact_{i}", "geom1": f"tip_{i}", "geom2": f"patch_{i}"}
-    SubElement(contact, "pair", pair, condim=str(dimension), friction=numbers(coefficients))
-
-
 def numbers(values: Iterable[float]) -> str:
     """Format numbers for MJCF."""
     return " ".join(f"{float(v):.9g}" for v in values)
-
-
-def _add_mesh(asset: Element, name: str, shape: Triangles) -> None:
-    faces = " ".join(map(str, shape.faces.ravel().tolist()))
-    SubElement(asset, "mesh", name=name, inertia="shell", vertex=numbers(shape.vertices.ravel()), face=faces)
-
-
-def _axes(grasp: Grasp, i: int) -> str:
-    """Return normal and first tangent of a contact's frame, formatted for MJCF."""
-    return numbers(np.concatenate([in_space(grasp.normals)[i], in_space(grasp.tangents[i])[0]]))
-
-
-@dataclass(frozen=True)
-class SceneOptions:
-    """Options that replace a solution's data in a scene.
-
-    Parameters
-    ----------
-    grasp : Grasp, optional
-        Replaces the solution's grasp.
-    mass : Mass, optional
-        By default for the density of water.
-    forces : (n,) array, optional
-        Finger forces of the keyframe ``grasp``, contact by contact as in G; by default normal forces of one newton.
-    unit : Scales, optional
-        By default that of the keyframe's forces.
-    stiffness : bool
-        Whether joint springs hold the fingertips in place in addition to their motors.
-    """
-
-    grasp: Grasp | None = None
-    mass: Mass | None = None
-    forces: FloatArray | None = None
-    unit: Scales | None = None
-    stiffness: bool = True
-
-
-def mjcf(solution: GraspSolution, options: SceneOptions | None = None) -> str:
-    """Return the scene as MJCF text; metres, newtons, world frame = body frame, no gravity.
-
-    Parameters
-    ----------
-    solution : GraspSolution
-        One with a grasp.
-    options : SceneOptions, optional
-        Masses, sizes and gains of the scene.
-
-    Raises
-    ------
-    InputError
-        Without a grasp or a drawing, or with bilateral contacts.
-    """
-    given = SceneOptions() if options is None else options
-    drawing, held = solution.require_drawing(), _pressed(solution, given.grasp)
-    mass = mass_of(drawing.body, DENSITY) if given.mass is None else given.mass
-    x = pressing(held) if given.forces is None else given.forces
-    unit = scales(held, float(np.linalg.norm(x)), mass.mass) if given.unit is None else given.unit
-    root, asset, world = _empty(solution, held, unit)
-    root.insert(0, Comment(" fingertips touch the object's tangent plane at their contacts, and nothing else "))
-    add_patches(add_object(asset, world, held, drawing, mass), held, unit)
-    add_links(asset, world, drawing)
-    contact, actuator = SubElement(root, "contact"), SubElement(root, "actuator")
-    for i, model in enumerate(held.contacts):
-        add_fingertip(world, held, i, unit, given.stiffness)
-        add_contact(contact, i, model)
-        for joint in joint_names(i, model, held.space):
-            SubElement(actuator, "motor", name=f"{joint}_motor", joint=joint)
-    SubElement(SubElement(root, "keyframe"), "key", name="grasp", ctrl=numbers(x[force_indices(held)]))
-    return text(root)
-
-
-def _pressed(solution: GraspSolution, grasp: Grasp | None) -> Grasp:
-    """Return the given or the solution's grasp; raise for bilateral contacts."""
-    held = solution.require_grasp() if grasp is None else grasp
-    require_pressing(held)
-    return held
-
-
-def require_pressing(held: Grasp) -> None:
-    """Raise for bilateral contacts."""
-    for given in held.contacts:
-        if not given.unilateral:
-            raise InputError("contacts", given, "contacts that press: a simulator's fingertips cannot pull")
-
-
-def _empty(solution: GraspSolution, held: Grasp, unit: Scales) -> tuple[Element, Element, Element]:
-    """Return an empty scene with a light and time step, its assets, and its world."""
-    step, size = STEP * unit.time, drawn_size(solution.drawn(), held.points)
-    root = Element("mujoco", model="".join(c for c in solution.name if c.isprintable()))
-    SubElement(root, "compiler", angle="radian", autolimits="true")
-    SubElement(root, "option", SOLVER, timestep=f"{step:.6g}", gravity="0 0 0")
-    SubElement(SubElement(root, "default"), "pair", solref=f"{STIFF * step:.6g} 1", solimp="0.95 0.99 1e-6")
-    asset, world = SubElement(root, "asset"), SubElement(root, "worldbody")
-    SubElement(world, "light", pos=numbers([0.0, 0.0, 4.0 * size]), dir="0 0 -1")
-    return root, asset, world
 
 
 def text(root: Element) -> str:

@@ -87,7 +87,7 @@ class Pose:
         )
 
 
-PREFIX, STILL = "hand_", Motion()
+PREFIX, STILL = "hand_", Motion()  # of the names of the hand's bodies; no motion
 
 
 @dataclass(frozen=True)

@@ -22,13 +22,11 @@ from nlpgrasp.solution.solution import GraspSolution
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
 
-if TYPE_CHECKING:
-    from mpl_toolkits.mplot3d import Axes3D
-
-
+# free fingertips
 FRAMES = 4  # pictures of each run
 MAGNIFIED = 0.2  # share of the body's size: least drawn slip at the end
-PICTURES = 5  # pictures of a run
+# the hand's own joints
+PICTURES = 5  # pictures of each run
 FAR = 3.0  # motion at which the pictures end, in motions that count as lost
 
 

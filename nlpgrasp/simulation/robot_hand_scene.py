@@ -16,9 +16,8 @@ from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.collision_shapes import Shape
-from nlpgrasp.hands.robot import Joint, Robot
+from nlpgrasp.hands.robot import Inertial, Joint, Robot
 from nlpgrasp.hands.robot_file import read_robot, robot_inertials
-from nlpgrasp.hands.urdf_reader import Inertial
 from nlpgrasp.simulation.fingertip_scene import DENSITY, add_free_body, mass_of, numbers, require_pressing, text
 from nlpgrasp.simulation.scene_object import Told, add_object_geoms, object_mass
 from nlpgrasp.solution.obstructions import tips_off
@@ -52,56 +51,74 @@ SAID = """ Keyframes: {names}. Servos hold every joint where its control is: go 
      No gravity; once the object is squeezed, switch it on. Links of the hand do not touch each other. """
 
 
-def tip_geom(tip: Json) -> dict[str, str] | None:
-    """Return the attributes of a fingertip's geom in its link's frame; None for unsupported kinds.
+def mjcf_with_hand(
+    solution: GraspSolution, urdf: str | Path, options: HandSceneOptions | None = None, progress: Told | None = None
+) -> str:
+    """Return the scene with the articulated hand as MJCF text; metres, newtons, world frame = body frame.
+
+    The hand is built from its file: collision shapes (meshes as convex hulls), stated masses, mimic joints as
+    equalities. Each fingertip has the friction of its contact model, and collides as the problem's fingertip shape in
+    addition to its link's shapes. Three sliding joints carry the palm. The text is self-contained, without mesh files.
 
     Parameters
     ----------
-    tip : mapping
-        A fingertip as JSON data.
+    solution : GraspSolution
+        Of a problem with an ``URDFHand``, with a squeeze.
+    urdf : path
+        The hand's file that the problem was solved with: URDF, xacro or MJCF.
+    options : HandSceneOptions, optional
+        Servo gains, frictions and the object's mass.
+    progress : callable, optional
+        Called with a message before the convex decomposition, which may take half a minute.
+
+    Raises
+    ------
+    InputError
+        Without such a hand or a squeeze, on another hand's file, joints too weak for the squeeze, an object without
+        volume, or a model that MuJoCo rejects.
+    MissingExtraError
+        Without MuJoCo, or without coacd for a body that is not convex (extra ``sim``).
     """
-    known = KINDS.get(str(tip["type"]))
-    return None if known is None else known(tip)
-
-
-def quaternion(rotation: FloatArray) -> str:
-    """Return a rotation matrix (3, 3) as a quaternion in MJCF format."""
-    return numbers(Rotation.from_matrix(rotation).as_quat(scalar_first=True))
-
-
-def _sphere(tip: Json) -> dict[str, str]:
-    return {"type": "sphere", "size": numbers([tip["radius"]]), "pos": numbers(tip["offset"])}
-
-
-def _along(tip: Json) -> dict[str, str]:
-    """Return a capsule for cylindrical and capsule fingertips, with rounded ends for both."""
-    return {"type": "capsule", "size": numbers([tip["radius"]]), "fromto": numbers([*tip["start"], *tip["end"]])}
-
-
-def _ellipsoid(tip: Json) -> dict[str, str]:
-    turn = Rotation.from_euler("xyz", tip["rpy"]).as_matrix()
-    return {
-        "type": "ellipsoid",
-        "size": numbers(tip["semi_axes"]),
-        "pos": numbers(tip["offset"]),
-        "quat": quaternion(turn),
-    }
-
-
-def _flat(tip: Json) -> dict[str, str]:
-    turn = Rotation.from_euler("xyz", tip["rpy"]).as_matrix()
-    middle = np.asarray(tip["offset"], float) - PAD * turn[:, 2]
-    half = [*(np.asarray(tip["extents"], float) / 2.0), PAD]
-    return {"type": "box", "size": numbers(half), "pos": numbers(middle), "quat": quaternion(turn)}
-
-
-KINDS: dict[str, Callable[[Json], dict[str, str]]] = {
-    "sphere": _sphere,
-    "cylinder": _along,
-    "capsule": _along,
-    "ellipsoid": _ellipsoid,
-    "flat": _flat,
-}
+    given = HandSceneOptions() if options is None else options
+    mujoco = import_mujoco("a scene with the hand")
+    solution.require_grasp()
+    hand = solution.hand or {}
+    if "palm_pose" not in hand or "joint_positions" not in hand:
+        raise InputError("solution", "no hand with a palm pose and joints", "a grasp found with an ng.URDFHand")
+    squeeze = solution.require_squeeze()
+    grasp, robot = solution.require_grasp(), _robot(urdf, solution.palm, hand["joint_positions"])
+    drawing = solution.require_drawing()
+    require_pressing(grasp)
+    mass = mass_of(drawing.body, DENSITY).scaled(object_mass(solution, given.mass).kilograms)
+    surfaces = [_surface(model, given.friction) for model in grasp.contacts]
+    root = Element("mujoco", model="".join(c for c in solution.name if c.isprintable()))
+    SubElement(root, "compiler", angle="radian", autolimits="true", balanceinertia="true")
+    SubElement(root, "option", SOLVER)
+    default = SubElement(root, "default")
+    SubElement(default, "geom", CONTACT)
+    SubElement(default, "equality", {name: CONTACT[name] for name in ("solref",)})
+    asset, world = SubElement(root, "asset"), SubElement(root, "worldbody")
+    SubElement(world, "light", pos=numbers([0.0, 0.0, 1.0]), dir="0 0 -1")
+    slipperiest = min(surfaces, key=lambda s: float(s["friction"].split()[0]))
+    others = {"friction": slipperiest["friction"], "condim": "3"}
+    add_object_geoms(asset, add_free_body(world, mass), solution.body, drawing.body, others, progress)
+    gains = gains_of(robot, squeeze, given.gain)
+    limits = _limits(solution)
+    tips = tuple(solution.problem["hand"]["fingertips"])
+    floating = tips_off(solution.hand)
+    placed = PlacedRobot(robot, robot_inertials(urdf), hand["palm_pose"], tips, gains, limits, floating)
+    add_hand(root, placed, surfaces, given)
+    scale = _scale(squeeze, given.normal_force)
+    _require_effort(squeeze, scale)
+    frames = keyframes(hand, robot, squeeze, gains, scale)
+    root.insert(0, Comment(SAID.format(names=", ".join(frame.name for frame in frames))))
+    add_keyframes(root, frames)
+    told = text(root)
+    try:
+        mujoco.MjModel.from_xml_string(told)
+    except (ValueError, mujoco.FatalError) as error:
+        raise InputError(str(urdf), " ".join(str(error).split()), "a hand that MuJoCo can simulate") from None
+    return told
 
 
 @dataclass(frozen=True)
@@ -141,6 +158,50 @@ class HandSceneOptions:
                 object.__setattr__(self, name, number(name, value, above=0.0))
         for name in ("damping", "frictionloss", "friction"):
             object.__setattr__(self, name, number(name, getattr(self, name), at_least=0.0))
+
+
+def _robot(urdf: str | Path, palm: str, joints: Mapping[str, float]) -> Robot:
+    """Read the hand's file; raise if it is not the solution's hand."""
+    if not Path(urdf).is_file():
+        raise InputError("--hand", str(urdf), "the hand's URDF file")
+    robot = read_robot(urdf, palm)
+    missing = sorted(set(joints) - {joint.name for joint in robot.joints if joint.moves})
+    if missing:
+        raise InputError(str(urdf), f"no joint {missing[0]}", "the solution's hand")
+    return robot
+
+
+def _surface(model: ContactModel, share: float) -> dict[str, str]:
+    """Return the geom attributes of a contact model, with its friction scaled by ``share``."""
+    friction = share * model.coefficients.get("friction", 0.0)
+    torsion = share * model.coefficients.get("torsional_friction", 0.0)
+    dimension = 1 if friction == 0.0 else 4 if torsion else 3
+    return {"condim": str(dimension), "priority": "1", "friction": numbers([friction, torsion, 0.0])}
+
+
+def _limits(solution: GraspSolution) -> dict[str, float]:
+    stated = solution.problem["hand"].get("torque_limits") or {}
+    return {str(name): float(value) for name, value in stated.items()}
+
+
+def _scale(squeeze: Squeeze, normal_force: float | None) -> float:
+    """Return the factor on the file's squeeze; balanced forces stay balanced when scaled."""
+    if normal_force is None:
+        return 1.0
+    if np.any(squeeze.wrench):
+        raise InputError("normal_force", normal_force, "none where the file's squeeze carries a weight")
+    return normal_force / squeeze.normal_force
+
+
+def _require_effort(squeeze: Squeeze, scale: float) -> None:
+    """Raise for torques above the hand's limits, with which the forces would not be balanced."""
+    joints = squeeze.joints
+    if joints is None or joints.worst is None or scale * joints.worst[1] <= 1.0 + EFFORT:
+        return
+    name, share = joints.worst
+    force, lacking = scale * squeeze.normal_force, (scale * share - 1.0) * joints.limits[name]
+    given = f"{force:.3g} N, {lacking:.3g} N m more than the effort of joint {name}"
+    raise InputError("normal_force", given, f"at most {squeeze.normal_force / share:.3g} N")
 
 
 @dataclass(frozen=True)
@@ -286,6 +347,26 @@ def _add_servo(actuator: Element, joint: str, gain: float, limit: float | None) 
     SubElement(actuator, "position", {**given, **bounded})
 
 
+def gains_of(robot: Robot, squeeze: Squeeze, gain: float | None) -> dict[str, float]:
+    """Return the position gain of each free joint: the squeeze's, or a given one for revolute joints.
+
+    Raises
+    ------
+    InputError
+        If the squeeze states none.
+    """
+    stated = None if squeeze.joints is None else squeeze.joints.gain
+    if stated is None:
+        raise InputError("hand.squeeze.gain", None, "a squeeze with the gain of the joints' position control")
+    by_joint = stated if isinstance(stated, Mapping) else {}
+    usual = max(by_joint.values(), default=0.0) if isinstance(stated, Mapping) else stated
+    result = {}
+    for joint in robot.free_joints:
+        own = by_joint.get(joint.name, usual)
+        result[joint.name] = gain if gain is not None and joint.turns else own
+    return result
+
+
 @dataclass(frozen=True)
 class Keyframe:
     """A keyframe: palm displacement, joint positions and servo set-points of a phase.
@@ -360,135 +441,53 @@ def _phases(hand: Json) -> list[Json]:
     return [*opened, {**here, "name": "grasp"}, {**here, "name": "squeeze"}, {**raised, "name": "lift"}]
 
 
-def gains_of(robot: Robot, squeeze: Squeeze, gain: float | None) -> dict[str, float]:
-    """Return the position gain of each free joint: the squeeze's, or a given one for revolute joints.
-
-    Raises
-    ------
-    InputError
-        If the squeeze states none.
-    """
-    stated = None if squeeze.joints is None else squeeze.joints.gain
-    if stated is None:
-        raise InputError("hand.squeeze.gain", None, "a squeeze with the gain of the joints' position control")
-    by_joint = stated if isinstance(stated, Mapping) else {}
-    usual = max(by_joint.values(), default=0.0) if isinstance(stated, Mapping) else stated
-    result = {}
-    for joint in robot.free_joints:
-        own = by_joint.get(joint.name, usual)
-        result[joint.name] = gain if gain is not None and joint.turns else own
-    return result
-
-
-def mjcf_with_hand(
-    solution: GraspSolution, urdf: str | Path, options: HandSceneOptions | None = None, progress: Told | None = None
-) -> str:
-    """Return the scene with the articulated hand as MJCF text; metres, newtons, world frame = body frame.
-
-    The hand is built from its file: collision shapes (meshes as convex hulls), stated masses, mimic joints as
-    equalities. Each fingertip has the friction of its contact model, and collides as the problem's fingertip shape in
-    addition to its link's shapes. Three sliding joints carry the palm. The text is self-contained, without mesh files.
+def tip_geom(tip: Json) -> dict[str, str] | None:
+    """Return the attributes of a fingertip's geom in its link's frame; None for unsupported kinds.
 
     Parameters
     ----------
-    solution : GraspSolution
-        Of a problem with an ``URDFHand``, with a squeeze.
-    urdf : path
-        The hand's file that the problem was solved with: URDF, xacro or MJCF.
-    options : HandSceneOptions, optional
-        Servo gains, frictions and the object's mass.
-    progress : callable, optional
-        Called with a message before the convex decomposition, which may take half a minute.
-
-    Raises
-    ------
-    InputError
-        Without such a hand or a squeeze, on another hand's file, joints too weak for the squeeze, an object without
-        volume, or a model that MuJoCo rejects.
-    MissingExtraError
-        Without MuJoCo, or without coacd for a body that is not convex (extra ``sim``).
+    tip : mapping
+        A fingertip as JSON data.
     """
-    given = HandSceneOptions() if options is None else options
-    mujoco = import_mujoco("a scene with the hand")
-    solution.require_grasp()
-    hand = solution.hand or {}
-    if "palm_pose" not in hand or "joint_positions" not in hand:
-        raise InputError("solution", "no hand with a palm pose and joints", "a grasp found with an ng.URDFHand")
-    squeeze = solution.require_squeeze()
-    grasp, robot = solution.require_grasp(), _robot(urdf, solution.palm, hand["joint_positions"])
-    drawing = solution.require_drawing()
-    require_pressing(grasp)
-    mass = mass_of(drawing.body, DENSITY).scaled(object_mass(solution, given.mass).kilograms)
-    surfaces = [_surface(model, given.friction) for model in grasp.contacts]
-    root = Element("mujoco", model="".join(c for c in solution.name if c.isprintable()))
-    SubElement(root, "compiler", angle="radian", autolimits="true", balanceinertia="true")
-    SubElement(root, "option", SOLVER)
-    default = SubElement(root, "default")
-    SubElement(default, "geom", CONTACT)
-    SubElement(default, "equality", {name: CONTACT[name] for name in ("solref",)})
-    asset, world = SubElement(root, "asset"), SubElement(root, "worldbody")
-    SubElement(world, "light", pos=numbers([0.0, 0.0, 1.0]), dir="0 0 -1")
-    slipperiest = min(surfaces, key=lambda s: float(s["friction"].split()[0]))
-    others = {"friction": slipperiest["friction"], "condim": "3"}
-    add_object_geoms(asset, add_free_body(world, mass), solution.body, drawing.body, others, progress)
-    gains = gains_of(robot, squeeze, given.gain)
-    limits = _limits(solution)
-    tips = tuple(solution.problem["hand"]["fingertips"])
-    floating = tips_off(solution.hand)
-    placed = PlacedRobot(robot, robot_inertials(urdf), hand["palm_pose"], tips, gains, limits, floating)
-    add_hand(root, placed, surfaces, given)
-    scale = _scale(squeeze, given.normal_force)
-    _require_effort(squeeze, scale)
-    frames = keyframes(hand, robot, squeeze, gains, scale)
-    root.insert(0, Comment(SAID.format(names=", ".join(frame.name for frame in frames))))
-    add_keyframes(root, frames)
-    told = text(root)
-    try:
-        mujoco.MjModel.from_xml_string(told)
-    except (ValueError, mujoco.FatalError) as error:
-        raise InputError(str(urdf), " ".join(str(error).split()), "a hand that MuJoCo can simulate") from None
-    return told
+    known = KINDS.get(str(tip["type"]))
+    return None if known is None else known(tip)
 
 
-def _robot(urdf: str | Path, palm: str, joints: Mapping[str, float]) -> Robot:
-    """Read the hand's file; raise if it is not the solution's hand."""
-    if not Path(urdf).is_file():
-        raise InputError("--hand", str(urdf), "the hand's URDF file")
-    robot = read_robot(urdf, palm)
-    missing = sorted(set(joints) - {joint.name for joint in robot.joints if joint.moves})
-    if missing:
-        raise InputError(str(urdf), f"no joint {missing[0]}", "the solution's hand")
-    return robot
+def quaternion(rotation: FloatArray) -> str:
+    """Return a rotation matrix (3, 3) as a quaternion in MJCF format."""
+    return numbers(Rotation.from_matrix(rotation).as_quat(scalar_first=True))
 
 
-def _surface(model: ContactModel, share: float) -> dict[str, str]:
-    """Return the geom attributes of a contact model, with its friction scaled by ``share``."""
-    friction = share * model.coefficients.get("friction", 0.0)
-    torsion = share * model.coefficients.get("torsional_friction", 0.0)
-    dimension = 1 if friction == 0.0 else 4 if torsion else 3
-    return {"condim": str(dimension), "priority": "1", "friction": numbers([friction, torsion, 0.0])}
+def _sphere(tip: Json) -> dict[str, str]:
+    return {"type": "sphere", "size": numbers([tip["radius"]]), "pos": numbers(tip["offset"])}
 
 
-def _limits(solution: GraspSolution) -> dict[str, float]:
-    stated = solution.problem["hand"].get("torque_limits") or {}
-    return {str(name): float(value) for name, value in stated.items()}
+def _along(tip: Json) -> dict[str, str]:
+    """Return a capsule for cylindrical and capsule fingertips, with rounded ends for both."""
+    return {"type": "capsule", "size": numbers([tip["radius"]]), "fromto": numbers([*tip["start"], *tip["end"]])}
 
 
-def _scale(squeeze: Squeeze, normal_force: float | None) -> float:
-    """Return the factor on the file's squeeze; balanced forces stay balanced when scaled."""
-    if normal_force is None:
-        return 1.0
-    if np.any(squeeze.wrench):
-        raise InputError("normal_force", normal_force, "none where the file's squeeze carries a weight")
-    return normal_force / squeeze.normal_force
+def _ellipsoid(tip: Json) -> dict[str, str]:
+    turn = Rotation.from_euler("xyz", tip["rpy"]).as_matrix()
+    return {
+        "type": "ellipsoid",
+        "size": numbers(tip["semi_axes"]),
+        "pos": numbers(tip["offset"]),
+        "quat": quaternion(turn),
+    }
 
 
-def _require_effort(squeeze: Squeeze, scale: float) -> None:
-    """Raise for torques above the hand's limits, with which the forces would not be balanced."""
-    joints = squeeze.joints
-    if joints is None or joints.worst is None or scale * joints.worst[1] <= 1.0 + EFFORT:
-        return
-    name, share = joints.worst
-    force, lacking = scale * squeeze.normal_force, (scale * share - 1.0) * joints.limits[name]
-    given = f"{force:.3g} N, {lacking:.3g} N m more than the effort of joint {name}"
-    raise InputError("normal_force", given, f"at most {squeeze.normal_force / share:.3g} N")
+def _flat(tip: Json) -> dict[str, str]:
+    turn = Rotation.from_euler("xyz", tip["rpy"]).as_matrix()
+    middle = np.asarray(tip["offset"], float) - PAD * turn[:, 2]
+    half = [*(np.asarray(tip["extents"], float) / 2.0), PAD]
+    return {"type": "box", "size": numbers(half), "pos": numbers(middle), "quat": quaternion(turn)}
+
+
+KINDS: dict[str, Callable[[Json], dict[str, str]]] = {
+    "sphere": _sphere,
+    "cylinder": _along,
+    "capsule": _along,
+    "ellipsoid": _ellipsoid,
+    "flat": _flat,
+}

@@ -18,7 +18,7 @@ from nlpgrasp.simulation.fingertip_model import Press
 from nlpgrasp.simulation.fingertip_scene import DENSITY, Mass, SceneOptions, mass_of, mjcf, scales
 from nlpgrasp.solution.solution import GraspSolution
 
-EARTH = 9.81
+EARTH = 9.81  # m / s^2, gravitational acceleration
 LIGHTEST = 1e-6  # kilograms: least mass
 RTOL = 0.05  # relative gap of the certificate that finds the hardest wrench, if the file lacks it
 WIDEST = 1.5  # largest ratio of upper to lower bound for a conclusive simulation

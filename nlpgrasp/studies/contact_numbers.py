@@ -32,6 +32,60 @@ Penalty: TypeAlias = float | Sequence[float] | Mapping[str, float] | Callable[[t
 function of the contact models and mu."""
 
 
+def how_many_contacts(
+    problem_with: Callable[[int], GraspProblem],
+    counts: Iterable[int],
+    starts: int = 8,
+    seed: int = 0,
+    options: SolveOptions | None = None,
+    *,
+    possible: Mapping[int, float] | None = None,
+) -> ContactCurve:
+    """Solve a problem with different numbers of contacts, with each other's grasps as warm starts.
+
+    An added contact can be left without force: where x is within the force budget, so is (x, 0), for the L2 norm, for
+    each normal force, for each force, and for their sum. So mu can only rise with an added contact, and so do the
+    certified bounds: each grasp with one more contact, if the constraints allow it, is a warm start for the next
+    number, with the certified bound of the smaller one. In the other direction, each grasp less a contact is a warm
+    start too. Beside its own starts, each number begins from the best of thousands of random placements, screened by
+    ``ng.screen``. Under joint torques, and with a hand that has a pose, each number is solved alone. Every solution
+    states a global bound, so that the curve shows the largest possible improvement for each number.
+
+    Parameters
+    ----------
+    problem_with : callable
+        Function of the number of contacts that returns the problem; the task is the same for all.
+    counts : iterable of int
+        Numbers of contacts to try.
+    starts, seed, options
+        As for ``solve``.
+    possible : mapping of int to float, optional
+        Proved upper bounds on mu by the number of contacts that are tighter than those the solutions state; such as
+        ``ng.best_possible(problem_with(k)).upper`` of a longer search.
+
+    Raises
+    ------
+    InputError
+        Without counts, on problems with another number of contacts, different tasks, or invalid bounds.
+    """
+    if not callable(problem_with):
+        raise InputError("problem_with", problem_with, "a function of the number of contacts")
+    if not isinstance(counts, Iterable):
+        raise InputError("counts", counts, "numbers of contacts")
+    numbers = sorted({integer("counts", k, at_least=1) for k in counts})
+    if not numbers:
+        raise InputError("counts", "no numbers of contacts", "at least one")
+    starts, seed, options = check_search(starts, seed, options)
+    bounds = _possible(possible)
+    problems = [problem_with(k) for k in numbers]
+    for k, problem in zip(numbers, problems, strict=True):
+        _check(k, problem, problems[0])
+    pairs = [(i, i + 1) for i in range(len(problems) - 1)]
+    found = dict(zip(numbers, solve_family(problems, pairs, OtherNumber(), starts, seed, options), strict=True))
+    solutions = tuple((k, solution) for k, (solution, _) in found.items())
+    return ContactCurve(solutions, {k: reached for k, (_, reached) in found.items()}, bounds)
+
+
 @dataclass(frozen=True)
 class ContactCurve:
     """Certified quality against number of contacts.
@@ -205,60 +259,6 @@ def _finite(value: float) -> float | None:
 
 def _contacts(found: GraspSolution) -> tuple[ContactModel, ...]:
     return tuple(contact_from_dict(data) for data in found.problem["contacts"])
-
-
-def how_many_contacts(
-    problem_with: Callable[[int], GraspProblem],
-    counts: Iterable[int],
-    starts: int = 8,
-    seed: int = 0,
-    options: SolveOptions | None = None,
-    *,
-    possible: Mapping[int, float] | None = None,
-) -> ContactCurve:
-    """Solve a problem with different numbers of contacts, with each other's grasps as warm starts.
-
-    An added contact can be left without force: where x is within the force budget, so is (x, 0), for the L2 norm, for
-    each normal force, for each force, and for their sum. So mu can only rise with an added contact, and so do the
-    certified bounds: each grasp with one more contact, if the constraints allow it, is a warm start for the next
-    number, with the certified bound of the smaller one. In the other direction, each grasp less a contact is a warm
-    start too. Beside its own starts, each number begins from the best of thousands of random placements, screened by
-    ``ng.screen``. Under joint torques, and with a hand that has a pose, each number is solved alone. Every solution
-    states a global bound, so that the curve shows the largest possible improvement for each number.
-
-    Parameters
-    ----------
-    problem_with : callable
-        Function of the number of contacts that returns the problem; the task is the same for all.
-    counts : iterable of int
-        Numbers of contacts to try.
-    starts, seed, options
-        As for ``solve``.
-    possible : mapping of int to float, optional
-        Proved upper bounds on mu by the number of contacts that are tighter than those the solutions state; such as
-        ``ng.best_possible(problem_with(k)).upper`` of a longer search.
-
-    Raises
-    ------
-    InputError
-        Without counts, on problems with another number of contacts, different tasks, or invalid bounds.
-    """
-    if not callable(problem_with):
-        raise InputError("problem_with", problem_with, "a function of the number of contacts")
-    if not isinstance(counts, Iterable):
-        raise InputError("counts", counts, "numbers of contacts")
-    numbers = sorted({integer("counts", k, at_least=1) for k in counts})
-    if not numbers:
-        raise InputError("counts", "no numbers of contacts", "at least one")
-    starts, seed, options = check_search(starts, seed, options)
-    bounds = _possible(possible)
-    problems = [problem_with(k) for k in numbers]
-    for k, problem in zip(numbers, problems, strict=True):
-        _check(k, problem, problems[0])
-    pairs = [(i, i + 1) for i in range(len(problems) - 1)]
-    found = dict(zip(numbers, solve_family(problems, pairs, OtherNumber(), starts, seed, options), strict=True))
-    solutions = tuple((k, solution) for k, (solution, _) in found.items())
-    return ContactCurve(solutions, {k: reached for k, (_, reached) in found.items()}, bounds)
 
 
 def _check(k: int, problem: GraspProblem, first: GraspProblem) -> None:

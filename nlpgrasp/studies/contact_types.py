@@ -31,6 +31,152 @@ MOST = 256  # most assignments
 DRAWN = 8  # random placements that test whether contacts are interchangeable
 
 
+Types: TypeAlias = Mapping[str, ContactModel]
+Names: TypeAlias = tuple[str, ...]
+
+
+def choose_contact_types(
+    problem: GraspProblem,
+    types: Types | Sequence[Types],
+    starts: int = 8,
+    seed: int = 0,
+    options: SolveOptions | None = None,
+    *,
+    costs: Mapping[str, float] | None = None,
+) -> TypeChoice:
+    """Solve a problem with every distinct assignment of contact types, and rank the assignments.
+
+    For interchangeable contacts (the same menu and faces, no constraint or hand that distinguishes them) only the
+    number of each type matters: two types for three such contacts make four assignments, not eight. The fingers of a
+    hand with a pose are all distinct.
+
+    A contact whose force domain contains another's can exert the other's forces, so that the best grasp with richer
+    contacts is never worse. Every assignment has warm starts from the grasps of smaller ones, with their certified
+    bounds, and from those of larger ones; so no known grasp contradicts the ranking.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+        Its contacts' faces are used where a type states none; their models are ignored.
+    types : mapping of str to ContactModel, or sequence of k mappings
+        Allowed types by name, for all contacts or for each.
+    starts, seed, options
+        As for ``solve``, for each assignment.
+    costs : mapping of str to float, optional
+        Cost of a contact of each type, at least 0, in any unit; 0 for all when left out.
+
+    Returns
+    -------
+    TypeChoice
+        A ranked table; assignments without a grasp come last.
+
+    Raises
+    ------
+    InputError
+        On a menu without a type or with something else than contact models, more than 256 assignments, and costs that
+        are missing or below zero.
+    """
+    menu = Menu.of(problem, types)
+    starts, seed, options = check_search(starts, seed, options)
+    prices = _prices(menu, costs)
+    names, pairs = menu.ordered()
+    problems = [menu.problem_with(own) for own in names]
+    solved = solve_family(problems, pairs, OtherTypes(menu, names), starts, seed, options)
+    found = [
+        TypeAssignment(own, solution, sum(prices[name] for name in own), reached)
+        for own, (solution, reached) in zip(names, solved, strict=True)
+    ]
+    # neighbours are ordered from smaller to larger; of equals the later is the richer
+    ranked = sorted(range(len(found)), key=lambda i: (-found[i].mu.lower, -i))
+    upgrades = tuple(Upgrade(found[a], found[b]) for a, b in pairs)
+    return TypeChoice(problem.name, tuple(found[i] for i in ranked), upgrades)
+
+
+@dataclass(frozen=True)
+class TypeChoice:
+    """Ranked assignments of contact types.
+
+    Parameters
+    ----------
+    name : str
+        The problem's.
+    assignments : tuple of TypeAssignment
+        Largest certified lower bound first; of equals the richer one.
+    upgrades : tuple of Upgrade
+        Gains between neighbours: no third assignment is between the two.
+    """
+
+    name: str
+    assignments: tuple[TypeAssignment, ...]
+    upgrades: tuple[Upgrade, ...] = ()
+
+    def best(
+        self, *, at_most: Mapping[str, int] | None = None, spend: float | None = None, price: float = 0.0
+    ) -> TypeAssignment | None:
+        """Return the best assignment within limits, mu at its lower bound; the cheapest among equals; None without any.
+
+        Parameters
+        ----------
+        at_most : mapping of str to int, optional
+            Largest number of contacts of a type: ``{"soft": 1}`` allows one soft finger.
+        spend : float, optional
+            Largest total cost.
+        price : float
+            Price of a unit of cost, in units of mu: the best has the largest ``mu - price * cost``.
+
+        Raises
+        ------
+        InputError
+            On types that no assignment has, and limits below zero.
+        """
+        names = {name for a in self.assignments for name in a.types}
+        limits = at_most or {}
+        if not isinstance(limits, Mapping) or any(name not in names for name in limits):
+            raise InputError("at_most", at_most, "numbers by type: " + ", ".join(sorted(names)))
+        most = {name: integer(f"at_most[{name!r}]", n, at_least=0) for name, n in limits.items()}
+        limit = np.inf if spend is None else number("spend", spend, at_least=0.0)
+        each = number("price", price, at_least=0.0)
+        within = [
+            a
+            for a in self.assignments
+            if a.solution.success and a.cost <= limit and all(a.count(name) <= n for name, n in most.items())
+        ]
+        return max(within, key=lambda a: (a.mu.lower - each * a.cost, -a.cost), default=None)
+
+    def not_told_apart(self, assignment: TypeAssignment) -> tuple[TypeAssignment, ...]:
+        """Return the other assignments whose certified intervals overlap this one's."""
+        one = assignment.mu
+        others = (a for a in self.assignments if a is not assignment)
+        return tuple(a for a in others if a.mu.lower <= one.upper and one.lower <= a.mu.upper)
+
+    @property
+    def frontier(self) -> tuple[TypeAssignment, ...]:
+        """Pareto frontier: assignments whose mu, at its lower bound, no other one of at most their cost reaches."""
+        found: list[TypeAssignment] = []
+        for a in sorted(self.assignments, key=lambda a: (a.cost, -a.mu.lower)):
+            if a.solution.success and (not found or a.mu.lower > found[-1].mu.lower):
+                found.append(a)
+        return tuple(found)
+
+    def to_dict(self) -> Json:
+        """Return the ranking as JSON data."""
+        return {
+            "name": self.name,
+            "assignments": [a.to_dict() for a in self.assignments],
+            "upgrades": [u.to_dict() for u in self.upgrades],
+        }
+
+    def __str__(self) -> str:
+        width = max(len(str(a)) for a in self.assignments)
+        lines = [f"{self.name}: {len(self.assignments)} assignments of contact types, the best known grasp of each"]
+        for a in self.assignments:
+            bounds = f"{a.solution.label} in {a.mu}" if a.solution.success else "no grasp found"
+            same = len(self.not_told_apart(a)) if a.solution.success else 0
+            note = f", not told apart from {same} other{'s' * (same > 1)}" if same else ""
+            lines.append(f"  {a!s:{width}}  cost {a.cost:g}  {bounds}{note}")
+        return "\n".join([*lines, *(f"  {u}" for u in self.upgrades)])
+
+
 @dataclass(frozen=True)
 class TypeAssignment:
     """An assignment of contact types, with the best known grasp.
@@ -120,95 +266,6 @@ class Upgrade:
 def low_end(high: Bounds, low: Bounds) -> float:
     """Return the least excess of the first interval over the second."""
     return high.lower - low.upper
-
-
-@dataclass(frozen=True)
-class TypeChoice:
-    """Ranked assignments of contact types.
-
-    Parameters
-    ----------
-    name : str
-        The problem's.
-    assignments : tuple of TypeAssignment
-        Largest certified lower bound first; of equals the richer one.
-    upgrades : tuple of Upgrade
-        Gains between neighbours: no third assignment is between the two.
-    """
-
-    name: str
-    assignments: tuple[TypeAssignment, ...]
-    upgrades: tuple[Upgrade, ...] = ()
-
-    def best(
-        self, *, at_most: Mapping[str, int] | None = None, spend: float | None = None, price: float = 0.0
-    ) -> TypeAssignment | None:
-        """Return the best assignment within limits, mu at its lower bound; the cheapest among equals; None without any.
-
-        Parameters
-        ----------
-        at_most : mapping of str to int, optional
-            Largest number of contacts of a type: ``{"soft": 1}`` allows one soft finger.
-        spend : float, optional
-            Largest total cost.
-        price : float
-            Price of a unit of cost, in units of mu: the best has the largest ``mu - price * cost``.
-
-        Raises
-        ------
-        InputError
-            On types that no assignment has, and limits below zero.
-        """
-        names = {name for a in self.assignments for name in a.types}
-        limits = at_most or {}
-        if not isinstance(limits, Mapping) or any(name not in names for name in limits):
-            raise InputError("at_most", at_most, "numbers by type: " + ", ".join(sorted(names)))
-        most = {name: integer(f"at_most[{name!r}]", n, at_least=0) for name, n in limits.items()}
-        limit = np.inf if spend is None else number("spend", spend, at_least=0.0)
-        each = number("price", price, at_least=0.0)
-        within = [
-            a
-            for a in self.assignments
-            if a.solution.success and a.cost <= limit and all(a.count(name) <= n for name, n in most.items())
-        ]
-        return max(within, key=lambda a: (a.mu.lower - each * a.cost, -a.cost), default=None)
-
-    def not_told_apart(self, assignment: TypeAssignment) -> tuple[TypeAssignment, ...]:
-        """Return the other assignments whose certified intervals overlap this one's."""
-        one = assignment.mu
-        others = (a for a in self.assignments if a is not assignment)
-        return tuple(a for a in others if a.mu.lower <= one.upper and one.lower <= a.mu.upper)
-
-    @property
-    def frontier(self) -> tuple[TypeAssignment, ...]:
-        """Pareto frontier: assignments whose mu, at its lower bound, no other one of at most their cost reaches."""
-        found: list[TypeAssignment] = []
-        for a in sorted(self.assignments, key=lambda a: (a.cost, -a.mu.lower)):
-            if a.solution.success and (not found or a.mu.lower > found[-1].mu.lower):
-                found.append(a)
-        return tuple(found)
-
-    def to_dict(self) -> Json:
-        """Return the ranking as JSON data."""
-        return {
-            "name": self.name,
-            "assignments": [a.to_dict() for a in self.assignments],
-            "upgrades": [u.to_dict() for u in self.upgrades],
-        }
-
-    def __str__(self) -> str:
-        width = max(len(str(a)) for a in self.assignments)
-        lines = [f"{self.name}: {len(self.assignments)} assignments of contact types, the best known grasp of each"]
-        for a in self.assignments:
-            bounds = f"{a.solution.label} in {a.mu}" if a.solution.success else "no grasp found"
-            same = len(self.not_told_apart(a)) if a.solution.success else 0
-            note = f", not told apart from {same} other{'s' * (same > 1)}" if same else ""
-            lines.append(f"  {a!s:{width}}  cost {a.cost:g}  {bounds}{note}")
-        return "\n".join([*lines, *(f"  {u}" for u in self.upgrades)])
-
-
-Types: TypeAlias = Mapping[str, ContactModel]
-Names: TypeAlias = tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -346,63 +403,6 @@ def _groups(problem: GraspProblem, each: Sequence[Types]) -> tuple[int, ...]:
                 same[j] = i
                 break
     return tuple(same)
-
-
-def choose_contact_types(
-    problem: GraspProblem,
-    types: Types | Sequence[Types],
-    starts: int = 8,
-    seed: int = 0,
-    options: SolveOptions | None = None,
-    *,
-    costs: Mapping[str, float] | None = None,
-) -> TypeChoice:
-    """Solve a problem with every distinct assignment of contact types, and rank the assignments.
-
-    For interchangeable contacts (the same menu and faces, no constraint or hand that distinguishes them) only the
-    number of each type matters: two types for three such contacts make four assignments, not eight. The fingers of a
-    hand with a pose are all distinct.
-
-    A contact whose force domain contains another's can exert the other's forces, so that the best grasp with richer
-    contacts is never worse. Every assignment has warm starts from the grasps of smaller ones, with their certified
-    bounds, and from those of larger ones; so no known grasp contradicts the ranking.
-
-    Parameters
-    ----------
-    problem : GraspProblem
-        Its contacts' faces are used where a type states none; their models are ignored.
-    types : mapping of str to ContactModel, or sequence of k mappings
-        Allowed types by name, for all contacts or for each.
-    starts, seed, options
-        As for ``solve``, for each assignment.
-    costs : mapping of str to float, optional
-        Cost of a contact of each type, at least 0, in any unit; 0 for all when left out.
-
-    Returns
-    -------
-    TypeChoice
-        A ranked table; assignments without a grasp come last.
-
-    Raises
-    ------
-    InputError
-        On a menu without a type or with something else than contact models, more than 256 assignments, and costs that
-        are missing or below zero.
-    """
-    menu = Menu.of(problem, types)
-    starts, seed, options = check_search(starts, seed, options)
-    prices = _prices(menu, costs)
-    names, pairs = menu.ordered()
-    problems = [menu.problem_with(own) for own in names]
-    solved = solve_family(problems, pairs, OtherTypes(menu, names), starts, seed, options)
-    found = [
-        TypeAssignment(own, solution, sum(prices[name] for name in own), reached)
-        for own, (solution, reached) in zip(names, solved, strict=True)
-    ]
-    # neighbours are ordered from smaller to larger; of equals the later is the richer
-    ranked = sorted(range(len(found)), key=lambda i: (-found[i].mu.lower, -i))
-    upgrades = tuple(Upgrade(found[a], found[b]) for a, b in pairs)
-    return TypeChoice(problem.name, tuple(found[i] for i in ranked), upgrades)
 
 
 class OtherTypes:

@@ -35,12 +35,138 @@ MOST = 40  # most stations of a search
 CHANGE = 0.02  # least relative improvement that an interval has to promise
 STEEPER = 2.0  # assumed slope in an interval over the steepest one beside it
 ROUGH = 6  # evenly spaced stations for estimating a slide
-HELD_RTOL = 0.05
+HELD_RTOL = 0.05  # relative gap of certificates of intermediate grasps
 TOLERANCE, ARM = 1e-3, 0.2  # shares of the body's size: chord tolerance; arc length per radian of the normal
 S = TypeVar("S")
-LIFTED, SLIDES = False, True
+LIFTED, SLIDES = False, True  # ways of a move: whether the finger slides
 UNEVEN = 0.1  # share of the weight: disturbance in any direction while a finger moves
 LIFT = 5e-3  # metres: default height of a lifted finger
+
+
+_Width = tuple[int, float]  # 0 if the other fingers hold the body alone, else 1; negative quality
+_WIDEST: _Width = (0, -np.inf)  # width of the empty path
+
+
+def fine_manipulation(
+    pick: GraspProblem,
+    goal: GraspProblem,
+    hold: TaskEllipsoid | None = None,
+    starts: int = 8,
+    seed: int = 0,
+    options: SolveOptions | None = None,
+    *,
+    lift: float = LIFT,
+) -> FineManipulation:
+    """Solve a pick-up problem and an in-hand problem, and plan the finger moves between their grasps.
+
+    Fingers move one after another along shortest paths over the body, in the order that maximises the quality of the
+    weakest intermediate grasp. A finger is lifted where the other fingers hold the body alone: their certificate is
+    valid along the whole path. Otherwise, or where the hand cannot lift it, the finger slides. A slide is certified at
+    stations along the path; between them only the quality of the other fingers alone is certified. Fingers with equal
+    contact models may swap contacts, unless the hand has a pose.
+
+    Parameters
+    ----------
+    pick : GraspProblem
+        Problem with the constraints of the pick-up place, for example a table.
+    goal : GraspProblem
+        The same body and contacts, without these constraints.
+    hold : TaskEllipsoid, optional
+        Task of the other fingers while one moves, body frame, N and N m. When left out they carry a unit weight: 1 N
+        along the body frame's last axis, with a tenth of it in any direction.
+    starts, seed, options
+        As in ``solve``.
+    lift : float
+        Height of a lifted finger above the body, metres.
+
+    Raises
+    ------
+    InputError
+        When the two problems are about different bodies or contacts, or the lift is not above zero.
+
+    Notes
+    -----
+    With a hand, each move is checked along its path, and orders with impossible moves are excluded (docs/hands.md says
+    how, and what is certain). A URDF hand's palm stays fixed after the pick-up; joint limits and collisions of links
+    with the body, the surroundings of the goal and each other are checked. Free fingertips and parallel jaws keep their
+    own limits. That a move is impossible is a local statement, for postures near the last waypoint.
+    """
+    hold = _checked(pick, goal, hold)
+    lift = number("lift", lift, above=0.0)
+    first, second = (solve(problem, starts, seed, options) for problem in (pick, goal))
+    if first.grasp is None or second.grasp is None:
+        return FineManipulation(first, second)
+    graph = SurfaceGraph(pick.body)
+    order = _matched(pick, graph, first.grasp, second.grasp)
+    paths = [
+        graph.stations(
+            Station(first.grasp.points[i], first.grasp.normals[i], first.faces[i]),
+            Station(second.grasp.points[j], second.grasp.normals[j], second.faces[j]),
+        )
+        for i, j in enumerate(order)
+    ]
+    holding = Holding(pick, first.grasp, second.grasp, order, paths, hold)
+    return FineManipulation(first, second, order, _moves(goal, first, holding, lift))
+
+
+@dataclass(frozen=True)
+class FineManipulation:
+    """Pick-up grasp, goal grasp, and the finger moves from one to the other.
+
+    Parameters
+    ----------
+    pick, goal : GraspSolution
+        The goal's contacts are in the order of the fingers that take them.
+    order : tuple of int
+        Contact of ``goal.grasp`` that each finger takes.
+    moves : tuple of FingerMove
+        Moves in order; empty where either grasp is missing. If the hand's limits allow no order, those with the best
+        holding quality, with the reasons.
+    """
+
+    pick: GraspSolution
+    goal: GraspSolution
+    order: tuple[int, ...] = ()
+    moves: tuple[FingerMove, ...] = ()
+
+    @property
+    def success(self) -> bool:
+        """Whether both grasps exist, every move is feasible, and each is certified on its whole path."""
+        return self.held_at_stations and all(m.certified for m in self.moves)
+
+    @property
+    def held_at_stations(self) -> bool:
+        """Whether the same holds at all examined stations; slides may be uncertified between them."""
+        return bool(self.moves) and self.feasible and all(m.held.lower > 0.0 for m in self.moves)
+
+    @property
+    def feasible(self) -> bool:
+        """Whether no known limit of the hand prevents any of the moves."""
+        return all(m.feasible for m in self.moves)
+
+    @property
+    def outcome(self) -> str:
+        """The result in a sentence."""
+        if not self.moves:
+            return "no moves: one of the two grasps was not found"
+        if not self.feasible:
+            return "the hand cannot make all of these moves"
+        if not self.held_at_stations:
+            return "the body is not held during every move"
+        if self.success:
+            return "the body is held during every move, certified along the whole path"
+        *first, last = [str(m.finger) for m in self.moves if not m.certified]
+        slides = f"fingers {', '.join(first)} and {last} slide" if first else f"finger {last} slides"
+        return f"the body is held at all stations examined, but it is not certified between the stations where {slides}"
+
+    def __str__(self) -> str:
+        lines = [f"pick up: {self.pick.mu}", f"in the hand: {self.goal.mu}"]
+        for move in self.moves:
+            way = "slides" if move.slides else "is lifted and goes"
+            lines.append(f"finger {move.finger} {way} {1e3 * move.length:.0f} mm; meanwhile {move.held_text}")
+            if move.motion is not None:
+                lines.append(f"  {move.motion}")
+        return "\n".join([*lines, self.outcome])
 
 
 @dataclass(frozen=True)
@@ -124,212 +250,53 @@ class FingerMove:
         }
 
 
-@dataclass(frozen=True)
-class FineManipulation:
-    """Pick-up grasp, goal grasp, and the finger moves from one to the other.
-
-    Parameters
-    ----------
-    pick, goal : GraspSolution
-        The goal's contacts are in the order of the fingers that take them.
-    order : tuple of int
-        Contact of ``goal.grasp`` that each finger takes.
-    moves : tuple of FingerMove
-        Moves in order; empty where either grasp is missing. If the hand's limits allow no order, those with the best
-        holding quality, with the reasons.
-    """
-
-    pick: GraspSolution
-    goal: GraspSolution
-    order: tuple[int, ...] = ()
-    moves: tuple[FingerMove, ...] = ()
-
-    @property
-    def success(self) -> bool:
-        """Whether both grasps exist, every move is feasible, and each is certified on its whole path."""
-        return self.held_at_stations and all(m.certified for m in self.moves)
-
-    @property
-    def held_at_stations(self) -> bool:
-        """Whether the same holds at all examined stations; slides may be uncertified between them."""
-        return bool(self.moves) and self.feasible and all(m.held.lower > 0.0 for m in self.moves)
-
-    @property
-    def feasible(self) -> bool:
-        """Whether no known limit of the hand prevents any of the moves."""
-        return all(m.feasible for m in self.moves)
-
-    @property
-    def outcome(self) -> str:
-        """The result in a sentence."""
-        if not self.moves:
-            return "no moves: one of the two grasps was not found"
-        if not self.feasible:
-            return "the hand cannot make all of these moves"
-        if not self.held_at_stations:
-            return "the body is not held during every move"
-        if self.success:
-            return "the body is held during every move, certified along the whole path"
-        *first, last = [str(m.finger) for m in self.moves if not m.certified]
-        slides = f"fingers {', '.join(first)} and {last} slide" if first else f"finger {last} slides"
-        return f"the body is held at all stations examined, but it is not certified between the stations where {slides}"
-
-    def __str__(self) -> str:
-        lines = [f"pick up: {self.pick.mu}", f"in the hand: {self.goal.mu}"]
-        for move in self.moves:
-            way = "slides" if move.slides else "is lifted and goes"
-            lines.append(f"finger {move.finger} {way} {1e3 * move.length:.0f} mm; meanwhile {move.held_text}")
-            if move.motion is not None:
-                lines.append(f"  {move.motion}")
-        return "\n".join([*lines, self.outcome])
+def _checked(pick: GraspProblem, goal: GraspProblem, hold: TaskEllipsoid | None) -> TaskEllipsoid:
+    """Refuse problems with different bodies or contacts; return the holding task."""
+    for name, problem in (("pick", pick), ("goal", goal)):
+        if not isinstance(problem, GraspProblem):
+            raise InputError(name, problem, "a GraspProblem")
+    if pick.body.to_dict() != goal.body.to_dict():
+        raise InputError("goal.body", "another body", "the body of the pick-up problem")
+    if pick.models != goal.models or len(pick.models) < 2:
+        raise InputError("goal.contacts", "other contacts, or one", "the contacts of the pick-up problem, two at least")
+    if (pick.hand and pick.hand.to_dict()) != (goal.hand and goal.hand.to_dict()):
+        raise InputError("goal.hand", "another hand", "the hand of the pick-up problem")
+    if np.any(pick.origin != goal.origin):
+        raise InputError(
+            "goal.torque_origin", goal.origin.tolist(), f"{pick.origin.tolist()}, as in the pick-up problem"
+        )
+    space, d = pick.body.space, pick.dimension
+    if hold is None:
+        carried = np.where(np.arange(d) == space - 1, 1.0, 0.0)  # upwards, against the weight
+        hold = TaskEllipsoid(np.where(np.arange(d) < space, UNEVEN, 0.0), center=carried)
+    if not isinstance(hold, TaskEllipsoid) or hold.dimension != d:
+        raise InputError("hold", hold, f"a TaskEllipsoid of dimension {d}")
+    return hold
 
 
-def first_stations(total: float, corners: Sequence[float] | FloatArray, count: int = EVEN) -> FloatArray:
-    """Return a path's corners and ``count`` evenly spaced stations, in order."""
-    return np.unique(np.concatenate([np.linspace(0.0, total, count), np.asarray(corners, float)]))
+def _moves(problem: GraspProblem, first: GraspSolution, holding: Holding, lift: float) -> tuple[FingerMove, ...]:
+    """Return the moves in the best order that the hand allows, if its limits are known."""
+    here, hand, paths = first.require_grasp(), problem.hand, holding.paths
+    if isinstance(hand, URDFHand):
+        values = hand.values_of(first.hand or {})
+        return ordered_moves(holding, LinkedMotions(problem, hand, values, paths, lift))
+    if hand is not None and hand.follows_contacts:
+        return ordered_moves(holding, ContactMotions(problem, hand, (here.points, here.normals), paths, lift))
+    return ordered_moves(holding)
 
 
-def least_along(value: Callable[[float], float], stations: FloatArray) -> FloatArray:
-    """Add stations where the least value may lie, and return all of them, (n,), in order.
-
-    The search is that of Piyavskii and Shubert with slopes estimated from the stations beside each interval. It proves
-    nothing about values between stations.
-
-    Parameters
-    ----------
-    value : callable
-        Function of the path length, at least zero; the search ends at a zero.
-    stations : (m,) array
-        Initial stations, in order.
-    """
-    ways = [float(way) for way in stations]
-    values = [value(way) for way in ways]
-    while 1 < len(ways) < MOST and min(values) > 0.0:
-        promised = _promised(np.array(ways), np.array(values))
-        i = int(np.argmin(promised))
-        middle = (ways[i] + ways[i + 1]) / 2.0
-        if promised[i] >= (1.0 - CHANGE) * min(values) or not ways[i] < middle < ways[i + 1]:
-            break
-        ways.insert(i + 1, middle)
-        values.insert(i + 1, value(middle))
-    return np.array(ways)
-
-
-def _promised(ways: FloatArray, values: FloatArray) -> FloatArray:
-    """Return a lower estimate of the least value in each interval, (n - 1,), by the slopes beside it."""
-    lengths = np.diff(ways)
-    slopes = np.pad(np.abs(np.diff(values)) / lengths, 1)
-    steepest = STEEPER * np.max([slopes[:-2], slopes[1:-1], slopes[2:]], axis=0)
-    promised: FloatArray = (values[:-1] + values[1:] - steepest * lengths) / 2.0
-    return promised
-
-
-class Holding:
-    """Quality of intermediate grasps while one finger moves.
-
-    Parameters
-    ----------
-    problem : GraspProblem
-    here, there : Grasp
-    order : sequence of int
-        Contact of ``there`` that each finger takes.
-    paths : sequence of k sequences of Station
-        Path of each finger from its contact to its new one.
-    hold : TaskEllipsoid
-        Task of the fingers meanwhile.
-    """
-
-    def __init__(
-        self,
-        problem: GraspProblem,
-        here: Grasp,
-        there: Grasp,
-        order: Sequence[int],
-        paths: Sequence[Sequence[Station]],
-        hold: TaskEllipsoid,
-    ) -> None:
-        self.problem, self.hold = problem, hold
-        self.here, self.there, self.order, self.paths = here, there, order, paths
-        self.budget = L2Budget() if problem.budget.depends_on_frames else problem.budget
-        size = problem.body.size
-        self._ways = [Footpath(problem.body, path, ARM * size, TOLERANCE * size) for path in paths]
-        self.others, self.sliding = cache(self._others), cache(self._sliding)
-
-    def _others(self, moved: frozenset[int], finger: int) -> Bounds:
-        """Return the certified quality of the other fingers alone."""
-        return self._certified(self._grasp(moved, finger))
-
-    def _sliding(self, moved: frozenset[int], finger: int) -> float:
-        """Return an estimate of the least quality while the finger slides, from a few stations."""
-        way = self._ways[finger]
-        stations = first_stations(way.total, way.edges, ROUGH)
-        return min(self._estimate(self._grasp(moved, finger, float(station))) for station in stations)
-
-    def move(self, moved: frozenset[int], finger: int, slides: bool) -> FingerMove:
-        """Return the move of a finger, certified for the other fingers alone and at stations of a slide."""
-        path = np.array([station.point for station in self.paths[finger]])
-        others = self.others(moved, finger)
-        if not slides:
-            return FingerMove(finger, path, slides, others)
-        way, known = self._ways[finger], dict[float, Bounds]()
-
-        def quality(station: float) -> float:
-            known[station] = self._certified(self._grasp(moved, finger, station))
-            return known[station].upper
-
-        least_along(quality, first_stations(way.total, way.edges))
-        lower, upper = min(b.lower for b in known.values()), min(b.upper for b in known.values())
-        held = Bounds(max(lower, others.lower), max(upper, others.lower))  # at least that of the other fingers alone
-        return FingerMove(finger, path, slides, held, stations=len(known), others=others)
-
-    def _estimate(self, grasp: Grasp) -> float:
-        return weakest_directions(grasp, self.hold, self.budget, np.random.default_rng(0), descents=QUICK).value
-
-    def _certified(self, grasp: Grasp) -> Bounds:
-        return mu(grasp, self.hold, HELD_RTOL, force_budget=self.budget)
-
-    def _grasp(self, moved: frozenset[int], finger: int, station: float | None = None) -> Grasp:
-        """Return the grasp of the other fingers, with the finger frictionless at a station of its path, if given."""
-        places: list[tuple[FloatArray, FloatArray, ContactModel]] = [
-            (self.there.points[self.order[i]], self.there.normals[self.order[i]], model)
-            if i in moved
-            else (self.here.points[i], self.here.normals[i], model)
-            for i, model in enumerate(self.problem.models)
-            if i != finger
-        ]
-        if station is not None:
-            point, normal, _ = self._ways[finger].at(station)
-            places.append((point, normal, PointContact()))
-        points, normals, models = zip(*places, strict=True)
-        return Grasp(points, normals, models, self.problem.origin)
-
-
-_Width = tuple[int, float]  # 0 if the other fingers hold the body alone, else 1; negative quality
-_WIDEST: _Width = (0, -np.inf)
-
-
-class Motions(Protocol[S]):
-    """Interface of a hand's finger motions between postures."""
-
-    def start(self) -> S:
-        """Return the posture of the first grasp."""
-
-    def taken(self, posture: S, finger: int, slides: bool) -> tuple[FingerPath, S]:
-        """Return the path of a finger to its new contact, and the final posture."""
-
-
-@dataclass(frozen=True)
-class _Reached(Generic[S]):
-    """Search node: moved fingers, their moves and the posture.
-
-    ``next_one`` is a move still to be examined: the finger, and the ways to move it, of which the first feasible one is
-    taken.
-    """
-
-    moved: frozenset[int] = frozenset()
-    sequence: tuple[tuple[int, bool, FingerPath | None], ...] = ()
-    posture: S | None = None
-    next_one: tuple[int, tuple[bool, ...]] | None = field(default=None)
+def _matched(problem: GraspProblem, graph: SurfaceGraph, here: Grasp, there: Grasp) -> tuple[int, ...]:
+    """Return the new contact of each finger, in the matching of least total path length."""
+    k = len(here)
+    fixed = problem.hand is not None and not problem.hand.follows_contacts
+    cost = np.full((k, k), np.inf)
+    for i in range(k):
+        lengths = graph.distances(here.points[i], there.points)
+        for j in range(k):
+            if i == j or (not fixed and problem.models[i] == problem.models[j]):
+                cost[i, j] = lengths[j]
+    largest = np.max(cost[np.isfinite(cost)])
+    return tuple(int(j) for j in linear_sum_assignment(np.where(np.isfinite(cost), cost, 1e3 * largest + 1.0))[1])
 
 
 def ordered_moves(holding: Holding, motions: Motions[S] | None = None) -> tuple[FingerMove, ...]:
@@ -416,112 +383,145 @@ def unknown(reason: str) -> FingerPath:
     return FingerPath(False, reason, np.zeros((0, 3)), np.zeros(0), (), np.zeros(0))
 
 
-def fine_manipulation(
-    pick: GraspProblem,
-    goal: GraspProblem,
-    hold: TaskEllipsoid | None = None,
-    starts: int = 8,
-    seed: int = 0,
-    options: SolveOptions | None = None,
-    *,
-    lift: float = LIFT,
-) -> FineManipulation:
-    """Solve a pick-up problem and an in-hand problem, and plan the finger moves between their grasps.
+class Motions(Protocol[S]):
+    """Interface of a hand's finger motions between postures."""
 
-    Fingers move one after another along shortest paths over the body, in the order that maximises the quality of the
-    weakest intermediate grasp. A finger is lifted where the other fingers hold the body alone: their certificate is
-    valid along the whole path. Otherwise, or where the hand cannot lift it, the finger slides. A slide is certified at
-    stations along the path; between them only the quality of the other fingers alone is certified. Fingers with equal
-    contact models may swap contacts, unless the hand has a pose.
+    def start(self) -> S:
+        """Return the posture of the first grasp."""
+
+    def taken(self, posture: S, finger: int, slides: bool) -> tuple[FingerPath, S]:
+        """Return the path of a finger to its new contact, and the final posture."""
+
+
+@dataclass(frozen=True)
+class _Reached(Generic[S]):
+    """Search node: moved fingers, their moves and the posture.
+
+    ``next_one`` is a move still to be examined: the finger, and the ways to move it, of which the first feasible one is
+    taken.
+    """
+
+    moved: frozenset[int] = frozenset()
+    sequence: tuple[tuple[int, bool, FingerPath | None], ...] = ()
+    posture: S | None = None
+    next_one: tuple[int, tuple[bool, ...]] | None = field(default=None)
+
+
+class Holding:
+    """Quality of intermediate grasps while one finger moves.
 
     Parameters
     ----------
-    pick : GraspProblem
-        Problem with the constraints of the pick-up place, for example a table.
-    goal : GraspProblem
-        The same body and contacts, without these constraints.
-    hold : TaskEllipsoid, optional
-        Task of the other fingers while one moves, body frame, N and N m. When left out they carry a unit weight: 1 N
-        along the body frame's last axis, with a tenth of it in any direction.
-    starts, seed, options
-        As in ``solve``.
-    lift : float
-        Height of a lifted finger above the body, metres.
-
-    Raises
-    ------
-    InputError
-        When the two problems are about different bodies or contacts, or the lift is not above zero.
-
-    Notes
-    -----
-    With a hand, each move is checked along its path, and orders with impossible moves are excluded (docs/hands.md says
-    how, and what is certain). A URDF hand's palm stays fixed after the pick-up; joint limits and collisions of links
-    with the body, the surroundings of the goal and each other are checked. Free fingertips and parallel jaws keep their
-    own limits. That a move is impossible is a local statement, for postures near the last waypoint.
+    problem : GraspProblem
+    here, there : Grasp
+    order : sequence of int
+        Contact of ``there`` that each finger takes.
+    paths : sequence of k sequences of Station
+        Path of each finger from its contact to its new one.
+    hold : TaskEllipsoid
+        Task of the fingers meanwhile.
     """
-    hold = _checked(pick, goal, hold)
-    lift = number("lift", lift, above=0.0)
-    first, second = (solve(problem, starts, seed, options) for problem in (pick, goal))
-    if first.grasp is None or second.grasp is None:
-        return FineManipulation(first, second)
-    graph = SurfaceGraph(pick.body)
-    order = _matched(pick, graph, first.grasp, second.grasp)
-    paths = [
-        graph.stations(
-            Station(first.grasp.points[i], first.grasp.normals[i], first.faces[i]),
-            Station(second.grasp.points[j], second.grasp.normals[j], second.faces[j]),
-        )
-        for i, j in enumerate(order)
-    ]
-    holding = Holding(pick, first.grasp, second.grasp, order, paths, hold)
-    return FineManipulation(first, second, order, _moves(goal, first, holding, lift))
+
+    def __init__(
+        self,
+        problem: GraspProblem,
+        here: Grasp,
+        there: Grasp,
+        order: Sequence[int],
+        paths: Sequence[Sequence[Station]],
+        hold: TaskEllipsoid,
+    ) -> None:
+        self.problem, self.hold = problem, hold
+        self.here, self.there, self.order, self.paths = here, there, order, paths
+        self.budget = L2Budget() if problem.budget.depends_on_frames else problem.budget
+        size = problem.body.size
+        self._ways = [Footpath(problem.body, path, ARM * size, TOLERANCE * size) for path in paths]
+        self.others, self.sliding = cache(self._others), cache(self._sliding)
+
+    def _others(self, moved: frozenset[int], finger: int) -> Bounds:
+        """Return the certified quality of the other fingers alone."""
+        return self._certified(self._grasp(moved, finger))
+
+    def _sliding(self, moved: frozenset[int], finger: int) -> float:
+        """Return an estimate of the least quality while the finger slides, from a few stations."""
+        way = self._ways[finger]
+        stations = first_stations(way.total, way.edges, ROUGH)
+        return min(self._estimate(self._grasp(moved, finger, float(station))) for station in stations)
+
+    def move(self, moved: frozenset[int], finger: int, slides: bool) -> FingerMove:
+        """Return the move of a finger, certified for the other fingers alone and at stations of a slide."""
+        path = np.array([station.point for station in self.paths[finger]])
+        others = self.others(moved, finger)
+        if not slides:
+            return FingerMove(finger, path, slides, others)
+        way, known = self._ways[finger], dict[float, Bounds]()
+
+        def quality(station: float) -> float:
+            known[station] = self._certified(self._grasp(moved, finger, station))
+            return known[station].upper
+
+        least_along(quality, first_stations(way.total, way.edges))
+        lower, upper = min(b.lower for b in known.values()), min(b.upper for b in known.values())
+        held = Bounds(max(lower, others.lower), max(upper, others.lower))  # at least that of the other fingers alone
+        return FingerMove(finger, path, slides, held, stations=len(known), others=others)
+
+    def _estimate(self, grasp: Grasp) -> float:
+        return weakest_directions(grasp, self.hold, self.budget, np.random.default_rng(0), descents=QUICK).value
+
+    def _certified(self, grasp: Grasp) -> Bounds:
+        return mu(grasp, self.hold, HELD_RTOL, force_budget=self.budget)
+
+    def _grasp(self, moved: frozenset[int], finger: int, station: float | None = None) -> Grasp:
+        """Return the grasp of the other fingers, with the finger frictionless at a station of its path, if given."""
+        places: list[tuple[FloatArray, FloatArray, ContactModel]] = [
+            (self.there.points[self.order[i]], self.there.normals[self.order[i]], model)
+            if i in moved
+            else (self.here.points[i], self.here.normals[i], model)
+            for i, model in enumerate(self.problem.models)
+            if i != finger
+        ]
+        if station is not None:
+            point, normal, _ = self._ways[finger].at(station)
+            places.append((point, normal, PointContact()))
+        points, normals, models = zip(*places, strict=True)
+        return Grasp(points, normals, models, self.problem.origin)
 
 
-def _checked(pick: GraspProblem, goal: GraspProblem, hold: TaskEllipsoid | None) -> TaskEllipsoid:
-    """Refuse problems with different bodies or contacts; return the holding task."""
-    for name, problem in (("pick", pick), ("goal", goal)):
-        if not isinstance(problem, GraspProblem):
-            raise InputError(name, problem, "a GraspProblem")
-    if pick.body.to_dict() != goal.body.to_dict():
-        raise InputError("goal.body", "another body", "the body of the pick-up problem")
-    if pick.models != goal.models or len(pick.models) < 2:
-        raise InputError("goal.contacts", "other contacts, or one", "the contacts of the pick-up problem, two at least")
-    if (pick.hand and pick.hand.to_dict()) != (goal.hand and goal.hand.to_dict()):
-        raise InputError("goal.hand", "another hand", "the hand of the pick-up problem")
-    if np.any(pick.origin != goal.origin):
-        raise InputError(
-            "goal.torque_origin", goal.origin.tolist(), f"{pick.origin.tolist()}, as in the pick-up problem"
-        )
-    space, d = pick.body.space, pick.dimension
-    if hold is None:
-        carried = np.where(np.arange(d) == space - 1, 1.0, 0.0)  # upwards, against the weight
-        hold = TaskEllipsoid(np.where(np.arange(d) < space, UNEVEN, 0.0), center=carried)
-    if not isinstance(hold, TaskEllipsoid) or hold.dimension != d:
-        raise InputError("hold", hold, f"a TaskEllipsoid of dimension {d}")
-    return hold
+def first_stations(total: float, corners: Sequence[float] | FloatArray, count: int = EVEN) -> FloatArray:
+    """Return a path's corners and ``count`` evenly spaced stations, in order."""
+    return np.unique(np.concatenate([np.linspace(0.0, total, count), np.asarray(corners, float)]))
 
 
-def _moves(problem: GraspProblem, first: GraspSolution, holding: Holding, lift: float) -> tuple[FingerMove, ...]:
-    """Return the moves in the best order that the hand allows, if its limits are known."""
-    here, hand, paths = first.require_grasp(), problem.hand, holding.paths
-    if isinstance(hand, URDFHand):
-        values = hand.values_of(first.hand or {})
-        return ordered_moves(holding, LinkedMotions(problem, hand, values, paths, lift))
-    if hand is not None and hand.follows_contacts:
-        return ordered_moves(holding, ContactMotions(problem, hand, (here.points, here.normals), paths, lift))
-    return ordered_moves(holding)
+def least_along(value: Callable[[float], float], stations: FloatArray) -> FloatArray:
+    """Add stations where the least value may lie, and return all of them, (n,), in order.
+
+    The search is that of Piyavskii and Shubert with slopes estimated from the stations beside each interval. It proves
+    nothing about values between stations.
+
+    Parameters
+    ----------
+    value : callable
+        Function of the path length, at least zero; the search ends at a zero.
+    stations : (m,) array
+        Initial stations, in order.
+    """
+    ways = [float(way) for way in stations]
+    values = [value(way) for way in ways]
+    while 1 < len(ways) < MOST and min(values) > 0.0:
+        promised = _promised(np.array(ways), np.array(values))
+        i = int(np.argmin(promised))
+        middle = (ways[i] + ways[i + 1]) / 2.0
+        if promised[i] >= (1.0 - CHANGE) * min(values) or not ways[i] < middle < ways[i + 1]:
+            break
+        ways.insert(i + 1, middle)
+        values.insert(i + 1, value(middle))
+    return np.array(ways)
 
 
-def _matched(problem: GraspProblem, graph: SurfaceGraph, here: Grasp, there: Grasp) -> tuple[int, ...]:
-    """Return the new contact of each finger, in the matching of least total path length."""
-    k = len(here)
-    fixed = problem.hand is not None and not problem.hand.follows_contacts
-    cost = np.full((k, k), np.inf)
-    for i in range(k):
-        lengths = graph.distances(here.points[i], there.points)
-        for j in range(k):
-            if i == j or (not fixed and problem.models[i] == problem.models[j]):
-                cost[i, j] = lengths[j]
-    largest = np.max(cost[np.isfinite(cost)])
-    return tuple(int(j) for j in linear_sum_assignment(np.where(np.isfinite(cost), cost, 1e3 * largest + 1.0))[1])
+def _promised(ways: FloatArray, values: FloatArray) -> FloatArray:
+    """Return a lower estimate of the least value in each interval, (n - 1,), by the slopes beside it."""
+    lengths = np.diff(ways)
+    slopes = np.pad(np.abs(np.diff(values)) / lengths, 1)
+    steepest = STEEPER * np.max([slopes[:-2], slopes[1:-1], slopes[2:]], axis=0)
+    promised: FloatArray = (values[:-1] + values[1:] - steepest * lengths) / 2.0
+    return promised

@@ -25,6 +25,7 @@ LONG, FLAT = 2.0, 3.0  # least ratios: longest over middle side, middle over sho
 SMALL, LARGE = 0.025, 0.05  # diameters of wraps, metres
 SHAKE = 0.1  # share of the weight: disturbance at the far end of the body
 CELLS = 48  # cells along each side of the box in which a volume is counted
+# sources of the rules; the first two are parts 1 and 2 of one study
 FEIX_1 = "Feix, Bullock and Dollar 2014, DOI 10.1109/TOH.2014.2326871"
 FEIX_2 = "Feix, Bullock and Dollar 2014, DOI 10.1109/TOH.2014.2326867"
 CUTKOSKY = "Cutkosky 1989, DOI 10.1109/70.34763; the thresholds are this package's"

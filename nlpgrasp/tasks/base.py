@@ -17,40 +17,6 @@ from nlpgrasp.common.validation import FloatArray, array, number, read_only
 from nlpgrasp.errors import InputError
 
 
-class Framed(Protocol):
-    """Protocol of objects with a wrench dimension and a reference point of moments."""
-
-    about: FloatArray | None
-
-    @property
-    def dimension(self) -> int:
-        """Dimension of wrench space: 3 or 6."""
-
-
-def check_alike(one: Framed, other: Framed) -> None:
-    """Raise if two tasks differ in dimension, or if only one has a known reference point."""
-    if one.dimension != other.dimension:
-        raise InputError("task", f"dimensions {one.dimension} and {other.dimension}", "tasks of one dimension")
-    if (one.about is None) != (other.about is None):
-        raise InputError(
-            "task",
-            "a sum of wrenches about a known point and about the problem's torque origin",
-            "task.given_about(origin) for the second",
-        )
-
-
-def change_of_frame(pose: Pose, dimension: int, about: FloatArray | None) -> tuple[FloatArray, FloatArray | None]:
-    """Return the wrench map ``blockdiag(A, A)`` (d, d) of a change of body frame (2.5-6), and the mapped point.
-
-    Raises
-    ------
-    InputError
-        When the pose is not a rigid transform of this space.
-    """
-    A, b = rigid_transform("pose", pose, space_dimension(dimension))
-    return rotate_body_frame(A), None if about is None else A @ about + b
-
-
 class Task(ABC):
     """A convex set of wrenches the fingers have to exert, given by its support function (Section 3.3).
 
@@ -256,11 +222,6 @@ class TaskSum(Task):
         return " + ".join(map(repr, self.tasks))
 
 
-def parts_of(task: Task) -> tuple[Task, ...]:
-    """Return the summands of a task; the task itself if it is no sum."""
-    return task.tasks if isinstance(task, TaskSum) else (task,)
-
-
 TASKS: Registry[Task] = Registry("task.type")
 
 
@@ -282,7 +243,46 @@ def task_from_dict(data: Json) -> Task:
         raise InputError(f"task of type {name}", f"{type(error).__name__}: {error}", "what schema 1 says") from None
 
 
+def parts_of(task: Task) -> tuple[Task, ...]:
+    """Return the summands of a task; the task itself if it is no sum."""
+    return task.tasks if isinstance(task, TaskSum) else (task,)
+
+
 def component_ranges(task: Task) -> tuple[FloatArray, FloatArray]:
     """Return the smallest and largest values of a task's wrench components, (d,) each, N and N m."""
     axes = np.eye(task.dimension)
     return -task.support(-axes)[0], task.support(axes)[0]
+
+
+class Framed(Protocol):
+    """Protocol of objects with a wrench dimension and a reference point of moments."""
+
+    about: FloatArray | None
+
+    @property
+    def dimension(self) -> int:
+        """Dimension of wrench space: 3 or 6."""
+
+
+def check_alike(one: Framed, other: Framed) -> None:
+    """Raise if two tasks differ in dimension, or if only one has a known reference point."""
+    if one.dimension != other.dimension:
+        raise InputError("task", f"dimensions {one.dimension} and {other.dimension}", "tasks of one dimension")
+    if (one.about is None) != (other.about is None):
+        raise InputError(
+            "task",
+            "a sum of wrenches about a known point and about the problem's torque origin",
+            "task.given_about(origin) for the second",
+        )
+
+
+def change_of_frame(pose: Pose, dimension: int, about: FloatArray | None) -> tuple[FloatArray, FloatArray | None]:
+    """Return the wrench map ``blockdiag(A, A)`` (d, d) of a change of body frame (2.5-6), and the mapped point.
+
+    Raises
+    ------
+    InputError
+        When the pose is not a rigid transform of this space.
+    """
+    A, b = rigid_transform("pose", pose, space_dimension(dimension))
+    return rotate_body_frame(A), None if about is None else A @ about + b

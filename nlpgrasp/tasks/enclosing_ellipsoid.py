@@ -1,10 +1,10 @@
 """Enclosing ellipsoids of wrenches: minimum-volume with a certified gap, or from a covariance.
 
-The dual of ``min -ln det H`` subject to ``q_i^T H q_i <= n`` is to choose weights u >= 0 of sum one that maximise
-``ln det sum_i u_i q_i q_i^T`` (D-optimal design; Khachiyan 1996, doi:10.1287/moor.21.2.307). Few points matter: a
-small core set is solved by an interior-point method, and the farthest of all points join it until none is outside
-(Sun and Freund 2004, doi:10.1287/opre.1040.0115). The first core set is that of Kumar and Yildirim (2005,
-doi:10.1007/s10957-005-2653-6).
+The minimum-volume ellipsoid minimises ``-ln det H`` subject to ``q_i^T H q_i <= n`` for all points q_i. Its dual is to
+choose weights u >= 0 of sum one that maximise ``ln det sum_i u_i q_i q_i^T`` (D-optimal design; Khachiyan 1996,
+doi:10.1287/moor.21.2.307). Few points matter: a small core set is solved by an interior-point method, and the farthest
+of all points join it until none is outside (Sun and Freund 2004, doi:10.1287/opre.1040.0115). The first core set is
+that of Kumar and Yildirim (2005, doi:10.1007/s10957-005-2653-6).
 
 Forces and torques have different units, and wrenches may not span all directions: each component is divided by its
 extent, and the directions along which the wrenches are constant are removed.
@@ -24,36 +24,183 @@ from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.wrench_table import columns_of, scales_of, states_units, table_of
 
+GAP = 1e-6  # certified relative excess of volume
+NEAR = 1e-9  # relative distance beyond the ellipsoid within which a wrench counts as inside
+ROUNDING = 1e-12  # relative enlargement against rounding; relative extent that counts as constant
+FLAT = 1e-7  # of the largest normalised extent: directions of smaller extent are flat
+MOST_NAMED = 10  # rows listed in a message
+# dual weights
 CORE, JOINING = 60, 60  # points of the first core set, and most added per round
-ROUNDS, STEPS = 200, 100  # most rounds, most steps of the interior-point method
+ROUNDS = 200  # most rounds
+IDLE, PRUNED = 1e-5, 20  # relative weight below which points leave the core set; number of rounds that prune
+# interior-point method for the weights of the core set
+STEPS = 100  # most steps
 SHRINK, BACK_OFF = 0.15, 0.95  # factor of the complementarity per step; share of the way to the boundary
 NEGLIGIBLE = 1e-9  # weight relative to the largest that counts as zero
-IDLE, PRUNED = 1e-5, 20  # relative weight below which points leave the core set; number of rounds that prune
-ROUNDING = 1e-12  # relative tolerance of containment
-FLAT = 1e-7  # of the largest normalised extent: directions of smaller extent are flat
-GAP = 1e-6  # certified relative excess of volume
-SWEEPS = 50  # most trimming iterations
-SHRINKS = 2e-3  # relative decrease of volume below which trimming stops
-MOST_NAMED = 10  # rows listed in a message
-NEAR = 1e-9  # relative tolerance of containment
+# trimming of outliers
+SWEEPS = 50  # most iterations
+SHRINKS = 2e-3  # relative decrease of volume below which trimming stops (SHRINK is of the interior-point method)
+
+
+def enclose(
+    wrenches: ArrayLike, outliers: float, probability: float | None, center: ArrayLike | None, gap: float
+) -> Enclosing:
+    """Return the minimum-volume or covariance ellipsoid of wrenches; see ``fit_ellipsoid``."""
+    rows = wrench_rows(wrenches)
+    outliers = number("outliers", outliers, at_least=0.0)
+    gap = number("gap", gap, above=0.0)
+    if outliers >= 0.5:
+        raise InputError("outliers", outliers, "a share below 0.5")
+    if probability is not None and (not 0.0 < number("probability", probability) < 1.0 or outliers > 0.0):
+        raise InputError("probability", probability, "a share between 0 and 1, without outliers")
+    middle = None if center is None else array("center", center, (rows.shape[1],))
+    local = Local.of(rows, middle)
+    if len(local.flat):
+        warn(flat_words(local.flat))
+    excess: float | None = None
+    if probability is None:
+        found = trimmed(local.points, outliers, gap, middle is not None)
+        offset, axes, excess = found.center, found.axes, found.gap
+        if found.gap > gap:
+            text = f"the ellipsoid's volume is only known to be within {found.gap:.2g} of the least, not {gap:.2g}"
+            warn(text)
+    else:
+        offset, axes = _covariance(local.points, probability, middle is not None)
+    level = levels(local.points, offset, axes)
+    return Enclosing(
+        local.outward(offset),
+        local.outward_axes(axes),
+        level <= 1.0 + NEAR,
+        excess,
+        local.flat,
+    )
 
 
 @dataclass(frozen=True)
-class MinVolume:
-    """Minimum-volume ellipsoid ``{c + L u, |u| <= 1}`` around all points.
+class Enclosing:
+    """Enclosing ellipsoid ``{center + sum_j u_j axes_j, |u| <= 1}`` of wrenches.
 
     Parameters
     ----------
     center : (d,) array
-    axes : (d, d) array
-        Orthogonal semi-axes, one per row.
-    gap : float
-        Certified: the volume is at most ``1 + gap`` times the minimum.
+    axes : (m, d) array
+        One semi-axis per row; fewer than d for a flat ellipsoid.
+    inside : (n,) bool array
+        Which wrenches it contains.
+    gap : float or None
+        Certified relative excess of its volume over the minimum; ``None`` for a covariance.
+    flat : (s, d) array
+        Unit directions, components normalised by their extents, along which the wrenches are constant.
     """
 
     center: FloatArray
     axes: FloatArray
-    gap: float
+    inside: NDArray[np.bool_]
+    gap: float | None
+    flat: FloatArray
+
+
+def _covariance(local: FloatArray, probability: float, centred: bool) -> tuple[FloatArray, FloatArray]:
+    """Return centre and axes of the covariance ellipsoid that contains a given share of normal points."""
+    values, vectors = np.linalg.eigh(local.T @ local / max(len(local) - (not centred), 1))
+    quantile = 2.0 * gammaincinv(0.5 * local.shape[1], probability)  # of chi squared; scipy.stats is slow to import
+    return np.zeros(local.shape[1]), np.sqrt(quantile * values)[:, None] * vectors.T
+
+
+def trimmed(local: FloatArray, outliers: float, gap: float, centred: bool) -> MinVolume:
+    """Return the minimum-volume ellipsoid around all points but a share of outliers."""
+    keep = len(local) - int(outliers * len(local))
+    center = np.zeros(local.shape[1]) if centred else None
+    chosen = np.arange(len(local))
+    if keep < len(local):
+        away = local if centred else local - np.median(local, axis=0)
+        for _ in range(SWEEPS):  # concentration steps: keep the points nearest in Mahalanobis distance
+            far = np.einsum("ij,jk,ik->i", away, np.linalg.pinv(away[chosen].T @ away[chosen]), away)
+            nearest = np.sort(np.argsort(far, kind="stable")[:keep])
+            if np.array_equal(nearest, chosen):
+                break
+            chosen = nearest
+            away = local if centred else local - local[chosen].mean(axis=0)
+        least = np.inf
+        for _ in range(SWEEPS):  # the same with the minimum-volume ellipsoid, while it shrinks
+            found = min_volume_ellipsoid(_spanning(local[chosen], centred), max(gap, 1e-3), center)
+            volume = float(np.prod(np.linalg.norm(found.axes, axis=1)))
+            if volume > (1.0 - SHRINKS) * least:
+                break
+            least = volume
+            far = levels(local, found.center, found.axes)
+            nearest = np.sort(np.argsort(far, kind="stable")[:keep])
+            if np.array_equal(nearest, chosen):
+                break
+            chosen = nearest
+    return min_volume_ellipsoid(_spanning(local[chosen], centred), gap, center)
+
+
+def _spanning(kept: FloatArray, centred: bool) -> FloatArray:
+    """Return the kept points; raise if they no longer span their space."""
+    away = kept if centred else kept - kept.mean(axis=0)
+    sizes = np.linalg.svd(np.linalg.qr(away, mode="r"))[1]
+    if len(sizes) < kept.shape[1] or sizes[-1] <= FLAT * sizes[0]:
+        given = f"a share that leaves {len(kept)} wrenches, which do not differ in every direction"
+        raise InputError("outliers", given, "fewer outliers, or more wrenches that differ")
+    return kept
+
+
+@dataclass(frozen=True)
+class Local:
+    """Wrenches in normalised coordinates: ``about + (points @ basis) * unit``.
+
+    Parameters
+    ----------
+    points : (n, r) array
+    about, unit : (d,) array
+    basis : (r, d) array
+    flat : (d - r, d) array
+        The removed directions.
+    """
+
+    points: FloatArray
+    about: FloatArray
+    unit: FloatArray
+    basis: FloatArray
+    flat: FloatArray
+
+    @classmethod
+    def of(cls, rows: FloatArray, middle: FloatArray | None = None) -> Local:
+        """Return the normalised coordinates of wrenches (n, d), about their mean or a given centre.
+
+        Raises
+        ------
+        InputError
+            When all wrenches are equal.
+        """
+        about = rows[0] + (rows - rows[0]).mean(axis=0) if middle is None else middle  # exact where all are the same
+        extent = np.max(np.abs(rows - about), axis=0)
+        varies = extent > ROUNDING * np.max(np.abs(rows), axis=0)
+        if not np.any(varies):
+            raise InputError("wrenches", f"{len(rows)} wrenches, all {rows[0].tolist()}", "wrenches that differ")
+        unit = np.where(varies, extent, 1.0)
+        scaled = np.where(varies, (rows - about) / unit, 0.0)
+        _, sizes, basis = np.linalg.svd(np.linalg.qr(scaled, mode="r"))
+        sizes = np.append(sizes, np.zeros(max(0, rows.shape[1] - len(sizes)))) / np.sqrt(len(rows))
+        used = sizes > FLAT * sizes[0]
+        return cls(scaled @ basis[used].T, about, unit, basis[used], basis[~used])
+
+    def inward(self, rows: FloatArray) -> FloatArray:
+        """Map wrenches (n, d) to normalised coordinates (n, r)."""
+        return np.asarray(((rows - self.about) / self.unit) @ self.basis.T)
+
+    def inward_axes(self, axes: FloatArray) -> FloatArray:
+        """Map differences of wrenches (m, d) to normalised coordinates (m, r)."""
+        return np.asarray((axes / self.unit) @ self.basis.T)
+
+    def outward(self, point: FloatArray) -> FloatArray:
+        """Map a point (r,) in normalised coordinates to a wrench (d,)."""
+        return np.asarray(self.about + (point @ self.basis) * self.unit)
+
+    def outward_axes(self, axes: FloatArray) -> FloatArray:
+        """Map differences of points (m, r) to differences of wrenches (m, d)."""
+        return np.asarray((axes @ self.basis) * self.unit)
 
 
 def min_volume_ellipsoid(
@@ -86,6 +233,24 @@ def min_volume_ellipsoid(
     reach = float(np.max(np.einsum("ij,ij->i", local, local))) * (1.0 + ROUNDING)
     axes = np.sqrt(reach * values)[:, None] * vectors.T
     return MinVolume(np.asarray(center), axes[::-1], float((reach / d) ** (d / 2.0) - 1.0))
+
+
+@dataclass(frozen=True)
+class MinVolume:
+    """Minimum-volume ellipsoid ``{c + L u, |u| <= 1}`` around all points.
+
+    Parameters
+    ----------
+    center : (d,) array
+    axes : (d, d) array
+        Orthogonal semi-axes, one per row.
+    gap : float
+        Certified: the volume is at most ``1 + gap`` times the minimum.
+    """
+
+    center: FloatArray
+    axes: FloatArray
+    gap: float
 
 
 def levels(points: FloatArray, center: FloatArray, axes: FloatArray) -> FloatArray:
@@ -154,167 +319,6 @@ def _best_weights(q: FloatArray, tolerance: float) -> FloatArray:
 
 def _inverse(q: FloatArray, u: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.inv((q * u[:, None]).T @ q))
-
-
-@dataclass(frozen=True)
-class Local:
-    """Wrenches in normalised coordinates: ``about + (points @ basis) * unit``.
-
-    Parameters
-    ----------
-    points : (n, r) array
-    about, unit : (d,) array
-    basis : (r, d) array
-    flat : (d - r, d) array
-        The removed directions.
-    """
-
-    points: FloatArray
-    about: FloatArray
-    unit: FloatArray
-    basis: FloatArray
-    flat: FloatArray
-
-    @classmethod
-    def of(cls, rows: FloatArray, middle: FloatArray | None = None) -> Local:
-        """Return the normalised coordinates of wrenches (n, d), about their mean or a given centre.
-
-        Raises
-        ------
-        InputError
-            When all wrenches are equal.
-        """
-        about = rows[0] + (rows - rows[0]).mean(axis=0) if middle is None else middle  # exact where all are the same
-        extent = np.max(np.abs(rows - about), axis=0)
-        varies = extent > ROUNDING * np.max(np.abs(rows), axis=0)
-        if not np.any(varies):
-            raise InputError("wrenches", f"{len(rows)} wrenches, all {rows[0].tolist()}", "wrenches that differ")
-        unit = np.where(varies, extent, 1.0)
-        scaled = np.where(varies, (rows - about) / unit, 0.0)
-        _, sizes, basis = np.linalg.svd(np.linalg.qr(scaled, mode="r"))
-        sizes = np.append(sizes, np.zeros(max(0, rows.shape[1] - len(sizes)))) / np.sqrt(len(rows))
-        used = sizes > FLAT * sizes[0]
-        return cls(scaled @ basis[used].T, about, unit, basis[used], basis[~used])
-
-    def inward(self, rows: FloatArray) -> FloatArray:
-        """Map wrenches (n, d) to normalised coordinates (n, r)."""
-        return np.asarray(((rows - self.about) / self.unit) @ self.basis.T)
-
-    def inward_axes(self, axes: FloatArray) -> FloatArray:
-        """Map differences of wrenches (m, d) to normalised coordinates (m, r)."""
-        return np.asarray((axes / self.unit) @ self.basis.T)
-
-    def outward(self, point: FloatArray) -> FloatArray:
-        """Map a point (r,) in normalised coordinates to a wrench (d,)."""
-        return np.asarray(self.about + (point @ self.basis) * self.unit)
-
-    def outward_axes(self, axes: FloatArray) -> FloatArray:
-        """Map differences of points (m, r) to differences of wrenches (m, d)."""
-        return np.asarray((axes @ self.basis) * self.unit)
-
-
-@dataclass(frozen=True)
-class Enclosing:
-    """Enclosing ellipsoid ``{center + sum_j u_j axes_j, |u| <= 1}`` of wrenches.
-
-    Parameters
-    ----------
-    center : (d,) array
-    axes : (m, d) array
-        One semi-axis per row; fewer than d for a flat ellipsoid.
-    inside : (n,) bool array
-        Which wrenches it contains.
-    gap : float or None
-        Certified relative excess of its volume over the minimum; ``None`` for a covariance.
-    flat : (s, d) array
-        Unit directions, components normalised by their extents, along which the wrenches are constant.
-    """
-
-    center: FloatArray
-    axes: FloatArray
-    inside: NDArray[np.bool_]
-    gap: float | None
-    flat: FloatArray
-
-
-def enclose(
-    wrenches: ArrayLike, outliers: float, probability: float | None, center: ArrayLike | None, gap: float
-) -> Enclosing:
-    """Return the minimum-volume or covariance ellipsoid of wrenches; see ``fit_ellipsoid``."""
-    rows = wrench_rows(wrenches)
-    outliers = number("outliers", outliers, at_least=0.0)
-    gap = number("gap", gap, above=0.0)
-    if outliers >= 0.5:
-        raise InputError("outliers", outliers, "a share below 0.5")
-    if probability is not None and (not 0.0 < number("probability", probability) < 1.0 or outliers > 0.0):
-        raise InputError("probability", probability, "a share between 0 and 1, without outliers")
-    middle = None if center is None else array("center", center, (rows.shape[1],))
-    local = Local.of(rows, middle)
-    if len(local.flat):
-        warn(flat_words(local.flat))
-    excess: float | None = None
-    if probability is None:
-        found = trimmed(local.points, outliers, gap, middle is not None)
-        offset, axes, excess = found.center, found.axes, found.gap
-        if found.gap > gap:
-            text = f"the ellipsoid's volume is only known to be within {found.gap:.2g} of the least, not {gap:.2g}"
-            warn(text)
-    else:
-        offset, axes = _covariance(local.points, probability, middle is not None)
-    level = levels(local.points, offset, axes)
-    return Enclosing(
-        local.outward(offset),
-        local.outward_axes(axes),
-        level <= 1.0 + NEAR,
-        excess,
-        local.flat,
-    )
-
-
-def _covariance(local: FloatArray, probability: float, centred: bool) -> tuple[FloatArray, FloatArray]:
-    """Return centre and axes of the covariance ellipsoid that contains a given share of normal points."""
-    values, vectors = np.linalg.eigh(local.T @ local / max(len(local) - (not centred), 1))
-    quantile = 2.0 * gammaincinv(0.5 * local.shape[1], probability)  # of chi squared; scipy.stats is slow to import
-    return np.zeros(local.shape[1]), np.sqrt(quantile * values)[:, None] * vectors.T
-
-
-def trimmed(local: FloatArray, outliers: float, gap: float, centred: bool) -> MinVolume:
-    """Return the minimum-volume ellipsoid around all points but a share of outliers."""
-    keep = len(local) - int(outliers * len(local))
-    center = np.zeros(local.shape[1]) if centred else None
-    chosen = np.arange(len(local))
-    if keep < len(local):
-        away = local if centred else local - np.median(local, axis=0)
-        for _ in range(SWEEPS):  # concentration steps: keep the points nearest in Mahalanobis distance
-            far = np.einsum("ij,jk,ik->i", away, np.linalg.pinv(away[chosen].T @ away[chosen]), away)
-            nearest = np.sort(np.argsort(far, kind="stable")[:keep])
-            if np.array_equal(nearest, chosen):
-                break
-            chosen = nearest
-            away = local if centred else local - local[chosen].mean(axis=0)
-        least = np.inf
-        for _ in range(SWEEPS):  # the same with the minimum-volume ellipsoid, while it shrinks
-            found = min_volume_ellipsoid(_spanning(local[chosen], centred), max(gap, 1e-3), center)
-            volume = float(np.prod(np.linalg.norm(found.axes, axis=1)))
-            if volume > (1.0 - SHRINKS) * least:
-                break
-            least = volume
-            far = levels(local, found.center, found.axes)
-            nearest = np.sort(np.argsort(far, kind="stable")[:keep])
-            if np.array_equal(nearest, chosen):
-                break
-            chosen = nearest
-    return min_volume_ellipsoid(_spanning(local[chosen], centred), gap, center)
-
-
-def _spanning(kept: FloatArray, centred: bool) -> FloatArray:
-    """Return the kept points; raise if they no longer span their space."""
-    away = kept if centred else kept - kept.mean(axis=0)
-    sizes = np.linalg.svd(np.linalg.qr(away, mode="r"))[1]
-    if len(sizes) < kept.shape[1] or sizes[-1] <= FLAT * sizes[0]:
-        given = f"a share that leaves {len(kept)} wrenches, which do not differ in every direction"
-        raise InputError("outliers", given, "fewer outliers, or more wrenches that differ")
-    return kept
 
 
 def wrench_rows(wrenches: ArrayLike) -> FloatArray:

@@ -1,11 +1,13 @@
 """Incremental enclosing ellipsoids of growing sets of wrenches: minimum-volume, or from a covariance.
 
-Up to ``MOST`` wrenches are kept individually: as long as there are no more, an update is a fit of all. When there are
-more, the innermost are discarded until ``LEAST`` are left. The current ellipsoid, shrunk to the outermost of those
-discarded, becomes a cover that represents them, together with their covariance ellipsoid, which stays small if the
-former was stretched by outliers that are removed later.
+A covariance ellipsoid (``Normal``) follows exactly from the count, mean and scatter of all wrenches (``Moments``).
 
-Guarantees:
+For a minimum-volume ellipsoid (``LeastVolume``) up to ``MOST`` wrenches are kept individually: as long as there are no
+more, an update is a fit of all. When there are more, the innermost are discarded until ``LEAST`` are left. The current
+ellipsoid, shrunk to the outermost of those discarded, becomes a cover that represents them, together with their
+covariance ellipsoid, which stays small if the former was stretched by outliers that are removed later.
+
+Guarantees of ``LeastVolume``:
 
 - Every wrench that was given and not removed is inside, to 1e-9 of the ellipsoid's size (across a flat ellipsoid, to
   1e-7 of the wrenches' extents). By induction each is kept or in a cover: wrenches discarded at one time are in their
@@ -41,58 +43,6 @@ from nlpgrasp.tasks.task_ellipsoid import TaskEllipsoid
 
 MOST, LEAST = 8192, 4096  # wrenches kept individually: most, and number after thinning
 NUMBERS = np.dtype("<f8")  # number format of kept wrenches in files
-
-
-@dataclass(frozen=True)
-class Moments:
-    """Count, mean and scatter matrix ``sum_i (w_i - mean) (w_i - mean)^T`` of wrenches.
-
-    Parameters
-    ----------
-    count : int
-    mean : (d,) array
-    scatter : (d, d) array
-    """
-
-    count: int
-    mean: FloatArray
-    scatter: FloatArray
-
-    @classmethod
-    def of(cls, rows: FloatArray) -> Moments:
-        """Return the moments of wrenches (n, d), zero if there are none."""
-        mean = rows.mean(axis=0) if len(rows) else np.zeros(rows.shape[1])
-        away = rows - mean
-        return cls(len(rows), mean, away.T @ away)
-
-    def plus(self, other: Moments) -> Moments:
-        """Return the moments of both sets together (Chan, Golub and LeVeque 1983, doi:10.2307/2683386)."""
-        count = self.count + other.count
-        if count == 0:
-            return self
-        between = other.mean - self.mean
-        spread = self.count * other.count / count * np.outer(between, between)
-        return Moments(count, self.mean + between * other.count / count, self.scatter + other.scatter + spread)
-
-    def minus(self, other: Moments) -> Moments:
-        """Return the moments without those of a subset."""
-        count = self.count - other.count
-        if count <= 0:
-            return Moments.of(np.zeros((0, len(self.mean))))
-        mean = (self.count * self.mean - other.count * other.mean) / count
-        between = other.mean - mean
-        spread = count * other.count / self.count * np.outer(between, between)
-        return Moments(count, mean, self.scatter - other.scatter - spread)
-
-    def to_dict(self) -> Json:
-        """Return count, mean and scatter as JSON data."""
-        return {"count": self.count, "mean": self.mean.tolist(), "scatter": self.scatter.tolist()}
-
-    @classmethod
-    def from_dict(cls, data: Json, dimension: int) -> Moments:
-        """Return the moments from the data of ``to_dict``, checked against the dimension."""
-        mean = array("fit.moments.mean", data["mean"], (dimension,))
-        return cls(data["count"], mean, array("fit.moments.scatter", data["scatter"], (dimension, dimension)))
 
 
 @dataclass(frozen=True)
@@ -165,85 +115,6 @@ class Learnt(ABC):
         """Raise if the other ellipsoid has another dimension."""
         if other.dimension != self.dimension:
             raise InputError("dimension", other.dimension, f"{self.dimension}, that of the other")
-
-
-def outlier_share(share: float) -> float:
-    """Return a validated share of outliers, above 0 and below 0.5."""
-    if number("share", share, above=0.0) >= 0.5:
-        raise InputError("share", share, "a share below 0.5")
-    return float(share)
-
-
-@dataclass(frozen=True)
-class Normal(Learnt):
-    """Covariance ellipsoid, equal to ``fit_ellipsoid(wrenches, probability=...)`` of all wrenches.
-
-    Parameters
-    ----------
-    center, axes, moments, forgotten
-        See ``Learnt``.
-    probability : float
-        Share of normally distributed wrenches that it contains.
-    """
-
-    kind: ClassVar[str] = "probability"
-    probability: float
-
-    @classmethod
-    def of(cls, moments: Moments, probability: float) -> Normal:
-        """Return the covariance ellipsoid of given moments.
-
-        Raises
-        ------
-        InputError
-            On an invalid probability, or wrenches that are all equal.
-        """
-        if not 0.0 < number("probability", probability) < 1.0:
-            raise InputError("probability", probability, "a share between 0 and 1")
-        covariance = moments.scatter / max(moments.count - 1, 1)
-        unit = np.sqrt(np.diag(covariance))
-        if not np.any(unit > 0.0):
-            raise InputError("wrenches", f"{moments.count} wrenches, all the same", "wrenches that differ")
-        unit = np.where(unit > 0.0, unit, 1.0)
-        values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
-        used = values > FLAT**2 * values[-1]
-        quantile = 2.0 * gammaincinv(0.5 * int(np.count_nonzero(used)), float(probability))  # of chi squared
-        axes = np.sqrt(quantile * values[used])[:, None] * vectors[:, used].T * unit
-        return cls(moments.mean, axes[::-1], moments, 0, float(probability))
-
-    def words(self) -> str:
-        """Return a text on the share that it contains."""
-        return f"of {self.probability:.6g} of normally distributed wrenches, from {self.wrenches}"
-
-    def updated(self, rows: FloatArray) -> Normal:
-        """Return the exact ellipsoid of all previous and new wrenches (n, d)."""
-        return Normal.of(self.moments.plus(Moments.of(rows)), self.probability)
-
-    def merged(self, other: Learnt) -> Normal:
-        """Return the exact ellipsoid of all wrenches of both."""
-        self.check_alike(other)
-        if not isinstance(other, Normal) or other.probability != self.probability:
-            raise InputError("fit", other.words(), f"probability {self.probability}, that of the other")
-        return Normal.of(self.moments.plus(other.moments), self.probability)
-
-    def without_outliers(self, share: float) -> tuple[Normal, FloatArray]:
-        """Raise: no individual wrenches are kept, so none can be removed."""
-        raise InputError("share", share, "an entry of least volume: this one keeps mean and covariance, no wrenches")
-
-    def to_dict(self) -> Json:
-        """Return probability and moments as JSON data."""
-        return {
-            "kind": self.kind,
-            "probability": self.probability,
-            "forgotten": self.forgotten,
-            "moments": self.moments.to_dict(),
-        }
-
-    @classmethod
-    def from_dict(cls, data: Json, task: TaskEllipsoid) -> Normal:
-        """Return the fit from the data of its ``to_dict`` and its ellipsoid."""
-        moments = Moments.from_dict(data["moments"], task.dimension)
-        return cls(task.center, task.axes, moments, data["forgotten"], data["probability"])
 
 
 @dataclass(frozen=True)
@@ -407,3 +278,134 @@ def _shaped(rows: FloatArray) -> Shape:
     axes = np.sqrt(values)[:, None] * vectors.T
     reach = float(np.max(levels(local.points, np.zeros(len(values)), axes))) * (1.0 + ROUNDING)
     return Shape(local.about, local.outward_axes(reach * axes))
+
+
+def outlier_share(share: float) -> float:
+    """Return a validated share of outliers, above 0 and below 0.5."""
+    if number("share", share, above=0.0) >= 0.5:
+        raise InputError("share", share, "a share below 0.5")
+    return float(share)
+
+
+@dataclass(frozen=True)
+class Normal(Learnt):
+    """Covariance ellipsoid, equal to ``fit_ellipsoid(wrenches, probability=...)`` of all wrenches.
+
+    Parameters
+    ----------
+    center, axes, moments, forgotten
+        See ``Learnt``.
+    probability : float
+        Share of normally distributed wrenches that it contains.
+    """
+
+    kind: ClassVar[str] = "probability"
+    probability: float
+
+    @classmethod
+    def of(cls, moments: Moments, probability: float) -> Normal:
+        """Return the covariance ellipsoid of given moments.
+
+        Raises
+        ------
+        InputError
+            On an invalid probability, or wrenches that are all equal.
+        """
+        if not 0.0 < number("probability", probability) < 1.0:
+            raise InputError("probability", probability, "a share between 0 and 1")
+        covariance = moments.scatter / max(moments.count - 1, 1)
+        unit = np.sqrt(np.diag(covariance))
+        if not np.any(unit > 0.0):
+            raise InputError("wrenches", f"{moments.count} wrenches, all the same", "wrenches that differ")
+        unit = np.where(unit > 0.0, unit, 1.0)
+        values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
+        used = values > FLAT**2 * values[-1]
+        quantile = 2.0 * gammaincinv(0.5 * int(np.count_nonzero(used)), float(probability))  # of chi squared
+        axes = np.sqrt(quantile * values[used])[:, None] * vectors[:, used].T * unit
+        return cls(moments.mean, axes[::-1], moments, 0, float(probability))
+
+    def words(self) -> str:
+        """Return a text on the share that it contains."""
+        return f"of {self.probability:.6g} of normally distributed wrenches, from {self.wrenches}"
+
+    def updated(self, rows: FloatArray) -> Normal:
+        """Return the exact ellipsoid of all previous and new wrenches (n, d)."""
+        return Normal.of(self.moments.plus(Moments.of(rows)), self.probability)
+
+    def merged(self, other: Learnt) -> Normal:
+        """Return the exact ellipsoid of all wrenches of both."""
+        self.check_alike(other)
+        if not isinstance(other, Normal) or other.probability != self.probability:
+            raise InputError("fit", other.words(), f"probability {self.probability}, that of the other")
+        return Normal.of(self.moments.plus(other.moments), self.probability)
+
+    def without_outliers(self, share: float) -> tuple[Normal, FloatArray]:
+        """Raise: no individual wrenches are kept, so none can be removed."""
+        raise InputError("share", share, "an entry of least volume: this one keeps mean and covariance, no wrenches")
+
+    def to_dict(self) -> Json:
+        """Return probability and moments as JSON data."""
+        return {
+            "kind": self.kind,
+            "probability": self.probability,
+            "forgotten": self.forgotten,
+            "moments": self.moments.to_dict(),
+        }
+
+    @classmethod
+    def from_dict(cls, data: Json, task: TaskEllipsoid) -> Normal:
+        """Return the fit from the data of its ``to_dict`` and its ellipsoid."""
+        moments = Moments.from_dict(data["moments"], task.dimension)
+        return cls(task.center, task.axes, moments, data["forgotten"], data["probability"])
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Count, mean and scatter matrix ``sum_i (w_i - mean) (w_i - mean)^T`` of wrenches.
+
+    Parameters
+    ----------
+    count : int
+    mean : (d,) array
+    scatter : (d, d) array
+    """
+
+    count: int
+    mean: FloatArray
+    scatter: FloatArray
+
+    @classmethod
+    def of(cls, rows: FloatArray) -> Moments:
+        """Return the moments of wrenches (n, d), zero if there are none."""
+        mean = rows.mean(axis=0) if len(rows) else np.zeros(rows.shape[1])
+        away = rows - mean
+        return cls(len(rows), mean, away.T @ away)
+
+    def plus(self, other: Moments) -> Moments:
+        """Return the moments of both sets together (Chan, Golub and LeVeque 1983, doi:10.2307/2683386)."""
+        count = self.count + other.count
+        if count == 0:
+            return self
+        between = other.mean - self.mean
+        spread = self.count * other.count / count * np.outer(between, between)
+        return Moments(count, self.mean + between * other.count / count, self.scatter + other.scatter + spread)
+
+    def minus(self, other: Moments) -> Moments:
+        """Return the moments without those of a subset."""
+        count = self.count - other.count
+        if count <= 0:
+            return Moments.of(np.zeros((0, len(self.mean))))
+        mean = (self.count * self.mean - other.count * other.mean) / count
+        between = other.mean - mean
+        spread = count * other.count / self.count * np.outer(between, between)
+        return Moments(count, mean, self.scatter - other.scatter - spread)
+
+    def to_dict(self) -> Json:
+        """Return count, mean and scatter as JSON data."""
+        return {"count": self.count, "mean": self.mean.tolist(), "scatter": self.scatter.tolist()}
+
+    @classmethod
+    def from_dict(cls, data: Json, dimension: int) -> Moments:
+        """Return the moments from the data of ``to_dict``, checked against the dimension."""
+        mean = array("fit.moments.mean", data["mean"], (dimension,))
+        return cls(data["count"], mean, array("fit.moments.scatter", data["scatter"], (dimension, dimension)))

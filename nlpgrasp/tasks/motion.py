@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import trimesh
 
 
-FEWEST_POSES = 4
+FEWEST_POSES = 4  # of a motion
 UPRIGHT = 1e-6  # least cos(theta_2) at which Euler angles are coordinates
 GRAVITY = (0.0, 0.0, -9.81)  # m / s^2, world frame
 BETWEEN = 4  # wrench samples per time step

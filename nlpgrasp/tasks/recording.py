@@ -17,7 +17,7 @@ from nlpgrasp.tasks.enclosing_ellipsoid import GAP, bad_rows, enclose
 from nlpgrasp.tasks.task_ellipsoid import EllipsoidFit
 from nlpgrasp.tasks.wrench_table import Table, columns_of, csv_table, scales_of, table_of
 
-SI = ("N", "Nm")
+SI = ("N", "Nm")  # units of forces and torques
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from nlpgrasp.tasks.task_polytope import TaskPolytope
 
 WEIGHT = 9.81  # m / s^2, gravitational acceleration
 TILTS = 13  # sampled orientations of a pour
-ORIGIN = np.zeros(3)
+ORIGIN = np.zeros(3)  # of the body frame, metres
 
 
 @within("press: ")

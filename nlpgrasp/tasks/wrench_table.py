@@ -16,13 +16,23 @@ from nlpgrasp.common.validation import LARGEST, FloatArray
 from nlpgrasp.errors import InputError
 
 LARGEST_FILE = 500_000_000  # bytes
-FORCES = {"N": 1.0, "mN": 1e-3, "kN": 1e3, "lbf": 4.4482216152605, "kgf": 9.80665}
-TORQUES = {"Nm": 1.0, "mNm": 1e-3, "Nmm": 1e-3, "Ncm": 1e-2, "kNm": 1e3, "lbfin": 0.1129848290276167}
+FORCES = {"N": 1.0, "mN": 1e-3, "kN": 1e3, "lbf": 4.4482216152605, "kgf": 9.80665}  # N per unit
+TORQUES = {  # N m per unit
+    "Nm": 1.0,
+    "mNm": 1e-3,
+    "Nmm": 1e-3,
+    "Ncm": 1e-2,
+    "kNm": 1e3,
+    "lbfin": 0.1129848290276167,
+    "lbfft": 1.3558179483314004,
+}
+# quantity and axis of the columns of a wrench
 SPATIAL = (("f", "x"), ("f", "y"), ("f", "z"), ("m", "x"), ("m", "y"), ("m", "z"))
 PLANAR = (("f", "x"), ("f", "y"), ("m", "z"))
+# recognition of column names
 QUANTITIES = {"f": "f", "force": "f", "m": "m", "t": "m", "torque": "m", "moment": "m"}
-UNIT = re.compile(r"[\[(]([^\])]*)[\])]")
-ONE_WORD = re.compile(r"(force|torque|moment|f|m|t)(x|y|z)")
+UNIT = re.compile(r"[\[(]([^\])]*)[\])]")  # a unit in brackets
+ONE_WORD = re.compile(r"(force|torque|moment|f|m|t)(x|y|z)")  # quantity and axis without a separator
 
 
 @dataclass(frozen=True)
@@ -153,9 +163,6 @@ def _number(cell: str | float) -> float:
         return float(cell)
     except ValueError:
         return float("nan")
-
-
-TORQUES |= {"lbfft": 1.3558179483314004}
 
 
 def columns_of(header: Sequence[str] | None, given: object, width: int, table: str, wrench_size: int = 6) -> list[int]:

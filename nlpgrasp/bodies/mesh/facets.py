@@ -14,7 +14,7 @@ from nlpgrasp.bodies.mesh.mesh import Mesh
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray
 
-SIDES = 3
+SIDES = 3  # of a triangle
 NEAREST, MOST = 12, 24  # sharp edges considered near a place of a contact; near all its places, at most
 
 

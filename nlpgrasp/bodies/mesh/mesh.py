@@ -34,10 +34,6 @@ from nlpgrasp.common.validation import FloatArray, integer, metres_per, number
 if TYPE_CHECKING:
     import trimesh
 
-if TYPE_CHECKING:
-    import trimesh
-
-
 FLAT = 1e-12  # of the squared size: area below which a triangle's normal is unreliable
 TOUCHING = 1e-6  # of the size: distance within which a triangle contains a point
 FLATTERS = 0.1  # grid cells: overestimate of the splined distance from sharp edges, 90th percentile
@@ -45,87 +41,6 @@ DRAWS = 4  # most draws of samples, while too few of them are off sharp edges
 ROOM_SAMPLES = 4000  # surface points for the largest distance from sharp edges
 OFFSET_SAMPLES = 300  # mesh points for the distance to the smooth surface
 CLEARANCE_POINTS, CLEARANCE_MARGIN = 120_000, 0.5  # distance grid for hand links: points; margin over the size
-
-
-class SharpEdges:
-    """Edges with more than 30 degrees between adjacent triangle normals, convex or concave.
-
-    Parameters
-    ----------
-    mesh : trimesh.Trimesh
-        Vertices in metres.
-    """
-
-    def __init__(self, mesh: trimesh.Trimesh) -> None:
-        areas = np.asarray(mesh.area_faces)[np.asarray(mesh.face_adjacency)]
-        solid = np.min(areas, axis=1, initial=np.inf) > FLAT * float(np.sum(np.ptp(mesh.bounds, axis=0) ** 2))
-        turned = np.asarray(mesh.face_adjacency_angles) > SHARP
-        self._edges: IntArray = np.asarray(mesh.face_adjacency_edges, dtype=np.int64)[solid & turned]
-        self._vertices = np.asarray(mesh.vertices, dtype=float)
-        self._tree = SearchTree(self._vertices, self._edges)
-
-    @property
-    def ends(self) -> IntArray:
-        """Vertex indices of each edge, (m, 2)."""
-        return self._edges
-
-    def __len__(self) -> int:
-        """Return the number of edges."""
-        return len(self._edges)
-
-    def distance(self, points: FloatArray) -> FloatArray:
-        """Return the distances (m,), metres, of points (m, 3) from the nearest sharp edge; inf without any."""
-        if not len(self._edges) or not len(points):
-            return np.full(len(points), np.inf)
-        return np.asarray(np.sqrt(self._tree.nearest(points)[0]))
-
-    def nearest(self, point: FloatArray, count: int) -> FloatArray:
-        """Return the end points (m, 2, 3) of up to ``count`` sharp edges nearest to a point (3,)."""
-        ends = self._vertices[self._edges]
-        along = ends[:, 1] - ends[:, 0]
-        share = np.sum((point - ends[:, 0]) * along, axis=1) / np.maximum(np.sum(along**2, axis=1), 1e-300)
-        foot = ends[:, 0] + np.clip(share, 0.0, 1.0)[:, None] * along
-        return np.asarray(ends[np.argsort(np.linalg.norm(foot - point, axis=1), kind="stable")[:count]])
-
-
-def angles_off_normals(
-    corners: FloatArray, points: FloatArray, normals: FloatArray, size: float, on_edges: bool
-) -> FloatArray:
-    """Return the angles (m,), radians, between unit normals (m, 3) and the mesh's normals at points (m, 3).
-
-    Parameters
-    ----------
-    corners : (f, 3, 3) array
-        Of the triangles, metres, counter-clockwise from outside.
-    points : (m, 3) array
-        On the mesh, metres.
-    normals : (m, 3) array
-    size : float
-        Of the mesh, metres.
-    on_edges : bool
-        Whether edges and vertices have the convex cone of their triangles' normals, as for a fingertip that touches
-        them; else only the normals themselves.
-    """
-    slack = TOUCHING * size
-    lower, upper = corners.min(axis=1) - slack, corners.max(axis=1) + slack
-    result = np.full(len(points), np.pi)
-    for i, (point, normal) in enumerate(zip(points, normals, strict=True)):
-        near = corners[np.all((lower <= point) & (point <= upper), axis=1)]
-        near = near[covered(np.broadcast_to(point, near.shape), near, slack)]
-        if len(near):
-            result[i] = _angle_off(normals_of(near), normal, on_edges)
-    return result
-
-
-def _angle_off(own: FloatArray, normal: FloatArray, in_cone: bool) -> float:
-    """Return the angle, radians, between a unit vector (3,) and the nearest of (n, 3), or their convex cone."""
-    from scipy.optimize import nnls
-
-    least = float(np.min(2.0 * np.arcsin(np.clip(np.linalg.norm(own - normal, axis=1) / 2.0, 0.0, 1.0))))
-    if not in_cone or len(own) == 1:
-        return least
-    weights, off = nnls(np.unique(own, axis=0).T, normal)
-    return min(least, float(np.arcsin(min(off, 1.0)))) if np.any(weights) else least
 
 
 class Mesh(Body):
@@ -401,3 +316,84 @@ class Mesh(Body):
     def from_dict(cls, data: Json) -> NoReturn:
         """Raise: the data refer to a mesh but do not contain it."""
         raise incomplete("body of type mesh", "its triangles, which stay in their file: ng.Mesh.load(path, unit)")
+
+
+class SharpEdges:
+    """Edges with more than 30 degrees between adjacent triangle normals, convex or concave.
+
+    Parameters
+    ----------
+    mesh : trimesh.Trimesh
+        Vertices in metres.
+    """
+
+    def __init__(self, mesh: trimesh.Trimesh) -> None:
+        areas = np.asarray(mesh.area_faces)[np.asarray(mesh.face_adjacency)]
+        solid = np.min(areas, axis=1, initial=np.inf) > FLAT * float(np.sum(np.ptp(mesh.bounds, axis=0) ** 2))
+        turned = np.asarray(mesh.face_adjacency_angles) > SHARP
+        self._edges: IntArray = np.asarray(mesh.face_adjacency_edges, dtype=np.int64)[solid & turned]
+        self._vertices = np.asarray(mesh.vertices, dtype=float)
+        self._tree = SearchTree(self._vertices, self._edges)
+
+    @property
+    def ends(self) -> IntArray:
+        """Vertex indices of each edge, (m, 2)."""
+        return self._edges
+
+    def __len__(self) -> int:
+        """Return the number of edges."""
+        return len(self._edges)
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        """Return the distances (m,), metres, of points (m, 3) from the nearest sharp edge; inf without any."""
+        if not len(self._edges) or not len(points):
+            return np.full(len(points), np.inf)
+        return np.asarray(np.sqrt(self._tree.nearest(points)[0]))
+
+    def nearest(self, point: FloatArray, count: int) -> FloatArray:
+        """Return the end points (m, 2, 3) of up to ``count`` sharp edges nearest to a point (3,)."""
+        ends = self._vertices[self._edges]
+        along = ends[:, 1] - ends[:, 0]
+        share = np.sum((point - ends[:, 0]) * along, axis=1) / np.maximum(np.sum(along**2, axis=1), 1e-300)
+        foot = ends[:, 0] + np.clip(share, 0.0, 1.0)[:, None] * along
+        return np.asarray(ends[np.argsort(np.linalg.norm(foot - point, axis=1), kind="stable")[:count]])
+
+
+def angles_off_normals(
+    corners: FloatArray, points: FloatArray, normals: FloatArray, size: float, on_edges: bool
+) -> FloatArray:
+    """Return the angles (m,), radians, between unit normals (m, 3) and the mesh's normals at points (m, 3).
+
+    Parameters
+    ----------
+    corners : (f, 3, 3) array
+        Of the triangles, metres, counter-clockwise from outside.
+    points : (m, 3) array
+        On the mesh, metres.
+    normals : (m, 3) array
+    size : float
+        Of the mesh, metres.
+    on_edges : bool
+        Whether edges and vertices have the convex cone of their triangles' normals, as for a fingertip that touches
+        them; else only the normals themselves.
+    """
+    slack = TOUCHING * size
+    lower, upper = corners.min(axis=1) - slack, corners.max(axis=1) + slack
+    result = np.full(len(points), np.pi)
+    for i, (point, normal) in enumerate(zip(points, normals, strict=True)):
+        near = corners[np.all((lower <= point) & (point <= upper), axis=1)]
+        near = near[covered(np.broadcast_to(point, near.shape), near, slack)]
+        if len(near):
+            result[i] = _angle_off(normals_of(near), normal, on_edges)
+    return result
+
+
+def _angle_off(own: FloatArray, normal: FloatArray, in_cone: bool) -> float:
+    """Return the angle, radians, between a unit vector (3,) and the nearest of (n, 3), or their convex cone."""
+    from scipy.optimize import nnls
+
+    least = float(np.min(2.0 * np.arcsin(np.clip(np.linalg.norm(own - normal, axis=1) / 2.0, 0.0, 1.0))))
+    if not in_cone or len(own) == 1:
+        return least
+    weights, off = nnls(np.unique(own, axis=0).T, normal)
+    return min(least, float(np.arcsin(min(off, 1.0)))) if np.any(weights) else least

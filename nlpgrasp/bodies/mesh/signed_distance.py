@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 LONGEST_SIDE, SHORTEST_SIDE = 48, 16  # least number of grid cells along these sides
-MOST_POINTS = 600_000
+MOST_POINTS = 600_000  # of the grid
 AROUND = 5  # grid cells beyond the mesh (a CasADi B-spline is zero outside its grid, so normals are NaN)
 FINEST = 400  # largest number of cells along the longest side
 SMOOTHING, LEAST_SMOOTHING = 1.5, 0.75  # cells, Gaussian's deviation: default, and least before the grid is refined
@@ -28,8 +28,10 @@ DEVIATIONS = 2.4  # standard deviations of the Gaussian per wall thickness, at l
 EXACT_CELLS, EXACT_UNSMOOTHED = 3, 5  # grid cells from the surface within which distances are exact
 RAYS, THIN = 2000, 0.2  # number of rays; quantile of their lengths
 SCALED, BEHIND = 1e3, 1e-3  # diagonal of the scaled mesh, and depth below its surface at which rays begin
-STEPS = 12
-MOST_OF_IT = 0.8  # quantile over the surface
+STEPS = 12  # Newton steps from mesh points to the smoothed surface
+MOST_OF_IT = 0.8  # quantile of the offset over the surface
+
+Distance = Callable[[FloatArray], FloatArray]  # of points (m, 3), metres
 
 
 @dataclass(frozen=True)
@@ -102,9 +104,6 @@ def _within(resolution: int, extents: FloatArray, least: int) -> int:
             break
         resolution -= max(1, resolution // 20)
     return max(resolution, least)
-
-
-Distance = Callable[[FloatArray], FloatArray]  # of points (m, 3), metres
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ COARSE = 1e-4  # of the longest side: rounding step above which a warning is due
 LOST = 0.02  # of the longest side: rounding step above which the shape is lost
 DOUBLE = 4.0 * np.finfo(float).eps  # relative error of a scaled coordinate
 DIGITS = 9  # significant decimal digits up to which a coordinate counts as decimal
-SMALLEST = 1e-300
+SMALLEST = 1e-300  # against division by zero
 LARGE = 3.0  # m, length above which another unit is suspected
 
 

@@ -1,6 +1,7 @@
 """Outer surface of a mesh: union of its parts without cavities and buried triangles.
 
-For parts that cannot be united. A triangle that no other intersects is buried entirely or not at all. Intersected
+Closed parts are oriented outwards and united (``outer_union``). Of parts that cannot be united, buried triangles are
+removed (``without_buried``): a triangle that no other intersects is buried entirely or not at all. Intersected
 triangles are bisected repeatedly until no piece is intersected; small pieces that still are intersected are removed,
 which leaves a slit along the seam.
 """
@@ -28,14 +29,107 @@ from nlpgrasp.errors import InputError
 
 SAME = 1e-9  # relative change of area and volume below which parts do not overlap
 FINEST = 1e-7  # of the size: edge length below which edges of a union are due to rounding
-SMALLEST = 1e-300
+SMALLEST = 1e-300  # against division by zero
 SMALL = 1e-3  # of the size: length below which triangles are not bisected
-MOST_PIECES = 1_000_000
+MOST_PIECES = 1_000_000  # of bisected triangles
 GROWN = 2e-6  # of the size: outward offset that makes touching parts overlap
 MOST_BURIED = 5e-4  # of the surface area: buried share that is tolerated
 
 
 Triangles = tuple[FloatArray, IntArray]
+
+
+def outer_surface(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray, tuple[str, ...]]:
+    """Return vertices (v, 3) and triangles (f, 3) of a mesh's outer surface, and the repairs as sentences.
+
+    A mesh that is its own outer surface is returned unchanged. Results are cached.
+
+    Parameters
+    ----------
+    vertices : (v, 3) array
+        Metres, without duplicates.
+    faces : (f, 3) int array
+
+    Raises
+    ------
+    InputError
+        When overlapping parts cannot be united and the remaining surface has an ambiguous inside.
+    """
+    found = kept("outer", [vertices, faces], lambda: _found(vertices, faces))
+    notes = tuple(bytes(found["notes"].astype(np.uint8)).decode().splitlines())
+    if not notes:
+        return vertices, faces, ()
+    return found["vertices"], np.asarray(found["faces"], dtype=np.int64), notes
+
+
+def _found(vertices: FloatArray, faces: IntArray) -> dict[str, FloatArray]:
+    """Return the outer surface as arrays for the cache; no triangles if it is unchanged."""
+    notes: list[str] = []
+    parts = Parts(vertices, faces)
+    hollows = parts.cavities()
+    parts = _facing_outwards(parts, hollows, notes)
+    parts = _without_buried(_unite_parts(parts, hollows, notes), notes)
+    said = np.frombuffer("\n".join(notes).encode(), dtype=np.uint8).astype(float)
+    return {"notes": said, "vertices": parts.vertices, "faces": parts.faces.astype(float)} if notes else {"notes": said}
+
+
+def _facing_outwards(parts: Parts, hollows: IntArray, notes: list[str]) -> Parts:
+    """Return the parts with all closed ones, cavity walls included, oriented outwards.
+
+    For a mesh of one part or without closed parts, all triangles are reversed or none.
+    """
+    if len(parts.volumes) > 1 and len(solid := parts.solid):
+        inwards = solid[parts.volumes[solid] < 0.0]
+        wrong, every = np.setdiff1d(inwards, hollows), np.setdiff1d(solid, hollows)
+    else:
+        wrong = every = inwards = np.arange(len(parts.volumes) if parts.volumes.sum() < 0.0 else 0)
+    if not len(inwards):
+        return parts
+    if len(wrong) == len(every):
+        notes.append("turned inside out: the triangles faced inwards")
+    elif len(wrong):
+        notes.append(f"turned {len(wrong)} of {len(every)} parts inside out: their triangles faced inwards")
+    turned = np.isin(parts.labels, inwards)
+    return Parts(parts.vertices, np.where(turned[:, None], parts.faces[:, ::-1], parts.faces))
+
+
+def _unite_parts(parts: Parts, hollows: IntArray, notes: list[str]) -> Parts:
+    """Return the union of the parts; touching parts are offset outwards so that they overlap."""
+    united, how = outer_union(parts), ""
+    if len(parts.volumes) > 1 and _buried(Parts(*united[0]) if united else parts) > MOST_BURIED:
+        by = GROWN * float(np.linalg.norm(np.ptp(parts.vertices, axis=0)))
+        grown = outer_union(parts, by)
+        if grown is not None and _buried(Parts(*grown[0])) <= MOST_BURIED:
+            united, how = grown, f", grown by {by:.1g} m so that those that touch overlap"
+    if united is None:
+        return parts
+    if len(parts.solid) - len(hollows) > 1:
+        notes.append(f"joined {len(parts.solid) - len(hollows)} parts{how}: the outer surface of their union is left")
+    closed = len(hollows) + united[1]
+    if closed:
+        walls = "a closed hollow" if closed == 1 else f"{closed} closed hollows"
+        notes.append(f"left out the walls of {walls}: no finger gets there, and the body counts as filled")
+    return Parts(*united[0])
+
+
+def _without_buried(parts: Parts, notes: list[str]) -> Parts:
+    """Return the mesh without buried triangles; raise if its inside is then ambiguous."""
+    share = _buried(parts)
+    if share <= MOST_BURIED:
+        return parts
+    left = Parts(*without_buried(parts.vertices, parts.faces))
+    if not len(left.faces) or unclear_share(left.vertices, left.faces) > OPEN_SHARE or _buried(left) > MOST_BURIED:
+        raise InputError(
+            "Mesh.mesh",
+            f"a surface with {share:.2g} of its area inside the body, which cannot be parted from the rest",
+            "parts that are closed, or joined to one closed surface",
+        )
+    notes.append(f"left out triangles inside the body: {share:.2g} of the area was buried")
+    return left
+
+
+def _buried(parts: Parts) -> float:
+    return buried_share(parts.vertices, parts.faces)
 
 
 def outer_union(parts: Parts, grown: float = 0.0) -> tuple[Triangles, int] | None:
@@ -162,16 +256,6 @@ def _pieces(corners: FloatArray, pairs: IntArray, size: float) -> FloatArray:
     return np.concatenate(done)
 
 
-def _alike(one: FloatArray, other: FloatArray) -> NDArray[np.bool_]:
-    """Return which triangles (p, 3, 3) have normals within 90 degrees of others' (p, 3, 3), pair by pair."""
-    return np.asarray(np.einsum("ij,ij->i", normals_of(one), normals_of(other)) > 0.0)
-
-
-def _longest(pieces: FloatArray) -> FloatArray:
-    """Return the longest sides (n,) of triangles (n, 3, 3)."""
-    return np.asarray(np.max(np.linalg.norm(np.roll(pieces, -1, axis=1) - pieces, axis=2), axis=1))
-
-
 def _halved(
     pieces: FloatArray, owners: IntArray, piece: IntArray, cutter: IntArray, which: NDArray[np.bool_]
 ) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
@@ -192,94 +276,11 @@ def _halved(
     )
 
 
-def outer_surface(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray, tuple[str, ...]]:
-    """Return vertices (v, 3) and triangles (f, 3) of a mesh's outer surface, and the repairs as sentences.
-
-    A mesh that is its own outer surface is returned unchanged. Results are cached.
-
-    Parameters
-    ----------
-    vertices : (v, 3) array
-        Metres, without duplicates.
-    faces : (f, 3) int array
-
-    Raises
-    ------
-    InputError
-        When overlapping parts cannot be united and the remaining surface has an ambiguous inside.
-    """
-    found = kept("outer", [vertices, faces], lambda: _found(vertices, faces))
-    notes = tuple(bytes(found["notes"].astype(np.uint8)).decode().splitlines())
-    if not notes:
-        return vertices, faces, ()
-    return found["vertices"], np.asarray(found["faces"], dtype=np.int64), notes
+def _alike(one: FloatArray, other: FloatArray) -> NDArray[np.bool_]:
+    """Return which triangles (p, 3, 3) have normals within 90 degrees of others' (p, 3, 3), pair by pair."""
+    return np.asarray(np.einsum("ij,ij->i", normals_of(one), normals_of(other)) > 0.0)
 
 
-def _found(vertices: FloatArray, faces: IntArray) -> dict[str, FloatArray]:
-    """Return the outer surface as arrays for the cache; no triangles if it is unchanged."""
-    notes: list[str] = []
-    parts = Parts(vertices, faces)
-    hollows = parts.cavities()
-    parts = _facing_outwards(parts, hollows, notes)
-    parts = _without_buried(_unite_parts(parts, hollows, notes), notes)
-    said = np.frombuffer("\n".join(notes).encode(), dtype=np.uint8).astype(float)
-    return {"notes": said, "vertices": parts.vertices, "faces": parts.faces.astype(float)} if notes else {"notes": said}
-
-
-def _facing_outwards(parts: Parts, hollows: IntArray, notes: list[str]) -> Parts:
-    """Return the parts with all closed ones, cavity walls included, oriented outwards.
-
-    For a mesh of one part or without closed parts, all triangles are reversed or none.
-    """
-    if len(parts.volumes) > 1 and len(solid := parts.solid):
-        inwards = solid[parts.volumes[solid] < 0.0]
-        wrong, every = np.setdiff1d(inwards, hollows), np.setdiff1d(solid, hollows)
-    else:
-        wrong = every = inwards = np.arange(len(parts.volumes) if parts.volumes.sum() < 0.0 else 0)
-    if not len(inwards):
-        return parts
-    if len(wrong) == len(every):
-        notes.append("turned inside out: the triangles faced inwards")
-    elif len(wrong):
-        notes.append(f"turned {len(wrong)} of {len(every)} parts inside out: their triangles faced inwards")
-    turned = np.isin(parts.labels, inwards)
-    return Parts(parts.vertices, np.where(turned[:, None], parts.faces[:, ::-1], parts.faces))
-
-
-def _unite_parts(parts: Parts, hollows: IntArray, notes: list[str]) -> Parts:
-    """Return the union of the parts; touching parts are offset outwards so that they overlap."""
-    united, how = outer_union(parts), ""
-    if len(parts.volumes) > 1 and _buried(Parts(*united[0]) if united else parts) > MOST_BURIED:
-        by = GROWN * float(np.linalg.norm(np.ptp(parts.vertices, axis=0)))
-        grown = outer_union(parts, by)
-        if grown is not None and _buried(Parts(*grown[0])) <= MOST_BURIED:
-            united, how = grown, f", grown by {by:.1g} m so that those that touch overlap"
-    if united is None:
-        return parts
-    if len(parts.solid) - len(hollows) > 1:
-        notes.append(f"joined {len(parts.solid) - len(hollows)} parts{how}: the outer surface of their union is left")
-    closed = len(hollows) + united[1]
-    if closed:
-        walls = "a closed hollow" if closed == 1 else f"{closed} closed hollows"
-        notes.append(f"left out the walls of {walls}: no finger gets there, and the body counts as filled")
-    return Parts(*united[0])
-
-
-def _without_buried(parts: Parts, notes: list[str]) -> Parts:
-    """Return the mesh without buried triangles; raise if its inside is then ambiguous."""
-    share = _buried(parts)
-    if share <= MOST_BURIED:
-        return parts
-    left = Parts(*without_buried(parts.vertices, parts.faces))
-    if not len(left.faces) or unclear_share(left.vertices, left.faces) > OPEN_SHARE or _buried(left) > MOST_BURIED:
-        raise InputError(
-            "Mesh.mesh",
-            f"a surface with {share:.2g} of its area inside the body, which cannot be parted from the rest",
-            "parts that are closed, or joined to one closed surface",
-        )
-    notes.append(f"left out triangles inside the body: {share:.2g} of the area was buried")
-    return left
-
-
-def _buried(parts: Parts) -> float:
-    return buried_share(parts.vertices, parts.faces)
+def _longest(pieces: FloatArray) -> FloatArray:
+    """Return the longest sides (n,) of triangles (n, 3, 3)."""
+    return np.asarray(np.max(np.linalg.norm(np.roll(pieces, -1, axis=1) - pieces, axis=2), axis=1))

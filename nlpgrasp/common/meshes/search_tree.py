@@ -25,41 +25,7 @@ UNCLEAR = 0.2  # distance of a winding number from an integer above which the in
 OPEN_SHARE = 0.01  # of the bounding box: largest accepted share with an ambiguous inside
 
 
-def local_origin(points: FloatArray, beyond: float = FAR) -> FloatArray:
-    """Return the origin (3,) of local coordinates of points (n, 3), metres: the box centre on each far axis.
-
-    It is 0 on the other axes. With ``beyond`` of at least 1 the difference of a point and this origin, and the inverse
-    sum, are exact in floating point (Sterbenz), so points are restored exactly.
-
-    Parameters
-    ----------
-    points : (n, 3) array
-        Metres.
-    beyond : float
-        Distance from the origin that counts as far, in longest sides of the bounding box.
-    """
-    if not len(points):
-        return np.zeros(3)
-    lower, upper = points.min(axis=0), points.max(axis=0)
-    centre = lower + (upper - lower) / 2.0
-    return np.where(np.abs(centre) > beyond * float(np.max(upper - lower)), centre, 0.0)
-
-
-def in_frame(points: FloatArray, origin: FloatArray) -> FloatArray:
-    """Return points (..., 3) relative to an origin (3,); unchanged if it is 0."""
-    return points - origin if np.any(origin) else points
-
-
 IntArray = NDArray[np.integer]
-
-_every: weakref.WeakSet[SearchTree] = weakref.WeakSet()
-
-
-@atexit.register
-def _let_go() -> None:
-    """Release all trees at interpreter exit, since libigl reports remaining ones."""
-    for tree in list(_every):
-        tree.let_go()
 
 
 class SearchTree:
@@ -136,6 +102,16 @@ class SearchTree:
         return np.asarray(np.where(inside, -1.0, 1.0) * np.sqrt(self.nearest(points)[0]))
 
 
+_every: weakref.WeakSet[SearchTree] = weakref.WeakSet()
+
+
+@atexit.register
+def _let_go() -> None:
+    """Release all trees at interpreter exit, since libigl reports remaining ones."""
+    for tree in list(_every):
+        tree.let_go()
+
+
 def unclear_share(vertices: FloatArray, faces: IntArray) -> float:
     """Return the share of the bounding box where the winding number is far from an integer."""
     rng = np.random.default_rng(0)
@@ -164,3 +140,28 @@ def buried_share(vertices: FloatArray, faces: IntArray) -> float:
     shares = np.random.default_rng(0).dirichlet(np.ones(3), SPREAD)
     points = np.einsum("ij,ijk->ik", shares, corners[which])
     return float(np.mean(buried(vertices, faces, points, across[which] / area[which, None])))
+
+
+def local_origin(points: FloatArray, beyond: float = FAR) -> FloatArray:
+    """Return the origin (3,) of local coordinates of points (n, 3), metres: the box centre on each far axis.
+
+    It is 0 on the other axes. With ``beyond`` of at least 1 the difference of a point and this origin, and the inverse
+    sum, are exact in floating point (Sterbenz), so points are restored exactly.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        Metres.
+    beyond : float
+        Distance from the origin that counts as far, in longest sides of the bounding box.
+    """
+    if not len(points):
+        return np.zeros(3)
+    lower, upper = points.min(axis=0), points.max(axis=0)
+    centre = lower + (upper - lower) / 2.0
+    return np.where(np.abs(centre) > beyond * float(np.max(upper - lower)), centre, 0.0)
+
+
+def in_frame(points: FloatArray, origin: FloatArray) -> FloatArray:
+    """Return points (..., 3) relative to an origin (3,); unchanged if it is 0."""
+    return points - origin if np.any(origin) else points

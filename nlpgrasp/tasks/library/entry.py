@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 
 SCHEMA_NAME = "nlpgrasp-task/1"
 UNITS = {"force": FORCE_UNIT, "torque": MOMENT_UNIT}
-LONGEST_NAME, LONGEST_TEXT = 100, 2000
-LEARNT: dict[str, type[Learnt]] = {kind.kind: kind for kind in (LeastVolume, Normal)}
-LARGEST_FILE = 64 * 1024 * 1024
+LONGEST_NAME, LONGEST_TEXT = 100, 2000  # characters
+LEARNT: dict[str, type[Learnt]] = {kind.kind: kind for kind in (LeastVolume, Normal)}  # by name in files
+LARGEST_FILE = 64 * 1024 * 1024  # bytes
 EXPECTED = "what task schema 1 says (docs/task_libraries.md)"
 
 

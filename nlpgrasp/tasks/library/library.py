@@ -38,248 +38,9 @@ from nlpgrasp.tasks.recording import WrenchRecording
 from nlpgrasp.tasks.task_ellipsoid import TaskEllipsoid
 from nlpgrasp.tasks.task_polytope import TaskPolytope
 
-LOCK, READY = ".lock", "ready"
-
-
-class Folder:
-    """A folder of task library entries.
-
-    Parameters
-    ----------
-    path : str or Path, optional
-        By default the package's read-only entries.
-    """
-
-    def __init__(self, path: str | Path | None) -> None:
-        if path is not None and (not isinstance(path, str | Path) or not str(path).strip() or "\0" in str(path)):
-            raise InputError("library", path, "the path of a folder")
-        self.ready = path is None
-        self.path = Path(str(files(__package__).joinpath(READY))) if path is None else Path(path).absolute()
-        self.words = "the ready library" if self.ready else str(path)
-        if self.path.exists() and not self.path.is_dir():
-            raise InputError("library", f"{path} (not a folder)", "a folder")
-
-    @contextmanager
-    def changing(self) -> Iterator[None]:
-        """Create the folder if needed, and lock it against changes by other processes and threads.
-
-        Raises
-        ------
-        InputError
-            When it is the package's folder or not writable.
-        """
-        if self.ready:
-            raise InputError("library", self.words, "ng.TaskLibrary(path): the entries of the package stay as they are")
-        try:
-            self.path.mkdir(exist_ok=True)
-        except OSError as error:
-            raise InputError("library", f"{self.words} ({error.strerror})", "a folder in one that exists") from None
-        with held(self.path / LOCK):
-            yield
-
-    def entries(self) -> tuple[TaskEntry, ...]:
-        """Return all entries, sorted by name.
-
-        Raises
-        ------
-        InputError
-            When the folder is missing, a file is unreadable, or two entries have the same name.
-        """
-        if not self.path.is_dir():
-            raise InputError("library", f"{self.words} (no such folder)", "a folder of task entries")
-        found: dict[str, TaskEntry] = {}
-        for file in sorted(self.path.glob("*.json")):
-            entry = read_entry(file)
-            if entry.name in found:
-                raise InputError(f"{file}: name", entry.name, "a name that no other file of the folder has")
-            found[entry.name] = entry
-        return tuple(found[name] for name in sorted(found))
-
-    def find(self, name: str) -> tuple[Path, TaskEntry] | None:
-        """Return the file and entry of a name, or ``None``.
-
-        Raises
-        ------
-        InputError
-            When its file cannot be read.
-        """
-        wanted, usual = entry_name(name), self.file(name)
-        if usual.is_file():
-            entry = read_entry(usual)
-            if entry.name == wanted:
-                return usual, entry
-        for file in sorted(self.path.glob("*.json")):  # files may have been renamed by users
-            with suppress(InputError):
-                entry = read_entry(file)
-                if entry.name == wanted:
-                    return file, entry
-        return None
-
-    def get(self, name: str) -> tuple[Path, TaskEntry]:
-        """Return the file and entry of a name.
-
-        Raises
-        ------
-        InputError
-            When no entry has this name; similar names are listed.
-        """
-        found = self.find(name)
-        if found is None:
-            names = [entry.name for entry in self.entries()]
-            some = ", ".join(map(repr, (near(name, names) or names)[:NEAREST])) or "none: it has no entries"
-            raise InputError(f"task in {self.words}", repr(name), f"the name of an entry, such as {some}")
-        return found
-
-    def keep(self, entry: TaskEntry, file: Path | None = None) -> None:
-        """Write an entry to its default or a given file."""
-        write_entry(entry, self.file(entry.name) if file is None else file)
-
-    def file(self, name: str) -> Path:
-        """Return the default file of an entry's name."""
-        return self.path / f"{file_name(entry_name(name))}.json"
-
+LOCK, READY = ".lock", "ready"  # lock file of a folder; folder of the package's own entries
 
 Wrenches = WrenchRecording | TaskPolytope | ArrayLike
-
-
-@dataclass(frozen=True)
-class Given:
-    """Input wrenches with their reference point and source.
-
-    Parameters
-    ----------
-    rows : (n, d) array
-    about : (space,) array or None
-        Reference point of moments; ``None`` if not stated, which means the entry's.
-    source : str
-        Provenance.
-    """
-
-    rows: FloatArray
-    about: FloatArray | None
-    source: str
-
-    @classmethod
-    def of(cls, value: WrenchRecording | Task | ArrayLike, outliers: float) -> Given:
-        """Return the wrenches of a recording, polytope or array, without a share of outliers.
-
-        Raises
-        ------
-        InputError
-            On other types or invalid wrenches.
-        """
-        if isinstance(value, WrenchRecording):
-            found = cls(value.wrenches, np.zeros(3), value.source)
-        elif isinstance(value, TaskPolytope):
-            found = cls(value.wrenches, value.about, "the corners of a TaskPolytope")
-        elif isinstance(value, Task):
-            allowed = "a recording, a TaskPolytope or wrenches (m, d); of other tasks a TaskEllipsoid can be added"
-            raise InputError("wrenches", f"a {type(value).__name__}", allowed)
-        else:
-            found = cls(wrench_rows(value), None, "")
-        rows = wrench_rows(found.rows)
-        if outliers:
-            rows = rows[enclose(rows, outliers, None, None, GAP).inside]
-        return cls(rows, found.about, found.source)
-
-    def learnt(self, probability: float | None) -> Learnt:
-        """Return the minimum-volume ellipsoid of the wrenches, or the covariance ellipsoid of a probability."""
-        return LeastVolume.of(self.rows) if probability is None else Normal.of(Moments.of(self.rows), probability)
-
-    def at(self, about: FloatArray | None, dimension: int) -> FloatArray:
-        """Return the wrenches with moments about an entry's reference point.
-
-        Raises
-        ------
-        InputError
-            When they have another dimension, or only the entry's point is unknown.
-        """
-        if self.rows.shape[1] != dimension:
-            raise InputError("wrenches", f"dimension {self.rows.shape[1]}", f"dimension {dimension}, that of the entry")
-        if self.about is None or (about is not None and np.array_equal(about, self.about)):
-            return self.rows
-        if about is None:
-            given = f"moments about {point_words(self.about)}"
-            raise InputError("wrenches", given, f"moments about {point_words(None)}, as the entry's are")
-        return np.asarray(self.rows @ move_torque_origin(about - self.about).T)
-
-
-def learnt_from(
-    what: TaskEllipsoid | Wrenches, outliers: float, probability: float | None
-) -> tuple[Learnt, FloatArray | None, str]:
-    """Return the ellipsoid of a task or wrenches, its reference point of moments and its source."""
-    if isinstance(what, TaskEllipsoid):
-        if outliers:
-            raise InputError("outliers", outliers, "wrenches with it: a TaskEllipsoid is taken as it is")
-        if probability is not None:
-            raise InputError("probability", probability, "wrenches with it: a TaskEllipsoid is taken as it is")
-        return LeastVolume.of_task(what), what.about, ""
-    if outliers and probability is not None:
-        raise InputError("probability", probability, "a share between 0 and 1, without outliers")
-    given = Given.of(what, outliers)
-    stated = isinstance(what, WrenchRecording | TaskPolytope)
-    about = given.about if stated else np.zeros(space_dimension(given.rows.shape[1]))
-    return given.learnt(probability), about, given.source
-
-
-class Notes(TypedDict, total=False):
-    """Optional description, tags, frame and source of an entry."""
-
-    description: str
-    tags: str | list[str] | tuple[str, ...]
-    frame: str
-    source: str
-
-
-@dataclass(frozen=True)
-class Said:
-    """Validated notes with defaults."""
-
-    description: str
-    tags: tuple[str, ...]
-    frame: str
-    source: str
-
-    @classmethod
-    def of(cls, notes: Notes) -> Said:
-        """Return validated notes.
-
-        Raises
-        ------
-        InputError
-            On unknown fields or invalid texts.
-        """
-        unknown = sorted(set(notes) - set(Notes.__annotations__))
-        if unknown:
-            raise InputError("notes", ", ".join(unknown), "some of " + ", ".join(Notes.__annotations__))
-        lines = [text(field, notes.get(field, "")) for field in ("description", "frame", "source")]
-        return cls(lines[0], tag_words(notes.get("tags", ())), lines[1], lines[2])
-
-
-def copied(entry: TaskEntry, name: str, said: Said) -> TaskEntry:
-    """Return a copy of an entry under another name, with given notes replacing its own."""
-    origin = origin_now("added", said.source or f"a copy of {entry.name}", 0)
-    return replace(
-        entry,
-        name=name,
-        frame=Frame(said.frame or entry.frame.words, entry.frame.about),
-        description=said.description or entry.description,
-        tags=said.tags or entry.tags,
-        provenance=(*entry.provenance, origin),
-    )
-
-
-def origin_now(did: str, source: str, wrenches: int) -> Origin:
-    """Return a provenance record with today's date."""
-    return Origin(did, source, wrenches, datetime.now(UTC).date().isoformat())
-
-
-def after(entry: TaskEntry, origin: Origin) -> tuple[Origin, ...]:
-    """Return an entry's provenance with a record appended; equal records of one day are combined."""
-    *before, last = entry.provenance or (origin,)
-    if not entry.provenance or replace(last, wrenches=origin.wrenches) != origin:
-        return (*entry.provenance, origin)
-    return (*before, replace(origin, wrenches=last.wrenches + origin.wrenches))
 
 
 class TaskLibrary:
@@ -484,3 +245,241 @@ def _warn_if_flat(entry: TaskEntry) -> None:
     if entry.wrenches and entry.rank < entry.dimension:
         words = f"the wrenches differ in {entry.rank} of {entry.dimension} directions only: the ellipsoid is flat"
         warn(f"{entry.name}: {words}")
+
+
+class Notes(TypedDict, total=False):
+    """Optional description, tags, frame and source of an entry."""
+
+    description: str
+    tags: str | list[str] | tuple[str, ...]
+    frame: str
+    source: str
+
+
+@dataclass(frozen=True)
+class Said:
+    """Validated notes with defaults."""
+
+    description: str
+    tags: tuple[str, ...]
+    frame: str
+    source: str
+
+    @classmethod
+    def of(cls, notes: Notes) -> Said:
+        """Return validated notes.
+
+        Raises
+        ------
+        InputError
+            On unknown fields or invalid texts.
+        """
+        unknown = sorted(set(notes) - set(Notes.__annotations__))
+        if unknown:
+            raise InputError("notes", ", ".join(unknown), "some of " + ", ".join(Notes.__annotations__))
+        lines = [text(field, notes.get(field, "")) for field in ("description", "frame", "source")]
+        return cls(lines[0], tag_words(notes.get("tags", ())), lines[1], lines[2])
+
+
+def copied(entry: TaskEntry, name: str, said: Said) -> TaskEntry:
+    """Return a copy of an entry under another name, with given notes replacing its own."""
+    origin = origin_now("added", said.source or f"a copy of {entry.name}", 0)
+    return replace(
+        entry,
+        name=name,
+        frame=Frame(said.frame or entry.frame.words, entry.frame.about),
+        description=said.description or entry.description,
+        tags=said.tags or entry.tags,
+        provenance=(*entry.provenance, origin),
+    )
+
+
+def origin_now(did: str, source: str, wrenches: int) -> Origin:
+    """Return a provenance record with today's date."""
+    return Origin(did, source, wrenches, datetime.now(UTC).date().isoformat())
+
+
+def after(entry: TaskEntry, origin: Origin) -> tuple[Origin, ...]:
+    """Return an entry's provenance with a record appended; equal records of one day are combined."""
+    *before, last = entry.provenance or (origin,)
+    if not entry.provenance or replace(last, wrenches=origin.wrenches) != origin:
+        return (*entry.provenance, origin)
+    return (*before, replace(origin, wrenches=last.wrenches + origin.wrenches))
+
+
+def learnt_from(
+    what: TaskEllipsoid | Wrenches, outliers: float, probability: float | None
+) -> tuple[Learnt, FloatArray | None, str]:
+    """Return the ellipsoid of a task or wrenches, its reference point of moments and its source."""
+    if isinstance(what, TaskEllipsoid):
+        if outliers:
+            raise InputError("outliers", outliers, "wrenches with it: a TaskEllipsoid is taken as it is")
+        if probability is not None:
+            raise InputError("probability", probability, "wrenches with it: a TaskEllipsoid is taken as it is")
+        return LeastVolume.of_task(what), what.about, ""
+    if outliers and probability is not None:
+        raise InputError("probability", probability, "a share between 0 and 1, without outliers")
+    given = Given.of(what, outliers)
+    stated = isinstance(what, WrenchRecording | TaskPolytope)
+    about = given.about if stated else np.zeros(space_dimension(given.rows.shape[1]))
+    return given.learnt(probability), about, given.source
+
+
+@dataclass(frozen=True)
+class Given:
+    """Input wrenches with their reference point and source.
+
+    Parameters
+    ----------
+    rows : (n, d) array
+    about : (space,) array or None
+        Reference point of moments; ``None`` if not stated, which means the entry's.
+    source : str
+        Provenance.
+    """
+
+    rows: FloatArray
+    about: FloatArray | None
+    source: str
+
+    @classmethod
+    def of(cls, value: WrenchRecording | Task | ArrayLike, outliers: float) -> Given:
+        """Return the wrenches of a recording, polytope or array, without a share of outliers.
+
+        Raises
+        ------
+        InputError
+            On other types or invalid wrenches.
+        """
+        if isinstance(value, WrenchRecording):
+            found = cls(value.wrenches, np.zeros(3), value.source)
+        elif isinstance(value, TaskPolytope):
+            found = cls(value.wrenches, value.about, "the corners of a TaskPolytope")
+        elif isinstance(value, Task):
+            allowed = "a recording, a TaskPolytope or wrenches (m, d); of other tasks a TaskEllipsoid can be added"
+            raise InputError("wrenches", f"a {type(value).__name__}", allowed)
+        else:
+            found = cls(wrench_rows(value), None, "")
+        rows = wrench_rows(found.rows)
+        if outliers:
+            rows = rows[enclose(rows, outliers, None, None, GAP).inside]
+        return cls(rows, found.about, found.source)
+
+    def learnt(self, probability: float | None) -> Learnt:
+        """Return the minimum-volume ellipsoid of the wrenches, or the covariance ellipsoid of a probability."""
+        return LeastVolume.of(self.rows) if probability is None else Normal.of(Moments.of(self.rows), probability)
+
+    def at(self, about: FloatArray | None, dimension: int) -> FloatArray:
+        """Return the wrenches with moments about an entry's reference point.
+
+        Raises
+        ------
+        InputError
+            When they have another dimension, or only the entry's point is unknown.
+        """
+        if self.rows.shape[1] != dimension:
+            raise InputError("wrenches", f"dimension {self.rows.shape[1]}", f"dimension {dimension}, that of the entry")
+        if self.about is None or (about is not None and np.array_equal(about, self.about)):
+            return self.rows
+        if about is None:
+            given = f"moments about {point_words(self.about)}"
+            raise InputError("wrenches", given, f"moments about {point_words(None)}, as the entry's are")
+        return np.asarray(self.rows @ move_torque_origin(about - self.about).T)
+
+
+class Folder:
+    """A folder of task library entries.
+
+    Parameters
+    ----------
+    path : str or Path, optional
+        By default the package's read-only entries.
+    """
+
+    def __init__(self, path: str | Path | None) -> None:
+        if path is not None and (not isinstance(path, str | Path) or not str(path).strip() or "\0" in str(path)):
+            raise InputError("library", path, "the path of a folder")
+        self.ready = path is None
+        self.path = Path(str(files(__package__).joinpath(READY))) if path is None else Path(path).absolute()
+        self.words = "the ready library" if self.ready else str(path)
+        if self.path.exists() and not self.path.is_dir():
+            raise InputError("library", f"{path} (not a folder)", "a folder")
+
+    @contextmanager
+    def changing(self) -> Iterator[None]:
+        """Create the folder if needed, and lock it against changes by other processes and threads.
+
+        Raises
+        ------
+        InputError
+            When it is the package's folder or not writable.
+        """
+        if self.ready:
+            raise InputError("library", self.words, "ng.TaskLibrary(path): the entries of the package stay as they are")
+        try:
+            self.path.mkdir(exist_ok=True)
+        except OSError as error:
+            raise InputError("library", f"{self.words} ({error.strerror})", "a folder in one that exists") from None
+        with held(self.path / LOCK):
+            yield
+
+    def entries(self) -> tuple[TaskEntry, ...]:
+        """Return all entries, sorted by name.
+
+        Raises
+        ------
+        InputError
+            When the folder is missing, a file is unreadable, or two entries have the same name.
+        """
+        if not self.path.is_dir():
+            raise InputError("library", f"{self.words} (no such folder)", "a folder of task entries")
+        found: dict[str, TaskEntry] = {}
+        for file in sorted(self.path.glob("*.json")):
+            entry = read_entry(file)
+            if entry.name in found:
+                raise InputError(f"{file}: name", entry.name, "a name that no other file of the folder has")
+            found[entry.name] = entry
+        return tuple(found[name] for name in sorted(found))
+
+    def find(self, name: str) -> tuple[Path, TaskEntry] | None:
+        """Return the file and entry of a name, or ``None``.
+
+        Raises
+        ------
+        InputError
+            When its file cannot be read.
+        """
+        wanted, usual = entry_name(name), self.file(name)
+        if usual.is_file():
+            entry = read_entry(usual)
+            if entry.name == wanted:
+                return usual, entry
+        for file in sorted(self.path.glob("*.json")):  # files may have been renamed by users
+            with suppress(InputError):
+                entry = read_entry(file)
+                if entry.name == wanted:
+                    return file, entry
+        return None
+
+    def get(self, name: str) -> tuple[Path, TaskEntry]:
+        """Return the file and entry of a name.
+
+        Raises
+        ------
+        InputError
+            When no entry has this name; similar names are listed.
+        """
+        found = self.find(name)
+        if found is None:
+            names = [entry.name for entry in self.entries()]
+            some = ", ".join(map(repr, (near(name, names) or names)[:NEAREST])) or "none: it has no entries"
+            raise InputError(f"task in {self.words}", repr(name), f"the name of an entry, such as {some}")
+        return found
+
+    def keep(self, entry: TaskEntry, file: Path | None = None) -> None:
+        """Write an entry to its default or a given file."""
+        write_entry(entry, self.file(entry.name) if file is None else file)
+
+    def file(self, name: str) -> Path:
+        """Return the default file of an entry's name."""
+        return self.path / f"{file_name(entry_name(name))}.json"
