@@ -168,7 +168,7 @@ def distance_spline(
         Grid cells along the longest side.
     smoothing : float
         Standard deviation of the Gaussian, in cells; 0 for none. It removes noise from the normals, on which the
-        solver fails: with 1.5 every start on six scanned objects converged (docs/architecture.md).
+        solver fails: with 1.5 every start on six scanned objects converged (docs/decisions/mesh_smoothing.md).
     margin : float
         How far the grid reaches beyond the mesh, metres; at least five cells.
     """
