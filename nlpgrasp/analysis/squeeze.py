@@ -19,7 +19,7 @@ from nlpgrasp.tasks.tools import WEIGHT
 
 NORMAL_FORCE = 2.0  # newtons, the usual least normal force of each contact
 MOST_EFFORT = 0.98  # share of the weakest joint's limit that the squeeze of a solution takes, at most
-EASY_EFFORT = 0.6  # the same, to press harder than the usual force: the rest of the limit resists pushes
+EASY_EFFORT = 0.6  # the same, to press harder than the usual force: the rest of the limit is left for pushes
 
 
 def squeeze(
