@@ -182,5 +182,5 @@ def test_defects_of_large_meshes_are_kept(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("name", SCANS)
-def test_scans_have_no_defects(name, shared_meshes):
-    assert defect_warnings(usable_mesh(read_mesh(shared_meshes / name, SCANS[name]))[0]) == ()
+def test_scans_have_no_defects(name, outside_meshes):
+    assert defect_warnings(usable_mesh(read_mesh(outside_meshes / name, SCANS[name]))[0]) == ()

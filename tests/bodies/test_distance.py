@@ -41,8 +41,8 @@ def test_distance_grows_like_the_distance_near_the_surface(name, rng):
     np.testing.assert_allclose(found, h, rtol=0.02)
 
 
-def test_distance_to_a_mesh_is_the_meshs_own(shared_meshes, rng):
-    body = ng.Mesh.load(shared_meshes / "ycb_012_strawberry.stl")
+def test_distance_to_a_mesh_is_the_meshs_own(outside_meshes, rng):
+    body = ng.Mesh.load(outside_meshes / "ycb_012_strawberry.stl")
     points = rng.uniform(body.bounds[0] - 0.05, body.bounds[1] + 0.05, (3000, 3))
     found, true = distances(body, points), body.signed_distance(points)
     near = (true > 0.004) & (true < 0.015)

@@ -142,8 +142,8 @@ def test_unknown_unit_lists_the_known(tmp_path):
         ("ycb_012_strawberry.stl", "m"),
     ],
 )
-def test_shared_meshes_load(shared_meshes, name, unit, rng):
-    body = ng.Mesh.load(shared_meshes / name, unit=unit)
+def test_outside_meshes_load(outside_meshes, name, unit, rng):
+    body = ng.Mesh.load(outside_meshes / name, unit=unit)
     p = body.sample("surface", 100, rng)
     assert np.max(body.closest(p)[2]) < 0.06 * body.size
 

@@ -71,8 +71,8 @@ def test_variants_in_files_load_alike(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", SCANS)
-def test_scans_load_alike_where_their_vertices_are_split(name, shared_meshes):
-    clean, _ = usable_mesh(read_mesh(shared_meshes / name, SCANS[name]))
+def test_scans_load_alike_where_their_vertices_are_split(name, outside_meshes):
+    clean, _ = usable_mesh(read_mesh(outside_meshes / name, SCANS[name]))
     for pose in (np.eye(4), pose_of([100.0, -30.0, 5.0], 0.7)):
         found = loads_like(clean, split(moved(clean, pose)), pose)
         assert len(found.faces) == len(clean.faces)

@@ -113,13 +113,13 @@ def test_ears_of_polygons_with_straight_corners():
     closed(ng.Polygon(corners))
 
 
-def test_a_mesh_is_simplified(shared_meshes):
-    body = ng.Mesh.load(shared_meshes / "ycb_012_strawberry.stl")
+def test_a_mesh_is_simplified(outside_meshes):
+    body = ng.Mesh.load(outside_meshes / "ycb_012_strawberry.stl")
     vertices, faces = triangles(body, 1000)
     assert len(faces) == 1000
     assert np.max(np.abs(body.signed_distance(vertices))) < 5e-4
 
 
-def test_a_mesh_that_cannot_be_simplified_is_remade(shared_meshes):
-    body = ng.Mesh.load(shared_meshes / "ycb_048_hammer.stl")
+def test_a_mesh_that_cannot_be_simplified_is_remade(outside_meshes):
+    body = ng.Mesh.load(outside_meshes / "ycb_048_hammer.stl")
     assert closed(body).volume == pytest.approx(body.mesh.volume, rel=0.1)
