@@ -99,7 +99,7 @@ def test_calls_that_ran_are_told_apart():
 
 IN_WORKERS = """
 import nlpgrasp as ng
-from nlpgrasp.optimize import programs
+from nlpgrasp.optimize import compiled_programs as programs
 
 
 class Given(programs.CompiledProgram):
@@ -108,7 +108,7 @@ class Given(programs.CompiledProgram):
 
 
 def unpacked():
-    from nlpgrasp.optimize import programs
+    from nlpgrasp.optimize import compiled_programs as programs
 
     programs.CompiledProgram = Given
     return ng.TaskEllipsoid([1.0, 1.0, 0.5])
