@@ -137,7 +137,12 @@ class Runner:
         waiting, pending, give_up = iter(candidates), dict[Future[StartResult], int](), None
         while True:
             for index, own in islice(waiting, max(0, WAITING * self.workers - len(pending))):
-                pending[processes.submit(_work, parcel, index, own, seed, stop)] = index
+                try:
+                    future = processes.submit(_work, parcel, index, own, seed, stop)
+                except BrokenProcessPool:  # a worker has died since: the starts still to come have new ones
+                    processes = Processes(self.workers)
+                    future = processes.submit(_work, parcel, index, own, seed, stop)
+                pending[future] = index
             if not pending:
                 break
             done, _ = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
