@@ -23,7 +23,7 @@ from benchmarks import (
     simulation,
     tasks,
 )
-from nlpgrasp.optimize.processes import one_thread
+from nlpgrasp.optimize.processes import single_thread
 
 ALL = {
     "baseline": baseline,
@@ -50,5 +50,5 @@ ALL = {
 for word in sys.argv[1:] or ALL:
     name, *part = word.split(":")
     print(f"\n== {word}: {ALL[name].__doc__.splitlines()[0]}")
-    with one_thread():
+    with single_thread():
         ALL[name].run(*part)

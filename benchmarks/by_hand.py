@@ -12,10 +12,10 @@ import nlpgrasp as ng
 from benchmarks.peers import by_slsqp
 from benchmarks.peers.cases import Case
 from benchmarks.peers.random_search import Placement
-from nlpgrasp.common.deadline import Stop
+from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.nlp import CompiledProgram, optimal_grasp_program
-from nlpgrasp.optimize.candidate import Placed
-from nlpgrasp.optimize.compiled_problem import Workbench, placed_of, variables_of
+from nlpgrasp.optimize.candidate import GraspCandidate
+from nlpgrasp.optimize.compiled_problem import CompiledProblem, candidate_of, pack_variables
 from nlpgrasp.optimize.propose import propose
 from nlpgrasp.optimize.start import run_start
 from nlpgrasp.quality.ratio_minimisation import random_directions
@@ -39,28 +39,28 @@ def slsqp(points, rng):
 
 def random_program(bench, compiled, points, rng, transcription):
     u = random_directions(72, 6, rng)
-    start = variables_of(bench, compiled.program, Placed(FACES, points))
+    start = pack_variables(bench, compiled.program, GraspCandidate(FACES, points))
     start[compiled.program.block("beta").range] = 0.1
     parameters = u.ravel() if transcription == "vertex" else np.concatenate([u.ravel(), np.ones(72)])
     found = compiled.solve(start, parameters)
-    return placed_of(bench, compiled.program, FACES, found.z).points, found.objective / bench.scaling.beta
+    return candidate_of(bench, compiled.program, FACES, found.z).points, found.objective / bench.scaling.beta
 
 
 def certified(bench, points):
-    return ng.mu(bench.grasp(Placed(FACES, points)), TASK, 0.02)
+    return ng.mu(bench.grasp(GraspCandidate(FACES, points)), TASK, 0.02)
 
 
 def run():
     problem = ng.GraspProblem(BODY, CONTACTS, TASK)
-    bench = Workbench(problem, ng.SolveOptions(workers=1))
-    run_start(bench, STARTS, 0, Stop())
+    bench = CompiledProblem(problem, ng.SolveOptions(workers=1))
+    run_start(bench, STARTS, 0, Deadline())
     programs = {
         "vertex": CompiledProgram(optimal_grasp_program(problem, "vertex", 72), {"tol": 1e-4, "max_iter": 300}),
         "support": CompiledProgram(optimal_grasp_program(problem, "support", 72), {"tol": 1e-4, "max_iter": 300}),
     }
     rows = {"nlpgrasp": [], "SLSQP": [], "vertex, random": [], "support, random": []}
     for index in range(STARTS):
-        result = run_start(bench, index, 0, Stop())
+        result = run_start(bench, index, 0, Deadline())
         seconds = sum(v for k, v in result.record.seconds.items() if k != "certificate")
         rows["nlpgrasp"].append((result.record.mu.lower, seconds, result.record.mu.upper))
         points = propose(bench, np.random.default_rng([0, index]))[0].points

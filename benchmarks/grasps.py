@@ -7,7 +7,7 @@ import numpy as np
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.solution.file import text_of
+from nlpgrasp.solution.file import solution_json
 
 STARTS, KEEP, TURNS = 40, 20, 5
 TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
@@ -54,7 +54,7 @@ def run(only=None):
             many.append(seconds)
         grasps, alone, seconds = solution.grasps, np.median(one), np.median(many)
         ends = sum(found.start is not None for found in grasps)
-        size = len(text_of(solution.to_dict())) / 1e6
+        size = len(solution_json(solution.to_dict())) / 1e6
         lower = [found.mu.lower for found in grasps]
         print(
             f"{name:10}  {len(grasps):6}  {ends:12}  {max(lower):7.3f}  {min(lower):7.3f}  {alone:9.1f}"

@@ -5,19 +5,19 @@ import time
 import numpy as np
 
 import nlpgrasp as ng
-from nlpgrasp.common.deadline import Stop
-from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.common.deadline import Deadline
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.start import run_start
 
 
 def run_starts(problem, count, seed=0, **options):
     """Return the results of the starts and the wall time of each; building is not counted."""
-    bench = Workbench(problem, ng.SolveOptions(workers=1, **options))
-    run_start(bench, count, seed, Stop())  # builds the programs
+    bench = CompiledProblem(problem, ng.SolveOptions(workers=1, **options))
+    run_start(bench, count, seed, Deadline())  # builds the programs
     results, seconds = [], []
     for index in range(count):
         begun = time.perf_counter()
-        results.append(run_start(bench, index, seed, Stop()))
+        results.append(run_start(bench, index, seed, Deadline()))
         seconds.append(time.perf_counter() - begun)
     return results, np.array(seconds)
 

@@ -11,9 +11,9 @@ from scipy.optimize import lsq_linear
 
 import nlpgrasp as ng
 from nlpgrasp.hands.base import PosedHand
-from nlpgrasp.optimize.candidate import Placed
+from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_programs import budget_at
-from nlpgrasp.optimize.constraint_values import RowValues
+from nlpgrasp.optimize.constraint_values import ConstraintValues
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.wrench_set import WrenchSet
 
@@ -63,7 +63,7 @@ class _State:
     def __init__(self, problem, solution):
         self.problem, self.body, self.k = problem, problem.body, len(problem.models)
         self.faces, self.normals = solution.faces, solution.grasp.normals
-        self.rows = RowValues(problem)
+        self.rows = ConstraintValues(problem)
         hand = problem.hand
         self.posed = isinstance(hand, PosedHand)
         values = hand.values_of(solution.hand) if self.posed else {}
@@ -82,7 +82,7 @@ class _State:
         for variable in self.variables:
             size = len(variable.lower)
             hand[variable.name], rest = rest[:size] * variable.scale, rest[size:]
-        return Placed(self.faces, points, hand)
+        return GraspCandidate(self.faces, points, hand)
 
     def inward(self, points):
         """Return the inward normals: of analytic bodies at the points, of a mesh those of the triangles."""

@@ -16,7 +16,7 @@ from nlpgrasp.budgets import ForceBudget, budget_from_dict, force_budget
 from nlpgrasp.budgets.base import ForceSet
 from nlpgrasp.budgets.registry import BUDGETS
 from nlpgrasp.budgets.registry import register as register_budget
-from nlpgrasp.common.scalar_constraints import Row
+from nlpgrasp.common.scalar_constraints import ScalarConstraint
 from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.contacts.base import CONTACTS
 from nlpgrasp.contacts.cones import RangeContact
@@ -105,7 +105,7 @@ class Weighed(ForceBudget):
 
     def rows(self, contacts, forces, normals):
         parts = zip(self.weights(len(contacts)), contacts, forces, normals, strict=True)
-        return [Row("force budget", sum(w * c.normal_force(x, n) for w, c, x, n in parts), upper=1.0)]
+        return [ScalarConstraint("force budget", sum(w * c.normal_force(x, n) for w, c, x, n in parts), upper=1.0)]
 
     def to_dict(self):
         return {"type": self.kind, "growth": self.growth}

@@ -8,21 +8,21 @@ from functools import partial
 from typing import Any
 
 from nlpgrasp.analysis.shadow_prices import shadow_prices
-from nlpgrasp.analysis.squeeze import with_squeeze, with_squeezes
+from nlpgrasp.analysis.squeeze import add_squeeze, add_squeezes
 from nlpgrasp.budgets import ForceBudget
-from nlpgrasp.common.deadline import Clock, Stop
-from nlpgrasp.common.files import as_read
+from nlpgrasp.common.deadline import Clock, Deadline
+from nlpgrasp.common.files import json_round_trip
 from nlpgrasp.errors import InputError, NlpgraspError
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Hand, PosedHand
-from nlpgrasp.optimize.candidate import Effort, Placed
-from nlpgrasp.optimize.compiled_problem import Workbench
-from nlpgrasp.optimize.grasp_on_body import OnBody
-from nlpgrasp.optimize.hand_approach import approached, attempted
+from nlpgrasp.optimize.candidate import Effort, GraspCandidate
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
+from nlpgrasp.optimize.grasp_on_body import GraspOnBody
+from nlpgrasp.optimize.hand_approach import add_hand_record, none_on_failure
 from nlpgrasp.optimize.options import ANALYSES, SolveOptions, check_analyses
-from nlpgrasp.optimize.processes import one_thread
+from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.robustness import robustness
-from nlpgrasp.optimize.start import with_hand
+from nlpgrasp.optimize.start import follow_with_hand
 from nlpgrasp.optimize.start_result import StartGrasp
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds, Volume, delta, nu
@@ -64,7 +64,7 @@ def analyse(solution: GraspSolution, *analyses: str, problem: GraspProblem | Non
     """
     solution = given_solution(solution)
     if problem is not None:
-        _check_same(solution, problem)
+        _check_same_problem(solution, problem)
     names = check_analyses("analyses", analyses)
     solution.require_grasp()
     known = problem or solution.known_problem
@@ -76,48 +76,50 @@ def analyse(solution: GraspSolution, *analyses: str, problem: GraspProblem | Non
         wanted = "the problem that was solved, as the file does not hold its mesh, hand or function"
         raise InputError("problem", None, f"{wanted}: {', '.join(of_problem)} need it")
     analysed = solution
-    for _, after in one_by_one(solution, lacking, known):
+    for _, after in analyse_one_by_one(solution, lacking, known):
         analysed = after
-    return with_analyses(analysed, {}, None if known is None else known.hand)
+    return add_analyses_to(analysed, {}, None if known is None else known.hand)
 
 
-def one_by_one(
+def analyse_one_by_one(
     solution: GraspSolution, names: Iterable[str], problem: GraspProblem | None
 ) -> Iterator[tuple[str, GraspSolution]]:
     """Yield each of some analyses, checked, with the solution after it; the problem's programs are built once."""
-    grasp, at = solution.require_grasp(), list[tuple[Workbench, StartGrasp]]()
+    grasp, at = solution.require_grasp(), list[tuple[CompiledProblem, StartGrasp]]()
     for name in names:
         if not is_stated(solution, name):
-            with one_thread():
+            with single_thread():
                 if name not in OF_GRASP and not at and problem is not None:
-                    bench = Workbench(problem, SolveOptions(workers=1))
-                    at.append((bench, _as_start(bench, solution, grasp)))
-                found = OF_GRASP[name](grasp, solution.budget) if name in OF_GRASP else _of_problem(name, *at[0])
-            solution = with_analyses(solution, {name: found}, None if problem is None else problem.hand)
+                    bench = CompiledProblem(problem, SolveOptions(workers=1))
+                    at.append((bench, _start_of_solution(bench, solution, grasp)))
+                found = (
+                    OF_GRASP[name](grasp, solution.budget) if name in OF_GRASP else _run_problem_analysis(name, *at[0])
+                )
+            solution = add_analyses_to(solution, {name: found}, None if problem is None else problem.hand)
         yield name, solution
 
 
 def analyses_of(
-    bench: Workbench, start: StartGrasp, names: Iterable[str], stop: Stop
+    bench: CompiledProblem, start: StartGrasp, names: Iterable[str], stop: Deadline
 ) -> tuple[dict[str, Any], Mapping[str, float]]:
     """Return the results of analyses of a start's grasp by name, and the seconds of each.
 
     A numerical failure, or a stop, leaves one out.
     """
     clock, found = Clock(), dict[str, Any]()
-    with one_thread():
+    with single_thread():
         for name in names:
             if stop.requested():
                 break
             if name in OF_GRASP:
                 found[name] = OF_GRASP[name](start.found.grasp, bench.budget(start.found.placed))
             else:
-                found[name] = _of_problem(name, bench, start, stop)
+                found[name] = _run_problem_analysis(name, bench, start, stop)
             clock.mark(name)
     return found, clock.seconds
 
 
-def with_analyses(solution: GraspSolution, found: Mapping[str, Any], hand: Hand | None) -> GraspSolution:
+def add_analyses_to(solution: GraspSolution, found: Mapping[str, Any], hand: Hand | None) -> GraspSolution:
     """Return a solution with results of analyses added, and with squeezes where its hand can."""
     more = {FIELDS.get(name, name): value for name, value in found.items() if value is not None}
     if "robust" in more:
@@ -126,10 +128,10 @@ def with_analyses(solution: GraspSolution, found: Mapping[str, Any], hand: Hand 
         own = {name: value for name, value in (solution.hand or {}).items() if name not in OF_SQUEEZE}
         more["hand"] = own | {name: value for name, value in more["hand"].items() if name in OF_PHASES}
     changed = replace(solution, **more, stated_first=None) if more else solution
-    return with_squeezes(with_squeeze(changed, hand), hand)
+    return add_squeezes(add_squeeze(changed, hand), hand)
 
 
-def asked(options: SolveOptions, solution: GraspSolution, hand: Hand | None) -> tuple[str, ...]:
+def requested_analyses(options: SolveOptions, solution: GraspSolution, hand: Hand | None) -> tuple[str, ...]:
     """Return the analyses requested by options that a solution lacks."""
     names = all_analyses(hand) if options.extras else options.analyses
     return tuple(name for name in names if not is_stated(solution, name))
@@ -147,7 +149,7 @@ def is_stated(solution: GraspSolution, name: str) -> bool:
     return bool(getattr(solution, FIELDS.get(name, name)))
 
 
-def added_words(before: GraspSolution, after: GraspSolution) -> str:
+def format_added(before: GraspSolution, after: GraspSolution) -> str:
     """Return the analyses that a solution states and an earlier one does not, as text."""
     words = (words for name, words in ANALYSES.items() if is_stated(after, name) and not is_stated(before, name))
     return ", ".join(words)
@@ -169,34 +171,34 @@ def _applicable(names: tuple[str, ...], problem: GraspProblem | None) -> tuple[s
     return all_analyses(problem.hand)
 
 
-def _check_same(solution: GraspSolution, problem: GraspProblem) -> None:
+def _check_same_problem(solution: GraspSolution, problem: GraspProblem) -> None:
     """Refuse a problem that differs from what a solution states."""
     if not isinstance(problem, GraspProblem):
         raise InputError("problem", problem, "the GraspProblem that was solved")
     given, stated = problem.to_dict(), solution.problem
     for part in PARTS:
-        if as_read(given[part]) != as_read(stated[part]):
+        if json_round_trip(given[part]) != json_round_trip(stated[part]):
             raise InputError(f"problem.{part}", "another than the solution's", "the problem that was solved")
     if (problem.hand is None) != (stated.get("hand") is None):
         raise InputError("problem.hand", "another than the solution's", "the problem that was solved")
 
 
-def _as_start(bench: Workbench, solution: GraspSolution, grasp: Grasp) -> StartGrasp:
+def _start_of_solution(bench: CompiledProblem, solution: GraspSolution, grasp: Grasp) -> StartGrasp:
     """Return the grasp as the result of a start."""
     hand, posture = bench.problem.hand, solution.hand
-    placed = Placed(solution.faces, grasp.points)
+    placed = GraspCandidate(solution.faces, grasp.points)
     if isinstance(hand, PosedHand) and isinstance(posture, Mapping):
         placed = replace(placed, hand=hand.values_at(posture, grasp.points))
     elif hand is not None:
-        placed = with_hand(bench, placed)
+        placed = follow_with_hand(bench, placed)
     record = StartRecord(0, Status.SOLVED, solution.faces, solution.mu)
-    found = OnBody.of(bench, placed, grasp, solution.surface)
+    found = GraspOnBody.of(bench, placed, grasp, solution.surface)
     return StartGrasp(record, found, solution.constraints, Effort(), solution.robust, placed)
 
 
-def _of_problem(name: str, bench: Workbench, start: StartGrasp, stop: Stop | None = None) -> Any:
+def _run_problem_analysis(name: str, bench: CompiledProblem, start: StartGrasp, stop: Deadline | None = None) -> Any:
     """Return the result of an analysis that takes the problem, None where it fails numerically."""
-    return attempted(partial(OF_PROBLEM[name], bench, start, stop or Stop()))
+    return none_on_failure(partial(OF_PROBLEM[name], bench, start, stop or Deadline()))
 
 
 def _delta(grasp: Grasp, budget: ForceBudget) -> Bounds:
@@ -217,9 +219,9 @@ def _nu(grasp: Grasp, budget: ForceBudget) -> Volume | None:
 OF_GRASP: Mapping[str, Callable[[Grasp, ForceBudget], Any]] = {"delta": _delta, "nu": _nu}
 
 
-OF_PROBLEM: Mapping[str, Callable[[Workbench, StartGrasp, Stop], Any]] = {
+OF_PROBLEM: Mapping[str, Callable[[CompiledProblem, StartGrasp, Deadline], Any]] = {
     "prices": shadow_prices,
     "robustness": lambda bench, start, _: robustness(bench, start.found.placed, start.found.grasp),
-    "phases": lambda bench, start, _: approached(bench, replace(start, hand=None)).hand,
+    "phases": lambda bench, start, _: add_hand_record(bench, replace(start, hand=None)).hand,
     "drawing": lambda bench, start, _: drawing_of(bench.problem.body, bench.problem.hand, start.found.placed.hand),
 }

@@ -15,16 +15,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlpgrasp.common.deadline import Stop
-from nlpgrasp.common.formatting import direction_words
+from nlpgrasp.common.deadline import Deadline
+from nlpgrasp.common.formatting import format_wrench_direction
 from nlpgrasp.common.quadratic_program import GroupSlack, Linearised, shortest_step, step_bounds
-from nlpgrasp.common.scalar_constraints import CLEARANCE, ON_FINGERTIP, SELF_COLLISION, UNIT_QUATERNION, Row
+from nlpgrasp.common.scalar_constraints import (
+    CLEARANCE,
+    ON_FINGERTIP,
+    SELF_COLLISION,
+    UNIT_QUATERNION,
+    ScalarConstraint,
+)
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.optimize.candidate import Placed
-from nlpgrasp.optimize.compiled_problem import Workbench, variables_of
-from nlpgrasp.optimize.cutting_planes import no_cuts
-from nlpgrasp.optimize.hand_approach import attempted
-from nlpgrasp.optimize.processes import one_thread
+from nlpgrasp.optimize.candidate import GraspCandidate
+from nlpgrasp.optimize.compiled_problem import CompiledProblem, pack_variables
+from nlpgrasp.optimize.cutting_planes import empty_slots
+from nlpgrasp.optimize.hand_approach import none_on_failure
+from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.propose import propose
 from nlpgrasp.optimize.start_result import StartGrasp, StartResult
 from nlpgrasp.quality import mu
@@ -43,20 +49,22 @@ KEPT = 1e-4  # relative to a constraint's scale: a smaller violation counts as n
 FACTORS = (1.1, 1.25, 1.5, 2.0, 3.0)  # of friction, with which the best grasp is tried
 
 
-def diagnosis(bench: Workbench, results: Sequence[StartResult], seed: int, stop: Stop) -> WhyNot | None:
+def diagnose_on_one_thread(
+    bench: CompiledProblem, results: Sequence[StartResult], seed: int, stop: Deadline
+) -> WhyNot | None:
     """Return the infeasibility diagnosis of a problem without a grasp; None where it fails numerically."""
-    with one_thread():
-        return attempted(lambda: why_not(bench, results, seed, stop))
+    with single_thread():
+        return none_on_failure(lambda: diagnose(bench, results, seed, stop))
 
 
-def why_not(bench: Workbench, results: Sequence[StartResult], seed: int, stop: Stop) -> WhyNot:
+def diagnose(bench: CompiledProblem, results: Sequence[StartResult], seed: int, stop: Deadline) -> WhyNot:
     """Return the infeasibility diagnosis of a problem whose starts found no grasp."""
-    best: Relaxed | None = None
+    best: RelaxationResult | None = None
     for index in range(STARTS):
         if stop.requested():
             break
         candidate = propose(bench, np.random.default_rng([seed, index, 1]))[0]
-        found = relax(bench, candidate)
+        found = minimise_violation(bench, candidate)
         if best is None or found.total < best.total:
             best = found
         if best.total <= KEPT:
@@ -65,10 +73,10 @@ def why_not(bench: Workbench, results: Sequence[StartResult], seed: int, stop: S
         return WhyNot(reasons=("Stopped before a reason was found.",))
     if best.total > KEPT:
         return _contradiction(bench, best)
-    return _unreachable(bench, results)
+    return _explain_unreachable(bench, results)
 
 
-def _contradiction(bench: Workbench, best: Relaxed) -> WhyNot:
+def _contradiction(bench: CompiledProblem, best: RelaxationResult) -> WhyNot:
     conflicts = [conflict_of(name, bench.rows.named[index], value) for name, (_, index, value) in best.worst.items()]
     conflicts.sort(key=lambda c: -c.excess)
     everything = sorted(set(group_names(bench)) - {HARD})
@@ -85,7 +93,7 @@ def _contradiction(bench: Workbench, best: Relaxed) -> WhyNot:
     return WhyNot(tuple(conflicts), None, tuple(reasons), tuple(advice), locally_infeasible=True)
 
 
-def _unreachable(bench: Workbench, results: Sequence[StartResult]) -> WhyNot:
+def _explain_unreachable(bench: CompiledProblem, results: Sequence[StartResult]) -> WhyNot:
     """Explain why placements that keep all constraints do not exert the task."""
     grasps = [r.found.grasp for r in results if isinstance(r, StartGrasp)]
     if not grasps:
@@ -100,13 +108,13 @@ def _unreachable(bench: Workbench, results: Sequence[StartResult]) -> WhyNot:
     direction = found.worst_direction
     reasons = ["The constraints can be kept, but in the best grasp found the fingers cannot exert one wrench."]
     if direction is not None:
-        reasons.append(f"That wrench is {direction_words(direction, bench.scaling.length)}.")
-    advice = _with_friction(bench, grasp)
+        reasons.append(f"That wrench is {format_wrench_direction(direction, bench.scaling.length)}.")
+    advice = _friction_advice(bench, grasp)
     advice.append("Try more starts, more fingers, other faces, or soft contacts where a torque is what is missing.")
     return WhyNot((), direction, tuple(reasons), tuple(advice))
 
 
-def _with_friction(bench: Workbench, grasp: Grasp) -> list[str]:
+def _friction_advice(bench: CompiledProblem, grasp: Grasp) -> list[str]:
     """Return advice on the friction with which the best grasp found would exert the task."""
     for factor in FACTORS:
         if not all("friction" in model.coefficients for model in grasp.contacts):
@@ -119,7 +127,7 @@ def _with_friction(bench: Workbench, grasp: Grasp) -> list[str]:
 
 
 @dataclass(frozen=True)
-class Relaxed:
+class RelaxationResult:
     """Least violated placement of an elastic relaxation.
 
     Parameters
@@ -134,10 +142,10 @@ class Relaxed:
     worst: dict[str, tuple[float, int, float]]
 
 
-def relax(bench: Workbench, candidate: Placed) -> Relaxed:
+def minimise_violation(bench: CompiledProblem, candidate: GraspCandidate) -> RelaxationResult:
     """Return the least violated placement near a candidate."""
     relaxation = _Relaxation(bench, candidate)
-    here = relaxation.at(variables_of(bench, relaxation.compiled.program, candidate))
+    here = relaxation.at(pack_variables(bench, relaxation.compiled.program, candidate))
     radius = FIRST_RADIUS
     for _ in range(STEPS):
         if here.merit <= 0.1 * KEPT or radius < LAST_RADIUS:
@@ -155,37 +163,37 @@ def relax(bench: Workbench, candidate: Placed) -> Relaxed:
 class _Relaxation:
     """Elastic relaxation: groups of constraints with a penalty on the largest violation of each."""
 
-    def __init__(self, bench: Workbench, candidate: Placed) -> None:
+    def __init__(self, bench: CompiledProblem, candidate: GraspCandidate) -> None:
         self.bench, self.compiled = bench, bench.exchange.compiled
         program = self.compiled.program
-        self.theta = no_cuts(bench, candidate)
+        self.theta = empty_slots(bench, candidate)
         self.used = slice(program.contained, None)
         self.offset = program.placement.start - program.contained
         self.low, self.high = (limits[self.used] for limits in program.limits)
-        groups = _groups(bench, len(self.low), self.offset)
+        groups = _constraint_groups(bench, len(self.low), self.offset)
         self.names = sorted(set(groups))
         member = np.array([self.names.index(g) for g in groups])
         self.slack = GroupSlack(member, np.array([HARD_WEIGHT if name == HARD else 1.0 for name in self.names]))
 
-    def at(self, z: FloatArray) -> _Point:
+    def at(self, z: FloatArray) -> _RelaxationIterate:
         """Return the iterate at some variables of the program."""
         g, J = self.compiled.linearise(z, self.theta)
         largest = np.zeros(len(self.names))
         np.maximum.at(largest, self.slack.member, self.violated(g[self.used]))
-        return _Point(z, g[self.used], J[self.used], largest, float(self.slack.weights @ largest))
+        return _RelaxationIterate(z, g[self.used], J[self.used], largest, float(self.slack.weights @ largest))
 
     def violated(self, values: FloatArray) -> FloatArray:
         """Return the violation of each constraint."""
         return np.maximum(np.maximum(self.low - values, values - self.high), 0.0)
 
-    def step(self, here: _Point, radius: float) -> _Point | None:
+    def step(self, here: _RelaxationIterate, radius: float) -> _RelaxationIterate | None:
         """Return the iterate after the step of least weighted violation; None where the solver finds none."""
         bounds = step_bounds(here.z, self.compiled.program.bounds, radius)
         rows = Linearised(here.values, here.jacobian, self.low, self.high, *bounds)
         found = shortest_step(rows, damping=DAMPING, slack=self.slack)
         return None if found is None else self.at(here.z + found.d)
 
-    def left(self, here: _Point) -> Relaxed:
+    def left(self, here: _RelaxationIterate) -> RelaxationResult:
         """Return the remaining violations at an iterate, by the worst constraint of each group."""
         violated, worst = self.violated(here.values), {}
         for i, name in enumerate(self.names):
@@ -195,11 +203,11 @@ class _Relaxation:
                 index = row - self.offset
                 scale = self.bench.rows.named[index].scale
                 worst[name] = (float(violated[row]), index, float(here.values[row] * scale))
-        return Relaxed(float(np.sum(here.largest)), worst)
+        return RelaxationResult(float(np.sum(here.largest)), worst)
 
 
 @dataclass(frozen=True)
-class _Point:
+class _RelaxationIterate:
     """Iterate of the relaxation with its constraints: merit is the weighted sum of the groups' violations."""
 
     z: FloatArray
@@ -209,7 +217,7 @@ class _Point:
     merit: float
 
 
-def group_names(bench: Workbench) -> list[str]:
+def group_names(bench: CompiledProblem) -> list[str]:
     """Return the group of each constraint row: its constraint, or the kind of a hand's row.
 
     Several constraints of one kind are numbered in the order of ``GraspProblem.constraints``.
@@ -228,13 +236,13 @@ def group_names(bench: Workbench) -> list[str]:
     return names
 
 
-def _groups(bench: Workbench, count: int, offset: int) -> list[str]:
+def _constraint_groups(bench: CompiledProblem, count: int, offset: int) -> list[str]:
     """Return the group of each scalar constraint: those of faces and unit quaternions are hard."""
     names = group_names(bench)
     return [HARD] * offset + names + [HARD] * (count - offset - len(names))
 
 
-def conflict_of(name: str, row: Row, value: float) -> Conflict:
+def conflict_of(name: str, row: ScalarConstraint, value: float) -> Conflict:
     """Return the conflict of a violated constraint: squared lengths as lengths, cosines as angles."""
     least = value < row.lower
     bound = row.lower if least else row.upper

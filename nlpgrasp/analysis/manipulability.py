@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.types import Json, MovingHand
+from nlpgrasp.common.types import HandWithJacobians, Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import PosedHand
@@ -258,7 +258,9 @@ class Manipulability:
         return "\n".join(lines)
 
 
-def manipulability(solution: GraspSolution, hand: MovingHand, torque_scale: float | None = None) -> Manipulability:
+def manipulability(
+    solution: GraspSolution, hand: HandWithJacobians, torque_scale: float | None = None
+) -> Manipulability:
     """Return the manipulability of the body by a hand in its grasp.
 
     Contacts stay fixed on their links and on the body, to first order; contact models determine the transmitted

@@ -15,7 +15,7 @@ import numpy as np
 
 from nlpgrasp.bodies import Body, Mesh
 from nlpgrasp.bodies.registry import body_from_dict
-from nlpgrasp.common.types import Json, MovingHand
+from nlpgrasp.common.types import HandWithJacobians, Json
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
@@ -32,7 +32,7 @@ ALMOST = 1e-3  # relative excess of the ratio up to which directions count as we
 
 
 def sensitivity(
-    solution: GraspSolution, body: Body | None = None, hand: MovingHand | None = None, almost: float = ALMOST
+    solution: GraspSolution, body: Body | None = None, hand: HandWithJacobians | None = None, almost: float = ALMOST
 ) -> Sensitivity:
     """Return the rates of mu with contact positions, friction coefficients and joint positions.
 
@@ -75,14 +75,14 @@ def sensitivity(
     start = weakest_directions(grasp, solution.task, solution.budget, np.random.default_rng(0))
     if start.value <= 0.0:
         raise InputError("solution", "a grasp that does not exert the task's wrenches", "one with mu above 0")
-    changes = Changes(grasp, solution.faces, shape)
+    changes = Perturbations(grasp, solution.faces, shape)
     groups = (
         changes.of_contacts(),
         changes.of_coefficients(),
         [] if hand is None else changes.of_joints(hand, solution.hand),
     )
-    y = _weakest(solution, grasp, start.directions, [c for group in groups for c in group], share)
-    before = _ratios(solution, grasp, y)
+    y = _weakest_under_changes(solution, grasp, start.directions, [c for group in groups for c in group], share)
+    before = _ratios_along(solution, grasp, y)
     contacts, coefficients, joints = (tuple(_rate(solution, c, y, before) for c in group) for group in groups)
     return Sensitivity(float(np.min(before)), contacts, coefficients, joints, y)
 
@@ -174,7 +174,7 @@ class Rate:
         return f"{self.name}: {self.more:+.3g} up, {self.less:+.3g} down{per}"
 
 
-class Changes:
+class Perturbations:
     """The scalar parameters of a grasp.
 
     Parameters
@@ -188,7 +188,7 @@ class Changes:
     def __init__(self, grasp: Grasp, faces: Sequence[str], body: Body) -> None:
         self._grasp, self._faces, self._body = grasp, faces, body
 
-    def of_contacts(self) -> list[Change]:
+    def of_contacts(self) -> list[Perturbation]:
         """Return the coordinates of each contact along its tangents, metres."""
         found = []
         for i in range(len(self._grasp)):
@@ -198,7 +198,7 @@ class Changes:
                 found.append(self._slide(f"contact {i} along tangent {j}", "m", along))
         return found
 
-    def of_coefficients(self) -> list[Change]:
+    def of_coefficients(self) -> list[Perturbation]:
         """Return the friction coefficients of each contact."""
         return [
             self._coefficient(i, name, value)
@@ -206,7 +206,7 @@ class Changes:
             for name, value in model.coefficients.items()
         ]
 
-    def of_joints(self, hand: MovingHand, posture: Json | None) -> list[Change]:
+    def of_joints(self, hand: HandWithJacobians, posture: Json | None) -> list[Perturbation]:
         """Return the positions of the joints that move a contact; contacts stay fixed to their links.
 
         Raises
@@ -222,13 +222,13 @@ class Changes:
         along = J - n * np.sum(n * J, axis=1, keepdims=True)
         return [self._slide(name, "rad or m", along[:, :, j]) for j, name in enumerate(hand.loaded_joints)]
 
-    def _slide(self, name: str, unit: str, along: FloatArray) -> Change:
+    def _slide(self, name: str, unit: str, along: FloatArray) -> Perturbation:
         """Return contacts slid along (k, space) metres per unit, none farther than the contacts are apart."""
         far = float(np.max(np.linalg.norm(along, axis=1)))
         size = self._grasp.mean_arm / far if far > 0.0 else 1.0
-        return Change(name, unit, size, lambda t: self._at(*self._slid(t * along), self._grasp.contacts))
+        return Perturbation(name, unit, size, lambda t: self._at(*self._slid(t * along), self._grasp.contacts))
 
-    def _coefficient(self, i: int, name: str, value: float) -> Change:
+    def _coefficient(self, i: int, name: str, value: float) -> Perturbation:
         grasp = self._grasp
 
         def changed(t: float) -> Grasp:
@@ -238,7 +238,7 @@ class Changes:
             return self._at(grasp.points, grasp.normals, each)
 
         unit = "m" if name == "torsional_friction" else ""
-        return Change(f"contact {i}, {name.replace('_', ' ')}", unit, value, changed)
+        return Perturbation(f"contact {i}, {name.replace('_', ' ')}", unit, value, changed)
 
     def _at(self, points: FloatArray, normals: FloatArray, contacts: Sequence[ContactModel]) -> Grasp:
         tangents = self._grasp.tangents if any(c.needs_tangents for c in contacts) else None
@@ -256,7 +256,7 @@ class Changes:
 
 
 @dataclass(frozen=True)
-class Change:
+class Perturbation:
     """A scalar parameter of a grasp.
 
     Parameters
@@ -275,8 +275,8 @@ class Change:
     grasp: Callable[[float], Grasp]
 
 
-def _weakest(
-    solution: GraspSolution, grasp: Grasp, y: FloatArray, changes: Sequence[Change], share: float
+def _weakest_under_changes(
+    solution: GraspSolution, grasp: Grasp, y: FloatArray, changes: Sequence[Perturbation], share: float
 ) -> FloatArray:
     """Return the weakest directions of the grasp, also those that only a change separates, (m, d)."""
     rng, seen = np.random.default_rng(0), [y]
@@ -286,7 +286,7 @@ def _weakest(
             seen.append(weakest_directions(there, solution.task, solution.budget, rng, y, QUICK).directions)
     every = np.concatenate(seen)
     every = every / solution.task.support(every)[0][:, None]
-    ratios = _ratios(solution, grasp, every)
+    ratios = _ratios_along(solution, grasp, every)
     found: list[FloatArray] = []
     for i in np.argsort(ratios, kind="stable").tolist():
         if ratios[i] > (1.0 + share) * np.min(ratios):
@@ -296,13 +296,13 @@ def _weakest(
     return np.array(found)
 
 
-def _rate(solution: GraspSolution, change: Change, y: FloatArray, before: FloatArray) -> Rate:
+def _rate(solution: GraspSolution, change: Perturbation, y: FloatArray, before: FloatArray) -> Rate:
     """Return the one-sided differences of the least support ratio over the weakest directions."""
     step = STEP * change.size
-    each = (_ratios(solution, change.grasp(sign * step), y) - before for sign in (1.0, -1.0))
+    each = (_ratios_along(solution, change.grasp(sign * step), y) - before for sign in (1.0, -1.0))
     more, less = (float(np.min(difference)) / step for difference in each)
     return Rate(change.name, change.unit, more, less)
 
 
-def _ratios(solution: GraspSolution, grasp: Grasp, y: FloatArray) -> FloatArray:
+def _ratios_along(solution: GraspSolution, grasp: Grasp, y: FloatArray) -> FloatArray:
     return WrenchSet.of(grasp, solution.budget).support(y)[0]

@@ -18,16 +18,16 @@ import casadi as ca
 import numpy as np
 
 from nlpgrasp.bodies.mesh.facets import Facets
-from nlpgrasp.common.deadline import Stop
-from nlpgrasp.common.validation import FloatArray, unchecked
+from nlpgrasp.common.deadline import Deadline
+from nlpgrasp.common.validation import FloatArray, replace_unchecked
 from nlpgrasp.constraints import BoxRegion, Constraint, HalfSpace, PlacementConstraint
 from nlpgrasp.hands import Hand, URDFHand
-from nlpgrasp.optimize.candidate import Placed
-from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.candidate import GraspCandidate
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.kkt_point import LocalOptimum, local_optimum
-from nlpgrasp.optimize.projection import on_triangles
+from nlpgrasp.optimize.projection import fix_to_triangles
 from nlpgrasp.optimize.start_result import StartGrasp
-from nlpgrasp.problem.candidate_constraints import collected, given_rows, placement_of
+from nlpgrasp.problem.candidate_constraints import collect_constraints, symbolic_candidate, symbolic_constraints
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.wrench_set import WrenchSet
@@ -44,7 +44,7 @@ FAR = 0.02  # relative: an optimum whose value differs more from the grasp's mu 
 Item = TypeVar("Item")
 
 
-def shadow_prices(bench: Workbench, best: StartGrasp, stop: Stop) -> tuple[ShadowPrice, ...]:
+def shadow_prices(bench: CompiledProblem, best: StartGrasp, stop: Deadline) -> tuple[ShadowPrice, ...]:
     """Return the shadow prices of all limits of constraints, hand and contacts, the largest first.
 
     None for an answer that is not at a local optimum: without multipliers limits have no prices. An answer that is, but
@@ -52,36 +52,38 @@ def shadow_prices(bench: Workbench, best: StartGrasp, stop: Stop) -> tuple[Shado
     """
     optimum = best.optimum
     if optimum is None and best.kkt is None:
-        optimum = local_optimum(*on_triangles(bench, best.found.placed), stop)
+        optimum = local_optimum(*fix_to_triangles(bench, best.found.placed), stop)
     known = best.record.mu.upper
     if optimum is None or not optimum.kkt.is_small or abs(optimum.value - known) > FAR * known:
         return ()
-    own = on_triangles(bench, optimum.placed)[0]
-    found = [price_of(own, optimum, limit) for limit in limits_of(own.problem)]
+    own = fix_to_triangles(bench, optimum.placed)[0]
+    found = [shadow_price(own, optimum, limit) for limit in limits_of(own.problem)]
     found.append(edge_price(own, optimum.placed, lambda placed: _lagrangian(own, optimum, placed)))
     prices = [price for price in found if price is not None] + _joint_prices(bench, optimum)
     prices = [p for p in prices if abs(p.gain) > NOTHING * optimum.value]
     return tuple(sorted(prices, key=lambda p: -abs(p.gain)))
 
 
-def price_of(bench: Workbench, optimum: LocalOptimum, limit: Limit) -> ShadowPrice | None:
+def shadow_price(bench: CompiledProblem, optimum: LocalOptimum, limit: Limit) -> ShadowPrice | None:
     """Return the shadow price of one limit, by central differences of the constraints and ratios it enters."""
     h = 1e-3 * limit.step
     more, less = limit.changed(h), limit.changed(-h)
     gain, own = 0.0, bench.problem
     if more.hand is not own.hand or more.constraints != own.constraints:
-        rooms = [_room(bench, optimum, problem) for problem in (more, less)]
+        rooms = [_constraint_slack(bench, optimum, problem) for problem in (more, less)]
         if any(len(room) != len(optimum.prices) for room in rooms):
             return None  # rows come or go with the limit: it is at a threshold, where it has no price
         active = np.abs(optimum.prices) > 0.0
         gain = float(np.sum(optimum.prices[active] * (rooms[0] - rooms[1])[active])) / (2.0 * h)
     if limit.touches_contacts:
-        ratios = (_ratios(bench, optimum, more) - _ratios(bench, optimum, less)) / (2.0 * h)
+        ratios = (_support_ratios(bench, optimum, more) - _support_ratios(bench, optimum, less)) / (2.0 * h)
         gain += float(optimum.weights @ ratios)
     return ShadowPrice(limit.name, limit.value, limit.step, limit.unit, gain * limit.step)
 
 
-def edge_price(bench: Workbench, placed: Placed, worth: Callable[[Placed], float]) -> ShadowPrice | None:
+def edge_price(
+    bench: CompiledProblem, placed: GraspCandidate, worth: Callable[[GraspCandidate], float]
+) -> ShadowPrice | None:
     """Return the change of mu per millimetre of margin; None where no contact of a smooth face is at the margin.
 
     A margin larger by h moves each contact that stands at it away from its edges by h. By the envelope theorem mu
@@ -99,7 +101,7 @@ def edge_price(bench: Workbench, placed: Placed, worth: Callable[[Placed], float
     if problem.margin == 0.0 or isinstance(problem.body, Facets):
         return None
     each = zip(placed.faces, placed.points, strict=True)
-    away = np.array([_away(bench, face, point) for face, point in each])
+    away = np.array([_step_off_edges(bench, face, point) for face, point in each])
     if not np.any(away):
         return None
     h = STEP * problem.body.size
@@ -148,22 +150,22 @@ def limits_of(problem: GraspProblem) -> list[Limit]:
     return result + _contact_limits(problem)
 
 
-def _lagrangian(bench: Workbench, optimum: LocalOptimum, placed: Placed) -> float:
+def _lagrangian(bench: CompiledProblem, optimum: LocalOptimum, placed: GraspCandidate) -> float:
     """Return the Lagrangian of another placement: weighted ratios and priced constraint slack."""
     there = replace(optimum, placed=placed)
-    room, active = _room(bench, there, bench.problem), np.abs(optimum.prices) > 0.0
-    ratios = _ratios(bench, there, bench.problem)
+    room, active = _constraint_slack(bench, there, bench.problem), np.abs(optimum.prices) > 0.0
+    ratios = _support_ratios(bench, there, bench.problem)
     return float(optimum.weights @ ratios + np.sum((optimum.prices * room)[active]))
 
 
-def _room(bench: Workbench, optimum: LocalOptimum, problem: GraspProblem) -> FloatArray:
+def _constraint_slack(bench: CompiledProblem, optimum: LocalOptimum, problem: GraspProblem) -> FloatArray:
     """Return each constraint's slack to its active limit, at the optimum, for a changed problem."""
     normals = bench.inward_normals(optimum.placed)
     p, n = ([ca.DM(v) for v in values] for values in (optimum.placed.points, normals))
     variables = {name: ca.DM(v) for name, v in optimum.placed.hand.items()}
-    placement = placement_of(problem.hand, p, n, variables, problem.body.size)
-    given = given_rows(problem.body, problem.constraints, problem.hand, placement, variables)
-    found = collected(given, False)
+    placement = symbolic_candidate(problem.hand, p, n, variables, problem.body.size)
+    given = symbolic_constraints(problem.body, problem.constraints, problem.hand, placement, variables)
+    found = collect_constraints(given, False)
     values = [float(ca.evalf(ca.SX(row.expression))) for row in found.rows]
     values += [float(c.distance(ca.evalf(ca.SX(c.point)))) for c in found.clearances]
     if len(values) != len(optimum.prices):
@@ -172,13 +174,13 @@ def _room(bench: Workbench, optimum: LocalOptimum, problem: GraspProblem) -> Flo
     return np.array([b - v if np.isfinite(b) else -v for b, v in zip(bounds, values, strict=True)])
 
 
-def _ratios(bench: Workbench, optimum: LocalOptimum, problem: GraspProblem) -> FloatArray:
+def _support_ratios(bench: CompiledProblem, optimum: LocalOptimum, problem: GraspProblem) -> FloatArray:
     normals = bench.inward_normals(optimum.placed)
     grasp = Grasp(optimum.placed.points, normals, problem.models, problem.origin)
     return WrenchSet.of(grasp, problem.budget).support(optimum.cuts)[0]
 
 
-def _joint_prices(bench: Workbench, optimum: LocalOptimum) -> list[ShadowPrice]:
+def _joint_prices(bench: CompiledProblem, optimum: LocalOptimum) -> list[ShadowPrice]:
     """Return the shadow prices of joint limits, per degree or millimetre of range."""
     hand = bench.problem.hand
     if not isinstance(hand, URDFHand):
@@ -198,7 +200,7 @@ def _joint_prices(bench: Workbench, optimum: LocalOptimum) -> list[ShadowPrice]:
     return result
 
 
-def _away(bench: Workbench, face: str, point: FloatArray) -> FloatArray:
+def _step_off_edges(bench: CompiledProblem, face: str, point: FloatArray) -> FloatArray:
     """Return the shortest step (space,) that takes a contact one metre away from each edge whose margin is active.
 
     Zero for a contact that stands at none.
@@ -271,7 +273,8 @@ def _contact_limits(problem: GraspProblem) -> list[Limit]:
 
             def changed(h: float, name: str = name, value: float = value, members: list[int] = members) -> GraspProblem:
                 models = [
-                    unchecked(m, **{name: value + h}) if i in members else m for i, m in enumerate(problem.models)
+                    replace_unchecked(m, **{name: value + h}) if i in members else m
+                    for i, m in enumerate(problem.models)
                 ]
                 return problem.unchecked(contacts=tuple(models))
 
@@ -330,11 +333,11 @@ def _hand_change(problem: GraspProblem, new: Callable[[float], Hand]) -> Callabl
 
 
 def _field_change(item: Item, name: str, value: float) -> Callable[[float], Item]:
-    return lambda h: unchecked(item, **{name: value + h})
+    return lambda h: replace_unchecked(item, **{name: value + h})
 
 
 def _entry_change(item: Item, name: str, values: tuple[float, ...], place: int) -> Callable[[float], Item]:
-    return lambda h: unchecked(item, **{name: tuple(v + h * (i == place) for i, v in enumerate(values))})
+    return lambda h: replace_unchecked(item, **{name: tuple(v + h * (i == place) for i, v in enumerate(values))})
 
 
 def _part_change(
@@ -345,8 +348,8 @@ def _part_change(
     def changed(h: float) -> Item:
         value = np.array(getattr(region, side), dtype=float)
         if axis is None:
-            return unchecked(item, **{name: unchecked(region, **{side: float(value + h)})})
+            return replace_unchecked(item, **{name: replace_unchecked(region, **{side: float(value + h)})})
         value[axis] += h
-        return unchecked(item, **{name: unchecked(region, **{side: tuple(value.tolist())})})
+        return replace_unchecked(item, **{name: replace_unchecked(region, **{side: tuple(value.tolist())})})
 
     return changed

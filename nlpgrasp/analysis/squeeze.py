@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.base import Hand, PosedHand
-from nlpgrasp.motion.keyframes import with_commands
+from nlpgrasp.motion.keyframes import add_squeeze_and_lift
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.least_friction import NoBalanceError, balanced_forces
 from nlpgrasp.solution.solution import GraspSolution, given_solution
-from nlpgrasp.solution.squeeze_record import Gain, JointSqueeze, Squeeze, usual_gain
+from nlpgrasp.solution.squeeze_record import Gain, JointSqueeze, Squeeze, default_gain
 from nlpgrasp.tasks.tools import WEIGHT
 
 NORMAL_FORCE = 2.0  # newtons, the usual least normal force of each contact
@@ -75,10 +75,10 @@ def squeeze(
     """
     grasp = solution if isinstance(solution, Grasp) else given_solution(solution).require_grasp()
     least = number("normal_force", normal_force, above=0.0)
-    wrench = _carried(grasp, gravity, up)
+    wrench = _exerted_wrench(grasp, gravity, up)
     found = balanced_forces(grasp, wrench, least)
     result = Squeeze.of(grasp, found.x, found.share, wrench, least)
-    joints = None if isinstance(solution, Grasp) else _joints(solution, result.wrenches, gain, hand)
+    joints = None if isinstance(solution, Grasp) else _joint_squeeze(solution, result.wrenches, gain, hand)
     if joints is None and gain is not None:
         raise InputError("gain", gain, "none without a hand whose joints are known; give hand= an ng.URDFHand")
     return replace(result, joints=joints)
@@ -112,7 +112,7 @@ def squeeze_for_task(solution: GraspSolution, hand: PosedHand | None = None, gai
     return usual if times == 1.0 else squeeze(solution, times * NORMAL_FORCE, gain=gain, hand=hand)
 
 
-def with_squeeze(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
+def add_squeeze(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
     """Return a solution whose ``hand`` states a squeeze, or why there is none; one that does as it is.
 
     Of hands without joints, and of weak joints that nothing balances, it states neither.
@@ -120,23 +120,23 @@ def with_squeeze(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
     if not isinstance(hand, PosedHand) or not hand.loaded_joints or solution.grasp is None or solution.squeeze:
         return solution
     try:
-        found = squeeze_for_task(solution, hand, usual_gain(hand.sliding_joints))
+        found = squeeze_for_task(solution, hand, default_gain(hand.sliding_joints))
     except NoBalanceError as none:
         why = {"reason": none.reason, **({} if none.friction is None else {"friction": none.friction})}
         return replace(solution, hand={**(solution.hand or {}), "no_squeeze": why})
     except InputError:  # ``squeeze`` says so to whoever asks
         return solution
-    posture = with_commands(hand, {**(solution.hand or {}), "squeeze": found.to_dict()}, found.positions())
+    posture = add_squeeze_and_lift(hand, {**(solution.hand or {}), "squeeze": found.to_dict()}, found.positions())
     return replace(solution, hand=posture)
 
 
-def with_squeezes(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
+def add_squeezes(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
     """Return a solution whose other grasps, those kept beside the answer, state a squeeze where the hand can."""
-    others = [replace(found, hand=with_squeeze(solution.with_answer(found), hand).hand) for found in solution.others]
+    others = [replace(found, hand=add_squeeze(solution.with_answer(found), hand).hand) for found in solution.others]
     return replace(solution, others=tuple(others))
 
 
-def _carried(grasp: Grasp, gravity: ArrayLike | None, up: ArrayLike | None) -> FloatArray:
+def _exerted_wrench(grasp: Grasp, gravity: ArrayLike | None, up: ArrayLike | None) -> FloatArray:
     """Return the wrench that the fingers exert, (d,)."""
     wrench = np.zeros(grasp.dimension)
     if gravity is None:
@@ -151,7 +151,9 @@ def _carried(grasp: Grasp, gravity: ArrayLike | None, up: ArrayLike | None) -> F
     return wrench
 
 
-def _joints(solution: GraspSolution, wrenches: FloatArray, gain: Gain | None, hand: Hand | None) -> JointSqueeze | None:
+def _joint_squeeze(
+    solution: GraspSolution, wrenches: FloatArray, gain: Gain | None, hand: Hand | None
+) -> JointSqueeze | None:
     """Return what the joints do for forces and moments (k, d); None where nothing says how they move contacts."""
     posture = solution.hand or {}
     if hand is not None:

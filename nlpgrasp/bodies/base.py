@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from nlpgrasp.bodies.triangulation import IntArray
 from nlpgrasp.common.display import InNotebook, show
-from nlpgrasp.common.registry import StatedPart
+from nlpgrasp.common.registry import JsonPart
 from nlpgrasp.common.types import Expression
-from nlpgrasp.common.validation import FloatArray, listed
+from nlpgrasp.common.validation import FloatArray, format_known_names
 from nlpgrasp.errors import InputError
 
 SHARP = np.radians(30.0)  # rad, angle between the normals on both sides of an edge above which it is sharp
@@ -78,14 +78,14 @@ class Face:
         return ca.Function(name, [p], outputs, ["p"], ["h", "slope", "normal", "extent"])
 
 
-def turning(corners: FloatArray) -> FloatArray:
+def exterior_angles(corners: FloatArray) -> FloatArray:
     """Return the exterior angles (m,), radians, positive to the left, at the vertices (m, 2) of a polygon."""
     before, after = corners - np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0) - corners
     cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
     return np.asarray(np.arctan2(cross, np.sum(before * after, axis=1)))
 
 
-class Seen(InNotebook, StatedPart):
+class Seen(InNotebook, JsonPart):
     """Mixin that displays a body."""
 
     _card: ClassVar[tuple[str, str]] = CARD
@@ -216,7 +216,9 @@ class Body(Seen):
         chosen = tuple(names)
         unknown = [n for n in chosen if n not in self.face_names]
         if unknown:
-            raise InputError(field, ", ".join(unknown), f"faces of the body: {listed(unknown, self.face_names)}")
+            raise InputError(
+                field, ", ".join(unknown), f"faces of the body: {format_known_names(unknown, self.face_names)}"
+            )
         return chosen
 
     def surface_function(self, name: str, margin: float = 0.0) -> ca.Function:

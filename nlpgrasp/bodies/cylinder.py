@@ -9,9 +9,9 @@ import casadi as ca
 import numpy as np
 
 from nlpgrasp.bodies.base import TINY, CentredBody, Face, intersection
-from nlpgrasp.bodies.triangulation import IntArray, circle, extruded
+from nlpgrasp.bodies.triangulation import IntArray, circle_points, extruded
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray, one_in_metres
+from nlpgrasp.common.validation import FloatArray, length_in_metres
 
 ROUND = 96  # sides of the prism that approximates it as triangles
 
@@ -35,7 +35,7 @@ class Cylinder(CentredBody):
 
     def __post_init__(self, unit: str) -> None:
         for name in ("radius", "height"):
-            object.__setattr__(self, name, one_in_metres("Cylinder", name, getattr(self, name), unit))
+            object.__setattr__(self, name, length_in_metres("Cylinder", name, getattr(self, name), unit))
 
     @property
     def half_size(self) -> FloatArray:
@@ -65,7 +65,7 @@ class Cylinder(CentredBody):
 
     def triangles(self) -> tuple[FloatArray, IntArray]:
         """Return a triangulation of an inscribed prism: vertices (n, 3), metres, and triangles (m, 3)."""
-        return extruded(circle(self.radius, ROUND), -self.height / 2.0, self.height / 2.0)
+        return extruded(circle_points(self.radius, ROUND), -self.height / 2.0, self.height / 2.0)
 
     def to_dict(self) -> Json:
         """Return radius and height as JSON data."""

@@ -57,7 +57,7 @@ class Ellipsoid(CentredBody):
 
     def triangles(self) -> tuple[FloatArray, IntArray]:
         """Return a triangulation of the surface: vertices (n, 3) on it, metres, and triangles (m, 3)."""
-        points, faces = curved.sphere(ROWS)
+        points, faces = curved.triangulate_sphere(ROWS)
         return self.half_size * points, faces
 
     def to_dict(self) -> Json:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.bodies.base import Body, Face
-from nlpgrasp.common.registry import incomplete
+from nlpgrasp.common.registry import incomplete_data
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, read_only
 from nlpgrasp.errors import InputError
@@ -84,7 +84,7 @@ class Implicit(Body):
     @classmethod
     def from_dict(cls, data: Json) -> NoReturn:
         """Raise: the expression's text cannot be turned back into a function."""
-        raise incomplete(f"body of type {cls.kind}", "its function h, which stays in the script that made it")
+        raise incomplete_data(f"body of type {cls.kind}", "its function h, which stays in the script that made it")
 
     def _check_closed(self) -> None:
         """Raise if the body has no interior or reaches beyond the sides of its box."""

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.bodies.base import SHARP, TINY, Body, Face, turning
+from nlpgrasp.bodies.base import SHARP, TINY, Body, Face, exterior_angles
 from nlpgrasp.bodies.triangulation import PLATE, IntArray, extruded
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, in_metres
@@ -60,7 +60,7 @@ class Polygon(Body):
     @property
     def cramped(self) -> bool:
         """Whether the polygon has a reflex vertex."""
-        return bool(np.any(turning(self.corners) < -1e-9))
+        return bool(np.any(exterior_angles(self.corners) < -1e-9))
 
     def make_faces(self) -> tuple[Face, ...]:
         """Return one face for each edge."""
@@ -148,14 +148,14 @@ def edge_face(name: str, v: FloatArray, i: int, height: float | None = None) -> 
         limits = [-position, position - length]
         return limits if height is None else [*limits, p[2] - height / 2.0, -p[2] - height / 2.0]
 
-    sharp = [bool(turn > SHARP) for turn in np.abs(turning(v))[[i, (i + 1) % len(v)]]]
+    sharp = [bool(turn > SHARP) for turn in np.abs(exterior_angles(v))[[i, (i + 1) % len(v)]]]
     room = length / sum(sharp) if any(sharp) else np.inf
     if height is not None:
         sharp, room = [*sharp, True, True], min(room, height / 2.0)
     return Face(name, surface, extent, sharp, room=room)
 
 
-def inradius(v: FloatArray) -> float:
+def polygon_inradius(v: FloatArray) -> float:
     """Return the radius, metres, of the largest circle in a convex polygon (m, 2), counter-clockwise."""
     from scipy.optimize import linprog
 

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.bodies.base import Body, Face, intersection
-from nlpgrasp.bodies.polygon import edge_face, inradius, polygon_centroid, polygon_distance, simple_polygon
+from nlpgrasp.bodies.polygon import edge_face, polygon_centroid, polygon_distance, polygon_inradius, simple_polygon
 from nlpgrasp.bodies.triangulation import IntArray, extruded
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray, one_in_metres
+from nlpgrasp.common.validation import FloatArray, length_in_metres
 from nlpgrasp.errors import InputError
 
 
@@ -38,7 +38,7 @@ class Prism(Body):
 
     def __post_init__(self, unit: str) -> None:
         object.__setattr__(self, "polygon", simple_polygon("Prism.polygon", self.polygon, unit))
-        object.__setattr__(self, "height", one_in_metres("Prism", "height", self.height, unit))
+        object.__setattr__(self, "height", length_in_metres("Prism", "height", self.height, unit))
         edges = np.roll(self.corners, -1, axis=0) - self.corners
         following = np.roll(edges, -1, axis=0)
         if np.any(
@@ -73,7 +73,7 @@ class Prism(Body):
         def inside(p: Expression) -> list[Expression]:
             return [side.surface(p) for side in sides]
 
-        room = inradius(self.corners)
+        room = polygon_inradius(self.corners)
         top = Face("top", lambda p: p[2] - half, inside, room=room)
         return (*sides, top, Face("bottom", lambda p: -p[2] - half, inside, room=room))
 

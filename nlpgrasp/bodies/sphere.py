@@ -12,7 +12,7 @@ from nlpgrasp.bodies import triangulation as curved
 from nlpgrasp.bodies.base import TINY, CentredBody, Face
 from nlpgrasp.bodies.triangulation import IntArray
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray, one_in_metres
+from nlpgrasp.common.validation import FloatArray, length_in_metres
 
 ROWS = 15  # rows of triangles between a pole and the equator
 
@@ -34,7 +34,7 @@ class Sphere(CentredBody):
     unit: InitVar[str] = field(default="m", kw_only=True)
 
     def __post_init__(self, unit: str) -> None:
-        object.__setattr__(self, "radius", one_in_metres("Sphere", "radius", self.radius, unit))
+        object.__setattr__(self, "radius", length_in_metres("Sphere", "radius", self.radius, unit))
 
     @property
     def half_size(self) -> FloatArray:
@@ -51,7 +51,7 @@ class Sphere(CentredBody):
 
     def triangles(self) -> tuple[FloatArray, IntArray]:
         """Return a triangulation of the surface: vertices (n, 3) on it, metres, and triangles (m, 3)."""
-        points, faces = curved.sphere(ROWS)
+        points, faces = curved.triangulate_sphere(ROWS)
         return self.radius * points, faces
 
     def to_dict(self) -> Json:

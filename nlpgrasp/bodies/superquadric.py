@@ -69,7 +69,7 @@ class Superquadric(CentredBody):
 
     def triangles(self) -> tuple[FloatArray, IntArray]:
         """Return a triangulation of the surface: vertices (n, 3) on it, metres, and triangles (m, 3)."""
-        return curved.superquadric(self.half_size, np.asarray(self.exponents, dtype=float), QUARTER)
+        return curved.triangulate_superquadric(self.half_size, np.asarray(self.exponents, dtype=float), QUARTER)
 
     def to_dict(self) -> Json:
         """Return semi-axes and exponents as JSON data."""

@@ -12,7 +12,7 @@ from nlpgrasp.bodies import triangulation as curved
 from nlpgrasp.bodies.base import TINY, CentredBody, Face
 from nlpgrasp.bodies.triangulation import IntArray
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray, one_in_metres
+from nlpgrasp.common.validation import FloatArray, length_in_metres
 from nlpgrasp.errors import InputError
 
 AROUND, ACROSS = 48, 20  # points of the triangulation about the axis and about the tube
@@ -39,7 +39,7 @@ class Torus(CentredBody):
 
     def __post_init__(self, unit: str) -> None:
         for name in ("major_radius", "minor_radius"):
-            object.__setattr__(self, name, one_in_metres("Torus", name, getattr(self, name), unit))
+            object.__setattr__(self, name, length_in_metres("Torus", name, getattr(self, name), unit))
         if self.minor_radius >= self.major_radius:
             raise InputError("Torus.minor_radius", self.minor_radius, f"less than the major radius {self.major_radius}")
 
@@ -71,7 +71,7 @@ class Torus(CentredBody):
 
     def triangles(self) -> tuple[FloatArray, IntArray]:
         """Return a triangulation of the surface: vertices (n, 3) on it, metres, and triangles (m, 3)."""
-        return curved.torus(self.major_radius, self.minor_radius, AROUND, ACROSS)
+        return curved.triangulate_torus(self.major_radius, self.minor_radius, AROUND, ACROSS)
 
     def to_dict(self) -> Json:
         """Return both radii as JSON data."""

@@ -47,7 +47,7 @@ def extruded(outline: FloatArray, low: float, high: float) -> tuple[FloatArray, 
     return np.concatenate(ends), np.concatenate([*sides, bottom, top])
 
 
-def circle(radius: float, count: int) -> FloatArray:
+def circle_points(radius: float, count: int) -> FloatArray:
     """Return points (count, 2) spread evenly on a circle about the origin, counter-clockwise, metres."""
     angles = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
     return radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
@@ -67,7 +67,10 @@ def ears(outline: FloatArray) -> IntArray:
         if corner is None:  # rounding has closed the last ones: what is left is flat
             corner = int(
                 np.argmax(
-                    [_turn(*outline[[left[i - 1], left[i], left[(i + 1) % len(left)]]]) for i in range(len(left))]
+                    [
+                        _signed_area(*outline[[left[i - 1], left[i], left[(i + 1) % len(left)]]])
+                        for i in range(len(left))
+                    ]
                 )
             )
         found.append([left[corner - 1], left[corner], left[(corner + 1) % len(left)]])
@@ -79,14 +82,16 @@ def _is_ear(outline: FloatArray, left: list[int], i: int) -> bool:
     """Return whether a corner is an ear: convex, with no other vertex in its triangle."""
     names = [left[i - 1], left[i], left[(i + 1) % len(left)]]
     a, b, c = outline[names]
-    if _turn(a, b, c) <= STRAIGHT * float(np.max(np.ptp(outline, axis=0))) ** 2:
+    if _signed_area(a, b, c) <= STRAIGHT * float(np.max(np.ptp(outline, axis=0))) ** 2:
         return False
     others = outline[[v for v in left if v not in names]]
-    inside = (_turn(a, b, others) >= 0.0) & (_turn(b, c, others) >= 0.0) & (_turn(c, a, others) >= 0.0)
+    inside = (
+        (_signed_area(a, b, others) >= 0.0) & (_signed_area(b, c, others) >= 0.0) & (_signed_area(c, a, others) >= 0.0)
+    )
     return not np.any(inside)
 
 
-def _turn(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
+def _signed_area(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
     """Return twice the signed area of triangles a, b, c, for points c (..., 2)."""
     return np.asarray((b[0] - a[0]) * (c[..., 1] - a[1]) - (b[1] - a[1]) * (c[..., 0] - a[0]))
 
@@ -96,7 +101,7 @@ def _is_convex(outline: FloatArray) -> bool:
     return bool(np.all(back[:, 0] * ahead[:, 1] - back[:, 1] * ahead[:, 0] >= 0.0))
 
 
-def sphere(rows: int) -> tuple[FloatArray, IntArray]:
+def triangulate_sphere(rows: int) -> tuple[FloatArray, IntArray]:
     """Return the unit sphere as ``8 rows^2`` triangles of nearly equal size, counter-clockwise from outside.
 
     An octahedron with edges divided into ``rows`` parts: row i from a pole has ``4 i`` points.
@@ -123,19 +128,19 @@ def sphere(rows: int) -> tuple[FloatArray, IntArray]:
     )
 
 
-def torus(major: float, minor: float, around: int, across: int) -> tuple[FloatArray, IntArray]:
+def triangulate_torus(major: float, minor: float, around: int, across: int) -> tuple[FloatArray, IntArray]:
     """Return a torus about z of ``2 around across`` triangles, counter-clockwise from outside; radii in metres."""
     u = np.repeat(np.linspace(0.0, 2.0 * np.pi, around, endpoint=False), across)
     v = np.tile(np.linspace(0.0, 2.0 * np.pi, across, endpoint=False), around)
     ring = major + minor * np.cos(v)
     here = np.arange(around * across).reshape(around, across)
     right, up = np.roll(here, -1, axis=0), np.roll(here, -1, axis=1)
-    return np.stack([ring * np.cos(u), ring * np.sin(u), minor * np.sin(v)], axis=1), _halves(
+    return np.stack([ring * np.cos(u), ring * np.sin(u), minor * np.sin(v)], axis=1), _split_quadrilaterals(
         here, right, np.roll(right, -1, axis=1), up
     )
 
 
-def superquadric(semi_axes: FloatArray, exponents: FloatArray, quarter: int) -> tuple[FloatArray, IntArray]:
+def triangulate_superquadric(semi_axes: FloatArray, exponents: FloatArray, quarter: int) -> tuple[FloatArray, IntArray]:
     """Return a superquadric as about ``16 quarter^2`` triangles, counter-clockwise from outside.
 
     Parameters
@@ -147,7 +152,10 @@ def superquadric(semi_axes: FloatArray, exponents: FloatArray, quarter: int) -> 
     quarter : int
         Parts of a quarter of each curve.
     """
-    rise, round_ = quarter_of(float(exponents[0]), quarter), quarter_of(float(exponents[1]), quarter)
+    rise, round_ = (
+        superellipse_quarter(float(exponents[0]), quarter),
+        superellipse_quarter(float(exponents[1]), quarter),
+    )
     ways = [[1, 1], [-1, 1], [-1, -1], [1, -1]]
     turns = np.concatenate([(round_ if k % 2 == 0 else round_[::-1])[:-1] * way for k, way in enumerate(ways)])
     climb = np.concatenate([rise[:0:-1] * [1, -1], rise])[1:-1]  # from pole to pole, without the poles
@@ -155,12 +163,12 @@ def superquadric(semi_axes: FloatArray, exponents: FloatArray, quarter: int) -> 
     poles = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])
     here = np.arange(points.shape[0] * len(turns)).reshape(points.shape[0], -1)
     right, low = np.roll(here, -1, axis=1), np.full(len(turns), here.size)
-    sides = _halves(here[:-1], right[:-1], right[1:], here[1:])
+    sides = _split_quadrilaterals(here[:-1], right[:-1], right[1:], here[1:])
     ends = [np.stack([low, right[0], here[0]], axis=1), np.stack([low + 1, here[-1], right[-1]], axis=1)]
     return np.concatenate([points.reshape(-1, 3), poles]) * semi_axes, np.concatenate([sides, *ends])
 
 
-def quarter_of(exponent: float, count: int) -> FloatArray:
+def superellipse_quarter(exponent: float, count: int) -> FloatArray:
     """Return points (count + 1, 2) of ``x^(2/e) + y^(2/e) = 1`` from (1, 0) to (0, 1).
 
     Half of them are spread by arc length and half by turning angle, to resolve both flat sides and tight corners.
@@ -178,7 +186,7 @@ def quarter_of(exponent: float, count: int) -> FloatArray:
     return np.concatenate([[[1.0, 0.0]], curve[at], [[0.0, 1.0]]])
 
 
-def _halves(a: IntArray, b: IntArray, c: IntArray, d: IntArray) -> IntArray:
+def _split_quadrilaterals(a: IntArray, b: IntArray, c: IntArray, d: IntArray) -> IntArray:
     """Return the triangles (m, 3) of quadrilaterals a, b, c, d, counter-clockwise from outside."""
     corners = [x.ravel() for x in (a, b, c, d)]
     return np.concatenate([np.stack([corners[i] for i in half], axis=1) for half in ((0, 1, 2), (0, 2, 3))])

@@ -6,11 +6,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
-from nlpgrasp.common.scalar_constraints import Row
-from nlpgrasp.common.types import Expression, JointedHand, Json, MovingHand, Ops
+from nlpgrasp.common.scalar_constraints import ScalarConstraint
+from nlpgrasp.common.types import Expression, HandWithJacobians, JointedHand, Json, Ops
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel, Work
-from nlpgrasp.contacts.product import ranges
+from nlpgrasp.contacts.product import component_slices
 from nlpgrasp.errors import InputError
 
 SMOOTH = 1e-8  # under square roots, which smooths the kinks of closed forms
@@ -33,7 +33,7 @@ class ForceSet(ABC):
 
     def __init__(self, contacts: Sequence[ContactModel], space: int) -> None:
         self.contacts, self.space = tuple(contacts), space
-        self.ranges = ranges(self.contacts, space)
+        self.ranges = component_slices(self.contacts, space)
 
     @property
     def size(self) -> int:
@@ -102,7 +102,9 @@ class ForceBudget(ABC):
         """Raise ``InputError`` for hands that lack the data for this budget."""
         del hand
 
-    def posed(self, hand: MovingHand | None, values: Mapping[str, FloatArray], points: FloatArray) -> ForceBudget:
+    def posed(
+        self, hand: HandWithJacobians | None, values: Mapping[str, FloatArray], points: FloatArray
+    ) -> ForceBudget:
         """Return the budget for a hand's posture and contact points (k, space)."""
         return self
 
@@ -140,7 +142,7 @@ class ForceBudget(ABC):
     @abstractmethod
     def rows(
         self, contacts: Sequence[ContactModel], forces: Sequence[Expression], normals: Sequence[Expression]
-    ) -> list[Row]:
+    ) -> list[ScalarConstraint]:
         """Return the budget's scalar constraints on the NLP's force variables (symbolic)."""
 
     def __eq__(self, other: object) -> bool:

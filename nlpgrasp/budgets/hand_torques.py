@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from nlpgrasp.budgets.base import ForceBudget, ForceSet
 from nlpgrasp.budgets.shared_joint_torques import SharedJointTorqueLimits
-from nlpgrasp.common.scalar_constraints import Row
-from nlpgrasp.common.types import Expression, JointedHand, Json, MovingHand
+from nlpgrasp.common.scalar_constraints import ScalarConstraint
+from nlpgrasp.common.types import Expression, HandWithJacobians, JointedHand, Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
@@ -51,7 +51,9 @@ class HandTorques(ForceBudget):
             allowed = "one for each joint that moves a contact, where the URDF states no effort or 0"
             raise InputError("URDFHand.torque_limits", f"none for {', '.join(missing)}", allowed)
 
-    def posed(self, hand: MovingHand | None, values: Mapping[str, FloatArray], points: FloatArray) -> ForceBudget:
+    def posed(
+        self, hand: HandWithJacobians | None, values: Mapping[str, FloatArray], points: FloatArray
+    ) -> ForceBudget:
         """Return the ``SharedJointTorqueLimits`` of a posture."""
         self.check_hand(hand)
         return self if hand is None else SharedJointTorqueLimits(*_loads(hand, values, points), self.force_limit)
@@ -67,7 +69,7 @@ class HandTorques(ForceBudget):
 
     def rows(
         self, contacts: Sequence[ContactModel], forces: Sequence[Expression], normals: Sequence[Expression]
-    ) -> list[Row]:
+    ) -> list[ScalarConstraint]:
         """Return no constraints: the NLP's cuts come from virtual work (``nlp/virtual_work.py``), without forces."""
         return []
 
@@ -82,7 +84,7 @@ class HandTorques(ForceBudget):
 
 
 def hand_torque_limits(
-    hand: MovingHand, posture: Json, points: ArrayLike, force_limit: float = MOST_FORCE
+    hand: HandWithJacobians, posture: Json, points: ArrayLike, force_limit: float = MOST_FORCE
 ) -> SharedJointTorqueLimits:
     """Return the force budget of a hand's joint-torque limits in a posture.
 
@@ -109,7 +111,7 @@ def hand_torque_limits(
 
 
 def _loads(
-    hand: MovingHand, values: Mapping[str, FloatArray], points: FloatArray
+    hand: HandWithJacobians, values: Mapping[str, FloatArray], points: FloatArray
 ) -> tuple[list[FloatArray], FloatArray]:
     """Return the contact Jacobians and the joint-torque limits."""
     limits = np.array([hand.torque_limits[name] for name in hand.loaded_joints])

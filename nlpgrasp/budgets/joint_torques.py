@@ -11,7 +11,7 @@ from scipy.linalg import block_diag
 
 from nlpgrasp.budgets.base import ForceBudget
 from nlpgrasp.budgets.torque_sets import TorqueSet, check_jacobian, torque_rows
-from nlpgrasp.common.scalar_constraints import Row
+from nlpgrasp.common.scalar_constraints import ScalarConstraint
 from nlpgrasp.common.spatial import wrench_dimension
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number, read_only
@@ -63,7 +63,8 @@ class JointTorqueLimits(ForceBudget):
         if len(several) != len(given):
             raise InputError("JointTorqueLimits.limits", f"{len(several)} entries", f"{len(given)}, one a contact")
         self.limits = tuple(
-            _limits(i, tau, J.shape[1]) for i, (tau, J) in enumerate(zip(several, self.jacobians, strict=True))
+            _check_torque_limits(i, tau, J.shape[1])
+            for i, (tau, J) in enumerate(zip(several, self.jacobians, strict=True))
         )
 
     def check(self, contacts: Sequence[ContactModel], space: int) -> None:
@@ -89,9 +90,9 @@ class JointTorqueLimits(ForceBudget):
 
     def rows(
         self, contacts: Sequence[ContactModel], forces: Sequence[Expression], normals: Sequence[Expression]
-    ) -> list[Row]:
+    ) -> list[ScalarConstraint]:
         """Return the constraints ``-1 <= (J_i^T f_i) / tau_i <= 1`` of all joints."""
-        result: list[Row] = []
+        result: list[ScalarConstraint] = []
         for i, (contact, x, n) in enumerate(zip(contacts, forces, normals, strict=True)):
             force, moment = contact.split(x, n)
             space = n.shape[0]
@@ -100,7 +101,9 @@ class JointTorqueLimits(ForceBudget):
                 torque = sum(float(J[a, j]) * force[a] for a in range(space))
                 if moment is not None and len(J) > space:
                     torque += sum(float(J[space + a, j]) * moment[a] for a in range(len(J) - space))
-                result.append(Row("torque limit", torque / float(tau[j]), -1.0, 1.0, fingers=(i,), part=f"joint {j}"))
+                result.append(
+                    ScalarConstraint("torque limit", torque / float(tau[j]), -1.0, 1.0, fingers=(i,), part=f"joint {j}")
+                )
         return result
 
     def to_dict(self) -> Json:
@@ -117,7 +120,7 @@ class JointTorqueLimits(ForceBudget):
         return cls(data.get("jacobians", ()), data.get("limits", ()))
 
 
-def _limits(i: int, value: object, joints: int) -> FloatArray:
+def _check_torque_limits(i: int, value: object, joints: int) -> FloatArray:
     """Return validated torque limits of one contact's joints."""
     name = f"JointTorqueLimits.limits[{i}]"
     if isinstance(value, np.ndarray) and value.ndim == 0:

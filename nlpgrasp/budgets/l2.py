@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from nlpgrasp.budgets.base import ForceBudget, ForceSet
-from nlpgrasp.common.scalar_constraints import Row
+from nlpgrasp.common.scalar_constraints import ScalarConstraint
 from nlpgrasp.common.types import Expression, Ops
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel, Work
@@ -54,7 +54,7 @@ class L2Budget(ForceBudget):
 
     def rows(
         self, contacts: Sequence[ContactModel], forces: Sequence[Expression], normals: Sequence[Expression]
-    ) -> list[Row]:
+    ) -> list[ScalarConstraint]:
         """Return the constraint ``|x|^2 <= 1``."""
         sizes = [c.squared_size(x, n) for c, x, n in zip(contacts, forces, normals, strict=True)]
-        return [Row("force budget", sum(sizes), upper=1.0)]
+        return [ScalarConstraint("force budget", sum(sizes), upper=1.0)]

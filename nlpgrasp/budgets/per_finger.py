@@ -8,11 +8,11 @@ from typing import ClassVar
 import numpy as np
 
 from nlpgrasp.budgets.base import SMOOTH, ForceBudget, ForceSet
-from nlpgrasp.common.scalar_constraints import Row
+from nlpgrasp.common.scalar_constraints import ScalarConstraint
 from nlpgrasp.common.types import Expression, Ops
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel, Work
-from nlpgrasp.contacts.product import extremes
+from nlpgrasp.contacts.product import contact_supports
 
 
 class PerFingerSet(ForceSet):
@@ -25,7 +25,7 @@ class PerFingerSet(ForceSet):
 
         Each contact exerts unit normal force or none.
         """
-        values, forces = extremes(z, self.contacts, self.space)
+        values, forces = contact_supports(z, self.contacts, self.space)
         return np.sum(values, axis=1), forces
 
     def used(self, x: FloatArray) -> FloatArray:
@@ -58,9 +58,9 @@ class PerFingerBudget(ForceBudget):
 
     def rows(
         self, contacts: Sequence[ContactModel], forces: Sequence[Expression], normals: Sequence[Expression]
-    ) -> list[Row]:
+    ) -> list[ScalarConstraint]:
         """Return the constraints ``f_n <= 1`` of all contacts."""
         return [
-            Row("force budget", c.normal_force(x, n), upper=1.0, fingers=(i,))
+            ScalarConstraint("force budget", c.normal_force(x, n), upper=1.0, fingers=(i,))
             for i, (c, x, n) in enumerate(zip(contacts, forces, normals, strict=True))
         ]

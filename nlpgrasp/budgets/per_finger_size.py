@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from nlpgrasp.budgets.base import SMOOTH, ForceBudget, ForceSet
-from nlpgrasp.common.scalar_constraints import Row
+from nlpgrasp.common.scalar_constraints import ScalarConstraint
 from nlpgrasp.common.types import Expression, Ops
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel, Work
@@ -60,9 +60,9 @@ class PerFingerSizeBudget(ForceBudget):
 
     def rows(
         self, contacts: Sequence[ContactModel], forces: Sequence[Expression], normals: Sequence[Expression]
-    ) -> list[Row]:
+    ) -> list[ScalarConstraint]:
         """Return the constraints ``|x_i|^2 <= 1`` of all contacts."""
         return [
-            Row("force budget", c.squared_size(x, n), upper=1.0, fingers=(i,))
+            ScalarConstraint("force budget", c.squared_size(x, n), upper=1.0, fingers=(i,))
             for i, (c, x, n) in enumerate(zip(contacts, forces, normals, strict=True))
         ]

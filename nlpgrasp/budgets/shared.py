@@ -8,11 +8,11 @@ from typing import ClassVar
 import numpy as np
 
 from nlpgrasp.budgets.base import ForceBudget, ForceSet
-from nlpgrasp.common.scalar_constraints import Row
+from nlpgrasp.common.scalar_constraints import ScalarConstraint
 from nlpgrasp.common.types import Expression, Ops
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel, Work
-from nlpgrasp.contacts.product import extremes
+from nlpgrasp.contacts.product import contact_supports
 
 
 class SharedSet(ForceSet):
@@ -25,7 +25,7 @@ class SharedSet(ForceSet):
 
         Only that contact exerts a force.
         """
-        values, forces = extremes(z, self.contacts, self.space)
+        values, forces = contact_supports(z, self.contacts, self.space)
         best = np.argmax(values, axis=1)
         chosen = np.zeros_like(forces)
         for i, where in enumerate(self.ranges):
@@ -63,7 +63,7 @@ class SharedBudget(ForceBudget):
 
     def rows(
         self, contacts: Sequence[ContactModel], forces: Sequence[Expression], normals: Sequence[Expression]
-    ) -> list[Row]:
+    ) -> list[ScalarConstraint]:
         """Return the constraint ``sum f_n <= 1``."""
         total = sum(c.normal_force(x, n) for c, x, n in zip(contacts, forces, normals, strict=True))
-        return [Row("force budget", total, upper=1.0)]
+        return [ScalarConstraint("force budget", total, upper=1.0)]

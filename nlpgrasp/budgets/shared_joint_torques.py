@@ -10,12 +10,12 @@ from numpy.typing import ArrayLike
 
 from nlpgrasp.budgets.base import ForceBudget
 from nlpgrasp.budgets.torque_sets import TorqueSet, check_jacobian, torque_rows
-from nlpgrasp.common.scalar_constraints import Row
+from nlpgrasp.common.scalar_constraints import ScalarConstraint
 from nlpgrasp.common.spatial import wrench_dimension
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number, read_only
 from nlpgrasp.contacts import ContactModel
-from nlpgrasp.contacts.product import ranges
+from nlpgrasp.contacts.product import component_slices
 from nlpgrasp.errors import InputError
 
 
@@ -81,7 +81,7 @@ class SharedJointTorqueLimits(ForceBudget):
         torques = np.concatenate(torque_rows(self.jacobians, limits, frames, contacts), axis=1)
         if self.force_limit is not None:
             pressing = np.zeros((len(contacts), torques.shape[1]))
-            for i, where in enumerate(ranges(contacts, space)):
+            for i, where in enumerate(component_slices(contacts, space)):
                 pressing[i, where.start] = 1.0 / self.force_limit
             torques = np.concatenate([torques, pressing])
         return TorqueSet(torques, contacts, space, "SharedJointTorqueLimits")
@@ -94,10 +94,10 @@ class SharedJointTorqueLimits(ForceBudget):
 
     def rows(
         self, contacts: Sequence[ContactModel], forces: Sequence[Expression], normals: Sequence[Expression]
-    ) -> list[Row]:
+    ) -> list[ScalarConstraint]:
         """Return ``-1 <= (sum_i J_i^T f_i) / tau <= 1`` of all joints, and ``f_n / F <= 1`` of all contacts."""
         totals: list[Expression] = [0.0] * len(self.limits)
-        result: list[Row] = []
+        result: list[ScalarConstraint] = []
         for i, (contact, x, n) in enumerate(zip(contacts, forces, normals, strict=True)):
             force, moment = contact.split(x, n)
             space, J = n.shape[0], self.jacobians[i]
@@ -107,9 +107,11 @@ class SharedJointTorqueLimits(ForceBudget):
                     totals[j] = totals[j] + sum(float(J[space + a, j]) * moment[a] for a in range(len(J) - space))
             if self.force_limit is not None:
                 pressing = contact.normal_force(x, n) / self.force_limit
-                result.append(Row("force limit", pressing, upper=1.0, fingers=(i,)))
+                result.append(ScalarConstraint("force limit", pressing, upper=1.0, fingers=(i,)))
         limits = enumerate(zip(totals, self.limits, strict=True))
-        of_joints = [Row("torque limit", t / float(tau), -1.0, 1.0, part=f"joint {j}") for j, (t, tau) in limits]
+        of_joints = [
+            ScalarConstraint("torque limit", t / float(tau), -1.0, 1.0, part=f"joint {j}") for j, (t, tau) in limits
+        ]
         return of_joints + result
 
     def to_dict(self) -> Json:

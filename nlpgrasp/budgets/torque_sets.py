@@ -30,7 +30,7 @@ from nlpgrasp.common.quadratic_program import cone_of, quiet_settings
 from nlpgrasp.common.spatial import wrench_transform
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
-from nlpgrasp.contacts.product import lifted, project, ranges
+from nlpgrasp.contacts.product import component_slices, conic_lift, project
 from nlpgrasp.errors import InputError
 
 CONDITION_TOLERANCE = 1e-9  # relative tolerance of the conditions
@@ -64,7 +64,7 @@ class TorqueSet(ForceSet):
     def __init__(self, torques: FloatArray, contacts: Sequence[ContactModel], space: int, name: str) -> None:
         super().__init__(contacts, space)
         self.torques, self._name = torques, name
-        self._groups = [self._group(own) for own in _independent(torques, self.ranges)]
+        self._groups = [self._group(own) for own in _independent_groups(torques, self.ranges)]
 
     @property
     def costly(self) -> bool:
@@ -117,14 +117,14 @@ class TorqueSet(ForceSet):
     @cached_property
     def _cones(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp], TorqueCone]]:
         result = []
-        for own in _independent(self.torques, self.ranges):
+        for own in _independent_groups(self.torques, self.ranges):
             where, rows = self._part(own)
             models = [self.contacts[i] for i in own]
             result.append((where, rows, TorqueCone(models, self.torques[np.ix_(rows, where)], self.space, self._name)))
         return result
 
 
-def _independent(torques: FloatArray, parts: Sequence[slice]) -> list[list[int]]:
+def _independent_groups(torques: FloatArray, parts: Sequence[slice]) -> list[list[int]]:
     """Return the groups of contacts without common limits."""
     seen = np.stack([np.any(torques[:, r] != 0.0, axis=1) for r in parts]).astype(float)  # (k, rows)
     count, labels = connected_components(sparse.csr_matrix(seen @ seen.T), directed=False)
@@ -277,7 +277,7 @@ class TorqueCone:
     def __init__(self, contacts: Sequence[ContactModel], torques: FloatArray, space: int, name: str) -> None:
         check_bounded(contacts, torques, space, name)
         self._contacts, self._torques, self._space = contacts, torques, space
-        self._lift, cones = lifted(contacts, space)
+        self._lift, cones = conic_lift(contacts, space)
         n = self._lift.shape[1]
         loads = torques @ self._lift
         self._cones = [clarabel.NonnegativeConeT(2 * len(torques)), *[cone_of(M) for M in cones]]
@@ -316,7 +316,7 @@ def check_bounded(contacts: Sequence[ContactModel], torques: FloatArray, space: 
     """Raise if some force of the cones loads no joint."""
     rng = np.random.default_rng(0)
     every = []
-    for contact, where in zip(contacts, ranges(contacts, space), strict=True):
+    for contact, where in zip(contacts, component_slices(contacts, space), strict=True):
         n = contact.components(space)
         tried = np.concatenate([np.eye(n) * 1e3, -np.eye(n) * 1e3, rng.standard_normal((RAYS, n)) * 1e3])
         rays = contact.extreme(tried)[1]

@@ -46,7 +46,7 @@ def experiment_command(
             )
         missing = write_outputs(result)
     if as_json:
-        emit(_done(result, missing))
+        emit(_last_line(result, missing))
     else:
         typer.echo(str(result))
         for line in missing:
@@ -93,7 +93,7 @@ def write_outputs(result: ng.ExperimentResult) -> list[str]:
     return missing
 
 
-def _done(result: ng.ExperimentResult, missing: list[str]) -> dict[str, object]:
+def _last_line(result: ng.ExperimentResult, missing: list[str]) -> dict[str, object]:
     """Return the last JSON line of an experiment."""
     variations = [
         {

@@ -26,9 +26,12 @@ Out = Annotated[
 def export_command(formats: Sequence[ExportFormat]) -> Callable[..., None]:
     """Return the command, whose choices and help are those of the formats."""
     content = f"Format: {'; '.join(f'{given.name}, {given.content}' for given in formats)}."
-    with_hand = _either(given.name for given in formats if given.takes_hand)
+    with_hand = _format_alternatives(given.name for given in formats if given.takes_hand)
     model = f"For {with_hand}: file of the hand, whose own model then takes the place of balls for fingertips."
-    takers = {field: _either(f.name for f in formats if field in f.takes) for field in ("object", "gripper", "joints")}
+    takers = {
+        field: _format_alternatives(f.name for f in formats if field in f.takes)
+        for field in ("object", "gripper", "joints")
+    }
 
     def export(
         file: File,
@@ -60,14 +63,14 @@ def export_command(formats: Sequence[ExportFormat]) -> Callable[..., None]:
         for field, value in given.items():
             if value and field not in chosen.takes:
                 raise InputError(f"--{field.removesuffix('s')}", value, f"{takers[field]} with it")
-        options = ExportOptions(hand, ng.HandSceneOptions(**scene), thing, gripper, tuple(joint or ()), _tell)
+        options = ExportOptions(hand, ng.HandSceneOptions(**scene), thing, gripper, tuple(joint or ()), _announce)
         solution = ng.GraspSolution.load(file)
         target = file.with_suffix(chosen.ending) if out is None else out
         writable(target, file, ending=Path(f"F{chosen.ending}").suffix)
         write_bytes(target, chosen.export(solution, options))
         typer.echo(f"written to {target}")
         if hand is not None:
-            _of_the_scene(solution, mass, normal_force)
+            _describe_assumptions(solution, mass, normal_force)
 
     export.__annotations__["to"] = Annotated[str, typer.Option("--to", metavar="FORMAT", help=content)]
     export.__annotations__["hand"] = Annotated[Path | None, typer.Option("--hand", metavar="URDF", help=model)]
@@ -94,25 +97,25 @@ def export_command(formats: Sequence[ExportFormat]) -> Callable[..., None]:
     return export
 
 
-def _either(names: Iterable[str]) -> str:
+def _format_alternatives(names: Iterable[str]) -> str:
     """Return names as alternatives: ``a, b or c``."""
     *first, last = names
     return f"{', '.join(first)} or {last}" if first else last
 
 
-def _tell(words: str) -> None:
+def _announce(words: str) -> None:
     """Say on standard error what is about to take long."""
     typer.echo(words, err=True)
 
 
-def _of_the_scene(solution: ng.GraspSolution, mass: float | None, normal_force: float | None) -> None:
+def _describe_assumptions(solution: ng.GraspSolution, mass: float | None, normal_force: float | None) -> None:
     """Say what a scene takes for granted: the object's mass, and how hard the fingers press."""
     from nlpgrasp.simulation.scene_object import object_mass
-    from nlpgrasp.solution.squeeze_record import slippery, too_weak
+    from nlpgrasp.solution.squeeze_record import friction_warning, too_weak
 
     if mass is None:
         found = object_mass(solution, None)
         typer.echo(f"the object weighs {found.kilograms:.3g} kg there, {found.source}: --mass states another")
-    for line in (too_weak(solution.squeeze, solution.needed, normal_force), slippery(solution.squeeze)):
+    for line in (too_weak(solution.squeeze, solution.needed, normal_force), friction_warning(solution.squeeze)):
         if line:
             typer.echo(line)

@@ -11,12 +11,12 @@ import typer
 
 from nlpgrasp.cli.console import writable
 from nlpgrasp.common.display import opened
-from nlpgrasp.common.validation import NEAREST, listed, near
+from nlpgrasp.common.validation import NEAREST, format_known_names, near
 from nlpgrasp.errors import InputError
 
 if TYPE_CHECKING:
     from nlpgrasp.hands.base import Hand
-    from nlpgrasp.hands.inspection import Inspected
+    from nlpgrasp.hands.inspection import InspectedHand
     from nlpgrasp.hands.tips import Tip
 
 
@@ -71,7 +71,7 @@ def hand_command(
     writable(target, source)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # the findings say what they say
-        hand = _hand(source, preset, palm, fingertip or [], approach)
+        hand = _load_hand(source, preset, palm, fingertip or [], approach)
     from nlpgrasp.hands.inspection import inspect
     from nlpgrasp.report import write_hand
 
@@ -83,11 +83,11 @@ def hand_command(
         opened(page)
 
 
-def _hand(
+def _load_hand(
     source: Path, preset: str | None, palm: str | None, fingertip: list[str], approach: str | None
-) -> Hand | Inspected:
+) -> Hand | InspectedHand:
     """Return the hand that is shown."""
-    name, path = described(source, preset)
+    name, path = resolve_preset(source, preset)
     if name is not None:
         for option, given in (("--fingertip", ", ".join(fingertip)), ("--approach", approach)):
             if given:
@@ -109,7 +109,7 @@ def _hand(
     return URDFHand.load(source, fingertips_of(source, base, fingertip), palm=base, approach=faces)
 
 
-def described(source: Path, preset: str | None) -> tuple[str | None, Path | None]:
+def resolve_preset(source: Path, preset: str | None) -> tuple[str | None, Path | None]:
     """Return the name of the preset that is meant, if any, and the path of the URDF, None where it is to be fetched.
 
     Raises
@@ -121,12 +121,12 @@ def described(source: Path, preset: str | None) -> tuple[str | None, Path | None
 
     if preset is not None:
         if preset not in PRESETS:
-            raise InputError("--preset", preset, f"one of {listed([preset], PRESETS)}")
+            raise InputError("--preset", preset, f"one of {format_known_names([preset], PRESETS)}")
         return preset, source
     if not source.exists():
         if str(source) in PRESETS:
             return str(source), None
-        allowed = f"a URDF file that exists, or one of {listed([source], PRESETS)}"
+        allowed = f"a URDF file that exists, or one of {format_known_names([source], PRESETS)}"
         raise InputError("URDF", str(source), allowed)
     return None, source
 

@@ -78,11 +78,11 @@ def add_analyses(solution: ng.GraspSolution, names: tuple[str, ...], file: Path,
     as_json : bool
         Tell one JSON object a line.
     """
-    from nlpgrasp.analysis.analyse import one_by_one
+    from nlpgrasp.analysis.analyse import analyse_one_by_one
 
     begun, known = time.monotonic(), str(solution).splitlines()
     analysed = solution
-    for name, analysed in one_by_one(solution, names, solution.known_problem):
+    for name, analysed in analyse_one_by_one(solution, names, solution.known_problem):
         if as_json:
             emit({"event": "analysis", "name": name, "seconds": time.monotonic() - begun})
         else:
@@ -295,16 +295,16 @@ def main() -> None:
     try:
         code = command_line(sys.argv[1:])(standalone_mode=False)
     except NlpgraspError as error:
-        _end(str(error), 2)
+        _exit(str(error), 2)
     except USAGE_ERROR as error:
-        _end(" ".join(error.format_message().split()) + _where_to_look(error), 2)
+        _exit(" ".join(error.format_message().split()) + _where_to_look(error), 2)
     except (KeyboardInterrupt, typer.Abort):
-        _end("interrupted", 1)
+        _exit("interrupted", 1)
     except BrokenPipeError:
         sys.stderr.close()
         sys.exit(1)
     if code == INTERRUPTED:
-        _end("interrupted", 1)
+        _exit("interrupted", 1)
     sys.exit(code if isinstance(code, int) else 0)
 
 
@@ -328,6 +328,6 @@ def _warning(
     return f"nlpgrasp: {message}\n"
 
 
-def _end(message: str, code: int) -> NoReturn:
+def _exit(message: str, code: int) -> NoReturn:
     sys.stderr.write(f"nlpgrasp: {message}\n")
     sys.exit(code)

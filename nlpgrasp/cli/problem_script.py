@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import nlpgrasp as ng
-from nlpgrasp.common.files import kind_of
+from nlpgrasp.common.files import file_kind
 from nlpgrasp.errors import InputError
 
 RUN_NAME = "nlpgrasp_script"  # not "__main__": what a script does when run by itself is not wanted here
@@ -26,7 +26,7 @@ def load_problem(path: str | Path) -> ng.GraspProblem:
     InputError
         When the file is missing or not Python, fails, has no ``problem()``, or that returns something else.
     """
-    return _returned(path, "problem", ng.GraspProblem, "a GraspProblem")
+    return _run_function(path, "problem", ng.GraspProblem, "a GraspProblem")
 
 
 def load_experiment(path: str | Path) -> ng.Experiment:
@@ -37,19 +37,19 @@ def load_experiment(path: str | Path) -> ng.Experiment:
     InputError
         As ``load_problem``; also when two variations are written with one name, of which Python keeps the last.
     """
-    _refuse_twins(path)
-    return _returned(path, "experiment", ng.Experiment, "an ng.Experiment")
+    _check_duplicate_names(path)
+    return _run_function(path, "experiment", ng.Experiment, "an ng.Experiment")
 
 
-def _returned(path: str | Path, name: str, kind: type[T], wanted: str) -> T:
+def _run_function(path: str | Path, name: str, kind: type[T], wanted: str) -> T:
     """Run a script, call one of its functions and return what it returns."""
     file = Path(path)
     if not file.is_file():
         raise InputError("SCRIPT", str(path), "a Python file that exists")
-    if kind_of(file) == "a mesh":
+    if file_kind(file) == "a mesh":
         body = f'a function {name}(), in which ng.Mesh.load("{file.name}", unit="mm") is the body'
         raise InputError("SCRIPT", f"{path}, a mesh", f"a Python script with {body}")
-    if (lacking := _lacking(file, name, kind.__name__)) is not None:
+    if (lacking := _missing_function(file, name, kind.__name__)) is not None:
         raise InputError(str(path), lacking, f"a script with a function {name}() -> {kind.__name__}")
     sys.path.insert(0, str(file.resolve().parent))  # neighbours may be imported, also later and by workers
     try:
@@ -62,7 +62,7 @@ def _returned(path: str | Path, name: str, kind: type[T], wanted: str) -> T:
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # also what is raised to end the script
-        raise InputError(str(path), _where(error, file), "a script that runs") from None
+        raise InputError(str(path), _error_place(error, file), "a script that runs") from None
     function = names.get(name)
     if not callable(function):
         raise InputError(str(path), f"no function {name}()", f"a script with a function {name}() -> {kind.__name__}")
@@ -73,13 +73,13 @@ def _returned(path: str | Path, name: str, kind: type[T], wanted: str) -> T:
     except KeyboardInterrupt:
         raise
     except BaseException as error:
-        raise InputError(f"{path}: {name}()", _where(error, file), f"a function that returns {wanted}") from None
+        raise InputError(f"{path}: {name}()", _error_place(error, file), f"a function that returns {wanted}") from None
     if not isinstance(result, kind):
         raise InputError(f"{path}: {name}()", type(result).__name__, wanted)
     return result
 
 
-def _lacking(file: Path, name: str, kind: str) -> str | None:
+def _missing_function(file: Path, name: str, kind: str) -> str | None:
     """Return what a script lacks, without running it, where it can be seen that it never makes the function."""
     try:
         tree = ast.parse(file.read_bytes())
@@ -104,7 +104,7 @@ def _lacking(file: Path, name: str, kind: str) -> str | None:
     return None
 
 
-def _refuse_twins(path: str | Path) -> None:
+def _check_duplicate_names(path: str | Path) -> None:
     """Refuse a script in which a dictionary of variations names two of them alike: Python would keep the last."""
     try:
         tree = ast.parse(Path(path).read_bytes())
@@ -119,7 +119,7 @@ def _refuse_twins(path: str | Path) -> None:
                     raise InputError(f"{path}, line {node.lineno}", f"two entries named {name!r}", "each name once")
 
 
-def _where(error: BaseException, file: Path) -> str:
+def _error_place(error: BaseException, file: Path) -> str:
     """Return the error and the last line of the script it passed through."""
     lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if Path(f.filename) == file]
     place = f" (line {lines[-1]})" if lines else ""

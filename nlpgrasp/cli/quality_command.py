@@ -102,13 +102,13 @@ def complete(file: Path, problem: Callable[[], GraspProblem] | None = None) -> G
     problem : callable, optional
         Returns the problem that was solved.
     """
-    from nlpgrasp.analysis.analyse import added_words
+    from nlpgrasp.analysis.analyse import format_added
 
     solution = ng.GraspSolution.load(file)
     if solution.grasp is None:
         return solution
     found = ng.analyse(solution, problem=None if problem is None else problem())
-    added = added_words(solution, found)
+    added = format_added(solution, found)
     if added:
         try:
             found.save(file)

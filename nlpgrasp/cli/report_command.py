@@ -11,7 +11,7 @@ import typer
 from nlpgrasp.cli.console import writable
 from nlpgrasp.cli.problem_script import load_problem
 from nlpgrasp.cli.quality_command import complete
-from nlpgrasp.common.files import kind_of
+from nlpgrasp.common.files import file_kind
 from nlpgrasp.errors import InputError
 
 FILES = "Solution files; several are compared. Or a script SCRIPT.py: what it asks, before anything is solved."
@@ -34,7 +34,7 @@ def report_command(
     """
     from nlpgrasp.report import write_pictures, write_report
 
-    if any(kind_of(file) == "a Python script" for file in files):
+    if any(file_kind(file) == "a Python script" for file in files):
         _report_problem(files, out, png)
         return
     often = Counter(file.name for file in files)

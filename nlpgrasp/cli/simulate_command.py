@@ -56,7 +56,7 @@ def simulate_command(
     joints["normal_force"] = normal_force
     given = {name: value for name, value in joints.items() if value is not None}
     if hand is not None:
-        _through_the_hand(solution, hand, mass, given, target, as_json)
+        _simulate_by_hand(solution, hand, mass, given, target, as_json)
         return
     if given:
         name = next(iter(given))
@@ -64,7 +64,7 @@ def simulate_command(
     with telling("simulating") as tell:
         found = ng.simulate(solution, share, mass, wrenches, tell)
     if as_json:
-        emit(_data(found))
+        emit(_simulation_data(found))
     else:
         typer.echo(str(found))
         typer.echo(found.verdict)
@@ -80,12 +80,12 @@ def picture_of(file: Path, hand: Path | None) -> Path:
     return file.with_name(f"{file.stem}-simulation{'' if hand is None else '-hand'}.png")
 
 
-def _through_the_hand(
+def _simulate_by_hand(
     solution: ng.GraspSolution, hand: Path, mass: float | None, given: dict[str, float], target: Path, as_json: bool
 ) -> None:
     """Press the grasp through its hand's joints, and tell what became of it."""
     from nlpgrasp.simulation.picture_strips import write_hand_strip
-    from nlpgrasp.solution.squeeze_record import slippery, too_weak
+    from nlpgrasp.solution.squeeze_record import friction_warning, too_weak
 
     push = given.pop("push", 1.0)
     options = ng.HandSceneOptions(mass=mass, **given)
@@ -96,7 +96,7 @@ def _through_the_hand(
     else:
         typer.echo(str(found))
         weak = too_weak(solution.squeeze, solution.needed, given.get("normal_force"))
-        for line in (weak, slippery(solution.squeeze), solution.approach_line()):
+        for line in (weak, friction_warning(solution.squeeze), solution.approach_line()):
             if line:
                 typer.echo(f"  {line}")
         typer.echo(found.verdict)
@@ -107,7 +107,7 @@ def _through_the_hand(
         raise typer.Exit(1)
 
 
-def _data(found: ng.Simulation) -> dict[str, object]:
+def _simulation_data(found: ng.Simulation) -> dict[str, object]:
     trials = [
         {"condition": t.condition, "wrench": t.label, "slip": t.slip, "turn": t.turn, "held": t.held}
         for t in found.trials

@@ -57,7 +57,7 @@ def fit_command(
     if as_json:
         emit({"did": "updated" if known else "added", "library": str(into), **entry.summary()})
     else:
-        typer.echo(f"{'updated' if known else 'added'} in {into}: {_words(entry)}")
+        typer.echo(f"{'updated' if known else 'added'} in {into}: {_describe_entry(entry)}")
 
 
 def list_command(
@@ -87,10 +87,10 @@ def show_command(
     if as_json:
         emit(entry.summary())
     else:
-        typer.echo(_words(entry))
+        typer.echo(_describe_entry(entry))
 
 
-def _words(entry: ng.TaskEntry) -> str:
+def _describe_entry(entry: ng.TaskEntry) -> str:
     """Return an entry and the extents of its ellipsoid as text."""
     import numpy as np
 

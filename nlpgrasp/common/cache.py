@@ -24,7 +24,7 @@ import platformdirs
 from numpy.typing import NDArray
 
 from nlpgrasp.common.files import write_bytes
-from nlpgrasp.common.user_warnings import say_once
+from nlpgrasp.common.user_warnings import warn_once
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.version import __version__
@@ -64,7 +64,7 @@ def kept(kind: str, made_from: Sequence[bytes | NDArray[np.generic]], make: Call
     if where is None:
         return make()
     file = where / f"{kind}-{_key(kind, [_code_of(make), *map(_bytes, made_from)])}"
-    found = _read(file)
+    found = _read_entry(file)
     if found is None:
         found = dict(make())
         _write(file, found)
@@ -92,14 +92,14 @@ def _code_of(make: Callable[[], Arrays]) -> bytes:
     return b"" if path is None else Path(path).read_bytes()
 
 
-def _read(file: Path) -> dict[str, FloatArray] | None:
+def _read_entry(file: Path) -> dict[str, FloatArray] | None:
     """Return the arrays of an entry, None if it is missing or corrupt."""
     try:
         data = file.read_bytes()
     except FileNotFoundError:
         return None
     except OSError as error:
-        say_once(f"the cache folder {file.parent} cannot be read ({error.strerror}): going on without it")
+        warn_once(f"the cache folder {file.parent} cannot be read ({error.strerror}): going on without it")
         return None
     if hashlib.sha256(data[DIGEST:]).digest() == data[:DIGEST]:
         try:
@@ -107,7 +107,7 @@ def _read(file: Path) -> dict[str, FloatArray] | None:
                 return {name: arrays[name] for name in arrays.files}
         except (ValueError, OSError, BadZipFile):
             pass
-    say_once(f"{file} is not a whole entry of the cache: it is made anew")
+    warn_once(f"{file} is not a whole entry of the cache: it is made anew")
     return None
 
 
@@ -122,7 +122,7 @@ def _write(file: Path, arrays: Arrays) -> None:
         _make_room(file.parent)
     except (OSError, InputError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
-        say_once(f"the cache folder {file.parent} cannot be written ({reason}): going on without it")
+        warn_once(f"the cache folder {file.parent} cannot be written ({reason}): going on without it")
 
 
 def _make_room(where: Path) -> None:

@@ -14,7 +14,7 @@ GRACE = 1.0  # s, time left for a certificate after a stop request
 
 
 @dataclass(frozen=True)
-class Stop:
+class Deadline:
     """Stop condition of a solve: deadline and cancellation flag.
 
     Parameters
@@ -46,17 +46,17 @@ class Stop:
         return None if self.deadline is None else max(self.deadline, now + grace)
 
 
-class Interrupt:
+class InterruptHandler:
     """Context manager in which Ctrl-C sets the stop flag, so that a solve ends early and returns its result.
 
     Pressing it again has no effect; a stopped solve returns within seconds.
     """
 
-    def __init__(self, stop: Stop) -> None:
+    def __init__(self, stop: Deadline) -> None:
         self.stop = stop
         self._previous: Callable[[int, FrameType | None], object] | int | None = None
 
-    def __enter__(self) -> Interrupt:
+    def __enter__(self) -> InterruptHandler:
         if threading.current_thread() is threading.main_thread():
             self._previous = signal.getsignal(signal.SIGINT)
             signal.signal(signal.SIGINT, self._handle)

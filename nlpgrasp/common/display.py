@@ -44,7 +44,7 @@ def show(thing: object, name: str, writer: tuple[str, str], path: str | Path | N
     """
     if path is not None:
         writable_place("show.path", Path(path))
-    write = cast(Write, _found(writer))
+    write = cast(Write, _import_function(writer))
     if path is not None:
         return opened(write(thing, Path(path)))
     folder = Path(tempfile.mkdtemp(prefix="nlpgrasp-"))
@@ -65,7 +65,7 @@ def live(thing: object, server: tuple[str, str], *more: object) -> str | None:
     server : (str, str) tuple
         Module and function of the server, which takes the object and ``more``.
     """
-    return cast(Serve, _found(server))(thing, *more)
+    return cast(Serve, _import_function(server))(thing, *more)
 
 
 def inline(thing: object, card: tuple[str, str]) -> str:
@@ -77,7 +77,7 @@ def inline(thing: object, card: tuple[str, str]) -> str:
     card : (str, str) tuple
         Module and function that takes the object and returns a page.
     """
-    page = cast(Card, _found(card))(thing)
+    page = cast(Card, _import_function(card))(thing)
     return (
         f'<iframe srcdoc="{escape(page)}" title="{escape(repr(thing))}" loading="lazy" '
         f'style="border:0;border-radius:8px;height:{TALL}px;max-width:60rem;width:100%"></iframe>'
@@ -87,7 +87,7 @@ def inline(thing: object, card: tuple[str, str]) -> str:
 def opened(page: Path) -> Path:
     """Open a page in a browser, or print its path if that is not possible; return the path."""
     place = page.resolve()
-    if not (has_display() and browsed(place.as_uri())):
+    if not (has_display() and open_browser(place.as_uri())):
         sys.stdout.write(f"No browser was opened; the page is {place}\n")
     return page
 
@@ -99,7 +99,7 @@ def has_display() -> bool:
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
-def browsed(address: str) -> bool:
+def open_browser(address: str) -> bool:
     """Open an address in a browser, and return whether that succeeded."""
     try:
         return webbrowser.open(address)
@@ -107,7 +107,7 @@ def browsed(address: str) -> bool:
         return False
 
 
-def _found(name: tuple[str, str]) -> object:
+def _import_function(name: tuple[str, str]) -> object:
     """Import a function by its module and name."""
     module, function = name
     return getattr(import_module(module), function)

@@ -88,7 +88,7 @@ class Drawing:
         return cls(body, tuple(links))
 
 
-def drawn_size(drawing: Drawing | None, points: FloatArray | None) -> float:
+def drawing_size(drawing: Drawing | None, points: FloatArray | None) -> float:
     """Return half the diagonal of the drawn body, metres, the reference length of arrows and cones.
 
     Parameters

@@ -36,13 +36,13 @@ SOURCES = ("a mesh", "a CAD file", "a hand's file", "a Python script")  # never 
 WAIT, AGAIN = 60.0, 0.005  # s, time-out and interval of attempts
 
 
-def kind_of(path: str | Path) -> str | None:
+def file_kind(path: str | Path) -> str | None:
     """Return the kind of file by its extension, such as ``"a mesh"``; None if unknown."""
     ending = Path(path).suffix.lower()
     return next((kind for kind, endings in KINDS.items() if ending in endings), None)
 
 
-def as_read(data: Any) -> Any:
+def json_round_trip(data: Any) -> Any:
     """Return JSON data after a round trip through text."""
     return json.loads(json.dumps(data))
 
@@ -95,7 +95,7 @@ def spare_sources(field: str, target: Path, ending: str = "") -> None:
     InputError
         Naming the field.
     """
-    kind = kind_of(target)
+    kind = file_kind(target)
     if kind in SOURCES and target.suffix.lower() != ending and target.exists():
         raise InputError(field, f"{target} ({kind} that is there)", "another file name: it would be overwritten")
 
@@ -142,7 +142,7 @@ def read_text(path: str | Path, what: str, largest: int) -> str:
         size = file.stat().st_size
         if not file.is_file():
             raise InputError(str(path), "not a regular file", what)
-        if (kind := kind_of(file)) is not None:
+        if (kind := file_kind(file)) is not None:
             raise InputError(str(path), kind, f"{what} (JSON)")
         if size > largest:
             raise InputError(str(path), f"{size / 2**20:.0f} MiB", f"at most {largest // 2**20} MiB")

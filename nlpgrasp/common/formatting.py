@@ -30,7 +30,7 @@ NOTHING = 1e-6  # of the largest component: components below are zero
 MINOR = 0.3  # of a direction's largest component: components below are omitted
 
 
-def rounded(value: float, digits: int = DIGITS, least: float = 0.0) -> str:
+def format_number(value: float, digits: int = DIGITS, least: float = 0.0) -> str:
     """Format a number with few digits, such as 0.02, -1.5, 12300, 3.1e-6, without -0 and trailing zeros.
 
     Parameters
@@ -46,17 +46,17 @@ def rounded(value: float, digits: int = DIGITS, least: float = 0.0) -> str:
         return f"{value:g}"
     if abs(value) <= least:
         return "0"
-    return _plain(Decimal(f"{value:.{digits - 1}e}"))
+    return _plain_decimal(Decimal(f"{value:.{digits - 1}e}"))
 
 
 def vector(values: Iterable[float], digits: int = DIGITS, relative: float = 1e-4) -> str:
     """Format numbers as a comma-separated list; those below a share of the largest are 0."""
     numbers = [float(v) for v in values]
     least = relative * max((abs(v) for v in numbers), default=0.0)
-    return ", ".join(rounded(v, digits, least) for v in numbers)
+    return ", ".join(format_number(v, digits, least) for v in numbers)
 
 
-def outwards(lower: float, upper: float, digits: int = DIGITS) -> tuple[str, str]:
+def format_interval(lower: float, upper: float, digits: int = DIGITS) -> tuple[str, str]:
     """Format the ends of an interval, rounded outwards, with enough digits to distinguish them.
 
     Parameters
@@ -67,8 +67,8 @@ def outwards(lower: float, upper: float, digits: int = DIGITS) -> tuple[str, str
         Least number of significant digits.
     """
     for more in range(digits, MOST + 1):
-        ends = _cut(lower, more, ROUND_FLOOR), _cut(upper, more, ROUND_CEILING)
-        between = _cut(upper, more, ROUND_FLOOR)
+        ends = _round_towards(lower, more, ROUND_FLOOR), _round_towards(upper, more, ROUND_CEILING)
+        between = _round_towards(upper, more, ROUND_FLOOR)
         if lower == upper or ends[0] != between:
             break
     return ends
@@ -76,17 +76,17 @@ def outwards(lower: float, upper: float, digits: int = DIGITS) -> tuple[str, str
 
 def at_least(value: float, digits: int = DIGITS) -> str:
     """Format a lower bound with few digits, rounded down."""
-    return _cut(value, digits, ROUND_FLOOR)
+    return _round_towards(value, digits, ROUND_FLOOR)
 
 
 def at_most(value: float, digits: int = DIGITS) -> str:
     """Format an upper bound with few digits, rounded up."""
-    return _cut(value, digits, ROUND_CEILING)
+    return _round_towards(value, digits, ROUND_CEILING)
 
 
-def percent(share: float, digits: int = 2) -> str:
+def format_percent(share: float, digits: int = 2) -> str:
     """Format a share as a percentage, such as ``33 %``."""
-    return f"{rounded(100.0 * share, digits)} %"
+    return f"{format_number(100.0 * share, digits)} %"
 
 
 def typeset(text: str) -> str:
@@ -96,15 +96,15 @@ def typeset(text: str) -> str:
     return re.sub(r"(?<![\w-])-(?=\.?\d|[xyz]\b)", "\N{MINUS SIGN}", whole)
 
 
-def _cut(value: float, digits: int, way: str) -> str:
+def _round_towards(value: float, digits: int, way: str) -> str:
     """Format a number with significant digits, rounded down or up."""
     if not math.isfinite(value) or value == 0.0:
-        return rounded(value)
+        return format_number(value)
     exact = Decimal(f"{value:.12g}")  # 0.3 is meant to be 0.3
-    return _plain(exact.quantize(Decimal((0, (1,), exact.adjusted() - digits + 1)), rounding=way))
+    return _plain_decimal(exact.quantize(Decimal((0, (1,), exact.adjusted() - digits + 1)), rounding=way))
 
 
-def _plain(value: Decimal) -> str:
+def _plain_decimal(value: Decimal) -> str:
     if value == 0:
         return "0"
     if SMALLEST <= abs(value) < LARGEST:
@@ -119,10 +119,10 @@ def one_line(error: BaseException) -> str:
     text = str(error)
     if not isinstance(error, NlpgraspError) or not text.strip():
         text = f"{type(error).__name__}: {text}" if text.strip() else type(error).__name__
-    return plain(text)
+    return one_line_of_text(text)
 
 
-def plain(text: str) -> str:
+def one_line_of_text(text: str) -> str:
     """Return a text as one line of printable characters, truncated if very long."""
     words = " ".join(text.split())
     return "".join(c if c.isprintable() else "?" for c in words)[:LONGEST]
@@ -135,13 +135,13 @@ def capital(text: str) -> str:
 
 def columns(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     """Return lines with aligned columns; long entries are truncated, empty columns omitted."""
-    table = [list(heads), *([_short(entry) for entry in row] for row in rows)]
+    table = [list(heads), *([_shorten_entry(entry) for entry in row] for row in rows)]
     used = [i for i in range(len(heads)) if any(row[i] for row in table[1:])]
     widths = [max(len(row[i]) for row in table) for i in used]
     return ["  ".join(row[i].ljust(w) for i, w in zip(used, widths, strict=True)).rstrip() for row in table]
 
 
-def _short(entry: str) -> str:
+def _shorten_entry(entry: str) -> str:
     return entry if len(entry) <= WIDEST else entry[: WIDEST - 3] + "..."
 
 
@@ -198,7 +198,7 @@ def range_words(low: FloatArray, high: FloatArray) -> str:
         alike = [i for i, name in enumerate(names) if unit_of(name) == unit]
         least = NOTHING * max(float(np.max(np.abs([low[alike], high[alike]]))), 0.0)
         for i in alike:
-            ends = (rounded(float(low[i]), least=least), rounded(float(high[i]), least=least))
+            ends = (format_number(float(low[i]), least=least), format_number(float(high[i]), least=least))
             groups.setdefault((_range(*ends), unit), []).append(names[i])
     told = [f"{', '.join(named)} {ends} {unit}" for (ends, unit), named in groups.items() if ends != "0"]
     return "; ".join(told) or "zero"
@@ -211,7 +211,7 @@ def _range(low: str, high: str) -> str:
     return f"±{high}" if low == f"-{high}" else f"{low} to {high}"
 
 
-def direction_words(wrench: FloatArray, length: float) -> str:
+def format_wrench_direction(wrench: FloatArray, length: float) -> str:
     """Return a wrench's direction (d,) as text of its largest components; torques are divided by a length, metres."""
     forces = [unit_of(name) == FORCE_UNIT for name in COMPONENTS[len(wrench)]]
     weight = np.abs(wrench) * np.where(forces, 1.0, length)

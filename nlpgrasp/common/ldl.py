@@ -61,7 +61,7 @@ def solve_some(entries: Mapping[tuple[int, int], FloatArray], shift: FloatArray,
     for (a, b), entry in entries.items():
         matrix[:, a, b] = matrix[:, b, a] = entry
     matrix[:, range(d), range(d)] += shift[:, None]
-    solved = _by_lapack(matrix, right)
+    solved = _solve_by_lapack(matrix, right)
     return solve_columns(entries, shift, right) if solved is None else solved
 
 
@@ -71,14 +71,14 @@ def solve_matrices(matrix: FloatArray, shift: float, right: FloatArray) -> Float
     if m <= FEW:
         shifted = matrix.transpose(2, 0, 1).copy()
         shifted.reshape(m, d * d)[:, :: d + 1] += shift
-        solved = _by_lapack(shifted, right)
+        solved = _solve_by_lapack(shifted, right)
         if solved is not None:
             return solved
     entries = {(a, b): matrix[a, b] for a in range(d) for b in range(a, d)}
     return solve_columns(entries, np.full(m, shift), right)
 
 
-def _by_lapack(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
+def _solve_by_lapack(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
     """Return the solutions (d, m) for matrices (m, d, d); None if any is singular."""
     try:
         return np.asarray(np.linalg.solve(matrix, right.T[..., None])[..., 0].T)

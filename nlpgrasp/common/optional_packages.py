@@ -101,7 +101,7 @@ def draw_triangles(ax: Axes3D, shape: Triangles, colour: str, opacity: float) ->
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     corners = shape.vertices[shape.faces]  # (m, 3, 3)
-    ax.add_collection3d(Poly3DCollection(corners, facecolors=_shaded(corners, colour), alpha=opacity))
+    ax.add_collection3d(Poly3DCollection(corners, facecolors=_shade(corners, colour), alpha=opacity))
 
 
 def show_at_one_scale(ax: Axes3D, points: FloatArray) -> None:
@@ -114,7 +114,7 @@ def show_at_one_scale(ax: Axes3D, points: FloatArray) -> None:
     ax.set_axis_off()
 
 
-def _shaded(corners: FloatArray, colour: str) -> FloatArray:
+def _shade(corners: FloatArray, colour: str) -> FloatArray:
     """Return a shaded colour (m, 3) for each triangle."""
     base = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -59,7 +59,7 @@ NO_SLACK = NoSlack()  # default of quadratic programs
 
 
 @dataclass(frozen=True)
-class RowSlack:
+class ConstraintSlack:
     """One slack per constraint, with a quadratic penalty.
 
     Parameters
@@ -198,7 +198,7 @@ def shortest_step(
     reach = STEP_SHARE * np.abs(J) @ np.maximum(-rows.least, rows.most)
     seen = (rows.lower == rows.upper) | (g - reach < rows.lower) | (g + reach > rows.upper)
     while True:
-        found = _solved(rows, seen, np.zeros(J.shape[1]) if cost is None else cost, square, slack)
+        found = _solve_subset(rows, seen, np.zeros(J.shape[1]) if cost is None else cost, square, slack)
         if found is None:
             return None
         there = g + J @ found.d
@@ -208,7 +208,7 @@ def shortest_step(
         seen |= broken
 
 
-def _solved(
+def _solve_subset(
     rows: Linearised, seen: NDArray[np.bool_], cost: FloatArray, square: FloatArray, slack: Slack
 ) -> QuadraticStep | None:
     """Return the solution with a subset of the constraints; None if infeasible."""
@@ -293,7 +293,7 @@ class NewtonRules:
 
 
 @dataclass(frozen=True)
-class Restored(Generic[R]):
+class NewtonResult(Generic[R]):
     """Result of Newton's method for feasibility.
 
     Parameters
@@ -319,7 +319,7 @@ class Restored(Generic[R]):
         return self.rows.violation
 
 
-def restore(linearise: Callable[[FloatArray], R], z: FloatArray, rules: NewtonRules) -> Restored[R]:
+def restore_feasibility(linearise: Callable[[FloatArray], R], z: FloatArray, rules: NewtonRules) -> NewtonResult[R]:
     """Restore feasibility: return the variables of least violation along Newton steps.
 
     Parameters
@@ -344,4 +344,4 @@ def restore(linearise: Callable[[FloatArray], R], z: FloatArray, rules: NewtonRu
             waited = 0 if rows.violation < STALLED * least.violation else waited + 1
             if rows.violation < least.violation:
                 best, least = z, rows
-    return Restored(best, least, z, contradicted)
+    return NewtonResult(best, least, z, contradicted)

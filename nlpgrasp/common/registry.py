@@ -17,7 +17,7 @@ if TYPE_CHECKING:  # certificates reach common, and no CasADi
 Kind = TypeVar("Kind")
 
 
-class Stated(Protocol):
+class FromJson(Protocol):
     """Protocol of classes that are constructed from JSON data."""
 
     @classmethod
@@ -25,7 +25,7 @@ class Stated(Protocol):
         """Return the object from the data of its ``to_dict``."""
 
 
-class StatedPart(ABC):
+class JsonPart(ABC):
     """Base class of problem parts that are stored in files by kind and parameters.
 
     Attributes
@@ -52,7 +52,7 @@ class StatedPart(ABC):
         return from_fields(cls, data)
 
 
-StatedKind = TypeVar("StatedKind", bound=Stated)
+StatedKind = TypeVar("StatedKind", bound=FromJson)
 
 
 class Registry(Generic[Kind]):
@@ -97,7 +97,7 @@ class Registry(Generic[Kind]):
         return tuple(self._kinds)
 
 
-def read(registry: Registry[StatedKind], what: str, data: object) -> StatedKind:
+def from_registered(registry: Registry[StatedKind], what: str, data: object) -> StatedKind:
     """Return an object of the registered class given by the data's ``type``.
 
     Parameters
@@ -135,19 +135,19 @@ def from_fields(kind: type[Kind], data: Json) -> Kind:
         When the class is not a dataclass.
     """
     if not is_dataclass(kind):
-        raise incomplete(kind.__name__, "a from_dict of its own")
+        raise incomplete_data(kind.__name__, "a from_dict of its own")
     needed = [f.name for f in fields(kind) if f.init and f.default is MISSING and f.default_factory is MISSING]
     given = {f.name: data[f.name] for f in fields(kind) if f.init and (f.name in data or f.name in needed)}
     return kind(**given)
 
 
-def incomplete(what: str, lacking: str) -> InputError:
+def incomplete_data(what: str, lacking: str) -> InputError:
     """Return the error for JSON data that are not sufficient to construct an object."""
     return InputError(what, "JSON data alone", lacking)
 
 
 @runtime_checkable
-class Solid(Protocol):
+class SolidBody(Protocol):
     """Protocol of bodies as constraints use them: dimension and signed distance."""
 
     @property
@@ -162,7 +162,7 @@ class Solid(Protocol):
         """Return the body as JSON data."""
 
 
-class StatedSolid(Solid, Protocol):
+class JsonSolid(SolidBody, Protocol):
     """Protocol of bodies that can be stored in files."""
 
     @classmethod
@@ -170,10 +170,10 @@ class StatedSolid(Solid, Protocol):
         """Return the body from the data of its ``to_dict``."""
 
 
-SOLIDS: Registry[StatedSolid] = Registry("body.type")  # filled by nlpgrasp.bodies
+SOLIDS: Registry[JsonSolid] = Registry("body.type")  # filled by nlpgrasp.bodies
 
 
-def solid_from_dict(data: object) -> Solid:
+def solid_from_dict(data: object) -> SolidBody:
     """Return a body of any registered type from the data of its ``to_dict``.
 
     Raises
@@ -181,4 +181,4 @@ def solid_from_dict(data: object) -> Solid:
     InputError
         When the type is unknown, or the data are invalid or incomplete.
     """
-    return read(SOLIDS, "body", data)
+    return from_registered(SOLIDS, "body", data)

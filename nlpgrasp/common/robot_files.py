@@ -10,7 +10,7 @@ from pathlib import Path
 from nlpgrasp.errors import InputError
 
 
-def expanded(source: Path) -> bytes:
+def expand_xacro(source: Path) -> bytes:
     """Expand a xacro file and return the URDF.
 
     Raises

@@ -65,7 +65,7 @@ class Label:
 
 
 @dataclass(frozen=True)
-class Row(Label):
+class ScalarConstraint(Label):
     """A labelled scalar constraint ``lower <= expression <= upper``.
 
     Parameters
@@ -95,7 +95,7 @@ class Row(Label):
 class Clearance(Label):
     """A labelled clearance constraint ``lower <= distance(point)`` of a point from a body.
 
-    Kept apart from ``Row`` because the distance to a mesh is a spline, which exists as ``MX`` only.
+    Kept apart from ``ScalarConstraint`` because the distance to a mesh is a spline, which exists as ``MX`` only.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class Clearance(Label):
     lower : float
         Metres.
     scale : float
-        As in ``Row``.
+        As in ``ScalarConstraint``.
     fingers, link, part
         As in ``Label``.
     """
@@ -118,9 +118,9 @@ class Clearance(Label):
     lower: float
     scale: float = 1.0
 
-    def row(self, expression: Expression) -> Row:
+    def row(self, expression: Expression) -> ScalarConstraint:
         """Return the clearance as a scalar constraint on a given expression."""
-        return Row(
+        return ScalarConstraint(
             self.kind,
             expression,
             self.lower,
@@ -131,7 +131,7 @@ class Clearance(Label):
             part=self.part,
         )
 
-    def as_row(self) -> Row | None:
+    def as_row(self) -> ScalarConstraint | None:
         """Return the clearance as a scalar constraint, or None if the distance is not an ``SX`` expression."""
         return self.row(self.distance(self.point)) if self.distance.is_a("SXFunction") else None
 
@@ -187,7 +187,7 @@ class PalmPose:
 
 
 @dataclass(frozen=True)
-class Placement:
+class SymbolicCandidate:
     """Symbolic grasp candidate: contacts and hand, on which constraints are stated.
 
     Parameters

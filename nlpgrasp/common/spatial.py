@@ -214,7 +214,7 @@ def rigid_transform(field: str, value: Pose, space: int) -> tuple[FloatArray, Fl
         four = array(f"{field}.{own}", value[own], (4,))
         turn = rotation_matrices(f"{field}.{own}", four[None], own == WXYZ)[0]
         return turn, array(f"{field}.position", value["position"], (3,))
-    if _shape(value) in ((4,), (7,)):
+    if _array_shape(value) in ((4,), (7,)):
         raise InputError(field, f"{len(np.asarray(value))} numbers, which do not say where the scalar is", spellings)
     try:
         pose = array(field, value, (space + 1, space + 1))
@@ -244,7 +244,7 @@ def rotation_matrices(field: str, rotations: ArrayLike, scalar_first: bool = Tru
     InputError
         Naming a row that is no rotation.
     """
-    if len(_shape(rotations)) == 3:
+    if len(_array_shape(rotations)) == 3:
         given = array(field, rotations, (None, 3, 3))
         return np.array([_rotation(f"{field}[{i}]" if len(given) > 1 else field, one) for i, one in enumerate(given)])
     four = array(field, rotations, (None, 4))
@@ -265,7 +265,7 @@ def _rotation(field: str, matrix: FloatArray) -> FloatArray:
     return np.asarray(left @ right)
 
 
-def _shape(value: ArrayLike) -> tuple[int, ...]:
+def _array_shape(value: ArrayLike) -> tuple[int, ...]:
     """Return an array's shape, empty if it is irregular."""
     try:
         return np.shape(value)

@@ -43,7 +43,7 @@ class JointedHand(Protocol):
         """Largest torques by joint, newton-metres (newtons for sliding joints)."""
 
 
-class MovingHand(JointedHand, Protocol):
+class HandWithJacobians(JointedHand, Protocol):
     """Protocol of jointed hands with contact Jacobians; every ``nlpgrasp.hands.PosedHand`` satisfies it."""
 
     @property

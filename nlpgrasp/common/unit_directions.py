@@ -57,7 +57,7 @@ def directions_around(first: FloatArray, count: int) -> FloatArray:
     (count, 3) array
     """
     i = np.arange(count)
-    return _about(first, np.arccos(1.0 - 2.0 * i / max(count - 1, 1)), i * np.pi * (3.0 - np.sqrt(5.0)))
+    return _polar_directions(first, np.arccos(1.0 - 2.0 * i / max(count - 1, 1)), i * np.pi * (3.0 - np.sqrt(5.0)))
 
 
 def directions_beside(first: FloatArray, angle: float, count: int) -> FloatArray:
@@ -75,10 +75,10 @@ def directions_beside(first: FloatArray, angle: float, count: int) -> FloatArray
     -------
     (count, 3) array
     """
-    return _about(first, np.full(count, angle), 2.0 * np.pi * np.arange(count) / count)
+    return _polar_directions(first, np.full(count, angle), 2.0 * np.pi * np.arange(count) / count)
 
 
-def _about(first: FloatArray, away: FloatArray, turn: FloatArray) -> FloatArray:
+def _polar_directions(first: FloatArray, away: FloatArray, turn: FloatArray) -> FloatArray:
     """Return directions (m, 3) at polar angles (m,) and azimuths (m,) about a given direction."""
     least = np.eye(3)[int(np.argmin(np.abs(first)))]
     u = np.cross(first, least) / np.linalg.norm(np.cross(first, least))
@@ -88,7 +88,7 @@ def _about(first: FloatArray, away: FloatArray, turn: FloatArray) -> FloatArray:
 
 
 @lru_cache
-def inradius(dimension: int, shells: int = 1) -> float:
+def directions_inradius(dimension: int, shells: int = 1) -> float:
     """Return the inradius of the polytope of ``directions``, about the origin."""
     points = directions(dimension, shells)
     if dimension == 1:
@@ -134,11 +134,11 @@ def _cube(n: int) -> FloatArray:
     return np.array(list(itertools.product((1.0, -1.0), repeat=n)))
 
 
-def _axes(n: int) -> FloatArray:
+def _signed_axes(n: int) -> FloatArray:
     return np.concatenate([np.eye(n), -np.eye(n)])
 
 
-def _line() -> list[FloatArray]:
+def _directions_on_line() -> list[FloatArray]:
     return [np.array([[1.0], [-1.0]]), np.zeros((0, 1))]
 
 
@@ -162,10 +162,10 @@ def _icosahedral() -> list[FloatArray]:
 
 
 _FAMILIES = {
-    1: _line,
+    1: _directions_on_line,
     2: _circle,
     3: _icosahedral,
-    4: lambda: [_d_roots(4), np.concatenate([_axes(4), _cube(4) / 2.0])],
-    5: lambda: [_d_roots(5), np.concatenate([_axes(5), _cube(5)])],
+    4: lambda: [_d_roots(4), np.concatenate([_signed_axes(4), _cube(4) / 2.0])],
+    5: lambda: [_d_roots(5), np.concatenate([_signed_axes(5), _cube(5)])],
     6: e6_shells,
 }

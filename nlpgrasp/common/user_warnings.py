@@ -18,10 +18,10 @@ def warn(text: str) -> None:
     text : str
         Warning text.
     """
-    warnings.warn(text, UserWarning, stacklevel=1 + _inside())
+    warnings.warn(text, UserWarning, stacklevel=1 + _package_frames())
 
 
-def _inside() -> int:
+def _package_frames() -> int:
     """Return the number of consecutive package frames, from the caller of ``warn`` upwards."""
     frame, level = sys._getframe(2), 1
     while frame.f_back is not None and str(frame.f_globals.get("__name__", "")).split(".")[0] in BETWEEN:
@@ -29,7 +29,7 @@ def _inside() -> int:
     return level
 
 
-def asked_by_user() -> bool:
+def is_called_by_user() -> bool:
     """Return whether the calling function was called from outside the package."""
     return str(sys._getframe(2).f_globals.get("__name__", "")).split(".")[0] != PACKAGE
 
@@ -37,7 +37,7 @@ def asked_by_user() -> bool:
 _said: set[str] = set()
 
 
-def say_once(text: str) -> None:
+def warn_once(text: str) -> None:
     """Issue a warning once per process, and only in the main process.
 
     Parameters

@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from nlpgrasp.common.user_warnings import say_once
+from nlpgrasp.common.user_warnings import warn_once
 from nlpgrasp.errors import InputError
 
 LARGEST = 1e100  # largest accepted magnitude, against overflow
@@ -60,7 +60,7 @@ def number(field: str, value: object, *, above: float | None = None, at_least: f
     return result
 
 
-def likely_size(field: str, what: str, longest: float, wrong: str, has_unit: bool = True) -> None:
+def check_body_size(field: str, what: str, longest: float, wrong: str, has_unit: bool = True) -> None:
     """Raise for a body whose size is implausible for grasping.
 
     Parameters
@@ -144,7 +144,7 @@ def names(field: str, value: str | Iterable[str] | None) -> tuple[str, ...] | No
 
 
 @contextmanager
-def within(place: str) -> Iterator[None]:
+def prefix_errors(place: str) -> Iterator[None]:
     """Prefix the field of an ``InputError`` raised inside with a place, such as a file's name."""
     try:
         yield
@@ -152,7 +152,7 @@ def within(place: str) -> Iterator[None]:
         raise InputError(f"{place}{error.field}", error.given, error.allowed) from None
 
 
-def unchecked(item: Item, **fields: object) -> Item:
+def replace_unchecked(item: Item, **fields: object) -> Item:
     """Return a copy of a frozen object with changed fields, without validation.
 
     For finite differences, which may step beyond a field's limits, and for parts that were checked before. Otherwise
@@ -186,19 +186,19 @@ def angle(field: str, value: object, at_most: float, limit: str) -> float:
     """
     found = number(field, value, above=0.0)
     if found > at_most:
-        raise InputError(field, found, f"radians, at most {limit}{_hint(found)}")
+        raise InputError(field, found, f"radians, at most {limit}{_degree_hint(found)}")
     return found
 
 
-def angles(field: str, values: FloatArray) -> FloatArray:
+def check_angles(field: str, values: FloatArray) -> FloatArray:
     """Return angles of any shape, radians; raise beyond a full turn, which suggests degrees."""
     worst = float(np.max(np.abs(values), initial=0.0))
     if worst > TURN:
-        raise InputError(field, values.tolist(), f"radians{_hint(worst)}")
+        raise InputError(field, values.tolist(), f"radians{_degree_hint(worst)}")
     return values
 
 
-def _hint(size: float) -> str:
+def _degree_hint(size: float) -> str:
     """Return a conversion hint for an angle that is probably in degrees, else an empty text."""
     degrees = size > TURN or (size >= 5.0 and size == round(size))
     return f": {size:g} degrees are {np.radians(size):.4g}" if degrees else ""
@@ -232,13 +232,13 @@ def in_metres(field: str, lengths: FloatArray, unit: object) -> FloatArray:
     return lengths / parts if parts * factor == 1.0 else lengths * factor
 
 
-def one_in_metres(field: str, name: str, length: object, unit: object) -> float:
+def length_in_metres(field: str, name: str, length: object, unit: object) -> float:
     """Return a validated length above zero in metres; errors name ``field.name`` or ``field.unit``."""
     stated = number(f"{field}.{name}", length, above=0.0)
     return number(f"{field}.{name}", float(in_metres(f"{field}.unit", np.asarray(stated), unit)), above=0.0)
 
 
-def of_a_hand(field: str, length: float, most: float = LONGEST_BODY) -> float:
+def hand_length(field: str, length: float, most: float = LONGEST_BODY) -> float:
     """Return a length of a hand, metres; raise above ``most``, which suggests another unit.
 
     Raises
@@ -262,7 +262,7 @@ def kilograms(mass: object) -> float:
     """
     found = number("mass", mass, above=0.0)
     if found > HEAVY:
-        say_once(f"mass: {found:g} kg; if grams were meant, {found / 1e3:g}")
+        warn_once(f"mass: {found:g} kg; if grams were meant, {found / 1e3:g}")
     return found
 
 
@@ -283,7 +283,7 @@ def near(name: str, names: Iterable[str]) -> list[str]:
     return [*close, *shared][:NEAREST]
 
 
-def listed(given: Iterable[object], names: Iterable[str]) -> str:
+def format_known_names(given: Iterable[object], names: Iterable[str]) -> str:
     """Return a list of at most a dozen known names as text, with suggestions for unknown ones.
 
     Parameters

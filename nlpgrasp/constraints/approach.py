@@ -9,9 +9,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.scalar_constraints import Placement, Row
+from nlpgrasp.common.scalar_constraints import ScalarConstraint, SymbolicCandidate
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import angle, array, unchecked
+from nlpgrasp.common.validation import angle, array, replace_unchecked
 from nlpgrasp.constraints.base import PlacementConstraint, is_unit
 from nlpgrasp.errors import InputError
 
@@ -48,22 +48,22 @@ class Approach(PlacementConstraint):
         if space != 3:
             raise InputError("Approach.direction", "a planar body", "a body in space")
 
-    def rows(self, placement: Placement) -> list[Row]:
+    def rows(self, placement: SymbolicCandidate) -> list[ScalarConstraint]:
         """Return the constraint ``a . d >= cos(angle)`` on the palm's direction a, or that of parallel jaws."""
         if placement.palm is None and placement.closing is not None:
             return self._across(placement.closing, placement.size)
         if placement.palm is None:
             raise InputError("Approach", "no palm", "a hand with a palm, such as ng.URDFHand, or ng.ParallelJaw")
         along = ca.dot(placement.palm.approach, ca.DM(np.asarray(self.direction)))
-        return [Row("approach", along, float(np.cos(self.angle)), unit="cos", link="palm")]
+        return [ScalarConstraint("approach", along, float(np.cos(self.angle)), unit="cos", link="palm")]
 
-    def _across(self, closing: Expression, size: float) -> list[Row]:
+    def _across(self, closing: Expression, size: float) -> list[ScalarConstraint]:
         """Return the constraint that some direction across the closing line is within the cone."""
         if self.angle >= np.pi / 2.0:
             return []
         along = ca.dot(closing, ca.DM(np.asarray(self.direction)))
         beyond = along**2 - float(np.sin(self.angle)) ** 2 * ca.sumsqr(closing)
-        return [Row("approach", beyond, upper=0.0, scale=size**2, unit="m2", link="palm")]
+        return [ScalarConstraint("approach", beyond, upper=0.0, scale=size**2, unit="m2", link="palm")]
 
     def to_dict(self) -> Json:
         """Return direction and angle as JSON data."""
@@ -73,4 +73,4 @@ class Approach(PlacementConstraint):
     def from_dict(cls, data: Json) -> Self:
         """Return the constraint from its data, keeping a unit direction unchanged."""
         result, direction = super().from_dict(data), data["direction"]
-        return unchecked(result, direction=tuple(direction)) if is_unit(direction) else result
+        return replace_unchecked(result, direction=tuple(direction)) if is_unit(direction) else result

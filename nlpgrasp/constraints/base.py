@@ -7,13 +7,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from nlpgrasp.common.registry import StatedPart
-from nlpgrasp.common.scalar_constraints import Clearance, Placement, Row
+from nlpgrasp.common.registry import JsonPart
+from nlpgrasp.common.scalar_constraints import Clearance, ScalarConstraint, SymbolicCandidate
 
 ROUNDING = 4.0 * float(np.finfo(float).eps)  # tolerance of a unit vector's length
 
 
-class PlacementConstraint(StatedPart):
+class PlacementConstraint(JsonPart):
     """A constraint on contacts and hand, (3.5-15), (3.5-16).
 
     Attributes
@@ -23,7 +23,7 @@ class PlacementConstraint(StatedPart):
     """
 
     @abstractmethod
-    def rows(self, placement: Placement) -> Sequence[Row | Clearance]:
+    def rows(self, placement: SymbolicCandidate) -> Sequence[ScalarConstraint | Clearance]:
         """Return the scalar constraints that it adds to the NLP."""
 
     def forbidden_faces(self) -> tuple[str, ...]:

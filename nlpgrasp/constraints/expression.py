@@ -11,10 +11,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.registry import incomplete
-from nlpgrasp.common.scalar_constraints import Placement, Row
+from nlpgrasp.common.registry import incomplete_data
+from nlpgrasp.common.scalar_constraints import ScalarConstraint, SymbolicCandidate
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray, listed
+from nlpgrasp.common.validation import FloatArray, format_known_names
 from nlpgrasp.constraints.base import PlacementConstraint
 from nlpgrasp.errors import InputError
 
@@ -25,7 +25,9 @@ class _Named(dict[str, Expression]):
     """The hand's variables by name; unknown names raise an InputError."""
 
     def __missing__(self, name: str) -> NoReturn:
-        allowed = f"a variable of the hand: {listed([name], self)}" if self else "a hand with joints or a palm"
+        allowed = (
+            f"a variable of the hand: {format_known_names([name], self)}" if self else "a hand with joints or a palm"
+        )
         raise InputError("Constraint.expression hand", repr(name), allowed)
 
 
@@ -89,7 +91,7 @@ class Constraint(PlacementConstraint):
         positional = (Parameter.POSITIONAL_ONLY, Parameter.POSITIONAL_OR_KEYWORD)
         return sum(p.kind in positional and p.default is Parameter.empty for p in parameters) == SEES_HAND
 
-    def rows(self, placement: Placement) -> list[Row]:
+    def rows(self, placement: SymbolicCandidate) -> list[ScalarConstraint]:
         """Return one scalar constraint per element of the expression."""
         field = f"Constraint {self.name!r}.expression"
         if self._sees_hand and placement.hand is None:
@@ -112,7 +114,9 @@ class Constraint(PlacementConstraint):
         except ValueError:
             raise InputError(field, f"{count} elements", "as many limits as elements, or one") from None
         parts = [""] if count == 1 else [f"[{i}]" for i in range(count)]
-        return [Row(self.name, value[i], float(lower[i]), float(upper[i]), part=parts[i]) for i in range(count)]
+        return [
+            ScalarConstraint(self.name, value[i], float(lower[i]), float(upper[i]), part=parts[i]) for i in range(count)
+        ]
 
     def to_dict(self) -> Json:
         """Return name and limits as JSON data, without the expression."""
@@ -122,4 +126,4 @@ class Constraint(PlacementConstraint):
     @classmethod
     def from_dict(cls, data: Json) -> NoReturn:
         """Raise: the data do not contain the function."""
-        raise incomplete("constraint of type expression", "its function, which stays in the script that made it")
+        raise incomplete_data("constraint of type expression", "its function, which stays in the script that made it")

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
-from nlpgrasp.common.scalar_constraints import Placement, Row
+from nlpgrasp.common.scalar_constraints import ScalarConstraint, SymbolicCandidate
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import names
 from nlpgrasp.constraints.base import PlacementConstraint
@@ -51,13 +51,13 @@ class Forbid(PlacementConstraint):
         if self.region is not None and self.region.dimension() not in (None, space):
             raise InputError("Forbid.region", f"{self.region.dimension()} coordinates", f"{space} coordinates")
 
-    def rows(self, placement: Placement) -> list[Row]:
+    def rows(self, placement: SymbolicCandidate) -> list[ScalarConstraint]:
         """Return one scalar constraint per contact for a region; none for faces, which the NLP omits."""
         if self.region is None:
             return []
         region = self.region
         return [
-            Row(
+            ScalarConstraint(
                 "forbidden region",
                 region.inside(p),
                 upper=0.0,

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from nlpgrasp.common.registry import Solid, solid_from_dict
-from nlpgrasp.common.scalar_constraints import Clearance, Placement, Row
+from nlpgrasp.common.registry import SolidBody, solid_from_dict
+from nlpgrasp.common.scalar_constraints import Clearance, ScalarConstraint, SymbolicCandidate
 from nlpgrasp.common.spatial import Pose, rigid_transform
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray, array, number, unchecked
+from nlpgrasp.common.validation import FloatArray, array, number, replace_unchecked
 from nlpgrasp.constraints.base import PlacementConstraint, is_unit
 from nlpgrasp.errors import InputError
 
@@ -42,7 +42,7 @@ class Obstacle(PlacementConstraint):
     """
 
     kind: ClassVar[str] = "obstacle"
-    body: Solid
+    body: SolidBody
     clearance: float = 0.0
     position: ArrayLike | None = None
     quaternion: ArrayLike | None = None
@@ -50,7 +50,7 @@ class Obstacle(PlacementConstraint):
     pose: InitVar[Pose | None] = field(default=None, kw_only=True)
 
     def __post_init__(self, pose: Pose | None) -> None:
-        if isinstance(self.body, type) or not isinstance(self.body, Solid):
+        if isinstance(self.body, type) or not isinstance(self.body, SolidBody):
             raise InputError("Obstacle.body", self.body, "a body such as ng.Box or ng.Mesh")
         object.__setattr__(self, "clearance", number("Obstacle.clearance", self.clearance, at_least=0.0))
         if not isinstance(self.name, str) or not self.name:
@@ -58,11 +58,11 @@ class Obstacle(PlacementConstraint):
         if pose is not None:
             self._set_pose(pose)
         if self.position is not None:
-            object.__setattr__(self, "position", _listed("Obstacle.position", self.position, self.body.space))
+            object.__setattr__(self, "position", _check_tuple("Obstacle.position", self.position, self.body.space))
         if self.quaternion is not None:
             if self.body.space == 2:
                 raise InputError("Obstacle.quaternion", self.quaternion, "none for a planar body")
-            quaternion = np.array(_listed("Obstacle.quaternion", self.quaternion, 4))
+            quaternion = np.array(_check_tuple("Obstacle.quaternion", self.quaternion, 4))
             size = float(np.linalg.norm(quaternion))
             if size == 0.0:
                 raise InputError("Obstacle.quaternion", self.quaternion, "a quaternion that is not zero")
@@ -91,7 +91,7 @@ class Obstacle(PlacementConstraint):
         if self.body.space != space:
             raise InputError("Obstacle.body", f"a body of {self.body.space} dimensions", f"one of {space}")
 
-    def rows(self, placement: Placement) -> Sequence[Row | Clearance]:
+    def rows(self, placement: SymbolicCandidate) -> Sequence[ScalarConstraint | Clearance]:
         """Return one clearance constraint per fingertip and per collision sphere of a link."""
         tips = zip(placement.tips, placement.radii, strict=True)
         of_tips = [self._off(tip, radius, placement.size, fingers=(i,)) for i, (tip, radius) in enumerate(tips)]
@@ -126,8 +126,8 @@ class Obstacle(PlacementConstraint):
         """Return the constraint from its data, keeping a unit quaternion unchanged."""
         body, turn = solid_from_dict(data["body"]), data.get("quaternion_wxyz")
         result = cls(body, data.get("clearance", 0.0), data.get("position"), turn, data.get("name", "obstacle"))
-        return unchecked(result, quaternion=tuple(turn)) if turn is not None and is_unit(turn) else result
+        return replace_unchecked(result, quaternion=tuple(turn)) if turn is not None and is_unit(turn) else result
 
 
-def _listed(field: str, value: ArrayLike, size: int) -> tuple[float, ...]:
+def _check_tuple(field: str, value: ArrayLike, size: int) -> tuple[float, ...]:
     return tuple(array(field, value, (size,)).tolist())

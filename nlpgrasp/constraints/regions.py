@@ -11,14 +11,14 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.registry import Registry, StatedPart, incomplete, read
+from nlpgrasp.common.registry import JsonPart, Registry, from_registered, incomplete_data
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import array, number, unchecked
+from nlpgrasp.common.validation import array, number, replace_unchecked
 from nlpgrasp.constraints.base import is_unit
 from nlpgrasp.errors import InputError
 
 
-class Region(StatedPart):
+class Region(JsonPart):
     """A closed region of space, given by an expression that is positive inside."""
 
     unit: ClassVar[str] = "m"  # of ``inside``
@@ -76,7 +76,9 @@ class HalfSpace(Region):
     def from_dict(cls, data: Json) -> Self:
         """Return the half-space from its data, keeping a unit normal unchanged."""
         result, normal = super().from_dict(data), data["normal"]
-        return unchecked(result, normal=tuple(normal), offset=float(data["offset"])) if is_unit(normal) else result
+        return (
+            replace_unchecked(result, normal=tuple(normal), offset=float(data["offset"])) if is_unit(normal) else result
+        )
 
 
 @dataclass(frozen=True)
@@ -166,7 +168,9 @@ class ExpressionRegion(Region):
     @classmethod
     def from_dict(cls, data: Json) -> NoReturn:
         """Raise: the expression's text cannot be turned back into a function."""
-        raise incomplete("region of type expression_region", "its function, which stays in the script that made it")
+        raise incomplete_data(
+            "region of type expression_region", "its function, which stays in the script that made it"
+        )
 
 
 REGIONS: Registry[Region] = Registry("region.type")
@@ -183,4 +187,4 @@ def region_from_dict(data: Json) -> Region:
     InputError
         When the type is unknown, the data are invalid, or the region is a function.
     """
-    return read(REGIONS, "region", data)
+    return from_registered(REGIONS, "region", data)

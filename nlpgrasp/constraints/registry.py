@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TypeVar
 
-from nlpgrasp.common.registry import Registry, read
+from nlpgrasp.common.registry import Registry, from_registered
 from nlpgrasp.common.types import Json
 from nlpgrasp.constraints.approach import Approach
 from nlpgrasp.constraints.base import PlacementConstraint
@@ -45,7 +45,7 @@ def constraint_from_dict(data: Json) -> PlacementConstraint:
     InputError
         When the type is unknown, or the data are invalid or incomplete.
     """
-    return read(CONSTRAINTS, "constraint", data)
+    return from_registered(CONSTRAINTS, "constraint", data)
 
 
 register(Approach)

@@ -10,7 +10,7 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.common.scalar_constraints import Placement, Row
+from nlpgrasp.common.scalar_constraints import ScalarConstraint, SymbolicCandidate
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import number
 from nlpgrasp.constraints.base import PlacementConstraint
@@ -58,11 +58,11 @@ class Spread(PlacementConstraint):
         """Return ``min``, metres, if it applies to all contacts, else 0."""
         return self.min if self.fingers is None else 0.0
 
-    def rows(self, placement: Placement) -> list[Row]:
+    def rows(self, placement: SymbolicCandidate) -> list[ScalarConstraint]:
         """Return one scalar constraint per pair: limits on the squared distance."""
         upper = np.inf if self.max is None else self.max**2
         return [
-            Row("spread", ca.sumsqr(p - q), self.min**2, upper, placement.size**2, "m2", fingers=(i, j))
+            ScalarConstraint("spread", ca.sumsqr(p - q), self.min**2, upper, placement.size**2, "m2", fingers=(i, j))
             for (i, p), (j, q) in combinations(enumerate(placement.positions), 2)
             if self.fingers is None or {i, j} <= set(self.fingers)
         ]

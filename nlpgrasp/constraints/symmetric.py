@@ -10,9 +10,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.scalar_constraints import Placement, Row
+from nlpgrasp.common.scalar_constraints import ScalarConstraint, SymbolicCandidate
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import array, number, unchecked
+from nlpgrasp.common.validation import array, number, replace_unchecked
 from nlpgrasp.constraints.base import PlacementConstraint, is_unit
 from nlpgrasp.constraints.workspace import check_fingers, finger_numbers
 from nlpgrasp.errors import InputError
@@ -60,14 +60,14 @@ class Symmetric(PlacementConstraint):
             raise InputError("Symmetric.normal", f"{np.size(self.normal)} numbers", f"{space} numbers")
         check_fingers("Symmetric.fingers", self.fingers, contacts)
 
-    def rows(self, placement: Placement) -> list[Row]:
+    def rows(self, placement: SymbolicCandidate) -> list[ScalarConstraint]:
         """Return one scalar constraint per coordinate: image less contact, within the tolerance."""
         a, b = (placement.positions[i] for i in self.fingers)
         n = ca.DM(np.asarray(self.normal))
         apart = a - 2.0 * (ca.dot(n, a) - self.offset) * n - b
         fingers, near = tuple(self.fingers), self.tolerance
         return [
-            Row("symmetric", apart[c], -near, near, placement.size, "m", fingers=fingers, part=axis)
+            ScalarConstraint("symmetric", apart[c], -near, near, placement.size, "m", fingers=fingers, part=axis)
             for c, axis in zip(range(apart.shape[0]), "xyz", strict=False)
         ]
 
@@ -85,4 +85,4 @@ class Symmetric(PlacementConstraint):
     def from_dict(cls, data: Json) -> Self:
         """Return the constraint from its data, keeping a unit normal unchanged."""
         result, normal = super().from_dict(data), data["normal"]
-        return unchecked(result, normal=tuple(normal)) if is_unit(normal) else result
+        return replace_unchecked(result, normal=tuple(normal)) if is_unit(normal) else result

@@ -7,7 +7,7 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
-from nlpgrasp.common.scalar_constraints import Placement, Row
+from nlpgrasp.common.scalar_constraints import ScalarConstraint, SymbolicCandidate
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.constraints.base import PlacementConstraint
@@ -16,7 +16,7 @@ from nlpgrasp.errors import InputError
 THIN_FINGER = 5e-4  # m, default clearance
 
 
-class Bounded(Protocol):
+class HasBounds(Protocol):
     """Protocol of bodies with a bounding box."""
 
     tight: ClassVar[bool]
@@ -49,7 +49,7 @@ class Table(PlacementConstraint):
         object.__setattr__(self, "clearance", number("Table.clearance", self.clearance, at_least=0.0))
 
     @classmethod
-    def under(cls, body: Bounded, clearance: float = THIN_FINGER) -> Table:
+    def under(cls, body: HasBounds, clearance: float = THIN_FINGER) -> Table:
         """Return the table under a body, at the height of its lowest point.
 
         Parameters
@@ -68,14 +68,14 @@ class Table(PlacementConstraint):
             raise InputError("Table.under", "an implicit surface", "another body; of this ng.Table(height)")
         return cls(float(np.asarray(body.bounds)[0, -1]), clearance)
 
-    def rows(self, placement: Placement) -> list[Row]:
+    def rows(self, placement: SymbolicCandidate) -> list[ScalarConstraint]:
         """Return ``tip_z - radius >= height + clearance`` for each fingertip and each sphere of a link."""
         lower = self.height + self.clearance
         return [
-            Row("table", tip[-1] - radius, lower, scale=placement.size, unit="m", fingers=(i,))
+            ScalarConstraint("table", tip[-1] - radius, lower, scale=placement.size, unit="m", fingers=(i,))
             for i, (tip, radius) in enumerate(zip(placement.tips, placement.radii, strict=True))
         ] + [
-            Row("table", s.centre[-1] - s.radius, lower, scale=placement.size, unit="m", link=s.link)
+            ScalarConstraint("table", s.centre[-1] - s.radius, lower, scale=placement.size, unit="m", link=s.link)
             for s in placement.links
         ]
 

@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from nlpgrasp.common.scalar_constraints import Label, Placement, Row
+from nlpgrasp.common.scalar_constraints import Label, ScalarConstraint, SymbolicCandidate
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.constraints.base import PlacementConstraint
 from nlpgrasp.constraints.regions import BoxRegion, ExpressionRegion, Region, region_from_dict
@@ -57,7 +57,7 @@ class Workspace(PlacementConstraint):
             raise InputError("Workspace.region", f"{dimension} coordinates", f"{space} coordinates")
         check_fingers("Workspace.fingers", self.fingers, contacts)
 
-    def rows(self, placement: Placement) -> list[Row]:
+    def rows(self, placement: SymbolicCandidate) -> list[ScalarConstraint]:
         """Return the scalar constraints of each point: one per coordinate for a box, otherwise one."""
         if self.palm:
             if placement.palm is None:
@@ -68,16 +68,16 @@ class Workspace(PlacementConstraint):
         pairs = zip(used, labels, strict=True)
         return [row for i, label in pairs for row in self._inside(label, placement.positions[i], placement.size)]
 
-    def _inside(self, label: Label, p: Expression, size: float) -> list[Row]:
+    def _inside(self, label: Label, p: Expression, size: float) -> list[ScalarConstraint]:
         kind, fingers, link = label.kind, label.fingers, label.link
         region = self._region
         if isinstance(region, BoxRegion):
             limits = zip("xyz", np.asarray(region.lower), np.asarray(region.upper), strict=False)
             return [
-                Row(kind, p[i], float(low), float(high), size, "m", fingers=fingers, link=link, part=axis)
+                ScalarConstraint(kind, p[i], float(low), float(high), size, "m", fingers=fingers, link=link, part=axis)
                 for i, (axis, low, high) in enumerate(limits)
             ]
-        return [Row(kind, region.inside(p), 0.0, scale=size, unit=region.unit, fingers=fingers, link=link)]
+        return [ScalarConstraint(kind, region.inside(p), 0.0, scale=size, unit=region.unit, fingers=fingers, link=link)]
 
     def to_dict(self) -> Json:
         """Return region, fingers and palm as JSON data."""

@@ -251,7 +251,7 @@ def upper_triangle(n: int) -> list[tuple[int, int]]:
     return [(a, b) for a in range(n) for b in range(a, n)]
 
 
-def circle(count: int, first: float) -> FloatArray:
+def unit_tangential_forces(count: int, first: float) -> FloatArray:
     """Return evenly spaced unit tangential forces (count, 3), the first at an angle from the first tangent."""
     angles = first + 2.0 * np.pi * np.arange(count) / count
     return np.stack([np.zeros(count), np.cos(angles), np.sin(angles)], axis=1)

@@ -49,13 +49,13 @@ def contains(wider: ContactModel, other: ContactModel, space: int) -> bool:
     if isinstance(wider, PadContact) and wider.points(wider.components(space)) is not None:
         return _acts_within(other, wider)
     if _elliptic(wider):
-        shares = [_reach(theirs, axes) / c for axes, c in mine]
+        shares = [_largest_norm(theirs, axes) / c for axes, c in mine]
         together = max(shares) if _elliptic(other) else float(np.linalg.norm(shares))
         return together <= 1.0 + ROUNDING
-    return all(_reach(theirs, axes) <= c * (1.0 + ROUNDING) for axes, c in mine)
+    return all(_largest_norm(theirs, axes) <= c * (1.0 + ROUNDING) for axes, c in mine)
 
 
-def placed_in(
+def assign_contacts(
     small: Sequence[ContactModel], large: Sequence[ContactModel], space: int, groups: Sequence[int] | None = None
 ) -> list[int] | None:
     """Return an injective assignment of contacts to wider ones, as indices; None if there is none.
@@ -109,21 +109,21 @@ def _ranges(model: ContactModel, space: int) -> Ranges:
     return [(frozenset(axes[where]), float(c)) for where, c in model.blocks(len(axes))]
 
 
-def _reach(ranges: Ranges, axes: frozenset[int]) -> float:
+def _largest_norm(ranges: Ranges, axes: frozenset[int]) -> float:
     """Return the largest norm of components with unit normal force."""
     return float(np.sqrt(sum(c**2 for own, c in ranges if own & axes)))
 
 
 def _same_frames(one: ContactModel, other: ContactModel, space: int) -> bool:
     """Return whether both have the same tangents, or one is rotationally symmetric."""
-    if space == 2 or _round(one) or _round(other):
+    if space == 2 or _is_round(one) or _is_round(other):
         return True
     normals = np.random.default_rng(0).standard_normal((4, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     return bool(np.allclose(one.tangents(normals), other.tangents(normals), rtol=0.0, atol=1e-9))
 
 
-def _round(model: ContactModel) -> bool:
+def _is_round(model: ContactModel) -> bool:
     """Return whether the force domain is symmetric under rotation about the normal."""
     pairs = [frozenset(pair) & axes for pair in ((1, 2), (4, 5)) for axes, _ in _ranges(model, 3)]
     return all(len(pair) != 1 for pair in pairs)

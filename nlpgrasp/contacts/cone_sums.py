@@ -8,10 +8,10 @@ corners (docs/paper/02_contacts.md). With ``u_i`` in the friction cone F of poin
 The projection is ``P(z) = z - q`` where q is the projection onto the polar cone (Moreau). Read q as the body's motion:
 a loaded point either sticks, ``A_i^T q = 0``, or slips. Four methods are tried in turn:
 
-1. ``Sticking``: one or two points stick; linear maps.
-2. ``Sharing``: three or more stick; ``q = 0`` and z is a sum of friction forces.
+1. ``StickingProjection``: one or two points stick; linear maps.
+2. ``ConeSumMembership``: three or more stick; ``q = 0`` and z is a sum of friction forces.
 3. ``EdgeNewton``: all loaded points slip; Newton's method, which solves nearly all of these.
-4. ``Multipliers``: all other cases; the method of multipliers, the slowest.
+4. ``AugmentedLagrangian``: all other cases; the method of multipliers, the slowest.
 
 The results of 1 to 3 are checked against conditions that only the projection meets.
 """
@@ -104,7 +104,7 @@ class FrictionPoints:
 
     def project(self, z: FloatArray) -> FloatArray:
         """Return the projection of ``z`` (..., n) onto the cone."""
-        flat, size = _unit(z)
+        flat, size = _unit_columns(z)
         one, share = self._scaled(flat)
         result = (one - self._nearest(one).q) * (share * size)
         result[0] = np.maximum(result[0], 0.0)
@@ -112,11 +112,11 @@ class FrictionPoints:
 
     def ways(self, z: FloatArray) -> NDArray[np.intp]:
         """Return the methods (m,) that project ``z`` (m, n): ``SLIPS``, ``INSIDE``, ..., or the index of a map."""
-        return self._nearest(self._scaled(_unit(z)[0])[0]).how
+        return self._nearest(self._scaled(_unit_columns(z)[0])[0]).how
 
     def derivative_entries(self, z: FloatArray) -> FloatArray:
         """Return the upper triangle of the projection's Jacobian, entries first, (n (n + 1) / 2, ...)."""
-        flat, _ = _unit(z)
+        flat, _ = _unit_columns(z)
         one, _ = self._scaled(flat)
         near, n = self._nearest(one), len(flat)
         matrix = np.zeros((n, n, flat.shape[1]))
@@ -138,19 +138,19 @@ class FrictionPoints:
         return EdgeNewton(np.array(self.arms), self.friction)
 
     @cached_property
-    def _method(self) -> Multipliers:
-        return Multipliers(self.generators, np.array(self.arms), self.friction)
+    def _method(self) -> AugmentedLagrangian:
+        return AugmentedLagrangian(self.generators, np.array(self.arms), self.friction)
 
     @cached_property
-    def _sticking(self) -> Sticking:
-        return Sticking(self.generators, np.array(self.arms), self.friction)
+    def _sticking(self) -> StickingProjection:
+        return StickingProjection(self.generators, np.array(self.arms), self.friction)
 
     @cached_property
-    def _sharing(self) -> Sharing:
-        return Sharing(self.generators, self.friction)
+    def _sharing(self) -> ConeSumMembership:
+        return ConeSumMembership(self.generators, self.friction)
 
     @cached_property
-    def _last(self) -> list[tuple[FloatArray, _Nearest]]:
+    def _last(self) -> list[tuple[FloatArray, _ConeProjection]]:
         """Cache of the last projections, whose derivative is often needed next."""
         return []
 
@@ -165,16 +165,16 @@ class FrictionPoints:
         share = np.where(work > 0.0, np.maximum(work, LEAST_WORK), 1.0)
         return flat / share, share
 
-    def _nearest(self, z: FloatArray) -> _Nearest:
+    def _nearest(self, z: FloatArray) -> _ConeProjection:
         """Project ``z`` (n, m) onto the polar cone, with caching and in batches."""
         if self._last and np.array_equal(self._last[0][0], z):
             return self._last[0][1]
         parts = [self._some(z[:, a : a + CHUNK]) for a in range(0, max(1, z.shape[1]), CHUNK)]
-        found = _Nearest(*(np.concatenate(part, axis=-1) for part in zip(*parts, strict=True)))
+        found = _ConeProjection(*(np.concatenate(part, axis=-1) for part in zip(*parts, strict=True)))
         self._last[:] = [(z, found)]
         return found
 
-    def _some(self, z: FloatArray) -> _Nearest:
+    def _some(self, z: FloatArray) -> _ConeProjection:
         """Project one batch of points ``z`` (n, m) onto the polar cone."""
         q, weights = z.copy(), np.zeros((len(self.arms), z.shape[1]))
         how = np.where(self._most_work(self.generators.T @ z) > 0.0, SLIPS, POLAR)
@@ -199,10 +199,10 @@ class FrictionPoints:
         if left.size:
             how[left] = OTHER
             q[:, left], forces = self._method.solve(z[:, left])
-        return _Nearest(q, how, weights, forces)
+        return _ConeProjection(q, how, weights, forces)
 
 
-class _Nearest(NamedTuple):
+class _ConeProjection(NamedTuple):
     """Projections onto the polar cone (n, m), their methods (m,), and multipliers."""
 
     q: FloatArray
@@ -211,7 +211,7 @@ class _Nearest(NamedTuple):
     forces: FloatArray  # (N, 3, number solved by the method of multipliers)
 
 
-def _unit(z: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _unit_columns(z: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return points (..., n) as columns of unit length (or zero), (n, m), and their lengths (m,)."""
     flat = z.reshape(-1, z.shape[-1]).T
     most = np.max(np.abs(flat), axis=0, initial=0.0)
@@ -221,7 +221,7 @@ def _unit(z: FloatArray) -> tuple[FloatArray, FloatArray]:
     return flat / most / length, most * length
 
 
-class Sticking:
+class StickingProjection:
     """Projection maps for points with generators A (n, 3 N) at ``arms`` (N, 2) and equal friction.
 
     Where a point sticks the body turns about it, so the slip directions of all others follow from the sign of that
@@ -314,7 +314,7 @@ class Sticking:
         return self._generators[:, 3 * i : 3 * i + 3]
 
 
-class Sharing:
+class ConeSumMembership:
     """Search for friction forces that sum to a wrench, for points with generators A (n, 3 N).
 
     ``z = sum_i A_i u_i`` has many solutions ``u = A^+ z + N x``. The minimum of ``sum_i dist(u_i, F')^2`` over x, with
@@ -431,7 +431,7 @@ class EdgeNewton:
         return np.asarray(result[np.ix_(BACK, BACK)])
 
     def _iterate(
-        self, z: FloatArray, q: FloatArray, lam: FloatArray, one: _Try
+        self, z: FloatArray, q: FloatArray, lam: FloatArray, one: _NewtonSettings
     ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
         """Run Newton's method as in ``solve`` from given q and multipliers."""
         size = 1.0 + np.sqrt(np.sum(z**2, axis=0))
@@ -452,13 +452,15 @@ class EdgeNewton:
                 going, q, lam, some, limit = going[kept], q[:, kept], lam[:, kept], some[:, kept], limit[kept]
         return q_all, lam_all, self._meets(z, q_all, lam_all, EXACT * size)
 
-    def _length(self, local: _Local, step: FloatArray, pressed: FloatArray, keeps: float) -> FloatArray:
+    def _length(self, local: _LocalModel, step: FloatArray, pressed: FloatArray, keeps: float) -> FloatArray:
         """Return the step lengths (m,) at which every loaded point keeps a share of its speed along its slip."""
         loss = -local.slip[0] * (step[3] - self._b * step[5]) - local.slip[1] * (step[4] + self._a * step[5])
         room = (1.0 - keeps) * local.speed**2
         return np.asarray(np.min(room / np.where(pressed > 0.0, np.maximum(loss, room), room).clip(FLAT), axis=0))
 
-    def _step(self, z: FloatArray, local: _Local, lam: FloatArray, least: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _step(
+        self, z: FloatArray, local: _LocalModel, lam: FloatArray, least: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
         z_t = np.einsum("abm,bm->am", local.inverse, z[3:])
         right = self._normal @ z[:3] + np.einsum("aim,am->im", local.gradients, z_t)
         active = (lam > 0.0) | (local.values > least)
@@ -468,7 +470,7 @@ class EdgeNewton:
         q[3:] = z_t - np.einsum("aim,im->am", local.moved, lam)
         return q, lam
 
-    def _at(self, q: FloatArray, lam: FloatArray) -> _Local:
+    def _at(self, q: FloatArray, lam: FloatArray) -> _LocalModel:
         a, b, mu = self._a, self._b, self._mu
         slip, gradients, across = np.empty((2, *lam.shape)), np.empty((3, *lam.shape)), np.empty((3, *lam.shape))
         slip[0], slip[1] = q[3] - b * q[5], q[4] + a * q[5]
@@ -481,9 +483,9 @@ class EdgeNewton:
         across[0], across[1], across[2] = -second, first, a * first + b * second
         H = np.einsum("aim,bim->abm", across * (mu * lam * inverse), across)
         inverted = _inverse_of_one_plus(H)
-        return _Local(slip, speed, values, gradients, inverted, np.einsum("abm,bim->aim", inverted, gradients))
+        return _LocalModel(slip, speed, values, gradients, inverted, np.einsum("abm,bim->aim", inverted, gradients))
 
-    def _products(self, local: _Local) -> FloatArray:
+    def _products(self, local: _LocalModel) -> FloatArray:
         """Return ``a^T H^-1 a``, (N, N, m)."""
         return np.asarray(self._gram + np.einsum("aim,ajm->ijm", local.gradients, local.moved))
 
@@ -497,7 +499,7 @@ class EdgeNewton:
         return np.asarray((most <= limit) & (np.max(np.abs(off), axis=0) <= limit))
 
 
-class _Try(NamedTuple):
+class _NewtonSettings(NamedTuple):
     """Settings of a Newton run: least share of speed kept, steps, offset of the start (None: continue)."""
 
     keeps: float
@@ -505,10 +507,14 @@ class _Try(NamedTuple):
     aside: float | None
 
 
-TRIES = (_Try(0.5, 16, 0.0), _Try(0.01, 3, None), _Try(0.1, 24, 0.3))  # the first mostly takes 4 or 5 steps
+TRIES = (
+    _NewtonSettings(0.5, 16, 0.0),
+    _NewtonSettings(0.01, 3, None),
+    _NewtonSettings(0.1, 24, 0.3),
+)  # the first mostly takes 4 or 5 steps
 
 
-class _Local(NamedTuple):
+class _LocalModel(NamedTuple):
     """Local model at q and lam: slip velocities (2, N, m), speeds and g (N, m), and tangential parts.
 
     The tangential parts are those of a (3, N, m), of H^-1 (3, 3, m) and of H^-1 a (3, N, m).
@@ -563,7 +569,7 @@ def least_nonnegative(
     (N, m) array
         Result of the last active set tried: nearly always the minimiser.
     """
-    result = _restricted(matrix, right, active, shift)
+    result = _minimise_free(matrix, right, active, shift)
     lam, going = result, np.arange(right.shape[1])
     for _ in range(SETS - 1):
         pays = right - np.einsum("ijm,jm->im", matrix, lam) > least
@@ -573,12 +579,12 @@ def least_nonnegative(
             break
         going, active, least = going[wrong], chosen[:, wrong], least[wrong]
         matrix, right = matrix[:, :, wrong], right[:, wrong]
-        lam = _restricted(matrix, right, active, shift)
+        lam = _minimise_free(matrix, right, active, shift)
         result[:, going] = lam
     return np.maximum(result, 0.0)
 
 
-def _restricted(matrix: FloatArray, right: FloatArray, active: NDArray[np.bool_], shift: float) -> FloatArray:
+def _minimise_free(matrix: FloatArray, right: FloatArray, active: NDArray[np.bool_], shift: float) -> FloatArray:
     """Return the minimisers (N, m) with all inactive l fixed at zero."""
     both = matrix * (active[:, None] & active)
     for i, one in enumerate(active):
@@ -586,7 +592,7 @@ def _restricted(matrix: FloatArray, right: FloatArray, active: NDArray[np.bool_]
     return solve_matrices(both, shift, np.where(active, right, 0.0))
 
 
-class Multipliers:
+class AugmentedLagrangian:
     """Method of multipliers for points with generators A (n, 3 N) at ``arms`` (N, 2) and equal friction.
 
     Each stage minimises ``|q - z|^2 / 2 + sum_i |P_F(u_i + r A_i^T q)|^2 / (2 r)`` by a semismooth Newton method with
@@ -661,10 +667,10 @@ class Multipliers:
             if not still.any():
                 break
             going, z, u = going[still], z[:, still], u[:, :, still]
-            here = _Look(*(part[..., still] for part in there))
+            here = _Projections(*(part[..., still] for part in there))
         return q
 
-    def _look(self, z: FloatArray, q: FloatArray, u: FloatArray, r: float) -> _Look:
+    def _look(self, z: FloatArray, q: FloatArray, u: FloatArray, r: float) -> _Projections:
         """Evaluate projections, gradient and value at ``w = u + r A^T q``."""
         mu = self._friction
         w = u + r * (self._generators.T @ q).reshape(u.shape)
@@ -676,9 +682,9 @@ class Multipliers:
         off = q - z
         gradient = off + self._generators @ forces.reshape(self._generators.shape[1], -1)
         value = np.sum(q * (0.5 * q - z), axis=0) + np.sum(forces**2, axis=(0, 1)) / (2.0 * r)
-        return _Look(forces, shrink, outside.astype(float), w, gradient, value)
+        return _Projections(forces, shrink, outside.astype(float), w, gradient, value)
 
-    def _curvature(self, look: _Look, r: float) -> FloatArray:
+    def _curvature(self, look: _Projections, r: float) -> FloatArray:
         """Return the upper triangles of ``r A P_F'(w) A^T``, (n (n + 1) / 2, m)."""
         mu = self._friction
         on = (look.forces[:, 0] > 0.0).astype(float)
@@ -700,7 +706,7 @@ class Multipliers:
         return np.asarray(r * (self._assemble @ np.stack(entries, axis=1).reshape(self._assemble.shape[1], -1)))
 
 
-class _Look(NamedTuple):
+class _Projections(NamedTuple):
     """Projections ``P_F(w)`` at every point, with value and gradient of the augmented Lagrangian."""
 
     forces: FloatArray  # (N, 3, m)

@@ -38,7 +38,7 @@ class RangeContact(ContactModel):
     def project(self, z: FloatArray) -> FloatArray:
         """Return the projection of ``z`` (..., n_i): the normal force above, and every block clipped to its range."""
         blocks = self.blocks(z.shape[-1])
-        sizes = [_size(z, where) for where, _ in blocks]
+        sizes = [_block_norm(z, where) for where, _ in blocks]
         pressing = _normal_force_of_blocks(z[..., 0], sizes, [c for _, c in blocks])
         result = np.empty_like(z)
         result[..., 0] = pressing
@@ -58,7 +58,7 @@ class RangeContact(ContactModel):
         """
         n = z.shape[-1]
         blocks = self.blocks(n)
-        sizes = [_size(z, where) for where, _ in blocks]
+        sizes = [_block_norm(z, where) for where, _ in blocks]
         pressing = _normal_force_of_blocks(z[..., 0], sizes, [c for _, c in blocks])
         on = (pressing > 0.0).astype(float)
         limit = [on * (size > c * pressing) for (_, c), size in zip(blocks, sizes, strict=True)]
@@ -92,7 +92,7 @@ class RangeContact(ContactModel):
         result = np.empty_like(z)
         value = z[..., 0]
         for where, c in self.blocks(z.shape[-1]):
-            size = _size(z, where)
+            size = _block_norm(z, where)
             value = value + c * size
             result[..., where] = z[..., where] * (c / np.where(size > 0.0, size, 1.0))[..., None]
         pays = value > 0.0
@@ -112,7 +112,7 @@ class RangeContact(ContactModel):
         return result
 
 
-def _size(z: FloatArray, where: slice) -> FloatArray:
+def _block_norm(z: FloatArray, where: slice) -> FloatArray:
     """Return the Euclidean norm of a block of components."""
     if where.stop - where.start == 1:
         return np.abs(z[..., where.start])
@@ -135,11 +135,11 @@ def _normal_force_of_blocks(normal: FloatArray, sizes: list[FloatArray], coeffic
     return result
 
 
-def project(z: FloatArray, mu: float, mu_t: float) -> FloatArray:
+def project_elliptic(z: FloatArray, mu: float, mu_t: float) -> FloatArray:
     """Return the projection of ``z = (f_n, f_t1, f_t2, tau)`` onto the elliptic cone, (..., 4) to (..., 4)."""
-    r, s = _sizes(z)
+    r, s = _tangential_sizes(z)
     pressing = _normal_force_of_ellipse(z[..., 0], r, s, mu, mu_t)
-    tangential, torsion = _rest(z[..., 0], r, s, pressing, mu, mu_t)
+    tangential, torsion = _tangential_part(z[..., 0], r, s, pressing, mu, mu_t)
     scale = tangential / np.where(r > 0.0, r, 1.0)
     result = np.empty_like(z)
     result[..., 0] = pressing
@@ -154,8 +154,8 @@ def derivative(z: FloatArray, mu: float, mu_t: float) -> FloatArray:
     On the boundary ``x = (I + t D)^-1 z`` with ``D = diag(-1, 1/mu^2, 1/mu^2, 1/mu_t^2)`` and ``<x, D x> = 0``;
     differentiating both gives ``M - M D x (M D x)^T / <D x, M D x>`` with ``M = (I + t D)^-1``.
     """
-    inside = _inside(z[..., 0], *_sizes(z), mu, mu_t)
-    x = project(z, mu, mu_t)
+    inside = _is_in_cone(z[..., 0], *_tangential_sizes(z), mu, mu_t)
+    x = project_elliptic(z, mu, mu_t)
     D = np.array([-1.0, 1.0 / mu**2, 1.0 / mu**2, 1.0 / mu_t**2])
     safe = np.where(x[..., 0] > 0.0, x[..., 0], 1.0)
     t = np.maximum(1.0 - z[..., 0] / safe, 0.0)
@@ -171,9 +171,9 @@ def derivative(z: FloatArray, mu: float, mu_t: float) -> FloatArray:
     return np.asarray(np.where((x[..., 0] > 0.0)[..., None, None], result, 0.0))
 
 
-def extreme(z: FloatArray, mu: float, mu_t: float) -> tuple[FloatArray, FloatArray]:
+def elliptic_support(z: FloatArray, mu: float, mu_t: float) -> tuple[FloatArray, FloatArray]:
     """Return the elliptic cone's support ``max(0, z_n + |(mu z_t, mu_t z_tau)|)``, and a maximiser (..., 4)."""
-    r, s = _sizes(z)
+    r, s = _tangential_sizes(z)
     size = np.hypot(mu * r, mu_t * s)
     value = z[..., 0] + size
     safe = np.where(size > 0.0, size, 1.0)
@@ -185,12 +185,12 @@ def extreme(z: FloatArray, mu: float, mu_t: float) -> tuple[FloatArray, FloatArr
     return np.where(pays, value, 0.0), force * pays[..., None]
 
 
-def _sizes(z: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _tangential_sizes(z: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the sizes of tangential force and torsion."""
     return np.hypot(z[..., 1], z[..., 2]), np.abs(z[..., 3])
 
 
-def _inside(z: FloatArray, r: FloatArray, s: FloatArray, mu: float, mu_t: float) -> NDArray[np.bool_]:
+def _is_in_cone(z: FloatArray, r: FloatArray, s: FloatArray, mu: float, mu_t: float) -> NDArray[np.bool_]:
     """Return where a force is in the elliptic cone."""
     return np.asarray(np.hypot(r / mu, s / mu_t) <= z)
 
@@ -206,7 +206,7 @@ def _normal_force_of_ellipse(z: FloatArray, r: FloatArray, s: FloatArray, mu: fl
     ``r mu / (1 + mu^2 u)``, and the same of s: the left side is positive, falls and is convex, so that Newton's
     method from u = 0 rises to the root.
     """
-    inside = _inside(z, r, s, mu, mu_t)
+    inside = _is_in_cone(z, r, s, mu, mu_t)
     polar = np.hypot(mu * r, mu_t * s) <= -z
     positive = z > 0.0
     (p, q), (p_t, q_t) = ((np.where(positive, c**2, 1.0), np.where(positive, 1.0, c**2)) for c in (mu, mu_t))
@@ -225,7 +225,7 @@ def _normal_force_of_ellipse(z: FloatArray, r: FloatArray, s: FloatArray, mu: fl
     return np.where(inside, z, np.where(polar, 0.0, np.where(positive, radius, u * radius)))
 
 
-def _rest(
+def _tangential_part(
     z: FloatArray, r: FloatArray, s: FloatArray, pressing: FloatArray, mu: float, mu_t: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return tangential force and torsion of the projection onto the elliptic cone, given its normal force."""

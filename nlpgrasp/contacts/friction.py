@@ -9,7 +9,7 @@ import numpy as np
 
 from nlpgrasp.common.types import Expression, Json, Ops
 from nlpgrasp.common.validation import FloatArray, number
-from nlpgrasp.contacts.base import MISSING, Blocks, Work, circle
+from nlpgrasp.contacts.base import MISSING, Blocks, Work, unit_tangential_forces
 from nlpgrasp.contacts.cones import RangeContact
 
 
@@ -49,7 +49,7 @@ class FrictionContact(RangeContact):
         """Return evenly spaced edges of the friction cone, (m, n_i), with unit normal force."""
         if components == 2:
             return self.extreme(np.array([[0.0, 1.0], [0.0, -1.0]]))[1]
-        return self.extreme(circle(edges, first_edge))[1]
+        return self.extreme(unit_tangential_forces(edges, first_edge))[1]
 
     def variables(self, space: int) -> int:
         """Return the number of NLP variables, a force in the body frame: 3 in space, 2 in the plane."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.contacts.base import MISSING, Blocks
-from nlpgrasp.contacts.pad import Arms, PadContact, direction_field, friction_fields, tangents_along, turned_direction
+from nlpgrasp.contacts.pad import Arms, PadContact, direction_field, friction_fields, rotate_direction, tangents_along
 
 MORE, HALVINGS = 1e-7, 40  # correction of projections: largest relative increase of forces; bisection steps
 
@@ -94,7 +94,7 @@ class LineContact(PadContact):
 
     def turned(self, rotation: FloatArray) -> Self:
         """Return the contact with its direction in a rotated body frame."""
-        changes: Json = {"direction": turned_direction(self.direction, rotation)}
+        changes: Json = {"direction": rotate_direction(self.direction, rotation)}
         return replace(self, **changes)
 
     def into(self, z: FloatArray) -> FloatArray:

@@ -184,12 +184,12 @@ def direction_field(field: str, value: ArrayLike | None) -> tuple[float, ...] | 
     return tuple((direction if abs(size - 1.0) < 1e-12 else direction / size).tolist())
 
 
-def turned_direction(direction: tuple[float, ...] | None, rotation: FloatArray) -> tuple[float, ...] | None:
+def rotate_direction(direction: tuple[float, ...] | None, rotation: FloatArray) -> tuple[float, ...] | None:
     """Return a direction in a rotated body frame; unchanged if None, or in the plane, which needs none."""
     return direction if direction is None or len(rotation) == 2 else tuple((rotation @ direction).tolist())
 
 
-def off_normal(direction: tuple[float, ...], normals: FloatArray) -> NDArray[np.bool_]:
+def is_off_normal(direction: tuple[float, ...], normals: FloatArray) -> NDArray[np.bool_]:
     """Return at which unit normals (b, 3) a direction is far enough off the normal to orient a line or rectangle."""
     return np.asarray(np.linalg.norm(np.cross(normals, direction), axis=1) >= TELLING * np.linalg.norm(direction))
 

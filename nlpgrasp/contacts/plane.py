@@ -11,7 +11,7 @@ from nlpgrasp.common.spatial import tangents as any_tangents
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.contacts.base import Blocks
-from nlpgrasp.contacts.pad import Arms, PadContact, direction_field, friction_fields, tangents_along, turned_direction
+from nlpgrasp.contacts.pad import Arms, PadContact, direction_field, friction_fields, rotate_direction, tangents_along
 from nlpgrasp.errors import InputError
 
 
@@ -123,7 +123,7 @@ class PlaneContact(PadContact):
 
     def turned(self, rotation: FloatArray) -> Self:
         """Return the contact with its direction in a rotated body frame."""
-        changes: Json = {"direction": turned_direction(self.direction, rotation)}
+        changes: Json = {"direction": rotate_direction(self.direction, rotation)}
         return replace(self, **changes)
 
     def box_variables(self, space: int) -> int:

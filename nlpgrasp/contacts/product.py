@@ -12,13 +12,13 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts.base import ContactModel
 
 
-def ranges(contacts: Sequence[ContactModel], space: int) -> list[slice]:
+def component_slices(contacts: Sequence[ContactModel], space: int) -> list[slice]:
     """Return the slice of each contact's components in the stacked finger forces."""
     ends = np.cumsum([0] + [c.components(space) for c in contacts])
     return [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
 
-def lifted(contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, list[FloatArray]]:
+def conic_lift(contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, list[FloatArray]]:
     """Return A (n, m) and matrices M (r, m) with K = {A u : every M u in a second-order cone}."""
     parts = [c.generators(space) for c in contacts]
     ends = np.cumsum([0] + [part.shape[1] for part in parts])
@@ -30,13 +30,13 @@ def lifted(contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, li
     return np.asarray(block_diag(*parts)), cones
 
 
-def extremes(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, FloatArray]:
+def contact_supports(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> tuple[FloatArray, FloatArray]:
     """Return each contact's support for normal force at most 1, (m, k), and the maximisers (m, n)."""
     if all(c == contacts[0] for c in contacts):
         shape = (len(z), len(contacts), contacts[0].components(space))
         values, forces = contacts[0].extreme(z.reshape(shape))
         return values, forces.reshape(z.shape)
-    parts = [c.extreme(z[:, where]) for c, where in zip(contacts, ranges(contacts, space), strict=True)]
+    parts = [c.extreme(z[:, where]) for c, where in zip(contacts, component_slices(contacts, space), strict=True)]
     return np.stack([p[0] for p in parts], axis=1), np.concatenate([p[1] for p in parts], axis=1)
 
 
@@ -45,7 +45,7 @@ def project(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> Floa
     if all(c == contacts[0] for c in contacts):
         shape = (len(z), len(contacts), contacts[0].components(space))
         return contacts[0].project(z.reshape(shape)).reshape(z.shape)
-    parts = [c.project(z[:, where]) for c, where in zip(contacts, ranges(contacts, space), strict=True)]
+    parts = [c.project(z[:, where]) for c, where in zip(contacts, component_slices(contacts, space), strict=True)]
     return np.concatenate(parts, axis=1)
 
 
@@ -54,10 +54,10 @@ def derivative(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> l
     if all(c == contacts[0] for c in contacts):
         shape = (len(z), len(contacts), contacts[0].components(space))
         return list(contacts[0].derivative(z.reshape(shape)).transpose(1, 0, 2, 3))
-    return [c.derivative(z[:, where]) for c, where in zip(contacts, ranges(contacts, space), strict=True)]
+    return [c.derivative(z[:, where]) for c, where in zip(contacts, component_slices(contacts, space), strict=True)]
 
 
 def into(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> FloatArray:
     """Project finger forces (m, n) onto K, corrected so that the result is in K."""
-    parts = [c.into(z[:, where]) for c, where in zip(contacts, ranges(contacts, space), strict=True)]
+    parts = [c.into(z[:, where]) for c, where in zip(contacts, component_slices(contacts, space), strict=True)]
     return np.concatenate(parts, axis=1)

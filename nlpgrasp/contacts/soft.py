@@ -10,7 +10,7 @@ import numpy as np
 from nlpgrasp.common.types import Expression, Json, Ops
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.contacts import cones as elliptic_cone
-from nlpgrasp.contacts.base import MISSING, Blocks, Work, circle, upper_triangle
+from nlpgrasp.contacts.base import MISSING, Blocks, Work, unit_tangential_forces, upper_triangle
 from nlpgrasp.contacts.cones import RangeContact
 from nlpgrasp.errors import InputError
 
@@ -70,7 +70,7 @@ class SoftContact(RangeContact):
         """Return the projection of ``z`` (..., n_i) onto the box or the elliptic cone."""
         if self.model == "box":
             return super().project(z)
-        return elliptic_cone.project(z, self.friction, self.torsional_friction)
+        return elliptic_cone.project_elliptic(z, self.friction, self.torsional_friction)
 
     def derivative_entries(self, z: FloatArray) -> FloatArray:
         """Return the Jacobian's upper triangle, (n_i (n_i + 1) / 2, ...), for the box or the elliptic cone."""
@@ -83,7 +83,7 @@ class SoftContact(RangeContact):
         """Return the support for normal force at most 1 along ``z`` (..., n_i), and a maximiser (..., n_i)."""
         if self.model == "box":
             return super().extreme(z)
-        return elliptic_cone.extreme(z, self.friction, self.torsional_friction)
+        return elliptic_cone.elliptic_support(z, self.friction, self.torsional_friction)
 
     def cones(self, space: int) -> list[FloatArray]:
         """Return the (m, n_i) matrices of the box's cones, or of the elliptic cone."""
@@ -101,7 +101,7 @@ class SoftContact(RangeContact):
         """Return evenly spaced edges of the cone with torsion of both signs, (m, n_i)."""
         ratio = float(self.friction / self.torsional_friction)  # torsion component equivalent to a unit tangential one
         sign = np.repeat([1.0, -1.0], edges)[:, None]
-        along = np.tile(circle(edges, first_edge), (2, 1))
+        along = np.tile(unit_tangential_forces(edges, first_edge), (2, 1))
         return self.extreme(np.concatenate([along, sign * ratio], axis=1))[1]
 
     def variables(self, space: int) -> int:

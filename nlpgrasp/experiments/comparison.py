@@ -8,7 +8,7 @@ from itertools import chain, count
 
 from nlpgrasp.common.formatting import columns
 from nlpgrasp.errors import InputError
-from nlpgrasp.experiments.experiment_result import NOT_COMPARABLE, ranks, ties
+from nlpgrasp.experiments.experiment_result import NOT_COMPARABLE, overlapping_intervals, rank_intervals
 from nlpgrasp.experiments.solve_record import SolveRecord
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.solution import GraspSolution
@@ -71,11 +71,11 @@ def compare(solutions: Mapping[str, GraspSolution] | Iterable[GraspSolution]) ->
     InputError
         On anything else, or without solutions.
     """
-    given = _named(solutions)
+    given = _check_solutions(solutions)
     records = {name: SolveRecord.of(name, 0, s) for name, s in given.items()}
     bounds = [r.mu for r in records.values()]
     names = list(records)
-    rank, tied = ranks(bounds), ties(bounds)
+    rank, tied = rank_intervals(bounds), overlapping_intervals(bounds)
     order = sorted(range(len(names)), key=lambda i: (rank[i], -bounds[i].upper))
     return Comparison(
         tuple(names[i] for i in order),
@@ -86,7 +86,7 @@ def compare(solutions: Mapping[str, GraspSolution] | Iterable[GraspSolution]) ->
     )
 
 
-def _named(solutions: Mapping[str, GraspSolution] | Iterable[GraspSolution]) -> dict[str, GraspSolution]:
+def _check_solutions(solutions: Mapping[str, GraspSolution] | Iterable[GraspSolution]) -> dict[str, GraspSolution]:
     if isinstance(solutions, Mapping):
         named = dict(solutions)
     else:

@@ -16,7 +16,7 @@ from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Fingertips
 from nlpgrasp.optimize import SolveOptions
-from nlpgrasp.optimize.distinct_grasps import ONE, Keeping
+from nlpgrasp.optimize.distinct_grasps import ONE, KeepOptions
 from nlpgrasp.pipeline.solve import check_json
 from nlpgrasp.problem.problem import GraspProblem
 
@@ -85,7 +85,7 @@ class Experiment:
         options = SolveOptions() if self.options is None else self.options
         if not isinstance(options, SolveOptions):
             raise InputError("Experiment.options", options, "a SolveOptions")
-        base = Case(self.base, self.starts, replace(options, workers=1), Keeping(self.keep, self.distinct))
+        base = Case(self.base, self.starts, replace(options, workers=1), KeepOptions(self.keep, self.distinct))
         object.__setattr__(self, "_base", base)
         object.__setattr__(self, "name", self.base.name if self.name is None else self.name)
         if not isinstance(self.name, str) or not self.name.strip() or not self.name.isprintable():
@@ -105,7 +105,7 @@ class Experiment:
         except (TypeError, ValueError):
             raise InputError("Experiment.variations", given, "a mapping, or a sequence of names and values") from None
         check_names([name for name, _ in pairs])
-        settled = {n: settled_changes(v) if isinstance(v, Mapping) else v for n, v in pairs}
+        settled = {n: freeze_changes(v) if isinstance(v, Mapping) else v for n, v in pairs}
         object.__setattr__(self, "variations", settled)
         object.__setattr__(self, "_by_name", settled)
 
@@ -137,7 +137,7 @@ class Experiment:
         """Return a function that creates the case of a variation without the rest of the experiment, for a worker."""
         if self.deferred(name):
             return partial(case_of, f"Experiment.variations[{name!r}]", self._base, self._by_name[name])
-        return partial(_given, self._cases[name])
+        return partial(_check_case, self._cases[name])
 
 
 @dataclass(frozen=True, order=True)
@@ -189,7 +189,7 @@ def check_seeds(given: object) -> tuple[int, ...]:
     return seeds
 
 
-def _given(case: Case) -> Case:
+def _check_case(case: Case) -> Case:
     return case
 
 
@@ -209,7 +209,7 @@ class Case:
     problem: GraspProblem
     starts: int
     options: SolveOptions
-    keeping: Keeping = ONE
+    keeping: KeepOptions = ONE
 
     def to_dict(self) -> CaseData:
         """Return the data that determine the result, as JSON data."""
@@ -258,14 +258,14 @@ def case_of(where: str, base: Case, variation: Variation) -> Case:
     check_fields(where, given)
     parts = {name: value for name, value in given.items() if name in PARTS}
     try:
-        problem = replace(base.problem, **_with_fingers(base.problem, given, parts))
+        problem = replace(base.problem, **_apply_fingers(base.problem, given, parts))
     except InputError as error:
         raise InputError(f"{where}: {error.field}", error.given, error.allowed) from None
     starts = integer(f"{where}.starts", given.get("starts", base.starts), at_least=1, at_most=10**6)
     return Case(problem, starts, _options(where, base.options, given.get("options")), base.keeping)
 
 
-def settled_changes(changes: Changes) -> Changes:
+def freeze_changes(changes: Changes) -> Changes:
     """Return changes that can be read repeatedly: constraints from a generator as a tuple."""
     given = changes.get("constraints")
     return {**changes, "constraints": tuple(given)} if isinstance(given, Iterator) else changes
@@ -278,7 +278,7 @@ def check_fields(where: str, changes: Changes) -> None:
         raise InputError(f"{where}.{unknown[0]}", "a field that does not exist", ALLOWED)
 
 
-def _with_fingers(base: GraspProblem, given: Changes, parts: Changes) -> Changes:
+def _apply_fingers(base: GraspProblem, given: Changes, parts: Changes) -> Changes:
     """Return the parts with number of fingers and friction applied to contacts and hand."""
     if "fingers" not in given and "friction" not in given:
         return parts
@@ -295,11 +295,11 @@ def _with_fingers(base: GraspProblem, given: Changes, parts: Changes) -> Changes
             parts = {**parts, "hand": replace(hand, count=count)}
     if "friction" in given:
         friction = number("friction", given["friction"], above=0.0)
-        models = tuple(_with_friction(m, friction) for m in models)
+        models = tuple(_apply_friction(m, friction) for m in models)
     return {**parts, "contacts": models}
 
 
-def _with_friction(model: ContactModel, friction: float) -> ContactModel:
+def _apply_friction(model: ContactModel, friction: float) -> ContactModel:
     if "friction" not in {field.name for field in fields(model)}:
         raise InputError("friction", f"a base problem with a {type(model).__name__}", "contacts with friction")
     return model.with_coefficients(friction=friction)
@@ -346,11 +346,11 @@ def combinations(*factors: Mapping[str, Changes], choose: Callable[..., bool] | 
     if choose is not None and not callable(choose):
         raise InputError("choose", choose, "a function of the levels' names")
     for i, factor in enumerate(factors):
-        _check(f"combinations: factor {i}", factor)
-    settled = [{name: settled_changes(changes) for name, changes in factor.items()} for factor in factors]
+        _check_factor(f"combinations: factor {i}", factor)
+    settled = [{name: freeze_changes(changes) for name, changes in factor.items()} for factor in factors]
     result: dict[str, Changes] = {}
     for levels in product(*settled):
-        if choose is None or _chosen(choose, levels):
+        if choose is None or _is_chosen(choose, levels):
             name = ", ".join(levels)
             if name in result:
                 raise InputError("combinations", f"two combinations named {name!r}", "level names without commas")
@@ -360,7 +360,7 @@ def combinations(*factors: Mapping[str, Changes], choose: Callable[..., bool] | 
     return result
 
 
-def _check(where: str, factor: Mapping[str, Changes]) -> None:
+def _check_factor(where: str, factor: Mapping[str, Changes]) -> None:
     if not isinstance(factor, Mapping) or not factor:
         raise InputError(where, factor, "a mapping of level names to fields, not empty")
     for name, changes in factor.items():
@@ -376,28 +376,28 @@ def _merged(name: str, levels: list[Changes]) -> Changes:
             if changed not in result:
                 result[changed] = value
             elif changed == "constraints":
-                result[changed] = (*_several(result[changed]), *_several(value))
-            elif changed == "options" and (both := _joined(result[changed], value)) is not None:
+                result[changed] = (*_as_tuple(result[changed]), *_as_tuple(value))
+            elif changed == "options" and (both := _merge_options(result[changed], value)) is not None:
                 result[changed] = both
             else:
                 raise InputError(f"combinations[{name!r}].{changed}", "values of two factors", "values of one factor")
     return result
 
 
-def _joined(one: object, other: object) -> dict[str, object] | None:
+def _merge_options(one: object, other: object) -> dict[str, object] | None:
     """Return the merged mappings of options; None unless both are mappings with different options."""
     if isinstance(one, Mapping) and isinstance(other, Mapping) and not set(one) & set(other):
         return {**one, **other}
     return None
 
 
-def _chosen(choose: Callable[..., bool], levels: tuple[str, ...]) -> bool:
+def _is_chosen(choose: Callable[..., bool], levels: tuple[str, ...]) -> bool:
     try:
         return bool(choose(*levels))
     except TypeError as error:
         raise InputError("choose", one_line(error), f"a function of {len(levels)} names") from None
 
 
-def _several(constraints: object) -> tuple[object, ...]:
+def _as_tuple(constraints: object) -> tuple[object, ...]:
     """Return constraints as a tuple; a single one is allowed."""
     return tuple(constraints) if isinstance(constraints, list | tuple) else (constraints,)

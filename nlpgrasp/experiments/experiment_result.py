@@ -13,11 +13,11 @@ from statistics import median
 from typing import TYPE_CHECKING, TypeAlias
 
 from nlpgrasp.common.files import write_bytes, write_text
-from nlpgrasp.common.formatting import columns, plain
+from nlpgrasp.common.formatting import columns, one_line_of_text
 from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.experiments.experiment import SolveId
-from nlpgrasp.experiments.output_folder import SOLVES, Folder, Plan
-from nlpgrasp.experiments.solve_record import NOT_DONE, NOTHING, SolveRecord, asked_of, percent
+from nlpgrasp.experiments.output_folder import SOLVES, OutputFolder, Plan
+from nlpgrasp.experiments.solve_record import NOT_DONE, NOTHING, SolveRecord, format_gap, problem_digest
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.solution import GraspSolution
 
@@ -68,7 +68,7 @@ class ExperimentResult:
         InputError
             When it is not the folder of an experiment.
         """
-        place = Folder(folder)
+        place = OutputFolder(folder)
         plan = place.plan()
         solves = [SolveId(name, seed) for name in plan["variations"] for seed in plan["seeds"]]
         records, notes = read_records(place, solves, plan)
@@ -78,7 +78,7 @@ class ExperimentResult:
     def of(
         cls,
         name: str,
-        place: Folder,
+        place: OutputFolder,
         solves: Sequence[SolveId],
         records: dict[SolveId, SolveRecord],
         notes: Sequence[str],
@@ -125,11 +125,11 @@ class ExperimentResult:
 
     def ranks(self) -> list[int]:
         """Return for each variation 1 plus the number of certainly better ones."""
-        return ranks([v.mu for v in self.variations])
+        return rank_intervals([v.mu for v in self.variations])
 
     def ties(self) -> list[tuple[str, ...]]:
         """Return for each variation those with overlapping certified intervals."""
-        found = ties([v.mu for v in self.variations])
+        found = overlapping_intervals([v.mu for v in self.variations])
         return [tuple(self.variations[j].name for j in js if self.variations[j].mu.upper > 0.0) for js in found]
 
     def solution(self, variation: str, seed: int | None = None) -> GraspSolution:
@@ -146,11 +146,13 @@ class ExperimentResult:
         """
         known = self[variation]
         best = known.best or known.solves[0]
-        return GraspSolution.load(Folder(self.folder).file(SolveId(variation, best.seed if seed is None else seed)))
+        return GraspSolution.load(
+            OutputFolder(self.folder).file(SolveId(variation, best.seed if seed is None else seed))
+        )
 
     def rows(self) -> list[Row]:
         """Return the table as one mapping per solve, with the keys of ``COLUMNS``."""
-        place, rows = Folder(self.folder), []
+        place, rows = OutputFolder(self.folder), []
         for variation, rank in zip(self.variations, self.ranks(), strict=True):
             for solve in variation.solves:
                 file = f"{SOLVES}/{place.file(SolveId(solve.variation, solve.seed)).name}"
@@ -231,7 +233,7 @@ class VariationResult:
     @property
     def gap_text(self) -> str:
         """The gap as tables show it, empty without one."""
-        return percent(self.gap)
+        return format_gap(self.gap)
 
     @property
     def done(self) -> int:
@@ -266,12 +268,12 @@ class VariationResult:
         return tuple(s for s in self.solves if not s.done)
 
 
-def ranks(bounds: Sequence[Bounds]) -> list[int]:
+def rank_intervals(bounds: Sequence[Bounds]) -> list[int]:
     """Return for each interval 1 plus the number of intervals wholly above it."""
     return [1 + sum(other.lower > one.upper for other in bounds) for one in bounds]
 
 
-def ties(bounds: Sequence[Bounds]) -> list[tuple[int, ...]]:
+def overlapping_intervals(bounds: Sequence[Bounds]) -> list[tuple[int, ...]]:
     """Return for each interval the indices of the others that it overlaps."""
     return [
         tuple(j for j, other in enumerate(bounds) if j != i and one.lower <= other.upper and other.lower <= one.upper)
@@ -322,7 +324,7 @@ COLUMNS = (
     Column("experiment", "name of the experiment", lambda e: e.experiment),
     Column("variation", "name of the variation", lambda e: e.record.variation),
     Column("seed", "of the solve", lambda e: e.record.seed),
-    Column("status", "of the solution; failed or not_done where there is none", lambda e: _status(e.record)),
+    Column("status", "of the solution; failed or not_done where there is none", lambda e: _status_cell(e.record)),
     Column("kind", "mu or mu_tilde", lambda e: e.record.kind),
     Column("mu_lower", "certified, of the grasp found; 0 without one", lambda e: e.record.mu.lower),
     Column("mu_upper", "certified", lambda e: e.record.mu.upper),
@@ -363,7 +365,7 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _status(record: SolveRecord) -> str:
+def _status_cell(record: SolveRecord) -> str:
     if record.status is None:
         return "not_done" if record.failure == NOT_DONE else "failed"
     return record.status.name.lower()
@@ -416,7 +418,7 @@ def frame(rows: Sequence[Row]) -> pd.DataFrame:
     return pd.DataFrame(list(rows), columns=[column.name for column in COLUMNS])
 
 
-def _record(place: Folder, solve: SolveId) -> SolveRecord | None:
+def _record(place: OutputFolder, solve: SolveId) -> SolveRecord | None:
     """Return the record of a solve from its file; None without one."""
     solution = place.load(solve)
     if solution is None:
@@ -424,13 +426,15 @@ def _record(place: Folder, solve: SolveId) -> SolveRecord | None:
     return replace(SolveRecord.of(solve.variation, solve.seed, solution), earlier=True)
 
 
-def read_records(place: Folder, solves: Sequence[SolveId], plan: Plan) -> tuple[dict[SolveId, SolveRecord], list[str]]:
+def read_records(
+    place: OutputFolder, solves: Sequence[SolveId], plan: Plan
+) -> tuple[dict[SolveId, SolveRecord], list[str]]:
     """Return the records of the solves with a file, and a note for each unusable file.
 
     All solves of a variation have to belong to the plan's problem, or to one and the same problem if it is deferred.
     """
     variations = plan["variations"].items()
-    asked = {name: asked_of(v["problem"]) for name, v in variations if isinstance(v.get("problem"), Mapping)}
+    asked = {name: problem_digest(v["problem"]) for name, v in variations if isinstance(v.get("problem"), Mapping)}
     records: dict[SolveId, SolveRecord] = {}
     notes = []
     for solve in solves:
@@ -439,7 +443,7 @@ def read_records(place: Folder, solves: Sequence[SolveId], plan: Plan) -> tuple[
             if record is not None and record.asked != asked.setdefault(solve.variation, record.asked):
                 raise InputError(str(place.file(solve)), "another problem", "the problem of its variation")
         except InputError as error:
-            notes.append(f"{solve}: not used, {plain(str(error))}")
+            notes.append(f"{solve}: not used, {one_line_of_text(str(error))}")
             record = SolveRecord(solve.variation, solve.seed, failure="its file cannot be used")
         if record is not None:
             records[solve] = record

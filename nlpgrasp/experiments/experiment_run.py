@@ -22,11 +22,11 @@ from nlpgrasp.common.validation import integer
 from nlpgrasp.errors import InputError, MissingExtraError, NlpgraspError
 from nlpgrasp.experiments.experiment import Experiment, SolveId
 from nlpgrasp.experiments.experiment_result import ExperimentResult, read_records
-from nlpgrasp.experiments.output_folder import Folder, plan_of
-from nlpgrasp.experiments.solve_job import Job, Outcome, Packer, work
+from nlpgrasp.experiments.output_folder import OutputFolder, plan_of
+from nlpgrasp.experiments.solve_job import Job, JobFactory, Outcome, work
 from nlpgrasp.experiments.solve_record import SolveRecord
-from nlpgrasp.experiments.warm_start_exchange import Handing
-from nlpgrasp.optimize.processes import cores, own_processes
+from nlpgrasp.experiments.warm_start_exchange import WarmStartExchange
+from nlpgrasp.optimize.processes import cores, separate_processes
 from nlpgrasp.solution.solution import GraspSolution
 
 if TYPE_CHECKING:
@@ -98,12 +98,12 @@ def run_experiment(
         raise InputError("resume", resume, "True or False")
     if progress is not None and not callable(progress):
         raise InputError("progress", progress, "a function of a SolveRecord")
-    return run_solves(experiment, Folder(out), resume, workers, scheduler, progress)
+    return run_solves(experiment, OutputFolder(out), resume, workers, scheduler, progress)
 
 
 def run_solves(
     experiment: Experiment,
-    place: Folder,
+    place: OutputFolder,
     resume: bool,
     workers: int | None,
     scheduler: str | None,
@@ -121,7 +121,7 @@ def run_solves(
         if scheduler is not None:
             raise InputError("workers", workers, "no number of workers with a scheduler: the cluster has its own")
         workers = integer("workers", workers, at_least=1, at_most=1024)
-    pack = Packer(experiment, compared)
+    pack = JobFactory(experiment, compared)
     for name in experiment.names:
         pack(SolveId(name, 0))  # raises errors now rather than hours later
     client = None if scheduler is None else connect(scheduler)
@@ -130,7 +130,7 @@ def run_solves(
         run = _Run(experiment, place, progress)
         do = partial(run_local, workers=workers or cores()) if client is None else partial(run_cluster, client=client)
         if run.collect(do(run.missing(), pack)) and compared:
-            run.hand_on(Handing(experiment, place, pack, do))
+            run.hand_on(WarmStartExchange(experiment, place, pack, do))
         return run.result()
     finally:
         place.close()
@@ -143,7 +143,7 @@ class _Run:
     """State of a run."""
 
     experiment: Experiment
-    place: Folder
+    place: OutputFolder
     progress: Progress | None
     records: dict[SolveId, SolveRecord] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
@@ -169,11 +169,11 @@ class _Run:
                 return True
             except KeyboardInterrupt:
                 self.notes.append(INTERRUPTED)
-            except (_NotWrittenError, ClusterLostError) as error:
+            except (_WriteError, ClusterLostError) as error:
                 self.notes.append(f"Stopped: {error}. {GO_ON}")
         return False
 
-    def hand_on(self, handing: Handing) -> None:
+    def hand_on(self, handing: WarmStartExchange) -> None:
         """Exchange grasps between the variations; after an error the solves' own results remain."""
         try:
             self.records |= handing.done(self.records)
@@ -199,7 +199,7 @@ class _Run:
                 self.place.keep_failure(solve, record.failure)
         except InputError as error:
             self._record(solve, SolveRecord(solve.variation, solve.seed, failure=f"not written: {error}"))
-            raise _NotWrittenError(str(error)) from None
+            raise _WriteError(str(error)) from None
         self._record(solve, record)
 
     def _read(self, solve: SolveId, outcome: Outcome) -> SolveRecord:
@@ -223,7 +223,7 @@ class _Run:
             self.progress(record)
 
 
-class _NotWrittenError(Exception):
+class _WriteError(Exception):
     """Error on writing a result."""
 
 
@@ -239,17 +239,17 @@ def run_local(
         raise InputError("workers", "a daemonic process, which can have none", "a call from another process")
     waiting = dict.fromkeys(solves)
     while waiting:
-        suspects, _ = yield from _until_broken(waiting, pack, workers)
+        suspects, _ = yield from _outcomes_until_crash(waiting, pack, workers)
         for solve in suspects:
             alone = {solve: None}
-            again, how = yield from _until_broken(alone, pack, 1)
+            again, how = yield from _outcomes_until_crash(alone, pack, 1)
             if again:
                 yield solve, Outcome(failure=f"its process ended, twice{how}: a crash, or out of memory")
             if again or not alone:
                 del waiting[solve]  # else it was not started: a worker crashed before
 
 
-def _until_broken(
+def _outcomes_until_crash(
     waiting: dict[SolveId, None], pack: Callable[[SolveId], Job], workers: int
 ) -> Generator[tuple[SolveId, Outcome], None, tuple[list[SolveId], str]]:
     """Yield outcomes of waiting solves until all are done or a worker crashes.
@@ -259,7 +259,7 @@ def _until_broken(
     left = iter(list(waiting))
     under_way: dict[Future[Outcome], SolveId] = {}
     try:
-        with own_processes(workers, IDLE) as processes:
+        with separate_processes(workers, IDLE) as processes:
             while True:
                 for solve in islice(left, workers - len(under_way)):
                     under_way[processes.submit(_quietly, pack(solve))] = solve

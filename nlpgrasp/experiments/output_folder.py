@@ -14,11 +14,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NotRequired, TextIO, TypedDict
 
-from nlpgrasp.common.files import as_read, file_name, take, write_text
-from nlpgrasp.common.formatting import one_line, plain
+from nlpgrasp.common.files import file_name, json_round_trip, take, write_text
+from nlpgrasp.common.formatting import one_line, one_line_of_text
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.experiment import CaseData, Experiment, SolveId, check_names, check_seeds
-from nlpgrasp.experiments.solve_record import without_recorded
+from nlpgrasp.experiments.solve_record import strip_recorded
 from nlpgrasp.solution.file import DEEPEST, depth
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.version import __version__
@@ -52,7 +52,7 @@ def plan_of(experiment: Experiment) -> Plan:
         "seeds": list(experiment.seeds),
         "variations": variations,
     }
-    read: Plan = as_read(plan)
+    read: Plan = json_round_trip(plan)
     return read
 
 
@@ -75,7 +75,7 @@ def read_plan(text: str, where: str) -> Plan:
         check_seeds(plan["seeds"])
         if not all(isinstance(v, dict) and isinstance(v.get("problem", {}), dict) for v in plan["variations"].values()):
             raise ValueError("variations that are none")
-        plan["name"] = plain(str(plan.get("name", "")))
+        plan["name"] = one_line_of_text(str(plan.get("name", "")))
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise InputError(where, f"no plan ({one_line(error)})", allowed) from None
     return plan
@@ -112,7 +112,7 @@ def _lean(case: CaseData) -> CaseData:
     """Return a variation without the entries that older plans lack."""
     lean: CaseData = {**case}
     if "problem" in case:
-        lean["problem"] = without_recorded(case["problem"])
+        lean["problem"] = strip_recorded(case["problem"])
     return lean
 
 
@@ -121,7 +121,7 @@ def _differing(one: Mapping[str, object], other: Mapping[str, object]) -> list[s
     return [key for key, value in other.items() if one.get(key) != value]
 
 
-class Folder:
+class OutputFolder:
     """Output folder, locked by this process while open.
 
     Parameters
@@ -294,7 +294,7 @@ class Folder:
         """Return the reason of a failed solve, or None without one."""
         try:
             data = json.loads(self.failure_file(solve).read_text(encoding="utf-8"))
-            return plain(str(data["message"])) or "failed"
+            return one_line_of_text(str(data["message"])) or "failed"
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:

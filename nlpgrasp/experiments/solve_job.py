@@ -14,16 +14,16 @@ from nlpgrasp.common.formatting import one_line
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.experiment import Case, Experiment, SolveId
-from nlpgrasp.optimize.compiled_problem import Workbench
-from nlpgrasp.optimize.parallel_starts import LazyBench, Runner
-from nlpgrasp.optimize.processes import Parcel, one_thread
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
+from nlpgrasp.optimize.parallel_starts import LazyCompiledProblem, StartRunner
+from nlpgrasp.optimize.processes import WorkerPayload, single_thread
 from nlpgrasp.optimize.start_result import StartGrasp, best_of
-from nlpgrasp.optimize.warm_starts import WarmStart, adapted, certify_as_is, refine_warm_start
+from nlpgrasp.optimize.warm_starts import WarmStart, adapt_grasp, certify_as_is, refine_warm_start
 from nlpgrasp.pipeline.multistart import Multistart
 from nlpgrasp.pipeline.solve import check_json, solve_again
 from nlpgrasp.quality import Bounds, screen
 from nlpgrasp.quality.grasp import GraspStack
-from nlpgrasp.solution.file import text_of
+from nlpgrasp.solution.file import solution_json
 from nlpgrasp.solution.kept_grasps import FoundGrasp
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
@@ -42,12 +42,12 @@ def work(job: Job) -> Outcome:
             asked, handed = job.parcel.unpacked(), job.handed
             if handed is not None:
                 starts, seed = asked.case.starts, job.solve.seed
-                better = improved(asked.bench, starts, handed.own, seed, handed.offers, handed.improve)
-                return Outcome() if better is None else Outcome(text_of(better.to_dict()))
+                better = improve_solution(asked.bench, starts, handed.own, seed, handed.offers, handed.improve)
+                return Outcome() if better is None else Outcome(solution_json(better.to_dict()))
             solution = solve_again(asked.bench, asked.case.starts, job.solve.seed, asked.case.keeping)
             if solution.status is Status.INTERRUPTED:
                 return Outcome(interrupted=True)
-            return Outcome(text_of(solution.to_dict()))
+            return Outcome(solution_json(solution.to_dict()))
         except BaseException as error:  # even SystemExit ends this solve alone
             return Outcome(failure=one_line(error))
 
@@ -66,8 +66,8 @@ class Job:
     """
 
     solve: SolveId
-    parcel: Parcel[LazyBench[Case]]
-    handed: HandedOn | None = None
+    parcel: WorkerPayload[LazyCompiledProblem[Case]]
+    handed: WarmStartOffer | None = None
 
     @property
     def key(self) -> str:
@@ -95,7 +95,7 @@ class Outcome:
     interrupted: bool = False
 
 
-class Packer:
+class JobFactory:
     """Factory of jobs, created on demand: only one variation is serialised at a time.
 
     Parameters
@@ -108,7 +108,7 @@ class Packer:
     def __init__(self, experiment: Experiment, compared: bool = True) -> None:
         self.experiment, self._compared = experiment, compared
         self._run = uuid.uuid4().hex
-        self._last: tuple[str, Parcel[LazyBench[Case]]] | None = None
+        self._last: tuple[str, WorkerPayload[LazyCompiledProblem[Case]]] | None = None
 
     def __call__(self, solve: SolveId) -> Job:
         """Return the job of a solve.
@@ -121,8 +121,9 @@ class Packer:
         name = solve.variation
         if self._last is None or self._last[0] != name:
             try:
-                parcel = Parcel.of(
-                    LazyBench(partial(_made, self.experiment.maker(name), self._compared)), f"{self._run} {name}"
+                parcel = WorkerPayload.of(
+                    LazyCompiledProblem(partial(_create_case, self.experiment.maker(name), self._compared)),
+                    f"{self._run} {name}",
                 )
             except Exception as error:  # any error of the parts' own pickling
                 reason = one_line(error)
@@ -132,7 +133,7 @@ class Packer:
 
 
 @dataclass(frozen=True)
-class HandedOn:
+class WarmStartOffer:
     """Finished solve with grasps of other variations as its warm starts.
 
     Parameters
@@ -153,7 +154,7 @@ class HandedOn:
     turn: int
 
 
-def _made(maker: Callable[[], Case], compared: bool) -> Case:
+def _create_case(maker: Callable[[], Case], compared: bool) -> Case:
     """Return the created case with a solve's options; refuse one whose result cannot be written."""
     case = maker()
     check_json(case.problem.to_dict())
@@ -161,8 +162,13 @@ def _made(maker: Callable[[], Case], compared: bool) -> Case:
     return replace(case, options=replace(options, rank="mu") if compared else options)
 
 
-def improved(
-    bench: Workbench, starts: int, solution: GraspSolution, seed: int, offers: Mapping[str, FoundGrasp], improve: bool
+def improve_solution(
+    bench: CompiledProblem,
+    starts: int,
+    solution: GraspSolution,
+    seed: int,
+    offers: Mapping[str, FoundGrasp],
+    improve: bool,
 ) -> GraspSolution | None:
     """Return a solution improved by the best of some known grasps, refined; None where none is better.
 
@@ -187,10 +193,10 @@ def improved(
     """
     if bench.options.maximise_robust:
         return None
-    search = Multistart.resumed(Runner(bench.problem, bench.options, starts, bench), solution, seed)
+    search = Multistart.resumed(StartRunner(bench.problem, bench.options, starts, bench), solution, seed)
     known = solution.mu if solution.success else Bounds(0.0, 0.0)
-    with one_thread():
-        taken = _best(bench, search.next_index, known, offers)
+    with single_thread():
+        taken = _best_offer(bench, search.next_index, known, offers)
         if taken is None:
             return None
         warm, found = taken
@@ -198,7 +204,7 @@ def improved(
         if improve:
             refined = refine_warm_start(bench, warm, search.next_index + 1, search.stop)
         if refined is not None:
-            ends.append(_certified_apart(bench, refined, known.lower))
+            ends.append(_certify_above(bench, refined, known.lower))
         search.results += ends
         best = best_of([end for end in ends if _is_no_worse(end.record.mu, known)])
         if best is None:
@@ -212,22 +218,22 @@ def _is_no_worse(bounds: Bounds, known: Bounds) -> bool:
     return bounds.lower >= known.lower and bounds.upper >= known.upper
 
 
-def _best(
-    bench: Workbench, index: int, known: Bounds, offers: Mapping[str, FoundGrasp]
+def _best_offer(
+    bench: CompiledProblem, index: int, known: Bounds, offers: Mapping[str, FoundGrasp]
 ) -> tuple[WarmStart, StartGrasp] | None:
     """Return the best offered grasp above the known bounds, as a warm start and certified as it is."""
     best = None
-    for warm, elsewhere in _promising(bench, offers, known.upper):
+    for warm, elsewhere in _screen_offers(bench, offers, known.upper):
         found = certify_as_is(bench, warm, index)
         margin = 0.0 if elsewhere.lower > known.upper else MARGIN
         if found is not None and found.record.mu.upper > (1.0 + margin) * known.upper:
-            found = _certified_apart(bench, found, known.lower)
+            found = _certify_above(bench, found, known.lower)
             if found.record.mu.lower >= known.lower:
                 best, known = (warm, found), found.record.mu
     return best
 
 
-def _certified_apart(bench: Workbench, found: StartGrasp, least: float) -> StartGrasp:
+def _certify_above(bench: CompiledProblem, found: StartGrasp, least: float) -> StartGrasp:
     """Return a grasp certified so tightly that its lower bound is above that of a worse one."""
     rtol = bench.options.final_rtol
     if least > 0.0:
@@ -235,15 +241,17 @@ def _certified_apart(bench: Workbench, found: StartGrasp, least: float) -> Start
     return found.certified(bench.problem, rtol)
 
 
-def _promising(bench: Workbench, offers: Mapping[str, FoundGrasp], least: float) -> Iterator[tuple[WarmStart, Bounds]]:
+def _screen_offers(
+    bench: CompiledProblem, offers: Mapping[str, FoundGrasp], least: float
+) -> Iterator[tuple[WarmStart, Bounds]]:
     """Yield the grasps that fit the problem with a screened upper bound above ``least``, and their own mu."""
-    fitting = [(warm, known.mu) for origin, known in offers.items() if (warm := adapted(bench, known, origin))]
+    fitting = [(warm, known.mu) for origin, known in offers.items() if (warm := adapt_grasp(bench, known, origin))]
     if not fitting:
         return
     bound = np.full(len(fitting), np.inf)
     if not bench.problem.budget.depends_on_frames:
         points = np.stack([warm.placed.points for warm, _ in fitting])
-        normals = np.stack([_normals(bench, warm) for warm, _ in fitting])
+        normals = np.stack([_warm_start_normals(bench, warm) for warm, _ in fitting])
         stack = GraspStack(points, normals, bench.problem.models, bench.problem.origin)
         bound = screen(stack, bench.problem.task, force_budget=bench.problem.budget)
     for i in np.argsort(-bound, kind="stable"):
@@ -251,5 +259,5 @@ def _promising(bench: Workbench, offers: Mapping[str, FoundGrasp], least: float)
             yield fitting[int(i)]
 
 
-def _normals(bench: Workbench, warm: WarmStart) -> FloatArray:
+def _warm_start_normals(bench: CompiledProblem, warm: WarmStart) -> FloatArray:
     return np.where(np.isnan(warm.normals), bench.inward_normals(warm.placed), warm.normals)

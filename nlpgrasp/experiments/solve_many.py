@@ -10,7 +10,7 @@ from pathlib import Path
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.experiment import Experiment, SolveId
 from nlpgrasp.experiments.experiment_run import Progress, run_solves
-from nlpgrasp.experiments.output_folder import Folder
+from nlpgrasp.experiments.output_folder import OutputFolder
 from nlpgrasp.optimize.options import SolveOptions
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.solution import GraspSolution
@@ -130,14 +130,14 @@ def solve_many(
         For a scheduler without the extra ``cluster``.
     """
     begun = time.monotonic()
-    named = _named(problems)
+    named = _check_named_problems(problems)
     base = next(iter(named.values()))
     if not isinstance(base, GraspProblem):
         base = base()
         if not isinstance(base, GraspProblem):
             raise InputError("problems", base, "functions that return a GraspProblem")
     experiment = Experiment(base, named, [seed], starts, options, NAME, keep, distinct)
-    place = Folder(out)
+    place = OutputFolder(out)
     result = run_solves(experiment, place, True, workers, scheduler, progress, compared=False)
     done = [record for record in result.solves if record.done]
     return ManySolved(
@@ -151,7 +151,7 @@ def solve_many(
     )
 
 
-def _named(problems: object) -> dict[str, GraspProblem | Made]:
+def _check_named_problems(problems: object) -> dict[str, GraspProblem | Made]:
     """Return problems by name, refusing other objects."""
     allowed = "problems by name, or several problems of different names"
     if isinstance(problems, Mapping):

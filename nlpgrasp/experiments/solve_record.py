@@ -33,14 +33,14 @@ WIDE = 2.0  # relative gap above which a bound counts as loose
 HANDED = "from variation "  # prefix of the message of a warm start from another variation
 
 
-def asked_of(problem: Json) -> str:
+def problem_digest(problem: Json) -> str:
     """Return a digest of a problem's JSON data without its budget, which for a hand depends on the posture."""
-    known = without_recorded(problem)
+    known = strip_recorded(problem)
     parts = {k: known.get(k) for k in ("body", "contacts", "task", "constraints", "hand")}
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def body_of(body: Json) -> str:
+def body_digest(body: Json) -> str:
     """Return a digest of a body's JSON data, equal for equal bodies; empty where the data are incomplete."""
     if body.get("type") != Mesh.kind:  # mesh data contain a fingerprint
         try:
@@ -51,13 +51,13 @@ def body_of(body: Json) -> str:
     return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def measured_by(solution: GraspSolution) -> str:
+def measure_digest(solution: GraspSolution) -> str:
     """Return a digest of the measure of mu: task and kind of budget."""
     text = json.dumps([solution.problem["task"], solution.budget.kind], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
-def without_recorded(problem: Json) -> Json:
+def strip_recorded(problem: Json) -> Json:
     """Return a problem's JSON data without the entries of body and hand that older files lack."""
     lean = dict(problem)
     for name in ("body", "hand"):
@@ -157,10 +157,10 @@ class SolveRecord:
             active_constraints(solution.constraints),
             solution.prices,
             len(solution.problem.get("contacts", ())),
-            measured_by(solution),
-            asked=asked_of(solution.problem),
+            measure_digest(solution),
+            asked=problem_digest(solution.problem),
             best_start=solution.winner,
-            body=body_of(solution.problem["body"]),
+            body=body_digest(solution.problem["body"]),
             best_possible=solution.best_possible,
             grasps=len(solution.grasps),
         )
@@ -189,7 +189,7 @@ class SolveRecord:
     @property
     def gap_text(self) -> str:
         """The gap as tables show it, empty without one."""
-        return percent(self.gap)
+        return format_gap(self.gap)
 
     @property
     def succeeded(self) -> int:
@@ -207,7 +207,7 @@ class SolveRecord:
         return tuple(points)
 
 
-def percent(gap: float) -> str:
+def format_gap(gap: float) -> str:
     """Return a gap for a table: in per cent, above 100 % as a factor, "loose" if wide, empty if infinite."""
     if gap > WIDE:
         return "loose" if math.isfinite(gap) else ""
@@ -222,10 +222,10 @@ def active_constraints(reports: Sequence[ConstraintReport]) -> tuple[str, ...]:
             own = active.setdefault(report.kind if report.fingers else report.name, [])
             if report.fingers and report.fingers not in own:
                 own.append(report.fingers)
-    return tuple(_with_fingers(name, fingers) for name, fingers in active.items())
+    return tuple(_format_fingers(name, fingers) for name, fingers in active.items())
 
 
-def _with_fingers(name: str, fingers: Sequence[tuple[int, ...]]) -> str:
+def _format_fingers(name: str, fingers: Sequence[tuple[int, ...]]) -> str:
     if not fingers:
         return name
     which = ", ".join(" and ".join(map(str, group)) for group in fingers)

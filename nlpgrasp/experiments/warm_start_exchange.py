@@ -15,9 +15,9 @@ from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field, replace
 
 from nlpgrasp.experiments.experiment import Experiment, SolveId
-from nlpgrasp.experiments.output_folder import Folder
-from nlpgrasp.experiments.solve_job import HandedOn, Job, Outcome, Packer
-from nlpgrasp.experiments.solve_record import HANDED, SolveRecord, body_of
+from nlpgrasp.experiments.output_folder import OutputFolder
+from nlpgrasp.experiments.solve_job import Job, JobFactory, Outcome, WarmStartOffer
+from nlpgrasp.experiments.solve_record import HANDED, SolveRecord, body_digest
 from nlpgrasp.solution.kept_grasps import FoundGrasp
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.version import __version__
@@ -30,7 +30,7 @@ IMPROVED, TURNS = 3, 20  # turns with refinement, and most turns
 
 
 @dataclass
-class Handing:
+class WarmStartExchange:
     """Exchange of grasps between an experiment's solves.
 
     Parameters
@@ -42,8 +42,8 @@ class Handing:
     """
 
     experiment: Experiment
-    place: Folder
-    pack: Packer
+    place: OutputFolder
+    pack: JobFactory
     run: Run
     notes: list[str] = field(default_factory=list)
     _now: dict[SolveId, GraspSolution] = field(default_factory=dict)
@@ -86,7 +86,7 @@ class Handing:
         for solve in solves:
             name = solve.variation
             body = None if self.experiment.deferred(name) else self.experiment.case(name).problem.body
-            key = records[solve].body if body is None else body_of(body.to_dict()) or f"object {id(body)}"
+            key = records[solve].body if body is None else body_digest(body.to_dict()) or f"object {id(body)}"
             held[name] = key
         count = Counter(held.values())
         return {name: key for name, key in held.items() if key and count[key] > 1}
@@ -98,11 +98,11 @@ class Handing:
 
     def _turn(self, turn: int, groups: dict[str, str]) -> dict[SolveId, str]:
         """Offer every new grasp to every other variation that it may fit; return the changed solutions."""
-        asked: dict[SolveId, HandedOn] = {}
+        asked: dict[SolveId, WarmStartOffer] = {}
         for name in groups:
             best = self._best(name)
             if offers := self._offers(name, best, groups):
-                asked[best] = HandedOn(self._now[best], offers, turn < IMPROVED, turn)
+                asked[best] = WarmStartOffer(self._now[best], offers, turn < IMPROVED, turn)
         found: dict[SolveId, str] = {}
         for solve, outcome in self.run(list(asked), lambda s: replace(self.pack(s), handed=asked[s])):
             if outcome.failure:

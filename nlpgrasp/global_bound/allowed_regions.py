@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from nlpgrasp.bodies import Body, Box, Cylinder, Mesh, Polygon, Prism, Sphere, Torus
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.constraints import BoxRegion, Forbid, HalfSpace, Obstacle, PlacementConstraint, Region, Table, Workspace
-from nlpgrasp.global_bound.cells.cell import Cell, Surface
-from nlpgrasp.global_bound.cells.flat_cells import FlatFace, clipped
+from nlpgrasp.global_bound.cells.cell import CellFace, SurfaceCell
+from nlpgrasp.global_bound.cells.flat_cells import FlatFaceCells, clip
 from nlpgrasp.hands import Fingertips
 from nlpgrasp.problem.problem import GraspProblem
 
@@ -65,7 +65,7 @@ class Distance:
 
 
 @dataclass(frozen=True)
-class Allowed:
+class ClippedRegion:
     """Allowed region of one contact.
 
     Parameters
@@ -81,30 +81,30 @@ class Allowed:
     outside: tuple[HalfSpaces, ...] = ()
     away: tuple[Distance, ...] = ()
 
-    def __add__(self, other: Allowed) -> Allowed:
+    def __add__(self, other: ClippedRegion) -> ClippedRegion:
         """Return the intersection of both regions."""
-        return Allowed(self.inside + other.inside, self.outside + other.outside, self.away + other.away)
+        return ClippedRegion(self.inside + other.inside, self.outside + other.outside, self.away + other.away)
 
     @property
     def limited(self) -> bool:
         """Whether there is any restriction."""
         return bool(self.inside or self.outside or self.away)
 
-    def left_of(self, surface: Surface) -> Surface | None:
+    def left_of(self, surface: CellFace) -> CellFace | None:
         """Return the face, a flat one clipped by half-spaces; None where nothing is left."""
-        if not isinstance(surface, FlatFace):
+        if not isinstance(surface, FlatFaceCells):
             return surface
         size = max(float(np.max(np.ptp(piece, axis=0))) for piece in surface.pieces)
         pieces = list(surface.pieces)
         for limits in self.inside:
             for row, offset in zip(limits.A, limits.at(surface.normal), strict=True):
-                pieces = [clipped(piece, row, float(offset)) for piece in pieces if len(piece)]
+                pieces = [clip(piece, row, float(offset)) for piece in pieces if len(piece)]
         for limits in self.outside:
-            pieces = [part for piece in pieces for part in _without(piece, limits)]
+            pieces = [part for piece in pieces for part in _subtract_polytope(piece, limits)]
         pieces = [piece for piece in pieces if len(piece) >= 2 and np.max(np.ptp(piece, axis=0)) > THIN * size]
-        return FlatFace(surface.name, pieces, surface.normal) if pieces else None
+        return FlatFaceCells(surface.name, pieces, surface.normal) if pieces else None
 
-    def excludes(self, cell: Cell) -> bool:
+    def excludes(self, cell: SurfaceCell) -> bool:
         """Return whether a cell certainly contains no allowed point."""
         centre, radius = cell.ball()
         for limits in self.inside:
@@ -141,21 +141,21 @@ class Allowed:
         return kept
 
 
-def _without(piece: FloatArray, hole: HalfSpaces) -> list[FloatArray]:
+def _subtract_polytope(piece: FloatArray, hole: HalfSpaces) -> list[FloatArray]:
     """Return convex pieces that cover a convex piece outside of an open polytope."""
     result = []
     for row, offset in zip(hole.A, hole.b, strict=True):
         if len(piece) < 2:
             break
-        beyond = clipped(piece, -row, -float(offset))
+        beyond = clip(piece, -row, -float(offset))
         if len(beyond) >= 2:
             result.append(beyond)
-        piece = clipped(piece, row, float(offset))
+        piece = clip(piece, row, float(offset))
     return result
 
 
 @dataclass(frozen=True)
-class Places:
+class AllowedRegion:
     """Allowed faces and region of one contact.
 
     Parameters
@@ -168,11 +168,11 @@ class Places:
     """
 
     faces: tuple[str, ...]
-    allowed: Allowed
+    allowed: ClippedRegion
     key: tuple[float, ...]
 
 
-def places(problem: GraspProblem) -> tuple[list[Places], tuple[str, ...], tuple[PlacementConstraint, ...]]:
+def places(problem: GraspProblem) -> tuple[list[AllowedRegion], tuple[str, ...], tuple[PlacementConstraint, ...]]:
     """Return the places of each contact; what is left out, by name; and the constraints that are not.
 
     Left out are hands, what couples contacts, and unknown expressions.
@@ -181,11 +181,11 @@ def places(problem: GraspProblem) -> tuple[list[Places], tuple[str, ...], tuple[
     found = []
     known: set[int] = set()
     for i, radius in enumerate(radii):
-        limits = {j: _limits(c, i, float(radius), problem.body.space) for j, c in enumerate(problem.constraints)}
+        limits = {j: _region_limits(c, i, float(radius), problem.body.space) for j, c in enumerate(problem.constraints)}
         used = {j: limit for j, limit in limits.items() if limit is not None}
         known |= set(used)
-        allowed = sum(used.values(), Allowed())
-        found.append(Places(problem.allowed_faces(i), allowed, (float(radius), *map(float, used))))
+        allowed = sum(used.values(), ClippedRegion())
+        found.append(AllowedRegion(problem.allowed_faces(i), allowed, (float(radius), *map(float, used))))
     dropped = [] if problem.hand is None else [f"the hand ({problem.hand.kind})"]
     kept = []
     for j, constraint in enumerate(problem.constraints):
@@ -196,7 +196,7 @@ def places(problem: GraspProblem) -> tuple[list[Places], tuple[str, ...], tuple[
     return found, tuple(dropped), tuple(kept)
 
 
-def relaxed(problem: GraspProblem) -> GraspProblem:
+def relaxed_problem(problem: GraspProblem) -> GraspProblem:
     """Return a problem without what a bound leaves out; fingertips stay where limits depend on their radii.
 
     On a mesh contacts touch the triangles themselves, up to the edges.
@@ -209,21 +209,21 @@ def relaxed(problem: GraspProblem) -> GraspProblem:
     return replace(problem, hand=hand, constraints=kept, edge_margin=margin)
 
 
-def _limits(constraint: PlacementConstraint, contact: int, radius: float, space: int) -> Allowed | None:
+def _region_limits(constraint: PlacementConstraint, contact: int, radius: float, space: int) -> ClippedRegion | None:
     """Return what a constraint leaves one contact; None where it says nothing of it alone, or nothing that is known."""
     if isinstance(constraint, Table):
         least = constraint.height + constraint.clearance + radius
-        return Allowed(inside=(HalfSpaces(-np.eye(space)[-1:], np.array([-least]), radius),))
+        return ClippedRegion(inside=(HalfSpaces(-np.eye(space)[-1:], np.array([-least]), radius),))
     if isinstance(constraint, Forbid) and constraint.region is not None:
         limits = _region(constraint.region)
-        return None if limits is None else Allowed(outside=(limits,))
+        return None if limits is None else ClippedRegion(outside=(limits,))
     if isinstance(constraint, Workspace) and not constraint.palm and isinstance(constraint.region, Region):
         limits = _region(constraint.region)
         held = constraint.fingers is None or contact in constraint.fingers
-        return Allowed(inside=(limits,)) if held and limits is not None else None
+        return ClippedRegion(inside=(limits,)) if held and limits is not None else None
     if isinstance(constraint, Obstacle) and isinstance(constraint.body, EXACT):
-        distance = _distance(constraint, constraint.body)
-        return Allowed(away=(Distance(distance, radius + constraint.clearance, radius),))
+        distance = _distance_from_obstacle(constraint, constraint.body)
+        return ClippedRegion(away=(Distance(distance, radius + constraint.clearance, radius),))
     return None
 
 
@@ -238,7 +238,7 @@ def _region(region: Region) -> HalfSpaces | None:
     return None
 
 
-def _distance(obstacle: Obstacle, body: Body) -> Callable[[FloatArray], FloatArray]:
+def _distance_from_obstacle(obstacle: Obstacle, body: Body) -> Callable[[FloatArray], FloatArray]:
     """Return the distance of points of the held body's frame from an obstacle."""
     position = np.zeros(body.space) if obstacle.position is None else np.asarray(obstacle.position, dtype=float)
     rotation = obstacle.rotation

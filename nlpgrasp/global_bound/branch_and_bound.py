@@ -11,10 +11,10 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.global_bound.certificate import certificate
 from nlpgrasp.global_bound.node_tree import NodeTree
-from nlpgrasp.global_bound.node_weights import MOST_LEAVES, NodeMixtures
-from nlpgrasp.global_bound.scope import Scope, scope_of
-from nlpgrasp.global_bound.shared_weights import SharedMixtures
-from nlpgrasp.global_bound.weak_twists import normalised
+from nlpgrasp.global_bound.node_weights import MOST_LEAVES, NodeWeightStrategy
+from nlpgrasp.global_bound.scope import BoundScope, scope_of
+from nlpgrasp.global_bound.shared_weights import SharedWeightStrategy
+from nlpgrasp.global_bound.weak_twists import normalise_twists
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.quality_record import GlobalBound
 
@@ -22,11 +22,11 @@ SHARE = 0.8  # share of the requested gap that the tree closes; recorded leaves 
 AS_CLOSE = 0.1  # relative: excess of the bound of a whole mesh over that of its parts that is accepted
 
 
-def tree_of(scope: Scope) -> NodeTree:
+def tree_of(scope: BoundScope) -> NodeTree:
     """Return a problem's tree before its first node; on a mesh, with its many cells, nodes share dual weights."""
     if isinstance(scope.problem.body, Mesh):
-        return NodeTree(SharedMixtures(scope), 0)
-    return NodeTree(NodeMixtures(scope), MOST_LEAVES)
+        return NodeTree(SharedWeightStrategy(scope), 0)
+    return NodeTree(NodeWeightStrategy(scope), MOST_LEAVES)
 
 
 class BranchAndBound:
@@ -96,7 +96,7 @@ class BranchAndBound:
         """
         self.known = max(self.known, mu)
         if weak is not None and len(weak):
-            self._tree.bounding.twists.remember(normalised(self.scope.task, weak))
+            self._tree.bounding.twists.remember(normalise_twists(self.scope.task, weak))
 
     def grow(self, nodes: int, stopped: Callable[[], bool] = lambda: False) -> None:
         """Branch on the loosest nodes until so many more are bounded, the search is over, or ``stopped``.

@@ -1,7 +1,7 @@
 """Supports of one contact at the rows of its cells, and their combination by force budget.
 
 A row is a point of the surface with its inward normal, where the contact's work along a twist is evaluated. The rows of
-a flat cell bound the support all over the cell; curved cells also have parts between their rows (``Between``), over
+a flat cell bound the support all over the cell; curved cells also have parts between their rows (``CurvedParts``), over
 which ``support_table`` bounds it.
 """
 
@@ -16,7 +16,7 @@ from nlpgrasp.common.spatial import wrench_transform
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel, Work
 from nlpgrasp.errors import InputError
-from nlpgrasp.global_bound.cells.cell import Cell, Curved, IntArray, Patches, Rows
+from nlpgrasp.global_bound.cells.cell import CurvedFace, IntArray, RepresentativeContacts, SmallCurvedParts, SurfaceCell
 
 SHARED_POWER = 8.0  # power of the norm that bounds the largest of the contacts' supports from above
 TORSION = 3  # component of a contact-frame wrench that is the moment about the normal, in space
@@ -106,7 +106,7 @@ def _work_sizes(contact: ContactModel, z: FloatArray) -> Work:
 
 
 @dataclass(frozen=True)
-class Between:
+class CurvedParts:
     """Parts of a cell between its rows on one curved face, with their bends.
 
     Parameters
@@ -122,14 +122,14 @@ class Between:
         The largest of these.
     """
 
-    patches: Patches
+    patches: CurvedFace
     parts: FloatArray
     rows: IntArray
     bends: FloatArray
     most: FloatArray
 
     @classmethod
-    def of(cls, curved: Curved) -> Between:
+    def of(cls, curved: SmallCurvedParts) -> CurvedParts:
         """Return the parts of a cell with their bends."""
         bends = curved.patches.bends(curved.parts)
         return cls(curved.patches, curved.parts, curved.rows, bends, np.max(bends, axis=0))
@@ -163,22 +163,22 @@ class Supports:
         self.maps = np.zeros((0, d, components))
         self._used = 0
         self._numbers: list[IntArray] = []
-        self.curved: list[tuple[Between, ...]] = []
+        self.curved: list[tuple[CurvedParts, ...]] = []
         self._balls: list[tuple[FloatArray, float]] = []
         self.looked = 0
         self.widest, self.bent = 0.0, False  # radius of the largest cell; whether any has curved parts
 
-    def add(self, cell: Cell) -> None:
+    def add(self, cell: SurfaceCell) -> None:
         """Add the rows of a cell, which gets the next number."""
         rows = cell.rows()
         self._balls.append(cell.ball())
         self.widest = max(self.widest, self._balls[-1][1])
         self._numbers.append(self._used + np.arange(len(rows.points)))
-        self.curved.append(tuple(Between.of(curved) for curved in rows.curved))
+        self.curved.append(tuple(CurvedParts.of(curved) for curved in rows.curved))
         self.bent = self.bent or bool(rows.curved)
         self._append(rows)
 
-    def _append(self, rows: Rows) -> None:
+    def _append(self, rows: RepresentativeContacts) -> None:
         m = len(rows.points)
         self._reserve(m)
         where = slice(self._used, self._used + m)

@@ -8,10 +8,10 @@ import numpy as np
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.global_bound.cells.cell import IntArray
-from nlpgrasp.global_bound.contact_cells import NONE, Pieces
-from nlpgrasp.global_bound.dual_weights import Mixture
+from nlpgrasp.global_bound.contact_cells import NONE, ContactCells
+from nlpgrasp.global_bound.dual_weights import DualWeights
 from nlpgrasp.global_bound.node_tree import NodeTree
-from nlpgrasp.global_bound.scope import Scope
+from nlpgrasp.global_bound.scope import BoundScope
 
 TURN_DIGITS = 9  # to which motions are the same
 
@@ -33,12 +33,12 @@ def certificate(search: NodeTree) -> tuple[float, Json]:
     bounding, scope, leaves = tree.bounding, tree.scope, tree.leaves
     bounds, motions = bounding.recomputed(leaves), _Motions(scope)
     used, mixture = np.unique(leaves.mixtures, return_inverse=True)
-    mixtures, number = _once([bounding.mixtures[i].written() for i in used.tolist()])
+    mixtures, number = _deduplicate([bounding.mixtures[i].written() for i in used.tolist()])
     directions = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(own.numbers for own in mixtures)]))
     data = {
         "origin": scope.origin.tolist(),
         "complete": tree.complete,
-        "groups": [_group(pieces, _cut_cells(tree, own)) for pieces, own in scope.groups],
+        "groups": [_identical_contacts(pieces, _cut_cells(tree, own)) for pieces, own in scope.groups],
         "directions": bounding.twists[directions].tolist(),
         "mixtures": [[np.searchsorted(directions, own.numbers).tolist(), own.weights.tolist()] for own in mixtures],
         "motions": motions.made,
@@ -51,7 +51,7 @@ def certificate(search: NodeTree) -> tuple[float, Json]:
     return float(np.max(bounds, initial=0.0)), data
 
 
-def _once(mixtures: Sequence[Mixture]) -> tuple[list[Mixture], IntArray]:
+def _deduplicate(mixtures: Sequence[DualWeights]) -> tuple[list[DualWeights], IntArray]:
     """Return some dual weights without duplicates, and the index of each among these."""
     keys = [(own.numbers.tobytes(), own.weights.tobytes()) for own in mixtures]
     once = dict(zip(keys, mixtures, strict=True))
@@ -68,7 +68,7 @@ def _cut_cells(tree: NodeTree, group: slice) -> IntArray:
     return np.unique(np.concatenate(found))
 
 
-def _group(pieces: Pieces, cut: IntArray) -> Json:
+def _identical_contacts(pieces: ContactCells, cut: IntArray) -> Json:
     """Return identical contacts with their cells: the first ones, and how some were split."""
     parts = [[None if part == NONE else part for part in both] for both in pieces.halves(cut).tolist()]
     return {
@@ -82,7 +82,7 @@ def _group(pieces: Pieces, cut: IntArray) -> Json:
 class _Motions:
     """Numbered set of rigid motions and reflections."""
 
-    def __init__(self, scope: Scope) -> None:
+    def __init__(self, scope: BoundScope) -> None:
         space = len(scope.origin)
         one = np.eye(space), np.zeros(space)
         self._of = {NONE: one} | {i: (s.rotation, s.translation) for i, s in enumerate(scope.symmetries)}

@@ -12,15 +12,15 @@ import numpy as np
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.global_bound.allowed_regions import Allowed
+from nlpgrasp.global_bound.allowed_regions import ClippedRegion
 from nlpgrasp.global_bound.cell_supports import Supports
-from nlpgrasp.global_bound.cells.cell import Cell, Cut, IntArray, Rows, Surface
-from nlpgrasp.global_bound.cells.mesh_cells import Clusters, MeshCell
+from nlpgrasp.global_bound.cells.cell import CellFace, Cut, IntArray, RepresentativeContacts, SurfaceCell
+from nlpgrasp.global_bound.cells.mesh_cells import ClusterTree, TriangleCluster
 
 NONE = -1  # in place of the number of a cell, a slot or a symmetry, where there is none
 
 
-class Bundled(IntEnum):
+class BundleLevel(IntEnum):
     """Bundling of first cells: none, by face, or all."""
 
     NONE = 0
@@ -29,7 +29,7 @@ class Bundled(IntEnum):
 
 
 @dataclass(frozen=True)
-class Roots:
+class RootCells:
     """Root cells of contacts.
 
     Parameters
@@ -42,12 +42,12 @@ class Roots:
     bundled : Bundled
     """
 
-    cells: Mapping[Surface, Sequence[Cell]]
+    cells: Mapping[CellFace, Sequence[SurfaceCell]]
     turned: str | None = None
-    bundled: Bundled = Bundled.NONE
+    bundled: BundleLevel = BundleLevel.NONE
 
 
-class Pieces:
+class ContactCells:
     """Numbered cells of the faces that some contacts may use.
 
     Parameters
@@ -66,17 +66,19 @@ class Pieces:
         The numbers of both parts of each cell that was cut so far; ``NONE`` of one that constraints exclude.
     """
 
-    def __init__(self, slots: Sequence[int], roots: Roots, allowed: Allowed, supports: Supports, size: float) -> None:
+    def __init__(
+        self, slots: Sequence[int], roots: RootCells, allowed: ClippedRegion, supports: Supports, size: float
+    ) -> None:
         self.turned, self.parts = roots.turned, dict[int, tuple[int, ...]]()
         self.slots, self.allowed, self.supports = tuple(slots), allowed, supports
-        self.cells: list[Cell] = []
+        self.cells: list[SurfaceCell] = []
         self.radii: list[float] = []
         self.parents: list[int] = []
         self._children: dict[int, tuple[int, ...]] = {}
         left = [(s, c) for s, cells in roots.cells.items() for c in cells if not allowed.excludes(c)]
         self.roots = tuple(self._add(cell, NONE) for cell in _bundles(left, roots.bundled, size))
 
-    def _add(self, cell: Cell, parent: int) -> int:
+    def _add(self, cell: SurfaceCell, parent: int) -> int:
         self.cells.append(cell)
         self.radii.append(cell.ball()[1])
         self.parents.append(parent)
@@ -95,7 +97,7 @@ class Pieces:
                 self._children[cell] = tuple(part for part in made if part != NONE)
         return self._children[cell]
 
-    def cell(self, number: int) -> Cell:
+    def cell(self, number: int) -> SurfaceCell:
         """Return the cell of a number."""
         return self.cells[number]
 
@@ -116,27 +118,29 @@ class Pieces:
         return NONE
 
 
-class ClusterPieces(Pieces):
+class ContactClusters(ContactCells):
     """Numbered clusters of a mesh that some contacts may use.
 
     Their rows are those of ``supports``: the corners of all pieces of the mesh, in order.
     """
 
-    def __init__(self, slots: Sequence[int], roots: Roots, allowed: Allowed, supports: Supports, size: float) -> None:
+    def __init__(
+        self, slots: Sequence[int], roots: RootCells, allowed: ClippedRegion, supports: Supports, size: float
+    ) -> None:
         super().__init__(slots, roots, allowed, supports, size)
         self.roots = self.roots and (1,)
 
     @property
-    def clusters(self) -> Clusters:
+    def clusters(self) -> ClusterTree:
         """Tree of triangle clusters of the mesh that the cells belong to."""
         whole = self.cells[0]
-        if not isinstance(whole, MeshCell):
+        if not isinstance(whole, TriangleCluster):
             raise TypeError(f"a {whole.kind}, no cell of a mesh")
         return whole.clusters
 
-    def cell(self, number: int) -> Cell:
+    def cell(self, number: int) -> SurfaceCell:
         """Return a cluster."""
-        return MeshCell(self.clusters, number)
+        return TriangleCluster(self.clusters, number)
 
     @cached_property
     def _numbers(self) -> IntArray:
@@ -152,17 +156,17 @@ class ClusterPieces(Pieces):
         return np.asarray(self._numbers[2 * cells[:, None] + np.arange(2)])
 
 
-def _bundles(left: Sequence[tuple[Surface, Cell]], bundled: Bundled, size: float) -> list[Cell]:
+def _bundles(left: Sequence[tuple[CellFace, SurfaceCell]], bundled: BundleLevel, size: float) -> list[SurfaceCell]:
     """Return the cells with their faces, or bundles of them."""
-    if bundled is Bundled.NONE:
+    if bundled is BundleLevel.NONE:
         return [cell for _, cell in left]
-    together: dict[Surface | None, list[Cell]] = {}
+    together: dict[CellFace | None, list[SurfaceCell]] = {}
     for surface, cell in left:
-        together.setdefault(surface if bundled is Bundled.FACES else None, []).append(cell)
-    return [cells[0] if len(cells) == 1 else BundleCell(cells, size) for cells in together.values()]
+        together.setdefault(surface if bundled is BundleLevel.FACES else None, []).append(cell)
+    return [cells[0] if len(cells) == 1 else CellUnion(cells, size) for cells in together.values()]
 
 
-class BundleCell(Cell):
+class CellUnion(SurfaceCell):
     """Union of cells, with the rows of all.
 
     Parameters
@@ -175,22 +179,22 @@ class BundleCell(Cell):
 
     kind: ClassVar[str] = "bundle"
 
-    def __init__(self, members: Sequence[Cell], size: float) -> None:
+    def __init__(self, members: Sequence[SurfaceCell], size: float) -> None:
         self.members, self.size = tuple(members), size
 
-    def rows(self) -> Rows:
+    def rows(self) -> RepresentativeContacts:
         """Return the rows of all members, each once."""
         parts = [member.rows() for member in self.members]
         points, normals = (np.concatenate([getattr(p, name) for p in parts]) for name in ("points", "normals"))
         if not any(p.curved for p in parts):
             keys = np.round(np.concatenate([points / self.size, normals], axis=1), 10)
             once = np.unique(keys, axis=0, return_index=True)[1]
-            return Rows(points[once], normals[once])
+            return RepresentativeContacts(points[once], normals[once])
         begin = np.cumsum([0, *(len(p.points) for p in parts)]).tolist()
         curved = [replace(c, rows=c.rows + i) for p, i in zip(parts, begin[:-1], strict=True) for c in p.curved]
-        return Rows(points, normals, curved=tuple(curved))
+        return RepresentativeContacts(points, normals, curved=tuple(curved))
 
-    def split(self) -> tuple[Cell, ...]:
+    def split(self) -> tuple[SurfaceCell, ...]:
         """Return two bundles; a part of one member is that member."""
         first, second = ([self.members[i] for i in part] for part in self._parts())
         return self._of(first), self._of(second)
@@ -213,8 +217,8 @@ class BundleCell(Cell):
         cut = first + int(np.argmax(np.round(steps[first - 1 : last], 9)))
         return [order[:cut].tolist(), order[cut:].tolist()]
 
-    def _of(self, members: Sequence[Cell]) -> Cell:
-        return members[0] if len(members) == 1 else BundleCell(members, self.size)
+    def _of(self, members: Sequence[SurfaceCell]) -> SurfaceCell:
+        return members[0] if len(members) == 1 else CellUnion(members, self.size)
 
     def ball(self) -> tuple[FloatArray, float]:
         """Return the middle of the members' balls and a radius that holds them all."""

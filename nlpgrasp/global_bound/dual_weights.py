@@ -25,25 +25,25 @@ DIGITS = 8  # digits of recorded weights
 LEAST = 1e-5  # recorded weight below which a direction is dropped
 
 
-class Mixture(NamedTuple):
+class DualWeights(NamedTuple):
     """Dual weights, (j,), at least zero, of directions by number, (j,)."""
 
     numbers: IntArray
     weights: FloatArray
 
-    def written(self) -> Mixture:
+    def written(self) -> DualWeights:
         """Return the weights as recorded: few digits, without negligible ones."""
-        weights = rounded(self.weights)
-        return Mixture(self.numbers[weights > 0.0], weights[weights > 0.0])
+        weights = round_weights(self.weights)
+        return DualWeights(self.numbers[weights > 0.0], weights[weights > 0.0])
 
 
-def rounded(weights: FloatArray) -> FloatArray:
+def round_weights(weights: FloatArray) -> FloatArray:
     """Return weights (j,) rounded to the recorded digits."""
     result = np.where(weights < LEAST, 0.0, np.round(weights, DIGITS))
     return np.asarray(np.round(result / np.sum(result), DIGITS)) if np.count_nonzero(result) == 1 else result
 
 
-def mixtures(A: FloatArray) -> tuple[FloatArray, FloatArray]:
+def optimal_dual_weights(A: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return optimal dual weights of directions, with the fractional placements dual to them.
 
     Parameters
@@ -60,7 +60,7 @@ def mixtures(A: FloatArray) -> tuple[FloatArray, FloatArray]:
     """
     scale = np.max(A, axis=(1, 2, 3))
     A = A / np.where(scale > 0.0, scale, 1.0)[:, None, None, None]
-    program = _Program(A)
+    program = _InteriorPoint(A)
     for _ in range(ITERATIONS):
         gap = program.gap()
         if np.max(gap) < ENOUGH:
@@ -73,7 +73,7 @@ def mixtures(A: FloatArray) -> tuple[FloatArray, FloatArray]:
     return weights / np.sum(weights, axis=1, keepdims=True), designs
 
 
-class _Program:
+class _InteriorPoint:
     """Interior-point state of a batch of linear programs: weights, fractional placements, and slacks of both.
 
     ``slack = t_i - A_i lambda`` belongs to the designs, ``worth = A^T w - theta`` to the directions.
@@ -124,15 +124,15 @@ class _Program:
         height = (pushed + (by_contact @ along[:, :, None])[:, :, 0]) / total
         slack = height[:, :, None] - self._over(along)
         designs, worth = push - ratio * slack, pull - other * along
-        first = np.minimum(_way(self.slack, slack), _way(self.directions, along))
-        second = np.minimum(_way(self.designs, designs), _way(self.worth, worth))
+        first = np.minimum(_largest_positive_step(self.slack, slack), _largest_positive_step(self.directions, along))
+        second = np.minimum(_largest_positive_step(self.designs, designs), _largest_positive_step(self.worth, worth))
         self.slack = self.slack + first[:, None, None] * slack
         self.directions = self.directions + first[:, None] * along
         self.designs = self.designs + second[:, None, None] * designs
         self.worth = self.worth + second[:, None] * worth
 
 
-def _way(x: FloatArray, step: FloatArray) -> FloatArray:
+def _largest_positive_step(x: FloatArray, step: FloatArray) -> FloatArray:
     """Return the largest step at most 1 that keeps x positive, (b,)."""
     back = np.max((-step / x).reshape(len(x), -1), axis=1)
     return np.asarray(np.minimum(1.0, INSIDE / np.maximum(back, 1e-9)))

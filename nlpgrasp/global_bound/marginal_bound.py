@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from nlpgrasp.bodies import Body
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.global_bound.branch_and_bound import tree_of
-from nlpgrasp.global_bound.scope import Scope, whole_of
+from nlpgrasp.global_bound.scope import BoundScope, whole_scope
 from nlpgrasp.problem.problem import GraspProblem
 
 
 @dataclass(frozen=True)
-class ContactWorth:
+class MarginalBound:
     """Marginal bound on a contact's contribution to mu of any grasp, by its position.
 
     For directions y with unit work of the task and weights w of sum one, ``mu^p <= sum_i g_i(p_i)`` holds for contacts
@@ -31,12 +31,12 @@ class ContactWorth:
     weights : (j,) array
     """
 
-    scope: Scope
+    scope: BoundScope
     twists: FloatArray
     weights: FloatArray
 
     @classmethod
-    def of(cls, problem: GraspProblem) -> ContactWorth:
+    def of(cls, problem: GraspProblem) -> MarginalBound:
         """Return the marginal bound of a problem, in about a second.
 
         Raises
@@ -44,7 +44,7 @@ class ContactWorth:
         InputError
             On a problem that the bound does not cover.
         """
-        scope = whole_of(problem)
+        scope = whole_scope(problem)
         tree = tree_of(scope)
         tree.begin(0.0)
         numbers, weights = tree.bounding.mixtures[int(tree.leaves.mixtures[0])]
@@ -56,7 +56,7 @@ class ContactWorth:
         NaN where no contact may be.
         """
         worth = np.full(len(points), np.nan)
-        near = nearest_faces(self.scope.problem.body, points, normals)
+        near = nearest_cell_faces(self.scope.problem.body, points, normals)
         for pieces, _ in self.scope.groups:
             supports, slot = pieces.supports, pieces.slots[0]
             mine = np.isin(near, self.scope.problem.allowed_faces(slot)) & pieces.allowed.each(points, normals)
@@ -66,7 +66,7 @@ class ContactWorth:
         return worth
 
 
-def nearest_faces(body: Body, points: FloatArray, normals: FloatArray, weight: float = 1.0) -> NDArray[np.str_]:
+def nearest_cell_faces(body: Body, points: FloatArray, normals: FloatArray, weight: float = 1.0) -> NDArray[np.str_]:
     """Return the name of the face nearest to each point (m, 3) with an inward normal.
 
     A normal that is turned by an angle counts as a distance of ``1 - cos`` of it, times a weight and the body's size.

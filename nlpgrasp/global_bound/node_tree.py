@@ -1,7 +1,8 @@
 """Tree of a branch and bound over placements: each node has one surface cell per contact.
 
 The loosest nodes are cut, their parts are bounded, and parts whose bound is low enough are closed. How nodes are
-bounded is left to a strategy (``Bounding``): a mixture of directions for every node, or mixtures that all nodes share.
+bounded is left to a strategy (``BoundingStrategy``): a mixture of directions for every node, or mixtures that all nodes
+share.
 """
 
 from __future__ import annotations
@@ -17,17 +18,17 @@ from numpy.typing import NDArray
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.global_bound.cells.cell import IntArray
-from nlpgrasp.global_bound.contact_cells import NONE, Pieces
-from nlpgrasp.global_bound.dual_weights import Mixture
-from nlpgrasp.global_bound.scope import Scope
-from nlpgrasp.global_bound.weak_twists import Twists
+from nlpgrasp.global_bound.contact_cells import NONE, ContactCells
+from nlpgrasp.global_bound.dual_weights import DualWeights
+from nlpgrasp.global_bound.scope import BoundScope
+from nlpgrasp.global_bound.weak_twists import WeightedDirections
 
 Cells = tuple[int, ...]  # a node: the number of a cell for each slot
 Floats = FloatArray | NDArray[np.float32]
 
 
 @dataclass(frozen=True)
-class Nodes:
+class NodeArrays:
     """Nodes of a branch-and-bound tree, as arrays.
 
     Parameters
@@ -47,16 +48,16 @@ class Nodes:
     def __len__(self) -> int:
         return len(self.cells)
 
-    def __getitem__(self, where: NDArray[np.int64] | NDArray[np.bool_]) -> Nodes:
-        return Nodes(self.cells[where], self.bounds[where], self.mixtures[where])
+    def __getitem__(self, where: NDArray[np.int64] | NDArray[np.bool_]) -> NodeArrays:
+        return NodeArrays(self.cells[where], self.bounds[where], self.mixtures[where])
 
     @classmethod
-    def none(cls, contacts: int) -> Nodes:
+    def none(cls, contacts: int) -> NodeArrays:
         """Return an empty set of nodes."""
         return cls(np.zeros((0, contacts), dtype=np.int64), np.zeros(0), np.zeros(0, dtype=np.int64))
 
     @classmethod
-    def joined(cls, parts: Sequence[Nodes]) -> Nodes:
+    def joined(cls, parts: Sequence[NodeArrays]) -> NodeArrays:
         """Return the concatenation of nodes."""
         return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("cells", "bounds", "mixtures")))
 
@@ -85,7 +86,7 @@ class FractionalPlacement:
 
 
 @dataclass(frozen=True)
-class Twin:
+class SymmetricCopy:
     """Symmetric copy of a node that was met before, with the motion between them.
 
     Parameters
@@ -101,7 +102,7 @@ class Twin:
     node: Cells
 
 
-class Bounding(ABC):
+class BoundingStrategy(ABC):
     """Interface of a bounding strategy, which also selects nodes and contacts to branch on.
 
     Parameters
@@ -128,30 +129,30 @@ class Bounding(ABC):
     by_parent: ClassVar[bool]
     most_open: ClassVar[int]
 
-    def __init__(self, scope: Scope, directions: int) -> None:
-        self.scope, self.twists = scope, Twists(scope.task, scope.problem.body.size, directions)
-        self.mixtures, self.placements = list[Mixture](), list[FractionalPlacement]()
+    def __init__(self, scope: BoundScope, directions: int) -> None:
+        self.scope, self.twists = scope, WeightedDirections(scope.task, scope.problem.body.size, directions)
+        self.mixtures, self.placements = list[DualWeights](), list[FractionalPlacement]()
 
     @abstractmethod
-    def bounded(self, cells: IntArray, parents: Nodes | None, target: float) -> Nodes:
+    def bounded(self, cells: IntArray, parents: NodeArrays | None, target: float) -> NodeArrays:
         """Return nodes (n, k) with their bounds, in any order; ``parents`` are the nodes they were split from.
 
         A bound that is at most the target, on mu, need not be the least.
         """
 
     @abstractmethod
-    def loosest(self, nodes: Nodes, count: int, target: float) -> IntArray:
+    def loosest(self, nodes: NodeArrays, count: int, target: float) -> IntArray:
         """Return which open nodes to branch on next, in order, after so many nodes in all."""
 
     @abstractmethod
-    def slots(self, nodes: Nodes) -> IntArray:
+    def slots(self, nodes: NodeArrays) -> IntArray:
         """Return the slot of the cell to split, of each node; ``NONE`` where no cell can be."""
 
     @abstractmethod
-    def recomputed(self, nodes: Nodes) -> FloatArray:
+    def recomputed(self, nodes: NodeArrays) -> FloatArray:
         """Return bounds on mu recomputed from the recorded dual weights by plain arithmetic, (n,)."""
 
-    def improve(self, nodes: Nodes, target: float) -> IntArray:
+    def improve(self, nodes: NodeArrays, target: float) -> IntArray:
         """Lower the bounds of some open nodes, in place; return those to close: at most the target, on mu."""
         return np.flatnonzero(nodes.bounds <= target**self.power)
 
@@ -184,13 +185,13 @@ class NodeTree:
         Recorded nodes that were not bounded, because a symmetric copy was.
     """
 
-    def __init__(self, bounding: Bounding, most_leaves: int) -> None:
+    def __init__(self, bounding: BoundingStrategy, most_leaves: int) -> None:
         self.bounding, self.scope, self._most_leaves = bounding, bounding.scope, most_leaves
-        self.nodes, self.splits, self.twins = 0, list[tuple[IntArray, IntArray]](), dict[Cells, Twin]()
-        self.open = Nodes.none(len(self.scope.slots))
+        self.nodes, self.splits, self.twins = 0, list[tuple[IntArray, IntArray]](), dict[Cells, SymmetricCopy]()
+        self.open = NodeArrays.none(len(self.scope.slots))
         self._closed = [self.open]
         self._highest_closed = 0.0
-        self._kept: Nodes | None = None
+        self._kept: NodeArrays | None = None
         self._met: dict[Cells, tuple[Cells, int]] = {}
 
     @property
@@ -204,9 +205,9 @@ class NodeTree:
         return max(self._highest_closed, self.top)
 
     @property
-    def leaves(self) -> Nodes:
+    def leaves(self) -> NodeArrays:
         """Recorded leaves: together with their symmetric copies they cover all placements."""
-        return Nodes.joined([*self._closed, self.open]) if self._kept is None else self._kept
+        return NodeArrays.joined([*self._closed, self.open]) if self._kept is None else self._kept
 
     @property
     def size(self) -> int:
@@ -246,9 +247,9 @@ class NodeTree:
         cells, parent = self._distinct(*children(self.scope.groups, nodes.cells, slots))
         found = self.bounding.bounded(cells, nodes[parent], target)
         self.nodes += len(found)
-        self.open = Nodes.joined([self.open, found])
+        self.open = NodeArrays.joined([self.open, found])
 
-    def _take(self, where: IntArray) -> Nodes:
+    def _take(self, where: IntArray) -> NodeArrays:
         """Remove some of the open nodes and return them."""
         taken = self.open[where]
         if len(taken):
@@ -257,13 +258,13 @@ class NodeTree:
             self.open = self.open[rest]
         return taken
 
-    def _close(self, nodes: Nodes) -> None:
+    def _close(self, nodes: NodeArrays) -> None:
         """Close nodes: their bounds hold for good."""
         self._highest_closed = max(self._highest_closed, self._mu(nodes))
         if self.complete and len(nodes):
             self._closed.append(nodes)
 
-    def _mu(self, nodes: Nodes) -> float:
+    def _mu(self, nodes: NodeArrays) -> float:
         """Return the largest bound of some nodes, on mu."""
         return float(float(np.max(nodes.bounds, initial=0.0)) ** (1.0 / self.bounding.power))
 
@@ -283,7 +284,7 @@ class NodeTree:
         if met is None:
             self._met[least] = cells, symmetry
         elif met[0] != cells and self.complete:
-            self.twins[cells] = Twin(symmetry, met[1], met[0])
+            self.twins[cells] = SymmetricCopy(symmetry, met[1], met[0])
         return met is None
 
     def _images(self, cells: Cells) -> Iterator[tuple[int, Cells]]:
@@ -295,7 +296,9 @@ class NodeTree:
                 yield number, tuple(image)
 
 
-def children(groups: Sequence[tuple[Pieces, slice]], nodes: IntArray, slots: IntArray) -> tuple[IntArray, IntArray]:
+def children(
+    groups: Sequence[tuple[ContactCells, slice]], nodes: IntArray, slots: IntArray
+) -> tuple[IntArray, IntArray]:
     """Return the children of nodes, each split at its slot, and their parents' indices.
 
     All contacts that are alike in that slot's cell go to its halves in every possible way.

@@ -10,9 +10,9 @@ import numpy as np
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.global_bound.cells.cell import IntArray
 from nlpgrasp.global_bound.contact_cells import NONE
-from nlpgrasp.global_bound.dual_weights import Mixture, mixtures, rounded
-from nlpgrasp.global_bound.node_tree import Bounding, Cells, FractionalPlacement, Nodes
-from nlpgrasp.global_bound.scope import Scope
+from nlpgrasp.global_bound.dual_weights import DualWeights, optimal_dual_weights, round_weights
+from nlpgrasp.global_bound.node_tree import BoundingStrategy, Cells, FractionalPlacement, NodeArrays
+from nlpgrasp.global_bound.scope import BoundScope
 from nlpgrasp.global_bound.support_table import ROUNDING_MARGIN, SupportTable
 
 BATCH = 64  # nodes bounded together, at most
@@ -28,7 +28,7 @@ SPREAD = 1e-2  # weight of a cell's squared radius beside the variance of a cont
 Best = tuple[FloatArray, FloatArray, IntArray]  # bounds, weights and numbers of directions
 
 
-class NodeMixtures(Bounding):
+class NodeWeightStrategy(BoundingStrategy):
     """Bounding strategy for bodies other than meshes: every node has optimal dual weights for its own cells.
 
     Mixtures have as many directions each; a node that its parent's mixture closes shares it.
@@ -40,11 +40,11 @@ class NodeMixtures(Bounding):
 
     by_parent, most_open = True, MOST_OPEN
 
-    def __init__(self, scope: Scope) -> None:
+    def __init__(self, scope: BoundScope) -> None:
         super().__init__(scope, DIRECTIONS)
         self._placement_of: dict[Cells, FractionalPlacement] = {}
 
-    def bounded(self, cells: IntArray, parents: Nodes | None, target: float) -> Nodes:
+    def bounded(self, cells: IntArray, parents: NodeArrays | None, target: float) -> NodeArrays:
         """Return nodes (n, k) with their bounds, batch by batch, in the order of completion."""
         self.placements = []
         if parents is None:
@@ -53,7 +53,7 @@ class NodeMixtures(Bounding):
         else:
             own = parents.mixtures
             batches = [self._inherited(cells[part], own[part], target) for part in self._batches(cells)]
-        return Nodes.joined([Nodes.none(cells.shape[1]), *chain.from_iterable(batches)])
+        return NodeArrays.joined([NodeArrays.none(cells.shape[1]), *chain.from_iterable(batches)])
 
     def _batches(self, cells: IntArray) -> Iterator[slice]:
         """Yield ranges of nodes small enough to be bounded together."""
@@ -63,15 +63,17 @@ class NodeMixtures(Bounding):
             yield slice(begin, end)
             begin = end
 
-    def _inherited(self, cells: IntArray, inherited: IntArray, target: float) -> list[Nodes]:
+    def _inherited(self, cells: IntArray, inherited: IntArray, target: float) -> list[NodeArrays]:
         """Return nodes (b, k) with bounds by their parents' dual weights (b,), where these are at most the target."""
         numbers, weights = self._dense(inherited)
         bounds = self._table(cells, numbers).bounds(weights)
         low = bounds <= target
-        closed = Nodes(cells[low], bounds[low], inherited[low])
+        closed = NodeArrays(cells[low], bounds[low], inherited[low])
         return [closed, *self._rounds(cells[~low], numbers[~low], weights[~low], target)]
 
-    def _rounds(self, cells: IntArray, numbers: IntArray, weights: FloatArray | None, target: float) -> list[Nodes]:
+    def _rounds(
+        self, cells: IntArray, numbers: IntArray, weights: FloatArray | None, target: float
+    ) -> list[NodeArrays]:
         """Return nodes (b, k) with bounds by dual weights of their own, as they converge.
 
         Parameters
@@ -84,21 +86,21 @@ class NodeMixtures(Bounding):
         target : float
         """
         rounds = 2 if weights is not None else int(np.clip(FIRST_ROUNDS // max(1, len(cells)), 2, FIRST_ROUNDS))
-        settled = list[Nodes]()
+        settled = list[NodeArrays]()
         best = np.full(len(cells), np.inf), np.zeros(numbers.shape), numbers
         for last in [False] * (rounds - 1) + [True]:
             if not len(cells):
                 break
             table = self._table(cells, numbers)
             table.choose(weights)
-            weights, shares = mixtures(table.chosen)
+            weights, shares = optimal_dual_weights(table.chosen)
             bounds, weights = table.sharpened(weights)
-            best = _lower((bounds, weights, numbers), best)
+            best = _lower_of_two((bounds, weights, numbers), best)
             done = (best[0] <= target) | last
             own = len(self.mixtures) + np.arange(np.count_nonzero(done))
-            settled.append(Nodes(cells[done], best[0][done], own))
+            settled.append(NodeArrays(cells[done], best[0][done], own))
             for i in np.flatnonzero(done).tolist():
-                self.mixtures.append(Mixture(best[2][i], best[1][i]))
+                self.mixtures.append(DualWeights(best[2][i], best[1][i]))
                 if best[0][i] > target:
                     self.placements.append(FractionalPlacement(float(best[0][i]), table.rows[i], shares[i]))
                     self._placement_of[tuple(cells[i].tolist())] = self.placements[-1]
@@ -109,14 +111,14 @@ class NodeMixtures(Bounding):
                 numbers = self.twists.renewed(self.scope.groups, numbers, weights, *spread)
         return settled
 
-    def loosest(self, nodes: Nodes, count: int, target: float) -> IntArray:
+    def loosest(self, nodes: NodeArrays, count: int, target: float) -> IntArray:
         """Return the open nodes with the largest bounds above the target, the largest first."""
         order = np.argsort(-nodes.bounds, kind="stable")[: min(BATCH, max(FEWEST, count // PART))]
         order = order[nodes.bounds[order] > target]
         work = np.cumsum(self._work(nodes.cells[order]))
         return order[: 1 + int(np.searchsorted(work, BATCHES * WORK))]
 
-    def slots(self, nodes: Nodes) -> IntArray:
+    def slots(self, nodes: NodeArrays) -> IntArray:
         """Return the slot with the largest spread of a contact over its cell; ``NONE`` where all cells are points."""
         return np.array([self._loosest_slot(tuple(cells)) for cells in nodes.cells.tolist()], dtype=np.int64)
 
@@ -133,12 +135,12 @@ class NodeMixtures(Bounding):
                 best, most = slot, spread
         return best
 
-    def recomputed(self, nodes: Nodes) -> FloatArray:
+    def recomputed(self, nodes: NodeArrays) -> FloatArray:
         """Return bounds recomputed from recorded weights; of one direction alone by the budget's own sum."""
         found, measure = [np.zeros(0)], self.scope.measure
         for i in range(0, len(nodes), BATCH):
             numbers, weights = self._dense(nodes.mixtures[i : i + BATCH])
-            weights = np.array([rounded(own) for own in weights])
+            weights = np.array([round_weights(own) for own in weights])
             weights /= np.sum(weights, axis=1, keepdims=True)
             table = self._table(nodes.cells[i : i + BATCH], numbers)
             bounds = table.bounds(weights)
@@ -164,7 +166,7 @@ class NodeMixtures(Bounding):
         return np.asarray(self.twists.per_node * np.sum(np.array(counts, dtype=np.int64).reshape(cells.shape), axis=1))
 
 
-def _lower(new: Best, old: Best) -> Best:
+def _lower_of_two(new: Best, old: Best) -> Best:
     """Return the lower of two bounds of each node, with its dual weights."""
     better = (new[0] < old[0]) | np.isinf(old[0])
     weights, numbers = (np.where(better[:, None], new[i], old[i]) for i in (1, 2))

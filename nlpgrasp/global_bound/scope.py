@@ -14,12 +14,12 @@ from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.scalar_constraints import EDGES
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
-from nlpgrasp.global_bound.allowed_regions import Places, places
+from nlpgrasp.global_bound.allowed_regions import AllowedRegion, places
 from nlpgrasp.global_bound.cell_supports import Measure, Supports
-from nlpgrasp.global_bound.cells.cell import Surface
+from nlpgrasp.global_bound.cells.cell import CellFace
 from nlpgrasp.global_bound.cells.cell_faces import surfaces
-from nlpgrasp.global_bound.contact_cells import Bundled, ClusterPieces, Pieces, Roots
-from nlpgrasp.global_bound.symmetry import Symmetry, Turned, pinned, symmetries
+from nlpgrasp.global_bound.contact_cells import BundleLevel, ContactCells, ContactClusters, RootCells
+from nlpgrasp.global_bound.symmetry import Symmetry, Turned, restrict_by_rotation, symmetries
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.tasks import Task
 
@@ -28,7 +28,7 @@ MOST_ROOTS = 300  # root nodes, at most: above that first cells are bundled
 
 
 @dataclass(frozen=True)
-class Scope:
+class BoundScope:
     """Relaxed problem of the bound: placements of contacts in their own allowed regions, for the task.
 
     Parameters
@@ -48,7 +48,7 @@ class Scope:
     problem: GraspProblem
     task: Task
     measure: Measure
-    pieces: tuple[Pieces, ...]
+    pieces: tuple[ContactCells, ...]
     symmetries: tuple[Symmetry, ...]
     dropped: tuple[str, ...]
 
@@ -58,13 +58,13 @@ class Scope:
         return self.problem.origin
 
     @cached_property
-    def groups(self) -> tuple[tuple[Pieces, slice], ...]:
+    def groups(self) -> tuple[tuple[ContactCells, slice], ...]:
         """The pieces with the slots of nodes that they have."""
         ends = np.cumsum([0] + [len(pieces.slots) for pieces in self.pieces]).tolist()
         return tuple((pieces, slice(*where)) for pieces, where in zip(self.pieces, pairwise(ends), strict=True))
 
     @cached_property
-    def group_of(self) -> tuple[tuple[Pieces, slice], ...]:
+    def group_of(self) -> tuple[tuple[ContactCells, slice], ...]:
         """Of each slot of nodes the pieces, and the slots that these have."""
         return tuple(group for group in self.groups for _ in group[0].slots)
 
@@ -79,7 +79,7 @@ class Scope:
         return tuple(slot for pieces in self.pieces for slot in pieces.slots)
 
 
-def scope_of(problem: GraspProblem) -> Scope:
+def scope_of(problem: GraspProblem) -> BoundScope:
     """Return what the bound covers of a problem.
 
     A tree begins with a node for each choice of first cells. Where these would be too many, the cells of a face are one
@@ -90,19 +90,19 @@ def scope_of(problem: GraspProblem) -> Scope:
     InputError
         On a body, a contact model or a force budget that the bound does not cover.
     """
-    measure, faces = _covered(problem)
-    own, dropped = _left_out(problem)
-    turned = pinned(problem, faces, own)
-    for bundled in Bundled:
-        made = _made(problem, faces, own, measure, bundled, turned)
+    measure, faces = _check_coverage(problem)
+    own, dropped = _relaxed_parts(problem)
+    turned = restrict_by_rotation(problem, faces, own)
+    for bundled in BundleLevel:
+        made = _create_cells(problem, faces, own, measure, bundled, turned)
         same = symmetries(problem.body, problem.task, problem.origin, made)
         choices = prod(comb(len(pieces.roots) + len(pieces.slots) - 1, len(pieces.slots)) for pieces in made)
         if choices <= MOST_ROOTS * (1 + len(same)):
             break
-    return Scope(problem, problem.task, measure, tuple(made), tuple(same), dropped)
+    return BoundScope(problem, problem.task, measure, tuple(made), tuple(same), dropped)
 
 
-def whole_of(problem: GraspProblem) -> Scope:
+def whole_scope(problem: GraspProblem) -> BoundScope:
     """Return what the bound covers of a problem, all places of a contact as one cell, without its symmetries.
 
     Raises
@@ -110,20 +110,20 @@ def whole_of(problem: GraspProblem) -> Scope:
     InputError
         As ``scope_of``.
     """
-    measure, faces = _covered(problem)
-    own, dropped = _left_out(problem)
-    made = _made(problem, faces, own, measure, Bundled.ALL, [])
-    return Scope(problem, problem.task, measure, tuple(made), (), dropped)
+    measure, faces = _check_coverage(problem)
+    own, dropped = _relaxed_parts(problem)
+    made = _create_cells(problem, faces, own, measure, BundleLevel.ALL, [])
+    return BoundScope(problem, problem.task, measure, tuple(made), (), dropped)
 
 
-def _left_out(problem: GraspProblem) -> tuple[list[Places], tuple[str, ...]]:
+def _relaxed_parts(problem: GraspProblem) -> tuple[list[AllowedRegion], tuple[str, ...]]:
     """Return the places of each contact, and what of the problem the bound leaves out: of a mesh its margin too."""
     own, dropped, _ = places(problem)
     near_edges = isinstance(problem.body, Mesh) and problem.margin > 0.0
     return own, (*dropped, EDGES) if near_edges else dropped
 
 
-def _covered(problem: GraspProblem) -> tuple[Measure, Sequence[Surface]]:
+def _check_coverage(problem: GraspProblem) -> tuple[Measure, Sequence[CellFace]]:
     """Return how supports add up, and the faces of the body; refuse what the bound does not cover."""
     measure, faces = Measure.of(problem.budget), surfaces(problem.body, problem.margin)
     if faces is None:
@@ -134,22 +134,22 @@ def _covered(problem: GraspProblem) -> tuple[Measure, Sequence[Surface]]:
     return measure, faces
 
 
-def _made(
+def _create_cells(
     problem: GraspProblem,
-    faces: Sequence[Surface],
-    own: Sequence[Places],
+    faces: Sequence[CellFace],
+    own: Sequence[AllowedRegion],
     measure: Measure,
-    bundled: Bundled,
+    bundled: BundleLevel,
     turned: Sequence[Turned],
-) -> list[Pieces]:
+) -> list[ContactCells]:
     """Return the pieces of contacts that are alike; each that can be turned to a line has its own."""
-    made, kind = list[Pieces](), ClusterPieces if isinstance(problem.body, Mesh) else Pieces
+    made, kind = list[ContactCells](), ContactClusters if isinstance(problem.body, Mesh) else ContactCells
     for slots in alike(problem, own):
-        given = [([slot], Roots(turned[slot][1], turned[slot][0])) for slot in slots if slot < len(turned)]
+        given = [([slot], RootCells(turned[slot][1], turned[slot][0])) for slot in slots if slot < len(turned)]
         rest = [slot for slot in slots if slot >= len(turned)]
         if rest:
             left = [own[rest[0]].allowed.left_of(face) for face in faces if face.name in own[rest[0]].faces]
-            given.append((rest, Roots({face: face.cells() for face in left if face is not None}, None, bundled)))
+            given.append((rest, RootCells({face: face.cells() for face in left if face is not None}, None, bundled)))
         for some, roots in given:
             supports = Supports(problem.models[some[0]], measure, problem.origin)
             made.append(kind(some, roots, own[some[0]].allowed, supports, problem.body.size))
@@ -159,7 +159,7 @@ def _made(
     return made
 
 
-def alike(problem: GraspProblem, own: Sequence[Places]) -> list[list[int]]:
+def alike(problem: GraspProblem, own: Sequence[AllowedRegion]) -> list[list[int]]:
     """Return contacts of one model that may be in the same places, together."""
     groups: dict[object, list[int]] = {}
     for i, (contact, places_of) in enumerate(zip(problem.models, own, strict=True)):

@@ -1,8 +1,8 @@
 """Bounding strategy for meshes: dual weights shared by all nodes, optimised for a few of the loosest.
 
 A mixture, which is a set of directions with dual weights, bounds every placement. Its largest values over all clusters
-of the mesh are computed once (``ClusterMaxima``), by matrix products over the mesh's corners (``Corners``), so that a
-node is bounded in microseconds by the least of many short sums.
+of the mesh are computed once (``ClusterMaxima``), by matrix products over the mesh's corners (``CornerContacts``), so
+that a node is bounded in microseconds by the least of many short sums.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import Work
 from nlpgrasp.global_bound.cell_supports import TORSION, Supports
 from nlpgrasp.global_bound.cells.cell import IntArray
-from nlpgrasp.global_bound.contact_cells import NONE, ClusterPieces
-from nlpgrasp.global_bound.dual_weights import LEAST, Mixture, mixtures, rounded
-from nlpgrasp.global_bound.node_tree import Bounding, FractionalPlacement, Nodes, NodeTree, children
-from nlpgrasp.global_bound.scope import Scope
+from nlpgrasp.global_bound.contact_cells import NONE, ContactClusters
+from nlpgrasp.global_bound.dual_weights import LEAST, DualWeights, optimal_dual_weights, round_weights
+from nlpgrasp.global_bound.node_tree import BoundingStrategy, FractionalPlacement, NodeArrays, NodeTree, children
+from nlpgrasp.global_bound.scope import BoundScope
 from nlpgrasp.global_bound.support_table import ROUNDING_MARGIN
-from nlpgrasp.global_bound.weak_twists import Twists
+from nlpgrasp.global_bound.weak_twists import WeightedDirections
 
 Single = NDArray[np.float32]
 Numbers = FloatArray | Single  # double or single precision
@@ -44,7 +44,7 @@ WORK = 2_000_000  # nodes times mixtures at a time
 ROUNDING = np.float32(3e-5)  # relative: more than what single precision takes from a sum over contacts
 
 
-class SharedMixtures(Bounding):
+class SharedWeightStrategy(BoundingStrategy):
     """Bounding strategy for meshes: a node's bound is the least over shared dual weights.
 
     Mixtures come from the linear program of ``dual_weights.mixtures``, over the rows that known mixtures point
@@ -58,31 +58,31 @@ class SharedMixtures(Bounding):
 
     by_parent, most_open = False, MOST_OPEN
 
-    def __init__(self, scope: Scope) -> None:
+    def __init__(self, scope: BoundScope) -> None:
         super().__init__(scope, DIRECTIONS)
         self.power, self.maxima = scope.measure.power, ClusterMaxima(scope, self.twists, self.mixtures)
 
-    def bounded(self, cells: IntArray, parents: Nodes | None, target: float) -> Nodes:
+    def bounded(self, cells: IntArray, parents: NodeArrays | None, target: float) -> NodeArrays:
         """Return nodes (n, k) with their least bounds over all dual weights; computes the first if there are none."""
         del target
         if not self.mixtures:
             first = self.twists.first()
-            self.maxima.add(Mixture(first, np.full(len(first), 1.0 / len(first))))
+            self.maxima.add(DualWeights(first, np.full(len(first), 1.0 / len(first))))
             self.placements = self._improve(cells, ROOT_ROUNDS)
         bounds, mixture = self.maxima.bounds(cells)
         if parents is not None:
             mixture = np.where(bounds <= parents.bounds, mixture, parents.mixtures)
             bounds = np.minimum(bounds, parents.bounds)
-        return Nodes(cells, bounds, mixture)
+        return NodeArrays(cells, bounds, mixture)
 
-    def loosest(self, nodes: Nodes, count: int, target: float) -> IntArray:
+    def loosest(self, nodes: NodeArrays, count: int, target: float) -> IntArray:
         """Return the looser half of the open nodes with the largest bounds, the largest first."""
         del count, target
         where = self._renewed(nodes)
         bounds = nodes.bounds[where]
         return where[bounds >= np.quantile(bounds, CUT)]
 
-    def _renewed(self, nodes: Nodes) -> IntArray:
+    def _renewed(self, nodes: NodeArrays) -> IntArray:
         """Return the indices of nodes with the largest bounds, the largest first, by all dual weights known now."""
         every = np.arange(len(nodes))
         where = every if len(nodes) <= TOP else np.argpartition(-nodes.bounds, TOP - 1)[:TOP]
@@ -91,7 +91,7 @@ class SharedMixtures(Bounding):
         nodes.bounds[where[lower]], nodes.mixtures[where[lower]] = found[lower], mixture[lower]
         return where[np.argsort(-nodes.bounds[where], kind="stable")]
 
-    def slots(self, nodes: Nodes) -> IntArray:
+    def slots(self, nodes: NodeArrays) -> IntArray:
         """Return the slot whose split lowers the children's mean bound most; ``NONE`` where no cell can be split."""
         chosen, score = np.full(len(nodes), NONE), np.full(len(nodes), np.inf)
         for slot in range(nodes.cells.shape[1]):
@@ -108,7 +108,7 @@ class SharedMixtures(Bounding):
             score[own[better]], chosen[own[better]] = mean[better], slot
         return chosen
 
-    def improve(self, nodes: Nodes, target: float) -> IntArray:
+    def improve(self, nodes: NodeArrays, target: float) -> IntArray:
         """Add dual weights for a few of the loosest nodes; return which of the others are at most the target."""
         where = self._renewed(nodes)
         low = nodes.bounds[where] <= target**self.power
@@ -131,15 +131,15 @@ class SharedMixtures(Bounding):
         """
         numbers = np.stack([self._directions(node) for node in nodes])
         rows = np.stack([self._rows(node) for node in nodes])
-        best = [(np.inf, Mixture(numbers[0], np.zeros(0)))] * len(nodes)
+        best = [(np.inf, DualWeights(numbers[0], np.zeros(0)))] * len(nodes)
         weights, shares = np.zeros(numbers.shape), np.zeros(rows.shape)
         for left in reversed(range(rounds)):
             rows = np.sort(rows, axis=2)
-            weights, shares = mixtures(self._powers(rows, numbers))
+            weights, shares = optimal_dual_weights(self._powers(rows, numbers))
             found = np.empty((*nodes.shape, 1), dtype=np.int64)
             for i, (node, own, spread) in enumerate(zip(nodes, numbers, weights, strict=True)):
                 kept = spread > LEAST
-                mixture = Mixture(own[kept], rounded(spread[kept]))
+                mixture = DualWeights(own[kept], round_weights(spread[kept]))
                 found[i, :, 0], bound = self.maxima.heaviest(node, mixture)
                 if bound < best[i][0]:
                     best[i] = bound, mixture
@@ -188,7 +188,7 @@ class SharedMixtures(Bounding):
             result.cut(loose[np.argsort(-result.open.bounds[loose], kind="stable")[: min(BATCH, left)]], 0.0)
         return result
 
-    def recomputed(self, nodes: Nodes) -> FloatArray:
+    def recomputed(self, nodes: NodeArrays) -> FloatArray:
         """Return bounds in double precision from weights as they are written, with a margin for rounding."""
         result = np.empty(len(nodes))
         for number in np.unique(nodes.mixtures).tolist():
@@ -219,10 +219,10 @@ class ClusterMaxima:
         To be added to the cells of nodes: the clusters of contacts that are alike come one group after another.
     """
 
-    def __init__(self, scope: Scope, twists: Twists, mixtures: list[Mixture]) -> None:
+    def __init__(self, scope: BoundScope, twists: WeightedDirections, mixtures: list[DualWeights]) -> None:
         self._scope, self._twists, self._mixtures = scope, twists, mixtures
         first = scope.pieces[0]
-        if not isinstance(first, ClusterPieces):
+        if not isinstance(first, ContactClusters):
             raise TypeError("mixtures are shared over the clusters of a mesh alone")
         self.clusters = clusters = first.clusters
         self._single = self._corners(single=True)
@@ -232,7 +232,7 @@ class ClusterMaxima:
         self._where = np.zeros((clusters.last * len(scope.pieces), FIRST), dtype=np.int32)
         self._cluster = np.repeat(np.arange(clusters.last), np.diff(clusters.begin))
 
-    def add(self, mixture: Mixture) -> None:
+    def add(self, mixture: DualWeights) -> None:
         """Add dual weights."""
         k, last = len(self._mixtures), self.clusters.last
         if k == self._most.shape[1]:
@@ -246,11 +246,11 @@ class ClusterMaxima:
                 self._most[2 * last * i : 2 * last * (i + 1), k] = most.astype(np.float32) * (1 + ROUNDING)
         self._mixtures.append(mixture)
 
-    def largest(self, mixture: Mixture) -> FloatArray:
+    def largest(self, mixture: DualWeights) -> FloatArray:
         """Return the largest g of a mixture over every cluster, for one group of contacts after another."""
         return np.concatenate([self._over_clusters(self._mixed(corners, mixture)) for corners in self._double])
 
-    def heaviest(self, node: IntArray, mixture: Mixture) -> tuple[IntArray, float]:
+    def heaviest(self, node: IntArray, mixture: DualWeights) -> tuple[IntArray, float]:
         """Return the row of each cell of a node (k,) that has most of a mixture, (k,), and the bound that it gives."""
         found: dict[tuple[int, int], tuple[int, float]] = {}
         places = list(zip(node.tolist(), self._group.tolist(), strict=True))
@@ -263,14 +263,14 @@ class ClusterMaxima:
         return np.array([found[place][0] for place in places]), sum(found[place][1] for place in places)
 
     @cached_property
-    def _double(self) -> list[Corners]:
+    def _double(self) -> list[CornerContacts]:
         return self._corners(single=False)
 
-    def _corners(self, single: bool) -> list[Corners]:
+    def _corners(self, single: bool) -> list[CornerContacts]:
         every = slice(0, len(self.clusters.rows.points))
-        return [Corners(pieces.supports, every, single) for pieces in self._scope.pieces]
+        return [CornerContacts(pieces.supports, every, single) for pieces in self._scope.pieces]
 
-    def _mixed(self, corners: Corners, mixture: Mixture, part: slice = EVERY) -> FloatArray:
+    def _mixed(self, corners: CornerContacts, mixture: DualWeights, part: slice = EVERY) -> FloatArray:
         shares = mixture.weights / np.sum(mixture.weights)
         return corners.mixed(self._twists[mixture.numbers], shares, part)
 
@@ -316,7 +316,7 @@ class ClusterMaxima:
         return result
 
 
-class Corners:
+class CornerContacts:
     """Contacts at mesh corners, whose work is evaluated by matrix products.
 
     With the arm a from the middle of all rows and the inward normal n, the twist's force part taken about that middle,

@@ -23,9 +23,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.global_bound.cell_supports import Between, Supports
-from nlpgrasp.global_bound.cells.cell import IntArray, Patches
-from nlpgrasp.global_bound.contact_cells import Pieces
+from nlpgrasp.global_bound.cell_supports import CurvedParts, Supports
+from nlpgrasp.global_bound.cells.cell import CurvedFace, IntArray
+from nlpgrasp.global_bound.contact_cells import ContactCells
 
 ENOUGH, COARSE = 3e-3, 0.1  # relative tolerance: at least; for cells as large as the first ones
 ROUNDS = 3  # subdivisions, at most
@@ -47,7 +47,7 @@ class SupportTable:
     twists : (b, j, d) array
     """
 
-    def __init__(self, groups: Sequence[tuple[Pieces, slice]], cells: IntArray, twists: FloatArray) -> None:
+    def __init__(self, groups: Sequence[tuple[ContactCells, slice]], cells: IntArray, twists: FloatArray) -> None:
         self._measure = groups[0][0].supports.measure
         self._parts = [GroupTable.of(pieces, cells[:, where], twists) for pieces, where in groups]
         self.rows = np.zeros((0, 0, 0), dtype=np.int64)
@@ -85,10 +85,10 @@ class SupportTable:
             again = np.diff(chosen, axis=2, prepend=-1) == 0  # one row counts once: no designs spread over copies
             rows.append(chosen)
             tables.append(np.where(again[..., None], 0.0, powers))
-        self.rows, self.chosen = (np.concatenate(_padded(parts), axis=1) for parts in (rows, tables))
+        self.rows, self.chosen = (np.concatenate(_pad_rows(parts), axis=1) for parts in (rows, tables))
 
 
-def _padded(parts: Sequence[np.ndarray]) -> list[np.ndarray]:
+def _pad_rows(parts: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Return arrays (b, s, m, ...) with as many rows each, zeros in place of rows."""
     most = max(part.shape[2] for part in parts)
     return [np.pad(part, [(0, 0), (0, 0), (0, most - part.shape[2])] + [(0, 0)] * (part.ndim - 3)) for part in parts]
@@ -113,7 +113,7 @@ class GroupTable:
         The pair of each node and slot.
     """
 
-    pieces: Pieces
+    pieces: ContactCells
     cells: IntArray
     rows: IntArray
     twists: FloatArray
@@ -122,7 +122,7 @@ class GroupTable:
     back: IntArray
 
     @classmethod
-    def of(cls, pieces: Pieces, cells: IntArray, twists: FloatArray) -> GroupTable:
+    def of(cls, pieces: ContactCells, cells: IntArray, twists: FloatArray) -> GroupTable:
         """Return the powers over cells (b, s) along each node's twists (b, j, d)."""
         pairs = np.arange(len(cells))[:, None] * len(pieces.cells) + cells
         once, back = np.unique(pairs, return_inverse=True)
@@ -179,9 +179,11 @@ def mixed_supports(
     mixed = (powers @ weights[:, :, None])[:, :, 0]
     largest = np.max(powers, axis=1) ** (1.0 / supports.measure.power)
     speed, turning = supports.speeds(cells, twists)
-    look = _Look(supports, np.max(mixed, axis=1), tolerance(supports, cells), *_used(twists, weights))
-    for patches, parts, rows, bends, owner in _gathered(supports, cells):
-        more = between(supports, bends, largest[owner], speed[owner], turning[owner])
+    look = _SupportInterval(
+        supports, np.max(mixed, axis=1), excess_tolerance(supports, cells), *_weighted_directions(twists, weights)
+    )
+    for patches, parts, rows, bends, owner in _parts_by_face(supports, cells):
+        more = excess_inside_parts(supports, bends, largest[owner], speed[owner], turning[owner])
         upper = np.max(mixed[owner[:, None], rows], axis=1) + np.sum(weights[owner] * more, axis=1)
         look.at(patches, parts, owner, upper)
     return look.result()
@@ -195,17 +197,17 @@ def single_supports(supports: Supports, cells: IntArray, powers: FloatArray, twi
         return np.asarray(most)
     bends = np.stack([np.max([b.most for b in some], axis=0) if some else np.zeros((2, 3)) for some in own])
     largest = most ** (1.0 / supports.measure.power)
-    more = between(supports, bends, largest, *supports.speeds(cells, twists))
-    return np.asarray((most + more) * (1.0 + ARITHMETIC_MARGIN * tolerance(supports, cells))[:, None])
+    more = excess_inside_parts(supports, bends, largest, *supports.speeds(cells, twists))
+    return np.asarray((most + more) * (1.0 + ARITHMETIC_MARGIN * excess_tolerance(supports, cells))[:, None])
 
 
-def tolerance(supports: Supports, cells: IntArray) -> FloatArray:
+def excess_tolerance(supports: Supports, cells: IntArray) -> FloatArray:
     """Return the accepted relative excess over the largest support met, (c,)."""
     radii = supports.radii(cells)
     return np.asarray(np.maximum(ENOUGH, COARSE * (radii / max(supports.widest, 1e-300)) ** 2))
 
 
-def between(
+def excess_inside_parts(
     supports: Supports, bends: FloatArray, largest: FloatArray, speed: FloatArray, turning: FloatArray
 ) -> FloatArray:
     """Return a bound on the excess of ``s^p`` inside parts over corners whose s and ``|v|`` are no larger than these.
@@ -225,7 +227,7 @@ def between(
     return np.asarray(np.minimum(p * most ** (p - 1.0) * L * off, most**p - largest**p))
 
 
-def _used(twists: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _weighted_directions(twists: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the directions with weights, (b, j, d), padded to the same number, and the weights, (b, j)."""
     most = int(np.max(np.count_nonzero(weights, axis=1)))
     if most == weights.shape[1]:
@@ -234,9 +236,11 @@ def _used(twists: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArr
     return np.take_along_axis(twists, used[..., None], axis=1), np.take_along_axis(weights, used, axis=1)
 
 
-def _gathered(supports: Supports, cells: IntArray) -> list[tuple[Patches, FloatArray, IntArray, FloatArray, IntArray]]:
+def _parts_by_face(
+    supports: Supports, cells: IntArray
+) -> list[tuple[CurvedFace, FloatArray, IntArray, FloatArray, IntArray]]:
     """Return the parts of cells by kind of face: patches, corners (n, c, q), rows (n, c), bends, and cells."""
-    kinds: dict[tuple[int, int], list[tuple[Between, int]]] = {}
+    kinds: dict[tuple[int, int], list[tuple[CurvedParts, int]]] = {}
     for i, cell in enumerate(cells.tolist()):
         for one in supports.curved[cell]:
             kinds.setdefault((id(one.patches), one.rows.shape[1]), []).append((one, i))
@@ -248,7 +252,7 @@ def _gathered(supports: Supports, cells: IntArray) -> list[tuple[Patches, FloatA
     return found
 
 
-class _Look:
+class _SupportInterval:
     """Lower and upper bounds on the largest weighted support over each cell.
 
     Parameters
@@ -268,7 +272,7 @@ class _Look:
         self._supports, self._enough, self._twists, self._weights = supports, enough, twists, weights
         self._met, self._upper = met, met.copy()
 
-    def at(self, patches: Patches, parts: FloatArray, owner: IntArray, upper: FloatArray) -> None:
+    def at(self, patches: CurvedFace, parts: FloatArray, owner: IntArray, upper: FloatArray) -> None:
         """Bound parts (n, c, q) of some cells, and subdivide those that may hold the maximum."""
         for _ in range(ROUNDS):
             open_ = upper > (1.0 + self._enough[owner]) * self._met[owner]
@@ -281,7 +285,7 @@ class _Look:
         np.maximum.at(self._upper, owner, upper)
 
     def _quarters(
-        self, patches: Patches, parts: FloatArray, owner: IntArray
+        self, patches: CurvedFace, parts: FloatArray, owner: IntArray
     ) -> tuple[FloatArray, IntArray, FloatArray]:
         """Return the quarters (n r, c, q) of parts (n, c, q), their cells, and upper bounds on them, (n r,)."""
         vertices, into = patches.finer(parts)
@@ -294,7 +298,7 @@ class _Look:
         quarters = vertices[:, into].reshape(-1, into.shape[1], q)
         bends = patches.bends(quarters).reshape(n, len(into), 1, 2, 3)
         largest = powers ** (1.0 / supports.measure.power)
-        more = between(supports, bends, largest[:, into], speed[:, into], turning[:, None, None])
+        more = excess_inside_parts(supports, bends, largest[:, into], speed[:, into], turning[:, None, None])
         upper = np.sum((powers[:, into] + more) * weights[:, None], axis=3)
         return quarters, np.repeat(owner, len(into)), np.max(upper, axis=2).ravel()
 

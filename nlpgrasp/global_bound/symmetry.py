@@ -14,18 +14,18 @@ import numpy as np
 
 from nlpgrasp.bodies import Body, Mesh, Polygon, Prism
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.global_bound.allowed_regions import Places
-from nlpgrasp.global_bound.cells.cell import Cell, Surface
+from nlpgrasp.global_bound.allowed_regions import AllowedRegion
+from nlpgrasp.global_bound.cells.cell import CellFace, SurfaceCell
 from nlpgrasp.global_bound.cells.ellipsoid_cells import EllipsoidCell, EllipsoidFace
 from nlpgrasp.global_bound.cells.revolved_cells import DiscFace, RevolvedFace
-from nlpgrasp.global_bound.contact_cells import NONE, Pieces
+from nlpgrasp.global_bound.contact_cells import NONE, ContactCells
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope, TaskSum
 
 SAME = 1e-9  # relative tolerance of equal points and tasks
 TURN = 1.0  # radians, of a rotation that only continuous symmetries contain
 
-FirstCells = dict[Surface, Sequence[Cell]]  # root cells of a contact, by face
+FirstCells = dict[CellFace, Sequence[SurfaceCell]]  # root cells of a contact, by face
 Turned = tuple[str, FirstCells]  # where a contact is turned to, as in ``Roots.turned``, and its root cells
 
 
@@ -50,11 +50,11 @@ class Symmetry:
         """Return images of points (m, space)."""
         return np.asarray(points @ self.rotation.T + self.translation)
 
-    def maps_roots(self, number: int, pieces: Pieces) -> bool:
+    def maps_roots(self, number: int, pieces: ContactCells) -> bool:
         """Return whether every root of some pieces has an image among them; remembers the images."""
         return all(self._find(number, pieces, root, pieces.roots) != NONE for root in pieces.roots)
 
-    def image(self, number: int, pieces: Pieces, cell: int) -> int:
+    def image(self, number: int, pieces: ContactCells, cell: int) -> int:
         """Return the number of a cell's image among the same pieces, ``NONE`` where it was not cut the same way."""
         known = self._images.get((number, cell))
         if known is not None:
@@ -63,13 +63,13 @@ class Symmetry:
         candidates = pieces.children(parent) if parent != NONE else ()
         return self._find(number, pieces, cell, candidates)
 
-    def _find(self, number: int, pieces: Pieces, cell: int, candidates: Sequence[int]) -> int:
+    def _find(self, number: int, pieces: ContactCells, cell: int, candidates: Sequence[int]) -> int:
         points = self.of(pieces.cells[cell].anchors())
         self._images[number, cell] = found = pieces.like(cell, points, candidates, self.tolerance)
         return found
 
 
-def symmetries(body: Body, task: Task, origin: FloatArray, pieces: Sequence[Pieces]) -> list[Symmetry]:
+def symmetries(body: Body, task: Task, origin: FloatArray, pieces: Sequence[ContactCells]) -> list[Symmetry]:
     """Return the symmetries, but for the identity, under which a problem stays the same."""
     result = []
     if any(p.supports.contact.turned(np.eye(body.space)) is not p.supports.contact for p in pieces):
@@ -79,7 +79,7 @@ def symmetries(body: Body, task: Task, origin: FloatArray, pieces: Sequence[Piec
             continue
         if np.max(np.abs(rotation @ origin + translation - origin)) > SAME * body.size:
             continue
-        if not keeps(task, wrench_map(rotation)):
+        if not leaves_invariant(task, wrench_map(rotation)):
             continue
         if not all(p.allowed.same_after(rotation, translation, SAME * body.size) for p in pieces):
             continue
@@ -94,7 +94,7 @@ def motions_of(body: Body) -> list[tuple[FloatArray, FloatArray]]:
     if isinstance(body, Mesh):
         return []
     if isinstance(body, Polygon | Prism):
-        flat = _of_polygon(body.corners)
+        flat = _polygon_symmetries(body.corners)
         if isinstance(body, Polygon):
             return flat
         result = []
@@ -110,7 +110,7 @@ def motions_of(body: Body) -> list[tuple[FloatArray, FloatArray]]:
     return [(axis * np.array(sign)[:, None], np.zeros(space)) for axis in axes for sign in signs]
 
 
-def _of_polygon(corners: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+def _polygon_symmetries(corners: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
     """Return the rotations and reflections of the plane that map a polygon's corners onto each other in order."""
     middle = corners.mean(axis=0)
     arms = corners - middle
@@ -126,7 +126,9 @@ def _of_polygon(corners: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
     return result
 
 
-def pinned(problem: GraspProblem, faces: Sequence[Surface], own: Sequence[Places]) -> list[Turned]:
+def restrict_by_rotation(
+    problem: GraspProblem, faces: Sequence[CellFace], own: Sequence[AllowedRegion]
+) -> list[Turned]:
     """Return where it is enough for the first contact to be, or the first two, and cells; none where nothing turns.
 
     On a sphere, for a task that any turn leaves as it is, the first contact can be turned to the pole and the second to
@@ -142,7 +144,11 @@ def pinned(problem: GraspProblem, faces: Sequence[Surface], own: Sequence[Places
     used = [[face for face in faces if face.name in places.faces] for places in own]
     sphere = faces[0] if isinstance(faces[0], EllipsoidFace) and np.ptp(faces[0].a) == 0.0 else None
     centred = float(np.max(np.abs(problem.origin))) <= SAME * problem.body.size
-    if isinstance(sphere, EllipsoidFace) and centred and keeps(problem.task, wrench_map(turn_about(side))):
+    if (
+        isinstance(sphere, EllipsoidFace)
+        and centred
+        and leaves_invariant(problem.task, wrench_map(unit_rotation(side)))
+    ):
         pole: FirstCells = {sphere: [EllipsoidCell(axis[None], sphere.patches)]}
         meridian: FirstCells = {sphere: sphere.half_plane(axis, side)}
         return [("pole", pole), ("meridian", meridian)][: len(own)]
@@ -155,18 +161,20 @@ def pinned(problem: GraspProblem, faces: Sequence[Surface], own: Sequence[Places
     return [("half-plane", first)]
 
 
-def _axis(problem: GraspProblem, faces: Sequence[Surface]) -> FloatArray | None:
+def _axis(problem: GraspProblem, faces: Sequence[CellFace]) -> FloatArray | None:
     """Return the axis about which body and task can be turned by any angle, unit, or None."""
     if problem.body.space == 2:
         return None
     for axis in _axes_of(faces):
         beside = problem.origin - (problem.origin @ axis) * axis
-        if np.max(np.abs(beside)) <= SAME * problem.body.size and keeps(problem.task, wrench_map(turn_about(axis))):
+        if np.max(np.abs(beside)) <= SAME * problem.body.size and leaves_invariant(
+            problem.task, wrench_map(unit_rotation(axis))
+        ):
             return axis
     return None
 
 
-def _axes_of(faces: Sequence[Surface]) -> list[FloatArray]:
+def _axes_of(faces: Sequence[CellFace]) -> list[FloatArray]:
     """Return the axes of revolution that all faces share."""
     if all(isinstance(face, DiscFace | RevolvedFace) for face in faces):
         return [np.eye(3)[2]]
@@ -176,7 +184,7 @@ def _axes_of(faces: Sequence[Surface]) -> list[FloatArray]:
     return [np.eye(3)[i] for i in range(3) if face.a[i - 1] == face.a[i - 2]]
 
 
-def turn_about(axis: FloatArray) -> FloatArray:
+def unit_rotation(axis: FloatArray) -> FloatArray:
     """Return the rotation by one radian about a coordinate axis."""
     i = int(np.argmax(np.abs(axis)))
     c, s = np.cos(TURN), np.sin(TURN)
@@ -196,10 +204,10 @@ def wrench_map(rotation: FloatArray) -> FloatArray:
     return result
 
 
-def keeps(task: Task, matrix: FloatArray) -> bool:
+def leaves_invariant(task: Task, matrix: FloatArray) -> bool:
     """Return whether a linear map of wrenches is known to map a task onto itself."""
     if isinstance(task, TaskSum):
-        return all(keeps(part, matrix) for part in task.tasks)
+        return all(leaves_invariant(part, matrix) for part in task.tasks)
     if isinstance(task, TaskEllipsoid):
         shape = task.axes.T @ task.axes
         scale = np.sqrt(np.maximum(np.diag(shape), 0.0)) + np.abs(task.center)

@@ -1,7 +1,7 @@
 """Directions of wrench space for dual weights: weakest of fractional placements, numbered.
 
-``Twists`` numbers all directions of a search. New ones minimise the support ratio of the fractional placements that
-bounds rest on (``Design``), by inverse iteration.
+``WeightedDirections`` numbers all directions of a search. New ones minimise the support ratio of the fractional
+placements that bounds rest on (``FractionalContacts``), by inverse iteration.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.global_bound.cell_supports import Measure, Supports
 from nlpgrasp.global_bound.cells.cell import IntArray
-from nlpgrasp.global_bound.contact_cells import Pieces
+from nlpgrasp.global_bound.contact_cells import ContactCells
 from nlpgrasp.quality.ratio_minimisation import iterate_inverse
 from nlpgrasp.tasks import Task
 
@@ -33,7 +33,7 @@ ALIKE = 0.999  # cosine above which directions count as the same
 DIGITS, ABOVE, UNIT = 11, 5e-10, 9e-10  # of directions; how far a unit of work is exceeded, about and at most
 
 
-class Twists:
+class WeightedDirections:
     """A growing list of directions y with unit work of the task, ``phi_A(y) = 1``.
 
     Parameters
@@ -54,7 +54,7 @@ class Twists:
         own = np.diag([1.0] * space + [size**2] * (d - space))
         moment = task.second_moment()
         filled = moment + FLAT * own * np.trace(moment) + 0.05 * np.mean(np.diag(moment) / np.diag(own)) * own
-        found = normalised(task, lattice @ np.linalg.inv(np.linalg.cholesky(filled)))
+        found = normalise_twists(task, lattice @ np.linalg.inv(np.linalg.cholesky(filled)))
         self.lattice = found[np.any(found != 0.0, axis=1)]
         self._all = np.zeros((1024, d))
         self._count = 0
@@ -67,7 +67,9 @@ class Twists:
         In place of a zero row, along which the task does no work and every bound would be zero, stands one of the
         lattice.
         """
-        twists = _short(self.task, np.where(np.any(twists != 0.0, axis=1, keepdims=True), twists, self.lattice[:1]))
+        twists = _short_directions(
+            self.task, np.where(np.any(twists != 0.0, axis=1, keepdims=True), twists, self.lattice[:1])
+        )
         numbers = np.arange(self._count, self._count + len(twists))
         while self._count + len(twists) > len(self._all):
             self._all = np.concatenate([self._all, np.zeros_like(self._all)])
@@ -95,7 +97,7 @@ class Twists:
 
     def renewed(
         self,
-        groups: Sequence[tuple[Pieces, slice]],
+        groups: Sequence[tuple[ContactCells, slice]],
         numbers: IntArray,
         weights: FloatArray,
         rows: IntArray,
@@ -116,20 +118,20 @@ class Twists:
         for pieces, where in groups:
             b, c, m = rows[:, where].shape
             places, spread = rows[:, where].reshape(b, c * m), shares[:, where].reshape(b, c * m)
-            designs.append(Design.over(pieces.supports, places, spread, 3 * c))
+            designs.append(FractionalContacts.over(pieces.supports, places, spread, 3 * c))
         few = numbers.shape[1] // FRESH
-        copied = _repeated(self[numbers], -weights)
+        copied = _is_repeated(self[numbers], -weights)
         heavy = np.argsort(np.where(copied, 0.0, -weights), axis=1)[:, :STARTS]
         own = self[np.take_along_axis(numbers, heavy, axis=1)]
-        between = normalised(self.task, own + np.roll(own, 1, axis=1))  # what descents that stay at corners miss
+        between = normalise_twists(self.task, own + np.roll(own, 1, axis=1))  # what descents that stay at corners miss
         stuck = np.any(copied & (weights > 0.0), axis=1)[:, None, None]
         begin = np.where(stuck & np.any(between != 0.0, axis=2, keepdims=True), between, own)
         tried = self.tried()
         every = np.broadcast_to(tried, (len(weights), *tried.shape))
         value = sum(d.value(every) for d in designs)
         weakest = tried[np.argsort(value, axis=1)[:, :few]]
-        found, ratios = descended(designs, self.task, np.concatenate([begin, weakest], axis=1))
-        order = np.argsort(np.where(_repeated(found, ratios), np.inf, ratios), axis=1)[:, :few]
+        found, ratios = minimise_ratio(designs, self.task, np.concatenate([begin, weakest], axis=1))
+        order = np.argsort(np.where(_is_repeated(found, ratios), np.inf, ratios), axis=1)[:, :few]
         fresh = np.take_along_axis(found, order[..., None], axis=1)
         added = self.add(fresh.reshape(-1, fresh.shape[2])).reshape(fresh.shape[:2])
         self.remember(fresh[:, 0])
@@ -139,7 +141,7 @@ class Twists:
         return result
 
 
-def _repeated(twists: FloatArray, ratios: FloatArray) -> NDArray[np.bool_]:
+def _is_repeated(twists: FloatArray, ratios: FloatArray) -> NDArray[np.bool_]:
     """Return which directions (b, m, d) are nearly those of others with smaller ratios (b, m)."""
     unit = twists / np.maximum(np.max(np.abs(twists), axis=1, keepdims=True), 1e-300)
     unit /= np.maximum(np.linalg.norm(unit, axis=2, keepdims=True), 1e-300)
@@ -148,7 +150,7 @@ def _repeated(twists: FloatArray, ratios: FloatArray) -> NDArray[np.bool_]:
     return np.asarray(np.any(near & (first[:, None] < first[:, :, None]), axis=2))
 
 
-def _short(task: Task, twists: FloatArray) -> FloatArray:
+def _short_directions(task: Task, twists: FloatArray) -> FloatArray:
     """Return directions (m, d) with few digits along which the task does hardly more than unit work, and no less.
 
     Bounds that take the work for 1 are then no lower than they should be. One that would have to be off by more stays.
@@ -161,7 +163,7 @@ def _short(task: Task, twists: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Design:
+class FractionalContacts:
     """Fractional placement of identical contacts over rows, for a batch of nodes.
 
     Parameters
@@ -180,7 +182,7 @@ class Design:
     weights: FloatArray
 
     @classmethod
-    def over(cls, supports: Supports, rows: IntArray, weights: FloatArray, most: int) -> Design:
+    def over(cls, supports: Supports, rows: IntArray, weights: FloatArray, most: int) -> FractionalContacts:
         """Return the fractional placements of a batch over rows (b, m), of the heaviest alone where there are many."""
         if rows.shape[1] > most:
             heavy = np.argpartition(-weights, most, axis=1)[:, :most]
@@ -221,7 +223,7 @@ class Design:
         return z, self.measure.support(self.contact, z)
 
 
-def normalised(task: Task, twists: FloatArray) -> FloatArray:
+def normalise_twists(task: Task, twists: FloatArray) -> FloatArray:
     """Return twists (..., d) scaled so that the task does unit work along them; zero where it does none."""
     reach = task.support(twists.reshape(-1, twists.shape[-1]))[0].reshape(twists.shape[:-1])
     size = np.linalg.norm(twists, axis=-1)
@@ -229,8 +231,8 @@ def normalised(task: Task, twists: FloatArray) -> FloatArray:
     return np.where(does[..., None], twists / np.where(does, reach, 1.0)[..., None], 0.0)
 
 
-def descended(
-    designs: Sequence[Design], task: Task, twists: FloatArray, steps: int = STEPS
+def minimise_ratio(
+    designs: Sequence[FractionalContacts], task: Task, twists: FloatArray, steps: int = STEPS
 ) -> tuple[FloatArray, FloatArray]:
     """Minimise ``phi_G / phi_A`` of fractional placements from twists (b, m, d), by inverse iteration.
 
@@ -255,4 +257,4 @@ def descended(
         return np.where(reach > 0.0, ratio, np.inf), wrench.reshape(u.shape), H
 
     u, value = iterate_inverse(model, twists, steps)
-    return normalised(task, u), value
+    return normalise_twists(task, u), value

@@ -12,8 +12,8 @@ import casadi as ca
 import numpy as np
 
 from nlpgrasp.common.display import show
-from nlpgrasp.common.registry import StatedPart
-from nlpgrasp.common.scalar_constraints import LinkSphere, PalmPose, Placement, Row
+from nlpgrasp.common.registry import JsonPart
+from nlpgrasp.common.scalar_constraints import LinkSphere, PalmPose, ScalarConstraint, SymbolicCandidate
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray
 
@@ -42,7 +42,7 @@ class HandVariable:
     scale: float = 1.0
 
 
-class Hand(StatedPart):
+class Hand(JsonPart):
     """Base class of hands: their reach, with fingertip i at contact i.
 
     A hand either follows its contacts (``start``), or has a pose of its own from which a search begins: then it is
@@ -80,7 +80,7 @@ class Hand(StatedPart):
         del space
 
     @abstractmethod
-    def rows(self, placement: Placement, variables: dict[str, Expression]) -> list[Row]:
+    def rows(self, placement: SymbolicCandidate, variables: dict[str, Expression]) -> list[ScalarConstraint]:
         """Return the constraints that the hand adds to the program."""
 
     def symbols(self, bounds: FloatArray) -> dict[str, Expression]:

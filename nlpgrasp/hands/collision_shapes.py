@@ -30,7 +30,7 @@ class MeshFile(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Shape:
+class CollisionShape:
     """A collision shape in its link's frame.
 
     Parameters
@@ -57,7 +57,7 @@ class Shape:
     file: MeshFile | None = None
 
     @classmethod
-    def sphere(cls, radius: float, pose: FloatArray) -> Shape:
+    def sphere(cls, radius: float, pose: FloatArray) -> CollisionShape:
         """Return a sphere at a pose (4, 4)."""
         import trimesh
 
@@ -67,7 +67,7 @@ class Shape:
         return cls("sphere", mesh, pose[:3, 3].copy(), radius)
 
     @classmethod
-    def cylinder(cls, radius: float, length: float, pose: FloatArray) -> Shape:
+    def cylinder(cls, radius: float, length: float, pose: FloatArray) -> CollisionShape:
         """Return a cylinder along z at a pose (4, 4), a prism of 32 sides that encloses the exact one."""
         import trimesh
 
@@ -79,7 +79,7 @@ class Shape:
         return cls("cylinder", mesh, size=(radius, length), pose=pose)
 
     @classmethod
-    def capsule(cls, radius: float, length: float, pose: FloatArray) -> Shape:
+    def capsule(cls, radius: float, length: float, pose: FloatArray) -> CollisionShape:
         """Return a capsule along z at a pose (4, 4); ``length`` is without the round ends."""
         import trimesh
 
@@ -89,7 +89,7 @@ class Shape:
         return cls("capsule", mesh, radius=radius, size=(radius, length), pose=pose)
 
     @classmethod
-    def ellipsoid(cls, semi_axes: FloatArray, pose: FloatArray) -> Shape:
+    def ellipsoid(cls, semi_axes: FloatArray, pose: FloatArray) -> CollisionShape:
         """Return an ellipsoid at a pose (4, 4), as a polyhedron that encloses it."""
         import trimesh
 
@@ -100,7 +100,7 @@ class Shape:
         return cls("ellipsoid", mesh)
 
     @classmethod
-    def box(cls, size: FloatArray, pose: FloatArray) -> Shape:
+    def box(cls, size: FloatArray, pose: FloatArray) -> CollisionShape:
         """Return a box at a pose (4, 4)."""
         import trimesh
 

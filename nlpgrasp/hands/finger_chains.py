@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.common.formatting import rounded
+from nlpgrasp.common.formatting import format_number
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.kinematics import LinkTree, link_poses
 from nlpgrasp.hands.robot import Joint, Robot
@@ -53,7 +53,7 @@ def fingers(tree: LinkTree) -> tuple[Finger, ...]:
     return tuple(sorted(found, key=lambda finger: finger.tips[0] if finger.tips else len(tree.tips)))
 
 
-def knuckles(tree: LinkTree) -> tuple[str, ...]:
+def first_finger_links(tree: LinkTree) -> tuple[str, ...]:
     """Return the first link of each fingertip's finger, in the contacts' order; the palm for a tip on no finger."""
     robot = tree.robot
     hub, _ = _trunk(robot)
@@ -102,7 +102,7 @@ def fingers_lie(tree: LinkTree) -> FloatArray | None:
     (3,) array or None
         Unit, palm frame; None without moving joints, or where the directions cancel.
     """
-    links = knuckles(tree)
+    links = first_finger_links(tree)
     if not links or not tree.robot.free_joints:
         return None
     lower, upper = tree.joint_limits
@@ -117,7 +117,7 @@ def fingers_lie(tree: LinkTree) -> FloatArray | None:
     return None if size <= ALIKE * length else mean / size
 
 
-def better_approach(tree: LinkTree) -> FloatArray | None:
+def suggested_approach(tree: LinkTree) -> FloatArray | None:
     """Return the axis of the palm frame, (3,), nearest to the fingers; None where the stated approach is plausible.
 
     Parameters
@@ -135,14 +135,14 @@ def better_approach(tree: LinkTree) -> FloatArray | None:
     return axis if off > ASKEW and off - near >= NEARER else None
 
 
-def direction_words(direction: FloatArray) -> str:
+def format_direction(direction: FloatArray) -> str:
     """Return a unit direction (3,) as text: ``+z`` along an axis, else three numbers."""
     most = int(np.argmax(np.abs(direction)))
     if abs(direction[most]) > 1.0 - 1e-9:
         return f"{'+' if direction[most] > 0.0 else '-'}{'xyz'[most]}"
-    return listed(direction)
+    return format_as_list(direction)
 
 
-def listed(direction: FloatArray) -> str:
+def format_as_list(direction: FloatArray) -> str:
     """Return a direction (3,) as a Python list with few digits, such as ``[1, 0, 0]``."""
-    return f"[{', '.join(rounded(v, 3, 1e-4) for v in direction)}]"
+    return f"[{', '.join(format_number(v, 3, 1e-4) for v in direction)}]"

@@ -10,9 +10,9 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.common.scalar_constraints import TIPS_APART, Placement, Row
+from nlpgrasp.common.scalar_constraints import TIPS_APART, ScalarConstraint, SymbolicCandidate
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import LARGEST_TIP, FloatArray, integer, number, of_a_hand
+from nlpgrasp.common.validation import LARGEST_TIP, FloatArray, hand_length, integer, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.base import Hand, HandVariable
 
@@ -42,7 +42,7 @@ class Fingertips(Hand):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "count", integer("Fingertips.count", self.count, at_least=1))
-        radius = of_a_hand("Fingertips.radius", number("Fingertips.radius", self.radius, at_least=0.0), LARGEST_TIP)
+        radius = hand_length("Fingertips.radius", number("Fingertips.radius", self.radius, at_least=0.0), LARGEST_TIP)
         object.__setattr__(self, "radius", radius)
         if self.spread is not None:
             given = self.spread
@@ -50,10 +50,10 @@ class Fingertips(Hand):
             if len(pair) != 2:
                 raise InputError("Fingertips.spread", self.spread, "one distance, or a least and a greatest one")
             low = number("Fingertips.spread", pair[0], at_least=0.0)
-            high = of_a_hand("Fingertips.spread", number("Fingertips.spread", pair[1], above=low))
+            high = hand_length("Fingertips.spread", number("Fingertips.spread", pair[1], above=low))
             object.__setattr__(self, "spread", (low, high))
         if self.reach is not None:
-            reach = of_a_hand("Fingertips.reach", number("Fingertips.reach", self.reach, above=0.0))
+            reach = hand_length("Fingertips.reach", number("Fingertips.reach", self.reach, above=0.0))
             object.__setattr__(self, "reach", reach)
 
     @property
@@ -73,13 +73,13 @@ class Fingertips(Hand):
         """Return the centroid of the fingertips (k, space) as palm point, metres, where a reach is stated."""
         return {} if self.reach is None else {"palm": np.asarray(tips.mean(axis=0))}
 
-    def rows(self, placement: Placement, variables: dict[str, Expression]) -> list[Row]:
+    def rows(self, placement: SymbolicCandidate, variables: dict[str, Expression]) -> list[ScalarConstraint]:
         """Return constraints on reach, spread and overlap, as squared distances."""
         tips, size2 = placement.tips, placement.size**2
         rows = []
         if self.reach is not None:
             rows += [
-                Row(
+                ScalarConstraint(
                     "reach",
                     ca.sumsqr(tip - variables["palm"]),
                     upper=self.reach**2,
@@ -93,7 +93,7 @@ class Fingertips(Hand):
         low = max(low, 2.0 * self.radius)
         if low > 0.0 or np.isfinite(high):
             rows += [
-                Row(TIPS_APART, ca.sumsqr(p - q), low**2, high**2, size2, "m2", fingers=(i, j))
+                ScalarConstraint(TIPS_APART, ca.sumsqr(p - q), low**2, high**2, size2, "m2", fingers=(i, j))
                 for (i, p), (j, q) in combinations(enumerate(tips), 2)
             ]
         return rows

@@ -12,15 +12,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.formatting import rounded
+from nlpgrasp.common.formatting import format_number
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.base import Hand
-from nlpgrasp.hands.finger_chains import better_approach, direction_words, listed
+from nlpgrasp.hands.finger_chains import format_as_list, format_direction, suggested_approach
 from nlpgrasp.hands.kinematics import LinkTree
-from nlpgrasp.hands.link_spheres import WORTH_A_WARNING, SphereFit, fits_of
+from nlpgrasp.hands.link_spheres import WORTH_A_WARNING, SphereFit, fit_hand
 from nlpgrasp.hands.linked_hand import LinkedHand
-from nlpgrasp.hands.opposition import TOUCH, Meeting, Opposition, opposition
+from nlpgrasp.hands.opposition import TOUCH, Opposition, TipMeeting, opposition
 from nlpgrasp.hands.robot import Robot
 from nlpgrasp.hands.robot_file import read_robot
 from nlpgrasp.hands.suggested_tips import GUESS, End, end, leaves, overhang
@@ -39,7 +39,7 @@ ALONG_Z = [0.0, 0.0, 1.0]  # default palm direction
 GOOD = "every visible link has a collision shape, every joint has limits, and every two fingertips can touch."
 
 
-def inspect(hand: Hand | Inspected) -> Inspection:
+def inspect(hand: Hand | InspectedHand) -> Inspection:
     """Return the inspection of a hand.
 
     Raises
@@ -49,7 +49,7 @@ def inspect(hand: Hand | Inspected) -> Inspection:
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # the findings hold the same warnings
-        shown = hand if isinstance(hand, Inspected) else inspected(hand)
+        shown = hand if isinstance(hand, InspectedHand) else inspection_data(hand)
     met = opposition(shown.tree, shown.at_rest) if shown.tree.tips else None
     return Inspection(shown, met, findings(shown, met))
 
@@ -67,9 +67,9 @@ class Inspection:
         Warnings, grave ones first.
     """
 
-    hand: Inspected
+    hand: InspectedHand
     met: Opposition | None
-    findings: tuple[Finding, ...]
+    findings: tuple[FileWarning, ...]
 
     @property
     def verdict(self) -> str:
@@ -89,11 +89,11 @@ class Inspection:
         return "some" if self.findings else "good"
 
     @property
-    def sentences(self) -> tuple[Finding, ...]:
+    def sentences(self) -> tuple[FileWarning, ...]:
         """The warnings, after how to state fingertips where there are none; empty without problems."""
         if self.hand.tree.tips:
             return self.findings
-        ends, more = ends_of(self.hand), len(self.hand.leaves) - LISTED
+        ends, more = leaf_links(self.hand), len(self.hand.leaves) - LISTED
         named = ", ".join(tip.link for tip in ends) + (f" and {more} more" if more > 0 else "")
         guess = ""
         if any(tip.guessed for tip in ends):
@@ -104,7 +104,10 @@ class Inspection:
             if off:
                 told = ", ".join(f"{link} by up to {millimetres(reach)}" for link, reach in off.items())
                 guess += f" It floats beyond the finger's own shapes at {told}: state tips that lie on the finger."
-        return (Finding(f"No fingertips are stated. Links at the ends: {named}.{guess} To use them:"), *self.findings)
+        return (
+            FileWarning(f"No fingertips are stated. Links at the ends: {named}.{guess} To use them:"),
+            *self.findings,
+        )
 
     @property
     def to_paste(self) -> tuple[str, ...]:
@@ -131,7 +134,7 @@ def _counted(count: int, what: str) -> str:
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 
-def inspected(hand: Hand) -> Inspected:
+def inspection_data(hand: Hand) -> InspectedHand:
     """Return the inspection data of a hand.
 
     Raises
@@ -143,10 +146,10 @@ def inspected(hand: Hand) -> Inspected:
     if not isinstance(hand, LinkedHand) or fits is None:
         given = f"{type(hand).__name__}, which has no links to draw"
         raise InputError("hand.show", given, "a hand with links: ng.URDFHand.load or one of ng.hands")
-    return Inspected(hand.tree, fits, hand.torque_limits)
+    return InspectedHand(hand.tree, fits, hand.torque_limits)
 
 
-def without_fingertips(path: str | Path, palm: str | None, approach: ArrayLike) -> Inspected:
+def without_fingertips(path: str | Path, palm: str | None, approach: ArrayLike) -> InspectedHand:
     """Return the inspection data of a URDF without fingertips; arguments are those of ``ng.URDFHand.load``.
 
     Raises
@@ -156,11 +159,11 @@ def without_fingertips(path: str | Path, palm: str | None, approach: ArrayLike) 
     """
     robot = read_robot(path, palm)
     tree = LinkTree(robot, (), approach_of(approach))
-    return Inspected(tree, fits_of(robot, SPHERES), torque_limits_of(robot, None), str(path), palm)
+    return InspectedHand(tree, fit_hand(robot, SPHERES), torque_limits_of(robot, None), str(path), palm)
 
 
 @dataclass(frozen=True)
-class Inspected:
+class InspectedHand:
     """A hand under inspection: kinematics, collision spheres and torque limits.
 
     Parameters
@@ -196,7 +199,7 @@ class Inspected:
         return leaves(self.tree.robot)
 
 
-def findings(hand: Inspected, met: Opposition | None) -> tuple[Finding, ...]:
+def findings(hand: InspectedHand, met: Opposition | None) -> tuple[FileWarning, ...]:
     """Return the warnings about a hand, grave ones first.
 
     Parameters
@@ -206,17 +209,17 @@ def findings(hand: Inspected, met: Opposition | None) -> tuple[Finding, ...]:
         Opposition of its fingertips; None where none are stated.
     """
     found = [
-        *_palm(hand),
-        *_shapes(hand),
+        *_palm_warning(hand),
+        *_shape_warnings(hand),
         *_overhangs(hand),
-        *_joints(hand),
-        *([] if met is None else _tips(hand, met)),
+        *_joint_warnings(hand),
+        *([] if met is None else _tip_warnings(hand, met)),
     ]
     return tuple(sorted(found, key=lambda finding: not finding.grave))
 
 
 @dataclass(frozen=True)
-class Finding:
+class FileWarning:
     """A warning about a hand.
 
     Parameters
@@ -234,38 +237,40 @@ class Finding:
     command: str = ""
 
 
-def _palm(hand: Inspected) -> list[Finding]:
+def _palm_warning(hand: InspectedHand) -> list[FileWarning]:
     """Return a warning where the palm probably faces another way than stated."""
-    better = better_approach(hand.tree)
+    better = suggested_approach(hand.tree)
     if better is None:
         return []
-    said, seen = direction_words(hand.tree.approach), direction_words(better)
+    said, seen = format_direction(hand.tree.approach), format_direction(better)
     text = f"The palm is said to face {said}, but its fingertips lie towards {seen}:"
-    faces = listed(better)
+    faces = format_as_list(better)
     option = faces.strip("[]").replace(" ", "")
-    return [Finding(f"{text} approach={faces}?", command=f"{text} --approach {option}?")]
+    return [FileWarning(f"{text} approach={faces}?", command=f"{text} --approach {option}?")]
 
 
-def _shapes(hand: Inspected) -> list[Finding]:
+def _shape_warnings(hand: InspectedHand) -> list[FileWarning]:
     robot = hand.tree.robot
-    found = [Finding(f"Left out: {name}.", grave=True) for name in robot.missing]
+    found = [FileWarning(f"Left out: {name}.", grave=True) for name in robot.missing]
     if robot.bare:
         one, text = len(robot.bare) == 1, ", ".join(robot.bare)
         them, has, may = (f"Link {text} is", "has", "it may") if one else (f"Links {text} are", "have", "they may")
-        found.append(Finding(f"{them} visible but {has} no collision shape: {may} pass through the body.", grave=True))
+        found.append(
+            FileWarning(f"{them} visible but {has} no collision shape: {may} pass through the body.", grave=True)
+        )
     if not robot.shapes:
         found.append(
-            Finding("No link has a collision shape: all but the fingertips may pass through the body.", grave=True)
+            FileWarning("No link has a collision shape: all but the fingertips may pass through the body.", grave=True)
         )
     for link, fit in hand.fits.items():
         if fit.uncovered > WORTH_A_WARNING:
-            deep = rounded(1e3 * fit.uncovered, 2)
+            deep = format_number(1e3 * fit.uncovered, 2)
             text = f"Link {link} is thicker than its fingertip: beside a contact it may reach {deep} mm into the body."
-            found.append(Finding(text))
+            found.append(FileWarning(text))
     return found
 
 
-def _overhangs(hand: Inspected) -> list[Finding]:
+def _overhangs(hand: InspectedHand) -> list[FileWarning]:
     """Return warnings about fingertips that reach beyond the shapes of their links."""
     found = []
     for i, (link, tip) in enumerate(hand.tree.tips):
@@ -273,65 +278,71 @@ def _overhangs(hand: Inspected) -> list[Finding]:
         if beyond is not None and beyond > OFF:
             text = f"Fingertip {i} ({link}) reaches up to {millimetres(beyond)} beyond the shapes of its link"
             found.append(
-                Finding(f"{text}: where it touches there, the finger itself does not.", grave=beyond > FAR_OFF)
+                FileWarning(f"{text}: where it touches there, the finger itself does not.", grave=beyond > FAR_OFF)
             )
     return found
 
 
-def _joints(hand: Inspected) -> list[Finding]:
+def _joint_warnings(hand: InspectedHand) -> list[FileWarning]:
     robot = hand.tree.robot
     if not robot.free_joints:
-        return [Finding(f"No joint below {robot.root} moves: a grasp needs joints that move.", grave=True)]
-    found = [Finding(f"{text[0].upper()}{text[1:]}.") for text in joint_remarks(robot)]
+        return [FileWarning(f"No joint below {robot.root} moves: a grasp needs joints that move.", grave=True)]
+    found = [FileWarning(f"{text[0].upper()}{text[1:]}.") for text in joint_remarks(robot)]
     weak = [j.name for j in robot.free_joints if j.name not in hand.torque_limits]
     if weak:
         every = len(weak) == len(robot.free_joints) > 1
-        whose = "No joint has an effort limit" if every else f"No effort limit at {_some(weak, 'joint')}"
-        found.append(Finding(f'{whose}: the force budget "hand_torques" needs torque_limits.'))
+        whose = "No joint has an effort limit" if every else f"No effort limit at {_format_some(weak, 'joint')}"
+        found.append(FileWarning(f'{whose}: the force budget "hand_torques" needs torque_limits.'))
     strong = [j.name for j in robot.free_joints if j.turns and hand.torque_limits.get(j.name, 0.0) > PLACEHOLDER]
     if strong:
-        text = f"An effort above {PLACEHOLDER:g} N m at {_some(strong, 'joint', len(robot.free_joints))}"
-        found.append(Finding(f"{text} looks like a placeholder: state torque_limits."))
-    wide = [name for name, (lower, upper, _) in robot.ranges.items() if _turns(robot, name) and upper - lower >= FULL]
+        text = f"An effort above {PLACEHOLDER:g} N m at {_format_some(strong, 'joint', len(robot.free_joints))}"
+        found.append(FileWarning(f"{text} looks like a placeholder: state torque_limits."))
+    wide = [
+        name for name, (lower, upper, _) in robot.ranges.items() if _is_revolute(robot, name) and upper - lower >= FULL
+    ]
     if wide:
-        text = _some(wide, "joint", len(robot.free_joints))
-        found.append(Finding(f"{text[0].upper()}{text[1:]} can turn a full circle or more: cables may not allow that."))
+        text = _format_some(wide, "joint", len(robot.free_joints))
+        found.append(
+            FileWarning(f"{text[0].upper()}{text[1:]} can turn a full circle or more: cables may not allow that.")
+        )
     return found
 
 
-def _tips(hand: Inspected, met: Opposition) -> list[Finding]:
+def _tip_warnings(hand: InspectedHand, met: Opposition) -> list[FileWarning]:
     if len(hand.tree.tips) == 1:
-        return [Finding("Only one fingertip is stated: to hold a body takes two at least.", grave=True)]
+        return [FileWarning("Only one fingertip is stated: to hold a body takes two at least.", grave=True)]
     found = []
     if met.pairs and not any(pair.faces for pair in met.pairs):
-        found.append(Finding("No two fingertips ever face each other: they cannot press from two sides.", grave=True))
+        found.append(
+            FileWarning("No two fingertips ever face each other: they cannot press from two sides.", grave=True)
+        )
     else:
         found += [_pair(hand, pair) for pair in met.pairs if not pair.touches]
     for several in met.apart:
-        text = f"Fingertips {_named(hand, several.fingers)} come together in smaller sets but not all at once"
-        found.append(Finding(f"{text}: at least two of them stay {millimetres(several.nearest)} apart."))
+        text = f"Fingertips {_format_tips(hand, several.fingers)} come together in smaller sets but not all at once"
+        found.append(FileWarning(f"{text}: at least two of them stay {millimetres(several.nearest)} apart."))
     return found
 
 
-def _pair(hand: Inspected, pair: Meeting) -> Finding:
+def _pair(hand: InspectedHand, pair: TipMeeting) -> FileWarning:
     """Return the warning about two fingertips that cannot touch face to face."""
-    names = f"Fingertips {_named(hand, pair.fingers)}"
+    names = f"Fingertips {_format_tips(hand, pair.fingers)}"
     if not pair.faces:
         near = "touch without facing" if pair.nearest <= TOUCH else f"come within {millimetres(pair.nearest)}"
-        return Finding(f"{names} never face each other; they {near}.")
+        return FileWarning(f"{names} never face each other; they {near}.")
     far = millimetres(pair.opposed)
-    return Finding(f"{names} cannot meet: they stay {far} apart and can hold nothing thinner between them.")
+    return FileWarning(f"{names} cannot meet: they stay {far} apart and can hold nothing thinner between them.")
 
 
-def lines_to_paste(hand: Inspected) -> tuple[str, str]:
+def lines_to_paste(hand: InspectedHand) -> tuple[str, str]:
     """Return the command and the line of Python that state the leaf links as fingertips."""
-    ends, approach = ends_of(hand), hand.tree.approach.tolist()
+    ends, approach = leaf_links(hand), hand.tree.approach.tolist()
     command, more = ["nlpgrasp", "hand", hand.file], ""
     if hand.palm is not None:
         command += ["--palm", hand.palm]
         more += f", palm={json.dumps(hand.palm, ensure_ascii=False)}"
     if approach != ALONG_Z:
-        faces = listed(hand.tree.approach)
+        faces = format_as_list(hand.tree.approach)
         command += ["--approach", faces.strip("[]").replace(" ", "")]
         more += f", approach={faces}"
     for tip in ends:
@@ -340,27 +351,27 @@ def lines_to_paste(hand: Inspected) -> tuple[str, str]:
     return shlex.join(command), f"ng.URDFHand.load({json.dumps(hand.file, ensure_ascii=False)}, {{{tips}}}{more})"
 
 
-def ends_of(hand: Inspected) -> tuple[End, ...]:
+def leaf_links(hand: InspectedHand) -> tuple[End, ...]:
     """Return the first leaf links, with the fingertips that their shapes suggest."""
     return tuple(end(hand.tree.robot, link) for link in hand.leaves[:LISTED])
 
 
 def millimetres(distance: float) -> str:
     """Return a distance in metres as text, to a tenth of a millimetre."""
-    return f"{rounded(round(1e3 * distance, 1))} mm"
+    return f"{format_number(round(1e3 * distance, 1))} mm"
 
 
-def _named(hand: Inspected, fingers: Sequence[int]) -> str:
+def _format_tips(hand: InspectedHand, fingers: Sequence[int]) -> str:
     """Return fingertips by number and link, as text."""
     names = [f"{i} ({hand.tree.tips[i][0]})" for i in fingers]
     return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def _turns(robot: Robot, name: str) -> bool:
+def _is_revolute(robot: Robot, name: str) -> bool:
     return next(j.turns for j in robot.free_joints if j.name == name)
 
 
-def _some(names: Sequence[str], what: str, count: int = 0) -> str:
+def _format_some(names: Sequence[str], what: str, count: int = 0) -> str:
     """Return names as text, or ``all n`` where they are all of a count."""
     if len(names) == count > 1:
         return f"all {count} {what}s"

@@ -288,29 +288,29 @@ def _urdf(robot: Robot) -> str:
     """Return a URDF with the robot's kinematics alone."""
     root = ET.Element("robot", name=robot.name)
     for link in robot.links:
-        _link(root, link)
+        _add_link_element(root, link)
     for joint in robot.joints:
         if joint.kind == "prismatic":  # the library slides along the axis without the origin's rotation
             between = f"{joint.parent} to {joint.name}"
-            _link(root, between)
-            _joint(root, replace(joint, name=f"{joint.name} origin", kind="fixed", child=between))
-            element = _joint(root, replace(joint, parent=between, xyz=np.zeros(3), rpy=np.zeros(3)))
+            _add_link_element(root, between)
+            _joint_element(root, replace(joint, name=f"{joint.name} origin", kind="fixed", child=between))
+            element = _joint_element(root, replace(joint, parent=between, xyz=np.zeros(3), rpy=np.zeros(3)))
         else:
-            element = _joint(root, joint)
+            element = _joint_element(root, joint)
         ET.SubElement(element, "axis", xyz=_text(joint.axis))
         if joint.kind in ("revolute", "prismatic"):
             ET.SubElement(element, "limit", lower="-1", upper="1", effort="1", velocity="1")
     return ET.tostring(root, encoding="unicode")
 
 
-def _link(root: ET.Element, name: str) -> None:
+def _add_link_element(root: ET.Element, name: str) -> None:
     inertial = ET.SubElement(ET.SubElement(root, "link", name=name), "inertial")  # without mass it is no link
     ET.SubElement(inertial, "origin", xyz="0 0 0", rpy="0 0 0")
     ET.SubElement(inertial, "mass", value="1")
     ET.SubElement(inertial, "inertia", ixx="1", iyy="1", izz="1", ixy="0", ixz="0", iyz="0")
 
 
-def _joint(root: ET.Element, joint: Joint) -> ET.Element:
+def _joint_element(root: ET.Element, joint: Joint) -> ET.Element:
     element = ET.SubElement(root, "joint", name=joint.name, type=joint.kind)
     ET.SubElement(element, "parent", link=joint.parent)
     ET.SubElement(element, "child", link=joint.child)

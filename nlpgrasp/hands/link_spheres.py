@@ -18,7 +18,7 @@ from scipy.spatial.distance import cdist
 from nlpgrasp.common.cache import kept
 from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.hands.collision_shapes import Shape
+from nlpgrasp.hands.collision_shapes import CollisionShape
 from nlpgrasp.hands.kinematics import LinkTree
 from nlpgrasp.hands.robot import Robot
 from nlpgrasp.hands.tips import Tip
@@ -71,7 +71,7 @@ class SphereFit:
         return SphereFit(self.centres[kept], radii[kept], self.error, self.uncovered)
 
 
-def fits_of(robot: Robot, per_link: int) -> dict[str, SphereFit]:
+def fit_hand(robot: Robot, per_link: int) -> dict[str, SphereFit]:
     """Return spheres for each link that has a collision shape, at most ``per_link`` (more for the palm)."""
     result = {}
     known: dict[tuple[bytes, int], SphereFit] = {}
@@ -84,7 +84,7 @@ def fits_of(robot: Robot, per_link: int) -> dict[str, SphereFit]:
     return result
 
 
-def fits_beside_tips(whole: Mapping[str, SphereFit], tree: LinkTree, clearance: float) -> dict[str, SphereFit]:
+def fit_around_tips(whole: Mapping[str, SphereFit], tree: LinkTree, clearance: float) -> dict[str, SphereFit]:
     """Return the spheres with those rigidly connected to a fingertip shrunk or removed so that it can touch."""
     result = {}
     for link, fit in whole.items():
@@ -98,7 +98,7 @@ def fits_beside_tips(whole: Mapping[str, SphereFit], tree: LinkTree, clearance: 
                 fit = fit.limited(tip.most_radius(there) - clearance, inside)
                 beside.append((transform, tip))
         if beside:
-            fit = replace(fit, uncovered=_uncovered(tree.robot.shapes[link], fit, beside))
+            fit = replace(fit, uncovered=_uncovered_depth(tree.robot.shapes[link], fit, beside))
             if fit.uncovered > WORTH_A_WARNING:
                 deep = f"{1e3 * fit.uncovered:.1f} mm"
                 text = f"link {link} is thicker than its fingertip: beside a contact it may reach {deep} into the body"
@@ -108,7 +108,9 @@ def fits_beside_tips(whole: Mapping[str, SphereFit], tree: LinkTree, clearance: 
     return result
 
 
-def _uncovered(shapes: Sequence[Shape], fit: SphereFit, beside: Sequence[tuple[FloatArray, Tip]]) -> float:
+def _uncovered_depth(
+    shapes: Sequence[CollisionShape], fit: SphereFit, beside: Sequence[tuple[FloatArray, Tip]]
+) -> float:
     """Return how far the shapes stick out of the spheres and the fingertip solids, metres."""
     points, _ = surface_points(shapes, np.random.default_rng(0))
     gaps = [tip.beyond(points @ T[:3, :3].T + T[:3, 3]) for T, tip in beside]
@@ -117,25 +119,27 @@ def _uncovered(shapes: Sequence[Shape], fit: SphereFit, beside: Sequence[tuple[F
     return max(0.0, float(np.max(np.min(gaps, axis=0))))
 
 
-def fit_spheres(shapes: Sequence[Shape], most: int) -> SphereFit:
+def fit_spheres(shapes: Sequence[CollisionShape], most: int) -> SphereFit:
     """Return at most ``most`` spheres that cover the shapes of one link (one per shape if all are spheres)."""
     if all(s.centre is not None for s in shapes):
         return SphereFit(np.array([s.centre for s in shapes]), np.array([s.radius for s in shapes]), 0.0)
-    found = kept("spheres", [str(most).encode(), *(shape.content for shape in shapes)], lambda: _fitted(shapes, most))
+    found = kept(
+        "spheres", [str(most).encode(), *(shape.content for shape in shapes)], lambda: _fit_cover(shapes, most)
+    )
     return SphereFit(found["centres"], found["radii"], float(found["error"]))
 
 
-def _fitted(shapes: Sequence[Shape], most: int) -> dict[str, FloatArray]:
+def _fit_cover(shapes: Sequence[CollisionShape], most: int) -> dict[str, FloatArray]:
     """Return centres, radii and error of the better of set cover and regular arrangement."""
-    fit = min((_chosen(shapes, most), _regular(shapes, most)), key=lambda fit: fit.error)
+    fit = min((_greedy_cover(shapes, most), _regular_cover(shapes, most)), key=lambda fit: fit.error)
     return {"centres": fit.centres, "radii": fit.radii, "error": np.asarray(fit.error)}
 
 
-def _chosen(shapes: Sequence[Shape], most: int) -> SphereFit:
+def _greedy_cover(shapes: Sequence[CollisionShape], most: int) -> SphereFit:
     """Return spheres by greedy set cover, each moved to cover its share with the least error."""
     rng = np.random.default_rng(0)
     surface, spacing = surface_points(shapes, rng)
-    inner, depth = _inside(shapes, rng)
+    inner, depth = _interior_points(shapes, rng)
     if not len(inner):
         return SphereFit(np.zeros((0, 3)), np.zeros(0), np.inf)  # a flat shape: the regular arrangement will do
     size = float(np.linalg.norm(np.ptp(surface, axis=0)))
@@ -147,7 +151,7 @@ def _chosen(shapes: Sequence[Shape], most: int) -> SphereFit:
         if chosen is not None:
             break
         error *= GROWTH
-    best, reach = _improved(apart, depth, chosen)
+    best, reach = _refine_cover(apart, depth, chosen)
     kept = reach > 0.0
     return SphereFit(inner[best][kept], reach[kept], float(np.max((reach - depth[best])[kept], initial=0.0)))
 
@@ -168,7 +172,7 @@ def _cover(covers: BoolArray, most: int) -> list[int] | None:
     return chosen
 
 
-def _improved(apart: FloatArray, depth: FloatArray, chosen: list[int]) -> tuple[IntArray, FloatArray]:
+def _refine_cover(apart: FloatArray, depth: FloatArray, chosen: list[int]) -> tuple[IntArray, FloatArray]:
     """Move each sphere to cover its own samples with the least error; return indices of centres, and radii."""
     best = np.array(chosen)
     radii = np.zeros(len(best))
@@ -190,7 +194,7 @@ def _improved(apart: FloatArray, depth: FloatArray, chosen: list[int]) -> tuple[
     return best, radii
 
 
-def _regular(shapes: Sequence[Shape], most: int) -> SphereFit:
+def _regular_cover(shapes: Sequence[CollisionShape], most: int) -> SphereFit:
     """Return the best regular arrangement of spheres in the shapes' bounding box: best for boxes and fingers."""
     surface, spacing = surface_points(shapes, np.random.default_rng(0))
     low, high = surface.min(axis=0), surface.max(axis=0)
@@ -224,7 +228,7 @@ def _arrangements(most: int) -> list[tuple[int, int, int]]:
     ]
 
 
-def surface_points(shapes: Sequence[Shape], rng: np.random.Generator) -> tuple[FloatArray, float]:
+def surface_points(shapes: Sequence[CollisionShape], rng: np.random.Generator) -> tuple[FloatArray, float]:
     """Return samples of the union's surface with the shapes' vertices, (m, 3), and their spacing, metres."""
     import trimesh
 
@@ -241,7 +245,7 @@ def surface_points(shapes: Sequence[Shape], rng: np.random.Generator) -> tuple[F
     return np.concatenate(points), float(np.sqrt(area / SURFACE))
 
 
-def _inside(shapes: Sequence[Shape], rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+def _interior_points(shapes: Sequence[CollisionShape], rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     """Return points inside the union and their depths, medial points among them."""
     import trimesh
 

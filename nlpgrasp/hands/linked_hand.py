@@ -20,7 +20,7 @@ from nlpgrasp.hands.kinematics import LinkTree
 POSTURES = 4096  # random postures among which a search chooses
 SHARES = (0.02, 0.9)  # of the joint ranges: ends between which random postures are drawn
 # function that writes the notebook's card
-CARD = ("nlpgrasp.report.hand_page", "card")
+CARD = ("nlpgrasp.report.hand_page", "hand_card")
 NAMED = 6  # most fingertips named in a line
 
 
@@ -155,8 +155,8 @@ def reach(
     lower, upper = tree.joint_limits
     joints = lower + rng.uniform(*SHARES, (POSTURES, len(lower))) * (upper - lower)
     tips = tree.palm_tips(joints)
-    chosen = cKDTree(_distances(tips)).query(_distances(places), near)[1].ravel()
-    rotations, positions = fitted(tips[chosen], np.repeat(places, near, axis=0))
+    chosen = cKDTree(_pair_distances(tips)).query(_pair_distances(places), near)[1].ravel()
+    rotations, positions = fit_rigid_transforms(tips[chosen], np.repeat(places, near, axis=0))
     values = {
         "palm_position": positions,
         "palm_quaternion": Rotation.from_matrix(rotations).as_quat(scalar_first=True),
@@ -165,7 +165,7 @@ def reach(
     return values, tips[chosen] @ rotations.transpose(0, 2, 1) + positions[:, None]
 
 
-def fitted(points: FloatArray, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+def fit_rigid_transforms(points: FloatArray, places: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the rotations (b, 3, 3) and translations (b, 3) that bring points (b, k, 3) nearest to places.
 
     In the sense of least squares (Kabsch 1976, doi:10.1107/S0567739476001873); reflections are none of them.
@@ -178,7 +178,7 @@ def fitted(points: FloatArray, places: FloatArray) -> tuple[FloatArray, FloatArr
     return rotations, goal - np.einsum("bij,bj->bi", rotations, middle)
 
 
-def _distances(points: FloatArray) -> FloatArray:
+def _pair_distances(points: FloatArray) -> FloatArray:
     """Return the distances between each two of the points (b, k, 3), (b, k (k - 1) / 2)."""
     i, j = np.triu_indices(points.shape[1], 1)
     return np.asarray(np.linalg.norm(points[:, i] - points[:, j], axis=2))

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.optional_packages import import_mujoco
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.hands.collision_shapes import MeshFile, Shape
-from nlpgrasp.hands.robot import Inertial, Joint, Mimic, Robot, bad, check_mimics, check_ranges
+from nlpgrasp.hands.collision_shapes import CollisionShape, MeshFile
+from nlpgrasp.hands.robot import Inertial, Joint, Mimic, Robot, check_mimics, check_ranges, raise_invalid
 
 if TYPE_CHECKING:
     from mujoco import MjModel
@@ -51,7 +51,7 @@ def read_mjcf(path: Path, palm: str | None = None) -> Robot:
     MissingExtraError
         Without MuJoCo (extra ``sim``).
     """
-    model = _compiled(path)
+    model = _compile_model(path)
     start = _start(path, model, palm)
     bodies = [start]
     for body in range(start + 1, model.nbody):
@@ -66,8 +66,8 @@ def read_mjcf(path: Path, palm: str | None = None) -> Robot:
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     name = str(model.names[: model.names.index(b"\0")], "utf-8") or path.stem
     robot = Robot(name, links[0], tuple(links), tuple(joints), shapes, missing, path.name, digest, bare)
-    robot = coupled(path, model, robot)
-    robot = with_efforts(model, replace(robot, joints=tuple(closed(path, joint) for joint in robot.joints)))
+    robot = add_couplings(path, model, robot)
+    robot = add_effort_limits(model, replace(robot, joints=tuple(closed(path, joint) for joint in robot.joints)))
     check_ranges(path, robot)
     return robot
 
@@ -82,7 +82,7 @@ def mjcf_links(path: Path) -> tuple[str, ...]:
     MissingExtraError
         Without MuJoCo (extra ``sim``).
     """
-    model = _compiled(path)
+    model = _compile_model(path)
     return tuple(body_name(model, body) for body in range(1, model.nbody))
 
 
@@ -96,7 +96,7 @@ def mjcf_inertials(path: Path) -> dict[str, Inertial]:
     MissingExtraError
         Without MuJoCo (extra ``sim``).
     """
-    model, result = _compiled(path), {}
+    model, result = _compile_model(path), {}
     for body in range(1, model.nbody):
         pose = transform(model.body_ipos[body], model.body_iquat[body])
         turn, mass = pose[:3, :3], float(model.body_mass[body])
@@ -106,27 +106,29 @@ def mjcf_inertials(path: Path) -> dict[str, Inertial]:
     return result
 
 
-def _compiled(path: Path) -> MjModel:
+def _compile_model(path: Path) -> MjModel:
     mujoco = import_mujoco(f"{path.name}: reading MJCF")
     try:
         spec = mujoco.MjSpec.from_file(str(path))
         spec.compiler.fusestatic = False  # every body stays a separate link
         return spec.compile()
     except (ValueError, mujoco.FatalError) as error:
-        bad(path, " ".join(str(error).split()), "an MJCF file that MuJoCo reads, with its meshes")
+        raise_invalid(path, " ".join(str(error).split()), "an MJCF file that MuJoCo reads, with its meshes")
 
 
 def _start(path: Path, model: MjModel, palm: str | None) -> int:
     names = [body_name(model, body) for body in range(model.nbody)]
     if palm is not None:
         if palm not in names[1:]:
-            bad(path, f"palm {palm!r}", "a body of the file: " + ", ".join(names[1:]))
+            raise_invalid(path, f"palm {palm!r}", "a body of the file: " + ", ".join(names[1:]))
         return names.index(palm)
     roots = [int(body) for body in np.flatnonzero(model.body_parentid == 0) if body > 0]
     if not roots:
-        bad(path, "no <body>", "a hand with bodies")
+        raise_invalid(path, "no <body>", "a hand with bodies")
     if len(roots) > 1:
-        bad(path, "bodies " + ", ".join(names[b] for b in roots) + " side by side", "palm=, the hand's own body")
+        raise_invalid(
+            path, "bodies " + ", ".join(names[b] for b in roots) + " side by side", "palm=, the hand's own body"
+        )
     return roots[0]
 
 
@@ -151,33 +153,33 @@ def joints_to(path: Path, model: MjModel, body: int) -> list[Joint]:
             cure = (
                 f"hinges and slides below the palm, or palm={name!r}" if kind == FREE else "three hinges in its place"
             )
-            bad(path, f"joint {label} of body {name}, of type {('free', 'ball')[kind]}", cure)
+            raise_invalid(path, f"joint {label} of body {name}, of type {('free', 'ball')[kind]}", cure)
         anchor, axis, reference = (
             model.jnt_pos[j],
             np.array(model.jnt_axis[j]),
             float(model.qpos0[model.jnt_qposadr[j]]),
         )
         back = transform(-anchor)
-        here = here @ transform(anchor) @ moved(kind == SLIDE, axis, -reference)
+        here = here @ transform(anchor) @ joint_motion(kind == SLIDE, axis, -reference)
         last = j == first + count - 1 and not np.any(anchor)
         child = name if last else f"{name}/{label}"
         lower, upper = (float(v) for v in model.jnt_range[j]) if model.jnt_limited[j] else (-np.inf, np.inf)
-        xyz, rpy = here[:3, 3].copy(), angles(here[:3, :3])
+        xyz, rpy = here[:3, 3].copy(), euler_angles(here[:3, :3])
         what = "prismatic" if kind == SLIDE else "revolute"
         result.append(Joint(label, what, parent, child, xyz, rpy, axis, lower, upper))
         here, parent = back, child
     if parent != name:
-        xyz, rpy, axis = here[:3, 3].copy(), angles(here[:3, :3]), np.array([1.0, 0.0, 0.0])
+        xyz, rpy, axis = here[:3, 3].copy(), euler_angles(here[:3, :3]), np.array([1.0, 0.0, 0.0])
         result.append(Joint(f"{name}/fixed", "fixed", parent, name, xyz, rpy, axis, 0.0, 0.0))
     return result
 
 
-def held(joint: Joint, position: float) -> Joint:
+def fix_joint(joint: Joint, position: float) -> Joint:
     """Return the joint fixed at a position, radians or metres."""
     here = transform(joint.xyz)
     here[:3, :3] = Rotation.from_euler("xyz", joint.rpy).as_matrix()
-    there = here @ moved(joint.kind == "prismatic", joint.axis, position)
-    return replace(joint, kind="fixed", xyz=there[:3, 3].copy(), rpy=angles(there[:3, :3]), lower=0.0, upper=0.0)
+    there = here @ joint_motion(joint.kind == "prismatic", joint.axis, position)
+    return replace(joint, kind="fixed", xyz=there[:3, 3].copy(), rpy=euler_angles(there[:3, :3]), lower=0.0, upper=0.0)
 
 
 def closed(path: Path, joint: Joint) -> Joint:
@@ -191,25 +193,25 @@ def closed(path: Path, joint: Joint) -> Joint:
     if not joint.moves or joint.mimic is not None or np.isfinite(joint.upper):
         return joint
     if joint.kind == "prismatic":
-        bad(path, f"joint {joint.name}, a slide without range", "range= on every slide")
+        raise_invalid(path, f"joint {joint.name}, a slide without range", "range= on every slide")
     return replace(joint, kind="continuous", lower=-np.pi, upper=np.pi)
 
 
 def read_geoms(
     model: MjModel, bodies: Sequence[int]
-) -> tuple[dict[str, tuple[Shape, ...]], tuple[str, ...], tuple[str, ...]]:
+) -> tuple[dict[str, tuple[CollisionShape, ...]], tuple[str, ...], tuple[str, ...]]:
     """Return shapes by body, the shapes left out, and visible bodies without a collision shape.
 
     A geometry counts if it can collide (``contype`` or ``conaffinity``) or is in the collision group. Meshes are taken
     as they are, not as the convex hulls that MuJoCo collides.
     """
-    shapes: dict[str, tuple[Shape, ...]] = {}
+    shapes: dict[str, tuple[CollisionShape, ...]] = {}
     missing, bare = [], []
     for body in bodies:
         first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
         every, name = range(first, first + count), body_name(model, body)
-        solid = [g for g in every if model.geom_contype[g] or model.geom_conaffinity[g] or _grouped(model, g)]
-        found = [(g, _shape(model, g)) for g in solid]
+        solid = [g for g in every if model.geom_contype[g] or model.geom_conaffinity[g] or _is_collision_geom(model, g)]
+        found = [(g, _mjcf_shape(model, g)) for g in solid]
         missing += [f"{geom_name(model, g)} (link {name}: no solid)" for g, shape in found if shape is None]
         if kept := tuple(shape for _, shape in found if shape is not None):
             shapes[name] = kept
@@ -218,27 +220,27 @@ def read_geoms(
     return shapes, tuple(missing), tuple(bare)
 
 
-def _grouped(model: MjModel, geom: int) -> bool:
+def _is_collision_geom(model: MjModel, geom: int) -> bool:
     return int(model.geom_group[geom]) == COLLISION_GROUP
 
 
-def _shape(model: MjModel, geom: int) -> Shape | None:
+def _mjcf_shape(model: MjModel, geom: int) -> CollisionShape | None:
     kind, size = int(model.geom_type[geom]), np.array(model.geom_size[geom])
     pose = transform(model.geom_pos[geom], model.geom_quat[geom])
     if kind == SPHERE:
-        return Shape.sphere(float(size[0]), pose)
+        return CollisionShape.sphere(float(size[0]), pose)
     if kind == CAPSULE:
-        return Shape.capsule(float(size[0]), 2.0 * float(size[1]), pose)
+        return CollisionShape.capsule(float(size[0]), 2.0 * float(size[1]), pose)
     if kind == CYLINDER:
-        return Shape.cylinder(float(size[0]), 2.0 * float(size[1]), pose)
+        return CollisionShape.cylinder(float(size[0]), 2.0 * float(size[1]), pose)
     if kind == ELLIPSOID:
-        return Shape.ellipsoid(size, pose)
+        return CollisionShape.ellipsoid(size, pose)
     if kind == BOX:
-        return Shape.box(2.0 * size, pose)
-    return _mesh(model, int(model.geom_dataid[geom]), pose) if kind == MESH else None
+        return CollisionShape.box(2.0 * size, pose)
+    return _mjcf_mesh_shape(model, int(model.geom_dataid[geom]), pose) if kind == MESH else None
 
 
-def _mesh(model: MjModel, mesh: int, pose: FloatArray) -> Shape:
+def _mjcf_mesh_shape(model: MjModel, mesh: int, pose: FloatArray) -> CollisionShape:
     import trimesh
 
     first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
@@ -246,7 +248,7 @@ def _mesh(model: MjModel, mesh: int, pose: FloatArray) -> Shape:
     vertices = np.array(model.mesh_vert[first : first + count], dtype=float)
     solid = trimesh.Trimesh(vertices, np.array(model.mesh_face[start : start + faces]))
     solid.apply_transform(pose)
-    return Shape("mesh", solid, file=_mesh_file(model, mesh))
+    return CollisionShape("mesh", solid, file=_mesh_file(model, mesh))
 
 
 def _mesh_file(model: MjModel, mesh: int) -> MeshFile | None:
@@ -256,7 +258,7 @@ def _mesh_file(model: MjModel, mesh: int) -> MeshFile | None:
     return MeshFile.of(model.mesh(mesh).name, path) if path is not None and path.is_file() else None
 
 
-def coupled(path: Path, model: MjModel, robot: Robot) -> Robot:
+def add_couplings(path: Path, model: MjModel, robot: Robot) -> Robot:
     """Return the robot with mimic joints, and a list of the couplings that are not modelled.
 
     An equality of two joints makes the first follow the second. A tendon of two joints with an equality makes the later
@@ -270,14 +272,14 @@ def coupled(path: Path, model: MjModel, robot: Robot) -> Robot:
     active = [e for e in range(model.neq) if model.eq_active0[e]]
     for e in active:
         if int(model.eq_type[e]) == JOINT:
-            robot = _followed(path, model, robot, e)
+            robot = _couple_joint(path, model, robot, e)
     check_mimics(path, robot.joints)
     tendons = tendons_of(model, robot)
     taken = set()
     for e in active:
         number = int(model.eq_obj1id[e])
         if int(model.eq_type[e]) == TENDON and number in tendons and int(model.eq_obj2id[e]) < 0:
-            after = _tied(robot, tendons[number], float(model.eq_data[e][0]))
+            after = _couple_by_tendon(robot, tendons[number], float(model.eq_data[e][0]))
             if after is not None:
                 robot = after
                 taken.add(number)
@@ -285,10 +287,10 @@ def coupled(path: Path, model: MjModel, robot: Robot) -> Robot:
         int(i) for e in active if int(model.eq_type[e]) == TENDON for i in (model.eq_obj1id[e], model.eq_obj2id[e])
     }
     left = [t.said() for i, t in tendons.items() if i not in taken and (i in equal or t.couples(robot))]
-    return replace(robot, unmodelled=(*left, *_loops(model, robot, active)))
+    return replace(robot, unmodelled=(*left, *_describe_loops(model, robot, active)))
 
 
-def _followed(path: Path, model: MjModel, robot: Robot, equality: int) -> Robot:
+def _couple_joint(path: Path, model: MjModel, robot: Robot, equality: int) -> Robot:
     """Return the robot after one joint equality: the joint follows another, or is fixed."""
     joints = {joint.name: joint for joint in robot.joints}
     first, second = int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])
@@ -296,20 +298,22 @@ def _followed(path: Path, model: MjModel, robot: Robot, equality: int) -> Robot:
     if name not in joints and other not in joints:
         return robot
     if name not in joints or (other and other not in joints):
-        bad(path, f"joint {name} that follows {other}", "both of them below the palm")
+        raise_invalid(path, f"joint {name} that follows {other}", "both of them below the palm")
     if joints[name].mimic is not None or not joints[name].moves:
-        bad(path, f"joint {name} that follows two others", "one equality for a joint")
+        raise_invalid(path, f"joint {name} that follows two others", "one equality for a joint")
     a = np.array(model.eq_data[equality][:5])
     start = float(model.qpos0[model.jnt_qposadr[first]])
     if not other:
-        return _with(robot, held(joints[name], start + float(a[0])))
+        return _with(robot, fix_joint(joints[name], start + float(a[0])))
     if np.any(a[2:]):
-        bad(path, f"joint {name} that follows {other} by polycoef {a.tolist()}", "a straight line: a0 and a1 alone")
+        raise_invalid(
+            path, f"joint {name} that follows {other} by polycoef {a.tolist()}", "a straight line: a0 and a1 alone"
+        )
     offset = start + float(a[0] - a[1] * model.qpos0[model.jnt_qposadr[second]])
     return _with(robot, replace(joints[name], mimic=Mimic(other, float(a[1]), offset)))
 
 
-def _tied(robot: Robot, tendon: Tendon, longer: float) -> Robot | None:
+def _couple_by_tendon(robot: Robot, tendon: Tendon, longer: float) -> Robot | None:
     """Return the robot where a tendon of fixed length makes one of its two joints follow; None where it cannot."""
     joints = {joint.name: joint for joint in robot.joints}
     if len(tendon.arms) != 2 or not all(name in joints for name in tendon.arms):
@@ -328,7 +332,7 @@ def _with(robot: Robot, joint: Joint) -> Robot:
     return replace(robot, joints=tuple(joint if j.name == joint.name else j for j in robot.joints))
 
 
-def _loops(model: MjModel, robot: Robot, active: list[int]) -> list[str]:
+def _describe_loops(model: MjModel, robot: Robot, active: list[int]) -> list[str]:
     """Return a phrase for each closed loop: a connect or weld constraint between bodies of the hand."""
     found = []
     for e in active:
@@ -410,7 +414,7 @@ def arms_of(model: MjModel, tendon: int) -> dict[str, float]:
     return {joint_name(model, int(model.wrap_objid[w])): float(model.wrap_prm[w]) for w in wraps}
 
 
-def with_efforts(model: MjModel, robot: Robot) -> Robot:
+def add_effort_limits(model: MjModel, robot: Robot) -> Robot:
     """Return the robot with the largest torque (force) of each free joint, where the file states one.
 
     An actuator's largest force is the smaller end of its ``forcerange``, or of a motor's ``ctrlrange`` without one. By
@@ -492,7 +496,7 @@ def transform(position: FloatArray, quaternion: FloatArray | None = None) -> Flo
     return pose
 
 
-def moved(slides: bool, axis: FloatArray, position: float) -> FloatArray:
+def joint_motion(slides: bool, axis: FloatArray, position: float) -> FloatArray:
     """Return the (4, 4) motion of a joint along, or about, an axis (3,) through the origin."""
     pose = np.eye(4)
     if slides:
@@ -502,7 +506,7 @@ def moved(slides: bool, axis: FloatArray, position: float) -> FloatArray:
     return pose
 
 
-def angles(rotation: FloatArray) -> FloatArray:
+def euler_angles(rotation: FloatArray) -> FloatArray:
     """Return roll, pitch and yaw (3,) of a rotation (3, 3), accurate near the singularity too."""
     yaw = float(np.arctan2(rotation[1, 0], rotation[0, 0]))
     rest = Rotation.from_euler("z", -yaw).as_matrix() @ rotation  # = Ry(pitch) Rx(roll)

@@ -37,7 +37,7 @@ def opposition(tree: LinkTree, at_rest: FloatArray) -> Opposition:
     at_rest : (m,) array
         Positions of the free joints, kept for those that do not move the fingertips in question.
     """
-    gaps = TipGaps(tree)
+    gaps = TipDistances(tree)
     count = len(tree.tips)
     pairs = tuple(_meeting(gaps, pair, at_rest) for pair in combinations(range(count), 2))
     together = max(TOGETHER, 2.0 * max((tip.standoff for _, tip in tree.tips), default=0.0))
@@ -68,8 +68,8 @@ class Opposition:
         Largest distance of fingertips that count as meeting, metres.
     """
 
-    pairs: tuple[Meeting, ...]
-    apart: tuple[Meeting, ...]
+    pairs: tuple[TipMeeting, ...]
+    apart: tuple[TipMeeting, ...]
     together: float
 
     @property
@@ -80,7 +80,7 @@ class Opposition:
 
 
 @dataclass(frozen=True)
-class Meeting:
+class TipMeeting:
     """Least distances between two or more fingertips.
 
     Parameters
@@ -112,21 +112,23 @@ class Meeting:
         return self.opposed <= TOUCH
 
 
-def _meeting(gaps: TipGaps, fingers: tuple[int, ...], at_rest: FloatArray) -> Meeting:
+def _meeting(gaps: TipDistances, fingers: tuple[int, ...], at_rest: FloatArray) -> TipMeeting:
     """Return the least distances between some fingertips."""
     if len(fingers) > 2:
-        joints, value = _least(gaps, fingers, at_rest, facing=False)
-        return Meeting(fingers, value, value, joints)
-    joints, value = _least(gaps, fingers, at_rest, facing=True)
+        joints, value = _closest_posture(gaps, fingers, at_rest, facing=False)
+        return TipMeeting(fingers, value, value, joints)
+    joints, value = _closest_posture(gaps, fingers, at_rest, facing=True)
     opposed = value if np.all(gaps.turned_away(fingers, joints[None]) <= 0.0) else np.inf
     if gaps.round(fingers) or value <= TOUCH:
-        return Meeting(fingers, opposed, opposed, joints)
-    other, nearest = _least(gaps, fingers, at_rest, facing=False)
+        return TipMeeting(fingers, opposed, opposed, joints)
+    other, nearest = _closest_posture(gaps, fingers, at_rest, facing=False)
     nearest = min(nearest, opposed)
-    return Meeting(fingers, nearest, opposed, joints if np.isfinite(opposed) else other)
+    return TipMeeting(fingers, nearest, opposed, joints if np.isfinite(opposed) else other)
 
 
-def _least(gaps: TipGaps, fingers: Sequence[int], at_rest: FloatArray, *, facing: bool) -> tuple[FloatArray, float]:
+def _closest_posture(
+    gaps: TipDistances, fingers: Sequence[int], at_rest: FloatArray, *, facing: bool
+) -> tuple[FloatArray, float]:
     """Return the joints (m,) with the least distance, and it: random search, then refinement about the best."""
     rng = np.random.default_rng(0)
     lower, upper = gaps.tree.joint_limits
@@ -150,7 +152,7 @@ def _least(gaps: TipGaps, fingers: Sequence[int], at_rest: FloatArray, *, facing
     return joints[first], max(0.0, float(gaps.distances(fingers, joints[first][None], facing=facing)[0]))
 
 
-class TipGaps:
+class TipDistances:
     """Distances between a hand's fingertips for batches of joint positions.
 
     Parameters
@@ -160,7 +162,7 @@ class TipGaps:
 
     def __init__(self, tree: LinkTree) -> None:
         self.tree = tree
-        self._samples = [_samples(tip) for _, tip in tree.tips]
+        self._samples = [_patch_samples(tip) for _, tip in tree.tips]
 
     def round(self, fingers: Sequence[int]) -> bool:
         """Return whether all given fingertips are round, and so face every direction."""
@@ -206,17 +208,17 @@ class TipGaps:
         found = [_between(a, b, weight) for a, b in combinations(placed, 2)]
         return np.max([f[0] for f in found], axis=0), np.max([f[1] for f in found], axis=0)
 
-    def _placed(self, i: int, poses: FloatArray) -> _Placed:
+    def _placed(self, i: int, poses: FloatArray) -> _PatchSamples:
         """Return a fingertip's samples for poses (3, b, links, 4) of the used links."""
         pose = poses[:, :, self.tree.used_links.index(self.tree.tips[i][0])]
         samples = self._samples[i]
         points = np.einsum("xba,ma->bmx", pose[..., :3], samples.points) + pose[..., 3].T[:, None]
         normals = None if samples.normals is None else np.einsum("xba,ma->bmx", pose[..., :3], samples.normals)
-        return _Placed(points, samples.radius, normals)
+        return _PatchSamples(points, samples.radius, normals)
 
 
 @dataclass(frozen=True)
-class _Placed:
+class _PatchSamples:
     """Sample points of a patch, its ball radius, and outward normals unless it is round.
 
     Arrays are (m, 3) in the link's frame, (b, m, 3) in the palm's in b postures.
@@ -227,20 +229,20 @@ class _Placed:
     normals: FloatArray | None
 
 
-def _samples(tip: Tip) -> _Placed:
+def _patch_samples(tip: Tip) -> _PatchSamples:
     """Return the samples of a patch in its link's frame."""
     if tip.standoff > 0.0:
-        return _Placed(tip.backbone, tip.standoff, None)
+        return _PatchSamples(tip.backbone, tip.standoff, None)
     shape = tip.surface(SIDES)
     corners = shape.vertices[shape.faces]
     crossed = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = np.zeros_like(shape.vertices)
     for k in range(3):
         np.add.at(normals, shape.faces[:, k], crossed)
-    return _Placed(shape.vertices, 0.0, normals / np.linalg.norm(normals, axis=1, keepdims=True))
+    return _PatchSamples(shape.vertices, 0.0, normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
 
-def _between(a: _Placed, b: _Placed, weight: float) -> tuple[FloatArray, FloatArray]:
+def _between(a: _PatchSamples, b: _PatchSamples, weight: float) -> tuple[FloatArray, FloatArray]:
     """Return distance and misalignment, (b,) each, of two fingertips at their best pair of points."""
     between = b.points[:, None] - a.points[:, :, None]  # (b, points of a, points of b, 3)
     length = np.linalg.norm(between, axis=3)

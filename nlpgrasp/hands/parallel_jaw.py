@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from nlpgrasp.common.scalar_constraints import Placement, Row
+from nlpgrasp.common.scalar_constraints import ScalarConstraint, SymbolicCandidate
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray, angle, array, number, of_a_hand, within
+from nlpgrasp.common.validation import FloatArray, angle, array, hand_length, number, prefix_errors
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.base import Hand, HandVariable
 
@@ -92,16 +92,16 @@ class ParallelJaw(Hand):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "closed", number("ParallelJaw.closed", self.closed, at_least=0.0))
-        opening = of_a_hand("ParallelJaw.opening", number("ParallelJaw.opening", self.opening, above=0.0))
+        opening = hand_length("ParallelJaw.opening", number("ParallelJaw.opening", self.opening, above=0.0))
         if opening <= self.closed:
             raise InputError("ParallelJaw.opening", f"{opening:g} m", f"more than closed, {self.closed:g} m")
         object.__setattr__(self, "opening", opening)
         object.__setattr__(self, "tilt", angle("ParallelJaw.tilt", self.tilt, MOST_TILT, "less than a right angle"))
         for name in ("finger_length", "finger_thickness"):
             length = number(f"ParallelJaw.{name}", getattr(self, name), at_least=0.0)
-            object.__setattr__(self, name, of_a_hand(f"ParallelJaw.{name}", length, LARGEST_PART))
-        with within("ParallelJaw."):
-            axes = own_axes(self.closing_axis, self.approach_axis)
+            object.__setattr__(self, name, hand_length(f"ParallelJaw.{name}", length, LARGEST_PART))
+        with prefix_errors("ParallelJaw."):
+            axes = gripper_rotation(self.closing_axis, self.approach_axis)
         object.__setattr__(self, "closing_axis", named(axes[:, 0]))
         object.__setattr__(self, "approach_axis", named(axes[:, 2]))
 
@@ -114,7 +114,7 @@ class ParallelJaw(Hand):
         """Return no variables: the contacts determine the jaws."""
         return []
 
-    def rows(self, placement: Placement, variables: dict[str, Expression]) -> list[Row]:
+    def rows(self, placement: SymbolicCandidate, variables: dict[str, Expression]) -> list[ScalarConstraint]:
         """Return constraints on the opening and on the angle of each normal to the closing line."""
         (p, q), (m, n) = placement.positions, placement.normals
         between = q - p
@@ -122,10 +122,12 @@ class ParallelJaw(Hand):
         length = ca.sqrt(squared + 1e-12 * placement.size**2)
         cosine = float(np.cos(self.tilt))
         return [
-            Row("opening of the jaws", squared, self.closed**2, self.opening**2, placement.size**2, unit="m2"),
-            Row("opposed jaws", ca.dot(m, n), upper=-float(np.cos(2.0 * self.tilt))),
-            Row("facing", ca.dot(m, between) - cosine * length, 0.0, scale=placement.size, part="jaw 0"),
-            Row("facing", -ca.dot(n, between) - cosine * length, 0.0, scale=placement.size, part="jaw 1"),
+            ScalarConstraint(
+                "opening of the jaws", squared, self.closed**2, self.opening**2, placement.size**2, unit="m2"
+            ),
+            ScalarConstraint("opposed jaws", ca.dot(m, n), upper=-float(np.cos(2.0 * self.tilt))),
+            ScalarConstraint("facing", ca.dot(m, between) - cosine * length, 0.0, scale=placement.size, part="jaw 0"),
+            ScalarConstraint("facing", -ca.dot(n, between) - cosine * length, 0.0, scale=placement.size, part="jaw 1"),
         ]
 
     def closing(self, positions: Sequence[Expression]) -> Expression:
@@ -287,8 +289,8 @@ class Jaws:
         Finger lines begin at the pads, palm lines between them, a finger's length behind; metres.
         """
         (one, other), closing = self.points, self.closing
-        across = _spread(self.thickness)
-        palm = _spread(self.opening)[1:-1] if self.length > 0.0 else np.zeros(0)
+        across = _evenly_spaced(self.thickness)
+        palm = _evenly_spaced(self.opening)[1:-1] if self.length > 0.0 else np.zeros(0)
         fingers = [one - across[:, None] * closing, other + across[:, None] * closing]
         starts = np.concatenate([*fingers, one + palm[:, None] * closing])
         firsts = np.concatenate([np.zeros(2 * len(across)), np.full(len(palm), self.length)])
@@ -305,18 +307,18 @@ class Jaws:
         if len(approach) == 2:
             return told
         there = np.stack([self.closing, np.cross(approach, self.closing), approach], axis=1)
-        turn = Rotation.from_matrix(there @ own_axes(self.closing_axis, self.approach_axis).T)
+        turn = Rotation.from_matrix(there @ gripper_rotation(self.closing_axis, self.approach_axis).T)
         position = self.points.mean(axis=0) - self.length * approach
         quaternion = turn.as_quat(canonical=True, scalar_first=True).tolist()
         return {"palm_pose": {"position": position.tolist(), "quaternion_wxyz": quaternion}, **told}
 
 
-def _spread(width: float) -> FloatArray:
+def _evenly_spaced(width: float) -> FloatArray:
     """Return offsets evenly across a width, both ends included, at most ``APART`` from each other, metres."""
     return np.linspace(0.0, width, 1 + int(np.ceil(width / APART - ROUNDING)))
 
 
-def own_axes(closing: str | Sequence[float], approach: str | Sequence[float]) -> FloatArray:
+def gripper_rotation(closing: str | Sequence[float], approach: str | Sequence[float]) -> FloatArray:
     """Return the rotation whose columns are closing, transverse and approach directions in the gripper's frame.
 
     Raises
@@ -324,7 +326,7 @@ def own_axes(closing: str | Sequence[float], approach: str | Sequence[float]) ->
     InputError
         On axes that are no unit directions, or not at right angles to each other.
     """
-    along, towards = direction_of("closing_axis", closing), direction_of("approach_axis", approach)
+    along, towards = axis_direction("closing_axis", closing), axis_direction("approach_axis", approach)
     if not abs(float(along @ towards)) <= DIGITS:
         angle = np.degrees(np.arccos(np.clip(along @ towards, -1.0, 1.0)))
         raise InputError("approach_axis", f"{angle:.4g} degrees off closing_axis", "a direction at right angles to it")
@@ -333,7 +335,7 @@ def own_axes(closing: str | Sequence[float], approach: str | Sequence[float]) ->
     return np.stack([along, np.cross(towards, along), towards], axis=1) + 0.0  # no -0
 
 
-def direction_of(field: str, axis: str | Sequence[float]) -> FloatArray:
+def axis_direction(field: str, axis: str | Sequence[float]) -> FloatArray:
     """Return an axis as a unit direction (3,) in the gripper's frame.
 
     Parameters

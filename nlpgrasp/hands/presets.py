@@ -330,7 +330,7 @@ class Preset:
     def _matches(self, links: Sequence[str], name: str) -> list[str]:
         """Return the links with a name, whatever their prefix."""
         longer = [other for other in self.tips if other.endswith(f"_{name}")]  # thumb_fingertip is not a fingertip
-        return [link for link in links if _is(link, name) and not any(_is(link, other) for other in longer)]
+        return [link for link in links if _has_name(link, name) and not any(_has_name(link, other) for other in longer)]
 
     def _tip(self, path: str | Path, robot: Robot, name: str) -> str:
         """Return a fingertip's link: the one with exactly this name, or the only one with a prefix."""
@@ -362,17 +362,17 @@ class Preset:
         return str(path)
 
 
-def _is(link: str, name: str) -> bool:
+def _has_name(link: str, name: str) -> bool:
     """Return whether a link has a name, with any prefix."""
     return link == name or link.endswith(tuple(f"{mark}{name}" for mark in "_:/"))
 
 
-def same_for_all(torque: float) -> Callable[[Robot], Mapping[str, float]]:
+def equal_efforts(torque: float) -> Callable[[Robot], Mapping[str, float]]:
     """Return equal limits for all joints, newton-metres, as a function of the robot."""
     return lambda robot: {joint.name: torque for joint in robot.free_joints}
 
 
-def by_ending(limits: Mapping[str, float]) -> Callable[[Robot], Mapping[str, float]]:
+def efforts_by_name(limits: Mapping[str, float]) -> Callable[[Robot], Mapping[str, float]]:
     """Return limits by the endings of joint names; the URDF's efforts for the other joints."""
 
     def of(robot: Robot) -> Mapping[str, float]:
@@ -383,7 +383,7 @@ def by_ending(limits: Mapping[str, float]) -> Callable[[Robot], Mapping[str, flo
     return of
 
 
-def of_urdf(robot: Robot) -> Mapping[str, float]:
+def efforts_of_file(robot: Robot) -> Mapping[str, float]:
     """Return the efforts that the URDF states."""
     return {joint.name: joint.effort for joint in robot.free_joints if joint.effort}
 
@@ -405,7 +405,7 @@ ALLEGRO = Preset(
     ("palm_link", "palm", "base_link"),
     {f"link_{last}.0_tip": SphereTip(0.012) for last in (3, 7, 11, 15)},
     (1.0, 0.0, 0.0),
-    same_for_all(0.7),
+    equal_efforts(0.7),
     "allegro_hand_description",
 )
 
@@ -415,7 +415,7 @@ BARRETT = Preset(
     ("base_link",),
     {f"finger_{i}_dist_link": SphereTip(0.007, (-0.038, 0.034, 0.0)) for i in (1, 2, 3)},
     (0.0, 0.0, 1.0),
-    by_ending({"prox_joint": 1.7, "med_joint": 1.7, "dist_joint": 0.77}),
+    efforts_by_name({"prox_joint": 1.7, "med_joint": 1.7, "dist_joint": 0.77}),
     "barrett_hand_description",
 )
 
@@ -426,7 +426,7 @@ LEAP = Preset(
     {name: SphereTip(0.012, (0.0, -0.036, 0.015)) for name in ("fingertip", "fingertip_2", "fingertip_3")}
     | {"thumb_fingertip": SphereTip(0.012, (0.0, -0.048, -0.015))},
     (0.0, 0.0, -1.0),
-    same_for_all(0.93),
+    equal_efforts(0.93),
     "leap_hand_v1_description",
 )
 
@@ -446,7 +446,7 @@ ROBOTIQ_2F85 = Preset(
     ("robotiq_arg2f_base_link", "robotiq_85_base_link"),
     {"left_inner_finger_pad": ROBOTIQ_PAD, "right_inner_finger_pad": ROBOTIQ_PAD},
     (0.0, 0.0, 1.0),
-    by_ending({"finger_joint": 25.0}),
+    efforts_by_name({"finger_joint": 25.0}),
     "robotiq_2f85_description",
 )
 
@@ -456,7 +456,7 @@ ROBOTIQ_3F = Preset(
     ("palm",),
     {f"finger_{name}_link_3": SphereTip(0.011, (0.0205, 0.016, 0.0)) for name in ("1", "2", "middle")},
     (0.0, 1.0, 0.0),
-    by_ending({"joint_1": 7.0, "joint_2": 4.0, "joint_3": 1.6}),
+    efforts_by_name({"joint_1": 7.0, "joint_2": 4.0, "joint_3": 1.6}),
 )
 
 
@@ -466,7 +466,7 @@ SHADOW = Preset(
     {f"{finger}distal": SphereTip(0.007, (0.0, 0.0, 0.024)) for finger in ("ff", "mf", "rf", "lf")}
     | {"thdistal": SphereTip(0.009, (0.0, 0.0, 0.026))},
     (0.0, -1.0, 0.0),
-    of_urdf,
+    efforts_of_file,
 )
 
 

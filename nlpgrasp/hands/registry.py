@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TypeVar
 
-from nlpgrasp.common.registry import Registry, read
+from nlpgrasp.common.registry import Registry, from_registered
 from nlpgrasp.common.types import Json
 from nlpgrasp.hands.base import Hand
 from nlpgrasp.hands.fingertips import Fingertips
@@ -41,7 +41,7 @@ def hand_from_dict(data: Json) -> Hand:
     InputError
         When the type is unknown, or the data are invalid or incomplete.
     """
-    return read(HANDS, "hand", data)
+    return from_registered(HANDS, "hand", data)
 
 
 register(Fingertips)

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands.collision_shapes import Shape
+from nlpgrasp.hands.collision_shapes import CollisionShape
 
 MOVABLE = ("revolute", "continuous", "prismatic")  # kinds of joints that move
 
@@ -102,7 +102,7 @@ class Robot:
     root: str
     links: tuple[str, ...]
     joints: tuple[Joint, ...]
-    shapes: Mapping[str, tuple[Shape, ...]] = field(default_factory=dict)
+    shapes: Mapping[str, tuple[CollisionShape, ...]] = field(default_factory=dict)
     missing: tuple[str, ...] = ()
     source: str = ""
     sha256: str = ""
@@ -225,10 +225,12 @@ def check_mimics(source: Path, joints: tuple[Joint, ...]) -> None:
             if wanted not in by_name:
                 others = [name for name in by_name if name != here.name]
                 like = [name for name in others if wanted and name.endswith(wanted)]
-                bad(source, f"joint {here.name} that mimics {wanted!r}", "a moving joint: " + ", ".join(like or others))
+                raise_invalid(
+                    source, f"joint {here.name} that mimics {wanted!r}", "a moving joint: " + ", ".join(like or others)
+                )
             here = by_name[wanted]
             if here.name in seen:
-                bad(source, f"joints that mimic each other: {', '.join(seen)}", "a joint to follow")
+                raise_invalid(source, f"joints that mimic each other: {', '.join(seen)}", "a joint to follow")
             seen.append(here.name)
 
 
@@ -237,9 +239,9 @@ def check_ranges(source: Path, robot: Robot) -> None:
     for joint in robot.free_joints:
         lower, upper, why = robot.ranges[joint.name]
         if lower > upper or (lower == upper and joint.lower < joint.upper):
-            bad(source, f"joint {joint.name} with joint {why} that follows it", "limits that both can keep")
+            raise_invalid(source, f"joint {joint.name} with joint {why} that follows it", "limits that both can keep")
 
 
-def bad(source: Path, given: str, allowed: str) -> NoReturn:
+def raise_invalid(source: Path, given: str, allowed: str) -> NoReturn:
     """Raise ``InputError`` for an invalid statement in a robot file."""
     raise InputError(f"URDFHand.path: {source.name}", given, allowed)

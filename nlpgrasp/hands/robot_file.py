@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from nlpgrasp.hands.mjcf_reader import mjcf_inertials, mjcf_links, read_mjcf
-from nlpgrasp.hands.robot import Inertial, Robot, bad
+from nlpgrasp.hands.robot import Inertial, Robot, raise_invalid
 from nlpgrasp.hands.urdf_reader import link_names, read_urdf, urdf_inertials
 
 
@@ -67,5 +67,7 @@ def _is_mjcf(path: object) -> bool:
     except (OSError, ValueError, LookupError, StopIteration, ET.ParseError):
         return False
     if first.tag == "mujocoinclude":
-        bad(Path(path), "<mujocoinclude> at the top, a part that other files include", "the file that includes it")
+        raise_invalid(
+            Path(path), "<mujocoinclude> at the top, a part that other files include", "the file that includes it"
+        )
     return bool(first.tag == "mujoco")

@@ -17,11 +17,11 @@ import casadi as ca
 import numpy as np
 
 from nlpgrasp.common.cache import kept
-from nlpgrasp.common.scalar_constraints import SELF_COLLISION, TIPS_APART, LinkSphere, Row
+from nlpgrasp.common.scalar_constraints import SELF_COLLISION, TIPS_APART, LinkSphere, ScalarConstraint
 from nlpgrasp.common.types import Expression
 from nlpgrasp.common.unit_directions import directions_around
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.hands.collision_shapes import Shape
+from nlpgrasp.hands.collision_shapes import CollisionShape
 from nlpgrasp.hands.kinematics import LinkTree
 from nlpgrasp.hands.link_spheres import SphereFit
 
@@ -36,7 +36,7 @@ BETWEEN = 60  # further directions: for contact of edges with edges
 UP = np.array([0.0, 0.0, 1.0])  # first of the directions
 
 
-def watched_links(tree: LinkTree, fits: Mapping[str, SphereFit]) -> tuple[WatchedLinks, ...]:
+def watched_links(tree: LinkTree, fits: Mapping[str, SphereFit]) -> tuple[LinkPair, ...]:
     """Return the pairs of links with self-collision constraints: those that collide in some, not all, postures.
 
     Neighbours in the chain are left out, as are links that overlap in nearly all positions.
@@ -46,19 +46,19 @@ def watched_links(tree: LinkTree, fits: Mapping[str, SphereFit]) -> tuple[Watche
         link: np.einsum("bij,mj->bmi", poses[link][:, :3, :3], fit.centres) + poses[link][:, None, :3, 3]
         for link, fit in fits.items()
     }
-    couples = list(_not_neighbours(tree, fits))
+    couples = list(_separated_pairs(tree, fits))
     overlaps = _overlaps(tree, fits, poses, centres, couples)
     found = []
     for (a, b), overlap in zip(couples, overlaps, strict=True):
         meets = _gaps(centres, fits, a, b) < -overlap
         if np.isfinite(overlap) and np.mean(meets.any(axis=(1, 2))) <= ALWAYS:
             often = zip(*np.nonzero(meets.any(axis=0)), strict=True)
-            found.append(WatchedLinks((a, b), float(overlap), tuple((int(i), int(j)) for i, j in often)))
+            found.append(LinkPair((a, b), float(overlap), tuple((int(i), int(j)) for i, j in often)))
     return tuple(found)
 
 
 @dataclass(frozen=True)
-class WatchedLinks:
+class LinkPair:
     """A pair of links with self-collision constraints.
 
     Parameters
@@ -84,7 +84,7 @@ def _random_poses(tree: LinkTree, fits: Mapping[str, SphereFit]) -> dict[str, Fl
     return {name: poses[:, :, names.index(name)].transpose(1, 0, 2) for name in fits}
 
 
-def _not_neighbours(tree: LinkTree, fits: Mapping[str, SphereFit]) -> Iterator[tuple[str, str]]:
+def _separated_pairs(tree: LinkTree, fits: Mapping[str, SphereFit]) -> Iterator[tuple[str, str]]:
     """Yield the pairs of links with more than one moving joint between them."""
     groups = tree.robot.rigid_groups
     for a, b in combinations(fits, 2):
@@ -108,7 +108,7 @@ def _overlaps(
     """Return the allowed overlap of each pair of links, (c,), metres: infinite for those that never collide."""
 
     def make() -> dict[str, FloatArray]:
-        hulls = {link: [Hull.of(shape) for shape in tree.robot.shapes.get(link, ())] for link in fits}
+        hulls = {link: [ShapeHull.of(shape) for shape in tree.robot.shapes.get(link, ())] for link in fits}
         found = [_overlap(hulls[a], hulls[b], poses[a], poses[b], _gaps(centres, fits, a, b)) for a, b in couples]
         return {"overlaps": np.array(found)}
 
@@ -118,7 +118,7 @@ def _overlaps(
 
 
 def _overlap(
-    one: Sequence[Hull], other: Sequence[Hull], frames: FloatArray, others: FloatArray, gaps: FloatArray
+    one: Sequence[ShapeHull], other: Sequence[ShapeHull], frames: FloatArray, others: FloatArray, gaps: FloatArray
 ) -> float:
     """Return the allowed overlap of two links, metres, from postures with sphere distances (b, m, n)."""
     overlap = -gaps.min(axis=(1, 2), initial=np.inf)
@@ -135,7 +135,7 @@ def _overlap(
 
 
 @dataclass(frozen=True)
-class Hull:
+class ShapeHull:
     """Corners and normals of a shape's convex hull.
 
     Parameters
@@ -150,7 +150,7 @@ class Hull:
     normals: FloatArray
 
     @classmethod
-    def of(cls, shape: Shape) -> Hull:
+    def of(cls, shape: CollisionShape) -> ShapeHull:
         """Return the hull of a shape."""
         hull = shape.mesh.convex_hull
         corners, normals = np.asarray(hull.vertices), np.unique(np.asarray(hull.face_normals).round(6), axis=0)
@@ -160,7 +160,7 @@ class Hull:
         return cls(corners, normals if len(normals) <= MOST else around)
 
 
-def meet(one: Sequence[Hull], other: Sequence[Hull], frames: FloatArray) -> FloatArray:
+def meet(one: Sequence[ShapeHull], other: Sequence[ShapeHull], frames: FloatArray) -> FloatArray:
     """Return the largest penetration depth of the hulls of two links, (b,), metres; negative where they are apart.
 
     Two convex sets are disjoint if, in some direction, one's support function plus the other's in the opposite
@@ -174,10 +174,10 @@ def meet(one: Sequence[Hull], other: Sequence[Hull], frames: FloatArray) -> Floa
         Of the other link in the first one's.
     """
     turns, moves = frames[:, :3, :3], frames[:, :3, 3]
-    return np.asarray(np.max([_depth(a, b, turns, moves) for a in one for b in other], axis=0, initial=-np.inf))
+    return np.asarray(np.max([_hull_depth(a, b, turns, moves) for a in one for b in other], axis=0, initial=-np.inf))
 
 
-def _depth(a: Hull, b: Hull, turns: FloatArray, moves: FloatArray) -> FloatArray:
+def _hull_depth(a: ShapeHull, b: ShapeHull, turns: FloatArray, moves: FloatArray) -> FloatArray:
     there = b.corners @ turns.transpose(0, 2, 1) + moves[:, None]  # (b, v, 3), the first one's frame
     fixed = np.concatenate([a.normals, directions_around(UP, BETWEEN)])
     own = np.max(a.corners @ fixed.T, axis=0) - np.min(there @ fixed.T, axis=1)
@@ -187,7 +187,7 @@ def _depth(a: Hull, b: Hull, turns: FloatArray, moves: FloatArray) -> FloatArray
     return np.asarray(np.minimum(own.min(axis=1), across.min(axis=1)))
 
 
-def apart(watched: Sequence[WatchedLinks], spheres: Sequence[LinkSphere], span: float) -> list[Row]:
+def apart(watched: Sequence[LinkPair], spheres: Sequence[LinkSphere], span: float) -> list[ScalarConstraint]:
     """Return one constraint per pair of spheres: their overlap is at most the allowed one.
 
     Parameters
@@ -205,11 +205,11 @@ def apart(watched: Sequence[WatchedLinks], spheres: Sequence[LinkSphere], span: 
             a, b = by_name[f"{both.links[0]}/{i}"], by_name[f"{both.links[1]}/{j}"]
             squared, least = ca.sumsqr(a.centre - b.centre), (a.radius + b.radius - both.overlap) ** 2
             part = f"{a.link} and {b.link}"
-            rows.append(Row(SELF_COLLISION, squared, least, scale=span**2, unit="m2", part=part))
+            rows.append(ScalarConstraint(SELF_COLLISION, squared, least, scale=span**2, unit="m2", part=part))
     return rows
 
 
-def tips_that_meet(tree: LinkTree) -> tuple[tuple[int, int], ...]:
+def colliding_tips(tree: LinkTree) -> tuple[tuple[int, int], ...]:
     """Return the pairs of round fingertips that can collide: not those on neighbouring links of a chain."""
     groups, robot = tree.robot.rigid_groups, tree.robot
     round_ones = [(i, link) for i, (link, tip) in enumerate(tree.tips) if tip.standoff > 0.0]
@@ -218,7 +218,7 @@ def tips_that_meet(tree: LinkTree) -> tuple[tuple[int, int], ...]:
     )
 
 
-def tips_apart(tree: LinkTree, variables: dict[str, Expression]) -> list[Row]:
+def tip_clearance_constraints(tree: LinkTree, variables: dict[str, Expression]) -> list[ScalarConstraint]:
     """Return one constraint per pair: the ball centres are at least the sum of the radii apart.
 
     Parameters
@@ -229,9 +229,9 @@ def tips_apart(tree: LinkTree, variables: dict[str, Expression]) -> list[Row]:
     """
     centres, radii = tree.tip_centres(variables), [tip.standoff for _, tip in tree.tips]
     rows = []
-    for i, j in tips_that_meet(tree):
+    for i, j in colliding_tips(tree):
         a, b = centres[i], centres[j]
         if a is not None and b is not None:
             squared, least = ca.sumsqr(a - b), (radii[i] + radii[j]) ** 2
-            rows.append(Row(TIPS_APART, squared, least, scale=tree.span**2, unit="m2", fingers=(i, j)))
+            rows.append(ScalarConstraint(TIPS_APART, squared, least, scale=tree.span**2, unit="m2", fingers=(i, j)))
     return rows

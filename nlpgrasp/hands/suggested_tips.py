@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlpgrasp.common.formatting import rounded
-from nlpgrasp.hands.collision_shapes import Shape
+from nlpgrasp.common.formatting import format_number
+from nlpgrasp.hands.collision_shapes import CollisionShape
 from nlpgrasp.hands.robot import Robot
 from nlpgrasp.hands.tips import CapsuleTip, SphereTip, Tip
 
@@ -17,7 +17,7 @@ DIGITS = 4  # significant digits of a radius
 NOTHING = 5e-5  # metres: smaller coordinates count as 0
 
 
-def tip_of(shapes: Sequence[Shape]) -> Tip | None:
+def tip_of(shapes: Sequence[CollisionShape]) -> Tip | None:
     """Return the patch of a link's only sphere or capsule; None where there is not exactly one.
 
     A capsule's end is the one farther from the link's origin.
@@ -48,7 +48,7 @@ def overhang(tip: Tip, link: str, robot: Robot) -> float | None:
     return max(0.0, float(np.max(np.min(outside, axis=0)))) if outside else None
 
 
-def sphere_about(shapes: Sequence[Shape]) -> SphereTip | None:
+def sphere_about(shapes: Sequence[CollisionShape]) -> SphereTip | None:
     """Return a sphere about the centre of a link's shapes, as thick as they are; None without shapes."""
     if not shapes:
         return None
@@ -103,8 +103,8 @@ def end(robot: Robot, link: str) -> End:
         return End(link, f"{link}={GUESS:g}", f"{GUESS:g}", guessed=True)
     if not isinstance(tip, SphereTip):
         return End(link, link, "None")
-    radius = rounded(tip.radius, DIGITS)
+    radius = format_number(tip.radius, DIGITS)
     if not np.any(tip.centre):
         return End(link, f"{link}={radius}", radius)
-    centre = ", ".join(rounded(v, DIGITS, NOTHING) for v in tip.centre)
+    centre = ", ".join(format_number(v, DIGITS, NOTHING) for v in tip.centre)
     return End(link, link, "None" if own is not None else f"ng.SphereTip({radius}, [{centre}])")

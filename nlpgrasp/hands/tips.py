@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.drawing import Triangles
-from nlpgrasp.common.scalar_constraints import ON_FINGERTIP, Row
+from nlpgrasp.common.scalar_constraints import ON_FINGERTIP, ScalarConstraint
 from nlpgrasp.common.spatial import Pose, pose_matrix, tangents
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import FloatArray, angle, angles, array, number
+from nlpgrasp.common.validation import FloatArray, angle, array, check_angles, number
 from nlpgrasp.errors import InputError
 
 FINE = 28  # sides of a round patch in pictures
@@ -70,7 +70,7 @@ class Tip(ABC):
         return None
 
     @abstractmethod
-    def rows(self, touch: Touch) -> list[Row]:
+    def rows(self, touch: SymbolicTouch) -> list[ScalarConstraint]:
         """Return the constraints that put the contact onto the patch."""
 
     @abstractmethod
@@ -103,7 +103,7 @@ class Tip(ABC):
 
 
 @dataclass(frozen=True)
-class Touch:
+class SymbolicTouch:
     """Symbolic link pose and contact of a fingertip.
 
     Parameters
@@ -132,10 +132,10 @@ class Touch:
 
     def row(
         self, part: str, expression: Expression, lower: float = 0.0, upper: float = np.inf, *, length: bool = False
-    ) -> Row:
+    ) -> ScalarConstraint:
         """Return a constraint of the tip, on a length in metres or a number; ``part`` names it."""
         scale, unit = (self.size, "m") if length else (1.0, "")
-        return Row(
+        return ScalarConstraint(
             ON_FINGERTIP, expression, lower, upper, scale, unit, fingers=(self.finger,), link=self.link, part=part
         )
 
@@ -174,7 +174,7 @@ class SphereTip(Tip):
         """Return the sphere's centre, body frame."""
         return pose[:3, 3] + ca.mtimes(pose[:3, :3], ca.DM(self.centre))
 
-    def rows(self, touch: Touch) -> list[Row]:
+    def rows(self, touch: SymbolicTouch) -> list[ScalarConstraint]:
         """Return the constraints ``c = p - r n``."""
         return equal(touch, self.ball_centre(touch.pose, None), touch.p - self.radius * touch.n)
 
@@ -247,7 +247,7 @@ class CylinderTip(Tip):
         a, b = self.ends
         return pose[:3, 3] + ca.mtimes(pose[:3, :3], ca.DM(a) + slide * ca.DM(b - a))
 
-    def rows(self, touch: Touch) -> list[Row]:
+    def rows(self, touch: SymbolicTouch) -> list[ScalarConstraint]:
         """Return the constraints ``a + s (b - a) = p - r n`` and ``n`` perpendicular to the axis."""
         a, b = self.ends
         along = ca.mtimes(touch.pose[:3, :3], ca.DM((b - a) / np.linalg.norm(b - a)))
@@ -336,7 +336,7 @@ class CapsuleTip(CylinderTip):
         off = np.linalg.norm(centres - a - t[:, None] * (b - a), axis=1)
         return np.asarray(np.maximum(self.radius - off - SLACK, 0.0))
 
-    def rows(self, touch: Touch) -> list[Row]:
+    def rows(self, touch: SymbolicTouch) -> list[ScalarConstraint]:
         """Return ``a + s (b - a) = p - r n``, and that n tilts beyond the side only at the ends."""
         a, b = self.ends
         along = ca.mtimes(touch.pose[:3, :3], ca.DM((b - a) / np.linalg.norm(b - a)))
@@ -382,7 +382,7 @@ class EllipsoidTip(Tip):
         if np.any(axes <= 0.0):
             raise InputError("EllipsoidTip.semi_axes", axes.tolist(), "three lengths above zero")
         object.__setattr__(self, "semi_axes", tuple(axes.tolist()))
-        offset, rpy = offset_and_rpy("EllipsoidTip", self.offset, self.rpy, pose)
+        offset, rpy = check_offset("EllipsoidTip", self.offset, self.rpy, pose)
         object.__setattr__(self, "offset", offset)
         object.__setattr__(self, "rpy", rpy)
         object.__setattr__(self, "angle", angle("EllipsoidTip.angle", self.angle, np.pi, "pi"))
@@ -398,7 +398,7 @@ class EllipsoidTip(Tip):
         """Centre of the ellipsoid, (3,), metres, link frame."""
         return np.asarray(self.offset, dtype=float)
 
-    def rows(self, touch: Touch) -> list[Row]:
+    def rows(self, touch: SymbolicTouch) -> list[ScalarConstraint]:
         """Return the constraint ``p = t + R A^2 m / |A m|`` with ``m = R^T n``, and the patch's limit."""
         here = ca.mtimes(touch.pose, ca.DM(frame_of("EllipsoidTip", self.offset, self.rpy)))
         m = ca.mtimes(here[:3, :3].T, touch.n)
@@ -468,7 +468,7 @@ class FlatTip(Tip):
         if np.any(extents <= 0.0):
             raise InputError("FlatTip.extents", extents.tolist(), "two lengths above zero")
         object.__setattr__(self, "extents", tuple(extents.tolist()))
-        offset, rpy = offset_and_rpy("FlatTip", self.offset, self.rpy, pose)
+        offset, rpy = check_offset("FlatTip", self.offset, self.rpy, pose)
         object.__setattr__(self, "offset", offset)
         object.__setattr__(self, "rpy", rpy)
 
@@ -487,7 +487,7 @@ class FlatTip(Tip):
         """Outward unit normal of the rectangle, (3,), link frame."""
         return np.asarray(self.frame[:3, 2])
 
-    def rows(self, touch: Touch) -> list[Row]:
+    def rows(self, touch: SymbolicTouch) -> list[ScalarConstraint]:
         """Return constraints: equal normals, and the contact in the plane and within the rectangle."""
         here = ca.mtimes(touch.pose, ca.DM(self.frame))
         local = ca.mtimes(here[:3, :3].T, touch.p - here[:3, 3])
@@ -526,7 +526,7 @@ class FlatTip(Tip):
         }
 
 
-def equal(touch: Touch, left: Expression, right: Expression) -> list[Row]:
+def equal(touch: SymbolicTouch, left: Expression, right: Expression) -> list[ScalarConstraint]:
     """Return constraints ``left = right`` for columns of 3."""
     return [touch.row(axis, left[i] - right[i], 0.0, 0.0, length=True) for i, axis in enumerate("xyz")]
 
@@ -535,12 +535,12 @@ def frame_of(field: str, offset: ArrayLike, rpy: ArrayLike) -> FloatArray:
     """Return the (4, 4) transform of an offset and roll, pitch, yaw, checked."""
     pose = np.eye(4)
     pose[:3, 3] = array(f"{field}.offset", offset, (3,))
-    turns = angles(f"{field}.rpy", array(f"{field}.rpy", rpy, (3,)))
+    turns = check_angles(f"{field}.rpy", array(f"{field}.rpy", rpy, (3,)))
     pose[:3, :3] = Rotation.from_euler("xyz", turns).as_matrix()
     return pose
 
 
-def offset_and_rpy(
+def check_offset(
     field: str, offset: ArrayLike, rpy: ArrayLike, pose: Pose | None
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return the given offset and roll, pitch, yaw, or those of a pose given instead."""
@@ -572,7 +572,7 @@ def dome(facing: FloatArray, angle: float, sides: int) -> Triangles:
     first, second = tangents(facing[None])[0]
     around = np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second
     points = np.cos(polar)[:, None, None] * facing + np.sin(polar)[:, None, None] * around
-    return Triangles(points.reshape(-1, 3), _woven(rings, sides))
+    return Triangles(points.reshape(-1, 3), _ring_triangles(rings, sides))
 
 
 def tube(radius: float, start: FloatArray, end: FloatArray, sides: int) -> Triangles:
@@ -583,7 +583,7 @@ def tube(radius: float, start: FloatArray, end: FloatArray, sides: int) -> Trian
     turn = 2.0 * np.pi * np.arange(sides) / sides
     around = radius * (np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second)
     axis = start + np.linspace(1.0, 0.0, steps + 1)[:, None] * (end - start)  # the far end first: outward triangles
-    return Triangles((axis[:, None] + around).reshape(-1, 3), _woven(steps, sides))
+    return Triangles((axis[:, None] + around).reshape(-1, 3), _ring_triangles(steps, sides))
 
 
 def rectangle(extents: FloatArray, frame: FloatArray, steps: int) -> Triangles:
@@ -597,7 +597,7 @@ def rectangle(extents: FloatArray, frame: FloatArray, steps: int) -> Triangles:
     return Triangles(flat @ frame[:3, :3].T + frame[:3, 3], faces)
 
 
-def _woven(rings: int, sides: int) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
+def _ring_triangles(rings: int, sides: int) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
     """Return the triangles between consecutive closed rings of points."""
     row, column = (i.ravel() for i in np.meshgrid(np.arange(rings), np.arange(sides), indexing="ij"))
     a, b = row * sides + column, row * sides + (column + 1) % sides
@@ -605,4 +605,4 @@ def _woven(rings: int, sides: int) -> np.ndarray[tuple[int, int], np.dtype[np.in
     return np.concatenate([np.column_stack([a, c, d]), np.column_stack([a, d, b])]).astype(np.int64)
 
 
-__all__ = ["CapsuleTip", "CylinderTip", "EllipsoidTip", "FlatTip", "SphereTip", "Tip", "Touch"]
+__all__ = ["CapsuleTip", "CylinderTip", "EllipsoidTip", "FlatTip", "SphereTip", "SymbolicTouch", "Tip"]

@@ -12,21 +12,30 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.registry import incomplete
-from nlpgrasp.common.scalar_constraints import UNIT_QUATERNION, LinkSphere, Placement, Row
+from nlpgrasp.common.registry import incomplete_data
+from nlpgrasp.common.scalar_constraints import UNIT_QUATERNION, LinkSphere, ScalarConstraint, SymbolicCandidate
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.user_warnings import warn
-from nlpgrasp.common.validation import LARGEST_TIP, MOST, FloatArray, array, integer, listed, number, of_a_hand
+from nlpgrasp.common.validation import (
+    LARGEST_TIP,
+    MOST,
+    FloatArray,
+    array,
+    format_known_names,
+    hand_length,
+    integer,
+    number,
+)
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands.base import HandVariable, Values
 from nlpgrasp.hands.kinematics import LinkTree, require_kinematics
-from nlpgrasp.hands.link_spheres import SphereFit, fits_beside_tips, fits_of
+from nlpgrasp.hands.link_spheres import SphereFit, fit_around_tips, fit_hand
 from nlpgrasp.hands.linked_hand import LinkedHand
 from nlpgrasp.hands.robot import Robot
 from nlpgrasp.hands.robot_file import read_robot
-from nlpgrasp.hands.self_collision import WatchedLinks, apart, tips_apart, tips_that_meet, watched_links
+from nlpgrasp.hands.self_collision import LinkPair, apart, colliding_tips, tip_clearance_constraints, watched_links
 from nlpgrasp.hands.suggested_tips import end, leaves, tip_of
-from nlpgrasp.hands.tips import SphereTip, Tip, Touch
+from nlpgrasp.hands.tips import SphereTip, SymbolicTouch, Tip
 
 MEANT_AS_RADIANS = float(np.radians(2.0 * np.pi))  # radians: a full turn in radians, misread as degrees
 TIP_DEPTH = 0.2  # allowed penetration of a round tip away from its contact, as a share of its radius
@@ -138,7 +147,7 @@ class URDFHand(LinkedHand):
         robot = read_robot(path, palm)
         tips = tips_of(robot, fingertips)
         require_kinematics()
-        for text in remarks(robot):
+        for text in file_warnings(robot):
             warn(f"{robot.source}: {text}")
         return cls(
             LinkTree(robot, tips, approach_of(approach)),
@@ -196,15 +205,15 @@ class URDFHand(LinkedHand):
         ]
         return values | {"slides": np.array(slides)} if slides else values
 
-    def rows(self, placement: Placement, variables: dict[str, Expression]) -> list[Row]:
+    def rows(self, placement: SymbolicCandidate, variables: dict[str, Expression]) -> list[ScalarConstraint]:
         """Return constraints: unit quaternion, contacts on fingertips, no self-collision."""
-        rows = [Row(UNIT_QUATERNION, ca.sumsqr(variables["palm_quaternion"]), 1.0, 1.0)]
+        rows = [ScalarConstraint(UNIT_QUATERNION, ca.sumsqr(variables["palm_quaternion"]), 1.0, 1.0)]
         poses = self.tree.poses(variables)
         for i, (link, tip, slide) in enumerate(self.tree.tips_with_slides(variables)):
             p, n = placement.positions[i], placement.normals[i]
-            rows += tip.rows(Touch(link, i, poses[link], p, n, slide, placement.size))
+            rows += tip.rows(SymbolicTouch(link, i, poses[link], p, n, slide, placement.size))
         if self.self_collision:
-            rows += tips_apart(self.tree, variables)
+            rows += tip_clearance_constraints(self.tree, variables)
         return rows + apart(self.watched, placement.spheres, self.tree.span)
 
     def spheres(self, variables: dict[str, Expression]) -> list[LinkSphere]:
@@ -225,17 +234,17 @@ class URDFHand(LinkedHand):
     @cached_property
     def fits(self) -> dict[str, SphereFit]:
         """Spheres of each link, shrunk next to a fingertip so that it can touch."""
-        return fits_beside_tips(self.whole_fits, self.tree, self.clearance)
+        return fit_around_tips(self.whole_fits, self.tree, self.clearance)
 
     @cached_property
-    def watched(self) -> tuple[WatchedLinks, ...]:
+    def watched(self) -> tuple[LinkPair, ...]:
         """Pairs of links with self-collision constraints, and their allowed sphere overlap."""
         return watched_links(self.tree, self.fits) if self.self_collision else ()
 
     @cached_property
     def whole_fits(self) -> dict[str, SphereFit]:
         """Spheres of each link before any are shrunk next to fingertips."""
-        return fits_of(self.robot, self.spheres_per_link)
+        return fit_hand(self.robot, self.spheres_per_link)
 
     def to_dict(self) -> Json:
         """Return source, fingerprints, fingertips, limits, and the spheres with their errors, as JSON data."""
@@ -254,34 +263,38 @@ class URDFHand(LinkedHand):
             "link_spheres": {link: np.column_stack([f.centres, f.radii]).tolist() for link, f in self.fits.items()},
             "watched_pairs": sum(len(both.pairs) for both in self.watched),
             "overlaps": [[*both.links, both.overlap] for both in self.watched if both.overlap > 0.0],
-            "tips_apart": [list(pair) for pair in tips_that_meet(self.tree) if self.self_collision],
+            "tips_apart": [list(pair) for pair in colliding_tips(self.tree) if self.self_collision],
         }
 
     @classmethod
     def from_dict(cls, data: Json) -> NoReturn:
         """Refuse to load: the data name a URDF and do not contain it."""
-        raise incomplete("hand of type urdf", "its links, which stay in their file: ng.URDFHand.load(path, fingertips)")
+        raise incomplete_data(
+            "hand of type urdf", "its links, which stay in their file: ng.URDFHand.load(path, fingertips)"
+        )
 
 
 def tips_of(robot: Robot, fingertips: Fingertips | None) -> list[tuple[str, Tip]]:
     """Return link and patch of each contact, in the given order."""
     if fingertips is None:
-        raise InputError("URDFHand.fingertips", "nothing", f"links with their radii, such as {_at_the_ends(robot)}")
+        raise InputError("URDFHand.fingertips", "nothing", f"links with their radii, such as {_suggest_tips(robot)}")
     if isinstance(fingertips, list | tuple) and all(isinstance(name, str) for name in fingertips):
         fingertips = dict.fromkeys(fingertips)
     if not isinstance(fingertips, Mapping) or not fingertips:
         raise InputError("URDFHand.fingertips", fingertips, "link names, each with a radius or a tip")
     unknown = [name for name in fingertips if name not in robot.links]
     if unknown:
-        raise InputError("URDFHand.fingertips", ", ".join(map(str, unknown)), f"links: {listed(unknown, robot.links)}")
+        raise InputError(
+            "URDFHand.fingertips", ", ".join(map(str, unknown)), f"links: {format_known_names(unknown, robot.links)}"
+        )
     result: list[tuple[str, Tip]] = []
     for link, said in fingertips.items():
-        given = _own_shape(robot, link) if said is None else said
+        given = _tip_of_link(robot, link) if said is None else said
         several = list(given) if isinstance(given, list | tuple) else [given]
         if not several:
             raise InputError(f"URDFHand.fingertips[{link!r}]", given, "a radius, a tip, or several tips")
         for one in several:
-            tip = one if isinstance(one, Tip) else SphereTip(_radius(f"URDFHand.fingertips[{link!r}]", one))
+            tip = one if isinstance(one, Tip) else SphereTip(_check_radius(f"URDFHand.fingertips[{link!r}]", one))
             if (link, tip) in result:
                 raise InputError(f"URDFHand.fingertips[{link!r}]", given, "tips that are not the same")
             result.append((link, tip))
@@ -290,12 +303,12 @@ def tips_of(robot: Robot, fingertips: Fingertips | None) -> list[tuple[str, Tip]
     return result
 
 
-def _radius(field: str, given: object) -> float:
+def _check_radius(field: str, given: object) -> float:
     """Return a fingertip's radius, checked, metres."""
-    return of_a_hand(field, number(field, given, above=0.0), LARGEST_TIP)
+    return hand_length(field, number(field, given, above=0.0), LARGEST_TIP)
 
 
-def _at_the_ends(robot: Robot) -> str:
+def _suggest_tips(robot: Robot) -> str:
     """Return the fingertips that the leaf links suggest, as Python code."""
     names = leaves(robot)
     each = ", ".join(f'"{link}": {end(robot, link).code}' for link in names[:MOST])
@@ -303,7 +316,7 @@ def _at_the_ends(robot: Robot) -> str:
     return f"{{{each}}}{more}"
 
 
-def _own_shape(robot: Robot, link: str) -> Tip:
+def _tip_of_link(robot: Robot, link: str) -> Tip:
     """Return the fingertip given by a link's collision shape."""
     shapes = robot.shapes.get(link, ())
     tip = tip_of(shapes)
@@ -330,13 +343,13 @@ def torque_limits_of(robot: Robot, given: Mapping[str, float] | float | None) ->
     if isinstance(given, Mapping):
         unknown = [name for name in given if name not in names]
         if unknown:
-            allowed = f"joints: {listed(unknown, names)}"
+            allowed = f"joints: {format_known_names(unknown, names)}"
             raise InputError("URDFHand.torque_limits", ", ".join(map(str, unknown)), allowed)
         return {k: number(f"URDFHand.torque_limits[{k!r}]", v, above=0.0) for k, v in given.items()}
     return dict.fromkeys(names, number("URDFHand.torque_limits", given, above=0.0))
 
 
-def remarks(robot: Robot) -> list[str]:
+def file_warnings(robot: Robot) -> list[str]:
     """Return the warnings about a file that is accepted, a sentence each."""
     found = []
     if robot.missing:

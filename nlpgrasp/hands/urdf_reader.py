@@ -12,11 +12,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from nlpgrasp.common.robot_files import expanded, find_mesh
+from nlpgrasp.common.robot_files import expand_xacro, find_mesh
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError, MissingExtraError
-from nlpgrasp.hands.collision_shapes import MeshFile, Shape
-from nlpgrasp.hands.robot import MOVABLE, Inertial, Joint, Mimic, Robot, bad, check_mimics, check_ranges
+from nlpgrasp.hands.collision_shapes import CollisionShape, MeshFile
+from nlpgrasp.hands.robot import MOVABLE, Inertial, Joint, Mimic, Robot, check_mimics, check_ranges, raise_invalid
 
 # namespaces of elements that are macros
 XACRO = ("{http://www.ros.org/wiki/xacro}", "{http://ros.org/wiki/xacro}", "{http://www.ros.org/xacro}")
@@ -43,16 +43,16 @@ def read_urdf(path: str | Path, palm: str | None = None) -> Robot:
         When a collision mesh needs a package that is not installed.
     """
     source, root, links = _opened(path)
-    edges = [_edge(source, e, links) for e in root.findall("joint")]
-    _no_twins(source, "joint", [e.name for e in edges])
+    edges = [_read_edge(source, e, links) for e in root.findall("joint")]
+    _check_duplicates(source, "joint", [e.name for e in edges])
     base = _base(source, links, edges)
     if palm is not None and palm not in links:
         raise InputError("URDFHand.palm", palm, "a link of the URDF: " + ", ".join(links))
     start = base if palm is None else palm
-    order, used = _below(start, edges)
-    joints = tuple(_joint(source, edge) for edge in used)
+    order, used = _subtree(start, edges)
+    joints = tuple(_read_joint(source, edge) for edge in used)
     check_mimics(source, joints)
-    joints, turned = with_signs(joints)
+    joints, turned = orient_mimics(joints)
     elements = {e.get("name", ""): e for e in root.findall("link")}
     shapes, missing = read_shapes(source, elements, order)
     bare = tuple(n for n in order if elements[n].find("visual") is not None and elements[n].find("collision") is None)
@@ -89,13 +89,15 @@ def urdf_inertials(path: str | Path) -> Mapping[str, Inertial]:
             continue
         label, origin = f"inertial of link {name}", stated.find("origin")
         weight, moments = stated.find("mass"), stated.find("inertia")
-        mass = float(numbers(source, f"{label}, mass", None if weight is None else weight.get("value"), [0.0])[0])
+        mass = float(
+            attribute_numbers(source, f"{label}, mass", None if weight is None else weight.get("value"), [0.0])[0]
+        )
         if mass <= 0.0:
             continue
         pose = [None if origin is None else origin.get(key) for key in ("xyz", "rpy")]
-        center, rpy = (numbers(source, f"{label}, origin", value, np.zeros(3)) for value in pose)
+        center, rpy = (attribute_numbers(source, f"{label}, origin", value, np.zeros(3)) for value in pose)
         told = [None if moments is None else moments.get(key) for key in MOMENTS]
-        values = [float(numbers(source, f"{label}, inertia", value, [0.0])[0]) for value in told]
+        values = [float(attribute_numbers(source, f"{label}, inertia", value, [0.0])[0]) for value in told]
         turn = Rotation.from_euler("xyz", rpy).as_matrix()
         tensor = np.diag(values[:3])
         tensor[[0, 0, 1], [1, 2, 2]] = tensor[[1, 2, 2], [0, 0, 1]] = values[3:]
@@ -121,9 +123,9 @@ def urdf_root(source: Path) -> ET.Element:
     except (ET.ParseError, ValueError, LookupError) as error:
         raise InputError(f"URDFHand.path: {source.name}", f"broken XML ({error})", "a URDF file") from None
     if root.tag != "robot":
-        bad(source, f"<{root.tag}> at the top", "<robot>, as a URDF has")
+        raise_invalid(source, f"<{root.tag}> at the top", "<robot>, as a URDF has")
     if any(element.tag.startswith(XACRO) for element in root.iter()):
-        return ET.fromstring(expanded(source))  # noqa: S314
+        return ET.fromstring(expand_xacro(source))  # noqa: S314
     return root
 
 
@@ -133,24 +135,24 @@ def _opened(path: str | Path) -> tuple[Path, ET.Element, list[str]]:
         raise InputError("URDFHand.path", path, "the path of a URDF file")
     source = Path(path)
     root = urdf_root(source)
-    links = [_name(source, e, "link") for e in root.findall("link")]
+    links = [_read_name(source, e, "link") for e in root.findall("link")]
     if not links:
-        bad(source, "no <link>", "a robot with links")
-    _no_twins(source, "link", links)
+        raise_invalid(source, "no <link>", "a robot with links")
+    _check_duplicates(source, "link", links)
     return source, root, links
 
 
-def _name(source: Path, element: ET.Element, tag: str) -> str:
+def _read_name(source: Path, element: ET.Element, tag: str) -> str:
     name = element.get("name")
     if not name:
-        bad(source, f"a <{tag}> without name", "a name on every link and joint")
+        raise_invalid(source, f"a <{tag}> without name", "a name on every link and joint")
     return name
 
 
-def _no_twins(source: Path, tag: str, names: list[str]) -> None:
+def _check_duplicates(source: Path, tag: str, names: list[str]) -> None:
     twins = sorted({n for n in names if names.count(n) > 1})
     if twins:
-        bad(source, f"two {tag}s named {', '.join(twins)}", "one of each name")
+        raise_invalid(source, f"two {tag}s named {', '.join(twins)}", "one of each name")
 
 
 class Edge(NamedTuple):
@@ -162,14 +164,14 @@ class Edge(NamedTuple):
     element: ET.Element
 
 
-def _edge(source: Path, element: ET.Element, links: list[str]) -> Edge:
-    name = _name(source, element, "joint")
+def _read_edge(source: Path, element: ET.Element, links: list[str]) -> Edge:
+    name = _read_name(source, element, "joint")
     ends = []
     for tag in ("parent", "child"):
         found = element.find(tag)
         link = None if found is None else found.get("link")
         if link not in links:
-            bad(source, f"joint {name} with {tag} {link!r}", "a link of the URDF: " + ", ".join(links))
+            raise_invalid(source, f"joint {name} with {tag} {link!r}", "a link of the URDF: " + ", ".join(links))
         ends.append(link)
     return Edge(name, ends[0], ends[1], element)
 
@@ -179,17 +181,17 @@ def _base(source: Path, links: list[str], joints: Sequence[Edge]) -> str:
     children = [j.child for j in joints]
     twice = sorted({c for c in children if children.count(c) > 1})
     if twice:
-        bad(source, f"link {', '.join(twice)} with two parents", "a tree of links")
+        raise_invalid(source, f"link {', '.join(twice)} with two parents", "a tree of links")
     roots = [name for name in links if name not in children]
     if len(roots) != 1:
         given = f"roots {', '.join(roots)}" if roots else "a loop of links"
-        bad(source, given, "one root link that everything hangs from")
-    if len(_below(roots[0], joints)[0]) != len(links):
-        bad(source, "a loop of links", "a tree of links")
+        raise_invalid(source, given, "one root link that everything hangs from")
+    if len(_subtree(roots[0], joints)[0]) != len(links):
+        raise_invalid(source, "a loop of links", "a tree of links")
     return roots[0]
 
 
-def _below(start: str, joints: Sequence[Edge]) -> tuple[tuple[str, ...], tuple[Edge, ...]]:
+def _subtree(start: str, joints: Sequence[Edge]) -> tuple[tuple[str, ...], tuple[Edge, ...]]:
     """Return the links below a link, itself first, and the joints that lead to them."""
     links, used = [start], []
     for link in links:
@@ -200,43 +202,45 @@ def _below(start: str, joints: Sequence[Edge]) -> tuple[tuple[str, ...], tuple[E
     return tuple(links), tuple(used)
 
 
-def _joint(source: Path, edge: Edge) -> Joint:
+def _read_joint(source: Path, edge: Edge) -> Joint:
     name, parent, child, element = edge
     label = f"joint {name}"
     kind = element.get("type", "")
     if kind not in (*MOVABLE, "fixed"):
-        bad(source, f"{label} of type {kind!r}", "revolute, continuous, prismatic or fixed")
+        raise_invalid(source, f"{label} of type {kind!r}", "revolute, continuous, prismatic or fixed")
     origin, axis = element.find("origin"), element.find("axis")
-    xyz = numbers(source, f"{label}, xyz", None if origin is None else origin.get("xyz"), np.zeros(3))
-    rpy = numbers(source, f"{label}, rpy", None if origin is None else origin.get("rpy"), np.zeros(3))
-    along = numbers(source, f"{label}, axis", None if axis is None else axis.get("xyz"), [1.0, 0.0, 0.0])
+    xyz = attribute_numbers(source, f"{label}, xyz", None if origin is None else origin.get("xyz"), np.zeros(3))
+    rpy = attribute_numbers(source, f"{label}, rpy", None if origin is None else origin.get("rpy"), np.zeros(3))
+    along = attribute_numbers(source, f"{label}, axis", None if axis is None else axis.get("xyz"), [1.0, 0.0, 0.0])
     if kind in MOVABLE and np.linalg.norm(along) < 1e-9:
-        bad(source, f"{label} with axis zero", "a direction")
+        raise_invalid(source, f"{label} with axis zero", "a direction")
     along = along / max(float(np.max(np.abs(along))), 1e-300)  # scaled first: the square of a large number overflows
     along = along / max(float(np.linalg.norm(along)), 1e-300)
-    lower, upper, effort = _limits(source, element, kind, label)
+    lower, upper, effort = _read_limits(source, element, kind, label)
     return Joint(name, kind, parent, child, xyz, rpy, along, lower, upper, effort, _mimic(source, element, label))
 
 
-def _limits(source: Path, element: ET.Element, kind: str, label: str) -> tuple[float, float, float | None]:
+def _read_limits(source: Path, element: ET.Element, kind: str, label: str) -> tuple[float, float, float | None]:
     limit = element.find("limit")
     if kind == "fixed":
         return 0.0, 0.0, None
     effort = None if limit is None or limit.get("effort") is None else limit.get("effort")
-    torque = None if effort is None else float(numbers(source, f"{label}, effort", effort, [0.0])[0])
+    torque = None if effort is None else float(attribute_numbers(source, f"{label}, effort", effort, [0.0])[0])
     if torque is not None and torque < 0.0:
-        bad(source, f"{label} with effort {torque:g}", "an effort of at least zero")
+        raise_invalid(source, f"{label} with effort {torque:g}", "an effort of at least zero")
     if kind == "continuous":
         return -FULL_TURN / 2.0, FULL_TURN / 2.0, torque
     if limit is None or (limit.get("lower") is None and limit.get("upper") is None):
         if element.find("mimic") is None:
             what = "<limit>" if limit is None else "lower and upper in its <limit>"
-            bad(source, f"{label} without {what}", "limits on every revolute and prismatic joint, or type continuous")
+            raise_invalid(
+                source, f"{label} without {what}", "limits on every revolute and prismatic joint, or type continuous"
+            )
         return -np.inf, np.inf, torque
-    lower = float(numbers(source, f"{label}, lower", limit.get("lower"), [0.0])[0])
-    upper = float(numbers(source, f"{label}, upper", limit.get("upper"), [0.0])[0])
+    lower = float(attribute_numbers(source, f"{label}, lower", limit.get("lower"), [0.0])[0])
+    upper = float(attribute_numbers(source, f"{label}, upper", limit.get("upper"), [0.0])[0])
     if lower > upper:
-        bad(source, f"{label} with limits {lower:g} to {upper:g}", "a lower limit below the upper one")
+        raise_invalid(source, f"{label} with limits {lower:g} to {upper:g}", "a lower limit below the upper one")
     return lower, upper, torque
 
 
@@ -244,12 +248,12 @@ def _mimic(source: Path, element: ET.Element, label: str) -> Mimic | None:
     found = element.find("mimic")
     if found is None:
         return None
-    multiplier = float(numbers(source, f"{label}, multiplier", found.get("multiplier"), [1.0])[0])
-    offset = float(numbers(source, f"{label}, offset", found.get("offset"), [0.0])[0])
+    multiplier = float(attribute_numbers(source, f"{label}, multiplier", found.get("multiplier"), [1.0])[0])
+    offset = float(attribute_numbers(source, f"{label}, offset", found.get("offset"), [0.0])[0])
     return Mimic(found.get("joint", ""), multiplier, offset)
 
 
-def with_signs(joints: tuple[Joint, ...]) -> tuple[tuple[Joint, ...], tuple[str, ...]]:
+def orient_mimics(joints: tuple[Joint, ...]) -> tuple[tuple[Joint, ...], tuple[str, ...]]:
     """Return the joints with the limits of mimic joints in their direction of motion, and those that were negated.
 
     Files often give a mimic joint with a negative multiplier the limits of the joint it follows, without the sign, so
@@ -280,7 +284,7 @@ def with_signs(joints: tuple[Joint, ...]) -> tuple[tuple[Joint, ...], tuple[str,
 
 def read_shapes(
     source: Path, links: Mapping[str, ET.Element], names: Sequence[str]
-) -> tuple[dict[str, tuple[Shape, ...]], tuple[str, ...]]:
+) -> tuple[dict[str, tuple[CollisionShape, ...]], tuple[str, ...]]:
     """Return the collision shapes of the named links, and the mesh files that are missing or unreadable.
 
     Raises
@@ -290,12 +294,12 @@ def read_shapes(
     MissingExtraError
         On meshes in COLLADA (.dae) without pycollada.
     """
-    shapes: dict[str, tuple[Shape, ...]] = {}
+    shapes: dict[str, tuple[CollisionShape, ...]] = {}
     missing: list[str] = []
     for name in names:
         found = []
         for element in links[name].findall("collision"):
-            shape = _shape(source, name, element, missing)
+            shape = _urdf_shape(source, name, element, missing)
             if shape is not None:
                 found.append(shape)
         if found:
@@ -305,13 +309,13 @@ def read_shapes(
     return shapes, tuple(missing)
 
 
-def _shape(source: Path, link: str, element: ET.Element, missing: list[str]) -> Shape | None:
+def _urdf_shape(source: Path, link: str, element: ET.Element, missing: list[str]) -> CollisionShape | None:
     label = f"collision of link {link}"
     origin, geometry = element.find("origin"), element.find("geometry")
     pose = np.eye(4)
     if origin is not None:
-        pose[:3, 3] = numbers(source, f"{label}, xyz", origin.get("xyz"), np.zeros(3))
-        rpy = numbers(source, f"{label}, rpy", origin.get("rpy"), np.zeros(3))
+        pose[:3, 3] = attribute_numbers(source, f"{label}, xyz", origin.get("xyz"), np.zeros(3))
+        rpy = attribute_numbers(source, f"{label}, rpy", origin.get("rpy"), np.zeros(3))
         pose[:3, :3] = Rotation.from_euler("xyz", rpy).as_matrix()
     kind = None if geometry is None or not len(geometry) else geometry[0]
     tag = "" if kind is None else kind.tag
@@ -319,25 +323,27 @@ def _shape(source: Path, link: str, element: ET.Element, missing: list[str]) -> 
         allowed = "a sphere, cylinder, capsule, box or mesh"
         raise InputError(f"URDFHand.path: {source.name}", f"{label} with <{tag or 'nothing'}>", allowed)
     if tag == "mesh":
-        return _mesh(source, link, kind, pose, missing)
+        return _urdf_mesh_shape(source, link, kind, pose, missing)
     keys = {"sphere": ["radius"], "cylinder": ["radius", "length"], "capsule": ["radius", "length"], "box": ["size"]}
     values = [
-        numbers(source, f"{label}, {key}", kind.get(key) or "missing", np.ones(3 if key == "size" else 1))
+        attribute_numbers(source, f"{label}, {key}", kind.get(key) or "missing", np.ones(3 if key == "size" else 1))
         for key in keys[tag]
     ]
     sizes = np.concatenate(values)
     if np.any(sizes <= 0.0):
         raise InputError(f"URDFHand.path: {source.name}", f"{label}, sizes {sizes.tolist()}", "sizes above zero")
     if tag == "sphere":
-        return Shape.sphere(float(sizes[0]), pose)
+        return CollisionShape.sphere(float(sizes[0]), pose)
     if tag == "cylinder":
-        return Shape.cylinder(float(sizes[0]), float(sizes[1]), pose)
+        return CollisionShape.cylinder(float(sizes[0]), float(sizes[1]), pose)
     if tag == "capsule":
-        return Shape.capsule(float(sizes[0]), float(sizes[1]), pose)
-    return Shape.box(sizes, pose)
+        return CollisionShape.capsule(float(sizes[0]), float(sizes[1]), pose)
+    return CollisionShape.box(sizes, pose)
 
 
-def _mesh(source: Path, link: str, element: ET.Element, pose: FloatArray, missing: list[str]) -> Shape | None:
+def _urdf_mesh_shape(
+    source: Path, link: str, element: ET.Element, pose: FloatArray, missing: list[str]
+) -> CollisionShape | None:
     import trimesh
 
     name = element.get("filename", "")
@@ -345,7 +351,7 @@ def _mesh(source: Path, link: str, element: ET.Element, pose: FloatArray, missin
     if path is None:
         missing.append(f"{name or 'a mesh without filename'} (link {link})")
         return None
-    scale = numbers(source, f"collision of link {link}, scale", element.get("scale"), np.ones(3))
+    scale = attribute_numbers(source, f"collision of link {link}, scale", element.get("scale"), np.ones(3))
     if np.any(scale == 0.0):
         given = f"collision of link {link}, scale {scale.tolist()}"
         raise InputError(f"URDFHand.path: {source.name}", given, "a scale that is not zero")
@@ -366,10 +372,10 @@ def _mesh(source: Path, link: str, element: ET.Element, pose: FloatArray, missin
         mesh.apply_scale(trimesh.units.unit_conversion(mesh.units or "meters", "meters"))
     mesh.apply_scale(scale)
     mesh.apply_transform(pose)
-    return Shape("mesh", mesh, file=MeshFile.of(name, path))
+    return CollisionShape("mesh", mesh, file=MeshFile.of(name, path))
 
 
-def numbers(source: Path, where: str, text: str | None, default: Iterable[float]) -> FloatArray:
+def attribute_numbers(source: Path, where: str, text: str | None, default: Iterable[float]) -> FloatArray:
     """Return the numbers of an attribute, (m,), or the default where it is missing."""
     wanted = np.array(list(default), dtype=float)
     if text is None:
@@ -379,5 +385,5 @@ def numbers(source: Path, where: str, text: str | None, default: Iterable[float]
     except ValueError:
         values = np.array([np.nan])
     if values.shape != wanted.shape or not np.all(np.isfinite(values)):
-        bad(source, f"{where} {text!r}", f"{wanted.size} finite number{'s' if wanted.size > 1 else ''}")
+        raise_invalid(source, f"{where} {text!r}", f"{wanted.size} finite number{'s' if wanted.size > 1 else ''}")
     return values

@@ -8,7 +8,7 @@ import numpy as np
 
 from nlpgrasp.errors import InputError
 from nlpgrasp.interop.base import ExportFormat, ExportOptions, Need
-from nlpgrasp.interop.hand_states import each_state, object_file, object_scale, warn_of_axes, warn_of_squeezes
+from nlpgrasp.interop.hand_states import object_file, object_scale, states_of_grasps, warn_of_axes, warn_of_squeezes
 from nlpgrasp.solution.solution import GraspSolution
 
 STATES = ("pregrasp", "grasp", "squeeze")
@@ -31,7 +31,7 @@ def benchmark_arrays(solution: GraspSolution, options: ExportOptions | None = No
         Without such a hand.
     """
     given = options or ExportOptions()
-    states = each_state(solution, given.joints)
+    states = states_of_grasps(solution, given.joints)
     hands, alone = [hand for _, hand in states], [one for one, _ in states]
     named = {f"grasp_{i}": hand for i, hand in enumerate(hands)}
     warn_of_axes(hands[0], given)
@@ -78,7 +78,7 @@ def dexgraspbench(solution: GraspSolution, options: ExportOptions | None = None)
         Without such a hand or without its squeeze.
     """
     given = options or ExportOptions()
-    _, hand = each_state(solution, given.joints)[0]
+    _, hand = states_of_grasps(solution, given.joints)[0]
     if hand.no_squeeze:
         allowed = "a solution whose hand states its squeeze: ng.analyse(solution, problem=problem) adds one left out"
         raise InputError("solution", f"no squeeze ({hand.no_squeeze})", allowed)

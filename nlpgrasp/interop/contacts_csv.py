@@ -17,7 +17,7 @@ from nlpgrasp.contacts import ContactModel, FrictionContact, PointContact, SoftC
 from nlpgrasp.errors import InputError
 from nlpgrasp.interop.base import ExportFormat, ReadFormat, ReadGrasp, ReadOptions
 from nlpgrasp.problem.checks import warn_of_friction
-from nlpgrasp.quality.grasp import Grasp, all_point_away
+from nlpgrasp.quality.grasp import Grasp, do_all_point_away
 from nlpgrasp.solution.solution import GraspSolution
 
 # names of columns
@@ -92,11 +92,11 @@ def read_contacts_csv(path: str | Path, friction: float | None = None, body: Bod
 
 def _grasps(path: str | Path, friction: float | None, body: Body | None) -> dict[str, Grasp]:
     """Return the grasps of a table by the value of its column ``grasp``; a table without it has one."""
-    name, rows = str(path), _rows(path)
+    name, rows = str(path), _contact_rows(path)
     space = 3 if "p_z" in rows[0] else 2
-    points = np.array([[_number(name, i, row, c) for c in POSITION[:space]] for i, row in enumerate(rows)])
+    points = np.array([[_read_number(name, i, row, c) for c in POSITION[:space]] for i, row in enumerate(rows)])
     normals = _unit_normals(name, rows, NORMAL[:space])
-    models = [_model(name, i, row, friction) for i, row in enumerate(rows)]
+    models = [_contact_model(name, i, row, friction) for i, row in enumerate(rows)]
     if friction is None:
         warn_frictionless(name, [not (row.get(FRICTION) or row.get(MODEL) or "").strip() for row in rows])
     warn_of_friction(models, f"{name}: contact {{}}, {FRICTION}")
@@ -112,7 +112,7 @@ def _grasps(path: str | Path, friction: float | None, body: Body | None) -> dict
     return grasps
 
 
-def _rows(path: str | Path) -> list[Row]:
+def _contact_rows(path: str | Path) -> list[Row]:
     """Return the nonempty rows of a table with the columns of contacts."""
     name = str(path)
     try:
@@ -139,7 +139,7 @@ def _rows(path: str | Path) -> list[Row]:
 
 def _unit_normals(name: str, rows: Sequence[Row], columns: Sequence[str]) -> FloatArray:
     """Return the normals of a table, (m, space), scaled to unit length; refuse those that are far from it."""
-    normals = np.array([[_number(name, i, row, c) for c in columns] for i, row in enumerate(rows)])
+    normals = np.array([[_read_number(name, i, row, c) for c in columns] for i, row in enumerate(rows)])
     lengths = np.linalg.norm(normals, axis=1)
     far = int(np.argmax(np.abs(lengths - 1.0)))
     if abs(lengths[far] - 1.0) > UNIT:
@@ -147,7 +147,7 @@ def _unit_normals(name: str, rows: Sequence[Row], columns: Sequence[str]) -> Flo
     return np.asarray(normals / lengths[:, None])
 
 
-def _number(name: str, index: int, row: Row, column: str) -> float:
+def _read_number(name: str, index: int, row: Row, column: str) -> float:
     text = (row.get(column) or "").strip()
     try:
         value = float(text)
@@ -158,9 +158,9 @@ def _number(name: str, index: int, row: Row, column: str) -> float:
     return value
 
 
-def _model(name: str, index: int, row: Row, friction: float | None) -> ContactModel:
+def _contact_model(name: str, index: int, row: Row, friction: float | None) -> ContactModel:
     """Return the contact model of a row: soft with torsion, with friction, or frictionless."""
-    given = {c: _number(name, index, row, c) for c in (FRICTION, TORSION) if (row.get(c) or "").strip()}
+    given = {c: _read_number(name, index, row, c) for c in (FRICTION, TORSION) if (row.get(c) or "").strip()}
     slide = given.get(FRICTION, friction)
     where = f"{name}: row {index + 2}"
     if given.get(TORSION) and not slide:
@@ -196,7 +196,7 @@ def check_inward(name: str, grasp: Grasp, body: Body | None) -> None:
     """
     points, normals = grasp.points, grasp.normals
     if body is None or body.space != grasp.space:
-        if all_point_away(points, normals):
+        if do_all_point_away(points, normals):
             text = f"{name}: all normals point away from the middle of the contacts; they have to point into the body"
             warn(text)
         return
@@ -219,7 +219,7 @@ def warn_frictionless(name: str, unsaid: Sequence[bool]) -> None:
     warn(text)
 
 
-def body_of(solution: GraspSolution) -> Body | None:
+def stated_body(solution: GraspSolution) -> Body | None:
     """Return the body of a solution; None if its file does not contain it (a mesh, a function)."""
     try:
         return body_from_dict(solution.body)
@@ -227,16 +227,16 @@ def body_of(solution: GraspSolution) -> Body | None:
         return None
 
 
-def _read(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
+def _read_contacts_table(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
     """Yield the grasps of a table, with task and body of a solution file if given."""
     other = None if options.task is None else GraspSolution.load(options.task)
-    grasps = _grasps(path, options.friction, None if other is None else body_of(other))
+    grasps = _grasps(path, options.friction, None if other is None else stated_body(other))
     for key, grasp in grasps.items():
         name = path.name if len(grasps) == 1 else f"{path.name}, grasp {key}"
-        yield _about(options.task, other, name, grasp)
+        yield _with_task(options.task, other, name, grasp)
 
 
-def _about(task: Path | None, other: GraspSolution | None, name: str, grasp: Grasp) -> ReadGrasp:
+def _with_task(task: Path | None, other: GraspSolution | None, name: str, grasp: Grasp) -> ReadGrasp:
     """Return a grasp with task and torque origin of a solution file, if any."""
     if other is None:
         return ReadGrasp(name, grasp, None, force_budget("l2"))
@@ -255,4 +255,4 @@ def _about(task: Path | None, other: GraspSolution | None, name: str, grasp: Gra
 CSV = ExportFormat("csv", ".csv", "contacts as a table", lambda solution, _: contacts_csv(solution))
 
 
-CONTACTS_TABLE = ReadFormat((".csv",), ("friction", "task"), _read)
+CONTACTS_TABLE = ReadFormat((".csv",), ("friction", "task"), _read_contacts_table)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
-from nlpgrasp.common.drawing import CONE, NORMAL, drawn_size
+from nlpgrasp.common.drawing import CONE, NORMAL, drawing_size
 from nlpgrasp.common.palette import COLOURS
 from nlpgrasp.common.spatial import in_space
 from nlpgrasp.common.validation import FloatArray
@@ -31,23 +31,23 @@ def glb(solution: GraspSolution) -> bytes:
     if drawing is not None:
         shapes = [("body", drawing.body, "body"), *((name, s, "link") for name, s in drawing.links)]
         for name, shape, what in shapes:
-            scene.add_geometry(_coloured(trimesh.Trimesh(shape.vertices, shape.faces), COLOURS[what]), name, name)
-    size = drawn_size(drawing, grasp.points)
+            scene.add_geometry(_paint(trimesh.Trimesh(shape.vertices, shape.faces), COLOURS[what]), name, name)
+    size = drawing_size(drawing, grasp.points)
     points, normals = in_space(grasp.points), in_space(grasp.normals)
     for i, (p, n, model) in enumerate(zip(points, normals, grasp.contacts, strict=True)):
         tip = trimesh.creation.icosphere(2, POINT_RADIUS * size).apply_translation(p)
-        scene.add_geometry(_coloured(tip, POINT), f"contact {i}", f"contact {i}")
+        scene.add_geometry(_paint(tip, POINT), f"contact {i}", f"contact {i}")
         line = trimesh.creation.cylinder(ARROW_RADIUS * size, segment=[p, p + NORMAL * size * n])
-        scene.add_geometry(_coloured(line, COLOURS["normal"]), f"inward normal {i}", f"inward normal {i}")
+        scene.add_geometry(_paint(line, COLOURS["normal"]), f"inward normal {i}", f"inward normal {i}")
         friction = model.coefficients.get("friction")
         if friction is not None:
             cone = trimesh.creation.cone(CONE * size * friction, CONE * size)
-            cone.apply_transform(_opening(p, n, CONE * size))
-            scene.add_geometry(_coloured(cone, COLOURS["cone"], SEEN_THROUGH), f"cone {i}", f"cone {i}")
+            cone.apply_transform(_cone_pose(p, n, CONE * size))
+            scene.add_geometry(_paint(cone, COLOURS["cone"], SEEN_THROUGH), f"cone {i}", f"cone {i}")
     return bytes(scene.export(file_type="glb"))
 
 
-def _coloured(mesh: trimesh.Trimesh, colour: str, alpha: int = OPAQUE) -> trimesh.Trimesh:
+def _paint(mesh: trimesh.Trimesh, colour: str, alpha: int = OPAQUE) -> trimesh.Trimesh:
     material = trimesh.visual.material.PBRMaterial(
         baseColorFactor=[*bytes.fromhex(colour[1:]), alpha],
         alphaMode="BLEND" if alpha < OPAQUE else "OPAQUE",
@@ -57,7 +57,7 @@ def _coloured(mesh: trimesh.Trimesh, colour: str, alpha: int = OPAQUE) -> trimes
     return mesh
 
 
-def _opening(point: FloatArray, normal: FloatArray, height: float) -> FloatArray:
+def _cone_pose(point: FloatArray, normal: FloatArray, height: float) -> FloatArray:
     """Return the pose of a cone along z with its apex at the contact and its base away from the body."""
     pose = np.eye(4)
     pose[:3, :3] = trimesh.geometry.align_vectors([0.0, 0.0, 1.0], normal)[:3, :3]

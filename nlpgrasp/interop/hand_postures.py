@@ -44,7 +44,7 @@ def grasp_of_posture(problem: GraspProblem, posture: IsaacGrasp, near: float = N
         raise InputError("problem.hand", hand, "an ng.URDFHand: the file says where its joints are")
     if posture.gripper_frame not in ("", hand.robot.root):
         raise InputError("gripper_frame", posture.gripper_frame, f"{hand.robot.root!r}, the palm of the problem's hand")
-    tips, radii = _tips(hand, posture), np.array(hand.tip_radii)
+    tips, radii = _tip_centres(hand, posture), np.array(hand.tip_radii)
     points, normals, distances = nearest(problem.body, tips)
     touching = np.flatnonzero(np.abs(distances - radii) <= near)
     if len(touching) < 2:
@@ -78,9 +78,9 @@ def nearest(body: Body, points: FloatArray) -> tuple[FloatArray, FloatArray, Flo
     return found, normals, np.where(np.sum((points - found) * normals, axis=1) < 0.0, -best, best)
 
 
-def _tips(hand: URDFHand, posture: IsaacGrasp) -> FloatArray:
+def _tip_centres(hand: URDFHand, posture: IsaacGrasp) -> FloatArray:
     """Return the fingertips' centres in the body's frame."""
-    joints = _joints(hand, posture.joints, posture.name)
+    joints = _joint_positions(hand, posture.joints, posture.name)
     p, quaternion, q = ca.SX.sym("p", 3), ca.SX.sym("quaternion", 4), ca.SX.sym("q", len(joints))
     if any(tip.slides or tip.standoff == 0.0 for _, tip in hand.tips):
         raise InputError("problem.hand", "fingertips that are not round", "spherical fingertips")
@@ -89,7 +89,7 @@ def _tips(hand: URDFHand, posture: IsaacGrasp) -> FloatArray:
     return np.asarray(place(posture.position, posture.quaternion, joints).full()).T
 
 
-def _joints(hand: URDFHand, given: Mapping[str, float], name: str) -> FloatArray:
+def _joint_positions(hand: URDFHand, given: Mapping[str, float], name: str) -> FloatArray:
     """Return the free joints' positions; mimic joints may be missing."""
     free = [joint.name for joint in hand.tree.robot.free_joints]
     missing = [joint for joint in free if joint not in given]
@@ -101,7 +101,7 @@ def _joints(hand: URDFHand, given: Mapping[str, float], name: str) -> FloatArray
     return np.array([given[joint] for joint in free])
 
 
-def _read(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
+def _read_postures(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
     """Yield the grasps of a problem's hand in the postures of an isaac_grasp file."""
     if options.problem is None:
         raise InputError("--problem", "nothing", "the script of a problem whose hand the isaac_grasp file is for")
@@ -114,4 +114,4 @@ def _read(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
         yield ReadGrasp(posture.name, grasp_of_posture(problem, posture), problem.task, problem.budget)
 
 
-POSTURES = ReadFormat((".yaml", ".yml"), ("problem",), _read)
+POSTURES = ReadFormat((".yaml", ".yml"), ("problem",), _read_postures)

@@ -11,11 +11,11 @@ import numpy as np
 from nlpgrasp.analysis.squeeze import squeeze_for_task
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.user_warnings import warn
-from nlpgrasp.common.validation import UNITS, FloatArray, within
+from nlpgrasp.common.validation import UNITS, FloatArray, prefix_errors
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands.parallel_jaw import APPROACH_AXIS, CLOSING_AXIS, direction_of, named, own_axes
+from nlpgrasp.hands.parallel_jaw import APPROACH_AXIS, CLOSING_AXIS, axis_direction, gripper_rotation, named
 from nlpgrasp.interop.base import ExportOptions
-from nlpgrasp.solution.obstructions import of_the_grasp, of_the_way
+from nlpgrasp.solution.obstructions import approach_obstructions, grasp_obstructions
 from nlpgrasp.solution.solution import GraspSolution
 
 FINGER_JOINT = "finger_joint"  # default joint of parallel jaws; its position is the opening
@@ -94,14 +94,14 @@ class HandStates:
             Without a grasp or a hand with a pose; on a joint that the hand does not have.
         """
         hand = solution.hand or {}
-        with within(f"{name}: "):
+        with prefix_errors(f"{name}: "):
             solution.require_grasp()
         if not solution.is_certified or "palm_pose" not in hand:
             found = "a grasp found with an ng.URDFHand or, in space, an ng.ParallelJaw"
             raise InputError(name, "no hand with a palm pose and joints", found)
         if "joint_positions" in hand:
-            return _of_joints(solution, hand)._chosen(joints)
-        return _of_jaws(solution, hand, tuple(joints) or (FINGER_JOINT,))
+            return _joint_states(solution, hand)._chosen(joints)
+        return _jaw_states(solution, hand, tuple(joints) or (FINGER_JOINT,))
 
     def row(self, at: str) -> FloatArray:
         """Return pose and joints, (7 + j,), ``at`` "pregrasp", "grasp" or "squeeze"; NaN without a squeeze."""
@@ -142,7 +142,7 @@ class HandStates:
         )
 
 
-def _of_joints(solution: GraspSolution, hand: Json) -> HandStates:
+def _joint_states(solution: GraspSolution, hand: Json) -> HandStates:
     """Return the states of a hand with joints."""
     opened, held = hand.get("pregrasp") or hand, solution.squeeze
     exerted = None if held is None else held.joints
@@ -150,11 +150,11 @@ def _of_joints(solution: GraspSolution, hand: Json) -> HandStates:
     direction = (solution.problem.get("hand") or {}).get("approach")
     way = hand.get("approach") or {}
     blocked = str(way.get("reason") or UNKNOWN_WAY) if way.get("direction") is None else ""
-    blocked = "; ".join([*of_the_grasp(hand)[:1], *([blocked] if blocked else of_the_way(hand))])
+    blocked = "; ".join([*grasp_obstructions(hand)[:1], *([blocked] if blocked else approach_obstructions(hand))])
     return HandStates(
         solution.palm,
-        _pose(hand["palm_pose"]),
-        _pose(opened["palm_pose"]),
+        _pose_vector(hand["palm_pose"]),
+        _pose_vector(opened["palm_pose"]),
         dict(hand["joint_positions"]),
         {name: opened["joint_positions"][name] for name in hand["joint_positions"]},
         commands,
@@ -166,7 +166,7 @@ def _of_joints(solution: GraspSolution, hand: Json) -> HandStates:
     )
 
 
-def _of_jaws(solution: GraspSolution, hand: Json, joints: tuple[str, ...]) -> HandStates:
+def _jaw_states(solution: GraspSolution, hand: Json, joints: tuple[str, ...]) -> HandStates:
     """Return the states of parallel jaws, whose joints share the opening evenly and close with the squeeze's force.
 
     Virtual work: with ``sum q_j`` the opening, each joint exerts the force between the pads, towards smaller positions.
@@ -179,8 +179,8 @@ def _of_jaws(solution: GraspSolution, hand: Json, joints: tuple[str, ...]) -> Ha
     else:
         efforts, why = dict.fromkeys(joints, -force), ""
     opening, most = hand["opening"] / len(joints), asked["opening"] / len(joints)
-    pose, closed = _pose(hand["palm_pose"]), asked["closed"] / len(joints)
-    axes = own_axes(asked.get("closing_axis", CLOSING_AXIS), asked.get("approach_axis", APPROACH_AXIS))
+    pose, closed = _pose_vector(hand["palm_pose"]), asked["closed"] / len(joints)
+    axes = gripper_rotation(asked.get("closing_axis", CLOSING_AXIS), asked.get("approach_axis", APPROACH_AXIS))
     return HandStates(
         solution.palm,
         pose,
@@ -191,17 +191,17 @@ def _of_jaws(solution: GraspSolution, hand: Json, joints: tuple[str, ...]) -> Ha
         efforts,
         axes[:, 2],
         axes[:, 0],
-        blocked="; ".join(of_the_way(hand)),
+        blocked="; ".join(approach_obstructions(hand)),
         no_squeeze=why,
     )
 
 
-def _pose(data: Json) -> FloatArray:
+def _pose_vector(data: Json) -> FloatArray:
     """Return position and quaternion of a pose, (7,)."""
     return np.array([*data["position"], *data["quaternion_wxyz"]], dtype=float)
 
 
-def each_state(solution: GraspSolution, joints: Sequence[str]) -> list[tuple[GraspSolution, HandStates]]:
+def states_of_grasps(solution: GraspSolution, joints: Sequence[str]) -> list[tuple[GraspSolution, HandStates]]:
     """Return every kept grasp as a solution of its own, best first, with its hand states."""
     if solution.grasp is None:
         HandStates.of(solution, joints)  # raises the error
@@ -224,7 +224,7 @@ def warn_of_axes(hand: HandStates, options: ExportOptions) -> None:
         return
     for name in filter(None, (options.gripper, *options.joints)):
         for part, axis in CLOSING_AXES.items():
-            if part in name.lower() and not abs(float(direction_of("axis", axis) @ hand.closing)) >= 1.0 - ALONG:
+            if part in name.lower() and not abs(float(axis_direction("axis", axis) @ hand.closing)) >= 1.0 - ALONG:
                 stated = named(hand.closing)
                 text = f"{name} closes along its {axis} axis, the exported pose along {stated} of the gripper's frame"
                 warn(f'{text}: solve with ng.ParallelJaw(..., closing_axis="{axis}")')
@@ -244,7 +244,10 @@ def warn_of_squeezes(hands: Mapping[str, HandStates], empty: str) -> None:
     left = [name for name, hand in hands.items() if hand.no_squeeze == NOT_ADDED]
     if left:
         stated = "states" if len(left) == 1 else "state"
-        warn(f"{_names(left)} {stated} no squeeze, so {empty}: ng.analyse(solution, problem=problem) adds it")
+        warn(
+            f"{_format_joint_names(left)} {stated} no squeeze, so {empty}: "
+            "ng.analyse(solution, problem=problem) adds it"
+        )
 
 
 def warn_of_ways(hands: Mapping[str, HandStates]) -> None:
@@ -252,10 +255,11 @@ def warn_of_ways(hands: Mapping[str, HandStates]) -> None:
     blocked = {name: hand.blocked for name, hand in hands.items() if hand.blocked}
     if blocked:
         first = next(iter(blocked.values()))
-        warn(f"the straight way in of {_names(list(blocked))} is not free, so the pregrasp may not be reached: {first}")
+        grasps = _format_joint_names(list(blocked))
+        warn(f"the straight way in of {grasps} is not free, so the pregrasp may not be reached: {first}")
 
 
-def not_free(hand: HandStates) -> str:
+def approach_warning(hand: HandStates) -> str:
     """Return the reason why approach or pregrasp is unreliable, as text; empty where both are fine."""
     return hand.blocked or ("" if hand.has_pregrasp else "no pregrasp is stated: its joints are those of the grasp")
 
@@ -266,7 +270,7 @@ def axes_comment(hand: HandStates) -> str:
     return "".join(f"# {name} of the gripper's frame: {axis}\n" for name, axis in axes.items())
 
 
-def _names(names: list[str]) -> str:
+def _format_joint_names(names: list[str]) -> str:
     more = [f"{len(names) - MOST} more"] if len(names) > MOST else []
     *first, last = [*names[:MOST], *more]
     return f"{', '.join(first)} and {last}" if first else last

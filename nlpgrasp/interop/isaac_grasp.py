@@ -12,7 +12,7 @@ import yaml
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.interop.base import ExportFormat, ExportOptions, Need
-from nlpgrasp.interop.hand_states import HandStates, not_free, object_file, object_scale, warn_of_axes
+from nlpgrasp.interop.hand_states import HandStates, approach_warning, object_file, object_scale, warn_of_axes
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.version import __version__
 
@@ -86,7 +86,7 @@ def isaac_grasp(solutions: Mapping[str, GraspSolution], options: ExportOptions |
             "orientation": {"w": w, "xyz": xyz},
             "cspace_position": dict(hand.joints),
             "pregrasp_cspace_position": dict(hand.open_joints),
-            **({"way_in": f"not free: {why}"} if (why := not_free(hand)) else {}),
+            **({"way_in": f"not free: {why}"} if (why := approach_warning(hand)) else {}),
         }
     shown = next(iter(hands.values()))
     warn_of_axes(shown, given)
@@ -134,10 +134,10 @@ def read_isaac_grasps(path: str | Path) -> tuple[IsaacGrasp, ...]:
     if not isinstance(grasps, Mapping) or not grasps:
         raise InputError(f"{name}: grasps", grasps, "a mapping of names to grasps, not empty")
     frame = str(data.get("gripper_frame") or data.get("gripper_frame_link") or "")
-    return tuple(_grasp(f"{name}: grasps.{key}", str(key), value, frame) for key, value in grasps.items())
+    return tuple(_read_grasp(f"{name}: grasps.{key}", str(key), value, frame) for key, value in grasps.items())
 
 
-def _grasp(where: str, name: str, data: object, frame: str) -> IsaacGrasp:
+def _read_grasp(where: str, name: str, data: object, frame: str) -> IsaacGrasp:
     if not isinstance(data, Mapping):
         raise InputError(where, data, "a mapping with position, orientation and cspace_position")
     turned = data.get("orientation")
@@ -153,13 +153,13 @@ def _grasp(where: str, name: str, data: object, frame: str) -> IsaacGrasp:
         number(f"{where}.confidence", data.get("confidence", 1.0)),
         array(f"{where}.position", data.get("position", ()), (3,)),
         quaternion / length,
-        _joints(f"{where}.cspace_position", data.get("cspace_position")),
-        _joints(f"{where}.pregrasp_cspace_position", data.get("pregrasp_cspace_position")),
+        _read_joints(f"{where}.cspace_position", data.get("cspace_position")),
+        _read_joints(f"{where}.pregrasp_cspace_position", data.get("pregrasp_cspace_position")),
         frame,
     )
 
 
-def _joints(where: str, data: object) -> dict[str, float]:
+def _read_joints(where: str, data: object) -> dict[str, float]:
     if data is None:
         return {}
     if not isinstance(data, Mapping):
@@ -167,7 +167,7 @@ def _joints(where: str, data: object) -> dict[str, float]:
     return {str(joint): number(f"{where}.{joint}", value) for joint, value in data.items()}
 
 
-def _all(solution: GraspSolution, options: ExportOptions) -> str:
+def _kept_grasps(solution: GraspSolution, options: ExportOptions) -> str:
     """Return all kept grasps; without a grasp, raise the format's error."""
     if solution.grasp is None:
         return isaac_grasp({"grasp_0": solution}, options)
@@ -176,6 +176,6 @@ def _all(solution: GraspSolution, options: ExportOptions) -> str:
 
 
 ISAAC_GRASP = ExportFormat(
-    *("isaac_grasp", ".yaml", "a gripper's pose and joints", _all, Need.NOTHING),
+    *("isaac_grasp", ".yaml", "a gripper's pose and joints", _kept_grasps, Need.NOTHING),
     takes=("object", "gripper", "joints"),
 )

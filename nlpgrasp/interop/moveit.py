@@ -17,9 +17,9 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.interop.base import ExportFormat, ExportOptions, Need
 from nlpgrasp.interop.hand_states import (
     HandStates,
+    approach_warning,
     axes_comment,
-    each_state,
-    not_free,
+    states_of_grasps,
     warn_of_axes,
     warn_of_squeezes,
     warn_of_ways,
@@ -56,14 +56,14 @@ def moveit(solution: GraspSolution, options: ExportOptions | None = None) -> str
         On a gripper that closes along another axis, and on grasps without a squeeze or a free approach.
     """
     given = options or ExportOptions()
-    states = {f"grasp_{i}": state for i, state in enumerate(each_state(solution, given.joints))}
+    states = {f"grasp_{i}": state for i, state in enumerate(states_of_grasps(solution, given.joints))}
     messages = [_message(name, one, hand, given) for name, (one, hand) in states.items()]
     hands = {name: hand for name, (_, hand) in states.items()}
     first = hands["grasp_0"]
     warn_of_axes(first, given)
     warn_of_squeezes(hands, "its grasp_posture has no effort")
     warn_of_ways(hands)
-    blocked = {name: why for name, hand in hands.items() if (why := not_free(hand))}
+    blocked = {name: why for name, hand in hands.items() if (why := approach_warning(hand))}
     comments = "".join(f"# {name}: way in not free: {' '.join(why.split())}\n" for name, why in blocked.items())
     text = yaml.safe_dump(messages, sort_keys=False, default_flow_style=None, width=120)
     return f"{axes_comment(first)}{comments}{text}"

@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
-from nlpgrasp.common.validation import listed
+from nlpgrasp.common.validation import format_known_names
 from nlpgrasp.errors import InputError
 from nlpgrasp.interop.base import ExportFormat, ExportOptions, Need, ReadFormat, ReadGrasp, ReadOptions
 from nlpgrasp.interop.benchmark_arrays import DEXGRASPBENCH, NPZ
@@ -30,7 +30,7 @@ def _scene(solution: GraspSolution, options: ExportOptions) -> str:
 MJCF = ExportFormat("mjcf", ".xml", "a MuJoCo scene", _scene, Need.NOTHING, takes_hand=True)
 
 
-def _read(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
+def _read_solution(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
     """Yield the grasp of a solution file."""
     solution = GraspSolution.load(path)
     if solution.grasp is None:
@@ -38,7 +38,7 @@ def _read(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
     yield ReadGrasp(solution.name, solution.grasp, solution.task, solution.budget)
 
 
-SOLUTION = ReadFormat((".json",), ("problem",), _read)
+SOLUTION = ReadFormat((".json",), ("problem",), _read_solution)
 
 
 def _csv(solution: GraspSolution, _: ExportOptions) -> str:
@@ -102,7 +102,7 @@ def format_named(name: str) -> ExportFormat:
     """
     found = _formats.get(name)
     if found is None:
-        raise InputError("--to", name, f"one of {listed([name], _formats)}")
+        raise InputError("--to", name, f"one of {format_known_names([name], _formats)}")
     return found
 
 

@@ -17,8 +17,8 @@ from nlpgrasp.common.unit_directions import directions_around, directions_beside
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
-from nlpgrasp.motion.link_clearance import BoolArray, Surroundings
-from nlpgrasp.motion.straight_path import Place, StraightWay, straight_way
+from nlpgrasp.motion.link_clearance import BoolArray, CollisionModel
+from nlpgrasp.motion.straight_path import PathPosture, StraightPath, straight_way
 
 WIDER = (1.0, 2.0, 4.0)  # openings tried, times the pregrasp's
 CLOSER, BESIDE = np.radians([13.0, 6.5, 3.2, 1.6]), 6  # angles from the direction free longest; directions at each
@@ -26,12 +26,12 @@ SAME = 1e-9  # difference of a cosine from 1 below which two directions count as
 
 
 def free_approach(
-    around: Surroundings,
-    open_hand: Callable[[float], Opened],
+    around: CollisionModel,
+    open_hand: Callable[[float], OpeningPath],
     ways: Sequence[FloatArray],
     distance: Callable[[Values, FloatArray], float],
     locate: bool = True,
-) -> Approach:
+) -> ApproachPath:
     """Return the first collision-free approach direction of the open hand, opened wider where none is free.
 
     Where none of several is, others are looked at about the one that is free longest, nearer and nearer to it: the way
@@ -54,20 +54,20 @@ def free_approach(
     for times in WIDER:
         opened = open_hand(times)
         if opened.blocked_by:
-            return Approach(f"the fingers cannot open: {opened.blocked_by}", (), fingers)
+            return ApproachPath(f"the fingers cannot open: {opened.blocked_by}", (), fingers)
         fingers = fingers or opened
-        for way in _closer(ways, blocked):
+        for way in _closer_directions(ways, blocked):
             longest = distance(opened.values, way)
-            found = _away(around, opened.values, way, longest, locate)
+            found = _free_part(around, opened.values, way, longest, locate)
             if not found.blocked_by:
-                return Approach("", tuple(blocked), opened, way, longest, found.places)
+                return ApproachPath("", tuple(blocked), opened, way, longest, found.places)
             blocked.append(BlockedDirection(way, found.free * longest, times, found.blocked_by))
     count = sum(b.times == WIDER[0] for b in blocked)
-    return Approach(_why_none(blocked, count, longest), tuple(blocked), fingers)
+    return ApproachPath(_blocking_reason(blocked, count, longest), tuple(blocked), fingers)
 
 
 @dataclass(frozen=True)
-class Approach:
+class ApproachPath:
     """Result of a search for a free approach: a direction, or the reason why there is none.
 
     Parameters
@@ -88,10 +88,10 @@ class Approach:
 
     reason: str
     blocked: tuple[BlockedDirection, ...] = ()
-    fingers: Opened | None = None
+    fingers: OpeningPath | None = None
     direction: FloatArray | None = None
     distance: float = 0.0
-    outside: tuple[Place, ...] = ()
+    outside: tuple[PathPosture, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ class BlockedDirection:
         }
 
 
-def ways_of_palm(hand: URDFHand, values: Values, count: int) -> list[FloatArray]:
+def approach_candidates(hand: URDFHand, values: Values, count: int) -> list[FloatArray]:
     """Return candidate approach directions of the palm, the one in which it faces first, the nearest to it next.
 
     Parameters
@@ -142,7 +142,7 @@ def ways_of_palm(hand: URDFHand, values: Values, count: int) -> list[FloatArray]
     list of (3,) arrays
         Unit, body frame.
     """
-    first = facing(hand, values)
+    first = palm_direction(hand, values)
     ways = directions_around(first, count)
     if count > 1:
         axes = np.concatenate([hand.tree.palm_frame(values)[:3, :3].T, np.eye(3)])
@@ -154,12 +154,12 @@ def ways_of_palm(hand: URDFHand, values: Values, count: int) -> list[FloatArray]
     return kept
 
 
-def facing(hand: URDFHand, values: Values) -> FloatArray:
+def palm_direction(hand: URDFHand, values: Values) -> FloatArray:
     """Return the direction in which the palm faces, (3,), body frame."""
     return np.asarray(hand.tree.palm_frame(values)[:3, :3] @ hand.tree.approach)
 
 
-def opened(around: Surroundings, grasp: Values, pregrasp: Values, times: float) -> Opened:
+def opened(around: CollisionModel, grasp: Values, pregrasp: Values, times: float) -> OpeningPath:
     """Return the hand opened from its grasp towards a multiple of its pregrasp, within the joint limits.
 
     All go on together; what is blocked stays where it is, and the others go on without. Fingertips may be as near the
@@ -177,38 +177,38 @@ def opened(around: Surroundings, grasp: Values, pregrasp: Values, times: float) 
     lower, upper = around.hand.tree.joint_limits
     joints = grasp["joints"] + times * (pregrasp["joints"] - grasp["joints"])
     aim = {**grasp, "joints": np.clip(joints, lower, upper), "palm_position": pregrasp["palm_position"]}
-    places, free, blocked, legs = list[Place](), np.ones(len(lower), bool), "", 0
+    places, free, blocked, legs = list[PathPosture](), np.ones(len(lower), bool), "", 0
     while not places or free.any():
         here = places[-1].values if places else grasp
-        way = straight_way(around, _towards(here, aim, free), partial(_allowed, around))
+        way = straight_way(around, _towards(here, aim, free), partial(_least_clearances, around))
         if not way.places:
-            return Opened((), way.blocked_by)
+            return OpeningPath((), way.blocked_by)
         legs += len(way.places) > 1
         places += way.places[1:] if places else way.places
-        while len(places) > 1 and _least(around, places[-1]) < min(0.0, _least(around, places[0])):
+        while len(places) > 1 and _least_clearance(around, places[-1]) < min(0.0, _least_clearance(around, places[0])):
             places.pop()  # open, the fingers stay out of everything, also by less than the tolerance
         blocked = blocked or way.blocked_by
         if not np.any(free & way.moved_by):  # nothing is in the way, or nothing that a joint moves
             break
         free &= ~way.moved_by
-    return Opened(tuple(places), "" if len(places) > 1 else blocked, legs <= 1)
+    return OpeningPath(tuple(places), "" if len(places) > 1 else blocked, legs <= 1)
 
 
-def opened_straight(around: Surroundings, grasp: Values, pregrasp: Values, times: float) -> Opened:
+def open_hand_straight(around: CollisionModel, grasp: Values, pregrasp: Values, times: float) -> OpeningPath:
     """Return the hand opened as by ``opened``, or less, along one straight joint path."""
     found = opened(around, grasp, pregrasp, times)
     if found.blocked_by or found.straight:
         return found
     ends, free = found.values, np.ones(len(grasp["joints"]), bool)
-    way = straight_way(around, _towards(grasp, ends, free), partial(_allowed, around))
+    way = straight_way(around, _towards(grasp, ends, free), partial(_least_clearances, around))
     places = list(way.places)
-    while len(places) > 1 and _least(around, places[-1]) < min(0.0, _least(around, places[0])):
+    while len(places) > 1 and _least_clearance(around, places[-1]) < min(0.0, _least_clearance(around, places[0])):
         places.pop()
-    return Opened(tuple(places), "" if len(places) > 1 else way.blocked_by)
+    return OpeningPath(tuple(places), "" if len(places) > 1 else way.blocked_by)
 
 
 @dataclass(frozen=True)
-class Opened:
+class OpeningPath:
     """Path of postures from the grasp to the open hand.
 
     Parameters
@@ -221,7 +221,7 @@ class Opened:
         Whether all joints go on one straight line.
     """
 
-    places: tuple[Place, ...]
+    places: tuple[PathPosture, ...]
     blocked_by: str
     straight: bool = True
 
@@ -231,13 +231,13 @@ class Opened:
         return self.places[-1].values
 
 
-def openings(around: Surroundings, values: Values, grasp: Values) -> FloatArray:
+def opening_distances(around: CollisionModel, values: Values, grasp: Values) -> FloatArray:
     """Return each fingertip's distance from its position in the grasp, palm frame, (k,), metres."""
     there, here = around.hand.tree.palm_tips(np.stack([values["joints"], grasp["joints"]]))
     return np.asarray(np.linalg.norm(there - here, axis=1))
 
 
-def _closer(ways: Sequence[FloatArray], blocked: Sequence[BlockedDirection]) -> Iterator[FloatArray]:
+def _closer_directions(ways: Sequence[FloatArray], blocked: Sequence[BlockedDirection]) -> Iterator[FloatArray]:
     """Yield directions, then ones ever nearer to the longest free one; ``blocked`` grows by all but the last."""
     before = len(blocked)
     yield from ways
@@ -250,13 +250,13 @@ def _closer(ways: Sequence[FloatArray], blocked: Sequence[BlockedDirection]) -> 
         yield from directions_beside(best.direction, angle, BESIDE)
 
 
-def _away(around: Surroundings, start: Values, way: FloatArray, distance: float, locate: bool) -> StraightWay:
+def _free_part(around: CollisionModel, start: Values, way: FloatArray, distance: float, locate: bool) -> StraightPath:
     """Return the collision-free part of the path out along a direction, from the open hand at the grasp."""
 
     def away(share: float) -> Values:
         return {**start, "palm_position": start["palm_position"] - share * distance * way}
 
-    def allowed(first: Place) -> FloatArray:
+    def allowed(first: PathPosture) -> FloatArray:
         least = around.allowed()
         as_there = around.of_tips() | around.of_pairs()
         least[as_there] = np.minimum(first.clearances[as_there], 0.0)
@@ -265,7 +265,7 @@ def _away(around: Surroundings, start: Values, way: FloatArray, distance: float,
     return straight_way(around, away, allowed, locate)
 
 
-def _why_none(blocked: list[BlockedDirection], count: int, distance: float) -> str:
+def _blocking_reason(blocked: list[BlockedDirection], count: int, distance: float) -> str:
     """Return the reason why every direction is blocked: that of the longest free one."""
     best = max(blocked, key=lambda b: b.free)
     which = np.array2string(best.direction, precision=2, suppress_small=True)
@@ -274,7 +274,7 @@ def _why_none(blocked: list[BlockedDirection], count: int, distance: float) -> s
     return f"{one} free for {1e3 * distance:.0f} mm; {said}"
 
 
-def _allowed(around: Surroundings, first: Place) -> FloatArray:
+def _least_clearances(around: CollisionModel, first: PathPosture) -> FloatArray:
     """Return the least clearances, (n,), metres; links that overlap in the grasp may do so, no deeper."""
     least, pairs = around.allowed(), around.of_pairs()
     least[pairs] = np.minimum(first.clearances[pairs], 0.0)
@@ -292,5 +292,5 @@ def _towards(here: Values, aim: Values, free: BoolArray) -> Callable[[float], Va
     return posture
 
 
-def _least(around: Surroundings, place: Place) -> float:
+def _least_clearance(around: CollisionModel, place: PathPosture) -> float:
     return float(np.min(place.clearances - around.allowed(), initial=np.inf))

@@ -1,7 +1,7 @@
 """Contact paths over a body's surface: shortest paths, stations, and full motions of a finger.
 
-A shortest path in a graph of surface samples gives the first stations (``SurfaceGraph``). ``Footpath`` refines them;
-``Stride`` adds lifting off and setting down.
+A shortest path in a graph of surface samples gives the first stations (``SurfaceGraph``). ``ContactPath`` refines them;
+``FingerTransfer`` adds lifting off and setting down.
 
 Between two stations the contact moves on the chord. On a surface with radius of curvature rho, a chord of length h is
 off the surface by at most ``h^2 / (8 rho)``. Instead of estimating rho, the chord's middle is projected onto the
@@ -35,7 +35,7 @@ LARGEST_GAP = 0.3  # share of a graph edge's length: largest distance of its mid
 
 
 @dataclass(frozen=True)
-class Station:
+class PathStation:
     """A point of the path: position, inward unit normal and face."""
 
     point: FloatArray
@@ -73,10 +73,10 @@ class SurfaceGraph:
         lengths = dijkstra(self._edges, False, self._nearest(start))
         return np.asarray(lengths[self._tree.query(ends)[1]])
 
-    def stations(self, start: Station, end: Station) -> list[Station]:
+    def stations(self, start: PathStation, end: PathStation) -> list[PathStation]:
         """Return the shortest path between two stations: these and the sample points between."""
         between = self._nodes(start.point, end.point)[1:-1]
-        return [start, *(Station(self.points[i], self.normals[i], str(self.faces[i])) for i in between), end]
+        return [start, *(PathStation(self.points[i], self.normals[i], str(self.faces[i])) for i in between), end]
 
     def _nodes(self, start: FloatArray, end: FloatArray) -> list[int]:
         """Return the sample points of the path, those nearest to its ends included."""
@@ -91,7 +91,7 @@ class SurfaceGraph:
         return self._tree.query(p)[1]
 
 
-class Footpath:
+class ContactPath:
     """Path of a contact over a body.
 
     Parameters
@@ -113,8 +113,8 @@ class Footpath:
         Arc length on the surface alone.
     """
 
-    def __init__(self, body: Body, stations: Sequence[Station], arm: float, tolerance: float) -> None:
-        found = _refined(body, _over_edges(body, stations), SHARE * tolerance)
+    def __init__(self, body: Body, stations: Sequence[PathStation], arm: float, tolerance: float) -> None:
+        found = _refine_stations(body, _add_edge_stations(body, stations), SHARE * tolerance)
         self.points = np.array([s.point for s in found])
         self.normals = np.array([s.normal for s in found])
         along = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
@@ -143,7 +143,7 @@ class Footpath:
 
 
 @dataclass(frozen=True)
-class Stride:
+class FingerTransfer:
     """Full path of a finger to its new contact.
 
     Parameters
@@ -153,7 +153,7 @@ class Stride:
         Height of the fingertip above the surface, metres; 0 for sliding.
     """
 
-    footpath: Footpath
+    footpath: ContactPath
     lift: float
 
     @property
@@ -167,19 +167,19 @@ class Stride:
         ends = (self.lift, self.lift + self.footpath.total) if self.lift else ()
         return (*ends, self.total)
 
-    def at(self, way: float) -> Foothold:
+    def at(self, way: float) -> TargetContact:
         """Return the foothold at a path length, metres."""
         over = self.footpath.total
         point, normal, along = self.footpath.at(min(max(way - self.lift, 0.0), over))
         if not self.lift:
-            return Foothold(point, normal, along, SLIDING)
+            return TargetContact(point, normal, along, SLIDING)
         height = max(min(way, self.lift, self.total - way), 0.0)
         phase = LIFTING_OFF if way < self.lift else DOWN if way > self.lift + over else OVER
-        return Foothold(point - height * normal, normal, along, phase, height)
+        return TargetContact(point - height * normal, normal, along, phase, height)
 
 
 @dataclass(frozen=True)
-class Foothold:
+class TargetContact:
     """Target contact of a fingertip on its path.
 
     Parameters
@@ -200,39 +200,39 @@ class Foothold:
     height: float = 0.0
 
 
-def _over_edges(body: Body, stations: Sequence[Station]) -> list[Station]:
+def _add_edge_stations(body: Body, stations: Sequence[PathStation]) -> list[PathStation]:
     """Return the stations with two more at each crossed edge, one with each face's normal."""
     result = [stations[0]]
     for a, b in itertools.pairwise(stations):
         if a.face != b.face:
-            result += _edge(body, a, b)
+            result += _edge_point(body, a, b)
         result.append(b)
     return result
 
 
-def _edge(body: Body, a: Station, b: Station) -> list[Station]:
+def _edge_point(body: Body, a: PathStation, b: PathStation) -> list[PathStation]:
     """Return the point near two stations that lies on both faces, by Newton's method; none where there is none."""
     p, far = (a.point + b.point) / 2.0, float(np.linalg.norm(a.point - b.point))
     start = p
     for _ in range(NEWTON_STEPS):
-        h, normals = _on(body, (a.face, b.face), p)
+        h, normals = _face_distances(body, (a.face, b.face), p)
         step = np.linalg.lstsq(normals, h, rcond=1e-6)[0]
         p = p - step
         if np.linalg.norm(step) < 1e-12 * body.size:
             break
-    h, normals = _on(body, (a.face, b.face), p)
+    h, normals = _face_distances(body, (a.face, b.face), p)
     if np.max(np.abs(h)) > 1e-6 * body.size or np.linalg.norm(p - start) > 2.0 * far:
         return []
-    return [Station(p, -n, s.face) for n, s in zip(normals, (a, b), strict=True)]
+    return [PathStation(p, -n, s.face) for n, s in zip(normals, (a, b), strict=True)]
 
 
-def _on(body: Body, faces: Sequence[str], p: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _face_distances(body: Body, faces: Sequence[str], p: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return first-order distance and outward normal of each face at a point."""
     found = [body.evaluate(face, p[None]) for face in faces]
     return np.array([h[0] / max(slope[0], 1e-12) for h, slope, _, _ in found]), np.array([n[0] for _, _, n, _ in found])
 
 
-def _refined(body: Body, stations: list[Station], enough: float) -> list[Station]:
+def _refine_stations(body: Body, stations: list[PathStation], enough: float) -> list[PathStation]:
     """Return the stations refined until chords are near the surface and normals turn little."""
     done = [False] * (len(stations) - 1)
     for _ in range(LEVELS):
@@ -259,7 +259,7 @@ def _refined(body: Body, stations: list[Station], enough: float) -> list[Station
     return stations
 
 
-def _middles(body: Body, pairs: Sequence[tuple[Station, Station]]) -> list[Station]:
+def _middles(body: Body, pairs: Sequence[tuple[PathStation, PathStation]]) -> list[PathStation]:
     """Return the station half way between two: on the surface, or with the mean normal at one point."""
     middles = np.array([(a.point + b.point) / 2.0 for a, b in pairs])
     apart = np.array([np.linalg.norm(a.point - b.point) for a, b in pairs])
@@ -272,4 +272,4 @@ def _middles(body: Body, pairs: Sequence[tuple[Station, Station]]) -> list[Stati
         if len(own):
             middles[own] = body.snap(face, middles[own])
             normals[own] = -body.evaluate(face, middles[own])[2]
-    return [Station(p, n, face) for p, n, face in zip(middles, normals, faces, strict=True)]
+    return [PathStation(p, n, face) for p, n, face in zip(middles, normals, faces, strict=True)]

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from nlpgrasp.bodies import Body
-from nlpgrasp.common.scalar_constraints import Clearance, LinkSphere, PalmPose, Placement, Row
+from nlpgrasp.common.scalar_constraints import Clearance, LinkSphere, PalmPose, ScalarConstraint, SymbolicCandidate
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.constraints import PlacementConstraint
 
@@ -44,21 +44,21 @@ def fields_of(body: Body, constraints: Sequence[PlacementConstraint], contacts: 
     fields = [Field("the body", body.signed_distance)]
     names = count(1)
     for constraint in constraints:
-        distances = list(_distances(constraint, contacts, body))
+        distances = list(_probe_distances(constraint, contacts, body))
         if distances:
             kind, which = constraint.kind, next(names)
             label = getattr(constraint, "name", kind) if kind == "obstacle" else kind
             taken = {f.name for f in fields}
-            fields.append(Field(f"{label} {which}" if label in taken else str(label), _least(distances)))
+            fields.append(Field(f"{label} {which}" if label in taken else str(label), _least_of(distances)))
     return fields
 
 
 def distance_to_all(fields: Sequence[Field]) -> Distance:
     """Return the minimum of several distance fields."""
-    return _least([field.distance for field in fields])
+    return _least_of([field.distance for field in fields])
 
 
-def _distances(constraint: PlacementConstraint, contacts: int, body: Body) -> Iterator[Distance]:
+def _probe_distances(constraint: PlacementConstraint, contacts: int, body: Body) -> Iterator[Distance]:
     """Yield a constraint's distances of a probe as functions of its position."""
     where = ca.SX.sym("probe", body.space)
     positions, normals = ([ca.SX.sym(name, body.space) for _ in range(contacts)] for name in "pn")
@@ -66,23 +66,27 @@ def _distances(constraint: PlacementConstraint, contacts: int, body: Body) -> It
     if body.space == 3:
         palm = PalmPose(*(ca.SX.sym(name, *size) for name, size in zip("tRa", ((3,), (3, 3), (3,)), strict=True)))
     probe = LinkSphere(PROBE, where, 0.0)
-    placement = Placement(positions, normals, (0.0,) * contacts, body.size, [probe], palm)
+    placement = SymbolicCandidate(positions, normals, (0.0,) * contacts, body.size, [probe], palm)
     for row in constraint.rows(placement):
         if row.link != PROBE:
             continue
         if isinstance(row, Clearance):
-            yield _of_clearance(row, where)
+            yield _clearance_distance(row, where)
         elif row.unit == "m":
-            yield from _of_row(row, where)
+            yield from _constraint_distances(row, where)
 
 
-def _of_clearance(row: Clearance, where: ca.SX) -> Distance:
-    local, distance, lower = _Mapped(ca.Function("local", [where], [row.point])), _Mapped(row.distance), row.lower
+def _clearance_distance(row: Clearance, where: ca.SX) -> Distance:
+    local, distance, lower = (
+        _MappedFunction(ca.Function("local", [where], [row.point])),
+        _MappedFunction(row.distance),
+        row.lower,
+    )
     return lambda points: distance(local(points).T)[0] - lower
 
 
-def _of_row(row: Row, where: ca.SX) -> Iterator[Distance]:
-    value = _Mapped(ca.Function("row", [where], [row.expression]))
+def _constraint_distances(row: ScalarConstraint, where: ca.SX) -> Iterator[Distance]:
+    value = _MappedFunction(ca.Function("row", [where], [row.expression]))
     lower, upper = row.lower, row.upper
     if np.isfinite(lower):
         yield lambda points: value(points)[0] - lower
@@ -90,11 +94,11 @@ def _of_row(row: Row, where: ca.SX) -> Iterator[Distance]:
         yield lambda points: upper - value(points)[0]
 
 
-def _least(distances: Sequence[Distance]) -> Distance:
+def _least_of(distances: Sequence[Distance]) -> Distance:
     return lambda points: np.min([distance(points) for distance in distances], axis=0)
 
 
-class _Mapped:
+class _MappedFunction:
     """A compiled function of a point, mapped over many points, with a cache by number of points."""
 
     def __init__(self, function: ca.Function) -> None:

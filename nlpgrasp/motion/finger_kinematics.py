@@ -8,13 +8,13 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.common.quadratic_program import Linearised, NewtonRules, restore, step_bounds
+from nlpgrasp.common.quadratic_program import Linearised, NewtonRules, restore_feasibility, step_bounds
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
-from nlpgrasp.hands.tips import Touch
-from nlpgrasp.motion.contact_path import OVER, SLIDING, Foothold
-from nlpgrasp.motion.link_clearance import Surroundings
+from nlpgrasp.hands.tips import SymbolicTouch
+from nlpgrasp.motion.contact_path import OVER, SLIDING, TargetContact
+from nlpgrasp.motion.link_clearance import CollisionModel
 
 ENOUGH = 1e-6  # share of the body's size, and radians: tolerance of a reached contact
 STEPS = NewtonRules(steps=15, enough=ENOUGH)  # with joint limits and clearances
@@ -26,7 +26,7 @@ FREE = 1e3  # joint limits that never bind
 
 
 @dataclass(frozen=True)
-class Reached:
+class KinematicsResult:
     """Joint positions found by Newton's method.
 
     Parameters
@@ -67,7 +67,7 @@ class FingerJoints:
         Indices of its free joints.
     """
 
-    def __init__(self, hand: URDFHand, finger: int, surroundings: Surroundings, size: float) -> None:
+    def __init__(self, hand: URDFHand, finger: int, surroundings: CollisionModel, size: float) -> None:
         self.hand, self.finger, self.size = hand, finger, size
         robot = hand.robot
         moved = [{robot.follows(j)[0] for j in robot.chain(link) if j.moves} for link, _ in hand.tips]
@@ -86,7 +86,9 @@ class FingerJoints:
         """The finger's own joints."""
         return tuple(self.hand.robot.free_joints[i].name for i in self.own)
 
-    def reach(self, values: Values, hold: Foothold, allowed: FloatArray | None, *, limited: bool = True) -> Reached:
+    def reach(
+        self, values: Values, hold: TargetContact, allowed: FloatArray | None, *, limited: bool = True
+    ) -> KinematicsResult:
         """Return the nearest positions of the finger's joints with its fingertip at a foothold.
 
         Clearances enter the Newton steps only if they are violated without.
@@ -106,7 +108,7 @@ class FingerJoints:
             return found
         return self._newton(values, hold, allowed, limited)
 
-    def _shortest(self, values: Values, hold: Foothold) -> Reached | None:
+    def _shortest(self, values: Values, hold: TargetContact) -> KinematicsResult | None:
         """Return the result of shortest steps on the equations alone; None where a limit is violated."""
         z = self._of(values)
         for _ in range(FREE_STEPS):
@@ -114,14 +116,16 @@ class FingerJoints:
             g, J, low, high = self.rows(here, hold)
             off = float(np.max(np.maximum(low - g, g - high), initial=0.0))
             if off <= ENOUGH:
-                return Reached(here, off)
+                return KinematicsResult(here, off)
             equal = low == high
             z = z + np.linalg.lstsq(J[equal], (low - g)[equal], rcond=None)[0]
             if np.any(z < self.limits[0]) or np.any(z > self.limits[1]):
                 return None
         return None
 
-    def _newton(self, values: Values, hold: Foothold, allowed: FloatArray | None, limited: bool) -> Reached:
+    def _newton(
+        self, values: Values, hold: TargetContact, allowed: FloatArray | None, limited: bool
+    ) -> KinematicsResult:
         unlimited = np.full(len(self.limits[0]), FREE)
         bounds = self.limits if limited else (-unlimited, unlimited)
 
@@ -134,15 +138,15 @@ class FingerJoints:
                 low, high = np.concatenate([low, np.zeros(len(c))]), np.concatenate([high, np.full(len(c), np.inf)])
             return Linearised(g, J, low, high, *step_bounds(z, bounds, LONGEST))
 
-        found = restore(rows, np.clip(self._of(values), *bounds), STEPS)
-        return Reached(self._with(values, found.best), found.violation)
+        found = restore_feasibility(rows, np.clip(self._of(values), *bounds), STEPS)
+        return KinematicsResult(self._with(values, found.best), found.violation)
 
-    def off(self, values: Values, hold: Foothold) -> float:
+    def off(self, values: Values, hold: TargetContact) -> float:
         """Return the residual of the fingertip at a foothold, shares of the body's size and radians."""
         g, _, low, high = self.rows(values, hold)
         return float(np.max(np.maximum(low - g, g - high), initial=0.0))
 
-    def rows(self, values: Values, hold: Foothold) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    def rows(self, values: Values, hold: TargetContact) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return contact constraints at a foothold, (r,), their slopes in the finger's variables, and their limits."""
         slides = values.get("slides", np.zeros(0))
         found = self._rows(
@@ -160,7 +164,7 @@ class FingerJoints:
         p, n = ca.SX.sym("p", 3), ca.SX.sym("n", 3)
         link, tip = self.hand.tips[self.finger]
         slide = None if self.slide is None else slides[self.slide]
-        rows = tip.rows(Touch(link, self.finger, self.hand.tree.poses(symbols)[link], p, n, slide, self.size))
+        rows = tip.rows(SymbolicTouch(link, self.finger, self.hand.tree.poses(symbols)[link], p, n, slide, self.size))
         own = [symbols["joints"][int(i)] for i in self.own] + ([] if slide is None else [slide])
         g = ca.vertcat(*[row.expression / row.scale for row in rows])
         low, high = ca.DM([row.lower / row.scale for row in rows]), ca.DM([row.upper / row.scale for row in rows])
@@ -192,7 +196,7 @@ class FingerJoints:
         return result
 
 
-def why_stopped(joints: FingerJoints, values: Values, hold: Foothold, allowed: FloatArray) -> str:
+def obstruction_text(joints: FingerJoints, values: Values, hold: TargetContact, allowed: FloatArray) -> str:
     """Return the obstruction of a finger's next waypoint, as text.
 
     Clearances are relaxed first, then joint limits; the relaxation that is needed is the reason. It is a local
@@ -208,16 +212,16 @@ def why_stopped(joints: FingerJoints, values: Values, hold: Foothold, allowed: F
     allowed : (n,) array
         Lower limits of the clearances.
     """
-    return f"{_what(joints, values, hold, allowed)}, {place(hold)}"
+    return f"{_obstructing_part(joints, values, hold, allowed)}, {place(hold)}"
 
 
-def place(hold: Foothold) -> str:
+def place(hold: TargetContact) -> str:
     """Return a finger's place on its path, as text."""
     where = f"{1e3 * hold.along:.1f} mm along the path"
     return where if hold.phase in (SLIDING, OVER) else f"{where}, {hold.phase}, {1e3 * hold.height:.1f} mm high"
 
 
-def _what(joints: FingerJoints, values: Values, hold: Foothold, allowed: FloatArray) -> str:
+def _obstructing_part(joints: FingerJoints, values: Values, hold: TargetContact, allowed: FloatArray) -> str:
     if not len(joints.own):
         return "no joint moves this finger alone"
     if joints.reach(values, hold, allowed).there:
@@ -227,11 +231,11 @@ def _what(joints: FingerJoints, values: Values, hold: Foothold, allowed: FloatAr
         return joints.around.say(int(np.argmin(joints.around.clearances(within.values) - allowed)))
     beyond = joints.reach(values, hold, None, limited=False)
     if beyond.there:
-        return _limit(joints, values, beyond.values)
+        return _limiting_joint(joints, values, beyond.values)
     return "out of the finger's reach"
 
 
-def _limit(joints: FingerJoints, values: Values, beyond: Values) -> str:
+def _limiting_joint(joints: FingerJoints, values: Values, beyond: Values) -> str:
     """Return the joint at its limit: of those that would exceed it, the nearest to it now."""
     lower, upper = joints.hand.tree.joint_limits[:, joints.own]
     now, then = values["joints"][joints.own], beyond["joints"][joints.own]

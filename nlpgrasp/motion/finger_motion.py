@@ -23,15 +23,15 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.common.scalar_constraints import Placement, Row
+from nlpgrasp.common.scalar_constraints import ScalarConstraint, SymbolicCandidate
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Hand, Values
-from nlpgrasp.motion.contact_path import OVER, SLIDING, Foothold, Footpath, Station, Stride
+from nlpgrasp.motion.contact_path import OVER, SLIDING, ContactPath, FingerTransfer, PathStation, TargetContact
 from nlpgrasp.motion.distance_fields import fields_of
-from nlpgrasp.motion.finger_kinematics import FingerJoints, place, why_stopped
-from nlpgrasp.motion.link_clearance import Surroundings
+from nlpgrasp.motion.finger_kinematics import FingerJoints, obstruction_text, place
+from nlpgrasp.motion.link_clearance import CollisionModel
 from nlpgrasp.problem.problem import GraspProblem
 
 FINEST, LARGEST = 1.0 / 16.0, 16.0  # least and largest steps, in tolerances
@@ -129,13 +129,13 @@ class LinkedMotions:
     """
 
     def __init__(
-        self, problem: GraspProblem, hand: URDFHand, values: Values, paths: Sequence[Sequence[Station]], lift: float
+        self, problem: GraspProblem, hand: URDFHand, values: Values, paths: Sequence[Sequence[PathStation]], lift: float
     ) -> None:
         self.body, self.hand, self.paths, self.lift = problem.body, hand, paths, lift
-        self.around = Surroundings(problem, hand)
+        self.around = CollisionModel(problem, hand)
         self.fingers = [FingerJoints(hand, i, self.around, problem.body.size) for i in range(hand.count)]
         self._first = self._with_slides(values)
-        self._footpaths: dict[tuple[int, float], Footpath] = {}
+        self._footpaths: dict[tuple[int, float], ContactPath] = {}
 
     def start(self) -> Values:
         """Return the values of the hand's variables in the first grasp."""
@@ -146,8 +146,8 @@ class LinkedMotions:
         lift = 0.0 if slides else self.lift
         if (finger, lift) not in self._footpaths:
             arm = self.hand.tips[finger][1].standoff + lift
-            self._footpaths[finger, lift] = Footpath(self.body, self.paths[finger], arm, self.around.tolerance)
-        return Walk(self.fingers[finger], Stride(self._footpaths[finger, lift], lift)).taken(posture)
+            self._footpaths[finger, lift] = ContactPath(self.body, self.paths[finger], arm, self.around.tolerance)
+        return FingerStepping(self.fingers[finger], FingerTransfer(self._footpaths[finger, lift], lift)).taken(posture)
 
     def _with_slides(self, values: Values) -> Values:
         """Return the values with the sliding coordinates of tips nearest to their contacts."""
@@ -157,7 +157,7 @@ class LinkedMotions:
         result = {**values, "slides": np.full(count, 0.5)}
         for joints, path in zip(self.fingers, self.paths, strict=True):
             if joints.slide is not None:
-                hold = Foothold(path[0].point, path[0].normal, 0.0, SLIDING)
+                hold = TargetContact(path[0].point, path[0].normal, 0.0, SLIDING)
                 off = []
                 for share in SLIDES:
                     result["slides"][joints.slide] = share
@@ -166,7 +166,7 @@ class LinkedMotions:
         return result
 
 
-class Walk:
+class FingerStepping:
     """Motion of one finger along its path.
 
     Parameters
@@ -175,7 +175,7 @@ class Walk:
     stride : Stride
     """
 
-    def __init__(self, joints: FingerJoints, stride: Stride) -> None:
+    def __init__(self, joints: FingerJoints, stride: FingerTransfer) -> None:
         self.joints, self.stride, self.around = joints, stride, joints.around
         self._tip = self.around.of_tips()
 
@@ -191,7 +191,7 @@ class Walk:
         tolerance = self.around.tolerance
         first = self._waypoint(values, 0.0, self.allowed(0.0)) if len(self.joints.own) else None
         if first is None:
-            return self._path([], why_stopped(self.joints, values, self.stride.at(0.0), self.allowed(0.0))), values
+            return self._path([], obstruction_text(self.joints, values, self.stride.at(0.0), self.allowed(0.0))), values
         done, step = [first], LARGEST * tolerance
         for end in self.stride.turns:
             while done[-1].way < end:
@@ -202,7 +202,9 @@ class Walk:
                     step = min(2.0 * step, LARGEST * tolerance)
                 elif way - done[-1].way <= FINEST * tolerance:
                     hold, allowed = self.stride.at(way), self.allowed((way + done[-1].way) / 2.0)
-                    return self._path(done, why_stopped(self.joints, done[-1].values, hold, allowed)), done[-1].values
+                    return self._path(done, obstruction_text(self.joints, done[-1].values, hold, allowed)), done[
+                        -1
+                    ].values
                 else:
                     step = (way - done[-1].way) / 2.0
         return self._path(done, ""), done[-1].values
@@ -254,7 +256,7 @@ class Waypoint:
     """One posture on the path, with all clearances (n,)."""
 
     way: float
-    hold: Foothold
+    hold: TargetContact
     values: Values
     clearances: FloatArray
 
@@ -263,14 +265,14 @@ class ContactMotions:
     """Finger motions of hands that are given by their contacts alone; arguments as for ``LinkedMotions``."""
 
     def __init__(
-        self, problem: GraspProblem, hand: Hand, contacts: Contacts, paths: Sequence[Sequence[Station]], lift: float
+        self, problem: GraspProblem, hand: Hand, contacts: Contacts, paths: Sequence[Sequence[PathStation]], lift: float
     ) -> None:
         self.body, self.hand, self.paths, self.lift, self._first = problem.body, hand, paths, lift, contacts
         self.fields = fields_of(problem.body, problem.constraints, hand.count)[1:]
         size, space, k = problem.body.size, problem.body.space, hand.count
         p, n = ([ca.SX.sym(f"{name}{i}", space) for i in range(k)] for name in "pn")
         variables = hand.symbols(problem.body.bounds)
-        self.rows = list(hand.rows(Placement(p, n, hand.tip_radii, size), variables))
+        self.rows = list(hand.rows(SymbolicCandidate(p, n, hand.tip_radii, size), variables))
         inputs = [ca.horzcat(*p), ca.horzcat(*n), ca.vertcat(ca.SX(0, 1), *variables.values())]
         self._values = ca.Function("rows", inputs, [ca.vertcat(ca.SX(0, 1), *[row.expression for row in self.rows])])
         self.variables = tuple(variables)
@@ -283,11 +285,11 @@ class ContactMotions:
         """Return the path of a finger to its new contact, and all contacts at its end."""
         lift, step = 0.0 if slides else self.lift, STEP * self.body.size
         radius = self.hand.tip_radii[finger]
-        stride = Stride(Footpath(self.body, self.paths[finger], radius + lift, step), lift)
+        stride = FingerTransfer(ContactPath(self.body, self.paths[finger], radius + lift, step), lift)
         edges = np.unique([0.0, *stride.turns])
         counts = [max(int(np.ceil((b - a) / step)), 1) for a, b in itertools.pairwise(edges)]
         ways = [np.linspace(a, b, c + 1)[1:] for a, b, c in zip(edges[:-1], edges[1:], counts, strict=True)]
-        holds, clearances, reason = list[Foothold](), list[float](), ""
+        holds, clearances, reason = list[TargetContact](), list[float](), ""
         for way in np.concatenate([[0.0], *ways]):
             hold = stride.at(float(way))
             clear, reason = self._broken(posture, finger, hold)
@@ -304,13 +306,13 @@ class ContactMotions:
         )
         return path, posture if reason else self._with(posture, finger, hold)
 
-    def _with(self, posture: Contacts, finger: int, hold: Foothold) -> Contacts:
+    def _with(self, posture: Contacts, finger: int, hold: TargetContact) -> Contacts:
         """Return the contacts with one finger at a foothold."""
         points, normals = (part.copy() for part in posture)
         points[finger], normals[finger] = hold.point, hold.normal
         return points, normals
 
-    def _broken(self, posture: Contacts, finger: int, hold: Foothold) -> tuple[float, str]:
+    def _broken(self, posture: Contacts, finger: int, hold: TargetContact) -> tuple[float, str]:
         """Return the fingertip's clearance, and the violated constraint at a foothold, as text."""
         points, normals = self._with(posture, finger, hold)
         radii = np.asarray(self.hand.tip_radii)
@@ -322,7 +324,7 @@ class ContactMotions:
         values = np.asarray(self._values(points.T, normals.T, self._own(tips)).full()).ravel()
         for row, value in zip(self.rows, values, strict=True):
             if max(row.lower - value, value - row.upper) > ENOUGH * row.scale:
-                return min(clearances, default=np.inf), _said(row, float(value))
+                return min(clearances, default=np.inf), _violation_text(row, float(value))
         return min(clearances, default=np.inf), ""
 
     def _own(self, tips: FloatArray) -> FloatArray:
@@ -333,7 +335,7 @@ class ContactMotions:
         return np.concatenate([np.zeros(0), *[start[name] for name in self.variables]])
 
 
-def _said(row: Row, value: float) -> str:
+def _violation_text(row: ScalarConstraint, value: float) -> str:
     """Return the violation of a constraint, as text."""
     low = value < row.lower
     limit, side = (row.lower, "at least") if low else (row.upper, "at most")
@@ -350,7 +352,7 @@ def smallest_ball(points: FloatArray) -> tuple[FloatArray, float]:
 def _around(points: Sequence[FloatArray], on: Sequence[FloatArray], space: int) -> tuple[FloatArray, float]:
     """Return the smallest ball around ``points`` with the points of ``on`` on its surface."""
     if not points or len(on) == space + 1:
-        return _through(on, space)
+        return _ball_through(on, space)
     first, rest = points[0], points[1:]
     centre, radius = _around(rest, on, space)
     if np.linalg.norm(first - centre) <= radius * (1.0 + INSIDE):
@@ -358,7 +360,7 @@ def _around(points: Sequence[FloatArray], on: Sequence[FloatArray], space: int) 
     return _around(rest, [*on, first], space)
 
 
-def _through(on: Sequence[FloatArray], space: int) -> tuple[FloatArray, float]:
+def _ball_through(on: Sequence[FloatArray], space: int) -> tuple[FloatArray, float]:
     """Return the smallest ball through points; one of radius -1 for none."""
     if not on:
         return np.zeros(space), -1.0

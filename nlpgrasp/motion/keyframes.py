@@ -12,11 +12,11 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.constraints import Table
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import PosedHand, Values
-from nlpgrasp.motion.approach_path import free_approach, opened_straight, ways_of_palm
+from nlpgrasp.motion.approach_path import approach_candidates, free_approach, open_hand_straight
 from nlpgrasp.motion.distance_fields import Field, fields_of
-from nlpgrasp.motion.link_clearance import Surroundings
-from nlpgrasp.motion.penetration import LinkDepths
-from nlpgrasp.motion.straight_path import least_room
+from nlpgrasp.motion.link_clearance import CollisionModel
+from nlpgrasp.motion.penetration import PenetrationModel
+from nlpgrasp.motion.straight_path import certified_clearance
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.phase_record import APPROACH, GRASP, LIFT, PREGRASP, SQUEEZE, Phase
 
@@ -28,8 +28,8 @@ DIRECTIONS = 60  # of the approach, spread over the sphere
 NO_PREGRASP = "the hand has no pregrasp"
 
 
-def keyframes(
-    problem: GraspProblem, hand: URDFHand, grasp: Values, pregrasp: Values | None, links: LinkDepths | None = None
+def plan_keyframes(
+    problem: GraspProblem, hand: URDFHand, grasp: Values, pregrasp: Values | None, links: PenetrationModel | None = None
 ) -> Json:
     """Return the phases up to the grasp, as JSON data beside the pregrasp.
 
@@ -51,37 +51,37 @@ def keyframes(
         ``approach`` (``direction`` and ``distance``, or the ``reason`` why there is none), ``way_in`` (how deep the
         links themselves are in anything on that way and while the fingers close), ``phases`` and ``lift``.
     """
-    around = Surroundings(problem, hand)
+    around = CollisionModel(problem, hand)
     last = Phase.of(GRASP, hand.describe(grasp))
-    rest: dict[str, Json | list[Json]] = {"phases": [last.to_dict()], "lift": lifted(around, problem, grasp)}
+    rest: dict[str, Json | list[Json]] = {"phases": [last.to_dict()], "lift": lift_distance(around, problem, grasp)}
     if pregrasp is None:
-        return {"approach": _none(NO_PREGRASP), **rest}
+        return {"approach": _without_phases(NO_PREGRASP), **rest}
     before = pregrasp  # by another name, for the closure
     rigid = around.of_palm()
     found = free_approach(
         rigid,
-        lambda times: opened_straight(around, grasp, before, times),
-        ways_of_palm(hand, grasp, DIRECTIONS),
-        lambda values, way: _until_apart(around, problem.body.bounds, values, way),
+        lambda times: open_hand_straight(around, grasp, before, times),
+        approach_candidates(hand, grasp, DIRECTIONS),
+        lambda values, way: _retraction_length(around, problem.body.bounds, values, way),
         locate=False,
     )
     if found.fingers is None:
-        return {"approach": _none(found.reason), **rest}
+        return {"approach": _without_phases(found.reason), **rest}
     open_hand = hand.describe(found.fingers.values)
     turns = [found.fingers.values] if found.direction is None else [found.outside[-1].values, found.fingers.values]
-    links = links or LinkDepths(problem, hand)
+    links = links or PenetrationModel(problem, hand)
     if links.has_shapes:
         rest["way_in"] = links.on_the_way(turns, grasp).to_dict()
     if found.direction is None:
         phases = [Phase.of(PREGRASP, open_hand), last]
-        return {"approach": _none(found.reason), **rest, "phases": [phase.to_dict() for phase in phases]}
+        return {"approach": _without_phases(found.reason), **rest, "phases": [phase.to_dict() for phase in phases]}
     afar = Phase.of(APPROACH, hand.describe(found.outside[-1].values))
-    phases = [afar, Phase.of(PREGRASP, open_hand, least_room(rigid, found.outside)), last]
+    phases = [afar, Phase.of(PREGRASP, open_hand, certified_clearance(rigid, found.outside)), last]
     approach = {"direction": found.direction.tolist(), "distance": found.distance}
     return {"approach": approach, **rest, "phases": [phase.to_dict() for phase in phases]}
 
 
-def with_commands(hand: PosedHand, posture: Json, positions: Mapping[str, float]) -> Json:
+def add_squeeze_and_lift(hand: PosedHand, posture: Json, positions: Mapping[str, float]) -> Json:
     """Return a hand's entry with the phases after the grasp: squeeze and lift.
 
     Parameters
@@ -104,7 +104,7 @@ def with_commands(hand: PosedHand, posture: Json, positions: Mapping[str, float]
     return {**posture, "phases": [*posture["phases"], squeezed.to_dict(), lift.to_dict()]}
 
 
-def lifted(around: Surroundings, problem: GraspProblem, values: Values) -> Json:
+def lift_distance(around: CollisionModel, problem: GraspProblem, values: Values) -> Json:
     """Return direction and distance of a lift: along the table's normal, the last axis, as far as that is free.
 
     The links' balls and samples of the body's surface are looked at, at steps as long as their distance from obstacles
@@ -130,7 +130,7 @@ def lifted(around: Surroundings, problem: GraspProblem, values: Values) -> Json:
         samples = body_samples(body, np.random.default_rng(0))
         points = np.concatenate([around.balls.places(values), samples])
         radii = np.concatenate([around.balls.radii, np.zeros(len(samples))])
-        height, blocked_by = _free(others, points, radii, around.tolerance)
+        height, blocked_by = _free_height(others, points, radii, around.tolerance)
         reason = f"{blocked_by} is in the way of a lift by {1e3 * LIFT_HEIGHT:.0f} mm" if blocked_by else ""
     return {"direction": up.tolist(), "distance": height, **({"reason": reason} if reason else {})}
 
@@ -144,14 +144,14 @@ def body_samples(body: Body, rng: np.random.Generator) -> FloatArray:
     return np.concatenate([body.sample(name, each, rng) for name in body.face_names])
 
 
-def _until_apart(around: Surroundings, bounds: FloatArray, values: Values, way: FloatArray) -> float:
+def _retraction_length(around: CollisionModel, bounds: FloatArray, values: Values, way: FloatArray) -> float:
     """Return how far the palm retracts along a direction until the hand is clear of the body's bounding box."""
     box = np.where(way > 0.0, bounds[0], bounds[1]) @ way  # the box's end that the hand comes to first
     reached = np.max(around.balls.places(values) @ way + around.balls.radii)
     return float(max(reached - box, 0.0) + AWAY)
 
 
-def _free(fields: Sequence[Field], points: FloatArray, radii: FloatArray, tolerance: float) -> tuple[float, str]:
+def _free_height(fields: Sequence[Field], points: FloatArray, radii: FloatArray, tolerance: float) -> tuple[float, str]:
     """Return the collision-free height of spheres (m, 3), metres, and the obstacle where it is less than the lift."""
     first = [field.distance(points) - radii for field in fields]
     least, height, rooms, up = [np.minimum(room, 0.0) for room in first], 0.0, first, np.eye(3)[-1]
@@ -166,5 +166,5 @@ def _free(fields: Sequence[Field], points: FloatArray, radii: FloatArray, tolera
     return LIFT_HEIGHT, ""
 
 
-def _none(reason: str) -> Json:
+def _without_phases(reason: str) -> Json:
     return {"direction": None, "distance": None, "reason": reason}

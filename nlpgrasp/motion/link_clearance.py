@@ -37,7 +37,7 @@ IntArray = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
 
 
-class Surroundings:
+class CollisionModel:
     """Collision model of a hand among the body, the obstacles of its constraints, and its own links.
 
     Clearances are one array: those of each ball from each thing, one thing after another, then those of pairs of balls.
@@ -61,13 +61,13 @@ class Surroundings:
     """
 
     def __init__(self, problem: GraspProblem, hand: URDFHand) -> None:
-        self.hand, self.balls = hand, LinkBalls(hand)
+        self.hand, self.balls = hand, LinkSphereModel(hand)
         self.fields = fields_of(problem.body, problem.constraints, hand.count)
         self.tolerance = TOLERANCE * hand.tree.span
         self.seen = np.arange(len(self.balls.radii))
         self.pairs, self.apart = self.balls.pairs, self.balls.apart
 
-    def of_joints(self, joints: IntArray) -> Surroundings:
+    def of_joints(self, joints: IntArray) -> CollisionModel:
         """Return the model restricted to the spheres that some of the free joints move."""
         result = copy(self)
         moves = np.any(self.balls.reach[:, joints] > 0.0, axis=1)
@@ -76,7 +76,7 @@ class Surroundings:
         result.pairs, result.apart = self.balls.pairs[moved], self.balls.apart[moved]
         return result
 
-    def of_palm(self) -> Surroundings:
+    def of_palm(self) -> CollisionModel:
         """Return the model without self-collision, for motions of the palm alone."""
         result = copy(self)
         result.pairs, result.apart = self.pairs[:0], self.apart[:0]
@@ -142,7 +142,7 @@ class Surroundings:
         return f"fingertip {self.balls.links[ball]}" if tip else f"link {self.balls.links[ball]}"
 
 
-class LinkBalls:
+class LinkSphereModel:
     """Spheres around the links, those of round fingertips last.
 
     Parameters

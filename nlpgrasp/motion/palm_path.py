@@ -13,15 +13,15 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.motion.approach_path import (
-    Approach,
+    ApproachPath,
     BlockedDirection,
-    Opened,
+    OpeningPath,
+    approach_candidates,
     free_approach,
     opened,
-    openings,
-    ways_of_palm,
+    opening_distances,
 )
-from nlpgrasp.motion.link_clearance import Surroundings
+from nlpgrasp.motion.link_clearance import CollisionModel
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.obstructions import warn_of_touching
 from nlpgrasp.solution.solution import GraspSolution
@@ -155,22 +155,26 @@ def palm_path(
     UserWarning
         On a link inside something in the grasp itself, and on contacts that are off their fingertips' links.
     """
-    hand = _hand(solution, problem)
+    hand = _check_hand(solution, problem)
     distance = number("distance", distance, above=0.0)
     directions = integer("directions", directions, at_least=1, at_most=10_000)
     grasp, pregrasp = hand.values_of(solution.hand or {}), hand.values_of((solution.hand or {})["pregrasp"])
-    around, touching = Surroundings(problem, hand), warn_of_touching(solution.name, solution.hand)
-    reason = _beyond_limits(hand, grasp, pregrasp)
+    around, touching = CollisionModel(problem, hand), warn_of_touching(solution.name, solution.hand)
+    reason = _exceeded_joint(hand, grasp, pregrasp)
     if reason:
-        return _none(around, distance, reason, (), touching)
-    ways = [_given(direction)] if direction is not None else ways_of_palm(hand, grasp, directions)
+        return _failure_record(around, distance, reason, (), touching)
+    ways = (
+        [_check_approach_direction(direction)]
+        if direction is not None
+        else approach_candidates(hand, grasp, directions)
+    )
     found = free_approach(around, lambda times: opened(around, grasp, pregrasp, times), ways, lambda *_: distance)
     if found.fingers is None or found.direction is None:
-        return _none(around, distance, found.reason, found.blocked, touching)
-    return _found(around, found.fingers, found.direction, found, touching)
+        return _failure_record(around, distance, found.reason, found.blocked, touching)
+    return _path_record(around, found.fingers, found.direction, found, touching)
 
 
-def _hand(solution: GraspSolution, problem: GraspProblem) -> URDFHand:
+def _check_hand(solution: GraspSolution, problem: GraspProblem) -> URDFHand:
     """Return the hand; refuse a solution that is not the problem's or has no pregrasp."""
     if not isinstance(solution, GraspSolution):
         raise InputError("solution", solution, "a GraspSolution")
@@ -186,7 +190,7 @@ def _hand(solution: GraspSolution, problem: GraspProblem) -> URDFHand:
     return problem.hand
 
 
-def _given(direction: ArrayLike) -> FloatArray:
+def _check_approach_direction(direction: ArrayLike) -> FloatArray:
     """Return the given direction as a unit vector."""
     vector = array("direction", direction, (3,))
     size = float(np.linalg.norm(vector))
@@ -195,7 +199,7 @@ def _given(direction: ArrayLike) -> FloatArray:
     return vector / size
 
 
-def _beyond_limits(hand: URDFHand, *postures: Values) -> str:
+def _exceeded_joint(hand: URDFHand, *postures: Values) -> str:
     """Return the joint that exceeds its limits in any of the postures; those between are within if these are."""
     lower, upper = hand.tree.joint_limits
     for values in postures:
@@ -205,7 +209,9 @@ def _beyond_limits(hand: URDFHand, *postures: Values) -> str:
     return ""
 
 
-def _found(around: Surroundings, fingers: Opened, direction: FloatArray, found: Approach, touching: str) -> PalmPath:
+def _path_record(
+    around: CollisionModel, fingers: OpeningPath, direction: FloatArray, found: ApproachPath, touching: str
+) -> PalmPath:
     """Return the record of a path, from its start to the grasp."""
     tree, others = around.hand.tree, ~around.of_tips()
     outside, inside = list(reversed(found.outside)), list(reversed(fingers.places))[1:]
@@ -217,7 +223,7 @@ def _found(around: Surroundings, fingers: Opened, direction: FloatArray, found: 
         reason="",
         direction=direction,
         distance=found.distance,
-        openings=openings(around, fingers.values, fingers.places[0].values),
+        openings=opening_distances(around, fingers.values, fingers.places[0].values),
         phases=(APPROACHING,) * len(outside) + (CLOSING,) * len(inside),
         poses=np.array([tree.palm_frame(v) for v in values]),
         joint_names=tuple(positions[0]),
@@ -229,8 +235,8 @@ def _found(around: Surroundings, fingers: Opened, direction: FloatArray, found: 
     )
 
 
-def _none(
-    around: Surroundings, distance: float, reason: str, blocked: tuple[BlockedDirection, ...], touching: str
+def _failure_record(
+    around: CollisionModel, distance: float, reason: str, blocked: tuple[BlockedDirection, ...], touching: str
 ) -> PalmPath:
     """Return the record of a failed search."""
     names = tuple(around.hand.tree.joint_positions(np.zeros(len(around.hand.robot.free_joints))))

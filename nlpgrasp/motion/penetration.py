@@ -28,9 +28,9 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.constraints import Obstacle, PlacementConstraint, Table
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
-from nlpgrasp.hands.collision_shapes import Shape
+from nlpgrasp.hands.collision_shapes import CollisionShape
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.solution.obstructions import BODY, TOLERANCE, LinkDepth
+from nlpgrasp.solution.obstructions import BODY, TOLERANCE, LinkPenetration
 
 FINE = (1e-4, 0.05)  # metres and share: triangles are subdivided until the depth is known to this accuracy
 MOST = 1000  # triangles subdivided together; of more the most promising ones
@@ -54,7 +54,7 @@ Distance = Callable[[FloatArray], FloatArray]
 IntArray = NDArray[np.integer]
 
 
-class LinkDepths:
+class PenetrationModel:
     """Penetration depths of one hand in any posture, against one problem's body, tables and obstacles.
 
     Parameters
@@ -68,9 +68,9 @@ class LinkDepths:
 
     def __init__(self, problem: GraspProblem, hand: URDFHand, tolerance: float = TOLERANCE) -> None:
         self.hand, self.tolerance = hand, tolerance
-        self.things = [_solid_body(BODY, problem.body), *_things(problem.constraints)]
+        self.things = [_solid_body(BODY, problem.body), *_obstacles(problem.constraints)]
         every = {shape.fingerprint: shape for shapes in hand.robot.shapes.values() for shape in shapes}
-        solids = {key: _of_shape(shape) for key, shape in every.items()}  # fingers are often alike
+        solids = {key: _solid_of_shape(shape) for key, shape in every.items()}  # fingers are often alike
         self._links = {
             link: _LinkSolid.of([solids[shape.fingerprint] for shape in shapes])
             for link, shapes in hand.robot.shapes.items()
@@ -82,9 +82,9 @@ class LinkDepths:
         """Whether any link has a collision shape; without one no penetration is known."""
         return bool(self._links)
 
-    def at(self, values: Values) -> LinkDepth:
+    def at(self, values: Values) -> LinkPenetration:
         """Return the deepest penetration in a posture, given by values of the hand's variables."""
-        worst = LinkDepth(tolerance=self.tolerance)
+        worst = LinkPenetration(tolerance=self.tolerance)
         poses, middles = self._middles(values)
         if not poses:
             return worst
@@ -94,16 +94,16 @@ class LinkDepths:
             for name in (name for name, is_near in zip(names, near, strict=True) if is_near):
                 depth = self._links[name].depth_in(thing.seen_from(poses[name]))
                 if depth > worst.depth:
-                    worst = LinkDepth(depth, name, thing.name, self.tolerance)
+                    worst = LinkPenetration(depth, name, thing.name, self.tolerance)
         return worst
 
-    def along(self, postures: Iterable[Values]) -> LinkDepth:
+    def along(self, postures: Iterable[Values]) -> LinkPenetration:
         """Return the deepest penetration over several postures."""
         every = [self.at(values) for values in postures]
-        deepest = max(every, key=lambda found: found.depth, default=LinkDepth(tolerance=self.tolerance))
+        deepest = max(every, key=lambda found: found.depth, default=LinkPenetration(tolerance=self.tolerance))
         return replace(deepest, postures=len(every))
 
-    def on_the_way(self, before: Sequence[Values], grasp: Values) -> LinkDepth:
+    def on_the_way(self, before: Sequence[Values], grasp: Values) -> LinkPenetration:
         """Return the deepest penetration along a path of postures to a grasp.
 
         Postures every two millimetres are looked at, or a fiftieth of a leg; nothing is known between them. The grasp
@@ -158,7 +158,7 @@ class LinkDepths:
 
 
 @dataclass(frozen=True)
-class Thing:
+class LinkObstacle:
     """Solid obstacle to the links: body, table or obstacle.
 
     Parameters
@@ -180,12 +180,14 @@ class Thing:
     points: FloatArray
     convex: _Convex | None = None
 
-    def seen_from(self, pose: FloatArray) -> Thing:
+    def seen_from(self, pose: FloatArray) -> LinkObstacle:
         """Return the same obstacle for points in a frame that has this pose (4, 4)."""
         fast, fine, turn, shift = self.fast, self.fine, pose[:3, :3].T, pose[:3, 3]
         points = (self.points - shift) @ pose[:3, :3]
         convex = None if self.convex is None else self.convex.turned(pose)
-        return Thing(self.name, lambda p: fast(p @ turn + shift), lambda p: fine(p @ turn + shift), points, convex)
+        return LinkObstacle(
+            self.name, lambda p: fast(p @ turn + shift), lambda p: fine(p @ turn + shift), points, convex
+        )
 
 
 @dataclass(frozen=True)
@@ -202,13 +204,13 @@ class _LinkSolid:
         Of a ball around all of them.
     """
 
-    parts: Sequence[_Solid]
+    parts: Sequence[_LinkObstacleSolid]
     corners: FloatArray
     centre: FloatArray
     radius: float
 
     @classmethod
-    def of(cls, solids: Sequence[_Solid]) -> _LinkSolid:
+    def of(cls, solids: Sequence[_LinkObstacleSolid]) -> _LinkSolid:
         """Return the union of some solids."""
         corners = np.concatenate([solid.corners for solid in solids])
         every = corners.reshape(-1, 3)
@@ -216,7 +218,7 @@ class _LinkSolid:
         radius = float(np.max(np.linalg.norm(every - centre, axis=1)))
         return cls(tuple(solids), corners, centre, radius)
 
-    def depth_in(self, thing: Thing) -> float:
+    def depth_in(self, thing: LinkObstacle) -> float:
         """Return the link's penetration depth in an obstacle given in the link's frame, metres, at least zero."""
         points = _deepest_points(thing.fast, self._near(thing))[:BEGINNINGS]
         there = thing.points[np.linalg.norm(thing.points - self.centre, axis=1) < self.radius]
@@ -229,13 +231,13 @@ class _LinkSolid:
         inside = _deepest_inside(thing.fine, self._distance, points)
         return max(inside, *self._ways_out(thing)) if inside > 0.0 else 0.0
 
-    def _ways_out(self, thing: Thing) -> list[float]:
+    def _ways_out(self, thing: LinkObstacle) -> list[float]:
         """Return the penetration depth of each convex part in a convex obstacle, metres."""
         if thing.convex is None:
             return [0.0]
-        return [0.0, *(_way_out(part.convex, thing.convex) for part in self.parts if part.convex is not None)]
+        return [0.0, *(_penetration_depth(part.convex, thing.convex) for part in self.parts if part.convex is not None)]
 
-    def _near(self, thing: Thing) -> FloatArray:
+    def _near(self, thing: LinkObstacle) -> FloatArray:
         """Return the corners (m, 3, 3) of the triangles that may reach a bounding sphere of an obstacle."""
         if not len(thing.points):
             return self.corners
@@ -251,7 +253,7 @@ class _LinkSolid:
 
 
 @dataclass(frozen=True)
-class _Solid:
+class _LinkObstacleSolid:
     """Closed surface with its signed distance.
 
     Parameters
@@ -269,7 +271,7 @@ class _Solid:
     convex: _Convex | None = None
 
     @classmethod
-    def of(cls, vertices: FloatArray, faces: IntArray) -> _Solid:
+    def of(cls, vertices: FloatArray, faces: IntArray) -> _LinkObstacleSolid:
         """Return the solid of triangles; of sheets, which enclose next to nothing, their convex hull, as MuJoCo does.
 
         Inside a convex polyhedron the nearest point of its surface is on the nearest of its faces' planes. One with
@@ -278,7 +280,7 @@ class _Solid:
         """
         corners = vertices[faces]
         volume = float(np.sum(np.linalg.det(corners - corners.mean(axis=(0, 1))))) / 6.0
-        hull = _hull(vertices)
+        hull = _convex_hull(vertices)
         if hull is None or SHEET * hull.volume <= abs(volume) < CONVEX * hull.volume:
             return cls(corners, SearchTree(vertices, faces).clearance)
         if abs(volume) < SHEET * hull.volume:
@@ -306,17 +308,17 @@ class _Convex:
         return _Convex((self.corners - pose[:3, 3]) @ pose[:3, :3], self.normals @ pose[:3, :3])
 
 
-def _of_shape(shape: Shape) -> _Solid:
+def _solid_of_shape(shape: CollisionShape) -> _LinkObstacleSolid:
     """Return the solid of a collision shape."""
-    return _Solid.of(np.asarray(shape.mesh.vertices, dtype=float), np.asarray(shape.mesh.faces))
+    return _LinkObstacleSolid.of(np.asarray(shape.mesh.vertices, dtype=float), np.asarray(shape.mesh.faces))
 
 
-def _things(constraints: Sequence[PlacementConstraint]) -> Iterator[Thing]:
+def _obstacles(constraints: Sequence[PlacementConstraint]) -> Iterator[LinkObstacle]:
     """Yield the tables and obstacles among some constraints, without the required clearance."""
     for constraint in constraints:
         if isinstance(constraint, Table):
-            above = partial(_above, constraint.height)
-            yield Thing("the table", above, above, np.zeros((0, 3)))
+            above = partial(_height_above, constraint.height)
+            yield LinkObstacle("the table", above, above, np.zeros((0, 3)))
         elif isinstance(constraint, Obstacle) and isinstance(constraint.body, Body):
             pose = np.eye(4)
             pose[:3, :3] = constraint.rotation
@@ -325,12 +327,12 @@ def _things(constraints: Sequence[PlacementConstraint]) -> Iterator[Thing]:
             yield _solid_body(constraint.name, constraint.body).seen_from(outside)
 
 
-def _above(height: float, points: FloatArray) -> FloatArray:
+def _height_above(height: float, points: FloatArray) -> FloatArray:
     """Return the heights of points (m, 3) above a table."""
     return np.asarray(points[:, 2] - height)
 
 
-def _solid_body(name: str, body: Body) -> Thing:
+def _solid_body(name: str, body: Body) -> LinkObstacle:
     """Return a body with a fast and a fine signed distance.
 
     The first-order distance ``h / |grad h|`` of a curved body is exact near its surface and too deep inside; that from
@@ -338,32 +340,32 @@ def _solid_body(name: str, body: Body) -> Thing:
     """
     if isinstance(body, Mesh):
         corners, faces = np.asarray(body.mesh.vertices, dtype=float), np.asarray(body.mesh.faces)
-        convex = _Solid.of(corners, faces).convex if len(corners) <= FEW else None
-        return Thing(name, body.clearance, body.clearance, _some(corners), convex)
+        convex = _LinkObstacleSolid.of(corners, faces).convex if len(corners) <= FEW else None
+        return LinkObstacle(name, body.clearance, body.clearance, _thin_out(corners), convex)
     rng = np.random.default_rng(0)
     sampled = np.concatenate([body.sample(face, SAMPLES, rng) for face in body.face_names])
     surface = body.triangles()
-    solid = _Solid.of(*(triangles(body, IMPLIED) if surface is None else surface))
+    solid = _LinkObstacleSolid.of(*(triangles(body, IMPLIED) if surface is None else surface))
     within = solid.distance
     off = max(0.0, float(np.max(within(sampled), initial=0.0)))
 
     def fast(points: FloatArray) -> FloatArray:
         return within(points) - off
 
-    points = _some(solid.corners.reshape(-1, 3))
+    points = _thin_out(solid.corners.reshape(-1, 3))
     if surface is None:  # nothing is known of how an implicit function grows away from its surface
-        return Thing(name, fast, fast, points, solid.convex)
-    return Thing(name, fast, lambda p: np.maximum(body.signed_distance(p), fast(p)), points, solid.convex)
+        return LinkObstacle(name, fast, fast, points, solid.convex)
+    return LinkObstacle(name, fast, lambda p: np.maximum(body.signed_distance(p), fast(p)), points, solid.convex)
 
 
-def _some(points: FloatArray) -> FloatArray:
+def _thin_out(points: FloatArray) -> FloatArray:
     """Return about ``MOST`` of some points (n, 3), evenly chosen, including the outermost ones."""
     around = directions_around(np.eye(3)[2], AROUND)
     outermost = points[np.unique(np.argmax(points @ around.T, axis=0))]
     return np.concatenate([points[:: max(1, len(points) // MOST)], outermost])
 
 
-def _hull(vertices: FloatArray) -> ConvexHull | None:
+def _convex_hull(vertices: FloatArray) -> ConvexHull | None:
     """Return the convex hull of points (n, 3); None where they are in one plane."""
     try:
         return ConvexHull(vertices)
@@ -371,7 +373,7 @@ def _hull(vertices: FloatArray) -> ConvexHull | None:
         return None
 
 
-def _way_out(one: _Convex, other: _Convex) -> float:
+def _penetration_depth(one: _Convex, other: _Convex) -> float:
     """Return the penetration depth of two convex solids (shortest separating translation), metres; 0 if apart.
 
     That is the least sum over directions of how far one reaches along it and the other against it: among the normals of

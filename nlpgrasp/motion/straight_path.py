@@ -9,7 +9,7 @@ import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.base import Values
-from nlpgrasp.motion.link_clearance import BoolArray, Surroundings
+from nlpgrasp.motion.link_clearance import BoolArray, CollisionModel
 
 LARGEST = 1.0 / 8.0  # of the whole path: the first step
 FINE = 1e-4  # metres, accuracy of the clearance
@@ -17,7 +17,7 @@ MOST = 24  # further postures computed, at most
 
 
 @dataclass(frozen=True)
-class Place:
+class PathPosture:
     """Posture on a path, with its clearances.
 
     Parameters
@@ -36,7 +36,7 @@ class Place:
 
 
 @dataclass(frozen=True)
-class StraightWay:
+class StraightPath:
     """Collision-free part of a straight path.
 
     Parameters
@@ -49,7 +49,7 @@ class StraightWay:
         The free joints that move what is in the way.
     """
 
-    places: tuple[Place, ...]
+    places: tuple[PathPosture, ...]
     blocked_by: str
     moved_by: BoolArray
 
@@ -60,11 +60,11 @@ class StraightWay:
 
 
 def straight_way(
-    around: Surroundings,
+    around: CollisionModel,
     posture: Callable[[float], Values],
-    allowed: Callable[[Place], FloatArray],
+    allowed: Callable[[PathPosture], FloatArray],
     locate: bool = True,
-) -> StraightWay:
+) -> StraightPath:
     """Return the postures of a straight path, close enough to certify that nothing lies between them.
 
     Parameters
@@ -78,15 +78,15 @@ def straight_way(
         Whether to find out how far a blocked way is free, to the tolerance; else it ends where that is seen.
     """
 
-    def at(share: float) -> Place:
+    def at(share: float) -> PathPosture:
         values = posture(share)
-        return Place(share, values, around.clearances(values))
+        return PathPosture(share, values, around.clearances(values))
 
     first = at(0.0)
     least = allowed(first)
     if np.any(first.clearances < least - around.tolerance / 2.0):
         worst = int(np.argmin(first.clearances - least))
-        return StraightWay((), around.say(worst), around.moved_by(worst))
+        return StraightPath((), around.say(worst), around.moved_by(worst))
     done, step = [first], LARGEST
     while done[-1].share < 1.0:
         here = done[-1]
@@ -101,13 +101,13 @@ def straight_way(
         elif np.max(swept) <= around.tolerance / 2.0 or (not locate and np.any(ends < 0.0)):
             # within half the tolerance the bound holds where both ends do: it is the end that does not
             worst = int(np.argmin(ends if np.any(ends < 0.0) else spare))
-            return StraightWay(tuple(done), around.say(worst), around.moved_by(worst))
+            return StraightPath(tuple(done), around.say(worst), around.moved_by(worst))
         else:
             step = (there.share - here.share) / 2.0
-    return StraightWay(tuple(done), "", np.zeros(around.balls.reach.shape[1], bool))
+    return StraightPath(tuple(done), "", np.zeros(around.balls.reach.shape[1], bool))
 
 
-def least_room(around: Surroundings, places: Sequence[Place]) -> float:
+def certified_clearance(around: CollisionModel, places: Sequence[PathPosture]) -> float:
     """Return a certified least clearance of links and fingertips, metres, from the body and obstacles along a path.
 
     To a tenth of a millimetre what the balls have anywhere on the straight ways from place to place, by the bound of
@@ -133,15 +133,15 @@ def least_room(around: Surroundings, places: Sequence[Place]) -> float:
     bounds = [proved(i) for i in range(len(known) - 1)]
     for _ in range(MOST):
         i = int(np.argmin(bounds)) if bounds else 0
-        if not bounds or bounds[i] >= _least(rooms) - FINE:
-            return _least(rooms)
+        if not bounds or bounds[i] >= _least_value(rooms) - FINE:
+            return _least_value(rooms)
         values = {name: (v + known[i + 1].values[name]) / 2.0 for name, v in known[i].values.items()}
         share = (known[i].share + known[i + 1].share) / 2.0
-        known.insert(i + 1, Place(share, values, around.clearances(values)))
+        known.insert(i + 1, PathPosture(share, values, around.clearances(values)))
         rooms.insert(i + 1, known[i + 1].clearances[:things] + asked)
         bounds[i : i + 1] = [proved(i), proved(i + 1)]
     return min(bounds)
 
 
-def _least(rooms: Sequence[FloatArray]) -> float:
+def _least_value(rooms: Sequence[FloatArray]) -> float:
     return min(float(np.min(room)) for room in rooms)

@@ -4,7 +4,7 @@ from nlpgrasp.nlp.blocks import HAND, Block
 from nlpgrasp.nlp.formulate import Formulation, FormulationResult, formulate
 from nlpgrasp.nlp.formulation import (
     SUPPORT,
-    Surfaces,
+    SurfaceConstraints,
     face_parameters,
     has_closed_form,
     has_pieces,
@@ -25,7 +25,7 @@ __all__ = [
     "NlpResult",
     "Program",
     "Scaling",
-    "Surfaces",
+    "SurfaceConstraints",
     "VirtualWork",
     "face_parameters",
     "formulate",

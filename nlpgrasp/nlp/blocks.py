@@ -74,7 +74,7 @@ class Block(Range):
 
 
 @dataclass(frozen=True)
-class RowBlock(Range):
+class ConstraintBlock(Range):
     """A block of scalar constraints with a common label.
 
     Parameters
@@ -101,7 +101,7 @@ class RowBlock(Range):
 
 
 @dataclass(frozen=True)
-class FaceRows:
+class FaceConstraints:
     """Surface constraints of a contact: at least ``lower``, at most zero."""
 
     label: Label
@@ -133,7 +133,7 @@ class DistancePart:
 
 
 @dataclass(frozen=True)
-class Copy:
+class ConstraintCopy:
     """A copy of repeated constraints ``g(s, f_j; theta_j)`` with shared variables s; see ``Repeats``.
 
     Parameters

@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from nlpgrasp.nlp.blocks import Copy, FacePart
+from nlpgrasp.nlp.blocks import ConstraintCopy, FacePart
 from nlpgrasp.nlp.program import Program
 
 UPPER = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # upper triangle of a 3 x 3 matrix, column by column
@@ -121,9 +121,9 @@ class ProgramFunctions:
         return ca.Function("hess_lag", [self._x, self._p, sigma, every], [ca.triu(hess)], *names)
 
     @cached_property
-    def _distances(self) -> DistanceRows:
+    def _distances(self) -> DistanceConstraints:
         places = ca.Function("points", [self.program.z], [self.program.points], {"cse": True})
-        return DistanceRows(self.program, places(self._x))
+        return DistanceConstraints(self.program, places(self._x))
 
     @cached_property
     def _rows(self) -> ca.MX:
@@ -192,7 +192,7 @@ def _embed_square(block: ca.MX, part: FacePart, width: int) -> ca.MX:
     return ca.diagcat(ca.MX(where.start, where.start), block, ca.MX(width - where.stop, width - where.stop))
 
 
-class DistanceRows:
+class DistanceConstraints:
     """Clearance constraints of a program at ``MX`` points, with derivatives.
 
     Parameters
@@ -278,7 +278,7 @@ class Repeats:
         Identical but for their own variables and parameters.
     """
 
-    def __init__(self, z: ca.SX, g: ca.SX, copies: list[Copy]) -> None:
+    def __init__(self, z: ca.SX, g: ca.SX, copies: list[ConstraintCopy]) -> None:
         self._z, self._g, self._copies = z, g, copies
         own = {i for copy in copies for i in range(copy.variables.start, copy.variables.stop)}
         self._shared = [i for i in range(z.shape[0]) if i not in own]
@@ -293,7 +293,7 @@ class Repeats:
         """Return the Jacobian (m, n) of the copies' constraints."""
         x, g, theta = self._first
         function = ca.Function("copy_jac", [x, theta], [ca.jacobian(g, x)], {"cse": True})
-        found = _Entries(self._copies[-1].rows.stop, self._z.shape[0])
+        found = _SparseEntries(self._copies[-1].rows.stop, self._z.shape[0])
         for copy in self._copies:
             where = self._places(copy)
             found.add(
@@ -307,21 +307,21 @@ class Repeats:
         weight = ca.SX.sym("weight", g.shape[0])
         second = ca.hessian(ca.dot(weight, g), x)[0]
         function = ca.Function("copy_hess", [x, theta, weight], [second], {"cse": True})
-        found = _Entries(self._z.shape[0], self._z.shape[0])
+        found = _SparseEntries(self._z.shape[0], self._z.shape[0])
         for copy in self._copies:
             where = self._places(copy)
             rows = lam[copy.rows.start : copy.rows.stop]
             found.add(function(self._columns_of(copy), copy.parameters, rows), where, where)
         return found.matrix()
 
-    def _columns_of(self, copy: Copy) -> ca.SX:
+    def _columns_of(self, copy: ConstraintCopy) -> ca.SX:
         return self._z[[int(i) for i in self._places(copy)]]
 
-    def _places(self, copy: Copy) -> Places:
+    def _places(self, copy: ConstraintCopy) -> Places:
         return np.array([*self._shared, *range(copy.variables.start, copy.variables.stop)])
 
 
-class _Entries:
+class _SparseEntries:
     """Builder of a sparse matrix that sums entries at the same position."""
 
     def __init__(self, rows: int, columns: int) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from nlpgrasp.common.types import Expression
-from nlpgrasp.common.validation import FloatArray, array, listed
+from nlpgrasp.common.validation import FloatArray, array, format_known_names
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import PosedHand
 from nlpgrasp.nlp.blocks import HAND, Block
@@ -25,7 +25,7 @@ from nlpgrasp.nlp.formulation import check_transcription, face_parameters, has_c
 from nlpgrasp.nlp.initial_values import (
     TINY,
     StartContacts,
-    following_hand,
+    hand_from_contacts,
     inward_normals,
     nearest_faces,
     pressing_forces,
@@ -141,7 +141,7 @@ class Formulation:
         whole: list[Expression] = list(expanded(self.x, self.p))
         self.f, self._g = whole
         self.lbx, self.ubx = program.bounds
-        self._added: list[_Added] = []
+        self._added: list[_UserConstraint] = []
         self.p0 = np.zeros(self.p.shape[0])
         for name, values in given.items():
             self.p0[self._parameters[name].range] = values.ravel()
@@ -165,7 +165,9 @@ class Formulation:
         if every:
             return ca.horzcat(*every)
         if name not in self._symbols:
-            raise InputError("Formulation", repr(name), f"a name of the program: {listed([name], self.names)}")
+            raise InputError(
+                "Formulation", repr(name), f"a name of the program: {format_known_names([name], self.names)}"
+            )
         return self._symbols[name]
 
     @property
@@ -215,11 +217,11 @@ class Formulation:
         if not isinstance(name, str) or not name.strip() or name in taken:
             raise InputError("Formulation.add name", repr(name), "a name that no constraint has yet")
         column = ca.vec(self._checked(f"constraint {name!r}", expression))
-        low = _limits(f"lower limit of {name!r}", lower, column.numel())
-        high = _limits(f"upper limit of {name!r}", upper, column.numel())
+        low = _check_limits(f"lower limit of {name!r}", lower, column.numel())
+        high = _check_limits(f"upper limit of {name!r}", upper, column.numel())
         if np.any(low > high):
             raise InputError(f"limits of {name!r}", f"lower {lower!s} above upper {upper!s}", "lower <= upper")
-        self._added.append(_Added(name, column, low, high))
+        self._added.append(_UserConstraint(name, column, low, high))
 
     def maximise(self, expression: Expression) -> None:
         """Replace the objective beta by a scalar expression to maximise.
@@ -301,8 +303,8 @@ class Formulation:
         except (NotImplementedError, TypeError):
             wanted = f"an expression of the program's casadi.{symbol.__name__} symbols"
             raise InputError(what, type(expression).__name__, wanted) from None
-        known = {_identity(own) for own in ca.symvar(ca.vertcat(self.x, self.p))}
-        foreign = [own.name() for own in ca.symvar(found) if _identity(own) not in known]
+        known = {_symbol_hash(own) for own in ca.symvar(ca.vertcat(self.x, self.p))}
+        foreign = [own.name() for own in ca.symvar(found) if _symbol_hash(own) not in known]
         if foreign:
             allowed = 'symbols of this program, such as program["beta"]'
             raise InputError(what, f"foreign symbols {', '.join(foreign[:3])}", allowed)
@@ -341,7 +343,9 @@ class Formulation:
         if isinstance(start, Mapping):
             unknown = [name for name in start if name not in names]
             if unknown:
-                raise InputError("start", ", ".join(map(repr, unknown)), f"variables: {listed(unknown, names)}")
+                raise InputError(
+                    "start", ", ".join(map(repr, unknown)), f"variables: {format_known_names(unknown, names)}"
+                )
             values = {name: array(f"start[{name!r}]", v, (self._variables[name].size,)) for name, v in start.items()}
             points = _points(values, k, problem.body.space)
             contacts = StartContacts(points, nearest_faces(problem, points))
@@ -401,7 +405,7 @@ class Formulation:
             values[f"position {i}"], values[f"normal {i}"] = p, n
         pressing = problem.budget.force_scale() * pressing_forces(problem, normals)
         values |= {name: pressing for name, block in self._variables.items() if block.kind == "forces"}
-        hand = {**following_hand(problem, contacts.points, normals), **contacts.hand}
+        hand = {**hand_from_contacts(problem, contacts.points, normals), **contacts.hand}
         return values | {hand_name(name): np.ravel(value) for name, value in hand.items()}
 
     def _warm(self, before: FormulationResult, scales: _Scales) -> dict[str, FloatArray]:
@@ -485,7 +489,7 @@ class Formulation:
 
 
 @dataclass(frozen=True)
-class _Added:
+class _UserConstraint:
     """A user-defined constraint."""
 
     name: str
@@ -524,12 +528,12 @@ def _given_parameters(problem: GraspProblem, transcription: str, directions: Arr
     return {"directions": y / length[:, None], "reach": reach / length}
 
 
-def _identity(symbol: Expression) -> int:
+def _symbol_hash(symbol: Expression) -> int:
     """Return a hash that distinguishes symbols of the same name."""
     return int(symbol.element_hash() if isinstance(symbol, ca.SX) else symbol.__hash__())
 
 
-def _limits(what: str, value: ArrayLike, size: int) -> FloatArray:
+def _check_limits(what: str, value: ArrayLike, size: int) -> FloatArray:
     """Return validated limits (size,), from one value or one per entry."""
     given = np.asarray(value, dtype=float)
     if given.ndim > 1 or (given.ndim == 1 and given.size != size) or np.any(np.isnan(given)):

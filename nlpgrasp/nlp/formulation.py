@@ -27,11 +27,11 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.common.scalar_constraints import Label, Row
+from nlpgrasp.common.scalar_constraints import Label, ScalarConstraint
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import Work
 from nlpgrasp.errors import InputError
-from nlpgrasp.nlp.blocks import HAND, FaceRows
+from nlpgrasp.nlp.blocks import HAND, FaceConstraints
 from nlpgrasp.nlp.program import ForceCopy, Program
 from nlpgrasp.nlp.scaling import Scaling
 from nlpgrasp.nlp.virtual_work import joint_torque_rows
@@ -73,16 +73,16 @@ def optimal_grasp_program(
     """
     check_transcription(transcription)
     program, scaling = Program(scaled=scaled), Scaling.of(problem)
-    contacts = _contacts(program, problem, scaling)
+    contacts = _add_contacts(program, problem, scaling)
     _hand_variables(program, problem)
     beta = program.variable("beta", 1, 0.0, MOST_BETA / scaling.beta, 1.0 / scaling.beta)
     program.maximise(beta, 1.0 / scaling.beta)
     if transcription == "vertex":
-        _produces_each_wrench(program, problem, scaling, contacts, beta, count)
-    elif not (eliminated and _reaches_in_closed_form(program, problem, scaling, contacts, beta, count, pieces)):
-        _reaches_along_each_direction(program, problem, scaling, contacts, beta, count)
+        _add_wrench_equations(program, problem, scaling, contacts, beta, count)
+    elif not (eliminated and _add_closed_form_supports(program, problem, scaling, contacts, beta, count, pieces)):
+        _add_support_inequalities(program, problem, scaling, contacts, beta, count)
     program.end_containment()
-    surfaces = Surfaces(problem)
+    surfaces = SurfaceConstraints(problem)
     if not surfaces.are_splines:
         surfaces.constrain(program, contacts.positions, contacts.normals)
     _reachability_and_hand(program, problem, contacts)
@@ -110,7 +110,7 @@ class ContactSymbols:
     normals: list[ca.SX]
 
 
-def _contacts(program: Program, problem: GraspProblem, scaling: Scaling) -> ContactSymbols:
+def _add_contacts(program: Program, problem: GraspProblem, scaling: Scaling) -> ContactSymbols:
     """Add variables ``p_i`` and ``n_i``; with normals as variables all but the surface is polynomial."""
     space, k = problem.body.space, len(problem.models)
     lower, upper = problem.body.bounds + BOX_MARGIN * scaling.length * np.array([[-1.0], [1.0]])
@@ -126,14 +126,14 @@ def _hand_variables(program: Program, problem: GraspProblem) -> None:
         program.variable(HAND, len(v.lower), v.lower, v.upper, v.scale, index=v.name)
 
 
-def _forces(program: Program, problem: GraspProblem, scaling: Scaling, contacts: ContactSymbols) -> ForceCopy:
+def _add_forces(program: Program, problem: GraspProblem, scaling: Scaling, contacts: ContactSymbols) -> ForceCopy:
     """Return ``x_j``, newtons (moments newton-metres), in the friction cones (2.4-1) and the force budget (2.5-2)."""
     sizes = [m.variables(problem.body.space) for m in problem.models]
     most = problem.budget.largest * scaling.force
     copy = ForceCopy(ca.SX.sym("x", sum(sizes)), -most, most, scaling.force, sizes)
     for i, (model, n, f) in enumerate(zip(problem.models, contacts.normals, copy.of_contacts, strict=True)):
         for kind, expression in model.membership(f / scaling.force, n):
-            copy.rows.append(("(2.4-1)", Row(kind, expression, 0.0, fingers=(i,))))
+            copy.rows.append(("(2.4-1)", ScalarConstraint(kind, expression, 0.0, fingers=(i,))))
     budget = problem.budget.rows(problem.models, copy.of_contacts, contacts.normals)
     if problem.budget.follows_hand:
         hand, p = program.hand_symbols, contacts.positions
@@ -154,18 +154,18 @@ def wrench(problem: GraspProblem, contacts: ContactSymbols, forces: Sequence[ca.
     return total
 
 
-def _reaches_along_each_direction(
+def _add_support_inequalities(
     program: Program, problem: GraspProblem, scaling: Scaling, contacts: ContactSymbols, beta: ca.SX, count: int
 ) -> None:
     """Add (3.4-3), outer: ``<y_j, G(p) x_j> >= beta phi(y_j | A)``, parameters y_j (1/N, 1/(N m)), ``phi(y_j | A)``."""
     y, reach = ca.SX.sym("y", problem.dimension), ca.SX.sym("reach")
-    copy = _forces(program, problem, scaling, contacts)
+    copy = _add_forces(program, problem, scaling, contacts)
     work = ca.dot(y, wrench(problem, contacts, copy.of_contacts))
-    copy.rows.append(("(3.4-3)", Row(SUPPORT, work - beta * reach, 0.0, scale=1.0 / scaling.beta)))
+    copy.rows.append(("(3.4-3)", ScalarConstraint(SUPPORT, work - beta * reach, 0.0, scale=1.0 / scaling.beta)))
     program.constrain_copies(copy, {"directions": y, "reach": reach}, count, _has_many_forces(problem))
 
 
-def _reaches_in_closed_form(
+def _add_closed_form_supports(
     program: Program,
     problem: GraspProblem,
     scaling: Scaling,
@@ -184,20 +184,22 @@ def _reaches_in_closed_form(
     if value.numel() > 1:
         own["pieces"] = ca.SX.sym("weights", value.numel())
         value = ca.dot(own["pieces"], value)
-    row = Row(SUPPORT, value - (beta * own["reach"]) ** power, 0.0, scale=scaling.beta**-power, part="direction")
+    row = ScalarConstraint(
+        SUPPORT, value - (beta * own["reach"]) ** power, 0.0, scale=scaling.beta**-power, part="direction"
+    )
     program.equation = "(3.4-3)"
     program.constrain_each(row, own, count)
     return True
 
 
-def _produces_each_wrench(
+def _add_wrench_equations(
     program: Program, problem: GraspProblem, scaling: Scaling, contacts: ContactSymbols, beta: ca.SX, count: int
 ) -> None:
     """Add (3.3-4), inner: ``G(p) x_j = beta w_j``, moments divided by the body's size, parameters w_j (N, N m)."""
     w = ca.SX.sym("w", problem.dimension)
-    copy = _forces(program, problem, scaling, contacts)
+    copy = _add_forces(program, problem, scaling, contacts)
     balance = ca.DM(scaling.wrench) * (wrench(problem, contacts, copy.of_contacts) - beta * w)
-    copy.rows.append(("(3.3-4)", Row(BALANCE, balance, 0.0, 0.0, scale=scaling.force)))
+    copy.rows.append(("(3.3-4)", ScalarConstraint(BALANCE, balance, 0.0, 0.0, scale=scaling.force)))
     program.constrain_copies(copy, {"wrenches": w}, count, _has_many_forces(problem))
 
 
@@ -214,7 +216,7 @@ def _reachability_and_hand(program: Program, problem: GraspProblem, contacts: Co
     program.constrain_placement(stated, len(problem.constraints))
 
 
-class Surfaces:
+class SurfaceConstraints:
     """Surface constraints of all contacts: ``h(p) = 0`` within the face's extent, ``n = -grad h / |grad h|``.
 
     The choice among several faces is a parameter, ``face i``, which is one for the contact's face, or the geometry of
@@ -242,11 +244,11 @@ class Surfaces:
                 self._on_spline(program, i, n)
                 continue
             h, extent, outward = self._chosen(program, i, p)
-            program.constrain(Row(ON_SURFACE, h, 0.0, 0.0, scale=body.size, fingers=(i,)))
+            program.constrain(ScalarConstraint(ON_SURFACE, h, 0.0, 0.0, scale=body.size, fingers=(i,)))
             if extent.numel():
-                program.constrain(Row(EXTENT, extent, upper=0.0, scale=body.size, fingers=(i,)))
+                program.constrain(ScalarConstraint(EXTENT, extent, upper=0.0, scale=body.size, fingers=(i,)))
             program.equation = "(3.5-2)"
-            program.constrain(Row(NORMAL, n + outward, 0.0, 0.0, fingers=(i,)))
+            program.constrain(ScalarConstraint(NORMAL, n + outward, 0.0, 0.0, fingers=(i,)))
 
     def _chosen(self, program: Program, i: int, p: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Return surface (metres), extents (metres, at most zero on the face) and outward normal of the chosen face."""
@@ -272,9 +274,11 @@ class Surfaces:
         p, size = problem.body.point(), problem.body.size
         point, unit = (ca.DM(block.offset) + block.scale * p, size) if program.scaled else (p, 1.0)
         h, _, outward, extent = problem.body.surface_function(problem.allowed_faces(i)[0], problem.margin)(point)
-        rows = [FaceRows(Label(ON_SURFACE, fingers=(i,)), 1, size)]
-        rows += [FaceRows(Label(EXTENT, fingers=(i,)), extent.shape[0], size, -np.inf)] if extent.shape[0] else []
-        rows += [FaceRows(Label(NORMAL, fingers=(i,)), problem.body.space, 1.0)]
+        rows = [FaceConstraints(Label(ON_SURFACE, fingers=(i,)), 1, size)]
+        rows += (
+            [FaceConstraints(Label(EXTENT, fingers=(i,)), extent.shape[0], size, -np.inf)] if extent.shape[0] else []
+        )
+        rows += [FaceConstraints(Label(NORMAL, fingers=(i,)), problem.body.space, 1.0)]
         function = ca.Function("face", [p], [ca.vertcat(h / unit, extent / unit, outward)])
         program.constrain_face(rows, function, block, ca.vertcat(ca.SX.zeros(1 + extent.shape[0]), n))
 
@@ -309,7 +313,7 @@ def support_function(problem: GraspProblem, scaling: Scaling) -> tuple[ca.Functi
     """
     if not has_closed_form(problem):
         return None
-    inputs, work = _work(problem, scaling)
+    inputs, work = _symbolic_work(problem, scaling)
     form = problem.budget.closed_form(problem.models, work, ca)
     if form is None:
         return None
@@ -324,14 +328,14 @@ def piece_function(problem: GraspProblem, scaling: Scaling) -> tuple[ca.Function
     """
     if not has_pieces(problem):
         return None
-    inputs, work = _work(problem, scaling)
+    inputs, work = _symbolic_work(problem, scaling)
     pieces = problem.budget.pieces(problem.models, work, ca)
     if pieces is None:
         return None
     return ca.Function("pieces", inputs, [ca.vertcat(*[piece / scaling.beta for piece in pieces])]), 1
 
 
-def _work(problem: GraspProblem, scaling: Scaling) -> tuple[list[ca.SX], list[Work]]:
+def _symbolic_work(problem: GraspProblem, scaling: Scaling) -> tuple[list[ca.SX], list[Work]]:
     """Return symbols (y, positions, normals), and each contact's work per unit force along ``scaling.beta y``.
 
     ``G_i^T y`` is the velocity of the contact point under the twist y: its normal part, the norm of its tangential

@@ -68,7 +68,7 @@ def pressing_forces(problem: GraspProblem, normals: FloatArray) -> FloatArray:
     return np.concatenate([size * m.pressing(n) for m, n in zip(problem.models, normals, strict=True)])
 
 
-def following_hand(problem: GraspProblem, points: FloatArray, normals: FloatArray) -> Values:
+def hand_from_contacts(problem: GraspProblem, points: FloatArray, normals: FloatArray) -> Values:
     """Return the variables by name of a hand that follows its contacts; empty for other hands."""
     hand = problem.hand
     if hand is None or not hand.follows_contacts:
@@ -106,7 +106,7 @@ def _nearest(cloud: FloatArray, point: FloatArray) -> FloatArray:
     return np.asarray(cloud[np.argmin(np.linalg.norm(cloud - point, axis=1))])
 
 
-def _with_closed_form(problem: GraspProblem) -> GraspProblem:
+def _closed_form_problem(problem: GraspProblem) -> GraspProblem:
     """Return a problem with a closed-form support function for ranking: friction contacts, L2 budget.
 
     The problem itself if it has one.
@@ -123,7 +123,7 @@ def _with_closed_form(problem: GraspProblem) -> GraspProblem:
 
 def _least_supports(problem: GraspProblem, points: FloatArray, faces: Sequence[tuple[str, ...]]) -> FloatArray:
     """Return the least sampled support (b,) of candidates (b, k, space), solver units, or of similar contacts."""
-    scaling, ranking = Scaling.of(problem), _with_closed_form(problem)
+    scaling, ranking = Scaling.of(problem), _closed_form_problem(problem)
     closed = support_function(ranking, scaling)
     if closed is None:
         return np.zeros(len(points))

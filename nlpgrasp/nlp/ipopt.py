@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nlpgrasp.common.types import Expression
-from nlpgrasp.common.validation import FloatArray, listed
+from nlpgrasp.common.validation import FloatArray, format_known_names
 from nlpgrasp.errors import InputError
 from nlpgrasp.nlp.derivatives import ProgramFunctions
 from nlpgrasp.nlp.program import Program
@@ -147,10 +147,10 @@ class CompiledProgram:
             found = self._solver(x0=start, p=parameters, lbx=lower, ubx=upper, lbg=low, ubg=high, **warm)
             stats = self._solver.stats()
         except RuntimeError as error:
-            return _not_run(start, len(low), _reason(error), time.perf_counter() - begun)
+            return _failed_call(start, len(low), _reason(error), time.perf_counter() - begun)
         status = str(stats["return_status"])
         if status in NOT_RUN:
-            return _not_run(start, len(low), status, float(stats["t_wall_total"]))
+            return _failed_call(start, len(low), status, float(stats["t_wall_total"]))
         return NlpResult(
             z=np.asarray(found["x"].full()).ravel(),
             multipliers=np.asarray(found["lam_g"].full()).ravel(),
@@ -206,7 +206,7 @@ class NlpResult:
     function_seconds: float
 
 
-def _not_run(start: FloatArray, rows: int, status: str, seconds: float) -> NlpResult:
+def _failed_call(start: FloatArray, rows: int, status: str, seconds: float) -> NlpResult:
     """Return the result of a call in which IPOPT did not run."""
     return NlpResult(start, np.zeros(rows), np.zeros(len(start)), 0.0, status, False, False, 0, seconds, 0.0)
 
@@ -286,7 +286,9 @@ def nlpsol(solver: str, nlp: dict[str, Expression], options: Mapping[str, Any]) 
     """Return a CasADi solver of a program, silent unless the options say otherwise."""
     if not isinstance(solver, str) or not solver.isidentifier() or not ca.has_nlpsol(solver):
         there = [name for name in SOLVERS if ca.has_nlpsol(name)]
-        raise InputError("solver", repr(solver), f"a nonlinear solver that CasADi has: {listed([str(solver)], there)}")
+        raise InputError(
+            "solver", repr(solver), f"a nonlinear solver that CasADi has: {format_known_names([str(solver)], there)}"
+        )
     own = dict(options)
     if solver == "ipopt":
         known = {*ca.nlpsol_options(solver), *OF_CASADI}

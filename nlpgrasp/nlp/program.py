@@ -4,8 +4,8 @@ Canonical form: maximise a scalar subject to ``lower <= g(z; theta) <= upper`` a
 written in SI units; a scaled program divides variables and constraints by their typical sizes. Every block has a name,
 so reports say "friction, finger 2, direction 17" instead of "g[57]".
 
-The order of the constraints is fixed: containment (``Slots`` or copies of forces), other ``SX`` expressions, then
-clearances and surface constraints through splines, which exist only as ``MX``.
+The order of the constraints is fixed: containment (``ConstraintSlots`` or copies of forces), other ``SX`` expressions,
+then clearances and surface constraints through splines, which exist only as ``MX``.
 """
 
 from __future__ import annotations
@@ -20,10 +20,20 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nlpgrasp.common.scalar_constraints import Clearance, Label, Row
+from nlpgrasp.common.scalar_constraints import Clearance, Label, ScalarConstraint
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.nlp.blocks import HAND, Block, Copy, DistancePart, FacePart, FaceRows, Range, RowBlock, block_name
-from nlpgrasp.problem.candidate_constraints import PlacementRows
+from nlpgrasp.nlp.blocks import (
+    HAND,
+    Block,
+    ConstraintBlock,
+    ConstraintCopy,
+    DistancePart,
+    FaceConstraints,
+    FacePart,
+    Range,
+    block_name,
+)
+from nlpgrasp.problem.candidate_constraints import CandidateConstraints
 
 REACHABILITY, HAND_CONSTRAINTS = "(3.5-15)", "(3.5-16)"  # equations of the paper
 
@@ -44,11 +54,11 @@ class Program:
     scaled: bool = True
     variables: list[Block] = field(default_factory=list)
     parameters: list[Block] = field(default_factory=list)
-    rows: list[RowBlock] = field(default_factory=list)
+    rows: list[ConstraintBlock] = field(default_factory=list)
     distance_parts: list[DistancePart] = field(default_factory=list)
     face_parts: list[FacePart] = field(default_factory=list)
-    copies: list[Copy] = field(default_factory=list)  # repeated constraints that share derivatives
-    slots: Slots | None = None  # constraints of one function, before all others
+    copies: list[ConstraintCopy] = field(default_factory=list)  # repeated constraints that share derivatives
+    slots: ConstraintSlots | None = None  # constraints of one function, before all others
     contained: int = 0  # number of containment constraints, which come first
     placement: slice = field(default_factory=lambda: slice(0, 0))  # scalar constraints of constraints and hand
     objective: ca.SX = field(default_factory=ca.SX)
@@ -73,12 +83,12 @@ class Program:
         unit: str = "",
     ) -> ca.SX:
         """Add variables, with bounds, scale and offset in SI units, and return them in SI units, (size,)."""
-        symbol, start = ca.SX.sym(block_name(kind, index).replace(" ", "_"), size), _end(self.variables)
-        zero = _filled(offset, size)
+        symbol, start = ca.SX.sym(block_name(kind, index).replace(" ", "_"), size), _next_index(self.variables)
+        zero = _broadcast(offset, size)
         block = Block(start, start + size, scale, kind=kind, index=index, offset=tuple(zero.tolist()), unit=unit)
         self.variables.append(block)
         self._z.append(symbol)
-        low, high = _filled(lower, size), _filled(upper, size)
+        low, high = _broadcast(lower, size), _broadcast(upper, size)
         self._bounds.append(((low - zero) / scale, (high - zero) / scale) if self.scaled else (low, high))
         value: ca.SX = ca.DM(zero) + scale * symbol if self.scaled else symbol
         self._values.append(value)
@@ -91,12 +101,12 @@ class Program:
     def parameter(self, kind: str, size: int, index: int | None = None) -> ca.SX:
         """Add parameters and return their symbols (size,)."""
         symbol = ca.SX.sym(block_name(kind, index).replace(" ", "_"), size)
-        start = _end(self.parameters)
+        start = _next_index(self.parameters)
         self.parameters.append(Block(start, start + size, kind=kind, index=index))
         self._theta.append(symbol)
         return symbol
 
-    def constrain(self, row: Row) -> None:
+    def constrain(self, row: ScalarConstraint) -> None:
         """Add a scalar constraint or a column with common limits; call before ``constrain_distance``."""
         if self.distance_parts or self.face_parts:
             raise RuntimeError(f"{row.name}: an SX expression after rows through distances, whose limits it would get")
@@ -104,7 +114,7 @@ class Program:
         self._g.append(ca.vec(expression / self._applied(row.scale)))
         self._add_rows(row, row.expression.numel(), (row.lower, row.upper), row.scale)
 
-    def constrain_each(self, row: Row, own: dict[str, ca.SX], count: int) -> None:
+    def constrain_each(self, row: ScalarConstraint, own: dict[str, ca.SX], count: int) -> None:
         """Add a scalar constraint (at least ``row.lower``) for each of ``count`` values of its parameters.
 
         Call this first; these constraints are the slots and not in ``g``.
@@ -118,12 +128,12 @@ class Program:
         count : int
         """
         z = self.z
-        begin = _end(self.parameters)
+        begin = _next_index(self.parameters)
         where = []
         for name, symbol in own.items():
             self.parameter(name, symbol.numel() * count)
-            where.append(np.arange(begin, _end(self.parameters)).reshape(count, -1).T)
-            begin = _end(self.parameters)
+            where.append(np.arange(begin, _next_index(self.parameters)).reshape(count, -1).T)
+            begin = _next_index(self.parameters)
         if not count:
             return
         used = np.flatnonzero(ca.which_depends(row.expression, z, 1, False))
@@ -132,7 +142,7 @@ class Program:
         for j in range(count):
             label = replace(row.label, part=f"{row.part} {j}")
             self._add_rows(label, 1, (row.lower, np.inf), row.scale)
-        self.slots = Slots(function, used, np.concatenate(where))
+        self.slots = ConstraintSlots(function, used, np.concatenate(where))
 
     def constrain_copies(self, copy: ForceCopy, own: dict[str, ca.SX], count: int, differentiated: bool) -> None:
         """Add ``count`` copies of the variables and constraints of a ``ForceCopy``; call before ``constrain``.
@@ -156,27 +166,29 @@ class Program:
             x = self.variable("forces", sum(copy.sizes), copy.lower, copy.upper, copy.scale, index=j, unit="N")
             parameters = [values[:, j] for values in where.values()]
             self._g.append(one(shared, x, *parameters))
-            begin = _end(self.rows)
+            begin = _next_index(self.rows)
             for self.equation, row in copy.rows:
                 part = ", ".join(filter(None, (row.part, f"direction {j}")))
                 self._add_rows(replace(row.label, part=part), row.expression.numel(), (row.lower, row.upper), row.scale)
             if differentiated:
-                self.copies.append(Copy(self.variables[-1], Range(begin, _end(self.rows)), ca.vertcat(*parameters)))
+                self.copies.append(
+                    ConstraintCopy(self.variables[-1], Range(begin, _next_index(self.rows)), ca.vertcat(*parameters))
+                )
 
     def end_containment(self) -> None:
         """Mark all constraints so far as containment constraints."""
-        self.contained = _end(self.rows)
+        self.contained = _next_index(self.rows)
 
-    def constrain_placement(self, stated: PlacementRows, constraints: int) -> None:
+    def constrain_placement(self, stated: CandidateConstraints, constraints: int) -> None:
         """Add the constraints of reachability and hand, with those on spline distances last.
 
         Those from the first ``constraints`` sources are reachability constraints.
         """
-        begin, reachability = _end(self.rows), {i for rows in stated.sources[:constraints] for i in rows}
-        items: tuple[Row | Clearance, ...] = (*stated.rows, *stated.clearances)
+        begin, reachability = _next_index(self.rows), {i for rows in stated.sources[:constraints] for i in rows}
+        items: tuple[ScalarConstraint | Clearance, ...] = (*stated.rows, *stated.clearances)
         for i, item in enumerate(items):
             self.equation = REACHABILITY if i in reachability else HAND_CONSTRAINTS
-            if isinstance(item, Row):
+            if isinstance(item, ScalarConstraint):
                 self.constrain(item)
             else:
                 self.constrain_distance(item)
@@ -191,7 +203,9 @@ class Program:
         part.scales.append(self._applied(item.scale))
         self._add_rows(item, 1, (item.lower, np.inf), item.scale)
 
-    def constrain_face(self, rows: Sequence[FaceRows], function: ca.Function, position: Block, linear: ca.SX) -> None:
+    def constrain_face(
+        self, rows: Sequence[FaceConstraints], function: ca.Function, position: Block, linear: ca.SX
+    ) -> None:
         """Add surface constraints ``function(position) + linear`` of a contact; call last."""
         for row in rows:
             self._add_rows(row.label, row.size, (row.lower, 0.0), row.scale)
@@ -201,8 +215,8 @@ class Program:
         return scale if self.scaled else 1.0
 
     def _add_rows(self, label: Label, size: int, limits: tuple[float, float], scale: float = 1.0) -> None:
-        start = _end(self.rows)
-        self.rows.append(RowBlock(start, start + size, scale, label=label.label, equation=self.equation))
+        start = _next_index(self.rows)
+        self.rows.append(ConstraintBlock(start, start + size, scale, label=label.label, equation=self.equation))
         unit = self._applied(scale)
         self._limits.append((np.full(size, limits[0] / unit), np.full(size, limits[1] / unit)))
 
@@ -315,7 +329,7 @@ class ForceCopy:
     upper: float
     scale: float
     sizes: Sequence[int]
-    rows: list[tuple[str, Row]] = field(default_factory=list)
+    rows: list[tuple[str, ScalarConstraint]] = field(default_factory=list)
 
     @property
     def of_contacts(self) -> list[ca.SX]:
@@ -324,7 +338,7 @@ class ForceCopy:
 
 
 @dataclass(frozen=True)
-class Slots:
+class ConstraintSlots:
     """Constraints ``f(x; theta_j)`` of a program, one for each slot j.
 
     The derivatives of f are built once and mapped over the slots; the Lagrangian's Hessian is their sum. The time to
@@ -389,12 +403,12 @@ class Slots:
         return ca.Sparsity.triplet(height, width, down.tolist(), across.tolist())
 
 
-def _end(blocks: Sequence[Range]) -> int:
+def _next_index(blocks: Sequence[Range]) -> int:
     """Return the start index of the next block."""
     return blocks[-1].stop if blocks else 0
 
 
-def _filled(value: ArrayLike, size: int) -> FloatArray:
+def _broadcast(value: ArrayLike, size: int) -> FloatArray:
     return np.array(np.broadcast_to(np.asarray(value, dtype=float), size))
 
 

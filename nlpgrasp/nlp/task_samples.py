@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from nlpgrasp.common.unit_directions import directions, inradius
+from nlpgrasp.common.unit_directions import directions, directions_inradius
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope
 
@@ -52,7 +52,7 @@ class TaskSamples:
         """
         if self._all is not None or self.task.is_centred:
             return (1.0,)
-        return (1.0 / inradius(self._local.shape[1], self._shells), 1.0)
+        return (1.0 / directions_inradius(self._local.shape[1], self._shells), 1.0)
 
     def wrenches(self, rng: np.random.Generator | None = None, factor: float = 1.0) -> FloatArray:
         """Return boundary wrenches (m, d), randomly rotated in the task's axes; all wrenches of a small polytope.

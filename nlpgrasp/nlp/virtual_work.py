@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from nlpgrasp.budgets import HandTorques
-from nlpgrasp.common.scalar_constraints import Row
+from nlpgrasp.common.scalar_constraints import ScalarConstraint
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import PosedHand
@@ -96,7 +96,7 @@ def joint_torque_rows(
     positions: Sequence[ca.SX],
     normals: Sequence[ca.SX],
     forces: Sequence[ca.SX],
-) -> list[Row]:
+) -> list[ScalarConstraint]:
     """Return the constraints of ``HandTorques``: ``-1 <= (sum_i J_i(q)^T f_i) / tau <= 1``, ``f_n <= F``.
 
     Parameters
@@ -119,17 +119,17 @@ def joint_torque_rows(
         raise InputError("GraspProblem.hand", hand, "a hand with joints")
     rates = ca.SX.sym("rates", len(hand.loaded_joints))
     motion = hand.contact_motion(dict(variables), rates, positions)
-    power, pressing = ca.SX(0), list[Row]()
+    power, pressing = ca.SX(0), list[ScalarConstraint]()
     each = enumerate(zip(problem.models, normals, forces, motion, strict=True))
     for i, (model, n, x, (velocity, angular)) in each:
         f, m = model.split(x, n)
         power += ca.dot(velocity, f) + (0.0 if m is None else ca.dot(angular, m))
         force = model.normal_force(x, n) / budget.force_limit
-        pressing.append(Row("force limit", force, upper=1.0, fingers=(i,)))
+        pressing.append(ScalarConstraint("force limit", force, upper=1.0, fingers=(i,)))
     torques = ca.gradient(power, rates)
     limits = [hand.torque_limits[name] for name in hand.loaded_joints]
     of_joints = [
-        Row("torque limit", torques[j] / limit, -1.0, 1.0, part=f"joint {name}")
+        ScalarConstraint("torque limit", torques[j] / limit, -1.0, 1.0, part=f"joint {name}")
         for j, (name, limit) in enumerate(zip(hand.loaded_joints, limits, strict=True))
     ]
     return of_joints + pressing

@@ -14,7 +14,7 @@ from nlpgrasp.nlp import NlpResult
 
 
 @dataclass(frozen=True)
-class Placed:
+class GraspCandidate:
     """Contacts on faces of the body, and the hand's configuration.
 
     Parameters
@@ -76,7 +76,7 @@ class Effort:
 
 
 @dataclass
-class AscentState:
+class SearchState:
     """Current iterate of a local search with its cutting planes and history.
 
     Parameters
@@ -94,7 +94,7 @@ class AscentState:
         ``value`` at first and after each step.
     """
 
-    placed: Placed
+    placed: GraspCandidate
     value: float = 0.0
     cuts: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     multipliers: FloatArray = field(default_factory=lambda: np.zeros(0))

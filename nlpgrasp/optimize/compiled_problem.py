@@ -11,20 +11,20 @@ from nlpgrasp.budgets import ForceBudget, L2Budget
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
-from nlpgrasp.motion.penetration import LinkDepths
+from nlpgrasp.motion.penetration import PenetrationModel
 from nlpgrasp.nlp import CompiledProgram, Program, Scaling, VirtualWork
 from nlpgrasp.nlp.initial_values import inward_normals, pressing_forces
 from nlpgrasp.nlp.task_samples import TaskSamples
-from nlpgrasp.optimize.candidate import Placed
+from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_programs import (
-    ExchangeProgram,
+    CuttingPlaneProgram,
     budget_at,
     closure_budget,
-    first_program,
+    compile_initial_nlp,
     follows_contacts,
 )
-from nlpgrasp.optimize.constraint_values import HandPoints, RowValues
-from nlpgrasp.optimize.hand_workspace import Workspace
+from nlpgrasp.optimize.constraint_values import ConstraintValues, HandPoints
+from nlpgrasp.optimize.hand_workspace import HandWorkspace
 from nlpgrasp.optimize.options import SolveOptions
 from nlpgrasp.optimize.surface_samples import SampleTables, SurfaceSamples
 from nlpgrasp.problem.problem import GraspProblem
@@ -34,7 +34,7 @@ from nlpgrasp.quality.wrench_set import WrenchSet
 FEASIBLE = 1e-5  # feasibility tolerance, relative to a constraint's scale
 
 
-class Workbench:
+class CompiledProblem:
     """Compiled problem with its surface samples, constraint functions and programs; evaluates candidates.
 
     Parameters
@@ -56,38 +56,40 @@ class Workbench:
     def __init__(self, problem: GraspProblem, options: SolveOptions) -> None:
         self.problem, self.options = problem, options
         self.scaling = Scaling.of(problem)
-        self.rows = RowValues(problem)
+        self.rows = ConstraintValues(problem)
         self.surface = SurfaceSamples(problem)
         self.hand_points = HandPoints(problem)
-        self.exchange = ExchangeProgram(problem, options)
+        self.exchange = CuttingPlaneProgram(problem, options)
         self._first: dict[int, CompiledProgram] = {}  # by the number of samples
-        self._shared: Workbench | None = None
-        self._by_faces: ExchangeProgram | None = None
+        self._shared: CompiledProblem | None = None
+        self._by_faces: CuttingPlaneProgram | None = None
 
     @cached_property
-    def link_depths(self) -> LinkDepths | None:
+    def link_depths(self) -> PenetrationModel | None:
         """Penetration depths of links in the body and its surroundings; None without a hand that has links."""
         if self._shared is not None:
             return self._shared.link_depths
         hand = self.problem.hand
-        return LinkDepths(self.problem, hand, self.options.link_tolerance) if isinstance(hand, URDFHand) else None
+        return PenetrationModel(self.problem, hand, self.options.link_tolerance) if isinstance(hand, URDFHand) else None
 
     @cached_property
-    def workspace(self) -> Workspace:
+    def workspace(self) -> HandWorkspace:
         """Sampled workspace of a hand that has a palm pose."""
-        return Workspace(self.problem, self.hand_points, self.rows) if self._shared is None else self._shared.workspace
+        return (
+            HandWorkspace(self.problem, self.hand_points, self.rows) if self._shared is None else self._shared.workspace
+        )
 
-    def with_task(self, problem: GraspProblem) -> Workbench:
+    def with_task(self, problem: GraspProblem) -> CompiledProblem:
         """Return the compiled problem for another task, sharing programs and samples.
 
         The first program is the same for all tasks of which it looks at as many samples.
         """
-        result = self._sharing(Workbench(problem, self.options))
+        result = self._sharing(CompiledProblem(problem, self.options))
         result.exchange, result._first = self.exchange, self._first
         return result
 
     @cached_property
-    def under_l2(self) -> Workbench | None:
+    def under_l2(self) -> CompiledProblem | None:
         """The compiled problem under the L2 budget, for a first refinement; None if it is L2 or follows the hand.
 
         Only the exchange's program is another one.
@@ -95,10 +97,10 @@ class Workbench:
         problem, budget = self.problem, self.problem.budget
         if isinstance(budget, L2Budget) or budget.follows_hand:
             return None
-        return self._sharing(Workbench(problem.unchecked(force_budget=L2Budget()), self.options))
+        return self._sharing(CompiledProblem(problem.unchecked(force_budget=L2Budget()), self.options))
 
     @cached_property
-    def without_hand(self) -> Workbench:
+    def without_hand(self) -> CompiledProblem:
         """The compiled problem without the hand and the constraints on it, over the same samples."""
         problem, of_hand = self.problem, self.rows.dependence[:, -1]
         kept = [
@@ -107,45 +109,45 @@ class Workbench:
             if not np.any(of_hand[list(rows)])
         ]
         own = problem.unchecked(hand=None, constraints=tuple(kept), force_budget=self.closure_budget)
-        result = Workbench(own, self.options)
+        result = CompiledProblem(own, self.options)
         result.surface = self.surface
         return result
 
-    def with_joints(self, limits: FloatArray) -> Workbench:
+    def with_joints(self, limits: FloatArray) -> CompiledProblem:
         """Return the compiled problem with other joint limits (2, m) of its hand, which has links.
 
         No program is compiled anew.
         """
         problem = self.problem.unchecked(hand=self.hand_points.linked_hand.with_limits(limits))
-        result = self._sharing(Workbench(problem, self.options))
+        result = self._sharing(CompiledProblem(problem, self.options))
         result.hand_points = self.hand_points.of_limits(problem)
         result.exchange = self.exchange.within("joints", limits)
         if problem.budget.follows_hand:
             result.virtual_work = self.virtual_work
         return result
 
-    def with_faces(self, problem: GraspProblem) -> Workbench:
+    def with_faces(self, problem: GraspProblem) -> CompiledProblem:
         """Return the compiled problem of a body that describes the same surface by other faces.
 
         Its program is compiled once, as the geometry of a face is among its parameters.
         """
-        result = Workbench(problem, self.options)
+        result = CompiledProblem(problem, self.options)
         surface = result.surface
         result = self._sharing(result)
         result.surface = surface
         self._by_faces = result.exchange = self._by_faces or result.exchange
         return result
 
-    def with_clearance(self, more: FloatArray) -> Workbench:
+    def with_clearance(self, more: FloatArray) -> CompiledProblem:
         """Return the compiled problem whose programs require more link clearance from the body, by (rows,), metres.
 
         On a mesh, whose smooth distance they go by, so far as that flatters.
         """
-        result = self._sharing(Workbench(self.problem, self.options))
+        result = self._sharing(CompiledProblem(self.problem, self.options))
         result.exchange = self.exchange.raised(more / self.scaling.length)
         return result
 
-    def _sharing(self, other: Workbench) -> Workbench:
+    def _sharing(self, other: CompiledProblem) -> CompiledProblem:
         """Return another compiled problem with this one's constraint functions and samples."""
         other.rows, other.surface, other.hand_points = self.rows, self.surface, self.hand_points
         other._shared = self
@@ -161,7 +163,7 @@ class Workbench:
         """The initial NLP of a start."""
         count = self.task_samples.count
         if count not in self._first:
-            self._first[count] = first_program(self.problem, self.options, count)
+            self._first[count] = compile_initial_nlp(self.problem, self.options, count)
         return self._first[count]
 
     @cached_property
@@ -190,18 +192,18 @@ class Workbench:
         """Budget for ranking placements: the L2 budget where the problem's own needs each placement's frames."""
         return L2Budget() if self.problem.budget.depends_on_frames else self.problem.budget
 
-    def inward_normals(self, placed: Placed) -> FloatArray:
+    def inward_normals(self, placed: GraspCandidate) -> FloatArray:
         """Return the unit normals of the solver's surface into the body, (k, space)."""
         return inward_normals(self.problem, placed.points, placed.faces)
 
-    def snapped(self, placed: Placed) -> Placed:
+    def snapped(self, placed: GraspCandidate) -> GraspCandidate:
         """Return the candidate with its contacts projected onto their faces to rounding."""
         points, names = placed.points.copy(), np.array(placed.faces)
         for face in set(placed.faces):
             points[names == face] = self.problem.body.snap(face, points[names == face])
-        return Placed(placed.faces, points, placed.hand)
+        return GraspCandidate(placed.faces, points, placed.hand)
 
-    def grasp(self, placed: Placed) -> Grasp:
+    def grasp(self, placed: GraspCandidate) -> Grasp:
         """Return the grasp, with normals of the solver's surface."""
         return self.grasp_at(placed.points, self.inward_normals(placed))
 
@@ -209,15 +211,15 @@ class Workbench:
         """Return the grasp of the problem's contacts at points with inward normals, (k, space) each."""
         return Grasp(points, normals, self.problem.models, self.problem.origin)
 
-    def budget(self, placed: Placed) -> ForceBudget:
+    def budget(self, placed: GraspCandidate) -> ForceBudget:
         """Return the force budget at a candidate's contacts and posture."""
         return budget_at(self.problem, placed)
 
-    def wrench_set(self, placed: Placed) -> WrenchSet:
+    def wrench_set(self, placed: GraspCandidate) -> WrenchSet:
         """Return the grasp wrench set of a candidate."""
         return WrenchSet.of(self.grasp(placed), self.budget(placed))
 
-    def violation(self, placed: Placed) -> float:
+    def violation(self, placed: GraspCandidate) -> float:
         """Return the largest violation of the constraints, relative to their scales; inf off the body."""
         if not np.all(np.isfinite(placed.points)):
             return np.inf
@@ -226,7 +228,7 @@ class Workbench:
             return np.inf
         return float(self.rows.violations(placed.points[None], normals[None], placed.repeated_hand(1))[0])
 
-    def row_values(self, placed: Placed, normals: FloatArray) -> FloatArray:
+    def row_values(self, placed: GraspCandidate, normals: FloatArray) -> FloatArray:
         """Return the values of the constraints with these inward normals (k, space), (rows,) in their own units.
 
         Distances of links from a mesh are to the mesh itself.
@@ -238,11 +240,11 @@ class Workbench:
         return values
 
 
-def variables_of(bench: Workbench, program: Program, placed: Placed) -> FloatArray:
+def pack_variables(bench: CompiledProblem, program: Program, placed: GraspCandidate) -> FloatArray:
     """Return a vector (n,) of starting values with contacts, normals, the hand and pressing forces filled in."""
     normals = bench.inward_normals(placed)
     z = np.zeros(program.variables[-1].stop)
-    put_contacts(bench, program, z, placed.points, normals)
+    set_contacts(bench, program, z, placed.points, normals)
     forces = pressing_forces(bench.problem, normals)
     for name, b in program.hand_blocks:
         z[b.range] = np.ravel(placed.hand[name]) / b.scale
@@ -251,19 +253,21 @@ def variables_of(bench: Workbench, program: Program, placed: Placed) -> FloatArr
     return z
 
 
-def put_contacts(bench: Workbench, program: Program, z: FloatArray, points: FloatArray, normals: FloatArray) -> None:
+def set_contacts(
+    bench: CompiledProblem, program: Program, z: FloatArray, points: FloatArray, normals: FloatArray
+) -> None:
     """Set the contacts among a program's variables, in place: points in metres and inward normals."""
     for i, p in enumerate(bench.scaling.position(points)):
         z[program.block("position", i).range] = p
         z[program.block("normal", i).range] = normals[i]
 
 
-def placed_of(bench: Workbench, program: Program, faces: tuple[str, ...], z: FloatArray) -> Placed:
+def candidate_of(bench: CompiledProblem, program: Program, faces: tuple[str, ...], z: FloatArray) -> GraspCandidate:
     """Return the candidate stated by a program's variables, its contacts projected exactly onto their faces."""
-    return bench.snapped(Placed(faces, points_of(bench, program, z), hand_of(program, z)))
+    return bench.snapped(GraspCandidate(faces, contact_points(bench, program, z), hand_of(program, z)))
 
 
-def points_of(bench: Workbench, program: Program, z: FloatArray) -> FloatArray:
+def contact_points(bench: CompiledProblem, program: Program, z: FloatArray) -> FloatArray:
     """Return the contact positions of a program's variables, metres, (k, space)."""
     return bench.scaling.metres(np.stack([z[b.range] for b in program.blocks("position")]))
 

@@ -10,7 +10,7 @@ from functools import cached_property
 
 from nlpgrasp.budgets import ForceBudget, L2Budget
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts.product import extremes
+from nlpgrasp.contacts.product import contact_supports
 from nlpgrasp.hands import PosedHand
 from nlpgrasp.nlp import (
     SUPPORT,
@@ -21,7 +21,7 @@ from nlpgrasp.nlp import (
     optimal_grasp_program,
 )
 from nlpgrasp.nlp.ipopt import Option
-from nlpgrasp.optimize.candidate import Placed
+from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.options import SolveOptions
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.grasp import Grasp
@@ -65,23 +65,23 @@ def closure_budget(problem: GraspProblem) -> ForceBudget:
     return L2Budget() if problem.budget.follows_hand else problem.budget
 
 
-def budget_at(problem: GraspProblem, placed: Placed) -> ForceBudget:
+def budget_at(problem: GraspProblem, placed: GraspCandidate) -> ForceBudget:
     """Return the force budget at a candidate's contacts and posture."""
     hand = problem.hand if isinstance(problem.hand, PosedHand) else None
     return problem.budget.posed(hand, placed.hand, placed.points)
 
 
-def first_program(problem: GraspProblem, options: SolveOptions, samples: int) -> CompiledProgram:
+def compile_initial_nlp(problem: GraspProblem, options: SolveOptions, samples: int) -> CompiledProgram:
     """Return the initial NLP of a start (vertex transcription), with so many samples of the task."""
     plain = problem.unchecked(force_budget=closure_budget(problem))
     program = optimal_grasp_program(plain, "vertex", samples)  # which never ends at a non-grasp
     limits: Ipopt = {"tol": 1e-4, "acceptable_tol": 1e-3, "acceptable_iter": 5}
     if not follows_contacts(problem):
         limits |= POSED
-    return _compiled(program, options, limits)
+    return _compile_program(program, options, limits)
 
 
-class ExchangeProgram:
+class CuttingPlaneProgram:
     """Cutting-plane program with a fixed number of slots, the same for all tasks.
 
     Parameters
@@ -113,7 +113,7 @@ class ExchangeProgram:
         """The program with its solver, compiled."""
         slots = 0 if self._problem.budget.follows_hand else self.slots
         program = optimal_grasp_program(self._problem, SUPPORT, slots, eliminated=True, pieces=self.linearises)
-        return _compiled(program, self._options, {"tol": 1e-5, "mu_init": 1e-3})
+        return _compile_program(program, self._options, {"tol": 1e-5, "mu_init": 1e-3})
 
     @cached_property
     def confirming(self) -> CompiledProgram:
@@ -130,15 +130,15 @@ class ExchangeProgram:
         last: Ipopt = CLOSING if self.linearises else {"tol": CLOSING["tol"], "bound_relax_factor": 0.0}
         return self.compiled.with_options(last | dict(self._options.ipopt))
 
-    def within(self, name: str, bounds: FloatArray) -> ExchangeProgram:
+    def within(self, name: str, bounds: FloatArray) -> CuttingPlaneProgram:
         """Return the program with other bounds (2, m) of one of the hand's variables, without recompiling."""
         return self._of(self.compiled.within(name, bounds[0], bounds[1]))
 
-    def raised(self, more: FloatArray) -> ExchangeProgram:
+    def raised(self, more: FloatArray) -> CuttingPlaneProgram:
         """Return the program with higher lower limits of constraints, without recompiling: see ``Program.raised``."""
         return self._of(self.compiled.raised(more))
 
-    def _of(self, compiled: CompiledProgram) -> ExchangeProgram:
+    def _of(self, compiled: CompiledProgram) -> CuttingPlaneProgram:
         """Return the same for a program that differs in its limits alone."""
         result = copy(self)
         result.compiled = compiled
@@ -150,10 +150,10 @@ class ExchangeProgram:
         """Return the supports of single contacts along directions, (m, k), where the program is made of them."""
         if self.closed or not has_pieces(self._problem):
             return None
-        return extremes(y @ grasp.G, grasp.contacts, self._problem.body.space)[0]
+        return contact_supports(y @ grasp.G, grasp.contacts, self._problem.body.space)[0]
 
 
-def _compiled(program: Program, options: SolveOptions, limits: Ipopt) -> CompiledProgram:
+def _compile_program(program: Program, options: SolveOptions, limits: Ipopt) -> CompiledProgram:
     # MUMPS scaling 7 avoids the factorizations that take 20 times as long as the rest (measured on scans)
     most: Ipopt = {"max_iter": MOST_ITERATIONS, "mumps_scaling": 7}
     if options.time_limit is not None:

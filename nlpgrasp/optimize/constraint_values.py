@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nlpgrasp.bodies import Mesh
-from nlpgrasp.common.scalar_constraints import CLEARANCE, Row
+from nlpgrasp.common.scalar_constraints import CLEARANCE, ScalarConstraint
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.constraints import Approach
@@ -20,14 +20,14 @@ from nlpgrasp.hands import Hand, URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.hands.linked_hand import LinkedHand
 from nlpgrasp.motion.distance_fields import Distance, distance_to_all, fields_of
-from nlpgrasp.problem.candidate_constraints import PlacementRows, placement_rows
+from nlpgrasp.problem.candidate_constraints import CandidateConstraints, placement_rows
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.obstructions import jaws_depth
 
 NARROW = 1e-2  # width, relative to a constraint's scale, below which its limits count as an equation
 
 
-class RowValues:
+class ConstraintValues:
     """Compiled functions of the constraints of a problem and its hand.
 
     Parameters
@@ -39,7 +39,7 @@ class RowValues:
         self.problem = problem
 
     @cached_property
-    def named(self) -> tuple[Row, ...]:
+    def named(self) -> tuple[ScalarConstraint, ...]:
         """Scalar constraints of the user and of the hand, in the order of the program."""
         return self._rows[0].named
 
@@ -111,7 +111,7 @@ class RowValues:
         return np.array([i for i, r in enumerate(self.named) if r.kind == CLEARANCE], dtype=int)
 
     @cached_property
-    def _rows(self) -> tuple[PlacementRows, list[ca.SX]]:
+    def _rows(self) -> tuple[CandidateConstraints, list[ca.SX]]:
         """Symbolic constraints with their free symbols."""
         space, k, problem = self.problem.body.space, len(self.problem.models), self.problem
         p, n = ca.SX.sym("p", space * k), ca.SX.sym("n", space * k)

@@ -8,7 +8,7 @@ optimal designs do: Meyer and Nachtsheim 1995, "The coordinate-exchange algorith
 experimental designs", doi:10.1080/00401706.1995.10485889). Directions are well-spread ones of the task, and those in
 which candidates turn out to be weakest.
 
-On a mesh the same exchange also improves a refined grasp, over dense samples near its contacts (``exchanged_nearby``).
+On a mesh the same exchange also improves a refined grasp, over dense samples near its contacts (``exchange_nearby``).
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from scipy.spatial import cKDTree
 from nlpgrasp.common.unit_directions import directions
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import ParallelJaw
-from nlpgrasp.optimize.candidate import Placed
-from nlpgrasp.optimize.compiled_problem import FEASIBLE, Workbench
-from nlpgrasp.optimize.projection import TOUCHING, on_triangles, touching
-from nlpgrasp.optimize.surface_samples import BAND, Cloud, IntArray, SampleTables
+from nlpgrasp.optimize.candidate import GraspCandidate
+from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
+from nlpgrasp.optimize.projection import TOUCHING, fix_to_triangles, project_onto_constraints
+from nlpgrasp.optimize.surface_samples import BAND, IntArray, SampleCloud, SampleTables
 from nlpgrasp.quality.grasp import Grasp, GraspStack
-from nlpgrasp.quality.sandwich import Begun
-from nlpgrasp.quality.screening import sampled_ratios, screening_score, weak_directions
-from nlpgrasp.quality.weakest_directions import missed
+from nlpgrasp.quality.sandwich import ResumableCertificate
+from nlpgrasp.quality.screening import minimise_locally, sampled_ratios, screening_score
+from nlpgrasp.quality.weakest_directions import weaker_in_polytope
 
 KEPT = 8  # candidates kept between rounds of exchanges, and perturbed in each; twice as many are begun with
 DRAWN = 2048  # random tuples drawn, of which the best are half of those that exchanges begin with
@@ -52,8 +52,8 @@ APART = 0.05  # over the body's size: congruent placements differ by less in all
 
 
 def exchanged_candidates(
-    bench: Workbench, rng: np.random.Generator, known: Sequence[FloatArray] = (), count: int = PROPOSED
-) -> list[Placed]:
+    bench: CompiledProblem, rng: np.random.Generator, known: Sequence[FloatArray] = (), count: int = PROPOSED
+) -> list[GraspCandidate]:
     """Return the best few candidates of a coordinate exchange from random tuples of samples, best first.
 
     Parameters
@@ -74,11 +74,11 @@ def exchanged_candidates(
     if jaws:
         tuples = np.concatenate([met[:BEST_MET], met[BEST_MET :: max(1, len(met) // BEST_MET)]])
     else:
-        tuples = met[of_different_kinds(bench, tables.places(met)[0])[: MET * count]]
+        tuples = met[select_incongruent(bench, tables.places(met)[0])[: MET * count]]
     found = [search.placed(one) for one in tuples]
     if tables.coupled:
-        repaired = [one for one in (_repaired(bench, placed) for placed in found) if one is not None]
-        found = _ranked(bench, repaired) if repaired else found
+        repaired = [one for one in (_repair(bench, placed) for placed in found) if one is not None]
+        found = _rank(bench, repaired) if repaired else found
     if jaws:
         found.sort(key=lambda placed: not bench.hand_points.has_free_way(placed.points))
     return distinct(bench, found, count)
@@ -106,7 +106,9 @@ class CoordinateExchange:
         Tuples after exchanges.
     """
 
-    def __init__(self, bench: Workbench, tables: SampleTables, rng: np.random.Generator, kept: int = KEPT) -> None:
+    def __init__(
+        self, bench: CompiledProblem, tables: SampleTables, rng: np.random.Generator, kept: int = KEPT
+    ) -> None:
         self._bench, self._rng, self._tables, self._kept = bench, rng, tables, kept
         self.directions, self.powers = self._tables.directions, list(self._tables.powers)
         self.met: list[IntArray] = []
@@ -145,7 +147,7 @@ class CoordinateExchange:
         best = self.best(np.concatenate(tuples), 4 * self._kept)
         self.learn_from(best[: 2 * self._kept])
         best = self.best(best, len(best))
-        first = of_different_kinds(self._bench, self._tables.places(best)[0])
+        first = select_incongruent(self._bench, self._tables.places(best)[0])
         rest = [b for b in range(len(best)) if b not in first]
         return self.certified(best[sorted((first + rest)[: self._kept])])
 
@@ -206,7 +208,7 @@ class CoordinateExchange:
         count = min(DESCENTS, len(ratios) - 1)
         begun = self.directions[np.argpartition(ratios, count, axis=0)[:count].T]
         stack = GraspStack(*self._tables.places(tuples), self._bench.problem.models, self._bench.problem.origin)
-        found, values = weak_directions(stack, self._bench.problem.task, begun, self._tables.budget, STEPS)
+        found, values = minimise_locally(stack, self._bench.problem.task, begun, self._tables.budget, STEPS)
         weakest = np.argsort(values, axis=1, kind="stable")[:, :LEARNED]
         self.learn(np.take_along_axis(found, weakest[:, :, None], axis=1).reshape(-1, found.shape[2]))
 
@@ -220,8 +222,12 @@ class CoordinateExchange:
                 break
             value = float(self.values(tuples[:1])[0])
             grasp = self._bench.grasp_at(*(part[0] for part in self._tables.places(tuples[:1])))
-            begun = Begun.of(grasp, self._bench.problem.task, self._tables.budget, LOOSE) if value > 0.0 else None
-            weaker = None if begun is None else missed(begun, value)
+            begun = (
+                ResumableCertificate.of(grasp, self._bench.problem.task, self._tables.budget, LOOSE)
+                if value > 0.0
+                else None
+            )
+            weaker = None if begun is None else weaker_in_polytope(begun, value)
             if weaker is None:
                 self._certified.add(self._key(tuples[0]))
                 break
@@ -239,12 +245,12 @@ class CoordinateExchange:
             for old, table in zip(self.powers, self._tables.distinct, strict=True)
         ]
 
-    def placed(self, one: IntArray) -> Placed:
+    def placed(self, one: IntArray) -> GraspCandidate:
         """Return a tuple (k,) of samples as a candidate with its hand."""
         points, normals = self._tables.places(one[None])
         hand = self._bench.hand_points.start(points, normals)
         faces = tuple(str(self._tables.samples(i).faces[sample]) for i, sample in enumerate(one))
-        return Placed(faces, points[0], {name: value[0] for name, value in hand.items()})
+        return GraspCandidate(faces, points[0], {name: value[0] for name, value in hand.items()})
 
     def _key(self, one: IntArray) -> tuple[tuple[int, int], ...]:
         """Return a key that is equal for tuples that differ only in the order of identical contacts."""
@@ -277,7 +283,9 @@ class CoordinateExchange:
         return likely, np.min(every, axis=0) + tie * np.mean(every[weak], axis=0)
 
 
-def exchanged_nearby(bench: Workbench, placed: Placed, grasp: Grasp, cuts: FloatArray) -> Placed | None:
+def exchange_nearby(
+    bench: CompiledProblem, placed: GraspCandidate, grasp: Grasp, cuts: FloatArray
+) -> GraspCandidate | None:
     """Return contacts on a mesh improved by coordinate exchange over dense samples nearby; None where none are better.
 
     Parameters
@@ -301,7 +309,7 @@ def exchanged_nearby(bench: Workbench, placed: Placed, grasp: Grasp, cuts: Float
         )
         faces = np.full(len(points), whole.faces[0], dtype=object)
         faces[0] = face
-        clouds.append(Cloud(faces, points, normals, cKDTree(points)))
+        clouds.append(SampleCloud(faces, points, normals, cKDTree(points)))
     directions = np.concatenate([cuts, bench.sample_tables.directions])
     tables = SampleTables(bench.problem, clouds, bench.rows, bench.hand_points, directions)
     search = CoordinateExchange(bench, tables, rng)
@@ -312,16 +320,16 @@ def exchanged_nearby(bench: Workbench, placed: Placed, grasp: Grasp, cuts: Float
     return search.placed(best) if best.any() else None
 
 
-def distinct(bench: Workbench, found: Sequence[Placed], count: int = PROPOSED) -> list[Placed]:
+def distinct(bench: CompiledProblem, found: Sequence[GraspCandidate], count: int = PROPOSED) -> list[GraspCandidate]:
     """Return the first few candidates that are not congruent to an earlier one.
 
     They are compared by the distances between contacts, and from the torque origin.
     """
-    chosen = of_different_kinds(bench, np.stack([placed.points for placed in found]))
+    chosen = select_incongruent(bench, np.stack([placed.points for placed in found]))
     return [found[b] for b in chosen[:count]]
 
 
-def of_different_kinds(bench: Workbench, points: FloatArray) -> list[int]:
+def select_incongruent(bench: CompiledProblem, points: FloatArray) -> list[int]:
     """Return the indices of placements (b, k, space) that are not congruent to an earlier one."""
     points = points - bench.problem.origin
     across = np.linalg.norm(points[:, :, None] - points[:, None], axis=3).reshape(len(points), -1)
@@ -334,20 +342,20 @@ def of_different_kinds(bench: Workbench, points: FloatArray) -> list[int]:
     return chosen
 
 
-def scores(bench: Workbench, points: FloatArray, normals: FloatArray) -> FloatArray:
+def sampled_quality(bench: CompiledProblem, points: FloatArray, normals: FloatArray) -> FloatArray:
     """Return the sampled quality of placements (b, k, space), (b,)."""
     stack = GraspStack(points, normals, bench.problem.models, bench.problem.origin)
     ratios = sampled_ratios(stack, bench.problem.task, screening_directions(bench), bench.screening_budget)
     return screening_score(ratios) * bench.scaling.beta
 
 
-def screening_directions(bench: Workbench) -> FloatArray:
+def screening_directions(bench: CompiledProblem) -> FloatArray:
     """Return well-spread directions in wrench space, isotropic in the solver's units, (m, d)."""
     return directions(bench.problem.dimension, 2) * bench.scaling.wrench
 
 
 @dataclass(frozen=True)
-class Drawn:
+class RandomContacts:
     """Random placements of all contacts.
 
     Parameters
@@ -362,32 +370,32 @@ class Drawn:
     faces: NDArray[np.object_]
 
 
-def random_placements(bench: Workbench, count: int, rng: np.random.Generator) -> Drawn:
+def draw_contacts(bench: CompiledProblem, count: int, rng: np.random.Generator) -> RandomContacts:
     """Return random placements over the samples of the faces that each contact may use."""
     clouds = [bench.surface.cloud(i) for i in range(len(bench.problem.models))]
     each = [(cloud, rng.integers(len(cloud.points), size=count)) for cloud in clouds]
-    return Drawn(
+    return RandomContacts(
         np.stack([cloud.points[where] for cloud, where in each], axis=1),
         np.stack([cloud.normals[where] for cloud, where in each], axis=1),
         np.stack([cloud.faces[where] for cloud, where in each], axis=1),
     )
 
 
-def _repaired(bench: Workbench, placed: Placed) -> tuple[Placed, FloatArray] | None:
+def _repair(bench: CompiledProblem, placed: GraspCandidate) -> tuple[GraspCandidate, FloatArray] | None:
     """Return a candidate projected onto constraints that it violates slightly, and its inward normals (k, space).
 
     None where it does not get there.
     """
-    own, there = on_triangles(bench, placed)
+    own, there = fix_to_triangles(bench, placed)
     if own.violation(there) > FEASIBLE:
-        moved, left = touching(own, there)
+        moved, left = project_onto_constraints(own, there)
         there = own.snapped(moved)
         if left > TOUCHING or own.violation(there) > FEASIBLE:
             return None
-    return Placed(placed.faces, there.points, there.hand), own.inward_normals(there)
+    return GraspCandidate(placed.faces, there.points, there.hand), own.inward_normals(there)
 
 
-def _ranked(bench: Workbench, found: Sequence[tuple[Placed, FloatArray]]) -> list[Placed]:
+def _rank(bench: CompiledProblem, found: Sequence[tuple[GraspCandidate, FloatArray]]) -> list[GraspCandidate]:
     """Return candidates, given with their inward normals, by decreasing sampled quality."""
     points, normals = np.stack([placed.points for placed, _ in found]), np.stack([normals for _, normals in found])
-    return [found[b][0] for b in np.argsort(-scores(bench, points, normals), kind="stable")]
+    return [found[b][0] for b in np.argsort(-sampled_quality(bench, points, normals), kind="stable")]

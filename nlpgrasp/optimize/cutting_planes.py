@@ -12,11 +12,11 @@ from nlpgrasp.budgets import L2Budget, SharedJointTorqueLimits
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.nlp import face_parameters
-from nlpgrasp.optimize.candidate import Placed
-from nlpgrasp.optimize.compiled_problem import Workbench
-from nlpgrasp.quality.containment import conditioned
-from nlpgrasp.quality.ratio_minimisation import descend, iterate, newton, random_directions, separated
-from nlpgrasp.quality.sandwich import Begun
+from nlpgrasp.optimize.candidate import GraspCandidate
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
+from nlpgrasp.quality.containment import condition
+from nlpgrasp.quality.ratio_minimisation import descend, iterate, newton, random_directions, select_separated
+from nlpgrasp.quality.sandwich import ResumableCertificate
 from nlpgrasp.quality.weakest_directions import (
     BEGUN,
     DIFFERENT,
@@ -27,11 +27,11 @@ from nlpgrasp.quality.weakest_directions import (
     NEWTON_STEPS,
     SLACK,
     THOROUGH,
-    Descents,
-    Weakest,
+    DescentSettings,
+    WeakestDirections,
     _unit_reach,
-    in_coordinates,
-    missed,
+    to_coordinates,
+    weaker_in_polytope,
     weakest_directions,
 )
 
@@ -39,36 +39,40 @@ SAME = 1.0 - 1e-7  # cosine above which a direction counts as a known cut
 
 
 def weakest_at(
-    bench: Workbench,
-    placed: Placed,
+    bench: CompiledProblem,
+    placed: GraspCandidate,
     rng: np.random.Generator,
     known: FloatArray | None = None,
-    descents: Descents = THOROUGH,
-) -> Weakest:
+    descents: DescentSettings = THOROUGH,
+) -> WeakestDirections:
     """Return the weakest directions of a candidate against the problem's task; see ``weakest_directions``."""
     return weakest_directions(bench.grasp(placed), bench.problem.task, bench.budget(placed), rng, known, descents)
 
 
-def minimisers_near(bench: Workbench, placed: Placed, rng: np.random.Generator, known: FloatArray) -> Weakest:
+def minimise_nearby(
+    bench: CompiledProblem, placed: GraspCandidate, rng: np.random.Generator, known: FloatArray
+) -> WeakestDirections:
     """Return the weakest directions of a candidate as local minimisers to rounding, however close together.
 
     They are looked for from known directions, such as those of a state nearby, and from a few random ones.
     """
-    problem, _ = conditioned(bench.wrench_set(placed), bench.problem.task)
+    problem, _ = condition(bench.wrench_set(placed), bench.problem.task)
     if problem is None:
-        return Weakest(0.0, known[:0])
-    start = np.concatenate([in_coordinates(problem, known), random_directions(FRESH, problem.rank, rng)])
+        return WeakestDirections(0.0, known[:0])
+    start = np.concatenate([to_coordinates(problem, known), random_directions(FRESH, problem.rank, rng)])
     squared = isinstance(bench.budget(placed), L2Budget)
     found, values = iterate(problem, start, BEGUN) if squared else descend(problem, start, BEGUN)
     order = np.argsort(values)
-    chosen = separated(found, order[values[order] <= SLACK * values[order[0]]], DIFFERENT, KEEP)
+    chosen = select_separated(found, order[values[order] <= SLACK * values[order[0]]], DIFFERENT, KEEP)
     found, values = newton(problem, found[chosen], NEWTON_STEPS)
     order = np.argsort(values)
-    chosen = separated(found, order, DIFFERENT, KEEP)
-    return Weakest(float(values[chosen[0]]), _unit_reach(bench.problem.task, found[chosen] @ problem.matrix))
+    chosen = select_separated(found, order, DIFFERENT, KEEP)
+    return WeakestDirections(float(values[chosen[0]]), _unit_reach(bench.problem.task, found[chosen] @ problem.matrix))
 
 
-def disproved(bench: Workbench, placed: Placed, value: float) -> tuple[Weakest | None, Begun | None]:
+def find_weaker(
+    bench: CompiledProblem, placed: GraspCandidate, value: float
+) -> tuple[WeakestDirections | None, ResumableCertificate | None]:
     """Return directions in which a candidate is weaker than its known value, None where there are none.
 
     Descents miss a narrow dip that no start is near, and stop at the kinks of other budgets than the paper's; a
@@ -80,11 +84,11 @@ def disproved(bench: Workbench, placed: Placed, value: float) -> tuple[Weakest |
     if not isinstance(budget, L2Budget):
         found = weakest_at(bench, placed, np.random.default_rng(0))
         return (found if found.value < value * (1.0 - NEWS) else None), None
-    begun = Begun.of(bench.grasp(placed), bench.problem.task, budget, LOOK)
-    return (None if begun is None else missed(begun, value)), begun
+    begun = ResumableCertificate.of(bench.grasp(placed), bench.problem.task, budget, LOOK)
+    return (None if begun is None else weaker_in_polytope(begun, value)), begun
 
 
-def most_relevant(bench: Workbench, placed: Placed, cuts: FloatArray) -> FloatArray:
+def most_relevant(bench: CompiledProblem, placed: GraspCandidate, cuts: FloatArray) -> FloatArray:
     """Return as many cuts (m, d) as the program has slots: those nearest to binding at a candidate."""
     if len(cuts) <= bench.exchange.slots:
         return cuts
@@ -92,12 +96,12 @@ def most_relevant(bench: Workbench, placed: Placed, cuts: FloatArray) -> FloatAr
     return cuts[np.sort(np.argsort(support, kind="stable")[: bench.exchange.slots])]
 
 
-def with_new(bench: Workbench, cuts: FloatArray, directions: FloatArray) -> FloatArray:
+def append_new(bench: CompiledProblem, cuts: FloatArray, directions: FloatArray) -> FloatArray:
     """Return cuts (m, d) with the directions (n, d) appended that are not yet among them."""
     return np.concatenate([cuts, directions[new_directions(bench, cuts, directions)]])
 
 
-def new_directions(bench: Workbench, known: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
+def new_directions(bench: CompiledProblem, known: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
     """Return the mask of directions that are not among the known ones, compared in solver units."""
     a, b = known / bench.scaling.wrench, directions / bench.scaling.wrench
     a = a / np.linalg.norm(a, axis=1, keepdims=True)
@@ -105,18 +109,18 @@ def new_directions(bench: Workbench, known: FloatArray, directions: FloatArray) 
     return np.asarray(np.max(b @ a.T, axis=1) < SAME)
 
 
-def no_cuts(bench: Workbench, placed: Placed) -> FloatArray:
+def empty_slots(bench: CompiledProblem, placed: GraspCandidate) -> FloatArray:
     """Return the program's parameters (q,) with every slot empty: for the placement constraints alone."""
     return piece_parameters(bench, placed, np.zeros((0, bench.problem.dimension)))
 
 
-def piece_parameters(bench: Workbench, placed: Placed, cuts: FloatArray) -> FloatArray:
+def piece_parameters(bench: CompiledProblem, placed: GraspCandidate, cuts: FloatArray) -> FloatArray:
     """Return the program's parameters (q,) for cuts (m, d), with the contact whose support is largest along each."""
     return slot_parameters(bench, placed.faces, cuts, bench.exchange.pieces(bench.grasp(placed), cuts))
 
 
 def slot_parameters(
-    bench: Workbench, faces: tuple[str, ...], cuts: FloatArray, pieces: FloatArray | None = None
+    bench: CompiledProblem, faces: tuple[str, ...], cuts: FloatArray, pieces: FloatArray | None = None
 ) -> FloatArray:
     """Return the program's parameters for cuts with ``phi_A = 1``; the other slots stay empty.
 
@@ -142,7 +146,9 @@ def slot_parameters(
     return np.concatenate([directions.ravel(), reach, weights.ravel(), face_parameters(bench.problem, faces)])
 
 
-def torque_cuts(bench: Workbench, placed: Placed, z: FloatArray, cuts: FloatArray) -> tuple[FloatArray, FloatArray]:
+def torque_cuts(
+    bench: CompiledProblem, placed: GraspCandidate, z: FloatArray, cuts: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Return the supports along cuts (m,) and their gradients in the program's variables (m, n), in solver units.
 
     Parameters

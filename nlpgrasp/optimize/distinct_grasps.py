@@ -8,16 +8,16 @@ from functools import partial
 
 import numpy as np
 
-from nlpgrasp.common.deadline import Stop
+from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.common.validation import integer, share
-from nlpgrasp.optimize.candidate import Placed
-from nlpgrasp.optimize.compiled_problem import FEASIBLE, Workbench
-from nlpgrasp.optimize.coordinate_exchange import Drawn, exchanged_candidates, scores
+from nlpgrasp.optimize.candidate import GraspCandidate
+from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
+from nlpgrasp.optimize.coordinate_exchange import RandomContacts, exchanged_candidates, sampled_quality
 from nlpgrasp.optimize.exerted_forces import least_forces
-from nlpgrasp.optimize.grasp_equivalence import Likeness
-from nlpgrasp.optimize.hand_approach import approached, attempted, hand_posture
-from nlpgrasp.optimize.parallel_starts import Runner
-from nlpgrasp.optimize.processes import one_thread
+from nlpgrasp.optimize.grasp_equivalence import GraspEquivalence
+from nlpgrasp.optimize.hand_approach import add_hand_record, hand_posture, none_on_failure
+from nlpgrasp.optimize.parallel_starts import StartRunner
+from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.robustness import robustness
 from nlpgrasp.optimize.start_result import StartGrasp, StartResult
 from nlpgrasp.optimize.warm_starts import WarmStart, certify_as_is
@@ -25,7 +25,7 @@ from nlpgrasp.quality.grasp import GraspStack
 from nlpgrasp.quality.screening import screen
 from nlpgrasp.solution.analysis_records import Robustness
 from nlpgrasp.solution.kept_grasps import FoundGrasp
-from nlpgrasp.solution.obstructions import of_the_grasp, of_the_way
+from nlpgrasp.solution.obstructions import approach_obstructions, grasp_obstructions
 
 KNOWN = 12  # best grasps whose neighbours are computed
 PLACES = 48  # positions tried per contact
@@ -37,7 +37,7 @@ _Filled = tuple[StartGrasp, FoundGrasp]
 
 
 @dataclass(frozen=True)
-class Keeping:
+class KeepOptions:
     """Number and distinctness of the grasps that a solve keeps.
 
     Parameters
@@ -56,10 +56,10 @@ class Keeping:
         object.__setattr__(self, "distinct", share("distinct", self.distinct))
 
 
-ONE = Keeping()
+ONE = KeepOptions()
 
 
-class Collection:
+class GraspCollection:
     """Distinct grasps kept beside the answer, processed by the workers while the answer is completed.
 
     That are the ends of the starts, distinct from each other and from the answer, the best first. Where these are too
@@ -73,13 +73,13 @@ class Collection:
     stop : Stop
     """
 
-    def __init__(self, runner: Runner, keeping: Keeping, stop: Stop) -> None:
+    def __init__(self, runner: StartRunner, keeping: KeepOptions, stop: Deadline) -> None:
         self._runner, self._stop = runner, stop
-        self._kept = Distinct(Likeness(runner.bench, keeping.distinct), keeping.count)
+        self._kept = DistinctGrasps(GraspEquivalence(runner.bench, keeping.distinct), keeping.count)
         self._ends: Callable[[], list[FoundGrasp]] = list
         self._filled: list[FoundGrasp] = []
         self._least = 0.0
-        self._waiting: Iterator[Placed] = iter(())
+        self._waiting: Iterator[GraspCandidate] = iter(())
         self._begun: Callable[[], list[_Filled | None]] | None = None
 
     def begin(self, best: StartGrasp, results: Sequence[StartResult]) -> None:
@@ -91,7 +91,7 @@ class Collection:
         solved.sort(key=lambda r: (not r.solved, -r.record.mu.lower, r.record.index))
         for start in solved:
             kept.offer(start)
-        self._ends = runner.begin(partial(_finished, stop=stop), kept.grasps[1:])
+        self._ends = runner.begin(partial(_finish, stop=stop), kept.grasps[1:])
         self._least = HALF * max(r.record.mu.lower for r in (best, *solved[:1]))
         full = kept.missing <= 0 or not runner.bench.follows_contacts or stop.requested()
         self._waiting = iter(()) if full else _met(runner, kept, stop)
@@ -112,7 +112,7 @@ class Collection:
         def order(grasp: FoundGrasp) -> tuple[bool, bool, bool, float]:
             bounds = grasp.robust.mu if by_robust and grasp.robust is not None else grasp.mu
             fragile = weighs and not by_robust and grasp.is_fragile
-            return bool(of_the_grasp(grasp.hand)), bool(of_the_way(grasp.hand)), fragile, -bounds.lower
+            return bool(grasp_obstructions(grasp.hand)), bool(approach_obstructions(grasp.hand)), fragile, -bounds.lower
 
         return tuple(sorted(found, key=order))
 
@@ -120,19 +120,21 @@ class Collection:
         """Begin to certify and finish about as many as are missing; None without candidates or time."""
         if self._kept.missing <= 0 or self._stop.requested():
             return None
-        batch: list[Placed] = []
+        batch: list[GraspCandidate] = []
         for placed in self._waiting:
             if not self._kept.has(placed) and not self._kept.alike(placed, batch):
                 batch.append(placed)
             if len(batch) >= SHORT * self._kept.missing:
                 break
-        return self._runner.begin(partial(_as_it_is, least=self._least, stop=self._stop), batch) if batch else None
+        return (
+            self._runner.begin(partial(_finish_unrefined, least=self._least, stop=self._stop), batch) if batch else None
+        )
 
 
-class Distinct:
+class DistinctGrasps:
     """Set of pairwise distinct grasps."""
 
-    def __init__(self, likeness: Likeness, most: int) -> None:
+    def __init__(self, likeness: GraspEquivalence, most: int) -> None:
         self._likeness, self._most = likeness, most
         self.grasps: list[StartGrasp] = []
 
@@ -141,11 +143,11 @@ class Distinct:
         """Number of grasps that can still be added."""
         return self._most - len(self.grasps)
 
-    def has(self, placed: Placed) -> bool:
+    def has(self, placed: GraspCandidate) -> bool:
         """Return whether a placement is equivalent to one in the set."""
         return any(self._likeness.alike(placed, other.found.placed) for other in self.grasps)
 
-    def alike(self, placed: Placed, others: Sequence[Placed]) -> bool:
+    def alike(self, placed: GraspCandidate, others: Sequence[GraspCandidate]) -> bool:
         """Return whether a placement is equivalent to one of some others."""
         return any(self._likeness.alike(placed, other) for other in others)
 
@@ -157,7 +159,7 @@ class Distinct:
         return taken
 
 
-def neighbours(bench: Workbench, known: Sequence[Placed], count: int) -> list[Placed]:
+def neighbouring_grasps(bench: CompiledProblem, known: Sequence[GraspCandidate], count: int) -> list[GraspCandidate]:
     """Return up to ``count`` grasps that differ from a known one in one contact, the best first.
 
     They keep the constraints, and exert the task as far as an upper bound on their mu tells. For problems whose hand,
@@ -170,7 +172,7 @@ def neighbours(bench: Workbench, known: Sequence[Placed], count: int) -> list[Pl
         The best first.
     count : int
     """
-    drawn = [_moved(bench, placed) for placed in known[:KNOWN]]
+    drawn = [_relocate_contacts(bench, placed) for placed in known[:KNOWN]]
     points = np.concatenate([moved.points for moved in drawn])
     normals = np.concatenate([moved.normals for moved in drawn])
     faces = np.concatenate([moved.faces for moved in drawn])
@@ -178,16 +180,16 @@ def neighbours(bench: Workbench, known: Sequence[Placed], count: int) -> list[Pl
     allowed = np.flatnonzero(bench.rows.violations(points, normals, hand) <= FEASIBLE)
     if not len(allowed):
         return []
-    worth = scores(bench, points[allowed], normals[allowed])
+    worth = sampled_quality(bench, points[allowed], normals[allowed])
     best = allowed[np.argsort(-worth, kind="stable")[: SCREENED * count]]
     stack = GraspStack(points[best], normals[best], bench.problem.models, bench.problem.origin)
     bound = screen(stack, bench.problem.task, force_budget=bench.screening_budget)
     order = [int(i) for i in np.argsort(-bound, kind="stable") if bound[i] > 0.0]
     chosen = best[order[:count]]
-    return [Placed(tuple(faces[i]), points[i], {name: v[i] for name, v in hand.items()}) for i in chosen]
+    return [GraspCandidate(tuple(faces[i]), points[i], {name: v[i] for name, v in hand.items()}) for i in chosen]
 
 
-def _moved(bench: Workbench, placed: Placed) -> Drawn:
+def _relocate_contacts(bench: CompiledProblem, placed: GraspCandidate) -> RandomContacts:
     """Return a grasp with each contact in turn at points spread over the faces that it may use."""
     k, count = len(placed.faces), PLACES * len(placed.faces)
     points, normals = (np.stack([a] * count) for a in (placed.points, bench.inward_normals(placed)))
@@ -201,38 +203,38 @@ def _moved(bench: Workbench, placed: Placed) -> Drawn:
             cloud.normals[where],
             cloud.faces[where],
         )
-    return Drawn(points, normals, faces)
+    return RandomContacts(points, normals, faces)
 
 
-def _met(runner: Runner, kept: Distinct, stop: Stop) -> Iterator[Placed]:
+def _met(runner: StartRunner, kept: DistinctGrasps, stop: Deadline) -> Iterator[GraspCandidate]:
     """Yield candidates of a coordinate exchange, then the best neighbours of the grasps kept so far."""
     bench, count = runner.bench, MET * kept.missing
     if not stop.requested():
         yield from exchanged_candidates(bench, np.random.default_rng(0), count=count)
-    yield from neighbours(bench, [start.found.placed for start in kept.grasps], count)
+    yield from neighbouring_grasps(bench, [start.found.placed for start in kept.grasps], count)
 
 
-def _as_it_is(bench: Workbench, placed: Placed, least: float, stop: Stop) -> _Filled | None:
+def _finish_unrefined(bench: CompiledProblem, placed: GraspCandidate, least: float, stop: Deadline) -> _Filled | None:
     """Return a placement on the body itself, certified and finished; None where infeasible or below the least mu."""
     found = certify_as_is(bench, WarmStart(placed), 0)
     if found is None or found.record.mu.lower < least:
         return None
-    return found, replace(_finished(bench, found, stop), start=None)
+    return found, replace(_finish(bench, found, stop), start=None)
 
 
-def _finished(bench: Workbench, start: StartGrasp, stop: Stop) -> FoundGrasp:
+def _finish(bench: CompiledProblem, start: StartGrasp, stop: Deadline) -> FoundGrasp:
     """Return a grasp with its forces, and where time permits its robustness and pregrasp, if requested."""
     placed, grasp = start.found.placed, start.found.grasp
-    with one_thread():
+    with single_thread():
         if stop.requested():
-            return _told(bench, replace(start, hand=hand_posture(bench, start)), start.robust)
+            return _kept_grasp_record(bench, replace(start, hand=hand_posture(bench, start)), start.robust)
         robust = start.robust
         if robust is None and bench.options.weighs_fragility:
-            robust = attempted(lambda: robustness(bench, placed, grasp, quickly=True))
-        return _told(bench, start if start.hand else approached(bench, start), robust)
+            robust = none_on_failure(lambda: robustness(bench, placed, grasp, quickly=True))
+        return _kept_grasp_record(bench, start if start.hand else add_hand_record(bench, start), robust)
 
 
-def _told(bench: Workbench, start: StartGrasp, robust: Robustness | None) -> FoundGrasp:
+def _kept_grasp_record(bench: CompiledProblem, start: StartGrasp, robust: Robustness | None) -> FoundGrasp:
     found, bounds = start.found, start.record.mu
     exerted = least_forces(bench.problem, found.grasp, bench.budget(found.placed), bounds)
     return FoundGrasp(

@@ -15,7 +15,7 @@ from nlpgrasp.solution.force_records import ForcesNeeded
 
 
 @dataclass(frozen=True)
-class Exerted:
+class ExertedForces:
     """Least finger forces for some of the task's extreme wrenches.
 
     Parameters
@@ -33,7 +33,7 @@ class Exerted:
     needed: ForcesNeeded | None
 
 
-def least_forces(problem: GraspProblem, grasp: Grasp, budget: ForceBudget, bounds: Bounds) -> Exerted:
+def least_forces(problem: GraspProblem, grasp: Grasp, budget: ForceBudget, bounds: Bounds) -> ExertedForces:
     """Return the least forces, and moments if any, for the task's extreme wrenches, and those of the whole task.
 
     The hardest wrench is the one, of these and of the one that the task asks for in the certificate's worst direction,
@@ -61,9 +61,9 @@ def least_forces(problem: GraspProblem, grasp: Grasp, budget: ForceBudget, bound
     told = tuple((wrenches[i], forces[i]) for i in listed)
     turned = tuple(moments[i] for i in listed) if turning else ()
     if share <= 0.0 or not able.size:
-        return Exerted(told, turned, None)
+        return ExertedForces(told, turned, None)
     hardest = int(able[np.argmax(found.used[able])])
     turn = moments[hardest] / share if turning else None
     whole = [forces[i] / share for i in listed]
     needed = ForcesNeeded.of(grasp, wrenches[hardest] / share, forces[hardest] / share, turn, whole, bounds)
-    return Exerted(told, turned, replace(needed, within=needed.is_within(problem.max_force)))
+    return ExertedForces(told, turned, replace(needed, within=needed.is_within(problem.max_force)))

@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from nlpgrasp.common.deadline import Stop
+from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.hands import URDFHand
-from nlpgrasp.optimize.candidate import AscentState
-from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.candidate import SearchState
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.kkt_point import LocalOptimum, local_optimum, residuals_at
-from nlpgrasp.optimize.processes import one_thread
-from nlpgrasp.optimize.projection import TOUCHING, on_triangles, put_on_body
-from nlpgrasp.optimize.refine import PASSES, Margins, missing_clearance
+from nlpgrasp.optimize.processes import single_thread
+from nlpgrasp.optimize.projection import TOUCHING, fix_to_triangles, put_on_body
+from nlpgrasp.optimize.refine import PASSES, JointLimitMargins, missing_clearance
 from nlpgrasp.optimize.robustness import robustness
 from nlpgrasp.optimize.start_result import StartGrasp
 from nlpgrasp.quality import mu
@@ -22,7 +22,7 @@ LOSS = 5e-3  # relative decrease of mu accepted at the optimum, whose constraint
 STEP = "then IPOPT on the program"  # message of a start
 
 
-def at_local_optimum(bench: Workbench, best: StartGrasp, stop: Stop) -> StartGrasp:
+def converge_to_optimum(bench: CompiledProblem, best: StartGrasp, stop: Deadline) -> StartGrasp:
     """Return the answer at the nearest local optimum, or unchanged; with its KKT residuals, and the reason if large.
 
     On a mesh each contact stays on its triangle, and joints that have room to their limits keep it.
@@ -36,28 +36,28 @@ def at_local_optimum(bench: Workbench, best: StartGrasp, stop: Stop) -> StartGra
     """
     if not best.solved or stop.requested():
         return best
-    with one_thread():
+    with single_thread():
         try:
-            return _moved(bench, best, stop)
+            return _converge(bench, best, stop)
         except (RuntimeError, ArithmeticError, ValueError):
             return best
 
 
-def _moved(bench: Workbench, best: StartGrasp, stop: Stop) -> StartGrasp:
+def _converge(bench: CompiledProblem, best: StartGrasp, stop: Deadline) -> StartGrasp:
     placed = best.found.placed
     if np.array_equal(best.ascended.points, placed.points):
         placed = replace(placed, faces=best.ascended.faces)  # which of two triangles a contact on their edge belongs to
-    own, here = on_triangles(bench, placed)
-    own, begin = _with_room(own, best), here
-    reason, places, short = _why_not(bench), [here.points], np.zeros(len(bench.rows.named))
+    own, here = fix_to_triangles(bench, placed)
+    own, begin = _with_margins(own, best), here
+    reason, places, short = _reason_for_none(bench), [here.points], np.zeros(len(bench.rows.named))
     if bench.hand_points.has_flat_tips and own.violation(here) > TOUCHING:
         reason = "flat fingertips touch the mesh in edges or corners, whose normals are none of its triangles'"
     for _ in range(0 if reason else PASSES):
         found = local_optimum(own.with_clearance(short) if short.any() else own, begin, stop)
         if found is None:
             break
-        end = _end(bench, best, own, found, stop)
-        reason = _why_worse(bench, best, end)
+        end = _result_at_optimum(bench, best, own, found, stop)
+        reason = _rejection_reason(bench, best, end)
         if not reason:
             return end
         less = missing_clearance(bench, end.found)
@@ -65,14 +65,14 @@ def _moved(bench: Workbench, best: StartGrasp, stop: Stop) -> StartGrasp:
             begin = replace(begin, points=found.placed.points, hand=found.placed.hand)
         if any(row.value < row.lower for row in end.found.beside):
             places.append(found.placed.points)
-            own = _with_room(on_triangles(bench, here, places)[0], best)
+            own = _with_margins(fix_to_triangles(bench, here, places)[0], best)
         elif not less.any() or stop.requested():
             break
         short += less
     return replace(best, kkt=replace(residuals_at(own, here), reason=reason))
 
 
-def _why_not(bench: Workbench) -> str:
+def _reason_for_none(bench: CompiledProblem) -> str:
     """Return the reason why there is no final step, as text; empty where there is one."""
     if bench.options.maximise_robust:
         return "the contacts are where the worst placement is best, not where mu is"
@@ -83,7 +83,7 @@ def _why_not(bench: Workbench) -> str:
     return ""
 
 
-def _why_worse(bench: Workbench, best: StartGrasp, end: StartGrasp) -> str:
+def _rejection_reason(bench: CompiledProblem, best: StartGrasp, end: StartGrasp) -> str:
     """Return the reason why the result of the final step is rejected, as text; empty where it is not."""
     if end.record.obstruction:
         return f"at the local optimum next to this grasp {end.record.obstruction}"
@@ -101,16 +101,18 @@ def _is_fragile(start: StartGrasp) -> bool:
     return start.robust is not None and start.robust.is_fragile(start.record.mu)
 
 
-def _with_room(bench: Workbench, best: StartGrasp) -> Workbench:
+def _with_margins(bench: CompiledProblem, best: StartGrasp) -> CompiledProblem:
     """Return the compiled problem with joint limits narrowed by the margins that the answer's joints keep."""
     hand, margin = bench.problem.hand, bench.options.joint_margin
     if not isinstance(hand, URDFHand) or not bench.options.seeks_room:
         return bench
-    margins = Margins.of(hand, margin)
+    margins = JointLimitMargins.of(hand, margin)
     return bench.with_joints(margins.narrowed(~margins.lacking(best.found.placed.hand["joints"])))
 
 
-def _end(bench: Workbench, best: StartGrasp, own: Workbench, found: LocalOptimum, stop: Stop) -> StartGrasp:
+def _result_at_optimum(
+    bench: CompiledProblem, best: StartGrasp, own: CompiledProblem, found: LocalOptimum, stop: Deadline
+) -> StartGrasp:
     """Return the optimum as the answer's result: put on the body, certified, measured."""
     problem, before = bench.problem, best.record
     on_body = put_on_body(bench, own, found.placed, best.ascended.points)
@@ -119,7 +121,7 @@ def _end(bench: Workbench, best: StartGrasp, own: Workbench, found: LocalOptimum
     deadline = stop.certificate_deadline()
     bounds = mu(grasp, problem.task, rtol, force_budget=bench.budget(placed), deadline=deadline)
     rows = np.array([row.scale for row in bench.rows.named])
-    state = AscentState(placed, multipliers=found.prices * bench.scaling.beta * rows, effort=found.effort)
+    state = SearchState(placed, multipliers=found.prices * bench.scaling.beta * rows, effort=found.effort)
     end = StartGrasp.of(bench, before.index, on_body, bounds, state, before.message, origin=before.origin)
     record = replace(
         end.record,

@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from nlpgrasp.common.deadline import Stop
+from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.base import Values
-from nlpgrasp.optimize.candidate import Placed
-from nlpgrasp.optimize.compiled_problem import FEASIBLE, Workbench
+from nlpgrasp.optimize.candidate import GraspCandidate
+from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
 from nlpgrasp.optimize.coordinate_exchange import screening_directions
-from nlpgrasp.optimize.grasp_on_body import near_edges
+from nlpgrasp.optimize.grasp_on_body import edge_margin_violation
 from nlpgrasp.quality.grasp import GraspStack
 from nlpgrasp.quality.screening import sampled_ratios, screening_score
 from nlpgrasp.quality.weakest_directions import QUICK, weakest_directions
@@ -37,8 +37,8 @@ STILL = 1e-9  # metres per unit: variables that move a fingertip less count as n
 
 
 def walked(
-    bench: Workbench, placed: Placed, normals: FloatArray, rng: np.random.Generator, stop: Stop
-) -> Placed | None:
+    bench: CompiledProblem, placed: GraspCandidate, normals: FloatArray, rng: np.random.Generator, stop: Deadline
+) -> GraspCandidate | None:
     """Return a hand on a mesh with its fingers moved to better mesh points within reach; None where none are better.
 
     Constraints and clearances are kept on the mesh itself, or broken by no more than at the start.
@@ -54,14 +54,14 @@ def walked(
     rng : numpy.random.Generator
     stop : Stop
     """
-    best = start = Held(placed, normals)
-    walking, reach = _Walking(bench, start, rng), FIRST_REACH
+    best = start = MeshTouch(placed, normals)
+    walking, reach = _FingerSearch(bench, start, rng), FIRST_REACH
     for _ in range(SWEEPS):
         if stop.requested() or reach < LAST_REACH:
             break
         walking.sweep(reach * bench.scaling.length)
         walking.look()
-        if walking.score(walking.held) > _enough(walking.score(best)):
+        if walking.score(walking.held) > _least_improvement(walking.score(best)):
             best = walking.held
         else:
             walking.held = best
@@ -70,7 +70,7 @@ def walked(
 
 
 @dataclass(frozen=True)
-class Held:
+class MeshTouch:
     """Contacts on a mesh and the hand touching it there.
 
     Parameters
@@ -80,11 +80,11 @@ class Held:
         Inward.
     """
 
-    placed: Placed
+    placed: GraspCandidate
     normals: FloatArray
 
 
-class Scored:
+class LearnedScore:
     """Sampled quality with a growing set of weak directions.
 
     Parameters
@@ -93,7 +93,7 @@ class Scored:
     rng : numpy.random.Generator
     """
 
-    def __init__(self, bench: Workbench, rng: np.random.Generator) -> None:
+    def __init__(self, bench: CompiledProblem, rng: np.random.Generator) -> None:
         self._bench, self._rng = bench, rng
         self._screening = screening_directions(bench)
         self._cuts = self._screening[:0]
@@ -115,27 +115,27 @@ class Scored:
         return screening_score(sampled_ratios(stack, problem.task, y, self._bench.screening_budget))
 
 
-class _Walking:
+class _FingerSearch:
     """State of a hand's local search on a mesh, one finger at a time."""
 
-    def __init__(self, bench: Workbench, start: Held, rng: np.random.Generator) -> None:
+    def __init__(self, bench: CompiledProblem, start: MeshTouch, rng: np.random.Generator) -> None:
         self.bench, self.held, self.rng = bench, start, rng
-        self._scored = Scored(bench, rng)
+        self._scored = LearnedScore(bench, rng)
         self.look()
         hand = bench.hand_points.posed_hand
         variables = hand.variables(bench.problem.body.bounds)
         self._limits = np.concatenate([v.lower for v in variables]), np.concatenate([v.upper for v in variables])
         self._radii = np.asarray(hand.tip_radii)
-        self._own = _moved_alone(bench, start.placed)
+        self._own = _single_finger_variables(bench, start.placed)
         self._allowed = max(ALLOWED, self._broken(start))
 
     def look(self) -> None:
         """Add the directions in which the grasp is weak."""
         self._scored.look(self.held.placed.points, self.held.normals)
 
-    def score(self, held: Held) -> float:
+    def score(self, held: MeshTouch) -> float:
         """Return the sampled quality of a grasp over the known directions, less the penalty for sharp edges."""
-        near = float(np.sum(near_edges(self.bench.problem, held.placed)))
+        near = float(np.sum(edge_margin_violation(self.bench.problem, held.placed)))
         return float(self._scored.of(held.placed.points[None], held.normals[None])[0]) - OFF_EDGES * near
 
     def sweep(self, reach: float) -> None:
@@ -154,9 +154,9 @@ class _Walking:
             near = self.rng.choice(near, TRIALS, replace=False)
         points, normals = (np.repeat(v[None], near.size, axis=0) for v in (held.placed.points, held.normals))
         points[:, i], normals[:, i] = cloud.points[near], cloud.normals[near]
-        others = np.delete(near_edges(self.bench.problem, held.placed), i)
+        others = np.delete(edge_margin_violation(self.bench.problem, held.placed), i)
         scores = self._scored.of(points, normals) - OFF_EDGES * float(np.sum(others))
-        least = _enough(self.score(held))
+        least = _least_improvement(self.score(held))
         for j in np.argsort(-scores, kind="stable")[:TRIED]:
             if scores[j] <= least:
                 return
@@ -165,7 +165,7 @@ class _Walking:
                 self.held = found
                 return
 
-    def _there(self, i: int, goal: FloatArray) -> Held | None:
+    def _there(self, i: int, goal: FloatArray) -> MeshTouch | None:
         """Return the hand with the centre of tip i at a point, touching the mesh there; None where it cannot."""
         bench, held = self.bench, self.held
         hand = self._reaching(i, goal)
@@ -177,7 +177,7 @@ class _Walking:
             return None
         points, normals = held.placed.points.copy(), held.normals.copy()
         points[i], normals[i] = contact, (contact - centre) / distance
-        found = Held(replace(held.placed, points=points, hand=hand), normals)
+        found = MeshTouch(replace(held.placed, points=points, hand=hand), normals)
         return found if self._broken(found) <= self._allowed else None
 
     def _reaching(self, i: int, goal: FloatArray) -> Values:
@@ -189,9 +189,9 @@ class _Walking:
                 break
             J = slopes[:, own]
             step = J.T @ np.linalg.solve(J @ J.T + DAMPING * np.eye(3), goal - centre)
-            z = _joined(hand)
+            z = _hand_vector(hand)
             z[own] += step * min(1.0, LONGEST / max(float(np.max(np.abs(step))), 1e-12))
-            hand = _parted(np.clip(z, *self._limits), hand)
+            hand = _split_variables(np.clip(z, *self._limits), hand)
         return hand
 
     def _tip(self, hand: Values, i: int) -> tuple[FloatArray, FloatArray]:
@@ -199,28 +199,28 @@ class _Walking:
         places, slopes = self.bench.hand_points.tip_motion(*hand.values())
         return places.full()[:, i], slopes.full()[3 * i : 3 * i + 3]
 
-    def _broken(self, held: Held) -> float:
+    def _broken(self, held: MeshTouch) -> float:
         """Return the largest constraint violation, with distances from the mesh itself."""
         values = self.bench.row_values(held.placed, held.normals)
         return float(self.bench.rows.excess(values[None])[0])
 
 
-def _enough(score: float) -> float:
+def _least_improvement(score: float) -> float:
     """Return the least score that counts as an improvement over a score."""
     return score + GAIN * abs(score)
 
 
-def _moved_alone(bench: Workbench, placed: Placed) -> NDArray[np.bool_]:
+def _single_finger_variables(bench: CompiledProblem, placed: GraspCandidate) -> NDArray[np.bool_]:
     """Return the mask of the hand's variables that move only one finger, for each finger, (k, m)."""
     slopes = np.abs(bench.hand_points.tip_motion(*placed.hand.values())[1].full())
     moves = slopes.reshape(len(placed.points), 3, -1).max(axis=1) > STILL
     return np.asarray(moves & (np.sum(moves, axis=0) == 1))
 
 
-def _joined(hand: Values) -> FloatArray:
+def _hand_vector(hand: Values) -> FloatArray:
     return np.concatenate(list(hand.values()))
 
 
-def _parted(z: FloatArray, like: Values) -> Values:
+def _split_variables(z: FloatArray, like: Values) -> Values:
     ends = np.cumsum([len(v) for v in like.values()])[:-1]
     return dict(zip(like, np.split(z, ends), strict=True))

@@ -13,14 +13,14 @@ from pathlib import Path
 
 from nlpgrasp.bodies import Box, Mesh, Prism
 from nlpgrasp.budgets import L2Budget
-from nlpgrasp.common.deadline import Interrupt, Stop
+from nlpgrasp.common.deadline import Deadline, InterruptHandler
 from nlpgrasp.common.validation import number, share
 from nlpgrasp.errors import InputError
-from nlpgrasp.global_bound.allowed_regions import relaxed
+from nlpgrasp.global_bound.allowed_regions import relaxed_problem
 from nlpgrasp.global_bound.best_possible_result import BestPossible
 from nlpgrasp.global_bound.branch_and_bound import BranchAndBound
 from nlpgrasp.global_bound.scope import scope_of
-from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.compiled_programs import follows_contacts
 from nlpgrasp.optimize.options import SolveOptions
 from nlpgrasp.optimize.start import run_start
@@ -91,15 +91,19 @@ def best_possible(
     begun, best = time.monotonic(), None
     tree = BranchAndBound(problem, gap)
     with tempfile.TemporaryDirectory(prefix="nlpgrasp-") as folder:
-        stop = Stop(None if limit is None else begun + limit, Path(folder) / "stop")
-        with Interrupt(stop):
+        stop = Deadline(None if limit is None else begun + limit, Path(folder) / "stop")
+        with InterruptHandler(stop):
             tree.grow(0)
-            bench = Workbench(relaxed(problem), SolveOptions(workers=1, rtol=min(ROUGH, gap)))
+            bench = CompiledProblem(relaxed_problem(problem), SolveOptions(workers=1, rtol=min(ROUGH, gap)))
             starts, due = 0, 0
             while not (tree.searched or stop.requested()):
                 if tree.nodes >= due or starts < FIRST:
                     found = run_start(bench, starts, 0, stop, tree.relaxed_placements(OFFERED))
-                    best, starts, due = _better(bench, best, found, gap), starts + 1, max(LEAST, 2 * tree.nodes)
+                    best, starts, due = (
+                        _better_certified(bench, best, found, gap),
+                        starts + 1,
+                        max(LEAST, 2 * tree.nodes),
+                    )
                     tree.expect(0.0 if best is None else best.record.mu.lower)
                 else:
                     tree.grow(1, stop.requested)
@@ -122,7 +126,9 @@ def best_possible(
     )
 
 
-def _better(bench: Workbench, best: StartGrasp | None, found: StartResult, gap: float) -> StartGrasp | None:
+def _better_certified(
+    bench: CompiledProblem, best: StartGrasp | None, found: StartResult, gap: float
+) -> StartGrasp | None:
     """Return the better of the best grasp so far and what a start ended with, certified as narrowly as the gap asks."""
     if not (isinstance(found, StartGrasp) and found.solved):
         return best
@@ -133,7 +139,7 @@ def _better(bench: Workbench, best: StartGrasp | None, found: StartResult, gap: 
     return better if best is None or better.record.mu.lower > best.record.mu.lower else best
 
 
-def bounding(problem: GraspProblem, options: SolveOptions) -> BranchAndBound | None:
+def start_bound(problem: GraspProblem, options: SolveOptions) -> BranchAndBound | None:
     """Return a branch and bound before its first node; None where it does not cover the problem or is not wanted."""
     if not options.global_bound:
         return None
@@ -143,7 +149,7 @@ def bounding(problem: GraspProblem, options: SolveOptions) -> BranchAndBound | N
         return None
 
 
-def nodes_of(problem: GraspProblem, starts: int) -> int:
+def node_count(problem: GraspProblem, starts: int) -> int:
     """Return the number of nodes of the short branch and bound for a number of starts."""
     flat, mesh = isinstance(problem.body, Box | Prism), isinstance(problem.body, Mesh)
     share = _share(problem, starts)
@@ -164,7 +170,7 @@ def _share(problem: GraspProblem, starts: int) -> float:
     return min(1.0, (ONE_OF_FLAT if flat else ONE) + EACH * (starts - 1))
 
 
-def why_not_bounded(problem: GraspProblem) -> str:
+def missing_bound_reason(problem: GraspProblem) -> str:
     """Return the reason why there is no global bound for a problem, as text."""
     try:
         scope_of(problem)

@@ -9,11 +9,11 @@ import numpy as np
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.global_bound.symmetry import keeps, motions_of, turn_about, wrench_map
+from nlpgrasp.global_bound.symmetry import leaves_invariant, motions_of, unit_rotation, wrench_map
 from nlpgrasp.hands import PosedHand
-from nlpgrasp.optimize.candidate import Placed
-from nlpgrasp.optimize.compiled_problem import Workbench
-from nlpgrasp.optimize.coordinate_exchange import random_placements
+from nlpgrasp.optimize.candidate import GraspCandidate
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
+from nlpgrasp.optimize.coordinate_exchange import draw_contacts
 
 SAME = 1e-6  # tolerance of a symmetry, relative to the body's size and to the constraints' scales
 LOOKED_AT = 128  # random placements at which a symmetry is tested
@@ -22,7 +22,7 @@ TINY = 1e-9  # over the body's size: shorter vectors have no direction
 Motion = tuple[FloatArray, FloatArray]  # R (space, space), t (space,): p -> R p + t
 
 
-class Likeness:
+class GraspEquivalence:
     """Equivalence test for grasps of one problem.
 
     Parameters
@@ -40,7 +40,7 @@ class Likeness:
     turn that brings two grasps a little nearer may be missed, and they count as two.
     """
 
-    def __init__(self, bench: Workbench, distinct: float) -> None:
+    def __init__(self, bench: CompiledProblem, distinct: float) -> None:
         problem = bench.problem
         self._hand = problem.hand if isinstance(problem.hand, PosedHand) else None
         self._limit, self._tiny = distinct * problem.body.size, TINY * problem.body.size
@@ -48,11 +48,14 @@ class Likeness:
         kinds = [(model, problem.allowed_faces(i)) for i, model in enumerate(problem.models)]
         self._apart = np.array([[0.0 if one == other else np.inf for other in kinds] for one in kinds])
 
-    def alike(self, one: Placed, other: Placed) -> bool:
+    def alike(self, one: GraspCandidate, other: GraspCandidate) -> bool:
         """Return whether two grasps are equivalent."""
         if self._hand is not None and self._posed_apart(self._hand.describe(one.hand), self._hand.describe(other.hand)):
             return False
-        if np.max(np.abs(_spans(one.points) - _spans(other.points)), initial=0.0) > 2.0 * self._limit:
+        if (
+            np.max(np.abs(_sorted_distances(one.points) - _sorted_distances(other.points)), initial=0.0)
+            > 2.0 * self._limit
+        ):
             return False  # whatever the motion: distances between contacts stay
         images = self._images(one.points, other.points)
         return any(self._matched(image, other.points) for image in images)
@@ -170,7 +173,7 @@ class Symmetries:
         Whether it can be turned about any axis.
     """
 
-    def __init__(self, bench: Workbench) -> None:
+    def __init__(self, bench: CompiledProblem) -> None:
         problem = bench.problem
         space = problem.body.space
         self._bench, nothing = bench, np.zeros(space)
@@ -180,9 +183,9 @@ class Symmetries:
         directed = any(model.turned(np.eye(space)) is not model for model in problem.models)
         if not bench.follows_contacts or problem.budget.depends_on_frames or directed or isinstance(problem.body, Mesh):
             return
-        drawn = random_placements(bench, LOOKED_AT, np.random.default_rng(0))
+        drawn = draw_contacts(bench, LOOKED_AT, np.random.default_rng(0))
         self._drawn = drawn.points, drawn.normals, self._violations(drawn.points, drawn.normals)
-        axes = [axis for axis in np.eye(3) if space == 3 and self._keeps_all(turn_about(axis), nothing)]
+        axes = [axis for axis in np.eye(3) if space == 3 and self._keeps_all(unit_rotation(axis), nothing)]
         self.axis, self.is_round = axes[0] if axes else None, len(axes) > 1
         for rotation, translation in motions_of(problem.body):
             known = any(self._kind(rotation, translation) == self._kind(*motion) for motion in self.motions)
@@ -202,7 +205,7 @@ class Symmetries:
         """Return whether a motion leaves task, allowed contact regions and constraints unchanged."""
         problem = self._bench.problem
         moved = float(np.max(np.abs(rotation @ problem.origin + translation - problem.origin)))
-        if moved > SAME * problem.body.size or not keeps(problem.task, wrench_map(rotation)):
+        if moved > SAME * problem.body.size or not leaves_invariant(problem.task, wrench_map(rotation)):
             return False
         points, normals, violations = self._drawn
         images = points @ rotation.T + translation
@@ -226,7 +229,7 @@ class Symmetries:
         return np.asarray(self._bench.rows.violations(points, normals, hand))
 
 
-def _spans(points: FloatArray) -> FloatArray:
+def _sorted_distances(points: FloatArray) -> FloatArray:
     """Return the distances between each two of the points (k, space), sorted, metres."""
     i, j = np.triu_indices(len(points), 1)
     return np.asarray(np.sort(np.linalg.norm(points[i] - points[j], axis=1)))

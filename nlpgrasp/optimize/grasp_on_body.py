@@ -10,8 +10,8 @@ import numpy as np
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.scalar_constraints import EDGE_MARGIN, ROOM, Label
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.optimize.candidate import Placed
-from nlpgrasp.optimize.compiled_problem import FEASIBLE, Workbench
+from nlpgrasp.optimize.candidate import GraspCandidate
+from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
 from nlpgrasp.problem.candidate_constraints import FITS
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.grasp import Grasp
@@ -22,7 +22,7 @@ ACTIVE = 1e-4  # relative to a constraint's scale: distance from a limit at whic
 
 
 @dataclass(frozen=True)
-class OnBody:
+class GraspOnBody:
     """Grasp on the body itself, with the body's own normals and its constraint values.
 
     Parameters
@@ -41,18 +41,20 @@ class OnBody:
         What is asked of each contact by itself: the margin from sharp edges, on a mesh room for its fingertip.
     """
 
-    placed: Placed
+    placed: GraspCandidate
     grasp: Grasp
     values: FloatArray
     violation: float
     surface: SurfaceMatch | None = None
-    beside: tuple[AtLeast, ...] = ()
+    beside: tuple[LowerLimit, ...] = ()
 
     @classmethod
-    def of(cls, bench: Workbench, placed: Placed, grasp: Grasp, surface: SurfaceMatch | None = None) -> OnBody:
+    def of(
+        cls, bench: CompiledProblem, placed: GraspCandidate, grasp: Grasp, surface: SurfaceMatch | None = None
+    ) -> GraspOnBody:
         """Return a grasp with its constraint values and largest violation."""
         values = bench.row_values(placed, grasp.normals)
-        own = tuple(beside(bench.problem, placed, grasp.normals))
+        own = tuple(contact_constraints(bench.problem, placed, grasp.normals))
         short = max((row.lower - row.value for row in own), default=0.0) / bench.problem.body.size
         return cls(placed, grasp, values, max(float(bench.rows.excess(values[None])[0]), short), surface, own)
 
@@ -62,7 +64,9 @@ class OnBody:
         return self.violation <= (FEASIBLE if self.surface is None else 10.0 * FEASIBLE)
 
 
-def constraint_reports(bench: Workbench, found: OnBody, multipliers: FloatArray) -> tuple[ConstraintReport, ...]:
+def constraint_reports(
+    bench: CompiledProblem, found: GraspOnBody, multipliers: FloatArray
+) -> tuple[ConstraintReport, ...]:
     """Return value, limits, multiplier and activity of every scalar constraint.
 
     The solver's multiplier is the derivative of the minimised ``-beta`` with respect to the row; a limit moved by
@@ -105,7 +109,7 @@ def match_on_mesh(body: Mesh, start: FloatArray, grasp: Grasp, smooth: FloatArra
 
 
 @dataclass(frozen=True)
-class AtLeast:
+class LowerLimit:
     """Length with a lower limit.
 
     Parameters
@@ -120,7 +124,7 @@ class AtLeast:
     lower: float
 
 
-def beside(problem: GraspProblem, placed: Placed, normals: FloatArray) -> Iterator[AtLeast]:
+def contact_constraints(problem: GraspProblem, placed: GraspCandidate, normals: FloatArray) -> Iterator[LowerLimit]:
     """Yield the distances of contacts with inward normals (k, space) from sharp edges, and of tip centres from a mesh.
 
     Nothing is said of a face without sharp edges, of a fingertip that is a point or belongs to a hand with a pose, and
@@ -128,16 +132,16 @@ def beside(problem: GraspProblem, placed: Placed, normals: FloatArray) -> Iterat
     """
     for i, value in enumerate(edge_distances(problem, placed)):
         if np.isfinite(value):
-            yield AtLeast(Label(EDGE_MARGIN, fingers=(i,)), float(value), problem.margin)
+            yield LowerLimit(Label(EDGE_MARGIN, fingers=(i,)), float(value), problem.margin)
     body, hand = problem.body, problem.hand
     if isinstance(body, Mesh) and hand is not None and hand.follows_contacts:
         for i, radius in enumerate(hand.tip_radii):
             if radius > 0.0:
                 centre = placed.points[i] - radius * normals[i]
-                yield AtLeast(Label(ROOM, fingers=(i,)), float(body.clearance(centre[None])[0]), FITS * radius)
+                yield LowerLimit(Label(ROOM, fingers=(i,)), float(body.clearance(centre[None])[0]), FITS * radius)
 
 
-def edge_distances(problem: GraspProblem, placed: Placed) -> FloatArray:
+def edge_distances(problem: GraspProblem, placed: GraspCandidate) -> FloatArray:
     """Return the distance of each contact from its face's sharp edges, (k,), metres; inf where there are none."""
     apart, faces = np.empty(len(placed.points)), np.array(placed.faces)
     for face in set(placed.faces):
@@ -146,7 +150,7 @@ def edge_distances(problem: GraspProblem, placed: Placed) -> FloatArray:
     return apart
 
 
-def near_edges(problem: GraspProblem, placed: Placed) -> FloatArray:
+def edge_margin_violation(problem: GraspProblem, placed: GraspCandidate) -> FloatArray:
     """Return each contact's violation of the margin from sharp edges, (k,), over the body's size."""
     if problem.margin == 0.0:
         return np.zeros(len(placed.points))

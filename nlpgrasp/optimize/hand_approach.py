@@ -1,7 +1,7 @@
 """Pregrasp and approach of the answer's hand, and choice of a grasp with a collision-free approach.
 
 The pregrasp opens the fingers along the contact normals, in stages of growing clearance with Newton steps on the
-constraints (``pregrasp``). The path of the palm to it is computed in ``nlpgrasp.motion``.
+constraints (``find_pregrasp``). The path of the palm to it is computed in ``nlpgrasp.motion``.
 """
 
 from __future__ import annotations
@@ -14,22 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nlpgrasp.bodies import Mesh
-from nlpgrasp.common.deadline import Stop
-from nlpgrasp.common.quadratic_program import Linearised, NewtonRules, restore, step_bounds
+from nlpgrasp.common.deadline import Deadline
+from nlpgrasp.common.quadratic_program import Linearised, NewtonRules, restore_feasibility, step_bounds
 from nlpgrasp.common.scalar_constraints import ON_FINGERTIP
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
-from nlpgrasp.motion.keyframes import keyframes
+from nlpgrasp.motion.keyframes import plan_keyframes
 from nlpgrasp.nlp import HAND
-from nlpgrasp.optimize.compiled_problem import Workbench, hand_of, put_contacts, variables_of
-from nlpgrasp.optimize.cutting_planes import no_cuts
-from nlpgrasp.optimize.final_step import at_local_optimum
-from nlpgrasp.optimize.grasp_on_body import OnBody
-from nlpgrasp.optimize.processes import one_thread
-from nlpgrasp.optimize.refine import Margins
+from nlpgrasp.optimize.compiled_problem import CompiledProblem, hand_of, pack_variables, set_contacts
+from nlpgrasp.optimize.cutting_planes import empty_slots
+from nlpgrasp.optimize.final_step import converge_to_optimum
+from nlpgrasp.optimize.grasp_on_body import GraspOnBody
+from nlpgrasp.optimize.processes import single_thread
+from nlpgrasp.optimize.refine import JointLimitMargins
 from nlpgrasp.optimize.start_result import StartGrasp, StartResult
-from nlpgrasp.solution.obstructions import of_the_way
+from nlpgrasp.solution.obstructions import approach_obstructions
 
 STAGES = 4  # the pregrasp's clearance grows in stages, each with a few Newton steps
 STAGE = NewtonRules(steps=8, enough=1e-6)  # solver units: tolerance of a stage
@@ -40,8 +40,8 @@ T = TypeVar("T")
 IntArray = NDArray[np.intp]
 
 
-def with_free_way(
-    bench: Workbench, best: StartGrasp, results: Sequence[StartResult], stop: Stop
+def choose_free_approach(
+    bench: CompiledProblem, best: StartGrasp, results: Sequence[StartResult], stop: Deadline
 ) -> tuple[StartGrasp, ...]:
     """Return the start that is the answer, with its approach, then others whose approach is blocked.
 
@@ -57,8 +57,8 @@ def with_free_way(
         All of them.
     stop : Stop
     """
-    with one_thread():
-        first = approached(bench, best)
+    with single_thread():
+        first = add_hand_record(bench, best)
         if not first.record.obstruction or not first.solved:
             return (first,)
         blocked = [first]
@@ -66,33 +66,33 @@ def with_free_way(
         for other in sorted(others, key=lambda r: (-r.record.mu.upper, r.record.index)):
             if stop.requested():
                 break
-            found = approached(bench, at_local_optimum(bench, other, stop))
+            found = add_hand_record(bench, converge_to_optimum(bench, other, stop))
             if found.solved and not found.record.obstruction:
                 return (found, *blocked)
             blocked.append(found)
         return tuple(blocked)
 
 
-def approached(bench: Workbench, start: StartGrasp) -> StartGrasp:
+def add_hand_record(bench: CompiledProblem, start: StartGrasp) -> StartGrasp:
     """Return a start with its hand record: posture, pregrasp, phases, penetration of its links."""
     problem, placed = bench.problem, start.found.placed
     hand = hand_posture(bench, start)
     if hand is None:
         return start
     if not bench.follows_contacts:
-        opened = attempted(lambda: pregrasp(bench, start.found, bench.options.pregrasp_clearance))
+        opened = none_on_failure(lambda: find_pregrasp(bench, start.found, bench.options.pregrasp_clearance))
         model, links = problem.hand, bench.link_depths
         if opened is not None and model is not None:
             hand["pregrasp"] = {"clearance": opened.clearance, **model.describe(opened.hand)}
         if isinstance(model, URDFHand) and links is not None:
             before = None if opened is None else opened.hand
-            hand |= attempted(lambda: keyframes(problem, model, placed.hand, before, links)) or {}
+            hand |= none_on_failure(lambda: plan_keyframes(problem, model, placed.hand, before, links)) or {}
     if start.record.obstruction:
         return replace(start, hand=hand)
-    return replace(start, hand=hand, record=replace(start.record, obstruction="; ".join(of_the_way(hand))))
+    return replace(start, hand=hand, record=replace(start.record, obstruction="; ".join(approach_obstructions(hand))))
 
 
-def hand_posture(bench: Workbench, start: StartGrasp) -> dict[str, object] | None:
+def hand_posture(bench: CompiledProblem, start: StartGrasp) -> dict[str, object] | None:
     """Return the hand in the grasp as JSON data, None without any."""
     hand, found = bench.problem.hand, start.found
     if hand is None:
@@ -106,12 +106,12 @@ def hand_posture(bench: Workbench, start: StartGrasp) -> dict[str, object] | Non
     if start.tip_gaps:
         data["tip_gaps"] = list(start.tip_gaps)
     if isinstance(hand, URDFHand) and bench.options.seeks_room:
-        margins, options = Margins.of(hand, bench.options.joint_margin), bench.options
+        margins, options = JointLimitMargins.of(hand, bench.options.joint_margin), bench.options
         data["room"] = margins.room(found.placed.hand["joints"], options.joint_margin, options.room_price).to_dict()
     return data
 
 
-def attempted(work: Callable[[], T]) -> T | None:
+def none_on_failure(work: Callable[[], T]) -> T | None:
     """Return the result of some work, or None where it fails numerically."""
     try:
         return work()
@@ -135,7 +135,7 @@ class Pregrasp:
     hand: Values
 
 
-def pregrasp(bench: Workbench, found: OnBody, clearance: float) -> Pregrasp:
+def find_pregrasp(bench: CompiledProblem, found: GraspOnBody, clearance: float) -> Pregrasp:
     """Return joints that open the hand along the contact normals, free of collision.
 
     The joints move as little as they can while each fingertip goes back by the clearance along its normal, links
@@ -151,22 +151,22 @@ def pregrasp(bench: Workbench, found: OnBody, clearance: float) -> Pregrasp:
     clearance : float
         Metres.
     """
-    opening = _Opening(bench, found)
+    opening = _OpeningConstraints(bench, found)
     best = opening.open(clearance, ("joints",))
     if best.clearance < ENOUGH * clearance:
         best = max(best, opening.open(clearance, ("joints", "palm_position")), key=lambda p: p.clearance)
     return best
 
 
-class _Opening:
+class _OpeningConstraints:
     """Constraints of an opening hand: those of the program, and each fingertip's distance from its contact."""
 
-    def __init__(self, bench: Workbench, found: OnBody) -> None:
+    def __init__(self, bench: CompiledProblem, found: GraspOnBody) -> None:
         self.bench, self.hand, self.normals = bench, found.placed.hand, found.grasp.normals
         self.compiled = bench.exchange.compiled
-        self.theta = no_cuts(bench, found.placed)
-        self.start = variables_of(bench, self.compiled.program, found.placed)
-        put_contacts(bench, self.compiled.program, self.start, found.grasp.points, found.grasp.normals)
+        self.theta = empty_slots(bench, found.placed)
+        self.start = pack_variables(bench, self.compiled.program, found.placed)
+        set_contacts(bench, self.compiled.program, self.start, found.grasp.points, found.grasp.normals)
         own = bench.rows.sources[len(bench.problem.constraints)]
         touching = {i for i in own if bench.rows.named[i].kind == ON_FINGERTIP}
         self.kept = np.array([i for i in range(len(bench.rows.named)) if i not in touching], int)
@@ -197,7 +197,7 @@ class _Opening:
             result[free] = moved
             return result
 
-        found = restore(lambda moved: self._rows(placed(moved), free, back), z[free], STAGE)
+        found = restore_feasibility(lambda moved: self._rows(placed(moved), free, back), z[free], STAGE)
         return placed(found.best) if found.violation <= STAGE.enough else None
 
     def _rows(self, z: FloatArray, free: IntArray, back: float) -> Linearised:

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.optimize.constraint_values import HandPoints, RowValues
-from nlpgrasp.optimize.surface_samples import Cloud, IntArray
+from nlpgrasp.optimize.constraint_values import ConstraintValues, HandPoints
+from nlpgrasp.optimize.surface_samples import IntArray, SampleCloud
 from nlpgrasp.problem.problem import GraspProblem
 
 POSTURES = 2048  # sampled joint configurations
@@ -25,7 +25,7 @@ STILL = 1e-9  # metres: smaller motions of a point count as none
 
 
 @dataclass(frozen=True)
-class Reach:
+class ReachableSamples:
     """Surface samples reachable by each fingertip from a palm pose.
 
     Parameters
@@ -40,7 +40,7 @@ class Reach:
     postures: list[IntArray]
 
 
-class Workspace:
+class HandWorkspace:
     """Random joint configurations with their fingertip and link positions.
 
     Parameters
@@ -53,17 +53,17 @@ class Workspace:
         Of the problem.
     """
 
-    def __init__(self, problem: GraspProblem, hand: HandPoints, rows: RowValues) -> None:
+    def __init__(self, problem: GraspProblem, hand: HandPoints, rows: ConstraintValues) -> None:
         self._hand, self._tree = hand, hand.posed_hand.tree
         lower, upper = self._tree.joint_limits
         self.joints = lower + np.random.default_rng(0).uniform(*SHARES, (POSTURES, len(lower))) * (upper - lower)
         tips, self._normals = self._tree.palm_tips(self.joints), self._tree.palm_normals(self.joints)
-        self._in_cells = [_by_cell(tips[:, i]) for i in range(tips.shape[1])]
+        self._in_cells = [_grid_neighbours(tips[:, i]) for i in range(tips.shape[1])]
         places = self._link_places(self.joints)
         middle = 0.5 * (lower + upper)
         turned = np.concatenate([middle[None], middle + 0.1 * np.diag(upper - lower)])
-        self._moves = _moved(self._tree.palm_tips(turned))
-        links = _moved(self._link_places(turned))
+        self._moves = _differing_points(self._tree.palm_tips(turned))
+        links = _differing_points(self._link_places(turned))
         alone = [np.any(links & own, axis=1) & ~np.any(links & ~own, axis=1) for own in self._moves]
         palm = np.flatnonzero(~np.any(links, axis=1))
         least = np.array([rows.named[i].lower for i in rows.clearances])
@@ -77,7 +77,7 @@ class Workspace:
         self._distance = distance.reshape([DISTANCES] * 3)
         self._corner, self._step = box[0], (box[1] - box[0]) / (DISTANCES - 1)
 
-    def reach(self, palm: FloatArray, samples: list[Cloud]) -> Reach | None:
+    def reach(self, palm: FloatArray, samples: list[SampleCloud]) -> ReachableSamples | None:
         """Return the samples reachable from a palm frame (4, 4); None where a fingertip reaches none of its own."""
         R, t = palm[:3, :3], palm[:3, 3]
         if np.min(self._room(self._palm.places, self._palm.least, palm), initial=0.0) < -PALM_INSIDE:
@@ -97,9 +97,9 @@ class Workspace:
             roomiest = np.argmax(room, axis=1)
             found.append(np.flatnonzero(np.max(room, axis=1) >= -INSIDE))
             postures.append(posture[np.arange(len(posture)), roomiest])
-        return Reach(found, postures) if all(map(len, found)) else None
+        return ReachableSamples(found, postures) if all(map(len, found)) else None
 
-    def joints_at(self, reach: Reach, samples: IntArray, otherwise: FloatArray) -> FloatArray:
+    def joints_at(self, reach: ReachableSamples, samples: IntArray, otherwise: FloatArray) -> FloatArray:
         """Return joints (m,) that bring the fingertips next to samples (k,), from the stored configurations.
 
         A joint that moves several fingertips goes to the mean of what these ask for; one that moves none stays.
@@ -130,12 +130,12 @@ class _Links:
         self.places, self.least = np.ascontiguousarray(places), least
 
 
-def _moved(places: FloatArray) -> NDArray[np.bool_]:
+def _differing_points(places: FloatArray) -> NDArray[np.bool_]:
     """Return the mask of points (s, 3) that differ from those of the first of (1 + m) configurations, (s, m)."""
     return np.asarray(np.linalg.norm(places[1:] - places[:1], axis=2) > STILL).T
 
 
-def _by_cell(tips: FloatArray) -> tuple[FloatArray, IntArray]:
+def _grid_neighbours(tips: FloatArray) -> tuple[FloatArray, IntArray]:
     """Return the corner (3,) of a grid over points (b, 3), and the nearest few points of each cell, by number."""
     corner = tips.min(axis=0) - NEAR
     count = np.ceil((tips.max(axis=0) + NEAR - corner) / CELL).astype(int)

@@ -9,16 +9,16 @@ import numpy as np
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.nlp import face_parameters
-from nlpgrasp.optimize.candidate import Effort, Placed
-from nlpgrasp.optimize.compiled_problem import FEASIBLE, Workbench, placed_of, variables_of
+from nlpgrasp.optimize.candidate import Effort, GraspCandidate
+from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem, candidate_of, pack_variables
 from nlpgrasp.optimize.cutting_planes import weakest_at
-from nlpgrasp.optimize.projection import on_triangles, touching_on_body
+from nlpgrasp.optimize.projection import fix_to_triangles, touching_on_body
 
 FIRST_BETA = 0.1  # initial value of beta, solver units
 
 
 @dataclass(frozen=True)
-class FirstGrasp:
+class InitialGrasp:
     """Candidate before or after the initial NLP, with its score.
 
     Parameters
@@ -31,34 +31,34 @@ class FirstGrasp:
     effort : Effort
     """
 
-    placed: Placed
+    placed: GraspCandidate
     score: float
     message: str = ""
     effort: Effort = field(default_factory=Effort)
 
 
-def first_grasp(bench: Workbench, candidate: Placed, rng: np.random.Generator) -> FirstGrasp:
+def solve_initial_nlp(bench: CompiledProblem, candidate: GraspCandidate, rng: np.random.Generator) -> InitialGrasp:
     """Return a candidate that exerts the task unchanged; otherwise the better of it and the initial NLP's solution."""
-    found = [FirstGrasp(candidate, _score(bench, candidate, rng))]
+    found = [InitialGrasp(candidate, _score(bench, candidate, rng))]
     if found[0].score > 0.0:
         return found[0]
     program = bench.first.program
     if isinstance(bench.problem.body, Mesh):  # whose smooth surface the program holds
         candidate = replace(candidate, faces=bench.problem.body.face_names * len(candidate.faces))
-    start = variables_of(bench, program, candidate)
+    start = pack_variables(bench, program, candidate)
     start[program.block("beta").range] = FIRST_BETA
     for factor in bench.task_samples.factors:
-        parameters = [first_parameters(bench, rng, factor), face_parameters(bench.problem, candidate.faces)]
+        parameters = [initial_parameters(bench, rng, factor), face_parameters(bench.problem, candidate.faces)]
         result = bench.first.solve(start, np.concatenate(parameters))
-        placed = _on_body(bench, placed_of(bench, program, candidate.faces, result.z))
-        found.append(FirstGrasp(placed, _score(bench, placed, rng), result.status, Effort.of(result)))
+        placed = _on_body(bench, candidate_of(bench, program, candidate.faces, result.z))
+        found.append(InitialGrasp(placed, _score(bench, placed, rng), result.status, Effort.of(result)))
         if found[-1].score > 0.0:
             break
     effort = sum((one.effort for one in found), Effort())
     return replace(max(reversed(found), key=lambda one: one.score), effort=effort)  # of equals what the program made
 
 
-def _on_body(bench: Workbench, placed: Placed) -> Placed:
+def _on_body(bench: CompiledProblem, placed: GraspCandidate) -> GraspCandidate:
     """Return contacts of the program's loose solution projected onto the body, a hand so that it touches there."""
     body = bench.problem.body
     if isinstance(body, Mesh):
@@ -66,7 +66,7 @@ def _on_body(bench: Workbench, placed: Placed) -> Placed:
     return placed if bench.follows_contacts else touching_on_body(bench, placed)[1]
 
 
-def first_parameters(bench: Workbench, rng: np.random.Generator, factor: float = 1.0) -> FloatArray:
+def initial_parameters(bench: CompiledProblem, rng: np.random.Generator, factor: float = 1.0) -> FloatArray:
     """Return the initial NLP's sampled wrenches, (q,), randomly rotated in the task's own axes.
 
     They are ``factor`` times as far from the task's middle.
@@ -74,9 +74,9 @@ def first_parameters(bench: Workbench, rng: np.random.Generator, factor: float =
     return np.asarray(bench.task_samples.wrenches(rng, factor).ravel())
 
 
-def _score(bench: Workbench, placed: Placed, rng: np.random.Generator) -> float:
+def _score(bench: CompiledProblem, placed: GraspCandidate, rng: np.random.Generator) -> float:
     """Return the least support ratio found of a placement; minus its violation where it violates a constraint."""
-    own, there = on_triangles(bench, placed)
+    own, there = fix_to_triangles(bench, placed)
     violation = own.violation(there)
     if violation > FEASIBLE and bench.hand_points.has_flat_tips and placed.faces[0] in bench.problem.body.face_names:
         own, there, violation = bench, placed, bench.violation(placed)  # beside a mesh's smooth surface

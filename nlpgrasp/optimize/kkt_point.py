@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nlpgrasp.common.deadline import Stop
+from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.nlp import SUPPORT, CompiledProgram, NlpResult
-from nlpgrasp.optimize.candidate import Effort, Placed
-from nlpgrasp.optimize.compiled_problem import Workbench, placed_of, variables_of
-from nlpgrasp.optimize.cutting_planes import minimisers_near, most_relevant, piece_parameters, weakest_at, with_new
-from nlpgrasp.optimize.local_search import Point, refine
+from nlpgrasp.optimize.candidate import Effort, GraspCandidate
+from nlpgrasp.optimize.compiled_problem import CompiledProblem, candidate_of, pack_variables
+from nlpgrasp.optimize.cutting_planes import append_new, minimise_nearby, most_relevant, piece_parameters, weakest_at
+from nlpgrasp.optimize.local_search import RefinementPoint, refine
 from nlpgrasp.optimize.trust_region import Linearisation
 from nlpgrasp.solution.kkt import KKT, kkt_residuals
 
@@ -50,7 +50,7 @@ class LocalOptimum:
         Of IPOPT.
     """
 
-    placed: Placed
+    placed: GraspCandidate
     value: float
     cuts: FloatArray
     weights: FloatArray
@@ -60,7 +60,7 @@ class LocalOptimum:
     effort: Effort
 
 
-def local_optimum(bench: Workbench, placed: Placed, stop: Stop) -> LocalOptimum | None:
+def local_optimum(bench: CompiledProblem, placed: GraspCandidate, stop: Deadline) -> LocalOptimum | None:
     """Return the local optimum next to a candidate; its residuals are not small where it did not converge.
 
     None where the state exerts nothing, and under the torque limits of a hand, which the program does not hold.
@@ -72,11 +72,11 @@ def local_optimum(bench: Workbench, placed: Placed, stop: Stop) -> LocalOptimum 
     if refined.point.value <= 0.0:
         return None
     rng, last = np.random.default_rng(0), LEAST_NEAR if not bench.exchange.linearises else refined.length
-    found = _by_program(bench, refined.point, max(LEAST_NEAR, NEAR * last), rng, stop)
+    found = _solve_program(bench, refined.point, max(LEAST_NEAR, NEAR * last), rng, stop)
     return replace(found, effort=refined.effort + found.effort)
 
 
-def residuals_at(bench: Workbench, placed: Placed) -> KKT:
+def residuals_at(bench: CompiledProblem, placed: GraspCandidate) -> KKT:
     """Return the KKT residuals at a candidate, with the multipliers of the linearised program there."""
     cuts = most_relevant(bench, placed, weakest_at(bench, placed, np.random.default_rng(0)).directions)
     linear = Linearisation(bench, placed, cuts)
@@ -88,47 +88,49 @@ def residuals_at(bench: Workbench, placed: Placed) -> KKT:
     kkt = _kkt(linear.z, linear.beta, rows.jacobian, constraints, linear.compiled.program.bounds, multipliers)
     weights = np.zeros(len(cuts)) if step is None else np.maximum(linear.support(step.multipliers), 0.0)
     weights /= max(float(weights.sum()), 1e-300)
-    return _binding(kkt, cuts, weights)
+    return _binding_directions(kkt, cuts, weights)
 
 
-def _by_program(bench: Workbench, here: Point, radius: float, rng: np.random.Generator, stop: Stop) -> LocalOptimum:
+def _solve_program(
+    bench: CompiledProblem, here: RefinementPoint, radius: float, rng: np.random.Generator, stop: Deadline
+) -> LocalOptimum:
     """Return IPOPT's solution from a point; where it does not converge, with weak directions at its solution added."""
     cuts, effort, found = here.cuts, Effort(), list[LocalOptimum]()
     for _ in range(PROGRAM_ROUNDS if bench.exchange.linearises else ROUNDS_WITH_FORCES):
         cuts = most_relevant(bench, here.placed, cuts)
         first = bench.exchange.linearises and not found
         compiled = bench.exchange.confirming if first else bench.exchange.closing
-        optimum = _solved(bench, compiled, here, cuts, radius, rng)
+        optimum = _solve_in_trust_region(bench, compiled, here, cuts, radius, rng)
         found.append(optimum)
         effort += optimum.effort
         if stop.requested() or optimum.kkt.is_small:
             return replace(optimum, effort=effort)
-        cuts = with_new(bench, cuts, minimisers_near(bench, optimum.placed, rng, cuts).directions)
+        cuts = append_new(bench, cuts, minimise_nearby(bench, optimum.placed, rng, cuts).directions)
         radius = WIDE
     return replace(min(found, key=lambda optimum: optimum.kkt.largest), effort=effort)
 
 
-def _solved(
-    bench: Workbench,
+def _solve_in_trust_region(
+    bench: CompiledProblem,
     compiled: CompiledProgram,
-    here: Point,
+    here: RefinementPoint,
     cuts: FloatArray,
     radius: float,
     rng: np.random.Generator,
 ) -> LocalOptimum:
     """Return IPOPT's solution inside a trust region around a point."""
     faces, program, scale = here.placed.faces, compiled.program, bench.scaling.beta
-    z, theta = variables_of(bench, program, here.placed), piece_parameters(bench, here.placed, cuts)
+    z, theta = pack_variables(bench, program, here.placed), piece_parameters(bench, here.placed, cuts)
     z[program.block("beta").range] = scale * min(
         here.value, float(np.min(bench.wrench_set(here.placed).support(cuts)[0]))
     )
     result = compiled.solve(z, theta, program.near(z, radius), _multipliers(bench, here, cuts, radius))
-    placed = placed_of(bench, program, faces, result.z)
+    placed = candidate_of(bench, program, faces, result.z)
     weights = np.maximum(-result.multipliers[program.rows_of(SUPPORT)][: len(cuts)], 0.0)
     rows = np.array([row.scale for row in bench.rows.named])
     optimum = LocalOptimum(
         placed,
-        minimisers_near(bench, placed, rng, cuts).value,
+        minimise_nearby(bench, placed, rng, cuts).value,
         cuts,
         weights / max(float(weights.sum()), 1e-300),
         result.multipliers[program.placement] / (scale * rows),
@@ -136,17 +138,17 @@ def _solved(
         _residuals(compiled, result, theta),
         Effort.of(result),
     )
-    return replace(optimum, kkt=_of_whole_inequalities(bench, optimum, result.objective / scale))
+    return replace(optimum, kkt=_full_kkt(bench, optimum, result.objective / scale))
 
 
-def _of_whole_inequalities(bench: Workbench, optimum: LocalOptimum, beta: float) -> KKT:
+def _full_kkt(bench: CompiledProblem, optimum: LocalOptimum, beta: float) -> KKT:
     """Return the KKT residuals of an optimum, with errors of the inequalities in all directions included.
 
     The inequalities are those of all directions: beta has to be next to the least ratio. Complementarity is theirs,
     too: where the program holds one contact's support in place of the largest (``nlpgrasp.nlp.formulation``), a
     row may bind though its inequality does not.
     """
-    kkt = _binding(optimum.kkt, optimum.cuts, optimum.weights)
+    kkt = _binding_directions(optimum.kkt, optimum.cuts, optimum.weights)
     slack = bench.wrench_set(optimum.placed).support(optimum.cuts)[0] - beta
     apart = float(np.max(optimum.weights * np.abs(slack), initial=0.0)) / max(abs(beta), 1e-300)
     above = (beta - optimum.value) / max(abs(beta), 1e-300)
@@ -157,7 +159,7 @@ def _of_whole_inequalities(bench: Workbench, optimum: LocalOptimum, beta: float)
     )
 
 
-def _binding(kkt: KKT, cuts: FloatArray, weights: FloatArray) -> KKT:
+def _binding_directions(kkt: KKT, cuts: FloatArray, weights: FloatArray) -> KKT:
     """Return residuals with the binding directions (m, d), and their weights."""
     binding = weights > BINDING
     directions = tuple(tuple(map(float, direction)) for direction in cuts[binding])
@@ -165,7 +167,7 @@ def _binding(kkt: KKT, cuts: FloatArray, weights: FloatArray) -> KKT:
 
 
 def _multipliers(
-    bench: Workbench, here: Point, cuts: FloatArray, radius: float
+    bench: CompiledProblem, here: RefinementPoint, cuts: FloatArray, radius: float
 ) -> tuple[FloatArray, FloatArray] | None:
     """Return the multipliers of constraints and bounds of the linearised program at a point, None without any."""
     if not bench.exchange.linearises:

@@ -12,13 +12,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from nlpgrasp.common.deadline import Stop
+from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.optimize.candidate import AscentState, Effort, Placed
-from nlpgrasp.optimize.compiled_problem import FEASIBLE, Workbench, variables_of
-from nlpgrasp.optimize.cutting_planes import disproved, minimisers_near, most_relevant, weakest_at
+from nlpgrasp.optimize.candidate import Effort, GraspCandidate, SearchState
+from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem, pack_variables
+from nlpgrasp.optimize.cutting_planes import find_weaker, minimise_nearby, most_relevant, weakest_at
 from nlpgrasp.optimize.trust_region import ACTIVE, Linearisation, program_step, reduced_hessian
-from nlpgrasp.quality.sandwich import Begun
+from nlpgrasp.quality.sandwich import ResumableCertificate
 from nlpgrasp.quality.weakest_directions import MISSED
 
 LOOKS = 4  # certificates that look for directions missed by descents, at most
@@ -32,7 +32,7 @@ FAIR = 0.5  # ratio of actual to predicted gain below which curvature is used
 
 
 @dataclass(frozen=True)
-class Point:
+class RefinementPoint:
     """Candidate with its weakest directions.
 
     Parameters
@@ -46,7 +46,7 @@ class Point:
         Directions in which places nearby are weaker.
     """
 
-    placed: Placed
+    placed: GraspCandidate
     value: float
     minimisers: FloatArray
     others: FloatArray
@@ -58,7 +58,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Refined:
+class RefinementResult:
     """Result of a refinement.
 
     Parameters
@@ -76,28 +76,30 @@ class Refined:
         Of the point, as far as it told that descents missed nothing.
     """
 
-    point: Point
+    point: RefinementPoint
     length: float
     multipliers: FloatArray
     history: tuple[float, ...] = ()
     effort: Effort = field(default_factory=Effort)
-    certificate: Begun | None = None
+    certificate: ResumableCertificate | None = None
 
-    def state(self) -> AscentState:
+    def state(self) -> SearchState:
         """Return the result as the state of a local search."""
         point = self.point
-        return AscentState(point.placed, point.value, point.cuts, self.multipliers, self.effort, list(self.history))
+        return SearchState(point.placed, point.value, point.cuts, self.multipliers, self.effort, list(self.history))
 
 
-def point_at(bench: Workbench, placed: Placed, known: FloatArray, rng: np.random.Generator) -> Point:
+def evaluate_candidate(
+    bench: CompiledProblem, placed: GraspCandidate, known: FloatArray, rng: np.random.Generator
+) -> RefinementPoint:
     """Return a candidate with its weakest directions, searched from known ones (m, d) as well."""
-    found = minimisers_near(bench, placed, rng, known)
-    return Point(placed, found.value, found.directions, found.directions[:0])
+    found = minimise_nearby(bench, placed, rng, known)
+    return RefinementPoint(placed, found.value, found.directions, found.directions[:0])
 
 
 def refine(
-    bench: Workbench, placed: Placed, stop: Stop, rounds: int | None = None, least: float = LEAST_GAIN
-) -> Refined:
+    bench: CompiledProblem, placed: GraspCandidate, stop: Deadline, rounds: int | None = None, least: float = LEAST_GAIN
+) -> RefinementResult:
     """Return the local optimum reached from a candidate within some rounds; itself where it does not exert the task.
 
     Rounds end where two in a row gain less than a share ``least``, or where the Lagrangian is flat. Descents may
@@ -107,12 +109,12 @@ def refine(
     rng, rounds = np.random.default_rng(0), bench.options.rounds if rounds is None else rounds
     sure = refined = _begun(bench, placed, rng)
     for _ in range(LOOKS):
-        refined = _settled(bench, refined, rng, stop, rounds, least)
+        refined = _iterate_steps(bench, refined, rng, stop, rounds, least)
         here = refined.point
-        missed, begun = disproved(bench, here.placed, here.value)
+        missed, begun = find_weaker(bench, here.placed, here.value)
         if missed is None:
             return replace(refined, certificate=begun)
-        again = point_at(bench, here.placed, np.concatenate([missed.directions, here.minimisers]), rng)
+        again = evaluate_candidate(bench, here.placed, np.concatenate([missed.directions, here.minimisers]), rng)
         value = min(again.value, missed.value)
         if value > sure.point.value:
             sure = refined = replace(refined, point=replace(again, value=value, others=here.others))
@@ -124,24 +126,29 @@ def refine(
     return sure
 
 
-def advance(bench: Workbench, placed: Placed, stop: Stop, rounds: int) -> Refined:
+def advance(bench: CompiledProblem, placed: GraspCandidate, stop: Deadline, rounds: int) -> RefinementResult:
     """Return a candidate after a few rounds of refinement, by whose values candidates can be compared.
 
     No certificate has looked for directions in which it is weaker.
     """
     rng, rounds = np.random.default_rng(0), min(rounds, bench.options.rounds)
-    return _settled(bench, _begun(bench, placed, rng), rng, stop, rounds, LEAST_GAIN)
+    return _iterate_steps(bench, _begun(bench, placed, rng), rng, stop, rounds, LEAST_GAIN)
 
 
-def _begun(bench: Workbench, placed: Placed, rng: np.random.Generator) -> Refined:
+def _begun(bench: CompiledProblem, placed: GraspCandidate, rng: np.random.Generator) -> RefinementResult:
     """Return a candidate as the beginning of a refinement."""
-    here = point_at(bench, placed, weakest_at(bench, placed, rng).directions, rng)
-    return Refined(here, RADIUS, np.zeros(len(bench.rows.named)), (here.value,))
+    here = evaluate_candidate(bench, placed, weakest_at(bench, placed, rng).directions, rng)
+    return RefinementResult(here, RADIUS, np.zeros(len(bench.rows.named)), (here.value,))
 
 
-def _settled(
-    bench: Workbench, refined: Refined, rng: np.random.Generator, stop: Stop, rounds: int, least: float
-) -> Refined:
+def _iterate_steps(
+    bench: CompiledProblem,
+    refined: RefinementResult,
+    rng: np.random.Generator,
+    stop: Deadline,
+    rounds: int,
+    least: float,
+) -> RefinementResult:
     """Return the point at which no trust-region step improves any more."""
     begun = here = refined.point
     radius, curvature, near, stale, idle = RADIUS, None, least == 0.0, True, 0
@@ -169,7 +176,7 @@ def _settled(
             continue
         moved = float(np.max(np.abs(_differences(bench, step.placed, here.placed))))
         refined = replace(refined, effort=refined.effort + step.effort)
-        there = point_at(bench, step.placed, here.minimisers, rng)
+        there = evaluate_candidate(bench, step.placed, here.minimisers, rng)
         near = near or there.value - here.value < FAIR * step.promised
         accepted = there.value >= here.value * (1.0 - NO_LOSS)
         if there.value >= (1.0 + least) * here.value:
@@ -182,7 +189,7 @@ def _settled(
             history = (*refined.history, here.value)
             refined = replace(refined, point=here, length=moved, multipliers=step.multipliers, history=history)
         else:
-            again = point_at(bench, here.placed, np.concatenate([here.minimisers, there.minimisers]), rng)
+            again = evaluate_candidate(bench, here.placed, np.concatenate([here.minimisers, there.minimisers]), rng)
             others = np.concatenate([there.minimisers, here.others])
             if again.value < (1.0 - MISSED) * begun.value:  # descents had flattered it
                 again, others = begun, np.concatenate([again.minimisers, others])
@@ -192,9 +199,9 @@ def _settled(
     return refined
 
 
-def _differences(bench: Workbench, there: Placed, here: Placed) -> FloatArray:
+def _differences(bench: CompiledProblem, there: GraspCandidate, here: GraspCandidate) -> FloatArray:
     """Return the difference of two candidates in the program's variables but beta and forces, solver units."""
     program = bench.exchange.compiled.program
-    moved = variables_of(bench, program, there) - variables_of(bench, program, here)
+    moved = pack_variables(bench, program, there) - pack_variables(bench, program, here)
     moved[program.block("beta").range] = 0.0
     return moved

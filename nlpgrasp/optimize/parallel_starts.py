@@ -1,7 +1,7 @@
 """Parallel runs of starts over the machine's cores, with results as they complete.
 
 Compiled programs are not pickled: a worker process receives the problem and its options once, compiles them itself
-(``LazyBench``) and keeps the compiled problem for all further starts.
+(``LazyCompiledProblem``) and keeps the compiled problem for all further starts.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from typing import Generic, Protocol, TypeVar, cast
 
 from loky.process_executor import BrokenProcessPool
 
-from nlpgrasp.common.deadline import Stop
+from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.errors import InputError
-from nlpgrasp.optimize.candidate import Placed
-from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.candidate import GraspCandidate
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.options import SolveOptions
-from nlpgrasp.optimize.processes import Parcel, Processes, cores
+from nlpgrasp.optimize.processes import Processes, WorkerPayload, cores
 from nlpgrasp.optimize.start import failed, run_start
 from nlpgrasp.optimize.start_result import StartGrasp, StartResult
 from nlpgrasp.optimize.warm_starts import KnownGrasp, WarmStart, run_warm_start
@@ -34,12 +34,12 @@ WAITING = 4  # starts per worker that are under way or wait for one
 GRACE = 10.0  # seconds in-flight starts get to finish after a stop
 Item = TypeVar("Item")
 Found = TypeVar("Found")
-Candidates = Iterable[tuple[int, Sequence[Placed]]]
+Candidates = Iterable[tuple[int, Sequence[GraspCandidate]]]
 """Numbers of starts with the candidates of each."""
-_kept: list[Runner] = []  # the last solve's, at most one, and nobody's while it is here
+_kept: list[StartRunner] = []  # the last solve's, at most one, and nobody's while it is here
 
 
-class Runner:
+class StartRunner:
     """Runs starts and analyses of one problem, in worker processes that hold its compiled programs or in this one.
 
     A worker that dies costs the starts in flight, which are reported as failed.
@@ -54,15 +54,15 @@ class Runner:
     """
 
     def __init__(
-        self, problem: GraspProblem, options: SolveOptions, starts: int, bench: Workbench | None = None
+        self, problem: GraspProblem, options: SolveOptions, starts: int, bench: CompiledProblem | None = None
     ) -> None:
         self.problem, self.options, self.count = problem, options, starts
         self.workers = 1 if bench is not None else min(options.workers or cores(), starts)
         self._bench = bench
-        self._parcel: Parcel[LazyBench[_Asked]] | None = None
+        self._parcel: WorkerPayload[LazyCompiledProblem[_WorkItem]] | None = None
 
     @classmethod
-    def going_on(cls, problem: GraspProblem, options: SolveOptions, starts: int) -> Runner:
+    def going_on(cls, problem: GraspProblem, options: SolveOptions, starts: int) -> StartRunner:
         """Return a runner that compiles nothing anew where the runner kept last had the same problem and options."""
         last = _kept.pop() if _kept else None
         new = cls(problem, options, starts)
@@ -80,7 +80,9 @@ class Runner:
         if self.workers == 1:
             return
         try:
-            self._parcel = self._parcel or Parcel.of(LazyBench(partial(_Asked, self.problem, self.options)))
+            self._parcel = self._parcel or WorkerPayload.of(
+                LazyCompiledProblem(partial(_WorkItem, self.problem, self.options))
+            )
         except (TypeError, ValueError, AttributeError, pickle.PicklingError) as error:
             reason = f"{type(error).__name__}: {error}"
             raise InputError("problem", reason, "parts that can be sent to worker processes, or workers=1") from None
@@ -88,24 +90,24 @@ class Runner:
         for _ in range(self.workers):
             processes.submit(_compile, self._parcel)
 
-    def starts(self, candidates: Candidates, seed: int, stop: Stop) -> Iterator[StartResult]:
+    def starts(self, candidates: Candidates, seed: int, stop: Deadline) -> Iterator[StartResult]:
         """Yield the result of each start, given by its number and candidates, as it is done, in any order."""
         if self.workers == 1:
             yield from self._here(candidates, seed, stop)
         else:
             yield from self._in_processes(candidates, seed, stop)
 
-    def warm_starts(self, known: Sequence[KnownGrasp], first: int, stop: Stop) -> Iterator[StartResult]:
+    def warm_starts(self, known: Sequence[KnownGrasp], first: int, stop: Deadline) -> Iterator[StartResult]:
         """Yield the starts from known grasps, as each is and refined, numbered from ``first`` on, two each."""
         items = [(first + 2 * i, grasp) for i, grasp in enumerate(known)]
-        for found in self.begin(partial(_warm, stop=stop), items)():
+        for found in self.begin(partial(_run_known_grasp, stop=stop), items)():
             yield from found
 
-    def run(self, work: Callable[[Workbench, Item], Found], item: Item) -> Found | None:
+    def run(self, work: Callable[[CompiledProblem, Item], Found], item: Item) -> Found | None:
         """Return what a function of some module makes of the workbench and an item; None where a worker ends."""
         return next(iter(self.begin(work, [item])()), None)
 
-    def begin(self, work: Callable[[Workbench, Item], Found], items: Sequence[Item]) -> Callable[[], list[Found]]:
+    def begin(self, work: Callable[[CompiledProblem, Item], Found], items: Sequence[Item]) -> Callable[[], list[Found]]:
         """Begin a module-level function of the compiled problem on each item.
 
         The call that is returned waits for it: nothing where a worker ends. Without workers the work is done then.
@@ -114,34 +116,34 @@ class Runner:
             return lambda: [work(self.bench, item) for item in items]
         processes = Processes(self.workers)
         try:
-            return partial(_done, [processes.submit(_each, self._parcel, work, item) for item in items])
+            return partial(_wait_for_results, [processes.submit(_run_part, self._parcel, work, item) for item in items])
         except (BrokenProcessPool, OSError, RuntimeError):
             return list
 
     @property
-    def bench(self) -> Workbench:
+    def bench(self) -> CompiledProblem:
         """Compiled problem of this process, built on first use."""
         if self._bench is None:
-            self._bench = Workbench(self.problem, self.options)
+            self._bench = CompiledProblem(self.problem, self.options)
         return self._bench
 
-    def _here(self, candidates: Candidates, seed: int, stop: Stop) -> Iterator[StartResult]:
+    def _here(self, candidates: Candidates, seed: int, stop: Deadline) -> Iterator[StartResult]:
         """Run the starts in this process; after a stop request the running one, or the first, ends with what it has."""
         for index, own in candidates:
             if stop.requested() and index:
                 break
             yield run_start(self.bench, index, seed, stop, candidates=own)
 
-    def _in_processes(self, candidates: Candidates, seed: int, stop: Stop) -> Iterator[StartResult]:
-        parcel, processes = cast("Parcel[LazyBench[_Asked]]", self._parcel), Processes(self.workers)
+    def _in_processes(self, candidates: Candidates, seed: int, stop: Deadline) -> Iterator[StartResult]:
+        parcel, processes = cast("WorkerPayload[LazyCompiledProblem[_WorkItem]]", self._parcel), Processes(self.workers)
         waiting, pending, give_up = iter(candidates), dict[Future[StartResult], int](), None
         while True:
             for index, own in islice(waiting, max(0, WAITING * self.workers - len(pending))):
                 try:
-                    future = processes.submit(_work, parcel, index, own, seed, stop)
+                    future = processes.submit(_run_start_in_worker, parcel, index, own, seed, stop)
                 except BrokenProcessPool:  # a worker has died since: the starts still to come have new ones
                     processes = Processes(self.workers)
-                    future = processes.submit(_work, parcel, index, own, seed, stop)
+                    future = processes.submit(_run_start_in_worker, parcel, index, own, seed, stop)
                 pending[future] = index
             if not pending:
                 break
@@ -157,7 +159,7 @@ class Runner:
                     break
 
 
-class Asked(Protocol):
+class ProblemWithOptions(Protocol):
     """Protocol of a problem with its solve options."""
 
     @property
@@ -169,11 +171,11 @@ class Asked(Protocol):
         """Options of the solve."""
 
 
-Case = TypeVar("Case", bound=Asked)
+Case = TypeVar("Case", bound=ProblemWithOptions)
 
 
 @dataclass(frozen=True)
-class LazyBench(Generic[Case]):
+class LazyCompiledProblem(Generic[Case]):
     """Compiled problem, built on first use in each process: compiled programs are not pickled.
 
     Parameters
@@ -190,26 +192,30 @@ class LazyBench(Generic[Case]):
         return self.make()
 
     @cached_property
-    def bench(self) -> Workbench:
+    def bench(self) -> CompiledProblem:
         """Compiled problem."""
-        return Workbench(self.case.problem, self.case.options)
+        return CompiledProblem(self.case.problem, self.case.options)
 
 
 @dataclass(frozen=True)
-class _Asked:
+class _WorkItem:
     """Problem with its solve options."""
 
     problem: GraspProblem
     options: SolveOptions
 
 
-def _compile(parcel: Parcel[LazyBench[_Asked]]) -> None:
+def _compile(parcel: WorkerPayload[LazyCompiledProblem[_WorkItem]]) -> None:
     """Compile the problem in a worker."""
     parcel.unpacked().bench.exchange.compiled  # noqa: B018
 
 
-def _work(
-    parcel: Parcel[LazyBench[_Asked]], index: int, candidates: Sequence[Placed], seed: int, stop: Stop
+def _run_start_in_worker(
+    parcel: WorkerPayload[LazyCompiledProblem[_WorkItem]],
+    index: int,
+    candidates: Sequence[GraspCandidate],
+    seed: int,
+    stop: Deadline,
 ) -> StartResult:
     """Run one start in a worker, unless it is too late to begin any but the first."""
     if stop.requested() and index:
@@ -217,17 +223,19 @@ def _work(
     return run_start(parcel.unpacked().bench, index, seed, stop, candidates=candidates)
 
 
-def _warm(bench: Workbench, item: tuple[int, KnownGrasp], stop: Stop) -> list[StartGrasp]:
+def _run_known_grasp(bench: CompiledProblem, item: tuple[int, KnownGrasp], stop: Deadline) -> list[StartGrasp]:
     """Run the starts from one known grasp."""
     return run_warm_start(bench, WarmStart.of(bench, item[1]), item[0], stop)
 
 
-def _each(parcel: Parcel[LazyBench[_Asked]], work: Callable[[Workbench, Item], Found], item: Item) -> Found:
+def _run_part(
+    parcel: WorkerPayload[LazyCompiledProblem[_WorkItem]], work: Callable[[CompiledProblem, Item], Found], item: Item
+) -> Found:
     """Run a part of the remaining work in a worker."""
     return work(parcel.unpacked().bench, item)
 
 
-def _done(futures: Sequence[Future[Found]]) -> list[Found]:
+def _wait_for_results(futures: Sequence[Future[Found]]) -> list[Found]:
     """Wait for parts of the remaining work; none of them where a worker ends."""
     try:
         return [future.result() for future in futures]

@@ -65,7 +65,7 @@ class Processes:
         future = self._executor.submit(task, *args, **kwargs)
         # where idle workers had ended, loky starts new ones only after its watch has looked at who there is: an empty
         # task makes it look again, or the end of a new worker would go unseen and its task would never be done
-        self._executor.submit(_nothing)
+        self._executor.submit(_do_nothing)
         return future
 
     def end(self) -> None:
@@ -76,7 +76,7 @@ class Processes:
 
 
 @contextmanager
-def own_processes(count: int, idle: float) -> Iterator[Processes]:
+def separate_processes(count: int, idle: float) -> Iterator[Processes]:
     """Return a context with worker processes that nothing else in this process uses: solves meanwhile have others.
 
     They are kept for the next context that asks for as many; where a context ends by an error, they end with it.
@@ -105,7 +105,7 @@ def own_processes(count: int, idle: float) -> Iterator[Processes]:
 
 
 @dataclass(frozen=True)
-class Parcel(Generic[Item]):
+class WorkerPayload(Generic[Item]):
     """Pickled payload for worker processes, with the caller's import path.
 
     Parameters
@@ -123,7 +123,7 @@ class Parcel(Generic[Item]):
     content: bytes
 
     @classmethod
-    def of(cls, item: Item, token: str = "") -> Parcel[Item]:
+    def of(cls, item: Item, token: str = "") -> WorkerPayload[Item]:
         """Pickle an item; errors of its parts are raised."""
         return cls(token or uuid.uuid4().hex, tuple(sys.path), bytes(cloudpickle.dumps(item)))
 
@@ -136,7 +136,7 @@ class Parcel(Generic[Item]):
         return cast("Item", _unpacked[self.token])
 
 
-def one_thread() -> threadpool_limits:
+def single_thread() -> threadpool_limits:
     """Return a context in which numpy, scipy and IPOPT compute on one thread."""
     ca.has_nlpsol("ipopt")  # loads it: a library that is loaded later would not be limited
     return threadpool_limits(1)
@@ -162,5 +162,5 @@ def _prepare(parent: int) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def _nothing() -> None:
+def _do_nothing() -> None:
     """Do nothing, in a worker."""

@@ -1,11 +1,11 @@
 """Projection of candidates onto the constraints, and of contacts and fingertips onto the triangles of a mesh.
 
-Newton steps move contacts and hand as little as they can until the constraints hold (``touching``). On a mesh the faces
-of the compiled problem are the triangles under the contacts (``on_triangles``).
+Newton steps move contacts and hand as little as they can until the constraints hold (``project_onto_constraints``). On
+a mesh the faces of the compiled problem are the triangles under the contacts (``fix_to_triangles``).
 
 A flat pad touches a mesh in an edge or a corner, where its normal is none of a triangle's. Such a hand is moved from
-the smooth surface into contact with the mesh (``touch_mesh``), as little as it can, until every fingertip touches. A
-round tip with centre c and radius r touches where the nearest point p of the mesh is at distance r, and its normal is
+the smooth surface into contact with the mesh (``move_to_contact``), as little as it can, until every fingertip touches.
+A round tip with centre c and radius r touches where the nearest point p of the mesh is at distance r, and its normal is
 ``(p - c) / r``; other contacts keep the normals of the smooth surface. Links keep their distance from the mesh, not
 from the solver's spline of it.
 """
@@ -19,26 +19,26 @@ import numpy as np
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.bodies.mesh.facets import Facets
-from nlpgrasp.common.quadratic_program import Linearised, NewtonRules, RowSlack, restore, step_bounds
+from nlpgrasp.common.quadratic_program import ConstraintSlack, Linearised, NewtonRules, restore_feasibility, step_bounds
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.base import Values
-from nlpgrasp.optimize.candidate import Placed
+from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import (
     FEASIBLE,
-    Workbench,
+    CompiledProblem,
+    candidate_of,
+    contact_points,
     hand_of,
-    placed_of,
-    points_of,
-    put_contacts,
-    variables_of,
+    pack_variables,
+    set_contacts,
 )
-from nlpgrasp.optimize.cutting_planes import no_cuts
-from nlpgrasp.optimize.grasp_on_body import OnBody, match_on_mesh
+from nlpgrasp.optimize.cutting_planes import empty_slots
+from nlpgrasp.optimize.grasp_on_body import GraspOnBody, match_on_mesh
 from nlpgrasp.quality.grasp import Grasp
 
 LONGEST = 0.4  # longest step of contacts and hand onto the constraints, solver units
 # of these steps; RowSlack: weight of the squared violations against the squared step
-RULES = NewtonRules(steps=25, enough=0.1 * FEASIBLE, patience=6, slack=RowSlack(1e4))
+RULES = NewtonRules(steps=25, enough=0.1 * FEASIBLE, patience=6, slack=ConstraintSlack(1e4))
 TOUCHING = 1e-4  # violation, relative to the constraints' scales, that counts as none
 STEPS = 12  # Newton steps of a hand towards the nearest mesh points, at most
 TIP_TOUCHING = 1e-6  # metres between tip and mesh at which these steps end
@@ -46,10 +46,10 @@ LONGEST_HAND_STEP = 0.3  # the longest of them, solver units
 OVERLAP = 0.2  # share of a tip's radius: the mesh has no usable normal nearer to its centre
 
 
-def touching(bench: Workbench, candidate: Placed) -> tuple[Placed, float]:
+def project_onto_constraints(bench: CompiledProblem, candidate: GraspCandidate) -> tuple[GraspCandidate, float]:
     """Return a candidate projected onto the constraints, and the remaining violation, relative to their scales."""
     compiled = bench.exchange.compiled
-    program, theta = compiled.program, no_cuts(bench, candidate)
+    program, theta = compiled.program, empty_slots(bench, candidate)
     used = slice(program.contained, None)
     low, high = (limits[used] for limits in program.limits)
 
@@ -57,25 +57,27 @@ def touching(bench: Workbench, candidate: Placed) -> tuple[Placed, float]:
         g, J = compiled.linearise(z, theta)
         return Linearised(g[used], J[used], low, high, *step_bounds(z, program.bounds, LONGEST))
 
-    found = restore(rows, variables_of(bench, program, candidate), RULES)
-    return placed_of(bench, program, candidate.faces, found.best), found.violation
+    found = restore_feasibility(rows, pack_variables(bench, program, candidate), RULES)
+    return candidate_of(bench, program, candidate.faces, found.best), found.violation
 
 
-def touching_on_body(bench: Workbench, placed: Placed) -> tuple[Workbench, Placed, float]:
+def touching_on_body(bench: CompiledProblem, placed: GraspCandidate) -> tuple[CompiledProblem, GraspCandidate, float]:
     """Return a candidate projected onto its constraints, on a mesh on its triangles, and the remaining violation.
 
     The first part is the compiled problem whose faces its contacts are on. It is that of a mesh's smooth surface where
     flat fingertips cannot lie on triangles.
     """
-    own, there = on_triangles(bench, placed)
-    moved, left = touching(own, there)
+    own, there = fix_to_triangles(bench, placed)
+    moved, left = project_onto_constraints(own, there)
     if left > TOUCHING and own is not bench and bench.hand_points.has_flat_tips:
         own, faces = bench, bench.problem.body.face_names * len(placed.points)
-        moved, left = touching(own, own.snapped(replace(placed, faces=faces)))
+        moved, left = project_onto_constraints(own, own.snapped(replace(placed, faces=faces)))
     return own, own.snapped(moved), left
 
 
-def on_triangles(bench: Workbench, placed: Placed, places: Sequence[FloatArray] = ()) -> tuple[Workbench, Placed]:
+def fix_to_triangles(
+    bench: CompiledProblem, placed: GraspCandidate, places: Sequence[FloatArray] = ()
+) -> tuple[CompiledProblem, GraspCandidate]:
     """Return the compiled problem whose faces are the mesh triangles under the contacts, and the candidate on them.
 
     Of another body both are as they are.
@@ -101,7 +103,9 @@ def on_triangles(bench: Workbench, placed: Placed, places: Sequence[FloatArray] 
     return bench.with_faces(own), replace(placed, faces=facets.names)
 
 
-def put_on_body(bench: Workbench, own: Workbench, placed: Placed, begun: FloatArray | None = None) -> OnBody:
+def put_on_body(
+    bench: CompiledProblem, own: CompiledProblem, placed: GraspCandidate, begun: FloatArray | None = None
+) -> GraspOnBody:
     """Return the grasp of the body itself.
 
     Parameters
@@ -117,40 +121,42 @@ def put_on_body(bench: Workbench, own: Workbench, placed: Placed, begun: FloatAr
     """
     body = bench.problem.body
     if not isinstance(body, Mesh):
-        return OnBody.of(bench, placed, bench.grasp(placed))
-    there, grasp = Placed(body.face_names * len(placed.points), placed.points, placed.hand), own.grasp(placed)
+        return GraspOnBody.of(bench, placed, bench.grasp(placed))
+    there, grasp = GraspCandidate(body.face_names * len(placed.points), placed.points, placed.hand), own.grasp(placed)
     if own is bench:
-        there, grasp = touch_mesh(bench, there)
+        there, grasp = move_to_contact(bench, there)
     start = placed.points if begun is None else begun
     match = match_on_mesh(body, start, grasp, bench.inward_normals(there), bench.follows_contacts)
-    return OnBody.of(bench, there, grasp, match)
+    return GraspOnBody.of(bench, there, grasp, match)
 
 
-def touch_mesh(bench: Workbench, smooth: Placed) -> tuple[Placed, Grasp]:
+def move_to_contact(bench: CompiledProblem, smooth: GraspCandidate) -> tuple[GraspCandidate, Grasp]:
     """Return the hand moved into contact with the mesh, from contacts on the smooth surface, and its grasp."""
-    hand = _Touching(bench, smooth)
-    rows = restore(hand.nearest, hand.z[hand.free], NewtonRules(STEPS, TIP_TOUCHING / bench.scaling.length)).rows
-    return Placed(smooth.faces, rows.contacts, rows.hand), bench.grasp_at(rows.contacts, rows.normals)
+    hand = _TouchConstraints(bench, smooth)
+    rows = restore_feasibility(
+        hand.nearest, hand.z[hand.free], NewtonRules(STEPS, TIP_TOUCHING / bench.scaling.length)
+    ).rows
+    return GraspCandidate(smooth.faces, rows.contacts, rows.hand), bench.grasp_at(rows.contacts, rows.normals)
 
 
-class _Touching:
+class _TouchConstraints:
     """Linearisation of the constraints in the hand's variables, for Newton steps towards contact."""
 
-    def __init__(self, bench: Workbench, start: Placed) -> None:
+    def __init__(self, bench: CompiledProblem, start: GraspCandidate) -> None:
         self.bench, self.program = bench, bench.exchange.compiled.program
-        self.theta = no_cuts(bench, start)
-        self.z = variables_of(bench, self.program, start)
+        self.theta = empty_slots(bench, start)
+        self.z = pack_variables(bench, self.program, start)
         self.smooth = bench.inward_normals(start)
         self.free = np.concatenate([np.arange(b.start, b.stop) for _, b in self.program.hand_blocks])
 
-    def nearest(self, free: FloatArray) -> _TouchRows:
+    def nearest(self, free: FloatArray) -> _TouchLinearisation:
         """Return the constraints for contacts at the mesh points nearest to the fingertips.
 
         Tips that are not round keep the smooth normal: theirs, as they touch along it.
         """
         bench = self.bench
         radii = np.asarray(bench.hand_points.hand.tip_radii)
-        centres = bench.hand_points.tip_centres(self._hand(free), points_of(bench, self.program, self.z))
+        centres = bench.hand_points.tip_centres(self._hand(free), contact_points(bench, self.program, self.z))
         contacts, _, distance = bench.surface.mesh.closest(centres)
         towards = contacts - centres
         outside = np.sum(towards * self.smooth, axis=1) > 0.0
@@ -158,17 +164,17 @@ class _Touching:
         inward = np.where(round_tip[:, None], towards / np.maximum(distance, 1e-12)[:, None], self.smooth)
         return self.rows(free, contacts, inward)
 
-    def rows(self, free: FloatArray, contacts: FloatArray, normals: FloatArray) -> _TouchRows:
+    def rows(self, free: FloatArray, contacts: FloatArray, normals: FloatArray) -> _TouchLinearisation:
         """Return the constraints for values of the hand's variables and arbitrary contacts."""
         bench, program, here = self.bench, self.program, self._hand(free)
-        put_contacts(bench, program, self.z, contacts, normals)
+        set_contacts(bench, program, self.z, contacts, normals)
         g, J = bench.exchange.compiled.linearise(self.z, self.theta)
         used = program.placement
         g = g[used]
         g[bench.rows.clearances] = bench.hand_points.mesh_clearances(bench.surface.mesh, here) / bench.scaling.length
         low, high = (limits[used] for limits in program.limits)
         bounds = step_bounds(free, (program.bounds[0][self.free], program.bounds[1][self.free]), LONGEST_HAND_STEP)
-        return _TouchRows(g, J[used][:, self.free], low, high, *bounds, contacts, normals, here)
+        return _TouchLinearisation(g, J[used][:, self.free], low, high, *bounds, contacts, normals, here)
 
     def _hand(self, free: FloatArray) -> Values:
         """Return the hand's variables, and store them."""
@@ -177,7 +183,7 @@ class _Touching:
 
 
 @dataclass(frozen=True)
-class _TouchRows(Linearised):
+class _TouchLinearisation(Linearised):
     """Constraints of a touching hand, linearised, with its contacts and configuration."""
 
     contacts: FloatArray

@@ -14,21 +14,21 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from nlpgrasp.common.deadline import Stop
+from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.base import Values
-from nlpgrasp.optimize.candidate import Placed
-from nlpgrasp.optimize.compiled_problem import FEASIBLE, Workbench
+from nlpgrasp.optimize.candidate import GraspCandidate
+from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
 from nlpgrasp.optimize.coordinate_exchange import (
     LAST_TIE,
     PROPOSED,
     CoordinateExchange,
     exchanged_candidates,
-    of_different_kinds,
-    scores,
+    sampled_quality,
+    select_incongruent,
 )
 from nlpgrasp.optimize.cutting_planes import weakest_at
-from nlpgrasp.optimize.hand_workspace import Reach
+from nlpgrasp.optimize.hand_workspace import ReachableSamples
 from nlpgrasp.optimize.projection import TOUCHING, touching_on_body
 from nlpgrasp.quality.weakest_directions import QUICK
 
@@ -46,8 +46,8 @@ MANY, MANY_TRIES = 6, 32  # number of contacts from which hands rarely touch wit
 
 
 def propose(
-    bench: Workbench, rng: np.random.Generator, known: Sequence[FloatArray] = (), starts: int = 1
-) -> list[Placed]:
+    bench: CompiledProblem, rng: np.random.Generator, known: Sequence[FloatArray] = (), starts: int = 1
+) -> list[GraspCandidate]:
     """Return initial candidates for so many starts, the most promising first; also near known contacts (k, space).
 
     A hand with a pose of its own is near the body: its fingertips need not touch yet. Poses are compared under the
@@ -59,41 +59,41 @@ def propose(
     return reachable_candidates(bench.under_l2 or bench, rng, starts * each)
 
 
-def shares(candidates: Sequence[Placed], starts: int) -> list[Sequence[Placed]]:
+def shares(candidates: Sequence[GraspCandidate], starts: int) -> list[Sequence[GraspCandidate]]:
     """Return the candidates of each of so many starts: the best ones are each the first of one."""
     return [candidates[i::starts] or candidates[i % len(candidates) :] for i in range(starts)]
 
 
-def reachable_candidates(bench: Workbench, rng: np.random.Generator, count: int) -> list[Placed]:
+def reachable_candidates(bench: CompiledProblem, rng: np.random.Generator, count: int) -> list[GraspCandidate]:
     """Return the best few of many random poses of a hand around the body, at most ``count``.
 
     Palms whose fingertips are near the body come first, and those that constraints do not turn away. Contacts are
     exchanged within reach of their fingers, and compared by the least ratio, less what the links would be in the way
     of. With many contacts, or no palm from which all fingertips reach the body, they are the nearest samples.
     """
-    drawn = _at_random(bench, rng)
+    drawn = _random_hand_poses(bench, rng)
     if len(bench.problem.models) < MANY:
         search = CoordinateExchange(bench.without_hand, bench.without_hand.sample_tables, rng)
-        palms = (drawn, _fitted(bench, search, rng))
-        orders = zip(*(poses.hands(_against(bench, poses))[:MOST_PALMS] for poses in palms), strict=False)
+        palms = (drawn, _fit_poses(bench, search, rng))
+        orders = zip(*(poses.hands(_pose_violation(bench, poses))[:MOST_PALMS] for poses in palms), strict=False)
         found = _exchanged(bench, search, [hand for pair in orders for hand in pair], rng)
         if found:
             return found[:count]
     blocked = bench.rows.blocked(drawn.points, drawn.normals, drawn.values)
-    merit = scores(bench, drawn.points, drawn.normals) - _against(bench, drawn) - BLOCKED_MANY * blocked
+    merit = sampled_quality(bench, drawn.points, drawn.normals) - _pose_violation(bench, drawn) - BLOCKED_MANY * blocked
     return [drawn.placed(i) for i in np.argsort(-merit, kind="stable")[:count].tolist()]
 
 
-def touching_candidates(
-    bench: Workbench, candidates: Sequence[Placed], rng: np.random.Generator, stop: Stop
-) -> list[Placed]:
+def touch_candidates(
+    bench: CompiledProblem, candidates: Sequence[GraspCandidate], rng: np.random.Generator, stop: Deadline
+) -> list[GraspCandidate]:
     """Return hand poses moved until all fingertips touch the body, best first, and the nearest few of those that fail.
 
     Candidates of different kinds come before others. With many contacts, of which a hand hardly ever touches with all,
     a few that touch are enough.
     """
     enough = ENOUGH if len(bench.problem.models) >= MANY else len(candidates)
-    there, others = list[tuple[Placed, float]](), list[tuple[Placed, float]]()
+    there, others = list[tuple[GraspCandidate, float]](), list[tuple[GraspCandidate, float]]()
     for candidate in candidates:
         if len(there) == enough or (there and stop.requested()):
             break
@@ -103,17 +103,17 @@ def touching_candidates(
         else:
             others.append((found, violation))
     best, rest = ([placed for placed, _ in sorted(each, key=lambda pair: pair[1])] for each in (there, others))
-    first = of_different_kinds(bench, np.stack([placed.points for placed in best])) if best else []
+    first = select_incongruent(bench, np.stack([placed.points for placed in best])) if best else []
     return [best[b] for b in first] + [placed for b, placed in enumerate(best) if b not in first] + rest[:ENOUGH]
 
 
 def _exchanged(
-    bench: Workbench, search: CoordinateExchange, palms: Sequence[Values], rng: np.random.Generator
-) -> list[Placed]:
+    bench: CompiledProblem, search: CoordinateExchange, palms: Sequence[Values], rng: np.random.Generator
+) -> list[GraspCandidate]:
     """Return placements reachable from the first palm poses with all fingertips, best first."""
     tables, space = bench.without_hand.sample_tables, bench.workspace
     clouds = [tables.samples(i) for i in range(len(bench.problem.models))]
-    tree, hands, reaches = bench.hand_points.posed_hand.tree, list[Values](), list[Reach]()
+    tree, hands, reaches = bench.hand_points.posed_hand.tree, list[Values](), list[ReachableSamples]()
     for hand in palms:
         reach = space.reach(tree.palm_frame(hand), clouds)
         if reach is not None:
@@ -124,7 +124,7 @@ def _exchanged(
     if not hands:
         return []
     within = [reach.samples for reach in reaches]
-    tuples = np.stack([_drawn(search, reach, rng) for reach in reaches])
+    tuples = np.stack([_best_random_tuple(search, reach, rng) for reach in reaches])
     for _ in range(ROUNDS):
         tuples = search.exchanged(tuples, within=within)
         search.learn_from(tuples[np.argsort(-search.values(tuples), kind="stable")[:LEARN]])
@@ -142,14 +142,16 @@ def _exchanged(
     ]
 
 
-def _drawn(search: CoordinateExchange, reach: Reach, rng: np.random.Generator) -> NDArray[np.intp]:
+def _best_random_tuple(
+    search: CoordinateExchange, reach: ReachableSamples, rng: np.random.Generator
+) -> NDArray[np.intp]:
     """Return the best of some random tuples of reachable samples, (k,)."""
     drawn = np.stack([rng.choice(own, DRAWN) for own in reach.samples], axis=1)
     return np.asarray(drawn[int(np.argmax(search.values(drawn)))])
 
 
 @dataclass(frozen=True)
-class _Poses:
+class _HandPoses:
     """Sampled hand poses, with the surface samples nearest to the fingertips.
 
     Parameters
@@ -167,25 +169,25 @@ class _Poses:
     faces: NDArray[np.object_]
     far: FloatArray
 
-    def placed(self, i: int) -> Placed:
+    def placed(self, i: int) -> GraspCandidate:
         """Return pose i as a candidate, its contacts at the samples nearest to the fingertips."""
-        return Placed(tuple(self.faces[i]), self.points[i], {name: v[i] for name, v in self.values.items()})
+        return GraspCandidate(tuple(self.faces[i]), self.points[i], {name: v[i] for name, v in self.values.items()})
 
     def hands(self, against: FloatArray) -> list[Values]:
         """Return the hand's variables of all poses, those first that least (b,) speaks against."""
         return [{name: v[i] for name, v in self.values.items()} for i in np.argsort(against, kind="stable").tolist()]
 
 
-def _at_random(bench: Workbench, rng: np.random.Generator) -> _Poses:
+def _random_hand_poses(bench: CompiledProblem, rng: np.random.Generator) -> _HandPoses:
     """Return random poses with the fingertips' middle somewhere in the body."""
     body = bench.problem.body
     everything = np.concatenate([bench.surface.cloud(i).points for i in range(len(bench.problem.models))])
     target = everything[rng.integers(len(everything), size=POSES)]
     around = body.centroid + rng.uniform(0.0, 0.8, (POSES, 1)) * (target - body.centroid)
-    return _beside(bench, *bench.hand_points.posed_hand.draw(POSES, around, rng))
+    return _nearest_samples(bench, *bench.hand_points.posed_hand.draw(POSES, around, rng))
 
 
-def _fitted(bench: Workbench, search: CoordinateExchange, rng: np.random.Generator) -> _Poses:
+def _fit_poses(bench: CompiledProblem, search: CoordinateExchange, rng: np.random.Generator) -> _HandPoses:
     """Return poses fitted to the exchanged placements of free contacts, shared among the fingers in several ways."""
     hand, tables = bench.hand_points.posed_hand, bench.without_hand.sample_tables
     points, normals = tables.places(search.exchanged(search.drawn()))
@@ -196,10 +198,10 @@ def _fitted(bench: Workbench, search: CoordinateExchange, rng: np.random.Generat
     values, tips = hand.reach(places, NEAR, rng)
     missed = np.linalg.norm(tips - np.repeat(places, NEAR, axis=0), axis=2).mean(axis=1).reshape(len(points), -1)
     kept = np.argsort(missed, axis=1, kind="stable")[:, :EACH] + missed.shape[1] * np.arange(len(points))[:, None]
-    return _beside(bench, {name: v[kept.ravel()] for name, v in values.items()}, tips[kept.ravel()])
+    return _nearest_samples(bench, {name: v[kept.ravel()] for name, v in values.items()}, tips[kept.ravel()])
 
 
-def _beside(bench: Workbench, values: Values, tips: FloatArray) -> _Poses:
+def _nearest_samples(bench: CompiledProblem, values: Values, tips: FloatArray) -> _HandPoses:
     """Return poses with the samples nearest to their fingertips, whose centres are (b, k, 3)."""
     points, normals = np.empty_like(tips), np.empty_like(tips)
     faces = np.empty(tips.shape[:2], dtype=object)
@@ -210,10 +212,10 @@ def _beside(bench: Workbench, values: Values, tips: FloatArray) -> _Poses:
         distance, nearest = cloud.tree.query(tips[:, i])
         points[:, i], normals[:, i], faces[:, i] = cloud.points[nearest], cloud.normals[nearest], cloud.faces[nearest]
         far += np.abs(distance - radius) / len(radii)
-    return _Poses(values, points, normals, faces, far)
+    return _HandPoses(values, points, normals, faces, far)
 
 
-def _against(bench: Workbench, poses: _Poses) -> FloatArray:
+def _pose_violation(bench: CompiledProblem, poses: _HandPoses) -> FloatArray:
     """Return the distance of fingertips from the body and violated constraints, weighted, (b,)."""
     broken = bench.rows.broken(poses.points, poses.normals, poses.values)
     return FAR * poses.far / bench.scaling.length + BROKEN * broken

@@ -1,9 +1,9 @@
 """Refinement of candidates on the body itself, on a mesh on its triangles, and under joint-limit margins.
 
 On a mesh, refinement with each contact on its triangle alternates with coordinate exchange over mesh points nearby
-(``refined_on_body``).
+(``refine_on_body``).
 
-Where joints of a hand are to stay off their limits, their ranges are narrower by the margins (``refined_with_room``).
+Where joints of a hand are to stay off their limits, their ranges are narrower by the margins (``refine_with_margins``).
 Joints that cannot go inside where the fingertips touch keep their whole range; so do those whose margins take more of
 mu, to first order by their multipliers, than the price.
 """
@@ -16,19 +16,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nlpgrasp.bodies import Mesh
-from nlpgrasp.common.deadline import Stop
+from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
-from nlpgrasp.optimize.candidate import Placed
-from nlpgrasp.optimize.compiled_problem import FEASIBLE, Workbench
-from nlpgrasp.optimize.coordinate_exchange import exchanged_nearby
+from nlpgrasp.optimize.candidate import GraspCandidate
+from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
+from nlpgrasp.optimize.coordinate_exchange import exchange_nearby
 from nlpgrasp.optimize.cutting_planes import most_relevant
 from nlpgrasp.optimize.finger_exchange import walked
-from nlpgrasp.optimize.grasp_on_body import OnBody
-from nlpgrasp.optimize.local_search import Refined, advance, refine
-from nlpgrasp.optimize.projection import TOUCHING, on_triangles, put_on_body, touching, touching_on_body
+from nlpgrasp.optimize.grasp_on_body import GraspOnBody
+from nlpgrasp.optimize.local_search import RefinementResult, advance, refine
+from nlpgrasp.optimize.projection import (
+    TOUCHING,
+    fix_to_triangles,
+    project_onto_constraints,
+    put_on_body,
+    touching_on_body,
+)
 from nlpgrasp.optimize.trust_region import Linearisation
-from nlpgrasp.solution.analysis_records import SMALL, JointRoom
+from nlpgrasp.solution.analysis_records import SMALL, JointMargins
 
 SHARE = 0.1  # share of a joint's range: upper bound on its margin
 NEARBY = 1e-3  # over the body's size: trust-region radius of the linearised program that prices the margins
@@ -37,19 +43,21 @@ ROUNDS = 4  # rounds of refinement of a candidate before it is compared with oth
 EXCHANGES, GAIN = 4, 2e-3  # coordinate exchanges on a mesh, at most; least relative gain of one
 
 
-def refined_on_body(bench: Workbench, placed: Placed, stop: Stop) -> tuple[OnBody, Refined]:
+def refine_on_body(
+    bench: CompiledProblem, placed: GraspCandidate, stop: Deadline
+) -> tuple[GraspOnBody, RefinementResult]:
     """Return the local optimum reached from a candidate, with its grasp on the body itself.
 
     On a mesh, refinement on triangles alternates with coordinate exchange over mesh points nearby.
     """
     body = bench.problem.body
     if not isinstance(body, Mesh):
-        return refined_on_triangles(bench, bench.snapped(placed), stop)
+        return refine_on_triangles(bench, bench.snapped(placed), stop)
     if bench.follows_contacts:
         placed = replace(placed, points=body.closest(placed.points)[0])
     else:
         placed = _around_smooth_surface(bench, replace(placed, faces=body.face_names * len(placed.faces)), stop)
-    found, refined = refined_on_triangles(bench, placed, stop)
+    found, refined = refine_on_triangles(bench, placed, stop)
     for _ in range(EXCHANGES):
         value = refined.point.value
         if stop.requested() or value <= 0.0 or not bench.options.rounds:
@@ -57,35 +65,37 @@ def refined_on_body(bench: Workbench, placed: Placed, stop: Stop) -> tuple[OnBod
         moved = _exchanged(bench, found, refined, stop)
         if moved is None:
             break
-        trial, there = refined_on_triangles(bench, moved, stop)
+        trial, there = refine_on_triangles(bench, moved, stop)
         if (trial.allowed, there.point.value) <= (found.allowed, (1.0 + GAIN) * value):
             break
         found, refined = trial, replace(there, history=refined.history + there.history)
     return found, refined
 
 
-def refined_on_triangles(bench: Workbench, placed: Placed, stop: Stop) -> tuple[OnBody, Refined]:
+def refine_on_triangles(
+    bench: CompiledProblem, placed: GraspCandidate, stop: Deadline
+) -> tuple[GraspOnBody, RefinementResult]:
     """Return the local optimum reached from a candidate on the body; contacts on a mesh stay on their triangles.
 
     Where the smooth distance flatters the clearance of links from the mesh, it has to be larger by what they lack.
     Contacts that come near to further sharp edges are kept away from these as well.
     """
-    places, (own, begin) = [placed.points], on_triangles(bench, placed)
+    places, (own, begin) = [placed.points], fix_to_triangles(bench, placed)
     if own.violation(begin) > FEASIBLE:
         touched, moved, left = touching_on_body(bench, placed)
         own, begin = (touched, moved) if left <= TOUCHING else (own, begin)
     short = np.zeros(len(bench.rows.named))
     while True:
-        _, refined = refined_with_room(own.with_clearance(short) if short.any() else own, begin, stop)
+        _, refined = refine_with_margins(own.with_clearance(short) if short.any() else own, begin, stop)
         found = put_on_body(bench, own, refined.point.placed)
         if own is bench or found.allowed or len(places) == PASSES or stop.requested():
             return found, refined
         short += missing_clearance(bench, found)
         places.append(refined.point.placed.points)
-        own, _ = on_triangles(bench, begin, places)
+        own, _ = fix_to_triangles(bench, begin, places)
 
 
-def missing_clearance(bench: Workbench, found: OnBody) -> FloatArray:
+def missing_clearance(bench: CompiledProblem, found: GraspOnBody) -> FloatArray:
     """Return each link's violation of its clearance from the body, (rows,), metres."""
     short = np.zeros(len(bench.rows.named))
     rows = bench.rows.clearances
@@ -93,19 +103,23 @@ def missing_clearance(bench: Workbench, found: OnBody) -> FloatArray:
     return short
 
 
-def advanced_on_body(bench: Workbench, placed: Placed, stop: Stop) -> Refined:
+def advanced_on_body(bench: CompiledProblem, placed: GraspCandidate, stop: Deadline) -> RefinementResult:
     """Return a candidate after a few rounds of refinement: on the body, a hand around the smooth surface of a mesh."""
     body = bench.problem.body
     if not isinstance(body, Mesh):
         return advance(bench, bench.snapped(placed), stop, ROUNDS)
     if not bench.follows_contacts:
-        moved, left = touching(bench, bench.snapped(replace(placed, faces=body.face_names * len(placed.faces))))
+        moved, left = project_onto_constraints(
+            bench, bench.snapped(replace(placed, faces=body.face_names * len(placed.faces)))
+        )
         if left <= TOUCHING:
             return advance(bench, bench.snapped(moved), stop, ROUNDS)
-    return advance(*on_triangles(bench, replace(placed, points=body.closest(placed.points)[0])), stop, ROUNDS)
+    return advance(*fix_to_triangles(bench, replace(placed, points=body.closest(placed.points)[0])), stop, ROUNDS)
 
 
-def refined_with_room(bench: Workbench, placed: Placed, stop: Stop) -> tuple[Workbench, Refined]:
+def refine_with_margins(
+    bench: CompiledProblem, placed: GraspCandidate, stop: Deadline
+) -> tuple[CompiledProblem, RefinementResult]:
     """Return the refined candidate, and the compiled problem with the joint limits used.
 
     Parameters
@@ -119,11 +133,11 @@ def refined_with_room(bench: Workbench, placed: Placed, stop: Stop) -> tuple[Wor
     hand, options = bench.problem.hand, bench.options
     if not isinstance(hand, URDFHand) or not options.seeks_room:
         return bench, refine(bench, placed, stop)
-    margins = Margins.of(hand, options.joint_margin)
-    inside, placed = _inside(bench, margins, placed)
+    margins = JointLimitMargins.of(hand, options.joint_margin)
+    inside, placed = _joints_with_margin(bench, margins, placed)
     own = bench.with_joints(margins.narrowed(inside))
     refined = refine(own, placed, stop)
-    dear = _dear(own, refined, inside * margins.wanted)
+    dear = _costly_margins(own, refined, inside * margins.wanted)
     if np.any(dear):
         own = bench.with_joints(margins.narrowed(inside & ~dear))
         refined = refine(own, refined.point.placed, stop)
@@ -131,7 +145,7 @@ def refined_with_room(bench: Workbench, placed: Placed, stop: Stop) -> tuple[Wor
 
 
 @dataclass(frozen=True)
-class Margins:
+class JointLimitMargins:
     """Free joints of a hand with their limits and required margins.
 
     Parameters
@@ -148,7 +162,7 @@ class Margins:
     wanted: FloatArray
 
     @classmethod
-    def of(cls, hand: URDFHand, margin: float) -> Margins:
+    def of(cls, hand: URDFHand, margin: float) -> JointLimitMargins:
         """Return the margins of a hand's joints, from a margin in radians."""
         limits, joints = hand.tree.joint_limits, hand.robot.free_joints
         share = SHARE * (limits[1] - limits[0])
@@ -164,9 +178,9 @@ class Margins:
         """Return the distances of joints (m,) from their nearer limits, by name."""
         return dict(zip(self.names, self.left(joints).tolist(), strict=True))
 
-    def room(self, joints: FloatArray, margin: float, price: float) -> JointRoom:
+    def room(self, joints: FloatArray, margin: float, price: float) -> JointMargins:
         """Return the joint-limit margins of joints (m,) as files state them, beside the required ones."""
-        return JointRoom(
+        return JointMargins(
             margin, dict(zip(self.names, self.wanted.tolist(), strict=True)), self.left_by_name(joints), price
         )
 
@@ -180,33 +194,37 @@ class Margins:
         return np.stack([self.limits[0] + inside, self.limits[1] - inside])
 
 
-def _around_smooth_surface(bench: Workbench, placed: Placed, stop: Stop) -> Placed:
+def _around_smooth_surface(bench: CompiledProblem, placed: GraspCandidate, stop: Deadline) -> GraspCandidate:
     """Return a hand refined around a mesh's smooth surface, where its contacts move farther than on triangles."""
-    moved, left = touching(bench, bench.snapped(placed))
-    return placed if left > TOUCHING else refined_with_room(bench, bench.snapped(moved), stop)[1].point.placed
+    moved, left = project_onto_constraints(bench, bench.snapped(placed))
+    return placed if left > TOUCHING else refine_with_margins(bench, bench.snapped(moved), stop)[1].point.placed
 
 
-def _exchanged(bench: Workbench, found: OnBody, refined: Refined, stop: Stop) -> Placed | None:
+def _exchanged(
+    bench: CompiledProblem, found: GraspOnBody, refined: RefinementResult, stop: Deadline
+) -> GraspCandidate | None:
     """Return contacts moved to better mesh points nearby that the hand reaches; None where none are better."""
     if bench.follows_contacts:
-        return exchanged_nearby(bench, refined.point.placed, found.grasp, refined.point.cuts)
+        return exchange_nearby(bench, refined.point.placed, found.grasp, refined.point.cuts)
     return walked(bench, found.placed, found.grasp.normals, np.random.default_rng(0), stop)
 
 
-def _inside(bench: Workbench, margins: Margins, placed: Placed) -> tuple[NDArray[np.bool_], Placed]:
+def _joints_with_margin(
+    bench: CompiledProblem, margins: JointLimitMargins, placed: GraspCandidate
+) -> tuple[NDArray[np.bool_], GraspCandidate]:
     """Return the mask of joints that can keep their margins with all fingertips touching, (m,), and the hand there."""
     lacking = margins.lacking(placed.hand["joints"])
     for inside in (np.ones_like(lacking), ~lacking) if np.any(lacking) else ():
         limits = margins.narrowed(inside)
         clipped = np.clip(placed.hand["joints"], limits[0], limits[1])
         own = bench.with_joints(limits)
-        moved, left = touching(own, replace(placed, hand={**placed.hand, "joints": clipped}))
+        moved, left = project_onto_constraints(own, replace(placed, hand={**placed.hand, "joints": clipped}))
         if left <= TOUCHING:
             return inside, own.snapped(moved)
     return ~lacking, placed
 
 
-def _dear(bench: Workbench, refined: Refined, margins: FloatArray) -> NDArray[np.bool_]:
+def _costly_margins(bench: CompiledProblem, refined: RefinementResult, margins: FloatArray) -> NDArray[np.bool_]:
     """Return the mask of joints, (m,), whose margins are dropped so that the others cost little enough of mu."""
     point, program = refined.point, bench.exchange.compiled.program
     nothing = np.zeros(len(margins), dtype=bool)

@@ -5,9 +5,9 @@ a sharp edge is lost, and with it all that it presses: no other place of it is w
 is searched for: each slides in turn to the place within reach that hurts most, until no slide hurts more. What is
 found is a placement that may happen, with its certified quality: an upper bound on the worst there is.
 
-A grasp is made more robust (``steady``) by the worst displacements met so far: every contact in turn moves to the place
-near it where the least quality over all of them is largest, and the search for the worst displacement begins anew. Only
-what the certificate confirms is kept.
+A grasp is made more robust (``maximise_robustness``) by the worst displacements met so far: every contact in turn moves
+to the place near it where the least quality over all of them is largest, and the search for the worst displacement
+begins anew. Only what the certificate confirms is kept.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.spatial import tangents
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
-from nlpgrasp.optimize.candidate import Placed
-from nlpgrasp.optimize.compiled_problem import FEASIBLE, Workbench
+from nlpgrasp.optimize.candidate import GraspCandidate
+from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
 from nlpgrasp.optimize.cutting_planes import weakest_at
-from nlpgrasp.optimize.grasp_on_body import OnBody, edge_distances
+from nlpgrasp.optimize.grasp_on_body import GraspOnBody, edge_distances
 from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.quality.grasp import Grasp, GraspStack
 from nlpgrasp.quality.screening import sampled_ratios
@@ -35,16 +35,16 @@ AROUND = 16  # displaced positions per contact
 SWEEPS, ROUNDS = 6, 3  # sweeps of displacements in turn; searches for weak directions
 BEGINNINGS = 3  # initial displacements, at most
 RTOL, LOOSE = 0.02, 0.1  # relative width of the certificate; of a quick one
-MOVES = (0.04, 0.02, 0.01, 0.005)  # step sizes of ``steady``, over the body's size
+MOVES = (0.04, 0.02, 0.01, 0.005)  # step sizes of ``maximise_robustness``, over the body's size
 MOVES_OF_ONE = 4  # moves with one step size, at most
 GAIN = 1e-3  # relative: a move that gains less is none
-MOST_DIRECTIONS = 400  # directions kept by ``steady``
+MOST_DIRECTIONS = 400  # directions kept by ``maximise_robustness``
 Places = list[tuple[FloatArray, FloatArray]]  # where each contact may be, and inward normals
 SLIPS = 0.99  # share of the displacement: a contact nearer to an edge may slip over it
 TOO_FAR = 1.5  # times the displacement: a point farther away than that is off the face
 
 
-def robustness(bench: Workbench, placed: Placed, grasp: Grasp, quickly: bool = False) -> Robustness:
+def robustness(bench: CompiledProblem, placed: GraspCandidate, grasp: Grasp, quickly: bool = False) -> Robustness:
     """Return the certified quality of the worst placement found near a grasp, with the options' displacement.
 
     Parameters
@@ -60,8 +60,8 @@ def robustness(bench: Workbench, placed: Placed, grasp: Grasp, quickly: bool = F
     """
     offset, share = bench.options.robust_offset, bench.options.robust_friction
     models = [model.with_friction(1.0 - share) for model in grasp.contacts]
-    places = places_near(bench, placed.faces, grasp.points, grasp.normals)
-    budget, lost = bench.budget(placed), _over_edges(bench, placed)
+    places = displaced_positions(bench, placed.faces, grasp.points, grasp.normals)
+    budget, lost = bench.budget(placed), _contacts_near_edges(bench, placed)
     points, normals = grasp.points.copy(), grasp.normals.copy()
     rest = [i for i in range(len(models)) if i not in lost]
     bounds = Bounds(0.0, 0.0)
@@ -69,18 +69,18 @@ def robustness(bench: Workbench, placed: Placed, grasp: Grasp, quickly: bool = F
     if rest:
         models, places = [models[i] for i in rest], [places[i] for i in rest]
         chosen, _ = worst_displacement(bench, models, places, budget, np.random.default_rng(0), beginnings)
-        found = _at(bench, models, places, chosen)
+        found = _displaced_grasp(bench, models, places, chosen)
         bounds = mu(found, bench.problem.task, rtol, force_budget=budget)
         points[rest], normals[rest] = found.points, found.normals
     return Robustness(offset, share, bounds, points, normals, lost)
 
 
-def steady(bench: Workbench, found: OnBody) -> tuple[OnBody, Robustness]:
+def maximise_robustness(bench: CompiledProblem, found: GraspOnBody) -> tuple[GraspOnBody, Robustness]:
     """Return a grasp made more robust, where its contacts move freely over a smooth body."""
     if found.surface is not None or not bench.follows_contacts:
         return found, robustness(bench, found.placed, found.grasp)
     best, robust = found.grasp, robustness(bench, found.placed, found.grasp)
-    placed, ascent = found.placed, _Ascent(bench, found.placed)
+    placed, ascent = found.placed, _RobustSearch(bench, found.placed)
     for step in MOVES:
         for _ in range(MOVES_OF_ONE):
             ascent.look()
@@ -91,11 +91,11 @@ def steady(bench: Workbench, found: OnBody) -> tuple[OnBody, Robustness]:
         trial = robustness(bench, there, grasp)
         if trial.mu.lower > robust.mu.lower:
             placed, best, robust = there, grasp, trial
-    return OnBody.of(bench, placed, best), robust
+    return GraspOnBody.of(bench, placed, best), robust
 
 
 def worst_displacement(
-    bench: Workbench,
+    bench: CompiledProblem,
     models: Sequence[ContactModel],
     places: Places,
     budget: ForceBudget,
@@ -120,7 +120,7 @@ def worst_displacement(
     for beginning in range(beginnings):
         chosen = [0 if beginning == 0 else int(rng.integers(len(points))) for points, _ in places]
         for _ in range(ROUNDS):
-            there = _at(bench, models, places, chosen)
+            there = _displaced_grasp(bench, models, places, chosen)
             weakest = weakest_directions(there, bench.problem.task, budget, rng, y, QUICK)
             if weakest.value < least:
                 least, worst = weakest.value, list(chosen)
@@ -132,15 +132,17 @@ def worst_displacement(
     return worst, y
 
 
-def places_near(bench: Workbench, faces: Sequence[str], points: FloatArray, normals: FloatArray) -> Places:
+def displaced_positions(
+    bench: CompiledProblem, faces: Sequence[str], points: FloatArray, normals: FloatArray
+) -> Places:
     """Return the possible positions of each contact, itself first, displaced by as much as the options ask for."""
     offset = bench.options.robust_offset
     each = zip(faces, points, normals, strict=True)
-    return [places_around(bench, face, p, n, offset) for face, p, n in each]
+    return [positions_around(bench, face, p, n, offset) for face, p, n in each]
 
 
-def places_around(
-    bench: Workbench, face: str, point: FloatArray, normal: FloatArray, offset: float
+def positions_around(
+    bench: CompiledProblem, face: str, point: FloatArray, normal: FloatArray, offset: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return the contact itself and points around it on its face, with inward normals, (m, space) each."""
     body, space = bench.problem.body, bench.problem.body.space
@@ -165,7 +167,7 @@ def places_around(
     return np.concatenate([point[None], points[good]]), np.concatenate([normal[None], inward[good]])
 
 
-def _over_edges(bench: Workbench, placed: Placed) -> tuple[int, ...]:
+def _contacts_near_edges(bench: CompiledProblem, placed: GraspCandidate) -> tuple[int, ...]:
     """Return the contacts that may slip over a sharp edge within the options' displacement.
 
     None where the force budget counts on each contact by its number, as that of a hand's joints does.
@@ -176,7 +178,9 @@ def _over_edges(bench: Workbench, placed: Placed) -> tuple[int, ...]:
     return tuple(np.flatnonzero(apart < SLIPS * bench.options.robust_offset).tolist())
 
 
-def _slide(bench: Workbench, models: Sequence[ContactModel], places: Places, chosen: list[int], y: FloatArray) -> bool:
+def _slide(
+    bench: CompiledProblem, models: Sequence[ContactModel], places: Places, chosen: list[int], y: FloatArray
+) -> bool:
     """Move contacts in turn, in place, to minimise the least ratio; return whether any moved."""
     moved = False
     for _ in range(SWEEPS):
@@ -195,16 +199,18 @@ def _slide(bench: Workbench, models: Sequence[ContactModel], places: Places, cho
     return moved
 
 
-def _at(bench: Workbench, models: Sequence[ContactModel], places: Places, chosen: Sequence[int]) -> Grasp:
+def _displaced_grasp(
+    bench: CompiledProblem, models: Sequence[ContactModel], places: Places, chosen: Sequence[int]
+) -> Grasp:
     points = np.array([p[c] for (p, _), c in zip(places, chosen, strict=True)])
     normals = np.array([n[c] for (_, n), c in zip(places, chosen, strict=True)])
     return Grasp(points, normals, models, bench.problem.origin)
 
 
-class _Ascent:
+class _RobustSearch:
     """State of the search: contacts, worst displacements so far, and the weak directions."""
 
-    def __init__(self, bench: Workbench, start: Placed) -> None:
+    def __init__(self, bench: CompiledProblem, start: GraspCandidate) -> None:
         self.bench, self.start = bench, start
         share = bench.options.robust_friction
         self.models = [model.with_friction(1.0 - share) for model in bench.problem.models]
@@ -213,9 +219,9 @@ class _Ascent:
         self.displacements: list[tuple[int, ...]] = [(0,) * len(self.points)]
 
     @property
-    def placed(self) -> Placed:
+    def placed(self) -> GraspCandidate:
         """Current candidate."""
-        return Placed(self.start.faces, self.points.copy(), self.start.hand)
+        return GraspCandidate(self.start.faces, self.points.copy(), self.start.hand)
 
     def look(self) -> None:
         """Add the worst displacement found of the current contacts, and the weak directions."""
@@ -232,8 +238,8 @@ class _Ascent:
         bench, moved = self.bench, False
         normals, now = bench.inward_normals(self.placed), self._places()
         for i, face in enumerate(self.start.faces):
-            tried, inward = places_around(bench, face, self.points[i], normals[i], step)
-            others = places_near(bench, [face] * (len(tried) - 1), tried[1:], inward[1:])
+            tried, inward = positions_around(bench, face, self.points[i], normals[i], step)
+            others = displaced_positions(bench, [face] * (len(tried) - 1), tried[1:], inward[1:])
             around = [now[i], *others]
             values = np.array([self._least([*now[:i], one, *now[i + 1 :]]) for one in around])
             trials, trial_normals = (np.repeat(v[None], len(tried), axis=0) for v in (self.points, normals))
@@ -253,4 +259,4 @@ class _Ascent:
         return float(np.min(ratios))
 
     def _places(self) -> Places:
-        return places_near(self.bench, self.start.faces, self.points, self.bench.inward_normals(self.placed))
+        return displaced_positions(self.bench, self.start.faces, self.points, self.bench.inward_normals(self.placed))

@@ -7,23 +7,23 @@ from dataclasses import replace
 
 import numpy as np
 
-from nlpgrasp.common.deadline import Clock, Stop
+from nlpgrasp.common.deadline import Clock, Deadline
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts.pad import AlongNormalError
-from nlpgrasp.optimize.candidate import Effort, Placed
-from nlpgrasp.optimize.compiled_problem import Workbench
-from nlpgrasp.optimize.grasp_on_body import OnBody
-from nlpgrasp.optimize.initial_nlp import FirstGrasp, first_grasp
-from nlpgrasp.optimize.local_search import Refined, refine
-from nlpgrasp.optimize.processes import one_thread
-from nlpgrasp.optimize.projection import on_triangles
-from nlpgrasp.optimize.propose import propose, touching_candidates
-from nlpgrasp.optimize.refine import advanced_on_body, refined_on_body
-from nlpgrasp.optimize.robustness import steady
+from nlpgrasp.optimize.candidate import Effort, GraspCandidate
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
+from nlpgrasp.optimize.grasp_on_body import GraspOnBody
+from nlpgrasp.optimize.initial_nlp import InitialGrasp, solve_initial_nlp
+from nlpgrasp.optimize.local_search import RefinementResult, refine
+from nlpgrasp.optimize.processes import single_thread
+from nlpgrasp.optimize.projection import fix_to_triangles
+from nlpgrasp.optimize.propose import propose, touch_candidates
+from nlpgrasp.optimize.refine import advanced_on_body, refine_on_body
+from nlpgrasp.optimize.robustness import maximise_robustness
 from nlpgrasp.optimize.start_result import StartGrasp, StartResult, best_of
 from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.quality.wrench_set import WrenchSet
-from nlpgrasp.solution.records import Origin, StartRecord, Status
+from nlpgrasp.solution.records import CandidateOrigin, StartRecord, Status
 
 FAILURES = RuntimeError, np.linalg.LinAlgError, AlongNormalError
 """What numerics may raise for some candidates."""
@@ -33,12 +33,12 @@ MOST_TOUCHING = 2  # candidates that end in link collisions before a start gives
 
 
 def run_start(
-    bench: Workbench,
+    bench: CompiledProblem,
     index: int,
     seed: int,
-    stop: Stop,
+    stop: Deadline,
     known: Sequence[FloatArray] = (),
-    candidates: Sequence[Placed] = (),
+    candidates: Sequence[GraspCandidate] = (),
 ) -> StartResult:
     """Run start ``index`` from candidates, or from those that it proposes by index and seed, also near known contacts.
 
@@ -56,9 +56,11 @@ def run_start(
         The most promising first.
     """
     clock = Clock()
-    with one_thread():
+    with single_thread():
         try:
-            found = _best(bench, index, np.random.default_rng([seed, index]), stop, clock, known, candidates)
+            found = _best_of_candidates(
+                bench, index, np.random.default_rng([seed, index]), stop, clock, known, candidates
+            )
         except FAILURES as error:
             return failed(index, error, clock.seconds)
     return replace(found, record=replace(found.record, seconds=clock.seconds))
@@ -70,35 +72,37 @@ def failed(index: int, error: Exception, seconds: Mapping[str, float] | None = N
     return StartResult(StartRecord(index, Status.FAILED, seconds=seconds or {}, message=text))
 
 
-def with_hand(bench: Workbench, placed: Placed, normals: FloatArray | None = None) -> Placed:
+def follow_with_hand(
+    bench: CompiledProblem, placed: GraspCandidate, normals: FloatArray | None = None
+) -> GraspCandidate:
     """Return a candidate with the hand's variables computed from its contacts, where they follow from these.
 
     Inward normals (k, space) are the body's where none are given.
     """
     inward = bench.inward_normals(placed) if normals is None else normals
     hand = bench.hand_points.start(placed.points[None], inward[None])
-    return Placed(placed.faces, placed.points, {name: value[0] for name, value in hand.items()})
+    return GraspCandidate(placed.faces, placed.points, {name: value[0] for name, value in hand.items()})
 
 
-def _best(
-    bench: Workbench,
+def _best_of_candidates(
+    bench: CompiledProblem,
     index: int,
     rng: np.random.Generator,
-    stop: Stop,
+    stop: Deadline,
     clock: Clock,
     known: Sequence[FloatArray],
-    candidates: Sequence[Placed],
+    candidates: Sequence[GraspCandidate],
 ) -> StartGrasp:
     """Return the best result over a start's candidates, with the total effort."""
-    origin = Origin.BOUND if known else Origin.RANDOM
+    origin = CandidateOrigin.BOUND if known else CandidateOrigin.RANDOM
     plain = None if bench.follows_contacts else bench.under_l2  # poses are compared under the paper's budget
     proposed = candidates or propose(bench, rng, known)
     if not bench.follows_contacts:
-        proposed = touching_candidates(plain or bench, proposed, rng, stop)
+        proposed = touch_candidates(plain or bench, proposed, rng, stop)
     clock.mark("propose")
-    ends, left, programs = list[StartGrasp](), list[FirstGrasp](), Effort()
-    firsts = (first_grasp(plain or bench, candidate, rng) for candidate in proposed)
-    batch = list[FirstGrasp]()
+    ends, left, programs = list[StartGrasp](), list[InitialGrasp](), Effort()
+    firsts = (solve_initial_nlp(plain or bench, candidate, rng) for candidate in proposed)
+    batch = list[InitialGrasp]()
     for number, first in enumerate(firsts, 1):
         programs += first.effort
         clock.mark("first program")
@@ -106,21 +110,21 @@ def _best(
         if len(batch) < COMPARED and number < len(proposed) and not stop.requested():
             continue
         for one in _by_promise(plain or bench, batch, stop):
-            ends.append(_end(bench, index, one, origin, stop, clock))
-            if _enough(ends):
+            ends.append(_result_of_candidate(bench, index, one, origin, stop, clock))
+            if _has_enough(ends):
                 break
-        if stop.requested() or _enough(ends):
+        if stop.requested() or _has_enough(ends):
             break
         batch = []
     for first in sorted(left, key=lambda one: -one.score) if not ends else ():
-        ends.append(_end(bench, index, first, origin, stop, clock))
+        ends.append(_result_of_candidate(bench, index, first, origin, stop, clock))
         if stop.requested() or ends[-1].record.has_grasp:
             break
-    best = _better(ends)
+    best = _best_of_results(ends)
     return replace(best, spent=best.spent + programs)
 
 
-def _by_promise(bench: Workbench, batch: Sequence[FirstGrasp], stop: Stop) -> list[FirstGrasp]:
+def _by_promise(bench: CompiledProblem, batch: Sequence[InitialGrasp], stop: Deadline) -> list[InitialGrasp]:
     """Return candidates after a few rounds of refinement each, the best first; a single one as it is."""
     if len(batch) < 2:
         return list(batch)
@@ -129,7 +133,9 @@ def _by_promise(bench: Workbench, batch: Sequence[FirstGrasp], stop: Stop) -> li
     return [replace(first, placed=advanced.point.placed) for first, advanced in each]
 
 
-def _refined(bench: Workbench, index: int, placed: Placed, stop: Stop) -> Iterator[tuple[OnBody, Refined]]:
+def _refine_candidates(
+    bench: CompiledProblem, index: int, placed: GraspCandidate, stop: Deadline
+) -> Iterator[tuple[GraspOnBody, RefinementResult]]:
     """Yield refined grasps; under other budgets than L2 some are refined under L2 first.
 
     The paper's support, a root of a sum of squares over the contacts, is smooth where those of other budgets have
@@ -137,37 +143,39 @@ def _refined(bench: Workbench, index: int, placed: Placed, stop: Stop) -> Iterat
     """
     smooth = bench.under_l2 if index % 2 or not bench.follows_contacts else None
     if smooth is not None:
-        found, there = refined_on_body(smooth, placed, stop)
+        found, there = refine_on_body(smooth, placed, stop)
         placed = there.point.placed
         if not bench.follows_contacts:
-            yield found, refine(*on_triangles(bench, placed), stop, rounds=0)
-    yield refined_on_body(bench, placed, stop)
+            yield found, refine(*fix_to_triangles(bench, placed), stop, rounds=0)
+    yield refine_on_body(bench, placed, stop)
 
 
-def _enough(ends: Sequence[StartGrasp]) -> bool:
+def _has_enough(ends: Sequence[StartGrasp]) -> bool:
     """Return whether a candidate led to a feasible grasp, or too many to colliding links."""
     touching = sum(end.record.status is Status.TOUCHES for end in ends)
     return any(end.solved for end in ends) or touching >= MOST_TOUCHING
 
 
-def _end(bench: Workbench, index: int, first: FirstGrasp, origin: Origin, stop: Stop, clock: Clock) -> StartGrasp:
+def _result_of_candidate(
+    bench: CompiledProblem, index: int, first: InitialGrasp, origin: CandidateOrigin, stop: Deadline, clock: Clock
+) -> StartGrasp:
     """Return the best result of a candidate: refined, on the body, certified and measured."""
     ends, message = list[StartGrasp](), first.message or origin.value
-    for found, refined in _refined(bench, index, first.placed, stop):
+    for found, refined in _refine_candidates(bench, index, first.placed, stop):
         clock.mark("refine")
         robust = None
         if bench.options.maximise_robust:
-            found, robust = steady(bench, found)
+            found, robust = maximise_robustness(bench, found)
             clock.mark("robust")
-        bounds = _certified(bench, found, refined, stop)
+        bounds = _certify_grasp(bench, found, refined, stop)
         clock.mark("certificate")
         state = refined.state()
         ends.append(StartGrasp.of(bench, index, found, bounds, state, message, origin=origin, robust=robust))
         clock.mark("link depth")
-    return _better(ends)
+    return _best_of_results(ends)
 
 
-def _certified(bench: Workbench, found: OnBody, refined: Refined, stop: Stop) -> Bounds:
+def _certify_grasp(bench: CompiledProblem, found: GraspOnBody, refined: RefinementResult, stop: Deadline) -> Bounds:
     """Return the certified bounds of a grasp, the upper one tightened by known weak directions."""
     budget, deadline, rtol = bench.budget(found.placed), stop.certificate_deadline(), bench.options.rtol
     begun, weak = refined.certificate, refined.point.minimisers
@@ -182,7 +190,7 @@ def _certified(bench: Workbench, found: OnBody, refined: Refined, stop: Stop) ->
     return replace(bounds, upper=float(ratios[least]), worst_direction=weak[least])
 
 
-def _better(ends: Sequence[StartGrasp]) -> StartGrasp:
+def _best_of_results(ends: Sequence[StartGrasp]) -> StartGrasp:
     """Return the best of several results, collision-free ones first, with their total effort."""
     best = best_of(ends) or max(ends, key=lambda end: end.rank.lower)
     return replace(best, spent=sum((end.effort for end in ends), Effort()))

@@ -6,17 +6,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from nlpgrasp.common.types import Json
-from nlpgrasp.optimize.candidate import AscentState, Effort, Placed
-from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.candidate import Effort, GraspCandidate, SearchState
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.compiled_programs import budget_at
-from nlpgrasp.optimize.grasp_on_body import OnBody, constraint_reports
+from nlpgrasp.optimize.grasp_on_body import GraspOnBody, constraint_reports
 from nlpgrasp.optimize.kkt_point import LocalOptimum
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.solution.analysis_records import Robustness
 from nlpgrasp.solution.kkt import KKT
-from nlpgrasp.solution.obstructions import LinkDepth
-from nlpgrasp.solution.records import ConstraintReport, Origin, StartRecord, Status
+from nlpgrasp.solution.obstructions import LinkPenetration
+from nlpgrasp.solution.records import CandidateOrigin, ConstraintReport, StartRecord, Status
 
 CLOSE = 0.03  # relative: lower bounds of starts this close are a tie
 
@@ -69,29 +69,29 @@ class StartGrasp(StartResult):
         The hand with its way in, as files state it, where that was looked at.
     """
 
-    found: OnBody
+    found: GraspOnBody
     constraints: tuple[ConstraintReport, ...]
     spent: Effort
     robust: Robustness | None
-    ascended: Placed
+    ascended: GraspCandidate
     optimum: LocalOptimum | None = None
     kkt: KKT | None = None
-    depth: LinkDepth | None = None
+    depth: LinkPenetration | None = None
     tip_gaps: tuple[float | None, ...] = ()
     hand: Json | None = None
 
     @classmethod
     def of(
         cls,
-        bench: Workbench,
+        bench: CompiledProblem,
         index: int,
-        found: OnBody,
+        found: GraspOnBody,
         bounds: Bounds,
-        state: AscentState,
+        state: SearchState,
         message: str,
         seconds: Mapping[str, float] | None = None,
         robust: Robustness | None = None,
-        origin: Origin | None = None,
+        origin: CandidateOrigin | None = None,
     ) -> StartGrasp:
         """Return the result of a start with its record: solved if the grasp is certified, feasible and free."""
         depth, gaps, links = None, list[float | None](), bench.link_depths

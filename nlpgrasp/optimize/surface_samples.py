@@ -18,11 +18,11 @@ from nlpgrasp.bodies import Mesh
 from nlpgrasp.budgets import ForceBudget, L2Budget
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
-from nlpgrasp.contacts.pad import off_normal
+from nlpgrasp.contacts.pad import is_off_normal
 from nlpgrasp.errors import InputError
 from nlpgrasp.global_bound.cell_supports import MEASURES, Measure
 from nlpgrasp.hands import ParallelJaw
-from nlpgrasp.optimize.constraint_values import HandPoints, RowValues
+from nlpgrasp.optimize.constraint_values import ConstraintValues, HandPoints
 from nlpgrasp.problem.candidate_constraints import FITS
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.grasp import GraspStack
@@ -42,7 +42,7 @@ IntArray = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
-class Cloud:
+class SampleCloud:
     """Surface points with normals, faces and a k-d tree.
 
     Parameters
@@ -61,10 +61,10 @@ class Cloud:
     normals: FloatArray
     tree: cKDTree
 
-    def subset(self, kept: NDArray[np.intp]) -> Cloud:
+    def subset(self, kept: NDArray[np.intp]) -> SampleCloud:
         """Return the points with these numbers (m,)."""
         points = self.points[kept]
-        return Cloud(self.faces[kept], points, self.normals[kept], cKDTree(points))
+        return SampleCloud(self.faces[kept], points, self.normals[kept], cKDTree(points))
 
 
 class SurfaceSamples:
@@ -77,7 +77,7 @@ class SurfaceSamples:
 
     def __init__(self, problem: GraspProblem) -> None:
         self._problem = problem
-        self._clouds: dict[tuple[str, ...], Cloud] = {}
+        self._clouds: dict[tuple[str, ...], SampleCloud] = {}
 
     @cached_property
     def faces(self) -> dict[str, FloatArray]:
@@ -89,7 +89,9 @@ class SurfaceSamples:
         found = {name: problem.body.sample(name, count, rng, problem.margin) for name in names}
         found = {name: points for name, points in found.items() if len(points)}
         if directions := _directions(problem):
-            told = {n: _told(directions, problem.body.evaluate(n, points)[2]) for n, points in found.items()}
+            told = {
+                n: _determines_direction(directions, problem.body.evaluate(n, points)[2]) for n, points in found.items()
+            }
             found = {name: points[told[name]] for name, points in found.items() if np.any(told[name])}
         for i in range(k):
             if not any(n in found for n in problem.allowed_faces(i)):
@@ -102,7 +104,7 @@ class SurfaceSamples:
         """Return the faces that a contact may use and that have points."""
         return tuple(n for n in self._problem.allowed_faces(contact) if n in self.faces)
 
-    def cloud(self, contact: int) -> Cloud:
+    def cloud(self, contact: int) -> SampleCloud:
         """Return the points that a contact may use: of a mesh those of the mesh itself."""
         if isinstance(self._problem.body, Mesh):
             return self.mesh_cloud
@@ -111,7 +113,7 @@ class SurfaceSamples:
             points = np.concatenate([self.faces[n] for n in names])
             labels = np.concatenate([np.full(len(self.faces[n]), n, dtype=object) for n in names])
             normals = np.concatenate([-self._problem.body.evaluate(n, self.faces[n])[2] for n in names])
-            self._clouds[names] = Cloud(labels, points, normals, cKDTree(points))
+            self._clouds[names] = SampleCloud(labels, points, normals, cKDTree(points))
         return self._clouds[names]
 
     @property
@@ -120,14 +122,14 @@ class SurfaceSamples:
         return mesh_of(self._problem)
 
     @cached_property
-    def mesh_cloud(self) -> Cloud:
+    def mesh_cloud(self) -> SampleCloud:
         """Points of the mesh itself, away from sharp edges, with its triangles' inward normals."""
         body = self.mesh
         points, normals = body.surface_samples(MESH_SAMPLES, np.random.default_rng(0))
-        kept = plain(self._problem, points, normals)
+        kept = is_usable(self._problem, points, normals)
         if kept.any():
             points, normals = points[kept], normals[kept]
-        return Cloud(np.full(len(points), body.face_names[0], dtype=object), points, -normals, cKDTree(points))
+        return SampleCloud(np.full(len(points), body.face_names[0], dtype=object), points, -normals, cKDTree(points))
 
 
 def mesh_of(problem: GraspProblem) -> Mesh:
@@ -137,7 +139,7 @@ def mesh_of(problem: GraspProblem) -> Mesh:
     return problem.body
 
 
-def plain(problem: GraspProblem, points: FloatArray, outward: FloatArray) -> NDArray[np.bool_]:
+def is_usable(problem: GraspProblem, points: FloatArray, outward: FloatArray) -> NDArray[np.bool_]:
     """Return the mask of mesh points (m, 3), with outward normals (m, 3), that a contact may use.
 
     They are the margin away from sharp edges, the normals there are near those of the smooth surface, and the largest
@@ -146,7 +148,7 @@ def plain(problem: GraspProblem, points: FloatArray, outward: FloatArray) -> NDA
     body, face, hand = mesh_of(problem), problem.body.face_names[0], problem.hand
     kept = np.sum(body.evaluate(face, points)[2] * outward, axis=1) >= np.cos(MESH_ANGLE)
     if directions := _directions(problem):
-        kept &= _told(directions, outward)
+        kept &= _determines_direction(directions, outward)
     if problem.margin > 0.0:
         kept &= body.edge_distance(face, points) >= problem.margin
     radius = 0.0 if hand is None or not hand.follows_contacts else max(hand.tip_radii)
@@ -191,8 +193,8 @@ class SampleTables:
     def __init__(
         self,
         problem: GraspProblem,
-        clouds: Sequence[Cloud],
-        rows: RowValues,
+        clouds: Sequence[SampleCloud],
+        rows: ConstraintValues,
         hand: HandPoints,
         directions: FloatArray | None = None,
     ) -> None:
@@ -202,7 +204,7 @@ class SampleTables:
         self.combine: np.ufunc = np.add if measure.exact else np.maximum
         models, origin = problem.models, problem.origin
         self._jaws = isinstance(problem.hand, ParallelJaw)
-        allowed = [_allowed(rows, hand, clouds, i) for i in range(len(models))]
+        allowed = [_satisfying_samples(rows, hand, clouds, i) for i in range(len(models))]
         keys = [(model, id(clouds[i]), allowed[i].tobytes()) for i, model in enumerate(models)]
         first = [keys.index(key) for key in keys]
         order = sorted(set(first))
@@ -221,7 +223,7 @@ class SampleTables:
         self.directions = directions
         self.powers = [table.powers(self.directions) for table in self.distinct]
 
-    def samples(self, contact: int) -> Cloud:
+    def samples(self, contact: int) -> SampleCloud:
         """Return the samples of a contact."""
         return self.distinct[self.of_contact[contact]].samples
 
@@ -230,7 +232,7 @@ class SampleTables:
         """Pairs of opposite samples by number, (b, 2), where jaws have to face each other; else none."""
         if not (self._jaws and self.of_contact[0] == self.of_contact[1]):
             return np.zeros((0, 2), dtype=np.intp)
-        pairs = pairs_across(self.samples(0))
+        pairs = opposite_pairs(self.samples(0))
         return np.concatenate([pairs, pairs[:, ::-1]])
 
     def random(self, count: int, rng: np.random.Generator) -> IntArray:
@@ -267,7 +269,7 @@ class SampleTable:
 
     model: ContactModel
     measure: Measure
-    samples: Cloud
+    samples: SampleCloud
     maps: FloatArray
 
     def powers(self, y: FloatArray) -> FloatArray:
@@ -278,7 +280,7 @@ class SampleTable:
         return np.asarray(found, dtype=np.float32)
 
 
-def pairs_across(cloud: Cloud) -> NDArray[np.intp]:
+def opposite_pairs(cloud: SampleCloud) -> NDArray[np.intp]:
     """Return pairs of opposite points by number, (b, 2): the second is where the first one's normal leads.
 
     A normal may lead out of the body and into it again: each point has up to three partners.
@@ -312,12 +314,12 @@ def _directions(problem: GraspProblem) -> list[tuple[float, ...]]:
     return [direction for direction in each if direction is not None]
 
 
-def _told(directions: Sequence[tuple[float, ...]], outward: FloatArray) -> NDArray[np.bool_]:
+def _determines_direction(directions: Sequence[tuple[float, ...]], outward: FloatArray) -> NDArray[np.bool_]:
     """Return the mask of unit normals (m, 3) at which all directions determine a line's or rectangle's orientation."""
-    return np.asarray(np.all([off_normal(direction, outward) for direction in directions], axis=0))
+    return np.asarray(np.all([is_off_normal(direction, outward) for direction in directions], axis=0))
 
 
-def _subset(cloud: Cloud, allowed: NDArray[np.bool_]) -> Cloud:
+def _subset(cloud: SampleCloud, allowed: NDArray[np.bool_]) -> SampleCloud:
     """Return at most ``SAMPLES`` feasible points (m,) of a cloud; all are used where none is feasible."""
     kept = np.flatnonzero(allowed if allowed.any() else ~allowed)
     if len(kept) > SAMPLES:
@@ -325,7 +327,9 @@ def _subset(cloud: Cloud, allowed: NDArray[np.bool_]) -> Cloud:
     return cloud.subset(kept)
 
 
-def _allowed(rows: RowValues, hand: HandPoints, clouds: Sequence[Cloud], contact: int) -> NDArray[np.bool_]:
+def _satisfying_samples(
+    rows: ConstraintValues, hand: HandPoints, clouds: Sequence[SampleCloud], contact: int
+) -> NDArray[np.bool_]:
     """Return the mask of a contact's samples that satisfy the constraints on that contact alone, (m,)."""
     cloud, count = clouds[contact], len(clouds[contact].points)
     alone = rows.dependence[:, contact] & (np.sum(rows.dependence, axis=1) == 1)

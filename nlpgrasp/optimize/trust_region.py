@@ -24,19 +24,19 @@ from nlpgrasp.common.quadratic_program import (
     Linearised,
     NewtonRules,
     QuadraticStep,
-    restore,
+    restore_feasibility,
     shortest_step,
     step_bounds,
 )
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.nlp import SUPPORT
-from nlpgrasp.optimize.candidate import Effort, Placed
-from nlpgrasp.optimize.compiled_problem import Workbench, hand_of, placed_of, points_of, variables_of
+from nlpgrasp.optimize.candidate import Effort, GraspCandidate
+from nlpgrasp.optimize.compiled_problem import CompiledProblem, candidate_of, contact_points, hand_of, pack_variables
 from nlpgrasp.optimize.cutting_planes import piece_parameters, slot_parameters, torque_cuts
-from nlpgrasp.quality.containment import conditioned
+from nlpgrasp.quality.containment import condition
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.ratio_minimisation import principal_curvatures
-from nlpgrasp.quality.weakest_directions import in_coordinates
+from nlpgrasp.quality.weakest_directions import to_coordinates
 from nlpgrasp.quality.wrench_set import WrenchSet
 
 DAMPING = 1e-3  # weight of the squared step: keeps irrelevant joints where they are
@@ -53,7 +53,7 @@ LEAST = 1e-4  # solver units, lower bound on curvature in the reduced space, whi
 
 
 @dataclass(frozen=True)
-class Step:
+class TrustRegionStep:
     """Trust-region step with restored feasibility.
 
     Parameters
@@ -68,7 +68,7 @@ class Step:
         Multipliers of the cuts, at least zero up to rounding.
     """
 
-    placed: Placed
+    placed: GraspCandidate
     promised: float
     multipliers: FloatArray
     effort: Effort
@@ -93,10 +93,10 @@ class Linearisation:
         Its parameters.
     """
 
-    def __init__(self, bench: Workbench, placed: Placed, cuts: FloatArray) -> None:
+    def __init__(self, bench: CompiledProblem, placed: GraspCandidate, cuts: FloatArray) -> None:
         self.bench, self.faces, self.count = bench, placed.faces, len(cuts)
         self.compiled = bench.exchange.compiled
-        self.z = variables_of(bench, self.compiled.program, placed)
+        self.z = pack_variables(bench, self.compiled.program, placed)
         self.beta = self.compiled.program.block("beta").start
         self.theta = piece_parameters(bench, placed, cuts)
         self.cuts: tuple[FloatArray, FloatArray] | None = None  # those that the program does not hold
@@ -135,16 +135,16 @@ class Linearisation:
         theta[start : start + cuts.size] = cuts.ravel()
         return self.compiled.linearise(z, theta)
 
-    def placed_at(self, z: FloatArray) -> Placed:
+    def placed_at(self, z: FloatArray) -> GraspCandidate:
         """Return the candidate at some variables, without projection onto the faces."""
         program = self.compiled.program
-        return Placed(self.faces, points_of(self.bench, program, z), hand_of(program, z))
+        return GraspCandidate(self.faces, contact_points(self.bench, program, z), hand_of(program, z))
 
     def grasp_at(self, z: FloatArray) -> Grasp:
         """Return the grasp at some variables, with the normals among them."""
         normals = np.stack([z[block.range] for block in self.compiled.program.blocks("normal")])
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-        return self.bench.grasp_at(points_of(self.bench, self.compiled.program, z), normals / lengths)
+        return self.bench.grasp_at(contact_points(self.bench, self.compiled.program, z), normals / lengths)
 
     def quadratic_step(self, radius: float, curvature: FloatArray | None = None) -> QuadraticStep | None:
         """Return the solution of the quadratic program inside a trust region; None if infeasible.
@@ -159,15 +159,15 @@ class Linearisation:
         rows = self._with_cuts(self._rows(self.z, self._size(radius), slice(0, None)))
         return shortest_step(rows, self.cost, DAMPING if curvature is None else CURVED_DAMPING, curvature=curvature)
 
-    def step(self, first: QuadraticStep, radius: float) -> Step | None:
+    def step(self, first: QuadraticStep, radius: float) -> TrustRegionStep | None:
         """Return the step of a quadratic program inside a trust region with restored feasibility; None without one."""
         program, size = self.compiled.program, self._size(radius)
         others = slice(program.contained, None)
-        corrected = restore(lambda z: self._rows(z, size, others), self.z + first.d, CORRECTIONS)
+        corrected = restore_feasibility(lambda z: self._rows(z, size, others), self.z + first.d, CORRECTIONS)
         if corrected.contradicted:
             return None
-        return Step(
-            placed_of(self.bench, program, self.faces, corrected.last),
+        return TrustRegionStep(
+            candidate_of(self.bench, program, self.faces, corrected.last),
             float(first.d[self.beta]) / self.bench.scaling.beta,
             first.multipliers[program.placement],
             Effort(),
@@ -210,15 +210,17 @@ class Linearisation:
         return Linearised(g[used], J[used], low[used], high[used], *bounds)
 
 
-def program_step(bench: Workbench, placed: Placed, value: float, cuts: FloatArray, radius: float) -> Step:
+def program_step(
+    bench: CompiledProblem, placed: GraspCandidate, value: float, cuts: FloatArray, radius: float
+) -> TrustRegionStep:
     """Return IPOPT's step from a candidate of some value, in a trust region relative to the body's size."""
     compiled, faces = bench.exchange.compiled, placed.faces
     program = compiled.program
-    z = variables_of(bench, program, placed)
+    z = pack_variables(bench, program, placed)
     z[program.block("beta").range] = value * bench.scaling.beta
     result = compiled.solve(z, slot_parameters(bench, faces, cuts), program.near(z, radius))
-    return Step(
-        placed_of(bench, program, faces, result.z),
+    return TrustRegionStep(
+        candidate_of(bench, program, faces, result.z),
         result.objective / bench.scaling.beta - value,
         result.multipliers[program.placement],
         Effort.of(result),
@@ -248,19 +250,19 @@ def reduced_hessian(
     around = [multipliers @ here.at(here.z + STEP * direction, cuts)[1] for direction in basis.T]
     second = np.array([(there - slope) @ basis / STEP for there in around]).reshape(basis.shape[1], -1)
     moving = np.flatnonzero(minimisers & (here.support(multipliers) > ACTIVE))
-    second = 0.5 * (second + second.T) + _of_moving(here, cuts, moving, multipliers, basis)
+    second = 0.5 * (second + second.T) + _moving_minimiser_part(here, cuts, moving, multipliers, basis)
     values, vectors = np.linalg.eigh(second)
     vectors = basis @ vectors
     return np.asarray((vectors * np.maximum(values, LEAST)) @ vectors.T)
 
 
-def _of_moving(
+def _moving_minimiser_part(
     here: Linearisation, cuts: FloatArray, moving: NDArray[np.intp], multipliers: FloatArray, basis: FloatArray
 ) -> FloatArray:
     """Return the part ``-g_zy g_yy^-1 g_yz`` of the Hessian in a basis (n, s), summed over the moving minimisers."""
     size, task = basis.shape[1], here.bench.problem.task
     budget = here.bench.budget(here.placed_at(here.z))
-    problem, _ = conditioned(WrenchSet.of(here.grasp_at(here.z), budget), task)
+    problem, _ = condition(WrenchSet.of(here.grasp_at(here.z), budget), task)
     if problem is None or not len(moving):
         return np.zeros((size, size))
     own = here.cut_rows[moving]
@@ -271,7 +273,7 @@ def _of_moving(
         values, jacobian = here.at(here.z, other)
         return values[own], jacobian[own] @ basis
 
-    u = in_coordinates(problem, cuts[moving])
+    u = to_coordinates(problem, cuts[moving])
     ratio, gradient = problem.ratio(u)
     axes, curvature = principal_curvatures(problem, u, gradient)
     values, slopes = rows_at(cuts[moving])

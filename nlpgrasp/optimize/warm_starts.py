@@ -2,7 +2,7 @@
 
 A warm start is a placement of the problem's contacts with what is known of it: normals, a lower bound of mu, an origin.
 It comes from a public grasp (``WarmStart.of``), from a grasp of another problem with fewer or other contacts
-(``adapted``, ``with_more_contacts``), or from any candidate. It leads to two starts (``run_warm_start``).
+(``adapt_grasp``, ``complete_contacts``), or from any candidate. It leads to two starts (``run_warm_start``).
 """
 
 from __future__ import annotations
@@ -14,26 +14,26 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from nlpgrasp.bodies import Mesh
-from nlpgrasp.common.deadline import Stop
-from nlpgrasp.common.files import as_read
+from nlpgrasp.common.deadline import Deadline
+from nlpgrasp.common.files import json_round_trip
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts.cone_inclusion import placed_in
+from nlpgrasp.contacts.cone_inclusion import assign_contacts
 from nlpgrasp.errors import InputError
-from nlpgrasp.global_bound.marginal_bound import nearest_faces
+from nlpgrasp.global_bound.marginal_bound import nearest_cell_faces
 from nlpgrasp.hands.base import PosedHand
-from nlpgrasp.optimize.candidate import AscentState, Placed
-from nlpgrasp.optimize.compiled_problem import FEASIBLE, Workbench
-from nlpgrasp.optimize.coordinate_exchange import scores
-from nlpgrasp.optimize.grasp_on_body import OnBody, match_on_mesh
-from nlpgrasp.optimize.processes import one_thread
-from nlpgrasp.optimize.refine import refined_on_body
-from nlpgrasp.optimize.start import with_hand
+from nlpgrasp.optimize.candidate import GraspCandidate, SearchState
+from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
+from nlpgrasp.optimize.coordinate_exchange import sampled_quality
+from nlpgrasp.optimize.grasp_on_body import GraspOnBody, match_on_mesh
+from nlpgrasp.optimize.processes import single_thread
+from nlpgrasp.optimize.refine import refine_on_body
+from nlpgrasp.optimize.start import follow_with_hand
 from nlpgrasp.optimize.start_result import StartGrasp
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.solution.kept_grasps import FoundGrasp
-from nlpgrasp.solution.records import Origin
+from nlpgrasp.solution.records import CandidateOrigin
 from nlpgrasp.solution.solution import GraspSolution
 
 ON = 1e-3  # largest distance from the surface, over the body's size, of contacts that are projected onto it
@@ -58,13 +58,13 @@ class WarmStart:
         Where it is from, in words, for the starts' messages.
     """
 
-    placed: Placed
+    placed: GraspCandidate
     normals: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     floor: float = 0.0
     origin: str = ""
 
     @classmethod
-    def of(cls, bench: Workbench, known: KnownGrasp, normals: FloatArray | None = None) -> WarmStart:
+    def of(cls, bench: CompiledProblem, known: KnownGrasp, normals: FloatArray | None = None) -> WarmStart:
         """Return a grasp with the problem's contacts as a warm start: on the surface, with its hand.
 
         Its normals (k, space) are the body's there, whatever it states, unless they are given.
@@ -72,13 +72,13 @@ class WarmStart:
         problem, grasp = bench.problem, _grasp_of(known)
         hand, posture = problem.hand, None if isinstance(known, Grasp) else known.hand
         faces = _faces_of(problem, known, grasp)
-        placed = Placed(faces, on_surface(problem, faces, grasp.points))
+        placed = GraspCandidate(faces, project_contacts(problem, faces, grasp.points))
         if isinstance(hand, PosedHand) and posture is not None:
             values = hand.values_at(posture, grasp.points)
             ordered = {v.name: values[v.name] for v in hand.variables(problem.body.bounds)}  # as in the program
             placed = replace(placed, hand=ordered)
         else:
-            placed = with_hand(bench, placed, normals)
+            placed = follow_with_hand(bench, placed, normals)
         return cls(placed) if normals is None else cls(placed, normals)
 
 
@@ -97,11 +97,13 @@ def check_warm_starts(problem: GraspProblem, warm_starts: object) -> tuple[Known
     for i, known in enumerate(warm_starts):
         if not isinstance(known, KnownGrasp):
             raise InputError(f"warm_starts[{i}]", f"a {type(known).__name__}", wanted)
-        _check(problem, known, f"warm_starts[{i}]")
+        _check_warm_start(problem, known, f"warm_starts[{i}]")
     return tuple(warm_starts)
 
 
-def run_warm_start(bench: Workbench, warm: WarmStart, index: int, stop: Stop, improve: bool = True) -> list[StartGrasp]:
+def run_warm_start(
+    bench: CompiledProblem, warm: WarmStart, index: int, stop: Deadline, improve: bool = True
+) -> list[StartGrasp]:
     """Return the starts ``index`` and ``index + 1`` from a warm start: unchanged and, with ``improve``, refined.
 
     Each is left out where there is none.
@@ -111,21 +113,23 @@ def run_warm_start(bench: Workbench, warm: WarmStart, index: int, stop: Stop, im
     return [start for start in (as_is, refined) if start is not None]
 
 
-def certify_as_is(bench: Workbench, warm: WarmStart, index: int) -> StartGrasp | None:
+def certify_as_is(bench: CompiledProblem, warm: WarmStart, index: int) -> StartGrasp | None:
     """Return a warm start certified unchanged, with a mu of at least its floor.
 
     None where a contact is on a face that it may not use, or where it breaks a constraint or exerts nothing.
     """
     begun = time.perf_counter()
-    with one_thread():
+    with single_thread():
         if not _is_on_faces(bench, warm.placed):
             return None
-        state = AscentState(warm.placed, multipliers=np.zeros(len(bench.rows.named)))
-        found = _certified(bench, _on_body(bench, warm), state, index, warm.origin or "as given", begun, warm.floor)
+        state = SearchState(warm.placed, multipliers=np.zeros(len(bench.rows.named)))
+        found = _certify_start(
+            bench, _unchanged_grasp(bench, warm), state, index, warm.origin or "as given", begun, warm.floor
+        )
     return found if found.solved else None
 
 
-def refine_warm_start(bench: Workbench, warm: WarmStart, index: int, stop: Stop) -> StartGrasp | None:
+def refine_warm_start(bench: CompiledProblem, warm: WarmStart, index: int, stop: Deadline) -> StartGrasp | None:
     """Return a warm start refined and certified.
 
     None after a stop, without refinement, where numerics fail, or a contact is on a face that it may not use.
@@ -133,22 +137,22 @@ def refine_warm_start(bench: Workbench, warm: WarmStart, index: int, stop: Stop)
     begun = time.perf_counter()
     if stop.requested() or not bench.options.rounds or not _is_on_faces(bench, warm.placed):
         return None
-    with one_thread():
+    with single_thread():
         try:
-            found, refined = refined_on_body(bench, warm.placed, stop)
+            found, refined = refine_on_body(bench, warm.placed, stop)
         except (RuntimeError, np.linalg.LinAlgError):
             return None
-        message = f"{warm.origin}, improved" if warm.origin else Origin.WARM_START.value
-        return _certified(bench, found, refined.state(), index, message, begun)
+        message = f"{warm.origin}, improved" if warm.origin else CandidateOrigin.WARM_START.value
+        return _certify_start(bench, found, refined.state(), index, message, begun)
 
 
-def adapted(bench: Workbench, known: FoundGrasp, origin: str) -> WarmStart | None:
+def adapt_grasp(bench: CompiledProblem, known: FoundGrasp, origin: str) -> WarmStart | None:
     """Return a grasp of another problem with the same body as a warm start; None where contacts or hand do not match.
 
     It may have fewer contacts, or contacts contained in the problem's; of as many contacts any kind, as it is.
     """
     grasp, posed = known.grasp, isinstance(bench.problem.hand, PosedHand)
-    warm = None if posed else with_more_contacts(bench, grasp, known.faces)
+    warm = None if posed else complete_contacts(bench, grasp, known.faces)
     if warm is None and len(grasp) == len(bench.problem.models) and (known.hand is not None or not posed):
         try:
             warm = WarmStart.of(bench, known, grasp.normals)
@@ -157,7 +161,7 @@ def adapted(bench: Workbench, known: FoundGrasp, origin: str) -> WarmStart | Non
     return None if warm is None else replace(warm, origin=origin)
 
 
-def with_more_contacts(bench: Workbench, grasp: Grasp, faces: Sequence[str]) -> WarmStart | None:
+def complete_contacts(bench: CompiledProblem, grasp: Grasp, faces: Sequence[str]) -> WarmStart | None:
     """Return a grasp with a subset of the problem's contacts as a warm start, the missing contacts added.
 
     Of random positions of the missing contacts, the ones that keep the constraints and exert the task best. None where
@@ -173,7 +177,7 @@ def with_more_contacts(bench: Workbench, grasp: Grasp, faces: Sequence[str]) -> 
         The face each is on.
     """
     models, space = bench.problem.models, grasp.space
-    places = placed_in(grasp.contacts, models, space)
+    places = assign_contacts(grasp.contacts, models, space)
     if places is None:
         return None
     k = len(models)
@@ -186,7 +190,7 @@ def with_more_contacts(bench: Workbench, grasp: Grasp, faces: Sequence[str]) -> 
         cloud = bench.surface.cloud(i)
         drawn = rng.integers(len(cloud.points), size=count)
         points[:, i], normals[:, i], chosen[:, i] = cloud.points[drawn], cloud.normals[drawn], cloud.faces[drawn]
-    placed = best_allowed(bench, points, normals, chosen)
+    placed = best_feasible(bench, points, normals, chosen)
     if placed is None:
         return None
     known = np.full((k, space), np.nan)
@@ -194,7 +198,9 @@ def with_more_contacts(bench: Workbench, grasp: Grasp, faces: Sequence[str]) -> 
     return WarmStart(placed, known)
 
 
-def best_allowed(bench: Workbench, points: FloatArray, normals: FloatArray, faces: FloatArray) -> Placed | None:
+def best_feasible(
+    bench: CompiledProblem, points: FloatArray, normals: FloatArray, faces: FloatArray
+) -> GraspCandidate | None:
     """Return the feasible placement with the highest sampled quality, of (b, k, space) points; None without one.
 
     Parameters
@@ -208,12 +214,12 @@ def best_allowed(bench: Workbench, points: FloatArray, normals: FloatArray, face
     allowed = bench.rows.violations(points, normals, hand) <= FEASIBLE
     if not allowed.any():
         return None
-    rank = np.where(allowed, scores(bench, points, normals), -np.inf)
+    rank = np.where(allowed, sampled_quality(bench, points, normals), -np.inf)
     best = int(np.argmax(rank))
-    return Placed(tuple(faces[best]), points[best], {name: v[best] for name, v in hand.items()})
+    return GraspCandidate(tuple(faces[best]), points[best], {name: v[best] for name, v in hand.items()})
 
 
-def on_surface(problem: GraspProblem, faces: Sequence[str], points: FloatArray) -> FloatArray:
+def project_contacts(problem: GraspProblem, faces: Sequence[str], points: FloatArray) -> FloatArray:
     """Return contacts projected onto the body, (k, space)."""
     body = problem.body
     if isinstance(body, Mesh):
@@ -221,14 +227,16 @@ def on_surface(problem: GraspProblem, faces: Sequence[str], points: FloatArray) 
     return np.concatenate([body.snap(face, point[None]) for face, point in zip(faces, points, strict=True)])
 
 
-def _check(problem: GraspProblem, known: KnownGrasp, name: str) -> None:
+def _check_warm_start(problem: GraspProblem, known: KnownGrasp, name: str) -> None:
     grasp = _grasp_of(known, name)
-    if isinstance(known, GraspSolution) and as_read(known.problem["body"]) != as_read(problem.to_dict()["body"]):
+    if isinstance(known, GraspSolution) and json_round_trip(known.problem["body"]) != json_round_trip(
+        problem.to_dict()["body"]
+    ):
         raise InputError(name, "a grasp of another body", f"one of the problem's {problem.body.kind}")
     expected, kinds = [m.kind for m in problem.models], [m.kind for m in grasp.contacts]
     if grasp.space != problem.body.space or expected != kinds:
         raise InputError(f"{name}.contacts", ", ".join(kinds), f"the problem's: {', '.join(expected)}")
-    points = on_surface(problem, _faces_of(problem, known, grasp), grasp.points)
+    points = project_contacts(problem, _faces_of(problem, known, grasp), grasp.points)
     apart = np.linalg.norm(points - grasp.points, axis=1)
     worst = int(np.argmax(apart))
     if not apart[worst] <= ON * problem.body.size:
@@ -255,10 +263,10 @@ def _faces_of(problem: GraspProblem, known: KnownGrasp, grasp: Grasp) -> tuple[s
     """Return the faces stated by a grasp, or the ones nearest to its contacts."""
     if not isinstance(known, Grasp) and set(known.faces) <= set(problem.body.face_names):
         return known.faces
-    return tuple(map(str, nearest_faces(problem.body, grasp.points, grasp.normals, ON)))
+    return tuple(map(str, nearest_cell_faces(problem.body, grasp.points, grasp.normals, ON)))
 
 
-def _is_on_faces(bench: Workbench, placed: Placed) -> bool:
+def _is_on_faces(bench: CompiledProblem, placed: GraspCandidate) -> bool:
     """Return whether each contact is on a face that it may use; on a mesh, which has one face, always."""
     problem, body = bench.problem, bench.problem.body
     for i, (face, point) in enumerate(zip(placed.faces, placed.points, strict=True)):
@@ -269,30 +277,36 @@ def _is_on_faces(bench: Workbench, placed: Placed) -> bool:
     return True
 
 
-def _on_body(bench: Workbench, warm: WarmStart) -> OnBody:
+def _unchanged_grasp(bench: CompiledProblem, warm: WarmStart) -> GraspOnBody:
     """Return the unchanged grasp of a warm start, with the body's own normals."""
     placed, body = warm.placed, bench.problem.body
     normals, match = bench.inward_normals(placed), None
     smooth = normals
     if isinstance(body, Mesh):
         points, outward, _ = body.closest(placed.points)
-        placed, normals = Placed(placed.faces, points, placed.hand), -outward
+        placed, normals = GraspCandidate(placed.faces, points, placed.hand), -outward
     if warm.normals.shape == normals.shape:
         known = ~np.any(np.isnan(warm.normals), axis=1)
         normals = np.where(known.reshape(-1, 1), warm.normals, normals)
         points = np.where(known.reshape(-1, 1), warm.placed.points, placed.points)
-        placed = Placed(placed.faces, points, placed.hand)
+        placed = GraspCandidate(placed.faces, points, placed.hand)
     grasp = bench.grasp_at(placed.points, normals)
     if isinstance(body, Mesh):
         match = match_on_mesh(body, warm.placed.points, grasp, smooth, bench.follows_contacts)
-    return OnBody.of(bench, placed, grasp, match)
+    return GraspOnBody.of(bench, placed, grasp, match)
 
 
-def _certified(
-    bench: Workbench, found: OnBody, state: AscentState, index: int, message: str, begun: float, floor: float = 0.0
+def _certify_start(
+    bench: CompiledProblem,
+    found: GraspOnBody,
+    state: SearchState,
+    index: int,
+    message: str,
+    begun: float,
+    floor: float = 0.0,
 ) -> StartGrasp:
     bounds = mu(found.grasp, bench.problem.task, bench.options.rtol, force_budget=bench.budget(found.placed))
     if found.allowed:
         bounds = Bounds(max(bounds.lower, floor), max(bounds.upper, floor), bounds.worst_direction)
     seconds = {"warm start": time.perf_counter() - begun}
-    return StartGrasp.of(bench, index, found, bounds, state, message, seconds, origin=Origin.WARM_START)
+    return StartGrasp.of(bench, index, found, bounds, state, message, seconds, origin=CandidateOrigin.WARM_START)

@@ -11,16 +11,16 @@ import casadi as ca
 import numpy as np
 import scipy
 
-from nlpgrasp.analysis.squeeze import with_squeeze
-from nlpgrasp.common.deadline import Clock, Stop
+from nlpgrasp.analysis.squeeze import add_squeeze
+from nlpgrasp.common.deadline import Clock, Deadline
 from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.hands.base import PosedHand
 from nlpgrasp.optimize.candidate import Effort
-from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.compiled_programs import budget_at
 from nlpgrasp.optimize.exerted_forces import least_forces
 from nlpgrasp.optimize.options import SolveOptions
-from nlpgrasp.optimize.processes import one_thread
+from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.robustness import robustness
 from nlpgrasp.optimize.start_result import StartGrasp, StartResult, best_of
 from nlpgrasp.problem.problem import GraspProblem
@@ -41,7 +41,7 @@ APART = 0.1  # over the body's size: Hausdorff distance of contacts above which 
 
 
 @dataclass(frozen=True)
-class Search:
+class SearchRecord:
     """Record of a search: its starts and how it ended.
 
     Parameters
@@ -67,7 +67,7 @@ class Search:
     seed: int
     results: Sequence[StartResult]
     cut_short: Status | None = None
-    stop: Stop = field(default_factory=Stop)
+    stop: Deadline = field(default_factory=Deadline)
     bound: GlobalBound | None = None
     clock: Clock = field(default_factory=Clock)
     chosen: StartGrasp | None = None
@@ -87,7 +87,9 @@ class Search:
         return None if self.bound is None else replace(self.bound, upper=max(self.bound.upper, lower))
 
 
-def chosen(bench: Workbench, best: StartGrasp, results: Sequence[StartResult], stop: Stop) -> StartGrasp:
+def choose_start(
+    bench: CompiledProblem, best: StartGrasp, results: Sequence[StartResult], stop: Deadline
+) -> StartGrasp:
     """Return the start selected as the answer, with its robustness where it was computed.
 
     That is the best one, unless it is fragile: then the first in the order of mu that is not, that has at least half
@@ -105,16 +107,16 @@ def chosen(bench: Workbench, best: StartGrasp, results: Sequence[StartResult], s
         All of them.
     stop : Stop
     """
-    with one_thread():
-        best, results = _pressing(bench, best, results)
-        first = _looked_at(bench, best)
+    with single_thread():
+        best, results = _pressing_starts(bench, best, results)
+        first = _with_robustness(bench, best)
         if first.robust is None or first.robust.share(first.record.mu) >= WEAK:
             return first
         share = HALF if first.robust.is_fragile(first.record.mu) else TIE
-        for other in _others(bench, best, results, share):
+        for other in _next_best(bench, best, results, share):
             if stop.requested():
                 break
-            found = _looked_at(bench, other)
+            found = _with_robustness(bench, other)
             if found.robust is None or found.robust.is_fragile(found.record.mu):
                 continue
             if found.robust.mu.lower > first.robust.mu.upper:
@@ -122,8 +124,8 @@ def chosen(bench: Workbench, best: StartGrasp, results: Sequence[StartResult], s
     return first
 
 
-def _pressing(
-    bench: Workbench, best: StartGrasp, results: Sequence[StartResult]
+def _pressing_starts(
+    bench: CompiledProblem, best: StartGrasp, results: Sequence[StartResult]
 ) -> tuple[StartGrasp, Sequence[StartResult]]:
     """Return the best start whose contacts can press against each other, and all such; the arguments if none can."""
     hand = bench.problem.hand
@@ -136,7 +138,7 @@ def _pressing(
     return (best, results) if first is None else (first, able)
 
 
-def _looked_at(bench: Workbench, start: StartGrasp) -> StartGrasp:
+def _with_robustness(bench: CompiledProblem, start: StartGrasp) -> StartGrasp:
     """Return a start with its robustness; unchanged where that fails numerically."""
     try:
         return replace(start, robust=robustness(bench, start.found.placed, start.found.grasp))
@@ -144,29 +146,33 @@ def _looked_at(bench: Workbench, start: StartGrasp) -> StartGrasp:
         return start
 
 
-def _others(bench: Workbench, best: StartGrasp, results: Sequence[StartResult], share: float) -> Iterator[StartGrasp]:
+def _next_best(
+    bench: CompiledProblem, best: StartGrasp, results: Sequence[StartResult], share: float
+) -> Iterator[StartGrasp]:
     """Yield the next best starts with distinct grasps of at least this share of mu, best first."""
     least, taken = share * best.record.mu.lower, [best]
     solved = [r for r in results if isinstance(r, StartGrasp) and r.solved and r.record.mu.lower >= least]
     for start in sorted(solved, key=lambda r: (-r.record.mu.upper, r.record.index)):
-        if len(taken) < MOST and all(_apart(start, other) > APART * bench.scaling.length for other in taken):
+        if len(taken) < MOST and all(
+            _hausdorff_distance(start, other) > APART * bench.scaling.length for other in taken
+        ):
             taken.append(start)
             yield start
 
 
-def _apart(a: StartGrasp, b: StartGrasp) -> float:
+def _hausdorff_distance(a: StartGrasp, b: StartGrasp) -> float:
     """Return the Hausdorff distance between the contacts of two grasps, metres."""
     p, q = a.found.grasp.points, b.found.grasp.points
     distances = np.linalg.norm(p[:, None] - q[None], axis=2)
     return float(max(np.max(np.min(distances, axis=1)), np.max(np.min(distances, axis=0))))
 
 
-def answer(search: Search, why_not: WhyNot | None) -> GraspSolution:
+def make_answer(search: SearchRecord, why_not: WhyNot | None) -> GraspSolution:
     """Return the chosen start's grasp with its certificate, measures and forces, or what there is without one."""
-    return _without_grasp(search, why_not) if search.chosen is None else _of_best(search, search.chosen)
+    return _solution_without_grasp(search, why_not) if search.chosen is None else _measure_best(search, search.chosen)
 
 
-def _without_grasp(search: Search, why_not: WhyNot | None) -> GraspSolution:
+def _solution_without_grasp(search: SearchRecord, why_not: WhyNot | None) -> GraspSolution:
     """Return the solution of a search that found no grasp."""
     records = search.records
     failed = bool(records) and all(r.status is Status.FAILED for r in records)
@@ -180,7 +186,7 @@ def _without_grasp(search: Search, why_not: WhyNot | None) -> GraspSolution:
     )
 
 
-def _of_best(search: Search, best: StartGrasp) -> GraspSolution:
+def _measure_best(search: SearchRecord, best: StartGrasp) -> GraspSolution:
     """Return the best start's grasp; where time is short, with mu alone."""
     problem, found, grasp = search.problem, best.found, best.found.grasp
     budget = budget_at(problem, found.placed)
@@ -193,7 +199,7 @@ def _of_best(search: Search, best: StartGrasp) -> GraspSolution:
     search.clock.mark("forces")
     bound = search.bound_above(certified.lower)
     solution = GraspSolution(
-        status=search.cut_short or _status(search.options, bound, certified.lower, best),
+        status=search.cut_short or _final_status(search.options, bound, certified.lower, best),
         name=problem.name,
         problem=problem.unchecked(force_budget=budget).to_dict(),
         grasp=grasp,
@@ -213,12 +219,12 @@ def _of_best(search: Search, best: StartGrasp) -> GraspSolution:
         best_start=best.record.index,
         source=problem,
     )
-    squeezed = with_squeeze(solution, problem.hand)
+    squeezed = add_squeeze(solution, problem.hand)
     search.clock.mark("squeeze")
     return squeezed
 
 
-def _status(options: SolveOptions, bound: GlobalBound | None, lower: float, best: StartGrasp) -> Status:
+def _final_status(options: SolveOptions, bound: GlobalBound | None, lower: float, best: StartGrasp) -> Status:
     """Return how a search ended that found a grasp: free or not, and whether as close to the best as was asked for."""
     if best.record.status is Status.TOUCHES:
         return Status.TOUCHES

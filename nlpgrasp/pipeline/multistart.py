@@ -12,27 +12,27 @@ from pathlib import Path
 
 import numpy as np
 
-from nlpgrasp.analysis.analyse import analyses_of, asked, with_analyses
-from nlpgrasp.analysis.infeasibility import diagnosis
-from nlpgrasp.analysis.squeeze import with_squeezes
-from nlpgrasp.common.deadline import Clock, Stop
+from nlpgrasp.analysis.analyse import add_analyses_to, analyses_of, requested_analyses
+from nlpgrasp.analysis.infeasibility import diagnose_on_one_thread
+from nlpgrasp.analysis.squeeze import add_squeezes
+from nlpgrasp.common.deadline import Clock, Deadline
 from nlpgrasp.common.formatting import measure_word
 from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.global_bound.branch_and_bound import BranchAndBound
-from nlpgrasp.optimize.candidate import Effort, Placed
-from nlpgrasp.optimize.distinct_grasps import ONE, Collection, Keeping
-from nlpgrasp.optimize.final_step import at_local_optimum
-from nlpgrasp.optimize.global_search import OFFERED, STRIDE, bounding, effort_of, nodes_of, why_not_bounded
-from nlpgrasp.optimize.hand_approach import approached, with_free_way
-from nlpgrasp.optimize.parallel_starts import NOT_BEGUN, Runner
-from nlpgrasp.optimize.processes import one_thread
+from nlpgrasp.optimize.candidate import Effort, GraspCandidate
+from nlpgrasp.optimize.distinct_grasps import ONE, GraspCollection, KeepOptions
+from nlpgrasp.optimize.final_step import converge_to_optimum
+from nlpgrasp.optimize.global_search import OFFERED, STRIDE, effort_of, missing_bound_reason, node_count, start_bound
+from nlpgrasp.optimize.hand_approach import add_hand_record, choose_free_approach
+from nlpgrasp.optimize.parallel_starts import NOT_BEGUN, StartRunner
+from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.propose import propose, shares
 from nlpgrasp.optimize.start import FAILURES, failed, run_start
 from nlpgrasp.optimize.start_result import StartGrasp, StartResult, best_of
 from nlpgrasp.optimize.warm_starts import KnownGrasp, WarmStart, run_warm_start
-from nlpgrasp.pipeline.answer import Search, answer, chosen, solver_record
+from nlpgrasp.pipeline.answer import SearchRecord, choose_start, make_answer, solver_record
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.quality_record import GlobalBound
 from nlpgrasp.solution.records import StartRecord, Status
@@ -74,9 +74,9 @@ class Multistart:
 
     def __init__(
         self,
-        runner: Runner,
+        runner: StartRunner,
         seed: int,
-        keeping: Keeping = ONE,
+        keeping: KeepOptions = ONE,
         progress: Progress | None = None,
         flag: Path | None = None,
     ) -> None:
@@ -86,16 +86,16 @@ class Multistart:
         self.chosen: StartGrasp | None = None
         self._begun, self._clock = time.monotonic(), Clock()
         limit = runner.options.time_limit
-        self.stop = Stop(None if limit is None else self._begun + limit, flag)
+        self.stop = Deadline(None if limit is None else self._begun + limit, flag)
         self._keeping, self._progress = keeping, progress
-        self._others: Collection | None = None
+        self._others: GraspCollection | None = None
         self._tree: BranchAndBound | None = None
         self._nodes = 0  # of the tree, asked for beyond its root
         self._known_bound: GlobalBound | None = None
         self._spent = Effort()
 
     @classmethod
-    def resumed(cls, runner: Runner, solution: GraspSolution, seed: int) -> Multistart:
+    def resumed(cls, runner: StartRunner, solution: GraspSolution, seed: int) -> Multistart:
         """Return the search that ended with a solution: its records of starts, bound and effort.
 
         Its answer is among the starts still to come.
@@ -132,11 +132,11 @@ class Multistart:
         """Bound mu by the undivided tree of a branch and bound, where it covers the problem."""
         self._clock.restart()
         problem, options = self.runner.problem, self.runner.options
-        self._tree = bounding(problem, options)
+        self._tree = start_bound(problem, options)
         if self._tree is not None:
             self._tree.grow(0)
         elif options.gap is not None:
-            warn(f"gap: {why_not_bounded(problem)}; the answer is the best of its starts")
+            warn(f"gap: {missing_bound_reason(problem)}; the answer is the best of its starts")
         self._clock.mark("bound")
 
     def run_starts(self, known: Sequence[KnownGrasp] = ()) -> None:
@@ -158,7 +158,7 @@ class Multistart:
         self.results.sort(key=lambda r: r.record.index)
         self._clock.mark("starts")
 
-    def _proposed(self) -> Iterator[tuple[int, Sequence[Placed]]]:
+    def _proposed(self) -> Iterator[tuple[int, Sequence[GraspCandidate]]]:
         """Yield the number and the candidates of each start asked for, proposed for some at a time, until a stop.
 
         Where numerics fail, starts are failed ones.
@@ -203,7 +203,7 @@ class Multistart:
             Contacts that candidates begin from as well.
         """
         self._clock.restart()
-        nodes = nodes_of(self.runner.problem, 1) // 2
+        nodes = node_count(self.runner.problem, 1) // 2
         for _ in range(starts):
             self.certify_best(rtol)
             if self._search_tree(nodes) or self.stop.requested():
@@ -264,25 +264,25 @@ class Multistart:
         if best is None:
             return
         weighed = [best] if runner.options.weighs_fragility and not stop.requested() else []
-        choosing = runner.begin(partial(chosen, results=self.results, stop=stop), weighed)
+        choosing = runner.begin(partial(choose_start, results=self.results, stop=stop), weighed)
         if self._keeping.count > 1:
-            self._others = Collection(runner, self._keeping, stop)  # while workers choose
+            self._others = GraspCollection(runner, self._keeping, stop)  # while workers choose
         best = next(iter(choosing()), best)
         self._clock.mark("choice")
         if not stop.requested():
-            best = runner.run(partial(at_local_optimum, stop=stop), best) or best
+            best = runner.run(partial(converge_to_optimum, stop=stop), best) or best
         self.update(best)
         self._clock.mark("last step")
         if runner.problem.hand is not None and not stop.requested():
-            best, *blocked = runner.run(partial(with_free_way, results=self.results, stop=stop), best) or (best,)
+            best, *blocked = runner.run(partial(choose_free_approach, results=self.results, stop=stop), best) or (best,)
             self.update(best, *blocked)
         self._clock.mark("way in")
         self.chosen = best
 
     def keep(self, best: StartGrasp) -> None:
         """Take a start as the answer where it is, with the way in of its hand."""
-        with one_thread():
-            self.chosen = replace(best, hand=approached(self.runner.bench, best).hand)
+        with single_thread():
+            self.chosen = replace(best, hand=add_hand_record(self.runner.bench, best).hand)
         self.update(self.chosen)
 
     def answer(self) -> GraspSolution:
@@ -290,19 +290,21 @@ class Multistart:
         self._clock.restart()
         runner, stop, clock, best, reason = self.runner, self.stop, self._clock, self.chosen, None
         bound, cut_short = self._bound(best), self._cut_short
-        search = Search(runner.problem, runner.options, self.seed, self.results, cut_short, stop, bound, clock, best)
+        search = SearchRecord(
+            runner.problem, runner.options, self.seed, self.results, cut_short, stop, bound, clock, best
+        )
         clock.mark("bound")
         if best is None and not stop.requested() and any(isinstance(r, StartGrasp) for r in self.results):
-            reason = runner.run(partial(diagnosis, seed=self.seed, stop=stop), self.results)
+            reason = runner.run(partial(diagnose_on_one_thread, seed=self.seed, stop=stop), self.results)
             clock.mark("why not")
         if self._others is not None and best is not None:
             self._others.begin(best, self.results)
             clock.mark("other grasps")
-        solution = answer(search, reason)
+        solution = make_answer(search, reason)
         clock.mark("answer")
         solution = self._analysed(solution, best)
         if self._others is not None:
-            solution = with_squeezes(replace(solution, others=self._others.grasps()), runner.problem.hand)
+            solution = add_squeezes(replace(solution, others=self._others.grasps()), runner.problem.hand)
             clock.mark("other grasps")
         effort, seconds = search.effort + self._spent, time.monotonic() - self._begun
         record = solver_record(runner.options, self.seed, effort, seconds, clock.seconds)
@@ -334,21 +336,21 @@ class Multistart:
         if self.runner.options.gap is None:
             asked = self.runner.problem, self.runner.count
             tree, most = self._tree, effort_of(*asked)
-            tree.grow(nodes_of(*asked) - self._nodes, lambda: self.stop.requested() or tree.effort > most)
+            tree.grow(node_count(*asked) - self._nodes, lambda: self.stop.requested() or tree.effort > most)
         return self._tree.bound()
 
     def _analysed(self, solution: GraspSolution, best: StartGrasp | None) -> GraspSolution:
         """Return the solution with the analyses that the options ask for."""
         runner, stop = self.runner, self.stop
-        names = asked(runner.options, solution, runner.problem.hand)
+        names = requested_analyses(runner.options, solution, runner.problem.hand)
         if best is None or not names or stop.requested():
             return solution
         found, seconds = runner.run(partial(analyses_of, names=names, stop=stop), best) or ({}, {})
         self._clock.mark_with(seconds, "programs")
-        return with_analyses(solution, found, runner.problem.hand)
+        return add_analyses_to(solution, found, runner.problem.hand)
 
 
-def told(progress: Progress | bool | None, starts: int) -> Progress | None:
+def progress_callback(progress: Progress | bool | None, starts: int) -> Progress | None:
     """Return the callback for finished starts, None without one.
 
     Parameters
@@ -366,13 +368,13 @@ def told(progress: Progress | bool | None, starts: int) -> Progress | None:
     if progress is None or progress is False:
         return None
     if progress is True:
-        return Lines(starts)
+        return LineWriter(starts)
     if not callable(progress):
         raise InputError("progress", progress, "True for a line a start, or a function of a StartRecord and Bounds")
     return progress
 
 
-class Lines:
+class LineWriter:
     """Writer of one line per finished start to standard error.
 
     Parameters

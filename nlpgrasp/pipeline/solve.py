@@ -9,16 +9,16 @@ from dataclasses import replace
 from pathlib import Path
 
 from nlpgrasp.analysis.analyse import check_hand
-from nlpgrasp.common.deadline import Interrupt
+from nlpgrasp.common.deadline import InterruptHandler
 from nlpgrasp.common.types import Json
 from nlpgrasp.errors import InputError, NoGraspError
-from nlpgrasp.optimize.compiled_problem import Workbench
-from nlpgrasp.optimize.distinct_grasps import ONE, Keeping
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
+from nlpgrasp.optimize.distinct_grasps import ONE, KeepOptions
 from nlpgrasp.optimize.options import SolveOptions, check_search
-from nlpgrasp.optimize.parallel_starts import Runner
-from nlpgrasp.optimize.processes import one_thread
+from nlpgrasp.optimize.parallel_starts import StartRunner
+from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.warm_starts import KnownGrasp, check_warm_starts
-from nlpgrasp.pipeline.multistart import Multistart, Progress, told
+from nlpgrasp.pipeline.multistart import Multistart, Progress, progress_callback
 from nlpgrasp.problem.checks import warn_of_smoothing
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.solution import GraspSolution
@@ -103,10 +103,10 @@ def solve(
     check_json(problem.to_dict())
     check_hand("SolveOptions.analyses", options.analyses, problem.hand)
     warn_of_smoothing(problem.body, problem.hand)
-    keeping = Keeping(keep, distinct)
-    listener = told(progress, starts)
+    keeping = KeepOptions(keep, distinct)
+    listener = progress_callback(progress, starts)
     known = check_warm_starts(problem, warm_starts)
-    runner = Runner.going_on(problem, options.narrow(), starts)
+    runner = StartRunner.going_on(problem, options.narrow(), starts)
     solution = _run(runner, seed, keeping, listener, known)
     runner.keep()
     if throw and not solution.success:
@@ -114,22 +114,22 @@ def solve(
     return solution
 
 
-def solve_again(bench: Workbench, starts: int, seed: int, keeping: Keeping = ONE) -> GraspSolution:
+def solve_again(bench: CompiledProblem, starts: int, seed: int, keeping: KeepOptions = ONE) -> GraspSolution:
     """Solve the problem of a workbench in this process: what ``solve`` does, without building programs anew."""
-    return _run(Runner(bench.problem, bench.options, starts, bench), seed, keeping)
+    return _run(StartRunner(bench.problem, bench.options, starts, bench), seed, keeping)
 
 
 def _run(
-    runner: Runner,
+    runner: StartRunner,
     seed: int,
-    keeping: Keeping,
+    keeping: KeepOptions,
     progress: Progress | None = None,
     warm_starts: Sequence[KnownGrasp] = (),
 ) -> GraspSolution:
     """Run all stages of a search; Ctrl-C keeps what was found."""
     with tempfile.TemporaryDirectory(prefix="nlpgrasp-") as folder:
         search = Multistart(runner, seed, keeping, progress, Path(folder) / "stop")
-        with Interrupt(search.stop), one_thread():
+        with InterruptHandler(search.stop), single_thread():
             search.run_starts(warm_starts)
             search.close_gap()
             search.choose()

@@ -8,7 +8,14 @@ from dataclasses import dataclass, replace
 import casadi as ca
 
 from nlpgrasp.bodies import Body
-from nlpgrasp.common.scalar_constraints import CLEARANCE, ROOM, Clearance, LinkSphere, Placement, Row
+from nlpgrasp.common.scalar_constraints import (
+    CLEARANCE,
+    ROOM,
+    Clearance,
+    LinkSphere,
+    ScalarConstraint,
+    SymbolicCandidate,
+)
 from nlpgrasp.common.types import Expression
 from nlpgrasp.constraints import PlacementConstraint
 from nlpgrasp.hands import Hand
@@ -17,7 +24,7 @@ FITS = 0.99  # of a fingertip's radius: least distance of its centre from the bo
 
 
 @dataclass(frozen=True)
-class PlacementRows:
+class CandidateConstraints:
     """Scalar constraints of a grasp candidate: expressions first, then clearances through a mesh distance.
 
     Parameters
@@ -29,12 +36,12 @@ class PlacementRows:
         links' clearance.
     """
 
-    rows: tuple[Row, ...]
+    rows: tuple[ScalarConstraint, ...]
     clearances: tuple[Clearance, ...] = ()
     sources: tuple[tuple[int, ...], ...] = ()
 
     @property
-    def named(self) -> tuple[Row, ...]:
+    def named(self) -> tuple[ScalarConstraint, ...]:
         """All scalar constraints in order; clearances have no expression."""
         return (*self.rows, *(c.row(None) for c in self.clearances))
 
@@ -44,19 +51,19 @@ def hand_name(variable: str) -> str:
     return variable.replace("_", " ")
 
 
-def placement_of(
+def symbolic_candidate(
     hand: Hand | None,
     positions: Sequence[Expression],
     normals: Sequence[Expression],
     variables: dict[str, Expression],
     size: float,
-) -> Placement:
+) -> SymbolicCandidate:
     """Return the symbolic grasp candidate that constraints take, from contacts and hand variables."""
     if hand is None:
-        return Placement(positions, normals, (0.0,) * len(positions), size, hand={})
+        return SymbolicCandidate(positions, normals, (0.0,) * len(positions), size, hand={})
     palm, closing = hand.palm(variables), hand.closing(positions)
     shown = {hand_name(name): symbols for name, symbols in variables.items()}
-    return Placement(positions, normals, hand.tip_radii, size, hand.spheres(variables), palm, closing, shown)
+    return SymbolicCandidate(positions, normals, hand.tip_radii, size, hand.spheres(variables), palm, closing, shown)
 
 
 def placement_rows(
@@ -66,7 +73,7 @@ def placement_rows(
     positions: Sequence[Expression],
     normals: Sequence[Expression],
     variables: dict[str, Expression],
-) -> PlacementRows:
+) -> CandidateConstraints:
     """Return the scalar constraints of all constraints, the hand, and the links' clearance from the body.
 
     Parameters
@@ -79,28 +86,30 @@ def placement_rows(
     variables : dict
         The hand's variables by name, in the hand's units.
     """
-    placement = placement_of(hand, positions, normals, variables, body.size)
-    return collected(given_rows(body, constraints, hand, placement, variables), bool(placement.spheres))
+    placement = symbolic_candidate(hand, positions, normals, variables, body.size)
+    return collect_constraints(
+        symbolic_constraints(body, constraints, hand, placement, variables), bool(placement.spheres)
+    )
 
 
-def given_rows(
+def symbolic_constraints(
     body: Body,
     constraints: Sequence[PlacementConstraint],
     hand: Hand | None,
-    placement: Placement,
+    placement: SymbolicCandidate,
     variables: dict[str, Expression],
-) -> list[Sequence[Row | Clearance]]:
+) -> list[Sequence[ScalarConstraint | Clearance]]:
     """Return the scalar constraints by source: each constraint, the hand, the links' clearance."""
     given = [c.rows(placement) for c in constraints]
     if hand is not None:
-        given.append([*hand.rows(placement, variables), *_rooms(body, hand, placement)])
-        given.append([_clear(body, sphere) for sphere in placement.spheres])
+        given.append([*hand.rows(placement, variables), *_tip_clearances(body, hand, placement)])
+        given.append([_link_clearance(body, sphere) for sphere in placement.spheres])
     return given
 
 
-def collected(given: Sequence[Sequence[Row | Clearance]], shared: bool) -> PlacementRows:
+def collect_constraints(given: Sequence[Sequence[ScalarConstraint | Clearance]], shared: bool) -> CandidateConstraints:
     """Return all scalar constraints in the NLP's order: clearances through a mesh distance last."""
-    rows: list[Row] = []
+    rows: list[ScalarConstraint] = []
     clearances: list[Clearance] = []
     places: list[list[tuple[bool, int]]] = []
     for part in given:
@@ -114,11 +123,11 @@ def collected(given: Sequence[Sequence[Row | Clearance]], shared: bool) -> Place
                 places[-1].append((False, len(clearances)))
                 clearances.append(item)
     sources = tuple(tuple(i if scalar else len(rows) + i for scalar, i in part) for part in places)
-    found = _shared(rows, clearances) if shared else PlacementRows(tuple(rows), tuple(clearances))
+    found = _share_subexpressions(rows, clearances) if shared else CandidateConstraints(tuple(rows), tuple(clearances))
     return replace(found, sources=sources)
 
 
-def _rooms(body: Body, hand: Hand, placement: Placement) -> list[Clearance]:
+def _tip_clearances(body: Body, hand: Hand, placement: SymbolicCandidate) -> list[Clearance]:
     """Return clearances that keep round fingertips at their contacts from penetrating the body elsewhere.
 
     None for a mesh, whose roughness requires a check at each surface point instead.
@@ -130,18 +139,18 @@ def _rooms(body: Body, hand: Hand, placement: Placement) -> list[Clearance]:
     return [Clearance(ROOM, distance, tip, FITS * r, size, fingers=(i,)) for i, (tip, r) in each if r > 0.0]
 
 
-def _clear(body: Body, sphere: LinkSphere) -> Clearance:
+def _link_clearance(body: Body, sphere: LinkSphere) -> Clearance:
     lower, fingers = sphere.radius + sphere.clearance, () if sphere.finger is None else (sphere.finger,)
     distance = body.distance_function
     return Clearance(CLEARANCE, distance, sphere.centre, lower, body.size, fingers=fingers, link=sphere.link)
 
 
-def _shared(rows: list[Row], clearances: list[Clearance]) -> PlacementRows:
+def _share_subexpressions(rows: list[ScalarConstraint], clearances: list[Clearance]) -> CandidateConstraints:
     """Return the constraints with common subexpressions eliminated, such as the links' poses."""
     every = ca.cse(ca.vertcat(*[r.expression for r in rows], *[c.point for c in clearances]))
     scalars = ca.vertsplit(every[: len(rows)])
     points = ca.vertsplit(every[len(rows) :], 3) if clearances else []
-    return PlacementRows(
+    return CandidateConstraints(
         tuple(replace(r, expression=e) for r, e in zip(rows, scalars, strict=True)),
         tuple(replace(c, point=p) for c, p in zip(clearances, points, strict=True)),
     )

@@ -11,15 +11,15 @@ import numpy as np
 
 from nlpgrasp.bodies import Body, Mesh
 from nlpgrasp.bodies.mesh.signed_distance import FINEST, automatic_fineness
-from nlpgrasp.common.formatting import rounded
-from nlpgrasp.common.scalar_constraints import Clearance, Row
-from nlpgrasp.common.user_warnings import say_once
-from nlpgrasp.common.validation import FloatArray, likely_size
+from nlpgrasp.common.formatting import format_number
+from nlpgrasp.common.scalar_constraints import Clearance, ScalarConstraint
+from nlpgrasp.common.user_warnings import warn_once
+from nlpgrasp.common.validation import FloatArray, check_body_size
 from nlpgrasp.constraints import Obstacle, PlacementConstraint, Table
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Hand, URDFHand
-from nlpgrasp.problem.candidate_constraints import placement_of
+from nlpgrasp.problem.candidate_constraints import symbolic_candidate
 from nlpgrasp.tasks import Task
 from nlpgrasp.tasks.base import component_ranges, parts_of
 
@@ -65,7 +65,7 @@ def check_placements(
     p = [ca.SX.sym("p", body.space) for _ in range(k)]
     n = [ca.SX.sym("n", body.space) for _ in range(k)]
     symbols = {} if hand is None else hand.symbols(body.bounds)
-    placement = placement_of(hand, p, n, symbols, body.size)
+    placement = symbolic_candidate(hand, p, n, symbols, body.size)
     found = [row for constraint in constraints for row in constraint.rows(placement)]
     converted = [row.as_row() if isinstance(row, Clearance) else row for row in found]
     rows = [row for row in converted if row is not None]
@@ -74,7 +74,7 @@ def check_placements(
     rng = np.random.default_rng(0)
     samples = {name: _sampled(body, name, rng, margin) for name in sorted({name for own in faces for name in own})}
     for i in range(k):
-        own = [row for row in rows if _only(row, p[i], n[i])]
+        own = [row for row in rows if _involves_only(row, p[i], n[i])]
         used = {name: samples[name] for name in faces[i] if len(samples[name].points)}
         if own and used:
             _check_contact(i, own, (p[i], n[i]), used, body.size)
@@ -82,7 +82,7 @@ def check_placements(
 
 
 @dataclass(frozen=True)
-class Samples:
+class FaceSamples:
     """Random points of a face with inward normals.
 
     Parameters
@@ -97,12 +97,12 @@ class Samples:
     normals: FloatArray
 
 
-def _sampled(body: Body, name: str, rng: np.random.Generator, margin: float) -> Samples:
+def _sampled(body: Body, name: str, rng: np.random.Generator, margin: float) -> FaceSamples:
     points = body.sample(name, SAMPLES, rng, margin)
-    return Samples(points, -body.evaluate(name, points)[2])
+    return FaceSamples(points, -body.evaluate(name, points)[2])
 
 
-def _only(row: Row, p: ca.SX, n: ca.SX) -> bool:
+def _involves_only(row: ScalarConstraint, p: ca.SX, n: ca.SX) -> bool:
     """Return whether an inequality constraint involves only the contact with these symbols."""
     own = {s.__hash__() for s in ca.vertsplit(ca.vertcat(p, n))}
     seen = [s.__hash__() for s in ca.symvar(ca.SX(row.expression))]
@@ -110,7 +110,11 @@ def _only(row: Row, p: ca.SX, n: ca.SX) -> bool:
 
 
 def _check_contact(
-    i: int, rows: Sequence[Row], symbols: tuple[ca.SX, ca.SX], samples: Mapping[str, Samples], size: float
+    i: int,
+    rows: Sequence[ScalarConstraint],
+    symbols: tuple[ca.SX, ca.SX],
+    samples: Mapping[str, FaceSamples],
+    size: float,
 ) -> None:
     """Raise if every sample of contact i's faces violates its constraints by a wide margin."""
     where = np.concatenate([s.points for s in samples.values()])
@@ -129,13 +133,13 @@ def _check_contact(
         named = ", ".join(dict.fromkeys(rows[j].name for j in np.argmax(excess, axis=0)))
         raise InputError(
             "GraspProblem.constraints",
-            f"{named}: kept nowhere on {_some(list(samples))}{_by(least * size)}",
+            f"{named}: kept nowhere on {_format_names(list(samples))}{_by(least * size)}",
             f"constraints that leave contact {i} some part of the body",
         )
 
 
 def _check_room(
-    constraints: Sequence[PlacementConstraint], faces: Sequence[tuple[str, ...]], samples: Mapping[str, Samples]
+    constraints: Sequence[PlacementConstraint], faces: Sequence[tuple[str, ...]], samples: Mapping[str, FaceSamples]
 ) -> None:
     """Raise if the faces are too small for the least distance between contacts."""
     least = max((c.least_distance() for c in constraints), default=0.0)
@@ -153,16 +157,16 @@ def _check_room(
         raise InputError(
             "GraspProblem.contacts",
             f"{k} contacts {least:g} m apart",
-            f"fewer contacts or less distance on {_some(names)}",
+            f"fewer contacts or less distance on {_format_names(names)}",
         )
 
 
 def _by(missed: float) -> str:
     """Return the least violation as text, metres; empty if unknown."""
-    return f" (the nearest misses by {rounded(1e3 * missed)} mm)" if np.isfinite(missed) else ""
+    return f" (the nearest misses by {format_number(1e3 * missed)} mm)" if np.isfinite(missed) else ""
 
 
-def _some(names: list[str]) -> str:
+def _format_names(names: list[str]) -> str:
     return "faces " + ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
 
 
@@ -181,7 +185,7 @@ def check_size(body: Body) -> None:
     """Raise for a body so large or small that its unit is probably not metres."""
     longest = float(np.max(body.bounds[1] - body.bounds[0]))
     wrong = "its numbers are metres, and were probably given in a {} unit"
-    likely_size("GraspProblem.body", f"a {body.kind} with a longest side", longest, wrong, hasattr(body, "unit"))
+    check_body_size("GraspProblem.body", f"a {body.kind} with a longest side", longest, wrong, hasattr(body, "unit"))
 
 
 def warn_of_friction(models: Sequence[ContactModel], field: str) -> None:
@@ -197,7 +201,7 @@ def warn_of_friction(models: Sequence[ContactModel], field: str) -> None:
         friction = model.coefficients.get("friction", 0.0)
         if friction > MOST_FRICTION:
             text = f"{field.format(i)}: {friction:g} is above {MOST_FRICTION:g}; rubber on dry surfaces has about 1"
-            say_once(text)
+            warn_once(text)
             return
 
 
@@ -216,7 +220,7 @@ def warn_of_lengths(
     longest = float(np.max(body.bounds[1] - body.bounds[0]))
     for field, given, beyond, most in _lengths(body, models, constraints, hand):
         if beyond > most * body.size:
-            say_once(
+            warn_once(
                 f"{field}: {given:g} m beside a body of {longest:.3g} m; if millimetres were meant, {given / 1e3:g}"
             )
             return
@@ -254,7 +258,7 @@ def warn_of_point(task: Task, body: Body) -> None:
     _warn_of_arm(task, body)
     away = float(np.linalg.norm(body.centroid))
     if away > FAR_ORIGIN * body.size and any(part.point_left_out for part in parts_of(task)):
-        say_once(
+        warn_once(
             f"disturbance: without a point its force acts at the origin of the body's frame, {1e3 * away:.3g} mm from "
             "the body's centroid: state point=body.centroid, or point=[0, 0, 0] where that is meant"
         )
@@ -269,7 +273,7 @@ def _warn_of_arm(task: Task, body: Body) -> None:
     force, moment = float(np.max(most[:space])), float(np.max(most[space:]))
     if force > 0.0 and moment / force > max(LONG * body.size, LONGEST):
         told = f"moments up to {moment:.3g} N m beside forces up to {force:.3g} N, an arm of {moment / force:.3g} m"
-        say_once(f"task: {told} on a body of {2.0 * body.size:.3g} m: moments are newton-metres, and points metres")
+        warn_once(f"task: {told} on a body of {2.0 * body.size:.3g} m: moments are newton-metres, and points metres")
 
 
 def warn_of_surroundings(body: Body, constraints: Sequence[PlacementConstraint], hand: Hand | None) -> None:
@@ -284,15 +288,15 @@ def warn_of_surroundings(body: Body, constraints: Sequence[PlacementConstraint],
     (low, high), extents = body.bounds[:, -1], body.bounds[1] - body.bounds[0]
     for i, table in enumerate(constraints):
         if isinstance(table, Table) and body.tight and THROUGH * body.size < table.height - low < high - low:
-            below = f"the body reaches {rounded(1e3 * (table.height - low))} mm below the table"
-            where = f"height {rounded(table.height)} m, lowest point {rounded(low, least=1e-9)} m"
-            say_once(f"constraints[{i}]: {below} ({where}); a table that it stands on is ng.Table.under(body)")
+            below = f"the body reaches {format_number(1e3 * (table.height - low))} mm below the table"
+            where = f"height {format_number(table.height)} m, lowest point {format_number(low, least=1e-9)} m"
+            warn_once(f"constraints[{i}]: {below} ({where}); a table that it stands on is ng.Table.under(body)")
     shortest = float(np.min(extents))
     if isinstance(hand, URDFHand) and shortest > ACROSS * hand.tree.span:
-        given = f"a body whose shortest side is {rounded(shortest)} m, for a hand whose fingertips reach"
-        say_once(
-            f"GraspProblem.body: {given} {rounded(hand.tree.span)} m from its palm; are both in metres? A mesh in "
-            'millimetres takes unit="mm"'
+        given = f"a body whose shortest side is {format_number(shortest)} m, for a hand whose fingertips reach"
+        warn_once(
+            f"GraspProblem.body: {given} {format_number(hand.tree.span)} m from its palm; are both in metres? A mesh "
+            'in millimetres takes unit="mm"'
         )
 
 
@@ -317,7 +321,7 @@ def warn_of_smoothing(body: Body, hand: Hand | None) -> None:
     smoothing, resolution = advised.smoothing, advised.resolution
     if smoothing / resolution >= body.smoothing / body.resolution:
         smoothing, resolution = body.smoothing, min(int(np.ceil(FINER * body.resolution)), FINEST)
-    say_once(
+    warn_once(
         f"{body.source or 'the mesh'}: the smooth surface that the solver works on is {1e3 * off:.3g} mm or more off a "
         f"fifth of the mesh, which is much beside {beside}: ng.Mesh takes smoothing={smoothing:g}, "
         f"resolution={resolution}"

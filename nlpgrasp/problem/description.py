@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from nlpgrasp.bodies import Body
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.display import InNotebook, show
-from nlpgrasp.common.formatting import range_words, rounded, vector
+from nlpgrasp.common.formatting import format_number, range_words, vector
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.constraints import PlacementConstraint, Table
 from nlpgrasp.contacts import ContactModel
@@ -57,18 +57,18 @@ class SeenProblem(InNotebook):
         return show(self, self.name, PAGE, path)
 
     def __repr__(self) -> str:
-        asked = cast(Asked, self)
+        asked = cast(ProblemView, self)
         count = len(asked.models)
         held = f"{type(asked.body).__name__}, {count} contact{'s' if count > 1 else ''}"
         hand = "" if asked.hand is None else f", {type(asked.hand).__name__}"
         return f"GraspProblem({self.name!r}: {held}{hand}, {type(asked.task).__name__})"
 
     def __str__(self) -> str:
-        lines = [f"  {line}" for part in in_words(cast(Asked, self)) for line in part.lines()]
+        lines = [f"  {line}" for part in describe_problem(cast(ProblemView, self)) for line in part.lines()]
         return "\n".join([f"{self.name}, what is asked:", *lines])
 
 
-class Asked(Protocol):
+class ProblemView(Protocol):
     """Protocol of the parts of a ``GraspProblem`` that its display needs, without importing it."""
 
     @property
@@ -119,22 +119,24 @@ class Asked(Protocol):
         """Return the names of a contact's allowed faces."""
 
 
-def in_words(problem: Asked) -> list[Part]:
+def describe_problem(problem: ProblemView) -> list[DescribedPart]:
     """Return the parts of a problem's description, in millimetres, but metres in quoted reprs."""
-    constraints = tuple(_short(repr(constraint)) for constraint in problem.constraints)
+    constraints = tuple(_shorten_text(repr(constraint)) for constraint in problem.constraints)
     extents = vector(1e3 * np.ptp(problem.body.bounds, axis=0)).replace(", ", f" {TIMES} ")
     return [
-        Part("Body", f"{'' if problem.body.tight else 'within '}{extents} mm", (_short(repr(problem.body)),)),
-        Part("Contacts", str(len(problem.models)), tuple(_contacts(problem))),
-        Part("Task", f"exert {task_range(problem)}", (_about(problem),)),
-        _hand(problem),
-        Part("Constraints", str(len(constraints) or "none"), constraints),
-        _edges(problem),
-        _forces(problem),
+        DescribedPart(
+            "Body", f"{'' if problem.body.tight else 'within '}{extents} mm", (_shorten_text(repr(problem.body)),)
+        ),
+        DescribedPart("Contacts", str(len(problem.models)), tuple(_describe_contacts(problem))),
+        DescribedPart("Task", f"exert {task_range(problem)}", (_describe_torque_origin(problem),)),
+        _describe_hand(problem),
+        DescribedPart("Constraints", str(len(constraints) or "none"), constraints),
+        _describe_edge_margin(problem),
+        _describe_budget(problem),
     ]
 
 
-class Part(NamedTuple):
+class DescribedPart(NamedTuple):
     """A part of a problem's description: title, short value and notes."""
 
     title: str
@@ -148,34 +150,34 @@ class Part(NamedTuple):
         return [f"{self.title.lower()}: {self.value}", *(f"  {note}" for note in self.notes)]
 
 
-def task_range(problem: Asked) -> str:
+def task_range(problem: ProblemView) -> str:
     """Return the ranges of the task's wrench components as text."""
     return range_words(*component_ranges(problem.task))
 
 
-def usable_faces(problem: Asked) -> tuple[str, ...]:
+def usable_faces(problem: ProblemView) -> tuple[str, ...]:
     """Return the names of allowed faces that extend above all tables, in the body's order."""
     used = {face for i in range(len(problem.models)) for face in problem.allowed_faces(i)}
-    return _off_tables(problem, [name for name in problem.body.face_names if name in used])
+    return _faces_above_tables(problem, [name for name in problem.body.face_names if name in used])
 
 
-def _contacts(problem: Asked) -> list[str]:
+def _describe_contacts(problem: ProblemView) -> list[str]:
     """Return the contacts as text, with equal neighbours combined."""
-    faces = [_off_tables(problem, problem.allowed_faces(i)) for i in range(len(problem.models))]
-    alike = groupby(zip(map(_model, problem.models), faces, strict=True))
-    return [f"{len(list(group))} {TIMES} {model}{_on(problem, usable)}" for (model, usable), group in alike]
+    faces = [_faces_above_tables(problem, problem.allowed_faces(i)) for i in range(len(problem.models))]
+    alike = groupby(zip(map(_describe_model, problem.models), faces, strict=True))
+    return [f"{len(list(group))} {TIMES} {model}{_describe_faces(problem, usable)}" for (model, usable), group in alike]
 
 
-def _model(model: ContactModel) -> str:
+def _describe_model(model: ContactModel) -> str:
     """Return a contact model as text, without its faces."""
     return FACES.sub("", repr(model))
 
 
-def _short(text: str) -> str:
+def _shorten_text(text: str) -> str:
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
 
 
-def _on(problem: Asked, faces: tuple[str, ...]) -> str:
+def _describe_faces(problem: ProblemView, faces: tuple[str, ...]) -> str:
     every = len(problem.body.face_names)
     if len(faces) == every:
         return ", on any face" if every > 1 else ""
@@ -184,7 +186,7 @@ def _on(problem: Asked, faces: tuple[str, ...]) -> str:
     return f", on {', '.join(faces)}" if faces else ", on no face above the table"
 
 
-def _off_tables(problem: Asked, faces: Sequence[str]) -> tuple[str, ...]:
+def _faces_above_tables(problem: ProblemView, faces: Sequence[str]) -> tuple[str, ...]:
     """Return the faces that extend above all tables by at least their clearance."""
     least = max((t.height + t.clearance for t in problem.constraints if isinstance(t, Table)), default=-np.inf)
     if least == -np.inf:
@@ -193,25 +195,25 @@ def _off_tables(problem: Asked, faces: Sequence[str]) -> tuple[str, ...]:
     return tuple(f for f in faces if np.max(problem.body.sample(f, SAMPLES, rng)[:, -1], initial=-np.inf) >= least)
 
 
-def _about(problem: Asked) -> str:
+def _describe_torque_origin(problem: ProblemView) -> str:
     named = ", the body's centroid" if problem.torque_origin is None else ""
     least = ROUNDING * problem.body.size
-    at = ", ".join(rounded(1e3 * v, least=1e3 * least) for v in problem.origin)
+    at = ", ".join(format_number(1e3 * v, least=1e3 * least) for v in problem.origin)
     return f"moments about [{at}] mm{named}"
 
 
-def _hand(problem: Asked) -> Part:
+def _describe_hand(problem: ProblemView) -> DescribedPart:
     if problem.hand is None:
-        return Part("Hand", "none", ("each contact may be anywhere on the body",))
-    return Part("Hand", f"{problem.hand.count} fingertips", (_short(repr(problem.hand)),))
+        return DescribedPart("Hand", "none", ("each contact may be anywhere on the body",))
+    return DescribedPart("Hand", f"{problem.hand.count} fingertips", (_shorten_text(repr(problem.hand)),))
 
 
-def _edges(problem: Asked) -> Part:
+def _describe_edge_margin(problem: ProblemView) -> DescribedPart:
     near = "contacts stay that far away from sharp edges" if problem.margin > 0.0 else "contacts may lie on edges"
-    return Part("Edge margin", f"{rounded(1e3 * problem.margin)} mm", (near,))
+    return DescribedPart("Edge margin", f"{format_number(1e3 * problem.margin)} mm", (near,))
 
 
-def _forces(problem: Asked) -> Part:
+def _describe_budget(problem: ProblemView) -> DescribedPart:
     limit = problem.max_force
     stated = () if limit is None else (f"max_force: no finger is to press harder than {limit:g} N",)
-    return Part("Force budget", problem.budget.kind, (f"counts the {problem.budget.amount}", *stated))
+    return DescribedPart("Force budget", problem.budget.kind, (f"counts the {problem.budget.amount}", *stated))

@@ -12,7 +12,7 @@ from nlpgrasp.bodies import Body, body_from_dict
 from nlpgrasp.budgets import ForceBudget, budget_from_dict, force_budget
 from nlpgrasp.common.spatial import wrench_dimension
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray, array, number, unchecked
+from nlpgrasp.common.validation import FloatArray, array, number, replace_unchecked
 from nlpgrasp.constraints import PlacementConstraint, constraint_from_dict
 from nlpgrasp.contacts import ContactModel, contact_from_dict
 from nlpgrasp.errors import InputError
@@ -221,7 +221,7 @@ class GraspProblem(SeenProblem):
 
     def unchecked(self, **changes: object) -> GraspProblem:
         """Return a copy with changed parts, without validation."""
-        return unchecked(self, **changes)
+        return replace_unchecked(self, **changes)
 
     def allowed_faces(self, contact: int) -> tuple[str, ...]:
         """Return the names of a contact's allowed faces that are large enough for the margin."""
@@ -261,7 +261,7 @@ def problem_from_dict(data: Json, torque_origin: FloatArray | None = None, body:
     """
     return GraspProblem(
         body_from_dict(data["body"]) if body is None else body,
-        [_model(contact) for contact in data["contacts"]],
+        [_read_contact(contact) for contact in data["contacts"]],
         task_from_dict(data["task"]),
         constraints=[constraint_from_dict(constraint) for constraint in data["constraints"]],
         force_budget=budget_from_dict(data["force_budget"]),
@@ -271,7 +271,7 @@ def problem_from_dict(data: Json, torque_origin: FloatArray | None = None, body:
     )
 
 
-def _model(data: Json) -> ContactModel:
+def _read_contact(data: Json) -> ContactModel:
     faces = data.get("faces")
     model = contact_from_dict(data)
     return model if faces is None else replace(model, faces=tuple(faces))

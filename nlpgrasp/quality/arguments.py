@@ -25,7 +25,7 @@ class OverStacks(Protocol[P]):
     def __call__(self, grasp: GraspStack, *args: P.args, **kwargs: P.kwargs) -> FloatArray: ...
 
 
-def over_stacks(measure: Callable[Concatenate[Grasp, P], float]) -> OverStacks[P]:
+def extend_to_stacks(measure: Callable[Concatenate[Grasp, P], float]) -> OverStacks[P]:
     """Extend a measure of one grasp to stacks, evaluated grasp by grasp."""
 
     @overload

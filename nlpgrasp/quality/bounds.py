@@ -8,7 +8,7 @@ from typing import Self
 
 import numpy as np
 
-from nlpgrasp.common.formatting import outwards
+from nlpgrasp.common.formatting import format_interval
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 
@@ -82,11 +82,11 @@ class Bounds:
         return self.lower <= value <= self.upper
 
     def __str__(self) -> str:
-        return f"[{', '.join(outwards(self.lower, self.upper, SHOWN))}]"
+        return f"[{', '.join(format_interval(self.lower, self.upper, SHOWN))}]"
 
     def __repr__(self) -> str:
         kind = f", kind={self.kind!r}" if self.kind else ""
-        return f"{type(self).__name__}({', '.join(outwards(self.lower, self.upper, SHOWN))}{kind})"
+        return f"{type(self).__name__}({', '.join(format_interval(self.lower, self.upper, SHOWN))}{kind})"
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ def positive_share(wrenches: WrenchSet, y: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(wrenches.project(z), axis=1) / np.maximum(np.linalg.norm(z, axis=1), 1e-300))
 
 
-def no_support(wrenches: WrenchSet, y: FloatArray) -> bool:
+def has_no_support(wrenches: WrenchSet, y: FloatArray) -> bool:
     """Return whether ``G^T y`` is in the polar cone of K, so that no force does positive work along y."""
     return bool(positive_share(wrenches, y[None, :])[0] <= ZERO_SUPPORT)
 
@@ -43,7 +43,7 @@ def separating_direction(wrenches: WrenchSet, rounds: int = 100) -> FloatArray |
     Returns
     -------
     (d,) array or None
-        The caller has to check ``no_support``, which is the proof.
+        The caller has to check ``has_no_support``, which is the proof.
     """
     U, S, _ = np.linalg.svd(wrenches.G, full_matrices=False)
     white = wrenches.transformed((U / S).T)  # rows of G orthonormal: as well-conditioned as the question allows
@@ -52,14 +52,14 @@ def separating_direction(wrenches: WrenchSet, rounds: int = 100) -> FloatArray |
     target = -white.G @ pressing
     if np.linalg.norm(target) <= ZERO_SUPPORT:
         return None
-    y = unreachable(white, target, rounds)
+    y = unreachable_direction(white, target, rounds)
     if y is None:
         return None
     y = (U / S) @ y
     return np.asarray(y / np.linalg.norm(y))
 
 
-def unreachable(wrenches: WrenchSet, target: FloatArray, rounds: int = 100) -> FloatArray | None:
+def unreachable_direction(wrenches: WrenchSet, target: FloatArray, rounds: int = 100) -> FloatArray | None:
     """Return a unit direction (d,) that separates a wrench (d,) from the cone ``G K``; None if it is inside.
 
     The nearest point of ``G K`` is found by nonnegative least squares over a growing set of its rays; the residual is

@@ -18,11 +18,11 @@ from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.budgets.l2 import L2Set
 from nlpgrasp.common.quadratic_program import LONG, SHORT, cone_of, quiet_settings
 from nlpgrasp.common.validation import FloatArray, array
-from nlpgrasp.contacts.product import into, lifted
+from nlpgrasp.contacts.product import conic_lift, into
 from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.quality.arguments import require_grasp
 from nlpgrasp.quality.dual_newton import TOLERANCE, dual_newton
-from nlpgrasp.quality.force_closure import positive_share, unreachable
+from nlpgrasp.quality.force_closure import positive_share, unreachable_direction
 from nlpgrasp.quality.grasp import Grasp, GraspStack
 from nlpgrasp.quality.wrench_set import WrenchSet, numerical_rank
 
@@ -103,13 +103,13 @@ def finger_forces(
     require_grasp(grasp, stack=True)
     if isinstance(grasp, GraspStack):
         return tuple(finger_forces(g, wrenches, force_budget=force_budget) for g in grasp)
-    w = _rows(wrenches, grasp.dimension)
+    w = _as_rows(wrenches, grasp.dimension)
     scale = _units(grasp)
     scaled = WrenchSet.of(grasp, force_budget).transformed(np.diag(1.0 / scale))
     target = w / scale
     size = np.linalg.norm(target, axis=1)
     unit = target / np.where(size > 0.0, size, 1.0)[:, None]
-    x, residual, why = _least(scaled, unit)
+    x, residual, why = _unit_wrench_forces(scaled, unit)
     feasible = residual <= PRODUCED
     why = why / scale
     why /= np.where(feasible, np.nan, np.linalg.norm(why, axis=1))[:, None]
@@ -117,7 +117,7 @@ def finger_forces(
     return FingerForces(x * size[:, None], feasible, residual, used, why)
 
 
-def _rows(wrenches: ArrayLike, d: int) -> FloatArray:
+def _as_rows(wrenches: ArrayLike, d: int) -> FloatArray:
     """Return wrenches as rows; a single one may be given by itself."""
     try:
         single = np.ndim(wrenches) == 1 and np.shape(wrenches) == (d,)
@@ -134,7 +134,7 @@ def _units(grasp: Grasp) -> FloatArray:
     return np.array([1.0] * grasp.space + [arm or 1.0] * len(torques))
 
 
-def _least(wrench_set: WrenchSet, w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _unit_wrench_forces(wrench_set: WrenchSet, w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return forces, residuals and separating directions for unit (or zero) wrenches."""
     basis, values, _ = np.linalg.svd(wrench_set.G)
     basis = basis[:, : numerical_rank(values)]  # range of G, without the contacts' cones
@@ -145,30 +145,30 @@ def _least(wrench_set: WrenchSet, w: FloatArray) -> tuple[FloatArray, FloatArray
     off = np.linalg.norm(why, axis=1) > PRODUCED
     residual = np.linalg.norm(x @ wrench_set.G.T - w, axis=1)
     open_ = np.flatnonzero(~off & (residual > PRODUCED))
-    proven = _separates(inside, y[open_], local[open_])
+    proven = _is_separating(inside, y[open_], local[open_])
     why[open_[proven]] = y[open_[proven]] @ basis.T
     open_ = open_[~proven]
     if open_.size:  # narrow cones are hard for Newton's method: use a conic solver
-        again = least_forces(replace(inside, force_set=L2Set(inside.contacts, inside.space)), local[open_])[0]
-        again = _into_the_cones(inside, again, local[open_])
+        again = solve_least_forces(replace(inside, force_set=L2Set(inside.contacts, inside.space)), local[open_])[0]
+        again = _project_into_cones(inside, again, local[open_])
         left = np.linalg.norm(again @ inside.G.T - local[open_], axis=1)
         good = left <= PRODUCED  # false for NaN
         x[open_[good]], residual[open_[good]] = again[good], left[good]
         for i in open_[~good]:
-            found = unreachable(inside, local[i])
+            found = unreachable_direction(inside, local[i])
             why[i] = basis @ (y[i] if found is None else found)
     if not isinstance(wrench_set.force_set, L2Set):
         able = np.flatnonzero(residual <= PRODUCED)
-        least = least_forces(inside, local[able])[0]
+        least = solve_least_forces(inside, local[able])[0]
         failed = able[~np.all(np.isfinite(least), axis=1) & np.any(local[able] != 0.0, axis=1)]
         if failed.size:
             raise NlpgraspError(f"finger_forces: the conic solver found no least forces for wrench {int(failed[0])}")
-        x[able] = _into_the_cones(inside, np.where(np.isfinite(least), least, 0.0), local[able])
+        x[able] = _project_into_cones(inside, np.where(np.isfinite(least), least, 0.0), local[able])
         residual = np.linalg.norm(x @ wrench_set.G.T - w, axis=1)
     return x, residual, why
 
 
-def _into_the_cones(wrench_set: WrenchSet, x: FloatArray, w: FloatArray) -> FloatArray:
+def _project_into_cones(wrench_set: WrenchSet, x: FloatArray, w: FloatArray) -> FloatArray:
     """Project a conic solver's forces for wrenches w into the cones, and correct the change of wrench.
 
     The change of wrench is compensated by additional forces, since the sum of two forces in a convex cone is in it.
@@ -185,19 +185,19 @@ def _into_the_cones(wrench_set: WrenchSet, x: FloatArray, w: FloatArray) -> Floa
     return inside
 
 
-def _separates(wrench_set: WrenchSet, y: FloatArray, w: FloatArray) -> NDArray[np.bool_]:
+def _is_separating(wrench_set: WrenchSet, y: FloatArray, w: FloatArray) -> NDArray[np.bool_]:
     """Return where y separates w from ``G K``: no support along y, and <w, y> clearly above 0."""
     size = np.maximum(np.linalg.norm(y, axis=1), 1e-300)
     return np.asarray((positive_share(wrench_set, y) <= PROVEN) & (np.sum(w * y, axis=1) > CLEAR * size))
 
 
-def least_forces(wrench_set: WrenchSet, wrenches: FloatArray) -> tuple[FloatArray, FloatArray]:
+def solve_least_forces(wrench_set: WrenchSet, wrenches: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return least forces (m, n) in units of the budget, and dual directions (m, d), for wrenches (m, d).
 
     A dual direction is the gradient of the least amount with respect to the wrench. NaN where the solver fails.
     """
     d = len(wrench_set.G)
-    lift, matrices = lifted(wrench_set.contacts, wrench_set.space)
+    lift, matrices = conic_lift(wrench_set.contacts, wrench_set.space)
     n = lift.shape[1]
     rows: list[FloatArray] = [np.pad(wrench_set.G @ lift, [(0, 0), (0, 1)])]
     cones = [clarabel.ZeroConeT(d)]

@@ -17,7 +17,7 @@ from nlpgrasp.common.spatial import (
     wrench_dimension,
     wrench_transform,
 )
-from nlpgrasp.common.user_warnings import asked_by_user, warn
+from nlpgrasp.common.user_warnings import is_called_by_user, warn
 from nlpgrasp.common.validation import FloatArray, array, number, read_only
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
@@ -26,7 +26,7 @@ ROUNDING = 1e-15  # deviation from unit norm within which normals are kept uncha
 AWAY = np.cos(np.pi / 4.0)  # cosine of the angle within which a normal points away from the mean
 
 
-class ContactPlaces:
+class ContactArrays:
     """k contact models with points and normals, and a torque origin.
 
     Attributes
@@ -104,7 +104,7 @@ def unit_normals(field: str, normals: FloatArray) -> FloatArray:
     return np.asarray(normals / np.where(off <= ROUNDING, 1.0, length)[..., None])
 
 
-def all_point_away(points: FloatArray, normals: FloatArray) -> bool:
+def do_all_point_away(points: FloatArray, normals: FloatArray) -> bool:
     """Return whether all of several normals (k, space) point away from the points' mean, within 45 degrees.
 
     This also holds for contacts in a cavity gripped from inside.
@@ -113,7 +113,7 @@ def all_point_away(points: FloatArray, normals: FloatArray) -> bool:
     return len(points) > 1 and bool(np.all(np.sum(normals * away, axis=1) > AWAY * np.linalg.norm(away, axis=1)))
 
 
-class Grasp(ContactPlaces):
+class Grasp(ContactArrays):
     """A grasp: k contacts on a body (Definition 2-4).
 
     Parameters
@@ -169,7 +169,7 @@ class Grasp(ContactPlaces):
         if error > UNIT_TOLERANCE:
             raise InputError("Grasp.tangents", f"frames off orthonormal by {error:.3g}", "orthonormal contact frames")
         self.tangents = read_only(t)
-        if asked_by_user() and all_point_away(self.points, n):
+        if is_called_by_user() and do_all_point_away(self.points, n):
             warn("Grasp.normals: all point away from the middle of the contacts; they have to point into the body")
 
     @property
@@ -270,7 +270,7 @@ class Grasp(ContactPlaces):
         return int(self.points.shape[0])
 
 
-class GraspStack(ContactPlaces):
+class GraspStack(ContactArrays):
     """A stack of b grasps with the same k contact models; a sequence of ``Grasp``.
 
     Parameters

@@ -30,7 +30,7 @@ from scipy import sparse
 
 from nlpgrasp.common.quadratic_program import LONG, SHORT, cone_of, quiet_settings
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts.product import lifted, ranges
+from nlpgrasp.contacts.product import component_slices, conic_lift
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.wrench_set import numerical_rank
@@ -113,7 +113,7 @@ class Balanced:
 
 def can_press(grasp: Grasp) -> bool:
     """Return whether all contacts can press at once with zero net wrench."""
-    return _Program(grasp, np.zeros(grasp.dimension)).least_normal(1.0) is not None
+    return _FrictionProgram(grasp, np.zeros(grasp.dimension)).least_normal(1.0) is not None
 
 
 def balanced_forces(grasp: Grasp, wrench: FloatArray, normal_force: float) -> Balanced:
@@ -132,10 +132,10 @@ def balanced_forces(grasp: Grasp, wrench: FloatArray, normal_force: float) -> Ba
     NoBalanceError
         When there are none, with the contacts that cannot press, or the friction that would be enough.
     """
-    program = _Program(grasp, wrench / normal_force)
+    program = _FrictionProgram(grasp, wrench / normal_force)
     begun = program.least_normal(1.0)
     if begun is None:
-        raise _impossible(program)
+        raise _no_balance_error(program)
     u, share = program.least_share(begun)
     least = program.least_forces(begun, share * (1.0 + SLACK) + SLACK)
     u = u if least is None else least
@@ -144,13 +144,13 @@ def balanced_forces(grasp: Grasp, wrench: FloatArray, normal_force: float) -> Ba
     return Balanced(normal_force * x, program.share(u))
 
 
-class _Program:
+class _FrictionProgram:
     """Conic programs of a grasp, with forces in units of F."""
 
     def __init__(self, grasp: Grasp, wrench: FloatArray) -> None:
         space, contacts = grasp.space, grasp.contacts
-        self.lift, whole = lifted(contacts, space)
-        half = lifted([c.with_friction(0.5) for c in contacts], space)[1]
+        self.lift, whole = conic_lift(contacts, space)
+        half = conic_lift([c.with_friction(0.5) for c in contacts], space)[1]
         self.slopes = [2.0 * (M - H) for M, H in zip(whole, half, strict=True)]
         self.constants = [M - slope for M, slope in zip(whole, self.slopes, strict=True)]
         unit = np.array([1.0] * space + [grasp.mean_arm] * (grasp.dimension - space))
@@ -160,7 +160,7 @@ class _Program:
         self.reached = bool(np.linalg.norm(w - basis @ (basis.T @ w)) <= OUTSIDE * np.linalg.norm(w))
         self.G, self.wrench = basis.T @ G, basis.T @ w
         self.balance = self.G @ self.lift
-        self.normals = self.lift[[where.start for where in ranges(contacts, space)]] * grasp.force_unit
+        self.normals = self.lift[[where.start for where in component_slices(contacts, space)]] * grasp.force_unit
         self.total = self.normals.sum(axis=0)
         self.frictions = {model.coefficients.get("friction", 0.0) for model in contacts}
 
@@ -268,7 +268,7 @@ class _Program:
         return None
 
 
-def _impossible(program: _Program) -> NoBalanceError:
+def _no_balance_error(program: _FrictionProgram) -> NoBalanceError:
     """Return the error that explains why there are no balanced forces."""
     rough = program.least_normal(MOST)
     factor = None if rough is None else program.least_share(rough)[1]

@@ -13,7 +13,7 @@ from nlpgrasp.common.validation import FloatArray, array, integer, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.arguments import require_grasp, task_for
 from nlpgrasp.quality.bounds import Bounds, StackBounds
-from nlpgrasp.quality.containment import conditioned
+from nlpgrasp.quality.containment import condition
 from nlpgrasp.quality.grasp import Grasp, GraspStack
 from nlpgrasp.quality.sandwich import sandwich
 from nlpgrasp.quality.wrench_set import WrenchSet, numerical_rank
@@ -96,11 +96,11 @@ def mu(
             [mu(g, task, rtol, force_budget=force_budget, seed=seed, deadline=deadline) for g in grasp]
         )
     rtol = number("rtol", rtol, above=0.0)
-    found = _certified(grasp, task, rtol, force_budget, seed, deadline)
+    found = _certify(grasp, task, rtol, force_budget, seed, deadline)
     return found.of_measure(task.measure, task.paper_beta)
 
 
-def _certified(
+def _certify(
     grasp: Grasp, task: Task, rtol: float, force_budget: str | ForceBudget, seed: int, deadline: float | None
 ) -> Bounds:
     """Return the certified bounds of one grasp."""
@@ -108,7 +108,7 @@ def _certified(
     exact = bilateral_ellipsoid(wrenches, task)
     if exact is not None:
         return exact
-    problem, proof = conditioned(wrenches, task)
+    problem, proof = condition(wrenches, task)
     if problem is None:
         return Bounds(0.0, 0.0, proof)
     return sandwich(problem, rtol, seed, deadline)

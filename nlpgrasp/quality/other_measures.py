@@ -14,11 +14,11 @@ from scipy.optimize import linprog
 from scipy.spatial import ConvexHull, QhullError
 
 from nlpgrasp.common.validation import FloatArray, integer, number
-from nlpgrasp.contacts.product import ranges
+from nlpgrasp.contacts.product import component_slices
 from nlpgrasp.errors import InputError, NlpgraspError
-from nlpgrasp.quality.arguments import over_stacks, require_grasp
+from nlpgrasp.quality.arguments import extend_to_stacks, require_grasp
 from nlpgrasp.quality.grasp import Grasp, GraspStack
-from nlpgrasp.quality.wrench_set import equilibrated, over_length, wrench_rank
+from nlpgrasp.quality.wrench_set import equilibrated, torque_factors, wrench_rank
 
 MOST_WRENCHES = 20_000  # most wrench sums of a hull, limited by Qhull's memory
 MOST_HULL = 600  # most wrenches that are nearly all vertices, about ten seconds
@@ -53,9 +53,9 @@ def pyramid_wrenches(
     first_edge = number("first_edge", first_edge)
     if not isinstance(unit_edges, bool):
         raise InputError("unit_edges", unit_edges, "True or False")
-    scale = over_length(grasp, torque_scale)
+    scale = torque_factors(grasp, torque_scale)
     result = []
-    for contact, r in zip(grasp.contacts, ranges(grasp.contacts, grasp.space), strict=True):
+    for contact, r in zip(grasp.contacts, component_slices(grasp.contacts, grasp.space), strict=True):
         forces = contact.pyramid(r.stop - r.start, edges, first_edge)
         if unit_edges:
             forces = forces / np.linalg.norm(forces, axis=1, keepdims=True)
@@ -63,7 +63,7 @@ def pyramid_wrenches(
     return result
 
 
-@over_stacks
+@extend_to_stacks
 def ferrari_canny(
     grasp: Grasp,
     edges: int = 8,
@@ -103,7 +103,7 @@ def ferrari_canny(
     return 0.0 if hull is None else max(0.0, float(np.min(-hull.equations[:, -1])))
 
 
-@over_stacks
+@extend_to_stacks
 def pyramid_volume(
     grasp: Grasp,
     edges: int = 8,
@@ -155,7 +155,7 @@ def _pyramid_hull(
         ) from None
 
 
-@over_stacks
+@extend_to_stacks
 def min_weight(grasp: Grasp, edges: int = 8, *, first_edge: float = 0.0) -> float:
     """Return the normalised min-weight metric of FRoGGeR (Li et al. 2023, doi:10.1109/IROS55552.2023.10341806).
 
@@ -252,7 +252,7 @@ def isotropy(grasp: Grasp | GraspStack, torque_scale: float = 1.0) -> float | Fl
 def _singular_values(grasp: Grasp | GraspStack, torque_scale: float) -> FloatArray:
     """Return all d singular values of G with torques over ``torque_scale``, largest first (..., d)."""
     require_grasp(grasp, stack=True)
-    G = grasp.G * over_length(grasp, torque_scale)[:, None]
+    G = grasp.G * torque_factors(grasp, torque_scale)[:, None]
     values = np.linalg.svd(G, compute_uv=False)
     missing = G.shape[-2] - values.shape[-1]
     return np.concatenate([values, np.zeros((*values.shape[:-1], max(0, missing)))], axis=-1)

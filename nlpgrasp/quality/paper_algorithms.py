@@ -17,14 +17,14 @@ from numpy.typing import ArrayLike
 from scipy.spatial import ConvexHull, QhullError
 
 from nlpgrasp.budgets import ForceBudget
-from nlpgrasp.common.unit_directions import directions, inradius
+from nlpgrasp.common.unit_directions import directions, directions_inradius
 from nlpgrasp.common.validation import FloatArray, array, integer, number, read_only
 from nlpgrasp.errors import InputError, NlpgraspError
 from nlpgrasp.quality.arguments import require_grasp, task_for
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.grasp import Grasp
-from nlpgrasp.quality.ratio_minimisation import random_directions, separated
-from nlpgrasp.quality.wrench_set import WrenchSet, over_length, wrench_rank
+from nlpgrasp.quality.ratio_minimisation import random_directions, select_separated
+from nlpgrasp.quality.wrench_set import WrenchSet, torque_factors, wrench_rank
 from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope
 
 # inscribed polytope
@@ -129,21 +129,21 @@ def inscribed_polytope(
     d = grasp.dimension
     count = integer("vertices", vertices, at_least=2 * d, at_most=MOST_VERTICES[d])
     rng = np.random.default_rng(integer("seed", seed, at_least=0, at_most=2**63 - 1))
-    wrenches = WrenchSet.of(grasp, force_budget).transformed(np.diag(over_length(grasp, torque_scale)))
+    wrenches = WrenchSet.of(grasp, force_budget).transformed(np.diag(torque_factors(grasp, torque_scale)))
     each = max(count // (ROUNDS + 1), d)
     points = np.concatenate([wrenches.support(random_directions(each, d, rng))[1], np.zeros((1, d))])
     if wrench_rank(points) < d:
         nothing = np.zeros((0, d))
         return InscribedPolytope(points, nothing, np.zeros(0), nothing.astype(np.intp), 0.0, float(torque_scale))
     while True:
-        hull = _hull(points)
+        hull = _wrench_hull(points)
         normals, distances = hull.equations[:, :-1], np.maximum(-hull.equations[:, -1], 0.0)
         reach, farthest = wrenches.support(normals)
         shares = np.where(reach > 0.0, distances / np.where(reach > 0.0, reach, 1.0), 1.0)
         room = min(count - len(points) + 1, each)
         if room <= 0 or np.min(shares) >= 1.0 - SAME:
             break
-        worst = separated(normals, np.argsort(shares)[:LOOKED_AT], APART, room)
+        worst = select_separated(normals, np.argsort(shares)[:LOOKED_AT], APART, room)
         points = np.concatenate([farthest[worst], points])
     return InscribedPolytope(
         vertices=read_only(points),
@@ -155,7 +155,7 @@ def inscribed_polytope(
     )
 
 
-def _hull(points: FloatArray) -> ConvexHull:
+def _wrench_hull(points: FloatArray) -> ConvexHull:
     """Return the convex hull of wrenches."""
     try:
         return ConvexHull(points)
@@ -243,9 +243,9 @@ def mu_by_steps(
     wrenches, task_share = _wrenches_of(task_for(task, grasp))
     arm = grasp.mean_arm
     polytope = inscribed_polytope(grasp, vertices, arm, force_budget=force_budget, seed=seed)
-    scale = over_length(grasp, arm)
+    scale = torque_factors(grasp, arm)
     scaled = wrenches * scale
-    beta, step, worst = _stepped(polytope.vertices, scaled, rtol)
+    beta, step, worst = _increase_beta(polytope.vertices, scaled, rtol)
     return SteppedMu(beta, step, worst / scale, len(wrenches), task_share, polytope.share)
 
 
@@ -259,11 +259,11 @@ def _wrenches_of(task: Task) -> tuple[FloatArray, float]:
     kept = 1e-12 * axes.S[0] < axes.S
     lengths = axes.S[kept, None] * axes.Vh[kept]
     u = directions(len(lengths), SHELLS)
-    inside = inradius(len(lengths), SHELLS)
-    return task.center + u @ lengths, inside if task.is_centred else _off_centre(task, lengths, inside)
+    inside = directions_inradius(len(lengths), SHELLS)
+    return task.center + u @ lengths, inside if task.is_centred else _centre_share(task, lengths, inside)
 
 
-def _off_centre(task: TaskEllipsoid, lengths: FloatArray, inside: float) -> float:
+def _centre_share(task: TaskEllipsoid, lengths: FloatArray, inside: float) -> float:
     """Return the share of an off-centre ellipsoid in the hull of its samples, 0 if unknown.
 
     With the origin inside the samples' ellipsoid at ``|v| = rho < inside`` (in units of the axes) the hull holds
@@ -277,7 +277,7 @@ def _off_centre(task: TaskEllipsoid, lengths: FloatArray, inside: float) -> floa
     return max(0.0, (inside - rho) / (1.0 - rho)) if rho < 1.0 else 0.0
 
 
-def _stepped(vertices: FloatArray, wrenches: FloatArray, rtol: float) -> tuple[float, float, FloatArray]:
+def _increase_beta(vertices: FloatArray, wrenches: FloatArray, rtol: float) -> tuple[float, float, FloatArray]:
     """Return beta, the last step, and the wrench that left the polytope."""
     most = float(np.max(np.linalg.norm(vertices, axis=1)) / np.max(np.linalg.norm(wrenches, axis=1)))
     beta, step, worst = 0.0, FIRST * most, 0
@@ -352,15 +352,17 @@ def polytope_distance(polytope: ArrayLike | Vertex, point: ArrayLike, most: int 
     """
     p = array("point", point, (None,))
     most = integer("most", most, at_least=1)
-    vertex = polytope if callable(polytope) else _of_points(polytope, len(p))
-    V = np.array([_found(vertex, p) - p])  # the vertices in use, from the point; the nearest point is a mean of them
+    vertex = polytope if callable(polytope) else _vertex_function(polytope, len(p))
+    V = np.array(
+        [_farthest_vertex(vertex, p) - p]
+    )  # the vertices in use, from the point; the nearest point is a mean of them
     weights = np.ones(1)
     x, lower, extent, first = V[0], 0.0, 0.0, V[0]
     for _ in range(most):
         size = float(np.linalg.norm(x))
         if size <= NOTHING * extent:
             break
-        new = _found(vertex, -x) - p
+        new = _farthest_vertex(vertex, -x) - p
         lower, extent = max(lower, float(x @ new) / size), max(extent, float(np.linalg.norm(new - first)))
         if x @ (x - new) <= GAP * size * extent:
             break
@@ -375,7 +377,7 @@ def polytope_distance(polytope: ArrayLike | Vertex, point: ArrayLike, most: int 
     return PolytopeDistance(size, min(max(lower, 0.0), size), p + x, -x / size if size > 0.0 else np.zeros_like(x))
 
 
-def _of_points(points: ArrayLike, d: int) -> Vertex:
+def _vertex_function(points: ArrayLike, d: int) -> Vertex:
     """Return the support-vertex function of the hull of points."""
     rows = array("polytope", points, (None, d))
     if not len(rows):
@@ -383,7 +385,7 @@ def _of_points(points: ArrayLike, d: int) -> Vertex:
     return lambda y: rows[int(np.argmax(rows @ y))]
 
 
-def _found(vertex: Vertex, y: FloatArray) -> FloatArray:
+def _farthest_vertex(vertex: Vertex, y: FloatArray) -> FloatArray:
     """Return the validated farthest vertex along a direction."""
     return array("polytope", vertex(y), y.shape)
 

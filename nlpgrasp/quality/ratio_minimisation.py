@@ -181,7 +181,7 @@ def _tangential(gradient: FloatArray, u: FloatArray) -> FloatArray:
     return np.asarray(gradient - np.sum(gradient * u, axis=1, keepdims=True) * u)
 
 
-def separated(u: FloatArray, order: NDArray[np.intp], cosine: float, most: int) -> list[int]:
+def select_separated(u: FloatArray, order: NDArray[np.intp], cosine: float, most: int) -> list[int]:
     """Return indices of at most ``most`` directions, best first, with pairwise cosines below ``cosine``."""
     ordered = u[order]
     near = ordered @ ordered.T >= cosine

@@ -17,11 +17,11 @@ from scipy.spatial import QhullError
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.quality.bounds import Bounds
-from nlpgrasp.quality.containment import Containment, conditioned
+from nlpgrasp.quality.containment import Containment, condition
 from nlpgrasp.quality.convex_hull import Hull
-from nlpgrasp.quality.force_closure import no_support, separating_direction
+from nlpgrasp.quality.force_closure import has_no_support, separating_direction
 from nlpgrasp.quality.grasp import Grasp
-from nlpgrasp.quality.ratio_minimisation import descend, random_directions, separated
+from nlpgrasp.quality.ratio_minimisation import descend, random_directions, select_separated
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.tasks import Task
 
@@ -87,7 +87,7 @@ def sandwich(
         return Bounds(0.0, 0.0, worst)
     if problem.rank == 1:
         return Bounds(found.upper * (1.0 - problem.rounding), found.upper * (1.0 + problem.rounding), worst)
-    lower = 0.0 if found.hull is None else _lower(problem, found.hull) * (1.0 - problem.rounding)
+    lower = 0.0 if found.hull is None else _certified_lower_bound(problem, found.hull) * (1.0 - problem.rounding)
     upper = found.upper * (1.0 + problem.rounding)
     narrow = upper <= lower * (1.0 + rtol) * (1.0 + 2.0 * problem.rounding)
     return Bounds(min(lower, found.upper), upper, worst, limit="" if narrow else found.limit)
@@ -100,7 +100,7 @@ def narrowed(
     rng = np.random.default_rng(seed)
     shrink = min(SHRINK, 0.01 * rtol)
     # the points of a warm start are shrunk by SHRINK
-    state = _begun(problem, shrink, rng) if begun is None or shrink < SHRINK else begun
+    state = _begin(problem, shrink, rng) if begun is None or shrink < SHRINK else begun
     while state.hull is not None and state.upper > 0.0:
         hull = state.hull
         if len(hull) >= MOST_POINTS or (deadline is not None and time.monotonic() >= deadline):
@@ -108,23 +108,23 @@ def narrowed(
             break
         target = state.upper / (1.0 + 0.8 * rtol)
         cells = hull.worst(target, 8 * BATCH)
-        if not cells.size or _hopeless(len(hull), hull.values[cells[0]] / target):
+        if not cells.size or _is_limited_by_rounding(len(hull), hull.values[cells[0]] / target):
             break
         normals = hull.normals(cells)
         exact = problem.ratio(normals)[0]
         best = int(np.argmin(exact))
         if exact[best] < state.upper:
             state.upper, state.worst = float(exact[best]), normals[best]
-            if no_support(problem.wrenches, state.worst):
+            if has_no_support(problem.wrenches, state.worst):
                 return Sandwich(0.0, state.worst)
         gap = max(1.0 - hull.values[cells[0]] / target, rtol)
-        chosen = separated(normals, np.arange(len(cells)), 1.0 - SPREAD * gap, BATCH)
+        chosen = select_separated(normals, np.arange(len(cells)), 1.0 - SPREAD * gap, BATCH)
         if not hull.insert(_inner_points(problem, normals[chosen], shrink, rng)):
             break
     return state
 
 
-def _begun(problem: Containment, shrink: float, rng: np.random.Generator) -> Sandwich:
+def _begin(problem: Containment, shrink: float, rng: np.random.Generator) -> Sandwich:
     """Return the initial state from descents and the first hull."""
     seeds = np.concatenate([random_directions(SEEDS, problem.rank, rng), np.linalg.svd(problem.wrenches.G)[0].T])
     found, values = descend(problem, seeds, DESCENT)
@@ -133,20 +133,20 @@ def _begun(problem: Containment, shrink: float, rng: np.random.Generator) -> San
     state = Sandwich(float(values[best]), found[best])
     if separating is not None:
         ratio = float(problem.ratio(separating[None, :])[0][0])
-        if ratio <= state.upper or (no_support(problem.wrenches, separating) and np.isfinite(ratio)):
+        if ratio <= state.upper or (has_no_support(problem.wrenches, separating) and np.isfinite(ratio)):
             state = Sandwich(ratio, separating)
         elif np.isfinite(ratio):
             separating = None
-    if no_support(problem.wrenches, state.worst):
+    if has_no_support(problem.wrenches, state.worst):
         return Sandwich(0.0, state.worst)
     if problem.rank == 1:
         return state
-    start = found[separated(found, np.argsort(values), 0.95, 14)]
-    state.hull = _first_hull(problem, start, shrink, separating is not None, rng)
+    start = found[select_separated(found, np.argsort(values), 0.95, 14)]
+    state.hull = _initial_hull(problem, start, shrink, separating is not None, rng)
     return state
 
 
-def _hopeless(points: int, share: float) -> bool:
+def _is_limited_by_rounding(points: int, share: float) -> bool:
     """Return whether rounding, not the number of points, limits the lower bound."""
     return any(points > most and share < least for most, least in HOPELESS)
 
@@ -157,7 +157,7 @@ def _inner_points(problem: Containment, u: FloatArray, shrink: float, rng: np.ra
     return np.asarray(wrench * (1.0 - shrink * rng.random((len(u), 1))))
 
 
-def _first_hull(
+def _initial_hull(
     problem: Containment, start: FloatArray, shrink: float, with_origin: bool, rng: np.random.Generator
 ) -> Hull | None:
     """Return the hull of support points in given and random directions; None if they stay flat.
@@ -187,14 +187,14 @@ def _values(problem: Containment, planes: FloatArray, centre: FloatArray, height
     return np.asarray(np.where(binding, np.maximum(offset, 0.0) / np.where(binding, reach, 1.0), free))
 
 
-def _lower(problem: Containment, hull: Hull) -> float:
+def _certified_lower_bound(problem: Containment, hull: Hull) -> float:
     """Return the certified lower bound, with each cell's offset recomputed from its nearest vertex."""
     _, planes, heights = hull.corners()
     return float(np.min(_values(problem, planes, hull.centre, np.minimum(heights, 1.0))))
 
 
 @dataclass(frozen=True)
-class Begun:
+class ResumableCertificate:
     """A resumable certificate: the partly tightened sandwich of a grasp and a task.
 
     Parameters
@@ -214,9 +214,9 @@ class Begun:
     sandwich: Sandwich
 
     @classmethod
-    def of(cls, grasp: Grasp, task: Task, budget: ForceBudget, rtol: float) -> Begun | None:
+    def of(cls, grasp: Grasp, task: Task, budget: ForceBudget, rtol: float) -> ResumableCertificate | None:
         """Return the certificate tightened to a tolerance, None if rank alone proves ``mu = 0``."""
-        problem, _ = conditioned(WrenchSet.of(grasp, budget), task)
+        problem, _ = condition(WrenchSet.of(grasp, budget), task)
         return None if problem is None else cls(grasp, task, budget, problem, narrowed(problem, rtol))
 
     def is_of(self, grasp: Grasp, budget: ForceBudget) -> bool:

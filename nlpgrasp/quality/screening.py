@@ -81,12 +81,12 @@ def spread_directions(stack: GraspStack, task: Task) -> FloatArray:
     """Return directions (m, d) well spread in a task's metric, which grasps regularise for a flat task."""
     planar = stack.dimension == 3
     spread = directions_around(np.eye(3)[0], PLANAR) if planar else directions(stack.dimension, 2)
-    y = spread @ np.linalg.inv(np.linalg.cholesky(_shape(stack, task)))
+    y = spread @ np.linalg.inv(np.linalg.cholesky(_second_moment(stack, task)))
     reach = task.support(y)[0]
     return np.asarray(y[reach > 1e-9 * np.max(reach)])
 
 
-def _shape(stack: GraspStack, task: Task) -> FloatArray:
+def _second_moment(stack: GraspStack, task: Task) -> FloatArray:
     """Return the task's second moment (d, d), regularised by the grasps' if the task is flat."""
     G = stack.G[:CHUNK]
     own = np.mean(G @ G.transpose(0, 2, 1), axis=0)
@@ -131,7 +131,7 @@ def screening_score(ratios: FloatArray) -> FloatArray:
     return np.asarray(lowest.min(axis=1) + 0.05 * lowest.mean(axis=1))
 
 
-def weak_directions(
+def minimise_locally(
     stack: GraspStack, task: Task, y: FloatArray, budget: ForceBudget, steps: int = STEPS
 ) -> tuple[FloatArray, FloatArray]:
     """Minimise ``phi_G / phi_A`` locally from directions of each grasp, (b, m, d).

@@ -23,7 +23,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.budgets.l2 import L2Set
-from nlpgrasp.common.formatting import outwards
+from nlpgrasp.common.formatting import format_interval
 from nlpgrasp.common.validation import FloatArray, integer, number
 from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.quality import force_problem as conic
@@ -32,7 +32,7 @@ from nlpgrasp.quality.bounds import SHOWN, Bounds
 from nlpgrasp.quality.dual_newton import dual_newton
 from nlpgrasp.quality.grasp import Grasp, GraspStack
 from nlpgrasp.quality.ratio_minimisation import random_directions
-from nlpgrasp.quality.wrench_set import WrenchSet, over_length, wrench_rank
+from nlpgrasp.quality.wrench_set import WrenchSet, torque_factors, wrench_rank
 
 # certified bounds
 POINTS = {3: 2000, 6: 300}  # most vertices of P, by dimension
@@ -84,7 +84,7 @@ class Volume(Bounds):
         return f"{self.value:.5g} +- {self.error:.2g}, certified {super().__str__()}"
 
     def __repr__(self) -> str:
-        lower, upper = outwards(self.lower, self.upper, SHOWN)
+        lower, upper = format_interval(self.lower, self.upper, SHOWN)
         return f"Volume({lower}, {upper}, value={self.value:.5g}, error={self.error:.2g})"
 
 
@@ -145,7 +145,7 @@ def nu(
     seed = integer("seed", seed, at_least=0, at_most=2**63 - 1)
     if isinstance(grasp, GraspStack):
         return tuple(nu(g, torque_scale, rtol, force_budget=force_budget, seed=seed) for g in grasp)
-    units = over_length(grasp, torque_scale)
+    units = torque_factors(grasp, torque_scale)
     scale = float(torque_scale)
     rtol = number("rtol", rtol, above=0.0)
     d = grasp.dimension
@@ -159,20 +159,20 @@ def nu(
             exact * (1.0 - ROUNDING), exact * (1.0 + ROUNDING), torque_scale=scale, value=exact, error=exact * ROUNDING
         )
     white = wrench_set.transformed((vectors / values).T)
-    lower, upper, value, error = _volume(white, rtol, np.random.default_rng(seed))
+    lower, upper, value, error = _certify_volume(white, rtol, np.random.default_rng(seed))
     factor = float(np.prod(values))
     return Volume(lower * factor, upper * factor, torque_scale=scale, value=value * factor, error=error * factor)
 
 
-def _volume(white: WrenchSet, rtol: float, rng: np.random.Generator) -> tuple[float, float, float, float]:
+def _certify_volume(white: WrenchSet, rtol: float, rng: np.random.Generator) -> tuple[float, float, float, float]:
     """Return certified bounds, estimate and error bar for a set in well-conditioned coordinates."""
     d = len(white.G)
-    inner, points = _first_hull(white, rng)
+    inner, points = _initial_wrench_hull(white, rng)
     most = POINTS[d] if rtol < LOOSE or d == 3 else int(FEWER * POINTS[d])
     while len(points) < most and inner.upper > inner.lower * (1.0 + rtol):
         room = min(len(points), most - len(points))
         worst = np.argsort(-inner.missing)[:room]
-        points = np.concatenate([points, _inside(white.support(inner.planes[worst])[1], rng)])
+        points = np.concatenate([points, _shrunk_points(white.support(inner.planes[worst])[1], rng)])
         inner = _Inner(white, points)
     middle, half = 0.5 * (inner.lower + inner.upper), 0.5 * (inner.upper - inner.lower)
     if inner.upper <= inner.lower * (1.0 + rtol):
@@ -181,7 +181,7 @@ def _volume(white: WrenchSet, rtol: float, rng: np.random.Generator) -> tuple[fl
     return inner.lower, inner.upper, min(max(value, inner.lower), inner.upper), min(error, half)
 
 
-def _first_hull(white: WrenchSet, rng: np.random.Generator) -> tuple[_Inner, FloatArray]:
+def _initial_wrench_hull(white: WrenchSet, rng: np.random.Generator) -> tuple[_Inner, FloatArray]:
     """Return the hull of the origin and support points in random directions, and its points.
 
     For a set with few vertices, few directions may give flat points; then more directions are used.
@@ -193,7 +193,7 @@ def _first_hull(white: WrenchSet, rng: np.random.Generator) -> tuple[_Inner, Flo
         if count > 8 * d:
             points = np.unique(np.round(points, 9), axis=0)
             points = points[rng.permutation(len(points))]
-        points = np.concatenate([np.zeros((1, d)), _inside(points[: min(count, 2 * POINTS[d])], rng)])
+        points = np.concatenate([np.zeros((1, d)), _shrunk_points(points[: min(count, 2 * POINTS[d])], rng)])
         try:
             return _Inner(white, points), points
         except NlpgraspError as error:
@@ -201,7 +201,7 @@ def _first_hull(white: WrenchSet, rng: np.random.Generator) -> tuple[_Inner, Flo
     raise failure
 
 
-def _inside(points: FloatArray, rng: np.random.Generator) -> FloatArray:
+def _shrunk_points(points: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Return points shrunk towards the origin by small random factors, so that they are in general position."""
     return np.asarray(points * (1.0 - SHRINK * rng.random((len(points), 1))))
 
@@ -294,7 +294,7 @@ def estimate(white: WrenchSet, cells: Cells, rtol: float, rng: np.random.Generat
             share = rng.dirichlet(np.ones(d), count)
             high.append(cells.reach[chosen])
             group.append(np.einsum("mi,mid->md", share, cells.corners[chosen]))
-        t = _reach(gauge, cells.centre, np.concatenate(group), np.concatenate(high)) ** d
+        t = _radial_reach(gauge, cells.centre, np.concatenate(group), np.concatenate(high)) ** d
         means.append(t.reshape(GROUPS, count).mean(axis=1))
         weights.append(count)
         each = np.average(np.array(means), axis=0, weights=weights)
@@ -304,7 +304,7 @@ def estimate(white: WrenchSet, cells: Cells, rtol: float, rng: np.random.Generat
         count = int(np.clip(sum(weights) * ((error / (rtol * value)) ** 2 - 0.8), 50, MOST_SAMPLES / GROUPS))
 
 
-def _reach(gauge: Gauge, centre: FloatArray, x: FloatArray, high: FloatArray) -> FloatArray:
+def _radial_reach(gauge: Gauge, centre: FloatArray, x: FloatArray, high: FloatArray) -> FloatArray:
     """Solve ``gauge(centre + t x) = 1`` for t between 1 and ``high``, by bracketed Newton's method.
 
     The gauge is convex along the ray, at most 1 at t = 1 and at least 1, perhaps infinite, at ``high``.
@@ -341,7 +341,7 @@ def _gauge(white: WrenchSet) -> Gauge:
             force = np.linalg.norm(x, axis=1)
             produced = np.linalg.norm(unit - x @ white.G.T, axis=1) <= 1e3 * GAUGE_TOLERANCE
             return np.where(produced, force * size, np.inf), y / np.where(produced & (force > 0.0), force, 1.0)[:, None]
-        x, y = conic.least_forces(white, unit)
+        x, y = conic.solve_least_forces(white, unit)
         used = white.force_set.used(x) * size
         return np.where(np.isfinite(used), used, np.inf), y
 

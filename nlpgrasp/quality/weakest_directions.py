@@ -8,11 +8,11 @@ import numpy as np
 
 from nlpgrasp.budgets import ForceBudget, L2Budget
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.quality.containment import Containment, conditioned
+from nlpgrasp.quality.containment import Containment, condition
 from nlpgrasp.quality.force_closure import separating_direction
 from nlpgrasp.quality.grasp import Grasp
-from nlpgrasp.quality.ratio_minimisation import descend, iterate, random_directions, separated
-from nlpgrasp.quality.sandwich import Begun, Sandwich, narrowed
+from nlpgrasp.quality.ratio_minimisation import descend, iterate, random_directions, select_separated
+from nlpgrasp.quality.sandwich import ResumableCertificate, Sandwich, narrowed
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.tasks import Task
 
@@ -29,7 +29,7 @@ BEGUN, FOLLOWED = 10, 40  # gradient steps; weakest directions that inverse iter
 
 
 @dataclass(frozen=True)
-class Weakest:
+class WeakestDirections:
     """Local minimisers of the support ratio ``phi_G / phi_A``.
 
     Parameters
@@ -45,7 +45,7 @@ class Weakest:
 
 
 @dataclass(frozen=True)
-class Descents:
+class DescentSettings:
     """Thoroughness of a search for weakest directions.
 
     Parameters
@@ -63,7 +63,7 @@ class Descents:
     gap: float = HULL_GAP
 
 
-THOROUGH, QUICK = Descents(150), Descents(60)
+THOROUGH, QUICK = DescentSettings(150), DescentSettings(60)
 
 
 def weakest_directions(
@@ -72,8 +72,8 @@ def weakest_directions(
     budget: ForceBudget,
     rng: np.random.Generator,
     known: FloatArray | None = None,
-    descents: Descents = THOROUGH,
-) -> Weakest:
+    descents: DescentSettings = THOROUGH,
+) -> WeakestDirections:
     """Return the weakest directions of a grasp.
 
     Under the L2 budget they come from descents, in milliseconds; along the kinks of other budgets' supports these stop,
@@ -90,37 +90,37 @@ def weakest_directions(
         Directions to start from as well, for example those of a nearby grasp.
     descents : Descents
     """
-    problem, proof = conditioned(WrenchSet.of(grasp, budget), task)
+    problem, proof = condition(WrenchSet.of(grasp, budget), task)
     if problem is None:
         y = np.zeros((0, grasp.dimension)) if proof is None else _unit_reach(task, proof[None, :])
-        return Weakest(0.0, y)
+        return WeakestDirections(0.0, y)
     separating = separating_direction(problem.wrenches) if isinstance(budget, L2Budget) else None
     closed = separating is None or np.isfinite(problem.ratio(separating[None])[0][0])
     if isinstance(budget, L2Budget) and closed:
-        start = [random_directions(descents.fresh, problem.rank, rng), in_coordinates(problem, known)]
+        start = [random_directions(descents.fresh, problem.rank, rng), to_coordinates(problem, known)]
         start += [] if separating is None else [separating[None]]
-        found, values = _iterated(problem, np.concatenate(start), descents.steps)
+        found, values = _descend_and_iterate(problem, np.concatenate(start), descents.steps)
     else:
-        found, values = _from_hull(problem, descents.gap)
+        found, values = _minimise_over_hull(problem, descents.gap)
     return _weakest(problem, task, found, values)
 
 
-def missed(begun: Begun, value: float) -> Weakest | None:
+def weaker_in_polytope(begun: ResumableCertificate, value: float) -> WeakestDirections | None:
     """Return directions in which a certificate's polytope shows less than a known value; None where there are none."""
     found, values = _hull_directions(begun.containment, begun.sandwich)
     weaker = bool(np.min(values) < value * (1.0 - MISSED))
     return _weakest(begun.containment, begun.task, found, values) if weaker else None
 
 
-def _weakest(problem: Containment, task: Task, found: FloatArray, values: FloatArray) -> Weakest:
+def _weakest(problem: Containment, task: Task, found: FloatArray, values: FloatArray) -> WeakestDirections:
     """Return the weakest of directions in a containment's coordinates, well separated."""
     order = np.argsort(values)
     order = order[values[order] <= SLACK * values[order[0]] + 1e-12]
-    chosen = separated(found, order, SEPARATION, KEEP)
-    return Weakest(float(values[chosen[0]]), _unit_reach(task, found[chosen] @ problem.matrix))
+    chosen = select_separated(found, order, SEPARATION, KEEP)
+    return WeakestDirections(float(values[chosen[0]]), _unit_reach(task, found[chosen] @ problem.matrix))
 
 
-def in_coordinates(problem: Containment, known: FloatArray | None) -> FloatArray:
+def to_coordinates(problem: Containment, known: FloatArray | None) -> FloatArray:
     """Return known directions (m, d) in a containment's coordinates, without those that vanish there, (m', r)."""
     if known is None or not len(known):
         return np.zeros((0, problem.rank))
@@ -129,7 +129,7 @@ def in_coordinates(problem: Containment, known: FloatArray | None) -> FloatArray
     return np.asarray(u[size[:, 0] > 0.0] / size[size[:, 0] > 0.0])
 
 
-def _iterated(problem: Containment, start: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
+def _descend_and_iterate(problem: Containment, start: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
     """Return weak directions and their ratios, by a few gradient steps followed by inverse iteration.
 
     The former are near the latter and not yet all the same: cuts around the weakest directions are what a step needs.
@@ -140,7 +140,7 @@ def _iterated(problem: Containment, start: FloatArray, steps: int) -> tuple[Floa
     return np.concatenate([last, found]), np.concatenate([least, values])
 
 
-def _from_hull(problem: Containment, gap: float) -> tuple[FloatArray, FloatArray]:
+def _minimise_over_hull(problem: Containment, gap: float) -> tuple[FloatArray, FloatArray]:
     """Return directions and ratios from the certificate's polytope."""
     return _hull_directions(problem, narrowed(problem, gap))
 

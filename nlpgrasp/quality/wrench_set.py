@@ -116,7 +116,7 @@ def wrench_rank(rows: FloatArray) -> int:
     return numerical_rank(np.asarray(np.linalg.svd(equilibrated(rows)[0], compute_uv=False), dtype=np.float64))
 
 
-def over_length(grasp: Grasp | GraspStack, torque_scale: float) -> FloatArray:
+def torque_factors(grasp: Grasp | GraspStack, torque_scale: float) -> FloatArray:
     """Return factors (d,) for wrench components that give torques as ``torque / torque_scale``."""
     scale = number("torque_scale", torque_scale, above=0.0)
     return np.array([1.0] * grasp.space + [1.0 / scale] * (grasp.dimension - grasp.space))

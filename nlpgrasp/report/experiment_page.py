@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nlpgrasp.common.files import write_text
-from nlpgrasp.common.formatting import measure_word, outwards, typeset
+from nlpgrasp.common.formatting import format_interval, measure_word, typeset
 from nlpgrasp.common.optional_packages import pyplot, write_figure
 from nlpgrasp.common.palette import COLOURS
 from nlpgrasp.experiments.experiment_result import EXPLAINED, NOT_COMPARABLE, ExperimentResult, VariationResult
 from nlpgrasp.experiments.output_folder import PLAN
-from nlpgrasp.report.html_parts import Html, page, style, table
+from nlpgrasp.report.html_parts import Html, html_table, page, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,9 +51,9 @@ def write_page(result: ExperimentResult, path: Path, pictures: Sequence[Path]) -
         f"<h1>{escape(result.name)}</h1>",
         f"<p>{sum(v.done for v in result.variations)} of {len(result.solves)} solves done.</p>",
         *_warnings(result),
-        _table(result),
+        _variation_table(result),
         *(_figure(picture) for picture in pictures if picture.is_file()),
-        _prices(result),
+        _price_table(result),
         _inputs(result),
     ]
     return write_text(path, page(result.name, style("experiment.css"), parts))
@@ -65,7 +65,7 @@ def _warnings(result: ExperimentResult) -> list[str]:
     return [f'<p class="warning">{escape(line)}</p>' for line in [*lines, *result.notes]]
 
 
-def _table(result: ExperimentResult) -> str:
+def _variation_table(result: ExperimentResult) -> str:
     heads = ["Rank", "Variation", "mu certified in", "", "Gap", "Seeds that agree", "Seconds a solve"]
     heads += ["Starts that succeeded", "Ties with", "Grasp of", "Active constraints"]
     most = max((v.mu.upper for v in result.variations), default=0.0) or 1.0
@@ -76,7 +76,7 @@ def _table(result: ExperimentResult) -> str:
         left, width = 100.0 * v.mu.lower / most, 100.0 * (v.mu.upper - v.mu.lower) / most
         span = f'<span class="sure" style="width:{left:.2f}%"></span>'
         span += f'<span style="left:{left:.2f}%;width:{width:.2f}%"></span>'
-        told = " to ".join(outwards(v.mu.lower, v.mu.upper)) if v.mu.lower > 0.0 else v.found
+        told = " to ".join(format_interval(v.mu.lower, v.mu.upper)) if v.mu.lower > 0.0 else v.found
         bar = Html(f'<div class="interval" aria-hidden="true">{span}</div>')
         active = "; ".join(v.best.active) if v.best is not None else ""
         origin = v.best.origin if v.best is not None else ""
@@ -86,7 +86,7 @@ def _table(result: ExperimentResult) -> str:
     caption = (
         f"Rank: 1 plus the number of variations that are certainly better. Ties: within the certified gap. {EXPLAINED}"
     )
-    return table(caption, heads, rows, focusable=False)
+    return html_table(caption, heads, rows, focusable=False)
 
 
 def _figure(picture: Path) -> str:
@@ -97,7 +97,7 @@ def _figure(picture: Path) -> str:
     )
 
 
-def _prices(result: ExperimentResult) -> str:
+def _price_table(result: ExperimentResult) -> str:
     items = [
         f"<dt>{escape(v.name)}</dt>" + "".join(f"<dd>{escape(typeset(str(p)))}</dd>" for p in v.best.prices)
         for v in result.variations
@@ -131,7 +131,7 @@ def write_plots(result: ExperimentResult, folder: Path) -> list[Path]:
     pyplot(WHAT)  # before the work
     ranked = sorted(zip(result.variations, result.ranks(), strict=True), key=lambda pair: (pair[1], -pair[0].mu.upper))
     shown = [v for v, _ in ranked if v.best is not None][:MOST_SHOWN]
-    pictures = {"mu_by_variation": draw_mu, "mu_against_time": draw_time, "convergence": draw_convergence}
+    pictures = {"mu_by_variation": draw_mu, "mu_against_time": draw_time, "convergence": draw_experiment_convergence}
     paths = []
     for name, draw in pictures.items() if shown else ():
         paths.append(_written(folder / f"{name}.png", draw, shown))
@@ -143,47 +143,49 @@ def write_plots(result: ExperimentResult, folder: Path) -> list[Path]:
 
 def draw_mu(variations: Sequence[VariationResult]) -> Figure:
     """Draw the certified interval of each variation's best grasp, and a dot for each seed."""
-    figure, ax = _blank(1.2 + 0.32 * len(variations))
+    figure, ax = _new_figure(1.2 + 0.32 * len(variations))
     for row, v in enumerate(variations):
         seeds = [s.mu.lower for s in v.solves if s.success]
         ax.plot(seeds, [row] * len(seeds), ".", color="0.6", markersize=5, zorder=1)
         ax.plot(
             [v.mu.lower, v.mu.upper], [row, row], "|-", color=COLOURS["finger"], linewidth=3, markersize=11, zorder=2
         )
-    ax.set_yticks(range(len(variations)), [_short(v.name) for v in variations])
+    ax.set_yticks(range(len(variations)), [_shorten_name(v.name) for v in variations])
     ax.invert_yaxis()
     ax.set_xlim(0.0, 1.05 * max(v.mu.upper for v in variations))
     ax.grid(axis="x", color="0.9")
-    ax.set_xlabel(f"{_label(variations)}: certified interval of the best (bar), lower bound of each seed (dots)")
+    ax.set_xlabel(f"{_seed_label(variations)}: certified interval of the best (bar), lower bound of each seed (dots)")
     return figure
 
 
 def draw_time(variations: Sequence[VariationResult]) -> Figure:
     """Draw the best certified lower bound over the solver's time, a line per seed."""
-    figure, ax = _blank(4.0)
+    figure, ax = _new_figure(4.0)
     for i, v in enumerate(variations[:MOST_COLOURS]):
         for j, solve in enumerate(s for s in v.solves if s.success):
             seconds, best = np.array([(0.0, 0.0), *solve.rising]).T
-            ax.step(seconds, best, where="post", color=f"C{i}", alpha=0.7, label=_short(v.name) if j == 0 else None)
+            ax.step(
+                seconds, best, where="post", color=f"C{i}", alpha=0.7, label=_shorten_name(v.name) if j == 0 else None
+            )
     ax.set_ylim(bottom=0.0)
     ax.set_xlabel("seconds in starts, one after another")
-    ax.set_ylabel(f"best {_label(variations)} so far (certified lower bound)")
+    ax.set_ylabel(f"best {_seed_label(variations)} so far (certified lower bound)")
     ax.grid(color="0.9")
     _legend(ax, len(variations))
     return figure
 
 
-def draw_convergence(variations: Sequence[VariationResult]) -> Figure:
+def draw_experiment_convergence(variations: Sequence[VariationResult]) -> Figure:
     """Draw the relative distance of the refinement from its final value, by round, for each variation's best start."""
-    figure, ax = _blank(4.0)
+    figure, ax = _new_figure(4.0)
     for i, v in enumerate(variations[:MOST_COLOURS]):
         start = None if v.best is None else v.best.best_start
         if start is not None and len(start.history) > 1:
             left = 1.0 - np.array(start.history) / start.history[-1]
-            ax.plot(np.maximum(left, SMALLEST), ".-", color=f"C{i}", alpha=0.8, label=_short(v.name))
+            ax.plot(np.maximum(left, SMALLEST), ".-", color=f"C{i}", alpha=0.8, label=_shorten_name(v.name))
     ax.set_yscale("log")
     ax.set_xlabel("rounds of the exchange, best start")
-    ax.set_ylabel(f"share of the final {_label(variations)} still to gain")
+    ax.set_ylabel(f"share of the final {_seed_label(variations)} still to gain")
     ax.grid(color="0.9")
     if ax.lines:
         _legend(ax, len(variations))
@@ -192,14 +194,14 @@ def draw_convergence(variations: Sequence[VariationResult]) -> Figure:
 
 def draw_success(variations: Sequence[VariationResult]) -> Figure:
     """Draw the share of starts with a certified grasp, with Wilson's 95 % interval."""
-    figure, ax = _blank(1.2 + 0.32 * len(variations))
+    figure, ax = _new_figure(1.2 + 0.32 * len(variations))
     for row, v in enumerate(variations):
         good, total = v.starts
         low, high = wilson(good, total)
         ax.barh(row, good / total, color=COLOURS["finger"], height=0.6)
         ax.plot([low, high], [row, row], color="0.2", linewidth=1.2)
         ax.text(1.02, row, f"{good}/{total}", va="center", fontsize=8)
-    ax.set_yticks(range(len(variations)), [_short(v.name) for v in variations])
+    ax.set_yticks(range(len(variations)), [_shorten_name(v.name) for v in variations])
     ax.invert_yaxis()
     ax.set_xlim(0.0, 1.12)
     ax.set_xticks([0.0, 0.25, 0.5, 0.75, 1.0], ["0 %", "25 %", "50 %", "75 %", "100 %"])
@@ -215,7 +217,7 @@ def wilson(good: int, total: int) -> tuple[float, float]:
     return float((middle - half) / (1.0 + z2)), float((middle + half) / (1.0 + z2))
 
 
-def _blank(height: float) -> tuple[Figure, Axes]:
+def _new_figure(height: float) -> tuple[Figure, Axes]:
     """Return a figure 7 inches wide with one pair of axes."""
     figure, ax = pyplot(WHAT).subplots(figsize=(7.0, height), layout="constrained")
     return figure, ax
@@ -227,7 +229,7 @@ def _written(path: Path, draw: Draw, variations: Sequence[VariationResult]) -> P
         return write_figure(draw(variations), path)
 
 
-def _label(variations: Sequence[VariationResult]) -> str:
+def _seed_label(variations: Sequence[VariationResult]) -> str:
     kinds = {v.best.kind for v in variations if v.best is not None}
     return measure_word(kinds.pop() if len(kinds) == 1 else "")
 
@@ -237,6 +239,6 @@ def _legend(ax: Axes, count: int) -> None:
     ax.legend(fontsize=8, title=title)
 
 
-def _short(name: str, longest: int = 32) -> str:
+def _shorten_name(name: str, longest: int = 32) -> str:
     short = name if len(name) <= longest else name[: longest - 3] + "..."
     return short.replace("$", r"\$")  # no math mode

@@ -9,15 +9,23 @@ from scipy.spatial.transform import Rotation
 
 from nlpgrasp.bodies import Box, body_from_dict
 from nlpgrasp.bodies.mesh.display_triangles import triangles
-from nlpgrasp.common.drawing import CONE, FORCE, NORMAL, Drawing, Triangles, drawn_size
+from nlpgrasp.common.drawing import CONE, FORCE, NORMAL, Drawing, Triangles, drawing_size
 from nlpgrasp.common.spatial import in_space
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Fingertips, ParallelJaw
-from nlpgrasp.hands.parallel_jaw import APPROACH_AXIS, CLOSING_AXIS, own_axes
+from nlpgrasp.hands.parallel_jaw import APPROACH_AXIS, CLOSING_AXIS, gripper_rotation
 from nlpgrasp.quality.grasp import Grasp
-from nlpgrasp.report.scene_parts import WIDE, Surroundings, first_view, framed, slab, surface, surroundings
+from nlpgrasp.report.scene_parts import (
+    WIDE,
+    DrawnSurroundings,
+    drawn_surroundings,
+    first_view,
+    outermost_points,
+    slab,
+    surface,
+)
 from nlpgrasp.report.task_wrenches import ChosenWrench
 from nlpgrasp.solution.solution import GraspSolution
 
@@ -44,14 +52,14 @@ def jaws(solution: GraspSolution) -> list[tuple[str, Triangles]]:
     thick = float(asked.get("finger_thickness", 0.0)) or FINGER_THICKNESS * opening
     aside, reach = 0.5 * (opening + thick), (1.0 + BEYOND) * length
     pose = posture["palm_pose"]
-    axes = own_axes(asked.get("closing_axis", CLOSING_AXIS), asked.get("approach_axis", APPROACH_AXIS))
+    axes = gripper_rotation(asked.get("closing_axis", CLOSING_AXIS), asked.get("approach_axis", APPROACH_AXIS))
     turn = Rotation.from_quat(pose["quaternion_wxyz"], scalar_first=True).as_matrix() @ axes
     at = np.asarray(pose["position"], dtype=float)
 
     def part(extents: list[float], middle: list[float]) -> Triangles:
         """Return a box with its middle about the gripper's origin: x from jaw to jaw, z along the approach."""
         vertices, faces = triangles(Box(extents))
-        return Triangles(_moved(vertices + middle, turn, at), faces)
+        return Triangles(_transform_points(vertices + middle, turn, at), faces)
 
     finger = [thick, thick, reach]
     parts = [part(finger, [side * aside, 0.0, 0.5 * reach]) for side in (-1.0, 1.0)]
@@ -59,11 +67,11 @@ def jaws(solution: GraspSolution) -> list[tuple[str, Triangles]]:
     return list(zip(NAMES, [*parts, palm], strict=True))
 
 
-def _moved(points: FloatArray, turn: FloatArray, at: FloatArray) -> FloatArray:
+def _transform_points(points: FloatArray, turn: FloatArray, at: FloatArray) -> FloatArray:
     return np.asarray(points @ turn.T + at)
 
 
-def scene(solution: GraspSolution, chosen: Sequence[ChosenWrench]) -> Json | None:
+def solution_scene(solution: GraspSolution, chosen: Sequence[ChosenWrench]) -> Json | None:
     """Return the viewer's scene; metres, body frame. None where the file has neither a body nor contacts.
 
     Returns
@@ -76,20 +84,20 @@ def scene(solution: GraspSolution, chosen: Sequence[ChosenWrench]) -> Json | Non
     """
     grasp = solution.grasp
     contacts = np.zeros((0, 3)) if grasp is None else in_space(grasp.points)
-    shape = drawn_body(solution)
-    size = drawn_size(None if shape is None else Drawing(shape), None if grasp is None else grasp.points)
+    shape = body_surface(solution)
+    size = drawing_size(None if shape is None else Drawing(shape), None if grasp is None else grasp.points)
     body = contacts if shape is None else shape.vertices
     if not len(body):
         return None
     middle = (body.min(axis=0) + body.max(axis=0)) / 2.0
-    around, flat = surroundings(solution), _is_flat(solution)
+    around, flat = drawn_surroundings(solution), _is_flat(solution)
     across = float(np.min(np.ptp(body[:, :2] if flat else body, axis=0)))
     stout = min(size, max(THIN * across, 0.3 * size))
     radius = _tip_radius(solution)
     largest = max((float(np.max(np.linalg.norm(c.forces, axis=1))) for c in chosen), default=1.0) or 1.0
     arrows = [_arrows(contacts, in_space(c.forces) * (FORCE * size / largest)) for c in chosen]
-    shapes = _shapes(solution, shape, around)
-    palm = _palm(solution)
+    shapes = _scene_shapes(solution, shape, around)
+    palm = _palm_point(solution)
     ends = np.concatenate([contacts, *([] if palm is None else [palm[None]]), *(a.reshape(-1, 3) for a in arrows)])
     seen = [body, *(s.vertices for _, _, s in shapes)]
     if radius > 0.0:
@@ -100,11 +108,13 @@ def scene(solution: GraspSolution, chosen: Sequence[ChosenWrench]) -> Json | Non
         "size": size,
         "flat": flat,
         "parts": [{"group": group, "name": name, **surface(shape).to_dict()} for group, name, shape in shapes],
-        "tables": [] if flat else [{"at": _listed([*middle[:2], h]), "half": WIDE * size} for h in around.heights],
+        "tables": []
+        if flat
+        else [{"at": _nested_lists([*middle[:2], h]), "half": WIDE * size} for h in around.heights],
         "unseen": list(around.unseen),
-        "contacts": [] if grasp is None else _contacts(grasp, solution.faces, radius),
-        "palm": None if palm is None else _listed(palm),
-        "arrows": [_listed(a) for a in arrows],
+        "contacts": [] if grasp is None else _contact_data(grasp, solution.faces, radius),
+        "palm": None if palm is None else _nested_lists(palm),
+        "arrows": [_nested_lists(a) for a in arrows],
         "lengths": {
             "normal": NORMAL * size,
             "cone": CONE * size,
@@ -112,16 +122,22 @@ def scene(solution: GraspSolution, chosen: Sequence[ChosenWrench]) -> Json | Non
             "shaft": SHAFT * stout,
             "pad": _pad(solution) * size,
         },
-        "frame": _listed(np.concatenate([ends, framed(np.concatenate(seen), middle, size)])),
+        "frame": _nested_lists(np.concatenate([ends, outermost_points(np.concatenate(seen), middle, size)])),
         "view": first_view(solution, flat),
     }
 
 
-def _contacts(grasp: Grasp, faces: Sequence[str], radius: float) -> list[Json]:
+def _contact_data(grasp: Grasp, faces: Sequence[str], radius: float) -> list[Json]:
     """Return the viewer's data of contacts with fingertips of this radius."""
     entries = zip(in_space(grasp.points), in_space(grasp.normals), grasp.contacts, faces, strict=True)
     return [
-        {"at": _listed(p), "inward": _listed(n), "tip": radius, "slope": m.coefficients.get("friction"), "face": face}
+        {
+            "at": _nested_lists(p),
+            "inward": _nested_lists(n),
+            "tip": radius,
+            "slope": m.coefficients.get("friction"),
+            "face": face,
+        }
         for p, n, m, face in entries
     ]
 
@@ -133,7 +149,7 @@ def grasp_tips(solution: GraspSolution) -> FloatArray:
     return in_space(solution.grasp.points) - _tip_radius(solution) * in_space(solution.grasp.normals)
 
 
-def drawn_body(solution: GraspSolution) -> Triangles | None:
+def body_surface(solution: GraspSolution) -> Triangles | None:
     """Return the body's triangles, from the drawing or else from the file's body data; None without either."""
     if solution.drawing is not None:
         return solution.drawing.body
@@ -143,7 +159,9 @@ def drawn_body(solution: GraspSolution) -> Triangles | None:
         return None
 
 
-def _shapes(solution: GraspSolution, body: Triangles | None, around: Surroundings) -> list[tuple[str, str, Triangles]]:
+def _scene_shapes(
+    solution: GraspSolution, body: Triangles | None, around: DrawnSurroundings
+) -> list[tuple[str, str, Triangles]]:
     """Return group, name and triangles of body, hand and obstacles."""
     tips = () if solution.hand is None else solution.hand.get("fingertips", ())
     links = () if solution.drawing is None else solution.drawing.links
@@ -168,7 +186,7 @@ def _tip_radius(solution: GraspSolution) -> float:
     return float(hand.get("radius", 0.0)) if hand.get("type") == Fingertips.kind else 0.0
 
 
-def _palm(solution: GraspSolution) -> FloatArray | None:
+def _palm_point(solution: GraspSolution) -> FloatArray | None:
     """Return the palm point (3,) of free fingertips, metres; None without one."""
     point = None if solution.hand is None else solution.hand.get("palm")
     return None if point is None else in_space(np.atleast_2d(np.asarray(point, dtype=float)))[0]
@@ -178,6 +196,6 @@ def _pad(solution: GraspSolution) -> float:
     return PAD if (solution.problem.get("hand") or {}).get("type") == ParallelJaw.kind else 0.0
 
 
-def _listed(values: FloatArray | Sequence[float]) -> object:
+def _nested_lists(values: FloatArray | Sequence[float]) -> object:
     """Return numbers as nested lists, rounded for display."""
     return np.round(np.asarray(values, dtype=float), 7).tolist()

@@ -8,25 +8,25 @@ from pathlib import Path
 import numpy as np
 
 from nlpgrasp.common.files import write_text
-from nlpgrasp.common.formatting import rounded, typeset
+from nlpgrasp.common.formatting import format_number, typeset
 from nlpgrasp.hands.base import Hand
 from nlpgrasp.hands.finger_chains import fingers
-from nlpgrasp.hands.inspection import GOOD, Inspected, Inspection, inspect, inspected, millimetres
-from nlpgrasp.hands.opposition import SAMPLES, Meeting, Opposition
+from nlpgrasp.hands.inspection import GOOD, InspectedHand, Inspection, inspect, inspection_data, millimetres
+from nlpgrasp.hands.opposition import SAMPLES, Opposition, TipMeeting
 from nlpgrasp.hands.robot import Joint
 from nlpgrasp.hands.tips import Tip
 from nlpgrasp.report import hand_scene as controls
 from nlpgrasp.report.hand_scene import (
     ALL,
     VIEWER,
-    data,
-    palm_words,
+    describe_palm,
+    hand_stage,
     position_words,
     posture_button,
     posture_name,
-    stage,
+    viewer_data,
 )
-from nlpgrasp.report.html_parts import ICON, Html, page, style, table, viewer
+from nlpgrasp.report.html_parts import ICON, Html, html_table, page, style, viewer
 
 # colours of the scene and what they show
 KEY = (("link", "collision shapes"), ("finger", "fingertips"), ("task", "where the palm faces"))
@@ -46,7 +46,7 @@ def told(found: Inspection) -> str:
     return f'<h3>What to know</h3><ul class="findings">{entries}</ul>'
 
 
-def fingertips(hand: Inspected) -> str:
+def fingertip_table(hand: InspectedHand) -> str:
     """Return the table of fingertips."""
     robot = hand.tree.robot
     rows = []
@@ -54,7 +54,7 @@ def fingertips(hand: Inspected) -> str:
         moving = [joint.name for joint in robot.chain(link) if joint.moves]
         rows.append([Html(f'<span class="number">{i}</span>'), link, patch_words(tip), ", ".join(moving) or "none"])
     heads = ["Contact", "Link", "Patch", "Joints that move it"]
-    return f"<h3>Fingertips</h3>{table('', heads, rows)}" if rows else ""
+    return f"<h3>Fingertips</h3>{html_table('', heads, rows)}" if rows else ""
 
 
 def patch_words(tip: Tip) -> str:
@@ -68,7 +68,7 @@ def patch_words(tip: Tip) -> str:
         parts.append(f"length {millimetres(float(length))}")
     for name, text in (("extents", ""), ("semi_axes", "semi-axes ")):
         if name in data:
-            sizes = " × ".join(rounded(1e3 * float(v)) for v in np.ravel(data[name]))  # noqa: RUF001
+            sizes = " × ".join(format_number(1e3 * float(v)) for v in np.ravel(data[name]))  # noqa: RUF001
             parts.append(f"{text}{sizes} mm")
     return ", ".join(typeset(part).replace(" ", "\N{NO-BREAK SPACE}") for part in [kind, *parts])
 
@@ -80,13 +80,13 @@ def meetings(met: Opposition | None) -> str:
     count = max(i for pair in met.pairs for i in pair.fingers) + 1
     by_pair = {pair.fingers: pair for pair in met.pairs}
     mark = [Html(f'<span class="number">{i}</span>') for i in range(count)]
-    rows = [[mark[i], *(_cell(by_pair.get((i, j))) for j in range(1, count))] for i in range(count - 1)]
+    rows = [[mark[i], *(_meeting_cell(by_pair.get((i, j))) for j in range(1, count))] for i in range(count - 1)]
     text = (
         "The least distance between the surfaces of two fingertips that face each other, over the joint ranges; each "
         f"button sets the posture. A search from {SAMPLES} postures finds it and lets links pass through each other: "
         "other links may prevent this posture."
     )
-    made = table("", ["", *map(str, range(1, count))], rows)
+    made = html_table("", ["", *map(str, range(1, count))], rows)
     note = f'<p class="note">{escape(text)}</p>'
     return f'<h3>Which fingertips meet</h3>{note}<div class="matrix">{made}</div>{_sets(met)}'
 
@@ -102,20 +102,20 @@ def _sets(met: Opposition) -> str:
     return f'<p class="note">{escape(typeset(text))}</p><div class="postures apart">{buttons}</div>'
 
 
-def _cell(pair: Meeting | None) -> str:
+def _meeting_cell(pair: TipMeeting | None) -> str:
     if pair is None:
         return ""
     kind = "meets" if pair.touches else "apart" if pair.faces else "never"
     return Html(f'<span class="{kind}">{posture_button(posture_name(pair.fingers), _far(pair))}</span>')
 
 
-def _far(met: Meeting) -> str:
+def _far(met: TipMeeting) -> str:
     if not met.faces:
         return "never face"
     return "touch" if met.touches else typeset(millimetres(met.opposed))
 
 
-def joints(hand: Inspected) -> str:
+def joints(hand: InspectedHand) -> str:
     """Return the table of joints: limits, and effort limits of the file and in use."""
     robot = hand.tree.robot
     order = [robot.free_joints[i].name for finger in fingers(hand.tree) for i in finger.joints]
@@ -130,22 +130,22 @@ def joints(hand: Inspected) -> str:
             lower, upper, limit = joint.lower, joint.upper, None
             driver, multiplier, offset = robot.follows(joint)
             more = f" {'+' if offset > 0 else '-'} {position_words(abs(offset), joint.turns)}" if offset else ""
-            follows = f"{rounded(multiplier)} × {driver}{more}"  # noqa: RUF001
+            follows = f"{format_number(multiplier)} × {driver}{more}"  # noqa: RUF001
         ends = f"{position_words(lower, joint.turns)} to {position_words(upper, joint.turns)}"
         open_ended = not np.isfinite(upper - lower)
-        cells = [joint.name, joint.kind, "" if open_ended else ends, _effort(joint, joint.effort)]
-        rows.append([*cells, _effort(joint, limit) if joint.mimic is None else "", typeset(follows)])
+        cells = [joint.name, joint.kind, "" if open_ended else ends, _effort_cell(joint, joint.effort)]
+        rows.append([*cells, _effort_cell(joint, limit) if joint.mimic is None else "", typeset(follows)])
     heads = ["Joint", "Type", "Range", "Effort in the file", "Limit used", "Follows"]
-    return f'<h3>Joints</h3><div class="tight">{table("", heads, rows)}</div>' if rows else ""
+    return f'<h3>Joints</h3><div class="tight">{html_table("", heads, rows)}</div>' if rows else ""
 
 
-def _effort(joint: Joint, effort: float | None) -> str:
+def _effort_cell(joint: Joint, effort: float | None) -> str:
     if not effort:
         return "none" if effort is None else "0 (counts as none)"
-    return typeset(f"{rounded(effort)}\N{NO-BREAK SPACE}{'N m' if joint.turns else 'N'}")
+    return typeset(f"{format_number(effort)}\N{NO-BREAK SPACE}{'N m' if joint.turns else 'N'}")
 
 
-def links(hand: Inspected) -> str:
+def links(hand: InspectedHand) -> str:
     """Return the table of links: their shapes, and the fitting errors of their spheres."""
     robot = hand.tree.robot
     rows = []
@@ -157,7 +157,7 @@ def links(hand: Inspected) -> str:
         fitted = ["", ""] if fit is None else [str(len(fit.radii)), typeset(millimetres(fit.error))]
         rows.append([link, what, *fitted])
     heads = ["Link", "Collision shape", "Spheres", "Spheres reach beyond it"]
-    made = table("", heads, rows)
+    made = html_table("", heads, rows)
     return f'<details><summary>Links ({len(rows)})</summary><div class="tight">{made}</div></details>'
 
 
@@ -165,13 +165,13 @@ def _plural(kind: str, count: int) -> str:
     return "" if count == 1 else "es" if kind.endswith(("x", "sh")) else "s"
 
 
-def write_hand(hand: Hand | Inspected | Inspection, path: str | Path) -> Path:
+def write_hand(hand: Hand | InspectedHand | Inspection, path: str | Path) -> Path:
     """Write a self-contained HTML page that shows a hand.
 
     Parameters
     ----------
     hand : Hand, Inspected or Inspection
-        A hand with links; an ``Inspected`` may lack fingertips; an ``Inspection`` is not repeated.
+        A hand with links; an ``InspectedHand`` may lack fingertips; an ``Inspection`` is not repeated.
     path : str or Path
         Path of the page; an existing file is replaced.
 
@@ -187,20 +187,20 @@ def write_hand(hand: Hand | Inspected | Inspection, path: str | Path) -> Path:
     pill = f'<span class="pill {found.kind}">{escape(found.verdict)}</span>'
     body = [
         f'<section aria-labelledby="name"><header><h1 id="name">{escape(robot.name)}</h1>{pill}'
-        f'<span class="file">{escape(robot.source)}: {escape(palm_words(shown))}</span></header>',
-        f'<div class="hand"><div class="stage">{stage(shown)}<p class="key">{colours}</p></div>'
+        f'<span class="file">{escape(robot.source)}: {escape(describe_palm(shown))}</span></header>',
+        f'<div class="hand"><div class="stage">{hand_stage(shown)}<p class="key">{colours}</p></div>'
         f"{controls.sliders(shown)}</div>",
         told(found),
-        f'<div class="two"><div>{fingertips(shown)}</div><div>{meetings(met)}</div></div>',
+        f'<div class="two"><div>{fingertip_table(shown)}</div><div>{meetings(met)}</div></div>',
         joints(shown),
         links(shown),
-        f'<script type="application/json">{data(shown, met, ALL)}</script></section>',
+        f'<script type="application/json">{viewer_data(shown, met, ALL)}</script></section>',
     ]
     title = f"{robot.name}: the hand"
     return write_text(path, page(title, style("report.css", "hand.css"), body, ICON, viewer(VIEWER)))
 
 
-def card(hand: Hand) -> str:
+def hand_card(hand: Hand) -> str:
     """Return the small page of a hand.
 
     Raises
@@ -208,13 +208,13 @@ def card(hand: Hand) -> str:
     InputError
         For a hand without links.
     """
-    shown = inspected(hand)
+    shown = inspection_data(hand)
     robot = shown.tree.robot
     joints = f"{len(robot.free_joints)} joint{'' if len(robot.free_joints) == 1 else 's'}"
     parts = [
         f'<section aria-labelledby="name"><header><h1 id="name">{escape(robot.name)}</h1>'
-        f'<span class="file">{joints}, {escape(palm_words(shown))}</span></header>',
-        f'<div class="stage">{stage(shown)}{controls.general_postures()}</div>',
-        f'<script type="application/json">{data(shown, None, FEW)}</script></section>',
+        f'<span class="file">{joints}, {escape(describe_palm(shown))}</span></header>',
+        f'<div class="stage">{hand_stage(shown)}{controls.general_postures()}</div>',
+        f'<script type="application/json">{viewer_data(shown, None, FEW)}</script></section>',
     ]
     return page(robot.name, style("report.css", "hand.css", "card.css"), parts, ICON, viewer(VIEWER))

@@ -9,13 +9,13 @@ from html import escape
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from nlpgrasp.bodies.mesh.display_triangles import simplified
+from nlpgrasp.bodies.mesh.display_triangles import simplify
 from nlpgrasp.common.drawing import Triangles
-from nlpgrasp.common.formatting import rounded, typeset
+from nlpgrasp.common.formatting import format_number, typeset
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.hands.finger_chains import Finger, fingers, listed
-from nlpgrasp.hands.inspection import Inspected
+from nlpgrasp.hands.finger_chains import Finger, fingers, format_as_list
+from nlpgrasp.hands.inspection import InspectedHand
 from nlpgrasp.hands.opposition import Opposition
 from nlpgrasp.hands.robot import Joint
 from nlpgrasp.report.scene_parts import TILTS, TURNS, frame_axes, surface, switches
@@ -42,7 +42,7 @@ SWITCHES = (
 VIEWER = ("shapes.js", "renderer.js", "view.js", "kinematics.js", "hand.js")
 
 
-def joint_tree(hand: Inspected) -> Json:
+def joint_tree(hand: InspectedHand) -> Json:
     """Return links, joints and their drivers.
 
     Returns
@@ -90,7 +90,7 @@ def rounded_list(values: FloatArray, digits: int = EXACT_DECIMALS) -> list[float
     return [float(v) + 0.0 for v in np.round(np.asarray(values, dtype=float), digits)]
 
 
-def scene(hand: Inspected, most: int = ALL) -> Json:
+def hand_scene(hand: InspectedHand, most: int = ALL) -> Json:
     """Return the scene of a hand; metres, in each link's frame.
 
     Parameters
@@ -124,7 +124,7 @@ def scene(hand: Inspected, most: int = ALL) -> Json:
     for link, shapes in robot.shapes.items():
         for shape in shapes:
             vertices, faces = np.asarray(shape.mesh.vertices, dtype=float), np.asarray(shape.mesh.faces)
-            drawn = Triangles(*simplified(vertices, faces, each))
+            drawn = Triangles(*simplify(vertices, faces, each))
             parts.append({"link": index[link], "surface": kept(shape.fingerprint, drawn)})
             corners.append({"link": index[link], "at": _corners(vertices)})
     tips = []
@@ -138,16 +138,16 @@ def scene(hand: Inspected, most: int = ALL) -> Json:
     corners += [{"link": i, "at": [[0.0, 0.0, 0.0]]} for i in leaves]
     if not corners:
         corners = [{"link": i, "at": [[0.0, 0.0, 0.0]]} for i in range(len(robot.links))]
-    points = _placed(hand, corners)
+    points = _link_corners(hand, corners)
     size = max(float(np.linalg.norm(np.ptp(points, axis=0))), 1e-3)
     return {
         "surfaces": surfaces,
         "parts": parts,
-        "spheres": [{"link": index[k], "balls": _balls(fit.centres, fit.radii)} for k, fit in hand.fits.items()],
+        "spheres": [{"link": index[k], "balls": _sphere_data(fit.centres, fit.radii)} for k, fit in hand.fits.items()],
         "tips": tips,
         "leaves": leaves,
         "corners": corners,
-        "approach": {"at": _palm(hand), "along": rounded_list(hand.tree.approach)},
+        "approach": {"at": _palm_origin(hand), "along": rounded_list(hand.tree.approach)},
         "axes": frame_axes(np.zeros(3), np.full(3, AXIS * size)),
         "size": size,
         "dot": DOT * size,
@@ -162,11 +162,11 @@ def _corners(vertices: FloatArray) -> list[list[float]]:
     return [rounded_list(corner, DISPLAY_DECIMALS) for corner in every]
 
 
-def _balls(centres: FloatArray, radii: FloatArray) -> list[list[float]]:
+def _sphere_data(centres: FloatArray, radii: FloatArray) -> list[list[float]]:
     return [rounded_list(ball, DISPLAY_DECIMALS) for ball in np.column_stack([centres, radii])]
 
 
-def _palm(hand: Inspected) -> list[float]:
+def _palm_origin(hand: InspectedHand) -> list[float]:
     """Return the origin of the drawn palm direction: the far side of the palm's shapes, or the palm's origin."""
     shapes = hand.tree.robot.shapes.get(hand.tree.robot.root, ())
     if not shapes:
@@ -176,7 +176,7 @@ def _palm(hand: Inspected) -> list[float]:
     return rounded_list(middle + np.max((vertices - middle) @ along) * along, DISPLAY_DECIMALS)
 
 
-def _poses(hand: Inspected) -> dict[str, FloatArray]:
+def _relaxed_link_poses(hand: InspectedHand) -> dict[str, FloatArray]:
     """Return the poses (4, 4) of the used links, palm frame, in the relaxed posture."""
     names = hand.tree.used_links
     if not names:
@@ -185,9 +185,9 @@ def _poses(hand: Inspected) -> dict[str, FloatArray]:
     return {name: found[:, i] for i, name in enumerate(names)}
 
 
-def _placed(hand: Inspected, corners: Sequence[Json]) -> FloatArray:
+def _link_corners(hand: InspectedHand, corners: Sequence[Json]) -> FloatArray:
     """Return the used links' corners (n, 3) in the palm's frame, and the palm's origin."""
-    poses, links = _poses(hand), hand.tree.robot.links
+    poses, links = _relaxed_link_poses(hand), hand.tree.robot.links
     placed = [np.zeros((1, 3))]
     for entry in corners:
         pose = poses.get(links[int(entry["link"])])
@@ -196,9 +196,9 @@ def _placed(hand: Inspected, corners: Sequence[Json]) -> FloatArray:
     return np.concatenate(placed)
 
 
-def _facing(hand: Inspected) -> FloatArray:
+def _patch_normals(hand: InspectedHand) -> FloatArray:
     """Return the mean outward normal of each fingertip's patch, (k, 3), palm frame; zero for a ball."""
-    poses, means = _poses(hand), [np.zeros((0, 3))]
+    poses, means = _relaxed_link_poses(hand), [np.zeros((0, 3))]
     for link, tip in hand.tree.tips:
         shape = tip.surface()
         corners = shape.vertices[shape.faces]
@@ -208,7 +208,7 @@ def _facing(hand: Inspected) -> FloatArray:
     return np.concatenate(means)
 
 
-def _view(points: FloatArray, hand: Inspected) -> list[float]:
+def _view(points: FloatArray, hand: InspectedHand) -> list[float]:
     """Return azimuth and elevation, degrees, of a view that is broad, into the palm and at flat fingertips."""
     turn, tilt = (x.ravel() for x in np.meshgrid(TURNS, [*TILTS, *-TILTS], indexing="ij"))
     eyes = np.stack([np.cos(tilt) * np.cos(turn), np.cos(tilt) * np.sin(turn), np.sin(tilt)], axis=1)
@@ -216,12 +216,12 @@ def _view(points: FloatArray, hand: Inspected) -> list[float]:
     total = float(np.sum(centred**2)) or 1.0
     broad = 1.0 - np.sum((centred @ eyes.T) ** 2, axis=0) / total
     into = np.clip(eyes @ hand.tree.approach, None, 0.8)
-    pads = np.clip(eyes @ _facing(hand).T, 0.0, 0.5).sum(axis=1) / max(len(hand.tree.tips), 1)
+    pads = np.clip(eyes @ _patch_normals(hand).T, 0.0, 0.5).sum(axis=1) / max(len(hand.tree.tips), 1)
     best = int(np.argmax(broad + FACED * into + PADS * pads + ABOVE * np.sign(tilt)))
     return [float(np.degrees(turn[best])), float(np.degrees(tilt[best]))]
 
 
-def postures(hand: Inspected, met: Opposition | None) -> Json:
+def postures(hand: InspectedHand, met: Opposition | None) -> Json:
     """Return positions of the free joints for each posture button; radians or metres."""
     found = {"relaxed": rounded_list(hand.at_rest)}
     if hand.tree.robot.free_joints:
@@ -252,21 +252,21 @@ def general_postures() -> str:
     return f'<div class="postures">{named}</div>'
 
 
-def sliders(hand: Inspected) -> str:
+def sliders(hand: InspectedHand) -> str:
     """Return the sliders of all free joints, by finger, with their mimic joints."""
-    groups = "".join(_group(hand, finger) for finger in fingers(hand.tree))
+    groups = "".join(_finger_sliders(hand, finger) for finger in fingers(hand.tree))
     if not groups:
         return '<aside class="sliders"><p class="note">No joint moves.</p></aside>'
     return f'<aside class="sliders" aria-label="Joints">{general_postures()}{groups}</aside>'
 
 
-def _group(hand: Inspected, finger: Finger) -> str:
+def _finger_sliders(hand: InspectedHand, finger: Finger) -> str:
     numbers = "".join(f'<span class="number">{i}</span>' for i in finger.tips)
     rows = "".join(_slider(hand, i) for i in finger.joints)
     return f"<fieldset><legend><h3>{numbers}<span>{escape(finger.name)}</span></h3></legend>{rows}</fieldset>"
 
 
-def _slider(hand: Inspected, number: int) -> str:
+def _slider(hand: InspectedHand, number: int) -> str:
     """Return the slider of a free joint, with the positions of its mimic joints."""
     robot = hand.tree.robot
     joint = robot.free_joints[number]
@@ -292,18 +292,18 @@ def _slider(hand: Inspected, number: int) -> str:
 def position_words(position: float, turns: bool) -> str:
     """Return a joint's position as text: degrees, or millimetres."""
     number = float(np.degrees(position)) if turns else 1e3 * position
-    text = rounded(round(number, 1 if abs(number) < ONE_DIGIT else 0), 8)
+    text = format_number(round(number, 1 if abs(number) < ONE_DIGIT else 0), 8)
     return typeset(f"{text}°" if turns else f"{text} mm")
 
 
-def stage(hand: Inspected) -> str:
+def hand_stage(hand: InspectedHand) -> str:
     """Return the scene with its switches, as HTML."""
     links, tips = len(hand.tree.robot.links), len(hand.tree.tips)
     aria = f"The hand with {links} links and {tips} fingertips; turn it with the mouse or the arrow keys."
     return f'<div class="scene" role="img" tabindex="0" aria-label="{escape(aria)}"></div>{switches(SWITCHES)}'
 
 
-def data(hand: Inspected, met: Opposition | None, most: int) -> str:
+def viewer_data(hand: InspectedHand, met: Opposition | None, most: int) -> str:
     """Return the viewer's data as JSON for a script element.
 
     Parameters
@@ -314,10 +314,10 @@ def data(hand: Inspected, met: Opposition | None, most: int) -> str:
     most : int
         Approximate largest number of triangles of all links together.
     """
-    found = {"tree": joint_tree(hand), "drawn": scene(hand, most), "postures": postures(hand, met)}
+    found = {"tree": joint_tree(hand), "drawn": hand_scene(hand, most), "postures": postures(hand, met)}
     return json.dumps(found, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
-def palm_words(hand: Inspected) -> str:
+def describe_palm(hand: InspectedHand) -> str:
     """Return the palm's facing direction as text."""
-    return f"palm faces {listed(hand.tree.approach)} of link {hand.tree.robot.root}"
+    return f"palm faces {format_as_list(hand.tree.approach)} of link {hand.tree.robot.root}"

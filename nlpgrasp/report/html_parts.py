@@ -9,7 +9,7 @@ from importlib.resources import files
 
 import numpy as np
 
-from nlpgrasp.common.formatting import rounded, typeset
+from nlpgrasp.common.formatting import format_number, typeset
 from nlpgrasp.common.palette import COLOURS, DARK, css_variables
 from nlpgrasp.common.validation import FloatArray
 
@@ -66,7 +66,7 @@ class Html(str):
     __slots__ = ()
 
 
-def table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]], focusable: bool = True) -> str:
+def html_table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]], focusable: bool = True) -> str:
     """Return a table that scrolls sideways if it is too wide.
 
     Parameters
@@ -80,13 +80,13 @@ def table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]], foc
         Whether the keyboard reaches it, to scroll.
     """
     head = "".join(f'<th scope="col">{escape(h)}</th>' for h in heads)
-    body = "\n".join("<tr>" + "".join(f"<td>{_cell(c)}</td>" for c in row) + "</tr>" for row in rows)
+    body = "\n".join("<tr>" + "".join(f"<td>{_table_cell(c)}</td>" for c in row) + "</tr>" for row in rows)
     titled = f"<caption>{escape(caption)}</caption>" if caption else ""
     focus = ' tabindex="0"' if focusable else ""
     return f'<div class="wide"{focus}><table>{titled}<tr>{head}</tr>\n{body}</table></div>'
 
 
-def _cell(text: str) -> str:
+def _table_cell(text: str) -> str:
     return text if isinstance(text, Html) else escape(text)
 
 
@@ -143,11 +143,11 @@ def chart(
     for value in ticks(float(low[0]), float(high[0]), whole="x" in counted):
         x = place(np.array([[value, low[1]]]))[0, 0]
         parts.append(f'<line class="tick" x1="{x:.1f}" x2="{x:.1f}" y1="{TOP}" y2="{TOP + tall}"/>')
-        parts.append(f'<text x="{x:.1f}" y="{TOP + tall + 13}" text-anchor="middle">{_label(value)}</text>')
+        parts.append(f'<text x="{x:.1f}" y="{TOP + tall + 13}" text-anchor="middle">{_tick_label(value)}</text>')
     for value in ticks(float(low[1]), float(high[1]), whole="y" in counted):
         y = place(np.array([[low[0], value]]))[0, 1]
         parts.append(f'<line class="tick" x1="{LEFT}" x2="{LEFT + wide}" y1="{y:.1f}" y2="{y:.1f}"/>')
-        parts.append(f'<text x="{LEFT - 4}" y="{y + 3:.1f}" text-anchor="end">{_label(value)}</text>')
+        parts.append(f'<text x="{LEFT - 4}" y="{y + 3:.1f}" text-anchor="end">{_tick_label(value)}</text>')
     for curve in curves:
         text = " ".join(f"{x:.1f},{y:.1f}" for x, y in place(curve.points))
         parts.append(f'<poly{"gon" if curve.closed else "line"} class="{curve.kind}" points="{text}"/>')
@@ -172,6 +172,6 @@ def ticks(low: float, high: float, most: int = 5, whole: bool = False) -> list[f
     return [float(f"{step * (first + i):.12g}") for i in range(int(np.floor(high / step) - first) + 1)]
 
 
-def _label(value: float) -> str:
+def _tick_label(value: float) -> str:
     """Return the text of a tick's value, already a round number."""
-    return typeset(rounded(value, 8))
+    return typeset(format_number(value, 8))

@@ -6,9 +6,17 @@ import math
 from dataclasses import dataclass, replace
 from html import escape
 
-from nlpgrasp.common.formatting import at_most, capital, headroom_words, outwards, percent, rounded, typeset
+from nlpgrasp.common.formatting import (
+    at_most,
+    capital,
+    format_interval,
+    format_number,
+    format_percent,
+    headroom_words,
+    typeset,
+)
 from nlpgrasp.report.html_parts import ticks
-from nlpgrasp.solution.obstructions import tips_off
+from nlpgrasp.solution.obstructions import tip_deviations
 from nlpgrasp.solution.quality_record import held_words
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
@@ -61,27 +69,27 @@ def gauge(solution: GraspSolution, end: float | None = None) -> str:
     track = "".join(_span(kind, a / most, b / most) for kind, a, b in spans if b > a)
     if best <= most:
         track += _span("best", best / most, best / most)
-    marks = "".join(f'<i style="left:{100 * v / most:.2f}%">{typeset(rounded(v))}</i>' for v in ticks(0.0, most))
+    marks = "".join(f'<i style="left:{100 * v / most:.2f}%">{typeset(format_number(v))}</i>' for v in ticks(0.0, most))
     kind = "gauge fragile" if solution.is_fragile else "gauge"
     return (
-        f'<div class="{kind}" role="img" aria-label="{escape(words(solution))}"><div class="track">{track}</div>'
+        f'<div class="{kind}" role="img" aria-label="{escape(gauge_text(solution))}"><div class="track">{track}</div>'
         f'<div class="marks" aria-hidden="true">{marks}</div></div>'
     )
 
 
-def words(solution: GraspSolution) -> str:
+def gauge_text(solution: GraspSolution) -> str:
     """Return the gauge's content as text."""
-    lower, upper = outwards(solution.mu.lower, solution.mu.upper)
+    lower, upper = format_interval(solution.mu.lower, solution.mu.upper)
     told = [f"{solution.label} is certified between {lower} and {upper}"]
     share = share_left(solution)
     if share is not None:
-        told.append(f"{percent(share)} of it is left when contacts are off, in the worst case found")
+        told.append(f"{format_percent(share)} of it is left when contacts are off, in the worst case found")
     if math.isfinite(solution.best_possible):
         told.append(f"the best possible is {at_most(solution.best_possible)} at most")
     return typeset("; ".join(told))
 
 
-def legend(solution: GraspSolution) -> str:
+def gauge_legend(solution: GraspSolution) -> str:
     """Return the meaning of the gauge's colours, as HTML."""
     share = share_left(solution)
     named = [("sure", "certified" if share is None else "left when contacts are off")]
@@ -98,7 +106,7 @@ def _span(kind: str, begin: float, end: float) -> str:
 
 
 @dataclass(frozen=True)
-class Fact:
+class KeyFigure:
     """One figure of the panel.
 
     Parameters
@@ -131,10 +139,14 @@ class Fact:
         return f'<div class="fact{tone}"><h3>{escape(self.title)}</h3>{value}{self.more}{lines}</div>'
 
 
-def facts(solution: GraspSolution) -> list[Fact]:
+def solution_facts(solution: GraspSolution) -> list[KeyFigure]:
     """Return the facts of a solution, the most important first."""
-    found = [] if solution.grasp is None else [_quality(solution), *_left(solution), _effort(solution)]
-    found += [*_squeeze(solution), *_approach(solution), *_gripper(solution), *_best(solution)]
+    found = (
+        []
+        if solution.grasp is None
+        else [_quality_fact(solution), *_robustness_facts(solution), _effort_facts(solution)]
+    )
+    found += [*_squeeze(solution), *_approach(solution), *_gripper(solution), *_global_bound_facts(solution)]
     found = [_verdict(solution), *found] if verdict(solution)[1] in ("bad", "weak") else [*found, _verdict(solution)]
     if sum(not fact.broad for fact in found) % 2:  # two per row
         found[-1] = replace(found[-1], broad=True)
@@ -145,7 +157,7 @@ def verdict(solution: GraspSolution) -> tuple[str, str]:
     """Return the outcome of the solve in a word or two, and its tone."""
     if not solution.success:
         return solution.status.value.split(":")[0], "bad"
-    if tips_off(solution.hand):
+    if tip_deviations(solution.hand):
         return "Contacts off the fingers", "bad"
     if solution.is_fragile:
         return "Fragile", "bad"
@@ -156,73 +168,73 @@ def verdict(solution: GraspSolution) -> tuple[str, str]:
     return solution.status.value.split(":")[0], "good" if solution.status is Status.OPTIMAL else ""
 
 
-def _verdict(solution: GraspSolution) -> Fact:
+def _verdict(solution: GraspSolution) -> KeyFigure:
     told, tone = verdict(solution)
     sentence = solution.message.partition(": ")[2]
     why = () if solution.why_not is None else (*solution.why_not.reasons, *solution.why_not.advice)
     lines = (capital(sentence), *why)
     if solution.is_certified:
         lines = (*(f"{capital(words)}." for words in solution.caveats), *lines)
-    return Fact("Status", told, lines, tone, broad=tone == "bad")
+    return KeyFigure("Status", told, lines, tone, broad=tone == "bad")
 
 
-def _quality(solution: GraspSolution) -> Fact:
-    lower, upper = outwards(solution.mu.lower, solution.mu.upper)
+def _quality_fact(solution: GraspSolution) -> KeyFigure:
+    lower, upper = format_interval(solution.mu.lower, solution.mu.upper)
     value = lower if lower == upper else f"{lower} to {upper}"
     lines = (f"{solution.label}, certified: {held_words(solution.kind, solution.budget)}",)
-    return Fact("Quality", value, lines, more=gauge(solution) + legend(solution), broad=True)
+    return KeyFigure("Quality", value, lines, more=gauge(solution) + gauge_legend(solution), broad=True)
 
 
-def _effort(solution: GraspSolution) -> Fact:
+def _effort_facts(solution: GraspSolution) -> KeyFigure:
     """Return the effort for the task at full size."""
     title, budget = "What the task takes", solution.budget
     if solution.mu.lower <= 0.0:
-        return Fact(title, "more than any force", ("some wrench of the task is not held at all",), "bad")
+        return KeyFigure(title, "more than any force", ("some wrench of the task is not held at all",), "bad")
     takes = 1.0 / solution.mu.lower
     if budget.absolute:
-        return Fact(
-            title, percent(takes), ("of what the hand's joints can do, at most",), "" if takes <= 1.0 else "bad"
+        return KeyFigure(
+            title, format_percent(takes), ("of what the hand's joints can do, at most",), "" if takes <= 1.0 else "bad"
         )
-    return Fact(title, f"{at_most(takes)} N", (f"at most: {SPENT.get(budget.kind, IN_GENERAL)}",))
+    return KeyFigure(title, f"{at_most(takes)} N", (f"at most: {SPENT.get(budget.kind, IN_GENERAL)}",))
 
 
-def _squeeze(solution: GraspSolution) -> list[Fact]:
+def _squeeze(solution: GraspSolution) -> list[KeyFigure]:
     """Return the friction that the squeeze needs, or why there is no squeeze."""
     line = solution.squeeze_line()
     if not line:
         return []
     told = capital(line)
     if solution.squeeze is None:
-        return [Fact("Squeeze", "none", (told,), "bad")]
-    return [Fact("Squeeze", f"friction {rounded(solution.squeeze.friction_needed, least=NONE)}", (told,))]
+        return [KeyFigure("Squeeze", "none", (told,), "bad")]
+    return [KeyFigure("Squeeze", f"friction {format_number(solution.squeeze.friction_needed, least=NONE)}", (told,))]
 
 
-def _approach(solution: GraspSolution) -> list[Fact]:
+def _approach(solution: GraspSolution) -> list[KeyFigure]:
     """Return the reason for having no straight approach, if so."""
     line = solution.approach_line()
-    return [Fact("Straight way to the grasp", "none", (capital(line),), "weak")] if line else []
+    return [KeyFigure("Straight way to the grasp", "none", (capital(line),), "weak")] if line else []
 
 
-def _gripper(solution: GraspSolution) -> list[Fact]:
+def _gripper(solution: GraspSolution) -> list[KeyFigure]:
     """Return the approach of parallel jaws."""
     line, hand = solution.gripper_line(), solution.hand or {}
     if not line:
         return []
     tone = "weak" if solution.way_blocked else ""
-    return [Fact("Gripper", f"open {rounded(1e3 * hand['opening'])} mm", (capital(line),), tone)]
+    return [KeyFigure("Gripper", f"open {format_number(1e3 * hand['opening'])} mm", (capital(line),), tone)]
 
 
-def _left(solution: GraspSolution) -> list[Fact]:
+def _robustness_facts(solution: GraspSolution) -> list[KeyFigure]:
     share, robust = share_left(solution), solution.robust
     if share is None or robust is None:
         return []
     tone = "bad" if solution.is_fragile else "weak" if share < WEAK else ""
-    off, less = f"{rounded(1e3 * robust.offset)} mm off", f"{percent(robust.friction_share)} less friction"
+    off, less = f"{format_number(1e3 * robust.offset)} mm off", f"{format_percent(robust.friction_share)} less friction"
     line = f"of the quality, when contacts are {off} and there is {less} (worst case found)"
-    return [Fact("What is left", percent(share), (line,), tone)]
+    return [KeyFigure("What is left", format_percent(share), (line,), tone)]
 
 
-def _best(solution: GraspSolution) -> list[Fact]:
+def _global_bound_facts(solution: GraspSolution) -> list[KeyFigure]:
     bound = solution.bound
     if bound is None or not math.isfinite(bound.upper):
         return []
@@ -232,4 +244,4 @@ def _best(solution: GraspSolution) -> list[Fact]:
     if bound.is_loose(gap) or not math.isfinite(gap):
         told = "no placement is above this"
     loose = ". A loose bound: it says little of this grasp" if bound.is_loose(gap) else ""
-    return [Fact("Best possible", upper, (f"proved: {told}{bound.ignored()}{loose}",))]
+    return [KeyFigure("Best possible", upper, (f"proved: {told}{bound.ignored()}{loose}",))]

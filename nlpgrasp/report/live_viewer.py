@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from nlpgrasp.common.display import browsed, has_display
-from nlpgrasp.common.formatting import outwards, rounded
+from nlpgrasp.common.display import has_display, open_browser
+from nlpgrasp.common.formatting import format_interval, format_number
 from nlpgrasp.common.optional_packages import import_viser
 from nlpgrasp.common.palette import COLOURS
 from nlpgrasp.common.types import Json
@@ -26,9 +26,9 @@ from nlpgrasp.common.validation import FloatArray, integer
 from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.hands.base import Hand
 from nlpgrasp.hands.linked_hand import LinkedHand
-from nlpgrasp.report.grasp_scene import drawn_body, scene
+from nlpgrasp.report.grasp_scene import body_surface, solution_scene
 from nlpgrasp.report.key_figures import verdict
-from nlpgrasp.report.task_wrenches import ChosenWrench, chosen_wrenches, pushed
+from nlpgrasp.report.task_wrenches import ChosenWrench, choose_wrenches, format_wrench
 from nlpgrasp.solution.phase_record import GRASP, LIFT, Phase
 from nlpgrasp.solution.solution import GraspSolution
 
@@ -75,23 +75,23 @@ def show_live(solution: GraspSolution, port: int | None = None, hand: Hand | Non
         integer("show.port", port, at_least=1, at_most=LARGEST_PORT)
     if hand is None and solution.source is not None:
         hand = solution.source.hand
-    own_hand(solution, hand)
+    check_hand_of_problem(solution, hand)
     solution = replace(solution, drawing=solution.drawn())
-    if solution.grasp is None or drawn_body(solution) is None:
+    if solution.grasp is None or body_surface(solution) is None:
         return None
     if port is None and not has_display():
-        _instead("there is no display. show(port=8080) serves the page with sliders to a browser elsewhere")
+        _explain("there is no display. show(port=8080) serves the page with sliders to a browser elsewhere")
         return None
     try:
         viser = import_viser("a view with sliders")
     except MissingExtraError as error:
-        _instead(str(error))
+        _explain(str(error))
         return None
-    viewer = served(viser, solution, port, hand)
+    viewer = start_viewer(viser, solution, port, hand)
     if viewer is None:
-        _instead(f"port {port} is taken")
+        _explain(f"port {port} is taken")
         return None
-    if not (has_display() and browsed(viewer.address)) and port is None:
+    if not (has_display() and open_browser(viewer.address)) and port is None:
         stop(viewer.port)
         return None
     sys.stdout.write(f"The grasp is shown at {viewer.address}\n")
@@ -99,13 +99,13 @@ def show_live(solution: GraspSolution, port: int | None = None, hand: Hand | Non
     return viewer.address
 
 
-def served(
+def start_viewer(
     viser: ModuleType, solution: GraspSolution, port: int | None = None, hand: Hand | None = None
 ) -> Viewer | None:
     """Return the viewer of a grasp at a port, a free one for None; None where another program has the port."""
     chosen = next(iter(_viewers), None) if port is None else port
     if chosen not in _viewers:
-        chosen = _free(0 if port is None else port)
+        chosen = _free_port(0 if port is None else port)
         if chosen is None:
             return None
         with contextlib.redirect_stdout(io.StringIO()):  # viser prints a banner
@@ -124,7 +124,7 @@ def stop(port: int) -> None:
         _viewers.pop(port).stop()
 
 
-def _free(port: int) -> int | None:
+def _free_port(port: int) -> int | None:
     """Return the port, or any free one for 0; None where it is taken."""
     with socket.socket() as probe:
         if sys.platform != "win32":  # on Windows it would share a taken port
@@ -146,7 +146,7 @@ def _wait(port: int) -> None:
     stop(port)
 
 
-def _instead(why: str) -> None:
+def _explain(why: str) -> None:
     sys.stdout.write(f"The report is written to a file instead: {why}\n")
 
 
@@ -174,8 +174,8 @@ class Viewer:
 
     def show(self, solution: GraspSolution, hand: Hand | None = None) -> None:
         """Draw a solution that has a grasp, in place of the previous one; with its hand, the approach too."""
-        chosen = chosen_wrenches(solution)
-        data = scene(solution, chosen)
+        chosen = choose_wrenches(solution)
+        data = solution_scene(solution, chosen)
         if data is None:
             return
         self.server.scene.reset()
@@ -188,7 +188,7 @@ class Viewer:
             self.server.scene.add_grid(
                 f"/table/{i}", width=wide, height=wide, cell_size=wide / CELLS, section_size=wide, position=table["at"]
             )
-        way = hand_way(solution, data, links, tips, hand)
+        way = approach_frames(solution, data, links, tips, hand)
         self.controls = Controls(self.server, solution, chosen, data, way, [*links.values(), *tips])
 
     def stop(self) -> None:
@@ -212,8 +212,8 @@ class Viewer:
             group = part["group"]
             handle = self.server.scene.add_mesh_simple(
                 f"/{group}/{i}",
-                vertices=unpacked(part["positions"], "<f4").reshape(-1, 3),
-                faces=unpacked(part["faces"], "<u4" if part["wide"] else "<u2").reshape(-1, 3),
+                vertices=unpack(part["positions"], "<f4").reshape(-1, 3),
+                faces=unpack(part["faces"], "<u4" if part["wide"] else "<u2").reshape(-1, 3),
                 color=rgb("finger" if group == "tip" else group),
                 opacity=GLASS.get(group),
             )
@@ -260,13 +260,15 @@ class Controls:
         solution: GraspSolution,
         chosen: Sequence[ChosenWrench],
         data: Json,
-        way: Way | None,
+        way: ApproachFrames | None,
         hand: Sequence[Any],
     ) -> None:
         self.server, self.solution, self.chosen, self.data = server, solution, chosen, data
         gui = server.gui
-        quality = " to ".join(outwards(solution.mu.lower, solution.mu.upper))
-        gui.add_markdown(f"### {_plain(solution.name)}\n{verdict(solution)[0]}, certified {solution.label} {quality}")
+        quality = " to ".join(format_interval(solution.mu.lower, solution.mu.upper))
+        gui.add_markdown(
+            f"### {_escape_markdown(solution.name)}\n{verdict(solution)[0]}, certified {solution.label} {quality}"
+        )
         if chosen:
             self.which = gui.add_slider("Task wrench", 0, max(len(chosen) - 1, 1), 1, 0)
             self.share = gui.add_slider("Share of it, %", 0.0, WHOLE, 1.0, WHOLE)
@@ -306,16 +308,16 @@ class Controls:
         grasp, chosen = self.solution.require_grasp(), self.chosen[i]
         name = chosen.label.partition(":")[0]
         lines = [
-            f"**{name}:** {pushed(share * chosen.wrench, grasp.mean_arm)}",
+            f"**{name}:** {format_wrench(share * chosen.wrench, grasp.mean_arm)}",
             "",
             "| finger | normal force | tangential force |",
         ]
         lines.append("| --- | --- | --- |")
         for k, (force, normal) in enumerate(zip(share * chosen.forces, grasp.normals, strict=True)):
-            lines.append(f"| {k} | {_newtons(force @ normal)} | {_newtons(_across(force, normal))} |")
+            lines.append(f"| {k} | {_newtons(force @ normal)} | {_newtons(_tangential_size(force, normal))} |")
         return "\n".join(lines)
 
-    def move(self, way: Way) -> None:
+    def move(self, way: ApproachFrames) -> None:
         """Move the hand to the slider's position."""
         at = float(self.along.value)
         way.put(at)
@@ -327,21 +329,21 @@ class Controls:
             part.visible = bool(self.seen.value)
 
 
-def _across(force: FloatArray, normal: FloatArray) -> float:
+def _tangential_size(force: FloatArray, normal: FloatArray) -> float:
     return float(np.linalg.norm(force - (force @ normal) * normal))
 
 
 def _newtons(value: float) -> str:
-    return f"{rounded(float(value), 3, 1e-4)} N"
+    return f"{format_number(float(value), 3, 1e-4)} N"
 
 
-def _plain(name: str) -> str:
+def _escape_markdown(name: str) -> str:
     """Return a name without Markdown syntax."""
     return "".join(c for c in name if c.isalnum() or c in " -.,:()")
 
 
 @dataclass(frozen=True)
-class Way:
+class ApproachFrames:
     """Approach path of a hand.
 
     Parameters
@@ -364,7 +366,7 @@ class Way:
         return before if at == int(at) else f"{before} to {self.names[int(at) + 1]}"
 
 
-def own_hand(solution: GraspSolution, hand: Hand | None) -> None:
+def check_hand_of_problem(solution: GraspSolution, hand: Hand | None) -> None:
     """Refuse another hand than the problem's.
 
     Raises
@@ -378,9 +380,9 @@ def own_hand(solution: GraspSolution, hand: Hand | None) -> None:
         raise InputError("show.hand", stated.get("source", stated["type"]), "the hand that the grasp was found with")
 
 
-def hand_way(
+def approach_frames(
     solution: GraspSolution, data: Json, links: Mapping[str, Any], tips: Sequence[Any], hand: Hand | None = None
-) -> Way | None:
+) -> ApproachFrames | None:
     """Return the approach of a hand with links, or of free fingertips; None for a hand that cannot be moved.
 
     Parameters
@@ -396,14 +398,14 @@ def hand_way(
         The hand with the links.
     """
     if tips:
-        return _tips_back(data, tips)
+        return _fingertip_approach(data, tips)
     phases = [phase for phase in solution.phases if phase.name != LIFT]  # in a lift the body moves along
     if not links or [phase.name for phase in phases].count(GRASP) != 1 or len(phases) < 2:
         return None
     return _links_along(hand, phases, links) if isinstance(hand, LinkedHand) else None
 
 
-def between(phases: Sequence[Phase], at: float) -> Phase:
+def interpolate_hand(phases: Sequence[Phase], at: float) -> Phase:
     """Return the hand interpolated linearly between keyframes of one palm orientation."""
     i = min(int(at), len(phases) - 2)
     share, first, last = at - i, phases[i], phases[i + 1]
@@ -412,27 +414,27 @@ def between(phases: Sequence[Phase], at: float) -> Phase:
     return replace(first, palm_position=place, joints=joints)
 
 
-def _links_along(hand: LinkedHand, phases: Sequence[Phase], links: Mapping[str, Any]) -> Way:
+def _links_along(hand: LinkedHand, phases: Sequence[Phase], links: Mapping[str, Any]) -> ApproachFrames:
     names = tuple(phase.name for phase in phases)
     grasp = names.index(GRASP)
-    drawn = _poses(hand, phases[grasp])
+    drawn = _body_link_poses(hand, phases[grasp])
 
     def put(at: float) -> None:
-        for name, pose in _poses(hand, between(phases, at)).items():
+        for name, pose in _body_link_poses(hand, interpolate_hand(phases, at)).items():
             if name in links:
                 moved = pose @ np.linalg.inv(drawn[name])
                 links[name].wxyz = Rotation.from_matrix(moved[:3, :3]).as_quat(scalar_first=True)
                 links[name].position = moved[:3, 3]
 
-    return Way(names, grasp, put)
+    return ApproachFrames(names, grasp, put)
 
 
-def _poses(hand: LinkedHand, phase: Phase) -> dict[str, FloatArray]:
+def _body_link_poses(hand: LinkedHand, phase: Phase) -> dict[str, FloatArray]:
     """Return the poses (4, 4) of the links in the body's frame."""
     return hand.tree.body_poses(hand.values_of(phase.to_dict()))
 
 
-def _tips_back(data: Json, tips: Sequence[Any]) -> Way:
+def _fingertip_approach(data: Json, tips: Sequence[Any]) -> ApproachFrames:
     """Return the approach of free fingertips, along their contacts' normals."""
     contacts = [contact for contact in data["contacts"] if contact["tip"] > 0.0]
 
@@ -441,10 +443,10 @@ def _tips_back(data: Json, tips: Sequence[Any]) -> Way:
             back = contact["tip"] + (1.0 - at) * FAR * float(data["size"])
             tip.position = np.array(contact["at"]) - back * np.array(contact["inward"])
 
-    return Way(("away", GRASP), 1, put)
+    return ApproachFrames(("away", GRASP), 1, put)
 
 
-def unpacked(text: str, kind: str) -> FloatArray:
+def unpack(text: str, kind: str) -> FloatArray:
     """Return the numbers of packed surface data (``report.scene_parts.packed``)."""
     return np.asarray(np.frombuffer(base64.b64decode(text), kind))
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.bodies.mesh.display_triangles import triangles
-from nlpgrasp.common.drawing import FORCE, NORMAL, Triangles, drawn_size
+from nlpgrasp.common.drawing import FORCE, NORMAL, Triangles, drawing_size
 from nlpgrasp.common.formatting import axis_labels
 from nlpgrasp.common.optional_packages import draw_triangles, pyplot, show_at_one_scale, write_figure
 from nlpgrasp.common.palette import COLOURS
@@ -19,12 +19,12 @@ from nlpgrasp.common.spatial import in_space
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
 from nlpgrasp.global_bound import BestPossible
-from nlpgrasp.global_bound.marginal_bound import ContactWorth
+from nlpgrasp.global_bound.marginal_bound import MarginalBound
 from nlpgrasp.nlp import Formulation
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.report.scene_parts import cut, first_view
+from nlpgrasp.report.scene_parts import first_view, subdivide
 from nlpgrasp.report.start_charts import certified
-from nlpgrasp.report.task_wrenches import chosen_wrenches, shadows
+from nlpgrasp.report.task_wrenches import choose_wrenches, shadows
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks.task_ellipsoid import EllipsoidFit
 
@@ -80,11 +80,11 @@ def draw_grasp(solution: GraspSolution) -> Figure:
             everything.append(shape.vertices)
     grasp = solution.grasp
     if grasp is not None:
-        size = drawn_size(drawing, grasp.points)
+        size = drawing_size(drawing, grasp.points)
         points, normals = in_space(grasp.points), in_space(grasp.normals)
         ax.scatter(*points.T, color="black", s=20)
         ax.quiver(*points.T, *(NORMAL * size * normals).T, color=COLOURS["normal"], linewidth=1.5)
-        chosen = chosen_wrenches(solution)
+        chosen = choose_wrenches(solution)
         if chosen:
             forces = in_space(chosen[0].forces)
             forces = forces * (FORCE * size / max(float(np.max(np.linalg.norm(forces, axis=1))), 1e-300))
@@ -193,8 +193,8 @@ def draw_worth(figure: Figure, views: Sequence[Axes3D], problem: GraspProblem, f
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     plt = pyplot(WHAT)
-    corners, inward = _fine(problem)
-    worth = ContactWorth.of(problem).at(corners.mean(axis=1)[:, : problem.body.space], inward)
+    corners, inward = _subdivided_surface(problem)
+    worth = MarginalBound.of(problem).at(corners.mean(axis=1)[:, : problem.body.space], inward)
     shares = worth / np.nanmax(worth)
     colours = plt.get_cmap(SCALE)(np.nan_to_num(shares))
     colours[np.isnan(shares)] = plt.matplotlib.colors.to_rgba("0.8")
@@ -217,12 +217,12 @@ def draw_worth(figure: Figure, views: Sequence[Axes3D], problem: GraspProblem, f
     bar.set_label("what a contact adds to mu at most,\n% of where it adds most (grey: not allowed)")
 
 
-def _fine(problem: GraspProblem) -> tuple[FloatArray, FloatArray]:
+def _subdivided_surface(problem: GraspProblem) -> tuple[FloatArray, FloatArray]:
     """Return triangles of the surface, (m, 3, 3), subdivided until there are enough, and inward normals.
 
     For a planar body's plate these are the triangles of its boundary, with normals in the plane.
     """
-    corners = cut(Triangles(*triangles(problem.body)), ENOUGH)
+    corners = subdivide(Triangles(*triangles(problem.body)), ENOUGH)
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     size, space = np.linalg.norm(across, axis=1), problem.body.space
     kept = size > 0.0 if space == 3 else np.abs(across[:, 2]) < 0.5 * size
@@ -325,7 +325,7 @@ def write_sparsity(program: Formulation, path: str | Path) -> Path:
         (rows, axes.axhline, axes.set_yticks),
         (columns, axes.axvline, axes.set_xticks),
     ):
-        starts, kinds = _groups(names)
+        starts, kinds = _name_runs(names)
         for start in starts[1:]:
             lines(start - 0.5, color="0.8", linewidth=0.6)
         middles = (np.array(starts) + np.array([*starts[1:], len(names)]) - 1) / 2.0
@@ -336,7 +336,7 @@ def write_sparsity(program: Formulation, path: str | Path) -> Path:
     return write_figure(figure, path)
 
 
-def _groups(names: Sequence[str]) -> tuple[list[int], list[str]]:
+def _name_runs(names: Sequence[str]) -> tuple[list[int], list[str]]:
     """Return the starts of runs of names of one kind, and the kinds."""
     kinds = [name.split(",")[0].rstrip(" 0123456789") for name in names]
     starts = [i for i, kind in enumerate(kinds) if i == 0 or kinds[i - 1] != kind]

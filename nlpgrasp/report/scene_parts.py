@@ -43,7 +43,7 @@ Switch = tuple[str, str, bool]
 
 
 @dataclass(frozen=True)
-class Surface:
+class ShadedSurface:
     """Triangle surface with vertex normals and creases.
 
     Parameters
@@ -64,15 +64,15 @@ class Surface:
         """Return the arrays as base64 text of little-endian numbers: 32-bit floats, 16-bit normals, integers."""
         wide = len(self.positions) > np.iinfo(np.uint16).max
         return {
-            "positions": packed(self.positions, "<f4"),
-            "normals": packed(np.round(STEPS * self.normals), "<i2"),
-            "faces": packed(self.faces, "<u4" if wide else "<u2"),
+            "positions": pack(self.positions, "<f4"),
+            "normals": pack(np.round(STEPS * self.normals), "<i2"),
+            "faces": pack(self.faces, "<u4" if wide else "<u2"),
             "wide": wide,
-            "edges": packed(self.edges, "<f4"),
+            "edges": pack(self.edges, "<f4"),
         }
 
 
-def surface(shape: Triangles, crease: float = CREASE) -> Surface:
+def surface(shape: Triangles, crease: float = CREASE) -> ShadedSurface:
     """Return triangles with vertex normals: angle-weighted means over triangles within the crease angle.
 
     Parameters
@@ -92,20 +92,22 @@ def surface(shape: Triangles, crease: float = CREASE) -> Surface:
     pairs = (meets @ meets.T).tocoo()  # pairs of corners at one vertex
     alike = np.sum(normals[owner[pairs.row]] * normals[owner[pairs.col]], axis=1) >= near
     row, col = pairs.row[alike], pairs.col[alike]
-    weighted = normals[owner] * _angles(corners).ravel()[:, None]
+    weighted = normals[owner] * _corner_angles(corners).ravel()[:, None]
     mean = np.stack([np.bincount(row, weighted[col, i], len(at)).astype(float) for i in range(3)], axis=1)
     mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-300)
     key = np.column_stack([at, np.round(1e3 * mean)])
     _, first, which = np.unique(key, axis=0, return_index=True, return_inverse=True)
-    return Surface(vertices[at[first]], mean[first], which.reshape(-1, 3), _creases(vertices, faces, normals, near))
+    return ShadedSurface(
+        vertices[at[first]], mean[first], which.reshape(-1, 3), _creases(vertices, faces, normals, near)
+    )
 
 
-def packed(values: NDArray[np.float64] | NDArray[np.int64], kind: str) -> str:
+def pack(values: NDArray[np.float64] | NDArray[np.int64], kind: str) -> str:
     """Return numbers as base64 of a numpy type."""
     return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode()
 
 
-def cut(shape: Triangles, enough: int) -> FloatArray:
+def subdivide(shape: Triangles, enough: int) -> FloatArray:
     """Return the corners (m, 3, 3) of triangles, each subdivided into four until there are enough."""
     corners = shape.vertices[shape.faces]
     while 0 < len(corners) < enough:
@@ -125,7 +127,7 @@ def _welded(shape: Triangles) -> tuple[FloatArray, NDArray[np.int64]]:
     return shape.vertices[first], faces[(a != b) & (b != c) & (c != a)]
 
 
-def _angles(corners: FloatArray) -> FloatArray:
+def _corner_angles(corners: FloatArray) -> FloatArray:
     """Return the angles of triangles (m, 3, 3) at their corners, (m, 3), radians."""
     ahead = np.roll(corners, -1, axis=1) - corners
     back = np.roll(corners, 1, axis=1) - corners
@@ -189,7 +191,7 @@ def frame_axes(at: FloatArray, lengths: FloatArray) -> Json:
     return {"at": np.round(at, DIGITS).tolist(), "ends": np.round(ends, DIGITS).tolist()}
 
 
-def framed(points: FloatArray, middle: FloatArray, size: float) -> FloatArray:
+def outermost_points(points: FloatArray, middle: FloatArray, size: float) -> FloatArray:
     """Return the outermost of points (n, 3) within some body sizes, (m, 3)."""
     near = points[np.linalg.norm(points - middle, axis=1) <= FAR * size]
     ways = np.concatenate([directions(3, 0), directions(3, 2)])
@@ -225,7 +227,7 @@ def switches(entries: Sequence[Switch]) -> str:
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class DrawnSurroundings:
     """Tables and obstacles around a body.
 
     Parameters
@@ -243,7 +245,7 @@ class Surroundings:
     unseen: tuple[str, ...]
 
 
-def surroundings(solution: GraspSolution) -> Surroundings:
+def drawn_surroundings(solution: GraspSolution) -> DrawnSurroundings:
     """Return the tables and obstacles of a solution's problem."""
     kinds = {kind.kind: kind for kind in (Table, Obstacle)}
     read: list[PlacementConstraint] = []
@@ -258,7 +260,7 @@ def surroundings(solution: GraspSolution) -> Surroundings:
     return replace(found, unseen=(*unread, *found.unseen))
 
 
-def around(constraints: Iterable[PlacementConstraint]) -> Surroundings:
+def around(constraints: Iterable[PlacementConstraint]) -> DrawnSurroundings:
     """Return the tables and obstacles among the constraints of a problem."""
     heights, seen, unseen = [], [], []
     for constraint in constraints:
@@ -266,13 +268,13 @@ def around(constraints: Iterable[PlacementConstraint]) -> Surroundings:
             heights.append(constraint.height)
         elif isinstance(constraint, Obstacle):
             try:
-                seen.append((constraint.name, placed(constraint)))
+                seen.append((constraint.name, obstacle_surface(constraint)))
             except InputError:
                 unseen.append(constraint.name)
-    return Surroundings(tuple(heights), tuple(seen), tuple(unseen))
+    return DrawnSurroundings(tuple(heights), tuple(seen), tuple(unseen))
 
 
-def placed(obstacle: Obstacle) -> Triangles:
+def obstacle_surface(obstacle: Obstacle) -> Triangles:
     """Return an obstacle's surface in its pose, body frame.
 
     Raises

@@ -12,18 +12,18 @@ import trimesh
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.drawing import Triangles
-from nlpgrasp.common.formatting import capital, outwards, rounded, typeset, vector
+from nlpgrasp.common.formatting import capital, format_interval, format_number, typeset, vector
 from nlpgrasp.common.spatial import in_space
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.comparison import Comparison
 from nlpgrasp.experiments.experiment_result import NOT_COMPARABLE
-from nlpgrasp.global_bound.marginal_bound import ContactWorth
+from nlpgrasp.global_bound.marginal_bound import MarginalBound
 from nlpgrasp.problem.problem import GraspProblem, problem_from_dict
-from nlpgrasp.report.html_parts import Curve, Html, chart, table
-from nlpgrasp.report.key_figures import axis_end, facts, gauge
-from nlpgrasp.report.scene_parts import cut, packed, switches
+from nlpgrasp.report.html_parts import Curve, Html, chart, html_table
+from nlpgrasp.report.key_figures import axis_end, gauge, solution_facts
+from nlpgrasp.report.scene_parts import pack, subdivide, switches
 from nlpgrasp.report.task_wrenches import FingerForce, shadows
 from nlpgrasp.solution.analysis_records import ShadowPrice
 from nlpgrasp.solution.records import ConstraintReport
@@ -44,7 +44,7 @@ SWITCHES = (
 )
 
 
-def worth(solution: GraspSolution) -> Json | None:
+def colour_by_marginal_bound(solution: GraspSolution) -> Json | None:
     """Return the body's triangles coloured by upper bounds on a contact's contribution to mu, or None.
 
     Returns
@@ -52,15 +52,15 @@ def worth(solution: GraspSolution) -> Json | None:
     dict or None
         ``positions``: corners, packed. ``colours``: for each triangle the index of its colour in ``scale``.
     """
-    found = coloured(solution)
+    found = marginal_colours(solution)
     if found is None:
         return None
     scale = sorted(set(found[1]))
     place = {colour: i for i, colour in enumerate(scale)}
-    return {"positions": packed(found[0], "<f4"), "colours": [place[c] for c in found[1]], "scale": scale}
+    return {"positions": pack(found[0], "<f4"), "colours": [place[c] for c in found[1]], "scale": scale}
 
 
-def coloured(solution: GraspSolution) -> tuple[FloatArray, list[str]] | None:
+def marginal_colours(solution: GraspSolution) -> tuple[FloatArray, list[str]] | None:
     """Return corners (m, 3, 3) of the body's subdivided triangles, metres, and a colour for each.
 
     For a mesh, which is in a separate file, the drawn triangles are used. None where the drawing is missing, or the
@@ -70,11 +70,11 @@ def coloured(solution: GraspSolution) -> tuple[FloatArray, list[str]] | None:
         return None
     shape = solution.drawing.body
     try:
-        problem = _problem(solution, shape)
-        measured = ContactWorth.of(problem)
+        problem = _problem_without_hand(solution, shape)
+        measured = MarginalBound.of(problem)
     except InputError:
         return None
-    corners = cut(shape, ENOUGH)
+    corners = subdivide(shape, ENOUGH)
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     size = np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
     space = problem.body.space
@@ -86,10 +86,10 @@ def coloured(solution: GraspSolution) -> tuple[FloatArray, list[str]] | None:
     most = float(np.nanmax(shares, initial=0.0))
     if most <= 0.0:
         return None
-    return corners, [_colour(share) for share in shares / most]
+    return corners, [_interpolate_colour(share) for share in shares / most]
 
 
-def _problem(solution: GraspSolution, shape: Triangles) -> GraspProblem:
+def _problem_without_hand(solution: GraspSolution, shape: Triangles) -> GraspProblem:
     """Return the problem without its hand, as far as the file contains it, with a mesh as drawn.
 
     Raises
@@ -102,7 +102,7 @@ def _problem(solution: GraspSolution, shape: Triangles) -> GraspProblem:
     return problem_from_dict(data, None if grasp is None else grasp.torque_origin, drawn)
 
 
-def _colour(share: float) -> str:
+def _interpolate_colour(share: float) -> str:
     """Return the interpolated colour of a share of the largest value."""
     if np.isnan(share):
         return EXCLUDED
@@ -118,7 +118,7 @@ def comparison(compared: Comparison, solutions: Mapping[str, GraspSolution]) -> 
     rows = []
     listed = zip(compared.names, compared.records, compared.ranks, compared.ties, strict=True)
     for name, record, rank, tied in listed:
-        quality = " to ".join(outwards(record.mu.lower, record.mu.upper)) if record.success else "no grasp"
+        quality = " to ".join(format_interval(record.mu.lower, record.mu.upper)) if record.success else "no grasp"
         seen = Html(
             f'<canvas class="small" data-of="scene{order.index(name)}" role="img" aria-label="{escape(name)}"></canvas>'
         )
@@ -126,10 +126,10 @@ def comparison(compared: Comparison, solutions: Mapping[str, GraspSolution]) -> 
         rows.append([*cells, f"{record.contacts}", "; ".join(tied), "; ".join(record.active)])
     note = "" if compared.comparable else f'<p class="status failed">{escape(NOT_COMPARABLE)}</p>'
     heads = ["Rank", "", "Solution", "Quality, certified", "Contacts", "Ties with", "Active constraints"]
-    return note + table("Ties differ by no more than the certified gap.", heads, rows)
+    return note + html_table("Ties differ by no more than the certified gap.", heads, rows)
 
 
-def asked(solution: GraspSolution) -> str:
+def problem_sentence(solution: GraspSolution) -> str:
     """Return the problem in a sentence: contacts, body, hand and task."""
     problem, hand = solution.problem, solution.problem.get("hand")
     parts = [problem["body"], *([hand] if isinstance(hand, Mapping) else [])]
@@ -148,10 +148,10 @@ def panel(solution: GraspSolution, fingers: Sequence[FingerForce]) -> str:
     )
     head = "<h3>Fingers, for the task wrench shown, as given</h3>"
     shown = f'<div class="fact broad fingers">{head}<ul>{bars}</ul></div>' if bars else ""
-    return f'<aside class="panel">{"".join(fact.html() for fact in facts(solution))}{shown}</aside>'
+    return f'<aside class="panel">{"".join(fact.html() for fact in solution_facts(solution))}{shown}</aside>'
 
 
-def stage(
+def solution_stage(
     solution: GraspSolution, labels: Sequence[str], number: int, scene: Json | None, strip: str, worth: bool
 ) -> str:
     """Return the scene with its switches, slider and alternative grasps; a note if there is nothing to draw."""
@@ -205,19 +205,19 @@ def contacts(solution: GraspSolution) -> str:
     placed = zip(grasp.points, grasp.normals, solution.faces, grasp.contacts, strict=True)
     for i, (p, n, face, model) in enumerate(placed):
         kind = model.to_dict().get("model", type(model).__name__)
-        told = ", ".join(f"{name.replace('_', ' ')} {rounded(v)}" for name, v in model.coefficients.items())
+        told = ", ".join(f"{name.replace('_', ' ')} {format_number(v)}" for name, v in model.coefficients.items())
         rows.append(
             [
                 f"{i} ({solution.fingers[i]})" if solution.fingers else f"{i}",
                 face,
-                _fixed(scale * p, scale * size, least),
+                _format_coordinates(scale * p, scale * size, least),
                 typeset(vector(np.round(n, 3))),
                 f"{kind}".replace("_", " "),
                 told,
             ]
         )
     heads = ["Finger", "Face", f"Position, {unit}", "Inward normal", "Contact", "With"]
-    return "<h3>Contacts</h3>" + table("In the body's frame.", heads, rows)
+    return "<h3>Contacts</h3>" + html_table("In the body's frame.", heads, rows)
 
 
 def wrench_space(solution: GraspSolution) -> str:
@@ -241,8 +241,8 @@ def wrench_space(solution: GraspSolution) -> str:
 
 def constraints(solution: GraspSolution) -> str:
     """Return the active constraints as sentences, and the shadow prices of limits."""
-    active = [_limit(c, solution) for c in solution.constraints if c.active and not c.is_equation]
-    prices = [_price(p, solution) for p in solution.prices]
+    active = [_constraint_sentence(c, solution) for c in solution.constraints if c.active and not c.is_equation]
+    prices = [_price_sentence(p, solution) for p in solution.prices]
     parts = [
         f'<h3>{title}</h3><ul class="sentences">{"".join(f"<li>{escape(typeset(s))}</li>" for s in sentences)}</ul>'
         for title, sentences in (("At their limits", active), ("What a little more would change", prices))
@@ -251,22 +251,22 @@ def constraints(solution: GraspSolution) -> str:
     return f'<div class="two">{"".join(f"<div>{part}</div>" for part in parts)}</div>' if parts else ""
 
 
-def _limit(report: ConstraintReport, solution: GraspSolution) -> str:
+def _constraint_sentence(report: ConstraintReport, solution: GraspSolution) -> str:
     """Return an active constraint as a sentence, with its shadow price if the solve converged."""
     below, above = report.value - report.lower, report.upper - report.value
     end = "the least allowed" if below <= above else "the most allowed"
     gained = abs(report.multiplier) * min(abs(below), abs(above))  # by the remaining slack, to first order
-    price = f"; {solution.label} changes by {rounded(report.multiplier)} a unit"
+    price = f"; {solution.label} changes by {format_number(report.multiplier)} a unit"
     price = price if report.multiplier and gained <= solution.mu.upper else ""
-    return f"{report.name}: {rounded(report.value, 4)}, {end}{price}."
+    return f"{report.name}: {format_number(report.value, 4)}, {end}{price}."
 
 
-def _price(price: ShadowPrice, solution: GraspSolution) -> str:
+def _price_sentence(price: ShadowPrice, solution: GraspSolution) -> str:
     """Return the effect of a step of a limit, as a sentence with its share of mu."""
     mu, label = solution.mu.lower, solution.label
     sign = "+" if price.gain > 0.0 else ""
-    share = f" ({sign}{rounded(100.0 * price.gain / mu, 2)} %)" if mu > 0.0 else ""
-    return f"{price.what} (now {rounded(price.value, 4)}): {label} {sign}{rounded(price.gain)}{share}."
+    share = f" ({sign}{format_number(100.0 * price.gain / mu, 2)} %)" if mu > 0.0 else ""
+    return f"{price.what} (now {format_number(price.value, 4)}): {label} {sign}{format_number(price.gain)}{share}."
 
 
 def inputs(name: str, solution: GraspSolution) -> str:
@@ -283,7 +283,7 @@ def inputs(name: str, solution: GraspSolution) -> str:
     )
 
 
-def _fixed(values: Sequence[float], size: float, least: int) -> str:
+def _format_coordinates(values: Sequence[float], size: float, least: int) -> str:
     """Return coordinates with decimals for three digits of the contacts' spread, and at least so many."""
     decimals = max(least, 2 - math.floor(math.log10(size))) if size > 0.0 else least
     return typeset(", ".join(f"{round(float(v), decimals) + 0.0:.{decimals}f}" for v in values))

@@ -8,13 +8,13 @@ from html import escape
 
 import numpy as np
 
-from nlpgrasp.common.formatting import capital, outwards, rounded, typeset
+from nlpgrasp.common.formatting import capital, format_interval, format_number, typeset
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.quality.bounds import Bounds
-from nlpgrasp.report.html_parts import Curve, Mark, chart, table
+from nlpgrasp.report.html_parts import Curve, Mark, chart, html_table
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.solution.start_summary import solver_words, why_no_grasp
+from nlpgrasp.solution.start_summary import failure_reason, solver_words
 
 STRIP = "Every start's certified quality; the answer has a ring."
 RISING = (
@@ -33,7 +33,7 @@ def starts(solution: GraspSolution) -> str:
     charts = "".join(f"<figure>{svg}<figcaption>{escape(text)}</figcaption></figure>" for svg, text in drawn if svg)
     sentences = (f"{capital(line)}." for line in solution.starts_lines())
     told = "".join(f"<p>{escape(typeset(sentence))}</p>" for sentence in sentences)
-    return f'<h3>Starts</h3>{told}<div class="charts two">{charts}</div>{_table(solution)}'
+    return f'<h3>Starts</h3>{told}<div class="charts two">{charts}</div>{_start_table(solution)}'
 
 
 def strip(solution: GraspSolution) -> tuple[str, str]:
@@ -68,7 +68,7 @@ def convergence(solution: GraspSolution) -> tuple[str, str]:
         kind = "best" if is_answer else "other" if mu is not None else "lost"
         end = float(len(s.history))
         if s.history:
-            curves.append(Curve(_numbered(s.history), kind))
+            curves.append(Curve(_as_array(s.history), kind))
         if mu is not None:
             if s.history:
                 curves.append(Curve(np.array([[end - 1.0, s.history[-1]], [end, mu.lower]]), f"{kind} last"))
@@ -85,12 +85,12 @@ def certified(solution: GraspSolution, start: StartRecord) -> Bounds | None:
     return solution.mu if start is solution.winner else start.mu
 
 
-def _table(solution: GraspSolution) -> str:
+def _start_table(solution: GraspSolution) -> str:
     rows = []
     for s in solution.starts:
-        seconds = rounded(sum(s.seconds.values()))
+        seconds = format_number(sum(s.seconds.values()))
         mu = certified(solution, s)
-        found = _without(solution, s) if mu is None else " to ".join(outwards(mu.lower, mu.upper))
+        found = _failure_reason(solution, s) if mu is None else " to ".join(format_interval(mu.lower, mu.upper))
         mark = "answer" if s is solution.winner else ""
         rows.append(
             [
@@ -104,14 +104,18 @@ def _table(solution: GraspSolution) -> str:
             ]
         )
     heads = ["Start", "", "Quality, certified", "Faces", "Iterations", "Seconds", "First solve"]
-    return f"<details><summary>All {len(rows)} starts</summary>{table('', heads, rows)}</details>"
+    return f"<details><summary>All {len(rows)} starts</summary>{html_table('', heads, rows)}</details>"
 
 
-def _without(solution: GraspSolution, start: StartRecord) -> str:
+def _failure_reason(solution: GraspSolution, start: StartRecord) -> str:
     """Return the reason why a start has no grasp, with the mu that it reached."""
-    has = f" ({solution.label} {' to '.join(outwards(start.mu.lower, start.mu.upper))})" if start.mu.lower > 0.0 else ""
-    return f"no grasp: {why_no_grasp(start)}{has}"
+    has = (
+        f" ({solution.label} {' to '.join(format_interval(start.mu.lower, start.mu.upper))})"
+        if start.mu.lower > 0.0
+        else ""
+    )
+    return f"no grasp: {failure_reason(start)}{has}"
 
 
-def _numbered(values: Sequence[float]) -> FloatArray:
+def _as_array(values: Sequence[float]) -> FloatArray:
     return np.stack([np.arange(len(values), dtype=float), np.asarray(values)], axis=1)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlpgrasp.common.formatting import COMPONENTS, FORCE_UNIT, SMALL, axis_labels, rounded, typeset, unit_of
+from nlpgrasp.common.formatting import COMPONENTS, FORCE_UNIT, SMALL, axis_labels, format_number, typeset, unit_of
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.quality import finger_forces
 from nlpgrasp.quality.grasp import Grasp
@@ -38,7 +38,7 @@ class ChosenWrench:
     forces: FloatArray
 
 
-def chosen_wrenches(solution: GraspSolution) -> list[ChosenWrench]:
+def choose_wrenches(solution: GraspSolution) -> list[ChosenWrench]:
     """Return the hardest wrench of the task and the ends of its semi-axes, as far as they can be produced."""
     grasp = solution.grasp
     if grasp is None or not solution.is_certified:
@@ -54,7 +54,9 @@ def chosen_wrenches(solution: GraspSolution) -> list[ChosenWrench]:
     share = solution.mu.lower  # certified within one unit of the budget; forces scale in proportion
     found = finger_forces(grasp, share * np.array(wrenches), force_budget=solution.budget)
     return [
-        ChosenWrench(f"{name}: {pushed(w, grasp.mean_arm)}", w, grasp.contact_wrenches(x)[:, : grasp.space] / share)
+        ChosenWrench(
+            f"{name}: {format_wrench(w, grasp.mean_arm)}", w, grasp.contact_wrenches(x)[:, : grasp.space] / share
+        )
         for name, w, x, feasible in zip(names, wrenches, found.forces, found.feasible, strict=True)
         if feasible
     ]
@@ -87,7 +89,8 @@ def finger_forces_of(grasp: Grasp, chosen: Sequence[ChosenWrench]) -> list[list[
         found.append(
             [
                 FingerForce(
-                    typeset(f"normal {rounded(p, 3, least)} N, tangential {rounded(t, 3, least)} N"), float(share)
+                    typeset(f"normal {format_number(p, 3, least)} N, tangential {format_number(t, 3, least)} N"),
+                    float(share),
                 )
                 for p, t, share in zip(pressing, rubbing, sizes, strict=True)
             ]
@@ -95,7 +98,7 @@ def finger_forces_of(grasp: Grasp, chosen: Sequence[ChosenWrench]) -> list[list[
     return found
 
 
-def pushed(wrench: FloatArray, length: float) -> str:
+def format_wrench(wrench: FloatArray, length: float) -> str:
     """Return a wrench (d,) as text of its significant components, such as ``0.3 N along x, 0.02 N m about z``.
 
     Moments are compared after division by the length, metres.
@@ -103,7 +106,8 @@ def pushed(wrench: FloatArray, length: float) -> str:
     units = [unit_of(name) for name in COMPONENTS[len(wrench)]]
     weight = np.abs(wrench) / np.where([unit == FORCE_UNIT for unit in units], 1.0, length)
     parts = [
-        f"{rounded(abs(v))} {unit} {'along' if unit == FORCE_UNIT else 'about'} {'-' if v < 0.0 else ''}{name[-1]}"
+        f"{format_number(abs(v))} {unit} {'along' if unit == FORCE_UNIT else 'about'} "
+        f"{'-' if v < 0.0 else ''}{name[-1]}"
         for name, unit, v, w in zip(COMPONENTS[len(wrench)], units, wrench.tolist(), weight, strict=True)
         if w > SMALL * np.max(weight)
     ]
@@ -143,7 +147,7 @@ def shadows(solution: GraspSolution) -> list[Shadow]:
     pairs = spatial if d == 6 else [(0, 1), (0, 2), (1, 2)]
     found = []
     if solution.mu.worst_direction is not None and np.any(solution.mu.worst_direction):
-        found.append(_weakest(solution.mu.worst_direction, reachable, task, scale))
+        found.append(_weakest_projection(solution.mu.worst_direction, reachable, task, scale))
     for i, j in pairs:
         plane = np.eye(d)[[i, j]]
         found.append(Shadow(labels[i], labels[j], *_outlines(plane, reachable, task, scale)))
@@ -164,7 +168,7 @@ def _outlines(plane: FloatArray, reachable: WrenchSet, task: Task, scale: float)
     return reachable.support(y)[1] @ plane.T, scale * task.support(y)[1] @ plane.T
 
 
-def _weakest(y: FloatArray, reachable: WrenchSet, task: Task, scale: float) -> Shadow:
+def _weakest_projection(y: FloatArray, reachable: WrenchSet, task: Task, scale: float) -> Shadow:
     """Return the projection along the weakest direction, in shares of the producible wrench: the sets nearly touch."""
     limit = float(reachable.support(y[None, :])[0][0])
     along = y / limit if limit > 0.0 else y / np.linalg.norm(y)

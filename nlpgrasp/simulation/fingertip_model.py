@@ -12,10 +12,10 @@ from nlpgrasp.common.optional_packages import import_mujoco
 from nlpgrasp.common.spatial import in_space
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
-from nlpgrasp.contacts.product import ranges
+from nlpgrasp.contacts.product import component_slices
 from nlpgrasp.errors import InputError, NlpgraspError
 from nlpgrasp.quality.grasp import Grasp
-from nlpgrasp.simulation.fingertip_scene import DAMPING, Scales, force_indices
+from nlpgrasp.simulation.fingertip_scene import DAMPING, DynamicScales, force_indices
 
 MOST_SLIP, MOST_TURN = 2e-3, float(np.radians(3.0))  # metres and radians: limits beyond which a grasp is lost
 GIVE = 0.02  # radians of rotation at which a contact's moment reaches its friction limit
@@ -24,7 +24,7 @@ GIVE = 0.02  # radians of rotation at which a contact's moment reaches its frict
 Course = Callable[[float], tuple[FloatArray, FloatArray]]  # time to wrench (d,) and finger forces (n,)
 
 
-class Press:
+class FingertipModel:
     """MuJoCo model of a grasp.
 
     Each fingertip is a ball driven by a motor along each direction its contact can push in, and held in place by a
@@ -50,7 +50,7 @@ class Press:
     """
 
     def __init__(
-        self, scene: str, grasp: Grasp, allowed: ForceSet, effort: float, unit: Scales, gravity: float = 0.0
+        self, scene: str, grasp: Grasp, allowed: ForceSet, effort: float, unit: DynamicScales, gravity: float = 0.0
     ) -> None:
         self.mujoco = import_mujoco("a simulation")
         self.grasp, self.allowed, self.effort, self.unit = grasp, allowed, effort, unit
@@ -115,7 +115,7 @@ class Press:
         load = np.zeros(6)
         load[self.pull] = -wrench[: self.grasp.space]
         load[self.turn] = -wrench[self.grasp.space :]
-        load[3:] += _cross(data.xmat[self.body].reshape(3, 3) @ self.arm, load[:3])
+        load[3:] += _cross_product(data.xmat[self.body].reshape(3, 3) @ self.arm, load[:3])
         for m in self.moments:
             wanted = command[list(m.indices)]
             load[3:] += m.cut(wanted, self.normal[m.contact], self.rubbing[m.contact]) @ m.directions
@@ -242,21 +242,21 @@ def components(grasp: Grasp) -> tuple[list[int], list[ContactMoment]]:
     """Return the indices of the force components, and the moments."""
     forces = force_indices(grasp)
     moments: list[ContactMoment] = []
-    for i, (model, part) in enumerate(zip(grasp.contacts, ranges(grasp.contacts, grasp.space), strict=True)):
+    for i, (model, part) in enumerate(zip(grasp.contacts, component_slices(grasp.contacts, grasp.space), strict=True)):
         axes = model.axes(grasp.space)
         for where, share in model.blocks(model.components(grasp.space)):
             parts = [j for j in range(where.start, where.stop) if axes[j] >= grasp.space]
             if parts:
-                about = np.array([_direction(grasp, i, axes[j]) for j in parts])
+                about = np.array([_moment_axis(grasp, i, axes[j]) for j in parts])
                 moments.append(ContactMoment(i, model, share, tuple(part.start + j for j in parts), about))
     return forces, moments
 
 
-def _direction(grasp: Grasp, i: int, axis: int) -> FloatArray:
+def _moment_axis(grasp: Grasp, i: int, axis: int) -> FloatArray:
     """Return the axis of a moment component, body frame."""
     return np.eye(3)[2] if grasp.space == 2 else np.asarray(grasp.frames[i][:, axis - 3])
 
 
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+def _cross_product(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the cross product of two vectors, faster than numpy's general one."""
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])

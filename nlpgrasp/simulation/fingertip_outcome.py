@@ -126,13 +126,13 @@ class Simulation:
         first = f"{self.name}: wrenches up to {self.share:g} of certified mu, effort {self.effort:.4g}"
         lines = [f"{self.name}: {self.touching}"] if self.touching else []
         lines.append(f"{first}, mass {self.mass:.3g} kg")
-        lines += [in_words(condition, self.of(condition)) for condition in self.conditions]
+        lines += [describe_trials(condition, self.of(condition)) for condition in self.conditions]
         lost = "never lost" if self.lost_at is None else f"lost at {self.lost_at:.3f}"
         lines.append(f"  hardest wrench, growing  {lost}; certified in [1, {self.gap:.3f}] of the lower bound")
         return "\n".join([*lines, *(f"  {note}" for note in self.notes)])
 
 
-def in_words(condition: str, trials: Sequence[Trial]) -> str:
+def describe_trials(condition: str, trials: Sequence[Trial]) -> str:
     """Return the outcome of a condition's trials in a line."""
     count = sum(t.held for t in trials)
     worst = max(trials, key=lambda t: max(t.slip / MOST_SLIP, t.turn / MOST_TURN))

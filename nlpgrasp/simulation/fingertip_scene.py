@@ -14,12 +14,12 @@ from xml.etree.ElementTree import Comment, Element, SubElement, indent, tostring
 import numpy as np
 from scipy.spatial import QhullError
 
-from nlpgrasp.common.drawing import Drawing, Triangles, drawn_size
+from nlpgrasp.common.drawing import Drawing, Triangles, drawing_size
 from nlpgrasp.common.meshes.mass_properties import volume_integrals
 from nlpgrasp.common.spatial import in_space
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts import ContactModel
-from nlpgrasp.contacts.product import ranges
+from nlpgrasp.contacts.product import component_slices
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.solution.solution import GraspSolution
@@ -61,11 +61,11 @@ def mjcf(solution: GraspSolution, options: SceneOptions | None = None) -> str:
         Without a grasp or a drawing, or with bilateral contacts.
     """
     given = SceneOptions() if options is None else options
-    drawing, held = solution.require_drawing(), _pressed(solution, given.grasp)
+    drawing, held = solution.require_drawing(), _check_grasp_presses(solution, given.grasp)
     mass = mass_of(drawing.body, DENSITY) if given.mass is None else given.mass
-    x = pressing(held) if given.forces is None else given.forces
+    x = unit_normal_forces(held) if given.forces is None else given.forces
     unit = scales(held, float(np.linalg.norm(x)), mass.mass) if given.unit is None else given.unit
-    root, asset, world = _empty(solution, held, unit)
+    root, asset, world = _empty_scene(solution, held, unit)
     root.insert(0, Comment(" fingertips touch the object's tangent plane at their contacts, and nothing else "))
     add_patches(add_object(asset, world, held, drawing, mass), held, unit)
     add_links(asset, world, drawing)
@@ -75,8 +75,8 @@ def mjcf(solution: GraspSolution, options: SceneOptions | None = None) -> str:
         add_contact(contact, i, model)
         for joint in joint_names(i, model, held.space):
             SubElement(actuator, "motor", name=f"{joint}_motor", joint=joint)
-    SubElement(SubElement(root, "keyframe"), "key", name="grasp", ctrl=numbers(x[force_indices(held)]))
-    return text(root)
+    SubElement(SubElement(root, "keyframe"), "key", name="grasp", ctrl=format_numbers(x[force_indices(held)]))
+    return xml_text(root)
 
 
 @dataclass(frozen=True)
@@ -100,11 +100,11 @@ class SceneOptions:
     grasp: Grasp | None = None
     mass: Mass | None = None
     forces: FloatArray | None = None
-    unit: Scales | None = None
+    unit: DynamicScales | None = None
     stiffness: bool = True
 
 
-def _pressed(solution: GraspSolution, grasp: Grasp | None) -> Grasp:
+def _check_grasp_presses(solution: GraspSolution, grasp: Grasp | None) -> Grasp:
     """Return the given or the solution's grasp; raise for bilateral contacts."""
     held = solution.require_grasp() if grasp is None else grasp
     require_pressing(held)
@@ -118,15 +118,15 @@ def require_pressing(held: Grasp) -> None:
             raise InputError("contacts", given, "contacts that press: a simulator's fingertips cannot pull")
 
 
-def _empty(solution: GraspSolution, held: Grasp, unit: Scales) -> tuple[Element, Element, Element]:
+def _empty_scene(solution: GraspSolution, held: Grasp, unit: DynamicScales) -> tuple[Element, Element, Element]:
     """Return an empty scene with a light and time step, its assets, and its world."""
-    step, size = STEP * unit.time, drawn_size(solution.drawn(), held.points)
+    step, size = STEP * unit.time, drawing_size(solution.drawn(), held.points)
     root = Element("mujoco", model="".join(c for c in solution.name if c.isprintable()))
     SubElement(root, "compiler", angle="radian", autolimits="true")
     SubElement(root, "option", SOLVER, timestep=f"{step:.6g}", gravity="0 0 0")
     SubElement(SubElement(root, "default"), "pair", solref=f"{STIFF * step:.6g} 1", solimp="0.95 0.99 1e-6")
     asset, world = SubElement(root, "asset"), SubElement(root, "worldbody")
-    SubElement(world, "light", pos=numbers([0.0, 0.0, 4.0 * size]), dir="0 0 -1")
+    SubElement(world, "light", pos=format_numbers([0.0, 0.0, 4.0 * size]), dir="0 0 -1")
     return root, asset, world
 
 
@@ -147,22 +147,22 @@ def add_free_body(world: Element, mass: Mass, space: int = 3) -> Element:
         SubElement(body, "joint", name="object_x", type="slide", axis="1 0 0")
         SubElement(body, "joint", name="object_y", type="slide", axis="0 1 0")
         SubElement(body, "joint", name="object_turn", type="hinge", axis="0 0 1")
-    moments = numbers((mass.inertia + LEAST_INERTIA * np.eye(3))[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
-    SubElement(body, "inertial", pos=numbers(mass.center), mass=f"{mass.mass:.9g}", fullinertia=moments)
+    moments = format_numbers((mass.inertia + LEAST_INERTIA * np.eye(3))[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+    SubElement(body, "inertial", pos=format_numbers(mass.center), mass=f"{mass.mass:.9g}", fullinertia=moments)
     return body
 
 
 def _add_mesh(asset: Element, name: str, shape: Triangles) -> None:
     faces = " ".join(map(str, shape.faces.ravel().tolist()))
-    SubElement(asset, "mesh", name=name, inertia="shell", vertex=numbers(shape.vertices.ravel()), face=faces)
+    SubElement(asset, "mesh", name=name, inertia="shell", vertex=format_numbers(shape.vertices.ravel()), face=faces)
 
 
-def add_patches(body: Element, grasp: Grasp, unit: Scales) -> None:
+def add_patches(body: Element, grasp: Grasp, unit: DynamicScales) -> None:
     """Add a patch of the tangent plane at each contact to the object's body."""
     thick = TIP * unit.length
-    half = numbers([thick, PATCH * unit.length, PATCH * unit.length])
+    half = format_numbers([thick, PATCH * unit.length, PATCH * unit.length])
     for i, (p, n) in enumerate(zip(in_space(grasp.points), in_space(grasp.normals), strict=True)):
-        place = {"pos": numbers(p + thick * n), "xyaxes": _axes(grasp, i), "size": half}
+        place = {"pos": format_numbers(p + thick * n), "xyaxes": _format_axes(grasp, i), "size": half}
         look = {"group": "4", "rgba": "0 0 0 0"}
         SubElement(body, "geom", {"name": f"patch_{i}", "type": "box", **place, **look, **UNTOUCHED})
 
@@ -178,17 +178,17 @@ def add_links(asset: Element, world: Element, drawing: Drawing) -> None:
         SubElement(hand, "geom", {"name": f"link_{i}", "type": "mesh", "mesh": f"link_{i}", **look, **UNTOUCHED})
 
 
-def add_fingertip(world: Element, grasp: Grasp, i: int, unit: Scales, stiffness: bool) -> None:
+def add_fingertip(world: Element, grasp: Grasp, i: int, unit: DynamicScales, stiffness: bool) -> None:
     """Add a fingertip: a small ball with sliding joints along its contact's force components."""
     p, n, model = in_space(grasp.points)[i], in_space(grasp.normals)[i], grasp.contacts[i]
     radius = TIP * unit.length
-    place = {"pos": numbers(p - radius * n), "xyaxes": _axes(grasp, i)}
+    place = {"pos": format_numbers(p - radius * n), "xyaxes": _format_axes(grasp, i)}
     tip = SubElement(world, "body", place, name=f"tip_{i}", gravcomp="1")  # the hand carries its own weight
     held = {"stiffness": f"{unit.stiffness if stiffness else 0.0:.9g}", "damping": f"{unit.damping:.9g}"}
     axes = [axis for axis in model.axes(grasp.space) if axis < grasp.space]
     for joint, axis in zip(joint_names(i, model, grasp.space), axes, strict=True):
-        SubElement(tip, "joint", {"name": joint, "type": "slide", "axis": numbers(np.eye(3)[axis]), **held})
-    own = numbers([0.4 * TIP_MASS * unit.mass * radius**2 + LEAST_INERTIA] * 3)
+        SubElement(tip, "joint", {"name": joint, "type": "slide", "axis": format_numbers(np.eye(3)[axis]), **held})
+    own = format_numbers([0.4 * TIP_MASS * unit.mass * radius**2 + LEAST_INERTIA] * 3)
     SubElement(tip, "inertial", pos="0 0 0", mass=f"{TIP_MASS * unit.mass:.9g}", diaginertia=own)
     look = {"name": f"tip_{i}", "type": "sphere", "rgba": "0.1 0.1 0.1 1", "size": f"{radius:.9g}"}
     SubElement(tip, "geom", {**look, **UNTOUCHED})
@@ -203,16 +203,16 @@ def add_contact(contact: Element, i: int, model: ContactModel) -> None:
         dimension = 4 if torsion else 3
         coefficients = [friction, friction, torsion or 1.0, 1.0, 1.0]
     pair = {"name": f"contact_{i}", "geom1": f"tip_{i}", "geom2": f"patch_{i}"}
-    SubElement(contact, "pair", pair, condim=str(dimension), friction=numbers(coefficients))
+    SubElement(contact, "pair", pair, condim=str(dimension), friction=format_numbers(coefficients))
 
 
-def _axes(grasp: Grasp, i: int) -> str:
+def _format_axes(grasp: Grasp, i: int) -> str:
     """Return normal and first tangent of a contact's frame, formatted for MJCF."""
-    return numbers(np.concatenate([in_space(grasp.normals)[i], in_space(grasp.tangents[i])[0]]))
+    return format_numbers(np.concatenate([in_space(grasp.normals)[i], in_space(grasp.tangents[i])[0]]))
 
 
 @dataclass(frozen=True)
-class Scales:
+class DynamicScales:
     """Characteristic units of a grasp's dynamics, from which time step and stiffness follow at any size.
 
     Parameters
@@ -245,10 +245,10 @@ class Scales:
         return DAMPING * float(np.sqrt(STIFFNESS)) * self.mass / self.time
 
 
-def scales(grasp: Grasp, force: float, mass: float) -> Scales:
+def scales(grasp: Grasp, force: float, mass: float) -> DynamicScales:
     """Return the characteristic units of a grasp."""
     spread = float(np.sqrt(np.mean(np.sum((grasp.points - grasp.points.mean(axis=0)) ** 2, axis=1))))
-    return Scales(spread or grasp.mean_arm, force, mass)
+    return DynamicScales(spread or grasp.mean_arm, force, mass)
 
 
 @dataclass(frozen=True)
@@ -303,10 +303,10 @@ def mass_of(shape: Triangles, density: float) -> Mass:
     return Mass(density * found.volume, found.centre, axes @ np.diag(moments) @ axes.T)
 
 
-def pressing(grasp: Grasp) -> FloatArray:
+def unit_normal_forces(grasp: Grasp) -> FloatArray:
     """Return finger forces (n,) with a normal force of one newton at each contact."""
     x = np.zeros(grasp.G.shape[1])
-    x[[part.start for part in ranges(grasp.contacts, grasp.space)]] = 1.0
+    x[[part.start for part in component_slices(grasp.contacts, grasp.space)]] = 1.0
     return x
 
 
@@ -321,12 +321,12 @@ def joint_names(i: int, model: ContactModel, space: int) -> list[str]:
     return [f"tip_{i}_{FORCE_NAMES[axis]}" for axis in model.axes(space) if axis < space]
 
 
-def numbers(values: Iterable[float]) -> str:
+def format_numbers(values: Iterable[float]) -> str:
     """Format numbers for MJCF."""
     return " ".join(f"{float(v):.9g}" for v in values)
 
 
-def text(root: Element) -> str:
+def xml_text(root: Element) -> str:
     """Return a scene as indented XML text."""
     indent(root)
     return tostring(root, encoding="unicode") + "\n"

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlpgrasp.common.formatting import rounded
+from nlpgrasp.common.formatting import format_number
 from nlpgrasp.common.types import Json
-from nlpgrasp.simulation.hand_world import LOOSE, STRICT, Motion, Seen
+from nlpgrasp.simulation.hand_world import LOOSE, STRICT, HandSnapshot, Motion
 
 AS_SOLVED, CONTROL, LIFTED = "as solved", "control: no squeeze", "lifted 20 cm"
 
@@ -37,7 +37,7 @@ class HandTrial:
     label: str
     squeezed: Motion
     motion: Motion
-    seen: tuple[Seen, ...] = ()
+    seen: tuple[HandSnapshot, ...] = ()
     placed_off: bool = False
 
     @property
@@ -101,7 +101,7 @@ def row(trials: Sequence[HandTrial]) -> str:
     return f"{told}; the squeeze moves it by {squeezed}, then {'it is lost' if after.gone else f'at most {after}'}"
 
 
-def legend(trials: Sequence[HandTrial], push: float) -> list[str]:
+def trial_legend(trials: Sequence[HandTrial], push: float) -> list[str]:
     """Return what the trials do and what counts as held; loosely too if that number differs.
 
     Parameters
@@ -114,12 +114,12 @@ def legend(trials: Sequence[HandTrial], push: float) -> list[str]:
     done = (
         f"  six pushes of {push:g} N without gravity; as solved and in the control also lifted by 20 cm, with gravity"
     )
-    held = f"  held: moved in the hand by at most {_limits(STRICT)}"
+    held = f"  held: moved in the hand by at most {_format_motion_limits(STRICT)}"
     loosely = any(t.loose != t.strict for t in trials if t.condition != CONTROL)
-    return [done, f"{held}; loosely: {_limits(LOOSE)}" if loosely else held]
+    return [done, f"{held}; loosely: {_format_motion_limits(LOOSE)}" if loosely else held]
 
 
-def pressing(normal_force: float, forces: Sequence[float]) -> str:
+def format_normal_forces(normal_force: float, forces: Sequence[float]) -> str:
     """Return the fingers' normal forces as text: the requested least, and the range where they differ.
 
     Parameters
@@ -129,12 +129,12 @@ def pressing(normal_force: float, forces: Sequence[float]) -> str:
     forces : sequence of float
         Normal force of each finger, newtons; may be empty.
     """
-    told = f"each finger presses with at least {rounded(normal_force)} N"
-    ends = [rounded(end(forces)) for end in (min, max)] if forces else []
+    told = f"each finger presses with at least {format_number(normal_force)} N"
+    ends = [format_number(end(forces)) for end in (min, max)] if forces else []
     return told if len(set(ends)) < 2 else f"{told} ({ends[0]} to {ends[1]} N)"
 
 
-def _limits(limits: tuple[float, float]) -> str:
+def _format_motion_limits(limits: tuple[float, float]) -> str:
     """Return the motion limits as text, in centimetres and degrees."""
     return f"{100.0 * limits[0]:.0f} cm and {np.degrees(limits[1]):.0f} degrees"
 
@@ -170,7 +170,7 @@ class HandSimulation:
     push: float
     normal_force: float
     trials: tuple[HandTrial, ...]
-    grasp: Seen
+    grasp: HandSnapshot
     mass_source: str = ""
     normal_forces: tuple[float, ...] = ()
     touching: str = ""
@@ -249,7 +249,7 @@ class HandSimulation:
 
     def __str__(self) -> str:
         source = f", {self.mass_source}" if self.mass_source else ""
-        pressed = pressing(self.normal_force, self.normal_forces)
+        pressed = format_normal_forces(self.normal_force, self.normal_forces)
         lines = [f"{self.name}: {self.touching}"] if self.touching else []
-        lines += [f"{self.name}: {self.mass:.3g} kg{source}; {pressed}", *legend(self.trials, self.push)]
+        lines += [f"{self.name}: {self.mass:.3g} kg{source}; {pressed}", *trial_legend(self.trials, self.push)]
         return "\n".join([*lines, *(row(self.of(condition)) for condition in self.conditions)])

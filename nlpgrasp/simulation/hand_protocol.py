@@ -12,7 +12,7 @@ from nlpgrasp.common.optional_packages import import_mujoco
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.simulation.hand_outcome import AS_SOLVED, CONTROL, LIFTED, HandSimulation, HandTrial, name_of, result
-from nlpgrasp.simulation.hand_world import SETTLE, TRAVEL, HandWorld, Motion, Seen
+from nlpgrasp.simulation.hand_world import SETTLE, TRAVEL, HandSnapshot, HandWorld, Motion
 from nlpgrasp.simulation.robot_hand_scene import HandSceneOptions, mjcf_with_hand
 from nlpgrasp.simulation.scene_object import ObjectMass, object_mass
 from nlpgrasp.simulation.simulation_input import EARTH
@@ -89,20 +89,25 @@ def simulate_hand(
         if progress is not None:
             progress(f"{name_of(condition)}: {result(found)}")
 
-    add(AS_SOLVED, [*_pushed(AS_SOLVED, HandWorld(scene), size), _lifted(AS_SOLVED, HandWorld(scene))])
-    add(TORQUES, _pushed(TORQUES, HandWorld(scene), size, torques=True))
+    add(AS_SOLVED, [*_push_trials(AS_SOLVED, HandWorld(scene), size), _lifted(AS_SOLVED, HandWorld(scene))])
+    add(TORQUES, _push_trials(TORQUES, HandWorld(scene), size, torques=True))
     slippery = HandWorld(mjcf_with_hand(solution, urdf, replace(given, friction=LESS * given.friction)))
-    add(SLIPPERY, _pushed(SLIPPERY, slippery, size))
+    add(SLIPPERY, _push_trials(SLIPPERY, slippery, size))
     rng = np.random.default_rng(SEED)
-    add(OFF, [t for _ in range(DRAWS) for t in _pushed(OFF, HandWorld(scene), size, off=_drawn(rng))])
-    add(CONTROL, [*_pushed(CONTROL, HandWorld(scene), size, squeeze=False), _lifted(CONTROL, HandWorld(scene), False)])
+    add(
+        OFF, [t for _ in range(DRAWS) for t in _push_trials(OFF, HandWorld(scene), size, off=_random_displacement(rng))]
+    )
+    add(
+        CONTROL,
+        [*_push_trials(CONTROL, HandWorld(scene), size, squeeze=False), _lifted(CONTROL, HandWorld(scene), False)],
+    )
     pressed = given.normal_force or squeeze.normal_force
     forces = tuple((squeeze.normal * (pressed / squeeze.normal_force)).tolist())
-    grasp, done = _in_the_grasp(scene), tuple(trials)
+    grasp, done = _initial_snapshot(scene), tuple(trials)
     return HandSimulation(solution.name, mass.kilograms, size, pressed, done, grasp, mass.source, forces, touching)
 
 
-def _pushed(
+def _push_trials(
     condition: str,
     world: HandWorld,
     size: float,
@@ -112,7 +117,7 @@ def _pushed(
     off: tuple[FloatArray, FloatArray] | None = None,
 ) -> list[HandTrial]:
     """Return six pushed trials of a grasp, each from the same closed state."""
-    squeezed = _closed(world, squeeze, off)
+    squeezed = _close_hand(world, squeeze, off)
     if torques:
         world.soften(SOFT)
     result, closed = [], world.state()
@@ -125,7 +130,7 @@ def _pushed(
 
 def _lifted(condition: str, world: HandWorld, squeeze: bool = True) -> HandTrial:
     """Return the trial of a lift by the palm, after gravity has risen."""
-    squeezed = _closed(world, squeeze, None)
+    squeezed = _close_hand(world, squeeze, None)
     target = world.controls("lift")
     if not squeeze:
         target = target - world.controls("squeeze") + world.controls("grasp")
@@ -133,7 +138,7 @@ def _lifted(condition: str, world: HandWorld, squeeze: bool = True) -> HandTrial
     return HandTrial(condition, LIFTED, squeezed, motion, seen)
 
 
-def _closed(world: HandWorld, squeeze: bool, off: tuple[FloatArray, FloatArray] | None) -> Motion:
+def _close_hand(world: HandWorld, squeeze: bool, off: tuple[FloatArray, FloatArray] | None) -> Motion:
     """Move the hand through its phases up to the squeeze; return the object's motion by it."""
     keys = [key for key in world.keys if key not in ("lift", "squeeze")]
     world.begin(keys[0], off)
@@ -146,13 +151,13 @@ def _closed(world: HandWorld, squeeze: bool, off: tuple[FloatArray, FloatArray] 
     return world.pose().from_(before)
 
 
-def _in_the_grasp(scene: str) -> Seen:
+def _initial_snapshot(scene: str) -> HandSnapshot:
     world = HandWorld(scene)
     world.begin("grasp")
     return world.seen()
 
 
-def _drawn(rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+def _random_displacement(rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     """Return a translation and a rotation vector of the stated magnitudes, in random directions."""
     both = rng.standard_normal((2, 3))
     both /= np.linalg.norm(both, axis=1, keepdims=True)

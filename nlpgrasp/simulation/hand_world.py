@@ -56,10 +56,10 @@ class Motion:
     def __str__(self) -> str:
         if self.gone:
             return "lost"
-        return f"{_told(1e3 * self.slip)} mm, {_told(np.degrees(self.turn))} deg"
+        return f"{_format_significant(1e3 * self.slip)} mm, {_format_significant(np.degrees(self.turn))} deg"
 
 
-def _told(number: float) -> str:
+def _format_significant(number: float) -> str:
     """Return a number as text with two significant figures, or all digits before the point."""
     return "0" if number < NONE else f"{number:.0f}" if number >= 10.0 else f"{number:.2g}"
 
@@ -91,7 +91,7 @@ PREFIX, STILL = "hand_", Motion()  # of the names of the hand's bodies; no motio
 
 
 @dataclass(frozen=True)
-class Seen:
+class HandSnapshot:
     """State of object and links at one time.
 
     Parameters
@@ -168,14 +168,16 @@ class HandWorld:
             self.model.actuator_biasprm[motor, 1] *= share
             self.data.ctrl[motor] += (1.0 / share - 1.0) * more[motor]
 
-    def push(self, force: FloatArray, seconds: float) -> tuple[Motion, tuple[Seen, ...]]:
+    def push(self, force: FloatArray, seconds: float) -> tuple[Motion, tuple[HandSnapshot, ...]]:
         """Push the object's centre of mass with a force (3,), newtons; return its largest motion, and the run."""
         self.data.xfrc_applied[self._object, :3] = force
         found = self.watched(seconds, None)
         self.data.xfrc_applied[:] = 0.0
         return found
 
-    def watched(self, seconds: float, to: FloatArray | None, gravity: float = 0.0) -> tuple[Motion, tuple[Seen, ...]]:
+    def watched(
+        self, seconds: float, to: FloatArray | None, gravity: float = 0.0
+    ) -> tuple[Motion, tuple[HandSnapshot, ...]]:
         """Run as in ``run`` with gravity (m / s^2, along -z) rising before; return the object's largest motion."""
         before, motions, pictures = self.pose(), [STILL], [self.seen()]
 
@@ -213,10 +215,10 @@ class HandWorld:
         way = self.data.xipos[self._object] - self.data.xpos[self._palm]
         return Pose(palm.T @ way, palm.T @ here)
 
-    def seen(self, motion: Motion = STILL) -> Seen:
+    def seen(self, motion: Motion = STILL) -> HandSnapshot:
         """Return the current state of object and links."""
         links = {name: self._frame(body) for name, body in self._links.items()}
-        return Seen(float(self.data.time), self._frame(self._object), links, motion)
+        return HandSnapshot(float(self.data.time), self._frame(self._object), links, motion)
 
     def _frame(self, body: int) -> FloatArray:
         frame = np.eye(4)

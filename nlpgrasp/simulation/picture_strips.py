@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nlpgrasp.common.drawing import Drawing, Triangles, drawn_size
+from nlpgrasp.common.drawing import Drawing, Triangles, drawing_size
 from nlpgrasp.common.optional_packages import draw_triangles, pyplot, show_at_one_scale, write_figure
 from nlpgrasp.common.palette import COLOURS
 from nlpgrasp.common.spatial import in_space
@@ -16,7 +16,7 @@ from nlpgrasp.simulation.fingertip_model import Snapshot
 from nlpgrasp.simulation.fingertip_outcome import Simulation
 from nlpgrasp.simulation.fingertip_scene import TIP, scales
 from nlpgrasp.simulation.hand_outcome import AS_SOLVED, CONTROL, HandSimulation, HandTrial, name_of
-from nlpgrasp.simulation.hand_world import LOOSE, Seen
+from nlpgrasp.simulation.hand_world import LOOSE, HandSnapshot
 from nlpgrasp.solution.solution import GraspSolution
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def write_strip(simulation: Simulation, solution: GraspSolution, path: str | Pat
     """
     plt = pyplot("a strip of pictures")
     held, growing = simulation.trials[0], simulation.growing
-    factor = max(MAGNIFIED * drawn_size(solution.drawn(), None) / max(growing.slip, 1e-12), 1.0)
+    factor = max(MAGNIFIED * drawing_size(solution.drawn(), None) / max(growing.slip, 1e-12), 1.0)
     figure = plt.figure(figsize=(3.0 * FRAMES, 6.4), layout="constrained")
     share = "never" if simulation.lost_at is None else f"at {simulation.lost_at:.3f}"
     figure.suptitle(
@@ -120,25 +120,25 @@ def _worst(simulation: HandSimulation, condition: str) -> HandTrial:
     return max(simulation.of(condition), key=lambda t: max(t.motion.slip / LOOSE[0], t.motion.turn / LOOSE[1]))
 
 
-def _pictures(trial: HandTrial) -> list[Seen]:
+def _pictures(trial: HandTrial) -> list[HandSnapshot]:
     """Return a few evenly spaced times of a run, until the object is far away."""
     near = [seen for seen in trial.seen if seen.motion.within((FAR * LOOSE[0], np.inf))]
     return [near[i] for i in np.linspace(0, len(near) - 1, PICTURES).round().astype(int)]
 
 
-def _draw_hand(ax: Axes3D, drawing: Drawing, grasp: Seen, seen: Seen) -> None:
+def _draw_hand(ax: Axes3D, drawing: Drawing, grasp: HandSnapshot, seen: HandSnapshot) -> None:
     """Draw the body and the hand's links at one time."""
     palm = next(iter(seen.links.values()))[:3, 3] - next(iter(grasp.links.values()))[:3, 3]
     shift = np.eye(4)
     shift[:3, 3] = -palm  # the view follows the palm
-    draw_triangles(ax, _moved(drawing.body, shift @ seen.object), COLOURS["body"], 0.9)
+    draw_triangles(ax, _transform_triangles(drawing.body, shift @ seen.object), COLOURS["body"], 0.9)
     for name, shape in drawing.links:
         if name in seen.links:
             step = shift @ seen.links[name] @ np.linalg.inv(grasp.links[name])
-            draw_triangles(ax, _moved(shape, step), COLOURS["link"], 0.35)
+            draw_triangles(ax, _transform_triangles(shape, step), COLOURS["link"], 0.35)
     every = [drawing.body.vertices, *(shape.vertices for _, shape in drawing.links)]
     show_at_one_scale(ax, np.vstack(every))
 
 
-def _moved(shape: Triangles, pose: FloatArray) -> Triangles:
+def _transform_triangles(shape: Triangles, pose: FloatArray) -> Triangles:
     return Triangles(shape.vertices @ pose[:3, :3].T + pose[:3, 3], shape.faces)

@@ -15,12 +15,19 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.contacts import ContactModel
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands.collision_shapes import Shape
+from nlpgrasp.hands.collision_shapes import CollisionShape
 from nlpgrasp.hands.robot import Inertial, Joint, Robot
 from nlpgrasp.hands.robot_file import read_robot, robot_inertials
-from nlpgrasp.simulation.fingertip_scene import DENSITY, add_free_body, mass_of, numbers, require_pressing, text
+from nlpgrasp.simulation.fingertip_scene import (
+    DENSITY,
+    add_free_body,
+    format_numbers,
+    mass_of,
+    require_pressing,
+    xml_text,
+)
 from nlpgrasp.simulation.scene_object import Told, add_object_geoms, object_mass
-from nlpgrasp.solution.obstructions import tips_off
+from nlpgrasp.solution.obstructions import tip_deviations
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solution.squeeze_record import LEVER, Squeeze
 
@@ -90,7 +97,7 @@ def mjcf_with_hand(
     drawing = solution.require_drawing()
     require_pressing(grasp)
     mass = mass_of(drawing.body, DENSITY).scaled(object_mass(solution, given.mass).kilograms)
-    surfaces = [_surface(model, given.friction) for model in grasp.contacts]
+    surfaces = [_contact_attributes(model, given.friction) for model in grasp.contacts]
     root = Element("mujoco", model="".join(c for c in solution.name if c.isprintable()))
     SubElement(root, "compiler", angle="radian", autolimits="true", balanceinertia="true")
     SubElement(root, "option", SOLVER)
@@ -98,22 +105,22 @@ def mjcf_with_hand(
     SubElement(default, "geom", CONTACT)
     SubElement(default, "equality", {name: CONTACT[name] for name in ("solref",)})
     asset, world = SubElement(root, "asset"), SubElement(root, "worldbody")
-    SubElement(world, "light", pos=numbers([0.0, 0.0, 1.0]), dir="0 0 -1")
+    SubElement(world, "light", pos=format_numbers([0.0, 0.0, 1.0]), dir="0 0 -1")
     slipperiest = min(surfaces, key=lambda s: float(s["friction"].split()[0]))
     others = {"friction": slipperiest["friction"], "condim": "3"}
     add_object_geoms(asset, add_free_body(world, mass), solution.body, drawing.body, others, progress)
     gains = gains_of(robot, squeeze, given.gain)
-    limits = _limits(solution)
+    limits = _effort_limits(solution)
     tips = tuple(solution.problem["hand"]["fingertips"])
-    floating = tips_off(solution.hand)
-    placed = PlacedRobot(robot, robot_inertials(urdf), hand["palm_pose"], tips, gains, limits, floating)
+    floating = tip_deviations(solution.hand)
+    placed = PosedRobot(robot, robot_inertials(urdf), hand["palm_pose"], tips, gains, limits, floating)
     add_hand(root, placed, surfaces, given)
-    scale = _scale(squeeze, given.normal_force)
+    scale = _squeeze_scale(squeeze, given.normal_force)
     _require_effort(squeeze, scale)
-    frames = keyframes(hand, robot, squeeze, gains, scale)
+    frames = scene_keyframes(hand, robot, squeeze, gains, scale)
     root.insert(0, Comment(SAID.format(names=", ".join(frame.name for frame in frames))))
     add_keyframes(root, frames)
-    told = text(root)
+    told = xml_text(root)
     try:
         mujoco.MjModel.from_xml_string(told)
     except (ValueError, mujoco.FatalError) as error:
@@ -171,20 +178,20 @@ def _robot(urdf: str | Path, palm: str, joints: Mapping[str, float]) -> Robot:
     return robot
 
 
-def _surface(model: ContactModel, share: float) -> dict[str, str]:
+def _contact_attributes(model: ContactModel, share: float) -> dict[str, str]:
     """Return the geom attributes of a contact model, with its friction scaled by ``share``."""
     friction = share * model.coefficients.get("friction", 0.0)
     torsion = share * model.coefficients.get("torsional_friction", 0.0)
     dimension = 1 if friction == 0.0 else 4 if torsion else 3
-    return {"condim": str(dimension), "priority": "1", "friction": numbers([friction, torsion, 0.0])}
+    return {"condim": str(dimension), "priority": "1", "friction": format_numbers([friction, torsion, 0.0])}
 
 
-def _limits(solution: GraspSolution) -> dict[str, float]:
+def _effort_limits(solution: GraspSolution) -> dict[str, float]:
     stated = solution.problem["hand"].get("torque_limits") or {}
     return {str(name): float(value) for name, value in stated.items()}
 
 
-def _scale(squeeze: Squeeze, normal_force: float | None) -> float:
+def _squeeze_scale(squeeze: Squeeze, normal_force: float | None) -> float:
     """Return the factor on the file's squeeze; balanced forces stay balanced when scaled."""
     if normal_force is None:
         return 1.0
@@ -205,7 +212,7 @@ def _require_effort(squeeze: Squeeze, scale: float) -> None:
 
 
 @dataclass(frozen=True)
-class PlacedRobot:
+class PosedRobot:
     """A robot hand placed at its palm pose in the grasp.
 
     Parameters
@@ -234,7 +241,7 @@ class PlacedRobot:
     floating: Collection[int] = ()
 
 
-def add_hand(root: Element, placed: PlacedRobot, surfaces: list[dict[str, str]], options: HandSceneOptions) -> None:
+def add_hand(root: Element, placed: PosedRobot, surfaces: list[dict[str, str]], options: HandSceneOptions) -> None:
     """Add the hand to a scene: three sliding joints that carry the palm, links, actuators, mimic joints.
 
     Parameters
@@ -250,12 +257,12 @@ def add_hand(root: Element, placed: PlacedRobot, surfaces: list[dict[str, str]],
     if asset is None or world is None:
         raise ValueError("a scene has an asset and a worldbody")
     robot = placed.robot
-    carried = SubElement(world, "body", name="hand", pos=numbers(placed.palm["position"]), gravcomp="1")
+    carried = SubElement(world, "body", name="hand", pos=format_numbers(placed.palm["position"]), gravcomp="1")
     weight = sum(placed.inertials[link].mass for link in robot.links if link in placed.inertials) or 1.0
     critical = 2.0 * np.sqrt(ARM_STIFFNESS * 2.0 * weight)  # of an arm as heavy as the hand that it carries
     for name, axis in zip(ARM, np.eye(3), strict=True):
-        SubElement(carried, "joint", name=name, type="slide", axis=numbers(axis), damping=f"{critical:.9g}")
-    SubElement(carried, "inertial", pos="0 0 0", mass=f"{weight:.9g}", diaginertia=numbers([weight * 1e-3] * 3))
+        SubElement(carried, "joint", name=name, type="slide", axis=format_numbers(axis), damping=f"{critical:.9g}")
+    SubElement(carried, "inertial", pos="0 0 0", mass=f"{weight:.9g}", diaginertia=format_numbers([weight * 1e-3] * 3))
     bodies: dict[str, Element] = {}
     above = {joint.child: joint for joint in robot.joints}
     own = {str(tip["link"]): surface for tip, surface in zip(placed.tips, surfaces, strict=True)}
@@ -266,7 +273,7 @@ def add_hand(root: Element, placed: PlacedRobot, surfaces: list[dict[str, str]],
     for link in robot.links:
         joint = above.get(link)
         parent = carried if joint is None else bodies[joint.parent]
-        pose = {"quat": numbers(placed.palm["quaternion_wxyz"])} if joint is None else _pose(joint)
+        pose = {"quat": format_numbers(placed.palm["quaternion_wxyz"])} if joint is None else _joint_pose(joint)
         body = SubElement(parent, "body", {"name": PREFIX + link, "gravcomp": "1", **pose})
         bodies[link] = body
         if joint is not None and joint.moves:
@@ -282,9 +289,9 @@ def add_hand(root: Element, placed: PlacedRobot, surfaces: list[dict[str, str]],
     _add_actuators(root, placed)
 
 
-def _pose(joint: Joint) -> dict[str, str]:
+def _joint_pose(joint: Joint) -> dict[str, str]:
     turn = Rotation.from_euler("xyz", joint.rpy).as_matrix()
-    return {"pos": numbers(joint.xyz), "quat": quaternion(turn)}
+    return {"pos": format_numbers(joint.xyz), "quat": quaternion(turn)}
 
 
 def _add_joint(body: Element, joint: Joint, options: HandSceneOptions) -> None:
@@ -292,13 +299,13 @@ def _add_joint(body: Element, joint: Joint, options: HandSceneOptions) -> None:
     given = {
         "name": PREFIX + joint.name,
         "type": "hinge" if joint.turns else "slide",
-        "axis": numbers(joint.axis),
+        "axis": format_numbers(joint.axis),
         "damping": f"{options.damping / arm**2:.9g}",
         "frictionloss": f"{options.frictionloss / arm:.9g}",
         "armature": f"{ARMATURE[joint.turns]:.9g}",
     }
     limited = joint.kind != "continuous" and np.isfinite(joint.lower) and joint.lower < joint.upper
-    SubElement(body, "joint", {**given, "range": numbers([joint.lower, joint.upper])} if limited else given)
+    SubElement(body, "joint", {**given, "range": format_numbers([joint.lower, joint.upper])} if limited else given)
 
 
 def _add_inertial(body: Element, stated: Inertial | None) -> None:
@@ -307,27 +314,27 @@ def _add_inertial(body: Element, stated: Inertial | None) -> None:
     center = np.zeros(3) if stated is None else stated.center
     moments, axes = np.linalg.eigh(np.zeros((3, 3)) if stated is None else stated.inertia)
     tensor = axes @ np.diag(np.maximum(moments, LEAST_MOMENT)) @ axes.T
-    full = numbers(tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
-    SubElement(body, "inertial", pos=numbers(center), mass=f"{mass:.9g}", fullinertia=full)
+    full = format_numbers(tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+    SubElement(body, "inertial", pos=format_numbers(center), mass=f"{mass:.9g}", fullinertia=full)
 
 
-def _add_shape(asset: Element, body: Element, name: str, shape: Shape, surface: dict[str, str]) -> None:
+def _add_shape(asset: Element, body: Element, name: str, shape: CollisionShape, surface: dict[str, str]) -> None:
     """Add a collision shape: a MuJoCo primitive if possible, else the convex hull of its mesh."""
     geom = {"name": name, **LOOK, **TOUCHES, **surface}
     if shape.centre is not None:
-        geom |= {"type": "sphere", "size": numbers([shape.radius]), "pos": numbers(shape.centre)}
+        geom |= {"type": "sphere", "size": format_numbers([shape.radius]), "pos": format_numbers(shape.centre)}
     elif shape.pose is not None:
         half = [shape.size[0], shape.size[1] / 2.0] if shape.kind != "box" else [s / 2.0 for s in shape.size]
-        place = {"pos": numbers(shape.pose[:3, 3]), "quat": quaternion(shape.pose[:3, :3])}
-        geom |= {"type": shape.kind, "size": numbers(half), **place}
+        place = {"pos": format_numbers(shape.pose[:3, 3]), "quat": quaternion(shape.pose[:3, :3])}
+        geom |= {"type": shape.kind, "size": format_numbers(half), **place}
     else:
         hull: FloatArray = np.asarray(shape.mesh.convex_hull.vertices)
-        SubElement(asset, "mesh", name=name, vertex=numbers(hull.ravel()))
+        SubElement(asset, "mesh", name=name, vertex=format_numbers(hull.ravel()))
         geom |= {"type": "mesh", "mesh": name}
     SubElement(body, "geom", geom)
 
 
-def _add_actuators(root: Element, placed: PlacedRobot) -> None:
+def _add_actuators(root: Element, placed: PosedRobot) -> None:
     """Add position servos for free joints and the arm, and equality constraints for mimic joints."""
     actuator, equality = SubElement(root, "actuator"), SubElement(root, "equality")
     for name in ARM:
@@ -338,12 +345,12 @@ def _add_actuators(root: Element, placed: PlacedRobot) -> None:
         if joint.moves and joint.mimic is not None:
             driver, multiplier, offset = placed.robot.follows(joint)
             names = {"joint1": PREFIX + joint.name, "joint2": PREFIX + driver}
-            SubElement(equality, "joint", {**names, "polycoef": numbers([offset, multiplier, 0.0, 0.0, 0.0])})
+            SubElement(equality, "joint", {**names, "polycoef": format_numbers([offset, multiplier, 0.0, 0.0, 0.0])})
 
 
 def _add_servo(actuator: Element, joint: str, gain: float, limit: float | None) -> None:
     given = {"name": joint, "joint": joint, "kp": f"{gain:.9g}"}
-    bounded = {} if limit is None else {"forcerange": numbers([-limit, limit])}
+    bounded = {} if limit is None else {"forcerange": format_numbers([-limit, limit])}
     SubElement(actuator, "position", {**given, **bounded})
 
 
@@ -388,7 +395,9 @@ class Keyframe:
     told: Mapping[str, float]
 
 
-def keyframes(hand: Json, robot: Robot, squeeze: Squeeze, gains: Mapping[str, float], scale: float) -> list[Keyframe]:
+def scene_keyframes(
+    hand: Json, robot: Robot, squeeze: Squeeze, gains: Mapping[str, float], scale: float
+) -> list[Keyframe]:
     """Return the keyframes of a grasp in chronological order.
 
     Parameters
@@ -425,8 +434,8 @@ def add_keyframes(root: Element, frames: Sequence[Keyframe]) -> None:
         where = arm | {PREFIX + name: value for name, value in frame.joints.items()}
         told = arm | {PREFIX + name: value for name, value in frame.told.items()}
         state = [*carried, 1.0, 0.0, 0.0, 0.0, *(where[name] for name in order if name in where)]
-        controls = numbers(told[name] for name in motors)
-        SubElement(keyframe, "key", name=frame.name, qpos=numbers(state), ctrl=controls)
+        controls = format_numbers(told[name] for name in motors)
+        SubElement(keyframe, "key", name=frame.name, qpos=format_numbers(state), ctrl=controls)
 
 
 def _phases(hand: Json) -> list[Json]:
@@ -455,39 +464,43 @@ def tip_geom(tip: Json) -> dict[str, str] | None:
 
 def quaternion(rotation: FloatArray) -> str:
     """Return a rotation matrix (3, 3) as a quaternion in MJCF format."""
-    return numbers(Rotation.from_matrix(rotation).as_quat(scalar_first=True))
+    return format_numbers(Rotation.from_matrix(rotation).as_quat(scalar_first=True))
 
 
-def _sphere(tip: Json) -> dict[str, str]:
-    return {"type": "sphere", "size": numbers([tip["radius"]]), "pos": numbers(tip["offset"])}
+def _sphere_geom(tip: Json) -> dict[str, str]:
+    return {"type": "sphere", "size": format_numbers([tip["radius"]]), "pos": format_numbers(tip["offset"])}
 
 
 def _along(tip: Json) -> dict[str, str]:
     """Return a capsule for cylindrical and capsule fingertips, with rounded ends for both."""
-    return {"type": "capsule", "size": numbers([tip["radius"]]), "fromto": numbers([*tip["start"], *tip["end"]])}
+    return {
+        "type": "capsule",
+        "size": format_numbers([tip["radius"]]),
+        "fromto": format_numbers([*tip["start"], *tip["end"]]),
+    }
 
 
-def _ellipsoid(tip: Json) -> dict[str, str]:
+def _ellipsoid_geom(tip: Json) -> dict[str, str]:
     turn = Rotation.from_euler("xyz", tip["rpy"]).as_matrix()
     return {
         "type": "ellipsoid",
-        "size": numbers(tip["semi_axes"]),
-        "pos": numbers(tip["offset"]),
+        "size": format_numbers(tip["semi_axes"]),
+        "pos": format_numbers(tip["offset"]),
         "quat": quaternion(turn),
     }
 
 
-def _flat(tip: Json) -> dict[str, str]:
+def _flat_geom(tip: Json) -> dict[str, str]:
     turn = Rotation.from_euler("xyz", tip["rpy"]).as_matrix()
     middle = np.asarray(tip["offset"], float) - PAD * turn[:, 2]
     half = [*(np.asarray(tip["extents"], float) / 2.0), PAD]
-    return {"type": "box", "size": numbers(half), "pos": numbers(middle), "quat": quaternion(turn)}
+    return {"type": "box", "size": format_numbers(half), "pos": format_numbers(middle), "quat": quaternion(turn)}
 
 
 KINDS: dict[str, Callable[[Json], dict[str, str]]] = {
-    "sphere": _sphere,
+    "sphere": _sphere_geom,
     "cylinder": _along,
     "capsule": _along,
-    "ellipsoid": _ellipsoid,
-    "flat": _flat,
+    "ellipsoid": _ellipsoid_geom,
+    "flat": _flat_geom,
 }

@@ -9,11 +9,11 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from nlpgrasp.common.drawing import Triangles, drawn_size
+from nlpgrasp.common.drawing import Triangles, drawing_size
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import MissingExtraError
-from nlpgrasp.simulation.fingertip_scene import DENSITY, mass_of, numbers
+from nlpgrasp.simulation.fingertip_scene import DENSITY, format_numbers, mass_of
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import Task, TaskEllipsoid
 from nlpgrasp.tasks.base import parts_of
@@ -77,12 +77,14 @@ def add_object_geoms(
     known = PRIMITIVES.get(str(stated.get("type")))
     if known is not None:
         kind, size = known
-        SubElement(body, "geom", {"name": "object", "type": kind, "size": numbers(size(stated)), **LOOK, **surface})
+        SubElement(
+            body, "geom", {"name": "object", "type": kind, "size": format_numbers(size(stated)), **LOOK, **surface}
+        )
         return 1
     pieces = convex_pieces(drawn, progress)
     for i, vertices in enumerate(pieces):
         name = f"object_{i}"
-        SubElement(asset, "mesh", name=name, vertex=numbers(vertices.ravel()))
+        SubElement(asset, "mesh", name=name, vertex=format_numbers(vertices.ravel()))
         SubElement(body, "geom", {"name": name, "type": "mesh", "mesh": name, **LOOK, **surface})
     return len(pieces)
 
@@ -168,7 +170,7 @@ def object_mass(solution: GraspSolution, stated: float | None, otherwise: Object
     upwards = sum(_upwards(part) for part in parts)
     if upwards > 0.0:
         return ObjectMass(upwards / WEIGHT, UPRIGHT)
-    any_way = max((_in_any_orientation(part, solution) for part in parts), default=0.0)
+    any_way = max((_isotropic_force(part, solution) for part in parts), default=0.0)
     if any_way > 0.0:
         return ObjectMass(any_way / WEIGHT, ANY_WAY)
     return otherwise or ObjectMass(mass_of(solution.require_drawing().body, DENSITY).mass, OF_WATER)
@@ -185,7 +187,7 @@ def _upwards(part: Task) -> float:
     return up
 
 
-def _in_any_orientation(part: Task, solution: GraspSolution) -> float:
+def _isotropic_force(part: Task, solution: GraspSolution) -> float:
     """Return the isotropic force of a task's part near the centre of mass, newtons; 0 for others."""
     if not isinstance(part, TaskEllipsoid) or not part.is_centred:
         return 0.0
@@ -194,7 +196,7 @@ def _in_any_orientation(part: Task, solution: GraspSolution) -> float:
     square, drawing = float(np.trace(squares)) / 3.0, solution.require_drawing()
     if square == 0.0 or np.max(np.abs(squares - square * np.eye(3))) > ROUND * square:
         return 0.0
-    point, size = _point_of(moments.T @ forces / square), drawn_size(drawing, None)
+    point, size = _point_of(moments.T @ forces / square), drawing_size(drawing, None)
     if np.max(np.abs(moments - np.cross(point, forces))) > ROUND * np.sqrt(square) * size:
         return 0.0
     center = mass_of(drawing.body, DENSITY).center - solution.require_grasp().torque_origin

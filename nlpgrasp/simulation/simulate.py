@@ -10,13 +10,13 @@ import numpy as np
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.optional_packages import import_mujoco
 from nlpgrasp.common.validation import FloatArray, integer, number
-from nlpgrasp.contacts.product import ranges
+from nlpgrasp.contacts.product import component_slices
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality import finger_forces
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.simulation.fingertip_model import Snapshot
-from nlpgrasp.simulation.fingertip_outcome import Simulation, Trial, in_words
-from nlpgrasp.simulation.simulation_input import EARTH, Given, given
+from nlpgrasp.simulation.fingertip_outcome import Simulation, Trial, describe_trials
+from nlpgrasp.simulation.simulation_input import EARTH, SimulationInput, given
 from nlpgrasp.solution.obstructions import warn_of_touching
 from nlpgrasp.solution.solution import GraspSolution, given_solution
 
@@ -89,17 +89,17 @@ def simulate(
         raise InputError("share", share, "less than 1: beyond it nothing is certified")
     start = given(solution, share, mass, integer("wrenches", wrenches, at_least=1))
     grasp = start.grasp
-    heavy = answered(grasp, start.labels, share * start.wrenches + start.weight, start.budget, start.effort)
+    heavy = answer_wrenches(grasp, start.labels, share * start.wrenches + start.weight, start.budget, start.effort)
     if mass is not None and np.any(heavy.margins < 0.0):
         raise InputError("mass", mass, "less: the hand cannot hold it beside the task")
-    light = answered(grasp, start.labels, share * start.wrenches, start.budget, start.effort)
-    conditions: list[tuple[str, Grasp, Loads, float]] = [
+    light = answer_wrenches(grasp, start.labels, share * start.wrenches, start.budget, start.effort)
+    conditions: list[tuple[str, Grasp, AnsweredWrenches, float]] = [
         (AS_SOLVED, grasp, heavy, EARTH),
         (WEIGHTLESS, grasp, light, 0.0),
-        (SLIPPERY, slippery(grasp, LESS_FRICTION), heavy, EARTH),
+        (SLIPPERY, reduce_friction(grasp, LESS_FRICTION), heavy, EARTH),
     ]
     notes: tuple[str, ...] = ()
-    off = displaced(solution, OFF)
+    off = displace_contacts(solution, OFF)
     if off is None:
         notes = (f"{DISPLACED}: not tried, the file says nothing of the surface beside the contacts",)
     else:
@@ -109,20 +109,22 @@ def simulate(
     for name, there, loads, gravity in conditions:
         tell(f"  {name} ...")
         done = _trials(start, name, there, loads, gravity)
-        tell(in_words(name, done))
+        tell(describe_trials(name, done))
         trials += done
     tell("  the hardest wrench, growing ...")
-    lost_at, growing = grow(start)
+    lost_at, growing = grow_wrench(start)
     gap = solution.mu.upper / solution.mu.lower
     name, kilograms, tried = solution.name, start.mass.mass, tuple(trials)
     return Simulation(name, share, start.effort, kilograms, tried, gap, lost_at, growing, notes, touching)
 
 
-def _trials(start: Given, condition: str, there: Grasp, loads: Loads, gravity: float) -> list[Trial]:
+def _trials(
+    start: SimulationInput, condition: str, there: Grasp, loads: AnsweredWrenches, gravity: float
+) -> list[Trial]:
     """Return the trials of all wrenches with the actual contacts."""
     press = start.press(there, gravity)
     unit, weight = press.unit.time, start.weight if gravity else 0.0 * start.weight
-    forces = as_felt(start.grasp, there, loads.forces)
+    forces = forces_in_actual_frames(start.grasp, there, loads.forces)
     pulls = loads.wrenches - weight  # gravity applies the weight
     rest_pull, rest_forces = pulls.mean(axis=0), forces.mean(axis=0)  # also feasible: cones are convex
     trials = []
@@ -133,16 +135,16 @@ def _trials(start: Given, condition: str, there: Grasp, loads: Loads, gravity: f
             on = min(max(time / unit - RISE - PAUSE, 0.0) / GROW, 1.0)
             return up * ((1.0 - on) * rest_pull + on * pull), up * ((1.0 - on) * rest_forces + on * x)
 
-        snapshots = press.run(course, (RISE + PAUSE + GROW + HOLD) * unit, RISE * unit, SNAPSHOTS, _lost)
+        snapshots = press.run(course, (RISE + PAUSE + GROW + HOLD) * unit, RISE * unit, SNAPSHOTS, _is_lost)
         trials.append(Trial(condition, label, tuple(snapshots)))
     return trials
 
 
-def _lost(snapshot: Snapshot) -> bool:
+def _is_lost(snapshot: Snapshot) -> bool:
     return snapshot.lost
 
 
-def grow(given: Given) -> tuple[float | None, Trial]:
+def grow_wrench(given: SimulationInput) -> tuple[float | None, Trial]:
     """Return the share of the certified lower bound at which the hardest wrench was lost, without gravity, and the run.
 
     The hand uses up to its full effort; any excess of the wrench is not balanced. The share is that at which the body
@@ -155,7 +157,7 @@ def grow(given: Given) -> tuple[float | None, Trial]:
     limit = given.effort / float(given.least.used[0])
     shares = np.append(np.linspace(0.0, min(end, (1.0 - 1e-9) * limit), STEPS), max(end, limit))
     labels = ("",) * len(shares)
-    forces = answered(given.grasp, labels, shares[:, None] * hardest, given.budget, given.effort).forces
+    forces = answer_wrenches(given.grasp, labels, shares[:, None] * hardest, given.budget, given.effort).forces
     forces[-1] = forces[-2]
 
     quick = QUICK * min(limit, 1.0)
@@ -180,7 +182,7 @@ def grow(given: Given) -> tuple[float | None, Trial]:
 
 
 @dataclass(frozen=True)
-class Loads:
+class AnsweredWrenches:
     """Wrenches with the finger forces that answer them.
 
     Parameters
@@ -200,7 +202,9 @@ class Loads:
     margins: FloatArray
 
 
-def answered(grasp: Grasp, labels: tuple[str, ...], wrenches: FloatArray, budget: ForceBudget, effort: float) -> Loads:
+def answer_wrenches(
+    grasp: Grasp, labels: tuple[str, ...], wrenches: FloatArray, budget: ForceBudget, effort: float
+) -> AnsweredWrenches:
     """Return the wrenches with forces of a friction margin within an effort.
 
     The least forces lie on the boundary of the friction cones, where any disturbance makes fingers slip. For all but
@@ -218,17 +222,17 @@ def answered(grasp: Grasp, labels: tuple[str, ...], wrenches: FloatArray, budget
     forces = np.zeros((len(wrenches), grasp.G.shape[1]))
     margins = np.full(len(wrenches), -1.0)
     for share in MARGINS:
-        found = finger_forces(slippery(grasp, float(share)), wrenches, force_budget=budget)
+        found = finger_forces(reduce_friction(grasp, float(share)), wrenches, force_budget=budget)
         most = (1.0 if share == 0.0 else FOR_FRICTION) * effort
         good = found.feasible & (found.used <= most)
         forces[good], margins[good] = found.forces[good], share
-    grip = gripping(grasp, budget)
+    grip = grip_forces(grasp, budget)
     for i in np.flatnonzero(margins >= 0.0):
         forces[i] += _most_grip(grasp, forces[i], grip, budget, FOR_GRIP * effort) * grip
-    return Loads(labels, wrenches, forces, margins)
+    return AnsweredWrenches(labels, wrenches, forces, margins)
 
 
-def gripping(grasp: Grasp, budget: ForceBudget) -> FloatArray:
+def grip_forces(grasp: Grasp, budget: ForceBudget) -> FloatArray:
     """Return internal finger forces (n,) that press: the sum of the forces for opposite wrenches."""
     d, space = grasp.dimension, grasp.space
     ends = np.diag([1.0] * space + [grasp.mean_arm] * (d - space))
@@ -250,13 +254,13 @@ def _most_grip(grasp: Grasp, x: FloatArray, grip: FloatArray, budget: ForceBudge
     return low
 
 
-def slippery(grasp: Grasp, share: float) -> Grasp:
+def reduce_friction(grasp: Grasp, share: float) -> Grasp:
     """Return the grasp with friction reduced by a share."""
     models = [model.with_friction(1.0 - share) for model in grasp.contacts]
     return Grasp(grasp.points, grasp.normals, models, grasp.torque_origin, grasp.tangents)
 
 
-def displaced(solution: GraspSolution, offset: float) -> Grasp | None:
+def displace_contacts(solution: GraspSolution, offset: float) -> Grasp | None:
     """Return the contacts displaced by an offset, metres, towards the file's worst displacement.
 
     The file states the worst displacement found at another offset; positions and normals are extrapolated linearly.
@@ -275,10 +279,10 @@ def displaced(solution: GraspSolution, offset: float) -> Grasp | None:
     return Grasp(points, normals, grasp.contacts, grasp.torque_origin, tangents)
 
 
-def as_felt(known: Grasp, there: Grasp, forces: FloatArray) -> FloatArray:
+def forces_in_actual_frames(known: Grasp, there: Grasp, forces: FloatArray) -> FloatArray:
     """Return finger forces (m, n) in the frames of the actual contacts: the hand exerts the same spatial forces."""
     result = forces.copy()
-    for i, (model, part) in enumerate(zip(known.contacts, ranges(known.contacts, known.space), strict=True)):
+    for i, (model, part) in enumerate(zip(known.contacts, component_slices(known.contacts, known.space), strict=True)):
         axes = np.array(model.axes(known.space))
         which = part.start + np.flatnonzero(axes < known.space)
         turned = there.frames[i].T @ known.frames[i]

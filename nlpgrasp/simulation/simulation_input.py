@@ -14,7 +14,7 @@ from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality import FingerForces, finger_forces, mu
 from nlpgrasp.quality.grasp import Grasp
-from nlpgrasp.simulation.fingertip_model import Press
+from nlpgrasp.simulation.fingertip_model import FingertipModel
 from nlpgrasp.simulation.fingertip_scene import DENSITY, Mass, SceneOptions, mass_of, mjcf, scales
 from nlpgrasp.solution.solution import GraspSolution
 
@@ -26,7 +26,7 @@ WEIGHT = 0.25  # share of the remaining effort that the default weight takes at 
 
 
 @dataclass(frozen=True)
-class Given:
+class SimulationInput:
     """Initial data of a simulation.
 
     Parameters
@@ -60,15 +60,15 @@ class Given:
         """The least finger forces for the hardest wrench."""
         return finger_forces(self.grasp, self.wrenches[:1], force_budget=self.budget)
 
-    def press(self, there: Grasp, gravity: float) -> Press:
+    def press(self, there: Grasp, gravity: float) -> FingertipModel:
         """Return the MuJoCo model of the grasp, with the actual contacts."""
         unit = scales(self.grasp, float(np.linalg.norm(self.least.forces)), self.mass.mass)
         scene = mjcf(self.solution, SceneOptions(there, self.mass, unit=unit, stiffness=False))
         allowed = self.budget.at(there.frames, there.contacts)
-        return Press(scene, there, allowed, self.effort, unit, gravity)
+        return FingertipModel(scene, there, allowed, self.effort, unit, gravity)
 
 
-def given(solution: GraspSolution, share: float, mass: float | None, count: int) -> Given:
+def given(solution: GraspSolution, share: float, mass: float | None, count: int) -> SimulationInput:
     """Return the initial data of a simulation; arguments as in ``simulate``."""
     drawing, grasp = solution.require_drawing(), solution.require_grasp()
     if not solution.is_certified or solution.mu.upper > WIDEST * solution.mu.lower:
@@ -81,7 +81,7 @@ def given(solution: GraspSolution, share: float, mass: float | None, count: int)
     ends = [] if hardest is None else [task.support(hardest[None, :])[1][0]]
     wrenches = effort * solution.mu.lower * np.array([*ends, *task.ends()[:count]])
     whole = mass_of(drawing.body, DENSITY)
-    carrying = _carrying(grasp, whole)
+    carrying = _weight_wrench(grasp, whole)
     found = finger_forces(grasp, carrying, force_budget=budget)
     if mass is not None:
         kilograms = number("mass", mass, at_least=LIGHTEST)
@@ -91,10 +91,10 @@ def given(solution: GraspSolution, share: float, mass: float | None, count: int)
         raise InputError("solution", "a grasp that cannot carry the body upwards", "one that bears its weight too")
     labels = tuple(wrench_words(share * w) for w in wrenches)
     weight = kilograms * EARTH * carrying
-    return Given(solution, grasp, budget, effort, whole.scaled(kilograms), wrenches, labels, weight)
+    return SimulationInput(solution, grasp, budget, effort, whole.scaled(kilograms), wrenches, labels, weight)
 
 
-def _carrying(grasp: Grasp, mass: Mass) -> FloatArray:
+def _weight_wrench(grasp: Grasp, mass: Mass) -> FloatArray:
     """Return the wrench (d,) that carries one newton of weight."""
     up = np.eye(3)[2 if grasp.space == 3 else 1]
     moment = np.cross(mass.center - in_space(grasp.torque_origin[None])[0], up)

@@ -260,7 +260,7 @@ class ShadowPrice:
 
 
 @dataclass(frozen=True)
-class JointRoom:
+class JointMargins:
     """Distances of joints from their limits, against required margins.
 
     Parameters
@@ -297,7 +297,7 @@ def mu_without(stated: Json) -> float:
     return 0.0 if without is None else float(without["upper"])
 
 
-def room_lines(stated: Json) -> list[str]:
+def format_joint_margins(stated: Json) -> list[str]:
     """Return as text which joints are near a limit, of ``hand.room``, and what earlier versions gave for margins."""
     told = []
     if stated["near"]:

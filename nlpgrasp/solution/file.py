@@ -23,22 +23,22 @@ def write(data: SolutionData, path: str | Path) -> Path:
         When the folder does not exist or cannot be written, or a mesh, a hand or a script has that name.
     """
     spare_sources("GraspSolution.save", Path(path))
-    return write_text(path, text_of(data))
+    return write_text(path, solution_json(data))
 
 
-def text_of(data: SolutionData) -> str:
+def solution_json(data: SolutionData) -> str:
     """Return a solution's data as indented JSON text, with each kept grasp and the drawing on one line."""
     rest = json.dumps({k: v for k, v in data.items() if k not in ("grasps", "drawing")}, indent=1, allow_nan=False)
-    grasps = ",\n  ".join(map(_line, data.get("grasps", [])))
+    grasps = ",\n  ".join(map(_json_line, data.get("grasps", [])))
     kept = f' "grasps": [\n  {grasps}\n ],\n' if grasps else ""
-    return f'{rest[:-2]},\n{kept} "drawing": {_line(data.get("drawing"))}\n}}\n'
+    return f'{rest[:-2]},\n{kept} "drawing": {_json_line(data.get("drawing"))}\n}}\n'
 
 
-def _line(data: object) -> str:
+def _json_line(data: object) -> str:
     return json.dumps(data, separators=(",", ":"), allow_nan=False)
 
 
-def read(path: str | Path) -> SolutionData:
+def read_solution_data(path: str | Path) -> SolutionData:
     """Return the validated data of a solution file; raise ``InputError`` on any invalid file."""
     return parse(read_text(path, "a solution file", LARGEST_FILE), str(path))
 

@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from nlpgrasp.budgets import ForceBudget
-from nlpgrasp.common.formatting import FORCE_UNIT, outwards, rounded, wrench_words
+from nlpgrasp.common.formatting import FORCE_UNIT, format_interval, format_number, wrench_words
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.bounds import Bounds
@@ -164,19 +164,21 @@ class ForcesNeeded:
 
     def finger_words(self) -> str:
         """Return the fingers' forces for the hardest wrench, and their sum, as text."""
-        forces, normal = (", ".join(rounded(f) for f in each) for each in (self.size, self.normal))
+        forces, normal = (", ".join(format_number(f) for f in each) for each in (self.size, self.normal))
         last = len(self.size) - 1
         which = "finger 0 exerts" if last == 0 else f"fingers 0 {'and' if last == 1 else 'to'} {last} exert"
         return f"{which} {forces} {FORCE_UNIT} (normal {normal})"
 
     def too_much_words(self, max_force: float) -> str:
         """Return the finger whose force exceeds a limit, newtons, and the force, as text."""
-        most = f"{rounded(float(np.max(self.largest)))} {FORCE_UNIT}"
-        return f"finger {self.finger} needs {most} for the task, above max_force = {rounded(max_force)} {FORCE_UNIT}"
+        most = f"{format_number(float(np.max(self.largest)))} {FORCE_UNIT}"
+        return (
+            f"finger {self.finger} needs {most} for the task, above max_force = {format_number(max_force)} {FORCE_UNIT}"
+        )
 
     def limit_words(self, max_force: float, budget: ForceBudget) -> str:
         """Return the largest force compared with a limit of each finger's force, newtons, as text."""
-        limit = f"max_force = {rounded(max_force)} {FORCE_UNIT}"
+        limit = f"max_force = {format_number(max_force)} {FORCE_UNIT}"
         if not self.is_within(max_force):
             return f"ABOVE {limit}"
         if budget.bounds_fingers and self.budget.upper <= max_force:
@@ -195,16 +197,19 @@ class ForcesNeeded:
         fingers : sequence of str
             Links of the fingers, if any.
         """
-        low, high = outwards(self.budget.lower, self.budget.upper, 4)
+        low, high = format_interval(self.budget.lower, self.budget.upper, 4)
         both = high if low == high else f"{low} to {high}"
-        root = f", L2 norm {rounded(float(np.linalg.norm(self.size)))} {FORCE_UNIT}" if budget.kind == "l2" else ""
-        added = f"in all {rounded(self.total)} {FORCE_UNIT}{root}"
+        root = (
+            f", L2 norm {format_number(float(np.linalg.norm(self.size)))} {FORCE_UNIT}" if budget.kind == "l2" else ""
+        )
+        added = f"in all {format_number(self.total)} {FORCE_UNIT}{root}"
         told = "" if max_force is None else f", {self.limit_words(max_force, budget)}"
         whose = f"finger {self.finger}{f' ({fingers[self.finger]})' if fingers else ''}"
+        largest = format_number(float(np.max(self.largest)))
         return [
             f"the task as given needs {both} {budget.unit} ({budget.amount}, certified)",
             f"for its hardest wrench found ({wrench_words(self.wrench)}) {self.finger_words()}, {added}",
-            f"the largest force of a finger is {rounded(float(np.max(self.largest)))} {FORCE_UNIT}, of {whose}{told}",
+            f"the largest force of a finger is {largest} {FORCE_UNIT}, of {whose}{told}",
         ]
 
     def to_dict(self) -> NeededData:

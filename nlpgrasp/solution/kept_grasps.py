@@ -18,7 +18,7 @@ from nlpgrasp.solution.force_records import ForcesNeeded, forces_and_moments, he
 from nlpgrasp.solution.placed_grasp import PlacedGrasp, SurfaceMatch
 from nlpgrasp.solution.quality_record import Quality
 from nlpgrasp.solution.records import ConstraintReport
-from nlpgrasp.solution.schema import FoundData, SolutionData
+from nlpgrasp.solution.schema import KeptGraspData, SolutionData
 
 Accepts = Callable[["FoundGrasp"], bool]  # whether a kept grasp may be the answer
 
@@ -73,7 +73,7 @@ class FoundGrasp:
         """Whether less than a fifth of the quality is left under contact displacement; false where unknown."""
         return self.robust is not None and self.robust.is_fragile(self.mu)
 
-    def to_dict(self) -> FoundData:
+    def to_dict(self) -> KeptGraspData:
         """Return the grasp as JSON data, with the keys of a solution."""
         bounds = replace(self.mu, task_beta=None)  # the file states the task's beta once
         return {
@@ -86,7 +86,7 @@ class FoundGrasp:
         }
 
     @classmethod
-    def from_dict(cls, data: FoundData, name: str) -> FoundGrasp:
+    def from_dict(cls, data: KeptGraspData, name: str) -> FoundGrasp:
         """Return the grasp that ``to_dict`` wrote; ``name`` is shown in messages.
 
         Raises
@@ -113,7 +113,7 @@ class FoundGrasp:
         )
 
 
-def found_grasps(data: SolutionData, name: str) -> list[FoundGrasp]:
+def read_kept_grasps(data: SolutionData, name: str) -> list[FoundGrasp]:
     """Return the kept grasps of a file; ``name`` is shown in messages.
 
     Raises
@@ -150,7 +150,7 @@ def first_accepted(grasps: Sequence[FoundGrasp], accepts: Accepts) -> FoundGrasp
     raise InputError("select", f"a function that is true for none of {kept}", "one that accepts a grasp, or more kept")
 
 
-def table(grasps: Sequence[FoundGrasp], asked: int = 1) -> list[str]:
+def grasp_table(grasps: Sequence[FoundGrasp], asked: int = 1) -> list[str]:
     """Return a table of several grasps as text lines: certified quality, remaining quality at worst, faces.
 
     Where there are fewer grasps than requested, the first line says so.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from nlpgrasp.common.formatting import rounded
+from nlpgrasp.common.formatting import format_number
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.common.validation import number
@@ -16,7 +16,7 @@ BODY = "the body"  # name of the held body among the things that links penetrate
 
 
 @dataclass(frozen=True)
-class LinkDepth:
+class LinkPenetration:
     """Deepest penetration of a hand's links, by their collision shapes.
 
     Parameters
@@ -47,7 +47,7 @@ class LinkDepth:
     @property
     def words(self) -> str:
         """The penetration as text."""
-        return f"link {self.link} is {rounded(1e3 * self.depth, 2)} mm inside {self.thing}"
+        return f"link {self.link} is {format_number(1e3 * self.depth, 2)} mm inside {self.thing}"
 
     def to_dict(self) -> Json:
         """Return the penetration as JSON data."""
@@ -60,7 +60,7 @@ class LinkDepth:
         }
 
     @classmethod
-    def from_dict(cls, data: Json, name: str) -> LinkDepth:
+    def from_dict(cls, data: Json, name: str) -> LinkPenetration:
         """Return the record that ``to_dict`` wrote; older files lack thing and tolerance.
 
         Raises
@@ -76,17 +76,17 @@ class LinkDepth:
         return cls(lengths[0], None if link is None else str(link), thing, lengths[1], postures)
 
 
-def link_depth_of(hand: Json | None) -> LinkDepth | None:
+def grasp_penetration(hand: Json | None) -> LinkPenetration | None:
     """Return the links' penetration in the grasp; None without links, or where unknown."""
-    return _depth(hand, "link_depth")
+    return _stated_depth(hand, "link_depth")
 
 
-def way_in_of(hand: Json | None) -> LinkDepth | None:
+def approach_penetration(hand: Json | None) -> LinkPenetration | None:
     """Return the links' penetration on the approach path; None where no path is known."""
-    return _depth(hand, "way_in")
+    return _stated_depth(hand, "way_in")
 
 
-def tips_off(hand: Json | None) -> dict[int, float]:
+def tip_deviations(hand: Json | None) -> dict[int, float]:
     """Return the distances of contacts from their fingertips' links, metres, by finger, from a millimetre on."""
     gaps = (hand or {}).get("tip_gaps") or ()
     return {i: float(gap) for i, gap in enumerate(gaps) if gap is not None and gap > TOLERANCE}
@@ -103,22 +103,24 @@ def passes_through(hand: Json | None) -> bool:
     return bool(((hand or {}).get("approach") or {}).get("passes_through", False))
 
 
-def no_approach(hand: Json | None) -> str:
+def missing_approach_reason(hand: Json | None) -> str:
     """Return the reason for having no straight approach, as text; empty where there is one, or none is known."""
     reason = ((hand or {}).get("approach") or {}).get("reason")
     return f"no free straight way of the palm to the grasp: {reason}" if reason else ""
 
 
-def of_the_grasp(hand: Json | None) -> list[str]:
+def grasp_obstructions(hand: Json | None) -> list[str]:
     """Return the obstructions in the grasp itself as text: links that penetrate something, contacts off their links."""
-    depth, links = link_depth_of(hand), (hand or {}).get("fingertips") or ()
+    depth, links = grasp_penetration(hand), (hand or {}).get("fingertips") or ()
     said = []
     if depth is not None and depth.depth > min(depth.tolerance, TOLERANCE):
-        allowed = f" ({rounded(1e3 * depth.tolerance)} mm allowed)" if depth.is_free else ""
+        allowed = f" ({format_number(1e3 * depth.tolerance)} mm allowed)" if depth.is_free else ""
         said.append(f"{depth.words}{allowed}")
-    for i, gap in tips_off(hand).items():
+    for i, gap in tip_deviations(hand).items():
         link = f" {links[i]}" if i < len(links) else ""
-        said.append(f"contact {i} is {rounded(1e3 * gap, 2)} mm off its fingertip's link{link}, by that link's shape")
+        said.append(
+            f"contact {i} is {format_number(1e3 * gap, 2)} mm off its fingertip's link{link}, by that link's shape"
+        )
     return said
 
 
@@ -132,7 +134,7 @@ def warn_of_touching(name: str, hand: Json | None) -> str:
     hand : mapping or None
         The hand's JSON data.
     """
-    said, depth = "; and ".join(of_the_grasp(hand)), link_depth_of(hand)
+    said, depth = "; and ".join(grasp_obstructions(hand)), grasp_penetration(hand)
     if said:
         said = said if depth is None or depth.is_free else f"Touches: {said}"
         warn(f"{name}: {said}")
@@ -143,24 +145,24 @@ def unknown_links(hand: Json | None) -> str:
     """Return as text the contacts whose links lack shapes where other links have some; empty without any."""
     gaps = (hand or {}).get("tip_gaps") or ()
     bare = [str(i) for i, gap in enumerate(gaps) if gap is None]
-    if not bare or link_depth_of(hand) is None:
+    if not bare or grasp_penetration(hand) is None:
         return ""
     which = f"contact{'s' * (len(bare) > 1)} {', '.join(bare)}"
     return f"the links of {which} have no collision shapes, and may be inside anything"
 
 
-def of_the_way(hand: Json | None) -> list[str]:
+def approach_obstructions(hand: Json | None) -> list[str]:
     """Return the obstructions on the straight approach, as text."""
-    said, jaws, way, depth = [], jaws_depth(hand), way_in_of(hand), link_depth_of(hand)
+    said, jaws, way, depth = [], jaws_depth(hand), approach_penetration(hand), grasp_penetration(hand)
     if jaws:
-        said.append(f"the gripper's way in leads {rounded(1e3 * jaws, 2)} mm into what is beside it")
+        said.append(f"the gripper's way in leads {format_number(1e3 * jaws, 2)} mm into what is beside it")
     elif passes_through(hand):
         said.append("the gripper's way in passes through something thin")
     if way is not None and not way.is_free and (depth is None or depth.is_free):
         said.append(f"on the way in {way.words}")
-    return said + list(filter(None, [no_approach(hand)]))
+    return said + list(filter(None, [missing_approach_reason(hand)]))
 
 
-def _depth(hand: Json | None, key: str) -> LinkDepth | None:
+def _stated_depth(hand: Json | None, key: str) -> LinkPenetration | None:
     stated = (hand or {}).get(key)
-    return None if stated is None else LinkDepth.from_dict(stated, f"hand.{key}")
+    return None if stated is None else LinkPenetration.from_dict(stated, f"hand.{key}")

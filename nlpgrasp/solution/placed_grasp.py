@@ -9,7 +9,7 @@ from typing import cast
 import numpy as np
 
 from nlpgrasp.common.formatting import vector
-from nlpgrasp.common.validation import FloatArray, within
+from nlpgrasp.common.validation import FloatArray, prefix_errors
 from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.grasp import Grasp
@@ -76,7 +76,7 @@ class PlacedGrasp:
             When the numbers make no grasp, or one of another dimension; ``name`` is shown in the message.
         """
         contacts = data["contacts"]
-        with within(f"{name}."):
+        with prefix_errors(f"{name}."):
             grasp = Grasp(
                 [c["position"] for c in contacts],
                 [c["normal"] for c in contacts],
@@ -130,13 +130,15 @@ class SurfaceMatch:
         if off > min(FAR, MISLED * size):
             better = "a finer or less smoothed surface (Mesh: resolution, smoothing) may lead to a better grasp"
             says = f"{self._of_the_mesh}, but {better}" if off > MISLED * size else "small for this grasp"
-            told = f"the solver's smooth surface is up to {1e3 * off:.3g} mm off the mesh at {_which(self.distances)}"
+            farthest = _worst_contact(self.distances)
+            told = f"the solver's smooth surface is up to {1e3 * off:.3g} mm off the mesh at {farthest}"
             lines.append(f"  {told}: {says}")
         if slid > FAR:
-            told = f"contacts slid up to {1e3 * slid:.3g} mm along the mesh in the last step ({_which(self.along)})"
+            farthest = _worst_contact(self.along)
+            told = f"contacts slid up to {1e3 * slid:.3g} mm along the mesh in the last step ({farthest})"
             lines.append(f"  {told}: this is normal, positions and quality are those after it")
         if self.kept:
-            lines.append(f"  {kept_normals(self.kept)}; the quality is that of the stated normals")
+            lines.append(f"  {deviating_normals_message(self.kept)}; the quality is that of the stated normals")
         return lines
 
     @property
@@ -175,12 +177,12 @@ class SurfaceMatch:
         )
 
 
-def _which(values: FloatArray) -> str:
+def _worst_contact(values: FloatArray) -> str:
     """Return the contact with the largest of values (k,), as text."""
     return f"contact {int(np.argmax(values))}"
 
 
-def kept_normals(angles: Mapping[int, float]) -> str:
+def deviating_normals_message(angles: Mapping[int, float]) -> str:
     """Return the message that lists contacts with deviating normals and their angles in degrees.
 
     Parameters

@@ -36,7 +36,7 @@ class Status(Enum):
     FAILED = "Failed: every start ended with an error; the starts' messages in the result name it."
 
 
-class Origin(Enum):
+class CandidateOrigin(Enum):
     """Kind of initial candidate of a start; the value is the message of a start without another."""
 
     RANDOM = "random surface samples, exchanged, or random poses"
@@ -84,7 +84,7 @@ class StartRecord:
     message: str = ""
     history: tuple[float, ...] = ()
     obstruction: str = ""
-    origin: Origin | None = None
+    origin: CandidateOrigin | None = None
 
     @property
     def has_grasp(self) -> bool:
@@ -131,7 +131,7 @@ class StartRecord:
             message=str(data["message"]),
             history=tuple(map(float, data.get("history", ()))),
             obstruction=str(data.get("obstruction", "")),
-            origin=Origin[data["origin"].upper()] if "origin" in data else None,
+            origin=CandidateOrigin[data["origin"].upper()] if "origin" in data else None,
         )
 
 

@@ -18,28 +18,28 @@ import numpy as np
 from nlpgrasp.budgets import ForceBudget, budget_from_dict
 from nlpgrasp.common.display import InNotebook, live, show
 from nlpgrasp.common.drawing import Drawing
-from nlpgrasp.common.formatting import at_most, measure_word, range_words, rounded, vector
+from nlpgrasp.common.formatting import at_most, format_number, measure_word, range_words, vector
 from nlpgrasp.common.spatial import Pose
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray, within
+from nlpgrasp.common.validation import FloatArray, prefix_errors
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.volume import Volume
-from nlpgrasp.solution.analysis_records import Robustness, ShadowPrice, WhyNot, mu_without, room_lines
-from nlpgrasp.solution.file import read, write
+from nlpgrasp.solution.analysis_records import Robustness, ShadowPrice, WhyNot, format_joint_margins, mu_without
+from nlpgrasp.solution.file import read_solution_data, write
 from nlpgrasp.solution.force_records import ForcesNeeded, forces_and_moments, held_wrenches
-from nlpgrasp.solution.kept_grasps import Accepts, FoundGrasp, first_accepted, found_grasps, table
+from nlpgrasp.solution.kept_grasps import Accepts, FoundGrasp, first_accepted, grasp_table, read_kept_grasps
 from nlpgrasp.solution.kkt import KKT
 from nlpgrasp.solution.obstructions import (
-    LinkDepth,
+    LinkPenetration,
+    approach_obstructions,
+    approach_penetration,
+    grasp_obstructions,
+    grasp_penetration,
     jaws_depth,
-    link_depth_of,
-    no_approach,
-    of_the_grasp,
-    of_the_way,
+    missing_approach_reason,
     unknown_links,
-    way_in_of,
 )
 from nlpgrasp.solution.phase_record import Phase, phases_from
 from nlpgrasp.solution.placed_grasp import PlacedGrasp, SurfaceMatch
@@ -47,8 +47,8 @@ from nlpgrasp.solution.quality_record import GlobalBound, Quality, check_beta, h
 from nlpgrasp.solution.records import UNKNOWN, ConstraintReport, StartRecord, Status, starts_of
 from nlpgrasp.solution.schema import SCHEMA_NAME, SolutionData, SolverData
 from nlpgrasp.solution.squeeze_record import JointSqueeze, Squeeze, finger_wrenches
-from nlpgrasp.solution.start_summary import ipopt_lines, passed_over, starts_lines, winner_of
-from nlpgrasp.solution.world_frame import SolutionInFrame, moved
+from nlpgrasp.solution.start_summary import answer_start, better_start_text, ipopt_lines, starts_lines
+from nlpgrasp.solution.world_frame import SolutionInFrame, transform_grasp
 from nlpgrasp.tasks import Task, task_from_dict
 from nlpgrasp.tasks.base import component_ranges
 
@@ -62,7 +62,7 @@ ROUNDING = 1e-6  # relative tolerance of forces against ``max_force``
 FINE = 5e-5  # metres: smaller lengths are not reported
 # module and function of each display, imported on use
 PAGE = ("nlpgrasp.report.solution_page", "write_own")
-CARD = ("nlpgrasp.report.solution_page", "card")
+CARD = ("nlpgrasp.report.solution_page", "solution_card")
 LIVE = ("nlpgrasp.report.live_viewer", "show_live")
 
 
@@ -116,11 +116,11 @@ class Asked:
         InputError
             Naming the field; ``name`` is put before it.
         """
-        with within(f"{name}: problem."):
+        with prefix_errors(f"{name}: problem."):
             dimension = self.task.dimension
         if grasp is not None and dimension != grasp.dimension:
             raise InputError(f"{name}: problem.task", f"dimension {dimension}", f"dimension {grasp.dimension}")
-        with within(f"{name}: problem."):
+        with prefix_errors(f"{name}: problem."):
             budget = self.budget
             if grasp is not None:
                 budget.check(grasp.contacts, grasp.space)
@@ -141,14 +141,14 @@ class ByHand(Asked):
         return Squeeze.from_dict(self.hand, self.problem.get("hand"), self.grasp, "hand.squeeze")
 
     @property
-    def link_depth(self) -> LinkDepth | None:
+    def link_depth(self) -> LinkPenetration | None:
         """Penetration of the hand's links into body and surroundings; None where unknown or without links."""
-        return link_depth_of(self.hand)
+        return grasp_penetration(self.hand)
 
     @property
-    def way_in(self) -> LinkDepth | None:
+    def way_in(self) -> LinkPenetration | None:
         """Penetration of the hand's links along the approach path; None where no path is known."""
-        return way_in_of(self.hand)
+        return approach_penetration(self.hand)
 
     @property
     def touches(self) -> bool:
@@ -158,11 +158,11 @@ class ByHand(Asked):
     @property
     def has_free_way(self) -> bool:
         """Whether no known obstruction blocks the straight approach path."""
-        return not of_the_way(self.hand)
+        return not approach_obstructions(self.hand)
 
     def approach_line(self) -> str:
         """Return the reason for having no straight approach, as text; empty where there is one, or none is known."""
-        return no_approach(self.hand)
+        return missing_approach_reason(self.hand)
 
     def lines_by_hand(self) -> list[str]:
         """Return the results on joints, squeeze and approach as text lines."""
@@ -174,11 +174,13 @@ class ByHand(Asked):
         if depth is None:
             known = "tip_gaps" in (self.hand or {})
             return "the hand's links have no collision shapes: what they run into is not known" if known else ""
-        allowed = f"{rounded(1e3 * depth.tolerance)} mm allowed"
+        allowed = f"{format_number(1e3 * depth.tolerance)} mm allowed"
         there = depth.words if depth.depth > FINE else "the links are outside the body and its surroundings"
         if way is None:
             return f"{there} ({allowed})"
-        free = f"at most {rounded(1e3 * way.depth, 2)} mm inside anything" if way.depth > FINE else "outside as well"
+        free = (
+            f"at most {format_number(1e3 * way.depth, 2)} mm inside anything" if way.depth > FINE else "outside as well"
+        )
         return f"{there} ({allowed}); on the way in, looked at in {way.postures} postures, {free}"
 
     @property
@@ -193,9 +195,11 @@ class ByHand(Asked):
             return ""
         direction = np.asarray(hand["approach"]["direction"], dtype=float)
         down = float(np.degrees(np.arccos(np.clip(-direction[-1], -1.0, 1.0))))
-        along = f"[{vector(direction)}], {rounded(down, 2, 0.5)} degrees off straight down"
-        told = f"the jaws are {rounded(1e3 * hand['opening'])} mm apart and come in along {along}"
-        deep = f"that way leads {rounded(1e3 * self.way_blocked, 2)} mm deep into the body, a table or an obstacle"
+        along = f"[{vector(direction)}], {format_number(down, 2, 0.5)} degrees off straight down"
+        told = f"the jaws are {format_number(1e3 * hand['opening'])} mm apart and come in along {along}"
+        deep = (
+            f"that way leads {format_number(1e3 * self.way_blocked, 2)} mm deep into the body, a table or an obstacle"
+        )
         return f"{told}; {deep}, clearances included" if self.way_blocked else told
 
     def squeeze_line(self) -> str:
@@ -204,7 +208,7 @@ class ByHand(Asked):
             line, most = self.squeeze.line(), self.max_force
             if most is None or self.squeeze.largest <= (1.0 + ROUNDING) * most:
                 return line
-            return f"{line}; ABOVE max_force = {rounded(most)} N"
+            return f"{line}; ABOVE max_force = {format_number(most)} N"
         why = self._why_no_squeeze
         return f"the hand cannot squeeze the body: {why}; {MORE}" if why else ""
 
@@ -346,7 +350,11 @@ class Measured(ByHand):
     @property
     def caveats(self) -> list[str]:
         """Warnings about the grasp, as text; mostly empty."""
-        said = [*of_the_grasp(self.hand), *of_the_way(self.hand), *filter(None, [unknown_links(self.hand)])]
+        said = [
+            *grasp_obstructions(self.hand),
+            *approach_obstructions(self.hand),
+            *filter(None, [unknown_links(self.hand)]),
+        ]
         if self.robust is not None and self.is_fragile:
             said.append(self.robust.fragile_words(self.mu, self.label))
         if self.needed is not None and self.max_force is not None and self.is_too_weak:
@@ -370,7 +378,7 @@ class Measured(ByHand):
         lines = [f"  {self.label} certified in {self.mu} (gap {self.mu.gap:.1%}{why}){paper}: {held}"]
         if self.bound is not None:
             lines.append(f"  {self.bound.line(self.mu.lower, self.label)}")
-        room = [] if self._room is None else room_lines(self._room)
+        room = [] if self._room is None else format_joint_margins(self._room)
         return [*lines, *(f"  {line}" for line in [*self.needed_lines(), *self.lines_by_hand(), *room])]
 
     def needed_lines(self) -> list[str]:
@@ -383,13 +391,15 @@ class Measured(ByHand):
 
         In files of earlier versions, which do not state it, the start with the largest certified upper bound.
         """
-        return winner_of(self.starts, self.best_start)
+        return answer_start(self.starts, self.best_start)
 
     def starts_lines(self) -> list[str]:
         """Return text lines on the ends of the starts, better starts passed over, and failed calls of IPOPT."""
         before = 0.0 if self._room is None else mu_without(self._room)
         by_what_is_left = bool(self.solver.get("options", {}).get("maximise_robust"))
-        over = passed_over(self.starts, self.winner, before, self.label, by_what_is_left, self.squeeze is not None)
+        over = better_start_text(
+            self.starts, self.winner, before, self.label, by_what_is_left, self.squeeze is not None
+        )
         return [*starts_lines(self.starts), *over, *ipopt_lines(self.solver)]
 
     def __str__(self) -> str:
@@ -469,7 +479,9 @@ class Several(Measured):
             When the pose is no rotation and translation, or no grasp was found.
         """
         grasp = self.require_grasp()
-        return moved(self.name, pose, grasp, self.faces, self.task, self.mu, self.forces, self.hand, self.phases)
+        return transform_grasp(
+            self.name, pose, grasp, self.faces, self.task, self.mu, self.forces, self.hand, self.phases
+        )
 
     @property
     def _answer(self) -> FoundGrasp:
@@ -490,7 +502,7 @@ class Several(Measured):
         )
 
     def __str__(self) -> str:
-        return "\n".join([super().__str__(), *table(self.grasps, self.solver.get("keep", 1))])
+        return "\n".join([super().__str__(), *grasp_table(self.grasps, self.solver.get("keep", 1))])
 
 
 class Seen(InNotebook, Several):
@@ -741,7 +753,7 @@ class GraspSolution(Seen):
         why_not, best, kkt = data.get("why_not"), data.get("best_start"), data.get("kkt")
         if best is not None and best not in [start.index for start in starts]:
             raise InputError(f"{name}: best_start", best, "the index of one of its starts")
-        kept = found_grasps(data, f"{name}: grasps")
+        kept = read_kept_grasps(data, f"{name}: grasps")
         solution = cls(
             status=Status[data["status"].upper()],
             name=data["name"],
@@ -772,7 +784,7 @@ class GraspSolution(Seen):
         )
         for part in (grasp, *(found.grasp for found in kept)):
             solution.check_against(part, name)
-        with within(f"{name}: "):
+        with prefix_errors(f"{name}: "):
             _ = solution.squeeze, solution.phases, solution.link_depth, solution.way_in
         check_beta(data["quality"], solution.beta, f"{name}: quality")
         return solution
@@ -802,14 +814,14 @@ class GraspSolution(Seen):
         InputError
             When the file is missing, not JSON, too large, too deeply nested, or not of schema 1.
         """
-        return cls.from_dict(read(path), str(path))
+        return cls.from_dict(read_solution_data(path), str(path))
 
 
 def _status_with(status: Status, hand: Json | None) -> Status:
     """Return the status of a solution after choosing another grasp, by that grasp's hand data."""
     if status not in (Status.SOLVED, Status.OPTIMAL, Status.TOUCHES):
         return status
-    depth = link_depth_of(hand)
+    depth = grasp_penetration(hand)
     return Status.SOLVED if depth is None or depth.is_free else Status.TOUCHES
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nlpgrasp.common.formatting import percent, rounded
+from nlpgrasp.common.formatting import format_number, format_percent
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
@@ -119,22 +119,24 @@ class Squeeze:
 
     def line(self) -> str:
         """Return normal force, needed and available friction, and the most loaded joint, as text."""
-        pressed = f"normal forces {', '.join(rounded(force) for force in self.normal)} N"
-        told = f"a squeeze with at least {rounded(self.normal_force)} N a finger ({pressed}) needs friction "
-        told += rounded(self.friction_needed, least=NONE)
+        pressed = f"normal forces {', '.join(format_number(force) for force in self.normal)} N"
+        told = f"a squeeze with at least {format_number(self.normal_force)} N a finger ({pressed}) needs friction "
+        told += format_number(self.friction_needed, least=NONE)
         known = [mu for mu in self.available if mu is not None]
-        least = f" of {rounded(min(known))}" if known else ""
-        used = f" ({percent(self.share if self.share > NONE else 0.0)} of what there is)" if known else ""
+        least = f" of {format_number(min(known))}" if known else ""
+        used = f" ({format_percent(self.share if self.share > NONE else 0.0)} of what there is)" if known else ""
         return f"{told}{least}{used}{'' if self.joints is None else f'; {self.joints.words()}'}"
 
     def __str__(self) -> str:
         lines = [self.line()]
         for i, (normal, needed) in enumerate(zip(self.normal, self.friction, strict=True)):
-            lines.append(f"  finger {i} presses with {rounded(normal)} N, friction {rounded(needed, least=NONE)}")
+            lines.append(
+                f"  finger {i} presses with {format_number(normal)} N, friction {format_number(needed, least=NONE)}"
+            )
         if self.joints is not None:
             shares = self.joints.shares
             for name, tau in self.joints.torques.items():
-                share = f", {percent(shares[name])} of its effort" if name in shares else ""
+                share = f", {format_percent(shares[name])} of its effort" if name in shares else ""
                 lines.append(f"  joint {name}: {self.joints.amount(name, tau)}{share}")
         return "\n".join(lines)
 
@@ -201,11 +203,11 @@ def finger_wrenches(forces: FloatArray, moments: FloatArray | None) -> FloatArra
     return np.concatenate([forces, turn], axis=1)
 
 
-def slippery(squeeze: Squeeze | None) -> str:
+def friction_warning(squeeze: Squeeze | None) -> str:
     """Return a warning that a squeeze needs nearly all of the friction; empty where it does not, or none is known."""
     if squeeze is None or squeeze.share <= SPENT:
         return ""
-    used = f"{percent(squeeze.share)} of the friction there is"
+    used = f"{format_percent(squeeze.share)} of the friction there is"
     return f"the squeeze alone needs {used}: little is left against pushes, however hard the fingers press"
 
 
@@ -325,7 +327,7 @@ class JointSqueeze:
     def amount(self, name: str, value: float) -> str:
         """Return a joint's torque as text; a force for a sliding joint."""
         turns = self.jacobians[:, 3:, list(self.torques).index(name)]
-        return f"{rounded(value, least=LEAST)} {'N m' if np.any(np.abs(turns) > LEAST) else 'N'}"
+        return f"{format_number(value, least=LEAST)} {'N m' if np.any(np.abs(turns) > LEAST) else 'N'}"
 
     def words(self) -> str:
         """Return the joint with the largest share of its limit, and exceeded limits, as text."""
@@ -398,7 +400,7 @@ def _gain(gain: object, names: tuple[str, ...]) -> Gain | None:
     return {str(name): number(f"gain of {name}", value, above=0.0) for name, value in gain.items()}
 
 
-def usual_gain(sliding: Mapping[str, bool]) -> Gain:
+def default_gain(sliding: Mapping[str, bool]) -> Gain:
     """Return the default gain of the joints' position control, N m / rad, or N / m for sliding joints.
 
     Parameters

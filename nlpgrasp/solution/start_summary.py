@@ -40,7 +40,7 @@ def solver_words(message: str) -> str:
     return SOLVER_WORD.sub(lambda word: WORDS.get(word[0], word[0].replace("_", " ").lower()), message)
 
 
-def why_no_grasp(start: StartRecord) -> str:
+def failure_reason(start: StartRecord) -> str:
     """Return the reason why a start ended without a grasp, as text; empty for one with a grasp."""
     kind = _kind(start)
     if kind is None:
@@ -65,7 +65,7 @@ def starts_lines(starts: Sequence[StartRecord]) -> list[str]:
         return [f"{'both' if count == 2 else f'all {count}'} starts found a grasp"] if count > 1 else []
     one = "the only start found no grasp"
     head = one if count == 1 else f"{found or 'none'} of {count} starts found a grasp"
-    ends = [_ended(kind, own) for kind, own in _by_kind(lost).items()]
+    ends = [_count_ended(kind, own) for kind, own in _group_by_reason(lost).items()]
     stuck = [word[0] for s in lost if (word := SOLVER_WORD.search(s.message)) and word[0] not in SOLVED]
     first = [f"{WORDS.get(w, solver_words(w))} ({stuck.count(w)})" for w in dict.fromkeys(stuck)]
     solves = f"; their first solves: {', '.join(first)}" if first else ""
@@ -89,7 +89,7 @@ def ipopt_lines(solver: SolverData) -> list[str]:
     return [f"IPOPT did not run in {lost} of {calls} calls ({why}); the answer comes from the other {rest}"]
 
 
-def winner_of(starts: Sequence[StartRecord], best_start: int | None) -> StartRecord | None:
+def answer_start(starts: Sequence[StartRecord], best_start: int | None) -> StartRecord | None:
     """Return the start whose grasp is the answer; by default that with the largest certified upper bound."""
     if best_start is not None:
         return next((s for s in starts if s.index == best_start), None)
@@ -97,7 +97,7 @@ def winner_of(starts: Sequence[StartRecord], best_start: int | None) -> StartRec
     return max(solved, key=lambda s: s.mu.upper, default=None)
 
 
-def passed_over(
+def better_start_text(
     starts: Sequence[StartRecord],
     winner: StartRecord | None,
     before: float = 0.0,
@@ -152,14 +152,14 @@ def _kind(start: StartRecord) -> str | None:
     return BROKEN if start.mu.lower > 0.0 or start.violation > ALLOWED else UNHELD
 
 
-def _by_kind(starts: Sequence[StartRecord]) -> dict[str, list[StartRecord]]:
+def _group_by_reason(starts: Sequence[StartRecord]) -> dict[str, list[StartRecord]]:
     found: dict[str, list[StartRecord]] = {}
     for start in starts:
         found.setdefault(_kind(start) or "", []).append(start)
     return found
 
 
-def _ended(kind: str, starts: Sequence[StartRecord]) -> str:
+def _count_ended(kind: str, starts: Sequence[StartRecord]) -> str:
     """Return how many starts ended in this way, with the size of constraint violations, as text."""
     if kind != BROKEN:
         return f"{len(starts)} {kind}"

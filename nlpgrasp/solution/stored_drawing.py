@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from nlpgrasp.bodies import Body
-from nlpgrasp.bodies.mesh.display_triangles import simplified, triangles
+from nlpgrasp.bodies.mesh.display_triangles import simplify, triangles
 from nlpgrasp.common.drawing import Drawing, Triangles
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Hand, Values
@@ -15,11 +15,11 @@ BODY, LINK = 2000, 320  # largest numbers of triangles
 
 def drawing_of(body: Body, hand: Hand | None, values: Values) -> Drawing:
     """Return the body's surface and the links' collision shapes in the hand's posture, as triangles."""
-    links = _links(hand, values) if isinstance(hand, URDFHand) else ()
+    links = _draw_links(hand, values) if isinstance(hand, URDFHand) else ()
     return Drawing(Triangles(*triangles(body, BODY)), links)
 
 
-def _links(hand: URDFHand, values: Values) -> tuple[tuple[str, Triangles], ...]:
+def _draw_links(hand: URDFHand, values: Values) -> tuple[tuple[str, Triangles], ...]:
     import trimesh
 
     result = []
@@ -27,6 +27,6 @@ def _links(hand: URDFHand, values: Values) -> tuple[tuple[str, Triangles], ...]:
         meshes = [shape.mesh for shape in hand.robot.shapes.get(link, ())]
         if meshes:
             joined = trimesh.util.concatenate(meshes)
-            vertices, faces = simplified(np.asarray(joined.vertices, dtype=float), np.asarray(joined.faces), LINK)
+            vertices, faces = simplify(np.asarray(joined.vertices, dtype=float), np.asarray(joined.faces), LINK)
             result.append((link, Triangles(vertices @ pose[:3, :3].T + pose[:3, 3], faces)))
     return tuple(result)

@@ -62,7 +62,7 @@ class SolutionInFrame:
         return f"SolutionInFrame({self.name!r}, {len(self.grasp)} contacts, mu in {self.mu})"
 
 
-def moved(
+def transform_grasp(
     name: str,
     pose: Pose,
     grasp: Grasp,

@@ -6,7 +6,7 @@ from nlpgrasp.motion.approach_path import BlockedDirection
 from nlpgrasp.motion.finger_motion import FingerPath
 from nlpgrasp.motion.palm_path import PalmPath, palm_path
 from nlpgrasp.studies.contact_numbers import ContactCurve, how_many_contacts
-from nlpgrasp.studies.contact_types import TypeAssignment, TypeChoice, Upgrade, choose_contact_types
+from nlpgrasp.studies.contact_types import TypeAssignment, TypeChoice, TypeUpgrade, choose_contact_types
 from nlpgrasp.studies.dynamic_grasping import DynamicGrasp, DynamicStep, follow_task
 from nlpgrasp.studies.fine_manipulation import FineManipulation, FingerMove, fine_manipulation
 from nlpgrasp.studies.first_choice import FirstChoice, Reason, first_choice
@@ -29,7 +29,7 @@ __all__ = [
     "Transmission",
     "TypeAssignment",
     "TypeChoice",
-    "Upgrade",
+    "TypeUpgrade",
     "choose_contact_types",
     "fine_manipulation",
     "first_choice",

@@ -13,16 +13,16 @@ from nlpgrasp.common.formatting import at_most, headroom_words
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import integer, number
 from nlpgrasp.contacts import ContactModel, contact_from_dict
-from nlpgrasp.contacts.cone_inclusion import placed_in
+from nlpgrasp.contacts.cone_inclusion import assign_contacts
 from nlpgrasp.errors import InputError
-from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.options import SolveOptions, check_search
 from nlpgrasp.optimize.start_result import StartGrasp
-from nlpgrasp.optimize.warm_starts import WarmStart, best_allowed, with_more_contacts
+from nlpgrasp.optimize.warm_starts import WarmStart, best_feasible, complete_contacts
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.studies.nested_problems import same_body, solve_family
+from nlpgrasp.studies.nested_problems import is_same_body, solve_family
 
 SUBSETS = 256  # most subsets of contacts to keep
 
@@ -79,9 +79,9 @@ def how_many_contacts(
     bounds = _possible(possible)
     problems = [problem_with(k) for k in numbers]
     for k, problem in zip(numbers, problems, strict=True):
-        _check(k, problem, problems[0])
+        _check_problem(k, problem, problems[0])
     pairs = [(i, i + 1) for i in range(len(problems) - 1)]
-    found = dict(zip(numbers, solve_family(problems, pairs, OtherNumber(), starts, seed, options), strict=True))
+    found = dict(zip(numbers, solve_family(problems, pairs, NumberConversion(), starts, seed, options), strict=True))
     solutions = tuple((k, solution) for k, (solution, _) in found.items())
     return ContactCurve(solutions, {k: reached for k, (_, reached) in found.items()}, bounds)
 
@@ -189,7 +189,7 @@ class ContactCurve:
 
     def _ends(self, found: GraspSolution, penalty: Penalty) -> tuple[float, float]:
         low, high = found.mu.lower, found.mu.upper if np.isfinite(found.mu.upper) else found.mu.lower
-        contacts = _contacts(found)
+        contacts = _contact_models(found)
         return low - cost_of(contacts, low, penalty), high - cost_of(contacts, high, penalty)
 
     def _at(self, contacts: int) -> GraspSolution:
@@ -257,11 +257,11 @@ def _finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def _contacts(found: GraspSolution) -> tuple[ContactModel, ...]:
+def _contact_models(found: GraspSolution) -> tuple[ContactModel, ...]:
     return tuple(contact_from_dict(data) for data in found.problem["contacts"])
 
 
-def _check(k: int, problem: GraspProblem, first: GraspProblem) -> None:
+def _check_problem(k: int, problem: GraspProblem, first: GraspProblem) -> None:
     """Refuse a problem with another number of contacts than requested, or with another task."""
     if not isinstance(problem, GraspProblem) or len(problem.models) != k:
         raise InputError("problem_with", problem, f"a GraspProblem with {k} contacts")
@@ -282,36 +282,36 @@ def _possible(given: Mapping[int, float] | None) -> dict[int, float]:
     }
 
 
-class OtherNumber:
+class NumberConversion:
     """Conversion between problems of one body with fewer and more contacts, without posed hands."""
 
-    def up(self, found: StartGrasp, small: Workbench, large: Workbench) -> WarmStart | None:
+    def up(self, found: StartGrasp, small: CompiledProblem, large: CompiledProblem) -> WarmStart | None:
         """Return the grasp with the best of some random added contacts that keep the constraints, if any."""
         if not self._suits(small, large):
             return None
-        return with_more_contacts(large, found.found.grasp, found.found.placed.faces)
+        return complete_contacts(large, found.found.grasp, found.found.placed.faces)
 
-    def down(self, found: StartGrasp, large: Workbench, small: Workbench) -> WarmStart | None:
+    def down(self, found: StartGrasp, large: CompiledProblem, small: CompiledProblem) -> WarmStart | None:
         """Return the grasp with the best subset of contacts that keeps the constraints, if any."""
         grasp, kept = found.found.grasp, _choices(large, small) if self._suits(small, large) else []
         if not kept:
             return None
         chosen = np.array(kept)
         faces = np.array(found.found.placed.faces, dtype=object)[chosen]
-        placed = best_allowed(small, grasp.points[chosen], grasp.normals[chosen], faces)
+        placed = best_feasible(small, grasp.points[chosen], grasp.normals[chosen], faces)
         return None if placed is None else WarmStart(placed)
 
-    def _suits(self, small: Workbench, large: Workbench) -> bool:
+    def _suits(self, small: CompiledProblem, large: CompiledProblem) -> bool:
         follow = small.follows_contacts and large.follows_contacts
-        return follow and same_body(small.problem.body, large.problem.body)
+        return follow and is_same_body(small.problem.body, large.problem.body)
 
 
-def _choices(large: Workbench, small: Workbench) -> list[Sequence[int]]:
+def _choices(large: CompiledProblem, small: CompiledProblem) -> list[Sequence[int]]:
     """Return the ordered subsets of the larger problem's contacts that may replace those of the smaller."""
     mine, theirs, space = small.problem.models, large.problem.models, small.problem.body.space
     found: list[Sequence[int]] = []
     for subset in combinations(range(len(theirs)), len(mine)):
-        places = placed_in(mine, [theirs[j] for j in subset], space)
+        places = assign_contacts(mine, [theirs[j] for j in subset], space)
         if places is not None and len(found) < SUBSETS:
             found.append([subset[p] for p in places])
     return found

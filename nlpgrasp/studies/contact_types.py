@@ -11,13 +11,13 @@ import numpy as np
 
 from nlpgrasp.common.formatting import at_least, at_most
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import integer, number, within
+from nlpgrasp.common.validation import integer, number, prefix_errors
 from nlpgrasp.contacts import ContactModel
-from nlpgrasp.contacts.cone_inclusion import placed_in
+from nlpgrasp.contacts.cone_inclusion import assign_contacts
 from nlpgrasp.errors import InputError
-from nlpgrasp.optimize.candidate import Placed
-from nlpgrasp.optimize.compiled_problem import Workbench
-from nlpgrasp.optimize.constraint_values import HandPoints, RowValues
+from nlpgrasp.optimize.candidate import GraspCandidate
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
+from nlpgrasp.optimize.constraint_values import ConstraintValues, HandPoints
 from nlpgrasp.optimize.options import SolveOptions, check_search
 from nlpgrasp.optimize.start_result import StartGrasp
 from nlpgrasp.optimize.surface_samples import SurfaceSamples
@@ -78,17 +78,17 @@ def choose_contact_types(
     """
     menu = Menu.of(problem, types)
     starts, seed, options = check_search(starts, seed, options)
-    prices = _prices(menu, costs)
+    prices = _type_costs(menu, costs)
     names, pairs = menu.ordered()
     problems = [menu.problem_with(own) for own in names]
-    solved = solve_family(problems, pairs, OtherTypes(menu, names), starts, seed, options)
+    solved = solve_family(problems, pairs, TypeConversion(menu, names), starts, seed, options)
     found = [
         TypeAssignment(own, solution, sum(prices[name] for name in own), reached)
         for own, (solution, reached) in zip(names, solved, strict=True)
     ]
     # neighbours are ordered from smaller to larger; of equals the later is the richer
     ranked = sorted(range(len(found)), key=lambda i: (-found[i].mu.lower, -i))
-    upgrades = tuple(Upgrade(found[a], found[b]) for a, b in pairs)
+    upgrades = tuple(TypeUpgrade(found[a], found[b]) for a, b in pairs)
     return TypeChoice(problem.name, tuple(found[i] for i in ranked), upgrades)
 
 
@@ -108,7 +108,7 @@ class TypeChoice:
 
     name: str
     assignments: tuple[TypeAssignment, ...]
-    upgrades: tuple[Upgrade, ...] = ()
+    upgrades: tuple[TypeUpgrade, ...] = ()
 
     def best(
         self, *, at_most: Mapping[str, int] | None = None, spend: float | None = None, price: float = 0.0
@@ -222,7 +222,7 @@ class TypeAssignment:
 
 
 @dataclass(frozen=True)
-class Upgrade:
+class TypeUpgrade:
     """Gain of an assignment over the next smaller one.
 
     Parameters
@@ -238,7 +238,7 @@ class Upgrade:
     def gain(self) -> Bounds:
         """Certified rise of mu between the grasps; at least 0, as the first grasp is feasible for the second types."""
         low, high = self.before.mu, self.after.mu
-        return Bounds(max(low_end(high, low), 0.0), max(high.upper - low.lower, 0.0))
+        return Bounds(max(least_excess(high, low), 0.0), max(high.upper - low.lower, 0.0))
 
     @property
     def certain(self) -> bool:
@@ -263,7 +263,7 @@ class Upgrade:
         return f"{text}: +{at_least(self.gain.lower, 4)} to +{at_most(self.gain.upper, 4)}"
 
 
-def low_end(high: Bounds, low: Bounds) -> float:
+def least_excess(high: Bounds, low: Bounds) -> float:
     """Return the least excess of the first interval over the second."""
     return high.lower - low.upper
 
@@ -304,13 +304,13 @@ class Menu:
             raise InputError("types", f"{len(given)} menus", f"{k}, one a contact, or one for all")
         names = ["types" if isinstance(types, Mapping) else f"types[{i}]" for i in range(k)]
         pairs = zip(names, given, problem.models, strict=True)
-        each = tuple(_checked(name, own, model.faces) for name, own, model in pairs)
-        with within("types: "):
+        each = tuple(_check_types(name, own, model.faces) for name, own, model in pairs)
+        with prefix_errors("types: "):
             for i, own in enumerate(each):
                 for model in own.values():
                     models = (*problem.models[:i], model, *problem.models[i + 1 :])
                     replace(problem, contacts=models)
-        return cls(problem, each, _groups(problem, each))
+        return cls(problem, each, _interchangeable_contacts(problem, each))
 
     @property
     def assignments(self) -> list[Names]:
@@ -346,7 +346,7 @@ class Menu:
 
     def places(self, small: Names, large: Names) -> list[int] | None:
         """Return an injective map of contacts to larger ones whose types dominate theirs, or None."""
-        return placed_in(self.models(small), self.models(large), self.problem.body.space, self.groups)
+        return assign_contacts(self.models(small), self.models(large), self.problem.body.space, self.groups)
 
     def ordered(self) -> tuple[list[Names], list[tuple[int, int]]]:
         """Return the assignments in an order from smaller to larger, and the pairs of neighbours.
@@ -363,7 +363,7 @@ class Menu:
         return [names[i] for i in order], pairs
 
 
-def _checked(name: str, types: Types, faces: Iterable[str] | str | None) -> dict[str, ContactModel]:
+def _check_types(name: str, types: Types, faces: Iterable[str] | str | None) -> dict[str, ContactModel]:
     if not types:
         raise InputError(name, "no type", "at least one contact model by name")
     for key, model in types.items():
@@ -375,12 +375,12 @@ def _checked(name: str, types: Types, faces: Iterable[str] | str | None) -> dict
     return {key: model if model.faces is not None else replace(model, **changes) for key, model in types.items()}
 
 
-def _groups(problem: GraspProblem, each: Sequence[Types]) -> tuple[int, ...]:
+def _interchangeable_contacts(problem: GraspProblem, each: Sequence[Types]) -> tuple[int, ...]:
     """Return a group number for each contact, equal for interchangeable contacts."""
     budget, hand = problem.budget, problem.hand
     if budget.depends_on_frames or budget.follows_hand or (hand is not None and not hand.follows_contacts):
         return tuple(range(len(each)))
-    rows, samples, hand_points = RowValues(problem), SurfaceSamples(problem), HandPoints(problem)
+    rows, samples, hand_points = ConstraintValues(problem), SurfaceSamples(problem), HandPoints(problem)
     rng = np.random.default_rng(0)
     clouds = [samples.cloud(i) for i in range(len(each))]
     drawn = [rng.integers(len(cloud.points), size=DRAWN) for cloud in clouds]
@@ -405,7 +405,7 @@ def _groups(problem: GraspProblem, each: Sequence[Types]) -> tuple[int, ...]:
     return tuple(same)
 
 
-class OtherTypes:
+class TypeConversion:
     """Conversion between assignments of contact types: each contact moves to a finger of a dominating type.
 
     Parameters
@@ -419,31 +419,31 @@ class OtherTypes:
         self._menu = menu
         self._names = {menu.problem_with(own).models: own for own in names}
 
-    def up(self, found: StartGrasp, small: Workbench, large: Workbench) -> WarmStart | None:
+    def up(self, found: StartGrasp, small: CompiledProblem, large: CompiledProblem) -> WarmStart | None:
         """Return the grasp with the richer contacts, of at least the same quality."""
         places = self._places(small, large)
         if places is None:
             return None
         back = [places.index(j) for j in range(len(places))]
-        return _reordered(found, back)
+        return _reorder(found, back)
 
-    def down(self, found: StartGrasp, large: Workbench, small: Workbench) -> WarmStart | None:
+    def down(self, found: StartGrasp, large: CompiledProblem, small: CompiledProblem) -> WarmStart | None:
         """Return the grasp with the poorer contacts, without a guarantee."""
         places = self._places(small, large)
-        return None if places is None else _reordered(found, places)
+        return None if places is None else _reorder(found, places)
 
-    def _places(self, small: Workbench, large: Workbench) -> list[int] | None:
+    def _places(self, small: CompiledProblem, large: CompiledProblem) -> list[int] | None:
         return self._menu.places(self._names[small.problem.models], self._names[large.problem.models])
 
 
-def _reordered(found: StartGrasp, order: list[int]) -> WarmStart:
+def _reorder(found: StartGrasp, order: list[int]) -> WarmStart:
     """Return the grasp with its contacts in another order."""
     placed, grasp = found.found.placed, found.found.grasp
     faces = tuple(placed.faces[i] for i in order)
-    return WarmStart(Placed(faces, grasp.points[order], placed.hand), grasp.normals[order])
+    return WarmStart(GraspCandidate(faces, grasp.points[order], placed.hand), grasp.normals[order])
 
 
-def _prices(menu: Menu, costs: Mapping[str, float] | None) -> dict[str, float]:
+def _type_costs(menu: Menu, costs: Mapping[str, float] | None) -> dict[str, float]:
     names = list(dict.fromkeys(name for own in menu.each for name in own))
     if costs is None:
         return dict.fromkeys(names, 0.0)

@@ -18,18 +18,18 @@ from scipy.optimize import linear_sum_assignment
 
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
-from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.options import SolveOptions, check_search
-from nlpgrasp.optimize.parallel_starts import Runner
-from nlpgrasp.optimize.processes import one_thread
+from nlpgrasp.optimize.parallel_starts import StartRunner
+from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.start_result import StartGrasp
 from nlpgrasp.optimize.warm_starts import WarmStart
 from nlpgrasp.pipeline.multistart import Multistart
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import mu
 from nlpgrasp.quality.grasp import Grasp
-from nlpgrasp.solution.obstructions import of_the_grasp
-from nlpgrasp.solution.records import Origin
+from nlpgrasp.solution.obstructions import grasp_obstructions
+from nlpgrasp.solution.records import CandidateOrigin
 from nlpgrasp.solution.solution import GraspSolution
 
 RTOL = 0.005  # largest relative gap of certificates, as moves depend on some percent
@@ -104,7 +104,7 @@ class DynamicGrasp:
         for step in self.steps:
             bounds, kind = step.solution.mu, step.solution.kind
             text = f"{step.parameter:10.4g}: {kind} in {bounds}, {step.how}"
-            wrong = "".join(f"; {words}" for words in of_the_grasp(step.solution.hand))
+            wrong = "".join(f"; {words}" for words in grasp_obstructions(step.solution.hand))
             lines.append(f"{text}; staying would give at most {step.stayed:.4g}{wrong}")
         return "\n".join(lines)
 
@@ -156,20 +156,20 @@ def follow_task(
     if len(values) < 2:
         raise InputError("parameters", f"{len(values)} values", "at least 2")
     gain = number("regrasp_gain", regrasp_gain, at_least=0.0)
-    problems = [_problem(problem_at, value) for value in values.tolist()]
+    problems = [_problem_at(problem_at, value) for value in values.tolist()]
     for problem, value in zip(problems[1:], values[1:].tolist(), strict=True):
-        _check_same(problems[0], problem, value)
+        _check_same_but_task(problems[0], problem, value)
     options = options.narrow()
-    first = Workbench(problems[0], replace(options, rounds=min(options.rounds, ROUNDS)))
+    first = CompiledProblem(problems[0], replace(options, rounds=min(options.rounds, ROUNDS)))
     benches = [first, *(first.with_task(problem) for problem in problems[1:])]
-    with one_thread():
+    with single_thread():
         steps = tuple(_followed(zip(benches, values.tolist(), strict=True), starts, seed, options, gain))
     if not any(step.solution.mu.lower > 0.0 for step in steps):
         raise InputError("problem_at", "no grasp found for any of the parameters", "tasks with a grasp")
     return DynamicGrasp(problems[0].name, steps)
 
 
-def _problem(problem_at: Callable[[float], GraspProblem], value: float) -> GraspProblem:
+def _problem_at(problem_at: Callable[[float], GraspProblem], value: float) -> GraspProblem:
     problem = problem_at(value)
     if not isinstance(problem, GraspProblem):
         raise InputError("problem_at", problem, f"a GraspProblem at {value:g}")
@@ -178,7 +178,7 @@ def _problem(problem_at: Callable[[float], GraspProblem], value: float) -> Grasp
     return problem
 
 
-def _check_same(one: GraspProblem, other: GraspProblem, value: float) -> None:
+def _check_same_but_task(one: GraspProblem, other: GraspProblem, value: float) -> None:
     """Refuse problems that differ in more than their task."""
     a, b = one.to_dict(), other.to_dict()
     differ = [name for name in a if name != "task" and a[name] != b[name]]
@@ -191,13 +191,13 @@ def _check_same(one: GraspProblem, other: GraspProblem, value: float) -> None:
 
 
 def _followed(
-    tasks: Iterable[tuple[Workbench, float]], starts: int, seed: int, options: SolveOptions, gain: float
+    tasks: Iterable[tuple[CompiledProblem, float]], starts: int, seed: int, options: SolveOptions, gain: float
 ) -> Iterator[DynamicStep]:
     """Yield the grasp for each task, given with its parameter; see ``follow_task``."""
     held: StartGrasp | None = None
     known = deque[FloatArray](maxlen=KNOWN)
     for bench, parameter in tasks:
-        search = Multistart(Runner(bench.problem, options, 1, bench), seed)
+        search = Multistart(StartRunner(bench.problem, options, 1, bench), seed)
         search.begin_bound()
         if held is not None:
             search.add(WarmStart(held.found.placed, held.found.grasp.normals))
@@ -219,12 +219,14 @@ def _worth_moving(search: Multistart, rtol: float, gain: float) -> StartGrasp | 
         return None
     least = best.record.mu.lower / (1.0 + gain)
     solved = [r for r in search.results if isinstance(r, StartGrasp) and r.solved and r.record.mu.upper >= least]
-    warm = [start for start in solved if start.record.origin is Origin.WARM_START]
+    warm = [start for start in solved if start.record.origin is CandidateOrigin.WARM_START]
     certified = (start.certified(search.runner.problem, rtol, search.seed) for start in warm)
     return next((start for start in certified if start.record.mu.lower >= least), best)
 
 
-def _step(bench: Workbench, search: Multistart, held: StartGrasp | None, parameter: float, cold: bool) -> DynamicStep:
+def _step(
+    bench: CompiledProblem, search: Multistart, held: StartGrasp | None, parameter: float, cold: bool
+) -> DynamicStep:
     """Return the record of a step, with the way from the grasp held before.
 
     Its solution does not list the starts: fingers may stay where another start is better.
@@ -235,7 +237,7 @@ def _step(bench: Workbench, search: Multistart, held: StartGrasp | None, paramet
         before, budget = held.found.grasp, bench.budget(held.found.placed)
         stayed = mu(before, bench.problem.task, bench.options.rtol, force_budget=budget).upper
         if best is not None:
-            regrasp = best.record.origin is not Origin.WARM_START
+            regrasp = best.record.origin is not CandidateOrigin.WARM_START
             moved = _moved(before, best.found.grasp, any_order=regrasp)
     return DynamicStep(parameter, solution, moved, regrasp, stayed, cold)
 

@@ -19,7 +19,7 @@ from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.contacts import ContactModel, PointContact
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import URDFHand
-from nlpgrasp.motion.contact_path import Footpath, Station, SurfaceGraph
+from nlpgrasp.motion.contact_path import ContactPath, PathStation, SurfaceGraph
 from nlpgrasp.motion.finger_motion import ContactMotions, FingerPath, LinkedMotions
 from nlpgrasp.optimize.options import SolveOptions
 from nlpgrasp.pipeline.solve import solve
@@ -91,21 +91,21 @@ def fine_manipulation(
     with the body, the surroundings of the goal and each other are checked. Free fingertips and parallel jaws keep their
     own limits. That a move is impossible is a local statement, for postures near the last waypoint.
     """
-    hold = _checked(pick, goal, hold)
+    hold = _check_problems(pick, goal, hold)
     lift = number("lift", lift, above=0.0)
     first, second = (solve(problem, starts, seed, options) for problem in (pick, goal))
     if first.grasp is None or second.grasp is None:
         return FineManipulation(first, second)
     graph = SurfaceGraph(pick.body)
-    order = _matched(pick, graph, first.grasp, second.grasp)
+    order = _match_contacts(pick, graph, first.grasp, second.grasp)
     paths = [
         graph.stations(
-            Station(first.grasp.points[i], first.grasp.normals[i], first.faces[i]),
-            Station(second.grasp.points[j], second.grasp.normals[j], second.faces[j]),
+            PathStation(first.grasp.points[i], first.grasp.normals[i], first.faces[i]),
+            PathStation(second.grasp.points[j], second.grasp.normals[j], second.faces[j]),
         )
         for i, j in enumerate(order)
     ]
-    holding = Holding(pick, first.grasp, second.grasp, order, paths, hold)
+    holding = HoldingQuality(pick, first.grasp, second.grasp, order, paths, hold)
     return FineManipulation(first, second, order, _moves(goal, first, holding, lift))
 
 
@@ -250,7 +250,7 @@ class FingerMove:
         }
 
 
-def _checked(pick: GraspProblem, goal: GraspProblem, hold: TaskEllipsoid | None) -> TaskEllipsoid:
+def _check_problems(pick: GraspProblem, goal: GraspProblem, hold: TaskEllipsoid | None) -> TaskEllipsoid:
     """Refuse problems with different bodies or contacts; return the holding task."""
     for name, problem in (("pick", pick), ("goal", goal)):
         if not isinstance(problem, GraspProblem):
@@ -274,7 +274,7 @@ def _checked(pick: GraspProblem, goal: GraspProblem, hold: TaskEllipsoid | None)
     return hold
 
 
-def _moves(problem: GraspProblem, first: GraspSolution, holding: Holding, lift: float) -> tuple[FingerMove, ...]:
+def _moves(problem: GraspProblem, first: GraspSolution, holding: HoldingQuality, lift: float) -> tuple[FingerMove, ...]:
     """Return the moves in the best order that the hand allows, if its limits are known."""
     here, hand, paths = first.require_grasp(), problem.hand, holding.paths
     if isinstance(hand, URDFHand):
@@ -285,7 +285,7 @@ def _moves(problem: GraspProblem, first: GraspSolution, holding: Holding, lift: 
     return ordered_moves(holding)
 
 
-def _matched(problem: GraspProblem, graph: SurfaceGraph, here: Grasp, there: Grasp) -> tuple[int, ...]:
+def _match_contacts(problem: GraspProblem, graph: SurfaceGraph, here: Grasp, there: Grasp) -> tuple[int, ...]:
     """Return the new contact of each finger, in the matching of least total path length."""
     k = len(here)
     fixed = problem.hand is not None and not problem.hand.follows_contacts
@@ -299,7 +299,7 @@ def _matched(problem: GraspProblem, graph: SurfaceGraph, here: Grasp, there: Gra
     return tuple(int(j) for j in linear_sum_assignment(np.where(np.isfinite(cost), cost, 1e3 * largest + 1.0))[1])
 
 
-def ordered_moves(holding: Holding, motions: Motions[S] | None = None) -> tuple[FingerMove, ...]:
+def ordered_moves(holding: HoldingQuality, motions: Motions[S] | None = None) -> tuple[FingerMove, ...]:
     """Return the certified moves of the order, among those that the hand allows, whose weakest grasp is strongest.
 
     A move during which the other fingers hold the body alone is valued by their quality, certified on the whole path,
@@ -312,8 +312,8 @@ def ordered_moves(holding: Holding, motions: Motions[S] | None = None) -> tuple[
     """
     best = _widest(holding, motions)
     if best is None:
-        strongest: _Reached[S] | None = _widest(holding, None)
-        best = _followed(() if strongest is None else strongest.sequence, motions)
+        strongest: _SearchNode[S] | None = _widest(holding, None)
+        best = _execute_moves(() if strongest is None else strongest.sequence, motions)
     moves, moved = [], frozenset[int]()
     for finger, slides, motion in best.sequence:
         moves.append(replace(holding.move(moved, finger, slides), motion=motion))
@@ -321,15 +321,15 @@ def ordered_moves(holding: Holding, motions: Motions[S] | None = None) -> tuple[
     return tuple(moves)
 
 
-def _widest(holding: Holding, motions: Motions[S] | None) -> _Reached[S] | None:
+def _widest(holding: HoldingQuality, motions: Motions[S] | None) -> _SearchNode[S] | None:
     """Return the end of the widest path, None where there is none."""
     numbers, known, fingers = count(), set[frozenset[int]](), frozenset(range(len(holding.paths)))
-    start = _Reached[S](posture=None if motions is None else motions.start())
+    start = _SearchNode[S](posture=None if motions is None else motions.start())
     queue = [(_WIDEST, next(numbers), start)]
     while queue:
         width, _, here = heappop(queue)
         if here.next_one is not None:
-            after = _moved(here, here.next_one, motions)
+            after = _node_after_move(here, here.next_one, motions)
             if after is not None:
                 heappush(queue, (width, next(numbers), after))
         elif here.moved == fingers:
@@ -343,7 +343,7 @@ def _widest(holding: Holding, motions: Motions[S] | None) -> _Reached[S] | None:
     return None
 
 
-def _option(holding: Holding, moved: frozenset[int], finger: int) -> tuple[_Width, int, tuple[bool, ...]]:
+def _option(holding: HoldingQuality, moved: frozenset[int], finger: int) -> tuple[_Width, int, tuple[bool, ...]]:
     """Return width, finger and ways of a move: lifted or else sliding, if the others hold the body alone."""
     alone = holding.others(moved, finger).lower
     if alone > 0.0:
@@ -351,7 +351,9 @@ def _option(holding: Holding, moved: frozenset[int], finger: int) -> tuple[_Widt
     return (1, -holding.sliding(moved, finger)), finger, (SLIDES,)
 
 
-def _moved(here: _Reached[S], move: tuple[int, tuple[bool, ...]], motions: Motions[S] | None) -> _Reached[S] | None:
+def _node_after_move(
+    here: _SearchNode[S], move: tuple[int, tuple[bool, ...]], motions: Motions[S] | None
+) -> _SearchNode[S] | None:
     """Return the search node after a move; None where the hand cannot do it."""
     finger, ways = move
     for slides in ways:
@@ -359,11 +361,13 @@ def _moved(here: _Reached[S], move: tuple[int, tuple[bool, ...]], motions: Motio
         if motions is not None and here.posture is not None:
             motion, posture = motions.taken(here.posture, finger, slides)
         if motion is None or motion.feasible:
-            return _Reached(here.moved | {finger}, (*here.sequence, (finger, slides, motion)), posture)
+            return _SearchNode(here.moved | {finger}, (*here.sequence, (finger, slides, motion)), posture)
     return None
 
 
-def _followed(sequence: tuple[tuple[int, bool, FingerPath | None], ...], motions: Motions[S] | None) -> _Reached[S]:
+def _execute_moves(
+    sequence: tuple[tuple[int, bool, FingerPath | None], ...], motions: Motions[S] | None
+) -> _SearchNode[S]:
     """Return a sequence of moves with the hand's path of each, up to the obstruction and beyond."""
     result, posture, stopped = [], None if motions is None else motions.start(), None
     for finger, slides, _ in sequence:
@@ -373,12 +377,12 @@ def _followed(sequence: tuple[tuple[int, bool, FingerPath | None], ...], motions
                 motion, posture = motions.taken(posture, finger, slides)
                 stopped = None if motion.feasible else finger
             else:
-                motion = unknown(f"not looked at, as finger {stopped} does not get to its place")
+                motion = unexamined_move(f"not looked at, as finger {stopped} does not get to its place")
         result.append((finger, slides, motion))
-    return _Reached(sequence=tuple(result), posture=posture)
+    return _SearchNode(sequence=tuple(result), posture=posture)
 
 
-def unknown(reason: str) -> FingerPath:
+def unexamined_move(reason: str) -> FingerPath:
     """Return the record of a move that was not examined."""
     return FingerPath(False, reason, np.zeros((0, 3)), np.zeros(0), (), np.zeros(0))
 
@@ -394,7 +398,7 @@ class Motions(Protocol[S]):
 
 
 @dataclass(frozen=True)
-class _Reached(Generic[S]):
+class _SearchNode(Generic[S]):
     """Search node: moved fingers, their moves and the posture.
 
     ``next_one`` is a move still to be examined: the finger, and the ways to move it, of which the first feasible one is
@@ -407,7 +411,7 @@ class _Reached(Generic[S]):
     next_one: tuple[int, tuple[bool, ...]] | None = field(default=None)
 
 
-class Holding:
+class HoldingQuality:
     """Quality of intermediate grasps while one finger moves.
 
     Parameters
@@ -428,14 +432,14 @@ class Holding:
         here: Grasp,
         there: Grasp,
         order: Sequence[int],
-        paths: Sequence[Sequence[Station]],
+        paths: Sequence[Sequence[PathStation]],
         hold: TaskEllipsoid,
     ) -> None:
         self.problem, self.hold = problem, hold
         self.here, self.there, self.order, self.paths = here, there, order, paths
         self.budget = L2Budget() if problem.budget.depends_on_frames else problem.budget
         size = problem.body.size
-        self._ways = [Footpath(problem.body, path, ARM * size, TOLERANCE * size) for path in paths]
+        self._ways = [ContactPath(problem.body, path, ARM * size, TOLERANCE * size) for path in paths]
         self.others, self.sliding = cache(self._others), cache(self._sliding)
 
     def _others(self, moved: frozenset[int], finger: int) -> Bounds:
@@ -460,7 +464,7 @@ class Holding:
             known[station] = self._certified(self._grasp(moved, finger, station))
             return known[station].upper
 
-        least_along(quality, first_stations(way.total, way.edges))
+        least_value_along(quality, first_stations(way.total, way.edges))
         lower, upper = min(b.lower for b in known.values()), min(b.upper for b in known.values())
         held = Bounds(max(lower, others.lower), max(upper, others.lower))  # at least that of the other fingers alone
         return FingerMove(finger, path, slides, held, stations=len(known), others=others)
@@ -492,7 +496,7 @@ def first_stations(total: float, corners: Sequence[float] | FloatArray, count: i
     return np.unique(np.concatenate([np.linspace(0.0, total, count), np.asarray(corners, float)]))
 
 
-def least_along(value: Callable[[float], float], stations: FloatArray) -> FloatArray:
+def least_value_along(value: Callable[[float], float], stations: FloatArray) -> FloatArray:
     """Add stations where the least value may lie, and return all of them, (n,), in order.
 
     The search is that of Piyavskii and Shubert with slopes estimated from the stations beside each interval. It proves
@@ -508,7 +512,7 @@ def least_along(value: Callable[[float], float], stations: FloatArray) -> FloatA
     ways = [float(way) for way in stations]
     values = [value(way) for way in ways]
     while 1 < len(ways) < MOST and min(values) > 0.0:
-        promised = _promised(np.array(ways), np.array(values))
+        promised = _lower_estimate(np.array(ways), np.array(values))
         i = int(np.argmin(promised))
         middle = (ways[i] + ways[i + 1]) / 2.0
         if promised[i] >= (1.0 - CHANGE) * min(values) or not ways[i] < middle < ways[i + 1]:
@@ -518,7 +522,7 @@ def least_along(value: Callable[[float], float], stations: FloatArray) -> FloatA
     return np.array(ways)
 
 
-def _promised(ways: FloatArray, values: FloatArray) -> FloatArray:
+def _lower_estimate(ways: FloatArray, values: FloatArray) -> FloatArray:
     """Return a lower estimate of the least value in each interval, (n - 1,), by the slopes beside it."""
     lengths = np.diff(ways)
     slopes = np.pad(np.abs(np.diff(values)) / lengths, 1)

@@ -155,7 +155,7 @@ class FirstChoice:
 
 
 @dataclass(frozen=True)
-class _Asked:
+class _BodyData:
     """Data of the body and limits of the fingers; SI units."""
 
     body: Body
@@ -233,7 +233,7 @@ def first_choice(
     if not np.linalg.norm(above) > 0.0:
         raise InputError("up", up, "a direction of some length")
     shaking = number("acceleration", acceleration, at_least=0.0)
-    asked = _Asked(
+    asked = _BodyData(
         body,
         kilograms,
         number("friction", friction, above=0.0),
@@ -242,15 +242,15 @@ def first_choice(
         number("finger_force", finger_force, above=0.0),
         number("pad_radius", pad_radius, above=0.0),
     )
-    return _proposed(asked, middle, *_task(asked, above / np.linalg.norm(above), shaking))
+    return _make_proposal(asked, middle, *_task(asked, above / np.linalg.norm(above), shaking))
 
 
-def _proposed(asked: _Asked, middle: FloatArray, task: TaskEllipsoid, load: Reason) -> FirstChoice:
-    count, why = _count(asked)
+def _make_proposal(asked: _BodyData, middle: FloatArray, task: TaskEllipsoid, load: Reason) -> FirstChoice:
+    count, why = _fewest_contacts(asked)
     contact, kind = _contact(asked, count)
     grasp_type, style = _type(asked, count)
-    name = _name(asked, count, grasp_type)
-    opening, room = _opening(asked)
+    name = _choice_name(asked, count, grasp_type)
+    opening, room = _finger_opening(asked)
     force = asked.pressing(count)
     formula = f"safety x mass x (g + a) / (contacts x friction) = {asked.safety:g} x {asked.load:.4g} N / "
     pressing = Reason(f"{force:.3g} N a contact", f"{formula}({count} x {asked.friction:g})", STATICS)
@@ -289,7 +289,7 @@ def volume_of(body: Body) -> float:
     return float(np.mean(body.signed_distance(points) < 0.0) * np.prod(upper - lower))
 
 
-def _count(asked: _Asked) -> tuple[int, Reason]:
+def _fewest_contacts(asked: _BodyData) -> tuple[int, Reason]:
     """Return the fewest contacts that lift the load with the fingers' force; more than two if the body is too wide."""
     first = 2 if asked.sides[0] <= WIDEST else 3
     enough = int(np.ceil(asked.safety * asked.load / (asked.friction * asked.finger_force) - 1e-9))
@@ -307,7 +307,7 @@ def _count(asked: _Asked) -> tuple[int, Reason]:
     return count, Reason(f"{count} contacts", rule, FEIX_1)
 
 
-def _contact(asked: _Asked, count: int) -> tuple[ContactModel, Reason]:
+def _contact(asked: _BodyData, count: int) -> tuple[ContactModel, Reason]:
     if count > 2:
         rule = "three points with friction, not on a line, hold a body; more only share the load"
         return FrictionContact(asked.friction), Reason("hard fingers", rule, SALISBURY)
@@ -317,7 +317,7 @@ def _contact(asked: _Asked, count: int) -> tuple[ContactModel, Reason]:
     return SoftContact(asked.friction, float(torsion)), Reason("soft fingers", rule, f"{SALISBURY}; {PRESSURE}")
 
 
-def _type(asked: _Asked, count: int) -> tuple[str, Reason]:
+def _type(asked: _BodyData, count: int) -> tuple[str, Reason]:
     if asked.mass > HEAVY or count > FINGERS:
         rule = f"heavier than {HEAVY:g} kg" if asked.mass > HEAVY else f"more than {FINGERS} contacts"
         return "power", Reason("power grasp", rule, FEIX_2)
@@ -327,7 +327,7 @@ def _type(asked: _Asked, count: int) -> tuple[str, Reason]:
     return "precision", Reason("precision grasp", rule, CUTKOSKY)
 
 
-def _name(asked: _Asked, count: int, grasp_type: str) -> str:
+def _choice_name(asked: _BodyData, count: int, grasp_type: str) -> str:
     short, middle, long = asked.sides.tolist()
     flat, slender = middle >= FLAT * short, long >= LONG * middle
     if grasp_type == "power":
@@ -343,7 +343,7 @@ def _name(asked: _Asked, count: int, grasp_type: str) -> str:
     return "precision disk" if flat else "precision sphere"
 
 
-def _opening(asked: _Asked) -> tuple[float, Reason]:
+def _finger_opening(asked: _BodyData) -> tuple[float, Reason]:
     width = float(asked.sides[0])
     room = max(LEAST_ROOM, ROOM * width)
     rule = f"the shortest side, {1e3 * width:.3g} mm, and {1e3 * room:.3g} mm on both sides"
@@ -351,7 +351,7 @@ def _opening(asked: _Asked) -> tuple[float, Reason]:
     return width + 2.0 * room, Reason(f"opening {1e3 * (width + 2.0 * room):.3g} mm", rule, source)
 
 
-def _task(asked: _Asked, up: FloatArray, shaking: float) -> tuple[TaskEllipsoid, Reason]:
+def _task(asked: _BodyData, up: FloatArray, shaking: float) -> tuple[TaskEllipsoid, Reason]:
     """Return the weight with accelerations and a disturbance at the far end, about the centre of mass."""
     weight, arm = asked.mass * WEIGHT, 0.5 * float(asked.sides[-1])
     force, torque = asked.mass * shaking + SHAKE * weight, SHAKE * weight * arm

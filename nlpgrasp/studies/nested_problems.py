@@ -19,11 +19,11 @@ import numpy as np
 from nlpgrasp.bodies import Body
 from nlpgrasp.bodies.registry import body_from_dict
 from nlpgrasp.errors import InputError
-from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.coordinate_exchange import exchanged_candidates
 from nlpgrasp.optimize.options import SolveOptions
-from nlpgrasp.optimize.parallel_starts import Runner
-from nlpgrasp.optimize.processes import one_thread
+from nlpgrasp.optimize.parallel_starts import StartRunner
+from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.start_result import StartGrasp
 from nlpgrasp.optimize.warm_starts import WarmStart
 from nlpgrasp.pipeline.multistart import Multistart
@@ -35,20 +35,20 @@ HOPEFUL = 0.5  # share of the larger problem's best above which a smaller one's 
 SWEEPS = 3  # most sweeps down and up
 
 
-class Step(Protocol):
+class ProblemConversion(Protocol):
     """Conversion of grasps between two problems of a family."""
 
-    def up(self, found: StartGrasp, small: Workbench, large: Workbench) -> WarmStart | None:
+    def up(self, found: StartGrasp, small: CompiledProblem, large: CompiledProblem) -> WarmStart | None:
         """Return a grasp of the smaller problem as one of the larger; None where it is infeasible."""
 
-    def down(self, found: StartGrasp, large: Workbench, small: Workbench) -> WarmStart | None:
+    def down(self, found: StartGrasp, large: CompiledProblem, small: CompiledProblem) -> WarmStart | None:
         """Return a warm start for the smaller problem from a grasp of the larger; None without one."""
 
 
 def solve_family(
     problems: Sequence[GraspProblem],
     pairs: Sequence[tuple[int, int]],
-    step: Step,
+    step: ProblemConversion,
     starts: int,
     seed: int,
     options: SolveOptions,
@@ -69,16 +69,18 @@ def solve_family(
         As for ``solve``, for each problem.
     """
     by_mu = replace(options.narrow(), rank="mu")
-    with one_thread():
-        searches = [Multistart(Runner(problem, by_mu, starts), seed) for problem in problems]
+    with single_thread():
+        searches = [Multistart(StartRunner(problem, by_mu, starts), seed) for problem in problems]
         _Family(searches, pairs, step).run()
-        return [(search.answer(), _reached(search)) for search in searches]
+        return [(search.answer(), _count_near_best(search)) for search in searches]
 
 
 class _Family:
     """Multistart searches with mutual warm starts."""
 
-    def __init__(self, searches: Sequence[Multistart], pairs: Sequence[tuple[int, int]], step: Step) -> None:
+    def __init__(
+        self, searches: Sequence[Multistart], pairs: Sequence[tuple[int, int]], step: ProblemConversion
+    ) -> None:
         self._searches, self._step = searches, step
         self._up = sorted(pairs, key=lambda pair: (pair[1], pair[0]))
         self._down = [(b, a) for a, b in sorted(pairs, reverse=True)]
@@ -89,7 +91,7 @@ class _Family:
         for search in self._searches:
             search.run_starts()
             search.close_gap()
-            _scout(search)
+            _run_further_starts(search)
         self._carry_all(self._up)
         for _ in range(SWEEPS):
             if not self._carry_all(self._down):
@@ -119,7 +121,7 @@ class _Family:
     def _raised(self, best: StartGrasp, small: Multistart, large: Multistart) -> WarmStart | None:
         """Return a grasp of a smaller problem as a warm start of a larger one, with its certified bound there."""
         warm = self._step.up(best, small.runner.bench, large.runner.bench)
-        return warm and replace(warm, floor=promised(best, small.runner.problem, large.runner.problem))
+        return warm and replace(warm, floor=inherited_lower_bound(best, small.runner.problem, large.runner.problem))
 
     def _keep_promises(self) -> None:
         """Certify the best grasps as tightly as the answers, and carry their bounds over."""
@@ -134,7 +136,7 @@ class _Family:
                 large.keep(chosen)
 
 
-def _scout(search: Multistart) -> None:
+def _run_further_starts(search: Multistart) -> None:
     """Run further starts from one more coordinate exchange: half as many as starts, at least two."""
     bench, starts = search.runner.bench, search.runner.count
     rng, count = np.random.default_rng([search.seed, starts]), max(2, -(-starts // 2))
@@ -142,7 +144,7 @@ def _scout(search: Multistart) -> None:
         search.add(WarmStart(placed))
 
 
-def _reached(search: Multistart) -> int:
+def _count_near_best(search: Multistart) -> int:
     """Return the number of starts, warm starts included, within 2 % of the best."""
     best = search.chosen
     if best is None:
@@ -150,7 +152,7 @@ def _reached(search: Multistart) -> int:
     return sum(r.solved and r.record.mu.upper >= 0.98 * best.record.mu.lower for r in search.results)
 
 
-def promised(found: StartGrasp, small: GraspProblem, large: GraspProblem) -> float:
+def inherited_lower_bound(found: StartGrasp, small: GraspProblem, large: GraspProblem) -> float:
     """Return the certified lower bound that a grasp of the smaller problem carries to the larger; 0 for none.
 
     Parameters
@@ -164,7 +166,7 @@ def promised(found: StartGrasp, small: GraspProblem, large: GraspProblem) -> flo
     return found.record.mu.lower if same else 0.0
 
 
-def same_body(one: Body, other: Body) -> bool:
+def is_same_body(one: Body, other: Body) -> bool:
     """Return whether two bodies are known to be equal: one object, or complete and equal data."""
     if one is other:
         return True

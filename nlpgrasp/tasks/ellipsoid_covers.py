@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
-from nlpgrasp.tasks.enclosing_ellipsoid import FLAT, NEAR, Local, MinVolume, levels, min_volume_ellipsoid
+from nlpgrasp.tasks.enclosing_ellipsoid import FLAT, NEAR, MinVolume, NormalisedWrenches, levels, min_volume_ellipsoid
 
 HALVINGS = 60  # bisection steps for the multiplier
 GAP = 1e-5  # relative excess of volume at which the search for weights stops
@@ -42,7 +42,7 @@ def least_around(kept: FloatArray, covers: Sequence[Cover], before: Around | Non
     InputError
         When there is only one point.
     """
-    local = Local.of(np.concatenate([kept, *(cover.ends() for cover in covers)]))
+    local = NormalisedWrenches.of(np.concatenate([kept, *(cover.ends() for cover in covers)]))
     known = None if before is None else before.within(local)
     points, inner = local.inward(kept), [cover.within(local) for cover in covers]
     if before is not None and known is not None and _reach(known, points, inner) <= 1.0 + NEAR:
@@ -78,7 +78,7 @@ class Around:
     axes: FloatArray
     gap: float | None
 
-    def within(self, local: Local) -> MinVolume | None:
+    def within(self, local: NormalisedWrenches) -> MinVolume | None:
         """Return the ellipsoid in normalised coordinates, ``None`` if it is flat in them."""
         _, sizes, vectors = np.linalg.svd(local.inward_axes(self.axes), full_matrices=False)
         r = len(local.basis)
@@ -146,7 +146,7 @@ class Cover:
         """Return the end points of the first ellipsoid's semi-axes, (2 m, d)."""
         return self.shapes[0].ends()
 
-    def within(self, local: Local) -> Cover:
+    def within(self, local: NormalisedWrenches) -> Cover:
         """Return the cover in normalised coordinates."""
         return Cover(tuple(shape.within(local) for shape in self.shapes), self.given)
 
@@ -182,7 +182,7 @@ class Shape:
         """Return the end points of its semi-axes, (2 m, d)."""
         return np.concatenate([self.center + self.axes, self.center - self.axes])
 
-    def within(self, local: Local) -> Shape:
+    def within(self, local: NormalisedWrenches) -> Shape:
         """Return the ellipsoid in normalised coordinates."""
         return Shape(local.inward(self.center[None])[0], local.inward_axes(self.axes))
 

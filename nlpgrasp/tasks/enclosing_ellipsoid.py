@@ -22,7 +22,7 @@ from nlpgrasp.common.formatting import COMPONENTS
 from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
-from nlpgrasp.tasks.wrench_table import columns_of, scales_of, states_units, table_of
+from nlpgrasp.tasks.wrench_table import columns_of, has_units, scales_of, table_of
 
 GAP = 1e-6  # certified relative excess of volume
 NEAR = 1e-9  # relative distance beyond the ellipsoid within which a wrench counts as inside
@@ -54,12 +54,12 @@ def enclose(
     if probability is not None and (not 0.0 < number("probability", probability) < 1.0 or outliers > 0.0):
         raise InputError("probability", probability, "a share between 0 and 1, without outliers")
     middle = None if center is None else array("center", center, (rows.shape[1],))
-    local = Local.of(rows, middle)
+    local = NormalisedWrenches.of(rows, middle)
     if len(local.flat):
         warn(flat_words(local.flat))
     excess: float | None = None
     if probability is None:
-        found = trimmed(local.points, outliers, gap, middle is not None)
+        found = enclose_without_outliers(local.points, outliers, gap, middle is not None)
         offset, axes, excess = found.center, found.axes, found.gap
         if found.gap > gap:
             text = f"the ellipsoid's volume is only known to be within {found.gap:.2g} of the least, not {gap:.2g}"
@@ -107,7 +107,7 @@ def _covariance(local: FloatArray, probability: float, centred: bool) -> tuple[F
     return np.zeros(local.shape[1]), np.sqrt(quantile * values)[:, None] * vectors.T
 
 
-def trimmed(local: FloatArray, outliers: float, gap: float, centred: bool) -> MinVolume:
+def enclose_without_outliers(local: FloatArray, outliers: float, gap: float, centred: bool) -> MinVolume:
     """Return the minimum-volume ellipsoid around all points but a share of outliers."""
     keep = len(local) - int(outliers * len(local))
     center = np.zeros(local.shape[1]) if centred else None
@@ -123,7 +123,7 @@ def trimmed(local: FloatArray, outliers: float, gap: float, centred: bool) -> Mi
             away = local if centred else local - local[chosen].mean(axis=0)
         least = np.inf
         for _ in range(SWEEPS):  # the same with the minimum-volume ellipsoid, while it shrinks
-            found = min_volume_ellipsoid(_spanning(local[chosen], centred), max(gap, 1e-3), center)
+            found = min_volume_ellipsoid(_check_span(local[chosen], centred), max(gap, 1e-3), center)
             volume = float(np.prod(np.linalg.norm(found.axes, axis=1)))
             if volume > (1.0 - SHRINKS) * least:
                 break
@@ -133,10 +133,10 @@ def trimmed(local: FloatArray, outliers: float, gap: float, centred: bool) -> Mi
             if np.array_equal(nearest, chosen):
                 break
             chosen = nearest
-    return min_volume_ellipsoid(_spanning(local[chosen], centred), gap, center)
+    return min_volume_ellipsoid(_check_span(local[chosen], centred), gap, center)
 
 
-def _spanning(kept: FloatArray, centred: bool) -> FloatArray:
+def _check_span(kept: FloatArray, centred: bool) -> FloatArray:
     """Return the kept points; raise if they no longer span their space."""
     away = kept if centred else kept - kept.mean(axis=0)
     sizes = np.linalg.svd(np.linalg.qr(away, mode="r"))[1]
@@ -147,7 +147,7 @@ def _spanning(kept: FloatArray, centred: bool) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Local:
+class NormalisedWrenches:
     """Wrenches in normalised coordinates: ``about + (points @ basis) * unit``.
 
     Parameters
@@ -166,7 +166,7 @@ class Local:
     flat: FloatArray
 
     @classmethod
-    def of(cls, rows: FloatArray, middle: FloatArray | None = None) -> Local:
+    def of(cls, rows: FloatArray, middle: FloatArray | None = None) -> NormalisedWrenches:
         """Return the normalised coordinates of wrenches (n, d), about their mean or a given centre.
 
         Raises
@@ -261,13 +261,13 @@ def levels(points: FloatArray, center: FloatArray, axes: FloatArray) -> FloatArr
 def _weights(q: FloatArray, tolerance: float, begun: NDArray[np.intp] | None) -> FloatArray:
     """Return dual weights for points (m, n) with all ``q_i^T M^-1 q_i`` at most ``n (1 + tolerance)``."""
     n = q.shape[1]
-    first = _independent(q)
+    first = _independent_points(q)
     if begun is None:
-        begun = np.argsort(-_sizes(q, np.asarray(np.linalg.pinv(q.T @ q / len(q)))))[:CORE]
+        begun = np.argsort(-_quadratic_forms(q, np.asarray(np.linalg.pinv(q.T @ q / len(q)))))[:CORE]
     core = np.concatenate([first, np.setdiff1d(begun, first)])
     for done in range(ROUNDS):
         u = _best_weights(q[core], 0.3 * tolerance)
-        far = _sizes(q, _inverse(q[core], u))
+        far = _quadratic_forms(q, _inverse(q[core], u))
         if far.max() <= n * (1.0 + tolerance):
             break
         farthest = np.argpartition(-far, min(JOINING, len(far)) - 1)[:JOINING]
@@ -278,12 +278,12 @@ def _weights(q: FloatArray, tolerance: float, begun: NDArray[np.intp] | None) ->
     return np.asarray(result / result.sum())
 
 
-def _sizes(q: FloatArray, inner: FloatArray) -> FloatArray:
+def _quadratic_forms(q: FloatArray, inner: FloatArray) -> FloatArray:
     """Return ``q_i^T inner q_i`` of points (m, n)."""
     return np.asarray(np.einsum("ij,ij->i", q @ inner, q))
 
 
-def _independent(q: FloatArray) -> NDArray[np.intp]:
+def _independent_points(q: FloatArray) -> NDArray[np.intp]:
     """Return the indices of n linearly independent points, each the farthest from the span of the previous."""
     rest = q.copy()
     chosen = []
@@ -327,7 +327,7 @@ def wrench_rows(wrenches: ArrayLike) -> FloatArray:
     Columns of a pandas frame are identified by name, in newtons and newton-metres unless they state units.
     """
     if hasattr(wrenches, "columns"):
-        wrenches = _of_frame(wrenches)
+        wrenches = _read_frame(wrenches)
     try:
         if np.asarray(wrenches).dtype.kind not in "iuf":
             raise TypeError
@@ -338,22 +338,22 @@ def wrench_rows(wrenches: ArrayLike) -> FloatArray:
         raise InputError("wrenches", f"shape {given.shape}", "shape (m, 3) or (m, 6), at least one wrench")
     bad = np.flatnonzero(~np.all(np.isfinite(given), axis=1))
     if len(bad):
-        raise InputError("wrenches", bad_rows(bad), "finite numbers in every row")
+        raise InputError("wrenches", bad_rows_message(bad), "finite numbers in every row")
     return array("wrenches", given, (None, None))
 
 
-def _of_frame(frame: object) -> FloatArray:
+def _read_frame(frame: object) -> FloatArray:
     """Return the wrenches of a pandas frame, (m, d)."""
     table = table_of("wrenches", frame)
     if table.header is None:
         return table.numbers(list(range(table.width)))
     size = 3 if table.width == 3 else 6
     chosen = columns_of(table.header, None, table.width, table.name, size)
-    stated = states_units(table.header, chosen)
+    stated = has_units(table.header, chosen)
     return table.numbers(chosen) * scales_of(table.header, chosen, None if stated else ("N", "Nm"), table.name)
 
 
-def bad_rows(rows: NDArray[np.intp]) -> str:
+def bad_rows_message(rows: NDArray[np.intp]) -> str:
     """Return the text of a message about rows that are not finite."""
     named = ", ".join(map(str, rows[:MOST_NAMED])) + (", ..." if len(rows) > MOST_NAMED else "")
     return f"{len(rows)} row{'s' * (len(rows) > 1)} with NaN or infinity ({named})"

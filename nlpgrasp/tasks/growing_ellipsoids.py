@@ -38,7 +38,14 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.ellipsoid_covers import GAP, Around, Cover, Shape, least_around
-from nlpgrasp.tasks.enclosing_ellipsoid import FLAT, NEAR, ROUNDING, Local, levels, trimmed
+from nlpgrasp.tasks.enclosing_ellipsoid import (
+    FLAT,
+    NEAR,
+    ROUNDING,
+    NormalisedWrenches,
+    enclose_without_outliers,
+    levels,
+)
 from nlpgrasp.tasks.task_ellipsoid import TaskEllipsoid
 
 MOST, LEAST = 8192, 4096  # wrenches kept individually: most, and number after thinning
@@ -207,8 +214,8 @@ class LeastVolume(Learnt):
         if 2 * many >= len(self.kept):
             most = (len(self.kept) - 1) / 2 / self.wrenches
             raise InputError("share", share, f"at most {most:.3g}: {len(self.kept)} wrenches are kept one by one")
-        local = Local.of(self.kept)
-        found = trimmed(local.points, (many + 0.5) / len(self.kept), GAP, False)
+        local = NormalisedWrenches.of(self.kept)
+        found = enclose_without_outliers(local.points, (many + 0.5) / len(self.kept), GAP, False)
         inside = levels(local.points, found.center, found.axes) <= 1.0 + NEAR
         left, out = self.kept[inside], self.kept[~inside]
         around = least_around(left, self.covers, None)
@@ -257,7 +264,7 @@ def _thinned(kept: FloatArray, covers: Sequence[Cover], around: Around) -> tuple
         kept = np.unique(kept, axis=0)
     if len(kept) <= MOST:
         return kept, tuple(covers)
-    local = Local.of(np.concatenate([kept, *(cover.ends() for cover in covers)]))
+    local = NormalisedWrenches.of(np.concatenate([kept, *(cover.ends() for cover in covers)]))
     ellipsoid = around.within(local)
     if ellipsoid is None:  # rounding at the edge of being flat
         return kept, tuple(covers)
@@ -273,7 +280,7 @@ def _thinned(kept: FloatArray, covers: Sequence[Cover], around: Around) -> tuple
 
 def _shaped(rows: FloatArray) -> Shape:
     """Return an enclosing ellipsoid of wrenches (n, d) with the shape of their covariance."""
-    local = Local.of(rows)
+    local = NormalisedWrenches.of(rows)
     values, vectors = np.linalg.eigh(local.points.T @ local.points / len(rows))
     axes = np.sqrt(values)[:, None] * vectors.T
     reach = float(np.max(levels(local.points, np.zeros(len(values)), axes))) * (1.0 + ROUNDING)

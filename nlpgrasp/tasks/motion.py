@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation, RotationSpline
 
 from nlpgrasp.common.meshes.mass_properties import volume_integrals
 from nlpgrasp.common.spatial import Pose, pose_matrix, rotation_matrices
-from nlpgrasp.common.validation import FloatArray, array, number, read_only, within
+from nlpgrasp.common.validation import FloatArray, array, number, prefix_errors, read_only
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.task_polytope import TaskPolytope
 
@@ -248,7 +248,7 @@ class MassProperties:
         return np.concatenate([force, moment], axis=1)
 
 
-@within("motion_wrenches: ")
+@prefix_errors("motion_wrenches: ")
 def motion_wrenches(
     times: ArrayLike,
     positions: ArrayLike,

@@ -13,7 +13,7 @@ from nlpgrasp.common.spatial import Pose, pose_matrix, wrench_transform
 from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
-from nlpgrasp.tasks.enclosing_ellipsoid import GAP, bad_rows, enclose
+from nlpgrasp.tasks.enclosing_ellipsoid import GAP, bad_rows_message, enclose
 from nlpgrasp.tasks.task_ellipsoid import EllipsoidFit
 from nlpgrasp.tasks.wrench_table import Table, columns_of, csv_table, scales_of, table_of
 
@@ -146,8 +146,8 @@ class WrenchRecording:
         lines, bad = table.lines, table.lines[~good]
         if not good.all():
             if not skip_invalid:
-                raise InputError(table.name, bad_rows(bad), "six numbers in every line, or skip_invalid")
-            warn(f"{table.name}: left out {bad_rows(bad)}")
+                raise InputError(table.name, bad_rows_message(bad), "six numbers in every line, or skip_invalid")
+            warn(f"{table.name}: left out {bad_rows_message(bad)}")
         if not good.any():
             raise InputError(table.name, "no line with six numbers", "at least one wrench")
         pose = np.eye(4) if sensor_pose is None else pose_matrix("sensor_pose", sensor_pose)

@@ -91,9 +91,9 @@ class TaskSet(Task):
                 "TaskSet.support", f"{type(error).__name__}: {error}", "a function of directions (m, d)"
             ) from error
         if isinstance(found, tuple) and len(found) == 2:
-            values, maximisers = _numbers(found[0]), _numbers(found[1])
+            values, maximisers = _check_numbers(found[0]), _check_numbers(found[1])
         else:
-            values = _numbers(found)
+            values = _check_numbers(found)
             if values.shape != (len(y),):
                 raise InputError("TaskSet.support", f"shape {values.shape}", f"({len(y)},), a value a direction")
             size = DIFFERENCE * np.maximum(np.linalg.norm(y, axis=1), 1e-300)
@@ -130,7 +130,7 @@ class TaskSet(Task):
         raise InputError("task", "a TaskSet", "a task with a JSON form, such as a TaskEllipsoid")
 
 
-def _numbers(value: ArrayLike) -> FloatArray:
+def _check_numbers(value: ArrayLike) -> FloatArray:
     try:
         return np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):

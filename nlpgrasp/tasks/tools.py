@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.validation import FloatArray, array, kilograms, number, within
+from nlpgrasp.common.validation import FloatArray, array, kilograms, number, prefix_errors
 from nlpgrasp.common.validation import angle as radians
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.task_ellipsoid import TaskEllipsoid
@@ -20,7 +20,7 @@ TILTS = 13  # sampled orientations of a pour
 ORIGIN = np.zeros(3)  # of the body frame, metres
 
 
-@within("press: ")
+@prefix_errors("press: ")
 def press(point: ArrayLike, direction: ArrayLike, force: float, sideways: float = 0.2) -> TaskEllipsoid:
     """Return the task of pressing with a tool's point, with a force from zero to ``force``.
 
@@ -35,13 +35,13 @@ def press(point: ArrayLike, direction: ArrayLike, force: float, sideways: float 
     sideways : float
         Lateral forces over ``force``, as from friction of the pressed surface.
     """
-    along, force = _direction("direction", direction), number("force", force, above=0.0)
+    along, force = _check_direction("direction", direction), number("force", force, above=0.0)
     across = number("sideways", sideways, at_least=0.0) * force
-    forces = np.concatenate([0.5 * force * along[None], across * _across(along)])
-    return _at_point(point, forces, 0.5 * force * along)
+    forces = np.concatenate([0.5 * force * along[None], across * _orthogonal_vectors(along)])
+    return _tool_at_point(point, forces, 0.5 * force * along)
 
 
-@within("cut: ")
+@prefix_errors("cut: ")
 def cut(point: ArrayLike, down: ArrayLike, along: ArrayLike, force: float, sideways: float = 0.1) -> TaskEllipsoid:
     """Return the task of cutting: a blade pressed down and drawn to and fro, each with up to ``force``.
 
@@ -56,7 +56,7 @@ def cut(point: ArrayLike, down: ArrayLike, along: ArrayLike, force: float, sidew
     sideways : float
         Lateral forces over ``force``.
     """
-    below, edge = _direction("down", down), _direction("along", along)
+    below, edge = _check_direction("down", down), _check_direction("along", along)
     edge = edge - (edge @ below) * below
     if np.linalg.norm(edge) < 1e-6:
         raise InputError("along", along, "a direction across the one the blade presses in")
@@ -64,10 +64,10 @@ def cut(point: ArrayLike, down: ArrayLike, along: ArrayLike, force: float, sidew
     force = number("force", force, above=0.0)
     side = number("sideways", sideways, at_least=0.0) * force
     forces = np.array([0.5 * force * below, force * edge, side * np.cross(below, edge)])
-    return _at_point(point, forces, 0.5 * force * below)
+    return _tool_at_point(point, forces, 0.5 * force * below)
 
 
-@within("turn: ")
+@prefix_errors("turn: ")
 def turn(axis: ArrayLike, torque: float, one_way: bool = False) -> TaskEllipsoid:
     """Return the task of turning about an axis with up to ``torque``, in one or both senses.
 
@@ -80,15 +80,15 @@ def turn(axis: ArrayLike, torque: float, one_way: bool = False) -> TaskEllipsoid
     one_way : bool
         Whether only the positive sense about the axis is required.
     """
-    along, torque = _direction("axis", axis), number("torque", torque, above=0.0)
+    along, torque = _check_direction("axis", axis), number("torque", torque, above=0.0)
     if not isinstance(one_way, bool):
         raise InputError("one_way", one_way, "True or False")
     share = 0.5 if one_way else 1.0
     moment = np.concatenate([np.zeros(3), share * torque * along])
-    return _made(moment[None], moment if one_way else np.zeros(6))
+    return _tool_ellipsoid(moment[None], moment if one_way else np.zeros(6))
 
 
-@within("write: ")
+@prefix_errors("write: ")
 def write(lead: ArrayLike, axis: ArrayLike, force: float, torque: float) -> TaskEllipsoid:
     """Return the task of writing, Example 3-5: torques across the pencil at its lead, and a force along it, (3.3-2).
 
@@ -103,14 +103,14 @@ def write(lead: ArrayLike, axis: ArrayLike, force: float, torque: float) -> Task
     torque : float
         Largest torque about axes across the pencil, at the lead, newton-metres; about its own axis, a tenth.
     """
-    along, force = _direction("axis", axis), number("force", force, above=0.0)
+    along, force = _check_direction("axis", axis), number("force", force, above=0.0)
     torque = number("torque", torque, above=0.0)
-    forces = np.concatenate([0.5 * force * along[None], force / 3.0 * _across(along)])
-    moments = np.concatenate([0.1 * torque * along[None], torque * _across(along)])
-    return _at_point(lead, forces, 0.5 * force * along, moments)
+    forces = np.concatenate([0.5 * force * along[None], force / 3.0 * _orthogonal_vectors(along)])
+    moments = np.concatenate([0.1 * torque * along[None], torque * _orthogonal_vectors(along)])
+    return _tool_at_point(lead, forces, 0.5 * force * along, moments)
 
 
-@within("insert: ")
+@prefix_errors("insert: ")
 def insert(point: ArrayLike, direction: ArrayLike, force: float, jam: float, depth: float) -> TaskEllipsoid:
     """Return the task of inserting a peg with up to ``force``, against jamming forces and moments at its end.
 
@@ -127,13 +127,13 @@ def insert(point: ArrayLike, direction: ArrayLike, force: float, jam: float, dep
     depth : float
         Insertion depth, metres: the distance of two opposite jamming forces.
     """
-    along, force = _direction("direction", direction), number("force", force, above=0.0)
+    along, force = _check_direction("direction", direction), number("force", force, above=0.0)
     jam, depth = number("jam", jam, above=0.0), number("depth", depth, above=0.0)
-    forces = np.concatenate([0.5 * force * along[None], jam * _across(along)])
-    return _at_point(point, forces, 0.5 * force * along, jam * depth * _across(along))
+    forces = np.concatenate([0.5 * force * along[None], jam * _orthogonal_vectors(along)])
+    return _tool_at_point(point, forces, 0.5 * force * along, jam * depth * _orthogonal_vectors(along))
 
 
-@within("lift: ")
+@prefix_errors("lift: ")
 def lift(
     center_of_mass: ArrayLike, mass: float, up: ArrayLike = (0.0, 0.0, 1.0), acceleration: float = 2.0
 ) -> TaskEllipsoid:
@@ -150,12 +150,12 @@ def lift(
     acceleration : float
         Largest acceleration in any direction, m / s^2.
     """
-    above, mass = _direction("up", up), kilograms(mass)
+    above, mass = _check_direction("up", up), kilograms(mass)
     shaking = number("acceleration", acceleration, above=0.0)
-    return _at_point(center_of_mass, mass * shaking * np.eye(3), mass * WEIGHT * above, name="center_of_mass")
+    return _tool_at_point(center_of_mass, mass * shaking * np.eye(3), mass * WEIGHT * above, name="center_of_mass")
 
 
-@within("gravity: ")
+@prefix_errors("gravity: ")
 def gravity(center_of_mass: ArrayLike, mass: float) -> TaskEllipsoid:
     """Return the task of carrying a body's weight in any orientation.
 
@@ -166,10 +166,10 @@ def gravity(center_of_mass: ArrayLike, mass: float) -> TaskEllipsoid:
     mass : float
         Kilograms.
     """
-    return _at_point(center_of_mass, kilograms(mass) * WEIGHT * np.eye(3), np.zeros(3), name="center_of_mass")
+    return _tool_at_point(center_of_mass, kilograms(mass) * WEIGHT * np.eye(3), np.zeros(3), name="center_of_mass")
 
 
-@within("pour: ")
+@prefix_errors("pour: ")
 def pour(
     center_of_mass: ArrayLike, mass: float, axis: ArrayLike, angle: float, up: ArrayLike = (0.0, 0.0, 1.0)
 ) -> TaskPolytope:
@@ -188,7 +188,7 @@ def pour(
     up : (3,) array
         Upward direction in the body frame while the body is upright.
     """
-    above, about = _direction("up", up), _direction("axis", axis)
+    above, about = _check_direction("up", up), _check_direction("axis", axis)
     angle = radians("angle", angle, np.pi, "pi")
     weight, where = kilograms(mass) * WEIGHT, array("center_of_mass", center_of_mass, (3,))
     t = np.linspace(0.0, angle, TILTS)[:, None]
@@ -203,7 +203,7 @@ def pour(
     return TaskPolytope(np.concatenate([forces, np.cross(where, forces)], axis=1)).given_about(ORIGIN)
 
 
-@within("disturbance: ")
+@prefix_errors("disturbance: ")
 def disturbance(force: float, torque: float, point: ArrayLike | None = None) -> TaskEllipsoid:
     """Return the task of exerting any force at a point and any torque, up to given sizes.
 
@@ -217,33 +217,33 @@ def disturbance(force: float, torque: float, point: ArrayLike | None = None) -> 
     force, torque = number("force", force, at_least=0.0), number("torque", torque, at_least=0.0)
     if force == torque == 0.0:
         raise InputError("force", 0.0, "a force or a torque greater than zero")
-    found = _at_point(ORIGIN if point is None else point, force * np.eye(3), np.zeros(3), torque * np.eye(3))
+    found = _tool_at_point(ORIGIN if point is None else point, force * np.eye(3), np.zeros(3), torque * np.eye(3))
     found.point_left_out = point is None and force > 0.0
     return found
 
 
-def _direction(name: str, value: ArrayLike) -> FloatArray:
+def _check_direction(name: str, value: ArrayLike) -> FloatArray:
     given = array(name, value, (3,))
     if not (size := float(np.linalg.norm(given))):
         raise InputError(name, value, "a direction that is not zero")
     return given / size
 
 
-def _across(along: FloatArray) -> FloatArray:
+def _orthogonal_vectors(along: FloatArray) -> FloatArray:
     """Return two unit vectors orthogonal to a direction, (2, 3)."""
     return np.linalg.svd(along[None])[2][1:]
 
 
-def _at_point(
+def _tool_at_point(
     point: ArrayLike, forces: FloatArray, center: FloatArray, moments: FloatArray | None = None, name: str = "point"
 ) -> TaskEllipsoid:
     """Return the ellipsoid with semi-axes of forces at a point and of moments, about the body frame's origin."""
     where = array(name, point, (3,))
     moments = np.zeros((0, 3)) if moments is None else moments
     axes = np.block([[forces, np.cross(where, forces)], [np.zeros_like(moments), moments]])
-    return _made(axes, np.concatenate([center, np.cross(where, center)]))
+    return _tool_ellipsoid(axes, np.concatenate([center, np.cross(where, center)]))
 
 
-def _made(axes: FloatArray, center: FloatArray) -> TaskEllipsoid:
+def _tool_ellipsoid(axes: FloatArray, center: FloatArray) -> TaskEllipsoid:
     kept = axes[np.any(axes != 0.0, axis=1)]
     return TaskEllipsoid.from_axes(kept, center).given_about(ORIGIN)

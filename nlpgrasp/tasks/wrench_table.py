@@ -78,7 +78,9 @@ class Table:
             commas = self.comma and any("," in cell for row in cells for cell in row)
             if commas and any("." in cell for row in cells for cell in row):
                 raise InputError(f"{self.name}: decimals", "commas and points", "one of them in all numbers")
-            found = np.array([[_number(cell.replace(",", ".") if commas else cell) for cell in row] for row in cells])
+            found = np.array(
+                [[_number_or_nan(cell.replace(",", ".") if commas else cell) for cell in row] for row in cells]
+            )
         return np.where(np.abs(found) <= LARGEST, found, np.nan).reshape(-1, len(columns))
 
 
@@ -145,7 +147,7 @@ def _column(frame: Any, i: int) -> FloatArray:
     if values.dtype.kind in "iuf":
         return np.asarray(values, dtype=float)
     if values.dtype.kind == "O":
-        return np.array([_number(cell) if isinstance(cell, str | int | float) else np.nan for cell in values])
+        return np.array([_number_or_nan(cell) if isinstance(cell, str | int | float) else np.nan for cell in values])
     return np.full(len(values), np.nan)
 
 
@@ -157,7 +159,7 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def _number(cell: str | float) -> float:
+def _number_or_nan(cell: str | float) -> float:
     """Return a cell as a number, NaN where it is not a number."""
     try:
         return float(cell)
@@ -188,7 +190,7 @@ def columns_of(header: Sequence[str] | None, given: object, width: int, table: s
     """
     have = "columns " + ", ".join(header) if header else f"{width} columns without names"
     if given is not None:
-        return _named(header, given, width, have, wrench_size)
+        return _column_indices(header, given, width, have, wrench_size)
     wanted = SPATIAL if wrench_size == 6 else PLANAR
     known = [_component(name) for name in header or ()]
     places = [[i for i, own in enumerate(known) if own is not None and own[1:] == one] for one in wanted]
@@ -201,7 +203,7 @@ def columns_of(header: Sequence[str] | None, given: object, width: int, table: s
     return [found[0] for found in places]
 
 
-def _named(header: Sequence[str] | None, given: object, width: int, have: str, wrench_size: int) -> list[int]:
+def _column_indices(header: Sequence[str] | None, given: object, width: int, have: str, wrench_size: int) -> list[int]:
     """Return the indices of columns given by name or index."""
     if not isinstance(given, Sequence) or isinstance(given, str) or len(given) != wrench_size:
         raise InputError("columns", given, f"{'six' if wrench_size == 6 else 'three'} names or numbers")
@@ -253,6 +255,6 @@ def scales_of(header: Sequence[str] | None, chosen: Sequence[int], units: object
     return np.array(factors)
 
 
-def states_units(header: Sequence[str], chosen: Sequence[int]) -> bool:
+def has_units(header: Sequence[str], chosen: Sequence[int]) -> bool:
     """Return whether any of the columns states its unit."""
     return any(UNIT.search(header[column]) for column in chosen)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from nlpgrasp.verify.check import Check, NotMadeError, Verification
+from nlpgrasp.verify.check import Check, NotCheckedError, Verification
 from nlpgrasp.verify.mesh_body import mesh
 from nlpgrasp.verify.numeric_bodies import (
     box,
@@ -28,8 +28,8 @@ from nlpgrasp.verify.numeric_constraints import (
 from nlpgrasp.verify.numeric_hands import fingertips, parallel_jaw
 from nlpgrasp.verify.numeric_urdf_hand import urdf
 from nlpgrasp.verify.registry import register_body, register_constraint, register_hand
-from nlpgrasp.verify.sources import Sources
-from nlpgrasp.verify.stated_placement import Ball, Fit, HandNumbers, Palm, RowValue, StatedPlacement, Surface
+from nlpgrasp.verify.sources import SourceFolders
+from nlpgrasp.verify.stated_placement import Ball, ConstraintValue, Fit, HandNumbers, NumericBody, Palm, StatedPlacement
 from nlpgrasp.verify.verify import verify
 
 
@@ -49,14 +49,14 @@ register_all()
 __all__ = [
     "Ball",
     "Check",
+    "ConstraintValue",
     "Fit",
     "HandNumbers",
-    "NotMadeError",
+    "NotCheckedError",
+    "NumericBody",
     "Palm",
-    "RowValue",
-    "Sources",
+    "SourceFolders",
     "StatedPlacement",
-    "Surface",
     "Verification",
     "register_body",
     "register_constraint",

@@ -16,11 +16,11 @@ from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.solution.obstructions import BODY
 from nlpgrasp.solution.phase_record import APPROACH, GRASP, LIFT, PREGRASP, SQUEEZE, Phase
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.verify.check import NO_BODY, Check, NotMadeError, states_all
-from nlpgrasp.verify.convex_solids import Solid, solid_body, surroundings
+from nlpgrasp.verify.check import NO_BODY, Check, NotCheckedError, is_complete_version
+from nlpgrasp.verify.convex_solids import NumericSolid, solid_body, solids_around
 from nlpgrasp.verify.numeric_constraints import unit
 from nlpgrasp.verify.numeric_urdf_hand import URDFNumbers, require_links
-from nlpgrasp.verify.stated_placement import HandNumbers, StatedPlacement, Surface
+from nlpgrasp.verify.stated_placement import HandNumbers, NumericBody, StatedPlacement
 
 SAME = 1e-9  # metres, radians: rounding tolerance of sums
 STEP = 2e-3  # metres between samples
@@ -34,15 +34,15 @@ def phase_checks(solution: GraspSolution) -> list[Check]:
     phases, posture = {phase.name: phase for phase in solution.phases}, solution.hand or {}
     checks = []
     if phases:
-        wrong = "; ".join([*_poses(posture, phases), *_commands(solution, phases)])
+        wrong = "; ".join([*_phase_errors(posture, phases), *_commands(solution, phases)])
         checks.append(Check("phases", not wrong, wrong or ", ".join(phases)))
-    if (solution.problem.get("hand") or {}).get("type") == "urdf" and states_all(solution):
-        wrong, told = _way_in(posture, phases)
+    if (solution.problem.get("hand") or {}).get("type") == "urdf" and is_complete_version(solution):
+        wrong, told = _approach_error(posture, phases)
         checks.append(Check("way in", not wrong, wrong or told))
     return checks
 
 
-def _way_in(posture: Json, phases: dict[str, Phase]) -> tuple[str, str]:
+def _approach_error(posture: Json, phases: dict[str, Phase]) -> tuple[str, str]:
     """Return the error in the statement of an approach, and otherwise what it states."""
     way = posture.get("approach")
     if way is None:
@@ -53,26 +53,26 @@ def _way_in(posture: Json, phases: dict[str, Phase]) -> tuple[str, str]:
     return ("" if reason else "hand.approach states neither a direction nor the reason why none is free"), reason
 
 
-def _poses(posture: Json, phases: dict[str, Phase]) -> Iterator[str]:
+def _phase_errors(posture: Json, phases: dict[str, Phase]) -> Iterator[str]:
     """Yield the errors in palm pose and joints."""
     if GRASP not in phases:
         yield "no grasp among the phases"
         return
     grasp, here = phases[GRASP], Phase.of(GRASP, posture)
     unit("hand.phases.quaternion_wxyz", grasp.palm_quaternion, 4)
-    if not (_near(grasp.palm_position, here.palm_position) and _joined(grasp, here)):
+    if not (_is_close(grasp.palm_position, here.palm_position) and _has_equal_joints(grasp, here)):
         yield "the grasp's palm or joints are not those of the hand"
     for phase in (here, *phases.values()):
-        if not _near(phase.palm_quaternion, grasp.palm_quaternion):
+        if not _is_close(phase.palm_quaternion, grasp.palm_quaternion):
             yield f"the palm turns: {phase.name}"
     if APPROACH in phases:
-        if PREGRASP not in phases or not _joined(phases[APPROACH], phases[PREGRASP]):
+        if PREGRASP not in phases or not _has_equal_joints(phases[APPROACH], phases[PREGRASP]):
             yield "the joints of the approach are not those of the pregrasp"
             return
         way = posture["approach"]
         direction = unit("hand.approach.direction", way["direction"], 3)
         back = phases[PREGRASP].palm_position - way["distance"] * direction
-        if not _near(phases[APPROACH].palm_position, back):
+        if not _is_close(phases[APPROACH].palm_position, back):
             yield "the approach does not begin its distance before the pregrasp"
     elif (posture.get("approach") or {}).get("direction") is not None:
         yield "a direction of the approach without its keyframe"
@@ -90,26 +90,26 @@ def _commands(solution: GraspSolution, phases: dict[str, Phase]) -> Iterator[str
     own = ((solution.hand or {})["squeeze"]).get("torques", {})
     if any(abs(squeezed.joints[joint] - told[joint]) > SAME * max(1.0, abs(told[joint])) for joint in own):
         yield "the squeeze's joints are not those commanded"
-    if not _near(squeezed.palm_position, grasp.palm_position):
+    if not _is_close(squeezed.palm_position, grasp.palm_position):
         yield "the palm moves in the squeeze"
     if lift is not None:
         up = (solution.hand or {})["lift"]
         raised = grasp.palm_position + up["distance"] * unit("hand.lift.direction", up["direction"], 3)
-        if not (_joined(lift, squeezed) and _near(lift.palm_position, raised)):
+        if not (_has_equal_joints(lift, squeezed) and _is_close(lift.palm_position, raised)):
             yield "the lift is not the squeeze raised by its distance"
 
 
-def _near(a: FloatArray, b: FloatArray) -> bool:
+def _is_close(a: FloatArray, b: FloatArray) -> bool:
     return bool(np.max(np.abs(a - b)) <= SAME)
 
 
-def _joined(a: Phase, b: Phase) -> bool:
+def _has_equal_joints(a: Phase, b: Phase) -> bool:
     """Return whether the joint positions of two phases are equal."""
     return a.joints.keys() == b.joints.keys() and all(abs(a.joints[j] - b.joints[j]) <= SAME for j in a.joints)
 
 
 def way_checks(
-    solution: GraspSolution, hand: HandNumbers | None, surface: Surface | None, placement: StatedPlacement
+    solution: GraspSolution, hand: HandNumbers | None, surface: NumericBody | None, placement: StatedPlacement
 ) -> list[Check]:
     """Return the checks of the approach's clearance and of the lift's distance, if stated.
 
@@ -133,7 +133,7 @@ def way_checks(
     try:
         scene = _Scene.of(solution, hand, surface, placement)
         wrong = {name: "; ".join(faults(scene)) for name, faults in stated.items()}
-    except NotMadeError as reason:
+    except NotCheckedError as reason:
         return [Check.not_made(name, str(reason)) for name in stated]
     return [Check(name, not fault, fault or f"looked at every {1e3 * STEP:g} mm") for name, fault in wrong.items()]
 
@@ -153,19 +153,19 @@ class _Scene:
     """
 
     hand: URDFNumbers
-    body: Solid
+    body: NumericSolid
     bounds: FloatArray
-    around: Sequence[Solid]
+    around: Sequence[NumericSolid]
 
     @classmethod
     def of(
-        cls, solution: GraspSolution, hand: HandNumbers | None, surface: Surface | None, placement: StatedPlacement
+        cls, solution: GraspSolution, hand: HandNumbers | None, surface: NumericBody | None, placement: StatedPlacement
     ) -> _Scene:
-        """Return the scene; raise ``NotMadeError`` where data are missing."""
+        """Return the scene; raise ``NotCheckedError`` where data are missing."""
         known = require_links(hand, "links")
         if surface is None:
-            raise NotMadeError(NO_BODY)
-        around = list(surroundings(solution.problem["constraints"], placement))
+            raise NotCheckedError(NO_BODY)
+        around = list(solids_around(solution.problem["constraints"], placement))
         return cls(known, solid_body(BODY, solution.body, surface), surface.bounds, around)
 
     @property
@@ -175,7 +175,7 @@ class _Scene:
 
     def approach(self, afar: Phase, before: Phase) -> Iterator[str]:
         """Yield the errors in the stated clearance of the straight path to the pregrasp."""
-        centres, radii, links = _balls(replace(self.hand, posture={**self.hand.posture, **before.to_dict()}))
+        centres, radii, links = _link_spheres(replace(self.hand, posture={**self.hand.posture, **before.to_dict()}))
         if not len(radii):  # flat fingertips of links without shapes: no spheres
             return
         way = afar.palm_position - before.palm_position
@@ -201,7 +201,7 @@ class _Scene:
         """
         direction = unit("hand.lift.direction", up["direction"], 3)
         distance = number("hand.lift.distance", up["distance"], at_least=0.0)
-        centres, radii, _ = _balls(self.hand)
+        centres, radii, _ = _link_spheres(self.hand)
         body = self._points_in_body()
         points, radii = np.concatenate([centres, body]), np.concatenate([radii, np.zeros(len(body))])
         for thing in self.around:
@@ -222,7 +222,7 @@ class _Scene:
         return inside if self.body.corners is None else np.concatenate([inside, self.body.corners])
 
 
-def _balls(hand: URDFNumbers) -> tuple[FloatArray, FloatArray, int]:
+def _link_spheres(hand: URDFNumbers) -> tuple[FloatArray, FloatArray, int]:
     """Return centres (m, 3) and radii (m,) of a hand's spheres in its posture, and the number of links' spheres.
 
     The remaining ones are round fingertips.

@@ -16,10 +16,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.optional_packages import import_mujoco
-from nlpgrasp.common.robot_files import expanded
+from nlpgrasp.common.robot_files import expand_xacro
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError, MissingExtraError
-from nlpgrasp.verify.check import NotMadeError
+from nlpgrasp.verify.check import NotCheckedError
 
 if TYPE_CHECKING:
     from mujoco import MjModel
@@ -29,7 +29,7 @@ HALF_TURN = np.pi  # radians: range of a continuous joint to either side
 
 
 @dataclass(frozen=True)
-class Follow:
+class MimicRelation:
     """Mimic relation of a joint to another: ``value = multiplier * other + offset``."""
 
     joint: str
@@ -64,7 +64,7 @@ class Link:
     axis: FloatArray
     lower: float
     upper: float
-    follow: Follow | None
+    follow: MimicRelation | None
     effort: float | None = None
 
     @property
@@ -83,7 +83,7 @@ class Link:
 
 
 def links_in(place: Path, palm: str) -> tuple[Link, ...]:
-    """Return the links below the palm, parents first; raise ``NotMadeError`` where a needed tool is missing.
+    """Return the links below the palm, parents first; raise ``NotCheckedError`` where a needed tool is missing.
 
     Parameters
     ----------
@@ -97,9 +97,9 @@ def links_in(place: Path, palm: str) -> tuple[Link, ...]:
         return links_in_mjcf(place, palm)
     if any(element.tag.endswith("/xacro}" + element.tag.rpartition("}")[2]) for element in root.iter()):
         try:
-            text = expanded(place)
+            text = expand_xacro(place)
         except InputError as error:
-            raise NotMadeError(str(error)) from None
+            raise NotCheckedError(str(error)) from None
     return links_below(text, palm)
 
 
@@ -113,7 +113,7 @@ def links_below(text: bytes, palm: str) -> tuple[Link, ...]:
     palm : str
     """
     root = ET.fromstring(text)  # noqa: S314  (expat refuses entity bombs, and the text has the recorded sha256)
-    every = [_link(element) for element in root.findall("joint")]
+    every = [_read_link(element) for element in root.findall("joint")]
     found: list[Link] = []
     names = [palm]
     for name in names:
@@ -123,18 +123,18 @@ def links_below(text: bytes, palm: str) -> tuple[Link, ...]:
     return tuple(_signed(link, found) for link in found)
 
 
-def _link(element: ET.Element) -> Link:
+def _read_link(element: ET.Element) -> Link:
     kind = element.get("type", "")
     origin = np.eye(4)
-    origin[:3, 3] = _three(element, "origin", "xyz", "0 0 0")
-    origin[:3, :3] = Rotation.from_euler("xyz", _three(element, "origin", "rpy", "0 0 0")).as_matrix()
-    axis = _three(element, "axis", "xyz", "1 0 0")
-    lower, upper = _limits(element, kind)
+    origin[:3, 3] = _read_vector(element, "origin", "xyz", "0 0 0")
+    origin[:3, :3] = Rotation.from_euler("xyz", _read_vector(element, "origin", "rpy", "0 0 0")).as_matrix()
+    axis = _read_vector(element, "axis", "xyz", "1 0 0")
+    lower, upper = _read_range(element, kind)
     mimic = element.find("mimic")
     follow = None
     if mimic is not None and kind != "fixed":
         multiplier, offset = (float(mimic.get(key, default)) for key, default in (("multiplier", "1"), ("offset", "0")))
-        follow = Follow(mimic.get("joint", ""), multiplier, offset)
+        follow = MimicRelation(mimic.get("joint", ""), multiplier, offset)
     return Link(
         _attribute(element, "child", "link", ""),
         _attribute(element, "parent", "link", ""),
@@ -164,7 +164,7 @@ def _signed(link: Link, links: Sequence[Link]) -> Link:
     return negated if room[0] <= 0.0 < room[1] else link
 
 
-def _limits(element: ET.Element, kind: str) -> tuple[float, float]:
+def _read_range(element: ET.Element, kind: str) -> tuple[float, float]:
     if kind == "continuous":
         return -HALF_TURN, HALF_TURN
     if not (_attribute(element, "limit", "lower", "") or _attribute(element, "limit", "upper", "")):
@@ -177,7 +177,7 @@ def _attribute(element: ET.Element, tag: str, key: str, default: str) -> str:
     return default if found is None else found.get(key, default)
 
 
-def _three(element: ET.Element, tag: str, key: str, default: str) -> FloatArray:
+def _read_vector(element: ET.Element, tag: str, key: str, default: str) -> FloatArray:
     return np.array([float(v) for v in _attribute(element, tag, key, default).split()])
 
 
@@ -198,9 +198,9 @@ def links_in_mjcf(place: Path, palm: str) -> tuple[Link, ...]:
         spec.compiler.fusestatic = False
         model = spec.compile()
     except MissingExtraError as error:
-        raise NotMadeError(str(error)) from None
+        raise NotCheckedError(str(error)) from None
     except (ValueError, mujoco.FatalError) as error:
-        raise NotMadeError(f"MuJoCo cannot read {place.name}: {' '.join(str(error).split())}") from None
+        raise NotCheckedError(f"MuJoCo cannot read {place.name}: {' '.join(str(error).split())}") from None
     names = [model.body(b).name or f"body_{b}" for b in range(model.nbody)]
     found: list[Link] = []
     below = {palm}
@@ -208,27 +208,27 @@ def links_in_mjcf(place: Path, palm: str) -> tuple[Link, ...]:
         above = names[model.body_parentid[b]]
         if above in below and names[b] != palm:
             below.add(names[b])
-            found += _links(model, b, above, names[b])
+            found += _links_of_body(model, b, above, names[b])
     return _coupled(model, found)
 
 
-def _links(model: MjModel, body: int, above: str, name: str) -> list[Link]:
+def _links_of_body(model: MjModel, body: int, above: str, name: str) -> list[Link]:
     """Return a link for each joint of a body, at its anchor, and the body itself, fixed to the last of them."""
-    origin = _frame(model.body_pos[body], model.body_quat[body])
+    origin = _pose_matrix(model.body_pos[body], model.body_quat[body])
     result: list[Link] = []
     for j in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]):
         slides, joint = model.jnt_type[j] == 2, model.joint(j).name or f"joint_{j}"
         axis, zero = np.array(model.jnt_axis[j]), float(model.qpos0[model.jnt_qposadr[j]])
-        there = origin @ _frame(model.jnt_pos[j])
+        there = origin @ _pose_matrix(model.jnt_pos[j])
         if slides:
-            there = there @ _frame(-zero * axis)
+            there = there @ _pose_matrix(-zero * axis)
         else:
             there[:3, :3] = there[:3, :3] @ Rotation.from_rotvec(-zero * axis).as_matrix()
         low, high = model.jnt_range[j] if model.jnt_limited[j] else (-np.inf, np.inf)
         own = f"{name}, {joint}"
         kind = "prismatic" if slides else "revolute"
         result.append(Link(own, above, joint, kind, there, axis, float(low), float(high), None))
-        above, origin = own, _frame(-model.jnt_pos[j])
+        above, origin = own, _pose_matrix(-model.jnt_pos[j])
     fixed = f"{name}, fixed"
     return [*result, Link(name, above, fixed, "fixed", origin, np.array([1.0, 0.0, 0.0]), 0.0, 0.0, None)]
 
@@ -248,7 +248,7 @@ def _coupled(model: MjModel, links: list[Link]) -> tuple[Link, ...]:
             every[name] = replace(every[name], kind="fixed", origin=held, lower=0.0, upper=0.0)
         else:
             other, zero = model.joint(second).name or f"joint_{second}", model.qpos0[model.jnt_qposadr[second]]
-            every[name] = replace(every[name], follow=Follow(other, b, float(start + a - b * zero)))
+            every[name] = replace(every[name], follow=MimicRelation(other, b, float(start + a - b * zero)))
     for e in (e for e in tied if model.eq_type[e] == 3 and model.eq_obj2id[e] < 0):
         t = int(model.eq_obj1id[e])
         wraps = range(model.tendon_adr[t], model.tendon_adr[t] + model.tendon_num[t])
@@ -259,11 +259,11 @@ def _coupled(model: MjModel, links: list[Link]) -> tuple[Link, ...]:
             first_name, last = sorted(named, key=list(every).index)
             for other, name in ((first_name, last), (last, first_name)):
                 if every[name].follow is None and every[name].moves and _driving_mjcf_joint(every, other)[0] != name:
-                    follow = Follow(other, -named[other] / named[name], float(total / named[name]))
+                    follow = MimicRelation(other, -named[other] / named[name], float(total / named[name]))
                     tried = every | {name: replace(every[name], follow=follow)}
                     every = tried if _has_room(tried) else every
                     break
-    return tuple(_closed(link) for link in every.values())
+    return tuple(_with_half_turns(link) for link in every.values())
 
 
 def _driving_mjcf_joint(links: dict[str, Link], joint: str) -> tuple[str, float, float]:
@@ -286,13 +286,13 @@ def _has_room(links: dict[str, Link]) -> bool:
     return all(low < high for low, high in room.values())
 
 
-def _closed(link: Link) -> Link:
+def _with_half_turns(link: Link) -> Link:
     """Return the link with half a turn either way for a free hinge without a range."""
     free = link.kind == "revolute" and link.follow is None and not np.isfinite(link.upper)
     return replace(link, kind="continuous", lower=-np.pi, upper=np.pi) if free else link
 
 
-def _frame(position: FloatArray, quaternion: FloatArray | None = None) -> FloatArray:
+def _pose_matrix(position: FloatArray, quaternion: FloatArray | None = None) -> FloatArray:
     frame = np.eye(4)
     frame[:3, 3] = position
     if quaternion is not None:
@@ -319,21 +319,21 @@ def reach(links: tuple[Link, ...]) -> float:
     return max(far.values(), default=0.0)
 
 
-def ranges(links: tuple[Link, ...]) -> dict[str, tuple[float, float]]:
+def free_joint_limits(links: tuple[Link, ...]) -> dict[str, tuple[float, float]]:
     """Return the limits of the free joints, narrowed by those of their mimic joints."""
     found = {link.joint: (link.lower, link.upper) for link in links if link.moves and link.follow is None}
     for link in links:
         if link.moves and link.follow is not None:
-            joint, rate, offset = _driver(links, link)
+            joint, rate, offset = _driving_joint(links, link)
             if rate != 0.0:
                 ends = sorted(((link.lower - offset) / rate, (link.upper - offset) / rate))
                 found[joint] = max(found[joint][0], ends[0]), min(found[joint][1], ends[1])
     return found
 
 
-def loaded(links: tuple[Link, ...], ends: Iterable[str]) -> tuple[str, ...]:
+def loaded_joints(links: tuple[Link, ...], ends: Iterable[str]) -> tuple[str, ...]:
     """Return the free joints that move some of the links ``ends``, in the order of their links."""
-    drivers = {_driver(links, link)[0] for end in ends for link in _chain(links, end) if link.moves}
+    drivers = {_driving_joint(links, link)[0] for end in ends for link in _chain(links, end) if link.moves}
     return tuple(link.joint for link in links if link.joint in drivers)
 
 
@@ -355,7 +355,7 @@ def jacobian(
     found: dict[str, FloatArray] = {}
     for link in _chain(links, end):
         if link.moves:
-            joint, rate, _ = _driver(links, link)
+            joint, rate, _ = _driving_joint(links, link)
             frame = at[link.name]
             axis = frame[:3, :3] @ link.axis
             turning = np.concatenate([np.cross(axis, point - frame[:3, 3]), axis])
@@ -372,7 +372,7 @@ def _chain(links: tuple[Link, ...], end: str) -> Iterator[Link]:
         end = above[end].parent
 
 
-def _driver(links: tuple[Link, ...], link: Link) -> tuple[str, float, float]:
+def _driving_joint(links: tuple[Link, ...], link: Link) -> tuple[str, float, float]:
     """Return the free joint that drives a link's joint, or itself, with multiplier and offset."""
     by_joint, rate, offset = {other.joint: other for other in links}, 1.0, 0.0
     while (follow := link.follow) is not None:

@@ -128,7 +128,7 @@ class Verification:
         return "\n".join([*map(str, self.checks), self.verdict])
 
 
-class NotMadeError(NlpgraspError):
+class NotCheckedError(NlpgraspError):
     """Error for a part of a file that cannot be recomputed.
 
     Parameters
@@ -144,20 +144,20 @@ class NotMadeError(NlpgraspError):
         self.every_row = every_row
 
 
-def no_sense(error: Exception) -> str:
+def broken_data_message(error: Exception) -> str:
     """Return the message for an error in ``BROKEN``."""
     return f"the file makes no sense here: {type(error).__name__}: {error}"
 
 
-def guarded(name: str, checks: Callable[[], list[Check]]) -> list[Check]:
+def guard(name: str, checks: Callable[[], list[Check]]) -> list[Check]:
     """Return the checks, or one failed check if the data they use are invalid."""
     try:
         return checks()
     except BROKEN as error:
-        return [Check(name, False, no_sense(error))]
+        return [Check(name, False, broken_data_message(error))]
 
 
-def states_all(solution: GraspSolution) -> bool:
+def is_complete_version(solution: GraspSolution) -> bool:
     """Return whether this version's solve wrote the file, which then states all hand and approach fields.
 
     Options in files of earlier versions lack ``link_tolerance``.

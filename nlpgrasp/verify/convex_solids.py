@@ -20,8 +20,8 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.unit_directions import directions_around
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.verify.mesh_body import MeshSurface
-from nlpgrasp.verify.numeric_constraints import in_body_frame, in_frame_of
-from nlpgrasp.verify.stated_placement import StatedPlacement, Surface
+from nlpgrasp.verify.numeric_constraints import to_body_frame, to_obstacle_frame
+from nlpgrasp.verify.stated_placement import NumericBody, StatedPlacement
 
 CONVEX = 0.999  # least share of its hull's volume of a surface that counts as convex
 AROUND = 400  # sample points of a curved surface, or corners of a cylinder
@@ -32,7 +32,7 @@ Distance = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
-class Solid:
+class NumericSolid:
     """A solid that a hand may collide with.
 
     Parameters
@@ -55,21 +55,23 @@ class Solid:
     corners: FloatArray | None = None
 
 
-def surroundings(constraints: Sequence[Json], placement: StatedPlacement) -> Iterator[Solid]:
+def solids_around(constraints: Sequence[Json], placement: StatedPlacement) -> Iterator[NumericSolid]:
     """Yield the tables and obstacles among constraints, as solids."""
     for data in constraints:
         if data["type"] == "table":
             clearance = number("clearance", data["clearance"], at_least=0.0)
-            yield Solid("the table", partial(_above, number("height", data["height"])), clearance)
+            yield NumericSolid("the table", partial(_height_above_level, number("height", data["height"])), clearance)
         elif data["type"] == "obstacle":
             clearance = number("clearance", data["clearance"], at_least=0.0)
             surface = placement.surface_of(data["body"])
             own = solid_body(str(data["name"]), data["body"], surface)
-            corners = None if own.corners is None else in_body_frame(data, own.corners)
-            yield Solid(own.name, partial(_beside, data, own.distance), clearance, surface.rough, corners)
+            corners = None if own.corners is None else to_body_frame(data, own.corners)
+            yield NumericSolid(
+                own.name, partial(_obstacle_distance, data, own.distance), clearance, surface.rough, corners
+            )
 
 
-def solid_body(name: str, data: Json, surface: Surface) -> Solid:
+def solid_body(name: str, data: Json, surface: NumericBody) -> NumericSolid:
     """Return a body as a solid in its own frame.
 
     Parameters
@@ -80,27 +82,27 @@ def solid_body(name: str, data: Json, surface: Surface) -> Solid:
     surface : Surface
         The same body.
     """
-    return Solid(name, fast_distance(surface), corners=convex_corners(data, surface))
+    return NumericSolid(name, vectorised_distance(surface), corners=convex_corners(data, surface))
 
 
-def fast_distance(surface: Surface) -> Distance:
+def vectorised_distance(surface: NumericBody) -> Distance:
     """Return the signed distance function of a body, points (m, space) to metres; of a mesh by a search tree."""
     if isinstance(surface, MeshSurface):
         return SearchTree(surface.triangles.vertices, surface.triangles.faces).clearance
     return surface.distance
 
 
-def _above(height: float, points: FloatArray) -> FloatArray:
+def _height_above_level(height: float, points: FloatArray) -> FloatArray:
     """Return the height of points (m, space) above a level along the last axis, metres."""
     return np.asarray(points[:, -1] - height)
 
 
-def _beside(data: Json, distance: Distance, points: FloatArray) -> FloatArray:
+def _obstacle_distance(data: Json, distance: Distance, points: FloatArray) -> FloatArray:
     """Return the signed distance of points (m, space) from an obstacle, metres; ``distance`` is in its frame."""
-    return distance(in_frame_of(data, points))
+    return distance(to_obstacle_frame(data, points))
 
 
-def convex_corners(data: Json, surface: Surface) -> FloatArray | None:
+def convex_corners(data: Json, surface: NumericBody) -> FloatArray | None:
     """Return the corners (n, 3) of a convex body in its own frame, metres; None for any other body.
 
     Parameters
@@ -152,7 +154,7 @@ def mesh_corners(vertices: FloatArray, triangles: FloatArray) -> FloatArray | No
     return vertices[hull.vertices] if volume >= CONVEX * hull.volume else None
 
 
-def way_out(one: FloatArray, other: FloatArray) -> float:
+def penetration_depth(one: FloatArray, other: FloatArray) -> float:
     """Return the length of the shortest translation that separates two convex solids, metres; 0 where they are apart.
 
     Parameters
@@ -161,11 +163,11 @@ def way_out(one: FloatArray, other: FloatArray) -> float:
         Their corners. Of more than ``CORNERS``, the extreme ones are taken, which makes a round solid smaller by up to
         six hundredths.
     """
-    differences = (_outermost(one)[:, None] - _outermost(other)[None]).reshape(-1, 3)
+    differences = (_hull_corners(one)[:, None] - _hull_corners(other)[None]).reshape(-1, 3)
     return max(0.0, float(-np.max(ConvexHull(differences).equations[:, 3])))
 
 
-def _outermost(corners: FloatArray) -> FloatArray:
+def _hull_corners(corners: FloatArray) -> FloatArray:
     if len(corners) <= CORNERS:
         return corners
     return np.asarray(corners[np.unique(np.argmax(directions_around(np.eye(3)[2], CORNERS) @ corners.T, axis=1))])

@@ -1,6 +1,6 @@
 """Checks of stated finger forces: for the scaled task, for the task at its full size, and of the squeeze.
 
-Forces are inserted into the equilibrium equations and the contacts' cones (``put_back``).
+Forces are inserted into the equilibrium equations and the contacts' cones (``force_residuals``).
 
 That forces for the task at its full size are least is proved by weak duality: for any direction y of wrench space,
 forces that produce w use at least ``<w, y> / phi(y)`` of the budget, phi the support function of the wrenches of one
@@ -22,14 +22,14 @@ from nlpgrasp.budgets.l2 import L2Set
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
-from nlpgrasp.quality.force_problem import least_forces
+from nlpgrasp.quality.force_problem import solve_least_forces
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.other_measures import pyramid_wrenches
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.solution.force_records import ForcesNeeded
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope
-from nlpgrasp.verify.check import Check, NotMadeError
+from nlpgrasp.verify.check import Check, NotCheckedError
 from nlpgrasp.verify.numeric_urdf_hand import require_links
 from nlpgrasp.verify.stated_placement import HandNumbers
 
@@ -55,14 +55,14 @@ def force_checks(solution: GraspSolution, grasp: Grasp, force_set: ForceSet) -> 
         moments = solution.moments[i] if len(solution.moments) else np.zeros((k, d - space))
         if forces.shape != (k, space) or moments.shape != (k, d - space) or wrench.shape != (d,):
             return [Check("forces", False, f"shapes {forces.shape} and {moments.shape} for {k} contacts")]
-        balance, cone, used = put_back(grasp, force_set, wrench, forces, moments)
+        balance, cone, used = force_residuals(grasp, force_set, wrench, forces, moments)
         worst_balance, worst_cone, most = max(worst_balance, balance), max(worst_cone, cone), max(most, used)
     good = worst_balance <= FORCE_TOLERANCE and worst_cone <= FORCE_TOLERANCE and most <= 1.0 + FORCE_TOLERANCE
     residuals = f"relative residual {worst_balance:.1e}, distance to the cones {worst_cone:.1e}"
     return [Check("forces", good, f"{len(solution.forces)} wrenches, {residuals}, {most:.4g} of the force budget")]
 
 
-def put_back(
+def force_residuals(
     grasp: Grasp, force_set: ForceSet, wrench: FloatArray, forces: FloatArray, moments: FloatArray
 ) -> tuple[float, float, float]:
     """Return equilibrium residual, cone distance and budget of forces (k, space), moments (k, d - space), wrench (d,).
@@ -112,14 +112,14 @@ def wrench_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Che
     wrenches = np.array([wrench for wrench, _ in solution.forces])
     if wrenches.shape[1:] != (grasp.dimension,):
         return [Check(name, False, f"shape {wrenches.shape} for dimension {grasp.dimension}")]
-    wrong = _not_asked(task, wrenches, share)
+    wrong = _wrenches_outside_task(task, wrenches, share)
     if wrong:
         detail = f"wrench {wrong[0]} is not the stated lower bound times one that the task asks for"
         return [Check(name, False, detail)]
     return [Check(name, True, f"{len(wrenches)} of the task's, times {share:.6g}")]
 
 
-def _not_asked(task: Task, wrenches: FloatArray, share: float) -> list[int]:
+def _wrenches_outside_task(task: Task, wrenches: FloatArray, share: float) -> list[int]:
     """Return the indices of wrenches (m, d) that are not in a task times a share."""
     size = FORCE_TOLERANCE * np.linalg.norm(wrenches, axis=1)
     if isinstance(task, TaskEllipsoid | TaskPolytope):
@@ -143,12 +143,12 @@ def needed_checks(solution: GraspSolution, grasp: Grasp, task: Task, force_set: 
     shapes += [(each, (k,)) for each in (stated.normal, stated.size, stated.largest)]
     if any(given.shape != wanted for given, wanted in shapes):
         return [Check("forces needed", False, f"shapes that are not those of {k} contacts")]
-    amounts = _Amounts(grasp, force_set)
-    balance, cone, used = put_back(grasp, force_set, stated.wrench, stated.forces, moments)
-    wrong = [*_wrench(solution, stated.wrench, task, amounts, used), *_numbers(solution, grasp, task, stated)]
+    amounts = _BudgetBounds(grasp, force_set)
+    balance, cone, used = force_residuals(grasp, force_set, stated.wrench, stated.forces, moments)
+    wrong = [*_wrench(solution, stated.wrench, task, amounts, used), *_derived_errors(solution, grasp, task, stated)]
     if not (balance <= FORCE_TOLERANCE and cone <= FORCE_TOLERANCE):
         wrong.append(f"relative residual {balance:.1e}, distance to the cones {cone:.1e}")
-    wrong += _not_least(solution, stated.wrench, grasp, force_set, amounts, used)
+    wrong += _force_excesses(solution, stated.wrench, grasp, force_set, amounts, used)
     above = f", ABOVE max_force = {solution.max_force:g} N" if solution.is_too_weak else ""
     told = (
         f"largest {float(np.max(stated.largest)):.6g} N{above}, together {stated.total:.6g} N, of the budget {used:.6g}"
@@ -156,7 +156,9 @@ def needed_checks(solution: GraspSolution, grasp: Grasp, task: Task, force_set: 
     return [Check("forces needed", not wrong, "; ".join(wrong) if wrong else f"{told}: least, and in the cones")]
 
 
-def _wrench(solution: GraspSolution, wrench: FloatArray, task: Task, amounts: _Amounts, used: float) -> Iterator[str]:
+def _wrench(
+    solution: GraspSolution, wrench: FloatArray, task: Task, amounts: _BudgetBounds, used: float
+) -> Iterator[str]:
     """Yield the errors in the stated wrench: not in the task, or easier than others."""
     y = solution.mu.worst_direction
     if not _asked(task, wrench):
@@ -180,7 +182,7 @@ def _asked(task: Task, wrench: FloatArray) -> bool:
     return bool(np.all(y @ wrench <= task.support(y)[0] + close))
 
 
-def _numbers(solution: GraspSolution, grasp: Grasp, task: Task, stated: ForcesNeeded) -> Iterator[str]:
+def _derived_errors(solution: GraspSolution, grasp: Grasp, task: Task, stated: ForcesNeeded) -> Iterator[str]:
     """Yield the numbers that do not follow from the stated forces, mu and the problem's limit.
 
     If the file omits forces of some extreme wrenches, the largest ones may belong to those.
@@ -209,12 +211,12 @@ def _numbers(solution: GraspSolution, grasp: Grasp, task: Task, stated: ForcesNe
         yield f"within the limit of {solution.max_force}: {stated.within}"
 
 
-def _not_least(
+def _force_excesses(
     solution: GraspSolution,
     wrench: FloatArray,
     grasp: Grasp,
     force_set: ForceSet,
-    amounts: _Amounts,
+    amounts: _BudgetBounds,
     used: float,
 ) -> Iterator[str]:
     """Yield the stated forces that are not least."""
@@ -226,14 +228,14 @@ def _not_least(
     none = np.zeros((len(grasp), grasp.dimension - grasp.space))
     moments = solution.moments if len(solution.moments) else [none] * len(solution.forces)
     wrenches = np.array([wrench for wrench, _ in solution.forces])
-    taken = [put_back(grasp, force_set, w, f, m)[2] for (w, f), m in zip(solution.forces, moments, strict=True)]
+    taken = [force_residuals(grasp, force_set, w, f, m)[2] for (w, f), m in zip(solution.forces, moments, strict=True)]
     more = np.array(taken) - amounts(wrenches) * (1.0 + LEAST_FORCE_TOLERANCE)
     if not np.all(more <= 0.0):
         worst = int(np.argmax(more))
         yield f"forces {worst} take {more[worst]:.2g} of the budget more than they have to"
 
 
-class _Amounts:
+class _BudgetBounds:
     """Lower bounds on the budget that wrenches need, each proved by a direction."""
 
     def __init__(self, grasp: Grasp, force_set: ForceSet) -> None:
@@ -247,7 +249,7 @@ class _Amounts:
         scaled = wrenches / self._units
         size = np.maximum(np.linalg.norm(scaled, axis=1), 1e-300)
         scaled /= size[:, None]
-        y = least_forces(self._set, scaled)[1]
+        y = solve_least_forces(self._set, scaled)[1]
         y[~np.all(np.isfinite(y), axis=1)] = 0.0
         reach = self._set.support(y)[0]
         work = np.sum(scaled * y, axis=1)
@@ -260,20 +262,20 @@ def squeeze_checks(solution: GraspSolution, grasp: Grasp, hand: HandNumbers | No
     stated = posture.get("squeeze")
     if "no_squeeze" in posture:
         try:
-            wrong = _none(grasp) if stated is None else "states a squeeze, and that there is none"
-        except NotMadeError as reason:
+            wrong = _no_squeeze_error(grasp) if stated is None else "states a squeeze, and that there is none"
+        except NotCheckedError as reason:
             return [Check.not_made("squeeze", str(reason))]
         return [Check("squeeze", not wrong, wrong or "none: no forces that balance press at every contact")]
     if stated is None:
         return []
-    wrong = "; ".join(_forces(stated, grasp))
+    wrong = "; ".join(_force_errors(stated, grasp))
     told = f"friction {stated['friction_needed']:.4g} needed, {stated['share']:.4g} of what there is"
     checks = [Check("squeeze", not wrong, wrong or told)]
     if "torques" not in stated:
         return checks
     try:
-        wrong = "; ".join(_joints(stated, solution, grasp, hand))
-    except NotMadeError as reason:
+        wrong = "; ".join(_joint_errors(stated, solution, grasp, hand))
+    except NotCheckedError as reason:
         return [*checks, Check.not_made("squeeze torques", str(reason))]
     return [
         *checks,
@@ -281,7 +283,7 @@ def squeeze_checks(solution: GraspSolution, grasp: Grasp, hand: HandNumbers | No
     ]
 
 
-def _none(grasp: Grasp) -> str:
+def _no_squeeze_error(grasp: Grasp) -> str:
     """Return the error in the claim that the contacts cannot press against each other; empty without one.
 
     Balanced forces on the edges of friction pyramids inside the cones, with a normal force at every contact, would
@@ -293,7 +295,7 @@ def _none(grasp: Grasp) -> str:
             Grasp(grasp.points, grasp.normals, smoother, grasp.torque_origin, grasp.tangents), EDGES, grasp.mean_arm
         )
     except InputError as error:
-        raise NotMadeError(str(error)) from None
+        raise NotCheckedError(str(error)) from None
     presses = np.zeros((len(grasp), sum(map(len, edges))))
     for i, end in enumerate(np.cumsum([len(each) for each in edges])):
         presses[i, end - len(edges[i]) : end] = -1.0
@@ -306,13 +308,13 @@ def _none(grasp: Grasp) -> str:
     )
 
 
-def _forces(stated: Json, grasp: Grasp) -> Iterator[str]:
+def _force_errors(stated: Json, grasp: Grasp) -> Iterator[str]:
     """Yield the errors in the forces."""
     k, space, d = len(grasp), grasp.space, grasp.dimension
     fingers, wrench = stated["fingers"], array("wrench", stated["wrench"], (d,))
     forces = array("force", [f["force"] for f in fingers], (k, space))
     turned = array("moment", [f.get("moment", [0.0] * (d - space)) for f in fingers], (k, d - space))
-    balance, cone, _ = put_back(grasp, L2Set(grasp.contacts, space), wrench, forces, turned)
+    balance, cone, _ = force_residuals(grasp, L2Set(grasp.contacts, space), wrench, forces, turned)
     if not (balance <= FORCE_TOLERANCE and cone <= FORCE_TOLERANCE):
         yield f"forces {balance:.1e} off balance and {cone:.1e} off their cones, relative to them"
     if not abs(stated["residual"] - balance) <= FORCE_TOLERANCE:
@@ -322,9 +324,9 @@ def _forces(stated: Json, grasp: Grasp) -> Iterator[str]:
     for i, finger in enumerate(fingers):
         if not normal[i] >= stated["normal_force"] * (1.0 - JACOBIAN_TOLERANCE):
             yield f"finger {i} presses with {normal[i]:.4g} N, less than {stated['normal_force']:.4g} N"
-        if not (_same(finger["normal"], normal[i]) and _same(finger["friction"], friction[i], 1.0)):
+        if not (_agrees(finger["normal"], normal[i]) and _agrees(finger["friction"], friction[i], 1.0)):
             yield f"finger {i} states another normal force or friction than its force has"
-    if not _same(stated["friction_needed"], float(np.max(friction)), 1.0):
+    if not _agrees(stated["friction_needed"], float(np.max(friction)), 1.0):
         yield f"friction {stated['friction_needed']:.4g} stated as needed, {np.max(friction):.4g} found"
     yield from _share(stated["share"], grasp, wrench, forces, turned)
 
@@ -335,7 +337,7 @@ def _share(share: float, grasp: Grasp, wrench: FloatArray, forces: FloatArray, t
     def off(part: float) -> float:
         models = [model.with_friction(part) for model in grasp.contacts]
         rougher = Grasp(grasp.points, grasp.normals, models, grasp.torque_origin, grasp.tangents)
-        return put_back(rougher, L2Set(rougher.contacts, grasp.space), wrench, forces, turned)[1]
+        return force_residuals(rougher, L2Set(rougher.contacts, grasp.space), wrench, forces, turned)[1]
 
     enough = max(share, 0.0) + LEAST_FRICTION_SHARE
     if not off(enough) <= FORCE_TOLERANCE:
@@ -345,7 +347,7 @@ def _share(share: float, grasp: Grasp, wrench: FloatArray, forces: FloatArray, t
         yield f"the forces need less than a share of {share:.4g} of the friction"
 
 
-def _joints(stated: Json, solution: GraspSolution, grasp: Grasp, hand: HandNumbers | None) -> Iterator[str]:
+def _joint_errors(stated: Json, solution: GraspSolution, grasp: Grasp, hand: HandNumbers | None) -> Iterator[str]:
     """Yield the errors in torques, Jacobians, limits and positions."""
     known = require_links(hand, "Jacobians")
     found, torques = known.loads(grasp.points), stated["torques"]
@@ -365,9 +367,9 @@ def _joints(stated: Json, solution: GraspSolution, grasp: Grasp, hand: HandNumbe
     limits = known.data.get("torque_limits") or {}
     shares = {joint: abs(torques[joint]) / limits[joint] for joint in found if joint in limits}
     worst, most = stated.get("worst_joint"), max(shares.values(), default=None)
-    if (most is None) != (worst is None) or (most is not None and not _same(stated["worst_share"], most)):
+    if (most is None) != (worst is None) or (most is not None and not _agrees(stated["worst_share"], most)):
         yield f"the worst joint's share of its torque limit is {most}, stated {stated.get('worst_share')}"
-    elif worst is not None and not (worst in shares and _same(shares[worst], most)):
+    elif worst is not None and not (worst in shares and _agrees(shares[worst], most)):
         yield f"joint {worst} is not the worst"
     yield from _positions(stated, solution)
 
@@ -382,9 +384,9 @@ def _positions(stated: Json, solution: GraspSolution) -> Iterator[str]:
         return
     for joint, tau in stated["torques"].items():
         command = grasp[joint] + tau / (gain[joint] if isinstance(gain, Mapping) else gain)
-        if not _same(told[joint], command, 1.0):
+        if not _agrees(told[joint], command, 1.0):
             yield f"the command of joint {joint} is {command:.6g}, stated {told[joint]:.6g}"
 
 
-def _same(stated: float, found: float | None, least: float = 0.0) -> bool:
+def _agrees(stated: float, found: float | None, least: float = 0.0) -> bool:
     return found is not None and abs(stated - found) <= JACOBIAN_TOLERANCE * max(abs(found), least)

@@ -11,10 +11,10 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.verify.check import NO_BODY, Check, NotMadeError, states_all
-from nlpgrasp.verify.convex_solids import Solid, fast_distance, surroundings
+from nlpgrasp.verify.check import NO_BODY, Check, NotCheckedError, is_complete_version
+from nlpgrasp.verify.convex_solids import NumericSolid, solids_around, vectorised_distance
 from nlpgrasp.verify.numeric_constraints import unit
-from nlpgrasp.verify.stated_placement import StatedPlacement, Surface
+from nlpgrasp.verify.stated_placement import NumericBody, StatedPlacement
 
 UNIT = 1e-9  # tolerance of the unit length of a direction or quaternion
 CLOSE = 1e-6  # tolerance relative to the body's size
@@ -29,7 +29,7 @@ DIRECTION = "hand.approach.direction"
 LETTERS = "xyz"  # coordinate axes of the gripper's frame
 
 
-def gripper_checks(solution: GraspSolution, placement: StatedPlacement, surface: Surface | None) -> list[Check]:
+def gripper_checks(solution: GraspSolution, placement: StatedPlacement, surface: NumericBody | None) -> list[Check]:
     """Return the checks of parallel jaws: ``hand.palm_pose``, ``opening`` and ``approach``, and its ``depth``.
 
     Parameters
@@ -44,12 +44,14 @@ def gripper_checks(solution: GraspSolution, placement: StatedPlacement, surface:
     if asked.get("type") != "parallel_jaw":
         return []
     if "opening" not in hand:
-        return [Check("gripper", False, "the file states no pose of the gripper")] if states_all(solution) else []
-    wrong = "; ".join([*_pose(asked, hand, placement), *_cones(solution, hand, placement.points.shape[1])])
+        return (
+            [Check("gripper", False, "the file states no pose of the gripper")] if is_complete_version(solution) else []
+        )
+    wrong = "; ".join([*_pose_errors(asked, hand, placement), *_cones(solution, hand, placement.points.shape[1])])
     checks = [Check("gripper", not wrong, wrong or f"opening {1e3 * hand['opening']:.4g} mm, pose of the contacts")]
     try:
-        depth, through, rough = _walked(solution, asked, hand, placement, surface)
-    except NotMadeError as reason:
+        depth, through, rough = _approach_penetration(solution, asked, hand, placement, surface)
+    except NotCheckedError as reason:
         return [*checks, Check.not_made("way in", str(reason))]
     off = STEP + rough
     stated, thin = number("hand.approach.depth", hand["approach"]["depth"]), hand["approach"].get("passes_through")
@@ -64,7 +66,7 @@ def gripper_checks(solution: GraspSolution, placement: StatedPlacement, surface:
     return checks
 
 
-def _pose(asked: Json, hand: Json, placement: StatedPlacement) -> Iterator[str]:
+def _pose_errors(asked: Json, hand: Json, placement: StatedPlacement) -> Iterator[str]:
     """Yield the errors in opening, approach and pose."""
     (p, q), size, space = placement.points, placement.size, placement.points.shape[1]
     opening = float(np.linalg.norm(q - p))
@@ -77,14 +79,14 @@ def _pose(asked: Json, hand: Json, placement: StatedPlacement) -> Iterator[str]:
         yield "the approach is not at right angles to the closing line"
     if space == 2:
         return
-    back = _length(asked, "finger_length")
+    back = _finger_length(asked, "finger_length")
     position = array("hand.palm_pose.position", hand["palm_pose"]["position"], (3,))
     if not np.linalg.norm(position - ((p + q) / 2.0 - back * approach)) <= CLOSE * size:
         yield "the pose is not behind the middle between the contacts"
     quaternion = array("hand.palm_pose.quaternion_wxyz", hand["palm_pose"]["quaternion_wxyz"], (4,))
     if not abs(float(quaternion @ quaternion) - 1.0) <= UNIT:
         yield "the quaternion is not of unit length"
-    own = [_own_axis(asked, key, letter) for key, letter in (("closing_axis", "x"), ("approach_axis", "z"))]
+    own = [_read_axis(asked, key, letter) for key, letter in (("closing_axis", "x"), ("approach_axis", "z"))]
     if not abs(float(own[0] @ own[1])) <= UNIT:
         yield "the gripper's own axes are not at right angles"
     along, forward = (_rotated(quaternion, axis) for axis in own)
@@ -93,7 +95,7 @@ def _pose(asked: Json, hand: Json, placement: StatedPlacement) -> Iterator[str]:
         yield f"the pose has other axes than {names[0]} along the closing line and {names[1]} along the approach"
 
 
-def _own_axis(asked: Json, key: str, letter: str) -> FloatArray:
+def _read_axis(asked: Json, key: str, letter: str) -> FloatArray:
     """Return a direction in the gripper's frame, (3,), from a signed letter or a unit direction."""
     stated = asked.get(key, letter)
     if not isinstance(stated, str):
@@ -123,8 +125,8 @@ def _cones(solution: GraspSolution, hand: Json, space: int) -> Iterator[str]:
                 yield f"the approach is {told}"
 
 
-def _walked(
-    solution: GraspSolution, asked: Json, hand: Json, placement: StatedPlacement, surface: Surface | None
+def _approach_penetration(
+    solution: GraspSolution, asked: Json, hand: Json, placement: StatedPlacement, surface: NumericBody | None
 ) -> tuple[float, bool, float]:
     """Return the approach's penetration of its surroundings, whether a line enters one steeply, and an error bound.
 
@@ -140,18 +142,21 @@ def _walked(
         Largest difference of the solver's distances from these, metres.
     """
     if surface is None:
-        raise NotMadeError(NO_BODY)
-    solids = [Solid("", fast_distance(surface), rough=surface.rough)]
-    solids += surroundings(solution.problem["constraints"], placement)
+        raise NotCheckedError(NO_BODY)
+    solids = [NumericSolid("", vectorised_distance(surface), rough=surface.rough)]
+    solids += solids_around(solution.problem["constraints"], placement)
     starts, firsts, on_pads = _lines(asked, placement.points)
-    thick = _length(asked, "finger_thickness") > 0.0
+    thick = _finger_length(asked, "finger_thickness") > 0.0
     approach = array(DIRECTION, hand["approach"]["direction"], starts.shape[1:])
 
     def clear(line: NDArray[np.intp], along: FloatArray) -> FloatArray:
         points = starts[line] - along[:, None] * approach
         return np.asarray(np.min([solid.distance(points) - solid.clearance for solid in solids], axis=0))
 
-    far = _length(asked, "finger_length") + WAY * float(np.linalg.norm(surface.bounds[1] - surface.bounds[0])) / 2.0
+    far = (
+        _finger_length(asked, "finger_length")
+        + WAY * float(np.linalg.norm(surface.bounds[1] - surface.bounds[0])) / 2.0
+    )
     stations = np.linspace(firsts, far, STATIONS, axis=1)
     every = clear(np.repeat(np.arange(len(starts)), STATIONS), stations.ravel()).reshape(stations.shape)
     deepest, through = float(every.min()), False
@@ -178,8 +183,8 @@ def _lines(asked: Json, points: FloatArray) -> tuple[FloatArray, FloatArray, NDA
     A finger reaches from its contact outwards by its thickness; the palm, a finger's length behind, from one contact to
     the other.
     """
-    opening, thickness = float(np.linalg.norm(points[1] - points[0])), _length(asked, "finger_thickness")
-    length, closing = _length(asked, "finger_length"), (points[1] - points[0]) / opening
+    opening, thickness = float(np.linalg.norm(points[1] - points[0])), _finger_length(asked, "finger_thickness")
+    length, closing = _finger_length(asked, "finger_length"), (points[1] - points[0]) / opening
     outwards, between = (
         np.linspace(0.0, width, 1 + int(np.ceil(width / APART - UNIT))) for width in (thickness, opening)
     )
@@ -189,6 +194,6 @@ def _lines(asked: Json, points: FloatArray) -> tuple[FloatArray, FloatArray, NDA
     return points[0] + places[:, None] * closing, firsts, (places == 0.0) | (places == opening)
 
 
-def _length(asked: Json, key: str) -> float:
+def _finger_length(asked: Json, key: str) -> float:
     """Return a length of a finger, metres; 0 if not stated."""
     return number(key, asked.get(key, 0.0), at_least=0.0)

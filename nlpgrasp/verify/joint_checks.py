@@ -15,7 +15,7 @@ from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.verify.check import Check, NotMadeError
+from nlpgrasp.verify.check import Check, NotCheckedError
 from nlpgrasp.verify.numeric_hands import FreeHand
 from nlpgrasp.verify.numeric_urdf_hand import URDFNumbers, require_links
 from nlpgrasp.verify.stated_placement import HandNumbers
@@ -28,23 +28,23 @@ JACOBIAN_TOLERANCE = 1e-6  # relative tolerance of recomputed Jacobians
 KINDS = ("joint_torques", "shared_joint_torques")  # force budgets of joint torques
 
 
-def room_checks(solution: GraspSolution, hand: HandNumbers | None) -> list[Check]:
+def joint_margin_checks(solution: GraspSolution, hand: HandNumbers | None) -> list[Check]:
     """Check the price and the joints near a limit that ``hand.room`` states."""
     stated = (solution.hand or {}).get("room")
     if stated is None:
         return []
-    wrong = "; ".join(_price(stated, solution))
+    wrong = "; ".join(_price_errors(stated, solution))
     told = f"{stated['cost']:.2%} of mu, " if "cost" in stated else ""
     checks = [Check("price of room", not wrong, wrong or f"{told}{stated['price']:.2%} allowed")]
     try:
-        wrong = "; ".join(_near(stated, solution, hand))
-    except NotMadeError as reason:
+        wrong = "; ".join(_margin_errors(stated, solution, hand))
+    except NotCheckedError as reason:
         return [*checks, Check.not_made("room of joints", str(reason))]
     told = f"{len(stated['margins'])} joints, {len(stated['near'])} near a limit"
     return [*checks, Check("room of joints", not wrong, wrong or told)]
 
 
-def _price(stated: Json, solution: GraspSolution) -> Iterator[str]:
+def _price_errors(stated: Json, solution: GraspSolution) -> Iterator[str]:
     """Yield the errors in the price: other options than the solve's.
 
     In files of earlier versions, which state the cost: another cost, or more than the price allows.
@@ -69,7 +69,7 @@ def _price(stated: Json, solution: GraspSolution) -> Iterator[str]:
         yield f"it took {1.0 - best.mu.upper / high:.2%} of mu, stated {stated['cost']:.2%}"
 
 
-def _near(stated: Json, solution: GraspSolution, hand: HandNumbers | None) -> Iterator[str]:
+def _margin_errors(stated: Json, solution: GraspSolution, hand: HandNumbers | None) -> Iterator[str]:
     """Yield joints with other margins, or other distances from their limits, than stated."""
     margins, near, margin = stated["margins"], stated["near"], number("hand.room.margin", stated["margin"], above=0.0)
     ends, positions = require_links(hand, "joints").ranges, (solution.hand or {})["joint_positions"]
@@ -98,14 +98,14 @@ def torque_checks(solution: GraspSolution, grasp: Grasp, hand: HandNumbers | Non
     if not isinstance(budget, Mapping) or budget.get("type") not in KINDS:
         return []
     try:
-        return _compared(budget, grasp, hand)
-    except NotMadeError as reason:
+        return _compare_budget(budget, grasp, hand)
+    except NotCheckedError as reason:
         return [Check.not_made("joint torques", str(reason))]
 
 
-def _compared(budget: Json, grasp: Grasp, hand: HandNumbers | None) -> list[Check]:
+def _compare_budget(budget: Json, grasp: Grasp, hand: HandNumbers | None) -> list[Check]:
     if hand is None or isinstance(hand, FreeHand):
-        raise NotMadeError("no hand moves the contacts: the Jacobians are the problem's own")
+        raise NotCheckedError("no hand moves the contacts: the Jacobians are the problem's own")
     known = require_links(hand, "Jacobians")
     if budget["type"] != "shared_joint_torques":
         return [Check("joint torques", False, "each contact has joints of its own, where the hand's are common to all")]
@@ -113,7 +113,7 @@ def _compared(budget: Json, grasp: Grasp, hand: HandNumbers | None) -> list[Chec
     own = np.array([known.data["torque_limits"][joint] for joint in found], dtype=float)
     limits = array("limits", budget["limits"], (len(found),))
     number("force_limit", budget["force_limit"], above=0.0)
-    wrong = _other_jacobians(budget["jacobians"], found, known.turn)
+    wrong = _jacobian_difference(budget["jacobians"], found, known.turn)
     if not np.array_equal(limits, own):
         joint = list(found)[int(np.argmax(limits != own))]
         wrong = f"another limit for joint {joint} than problem.hand.torque_limits states"
@@ -121,10 +121,10 @@ def _compared(budget: Json, grasp: Grasp, hand: HandNumbers | None) -> list[Chec
     return [Check("joint torques", not wrong, wrong or agree), _efforts(known, list(found))]
 
 
-def _other_jacobians(stated: object, found: Mapping[str, FloatArray], turn: float) -> str:
+def _jacobian_difference(stated: object, found: Mapping[str, FloatArray], turn: float) -> str:
     """Return the difference of stated and recomputed Jacobians, (k, 6 or 3, m); empty where they agree."""
     own = np.stack(list(found.values()), axis=2)  # (k, 6, m)
-    for i, (J, expected) in enumerate(zip(_listed(stated, len(own)), own, strict=True)):
+    for i, (J, expected) in enumerate(zip(_stated_list(stated, len(own)), own, strict=True)):
         rows = array(f"jacobians[{i}]", J, (None, own.shape[2]))
         if len(rows) not in (3, 6):
             return f"Jacobian {i} has {len(rows)} rows"
@@ -134,7 +134,7 @@ def _other_jacobians(stated: object, found: Mapping[str, FloatArray], turn: floa
     return ""
 
 
-def _listed(stated: object, count: int) -> Sequence[object]:
+def _stated_list(stated: object, count: int) -> Sequence[object]:
     if not isinstance(stated, Sequence) or len(stated) != count:
         raise ValueError(f"not {count} Jacobians")
     return stated

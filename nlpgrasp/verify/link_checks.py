@@ -18,15 +18,22 @@ from scipy.optimize import minimize
 from nlpgrasp.common.meshes.search_tree import SearchTree
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError
-from nlpgrasp.solution.obstructions import BODY, MOST_TOLERANCE, TOLERANCE, LinkDepth, link_depth_of, way_in_of
+from nlpgrasp.solution.obstructions import (
+    BODY,
+    MOST_TOLERANCE,
+    TOLERANCE,
+    LinkPenetration,
+    approach_penetration,
+    grasp_penetration,
+)
 from nlpgrasp.solution.phase_record import APPROACH, GRASP, PREGRASP, Phase
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.verify.check import NO_BODY, Check, NotMadeError, states_all
-from nlpgrasp.verify.convex_solids import Solid, solid_body, surroundings, way_out
+from nlpgrasp.verify.check import NO_BODY, Check, NotCheckedError, is_complete_version
+from nlpgrasp.verify.convex_solids import NumericSolid, penetration_depth, solid_body, solids_around
 from nlpgrasp.verify.link_shapes import LinkShape
 from nlpgrasp.verify.numeric_urdf_hand import URDFNumbers, require_links
-from nlpgrasp.verify.stated_placement import HandNumbers, StatedPlacement, Surface
+from nlpgrasp.verify.stated_placement import HandNumbers, NumericBody, StatedPlacement
 
 SPACING = 2e-3  # metres between samples of a link's surface
 MOST_SAMPLES = 4000  # most samples of a link
@@ -37,7 +44,7 @@ STATION, MOST_STATIONS = 2e-3, 50  # metres of a link between samples of the app
 
 
 def link_checks(
-    solution: GraspSolution, hand: HandNumbers | None, surface: Surface | None, placement: StatedPlacement
+    solution: GraspSolution, hand: HandNumbers | None, surface: NumericBody | None, placement: StatedPlacement
 ) -> list[Check]:
     """Return the checks of link penetrations, in the grasp and on the approach, and of contacts off their links.
 
@@ -54,7 +61,7 @@ def link_checks(
         return []
     try:
         return _checks(solution, _Solids.of(solution, hand, surface, placement), placement.points)
-    except NotMadeError as reason:
+    except NotCheckedError as reason:
         return [Check.not_made("links inside something", str(reason))]
 
 
@@ -80,11 +87,11 @@ def _checks(solution: GraspSolution, solids: _Solids, points: FloatArray) -> lis
 class _Solids:
     """The links' shapes, the solids around them, and the file's statements about both."""
 
-    def __init__(self, solution: GraspSolution, hand: URDFNumbers, things: Sequence[Solid]) -> None:
+    def __init__(self, solution: GraspSolution, hand: URDFNumbers, things: Sequence[NumericSolid]) -> None:
         self.solution, self.hand, self.things = solution, hand, things
         self.shapes, self.contacts = hand.shapes, solution.require_grasp().points
         rng = np.random.default_rng(2)
-        self.samples = {link: _samples(shapes, rng) for link, shapes in self.shapes.items()}
+        self.samples = {link: _link_samples(shapes, rng) for link, shapes in self.shapes.items()}
         self.trees = {
             link: [SearchTree(shape.vertices, shape.faces) for shape in shapes] for link, shapes in self.shapes.items()
         }
@@ -92,30 +99,30 @@ class _Solids:
         self.tolerance = number("solver.options.link_tolerance", asked, at_least=0.0)
         if self.tolerance > MOST_TOLERANCE:
             raise InputError("solver.options.link_tolerance", asked, f"at most {MOST_TOLERANCE:g} m")
-        self.states_all = states_all(solution)
+        self.states_all = is_complete_version(solution)
 
     @classmethod
     def of(
-        cls, solution: GraspSolution, hand: HandNumbers | None, surface: Surface | None, placement: StatedPlacement
+        cls, solution: GraspSolution, hand: HandNumbers | None, surface: NumericBody | None, placement: StatedPlacement
     ) -> _Solids:
-        """Return the solids; raise ``NotMadeError`` where data are missing."""
+        """Return the solids; raise ``NotCheckedError`` where data are missing."""
         known = require_links(hand, "links")
         if surface is None:
-            raise NotMadeError(NO_BODY)
+            raise NotCheckedError(NO_BODY)
         body = solid_body(BODY, solution.body, surface)
-        return cls(solution, known, [body, *surroundings(solution.problem["constraints"], placement)])
+        return cls(solution, known, [body, *solids_around(solution.problem["constraints"], placement)])
 
     def in_grasp(self) -> tuple[str, str]:
         """Return the error in the stated depth in the grasp, and otherwise what was seen."""
-        stated, seen = link_depth_of(self.solution.hand), self._at(self.hand)
+        stated, seen = grasp_penetration(self.solution.hand), self._at(self.hand)
         return self._judged(stated, seen, self.solution.status in (Status.SOLVED, Status.OPTIMAL))
 
     def on_the_way(self) -> tuple[str, str]:
         """Return the error in the stated depth on the approach, and otherwise what was seen."""
         phases = {phase.name: phase for phase in self.solution.phases}
         way = [phases[name] for name in (APPROACH, PREGRASP, GRASP) if name in phases]
-        seen = max((self._at(hand) for hand in self._stations(way)), key=lambda d: d.depth, default=LinkDepth())
-        stated = way_in_of(self.solution.hand)
+        seen = max((self._at(hand) for hand in self._stations(way)), key=lambda d: d.depth, default=LinkPenetration())
+        stated = approach_penetration(self.solution.hand)
         if stated is None and len(way) < 2:
             return "", "the file states no way in"
         if stated is None:
@@ -143,7 +150,7 @@ class _Solids:
                 return f"contact {i} is stated to be {known} m off its link, {gap} m found", ""
         return "", told
 
-    def _judged(self, stated: LinkDepth | None, seen: LinkDepth, called_free: bool) -> tuple[str, str]:
+    def _judged(self, stated: LinkPenetration | None, seen: LinkPenetration, called_free: bool) -> tuple[str, str]:
         more = f" ({1e3 * self.tolerance:g} mm allowed)"
         missing = "not stated" if self.states_all else ""
         wrong = missing if stated is None else self._differs(stated, seen)
@@ -154,7 +161,7 @@ class _Solids:
             return f"called {self.solution.status.name.lower()}, though {stated.words}{more}", ""
         return wrong, (f"{seen.words}{more}" if seen.depth > 0.0 else f"none is{more}")
 
-    def _differs(self, stated: LinkDepth, seen: LinkDepth) -> str:
+    def _differs(self, stated: LinkPenetration, seen: LinkPenetration) -> str:
         """Return how a stated depth differs from the one seen, or a tolerance from the solve's; empty where equal."""
         if stated.tolerance != self.tolerance:
             return f"a tolerance of {stated.tolerance:g} m stated, {self.tolerance:g} m among the options"
@@ -162,9 +169,9 @@ class _Solids:
             return f"{1e3 * stated.depth:.2g} mm stated, {1e3 * seen.depth:.2g} mm found"
         return ""
 
-    def _at(self, hand: URDFNumbers) -> LinkDepth:
+    def _at(self, hand: URDFNumbers) -> LinkPenetration:
         """Return the deepest penetration of a link in a posture."""
-        worst = LinkDepth(tolerance=self.tolerance)
+        worst = LinkPenetration(tolerance=self.tolerance)
         for link, samples in self.samples.items():
             pose = hand.poses[link]
             there = samples @ pose[:3, :3].T + pose[:3, 3]
@@ -174,10 +181,10 @@ class _Solids:
                 if float(thing.distance(middle[None])[0]) < reach:
                     depth = self._depth(link, pose, there, thing)
                     if depth > worst.depth:
-                        worst = LinkDepth(depth, link, thing.name, self.tolerance)
+                        worst = LinkPenetration(depth, link, thing.name, self.tolerance)
         return worst
 
-    def _depth(self, link: str, pose: FloatArray, samples: FloatArray, thing: Solid) -> float:
+    def _depth(self, link: str, pose: FloatArray, samples: FloatArray, thing: NumericSolid) -> float:
         """Return the depth of a link in one solid, metres; ``samples`` (m, 3) of its surface are in the body's frame.
 
         Contacts are tried too: they are on the body, which may lie wholly inside a link.
@@ -202,12 +209,12 @@ class _Solids:
             depth = max(depth, -float(found_inside.fun))
         return max(depth, *self._ways_out(link, pose, thing)) if depth > 0.0 else 0.0
 
-    def _ways_out(self, link: str, pose: FloatArray, thing: Solid) -> list[float]:
+    def _ways_out(self, link: str, pose: FloatArray, thing: NumericSolid) -> list[float]:
         """Return the separating translation of each convex shape of a link from a convex solid, metres."""
         if thing.corners is None:
             return [0.0]
         shapes = [shape.corners for shape in self.shapes[link] if shape.corners is not None]
-        return [0.0, *(way_out(corners @ pose[:3, :3].T + pose[:3, 3], thing.corners) for corners in shapes)]
+        return [0.0, *(penetration_depth(corners @ pose[:3, :3].T + pose[:3, 3], thing.corners) for corners in shapes)]
 
     def _distance(self, link: str, pose: FloatArray, point: FloatArray) -> float:
         """Return the signed distance of a point (3,), body frame, from a link, negative inside."""
@@ -238,7 +245,7 @@ class _Solids:
         return replace(self.hand, posture={**self.hand.posture, "joint_positions": joints, "palm_pose": pose})
 
 
-def _samples(shapes: Sequence[LinkShape], rng: np.random.Generator) -> FloatArray:
+def _link_samples(shapes: Sequence[LinkShape], rng: np.random.Generator) -> FloatArray:
     """Return samples (m, 3) of the surfaces of a link's shapes, with their corners, metres, link frame."""
     found = []
     for shape in shapes:

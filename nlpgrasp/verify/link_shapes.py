@@ -15,12 +15,12 @@ from scipy.spatial import QhullError
 from scipy.spatial.transform import Rotation
 
 from nlpgrasp.common.optional_packages import import_mujoco
-from nlpgrasp.common.robot_files import expanded, find_mesh
+from nlpgrasp.common.robot_files import expand_xacro, find_mesh
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError, MissingExtraError
-from nlpgrasp.verify.check import NotMadeError
+from nlpgrasp.verify.check import NotCheckedError
 from nlpgrasp.verify.convex_solids import mesh_corners
-from nlpgrasp.verify.sources import Sources
+from nlpgrasp.verify.sources import SourceFolders
 
 if TYPE_CHECKING:
     from mujoco import MjModel
@@ -62,7 +62,7 @@ class _MeshFiles:
     """
 
     digests: Mapping[str, str] | None
-    sources: Sources
+    sources: SourceFolders
 
     def find(self, place: Path, name: str, link: str) -> Path:
         """Return the path of a URDF's mesh: as the URDF names it, or relative to another folder."""
@@ -72,20 +72,20 @@ class _MeshFiles:
                 self.compare(name, found)
                 return found
         self.sources.missing.append(name)
-        raise NotMadeError(f"{name}, the shape of link {link}, is not beside {place.name}")
+        raise NotCheckedError(f"{name}, the shape of link {link}, is not beside {place.name}")
 
     def compare(self, name: str, path: Path) -> None:
-        """Raise ``NotMadeError`` on a mesh file with another SHA-256 than recorded, or if none is recorded."""
+        """Raise ``NotCheckedError`` on a mesh file with another SHA-256 than recorded, or if none is recorded."""
         if self.digests is None:
             return
         if name not in self.digests:
-            raise NotMadeError(f"the file records no sha256 of mesh {name}")
+            raise NotCheckedError(f"the file records no sha256 of mesh {name}")
         if hashlib.sha256(path.read_bytes()).hexdigest() != self.digests[name]:
-            raise NotMadeError(f"mesh {name} has another sha256 than the file records")
+            raise NotCheckedError(f"mesh {name} has another sha256 than the file records")
 
 
 def link_shapes(
-    place: Path, links: Container[str], digests: Mapping[str, str] | None, sources: Sources
+    place: Path, links: Container[str], digests: Mapping[str, str] | None, sources: SourceFolders
 ) -> dict[str, list[LinkShape]]:
     """Return the collision shapes of given links, by link.
 
@@ -107,18 +107,18 @@ def link_shapes(
     files = _MeshFiles(digests, sources)
     root = ET.fromstring(place.read_bytes())  # noqa: S314  (expat refuses entity bombs)
     if root.tag == "mujoco":
-        return _in_mjcf(place, links, files)
+        return _mjcf_shapes_of(place, links, files)
     if any("xacro" in element.tag for element in root.iter()):
         try:
-            root = ET.fromstring(expanded(place))  # noqa: S314
+            root = ET.fromstring(expand_xacro(place))  # noqa: S314
         except InputError as error:
-            raise NotMadeError(str(error)) from None
+            raise NotCheckedError(str(error)) from None
     below = [link for link in root.findall("link") if link.get("name", "") in links]
-    found = {link.get("name", ""): list(_of_link(place, link, files)) for link in below}
+    found = {link.get("name", ""): list(_urdf_link_shapes(place, link, files)) for link in below}
     return {link: shapes for link, shapes in found.items() if shapes}
 
 
-def _of_link(place: Path, link: ET.Element, files: _MeshFiles) -> Iterator[LinkShape]:
+def _urdf_link_shapes(place: Path, link: ET.Element, files: _MeshFiles) -> Iterator[LinkShape]:
     """Yield the collision shapes of a URDF's link."""
     for element in link.findall("collision"):
         origin, kind = element.find("origin"), element.find("geometry/*")
@@ -126,12 +126,12 @@ def _of_link(place: Path, link: ET.Element, files: _MeshFiles) -> Iterator[LinkS
             continue
         pose = np.eye(4)
         if origin is not None:
-            pose[:3, 3] = _numbers(origin.get("xyz", "0 0 0"))
-            pose[:3, :3] = Rotation.from_euler("xyz", _numbers(origin.get("rpy", "0 0 0"))).as_matrix()
-        yield _placed(_surface(place, link.get("name", ""), kind, files), pose)
+            pose[:3, 3] = _parse_numbers(origin.get("xyz", "0 0 0"))
+            pose[:3, :3] = Rotation.from_euler("xyz", _parse_numbers(origin.get("rpy", "0 0 0"))).as_matrix()
+        yield _place_shape(_geometry_surface(place, link.get("name", ""), kind, files), pose)
 
 
-def _surface(place: Path, link: str, kind: ET.Element, files: _MeshFiles) -> Trimesh:
+def _geometry_surface(place: Path, link: str, kind: ET.Element, files: _MeshFiles) -> Trimesh:
     """Return the surface of a URDF's geometry element, metres, in its own frame."""
     import trimesh
 
@@ -140,46 +140,46 @@ def _surface(place: Path, link: str, kind: ET.Element, files: _MeshFiles) -> Tri
         try:
             mesh = trimesh.load(path, force="mesh")
         except Exception as error:  # trimesh's readers raise what their formats raise
-            raise NotMadeError(f"{path.name}, the shape of link {link}, cannot be read: {error}") from None
+            raise NotCheckedError(f"{path.name}, the shape of link {link}, cannot be read: {error}") from None
         if path.suffix.lower() == ".dae":  # the only format here that states its unit
             mesh.apply_scale(trimesh.units.unit_conversion(mesh.units or "meters", "meters"))
-        mesh.apply_scale(_numbers(kind.get("scale", "1 1 1")))
+        mesh.apply_scale(_parse_numbers(kind.get("scale", "1 1 1")))
         return mesh
     if kind.tag == "box":
-        return trimesh.creation.box(_numbers(kind.get("size", "")))
+        return trimesh.creation.box(_parse_numbers(kind.get("size", "")))
     radius, length = float(kind.get("radius", "nan")), float(kind.get("length", "nan"))
     if kind.tag == "sphere":
-        return _ellipsoid([radius] * 3)
-    return _capsule(radius, length) if kind.tag == "capsule" else _cylinder(radius, length)
+        return _ellipsoid_mesh([radius] * 3)
+    return _capsule_mesh(radius, length) if kind.tag == "capsule" else _cylinder_mesh(radius, length)
 
 
-def _in_mjcf(place: Path, links: Container[str], files: _MeshFiles) -> dict[str, list[LinkShape]]:
+def _mjcf_shapes_of(place: Path, links: Container[str], files: _MeshFiles) -> dict[str, list[LinkShape]]:
     """Return the colliding shapes of an MJCF's bodies, from MuJoCo's compiled model."""
     try:
         mujoco = import_mujoco(f"{place.name}: reading MJCF")
     except MissingExtraError as error:
-        raise NotMadeError(str(error)) from None
+        raise NotCheckedError(str(error)) from None
     try:
         spec = mujoco.MjSpec.from_file(str(place))
         spec.compiler.fusestatic = False
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
-        raise NotMadeError(f"MuJoCo cannot read {place.name}: {' '.join(str(error).split())}") from None
+        raise NotCheckedError(f"MuJoCo cannot read {place.name}: {' '.join(str(error).split())}") from None
     found: dict[str, list[LinkShape]] = {}
     for g in range(model.ngeom):
         collides = model.geom_contype[g] or model.geom_conaffinity[g] or model.geom_group[g] == COLLISION_GROUP
         body = int(model.geom_bodyid[g])
         name = model.body(body).name or f"body_{body}"
-        surface = _of_geom(model, g, files) if collides and name in links else None
+        surface = _geom_surface(model, g, files) if collides and name in links else None
         if surface is not None:
             pose = np.eye(4)
             pose[:3, 3] = model.geom_pos[g]
             pose[:3, :3] = Rotation.from_quat(model.geom_quat[g], scalar_first=True).as_matrix()
-            found.setdefault(name, []).append(_placed(surface, pose))
+            found.setdefault(name, []).append(_place_shape(surface, pose))
     return found
 
 
-def _of_geom(model: MjModel, geom: int, files: _MeshFiles) -> Trimesh | None:
+def _geom_surface(model: MjModel, geom: int, files: _MeshFiles) -> Trimesh | None:
     """Return the surface of an MJCF's geom in its own frame; None for planes and height fields."""
     import trimesh
 
@@ -195,13 +195,13 @@ def _of_geom(model: MjModel, geom: int, files: _MeshFiles) -> Trimesh | None:
     if kind == BOX:
         return trimesh.creation.box(2.0 * size)
     if kind in (SPHERE, ELLIPSOID):
-        return _ellipsoid([size[0]] * 3 if kind == SPHERE else size.tolist())
+        return _ellipsoid_mesh([size[0]] * 3 if kind == SPHERE else size.tolist())
     if kind in (CAPSULE, CYLINDER):
-        return (_capsule if kind == CAPSULE else _cylinder)(float(size[0]), 2.0 * float(size[1]))
+        return (_capsule_mesh if kind == CAPSULE else _cylinder_mesh)(float(size[0]), 2.0 * float(size[1]))
     return None
 
 
-def _ellipsoid(semi_axes: list[float]) -> Trimesh:
+def _ellipsoid_mesh(semi_axes: list[float]) -> Trimesh:
     import trimesh
 
     mesh = trimesh.creation.icosphere(subdivisions=HALVINGS)
@@ -209,7 +209,7 @@ def _ellipsoid(semi_axes: list[float]) -> Trimesh:
     return mesh
 
 
-def _cylinder(radius: float, length: float) -> Trimesh:
+def _cylinder_mesh(radius: float, length: float) -> Trimesh:
     import trimesh
 
     mesh = trimesh.creation.cylinder(1.0, 1.0, sections=SIDES)  # of unit size: trimesh merges close vertices
@@ -217,7 +217,7 @@ def _cylinder(radius: float, length: float) -> Trimesh:
     return mesh
 
 
-def _capsule(radius: float, length: float) -> Trimesh:
+def _capsule_mesh(radius: float, length: float) -> Trimesh:
     import trimesh
 
     mesh = trimesh.creation.capsule(height=length / radius, radius=1.0, count=[SIDES // 2, SIDES // 2])
@@ -225,7 +225,7 @@ def _capsule(radius: float, length: float) -> Trimesh:
     return mesh
 
 
-def _placed(surface: Trimesh, pose: FloatArray) -> LinkShape:
+def _place_shape(surface: Trimesh, pose: FloatArray) -> LinkShape:
     """Return a shape in its link's frame."""
     solid = _solid(surface)
     vertices = np.asarray(solid.vertices, dtype=float) @ pose[:3, :3].T + pose[:3, 3]
@@ -242,5 +242,5 @@ def _solid(surface: Trimesh) -> Trimesh:
     return hull if abs(surface.volume) < SHEET * hull.volume else surface
 
 
-def _numbers(text: str) -> FloatArray:
+def _parse_numbers(text: str) -> FloatArray:
     return np.array([float(value) for value in text.split()])

@@ -13,8 +13,8 @@ from nlpgrasp.common.meshes.mesh_file import mesh_digest, read_mesh, usable_mesh
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import UNITS, FloatArray
 from nlpgrasp.errors import InputError
-from nlpgrasp.verify.check import NotMadeError
-from nlpgrasp.verify.sources import Sources
+from nlpgrasp.verify.check import NotCheckedError
+from nlpgrasp.verify.sources import SourceFolders
 from nlpgrasp.verify.stated_placement import Fit
 from nlpgrasp.verify.surface_geometry import TriangleSurface, from_segments, sharp_segments
 
@@ -120,7 +120,7 @@ def angle_off_cone(direction: FloatArray, generators: FloatArray) -> float:
     return float(np.arccos(np.clip(nearest, -1.0, 1.0)))
 
 
-class OtherMeshError(NotMadeError):
+class OtherMeshError(NotCheckedError):
     """Error on a file at the recorded source with another fingerprint than recorded.
 
     Parameters
@@ -137,7 +137,7 @@ class OtherMeshError(NotMadeError):
         self.readings, self.readers = readings, readers
 
 
-def mesh(data: Json, sources: Sources) -> MeshSurface:
+def mesh(data: Json, sources: SourceFolders) -> MeshSurface:
     """Return the mesh of the recorded source.
 
     It is read in the recorded unit, then in the others, until the fingerprint agrees: files of earlier versions record
@@ -155,7 +155,7 @@ def mesh(data: Json, sources: Sources) -> MeshSurface:
     readings: list[MeshSurface] = []
     readers: set[str] = {"trimesh"}
     for unit in UNITS if known is None else (str(known), *(u for u in UNITS if u != known)):
-        reading = _read(place, unit)
+        reading = _read_source_mesh(place, unit)
         if reading is not None:
             surface, digest, repairs = reading
             if digest == data.get("sha256"):
@@ -165,11 +165,11 @@ def mesh(data: Json, sources: Sources) -> MeshSurface:
             readings.append(surface)
             readers |= {"manifold3d"} if repairs else set()
     if not readings:
-        raise NotMadeError(f"{place.name} is not a mesh that can be read")
+        raise NotCheckedError(f"{place.name} is not a mesh that can be read")
     raise OtherMeshError(f"{place.name} has another sha256 than the file records", readings, sorted(readers))
 
 
-def _read(place: Path, unit: str) -> tuple[MeshSurface, str, tuple[str, ...]] | None:
+def _read_source_mesh(place: Path, unit: str) -> tuple[MeshSurface, str, tuple[str, ...]] | None:
     """Return the mesh with its fingerprint and repairs; None where it cannot be used in this unit."""
     try:
         found, repairs = usable_mesh(read_mesh(place, unit))

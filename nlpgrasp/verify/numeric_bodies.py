@@ -16,8 +16,8 @@ import numpy as np
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
-from nlpgrasp.verify.check import NotMadeError
-from nlpgrasp.verify.sources import Sources
+from nlpgrasp.verify.check import NotCheckedError
+from nlpgrasp.verify.sources import SourceFolders
 from nlpgrasp.verify.stated_placement import Fit
 from nlpgrasp.verify.surface_geometry import Distance, from_corners
 
@@ -69,13 +69,13 @@ class SmoothSurface:
         return self.field(points)[0]
 
 
-def sphere(data: Json, sources: Sources) -> SmoothSurface:
+def sphere(data: Json, sources: SourceFolders) -> SmoothSurface:
     """Return a sphere with the distance ``|p| - r``."""
     radius = number("radius", data["radius"], above=0.0)
     return SmoothSurface(np.full(3, radius), lambda p: (np.linalg.norm(p, axis=1) - radius, p))
 
 
-def ellipsoid(data: Json, sources: Sources) -> SmoothSurface:
+def ellipsoid(data: Json, sources: SourceFolders) -> SmoothSurface:
     """Return an ellipsoid with ``(g - 1) / |grad g|``, gauge ``g = |p / a|``: a lower bound on the distance outside."""
     axes = positive("semi_axes", data["semi_axes"], 3)
 
@@ -87,7 +87,7 @@ def ellipsoid(data: Json, sources: Sources) -> SmoothSurface:
     return SmoothSurface(axes, field)
 
 
-def torus(data: Json, sources: Sources) -> SmoothSurface:
+def torus(data: Json, sources: SourceFolders) -> SmoothSurface:
     """Return a torus: the distance from the tube's centre line less the minor radius."""
     major, minor = (number(key, data[key], above=0.0) for key in ("major_radius", "minor_radius"))
     if not minor < major:
@@ -102,7 +102,7 @@ def torus(data: Json, sources: Sources) -> SmoothSurface:
     return SmoothSurface(np.array([major + minor, major + minor, minor]), field)
 
 
-def superquadric(data: Json, sources: Sources) -> SmoothSurface:
+def superquadric(data: Json, sources: SourceFolders) -> SmoothSurface:
     """Return ``(F - 1) / |grad F|`` with F of degree 1, ``((x^(2/e2) + y^(2/e2))^(e2/e1) + z^(2/e1))^(e1/2)``."""
     axes, (e1, e2) = positive("semi_axes", data["semi_axes"], 3), positive("exponents", data["exponents"], 2)
 
@@ -164,7 +164,7 @@ class FacedSurface:
         return self.field(points)
 
 
-def box(data: Json, sources: Sources) -> FacedSurface:
+def box(data: Json, sources: SourceFolders) -> FacedSurface:
     """Return a box with the sides ``+x``, ``-x``, ..."""
     half = positive("extents", data["extents"], 3) / 2.0
     pieces = {
@@ -173,7 +173,7 @@ def box(data: Json, sources: Sources) -> FacedSurface:
         for sign in (1.0, -1.0)
     }
     edges = {name: _from_sides("xyz".index(name[1]), half) for name in pieces}
-    return FacedSurface(np.stack([-half, half]), pieces, lambda p: _joined(*(np.abs(p) - half).T), edges)
+    return FacedSurface(np.stack([-half, half]), pieces, lambda p: _intersection_distance(*(np.abs(p) - half).T), edges)
 
 
 def _from_sides(axis: int, half: FloatArray) -> Distance:
@@ -185,7 +185,7 @@ def _side_of_box(axis: int, sign: float, half: FloatArray) -> Piece:
     return lambda p: (float(sign * p[axis] - half[axis]), outward, float(np.max(np.abs(p[others]) - half[others])))
 
 
-def cylinder(data: Json, sources: Sources) -> FacedSurface:
+def cylinder(data: Json, sources: SourceFolders) -> FacedSurface:
     """Return a cylinder with ``side``, ``top`` and ``bottom``."""
     radius, half = number("radius", data["radius"], above=0.0), number("height", data["height"], above=0.0) / 2.0
 
@@ -199,7 +199,7 @@ def cylinder(data: Json, sources: Sources) -> FacedSurface:
         return lambda p: (float(sign * p[2]) - half, outward, float(np.hypot(p[0], p[1])) - radius)
 
     def field(p: FloatArray) -> FloatArray:
-        return _joined(np.hypot(p[:, 0], p[:, 1]) - radius, np.abs(p[:, 2]) - half)
+        return _intersection_distance(np.hypot(p[:, 0], p[:, 1]) - radius, np.abs(p[:, 2]) - half)
 
     corner = np.array([radius, radius, half])
 
@@ -211,15 +211,15 @@ def cylinder(data: Json, sources: Sources) -> FacedSurface:
     return FacedSurface(np.stack([-corner, corner]), faces, field, edges)
 
 
-def polygon(data: Json, sources: Sources) -> FacedSurface:
+def polygon(data: Json, sources: SourceFolders) -> FacedSurface:
     """Return a polygon with the edges ``edge0``, ``edge1``, ..."""
     v = _counter_clockwise("vertices", data["vertices"])
-    pieces = {f"edge{i}": _edge(v, i) for i in range(len(v))}
+    pieces = {f"edge{i}": _edge_piece(v, i) for i in range(len(v))}
     edges = {f"edge{i}": from_corners(v, i) for i in range(len(v))}
     return FacedSurface(np.stack([v.min(axis=0), v.max(axis=0)]), pieces, lambda p: _polygon_distance(v, p), edges)
 
 
-def prism(data: Json, sources: Sources) -> FacedSurface:
+def prism(data: Json, sources: SourceFolders) -> FacedSurface:
     """Return a prism with ``side0``, ``side1``, ..., ``top`` and ``bottom``."""
     v = _counter_clockwise("polygon", data["polygon"])
     half = number("height", data["height"], above=0.0) / 2.0
@@ -239,9 +239,9 @@ def prism(data: Json, sources: Sources) -> FacedSurface:
         return lambda p: min(beside(p), half - abs(float(p[2])))
 
     def field(p: FloatArray) -> FloatArray:
-        return _joined(_polygon_distance(v, p[:, :2]), np.abs(p[:, 2]) - half)
+        return _intersection_distance(_polygon_distance(v, p[:, :2]), np.abs(p[:, 2]) - half)
 
-    pieces = {f"side{i}": side(_edge(v, i)) for i in range(len(v))} | {"top": end(1.0), "bottom": end(-1.0)}
+    pieces = {f"side{i}": side(_edge_piece(v, i)) for i in range(len(v))} | {"top": end(1.0), "bottom": end(-1.0)}
     bounds = np.stack([np.append(v.min(axis=0), -half), np.append(v.max(axis=0), half)])
 
     def rim(p: FloatArray) -> float:
@@ -257,12 +257,12 @@ def _counter_clockwise(field: str, value: object) -> FloatArray:
     after = np.roll(v, -1, axis=0)
     if not float(np.sum(v[:, 0] * after[:, 1] - v[:, 1] * after[:, 0])) > 0.0:
         raise InputError(field, value, "counter-clockwise vertices around some area")
-    if _cross(v, after):
+    if _edges_intersect(v, after):
         raise InputError(field, value, "edges that do not cross")
     return v
 
 
-def _cross(start: FloatArray, end: FloatArray) -> bool:
+def _edges_intersect(start: FloatArray, end: FloatArray) -> bool:
     """Return whether some edges intersect: each has the ends of the other on different sides of its line."""
 
     def side(a: FloatArray, b: FloatArray, p: FloatArray) -> FloatArray:
@@ -274,7 +274,7 @@ def _cross(start: FloatArray, end: FloatArray) -> bool:
     return bool(np.any(apart & apart.T))
 
 
-def _edge(v: FloatArray, i: int) -> Piece:
+def _edge_piece(v: FloatArray, i: int) -> Piece:
     """Return the piece of the edge from vertex i of a counter-clockwise polygon to the next."""
     start, along = v[i], v[(i + 1) % len(v)] - v[i]
     length = float(np.linalg.norm(along))
@@ -300,7 +300,7 @@ def _polygon_distance(v: FloatArray, p: FloatArray) -> FloatArray:
     return np.asarray(np.where(np.abs(turns) > np.pi, -nearest, nearest))
 
 
-def _joined(*parts: FloatArray) -> FloatArray:
+def _intersection_distance(*parts: FloatArray) -> FloatArray:
     """Return the signed distance to an intersection of sets with orthogonal distance gradients."""
     every = np.stack(parts)
     return np.asarray(np.linalg.norm(np.maximum(every, 0.0), axis=0) + np.minimum(np.max(every, axis=0), 0.0))
@@ -320,20 +320,20 @@ class TextSurface:
     tight: bool = False
 
     def fit(self, face: str, point: FloatArray, normal: FloatArray, tip: str | None) -> Fit:
-        """Raise ``NotMadeError``: the function is not in the file."""
+        """Raise ``NotCheckedError``: the function is not in the file."""
         if face != "surface":
             raise KeyError(face)
-        raise NotMadeError("the body's function stays in the script that made it")
+        raise NotCheckedError("the body's function stays in the script that made it")
 
     def edge_distance(self, face: str, point: FloatArray) -> float:
         """Return the distance of a point (space,) of a face from its sharp edges, metres; infinite without any."""
         return np.inf
 
     def distance(self, points: FloatArray) -> FloatArray:
-        """Raise ``NotMadeError``: the function is not in the file."""
-        raise NotMadeError("the body's function stays in the script that made it")
+        """Raise ``NotCheckedError``: the function is not in the file."""
+        raise NotCheckedError("the body's function stays in the script that made it")
 
 
-def implicit(data: Json, sources: Sources) -> TextSurface:
+def implicit(data: Json, sources: SourceFolders) -> TextSurface:
     """Return the bounding box of an implicit body, whose function is not in the file."""
     return TextSurface(array("bounds", data["bounds"], (2, None)))

@@ -11,33 +11,33 @@ from scipy.spatial.transform import Rotation
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
-from nlpgrasp.verify.check import NotMadeError
+from nlpgrasp.verify.check import NotCheckedError
 from nlpgrasp.verify.numeric_hands import JawNumbers
-from nlpgrasp.verify.stated_placement import RowValue, StatedPlacement
+from nlpgrasp.verify.stated_placement import ConstraintValue, StatedPlacement
 
 UNIT = 1e-9  # tolerance of the length of unit vectors
 
 
-def table(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
+def table(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue]:
     """Yield the height of the lowest point of every fingertip and link, at least the table's plus the clearance."""
     lower = number("height", data["height"]) + number("clearance", data["clearance"], at_least=0.0)
     for i, (tip, radius) in enumerate(zip(placement.tips, placement.radii, strict=True)):
-        yield RowValue(f"table, finger {i}", float(tip[-1]) - radius, lower, scale=placement.size)
+        yield ConstraintValue(f"table, finger {i}", float(tip[-1]) - radius, lower, scale=placement.size)
     for ball in placement.links:
         height = float(ball.centre[-1]) - ball.radius
-        yield RowValue(f"table, {ball.name}", height, lower, scale=placement.size, error=placement.error)
+        yield ConstraintValue(f"table, {ball.name}", height, lower, scale=placement.size, error=placement.error)
 
 
-def spread(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
+def spread(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue]:
     """Yield the squared distance of each pair of contacts."""
     least, most = number("min", data["min"], at_least=0.0), data["max"]
     upper = np.inf if most is None else number("max", most) ** 2
     for i, j in combinations(sorted(_fingers(data, placement)), 2):
         squared = float(np.sum((placement.points[i] - placement.points[j]) ** 2))
-        yield RowValue(f"spread, fingers {i} and {j}", squared, least**2, upper, placement.size**2)
+        yield ConstraintValue(f"spread, fingers {i} and {j}", squared, least**2, upper, placement.size**2)
 
 
-def workspace(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
+def workspace(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue]:
     """Yield the coordinates of contacts or palm in a box, or their depth in another region."""
     if data["palm"]:
         points = {"workspace, palm": placement.palm.position}
@@ -49,10 +49,10 @@ def workspace(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
     lower, upper = (corner.tolist() for corner in corners(data["region"]))
     for name, point in points.items():
         for axis, value, low, high in zip("xyz", point.tolist(), lower, upper, strict=False):
-            yield RowValue(f"{name}, {axis}", value, low, high, placement.size)
+            yield ConstraintValue(f"{name}, {axis}", value, low, high, placement.size)
 
 
-def forbid(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
+def forbid(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue]:
     """Yield each contact's depth in a forbidden region, at most zero; forbidden faces give no constraints."""
     region = data.get("region")
     if region is not None:
@@ -62,21 +62,21 @@ def forbid(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
 
 def _depths(
     region: Json, points: Mapping[str, FloatArray], placement: StatedPlacement, lower: float, upper: float
-) -> Iterator[RowValue]:
+) -> Iterator[ConstraintValue]:
     """Yield the depths of points in a region; unknown where the region's function is not in the file."""
     unknown = ""
     for name, point in points.items():
         value: float | None = None
         try:
-            value = inside(region, point)
-        except NotMadeError as reason:
+            value = region_depth(region, point)
+        except NotCheckedError as reason:
             unknown = str(reason)
-        yield RowValue(name, value, lower, upper, placement.size)
+        yield ConstraintValue(name, value, lower, upper, placement.size)
     if unknown:
-        raise NotMadeError(unknown, every_row=True)
+        raise NotCheckedError(unknown, every_row=True)
 
 
-def symmetric(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
+def symmetric(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue]:
     """Yield the difference of mirror image and contact, by coordinate."""
     i, j = (int(f) for f in data["fingers"])
     a, b = placement.points[i], placement.points[j]
@@ -84,10 +84,10 @@ def symmetric(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
     tolerance = number("tolerance", data["tolerance"], above=0.0)
     apart = a - 2.0 * (normal @ a - number("offset", data["offset"])) * normal - b
     for axis, value in zip("xyz", apart.tolist(), strict=False):
-        yield RowValue(f"symmetric, fingers {i} and {j}, {axis}", value, -tolerance, tolerance, placement.size)
+        yield ConstraintValue(f"symmetric, fingers {i} and {j}, {axis}", value, -tolerance, tolerance, placement.size)
 
 
-def approach(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
+def approach(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue]:
     """Yield the cosine of the angle between the palm's direction and the required one.
 
     For jaws, which may turn about the line between their contacts: the condition that a turn within the angle exists.
@@ -97,16 +97,16 @@ def approach(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
         if angle < np.pi / 2.0:
             line = placement.points[1] - placement.points[0]
             beyond = float(line @ wanted) ** 2 - float(np.sin(angle)) ** 2 * float(line @ line)
-            yield RowValue("approach, palm", beyond, upper=0.0, scale=placement.size**2)
+            yield ConstraintValue("approach, palm", beyond, upper=0.0, scale=placement.size**2)
         return
     palm = placement.palm
     if palm.approach is None:
-        raise NotMadeError("the file does not record in which direction the palm faces")
+        raise NotCheckedError("the file does not record in which direction the palm faces")
     along = float(palm.approach @ unit("direction", data["direction"], 3))
-    yield RowValue("approach, palm", along, float(np.cos(number("angle", data["angle"]))), error=palm.error)
+    yield ConstraintValue("approach, palm", along, float(np.cos(number("angle", data["angle"]))), error=palm.error)
 
 
-def obstacle(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
+def obstacle(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue]:
     """Yield the distance of every fingertip's and link's centre from the obstacle, at least radius plus clearance.
 
     For a mesh, the solver uses a spline through distances on a grid, and a lower bound far away: the stated value may
@@ -115,10 +115,10 @@ def obstacle(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
     surface = placement.surface_of(data["body"])
     clearance, name = number("clearance", data["clearance"], at_least=0.0), str(data["name"])
 
-    def row(part: str, centre: FloatArray, radius: float, error: float) -> RowValue:
-        value = float(surface.distance(in_frame_of(data, centre)[None])[0])
+    def row(part: str, centre: FloatArray, radius: float, error: float) -> ConstraintValue:
+        value = float(surface.distance(to_obstacle_frame(data, centre)[None])[0])
         lower, doubt = radius + clearance, error + surface.rough
-        return RowValue(
+        return ConstraintValue(
             f"{name}, {part}", value, lower, scale=placement.size, error=doubt, stated_below=surface.rough > 0.0
         )
 
@@ -128,26 +128,26 @@ def obstacle(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
         yield row(ball.name, ball.centre, ball.radius, placement.error)
 
 
-def in_frame_of(data: Json, points: FloatArray) -> FloatArray:
+def to_obstacle_frame(data: Json, points: FloatArray) -> FloatArray:
     """Return a point (space,), or points (m, space), of the body's frame in the obstacle's frame."""
     point = points
     if data["position"] is not None:
         point = point - array("position", data["position"], point.shape[-1:])
-    return point if data["quaternion_wxyz"] is None else np.asarray(_turn(data).inv().apply(point))
+    return point if data["quaternion_wxyz"] is None else np.asarray(_orientation(data).inv().apply(point))
 
 
-def in_body_frame(data: Json, points: FloatArray) -> FloatArray:
+def to_body_frame(data: Json, points: FloatArray) -> FloatArray:
     """Return points (m, space) of the obstacle's frame in the held body's frame."""
-    turned = points if data["quaternion_wxyz"] is None else np.asarray(_turn(data).apply(points))
+    turned = points if data["quaternion_wxyz"] is None else np.asarray(_orientation(data).apply(points))
     return turned if data["position"] is None else turned + array("position", data["position"], points.shape[-1:])
 
 
-def _turn(data: Json) -> Rotation:
+def _orientation(data: Json) -> Rotation:
     """Return the obstacle's orientation in the held body's frame."""
     return Rotation.from_quat(unit("quaternion_wxyz", data["quaternion_wxyz"], 4), scalar_first=True)
 
 
-def expression(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
+def expression(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue]:
     """Yield the stated limits with unknown values.
 
     Several limits fix the number of scalar constraints; one limit holds for all, whose number is not in the file.
@@ -158,23 +158,25 @@ def expression(data: Json, placement: StatedPlacement) -> Iterator[RowValue]:
     if elements > 1:
         labels = [f"{name}[{i}]" for i in range(elements)]
     elif numbered and name in placement.stated:
-        raise NotMadeError(f"the file does not say which rows are those of which {name!r}")
+        raise NotCheckedError(f"the file does not say which rows are those of which {name!r}")
     else:
         labels = numbered or [name] * (name in placement.stated)
     for i, label in enumerate(labels):
         low, high = (ends[i] if len(ends) > 1 else ends[0] for ends in (lower, upper))
-        yield RowValue(label, None, -np.inf if low is None else float(low), np.inf if high is None else float(high))
+        yield ConstraintValue(
+            label, None, -np.inf if low is None else float(low), np.inf if high is None else float(high)
+        )
     if not labels:
-        raise NotMadeError(f"the file states no row of {name!r}")
+        raise NotCheckedError(f"the file states no row of {name!r}")
     text = f"the expression {name!r} stays in the script that made it; its limits are the problem's"
-    raise NotMadeError(text, every_row=True)
+    raise NotCheckedError(text, every_row=True)
 
 
 def _fingers(data: Json, placement: StatedPlacement) -> Sequence[int]:
     return range(len(placement.points)) if data.get("fingers") is None else [int(i) for i in data["fingers"]]
 
 
-def inside(region: Json, point: FloatArray) -> float:
+def region_depth(region: Json, point: FloatArray) -> float:
     """Return the depth of a point (space,) in a region, metres, negative outside; in a box to its nearest side.
 
     Raises
@@ -188,7 +190,7 @@ def inside(region: Json, point: FloatArray) -> float:
     if region["type"] == "box_region":
         lower, upper = corners(region)
         return float(np.min(np.minimum(point - lower, upper - point)))
-    raise NotMadeError(f"a region of type {region['type']!r} stays in the script that made it")
+    raise NotCheckedError(f"a region of type {region['type']!r} stays in the script that made it")
 
 
 def corners(region: Json) -> tuple[FloatArray, FloatArray]:

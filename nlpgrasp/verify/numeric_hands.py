@@ -12,9 +12,9 @@ import numpy as np
 from nlpgrasp.common.scalar_constraints import ROOM, TIPS_APART
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, integer, number
-from nlpgrasp.verify.check import NO_BODY, NotMadeError
-from nlpgrasp.verify.sources import Sources
-from nlpgrasp.verify.stated_placement import Ball, Palm, RowValue, StatedPlacement, Surface
+from nlpgrasp.verify.check import NO_BODY, NotCheckedError
+from nlpgrasp.verify.sources import SourceFolders
+from nlpgrasp.verify.stated_placement import Ball, ConstraintValue, NumericBody, Palm, StatedPlacement
 
 FITS = 0.99  # least distance of a fingertip's centre from the body, in its radii
 TURNED = 1e-9  # radians: least right turn of a reentrant corner
@@ -54,11 +54,11 @@ class FreeHand:
         """Return no spheres, as there are no links."""
         return []
 
-    def apart(self) -> Sequence[RowValue]:
+    def apart(self) -> Sequence[ConstraintValue]:
         """Return no self-collision constraints."""
         return []
 
-    def limits(self) -> Sequence[RowValue]:
+    def limits(self) -> Sequence[ConstraintValue]:
         """Return no limits of variables."""
         return []
 
@@ -66,19 +66,19 @@ class FreeHand:
 class FingertipNumbers(FreeHand):
     """Numeric counterpart of ``Fingertips``."""
 
-    def rows(self, placement: StatedPlacement) -> Iterator[RowValue]:
+    def rows(self, placement: StatedPlacement) -> Iterator[ConstraintValue]:
         """Yield the squared distances of the fingertips' centres from the palm point and from each other."""
         tips, scale = placement.tips, placement.size**2
         if self.data["reach"] is not None:
             palm, most = self._palm_point(tips), number("reach", self.data["reach"]) ** 2
             for i, tip in enumerate(tips):
-                yield RowValue(f"reach, finger {i}", float(np.sum((tip - palm) ** 2)), upper=most, scale=scale)
+                yield ConstraintValue(f"reach, finger {i}", float(np.sum((tip - palm) ** 2)), upper=most, scale=scale)
         low, high = (0.0, np.inf) if self.data["spread"] is None else map(float, self.data["spread"])
         low = max(low, 2.0 * number("radius", self.data["radius"]))
         if low > 0.0 or np.isfinite(high):
             for i, j in combinations(range(len(tips)), 2):
                 squared = float(np.sum((tips[i] - tips[j]) ** 2))
-                yield RowValue(f"{TIPS_APART}, fingers {i} and {j}", squared, low**2, high**2, scale)
+                yield ConstraintValue(f"{TIPS_APART}, fingers {i} and {j}", squared, low**2, high**2, scale)
 
     def _palm_point(self, tips: FloatArray) -> FloatArray:
         return array("hand.palm", self.posture["palm"], (tips.shape[1],))
@@ -87,33 +87,33 @@ class FingertipNumbers(FreeHand):
 class JawNumbers(FreeHand):
     """Numeric counterpart of ``ParallelJaw``."""
 
-    def rows(self, placement: StatedPlacement) -> Iterator[RowValue]:
+    def rows(self, placement: StatedPlacement) -> Iterator[ConstraintValue]:
         """Yield the opening, and the angle of each normal to the line between the contacts."""
         (p, q), (m, n) = placement.points, placement.normals
         between = q - p
         squared, size = float(between @ between), placement.size
         closed, opening, tilt = (number(key, self.data[key]) for key in ("closed", "opening", "tilt"))
         short = np.cos(tilt) * np.sqrt(squared + 1e-12 * size**2)
-        yield RowValue("opening of the jaws", squared, closed**2, opening**2, size**2)
-        yield RowValue("opposed jaws", float(m @ n), upper=-float(np.cos(2.0 * tilt)))
-        yield RowValue("facing, jaw 0", float(m @ between - short), 0.0, scale=size)
-        yield RowValue("facing, jaw 1", float(-n @ between - short), 0.0, scale=size)
+        yield ConstraintValue("opening of the jaws", squared, closed**2, opening**2, size**2)
+        yield ConstraintValue("opposed jaws", float(m @ n), upper=-float(np.cos(2.0 * tilt)))
+        yield ConstraintValue("facing, jaw 0", float(m @ between - short), 0.0, scale=size)
+        yield ConstraintValue("facing, jaw 1", float(-n @ between - short), 0.0, scale=size)
 
 
-def fingertips(data: Json, posture: Json, stated: Mapping[str, float], sources: Sources) -> FingertipNumbers:
+def fingertips(data: Json, posture: Json, stated: Mapping[str, float], sources: SourceFolders) -> FingertipNumbers:
     """Return free fingertips of equal radius."""
     count = integer("count", data["count"], at_least=1)
     return FingertipNumbers(data, posture, (number("radius", data["radius"], at_least=0.0),) * count)
 
 
-def parallel_jaw(data: Json, posture: Json, stated: Mapping[str, float], sources: Sources) -> JawNumbers:
+def parallel_jaw(data: Json, posture: Json, stated: Mapping[str, float], sources: SourceFolders) -> JawNumbers:
     """Return parallel jaws with two flat pads."""
     return JawNumbers(data, posture, (0.0, 0.0))
 
 
 @dataclass(frozen=True)
 class UnknownHand:
-    """A hand that cannot be recomputed: its methods raise ``NotMadeError``.
+    """A hand that cannot be recomputed: its methods raise ``NotCheckedError``.
 
     Parameters
     ----------
@@ -146,23 +146,25 @@ class UnknownHand:
         """Return the collision spheres of the links."""
         self._refuse()
 
-    def rows(self, placement: StatedPlacement) -> Iterator[RowValue]:
+    def rows(self, placement: StatedPlacement) -> Iterator[ConstraintValue]:
         """Yield the constraints of the hand."""
         self._refuse()
 
-    def apart(self) -> Iterator[RowValue]:
+    def apart(self) -> Iterator[ConstraintValue]:
         """Yield the self-collision constraints."""
         self._refuse()
 
-    def limits(self) -> Iterator[RowValue]:
+    def limits(self) -> Iterator[ConstraintValue]:
         """Yield the limits of its variables."""
         self._refuse()
 
     def _refuse(self) -> NoReturn:
-        raise NotMadeError(self.why)
+        raise NotCheckedError(self.why)
 
 
-def room_rows(body: Json, surface: Surface | None, placement: StatedPlacement) -> Iterator[RowValue]:
+def fingertip_clearances(
+    body: Json, surface: NumericBody | None, placement: StatedPlacement
+) -> Iterator[ConstraintValue]:
     """Yield the distance of each round fingertip's centre from a body that is possibly not convex."""
     if not (body["type"] in HOLLOW or (body["type"] == "polygon" and _points_inwards(body))):
         return
@@ -170,10 +172,10 @@ def room_rows(body: Json, surface: Surface | None, placement: StatedPlacement) -
     if not round_tips:
         return
     if surface is None:
-        raise NotMadeError(NO_BODY)
+        raise NotCheckedError(NO_BODY)
     for i in round_tips:
         value = float(surface.distance(placement.tips[i][None])[0])
-        yield RowValue(f"{ROOM}, finger {i}", value, FITS * placement.radii[i], scale=placement.size)
+        yield ConstraintValue(f"{ROOM}, finger {i}", value, FITS * placement.radii[i], scale=placement.size)
 
 
 def _points_inwards(body: Json) -> bool:

@@ -25,13 +25,13 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.solution.phase_record import LIFT, SQUEEZE
-from nlpgrasp.verify.chain_kinematics import Link, jacobian, links_in, loaded, poses, ranges, reach
-from nlpgrasp.verify.check import NotMadeError
+from nlpgrasp.verify.chain_kinematics import Link, free_joint_limits, jacobian, links_in, loaded_joints, poses, reach
+from nlpgrasp.verify.check import NotCheckedError
 from nlpgrasp.verify.link_shapes import LinkShape, link_shapes
 from nlpgrasp.verify.numeric_constraints import unit
 from nlpgrasp.verify.numeric_hands import UnknownHand
-from nlpgrasp.verify.sources import Sources
-from nlpgrasp.verify.stated_placement import PROMISE, Ball, HandNumbers, Palm, RowValue, StatedPlacement
+from nlpgrasp.verify.sources import SourceFolders
+from nlpgrasp.verify.stated_placement import PROMISE, Ball, ConstraintValue, HandNumbers, Palm, StatedPlacement
 
 ROUNDING = 1e-4  # allowed depth of a contact inside a capsule, as a share of the axis' length
 QUATERNION = "palm quaternion of unit length"  # name of the constraint
@@ -58,7 +58,7 @@ class URDFNumbers:
     data: Json
     posture: Json
     stated: Mapping[str, float]
-    sources: Sources
+    sources: SourceFolders
     linked: bool = True
 
     @property
@@ -114,10 +114,10 @@ class URDFNumbers:
 
     @cached_property
     def links(self) -> tuple[Link, ...]:
-        """The links below the palm; raises ``NotMadeError`` if the file is missing or another one."""
+        """The links below the palm; raises ``NotCheckedError`` if the file is missing or another one."""
         place = self.sources.find(self.data.get("source"))
         if hashlib.sha256(place.read_bytes()).hexdigest() != self.data["sha256"]:
-            raise NotMadeError(f"{place.name} has another sha256 than the file records")
+            raise NotCheckedError(f"{place.name} has another sha256 than the file records")
         return links_in(place, str(self.data["palm"]))
 
     @cached_property
@@ -167,7 +167,7 @@ class URDFNumbers:
         """Collision spheres of the links, body frame; not recorded in older files."""
         spheres = self.data.get("link_spheres")
         if spheres is None:
-            raise NotMadeError("the file does not record the spheres that stand for the hand's links")
+            raise NotCheckedError("the file does not record the spheres that stand for the hand's links")
         clearance = number("clearance", self.data["clearance"])
         found = []
         for link, rows in spheres.items():
@@ -177,9 +177,11 @@ class URDFNumbers:
                 found.append(Ball(f"{link}/{i}", centre, radius, radius + clearance))
         return found
 
-    def rows(self, placement: StatedPlacement) -> Iterator[RowValue]:
+    def rows(self, placement: StatedPlacement) -> Iterator[ConstraintValue]:
         """Yield constraints: unit quaternion, contacts on fingertips, fingertips apart."""
-        yield RowValue(QUATERNION, self._stated_length, 1.0, 1.0)  # the program's own; the file's is of unit length
+        yield ConstraintValue(
+            QUATERNION, self._stated_length, 1.0, 1.0
+        )  # the program's own; the file's is of unit length
         for i, (tip, p, n) in enumerate(zip(self.tips, placement.points, placement.normals, strict=True)):
             name = f"on fingertip {tip['link']}, finger {i}"
             yield from touching_rows(tip, self._touching(name, tip, p, n, placement.size))
@@ -188,12 +190,12 @@ class URDFNumbers:
             a, b = balls[i], balls[j]
             squared, least = float(np.sum((a.centre - b.centre) ** 2)), (a.radius + b.radius) ** 2
             error = 4.0 * np.sqrt(squared) * self.error
-            yield RowValue(f"{TIPS_APART}, fingers {i} and {j}", squared, least, scale=self.span**2, error=error)
+            yield ConstraintValue(f"{TIPS_APART}, fingers {i} and {j}", squared, least, scale=self.span**2, error=error)
 
-    def _touching(self, name: str, tip: Json, p: FloatArray, n: FloatArray, size: float) -> Touching:
-        return Touching(name, self.poses[str(tip["link"])], p, n, size, self.error, self.turn)
+    def _touching(self, name: str, tip: Json, p: FloatArray, n: FloatArray, size: float) -> StatedTouch:
+        return StatedTouch(name, self.poses[str(tip["link"])], p, n, size, self.error, self.turn)
 
-    def apart(self) -> Iterator[RowValue]:
+    def apart(self) -> Iterator[ConstraintValue]:
         """Yield the squared distances of sphere pairs under self-collision constraints."""
         count = 0
         may = {(a, b): number(f"overlaps, {a} and {b}", s, at_least=0.0) for a, b, s in self.data.get("overlaps", ())}
@@ -204,10 +206,10 @@ class URDFNumbers:
                 overlap = may.get((a.name.rpartition("/")[0], b.name.rpartition("/")[0]), 0.0)
                 squared, least = float(np.sum((a.centre - b.centre) ** 2)), max(a.radius + b.radius - overlap, 0.0) ** 2
                 error = 4.0 * np.sqrt(squared) * self.error
-                yield RowValue(name, squared, least, scale=self.span**2, error=error)
+                yield ConstraintValue(name, squared, least, scale=self.span**2, error=error)
         wanted = int(self.data["watched_pairs"])
         if count < wanted:
-            yield RowValue(f"self-collision: {wanted} pairs of spheres, {count} in the file", np.nan)
+            yield ConstraintValue(f"self-collision: {wanted} pairs of spheres, {count} in the file", np.nan)
 
     def loads(self, points: FloatArray) -> dict[str, FloatArray]:
         """Return velocity and angular velocity of the contacts, (k, 6), per rate of each joint that moves one.
@@ -219,15 +221,17 @@ class URDFNumbers:
         """
         ends = [str(tip["link"]) for tip in self.tips]
         moved = [jacobian(self.links, self.poses, end, p) for end, p in zip(ends, points, strict=True)]
-        return {joint: np.array([m.get(joint, np.zeros(6)) for m in moved]) for joint in loaded(self.links, ends)}
+        return {
+            joint: np.array([m.get(joint, np.zeros(6)) for m in moved]) for joint in loaded_joints(self.links, ends)
+        }
 
     @property
     def ranges(self) -> dict[str, tuple[float, float, bool]]:
         """Limits of the free joints, narrowed by those of mimic joints, and whether they slide."""
         slides = {link.joint: link.kind == "prismatic" for link in self.links}
-        return {joint: (*ends, slides[joint]) for joint, ends in ranges(self.links).items()}
+        return {joint: (*ends, slides[joint]) for joint, ends in free_joint_limits(self.links).items()}
 
-    def limits(self) -> Iterator[RowValue]:
+    def limits(self) -> Iterator[ConstraintValue]:
         """Yield the joint limits and mimic relations, in the pregrasp as well."""
         named = [str(tip["link"]) for tip in self.tips]
         if self.posture.get("fingertips", named) != named:
@@ -241,26 +245,26 @@ class URDFNumbers:
             told = phase["name"] in (SQUEEZE, LIFT)  # commands may exceed the limits to exert torque
             yield from self._joints(f"{phase['name']}, joint", phase["joint_positions"], limited=not told)
 
-    def _joints(self, name: str, positions: Json, limited: bool = True) -> Iterator[RowValue]:
+    def _joints(self, name: str, positions: Json, limited: bool = True) -> Iterator[ConstraintValue]:
         """Yield the joint limits and mimic relations in a posture."""
         for link in self.links:
             if link.moves:
                 value = number(f"joint_positions.{link.joint}", positions[link.joint])
                 if limited:
-                    yield RowValue(f"{name} {link.joint}", value, link.lower, link.upper)
+                    yield ConstraintValue(f"{name} {link.joint}", value, link.lower, link.upper)
                 follow = link.follow
                 if follow is not None:
                     off = value - follow.multiplier * float(positions[follow.joint]) - follow.offset
-                    yield RowValue(f"{name} {link.joint} follows {follow.joint}", off, 0.0, 0.0, 0.0, FOLLOWING)
+                    yield ConstraintValue(f"{name} {link.joint} follows {follow.joint}", off, 0.0, 0.0, 0.0, FOLLOWING)
 
 
-def urdf(data: Json, posture: Json, stated: Mapping[str, float], sources: Sources) -> URDFNumbers:
+def urdf(data: Json, posture: Json, stated: Mapping[str, float], sources: SourceFolders) -> URDFNumbers:
     """Return the numeric URDF hand of JSON data."""
     return URDFNumbers(data, posture, stated, sources)
 
 
 def require_links(hand: HandNumbers | None, part: str) -> URDFNumbers:
-    """Return a hand with known links; raise ``NotMadeError`` for any other.
+    """Return a hand with known links; raise ``NotCheckedError`` for any other.
 
     Parameters
     ----------
@@ -269,14 +273,14 @@ def require_links(hand: HandNumbers | None, part: str) -> URDFNumbers:
         The part to recompute, for the message: ``"links"`` or ``"joints"``.
     """
     if isinstance(hand, UnknownHand):
-        raise NotMadeError(hand.why)
+        raise NotCheckedError(hand.why)
     if not isinstance(hand, URDFNumbers):
-        raise NotMadeError(f"nothing recomputes the {part} of a hand of this type")
+        raise NotCheckedError(f"nothing recomputes the {part} of a hand of this type")
     return hand
 
 
 @dataclass(frozen=True)
-class Touching:
+class StatedTouch:
     """A fingertip with its contact.
 
     Parameters
@@ -305,15 +309,17 @@ class Touching:
         """Return a point of the link's frame in the body's frame."""
         return np.asarray(self.pose[:3, :3] @ local + self.pose[:3, 3])
 
-    def length(self, what: str, value: float, lower: float = 0.0, upper: float = 0.0, slack: float = 0.0) -> RowValue:
+    def length(
+        self, what: str, value: float, lower: float = 0.0, upper: float = 0.0, slack: float = 0.0
+    ) -> ConstraintValue:
         """Return a constraint on a length."""
-        return RowValue(f"{self.name}, {what}", value, lower, upper, self.size, self.error + slack)
+        return ConstraintValue(f"{self.name}, {what}", value, lower, upper, self.size, self.error + slack)
 
-    def cosine(self, what: str, value: float, lower: float = 0.0, upper: float = 0.0) -> RowValue:
+    def cosine(self, what: str, value: float, lower: float = 0.0, upper: float = 0.0) -> ConstraintValue:
         """Return a constraint on the cosine of an angle."""
-        return RowValue(f"{self.name}, {what}", value, lower, upper, error=self.turn)
+        return ConstraintValue(f"{self.name}, {what}", value, lower, upper, error=self.turn)
 
-    def equal(self, left: FloatArray, right: FloatArray, slack: FloatArray | None = None) -> Iterator[RowValue]:
+    def equal(self, left: FloatArray, right: FloatArray, slack: FloatArray | None = None) -> Iterator[ConstraintValue]:
         """Yield an equality constraint per coordinate."""
         extra = np.zeros(3) if slack is None else slack
         for i, axis in enumerate("xyz"):
@@ -325,7 +331,7 @@ def radius_of(tip: Json) -> float:
     return number("radius", tip["radius"], above=0.0) if tip["type"] in ("sphere", "cylinder", "capsule") else 0.0
 
 
-def centre_of(tip: Json, touching: Touching) -> FloatArray:
+def centre_of(tip: Json, touching: StatedTouch) -> FloatArray:
     """Return the centre of a round fingertip's contact ball, body frame."""
     if tip["type"] == "sphere":
         return touching.place(array("offset", tip["offset"], (3,)))
@@ -335,20 +341,20 @@ def centre_of(tip: Json, touching: Touching) -> FloatArray:
     return np.asarray(start + min(max(share, 0.0), 1.0) * (end - start))
 
 
-def touching_rows(tip: Json, touching: Touching) -> Iterator[RowValue]:
+def touching_rows(tip: Json, touching: StatedTouch) -> Iterator[ConstraintValue]:
     """Yield the constraints that put a contact onto a fingertip."""
     rows = ROWS.get(str(tip["type"]))
     if rows is None:
-        raise NotMadeError(f"nothing recomputes a fingertip of type {tip['type']!r}")
+        raise NotCheckedError(f"nothing recomputes a fingertip of type {tip['type']!r}")
     yield from rows(tip, touching)
 
 
-def _sphere(tip: Json, touching: Touching) -> Iterator[RowValue]:
+def _sphere_constraints(tip: Json, touching: StatedTouch) -> Iterator[ConstraintValue]:
     """Yield the constraints ``c = p - r n``."""
     yield from touching.equal(centre_of(tip, touching), touching.p - radius_of(tip) * touching.n)
 
 
-def _cylinder(tip: Json, touching: Touching) -> Iterator[RowValue]:
+def _cylinder_constraints(tip: Json, touching: StatedTouch) -> Iterator[ConstraintValue]:
     """Yield the constraints ``a + s (b - a) = p - r n``, and n perpendicular to the axis.
 
     The coordinate s is not in the file: here it is that of the nearest point, so residuals along the axis are not seen.
@@ -360,7 +366,7 @@ def _cylinder(tip: Json, touching: Touching) -> Iterator[RowValue]:
     yield touching.cosine("across", float(along @ touching.n))
 
 
-def _capsule(tip: Json, touching: Touching) -> Iterator[RowValue]:
+def _capsule_constraints(tip: Json, touching: StatedTouch) -> Iterator[ConstraintValue]:
     """Yield the constraints ``a + s (b - a) = p - r n``, and limits on the tilt of n beyond the ends."""
     start, end = (array(key, tip[key], (3,)) for key in ("start", "end"))
     length = float(np.linalg.norm(end - start))
@@ -370,12 +376,12 @@ def _capsule(tip: Json, touching: Touching) -> Iterator[RowValue]:
     share = float((centre - touching.place(start)) @ along) / length
     leans, error = float(along @ touching.n), touching.turn + (slack + touching.error) / length
     for what, value in (("over the end", (1.0 - share) * leans), ("over the start", -share * leans)):
-        yield RowValue(f"{touching.name}, {what}", value, -np.inf, ROUNDING, error=error)
+        yield ConstraintValue(f"{touching.name}, {what}", value, -np.inf, ROUNDING, error=error)
 
 
-def _flat(tip: Json, touching: Touching) -> Iterator[RowValue]:
+def _flat_constraints(tip: Json, touching: StatedTouch) -> Iterator[ConstraintValue]:
     """Yield the constraints of equal normals, and of the contact within the rectangle."""
-    origin, axes = _frame(tip, touching)
+    origin, axes = _tip_frame(tip, touching)
     half = array("extents", tip["extents"], (2,)) / 2.0
     normal, local = axes.T @ touching.n, axes.T @ (touching.p - origin)
     yield touching.cosine("normal x", float(normal[0]))
@@ -386,9 +392,9 @@ def _flat(tip: Json, touching: Touching) -> Iterator[RowValue]:
     yield touching.length("extent y", float(local[1]), -half[1], half[1])
 
 
-def _ellipsoid(tip: Json, touching: Touching) -> Iterator[RowValue]:
+def _ellipsoid_constraints(tip: Json, touching: StatedTouch) -> Iterator[ConstraintValue]:
     """Yield the constraints ``p = t + R A^2 m / |A m|`` with ``m = R^T n``, and m within the patch."""
-    origin, axes = _frame(tip, touching)
+    origin, axes = _tip_frame(tip, touching)
     semi = array("semi_axes", tip["semi_axes"], (3,))
     normal = axes.T @ touching.n
     scaled = semi * normal
@@ -398,17 +404,17 @@ def _ellipsoid(tip: Json, touching: Touching) -> Iterator[RowValue]:
         yield touching.cosine("within the patch", towards, float(np.cos(number("angle", tip["angle"]))), np.inf)
 
 
-def _frame(tip: Json, touching: Touching) -> tuple[FloatArray, FloatArray]:
+def _tip_frame(tip: Json, touching: StatedTouch) -> tuple[FloatArray, FloatArray]:
     """Return origin and axes of a fingertip's frame, in the body's frame."""
     turned = Rotation.from_euler("xyz", array("rpy", tip["rpy"], (3,))).as_matrix()
     return touching.place(array("offset", tip["offset"], (3,))), np.asarray(touching.pose[:3, :3] @ turned)
 
 
-ROWS: dict[str, Callable[[Json, Touching], Iterator[RowValue]]] = {
-    "sphere": _sphere,
-    "cylinder": _cylinder,
-    "capsule": _capsule,
-    "flat": _flat,
-    "ellipsoid": _ellipsoid,
+ROWS: dict[str, Callable[[Json, StatedTouch], Iterator[ConstraintValue]]] = {
+    "sphere": _sphere_constraints,
+    "cylinder": _cylinder_constraints,
+    "capsule": _capsule_constraints,
+    "flat": _flat_constraints,
+    "ellipsoid": _ellipsoid_constraints,
 }
 """The scalar constraints of each shape of fingertip; a new shape is one more entry."""

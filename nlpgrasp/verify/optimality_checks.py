@@ -14,7 +14,7 @@ from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.check import Check
 from nlpgrasp.verify.mesh_body import MeshSurface
 from nlpgrasp.verify.numeric_bodies import FacedSurface, SmoothSurface
-from nlpgrasp.verify.stated_placement import Surface
+from nlpgrasp.verify.stated_placement import NumericBody
 
 SUM, BINDING = 1e-5, 1e-5  # tolerances: sum of the weights; relative spread of binding inequalities
 ABOVE = 2e-3  # largest relative excess of the program's beta over mu
@@ -22,7 +22,7 @@ SLOPE = 1e-4  # share of mu: largest first-order gain of a free contact over the
 STEP, FREE = 1e-6, 1e-3  # shares of the body's size: difference step; least distance of a free contact from edges
 
 
-def optimality_checks(solution: GraspSolution, grasp: Grasp, surface: Surface | None, size: float) -> list[Check]:
+def optimality_checks(solution: GraspSolution, grasp: Grasp, surface: NumericBody | None, size: float) -> list[Check]:
     """Return the checks that stated inequalities bind equally at mu, and that free contacts cannot raise it.
 
     Contacts of a hand with joints, and those in active constraints, are not free and not checked.
@@ -30,13 +30,13 @@ def optimality_checks(solution: GraspSolution, grasp: Grasp, surface: Surface | 
     kkt = solution.kkt
     if kkt is None:
         return []
-    wrong = [*_of_weights(solution, grasp, kkt)]
+    wrong = [*_weight_errors(solution, grasp, kkt)]
     if not wrong and kkt.is_small and surface is not None:
-        wrong += [*_of_contacts(solution, grasp, kkt, surface, size)]
+        wrong += [*_contact_errors(solution, grasp, kkt, surface, size)]
     return [Check("local optimum", not wrong, "; ".join(wrong) if wrong else kkt.words)]
 
 
-def _of_weights(solution: GraspSolution, grasp: Grasp, kkt: KKT) -> Iterator[str]:
+def _weight_errors(solution: GraspSolution, grasp: Grasp, kkt: KKT) -> Iterator[str]:
     weights = np.array(kkt.weights)
     if len(kkt.directions) != len(weights) or any(len(y) != grasp.dimension for y in kkt.directions):
         yield f"{len(kkt.directions)} directions of dimension {grasp.dimension} for {len(weights)} weights"
@@ -45,7 +45,7 @@ def _of_weights(solution: GraspSolution, grasp: Grasp, kkt: KKT) -> Iterator[str
     elif len(weights) and (np.min(weights) < 0.0 or abs(np.sum(weights) - 1.0) > SUM):
         yield f"weights from {np.min(weights):.3g} with a sum of {np.sum(weights):.9g}"
     elif kkt.is_small:
-        ratios = _ratios(solution, grasp, kkt)
+        ratios = _recomputed_ratios(solution, grasp, kkt)
         beta = float(weights @ ratios)
         unequal = float(np.max(weights * np.abs(ratios - beta))) / beta
         if not unequal <= BINDING:
@@ -54,7 +54,9 @@ def _of_weights(solution: GraspSolution, grasp: Grasp, kkt: KKT) -> Iterator[str
             yield f"they bind at {beta:.6g}, where mu is in {solution.mu}"
 
 
-def _of_contacts(solution: GraspSolution, grasp: Grasp, kkt: KKT, surface: Surface, size: float) -> Iterator[str]:
+def _contact_errors(
+    solution: GraspSolution, grasp: Grasp, kkt: KKT, surface: NumericBody, size: float
+) -> Iterator[str]:
     """Yield the free contacts whose moves would raise the weighted ratios."""
     weights = np.array(kkt.weights)
     least = SLOPE * solution.mu.upper
@@ -64,7 +66,7 @@ def _of_contacts(solution: GraspSolution, grasp: Grasp, kkt: KKT, surface: Surfa
             continue
         for tangent in grasp.frames[i][:, 1:].T:
             there, back = (
-                float(weights @ _ratios(solution, _moved(grasp, i, h * tangent, normal), kkt))
+                float(weights @ _recomputed_ratios(solution, _displace_contact(grasp, i, h * tangent, normal), kkt))
                 for h in (STEP * size, -STEP * size)
             )
             slope = (there - back) / (2.0 * STEP)
@@ -73,13 +75,13 @@ def _of_contacts(solution: GraspSolution, grasp: Grasp, kkt: KKT, surface: Surfa
                 break
 
 
-def _ratios(solution: GraspSolution, grasp: Grasp, kkt: KKT) -> FloatArray:
+def _recomputed_ratios(solution: GraspSolution, grasp: Grasp, kkt: KKT) -> FloatArray:
     """Return the support ratios along the directions, (m,)."""
     y = np.array(kkt.directions)
     return np.asarray(WrenchSet.of(grasp, solution.budget).support(y)[0] / solution.task.support(y)[0])
 
 
-def _moved(grasp: Grasp, i: int, step: FloatArray, normal: Callable[[FloatArray], FloatArray]) -> Grasp:
+def _displace_contact(grasp: Grasp, i: int, step: FloatArray, normal: Callable[[FloatArray], FloatArray]) -> Grasp:
     """Return the grasp with one contact moved, and the inward normal at its new point."""
     points, normals = grasp.points.copy(), grasp.normals.copy()
     points[i] += step
@@ -96,7 +98,7 @@ def _is_held(solution: GraspSolution, i: int) -> bool:
 
 
 def _normal_near(
-    solution: GraspSolution, grasp: Grasp, surface: Surface, i: int, size: float
+    solution: GraspSolution, grasp: Grasp, surface: NumericBody, i: int, size: float
 ) -> Callable[[FloatArray], FloatArray] | None:
     """Return the inward normal function near a contact; None at an edge or on an unknown surface."""
     face, point = solution.faces[i], grasp.points[i]
@@ -107,14 +109,14 @@ def _normal_near(
         near_margin = surface.edge_distance(face, point) <= float(solution.problem["edge_margin"]) + FREE * size
         return None if not flat or near_margin else lambda p: grasp.normals[i]
     if isinstance(surface, SmoothSurface):
-        return lambda p: -_unit(surface.field(p[None])[1][0])
+        return lambda p: -_unit_vector(surface.field(p[None])[1][0])
     if isinstance(surface, FacedSurface):
         past = surface.pieces[face](point)[2]
         margin = float(solution.problem.get("edge_margin", 0.0))
         at_edge = past >= -FREE * size or surface.edge_distance(face, point) <= margin + FREE * size
-        return None if at_edge else lambda p: -_unit(surface.pieces[face](p)[1])
+        return None if at_edge else lambda p: -_unit_vector(surface.pieces[face](p)[1])
     return None
 
 
-def _unit(vector: FloatArray) -> FloatArray:
+def _unit_vector(vector: FloatArray) -> FloatArray:
     return np.asarray(vector / np.linalg.norm(vector))

@@ -14,7 +14,7 @@ from nlpgrasp.solution.analysis_records import mu_without
 from nlpgrasp.solution.kept_grasps import FoundGrasp
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.verify.check import Check, guarded
+from nlpgrasp.verify.check import Check, guard
 
 WITH_GRASP = (Status.SOLVED, Status.OPTIMAL, Status.TOUCHES)
 WITHOUT_GRASP = (Status.LOCALLY_INFEASIBLE, Status.FAILED)
@@ -28,12 +28,12 @@ Checked = Callable[[GraspSolution], Sequence[Check]]
 
 def outcome_checks(solution: GraspSolution) -> list[Check]:
     """Return the check that status, starts and winning start agree with grasp and quality."""
-    wrong = [*_status(solution), *_winner(solution)]
+    wrong = [*_status_errors(solution), *_answer_errors(solution)]
     told = f"{solution.status.name.lower()}, {len(solution.starts)} starts"
     return [Check("outcome", not wrong, "; ".join(wrong) if wrong else told)]
 
 
-def _status(solution: GraspSolution) -> Iterator[str]:
+def _status_errors(solution: GraspSolution) -> Iterator[str]:
     status = solution.status.name.lower()
     if solution.grasp is None:
         if solution.status in WITH_GRASP:
@@ -54,7 +54,7 @@ def _status(solution: GraspSolution) -> Iterator[str]:
         yield "a grasp, and why there is none"
 
 
-def _winner(solution: GraspSolution) -> Iterator[str]:
+def _answer_errors(solution: GraspSolution) -> Iterator[str]:
     """Yield the false statements of the winning start.
 
     The answer's certificate is recomputed and keeps the better ends of both. Without a search for robustness no other
@@ -77,7 +77,7 @@ def _winner(solution: GraspSolution) -> Iterator[str]:
         yield f"{name} won with mu in {best.mu}, stated {solution.mu}"
     options = solution.solver.get("options", {})
     if not options.get("maximise_robust", False):
-        most = max(best.mu.upper, _without_room(solution))
+        most = max(best.mu.upper, _mu_without_margins(solution))
         preferred = _is_steady(solution) or solution.squeeze is not None
         most /= KEPT if options.get("rank") == "robust" and preferred else 1.0
         free = solution.has_free_way  # then obstructed starts rank behind it
@@ -87,8 +87,8 @@ def _winner(solution: GraspSolution) -> Iterator[str]:
             yield f"start {better[0]} is better than start {best.index}, which won"
 
 
-def _without_room(solution: GraspSolution) -> float:
-    """Return the mu that a grasp had before the search for joint-limit margins; see ``room_checks``."""
+def _mu_without_margins(solution: GraspSolution) -> float:
+    """Return the mu that a grasp had before the search for joint-limit margins; see ``joint_margin_checks``."""
     room = (solution.hand or {}).get("room")
     return 0.0 if room is None else mu_without(room)
 
@@ -111,16 +111,16 @@ def grasps_checks(solution: GraspSolution, checked: Checked, size: float) -> lis
     """
     if solution.stated_first is None and not solution.others:
         return []
-    wrong = list(_together(solution, size))
+    wrong = list(_inconsistencies(solution, size))
     told = f"{len(solution.grasps)} distinct grasps, the first is the answer"
     checks = [Check("grasps kept", not wrong, "; ".join(wrong[:4]) if wrong else told)]
     for i, found in enumerate(solution.others, 1):
         alone = solution.with_answer(found)
-        checks += guarded(f"grasps[{i}]", partial(_one, i, alone, checked))
+        checks += guard(f"grasps[{i}]", partial(_combined_check, i, alone, checked))
     return checks
 
 
-def _one(i: int, alone: GraspSolution, checked: Checked) -> list[Check]:
+def _combined_check(i: int, alone: GraspSolution, checked: Checked) -> list[Check]:
     """Return one check that combines those of one grasp."""
     checks = checked(alone)
     failed = [f"{check.name}: {check.detail}" for check in checks if check.failed]
@@ -129,7 +129,7 @@ def _one(i: int, alone: GraspSolution, checked: Checked) -> list[Check]:
     return [Check(f"grasps[{i}]", not failed, "; ".join(failed[:4]) if failed else told)]
 
 
-def _together(solution: GraspSolution, size: float) -> Iterator[str]:
+def _inconsistencies(solution: GraspSolution, size: float) -> Iterator[str]:
     """Yield the inconsistencies between the kept grasps."""
     first = solution.stated_first
     if first is not None and first.to_dict() != solution.grasps[0].to_dict():
@@ -150,11 +150,11 @@ def _together(solution: GraspSolution, size: float) -> Iterator[str]:
         yield f"{len(solution.grasps)} grasps where {solver.get('keep')} were to be kept"
     least = float(solver.get("distinct", 0.0)) * size * (1.0 - SLACK)
     for (i, one), (j, other) in combinations(enumerate(solution.grasps), 2):
-        if (one.hand is None or "joint_positions" not in one.hand) and _apart(one, other) < least:
+        if (one.hand is None or "joint_positions" not in one.hand) and _matched_distance(one, other) < least:
             yield f"grasps[{i}] and grasps[{j}] are one: contacts less than {least:.3g} m apart"
 
 
-def _apart(one: FoundGrasp, other: FoundGrasp) -> float:
+def _matched_distance(one: FoundGrasp, other: FoundGrasp) -> float:
     """Return the largest contact distance of two grasps in the best order, metres; for many contacts a lower bound."""
     p, q = one.grasp.points, other.grasp.points
     if p.shape != q.shape:

@@ -62,7 +62,7 @@ def widths(solution: GraspSolution, found: Bounds) -> list[Check]:
     return [width("width", solution.mu, found, asked)]
 
 
-def other_measures(solution: GraspSolution, grasp: Grasp, budget: ForceBudget, rtol: float) -> list[Check]:
+def check_other_measures(solution: GraspSolution, grasp: Grasp, budget: ForceBudget, rtol: float) -> list[Check]:
     """Recompute delta and nu at the stated torque scale."""
     checks = []
     if solution.delta is not None:
@@ -79,7 +79,9 @@ def other_measures(solution: GraspSolution, grasp: Grasp, budget: ForceBudget, r
     return checks
 
 
-def robustness(solution: GraspSolution, grasp: Grasp, task: Task, budget: ForceBudget, rtol: float) -> list[Check]:
+def check_robustness(
+    solution: GraspSolution, grasp: Grasp, task: Task, budget: ForceBudget, rtol: float
+) -> list[Check]:
     """Check the stated quality at the worst displacement found, and that its contacts are within reach."""
     stated = solution.robust
     if stated is None:

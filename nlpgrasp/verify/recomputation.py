@@ -2,7 +2,8 @@
 
 Each part of the problem (its constraints, the edge margin, the hand, its links) yields scalar constraints, which are
 compared with those that the file states. Stated constraints that no part yields must belong to a part that cannot be
-recomputed, by their names; they must keep their stated limits, to a tolerance that depends on their unit (``Scales``).
+recomputed, by their names; they must keep their stated limits, to a tolerance that depends on their unit
+(``ConstraintScales``).
 """
 
 from __future__ import annotations
@@ -31,25 +32,25 @@ from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.solution.records import ConstraintReport
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.approach_checks import phase_checks, way_checks
-from nlpgrasp.verify.check import BROKEN, NO_BODY, Check, NotMadeError, guarded, no_sense
+from nlpgrasp.verify.check import BROKEN, NO_BODY, Check, NotCheckedError, broken_data_message, guard
 from nlpgrasp.verify.force_checks import squeeze_checks
 from nlpgrasp.verify.gripper_checks import gripper_checks
-from nlpgrasp.verify.joint_checks import room_checks, torque_checks
+from nlpgrasp.verify.joint_checks import joint_margin_checks, torque_checks
 from nlpgrasp.verify.link_checks import link_checks
-from nlpgrasp.verify.numeric_hands import UnknownHand, room_rows
+from nlpgrasp.verify.numeric_hands import UnknownHand, fingertip_clearances
 from nlpgrasp.verify.optimality_checks import optimality_checks
 from nlpgrasp.verify.registry import BODIES, CONSTRAINTS, HANDS
-from nlpgrasp.verify.sources import Sources
+from nlpgrasp.verify.sources import SourceFolders
 from nlpgrasp.verify.stated_placement import (
     PROMISE,
     ROUNDING,
+    ConstraintValue,
     HandNumbers,
-    RowValue,
+    NumericBody,
+    StatedConstraints,
     StatedPlacement,
-    StatedRows,
-    Surface,
-    compare,
-    kept,
+    check_stated_constraints,
+    check_unstated_constraints,
 )
 from nlpgrasp.verify.surface_checks import WIDEST, face_check, size_of, surface_checks
 
@@ -87,24 +88,24 @@ Owner = Callable[[str], bool]
 """Whether a part of the problem may own a scalar constraint of this name."""
 
 
-def recomputed(solution: GraspSolution, grasp: Grasp, sources: Sources) -> list[Check]:
+def recompute(solution: GraspSolution, grasp: Grasp, sources: SourceFolders) -> list[Check]:
     """Return the checks of surface, faces, constraints and hand."""
     with np.errstate(all="ignore"):  # invalid numbers give NaN, which fails every comparison
-        return guarded("problem", lambda: _recomputed(solution, grasp, sources))
+        return guard("problem", lambda: _recompute_all(solution, grasp, sources))
 
 
-def _recomputed(solution: GraspSolution, grasp: Grasp, sources: Sources) -> list[Check]:
-    stated = StatedRows(solution.constraints)
+def _recompute_all(solution: GraspSolution, grasp: Grasp, sources: SourceFolders) -> list[Check]:
+    stated = StatedConstraints(solution.constraints)
     values = stated.values()
-    hand = _hand(solution, values, sources)
+    hand = _numeric_hand(solution, values, sources)
     surface, checks = surface_checks(solution, grasp, hand, sources)
-    size = size_of(_drawn_box(solution, grasp) if surface is None else surface.bounds, grasp)
+    size = size_of(_drawing_bounds(solution, grasp) if surface is None else surface.bounds, grasp)
     placement = StatedPlacement(
         grasp.points, grasp.normals, size, hand, lambda body: BODIES.of(body)(body, sources), values
     )
     promise = PROMISE * (ON_MESH if solution.body["type"] == "mesh" else 1.0)
     unseen = UNSEEN if surface is None and solution.drawing is None else 1.0
-    parts: dict[str, Callable[[], Iterable[RowValue]]] = {
+    parts: dict[str, Callable[[], Iterable[ConstraintValue]]] = {
         f"constraint {i}, {data['type']}": partial(_constraint_rows, data, placement)
         for i, data in enumerate(solution.problem["constraints"])
     }
@@ -113,30 +114,30 @@ def _recomputed(solution: GraspSolution, grasp: Grasp, sources: Sources) -> list
     if hand is not None:
         parts["hand"] = partial(hand.rows, placement)
     if hand is not None and not hand.linked and "edge_margin" in solution.problem:
-        parts[FITTING] = partial(room_rows, solution.body, surface, placement)
+        parts[FITTING] = partial(fingertip_clearances, solution.body, surface, placement)
     if hand is not None and hand.linked:
         parts["links"] = partial(link_rows, hand, surface, placement)
     owners = _owners(solution, len(grasp))
     rows = [
-        _guarded(name, given, partial(compare, stated=stated, promise=unseen * promise))
+        _guard_check(name, given, partial(check_stated_constraints, stated=stated, promise=unseen * promise))
         for name, given in parts.items()
     ]
     if hand is not None and hand.linked:
-        rows.append(_guarded("joints", hand.limits, partial(kept, promise=promise)))
-    checks += guarded("joint torques", lambda: torque_checks(solution, grasp, hand))
-    checks += guarded("squeeze", lambda: squeeze_checks(solution, grasp, hand))
-    checks += guarded("room of joints", lambda: room_checks(solution, hand))
-    checks += guarded("gripper", lambda: gripper_checks(solution, placement, surface))
-    checks += guarded("links inside something", lambda: link_checks(solution, hand, surface, placement))
-    checks += guarded("phases", lambda: phase_checks(solution))
-    checks += guarded("approach", lambda: way_checks(solution, hand, surface, placement))
-    checks += guarded("local optimum", lambda: optimality_checks(solution, grasp, surface, size))
-    checks += guarded("drawing", lambda: _drawing_checks(solution, surface))
+        rows.append(_guard_check("joints", hand.limits, partial(check_unstated_constraints, promise=promise)))
+    checks += guard("joint torques", lambda: torque_checks(solution, grasp, hand))
+    checks += guard("squeeze", lambda: squeeze_checks(solution, grasp, hand))
+    checks += guard("room of joints", lambda: joint_margin_checks(solution, hand))
+    checks += guard("gripper", lambda: gripper_checks(solution, placement, surface))
+    checks += guard("links inside something", lambda: link_checks(solution, hand, surface, placement))
+    checks += guard("phases", lambda: phase_checks(solution))
+    checks += guard("approach", lambda: way_checks(solution, hand, surface, placement))
+    checks += guard("local optimum", lambda: optimality_checks(solution, grasp, surface, size))
+    checks += guard("drawing", lambda: _drawing_checks(solution, surface))
     slack = partial(_slack, stated=stated, scales=_scales(solution, grasp, unseen * size), promise=promise)
     return [*checks, face_check(solution), *rows, *_stated_check(solution, stated, owners, slack)]
 
 
-def _hand(solution: GraspSolution, values: Mapping[str, float], sources: Sources) -> HandNumbers | None:
+def _numeric_hand(solution: GraspSolution, values: Mapping[str, float], sources: SourceFolders) -> HandNumbers | None:
     data = solution.problem["hand"]
     if data is None:
         return None
@@ -145,68 +146,70 @@ def _hand(solution: GraspSolution, values: Mapping[str, float], sources: Sources
         raise InputError("problem.hand.count", data["count"], f"as many as contacts ({contacts})")
     try:
         return HANDS.of(data)(data, solution.hand or {}, values, sources)
-    except NotMadeError as reason:
+    except NotCheckedError as reason:
         return UnknownHand(str(reason))
 
 
-def _drawn_box(solution: GraspSolution, grasp: Grasp) -> FloatArray:
+def _drawing_bounds(solution: GraspSolution, grasp: Grasp) -> FloatArray:
     """Return the approximate bounding box of a missing body, (2, space), from its drawing or the contacts."""
     seen = grasp.points if solution.drawing is None else solution.drawing.body.vertices
     return np.stack([seen.min(axis=0), seen.max(axis=0)])
 
 
-def _guarded(
-    name: str, rows: Callable[[], Iterable[RowValue]], judge: Callable[[str, Iterable[RowValue]], Check]
+def _guard_check(
+    name: str, rows: Callable[[], Iterable[ConstraintValue]], judge: Callable[[str, Iterable[ConstraintValue]], Check]
 ) -> Check:
     """Return the check of a comparison; invalid parts of a file fail."""
     try:
-        return judge(name, _each(rows))
-    except NotMadeError as reason:
+        return judge(name, _guard_each(rows))
+    except NotCheckedError as reason:
         return Check.not_made(name, str(reason))
     except BROKEN as error:
-        return Check(name, False, no_sense(error))
+        return Check(name, False, broken_data_message(error))
 
 
-def _each(rows: Callable[[], Iterable[RowValue]]) -> Iterator[RowValue]:
+def _guard_each(rows: Callable[[], Iterable[ConstraintValue]]) -> Iterator[ConstraintValue]:
     """Yield the constraints; an error is raised at the first one."""
     yield from rows()
 
 
-def _constraint_rows(data: Json, placement: StatedPlacement) -> Iterable[RowValue]:
+def _constraint_rows(data: Json, placement: StatedPlacement) -> Iterable[ConstraintValue]:
     return CONSTRAINTS.of(data)(data, placement)
 
 
-def margin_rows(problem: Json, faces: tuple[str, ...], grasp: Grasp, surface: Surface | None) -> Iterator[RowValue]:
+def margin_rows(
+    problem: Json, faces: tuple[str, ...], grasp: Grasp, surface: NumericBody | None
+) -> Iterator[ConstraintValue]:
     """Yield the distance of each contact from its face's sharp edges, where the problem states a margin."""
     margin = number("edge_margin", problem["edge_margin"], at_least=0.0)
     if surface is None:
-        raise NotMadeError(NO_BODY)
+        raise NotCheckedError(NO_BODY)
     size = float(np.linalg.norm(surface.bounds[1] - surface.bounds[0])) / 2.0
     for i, (face, point) in enumerate(zip(faces, grasp.points, strict=True)):
         value = surface.edge_distance(face, point)
         if np.isfinite(value):
-            yield RowValue(f"{EDGE_MARGIN}, finger {i}", value, margin, scale=size)
+            yield ConstraintValue(f"{EDGE_MARGIN}, finger {i}", value, margin, scale=size)
 
 
-def link_rows(hand: HandNumbers, surface: Surface | None, placement: StatedPlacement) -> Iterator[RowValue]:
+def link_rows(hand: HandNumbers, surface: NumericBody | None, placement: StatedPlacement) -> Iterator[ConstraintValue]:
     """Yield the distance of each sphere of the hand from the held body, then the self-collision constraints."""
     balls = hand.balls(placement)
     if balls and surface is None:
-        raise NotMadeError(NO_BODY)
+        raise NotCheckedError(NO_BODY)
     if balls and surface is not None:
         distances = surface.distance(np.array([ball.centre for ball in balls]))
         for ball, value in zip(balls, distances.tolist(), strict=True):
             name = f"{CLEARANCE}, {ball.name}"
-            yield RowValue(name, value, ball.least, scale=placement.size, error=placement.error)
+            yield ConstraintValue(name, value, ball.least, scale=placement.size, error=placement.error)
     yield from hand.apart()
 
 
-def _drawing_checks(solution: GraspSolution, surface: Surface | None) -> list[Check]:
+def _drawing_checks(solution: GraspSolution, surface: NumericBody | None) -> list[Check]:
     drawing = solution.drawing
     return [] if drawing is None or surface is None else [drawing_check(drawing, surface)]
 
 
-def drawing_check(drawing: Drawing, surface: Surface) -> Check:
+def drawing_check(drawing: Drawing, surface: NumericBody) -> Check:
     """Compare the bounding box of the drawn body with the body's own.
 
     Implicit bodies may be smaller than the box of their function, and so may bodies from outside the package that do
@@ -224,14 +227,14 @@ def drawing_check(drawing: Drawing, surface: Surface) -> Check:
 
 def _stated_check(
     solution: GraspSolution,
-    stated: StatedRows,
+    stated: StatedConstraints,
     owners: Mapping[str, Owner],
     slack: Callable[[ConstraintReport], float],
 ) -> list[Check]:
     """Return the checks that stated values keep the stated limits, and that every stated constraint has an owner."""
     if not solution.constraints:
         return []
-    wrong = [f"{c.name} is outside its limits" for c in solution.constraints if not _within(c, slack(c))]
+    wrong = [f"{c.name} is outside its limits" for c in solution.constraints if not _is_within_slack(c, slack(c))]
     possible = [owners[part] for part in stated.unknown]
     unasked = [name for name in stated.left if not any(owns(name) for owns in possible)]
     wrong += [f"{name} is nothing that the problem asks" for name in unasked]
@@ -239,11 +242,11 @@ def _stated_check(
     return [Check("constraints", not wrong, f"{detail}: {'; '.join(wrong)}" if wrong else detail)]
 
 
-def _within(row: ConstraintReport, slack: float) -> bool:
+def _is_within_slack(row: ConstraintReport, slack: float) -> bool:
     return row.lower - slack <= row.value <= row.upper + slack
 
 
-def _slack(row: ConstraintReport, stated: StatedRows, scales: Scales, promise: float) -> float:
+def _slack(row: ConstraintReport, stated: StatedConstraints, scales: ConstraintScales, promise: float) -> float:
     """Return the allowed violation of a constraint by a solve, in its own unit.
 
     Recomputed constraints have the scale of their formula, others that of their name.
@@ -253,7 +256,7 @@ def _slack(row: ConstraintReport, stated: StatedRows, scales: Scales, promise: f
 
 
 @dataclass(frozen=True)
-class Scales:
+class ConstraintScales:
     """Scales of stated constraints by their names, for relative tolerances.
 
     Parameters
@@ -280,21 +283,21 @@ class Scales:
         return self.size if name.startswith(lengths) else 1.0
 
 
-def _scales(solution: GraspSolution, grasp: Grasp, size: float) -> Scales:
+def _scales(solution: GraspSolution, grasp: Grasp, size: float) -> ConstraintScales:
     """Return the scales of constraints, as far as the file itself determines them."""
     pose, span = (solution.hand or {}).get("palm_pose"), size
     if pose is not None and grasp.space == 3:
         palm = array("hand.palm_pose.position", pose["position"], (3,))
         span = min(SPAN * float(np.max(np.linalg.norm(grasp.points - palm, axis=1))), WIDEST * size)
     asked = solution.problem["constraints"]
-    return Scales(size, span, tuple(str(data["name"]) for data in asked if data["type"] == "obstacle"))
+    return ConstraintScales(size, span, tuple(str(data["name"]) for data in asked if data["type"] == "obstacle"))
 
 
 def _owners(solution: GraspSolution, contacts: int) -> dict[str, Owner]:
     """Return the owner predicate of each part of the problem, by the part's name."""
     constraints, hand = solution.problem["constraints"], solution.problem["hand"]
     found = {f"constraint {i}, {data['type']}": constraint_owner(data, contacts) for i, data in enumerate(constraints)}
-    found[EDGE_MARGIN], found[FITTING] = margin_owner(contacts), room_owner(contacts)
+    found[EDGE_MARGIN], found[FITTING] = margin_owner(contacts), clearance_owner(contacts)
     return found if hand is None else {**found, "hand": hand_owner(hand, contacts), "links": links_owner(contacts)}
 
 
@@ -302,32 +305,32 @@ def constraint_owner(data: Json, contacts: int) -> Owner:
     """Return the predicate of scalar constraints that a constraint may own; any for another package's."""
     kind = str(data["type"])
     if kind == "obstacle":
-        return _beginning((f"{data['name']}, ",), contacts)
+        return _named_with_prefix((f"{data['name']}, ",), contacts)
     if kind == "expression":
         elements = re.compile(re.escape(str(data["name"])) + r"(?:\[\d+\])?")
         return lambda row: elements.fullmatch(row) is not None
-    return _beginning((CONSTRAINT_BEGINNINGS[kind],), contacts) if kind in CONSTRAINT_BEGINNINGS else anything
+    return _named_with_prefix((CONSTRAINT_BEGINNINGS[kind],), contacts) if kind in CONSTRAINT_BEGINNINGS else anything
 
 
 def hand_owner(data: Json, contacts: int) -> Owner:
     """Return the predicate of scalar constraints that a hand may own; any for another package's."""
     kind = str(data["type"])
-    return _beginning(HAND_BEGINNINGS[kind], contacts) if kind in HAND_BEGINNINGS else anything
+    return _named_with_prefix(HAND_BEGINNINGS[kind], contacts) if kind in HAND_BEGINNINGS else anything
 
 
 def links_owner(contacts: int) -> Owner:
     """Return the predicate of scalar constraints that the links of a hand may own."""
-    return _beginning(LINKS, contacts)
+    return _named_with_prefix(LINKS, contacts)
 
 
 def margin_owner(contacts: int) -> Owner:
     """Return the predicate of scalar constraints that the margin from sharp edges may own."""
-    return _beginning((f"{EDGE_MARGIN}, ",), contacts)
+    return _named_with_prefix((f"{EDGE_MARGIN}, ",), contacts)
 
 
-def room_owner(contacts: int) -> Owner:
+def clearance_owner(contacts: int) -> Owner:
     """Return the predicate of scalar constraints that the clearance of fingertips may own."""
-    return _beginning((f"{ROOM}, ",), contacts)
+    return _named_with_prefix((f"{ROOM}, ",), contacts)
 
 
 def anything(row: str) -> bool:
@@ -335,6 +338,6 @@ def anything(row: str) -> bool:
     return True
 
 
-def _beginning(first: tuple[str, ...], contacts: int) -> Owner:
+def _named_with_prefix(first: tuple[str, ...], contacts: int) -> Owner:
     """Return the predicate of names with such a beginning and existing contacts."""
     return lambda row: row.startswith(first) and all(int(i) < contacts for i in FINGER.findall(row))

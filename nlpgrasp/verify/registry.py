@@ -18,20 +18,20 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Generic, TypeVar
 
 from nlpgrasp.common.types import Json
-from nlpgrasp.verify.check import NotMadeError
-from nlpgrasp.verify.sources import Sources
-from nlpgrasp.verify.stated_placement import HandNumbers, RowValue, StatedPlacement, Surface
+from nlpgrasp.verify.check import NotCheckedError
+from nlpgrasp.verify.sources import SourceFolders
+from nlpgrasp.verify.stated_placement import ConstraintValue, HandNumbers, NumericBody, StatedPlacement
 
 Twin = TypeVar("Twin")
-BodyTwin = Callable[[Json, Sources], Surface]
+BodyTwin = Callable[[Json, SourceFolders], NumericBody]
 """``problem.body`` and where files are looked for, to the body's numbers."""
-ConstraintTwin = Callable[[Json, StatedPlacement], Iterable[RowValue]]
+ConstraintTwin = Callable[[Json, StatedPlacement], Iterable[ConstraintValue]]
 """One of ``problem.constraints`` and the placement, to the rows that it gives, in their order."""
-HandTwin = Callable[[Json, Json, Mapping[str, float], Sources], HandNumbers]
+HandTwin = Callable[[Json, Json, Mapping[str, float], SourceFolders], HandNumbers]
 """``problem.hand``, ``hand``, the stated values of the rows by name, and where files are looked for."""
 
 
-class Twins(Generic[Twin]):
+class CounterpartRegistry(Generic[Twin]):
     """Numeric counterparts by the JSON type of their kind.
 
     Parameters
@@ -49,11 +49,11 @@ class Twins(Generic[Twin]):
         self._known[kind] = twin
 
     def of(self, data: Json) -> Twin:
-        """Return the counterpart for JSON data with a ``type``; raise ``NotMadeError`` where there is none."""
+        """Return the counterpart for JSON data with a ``type``; raise ``NotCheckedError`` where there is none."""
         kind = data.get("type")
         twin = self._known.get(str(kind))
         if twin is None:
-            raise NotMadeError(f"nothing recomputes a {self._what} of type {kind!r}")
+            raise NotCheckedError(f"nothing recomputes a {self._what} of type {kind!r}")
         return twin
 
     @property
@@ -62,7 +62,7 @@ class Twins(Generic[Twin]):
         return tuple(self._known)
 
 
-BODIES: Twins[BodyTwin] = Twins("body")
-CONSTRAINTS: Twins[ConstraintTwin] = Twins("constraint")
-HANDS: Twins[HandTwin] = Twins("hand")
+BODIES: CounterpartRegistry[BodyTwin] = CounterpartRegistry("body")
+CONSTRAINTS: CounterpartRegistry[ConstraintTwin] = CounterpartRegistry("constraint")
+HANDS: CounterpartRegistry[HandTwin] = CounterpartRegistry("hand")
 register_body, register_constraint, register_hand = BODIES.register, CONSTRAINTS.register, HANDS.register

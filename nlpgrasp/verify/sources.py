@@ -6,11 +6,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from nlpgrasp.verify.check import NotMadeError
+from nlpgrasp.verify.check import NotCheckedError
 
 
 @dataclass(frozen=True)
-class Sources:
+class SourceFolders:
     """Folders in which source files are searched.
 
     Parameters
@@ -28,18 +28,18 @@ class Sources:
     missing: list[str] = field(default_factory=list, init=False, repr=False, compare=False)
 
     @classmethod
-    def beside(cls, file: Path | None, more: Iterable[str | Path] = ()) -> Sources:
+    def beside(cls, file: Path | None, more: Iterable[str | Path] = ()) -> SourceFolders:
         """Return the search path: a solution file's folder, the current one and others."""
         own = () if file is None else (file.parent,)
         return cls((*own, Path(), *map(Path, more)))
 
     def find(self, name: object) -> Path:
-        """Return the first file of this name; raise ``NotMadeError`` where there is none."""
+        """Return the first file of this name; raise ``NotCheckedError`` where there is none."""
         if not isinstance(name, str) or not name:
-            raise NotMadeError("the file names no source")
+            raise NotCheckedError("the file names no source")
         for folder in self.folders:
             place = folder / name
             if place.is_file():
                 return place
         self.missing.append(name)
-        raise NotMadeError(f"{name} is not beside the file, in the current folder or in one that was named")
+        raise NotCheckedError(f"{name} is not beside the file, in the current folder or in one that was named")

@@ -1,7 +1,8 @@
 """Numeric placement as a file states it, and comparison of recomputed scalar constraints with stated ones.
 
-A placement has contacts, hand and body, the latter two by the interfaces ``HandNumbers`` and ``Surface``. From it each
-part of the problem yields its scalar constraints (``RowValue``), which ``compare`` matches with those of the file.
+A placement has contacts, hand and body, the latter two by the interfaces ``HandNumbers`` and ``NumericBody``. From it
+each part of the problem yields its scalar constraints (``ConstraintValue``), which ``check_stated_constraints`` matches
+with those of the file.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.solution.records import ConstraintReport
-from nlpgrasp.verify.check import Check, NotMadeError
+from nlpgrasp.verify.check import Check, NotCheckedError
 
 ROUNDING = 1e-6  # tolerance of recomputed values, relative to the scale; rounding is below a thousandth of it
 LIMITS = 1e-9  # relative tolerance of limits, which are the problem's numbers or their squares
@@ -35,7 +36,7 @@ class StatedPlacement:
         The body's characteristic length, metres, limited by the contacts' spread: the reference of tolerances.
     hand : HandNumbers or None
     surface_of : callable
-        Function of another body's JSON data to its ``Surface``.
+        Function of another body's JSON data to its ``NumericBody``.
     stated : mapping
         Stated values of all constraints, by name.
     """
@@ -44,7 +45,7 @@ class StatedPlacement:
     normals: FloatArray
     size: float
     hand: HandNumbers | None
-    surface_of: Callable[[Json], Surface]
+    surface_of: Callable[[Json], NumericBody]
     stated: Mapping[str, float]
 
     @property
@@ -72,12 +73,12 @@ class StatedPlacement:
         """The hand's palm pose."""
         found = None if self.hand is None else self.hand.palm()
         if found is None:
-            raise NotMadeError("the hand has no palm")
+            raise NotCheckedError("the hand has no palm")
         return found
 
 
 class HandNumbers(Protocol):
-    """Interface of numeric hands in the stated posture. Unknown results raise ``NotMadeError``."""
+    """Interface of numeric hands in the stated posture. Unknown results raise ``NotCheckedError``."""
 
     @property
     def radii(self) -> Sequence[float]:
@@ -101,13 +102,13 @@ class HandNumbers(Protocol):
     def balls(self, placement: StatedPlacement) -> Sequence[Ball]:
         """Return the spheres of its links and fingertips; empty for a hand without links."""
 
-    def rows(self, placement: StatedPlacement) -> Iterable[RowValue]:
+    def rows(self, placement: StatedPlacement) -> Iterable[ConstraintValue]:
         """Return the constraints of the hand on a placement, as files state them."""
 
-    def apart(self) -> Iterable[RowValue]:
+    def apart(self) -> Iterable[ConstraintValue]:
         """Return the self-collision constraints, as files state them."""
 
-    def limits(self) -> Iterable[RowValue]:
+    def limits(self) -> Iterable[ConstraintValue]:
         """Return the limits of the hand's variables, which files do not state as constraints."""
 
 
@@ -155,7 +156,7 @@ class Ball:
     is_tip: bool = False
 
 
-class Surface(Protocol):
+class NumericBody(Protocol):
     """Interface of numeric bodies."""
 
     @property
@@ -206,7 +207,7 @@ class Fit:
 
 
 @dataclass(frozen=True)
-class RowValue:
+class ConstraintValue:
     """A scalar constraint ``lower <= value <= upper`` with its value recomputed from positions and hand.
 
     Parameters
@@ -244,7 +245,10 @@ class RowValue:
 
     def contradicts(self, stated: ConstraintReport) -> str:
         """Return the error in a stated constraint; empty where it agrees."""
-        if not (_same(stated.lower, self.lower, self.scale) and _same(stated.upper, self.upper, self.scale)):
+        if not (
+            _agrees_within(stated.lower, self.lower, self.scale)
+            and _agrees_within(stated.upper, self.upper, self.scale)
+        ):
             return f"{self.name}: stated within [{stated.lower:g}, {stated.upper:g}], the problem says {self._limits}"
         off = self.off(stated)
         if (self.stated_below and off < 0.0) or abs(off) <= ROUNDING * self.scale + self.error:
@@ -268,11 +272,11 @@ class RowValue:
         return f"[{self.lower:g}, {self.upper:g}]"
 
 
-def _same(stated: float, own: float, scale: float) -> bool:
+def _agrees_within(stated: float, own: float, scale: float) -> bool:
     return stated == own or (np.isfinite(own) and abs(stated - own) <= LIMITS * max(abs(own), scale))
 
 
-class StatedRows:
+class StatedConstraints:
     """The scalar constraints that a file states, each matched once with a recomputed one.
 
     Parameters
@@ -309,10 +313,12 @@ class StatedRows:
         return [name for name, reports in self._left.items() for _ in reports]
 
 
-def compare(name: str, rows: Iterable[RowValue], stated: StatedRows, promise: float) -> Check:
+def check_stated_constraints(
+    name: str, rows: Iterable[ConstraintValue], stated: StatedConstraints, promise: float
+) -> Check:
     """Return the check that the file states these constraints with their limits and values, and that these are kept.
 
-    Constraints are compared as they are computed: where one raises ``NotMadeError``, those before it have been
+    Constraints are compared as they are computed: where one raises ``NotCheckedError``, those before it have been
     compared, and the check fails by them or is not made.
     """
     count, wrong, why = 0, [], ""
@@ -328,24 +334,24 @@ def compare(name: str, rows: Iterable[RowValue], stated: StatedRows, promise: fl
             lie = row.contradicts(said) or row.broken(said.value if row.value is None else row.value, promise)
             wrong += [lie] if lie else []
             worst = max(worst, abs(row.off(said)) / row.scale)
-    except NotMadeError as reason:
+    except NotCheckedError as reason:
         why = str(reason)
         stated.unknown += [] if reason.every_row else [name]
     if wrong:
-        return Check(name, False, _listed(wrong))
+        return Check(name, False, _format_errors(wrong))
     agree = f"{count} row{'s' if count != 1 else ''} recomputed, relative difference {worst:.1e}"
     if why:
         return Check.not_made(name, f"{why} ({agree})" if count else why)
     return Check(name, True, agree)
 
 
-def kept(name: str, rows: Iterable[RowValue], promise: float) -> Check:
+def check_unstated_constraints(name: str, rows: Iterable[ConstraintValue], promise: float) -> Check:
     """Return the check that constraints which the file does not state keep their limits."""
     found = list(rows)
     wrong = [lie for row in found if row.value is not None and (lie := row.broken(row.value, promise))]
-    return Check(name, not wrong, _listed(wrong) if wrong else f"{len(found)} within their limits")
+    return Check(name, not wrong, _format_errors(wrong) if wrong else f"{len(found)} within their limits")
 
 
-def _listed(wrong: list[str], most: int = 4) -> str:
+def _format_errors(wrong: list[str], most: int = 4) -> str:
     more = len(wrong) - most
     return "; ".join(wrong[:most]) + (f"; and {more} more" if more > 0 else "")

@@ -9,13 +9,13 @@ import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.quality.grasp import Grasp
-from nlpgrasp.solution.placed_grasp import kept_normals
+from nlpgrasp.solution.placed_grasp import deviating_normals_message
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.verify.check import BROKEN, Check, NotMadeError, no_sense
+from nlpgrasp.verify.check import BROKEN, Check, NotCheckedError, broken_data_message
 from nlpgrasp.verify.mesh_body import OtherMeshError
 from nlpgrasp.verify.registry import BODIES
-from nlpgrasp.verify.sources import Sources
-from nlpgrasp.verify.stated_placement import Fit, HandNumbers, Surface
+from nlpgrasp.verify.sources import SourceFolders
+from nlpgrasp.verify.stated_placement import Fit, HandNumbers, NumericBody
 
 ON_FACE = 1e-6  # tolerance relative to the body's size
 NORMAL = 1e-6  # length of the difference of unit normals
@@ -25,32 +25,32 @@ ELSEWHERE = "unknown"  # kind of the fingertips of a hand that cannot be recompu
 
 
 def surface_checks(
-    solution: GraspSolution, grasp: Grasp, hand: HandNumbers | None, sources: Sources
-) -> tuple[Surface | None, list[Check]]:
+    solution: GraspSolution, grasp: Grasp, hand: HandNumbers | None, sources: SourceFolders
+) -> tuple[NumericBody | None, list[Check]]:
     """Return the numeric body, None if missing, and the checks of contacts and normals on it."""
-    tips = _tips(hand, len(grasp))
+    tips = _tip_names(hand, len(grasp))
     body = solution.body
     try:
         surface = BODIES.of(body)(body, sources)
     except OtherMeshError as other:
-        return _on_another_mesh(solution, grasp, tips, other)
-    except NotMadeError as reason:
-        return None, _not_made(str(reason))
+        return _check_other_mesh(solution, grasp, tips, other)
+    except NotCheckedError as reason:
+        return None, _unchecked(str(reason))
     except BROKEN as error:
-        return None, [Check("surface", False, no_sense(error))]
-    return surface, _fitted(solution, grasp, tips, surface)
+        return None, [Check("surface", False, broken_data_message(error))]
+    return surface, _check_smooth_surface(solution, grasp, tips, surface)
 
 
-def _tips(hand: HandNumbers | None, count: int) -> Sequence[str | None]:
+def _tip_names(hand: HandNumbers | None, count: int) -> Sequence[str | None]:
     try:
         return [None] * count if hand is None else hand.posed_tips
-    except NotMadeError:
+    except NotCheckedError:
         return [ELSEWHERE] * count
 
 
-def _on_another_mesh(
+def _check_other_mesh(
     solution: GraspSolution, grasp: Grasp, tips: Sequence[str | None], other: OtherMeshError
-) -> tuple[Surface | None, list[Check]]:
+) -> tuple[NumericBody | None, list[Check]]:
     """Return body and checks for a mesh with another fingerprint than recorded.
 
     If contacts and normals fit it, and it was read by the same versions, the recorded fingerprint is wrong. Otherwise
@@ -59,38 +59,43 @@ def _on_another_mesh(
     versions = solution.solver.get("versions", {})
     same_reader = all(versions.get(name) == version(name) for name in other.readers)
     for surface in other.readings if same_reader else ():
-        checks = _fitted(solution, grasp, tips, surface)
+        checks = _check_smooth_surface(solution, grasp, tips, surface)
         if all(check.passed for check in checks):
             return surface, [Check("mesh file", False, f"{other}, though the contacts fit it"), *checks]
-    return None, _not_made(str(other))
+    return None, _unchecked(str(other))
 
 
-def _fitted(solution: GraspSolution, grasp: Grasp, tips: Sequence[str | None], surface: Surface) -> list[Check]:
+def _check_smooth_surface(
+    solution: GraspSolution, grasp: Grasp, tips: Sequence[str | None], surface: NumericBody
+) -> list[Check]:
     fits = []
     for i, (face, p, n, tip) in enumerate(zip(solution.faces, grasp.points, grasp.normals, tips, strict=True)):
         try:
             fits.append(surface.fit(face, p, n, tip))
         except KeyError:
             return [Check("surface", False, f"contact {i} on {face!r}, which is no face of the body")]
-        except NotMadeError as reason:
-            return _not_made(str(reason))
-    return [_on_surface(fits, ON_FACE * size_of(surface.bounds, grasp)), _normals(fits, _angles(solution, len(fits)))]
+        except NotCheckedError as reason:
+            return _unchecked(str(reason))
+    return [
+        _check_on_surface(fits, ON_FACE * size_of(surface.bounds, grasp)),
+        _check_normals(fits, _stated_angles(solution, len(fits))),
+    ]
 
 
-def _angles(solution: GraspSolution, count: int) -> FloatArray | None:
+def _stated_angles(solution: GraspSolution, count: int) -> FloatArray | None:
     """Return the stated angles (k,) between normals and the mesh's, None where none are stated."""
     stated = None if solution.surface is None else solution.surface.stated
     return stated if stated is not None and len(stated) == count else None
 
 
-def _on_surface(fits: Sequence[Fit], most: float) -> Check:
+def _check_on_surface(fits: Sequence[Fit], most: float) -> Check:
     off = [fit.off for fit in fits]
     worst = int(np.argmax(off))
     text = f"contact {worst} is {off[worst]:.2g} m off its face, allowed {most:.2g} m"
     return Check("surface", bool(np.max(off) <= most), text)
 
 
-def _normals(fits: Sequence[Fit], stated: FloatArray | None) -> Check:
+def _check_normals(fits: Sequence[Fit], stated: FloatArray | None) -> Check:
     """Return the check that normals are the face's own, and angles to the mesh's normals as stated.
 
     Normals kept from the solver's smooth surface are not approved: the check states their deviation.
@@ -108,11 +113,11 @@ def _normals(fits: Sequence[Fit], stated: FloatArray | None) -> Check:
     text = f"{len(own) + len(near)} compared, at most {max([*own, *near], default=0.0):.2g} off"
     passed = max(own, default=0.0) <= NORMAL
     if kept and passed:
-        return Check.not_made("normals", kept_normals(kept) + (f"; {text}" if own or near else ""))
+        return Check.not_made("normals", deviating_normals_message(kept) + (f"; {text}" if own or near else ""))
     return Check("normals", passed, text)
 
 
-def _not_made(why: str) -> list[Check]:
+def _unchecked(why: str) -> list[Check]:
     return [Check.not_made("surface", why), Check.not_made("normals", why)]
 
 
@@ -142,10 +147,10 @@ def size_of(box: FloatArray, grasp: Grasp) -> float:
     return min(float(np.linalg.norm(box[1] - box[0])) / 2.0, WIDEST * apart)
 
 
-def half_diagonal(solution: GraspSolution, sources: Sources) -> float:
+def half_diagonal(solution: GraspSolution, sources: SourceFolders) -> float:
     """Return half the diagonal of the body's bounding box, metres; 0 if the body is missing."""
     try:
         box = BODIES.of(solution.body)(solution.body, sources).bounds
-    except (NotMadeError, *BROKEN):
+    except (NotCheckedError, *BROKEN):
         return 0.0
     return float(np.linalg.norm(box[1] - box[0])) / 2.0

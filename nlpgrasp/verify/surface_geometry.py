@@ -54,7 +54,7 @@ class TriangleSurface:
         centre, radius = self._balls
         apart = np.linalg.norm(centre - point, axis=1)
         which = np.flatnonzero(apart - radius <= np.min(apart) + reach)
-        return which, distances(point, self.corners[which])
+        return which, triangle_distances(point, self.corners[which])
 
     def distance(self, point: FloatArray) -> float:
         """Return the distance of a point (3,) from the nearest triangle, metres."""
@@ -75,7 +75,7 @@ class TriangleSurface:
         return centre, np.max(np.linalg.norm(self.corners - centre[:, None], axis=2), axis=1)
 
 
-def distances(point: FloatArray, corners: FloatArray) -> FloatArray:
+def triangle_distances(point: FloatArray, corners: FloatArray) -> FloatArray:
     """Return the distances of a point (3,) from triangles (m, 3, 3): to the plane inside, to the edges outside."""
     a, b, c = (corners[:, i] for i in range(3))
     normal = np.cross(b - a, c - a)

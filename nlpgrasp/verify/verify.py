@@ -17,23 +17,23 @@ from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.measures import mu
 from nlpgrasp.solution.solution import GraspSolution, given_solution
-from nlpgrasp.verify.bound.bound_checks import beside_checks, bound_file, verify_bound
-from nlpgrasp.verify.check import BROKEN, NO_GRASP, Check, Verification, guarded, no_sense
+from nlpgrasp.verify.bound.bound_checks import bound_file, global_bound_checks, verify_bound
+from nlpgrasp.verify.check import BROKEN, NO_GRASP, Check, Verification, broken_data_message, guard
 from nlpgrasp.verify.force_checks import force_checks, needed_checks, wrench_checks
 from nlpgrasp.verify.outcome_checks import grasps_checks, outcome_checks
 from nlpgrasp.verify.quality_checks import (
     OTHER_SEED,
+    check_other_measures,
+    check_robustness,
     direction_checks,
     grasp_map_check,
     interval,
     model_checks,
-    other_measures,
     overlap,
-    robustness,
     widths,
 )
-from nlpgrasp.verify.recomputation import recomputed
-from nlpgrasp.verify.sources import Sources
+from nlpgrasp.verify.recomputation import recompute
+from nlpgrasp.verify.sources import SourceFolders
 from nlpgrasp.verify.surface_checks import half_diagonal
 
 
@@ -73,43 +73,45 @@ def verify(
     file = Path(solution) if isinstance(solution, str | Path) else None
     bound = None if file is None else bound_file(file)
     if bound is not None:
-        return verify_bound(bound, rtol, Sources.beside(file, folders))
+        return verify_bound(bound, rtol, SourceFolders.beside(file, folders))
     solution = given_solution(solution) if file is None else GraspSolution.load(file)
-    told = guarded("outcome", lambda: outcome_checks(solution))
+    told = guard("outcome", lambda: outcome_checks(solution))
     grasp = solution.grasp
     if grasp is None:
         status = solution.status.name.lower()
         return Verification((Check(NO_GRASP, False, f"there is no grasp to check ({status})"), *told), None)
-    sources = Sources.beside(file, folders)
+    sources = SourceFolders.beside(file, folders)
     with np.errstate(all="ignore"):  # invalid numbers give NaN, which fails every comparison
-        found, checks = _of_one(solution, rtol, sources)
+        found, checks = _verify_answer(solution, rtol, sources)
         if found is not None:
-            checks += guarded("bound", partial(beside_checks, solution, grasp, found, sources))
+            checks += guard("bound", partial(global_bound_checks, solution, grasp, found, sources))
         size = half_diagonal(solution, sources)
-        checks += guarded("grasps kept", partial(grasps_checks, solution, partial(_of_other, rtol, sources), size))
+        checks += guard(
+            "grasps kept", partial(grasps_checks, solution, partial(_verify_kept_grasp, rtol, sources), size)
+        )
     return Verification((*checks, *told), found, tuple(dict.fromkeys(sources.missing)), tuple(solution.caveats))
 
 
-def _of_one(solution: GraspSolution, rtol: float, sources: Sources) -> tuple[Bounds | None, list[Check]]:
+def _verify_answer(solution: GraspSolution, rtol: float, sources: SourceFolders) -> tuple[Bounds | None, list[Check]]:
     """Return the recomputed quality of a solution's answer, and its checks."""
     grasp = solution.require_grasp()
-    found, checks = _quality(solution, grasp, rtol)
-    return found, [*checks, *recomputed(solution, grasp, sources)]
+    found, checks = _check_quality(solution, grasp, rtol)
+    return found, [*checks, *recompute(solution, grasp, sources)]
 
 
-def _of_other(rtol: float, sources: Sources, solution: GraspSolution) -> list[Check]:
+def _verify_kept_grasp(rtol: float, sources: SourceFolders, solution: GraspSolution) -> list[Check]:
     """Return the checks of a solution with another kept grasp as its answer."""
-    return [*_of_one(solution, rtol, sources)[1], *outcome_checks(solution)]
+    return [*_verify_answer(solution, rtol, sources)[1], *outcome_checks(solution)]
 
 
-def _quality(solution: GraspSolution, grasp: Grasp, rtol: float) -> tuple[Bounds | None, list[Check]]:
+def _check_quality(solution: GraspSolution, grasp: Grasp, rtol: float) -> tuple[Bounds | None, list[Check]]:
     """Return the recomputed quality, and the separate checks of the claims about it."""
     task, budget = solution.task, solution.budget
     try:
         found = mu(grasp, task, rtol, force_budget=budget, seed=OTHER_SEED)
         force_set = budget.at(grasp.frames, grasp.contacts)
     except BROKEN as error:
-        return None, [Check("certified quality", False, no_sense(error))]
+        return None, [Check("certified quality", False, broken_data_message(error))]
     parts: dict[str, Callable[[], list[Check]]] = {
         "grasp map": lambda: [grasp_map_check(grasp)],
         "certified quality": lambda: [interval(solution.mu), overlap("certified quality", solution.mu, found)],
@@ -118,8 +120,8 @@ def _quality(solution: GraspSolution, grasp: Grasp, rtol: float) -> tuple[Bounds
         "forces": lambda: force_checks(solution, grasp, force_set),
         "wrenches": lambda: wrench_checks(solution, grasp, task),
         "forces needed": lambda: needed_checks(solution, grasp, task, force_set),
-        "delta and nu": lambda: other_measures(solution, grasp, budget, rtol),
-        "robustness": lambda: robustness(solution, grasp, task, budget, rtol),
+        "delta and nu": lambda: check_other_measures(solution, grasp, budget, rtol),
+        "robustness": lambda: check_robustness(solution, grasp, task, budget, rtol),
         "contact models": lambda: model_checks(solution, grasp, task),
     }
-    return found, [check for name, checks in parts.items() for check in guarded(name, checks)]
+    return found, [check for name, checks in parts.items() for check in guard(name, checks)]

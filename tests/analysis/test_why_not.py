@@ -112,10 +112,10 @@ def test_two_constraints_of_one_kind_are_told_apart():
 
 def test_rows_are_grouped_by_constraint_and_by_kind():
     from nlpgrasp.analysis.infeasibility import group_names
-    from nlpgrasp.optimize.compiled_problem import Workbench
+    from nlpgrasp.optimize.compiled_problem import CompiledProblem
 
     rules = [ng.Table(-0.1), ng.Table(-0.2), ng.Constraint("near, level", lambda p, n: p[0], -1.0, 1.0)]
     hand = ng.Fingertips(2, 0.005, reach=0.2)
     problem = ng.GraspProblem(BODY, [ng.FrictionContact(0.6)] * 2, TASK, hand=hand, constraints=rules)
     groups = ["table (1)"] * 2 + ["table (2)"] * 2 + ["near, level"] * 3 + ["reach"] * 2 + ["fingertip distance"]
-    assert group_names(Workbench(problem, OPTIONS)) == groups
+    assert group_names(CompiledProblem(problem, OPTIONS)) == groups

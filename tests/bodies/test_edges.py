@@ -5,8 +5,8 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.bodies.base import turning
-from nlpgrasp.bodies.polygon import inradius
+from nlpgrasp.bodies.base import exterior_angles
+from nlpgrasp.bodies.polygon import polygon_inradius
 from nlpgrasp.verify.surface_geometry import TriangleSurface, from_segments, sharp_segments
 
 
@@ -50,12 +50,12 @@ def test_samples_keep_the_margin(rng):
 def test_the_inradius_of_a_triangle_is_twice_its_area_over_its_perimeter():
     v = np.array([[0, 0], [0.05, 0], [0.03, 0.04]])
     perimeter = np.sum(np.linalg.norm(np.roll(v, -1, axis=0) - v, axis=1))
-    assert inradius(v) == pytest.approx(0.05 * 0.04 / perimeter, rel=1e-9)
+    assert polygon_inradius(v) == pytest.approx(0.05 * 0.04 / perimeter, rel=1e-9)
 
 
 def test_a_polygon_turns_by_a_whole_turn():
     v = np.array([[0, 0], [0.05, 0], [0.06, 0.03], [0.02, 0.05]])
-    assert np.sum(turning(v)) == pytest.approx(2.0 * np.pi)
+    assert np.sum(exterior_angles(v)) == pytest.approx(2.0 * np.pi)
 
 
 def test_a_mesh_against_code_that_shares_nothing(rng):

@@ -9,7 +9,7 @@ import trimesh
 import nlpgrasp as ng
 from nlpgrasp.bodies.mesh.signed_distance import (
     MOST_POINTS,
-    Fineness,
+    GridResolution,
     automatic_fineness,
     smooth_offset,
     wall_thickness,
@@ -112,7 +112,7 @@ def test_the_choice_is_in_the_file_and_the_same_each_time(thin, monkeypatch):
     monkeypatch.setenv("NLPGRASP_CACHE", "off")
     again = automatic_fineness(np.ptp(thin.mesh.bounds, axis=0), wall_thickness(dish(0.003)))
     stated = thin.to_dict()
-    assert again == Fineness(stated["smoothing"], stated["resolution"])
+    assert again == GridResolution(stated["smoothing"], stated["resolution"])
 
 
 def test_small_triangles_let_no_ray_through():

@@ -7,7 +7,7 @@ import trimesh
 from scipy.ndimage import gaussian_filter
 
 import nlpgrasp as ng
-from nlpgrasp.bodies.mesh.signed_distance import EXACT_CELLS, _exact, _grid, _near_exact
+from nlpgrasp.bodies.mesh.signed_distance import EXACT_CELLS, _exact_distance, _narrow_band_distance, _tensor_grid
 from nlpgrasp.common.meshes.search_tree import SearchTree
 
 
@@ -30,7 +30,10 @@ def test_near_the_surface_it_is_exact_and_after_smoothing_everywhere_close(shape
     }[shape]()
     distance = SearchTree(np.array(mesh.vertices, dtype=float), np.array(mesh.faces)).signed_distance
     axes, cell = grid_of(mesh, 40)
-    exact, fast = _exact(distance, _grid(axes)), _near_exact(distance, axes, cell, EXACT_CELLS)
+    exact, fast = (
+        _exact_distance(distance, _tensor_grid(axes)),
+        _narrow_band_distance(distance, axes, cell, EXACT_CELLS),
+    )
     near = np.abs(exact) < (EXACT_CELLS - 0.8) * cell
     np.testing.assert_array_equal(fast[near], exact[near])
     assert np.max(np.abs(fast - exact)) < cell
@@ -44,7 +47,9 @@ def test_it_asks_the_mesh_about_a_fraction_of_the_points():
     tree = SearchTree(np.array(mesh.vertices, dtype=float), np.array(mesh.faces))
     axes, cell = grid_of(mesh, 48)
     asked = []
-    _near_exact(lambda points: asked.append(len(points)) or tree.signed_distance(points), axes, cell, EXACT_CELLS)
+    _narrow_band_distance(
+        lambda points: asked.append(len(points)) or tree.signed_distance(points), axes, cell, EXACT_CELLS
+    )
     assert sum(asked) < 0.5 * np.prod([len(axis) for axis in axes])
 
 

@@ -7,7 +7,7 @@ from scipy.special import beta
 
 import nlpgrasp as ng
 from nlpgrasp.bodies.mesh.display_triangles import triangles
-from nlpgrasp.bodies.triangulation import ears, quarter_of
+from nlpgrasp.bodies.triangulation import ears, superellipse_quarter
 from tests.samples import BODIES
 
 COMB = [[0, 0], [5, 0], [5, 3], [4, 3], [4, 1], [3, 1], [3, 3], [2, 3], [2, 1], [1, 1], [1, 3], [0, 3]]  # area 11
@@ -88,7 +88,7 @@ def test_superquadrics_of_all_shapes(exponents):
 
 @pytest.mark.parametrize("exponent", [0.2, 1.0, 1.9])
 def test_a_curve_turns_by_little_from_piece_to_piece(exponent):
-    steps = np.diff(quarter_of(exponent, 12), axis=0)
+    steps = np.diff(superellipse_quarter(exponent, 12), axis=0)
     steps /= np.linalg.norm(steps, axis=1, keepdims=True)
     assert np.min(np.sum(steps[1:] * steps[:-1], axis=1)) > np.cos(np.radians(30.0))  # seen as smooth
 

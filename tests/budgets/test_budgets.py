@@ -9,7 +9,7 @@ from scipy.linalg import block_diag
 
 import nlpgrasp as ng
 from nlpgrasp.budgets import budget_from_dict, force_budget
-from nlpgrasp.contacts.product import ranges
+from nlpgrasp.contacts.product import component_slices
 from nlpgrasp.quality import WrenchSet
 from tests.contacts.test_contacts import program_variables
 from tests.samples import EVERY as CONTACTS
@@ -87,7 +87,7 @@ def test_support_is_exact_and_attained(name, budget, rng):
     phi, x = bound.support(z)
     np.testing.assert_allclose(np.sum(z * x, axis=1), phi, atol=1e-9)
     assert np.max(bound.used(x)) <= 1.0 + 1e-9
-    for contact, r in zip(grasp.contacts, ranges(grasp.contacts, 3), strict=True):
+    for contact, r in zip(grasp.contacts, component_slices(grasp.contacts, 3), strict=True):
         np.testing.assert_allclose(contact.project(x[:, r]), x[:, r], atol=1e-7)
     expected = [largest_work(grasp, bound, row) for row in z]
     np.testing.assert_allclose(phi, expected, rtol=1e-7, atol=1e-7)
@@ -122,7 +122,7 @@ def test_the_programs_rows_say_the_same(name, budget, rng):
         for factor in (0.999, 1.001):
             forces = [
                 ca.DM(program_variables(c, factor * x[r] / used, n))
-                for c, r, n in zip(grasp.contacts, ranges(grasp.contacts, 3), grasp.normals, strict=True)
+                for c, r, n in zip(grasp.contacts, component_slices(grasp.contacts, 3), grasp.normals, strict=True)
             ]
             rows = given.rows(grasp.contacts, forces, [ca.DM(n) for n in grasp.normals])
             kept = all(row.lower <= float(row.expression) <= row.upper for row in rows)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.unit_directions import directions, e6_shells, inradius
+from nlpgrasp.common.unit_directions import directions, directions_inradius, e6_shells
 
 
 def test_e6_shells_have_72_roots_and_54_dual_vectors():
@@ -22,7 +22,7 @@ def test_e6_roots_meet_at_root_angles():
     ("dimension", "shells", "expected"), [(6, 0, 6**-0.5), (6, 1, 0.612), (6, 2, 0.787), (3, 1, 0.795)]
 )
 def test_inradius_is_the_known_one(dimension, shells, expected):
-    assert inradius(dimension, shells) == pytest.approx(expected, abs=5e-4)
+    assert directions_inradius(dimension, shells) == pytest.approx(expected, abs=5e-4)
 
 
 @pytest.mark.parametrize("dimension", range(1, 7))
@@ -37,7 +37,7 @@ def test_directions_are_unit_distinct_and_symmetric(dimension, shells):
 
 @pytest.mark.parametrize("dimension", range(2, 7))
 def test_two_shells_are_rounder_than_one(dimension):
-    assert inradius(dimension, 2) > inradius(dimension, 1) > 0.5
+    assert directions_inradius(dimension, 2) > directions_inradius(dimension, 1) > 0.5
 
 
 def test_unknown_dimension_is_refused():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib import pyplot as plt
 
-from nlpgrasp.common.drawing import Drawing, Triangles, drawn_size
+from nlpgrasp.common.drawing import Drawing, Triangles, drawing_size
 from nlpgrasp.common.optional_packages import draw_triangles, import_mujoco, pyplot, show_at_one_scale, write_figure
 from nlpgrasp.errors import InputError, MissingExtraError
 
@@ -15,9 +15,9 @@ TETRAHEDRON = Triangles(CORNERS, np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 
 
 
 def test_size_is_half_the_diagonal_of_what_there_is():
-    assert drawn_size(Drawing(TETRAHEDRON), np.zeros((1, 3))) == pytest.approx(1.5)
-    assert drawn_size(None, np.array([[0.0, 0.0], [3.0, 4.0]])) == pytest.approx(2.5)
-    assert drawn_size(None, None) == 1.0
+    assert drawing_size(Drawing(TETRAHEDRON), np.zeros((1, 3))) == pytest.approx(1.5)
+    assert drawing_size(None, np.array([[0.0, 0.0], [3.0, 4.0]])) == pytest.approx(2.5)
+    assert drawing_size(None, None) == 1.0
 
 
 def test_data_returns_the_drawing():

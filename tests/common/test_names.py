@@ -3,7 +3,7 @@
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.validation import listed, near
+from nlpgrasp.common.validation import format_known_names, near
 
 
 def test_near_names_are_like_the_one_given_or_share_a_word():
@@ -16,11 +16,11 @@ def test_near_names_are_like_the_one_given_or_share_a_word():
 
 def test_long_lists_are_cut_and_what_was_meant_is_asked():
     names = [f"link_{i}" for i in range(20)] + ["finger_tip"]
-    told = listed(["fingertip"], names)
+    told = format_known_names(["fingertip"], names)
     assert told.startswith("link_0, link_1, ")
     assert told.endswith(" and 9 more; did you mean finger_tip?")
-    assert listed(["zzz"], ["a", "b"]) == "a, b"
-    assert listed(["fron", "bak"], ["front", "back"]) == "front, back; did you mean front and back?"
+    assert format_known_names(["zzz"], ["a", "b"]) == "a, b"
+    assert format_known_names(["fron", "bak"], ["front", "back"]) == "front, back; did you mean front and back?"
 
 
 def test_a_face_that_the_body_does_not_have():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nlpgrasp.common.quadratic_program import Linearised, NewtonRules, RowSlack, restore
+from nlpgrasp.common.quadratic_program import ConstraintSlack, Linearised, NewtonRules, restore_feasibility
 
 APART = 1.5
 
@@ -22,7 +22,7 @@ def on_sphere(z):
 @pytest.mark.parametrize("seed", range(4))
 def test_two_points_come_onto_a_sphere_and_apart(seed):
     start = np.random.default_rng(seed).uniform(-1.0, 1.0, 6)
-    found = restore(on_sphere, start, NewtonRules(steps=30, enough=1e-9, slack=RowSlack(1e4)))
+    found = restore_feasibility(on_sphere, start, NewtonRules(steps=30, enough=1e-9, slack=ConstraintSlack(1e4)))
     p, q = found.best[:3], found.best[3:]
     assert found.violation <= 1e-9 < on_sphere(start).violation
     np.testing.assert_allclose([p @ p, q @ q], 1.0, atol=1e-9)
@@ -32,14 +32,14 @@ def test_two_points_come_onto_a_sphere_and_apart(seed):
 
 def test_the_residual_falls_quadratically():
     start = np.array([0.9, 0.2, 0.0, -0.8, 0.3, 0.0])
-    first, second, third = (restore(on_sphere, start, NewtonRules(n, 0.0)).violation for n in (2, 3, 4))
+    first, second, third = (restore_feasibility(on_sphere, start, NewtonRules(n, 0.0)).violation for n in (2, 3, 4))
     assert second < first**1.5
     assert third < second**1.5
 
 
 def test_no_step_is_taken_where_all_is_well():
     start = np.array([1.0, 0.0, 0.0, -1.0, 0.0, 0.0])
-    found = restore(on_sphere, start, NewtonRules(steps=5, enough=1e-9))
+    found = restore_feasibility(on_sphere, start, NewtonRules(steps=5, enough=1e-9))
     np.testing.assert_array_equal(found.last, start)
 
 
@@ -55,7 +55,7 @@ def contradiction(z):
 
 
 def test_contradicting_rows_end_it_without_slack():
-    found = restore(contradiction, np.array([0.5]), NewtonRules(steps=10, enough=1e-9))
+    found = restore_feasibility(contradiction, np.array([0.5]), NewtonRules(steps=10, enough=1e-9))
     assert found.contradicted
     assert found.violation == 1.5
     assert found.last == 0.5
@@ -68,7 +68,9 @@ def test_with_slack_it_ends_between_them_and_out_of_patience():
         seen.append(z)
         return contradiction(z)
 
-    found = restore(counted, np.array([0.5]), NewtonRules(steps=50, enough=1e-9, patience=3, slack=RowSlack(1e4)))
+    found = restore_feasibility(
+        counted, np.array([0.5]), NewtonRules(steps=50, enough=1e-9, patience=3, slack=ConstraintSlack(1e4))
+    )
     assert not found.contradicted
     assert found.best[0] == pytest.approx(0.0, abs=1e-3)
     assert found.violation == pytest.approx(1.0, abs=1e-3)
@@ -81,7 +83,7 @@ def test_the_best_is_kept_and_the_last_step_counted():
     def misleading(z):
         return Linearised(1.0 + z**2, np.array([[-1.0]]), np.zeros(1), np.zeros(1), -np.full(1, 9.0), np.full(1, 9.0))
 
-    found = restore(misleading, np.array([0.0]), NewtonRules(steps=2, enough=0.0))
+    found = restore_feasibility(misleading, np.array([0.0]), NewtonRules(steps=2, enough=0.0))
     assert found.best == 0.0
     assert found.violation == 1.0
     assert found.last == pytest.approx(3.0, abs=1e-6)

@@ -5,7 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from nlpgrasp.common.formatting import at_least, at_most, outwards, percent, rounded, typeset, vector
+from nlpgrasp.common.formatting import (
+    at_least,
+    at_most,
+    format_interval,
+    format_number,
+    format_percent,
+    typeset,
+    vector,
+)
 
 
 @pytest.mark.parametrize(
@@ -25,28 +33,28 @@ from nlpgrasp.common.formatting import at_least, at_most, outwards, percent, rou
     ],
 )
 def test_three_digits_and_no_more(value, text):
-    assert rounded(value) == text
+    assert format_number(value) == text
 
 
 def test_what_is_rounding_alone_is_zero():
-    assert rounded(-1e-17, least=1e-9) == "0"
+    assert format_number(-1e-17, least=1e-9) == "0"
     assert vector([0.04, -1e-18, -0.0199999]) == "0.04, 0, -0.02"
     assert vector([0.0, -0.0]) == "0, 0"
 
 
 def test_every_text_reads_back_to_three_digits(rng):
     for value in 10.0 ** rng.uniform(-9, 9, 400) * rng.choice([-1.0, 1.0], 400):
-        assert float(rounded(value)) == pytest.approx(value, rel=5.1e-3)
-        assert float(rounded(value)) == float(f"{value:.3g}")
+        assert float(format_number(value)) == pytest.approx(value, rel=5.1e-3)
+        assert float(format_number(value)) == float(f"{value:.3g}")
 
 
 def test_intervals_are_rounded_outwards(rng):
-    assert outwards(0.068166, 0.068622) == ("0.0681", "0.0687")
-    assert outwards(0.3, 0.3) == ("0.3", "0.3")
-    assert outwards(0.0, math.inf) == ("0", "inf")
+    assert format_interval(0.068166, 0.068622) == ("0.0681", "0.0687")
+    assert format_interval(0.3, 0.3) == ("0.3", "0.3")
+    assert format_interval(0.0, math.inf) == ("0", "inf")
     for lower in 10.0 ** rng.uniform(-6, 6, 200):
         upper = lower * (1.0 + 10.0 ** rng.uniform(-5, 0))
-        low, high = outwards(lower, upper)
+        low, high = format_interval(lower, upper)
         assert float(low) <= lower <= upper <= float(high)
         assert float(low) < float(high)
         assert float(high) - float(low) <= 2.1 * 10.0 ** np.floor(np.log10(upper) - 2) + (upper - lower)
@@ -60,8 +68,8 @@ def test_single_bounds_are_rounded_to_their_side(rng):
 
 
 def test_shares():
-    assert percent(0.2345) == "23 %"
-    assert percent(1.0) == "100 %"
+    assert format_percent(0.2345) == "23 %"
+    assert format_percent(1.0) == "100 %"
 
 
 def test_pages_have_minus_signs_and_units_that_stay():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from nlpgrasp.common.quadratic_program import GroupSlack, Linearised, RowSlack, shortest_step, step_bounds
+from nlpgrasp.common.quadratic_program import ConstraintSlack, GroupSlack, Linearised, shortest_step, step_bounds
 
 
 def rows(jacobian, lower, upper, values=None, longest=10.0):
@@ -78,9 +78,9 @@ def test_a_contradiction_has_no_step():
 
 def test_slack_of_a_row_is_priced_by_its_square():
     """The least d^2 / 2 + w s^2 / 2 with d = 1 + s is at w / (1 + w)."""
-    found = shortest_step(rows([1.0], [1.0], [1.0]), slack=RowSlack(4.0))
+    found = shortest_step(rows([1.0], [1.0], [1.0]), slack=ConstraintSlack(4.0))
     assert found.d[0] == pytest.approx(0.8, abs=1e-6)
-    both = shortest_step(rows(*CONTRADICTION), slack=RowSlack(4.0))
+    both = shortest_step(rows(*CONTRADICTION), slack=ConstraintSlack(4.0))
     assert both.d[0] == pytest.approx(0.0, abs=1e-6)
 
 

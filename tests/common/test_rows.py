@@ -13,10 +13,10 @@ from nlpgrasp.common.scalar_constraints import (
     Label,
     LinkSphere,
     PalmPose,
-    Placement,
-    Row,
+    ScalarConstraint,
+    SymbolicCandidate,
 )
-from nlpgrasp.hands.tips import Touch
+from nlpgrasp.hands.tips import SymbolicTouch
 from nlpgrasp.nlp import optimal_grasp_program
 from nlpgrasp.problem.candidate_constraints import placement_rows
 from tests.hands.urdf import four_finger_hand
@@ -28,7 +28,9 @@ def placement(k=2, space=3):
     """Return k contacts of a hand with one link and a palm."""
     p = [ca.SX(np.arange(space) + i) for i in range(k)]
     palm = PalmPose(ca.SX.zeros(3), ca.SX.eye(3), ca.SX([0, 0, 1]))
-    return Placement(p, [ca.SX(np.eye(space)[0])] * k, [0.01] * k, 1.0, [LinkSphere("link/3", p[0], 0.02)], palm)
+    return SymbolicCandidate(
+        p, [ca.SX(np.eye(space)[0])] * k, [0.01] * k, 1.0, [LinkSphere("link/3", p[0], 0.02)], palm
+    )
 
 
 def names(part):
@@ -103,7 +105,7 @@ def test_hands_of_fingertips_and_jaws():
     ],
 )
 def test_fingertips(tip, parts):
-    rows = tip.rows(Touch("tip", 3, ca.SX.eye(4), ca.SX([0, 0, 1]), ca.SX([0, 0, 1]), ca.SX(0.5), 1.0))
+    rows = tip.rows(SymbolicTouch("tip", 3, ca.SX.eye(4), ca.SX([0, 0, 1]), ca.SX([0, 0, 1]), ca.SX(0.5), 1.0))
     assert [r.name for r in rows] == [f"on fingertip tip, finger 3, {part}" for part in parts]
     assert {(r.kind, r.fingers, r.link) for r in rows} == {(ON_FINGERTIP, (3,), "tip")}
 
@@ -131,7 +133,7 @@ def test_a_clearance_is_the_row_of_its_distance():
 
 
 def test_the_first_argument_of_a_row_may_be_all_of_its_name():
-    assert Row("my own rule", ca.SX(1.0), 0.0).name == "my own rule"
+    assert ScalarConstraint("my own rule", ca.SX(1.0), 0.0).name == "my own rule"
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
 """Lines and columns of text."""
 
-from nlpgrasp.common.formatting import LONGEST, WIDEST, columns, one_line, plain
+from nlpgrasp.common.formatting import LONGEST, WIDEST, columns, one_line, one_line_of_text
 from nlpgrasp.errors import InputError
 
 
@@ -11,7 +11,7 @@ def test_an_error_in_one_line():
 
 
 def test_plain_text_is_cut():
-    assert plain("a" * (LONGEST + 1)) == "a" * LONGEST
+    assert one_line_of_text("a" * (LONGEST + 1)) == "a" * LONGEST
 
 
 def test_columns_are_aligned_and_empty_ones_left_out():

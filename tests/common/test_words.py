@@ -7,7 +7,7 @@ from nlpgrasp.common.formatting import (
     COMPONENTS,
     DIRECTIONS,
     axis_labels,
-    direction_words,
+    format_wrench_direction,
     headroom_words,
     range_words,
     unit_of,
@@ -34,10 +34,12 @@ def test_small_components_are_left_out():
 
 
 def test_direction_words():
-    assert direction_words(np.array([0.0, -2.0, 0.0]), 1.0).startswith("a force along -y (direction [")
-    both = direction_words(np.array([1.0, 0.0, 0.0, 0.0, 0.0, -20.0]), 0.05)
+    assert format_wrench_direction(np.array([0.0, -2.0, 0.0]), 1.0).startswith("a force along -y (direction [")
+    both = format_wrench_direction(np.array([1.0, 0.0, 0.0, 0.0, 0.0, -20.0]), 0.05)
     assert both.startswith("a force along x with a torque about -z (direction")
-    assert direction_words(np.array([1.0, 0.0, 0.0, 0.0, 0.0, -20.0]), 0.01).startswith("a force along x (direction")
+    assert format_wrench_direction(np.array([1.0, 0.0, 0.0, 0.0, 0.0, -20.0]), 0.01).startswith(
+        "a force along x (direction"
+    )
 
 
 def test_ranges_of_components_that_are_alike_are_named_together():

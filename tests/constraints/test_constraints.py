@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.scalar_constraints import LinkSphere, PalmPose, Placement
+from nlpgrasp.common.scalar_constraints import LinkSphere, PalmPose, SymbolicCandidate
 
 POSITIONS = np.array([[0.3, 0.1, 0.4], [-0.2, 0.5, -0.1], [0.0, -0.6, 0.2]])
 NORMALS = -POSITIONS / np.linalg.norm(POSITIONS, axis=1, keepdims=True)
@@ -13,7 +13,9 @@ NORMALS = -POSITIONS / np.linalg.norm(POSITIONS, axis=1, keepdims=True)
 
 def values(constraint, radius=0.0):
     """Return (name, value, lower, upper) of each row at the sample placement."""
-    placement = Placement([ca.SX(p) for p in POSITIONS], [ca.SX(n) for n in NORMALS], [radius] * len(POSITIONS), 1.0)
+    placement = SymbolicCandidate(
+        [ca.SX(p) for p in POSITIONS], [ca.SX(n) for n in NORMALS], [radius] * len(POSITIONS), 1.0
+    )
     return [(r.name, float(ca.DM(r.expression)), r.lower, r.upper) for r in constraint.rows(placement)]
 
 
@@ -73,7 +75,9 @@ def test_matrix_limits_belong_to_their_elements():
 
 def test_fingertips_rows():
     hand = ng.Fingertips(3, radius=0.05, spread=1.0, reach=0.8)
-    placement = Placement([ca.SX(p) for p in POSITIONS], [ca.SX(n) for n in NORMALS], [0.05] * len(POSITIONS), 1.0)
+    placement = SymbolicCandidate(
+        [ca.SX(p) for p in POSITIONS], [ca.SX(n) for n in NORMALS], [0.05] * len(POSITIONS), 1.0
+    )
     rows = hand.rows(placement, {"palm": ca.SX([0.0, 0.0, 0.1])})
     tips = POSITIONS - 0.05 * NORMALS
     assert float(rows[0].expression) == pytest.approx(np.sum((tips[0] - [0, 0, 0.1]) ** 2))
@@ -146,14 +150,14 @@ def test_obstacle_keeps_tips_off_another_body():
 
 
 def as_rows(constraint, radius):
-    placement = Placement([ca.SX(p) for p in POSITIONS], [ca.SX(n) for n in NORMALS], [radius] * 3, 1.0)
+    placement = SymbolicCandidate([ca.SX(p) for p in POSITIONS], [ca.SX(n) for n in NORMALS], [radius] * 3, 1.0)
     rows = [c.as_row() for c in constraint.rows(placement)]
     return [(r.name, float(ca.DM(r.expression)), r.lower, r.upper) for r in rows]
 
 
 def test_approach_and_palm_workspace_are_about_the_palm():
     palm = PalmPose(ca.SX([0.1, 0.2, 0.3]), ca.SX.eye(3), ca.SX([0.0, 0.6, -0.8]))
-    placement = Placement([ca.SX(p) for p in POSITIONS], [ca.SX(n) for n in NORMALS], [0.0] * 3, 1.0, palm=palm)
+    placement = SymbolicCandidate([ca.SX(p) for p in POSITIONS], [ca.SX(n) for n in NORMALS], [0.0] * 3, 1.0, palm=palm)
     (row,) = ng.Approach([0.0, 0.0, -2.0], np.pi / 3.0).rows(placement)
     assert float(ca.DM(row.expression)) == pytest.approx(0.8)
     assert row.lower == pytest.approx(0.5)
@@ -165,7 +169,9 @@ def test_approach_and_palm_workspace_are_about_the_palm():
 def test_jaws_leave_room_for_an_approach_across_their_closing_line(rise, allowed):
     """A line that leans out of the level by less than the angle: atan(0.5) is 26.6 degrees, atan(0.6) 31."""
     line = ca.SX([1.0, 0.0, rise])
-    placement = Placement([ca.SX([0, 0, 0]), line], [ca.SX(n) for n in NORMALS[:2]], [0.0] * 2, 1.0, closing=line)
+    placement = SymbolicCandidate(
+        [ca.SX([0, 0, 0]), line], [ca.SX(n) for n in NORMALS[:2]], [0.0] * 2, 1.0, closing=line
+    )
     (row,) = ng.Approach([0.0, 0.0, -1.0], np.radians(28.0)).rows(placement)
     assert (float(ca.DM(row.expression)) <= row.upper) is allowed
     assert ng.Approach([0.0, 0.0, -1.0], np.pi / 2.0).rows(placement) == []
@@ -173,7 +179,7 @@ def test_jaws_leave_room_for_an_approach_across_their_closing_line(rise, allowed
 
 def test_table_sees_the_links_and_a_fingertip_once():
     spheres = [LinkSphere("finger/0", ca.SX([0, 0, 0.5]), 0.1), LinkSphere("tip", ca.SX([0, 0, 0.4]), 0.1, finger=0)]
-    placement = Placement([ca.SX(POSITIONS[0])], [ca.SX(NORMALS[0])], [0.1], 1.0, spheres)
+    placement = SymbolicCandidate([ca.SX(POSITIONS[0])], [ca.SX(NORMALS[0])], [0.1], 1.0, spheres)
     rows = ng.Table(0.0).rows(placement)
     assert [r.name for r in rows] == ["table, finger 0", "table, finger/0"]
     assert float(ca.DM(rows[1].expression)) == pytest.approx(0.4)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.scalar_constraints import Placement, Row
+from nlpgrasp.common.scalar_constraints import ScalarConstraint, SymbolicCandidate
 from nlpgrasp.constraints import PlacementConstraint, constraint_from_dict, register
 from nlpgrasp.constraints.registry import CONSTRAINTS
 from tests.samples import BODIES
@@ -102,10 +102,10 @@ class Level(PlacementConstraint):
     kind: ClassVar[str] = "test level"
     tolerance: float = 1e-3
 
-    def rows(self, placement: Placement):
+    def rows(self, placement: SymbolicCandidate):
         first, near = placement.positions[0], self.tolerance
         return [
-            Row(self.kind, p[-1] - first[-1], -near, near, fingers=(0, i))
+            ScalarConstraint(self.kind, p[-1] - first[-1], -near, near, fingers=(0, i))
             for i, p in enumerate(placement.positions)
             if i
         ]

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.contacts.base import circle, upper_triangle
-from nlpgrasp.contacts.product import extremes, project, ranges
+from nlpgrasp.contacts.base import unit_tangential_forces, upper_triangle
+from nlpgrasp.contacts.product import component_slices, contact_supports, project
 from tests.samples import EVERY as CONTACTS
 
 models = pytest.mark.parametrize("contact", CONTACTS.values(), ids=CONTACTS.keys())
@@ -54,9 +54,9 @@ def test_contacts_alike_are_taken_together_as_one_by_one(rng):
     friction = [ng.FrictionContact(0.5)] * 3
     mixed = [*friction, ng.PointContact()]
     z = rng.standard_normal((40, 10))
-    assert ranges(mixed, 3) == [slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 10)]
+    assert component_slices(mixed, 3) == [slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 10)]
     np.testing.assert_array_equal(project(z[:, :9], friction, 3), project(z, mixed, 3)[:, :9])
-    for one, other in zip(extremes(z[:, :9], friction, 3), extremes(z, mixed, 3), strict=True):
+    for one, other in zip(contact_supports(z[:, :9], friction, 3), contact_supports(z, mixed, 3), strict=True):
         np.testing.assert_array_equal(one, other[:, : one.shape[1]])
 
 
@@ -65,4 +65,6 @@ def test_places_of_a_symmetric_matrix():
 
 
 def test_even_angles():
-    np.testing.assert_allclose(circle(4, np.pi / 2), [[0, 0, 1], [0, -1, 0], [0, 0, -1], [0, 1, 0]], atol=1e-15)
+    np.testing.assert_allclose(
+        unit_tangential_forces(4, np.pi / 2), [[0, 0, 1], [0, -1, 0], [0, 0, -1], [0, 1, 0]], atol=1e-15
+    )

@@ -3,7 +3,7 @@
 import numpy as np
 
 import nlpgrasp as ng
-from nlpgrasp.contacts.pad import off_normal
+from nlpgrasp.contacts.pad import is_off_normal
 from nlpgrasp.optimize.surface_samples import SurfaceSamples
 
 PADS = [ng.PlaneContact(extents=(0.01, 0.006), friction=0.6, direction=[0, 0, 1])] * 2
@@ -14,7 +14,7 @@ def test_directions_near_a_normal_say_too_little():
     normals = np.array(
         [[0, 0, 1.0], [0, 0, -1.0], [np.sin(0.05), 0, np.cos(0.05)], [np.sin(0.2), 0, np.cos(0.2)], [1, 0, 0]]
     )
-    np.testing.assert_array_equal(off_normal((0, 0, 2.0), normals), [False, False, False, True, True])
+    np.testing.assert_array_equal(is_off_normal((0, 0, 2.0), normals), [False, False, False, True, True])
 
 
 def test_a_box_is_held_by_the_sides_that_the_direction_lies_in():

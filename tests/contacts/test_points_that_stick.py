@@ -5,7 +5,15 @@ import pytest
 from scipy.optimize import nnls
 
 import nlpgrasp as ng
-from nlpgrasp.contacts.cone_sums import INSIDE, NONE, OTHER, SLIPS, Sharing, Sticking, least_nonnegative
+from nlpgrasp.contacts.cone_sums import (
+    INSIDE,
+    NONE,
+    OTHER,
+    SLIPS,
+    ConeSumMembership,
+    StickingProjection,
+    least_nonnegative,
+)
 from tests.contacts.test_coulomb_pads import EVERY, PADS, every, forces_of, models, samples
 from tests.memberships import slack
 
@@ -41,7 +49,7 @@ def test_where_one_point_sticks_the_others_slip_as_the_body_turns_about_it(conta
     u[0, 0] = 1.0
     u[0, 1:] = 0.5 * mu * rng.uniform(-1.0, 1.0, (2, keep.sum()))
     z = A @ u.reshape(-1, keep.sum()) + q
-    found = Sticking(A, arms, mu).find(z)
+    found = StickingProjection(A, arms, mu).find(z)
     assert np.all(found != NONE)
     np.testing.assert_allclose(contact.project(z.T).T, z - q, atol=1e-12)
 
@@ -72,7 +80,7 @@ def test_inside_is_where_forces_were_found(name, rng):
     middle[0] = 1.0
     x = x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-9)
     z = np.concatenate([x + s * (middle - x) for s in (0.3, 0.05, 0.0, -0.05, -0.3)])
-    found = Sharing(points.generators, contact.friction).inside(z.T)
+    found = ConeSumMembership(points.generators, contact.friction).inside(z.T)
     depth = np.array([slack(contact, one) for one in z])
     assert np.all(depth[found] <= 1e-9)
     assert np.all(found[depth < -0.01 * contact.friction])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.contacts.cone_inclusion import contains, placed_in
+from nlpgrasp.contacts.cone_inclusion import assign_contacts, contains
 
 MODELS = {
     "point": ng.PointContact(),
@@ -68,11 +68,13 @@ def test_in_the_plane_and_of_contacts_that_pull():
 
 def test_each_contact_gets_a_wider_one_of_its_own():
     point, hard, soft = (MODELS[name] for name in ("point", "rough", "soft"))
-    assert placed_in([hard, point], [hard, soft, point], 3) == [0, 1]
-    assert placed_in([hard, soft], [hard, point, soft], 3) == [0, 2]
-    assert placed_in([soft, hard], [hard, soft, soft], 3) == [2, 1]
-    assert placed_in([soft, soft], [hard, soft, hard], 3) is None
-    assert placed_in([hard, hard], [hard], 3) is None
-    assert placed_in([hard, soft], [soft, hard], 3, groups=[0, 1]) is None
-    assert placed_in([ng.FrictionContact(0.5, faces="+x")], [ng.FrictionContact(0.5, faces=["+x", "-x"])], 3) == [0]
-    assert placed_in([ng.FrictionContact(0.5)], [ng.FrictionContact(0.5, faces="+x")], 3) is None
+    assert assign_contacts([hard, point], [hard, soft, point], 3) == [0, 1]
+    assert assign_contacts([hard, soft], [hard, point, soft], 3) == [0, 2]
+    assert assign_contacts([soft, hard], [hard, soft, soft], 3) == [2, 1]
+    assert assign_contacts([soft, soft], [hard, soft, hard], 3) is None
+    assert assign_contacts([hard, hard], [hard], 3) is None
+    assert assign_contacts([hard, soft], [soft, hard], 3, groups=[0, 1]) is None
+    assert assign_contacts([ng.FrictionContact(0.5, faces="+x")], [ng.FrictionContact(0.5, faces=["+x", "-x"])], 3) == [
+        0
+    ]
+    assert assign_contacts([ng.FrictionContact(0.5)], [ng.FrictionContact(0.5, faces="+x")], 3) is None

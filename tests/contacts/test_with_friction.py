@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import nlpgrasp as ng
-from nlpgrasp.common.validation import unchecked
+from nlpgrasp.common.validation import replace_unchecked
 from tests.samples import EVERY as CONTACTS
 
 models = pytest.mark.parametrize("contact", CONTACTS.values(), ids=CONTACTS.keys())
@@ -57,5 +57,5 @@ def test_one_coefficient_alone():
 
 def test_an_unchecked_copy_steps_over_a_limit():
     table = ng.Table(0.1, clearance=0.0)
-    below = unchecked(table, clearance=-1e-6)
+    below = replace_unchecked(table, clearance=-1e-6)
     assert (below.height, below.clearance, table.clearance) == (0.1, -1e-6, 0.0)

@@ -9,9 +9,9 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.experiments.output_folder import HANDED_ON, OWN
-from nlpgrasp.experiments.solve_job import improved
-from nlpgrasp.experiments.solve_record import body_of
-from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.experiments.solve_job import improve_solution
+from nlpgrasp.experiments.solve_record import body_digest
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.solution.quality_record import GlobalBound
 from tests.experiments.small import QUICK, base, experiment
 from tests.hands.urdf import four_finger_hand
@@ -140,16 +140,16 @@ def test_the_gap_is_that_of_the_grasp_taken(handed):
     own = replace(own, bound=GlobalBound(5.0, 1, stated_gap=np.inf))
     smooth = handed.solution("smooth")
     offers = {"from variation smooth, seed 0": smooth.grasps[0]}
-    taken = improved(Workbench(case.problem, case.options), 1, own, 0, offers, improve=False)
+    taken = improve_solution(CompiledProblem(case.problem, case.options), 1, own, 0, offers, improve=False)
     assert taken.to_dict()["quality"]["best_possible"]["gap"] == pytest.approx(5.0 / taken.mu.lower - 1.0)
     assert taken.mu.upper >= smooth.mu.lower
 
 
 def test_bodies_are_told_apart_by_what_they_state():
     square, same = (ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]]) for _ in range(2))
-    assert body_of(square.to_dict()) == body_of(same.to_dict()) != body_of(ng.Box([1, 1, 1]).to_dict())
+    assert body_digest(square.to_dict()) == body_digest(same.to_dict()) != body_digest(ng.Box([1, 1, 1]).to_dict())
     hidden = ng.PlanarImplicit(lambda p: p[0] ** 2 + p[1] ** 2 - 1, [[-2, -2], [2, 2]])
-    assert body_of(hidden.to_dict()) == ""
+    assert body_digest(hidden.to_dict()) == ""
 
 
 @pytest.mark.slow
@@ -174,7 +174,7 @@ def test_a_grasp_that_is_taken_has_the_analyses_asked_for(handed):
     own = ng.GraspSolution.load(handed.folder / OWN / "rough--seed0.json")
     smooth = handed.solution("smooth")
     offers = {"from variation smooth, seed 0": smooth.grasps[0]}
-    bench = Workbench(case.problem, replace(case.options, analyses=("delta",), time_limit=None))
-    taken = improved(bench, 1, replace(own, bound=None), 0, offers, improve=False)
+    bench = CompiledProblem(case.problem, replace(case.options, analyses=("delta",), time_limit=None))
+    taken = improve_solution(bench, 1, replace(own, bound=None), 0, offers, improve=False)
     assert taken.delta.lower > 0.0
     assert taken.nu is None

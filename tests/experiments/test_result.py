@@ -12,12 +12,12 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.cli.experiment_command import write_outputs
-from nlpgrasp.common.formatting import outwards
-from nlpgrasp.common.scalar_constraints import Row
+from nlpgrasp.common.formatting import format_interval
+from nlpgrasp.common.scalar_constraints import ScalarConstraint
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.experiment import SolveId
-from nlpgrasp.experiments.experiment_result import COLUMNS, ranks, ties
-from nlpgrasp.experiments.output_folder import Folder
+from nlpgrasp.experiments.experiment_result import COLUMNS, overlapping_intervals, rank_intervals
+from nlpgrasp.experiments.output_folder import OutputFolder
 from nlpgrasp.experiments.solve_record import active_constraints
 from nlpgrasp.quality import Bounds
 from nlpgrasp.report.experiment_page import wilson
@@ -36,8 +36,8 @@ def result(tmp_path_factory):
 
 def test_ranks_count_only_what_is_certain():
     bounds = [Bounds(1.0, 2.0), Bounds(1.5, 2.5), Bounds(2.1, 3.0), Bounds(0.0, 0.5), Bounds(0.5, 0.6)]
-    assert ranks(bounds) == [2, 1, 1, 4, 4]
-    assert ties(bounds) == [(1,), (0, 2), (1,), (4,), (3,)]
+    assert rank_intervals(bounds) == [2, 1, 1, 4, 4]
+    assert overlapping_intervals(bounds) == [(1,), (0, 2), (1,), (4,), (3,)]
 
 
 @pytest.mark.slow
@@ -157,7 +157,7 @@ def test_the_page_stands_alone_and_says_all(result):
     assert len(page.images) == 4
     assert all(image["alt"] and image["src"].startswith("data:image/png;base64,") for image in page.images)
     assert all(link.startswith("data:") for link in page.links)
-    assert " to ".join(outwards(result["rough"].mu.lower, result["rough"].mu.upper)) in page.cells
+    assert " to ".join(format_interval(result["rough"].mu.lower, result["rough"].mu.upper)) in page.cells
     assert any("ZeroDivisionError" in cell for cell in page.cells)
     assert any('"nlpgrasp-experiment/1"' in cell for cell in page.cells)
 
@@ -190,11 +190,11 @@ def test_active_constraints_are_named_once():
     def report(row, active=True):
         return ConstraintReport(row.name, 0.0, 0.0, 1.0, 0.0, active, row.kind, row.fingers)
 
-    reports = [report(Row("table", None, fingers=(i,))) for i in (1, 2)]
-    reports += [report(Row("reach", None, fingers=(0,)), False), report(Row("x", None))]
-    reports += [report(Row("fingertip distance", None, fingers=(0, 1)))]
-    reports += [report(Row("workspace", None, fingers=(2,), part=axis)) for axis in "xz"]
-    reports += [report(Row("level", None, part=f"[{i}]")) for i in range(2)]
+    reports = [report(ScalarConstraint("table", None, fingers=(i,))) for i in (1, 2)]
+    reports += [report(ScalarConstraint("reach", None, fingers=(0,)), False), report(ScalarConstraint("x", None))]
+    reports += [report(ScalarConstraint("fingertip distance", None, fingers=(0, 1)))]
+    reports += [report(ScalarConstraint("workspace", None, fingers=(2,), part=axis)) for axis in "xz"]
+    reports += [report(ScalarConstraint("level", None, part=f"[{i}]")) for i in range(2)]
     assert active_constraints(reports) == (
         "table, fingers 1, 2",
         "x",
@@ -216,7 +216,7 @@ def test_active_constraints_of_older_files_keep_their_names():
 
 
 def test_file_names_differ_where_names_do(tmp_path):
-    place = Folder(tmp_path)
+    place = OutputFolder(tmp_path)
     names = ["a", "A", "a b", "a-b", "a/b", "..", "ä", "x" * 100, "x" * 101, "con?"]
     files = {place.file(SolveId(name, 0)).name.lower() for name in names}
     hashed = place.file(SolveId("A", 0)).name.removesuffix("--seed0.json")

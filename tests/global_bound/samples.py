@@ -6,8 +6,8 @@ import trimesh
 from nlpgrasp.common.spatial import tangents
 from nlpgrasp.global_bound.cells.ellipsoid_cells import EllipsoidCell, Spherical
 from nlpgrasp.global_bound.cells.flat_cells import PolygonCell
-from nlpgrasp.global_bound.cells.mesh_cells import Clusters, MeshCell
-from nlpgrasp.global_bound.cells.revolved_cells import Revolved, RevolvedCell, SectorCell
+from nlpgrasp.global_bound.cells.mesh_cells import ClusterTree, TriangleCluster
+from nlpgrasp.global_bound.cells.revolved_cells import RevolvedCell, RevolvedPatches, SectorCell
 
 
 def polygon_cell(rng):
@@ -36,14 +36,18 @@ def sector_cell(rng):
 
 
 def side_cell(rng):
-    cell = RevolvedCell(Revolved(np.array([0.0, rng.uniform(0.3, 2.0)])), np.array([0.0, 1.6]), np.array([-0.5, 1.0]))
+    cell = RevolvedCell(
+        RevolvedPatches(np.array([0.0, rng.uniform(0.3, 2.0)])), np.array([0.0, 1.6]), np.array([-0.5, 1.0])
+    )
     for _ in range(rng.integers(0, 6)):
         cell = cell.split()[rng.integers(2)]
     return cell
 
 
 def torus_cell(rng):
-    cell = RevolvedCell(Revolved(np.array([2.0, rng.uniform(0.3, 1.5)])), np.array([0.0, 1.6]), np.array([-1.5, 0.0]))
+    cell = RevolvedCell(
+        RevolvedPatches(np.array([2.0, rng.uniform(0.3, 1.5)])), np.array([0.0, 1.6]), np.array([-1.5, 0.0])
+    )
     for _ in range(rng.integers(0, 6)):
         cell = cell.split()[rng.integers(2)]
     return cell
@@ -73,7 +77,7 @@ def bent_bar(rng):
 
 
 def mesh_cell(rng):
-    cell = MeshCell(Clusters(*rough_triangles(rng), 1.3), 1)
+    cell = TriangleCluster(ClusterTree(*rough_triangles(rng), 1.3), 1)
     for _ in range(rng.integers(0, 9)):
         cell = cell.split()[rng.integers(2)]
     return cell
@@ -94,7 +98,7 @@ def points_of(cell, count, rng):
     if isinstance(cell, PolygonCell):
         shares = rng.dirichlet(np.full(len(cell.vertices), 0.5), count)
         return shares @ cell.vertices, np.tile(cell.normal, (count, 1))
-    if isinstance(cell, MeshCell):
+    if isinstance(cell, TriangleCluster):
         which = rng.choice(cell.clusters.members(cell.node), count)
         shares = rng.dirichlet(np.full(3, 0.5), count)
         return np.sum(shares[:, :, None] * cell.clusters.pieces[which], axis=1), cell.clusters.normals[which]

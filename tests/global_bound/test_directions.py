@@ -5,14 +5,14 @@ import pytest
 from scipy.optimize import linprog
 
 import nlpgrasp as ng
-from nlpgrasp.global_bound.dual_weights import mixtures
-from nlpgrasp.global_bound.weak_twists import Twists
+from nlpgrasp.global_bound.dual_weights import optimal_dual_weights
+from nlpgrasp.global_bound.weak_twists import WeightedDirections
 
 
 def test_a_direction_without_work_is_never_among_them():
     """Along it every support would be zero, and with it the bound."""
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-    twists = Twists(task, 0.1, 16)
+    twists = WeightedDirections(task, 0.1, 16)
     numbers = twists.add(np.stack([np.zeros(6), np.array([2.0, 0, 0, 0, 0, 0]) / 2.0]))
     work = task.support(twists[numbers])[0]
     assert np.all((work >= 1.0) & (work <= 1.0 + 1e-9))
@@ -23,7 +23,7 @@ def test_a_direction_without_work_is_never_among_them():
 def test_directions_have_few_digits_and_no_less_than_unit_work(center):
     """Their file is a third smaller, and a bound that takes the work for 1 is no lower than it should be."""
     task = ng.TaskEllipsoid([1.0, 0.7, 0.5, 0.03, 0.02, 0.01], center=center)
-    twists = Twists(task, 0.05, 16)
+    twists = WeightedDirections(task, 0.05, 16)
     y = np.random.default_rng(0).standard_normal((500, 6)) * [1, 1, 1, 40, 40, 40]
     y = y[task.support(y)[0] > 0.1]
     y /= task.support(y)[0][:, None]
@@ -39,7 +39,7 @@ def test_directions_have_few_digits_and_no_less_than_unit_work(center):
 def test_mixtures_are_those_of_a_linear_program():
     rng = np.random.default_rng(0)
     A = rng.random((6, 3, 5, 12)) ** 3
-    weights, designs = mixtures(A)
+    weights, designs = optimal_dual_weights(A)
     assert np.allclose(weights.sum(axis=1), 1.0, rtol=1e-12)
     assert np.allclose(designs.sum(axis=2), 1.0, rtol=1e-6)
     for table, mixture in zip(A, weights, strict=True):
@@ -54,6 +54,6 @@ def test_tables_without_a_number_get_equal_weights():
     A = np.ones((2, 1, 2, 4))
     A[1] = np.inf
     with np.errstate(all="ignore"):
-        weights, designs = mixtures(A)
+        weights, designs = optimal_dual_weights(A)
     assert np.allclose(weights[1], 0.25)
     assert np.allclose(designs[1], 0.5)

@@ -9,11 +9,11 @@ import trimesh
 import nlpgrasp as ng
 from nlpgrasp.budgets import force_budget
 from nlpgrasp.global_bound import shared_weights as shared_mixtures
-from nlpgrasp.global_bound.allowed_regions import relaxed
+from nlpgrasp.global_bound.allowed_regions import relaxed_problem
 from nlpgrasp.global_bound.branch_and_bound import BranchAndBound
 from nlpgrasp.global_bound.cell_supports import Measure, Supports
-from nlpgrasp.global_bound.cells.mesh_cells import Clusters, MeshCell
-from nlpgrasp.global_bound.shared_weights import Corners
+from nlpgrasp.global_bound.cells.mesh_cells import ClusterTree, TriangleCluster
+from nlpgrasp.global_bound.shared_weights import CornerContacts
 from tests.global_bound.samples import bent_bar, random_hull, rough_triangles
 from tests.global_bound.test_cells import BUDGETS, CONTACTS, powers_at
 
@@ -29,7 +29,7 @@ def problem(mesh, contacts, **more):
 def searched(asked, nodes):
     """Return a search of so many nodes that knows the grasp of a start."""
     search = BranchAndBound(asked, 0.01)
-    search.expect(ng.solve(relaxed(asked), 1, options=OPTIONS).mu.lower)
+    search.expect(ng.solve(relaxed_problem(asked), 1, options=OPTIONS).mu.lower)
     search.grow(nodes)
     return search
 
@@ -39,12 +39,12 @@ def searched(asked, nodes):
 def test_mixed_supports_of_all_corners_are_those_of_grasp_maps(contact, budget):
     rng = np.random.default_rng(len(contact.kind) + 7 * len(budget))
     corners, normals = rough_triangles(rng, 1)
-    clusters, origin = Clusters(corners, normals, 1.3), rng.standard_normal(3)
+    clusters, origin = ClusterTree(corners, normals, 1.3), rng.standard_normal(3)
     supports = Supports(contact, Measure.of(force_budget(budget)), origin)
-    supports.add(MeshCell(clusters, 1))
+    supports.add(TriangleCluster(clusters, 1))
     some = rng.choice(len(clusters.rows.points), 60, replace=False)
     twists, weights = rng.standard_normal((7, 6)), rng.dirichlet(np.full(7, 0.3))
-    found = Corners(supports, some).mixed(twists, weights)
+    found = CornerContacts(supports, some).mixed(twists, weights)
     true = powers_at(contact, budget, clusters.rows.points[some], clusters.rows.normals[some], origin, twists) @ weights
     np.testing.assert_allclose(found, true, rtol=1e-9, atol=1e-12 * np.max(true))
 
@@ -52,7 +52,7 @@ def test_mixed_supports_of_all_corners_are_those_of_grasp_maps(contact, budget):
 def test_halved_triangles_are_the_surface_again():
     rng = np.random.default_rng(2)
     mesh = random_hull(rng)
-    clusters = Clusters(np.asarray(mesh.triangles), -np.asarray(mesh.face_normals), 1.0)
+    clusters = ClusterTree(np.asarray(mesh.triangles), -np.asarray(mesh.face_normals), 1.0)
     sides = clusters.pieces[:, 1:] - clusters.pieces[:, :1]
     normals = np.cross(sides[:, 0], sides[:, 1])
     assert np.sum(np.linalg.norm(normals, axis=1)) / 2 == pytest.approx(mesh.area, rel=1e-12)

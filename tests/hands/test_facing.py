@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.hands.finger_chains import better_approach, direction_words, fingers_lie, knuckles
-from nlpgrasp.hands.inspection import findings, inspected
+from nlpgrasp.hands.finger_chains import fingers_lie, first_finger_links, format_direction, suggested_approach
+from nlpgrasp.hands.inspection import findings, inspection_data
 from tests.hands.robots import SHADOW, model, robot
 from tests.hands.urdf import FOUR, FOUR_TIPS, GRIPPER, PADS, THREE, THREE_TIPS, four_finger_hand, gripper
 from tests.hands.urdf import three_finger_hand as three
@@ -22,7 +22,7 @@ def degrees(tree, direction):
 
 @pytest.mark.parametrize("hand", [four_finger_hand, three, gripper], ids=["four", "three", "gripper"])
 def test_hands_that_face_where_they_are_said_to_are_not_asked_about(hand):
-    assert better_approach(hand().tree) is None
+    assert suggested_approach(hand().tree) is None
     assert degrees(hand().tree, hand().tree.approach) < 35.0
 
 
@@ -37,7 +37,7 @@ def test_a_grippers_fingers_lie_where_it_faces():
     ids=["four", "three", "gripper"],
 )
 def test_every_other_axis_is_asked_about(path, tips, right, wrong):
-    found = better_approach(ng.URDFHand.load(path, tips, approach=wrong).tree)
+    found = suggested_approach(ng.URDFHand.load(path, tips, approach=wrong).tree)
     assert (found is None) if wrong == right else (found.tolist() == right)
 
 
@@ -48,31 +48,31 @@ def test_tips_on_inner_links_and_on_the_palm_change_nothing():
         f"{finger}_{link}": 0.011 for finger in ("index", "ring", "thumb") for link in ("proximal", "middle", "tip")
     }
     hand = ng.URDFHand.load(FOUR, {"palm": 0.01, **tips}, approach=[1.0, 0.0, 0.0])
-    assert knuckles(hand.tree)[0] == "palm"
-    assert set(knuckles(hand.tree)[1:]) == {"index_knuckle", "ring_knuckle", "thumb_knuckle"}
-    assert better_approach(hand.tree) is None
+    assert first_finger_links(hand.tree)[0] == "palm"
+    assert set(first_finger_links(hand.tree)[1:]) == {"index_knuckle", "ring_knuckle", "thumb_knuckle"}
+    assert suggested_approach(hand.tree) is None
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_an_allegro_is_asked_about_where_nothing_is_said(side):
     right = ng.hands.allegro(robot(ALLEGRO.format(side)))
-    assert better_approach(right.tree) is None
+    assert suggested_approach(right.tree) is None
     unsaid = ng.URDFHand.load(robot(ALLEGRO.format(side)), dict(right.tips))
-    assert better_approach(unsaid.tree).tolist() == [1.0, 0.0, 0.0]
+    assert suggested_approach(unsaid.tree).tolist() == [1.0, 0.0, 0.0]
 
 
 @pytest.mark.filterwarnings(*QUIET)
 @pytest.mark.parametrize("palm", ["robot0:palm", "robot0:hand mount"], ids=["hand", "with its wrist"])
 def test_a_wrist_below_the_palm_is_no_finger(palm):
-    assert better_approach(ng.hands.shadow(model(SHADOW), palm=palm).tree) is None
+    assert suggested_approach(ng.hands.shadow(model(SHADOW), palm=palm).tree) is None
 
 
 def test_a_panda_is_not_asked_about():
-    assert better_approach(ng.hands.panda(robot(PANDA)).tree) is None
+    assert suggested_approach(ng.hands.panda(robot(PANDA)).tree) is None
 
 
 def test_the_question_is_one_for_python_and_one_for_the_command_line():
-    shown = inspected(ng.URDFHand.load(FOUR, FOUR_TIPS))
+    shown = inspection_data(ng.URDFHand.load(FOUR, FOUR_TIPS))
     (found,) = findings(shown, None)
     said = "The palm is said to face +z, but its fingertips lie towards +x:"
     assert (found.text, found.command) == (f"{said} approach=[1, 0, 0]?", f"{said} --approach 1,0,0?")
@@ -80,5 +80,5 @@ def test_the_question_is_one_for_python_and_one_for_the_command_line():
 
 
 def test_directions_in_words():
-    assert direction_words(np.array([0.0, -1.0, 0.0])) == "-y"
-    assert direction_words(np.array([0.6, 0.0, -0.8])) == "[0.6, 0, -0.8]"
+    assert format_direction(np.array([0.0, -1.0, 0.0])) == "-y"
+    assert format_direction(np.array([0.6, 0.0, -0.8])) == "[0.6, 0, -0.8]"

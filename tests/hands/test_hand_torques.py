@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.candidate import Placed
-from nlpgrasp.optimize.compiled_problem import Workbench, hand_of, points_of, variables_of
+from nlpgrasp.optimize.candidate import GraspCandidate
+from nlpgrasp.optimize.compiled_problem import CompiledProblem, contact_points, hand_of, pack_variables
 from nlpgrasp.optimize.cutting_planes import torque_cuts
 from nlpgrasp.quality import WrenchSet
 from nlpgrasp.quality.grasp import Grasp
@@ -33,17 +33,17 @@ def solved():
 )
 def test_slopes_of_supports_by_central_differences(hand, contact, rng):
     given = problem(hand, contact)
-    bench, faces = Workbench(given, ONE), ("surface",) * hand.count
+    bench, faces = CompiledProblem(given, ONE), ("surface",) * hand.count
     points = given.body.sample("surface", hand.count, rng)
     values = {name: v[0] for name, v in hand.draw(1, np.zeros((1, 3)), rng)[0].items()}
-    program, placed = bench.exchange.compiled.program, Placed(faces, points, values)
-    z = variables_of(bench, program, placed)
+    program, placed = bench.exchange.compiled.program, GraspCandidate(faces, points, values)
+    z = pack_variables(bench, program, placed)
     cuts = rng.standard_normal((6, 6)) * [1.0, 1.0, 1.0, 30.0, 30.0, 30.0]
     value, slopes = torque_cuts(bench, placed, z, cuts)
 
     def support(z):
         """From the definition: contacts and normals as the variables say, wherever that is."""
-        where = points_of(bench, program, z)
+        where = contact_points(bench, program, z)
         normals = np.array([z[program.block("normal", i).range] for i in range(hand.count)])
         normals /= np.linalg.norm(normals, axis=1)[:, None]
         budget = given.budget.posed(hand, hand_of(program, z), where)

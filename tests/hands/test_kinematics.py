@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.hands.collision_shapes import Shape
+from nlpgrasp.hands.collision_shapes import CollisionShape
 from nlpgrasp.hands.link_spheres import fit_spheres
 from tests.hands.urdf import FOUR, GRIPPER, THREE, THREE_TIPS, Mujoco, four_finger_hand, gripper, three_finger_hand
 
@@ -56,14 +56,14 @@ def test_palm_is_any_link_and_what_is_above_is_left_out():
 
 
 SHAPES = {
-    "sphere": [Shape.sphere(0.01, np.eye(4))],
+    "sphere": [CollisionShape.sphere(0.01, np.eye(4))],
     "capsule": [
-        Shape.cylinder(0.009, 0.04, np.eye(4)),
-        Shape.sphere(0.009, np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.02], [0, 0, 0, 1.0]])),
-        Shape.sphere(0.009, np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -0.02], [0, 0, 0, 1.0]])),
+        CollisionShape.cylinder(0.009, 0.04, np.eye(4)),
+        CollisionShape.sphere(0.009, np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.02], [0, 0, 0, 1.0]])),
+        CollisionShape.sphere(0.009, np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -0.02], [0, 0, 0, 1.0]])),
     ],
-    "box": [Shape.box(np.array([0.02, 0.09, 0.1]), np.eye(4))],
-    "finger of a gripper": [Shape.box(np.array([0.02, 0.012, 0.06]), np.eye(4))],
+    "box": [CollisionShape.box(np.array([0.02, 0.09, 0.1]), np.eye(4))],
+    "finger of a gripper": [CollisionShape.box(np.array([0.02, 0.012, 0.06]), np.eye(4))],
 }
 
 
@@ -84,7 +84,7 @@ def test_spheres_enclose_the_shape_with_the_stated_error(name, rng):
 
 
 def test_more_spheres_are_closer():
-    box = [Shape.box(np.array([0.02, 0.04, 0.1]), np.eye(4))]
+    box = [CollisionShape.box(np.array([0.02, 0.04, 0.1]), np.eye(4))]
     errors = [fit_spheres(box, most).error for most in (4, 12, 40)]
     assert errors[0] > errors[1] > errors[2]
 
@@ -193,9 +193,9 @@ def test_a_link_thicker_than_its_fingertip_is_said_to_be(tmp_path):
 def test_shapes_of_any_size(scale):
     pose = np.eye(4)
     for shape in (
-        Shape.cylinder(scale, 4 * scale, pose),
-        Shape.capsule(scale, 4 * scale, pose),
-        Shape.sphere(scale, pose),
+        CollisionShape.cylinder(scale, 4 * scale, pose),
+        CollisionShape.capsule(scale, 4 * scale, pose),
+        CollisionShape.sphere(scale, pose),
     ):
         assert np.max(shape.mesh.extents) == pytest.approx(
             {"cylinder": 4, "capsule": 6, "sphere": 2}[shape.kind] * scale

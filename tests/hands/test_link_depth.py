@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
-from nlpgrasp.motion.penetration import LinkDepths
+from nlpgrasp.motion.penetration import PenetrationModel
 from tests.hands.urdf import FOUR, four_finger_hand
 
 TASK = ng.TaskEllipsoid([1, 1, 1, 0.02, 0.02, 0.02])
@@ -20,7 +20,7 @@ BODIES = {
 
 def depths(hand, body, constraints=()):
     problem = ng.GraspProblem(body, [ng.FrictionContact(0.5)] * hand.count, TASK, hand=hand, constraints=constraints)
-    return LinkDepths(problem, hand)
+    return PenetrationModel(problem, hand)
 
 
 def posture(hand, seed, spread=0.04):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.hands.mjcf_reader import angles
+from nlpgrasp.hands.mjcf_reader import euler_angles
 from nlpgrasp.hands.robot_file import read_robot
 from nlpgrasp.verify.chain_kinematics import links_in, poses
 from tests.hands.mjcf import frames, tree_of
@@ -63,7 +63,7 @@ def test_angles_to_all_digits_where_they_are_not_unique(rng):
     for tilt in (0.0, 1e-9, 1e-7, 1e-4):
         for roll, yaw in rng.uniform(-3.0, 3.0, (20, 2)):
             turned = Rotation.from_euler("xyz", [roll, np.pi / 2.0 - tilt, yaw]).as_matrix()
-            np.testing.assert_allclose(Rotation.from_euler("xyz", angles(turned)).as_matrix(), turned, atol=1e-15)
+            np.testing.assert_allclose(Rotation.from_euler("xyz", euler_angles(turned)).as_matrix(), turned, atol=1e-15)
 
 
 def test_shapes_that_collide_are_taken(tmp_path):

@@ -5,8 +5,8 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.hands.finger_chains import fingers
-from nlpgrasp.hands.inspection import findings, inspected, without_fingertips
-from nlpgrasp.hands.opposition import TOUCH, TipGaps, opposition
+from nlpgrasp.hands.inspection import findings, inspection_data, without_fingertips
+from nlpgrasp.hands.opposition import TOUCH, TipDistances, opposition
 from tests.hands.urdf import FOUR, gripper, three_finger_hand
 
 SLIDE = """<link name="{name}">{shape}</link>
@@ -30,7 +30,7 @@ def slides(folder, *each):
 
 
 def met(hand):
-    shown = inspected(hand)
+    shown = inspection_data(hand)
     return shown, opposition(shown.tree, shown.at_rest)
 
 
@@ -92,7 +92,7 @@ def test_distances_are_those_of_centres_less_radii():
     joints = np.random.default_rng(1).uniform(lower, upper, (20, len(lower)))
     tips = tree.palm_tips(joints)
     expected = np.linalg.norm(tips[:, 0] - tips[:, 2], axis=1) - 0.02
-    assert TipGaps(tree).distances((0, 2), joints, facing=False) == pytest.approx(expected, abs=1e-12)
+    assert TipDistances(tree).distances((0, 2), joints, facing=False) == pytest.approx(expected, abs=1e-12)
 
 
 def test_what_the_search_finds_is_no_more_than_among_many_random_postures():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from nlpgrasp.hands.linked_hand import fitted
+from nlpgrasp.hands.linked_hand import fit_rigid_transforms
 from tests.hands.urdf import FOUR, FOUR_TIPS, four_finger_hand, solution_links
 
 
@@ -14,7 +14,7 @@ def test_a_rigid_motion_is_found_again(seed):
     points = rng.standard_normal((7, 4, 3))
     turned, moved = Rotation.random(7, rng=rng).as_matrix(), rng.standard_normal((7, 3))
     places = np.einsum("bij,bkj->bki", turned, points) + moved[:, None]
-    rotations, positions = fitted(points, places)
+    rotations, positions = fit_rigid_transforms(points, places)
     np.testing.assert_allclose(rotations, turned, atol=1e-9)
     np.testing.assert_allclose(positions, moved, atol=1e-9)
 
@@ -24,7 +24,7 @@ def test_a_mirror_image_is_no_rigid_motion():
     rng = np.random.default_rng(0)
     points = rng.standard_normal((5, 4, 3))
     places = points * [-1.0, 1.0, 1.0]
-    rotations, positions = fitted(points, places)
+    rotations, positions = fit_rigid_transforms(points, places)
     np.testing.assert_allclose(np.linalg.det(rotations), 1.0)
     for p, q, R, t in zip(points, places, rotations, positions, strict=True):
         expected = Rotation.align_vectors(q - q.mean(axis=0), p - p.mean(axis=0))[1]

@@ -7,8 +7,8 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from nlpgrasp.hands.collision_shapes import Shape
-from nlpgrasp.hands.self_collision import DEEP, Hull, meet, watched_links
+from nlpgrasp.hands.collision_shapes import CollisionShape
+from nlpgrasp.hands.self_collision import DEEP, ShapeHull, meet, watched_links
 from tests.hands.urdf import four_finger_hand
 
 BOX = np.array([0.02, 0.03, 0.05])
@@ -22,7 +22,7 @@ def frame(turn, move):
 
 def test_boxes_side_by_side():
     """Parallel boxes are as deep in each other as along the axis on which they are least."""
-    hull = Hull.of(Shape.box(BOX, np.eye(4)))
+    hull = ShapeHull.of(CollisionShape.box(BOX, np.eye(4)))
     moves = np.array([[0.015, 0.0, 0.0], [0.025, 0.0, 0.0], [0.018, 0.02, 0.045], [0.0, 0.0, 0.0]])
     frames = np.array([frame(np.eye(3), move) for move in moves])
     np.testing.assert_allclose(meet([hull], [hull], frames), [0.005, -0.005, 0.002, 0.02], atol=1e-12)
@@ -31,10 +31,10 @@ def test_boxes_side_by_side():
 @pytest.mark.parametrize("other", ["box", "ball"])
 def test_hulls_meet_where_samples_of_one_are_in_the_other(rng, other):
     """Never less deep than a sample of one surface is in the other, and apart where no distance is below 3 mm."""
-    one = Shape.box(BOX, np.eye(4))
-    two = Shape.box(BOX[::-1], np.eye(4)) if other == "box" else Shape.sphere(0.015, np.eye(4))
+    one = CollisionShape.box(BOX, np.eye(4))
+    two = CollisionShape.box(BOX[::-1], np.eye(4)) if other == "box" else CollisionShape.sphere(0.015, np.eye(4))
     frames = np.array([frame(turn.as_matrix(), rng.uniform(-0.04, 0.04, 3)) for turn in Rotation.random(200, rng)])
-    depths = meet([Hull.of(one)], [Hull.of(two)], frames)
+    depths = meet([ShapeHull.of(one)], [ShapeHull.of(two)], frames)
     samples = trimesh.sample.sample_surface(two.mesh, 2000, seed=1)[0]
     inside = BOX / 2.0 - np.abs(samples @ frames[:, :3, :3].transpose(0, 2, 1) + frames[:, None, :3, 3])
     seen = inside.min(axis=2).max(axis=1)  # negative: away by at least so much

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.analysis.squeeze import with_squeeze, with_squeezes
-from nlpgrasp.common.formatting import rounded
+from nlpgrasp.analysis.squeeze import add_squeeze, add_squeezes
+from nlpgrasp.common.formatting import format_number
 from nlpgrasp.solution.force_records import ForcesNeeded
 from nlpgrasp.solution.squeeze_record import JointSqueeze
 from tests.hands.urdf import FOLDER, THREE, Mujoco, body_frame, solution_links, three_finger_hand
@@ -27,7 +27,7 @@ def grasped():
 
 @cache
 def squeezed():
-    return with_squeeze(grasped(), three_finger_hand())
+    return add_squeeze(grasped(), three_finger_hand())
 
 
 def test_torques_do_the_forces_work():
@@ -66,7 +66,7 @@ def test_torques_are_those_of_mujocos_jacobians():
 
 def test_grasps_kept_beside_the_answer_have_their_own():
     other = replace(grasped().grasps[0], grasp=copy(grasped().grasp))
-    found = with_squeezes(replace(squeezed(), others=(other,)), three_finger_hand())
+    found = add_squeezes(replace(squeezed(), others=(other,)), three_finger_hand())
     assert found.others[0].hand["squeeze"]["torques"] == pytest.approx(squeezed().squeeze.torques)
     assert found.hand == squeezed().hand
 
@@ -101,7 +101,7 @@ def test_a_solution_states_no_more_than_weak_joints_can_exert():
     effort = abs(usual.torques[name]) / 2.0
     data = edited(honest.fingers(), put(("problem", "hand", "torque_limits"), dict.fromkeys(usual.torques, effort)))
     weak = three_finger_hand(torque_limits=effort)
-    found = with_squeeze(ng.GraspSolution.from_dict(data, "f.json"), weak).squeeze
+    found = add_squeeze(ng.GraspSolution.from_dict(data, "f.json"), weak).squeeze
     assert found.joints.worst == (name, pytest.approx(0.98, rel=1e-6))
     assert found.normal_force == pytest.approx(0.98, rel=1e-6)  # half of 2 N, and a little less
     assert found.joints.exceeded == {}
@@ -111,12 +111,12 @@ def test_a_solution_states_no_more_than_weak_joints_can_exert():
 def test_a_solution_states_no_squeeze_above_max_force():
     usual = squeezed().squeeze
     limit = 0.5 * usual.largest
-    found = with_squeeze(ng.GraspSolution.from_dict(at_most(limit), "f.json"), three_finger_hand())
+    found = add_squeeze(ng.GraspSolution.from_dict(at_most(limit), "f.json"), three_finger_hand())
     assert found.squeeze.largest == pytest.approx(limit, rel=1e-6)
     assert found.squeeze.normal_force == pytest.approx(1.0, rel=1e-6)
     assert "max_force" not in found.squeeze_line()
     told = ng.GraspSolution.from_dict({**at_most(limit), "hand": dict(squeezed().hand)}, "f.json").squeeze_line()
-    assert told.endswith(f"; ABOVE max_force = {rounded(limit)} N")
+    assert told.endswith(f"; ABOVE max_force = {format_number(limit)} N")
 
 
 def at_most(limit):
@@ -128,7 +128,7 @@ def test_print_names_fingers_what_each_presses_and_what_the_task_takes_of_the_jo
     needed = ForcesNeeded.of(grasped().grasp, np.zeros(6), forces, None, [], ng.Bounds(1.0, 1.0))
     found = replace(squeezed(), needed=needed)
     text = str(found)
-    pressed = ", ".join(map(rounded, found.squeeze.normal))
+    pressed = ", ".join(map(format_number, found.squeeze.normal))
     assert f"a squeeze with at least 2 N a finger (normal forces {pressed} N) needs friction " in text
     for i, tip in enumerate(found.hand["fingertips"]):
         assert f"contact {i} ({tip}) on " in text
@@ -160,7 +160,7 @@ def test_contacts_that_cannot_press_are_told_everywhere(tmp_path):
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     slippery = [ng.FrictionContact(0.2)] * 3
     open_grasp = ng.Grasp(grasped().grasp.points, normals, slippery, grasped().grasp.torque_origin)
-    found = with_squeeze(replace(grasped(), grasp=open_grasp), three_finger_hand())
+    found = add_squeeze(replace(grasped(), grasp=open_grasp), three_finger_hand())
     stated = found.hand["no_squeeze"]
     assert stated["reason"].startswith("contacts 0, 1, 2 cannot press with friction 0.2")
     assert found.squeeze is None
@@ -175,8 +175,8 @@ def test_contacts_that_cannot_press_are_told_everywhere(tmp_path):
 
 def test_a_quick_solve_has_none_and_another_keeps_what_is_there():
     assert grasped().squeeze is None
-    assert with_squeeze(squeezed(), three_finger_hand()) is squeezed()
-    assert with_squeeze(grasped(), None) is grasped()
+    assert add_squeeze(squeezed(), three_finger_hand()) is squeezed()
+    assert add_squeeze(grasped(), None) is grasped()
 
 
 @pytest.mark.parametrize(

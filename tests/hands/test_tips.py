@@ -6,10 +6,10 @@ import pytest
 from scipy.optimize import minimize
 
 import nlpgrasp as ng
-from nlpgrasp.hands.collision_shapes import Shape
+from nlpgrasp.hands.collision_shapes import CollisionShape
 from nlpgrasp.hands.suggested_tips import tip_of
-from nlpgrasp.hands.tips import Touch
-from nlpgrasp.verify.numeric_urdf_hand import Touching, touching_rows
+from nlpgrasp.hands.tips import SymbolicTouch
+from nlpgrasp.verify.numeric_urdf_hand import StatedTouch, touching_rows
 from tests.hands.urdf import FOUR
 
 TIPS = {
@@ -22,7 +22,7 @@ TIPS = {
 
 
 def values(tip, pose, p, n, slide=0.0):
-    rows = tip.rows(Touch("tip", 0, ca.DM(pose), ca.DM(p), ca.DM(n), slide, 1.0))
+    rows = tip.rows(SymbolicTouch("tip", 0, ca.DM(pose), ca.DM(p), ca.DM(n), slide, 1.0))
     return {row.name: float(ca.evalf(ca.SX(row.expression))) for row in rows}, rows
 
 
@@ -152,7 +152,7 @@ def test_verify_has_the_same_rows_for_a_capsule(rng):
         p, n = over(tip, pose, rng, share, leans)
         own, _ = values(tip, pose, p, n, share)
         found = {
-            row.name: row.value for row in touching_rows(tip.to_dict(), Touching("tip", pose, p, n, 1.0, 0.0, 0.0))
+            row.name: row.value for row in touching_rows(tip.to_dict(), StatedTouch("tip", pose, p, n, 1.0, 0.0, 0.0))
         }
         assert {name.split(", ")[-1] for name in found} == {name.split(", ")[-1] for name in own}
         np.testing.assert_allclose(list(found.values()), list(own.values()), atol=1e-12)
@@ -161,12 +161,12 @@ def test_verify_has_the_same_rows_for_a_capsule(rng):
 def test_a_links_own_shape_is_its_fingertip():
     pose = np.eye(4)
     pose[:3, 3] = [0.0, 0.0, -0.02]
-    capsule = tip_of([Shape.box(np.ones(3), pose), Shape.capsule(0.007, 0.03, pose)])
+    capsule = tip_of([CollisionShape.box(np.ones(3), pose), CollisionShape.capsule(0.007, 0.03, pose)])
     assert (capsule.kind, capsule.radius) == ("capsule", 0.007)
     np.testing.assert_allclose(capsule.ends[:, 2], [-0.005, -0.035])  # the end is the far one
-    assert tip_of([Shape.sphere(0.01, pose)]) == ng.SphereTip(0.01, [0.0, 0.0, -0.02])
-    assert tip_of([Shape.box(np.ones(3), pose)]) is None
-    assert tip_of([Shape.sphere(0.01, pose), Shape.sphere(0.02, pose)]) is None
+    assert tip_of([CollisionShape.sphere(0.01, pose)]) == ng.SphereTip(0.01, [0.0, 0.0, -0.02])
+    assert tip_of([CollisionShape.box(np.ones(3), pose)]) is None
+    assert tip_of([CollisionShape.sphere(0.01, pose), CollisionShape.sphere(0.02, pose)]) is None
     hand = ng.URDFHand.load(FOUR, ["index_tip", "thumb_tip"])
     assert hand.tips == (("index_tip", ng.SphereTip(0.011)), ("thumb_tip", ng.SphereTip(0.011)))
     assert ng.URDFHand.load(FOUR, {"index_tip": None, "thumb_tip": 0.01}).tips[1][1].radius == 0.01

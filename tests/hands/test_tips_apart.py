@@ -8,7 +8,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.common.scalar_constraints import TIPS_APART
-from nlpgrasp.hands.self_collision import tips_apart, tips_that_meet
+from nlpgrasp.hands.self_collision import colliding_tips, tip_clearance_constraints
 from tests.hands.urdf import FOLDER, FOUR, FOUR_TIPS, Mujoco, four_finger_hand, gripper
 from tests.verify import honest
 from tests.verify.stated import edited, recomputed_file
@@ -19,7 +19,7 @@ def test_rows_are_squared_distances_of_the_tips_balls(rng):
     lower, upper = tree.joint_limits
     joints = rng.uniform(lower, upper)
     values = {"palm_position": np.zeros(3), "palm_quaternion": np.array([1.0, 0.0, 0.0, 0.0]), "joints": joints}
-    rows = tips_apart(tree, {name: ca.DM(value) for name, value in values.items()})
+    rows = tip_clearance_constraints(tree, {name: ca.DM(value) for name, value in values.items()})
     names = [joint.name for joint in tree.robot.free_joints]
     links = Mujoco(FOUR).link_poses(dict(zip(names, joints, strict=True)))
     centres = [links[tip][:3, 3] for tip in FOUR_TIPS]
@@ -31,11 +31,11 @@ def test_rows_are_squared_distances_of_the_tips_balls(rng):
 
 
 def test_flat_pads_and_neighbours_in_a_chain_are_left_out():
-    assert tips_that_meet(gripper().tree) == ()
+    assert colliding_tips(gripper().tree) == ()
     tips = {"index_middle": 0.009, **FOUR_TIPS}
     tree = ng.URDFHand.load(FOUR, tips, approach=[1.0, 0.0, 0.0]).tree
-    assert (0, 1) not in tips_that_meet(tree)
-    assert (0, 2) in tips_that_meet(tree)
+    assert (0, 1) not in colliding_tips(tree)
+    assert (0, 2) in colliding_tips(tree)
 
 
 @pytest.mark.slow

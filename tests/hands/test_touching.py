@@ -15,8 +15,8 @@ import nlpgrasp as ng
 from nlpgrasp.cli.main import command_line
 from nlpgrasp.hands.inspection import inspect, without_fingertips
 from nlpgrasp.interop.registry import formats
-from nlpgrasp.motion.penetration import LinkDepths
-from nlpgrasp.report.key_figures import facts
+from nlpgrasp.motion.penetration import PenetrationModel
+from nlpgrasp.report.key_figures import solution_facts
 from nlpgrasp.simulation.robot_hand_scene import mjcf_with_hand
 from tests.hands.described import in_millimetres, two_fingers
 
@@ -96,7 +96,7 @@ def test_lies_about_the_links_are_found(deep, lie):
 
 def test_the_report_leads_with_it(deep):
     _, _, solution = deep
-    first = facts(solution)[0]
+    first = solution_facts(solution)[0]
     assert (first.title, first.value, first.tone) == ("Status", "Touches", "bad")
     assert "inside the body" in first.lines[0]
 
@@ -245,7 +245,7 @@ def test_links_under_a_table_and_in_an_obstacle_count(tmp_path):
     problem = ng.GraspProblem(
         BODY, ng.SoftContact(0.7, 0.005), TASK, hand=hand, constraints=[ng.Table(-0.1, clearance=0.02), wall]
     )
-    depths, joints = LinkDepths(problem, hand), np.zeros(2)
+    depths, joints = PenetrationModel(problem, hand), np.zeros(2)
     quaternion = np.array([1.0, 0.0, 0.0, 0.0])
 
     def at(position):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.motion.contact_path import Station
+from nlpgrasp.motion.contact_path import PathStation
 from nlpgrasp.motion.finger_motion import STEP, ContactMotions, smallest_ball
 
 BODY = ng.Box([0.1, 0.1, 0.04])
@@ -20,7 +20,7 @@ def path_of(hand, constraints=(), slides=True, contacts=CONTACTS):
     problem = ng.GraspProblem(
         BODY, [ng.FrictionContact(0.5)] * k, ng.TaskEllipsoid([1.0] * 6), hand=hand, constraints=constraints
     )
-    ends = [[Station(p, UP, "+z"), Station(END, UP, "+z")] for p in contacts]
+    ends = [[PathStation(p, UP, "+z"), PathStation(END, UP, "+z")] for p in contacts]
     made = ContactMotions(problem, hand, (contacts, np.tile(UP, (k, 1))), ends, 0.01)
     return made.taken(made.start(), 0, slides)
 
@@ -105,7 +105,7 @@ def test_a_jaw_does_not_leave_its_line():
     problem = ng.GraspProblem(BODY, ng.SoftContact(0.5, 0.005), ng.TaskEllipsoid([1.0] * 6), hand=ng.ParallelJaw(0.05))
     normals = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])
     ends = [
-        [Station(p, n, f), Station(p + np.array([0.05, 0.0, 0.0]), n, f)]
+        [PathStation(p, n, f), PathStation(p + np.array([0.05, 0.0, 0.0]), n, f)]
         for p, n, f in zip(pair, normals, ("+z", "-z"), strict=False)
     ]
     made = ContactMotions(problem, problem.hand, (pair, normals), ends, 0.01)

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.motion.contact_path import MOST_TURN, Footpath, Station, Stride
+from nlpgrasp.motion.contact_path import MOST_TURN, ContactPath, FingerTransfer, PathStation
 
 
 def angle(turn):
@@ -13,13 +13,13 @@ def angle(turn):
 
 
 def on_sphere(radius, turn):
-    return Station(radius * angle(turn), -angle(turn), "surface")
+    return PathStation(radius * angle(turn), -angle(turn), "surface")
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-5])
 def test_chords_on_a_sphere_are_off_by_less_than_the_share_of_the_tolerance(tolerance):
     radius = 0.05
-    path = Footpath(ng.Sphere(radius), [on_sphere(radius, 0.0), on_sphere(radius, 1.2)], 0.01, tolerance)
+    path = ContactPath(ng.Sphere(radius), [on_sphere(radius, 0.0), on_sphere(radius, 1.2)], 0.01, tolerance)
     middles = (path.points[1:] + path.points[:-1]) / 2.0
     off = radius - np.linalg.norm(middles, axis=1)
     assert 0.0 < np.max(off) <= tolerance / 4.0 + 1e-12
@@ -36,8 +36,8 @@ def test_stations_are_on_the_surface_and_chords_near_it(kind):
     sphere = trimesh.creation.icosphere(3)
     body = ng.Ellipsoid(axes) if kind == "ellipsoid" else ng.Mesh(sphere.apply_scale(axes))
     found = body.snap("surface", np.array([[-0.02, -0.04, 0.03], [0.03, 0.03, 0.02]]))
-    ends = [Station(p, -body.evaluate("surface", p[None])[2][0], "surface") for p in found]
-    path = Footpath(body, ends, 0.01, tolerance)
+    ends = [PathStation(p, -body.evaluate("surface", p[None])[2][0], "surface") for p in found]
+    path = ContactPath(body, ends, 0.01, tolerance)
     assert len(path.points) > 5
     chords = np.concatenate([path.points, (path.points[1:] + path.points[:-1]) / 2.0])
     gauge = np.linalg.norm(chords / axes, axis=1)
@@ -50,10 +50,10 @@ def test_stations_are_on_the_surface_and_chords_near_it(kind):
 
 def test_over_an_edge_the_contact_stops_and_the_normal_turns():
     box = ng.Box([0.1, 0.1, 0.1])
-    top = Station(np.array([0.03, 0.0, 0.05]), np.array([0.0, 0.0, -1.0]), "+z")
-    side = Station(np.array([0.05, 0.01, 0.02]), np.array([-1.0, 0.0, 0.0]), "+x")
+    top = PathStation(np.array([0.03, 0.0, 0.05]), np.array([0.0, 0.0, -1.0]), "+z")
+    side = PathStation(np.array([0.05, 0.01, 0.02]), np.array([-1.0, 0.0, 0.0]), "+x")
     arm = 0.008
-    path = Footpath(box, [top, side], arm, 1e-4)
+    path = ContactPath(box, [top, side], arm, 1e-4)
     edge = np.array([0.05, path.at(path.total / 2.0)[0][1], 0.05])
     here, there = np.linalg.norm(edge - top.point), np.linalg.norm(side.point - edge)
     assert path.lengths[-1] == pytest.approx(here + there, rel=1e-9)
@@ -74,8 +74,8 @@ def box_gap(point, half):
 
 def test_a_stride_lifts_off_goes_over_and_sets_down():
     square = ng.Polygon([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-    ends = [Station(np.array([x, 1.0]), np.array([0.0, -1.0]), "edge2") for x in (0.8, 0.2)]
-    stride = Stride(Footpath(square, ends, 0.1, 1e-3), 0.05)
+    ends = [PathStation(np.array([x, 1.0]), np.array([0.0, -1.0]), "edge2") for x in (0.8, 0.2)]
+    stride = FingerTransfer(ContactPath(square, ends, 0.1, 1e-3), 0.05)
     assert stride.total == pytest.approx(0.7)
     expected = {0.0: (0.8, 1.0), 0.02: (0.8, 1.02), 0.05: (0.8, 1.05), 0.35: (0.5, 1.05), 0.69: (0.2, 1.01)}
     for way, point in expected.items():
@@ -83,4 +83,4 @@ def test_a_stride_lifts_off_goes_over_and_sets_down():
     assert [stride.at(w).phase for w in (0.02, 0.35, 0.69)] == ["lifting off", "lifted", "setting down"]
     assert stride.at(0.35).along == pytest.approx(0.3)
     np.testing.assert_allclose(stride.turns, [0.05, 0.65, 0.7])
-    assert Stride(stride.footpath, 0.0).at(0.3).phase == "sliding"
+    assert FingerTransfer(stride.footpath, 0.0).at(0.3).phase == "sliding"

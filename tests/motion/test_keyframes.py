@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.analysis.squeeze import with_squeeze
+from nlpgrasp.analysis.squeeze import add_squeeze
 from nlpgrasp.motion.approach_path import opened
-from nlpgrasp.motion.keyframes import AWAY, NO_PREGRASP, keyframes
-from nlpgrasp.motion.link_clearance import Surroundings
+from nlpgrasp.motion.keyframes import AWAY, NO_PREGRASP, plan_keyframes
+from nlpgrasp.motion.link_clearance import CollisionModel
 from tests.studies.held_box import HALF, PALM, grasped
 from tests.studies.two_fingers import DOWN, PALM_BALL, TIP, box_distance, chain, in_body
 
@@ -22,8 +22,8 @@ def phased(folder, constraints=(), opening=0.01):
     solution, problem = grasped(folder, constraints, opening)
     hand = problem.hand
     postures = [hand.values_of(solution.hand[key] if key else solution.hand) for key in ("", "pregrasp")]
-    solution.hand.update(keyframes(problem, hand, *postures))
-    return with_squeeze(solution, hand), problem
+    solution.hand.update(plan_keyframes(problem, hand, *postures))
+    return add_squeeze(solution, hand), problem
 
 
 def balls(phase):
@@ -117,7 +117,7 @@ def test_fingers_that_open_one_by_one_stop_where_the_straight_way_ends(tmp_path)
 
 def test_without_a_pregrasp_there_is_no_approach(tmp_path):
     solution, problem = grasped(tmp_path)
-    found = keyframes(problem, problem.hand, problem.hand.values_of(solution.hand), None)
+    found = plan_keyframes(problem, problem.hand, problem.hand.values_of(solution.hand), None)
     assert found["approach"] == {"direction": None, "distance": None, "reason": NO_PREGRASP}
     assert [phase["name"] for phase in found["phases"]] == ["grasp"]
 
@@ -127,7 +127,7 @@ def test_balls_of_links_that_overlap_in_the_grasp_may_do_so_on_the_way(tmp_path)
     solution, problem = grasped(tmp_path)
     hand = problem.hand
     postures = [hand.values_of(solution.hand[key] if key else solution.hand) for key in ("", "pregrasp")]
-    around = Surroundings(problem, hand)
+    around = CollisionModel(problem, hand)
     large = [i for i, link in enumerate(around.balls.links) if link in ("a0", "b0")]
     places = around.balls.places(postures[0])
     both = np.all(np.isin(around.balls.pairs, large), axis=1)

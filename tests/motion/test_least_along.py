@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.motion.contact_path import Footpath, Station, SurfaceGraph
-from nlpgrasp.studies.fine_manipulation import MOST, first_stations, least_along
+from nlpgrasp.motion.contact_path import ContactPath, PathStation, SurfaceGraph
+from nlpgrasp.studies.fine_manipulation import MOST, first_stations, least_value_along
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -16,7 +16,7 @@ def test_the_least_of_smooth_values_is_nearly_met(seed):
     def value(way):
         return 1.0 + float(np.sum(heights * np.sin(rates * way + phases)))
 
-    ways = least_along(value, first_stations(1.0, []))
+    ways = least_value_along(value, first_stations(1.0, []))
     least = min(map(value, np.linspace(0.0, 1.0, 2001)))
     assert min(map(value, ways)) <= 1.02 * least
     assert len(ways) <= MOST
@@ -24,27 +24,27 @@ def test_the_least_of_smooth_values_is_nearly_met(seed):
 
 
 def test_a_dip_between_even_stations_is_met_and_a_level_path_costs_no_more():
-    ways = least_along(lambda way: abs(way - 0.43) + 0.1, first_stations(1.0, []))
+    ways = least_value_along(lambda way: abs(way - 0.43) + 0.1, first_stations(1.0, []))
     assert min(abs(ways - 0.43)) < 0.002
-    assert len(least_along(lambda way: 1.0, first_stations(1.0, [0.3]))) == 10
-    assert list(least_along(lambda way: 1.0, first_stations(0.0, []))) == [0.0]
-    assert len(least_along(lambda way: 0.0, first_stations(1.0, []))) == 9
+    assert len(least_value_along(lambda way: 1.0, first_stations(1.0, [0.3]))) == 10
+    assert list(least_value_along(lambda way: 1.0, first_stations(0.0, []))) == [0.0]
+    assert len(least_value_along(lambda way: 0.0, first_stations(1.0, []))) == 9
 
 
 def test_edges_are_where_the_fingertip_begins_and_ends_to_roll():
     body, arm = ng.Box([2.0, 2.0, 2.0]), 0.5
-    ends = (Station(np.array([0.5, 0.0, 1.0]), np.array([0.0, 0.0, -1.0]), "+z"), (1.0, 0.0, 0.2))
-    end = Station(np.array(ends[1]), np.array([-1.0, 0.0, 0.0]), "+x")
-    path = Footpath(body, [ends[0], end], arm, 1e-3)
+    ends = (PathStation(np.array([0.5, 0.0, 1.0]), np.array([0.0, 0.0, -1.0]), "+z"), (1.0, 0.0, 0.2))
+    end = PathStation(np.array(ends[1]), np.array([-1.0, 0.0, 0.0]), "+x")
+    path = ContactPath(body, [ends[0], end], arm, 1e-3)
     first, last = path.edges
     assert last - first == pytest.approx(arm * np.pi / 2.0, rel=1e-3)
     for way, normal in ((first, [0.0, 0.0, -1.0]), (last, [-1.0, 0.0, 0.0])):
         point, n, _ = path.at(way)
         np.testing.assert_allclose(point[[0, 2]], 1.0, atol=1e-9)
         np.testing.assert_allclose(n, normal, atol=1e-9)
-    assert len(Footpath(ng.Sphere(1.0), SurfaceGraph(ng.Sphere(1.0)).stations(*sphere_ends()), arm, 1e-3).edges) == 0
+    assert len(ContactPath(ng.Sphere(1.0), SurfaceGraph(ng.Sphere(1.0)).stations(*sphere_ends()), arm, 1e-3).edges) == 0
 
 
 def sphere_ends():
     a, b = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
-    return Station(a, -a, "surface"), Station(b, -b, "surface")
+    return PathStation(a, -a, "surface"), PathStation(b, -b, "surface")

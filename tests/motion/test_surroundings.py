@@ -5,7 +5,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.motion.distance_fields import fields_of
-from nlpgrasp.motion.link_clearance import Surroundings
+from nlpgrasp.motion.link_clearance import CollisionModel
 from tests.hands.urdf import GRIPPER, PADS
 from tests.studies.two_fingers import DOWN, TIP, box_distance, chain, in_body, two_fingers
 
@@ -14,7 +14,7 @@ BODY = ng.Box([0.06, 0.2, 0.06])
 
 def around(hand, constraints=()):
     contacts = [ng.FrictionContact(0.5)] * hand.count
-    return Surroundings(ng.GraspProblem(BODY, contacts, ng.TaskEllipsoid([1.0] * 6), hand, constraints), hand)
+    return CollisionModel(ng.GraspProblem(BODY, contacts, ng.TaskEllipsoid([1.0] * 6), hand, constraints), hand)
 
 
 def values(rng, hand):

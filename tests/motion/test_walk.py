@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.motion.contact_path import Station
+from nlpgrasp.motion.contact_path import PathStation
 from nlpgrasp.motion.finger_kinematics import FingerJoints
 from nlpgrasp.motion.finger_motion import LinkedMotions
-from nlpgrasp.motion.link_clearance import Surroundings
+from nlpgrasp.motion.link_clearance import CollisionModel
 from nlpgrasp.motion.straight_path import straight_way
 from tests.studies.two_fingers import DOWN, TIP, box_distance, chain, in_body, inverse, two_fingers, urdf
 
@@ -32,7 +32,10 @@ def motions(folder, there=(0.01, -0.045, 0.03), constraints=(), other=(0.0, 0.04
     names = [j.name for j in hand.robot.free_joints]
     q = np.array([joints["ab".index(n[0])][int(n[1])] for n in names])
     values = {"palm_position": PALM, "palm_quaternion": DOWN, "joints": q}
-    paths = [[Station(p, INWARD, "+z"), Station(np.array(e), INWARD, "+z")] for p, e in ((HERE, there), (other, other))]
+    paths = [
+        [PathStation(p, INWARD, "+z"), PathStation(np.array(e), INWARD, "+z")]
+        for p, e in ((HERE, there), (other, other))
+    ]
     return LinkedMotions(problem, hand, values, paths, lift)
 
 
@@ -187,7 +190,7 @@ def test_a_joint_that_two_fingers_share_is_neither_ones(tmp_path):
     (tmp_path / "wrist.urdf").write_text(text.replace("</robot>", f"{extra}</robot>"))
     hand = ng.URDFHand.load(tmp_path / "wrist.urdf", {"a_tip": TIP, "b_tip": TIP})
     problem = ng.GraspProblem(BODY, ng.FrictionContact(0.5), ng.TaskEllipsoid([1.0] * 6), hand=hand)
-    fingers = [FingerJoints(hand, i, Surroundings(problem, hand), BODY.size) for i in range(2)]
+    fingers = [FingerJoints(hand, i, CollisionModel(problem, hand), BODY.size) for i in range(2)]
     assert [f.names for f in fingers] == [tuple(f"{name}{i}_joint" for i in range(3)) for name in "ab"]
 
 
@@ -202,7 +205,7 @@ def test_a_finger_that_only_follows_others_does_not_move_alone(tmp_path):
     problem = ng.GraspProblem(BODY, ng.FrictionContact(0.5), ng.TaskEllipsoid([1.0] * 6), hand=hand)
     q = inverse("a", HERE - TIP * INWARD, PALM, BENT)
     values = {"palm_position": PALM, "palm_quaternion": DOWN, "joints": q}
-    ends = [[Station(HERE, INWARD, "+z"), Station(HERE + np.array([0.01, 0.0, 0.0]), INWARD, "+z")]] * 2
+    ends = [[PathStation(HERE, INWARD, "+z"), PathStation(HERE + np.array([0.01, 0.0, 0.0]), INWARD, "+z")]] * 2
     made = LinkedMotions(problem, hand, values, ends, 0.005)
     path = taken(made)
     assert path.reason == "no joint moves this finger alone, 0.0 mm along the path"
@@ -222,7 +225,7 @@ def test_a_hand_without_shapes_moves_all_the_same(tmp_path):
     pads = {f"{name}_tip": ng.FlatTip([0.1, 0.1], rpy=[0.0, 0.0, 0.0]) for name in "ab"}
     hand = ng.URDFHand.load(tmp_path / "bare.urdf", pads)
     problem = ng.GraspProblem(BODY, ng.FrictionContact(0.5), ng.TaskEllipsoid([1.0] * 6), hand=hand)
-    around = Surroundings(problem, hand)
+    around = CollisionModel(problem, hand)
     values = {"palm_position": PALM, "palm_quaternion": DOWN, "joints": np.zeros(6)}
     assert len(around.clearances(values)) == 0
     way = straight_way(around, lambda share: {**values, "joints": np.full(6, share)}, lambda _: around.allowed())

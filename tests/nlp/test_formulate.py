@@ -73,11 +73,11 @@ def test_forces_as_variables_give_the_same_beta(compact):
 
 
 def test_vertex_transcription_is_an_inner_one():
-    from nlpgrasp.common.unit_directions import inradius
+    from nlpgrasp.common.unit_directions import directions_inradius
 
     result = ng.formulate(box_problem(), "vertex").solve(START)
     bounds = ng.mu(result.grasp, TASK)
-    assert inradius(6, 1) * result.beta <= bounds.upper
+    assert directions_inradius(6, 1) * result.beta <= bounds.upper
     assert bounds.lower <= result.beta * (1 + 1e-6)
     assert bounds.lower > 0.0915  # the best of README's box is 0.092
 
@@ -252,9 +252,9 @@ def test_options_of_ipopt_reach_the_solver():
     options = ng.SolveOptions(ipopt={"mu_strategy": "adaptive", "max_iter": 7})
     assert options.to_dict()["ipopt"] == {"mu_strategy": "adaptive", "max_iter": 7}
     assert "ipopt" not in ng.SolveOptions().to_dict()
-    from nlpgrasp.optimize.compiled_problem import Workbench
+    from nlpgrasp.optimize.compiled_problem import CompiledProblem
 
-    bench = Workbench(box_problem(), options)
+    bench = CompiledProblem(box_problem(), options)
     assert bench.first._options["ipopt.max_iter"] == 7
     assert bench.exchange.compiled._options["ipopt.mu_strategy"] == "adaptive"
 

@@ -98,26 +98,26 @@ def test_elliptic_torsion_has_no_closed_form():
 
 def test_vertex_program_bounds_the_measure_from_below():
     """With inradius r of the directions, a centred task has mu >= r beta at any feasible point."""
-    from nlpgrasp.common.unit_directions import inradius
+    from nlpgrasp.common.unit_directions import directions_inradius
     from nlpgrasp.nlp import face_parameters
-    from nlpgrasp.optimize.candidate import Placed
-    from nlpgrasp.optimize.compiled_problem import Workbench, placed_of, variables_of
-    from nlpgrasp.optimize.initial_nlp import first_parameters
+    from nlpgrasp.optimize.candidate import GraspCandidate
+    from nlpgrasp.optimize.compiled_problem import CompiledProblem, candidate_of, pack_variables
+    from nlpgrasp.optimize.initial_nlp import initial_parameters
     from nlpgrasp.optimize.options import SolveOptions
 
-    bench = Workbench(ellipsoid_problem(k=4), SolveOptions())
+    bench = CompiledProblem(ellipsoid_problem(k=4), SolveOptions())
     rng = np.random.default_rng(0)
     points = closed_ellipsoid_grasp(np.random.default_rng(1)).points
-    program, begin = bench.first.program, Placed(("surface",) * 4, points)
-    z = variables_of(bench, program, begin)
+    program, begin = bench.first.program, GraspCandidate(("surface",) * 4, points)
+    z = pack_variables(bench, program, begin)
     z[program.block("beta").range] = 0.1
-    theta = np.concatenate([first_parameters(bench, rng), face_parameters(bench.problem, begin.faces)])
+    theta = np.concatenate([initial_parameters(bench, rng), face_parameters(bench.problem, begin.faces)])
     result = bench.first.solve(z, theta)
     beta = result.objective / bench.scaling.beta
-    bounds = ng.mu(bench.grasp(placed_of(bench, program, begin.faces, result.z)), BALL, 0.02)
-    assert beta * inradius(6, 1) <= bounds.upper
+    bounds = ng.mu(bench.grasp(candidate_of(bench, program, begin.faces, result.z)), BALL, 0.02)
+    assert beta * directions_inradius(6, 1) <= bounds.upper
     assert bounds.lower <= beta * (1 + 1e-4)
-    assert first_parameters(bench, rng).shape == (72 * 6,)
+    assert initial_parameters(bench, rng).shape == (72 * 6,)
 
 
 def test_support_program_bounds_the_measure_from_above():

@@ -7,7 +7,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.nlp import optimal_grasp_program
 from nlpgrasp.nlp.derivatives import ProgramFunctions
-from nlpgrasp.nlp.program import Slots
+from nlpgrasp.nlp.program import ConstraintSlots
 from tests.hands.urdf import four_finger_hand
 
 SLOTS = 7
@@ -35,7 +35,7 @@ def test_rows_and_derivatives(name, rng):
     problem = PROBLEMS[name]()
     program = optimal_grasp_program(problem, "support", SLOTS, eliminated=True, pieces=problem.hand is not None)
     slots, functions = program.slots, ProgramFunctions(program)
-    assert isinstance(slots, Slots)
+    assert isinstance(slots, ConstraintSlots)
     assert slots.count == SLOTS == len(program.rows_of("support"))
     z, theta = program.z, program.theta
     lower, upper = (np.clip(b, -1.0, 1.0) for b in program.bounds)

@@ -9,13 +9,13 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.common.deadline import Stop
+from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.common.formatting import at_most
 from nlpgrasp.global_bound.branch_and_bound import BranchAndBound
-from nlpgrasp.optimize.compiled_problem import Workbench
-from nlpgrasp.optimize.global_search import bounding, nodes_of
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
+from nlpgrasp.optimize.global_search import node_count, start_bound
 from nlpgrasp.optimize.start import run_start
-from nlpgrasp.solution.records import Origin
+from nlpgrasp.solution.records import CandidateOrigin
 from tests.hands.urdf import four_finger_hand
 
 SQUARE = ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]])
@@ -177,8 +177,8 @@ def test_starts_go_on_from_what_the_bound_rests_on():
     for points in placements:
         assert points.shape == (3, 2)
         assert np.allclose(np.max(np.abs(points), axis=1), 1.0)  # on the square
-    found = run_start(Workbench(problem, ng.SolveOptions()), 0, 0, Stop(), placements)
-    assert found.record.origin is Origin.BOUND
+    found = run_start(CompiledProblem(problem, ng.SolveOptions()), 0, 0, Deadline(), placements)
+    assert found.record.origin is CandidateOrigin.BOUND
     assert found.record.mu.upper == pytest.approx(solution.mu.upper, rel=1e-3)
 
 
@@ -187,8 +187,8 @@ def test_beside_a_hand_placements_are_bounded():
     problem = ng.GraspProblem(
         ng.Sphere(0.03), ng.FrictionContact(0.7), ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03]), hand=four_finger_hand()
     )
-    tree = bounding(problem, ng.SolveOptions())
-    tree.grow(nodes_of(problem, 8))
+    tree = start_bound(problem, ng.SolveOptions())
+    tree.grow(node_count(problem, 8))
     assert not tree.scope.complete
     free = ng.solve(replace(problem, hand=None, contacts=[ng.FrictionContact(0.7)] * 4), 2)
     assert free.mu.lower <= tree.upper <= 2.0 * free.mu.lower

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from tests.hands.urdf import four_finger_hand
 
 STEP = "then IPOPT on the program"
@@ -18,7 +18,7 @@ def problem():
 
 
 def test_more_clearance_moves_the_limits_of_these_rows_alone():
-    bench = Workbench(problem(), ng.SolveOptions(workers=1))
+    bench = CompiledProblem(problem(), ng.SolveOptions(workers=1))
     rows = bench.rows.clearances
     more = np.zeros(len(bench.rows.named))
     more[rows[3]] = 1e-3

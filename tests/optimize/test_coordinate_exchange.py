@@ -7,7 +7,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.optimize import surface_samples as sample_tables
-from nlpgrasp.optimize.compiled_problem import FEASIBLE, Workbench
+from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
 from nlpgrasp.optimize.coordinate_exchange import CoordinateExchange
 from nlpgrasp.optimize.propose import propose
 from nlpgrasp.quality.grasp import GraspStack
@@ -33,7 +33,7 @@ def test_no_tuple_of_few_samples_is_better(monkeypatch, budget, centre):
     monkeypatch.setattr(sample_tables, "SAMPLES", 21)
     task = ng.TaskEllipsoid([1.0, 0.8, 0.4], center=centre)
     problem = ng.GraspProblem(RECTANGLE, [ng.FrictionContact(0.4)] * 3, task, force_budget=budget)
-    tables = Workbench(problem, QUICK).sample_tables
+    tables = CompiledProblem(problem, QUICK).sample_tables
 
     def quality(one):
         points, normals = tables.places(one[None])
@@ -42,7 +42,7 @@ def test_no_tuple_of_few_samples_is_better(monkeypatch, budget, centre):
 
     found = 0.0
     for seed in range(2):
-        bench = Workbench(problem, QUICK)
+        bench = CompiledProblem(problem, QUICK)
         search = CoordinateExchange(bench, bench.sample_tables, np.random.default_rng(seed))
         found = max(found, quality(search.search(shakes=3)[0]))
     every = np.array(list(combinations_with_replacement(range(21), 3)))
@@ -72,7 +72,7 @@ def test_readme_box_without_the_bound():
     ids=["fingertips apart", "spread"],
 )
 def test_candidates_keep_coupled_constraints(problem):
-    bench = Workbench(problem, QUICK)
+    bench = CompiledProblem(problem, QUICK)
     assert bench.sample_tables.coupled
     for seed in range(3):
         found = propose(bench, np.random.default_rng(seed))
@@ -88,7 +88,7 @@ def test_unlike_contacts_keep_to_their_faces():
         ng.FrictionContact(0.6),
     ]
     problem = ng.GraspProblem(ng.Box([0.08, 0.04, 0.04]), contacts, ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03]))
-    bench = Workbench(problem, QUICK)
+    bench = CompiledProblem(problem, QUICK)
     assert bench.sample_tables.of_contact == [0, 1, 2, 3]
     for candidate in propose(bench, np.random.default_rng(0)):
         assert all(face in problem.allowed_faces(i) for i, face in enumerate(candidate.faces))
@@ -101,7 +101,7 @@ def test_a_constraint_on_one_contact_limits_its_samples_alone():
         ng.TaskEllipsoid([1, 1, 1, 0.02, 0.02, 0.02]),
         constraints=[ng.Constraint("first on top", lambda p, n: p[0][2], 0.01, 0.03)],
     )
-    tables = Workbench(problem, QUICK).sample_tables
+    tables = CompiledProblem(problem, QUICK).sample_tables
     assert not tables.coupled
     assert tables.of_contact == [0, 1, 1]
     assert np.min(tables.samples(0).points[:, 2]) >= 0.01 - 1e-6
@@ -109,7 +109,7 @@ def test_a_constraint_on_one_contact_limits_its_samples_alone():
 
 
 def test_candidates_depend_on_the_seed_alone():
-    first, second = (Workbench(readme_box(), QUICK) for _ in range(2))
+    first, second = (CompiledProblem(readme_box(), QUICK) for _ in range(2))
     propose(second, np.random.default_rng(7))
     a, b = (propose(bench, np.random.default_rng(3)) for bench in (first, second))
     np.testing.assert_array_equal(a[0].points, b[0].points)

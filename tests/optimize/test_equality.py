@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.compiled_problem import FEASIBLE, Workbench
+from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
 from nlpgrasp.optimize.propose import propose
 
 QUICK = ng.SolveOptions(workers=1)
@@ -20,7 +20,7 @@ def level_problem(room):
 
 @pytest.mark.parametrize("room", [0.0, 1e-4])
 def test_starts_keep_an_equality_and_resist(room):
-    bench = Workbench(level_problem(room), QUICK)
+    bench = CompiledProblem(level_problem(room), QUICK)
     for seed in range(5):
         placed = propose(bench, np.random.default_rng(seed))[0]
         assert bench.violation(placed) <= FEASIBLE

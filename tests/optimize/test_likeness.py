@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.candidate import Placed
-from nlpgrasp.optimize.compiled_problem import Workbench
-from nlpgrasp.optimize.grasp_equivalence import Likeness, Symmetries
+from nlpgrasp.optimize.candidate import GraspCandidate
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
+from nlpgrasp.optimize.grasp_equivalence import GraspEquivalence, Symmetries
 
 ROUND_TASK = ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03])
 SKEW_TASK = ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03], center=[0.1, 0.02, 0.03, 0, 0, 0])
@@ -16,7 +16,7 @@ SKEW_TASK = ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03], center=[0.1, 0.02, 0.0
 
 def bench(body, count=4, task=ROUND_TASK, **fields):
     contacts = fields.pop("contacts", [ng.FrictionContact(0.6)] * count)
-    return Workbench(ng.GraspProblem(body, contacts, task, **fields), ng.SolveOptions(workers=1))
+    return CompiledProblem(ng.GraspProblem(body, contacts, task, **fields), ng.SolveOptions(workers=1))
 
 
 def placements(workbench, count, seed=0):
@@ -25,7 +25,7 @@ def placements(workbench, count, seed=0):
     where = [rng.integers(len(cloud.points), size=count) for cloud in clouds]
     for i in range(count):
         points = np.stack([cloud.points[w[i]] for cloud, w in zip(clouds, where, strict=True)])
-        yield Placed(tuple(str(c.faces[w[i]]) for c, w in zip(clouds, where, strict=True)), points)
+        yield GraspCandidate(tuple(str(c.faces[w[i]]) for c, w in zip(clouds, where, strict=True)), points)
 
 
 def displacement(p, q):
@@ -70,7 +70,7 @@ def test_the_symmetries_are_those_of_body_task_and_constraints(body, task, field
 def test_on_a_box_the_answer_is_that_of_all_orders_and_mirrors():
     workbench = bench(ng.Box([0.08, 0.05, 0.03]), 3)
     distinct = 0.5
-    likeness, limit = Likeness(workbench, distinct), distinct * workbench.problem.body.size
+    likeness, limit = GraspEquivalence(workbench, distinct), distinct * workbench.problem.body.size
     drawn = list(placements(workbench, 24))
     said, known = [], []
     for one, other in product(drawn[:12], drawn[12:]):
@@ -82,10 +82,10 @@ def test_on_a_box_the_answer_is_that_of_all_orders_and_mirrors():
 
 def test_contacts_of_other_models_are_not_matched():
     workbench = bench(ng.Box([0.08, 0.05, 0.03]), contacts=[ng.FrictionContact(0.6), ng.FrictionContact(0.3)])
-    likeness = Likeness(workbench, 0.1)
-    one = Placed(("+x", "-y"), np.array([[0.04, 0.0, 0.0], [0.01, -0.025, 0.004]]))
+    likeness = GraspEquivalence(workbench, 0.1)
+    one = GraspCandidate(("+x", "-y"), np.array([[0.04, 0.0, 0.0], [0.01, -0.025, 0.004]]))
     assert likeness.alike(one, one)
-    assert not likeness.alike(one, Placed(one.faces[::-1], one.points[::-1]))
+    assert not likeness.alike(one, GraspCandidate(one.faces[::-1], one.points[::-1]))
 
 
 @pytest.mark.parametrize(
@@ -98,17 +98,17 @@ def test_contacts_of_other_models_are_not_matched():
 )
 def test_a_turned_mirrored_and_shuffled_grasp_is_the_same(body, turns):
     workbench = bench(body)
-    likeness, rng = Likeness(workbench, 0.05), np.random.default_rng(3)
+    likeness, rng = GraspEquivalence(workbench, 0.05), np.random.default_rng(3)
     for placed in placements(workbench, 25, seed=1):
         image = placed.points @ (turns(rng) @ flips()[rng.integers(8)]).T
         nudged = image + 0.01 * body.size * rng.uniform(-1, 1, image.shape) / np.sqrt(3)
         order = rng.permutation(4)
-        assert likeness.alike(placed, Placed(tuple(np.array(placed.faces)[order]), nudged[order]))
+        assert likeness.alike(placed, GraspCandidate(tuple(np.array(placed.faces)[order]), nudged[order]))
 
 
 def test_grasps_of_other_spans_are_two_whatever_the_turn():
     workbench = bench(ng.Sphere(0.04), 2)
-    likeness = Likeness(workbench, 0.1)
+    likeness = GraspEquivalence(workbench, 0.1)
     far, near = np.array([[0.04, 0, 0], [-0.04, 0, 0]]), np.array([[0.04, 0, 0], [0, 0.04, 0]])
     face = workbench.problem.body.face_names[0]
-    assert not likeness.alike(Placed((face,) * 2, far), Placed((face,) * 2, near))
+    assert not likeness.alike(GraspCandidate((face,) * 2, far), GraspCandidate((face,) * 2, near))

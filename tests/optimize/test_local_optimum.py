@@ -8,15 +8,15 @@ import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.bodies.mesh.facets import Facets
-from nlpgrasp.common.deadline import Stop
-from nlpgrasp.optimize.candidate import Placed
-from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.common.deadline import Deadline
+from nlpgrasp.optimize.candidate import GraspCandidate
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.cutting_planes import weakest_at
-from nlpgrasp.optimize.final_step import at_local_optimum, on_triangles
+from nlpgrasp.optimize.final_step import converge_to_optimum, fix_to_triangles
 from nlpgrasp.optimize.kkt_point import local_optimum, residuals_at
 from nlpgrasp.optimize.start import run_start
 from nlpgrasp.optimize.trust_region import Linearisation, reduced_hessian
-from nlpgrasp.quality.containment import conditioned
+from nlpgrasp.quality.containment import condition
 from nlpgrasp.quality.ratio_minimisation import descend, newton, random_directions
 from tests.hands.urdf import four_finger_hand
 from tests.kkt_by_differences import kkt_by_differences
@@ -45,8 +45,8 @@ SLOW = ("hand", "mesh", "cylinder", "one-sided")
 
 def started(problem):
     """Return a workbench and the first start that ends with a grasp."""
-    bench = Workbench(problem, OPTIONS)
-    return bench, next(found for i in range(4) if (found := run_start(bench, i, 0, Stop())).solved)
+    bench = CompiledProblem(problem, OPTIONS)
+    return bench, next(found for i in range(4) if (found := run_start(bench, i, 0, Deadline())).solved)
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] if n in SLOW else []) for n in PROBLEMS])
@@ -66,7 +66,7 @@ def test_residuals_by_differences(name):
 def test_no_grasp_beside_it_is_better(name, rng):
     """Random steps of the contacts along the surface, a few thousandths of the body's size, gain nothing."""
     bench, start = started(PROBLEMS[name]())
-    found = local_optimum(bench, start.found.placed, Stop())
+    found = local_optimum(bench, start.found.placed, Deadline())
     assert found.kkt.is_small
     assert found.value >= start.record.mu.upper * (1.0 - 1e-3)
     size, gains = bench.problem.body.size, []
@@ -83,7 +83,7 @@ def test_no_grasp_beside_it_is_better(name, rng):
 
 def test_minimisers_by_newton_are_stationary(rng):
     bench, start = started(PROBLEMS["ellipsoid"]())
-    problem, _ = conditioned(bench.wrench_set(start.found.placed), bench.problem.task)
+    problem, _ = condition(bench.wrench_set(start.found.placed), bench.problem.task)
     begun, before = descend(problem, random_directions(40, problem.rank, rng), 10)
     found, values = newton(problem, begun, 15)
     assert np.all(values <= before * (1.0 + 1e-12))
@@ -100,7 +100,7 @@ def test_reduced_hessian_by_differences_of_values():
     The minimisers of this grasp are apart from each other; where two merge there is no second derivative.
     """
     bench, start = started(PROBLEMS["one-sided"]())
-    found = local_optimum(bench, start.found.placed, Stop())
+    found = local_optimum(bench, start.found.placed, Deadline())
     cuts = found.cuts[found.weights > 1e-6]
     here = Linearisation(bench, found.placed, cuts)
     step = here.quadratic_step(1e-4)
@@ -112,7 +112,7 @@ def test_reduced_hessian_by_differences_of_values():
     def weighted(length):
         placed = here.placed_at(here.z + length * way)
         there = bench.snapped(placed)
-        problem, _ = conditioned(bench.wrench_set(there), bench.problem.task)
+        problem, _ = condition(bench.wrench_set(there), bench.problem.task)
         u = np.linalg.lstsq(problem.matrix.T, cuts.T, rcond=None)[0].T
         return weights @ (bench.scaling.beta * newton(problem, u, 30)[1]) ** 2
 
@@ -152,17 +152,20 @@ def test_what_is_not_refined_says_why():
     assert "rounds=0" in solution.kkt.reason
     assert "not shown to be locally optimal (KKT residuals up to" in str(solution)
     assert "rounds=0" in str(solution)
-    assert residuals_at(Workbench(problem, OPTIONS), Placed(solution.faces, solution.grasp.points)).largest > 1e-6
+    assert (
+        residuals_at(CompiledProblem(problem, OPTIONS), GraspCandidate(solution.faces, solution.grasp.points)).largest
+        > 1e-6
+    )
 
 
 def test_a_loss_keeps_the_grasp_where_it_was(monkeypatch):
     bench, start = started(PROBLEMS["box"]())
     better = replace(start, record=replace(start.record, mu=ng.Bounds(0.9 * 2.0, 2.0)))
-    kept = at_local_optimum(bench, better, Stop())
+    kept = converge_to_optimum(bench, better, Deadline())
     np.testing.assert_array_equal(kept.found.grasp.points, start.found.grasp.points)
     assert "the local optimum next to this grasp has less mu" in kept.kkt.reason
 
 
 def test_other_bodies_keep_their_workbench():
     bench, start = started(PROBLEMS["box"]())
-    assert on_triangles(bench, start.found.placed) == (bench, start.found.placed)
+    assert fix_to_triangles(bench, start.found.placed) == (bench, start.found.placed)

@@ -9,12 +9,12 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.common.deadline import Stop
-from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.common.deadline import Deadline
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.constraint_values import HandPoints
-from nlpgrasp.optimize.projection import TOUCHING, touching, touching_on_body
+from nlpgrasp.optimize.projection import TOUCHING, project_onto_constraints, touching_on_body
 from nlpgrasp.optimize.propose import propose
-from nlpgrasp.optimize.refine import refined_on_triangles
+from nlpgrasp.optimize.refine import refine_on_triangles
 from tests.hands.urdf import four_finger_hand
 
 OPTIONS = ng.SolveOptions(workers=1)
@@ -41,10 +41,10 @@ def own_normals(points):
 def posed():
     """A hand around the ball, fingertips and clearances as the smooth surface wants them."""
     problem = ng.GraspProblem(the_mesh(), ng.FrictionContact(0.7), TASK, hand=four_finger_hand())
-    bench = Workbench(problem, OPTIONS)
+    bench = CompiledProblem(problem, OPTIONS)
     names = bench.problem.body.face_names * 4
     drawn = [replace(one, faces=names) for one in propose(bench, np.random.default_rng(0))]
-    found = (touching(bench, candidate) for candidate in drawn)
+    found = (project_onto_constraints(bench, candidate) for candidate in drawn)
     return bench, next(placed for placed, violation in found if violation <= TOUCHING)
 
 
@@ -62,7 +62,7 @@ def test_a_hand_touches_the_mesh(posed):
 
 def test_links_keep_their_clearance_from_the_mesh_itself(posed):
     bench, placed = posed
-    found, _ = refined_on_triangles(bench, placed, Stop())
+    found, _ = refine_on_triangles(bench, placed, Deadline())
     assert found.allowed
     clearances = bench.hand_points.mesh_clearances(the_mesh(), found.placed.hand)
     lower = [bench.rows.named[i].lower for i in bench.rows.clearances]

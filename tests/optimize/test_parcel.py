@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.parallel_starts import LazyBench
-from nlpgrasp.optimize.processes import Parcel
+from nlpgrasp.optimize.parallel_starts import LazyCompiledProblem
+from nlpgrasp.optimize.processes import WorkerPayload
 
 
 def test_an_item_is_unpacked_once_until_another_comes():
-    first, other = Parcel.of({"a": [1.0]}), Parcel.of([2.0])
+    first, other = WorkerPayload.of({"a": [1.0]}), WorkerPayload.of([2.0])
     item = first.unpacked()
     assert item == {"a": [1.0]}
     assert first.unpacked() is item
@@ -23,14 +23,14 @@ def test_an_item_is_unpacked_once_until_another_comes():
 
 
 def test_one_token_stands_for_one_item():
-    one, same = Parcel.of([1.0], "run variation"), Parcel.of([1.0], "run variation")
+    one, same = WorkerPayload.of([1.0], "run variation"), WorkerPayload.of([1.0], "run variation")
     assert one.unpacked() is same.unpacked()
-    assert Parcel.of([1.0]).token != Parcel.of([1.0]).token
+    assert WorkerPayload.of([1.0]).token != WorkerPayload.of([1.0]).token
 
 
 def test_the_callers_import_path_comes_along(monkeypatch):
     monkeypatch.setattr(sys, "path", [*sys.path, "/somewhere/else"])
-    parcel = Parcel.of("item")
+    parcel = WorkerPayload.of("item")
     monkeypatch.setattr(sys, "path", sys.path[:-1])
     parcel.unpacked()
     assert sys.path[-1] == "/somewhere/else"
@@ -53,7 +53,7 @@ def test_a_workbench_is_built_once_where_it_is_asked_for():
         made.append(problem)
         return Asked(problem, ng.SolveOptions(workers=1))
 
-    lazy = LazyBench(make)
+    lazy = LazyCompiledProblem(make)
     assert made == []
     assert lazy.bench.problem is problem
     assert lazy.bench is lazy.bench
@@ -67,7 +67,7 @@ def test_what_fails_is_made_again():
         calls.append(1)
         raise ValueError("not yet")
 
-    lazy = LazyBench(make)
+    lazy = LazyCompiledProblem(make)
     for _ in range(2):
         with pytest.raises(ValueError, match="not yet"):
             lazy.bench  # noqa: B018  (asked for what it raises)
@@ -78,7 +78,7 @@ def test_an_items_module_is_found_by_the_callers_path(tmp_path, monkeypatch):
     """A worker unpacks with the caller's path in place already: the item's own module may be beside the script."""
     (tmp_path / "beside.py").write_text("def three():\n    return 3\n")
     monkeypatch.syspath_prepend(str(tmp_path))
-    parcel = Parcel.of(importlib.import_module("beside").three)
+    parcel = WorkerPayload.of(importlib.import_module("beside").three)
     (tmp_path / "parcel").write_bytes(pickle.dumps(parcel))
     code = f"import pickle; print(pickle.load(open({str(tmp_path / 'parcel')!r}, 'rb')).unpacked()())"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)

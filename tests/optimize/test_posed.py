@@ -7,10 +7,10 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.common.deadline import Stop
+from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.optimize import propose as posed
-from nlpgrasp.optimize.compiled_problem import FEASIBLE, Workbench
-from nlpgrasp.optimize.propose import propose, touching_candidates
+from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
+from nlpgrasp.optimize.propose import propose, touch_candidates
 from nlpgrasp.optimize.start import run_start
 from tests.hands.urdf import four_finger_hand
 from tests.quick import first
@@ -23,7 +23,7 @@ BOX = ng.Box([0.08, 0.04, 0.04])
 
 def bench_of(body=BOX, budget="l2", contacts=CONTACT):
     problem = ng.GraspProblem(body, contacts, TASK, hand=four_finger_hand(), force_budget=budget)
-    return Workbench(problem, OPTIONS)
+    return CompiledProblem(problem, OPTIONS)
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +33,7 @@ def bench():
 
 def candidates(bench, seed):
     rng = np.random.default_rng(seed)
-    return touching_candidates(bench, propose(bench, rng), rng, Stop())
+    return touch_candidates(bench, propose(bench, rng), rng, Deadline())
 
 
 def certified(bench, placed):
@@ -78,13 +78,13 @@ def test_palms_that_constraints_turn_away_come_last(seed):
     """One pose in twenty-five faces within 0.4 of straight down: nearly all that are tried do, and touch."""
     down = ng.Approach([0.0, 0.0, -1.0], 0.4)
     problem = ng.GraspProblem(BOX, CONTACT, TASK, hand=four_finger_hand(), constraints=[down, ng.Table(-0.02)])
-    bench = Workbench(problem, OPTIONS)
+    bench = CompiledProblem(problem, OPTIONS)
     found = candidates(bench, seed)
     assert np.mean([bench.violation(placed) <= FEASIBLE for placed in found]) >= 0.5
 
 
 def test_a_hand_that_holds_the_body_needs_no_first_program(bench):
-    found = run_start(bench, 0, 0, Stop())
+    found = run_start(bench, 0, 0, Deadline())
     assert found.effort.calls == 0
     assert found.found.violation <= FEASIBLE
     assert bench._first == {}
@@ -99,6 +99,6 @@ MESH = ng.Mesh(trimesh.creation.capsule(height=0.05, radius=0.02, count=[16, 16]
 def test_an_answer_is_no_worse_under_its_budget_than_the_papers(body, budget):
     own, plain = bench_of(body, budget), bench_of(body)
     for seed in range(3):
-        ours, papers = run_start(own, 0, seed, Stop()), run_start(plain, 0, seed, Stop())
+        ours, papers = run_start(own, 0, seed, Deadline()), run_start(plain, 0, seed, Deadline())
         there = ng.mu(papers.found.grasp, TASK, 1e-3, force_budget=budget)
         assert ours.record.mu.upper >= there.lower * (1.0 - 1e-6)

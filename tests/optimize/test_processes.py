@@ -7,7 +7,7 @@ import time
 import pytest
 from loky.process_executor import BrokenProcessPool
 
-from nlpgrasp.optimize.processes import Processes, cores, own_processes
+from nlpgrasp.optimize.processes import Processes, cores, separate_processes
 
 
 def test_tasks_run_in_other_processes_that_are_kept():
@@ -43,14 +43,14 @@ def test_ended_workers_are_gone():
 
 @pytest.mark.slow
 def test_own_processes_are_nobody_elses_and_are_kept_for_the_next_that_asks_for_as_many():
-    with own_processes(1, 30.0) as outer:
+    with separate_processes(1, 30.0) as outer:
         first = outer.submit(os.getpid).result()
         under_way = outer.submit(time.sleep, 0.2)
-        with own_processes(1, 30.0) as inner:
+        with separate_processes(1, 30.0) as inner:
             assert inner.submit(os.getpid).result() != first
         assert Processes(1).submit(os.getpid).result() != first
         assert under_way.result() is None
-    with own_processes(1, 30.0) as again:
+    with separate_processes(1, 30.0) as again:
         assert again.submit(os.getpid).result() == first
 
 
@@ -58,7 +58,7 @@ def test_own_processes_end_with_an_error():
     workers = []
 
     def interrupted():
-        with own_processes(1, 30.0) as processes:
+        with separate_processes(1, 30.0) as processes:
             workers.append(processes.submit(os.getpid).result())
             raise KeyboardInterrupt
 
@@ -70,7 +70,7 @@ def test_own_processes_end_with_an_error():
 
 def test_the_end_of_a_worker_is_seen_where_idle_ones_had_ended_before():
     def twice():
-        with own_processes(1, idle=0.2) as processes:
+        with separate_processes(1, idle=0.2) as processes:
             first = processes.submit(os.getpid).result(30)
             while os.path.exists(f"/proc/{first}/fd/0"):  # until it has ended for want of work
                 time.sleep(0.05)

@@ -3,7 +3,7 @@
 import numpy as np
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.propose import propose, shares
 
 
@@ -19,7 +19,7 @@ def test_more_starts_have_more_candidates_of_different_kinds():
     """No two are congruent: the distances between their contacts, or from the middle, differ."""
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.05, 0.05, 0.05])
     problem = ng.GraspProblem(ng.Ellipsoid([0.06, 0.04, 0.03]), [ng.FrictionContact(0.5)] * 4, task)
-    bench = Workbench(problem, ng.SolveOptions(workers=1))
+    bench = CompiledProblem(problem, ng.SolveOptions(workers=1))
     one, eight = (propose(bench, np.random.default_rng(0), starts=starts) for starts in (1, 8))
     assert len(one) == 4
     assert len(eight) > 16

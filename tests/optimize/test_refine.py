@@ -6,28 +6,28 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.deadline import Stop
-from nlpgrasp.optimize.candidate import Placed
-from nlpgrasp.optimize.compiled_problem import FEASIBLE, Workbench
+from nlpgrasp.common.deadline import Deadline
+from nlpgrasp.optimize.candidate import GraspCandidate
+from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
 from nlpgrasp.optimize.local_search import refine
 from nlpgrasp.optimize.start import run_start
 from tests.hands.urdf import four_finger_hand
 
 ONE = ng.SolveOptions(workers=1)
 BENT = ng.Polygon([[-1, -1], [1.4, -1], [1, 1], [-1, 1.2], [-1.3, 0]])
-BEGIN = Placed(("edge0", "edge1", "edge2"), np.array([[0.3, -1.0], [1.2, 0.0], [0.2, 1.08]]))
+BEGIN = GraspCandidate(("edge0", "edge1", "edge2"), np.array([[0.3, -1.0], [1.2, 0.0], [0.2, 1.08]]))
 BUDGETS = ("l2", "per_finger", "per_finger_size", "shared")
 
 
 def bench(budget, task=None):
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0]) if task is None else task
-    return Workbench(ng.GraspProblem(BENT, [ng.FrictionContact(0.5)] * 3, task, force_budget=budget), ONE)
+    return CompiledProblem(ng.GraspProblem(BENT, [ng.FrictionContact(0.5)] * 3, task, force_budget=budget), ONE)
 
 
 @pytest.mark.parametrize("budget", BUDGETS)
 def test_it_rises_to_what_a_certificate_confirms(budget):
     own = bench(budget)
-    found = refine(own, own.snapped(BEGIN), Stop())
+    found = refine(own, own.snapped(BEGIN), Deadline())
     assert found.point.value > 1.02 * found.history[0]
     if budget == "l2":  # beside the kinks of others descents flatter, and are put right
         assert list(found.history) == sorted(found.history)
@@ -38,10 +38,10 @@ def test_it_rises_to_what_a_certificate_confirms(budget):
 
 def test_no_placement_next_to_the_end_is_better():
     own = bench("l2")
-    end = refine(own, own.snapped(BEGIN), Stop(), least=0.0).point
+    end = refine(own, own.snapped(BEGIN), Deadline(), least=0.0).point
     rng = np.random.default_rng(0)
     for _ in range(50):
-        moved = own.snapped(Placed(end.placed.faces, end.placed.points + 0.02 * rng.standard_normal((3, 2))))
+        moved = own.snapped(GraspCandidate(end.placed.faces, end.placed.points + 0.02 * rng.standard_normal((3, 2))))
         if own.violation(moved) <= FEASIBLE and all(
             BENT.is_on(f, p[None], own.problem.margin)[0] for f, p in zip(moved.faces, moved.points, strict=True)
         ):
@@ -50,17 +50,17 @@ def test_no_placement_next_to_the_end_is_better():
 
 def test_it_stays_where_nothing_is_exerted_and_where_no_rounds_are_left():
     own = bench("l2")
-    beside = own.snapped(Placed(("edge0",) * 3, np.array([[-0.5, -1.0], [0.0, -1.0], [0.5, -1.0]])))
-    assert refine(own, beside, Stop()).point.value == 0.0
+    beside = own.snapped(GraspCandidate(("edge0",) * 3, np.array([[-0.5, -1.0], [0.0, -1.0], [0.5, -1.0]])))
+    assert refine(own, beside, Deadline()).point.value == 0.0
     begin = own.snapped(BEGIN)
-    np.testing.assert_array_equal(refine(own, begin, Stop(), rounds=0).point.placed.points, begin.points)
+    np.testing.assert_array_equal(refine(own, begin, Deadline(), rounds=0).point.placed.points, begin.points)
 
 
 def test_it_is_not_flattered():
     """Descents over directions miss a dip here: an ascent ended at 0.668 that certificates put at 0.272."""
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.01, 0.01, 0.01], center=[0.6, 0.2, 0.0, 0.0, 0.003, 0.0])
     problem = ng.GraspProblem(ng.Ellipsoid([0.06, 0.03, 0.03]), [ng.FrictionContact(0.6)] * 3, task)
-    found = run_start(Workbench(problem, ONE), 1, 2, Stop())
+    found = run_start(CompiledProblem(problem, ONE), 1, 2, Deadline())
     assert found.record.mu.lower >= 0.6
     assert found.record.mu.upper >= 0.99 * found.record.history[-1]
 
@@ -88,10 +88,10 @@ def test_a_posed_hand_under_the_shared_budget_ends_as_well_as_under_the_papers()
     hand, task = four_finger_hand(), ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
     contacts = [ng.FrictionContact(0.5)] * 4
     problems = [ng.GraspProblem(ng.Sphere(0.03), contacts, task, hand=hand, force_budget=b) for b in ("shared", "l2")]
-    benches = [Workbench(problem, ONE) for problem in problems]
+    benches = [CompiledProblem(problem, ONE) for problem in problems]
     ratios = []
     for index in range(4):
-        grasps = [run_start(each, index, 0, Stop()).found.grasp for each in benches]
+        grasps = [run_start(each, index, 0, Deadline()).found.grasp for each in benches]
         shared, paper = (ng.mu(grasp, task, 0.01, force_budget="shared").upper for grasp in grasps)
         ratios.append(shared / paper)
     assert median(ratios) > 0.96

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.candidate import Placed
-from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.candidate import GraspCandidate
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.robustness import robustness
 from nlpgrasp.report import write_report
 from nlpgrasp.solution.analysis_records import Robustness
@@ -178,14 +178,14 @@ def test_a_contact_that_may_slip_over_an_edge_is_lost():
     problem = ng.GraspProblem(square, contacts, task, edge_margin=0.0)
     points = np.array([[-0.0195, -0.02], [0.0195, -0.02], [0.0, 0.02]])
     normals = np.array([[0.0, 1.0], [0.0, 1.0], [0.0, -1.0]])
-    placed = Placed(("edge0", "edge0", "edge2"), points)
-    bench = Workbench(problem, ng.SolveOptions(workers=1))
+    placed = GraspCandidate(("edge0", "edge0", "edge2"), points)
+    bench = CompiledProblem(problem, ng.SolveOptions(workers=1))
     found = robustness(bench, placed, ng.Grasp(points, normals, contacts))
     assert found.lost == (0, 1)
     assert found.mu.upper == 0.0
     np.testing.assert_array_equal(found.points[:2], points[:2])
     assert "2 slip over an edge" in str(found)
-    near = Workbench(problem, ng.SolveOptions(workers=1, robust_offset=4e-4))
+    near = CompiledProblem(problem, ng.SolveOptions(workers=1, robust_offset=4e-4))
     kept = robustness(near, placed, ng.Grasp(points, normals, contacts))
     assert kept.lost == ()
     assert kept.mu.lower > 0.1

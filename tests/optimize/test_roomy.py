@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.deadline import Stop
+from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.optimize import refine as roomy
-from nlpgrasp.optimize.candidate import Placed
-from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.candidate import GraspCandidate
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.local_search import refine
-from nlpgrasp.optimize.refine import Margins, refined_with_room
+from nlpgrasp.optimize.refine import JointLimitMargins, refine_with_margins
 from tests.hands.urdf import four_finger_hand, gripper, three_finger_hand
 from tests.verify import honest
 
@@ -38,12 +38,12 @@ def bench():
     body, task = ng.Sphere(stated.problem["body"]["radius"]), ng.TaskEllipsoid([1.0] * 3 + [0.05] * 3)
     hand = three_finger_hand().with_limits(limits)
     problem = ng.GraspProblem(body, [ng.SoftContact(0.6, 0.01)] * 3, task, hand=hand, edge_margin=0.0)
-    return Workbench(problem, OPTIONS)
+    return CompiledProblem(problem, OPTIONS)
 
 
 def begun():
     stated, values, _ = posture()
-    return Placed(stated.faces, stated.grasp.points, values)
+    return GraspCandidate(stated.faces, stated.grasp.points, values)
 
 
 def room_of(placed):
@@ -53,8 +53,8 @@ def room_of(placed):
 
 
 def test_joints_go_inside_their_margins():
-    whole = refine(bench(), begun(), Stop())
-    _, refined = refined_with_room(bench(), begun(), Stop())
+    whole = refine(bench(), begun(), Deadline())
+    _, refined = refine_with_margins(bench(), begun(), Deadline())
     limits = posture()[2]
     wanted = np.minimum(OPTIONS.joint_margin, 0.1 * (limits[1] - limits[0]))
     assert room_of(begun())[AT] == pytest.approx(0.0, abs=1e-12)
@@ -68,11 +68,11 @@ def test_joints_whose_room_costs_too_much_have_their_whole_range():
     joints = posture()[1]["joints"]
     narrow = np.stack([joints - 0.05, joints + 0.05])
     there = bench().with_joints(narrow)
-    whole = refine(there, begun(), Stop()).point.value
+    whole = refine(there, begun(), Deadline()).point.value
 
     def priced(price):
         there.options = replace(OPTIONS, room_price=price)
-        own, refined = refined_with_room(there, begun(), Stop())
+        own, refined = refine_with_margins(there, begun(), Deadline())
         return refined.point.value, int(np.sum(own.problem.hand.tree.joint_limits[0] > narrow[0]))
 
     (free, none), (little, some), (much, every) = map(priced, (0.0, 0.01, 0.9))
@@ -84,7 +84,7 @@ def test_joints_whose_room_costs_too_much_have_their_whole_range():
 
 def test_joints_that_cannot_go_inside_leave_the_others_their_room(monkeypatch):
     whole = posture()[2][0, AT]
-    own = roomy.touching
+    own = roomy.project_onto_constraints
 
     def stuck(bench, placed):
         there, left = own(bench, placed)
@@ -93,7 +93,7 @@ def test_joints_that_cannot_go_inside_leave_the_others_their_room(monkeypatch):
     monkeypatch.setattr(roomy, "touching", stuck)
     limits = posture()[2].copy()
     limits[1, BESIDE] += 1.0
-    own_bench, _ = refined_with_room(bench().with_joints(limits), begun(), Stop())
+    own_bench, _ = refine_with_margins(bench().with_joints(limits), begun(), Deadline())
     kept = own_bench.problem.hand.tree.joint_limits
     assert kept[0, AT] == whole
     assert np.all(kept[0, 1:] > limits[0, 1:])
@@ -103,15 +103,15 @@ def test_joints_that_cannot_go_inside_leave_the_others_their_room(monkeypatch):
 def test_without_a_margin_nothing_changes(options):
     there = bench().with_joints(posture()[2])
     there.options = replace(OPTIONS, **options)
-    own, refined = refined_with_room(there, begun(), Stop())
+    own, refined = refine_with_margins(there, begun(), Deadline())
     assert own is there
-    assert refined.point.value == refine(there, begun(), Stop()).point.value
+    assert refined.point.value == refine(there, begun(), Deadline()).point.value
 
 
 def test_margins_are_a_tenth_of_the_range_at_most():
     hand = three_finger_hand().with_limits(np.array([[0.0, -0.2] + [-1.0] * 7, [0.1, 0.2] + [1.0] * 7]))
-    assert Margins.of(hand, 0.052).wanted == pytest.approx([0.01, 0.04] + [0.052] * 7)
-    slides = Margins.of(gripper(), 0.052)
+    assert JointLimitMargins.of(hand, 0.052).wanted == pytest.approx([0.01, 0.04] + [0.052] * 7)
+    slides = JointLimitMargins.of(gripper(), 0.052)
     assert slides.wanted == pytest.approx(0.1 * (slides.limits[1] - slides.limits[0]))
 
 

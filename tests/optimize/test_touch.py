@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.deadline import Stop
-from nlpgrasp.optimize.candidate import Placed
-from nlpgrasp.optimize.compiled_problem import Workbench
-from nlpgrasp.optimize.projection import TOUCHING, touching
-from nlpgrasp.optimize.propose import touching_candidates
+from nlpgrasp.common.deadline import Deadline
+from nlpgrasp.optimize.candidate import GraspCandidate
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
+from nlpgrasp.optimize.projection import TOUCHING, project_onto_constraints
+from nlpgrasp.optimize.propose import touch_candidates
 
 FACES = ("surface",) * 3
 
@@ -16,12 +16,12 @@ FACES = ("surface",) * 3
 def bench(*constraints):
     task = ng.TaskEllipsoid([1.0] * 6)
     problem = ng.GraspProblem(ng.Sphere(1.0), [ng.FrictionContact(0.5)] * 3, task, constraints=constraints)
-    return Workbench(problem, ng.SolveOptions(workers=1))
+    return CompiledProblem(problem, ng.SolveOptions(workers=1))
 
 
 def close_together(rng):
     points = np.array([0.0, 0.0, 1.0]) + 0.3 * rng.standard_normal((3, 3))
-    return Placed(FACES, points / np.linalg.norm(points, axis=1, keepdims=True))
+    return GraspCandidate(FACES, points / np.linalg.norm(points, axis=1, keepdims=True))
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -30,7 +30,7 @@ def test_contacts_on_a_sphere_spread(seed):
     spread = bench(ng.Spread(1.2, 1.9))
     start = close_together(np.random.default_rng(seed))
     assert spread.violation(start) > 0.1
-    found, violation = touching(spread, start)
+    found, violation = project_onto_constraints(spread, start)
     assert violation <= 1e-6
     assert spread.violation(found) <= 1e-5
     np.testing.assert_allclose(np.linalg.norm(found.points, axis=1), 1.0, atol=1e-12)
@@ -40,14 +40,14 @@ def test_contacts_on_a_sphere_spread(seed):
 
 def test_what_cannot_be_kept_is_kept_as_well_as_it_can(rng):
     """Three points of a unit sphere are at most sqrt(3) apart: 1.9 squared is 0.61 too much, over the row's scale."""
-    found, violation = touching(bench(ng.Spread(1.9)), close_together(rng))
+    found, violation = project_onto_constraints(bench(ng.Spread(1.9)), close_together(rng))
     assert TOUCHING < violation < 0.62
     np.testing.assert_allclose(np.linalg.norm(found.points, axis=1), 1.0, atol=1e-12)
 
 
 def test_candidates_that_touch_come_first(rng):
     spread = bench(ng.Spread(1.2, 1.9))
-    far = Placed(FACES, np.array([[1.0, 0.0, 0.0], [-0.5, 0.8, 0.3], [-0.5, -0.8, 0.3]]))
-    given = list(touching_candidates(spread, [close_together(rng), spread.snapped(far)], rng, Stop()))
+    far = GraspCandidate(FACES, np.array([[1.0, 0.0, 0.0], [-0.5, 0.8, 0.3], [-0.5, -0.8, 0.3]]))
+    given = list(touch_candidates(spread, [close_together(rng), spread.snapped(far)], rng, Deadline()))
     assert len(given) == 2
     assert all(spread.violation(one) <= 1e-5 for one in given)

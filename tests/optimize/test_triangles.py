@@ -7,11 +7,11 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.common.deadline import Stop
-from nlpgrasp.optimize.candidate import Placed
-from nlpgrasp.optimize.compiled_problem import Workbench
-from nlpgrasp.optimize.coordinate_exchange import AROUND, exchanged_nearby
-from nlpgrasp.optimize.refine import refined_on_body, refined_on_triangles
+from nlpgrasp.common.deadline import Deadline
+from nlpgrasp.optimize.candidate import GraspCandidate
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
+from nlpgrasp.optimize.coordinate_exchange import AROUND, exchange_nearby
+from nlpgrasp.optimize.refine import refine_on_body, refine_on_triangles
 from nlpgrasp.optimize.start import run_start
 
 TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
@@ -28,7 +28,9 @@ def brick():
 
 
 def bench_of(body, **more):
-    return Workbench(ng.GraspProblem(body, [ng.FrictionContact(0.6)] * 4, TASK, **more), ng.SolveOptions(workers=1))
+    return CompiledProblem(
+        ng.GraspProblem(body, [ng.FrictionContact(0.6)] * 4, TASK, **more), ng.SolveOptions(workers=1)
+    )
 
 
 def around(bench, seed):
@@ -36,14 +38,14 @@ def around(bench, seed):
     corners = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
     some = 0.02 * corners + 0.008 * np.random.default_rng(seed).standard_normal((4, 3))
     cloud = bench.surface.mesh_cloud
-    return Placed(bench.problem.body.face_names * 4, cloud.points[cloud.tree.query(some)[1]])
+    return GraspCandidate(bench.problem.body.face_names * 4, cloud.points[cloud.tree.query(some)[1]])
 
 
 @pytest.mark.parametrize("body", [ball, brick])
 def test_contacts_are_on_triangles_with_their_normals_and_off_edges(body):
     bench = bench_of(body())
     begun = around(bench, 0)
-    found, refined = refined_on_body(bench, begun, Stop())
+    found, refined = refine_on_body(bench, begun, Deadline())
     points, _, off = body().closest(found.grasp.points)
     assert found.allowed
     assert np.max(off) <= 1e-9
@@ -59,10 +61,10 @@ def test_exchanges_nearby_lead_to_other_triangles():
     """On a ball of 1,280 triangles refinement alone stays on those that contacts begin on."""
     bench = bench_of(ball())
     begun = around(bench, 1)
-    first, refined = refined_on_triangles(bench, begun, Stop())
-    moved = exchanged_nearby(bench, first.placed, first.grasp, refined.point.cuts)
+    first, refined = refine_on_triangles(bench, begun, Deadline())
+    moved = exchange_nearby(bench, first.placed, first.grasp, refined.point.cuts)
     assert np.max(np.linalg.norm(moved.points - first.placed.points, axis=1)) <= AROUND * ball().size + 1e-9
-    both = refined_on_body(bench, begun, Stop())[0]
+    both = refine_on_body(bench, begun, Deadline())[0]
     assert ng.mu(both.grasp, TASK).lower > 1.01 * ng.mu(first.grasp, TASK).upper
 
 
@@ -71,12 +73,12 @@ def test_a_start_on_a_ball_is_nearly_as_good_as_a_tetrahedron(seed):
     corners = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
     points, outward, _ = ball().closest(0.03 * corners / np.sqrt(3.0))
     bench = bench_of(ball())
-    found = run_start(bench, 0, seed, Stop())
+    found = run_start(bench, 0, seed, Deadline())
     assert found.record.mu.upper >= 0.98 * ng.mu(bench.grasp_at(points, -outward), TASK).upper
 
 
 def test_a_start_does_not_depend_on_those_before():
-    first = run_start(bench_of(brick()), 1, 0, Stop())
+    first = run_start(bench_of(brick()), 1, 0, Deadline())
     bench = bench_of(brick())
-    run_start(bench, 0, 0, Stop())
-    np.testing.assert_array_equal(first.found.grasp.points, run_start(bench, 1, 0, Stop()).found.grasp.points)
+    run_start(bench, 0, 0, Deadline())
+    np.testing.assert_array_equal(first.found.grasp.points, run_start(bench, 1, 0, Deadline()).found.grasp.points)

@@ -7,13 +7,13 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.common.deadline import Stop
+from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.optimize import propose as posed
-from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.finger_exchange import walked
-from nlpgrasp.optimize.grasp_on_body import OnBody
+from nlpgrasp.optimize.grasp_on_body import GraspOnBody
 from nlpgrasp.optimize.projection import TOUCHING, touching_on_body
-from nlpgrasp.optimize.propose import propose, touching_candidates
+from nlpgrasp.optimize.propose import propose, touch_candidates
 from tests.hands.urdf import FOUR, FOUR_TIPS, four_finger_hand, solution_links
 
 TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
@@ -27,7 +27,7 @@ def the_mesh():
 @pytest.fixture(scope="module")
 def bench():
     problem = ng.GraspProblem(the_mesh(), ng.FrictionContact(0.7), TASK, hand=four_finger_hand(), edge_margin=0.0)
-    return Workbench(problem, ng.SolveOptions(workers=1))
+    return CompiledProblem(problem, ng.SolveOptions(workers=1))
 
 
 def moved(bench, seed):
@@ -35,10 +35,10 @@ def moved(bench, seed):
     with pytest.MonkeyPatch.context() as unexchanged:
         unexchanged.setattr(posed, "_exchanged", lambda *_: [])
         rng = np.random.default_rng(seed)
-        start = touching_candidates(bench, propose(bench, rng), rng, Stop())[0]
+        start = touch_candidates(bench, propose(bench, rng), rng, Deadline())[0]
     _, start, left = touching_on_body(bench, start)
     assert left <= TOUCHING
-    return bench, start, walked(bench, start, normals_at(bench, start), np.random.default_rng(0), Stop())
+    return bench, start, walked(bench, start, normals_at(bench, start), np.random.default_rng(0), Deadline())
 
 
 @pytest.fixture(scope="module")
@@ -92,11 +92,11 @@ def test_the_palm_stays_and_joints_keep_their_limits(held):
 
 def test_constraints_are_kept_on_the_mesh(held):
     bench, start, end = held
-    broken = [OnBody.of(bench, h, bench.grasp_at(h.points, normals_at(bench, h))).violation for h in (start, end)]
+    broken = [GraspOnBody.of(bench, h, bench.grasp_at(h.points, normals_at(bench, h))).violation for h in (start, end)]
     assert broken[1] <= max(1e-4, broken[0])
 
 
 def test_a_stop_leaves_the_hand_where_it_is(held):
     bench, start, _ = held
     rng = np.random.default_rng(0)
-    assert walked(bench, start, normals_at(bench, start), rng, Stop(deadline=0.0)) is None
+    assert walked(bench, start, normals_at(bench, start), rng, Deadline(deadline=0.0)) is None

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.solution.records import Origin
+from nlpgrasp.solution.records import CandidateOrigin
 from tests.hands.urdf import three_finger_hand
 
 TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
@@ -27,7 +27,7 @@ def test_the_answer_is_no_worse_than_a_known_grasp(known, kind):
     warm = {"solution": known, "found": known.grasps[0], "grasp": known.grasp}[kind]
     found = ng.solve(box(0.55), 1, seed=3, options=OPTIONS, warm_starts=[warm])
     origins = [start.origin for start in found.starts]
-    assert origins == [Origin.RANDOM, Origin.WARM_START, Origin.WARM_START]
+    assert origins == [CandidateOrigin.RANDOM, CandidateOrigin.WARM_START, CandidateOrigin.WARM_START]
     as_it_is = ng.mu(ng.Grasp(known.grasp.points, known.grasp.normals, box(0.55).models), TASK)
     assert found.starts[1].mu.upper == pytest.approx(as_it_is.upper, rel=0.02)
     assert found.mu.upper >= as_it_is.lower
@@ -43,8 +43,8 @@ def test_workers_take_warm_starts_too(known):
 def test_a_grasp_that_breaks_a_constraint_is_refined_alone(known):
     above = box(constraints=[ng.Table(float(np.min(known.grasp.points[:, 2])) + 0.002)])
     found = ng.solve(above, 1, options=OPTIONS, warm_starts=[known])
-    assert [start.origin for start in found.starts] == [Origin.RANDOM, Origin.WARM_START]
-    assert found.starts[1].message.startswith(Origin.WARM_START.value)
+    assert [start.origin for start in found.starts] == [CandidateOrigin.RANDOM, CandidateOrigin.WARM_START]
+    assert found.starts[1].message.startswith(CandidateOrigin.WARM_START.value)
 
 
 def test_normals_are_those_of_the_body(known):

@@ -5,8 +5,8 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.budgets import L2Budget
-from nlpgrasp.optimize.candidate import Placed
-from nlpgrasp.optimize.cutting_planes import disproved, weakest_at
+from nlpgrasp.optimize.candidate import GraspCandidate
+from nlpgrasp.optimize.cutting_planes import find_weaker, weakest_at
 from nlpgrasp.quality.weakest_directions import QUICK, THOROUGH, weakest_directions
 from nlpgrasp.quality.wrench_set import WrenchSet
 from tests.optimize.squares import BALL, BEST_OF_THREE, BEST_OF_TWO, THREE, TWO, square_bench
@@ -41,7 +41,7 @@ def test_known_directions_are_begun_from(rng):
 
 def test_a_grasp_that_resists_nothing_has_value_zero(rng):
     """Both contacts push the same way."""
-    placed = Placed((TWO.faces[0],) * 2, np.array([[-0.5, -1.0], [0.5, -1.0]]))
+    placed = GraspCandidate((TWO.faces[0],) * 2, np.array([[-0.5, -1.0], [0.5, -1.0]]))
     assert weakest_at(square_bench(2), placed, rng).value == pytest.approx(0.0, abs=1e-9)
 
 
@@ -74,11 +74,11 @@ def test_descents_agree_with_certificates(task):
 
 def test_a_polytope_finds_what_descents_missed():
     bench = square_bench(3)
-    found, _ = disproved(bench, THREE, 1.3 * BEST_OF_THREE)
+    found, _ = find_weaker(bench, THREE, 1.3 * BEST_OF_THREE)
     assert found is not None
     assert found.value == pytest.approx(BEST_OF_THREE, rel=0.01)
     np.testing.assert_allclose(BALL.support(found.directions)[0], 1.0, rtol=1e-12)
-    assert disproved(bench, THREE, BEST_OF_THREE)[0] is None
+    assert find_weaker(bench, THREE, BEST_OF_THREE)[0] is None
 
 
 def test_the_curvature_is_the_change_of_the_support_squared(rng):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.candidate import Placed
-from nlpgrasp.optimize.compiled_problem import Workbench, hand_of, placed_of, points_of, variables_of
+from nlpgrasp.optimize.candidate import GraspCandidate
+from nlpgrasp.optimize.compiled_problem import CompiledProblem, candidate_of, contact_points, hand_of, pack_variables
 from tests.hands.urdf import four_finger_hand
 from tests.optimize.squares import BEST_OF_TWO, SQUARE, TWO, square_bench
 
@@ -14,7 +14,7 @@ def test_a_placed_state_as_a_grasp():
     bench = square_bench(2)
     np.testing.assert_allclose(bench.inward_normals(TWO), [[0.0, 1.0], [0.0, -1.0]], atol=1e-12)
     assert ng.mu(bench.grasp(TWO), bench.problem.task, 1e-4).upper == pytest.approx(BEST_OF_TWO, abs=1e-5)
-    above = Placed(TWO.faces, TWO.points + np.array([[0.1, -0.2], [0.2, 0.3]]))
+    above = GraspCandidate(TWO.faces, TWO.points + np.array([[0.1, -0.2], [0.2, 0.3]]))
     np.testing.assert_allclose(bench.snapped(above).points, [[0.1, -1.0], [0.2, 1.0]], atol=1e-12)
 
 
@@ -23,11 +23,11 @@ def test_the_violation_is_relative_to_the_rows_scale():
     scale = bench.rows.named[0].scale
     assert bench.violation(TWO) == pytest.approx(0.1 / scale, rel=1e-9)
     np.testing.assert_allclose(bench.row_values(TWO, bench.inward_normals(TWO)), [0.0], atol=1e-12)
-    assert bench.violation(Placed(TWO.faces, TWO.points + np.array([0.2, 0.0]))) == 0.0
+    assert bench.violation(GraspCandidate(TWO.faces, TWO.points + np.array([0.2, 0.0]))) == 0.0
 
 
 def test_a_state_that_is_nowhere_violates_everything():
-    assert square_bench(2).violation(Placed(TWO.faces, np.full((2, 2), np.nan))) == np.inf
+    assert square_bench(2).violation(GraspCandidate(TWO.faces, np.full((2, 2), np.nan))) == np.inf
 
 
 def test_another_task_leaves_programs_and_samples_alone():
@@ -43,20 +43,22 @@ def test_another_task_leaves_programs_and_samples_alone():
 def test_variables_of_a_program_and_back(rng):
     hand = four_finger_hand()
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
-    bench = Workbench(ng.GraspProblem(ng.Sphere(0.03), ng.FrictionContact(0.7), task, hand=hand), ng.SolveOptions())
+    bench = CompiledProblem(
+        ng.GraspProblem(ng.Sphere(0.03), ng.FrictionContact(0.7), task, hand=hand), ng.SolveOptions()
+    )
     points = bench.problem.body.sample("surface", 4, rng)
     values = {name: v[0] for name, v in hand.draw(1, np.zeros((1, 3)), rng)[0].items()}
-    placed = Placed(("surface",) * 4, points, values)
+    placed = GraspCandidate(("surface",) * 4, points, values)
     program = bench.exchange.compiled.program
-    z = variables_of(bench, program, placed)
-    np.testing.assert_allclose(points_of(bench, program, z), points, atol=1e-15)
+    z = pack_variables(bench, program, placed)
+    np.testing.assert_allclose(contact_points(bench, program, z), points, atol=1e-15)
     for name, value in hand_of(program, z).items():
         np.testing.assert_allclose(value, np.ravel(values[name]), rtol=1e-14)
     np.testing.assert_allclose(z[program.block("normal 2").range], -points[2] / 0.03, atol=1e-9)
-    np.testing.assert_allclose(placed_of(bench, program, placed.faces, z).points, points, atol=1e-12)
+    np.testing.assert_allclose(candidate_of(bench, program, placed.faces, z).points, points, atol=1e-12)
 
 
 def test_hand_values_for_many_placements():
-    placed = Placed(("a",), np.zeros((1, 3)), {"joints": np.array([1.0, 2.0])})
+    placed = GraspCandidate(("a",), np.zeros((1, 3)), {"joints": np.array([1.0, 2.0])})
     np.testing.assert_array_equal(placed.repeated_hand(2)["joints"], [[1.0, 2.0], [1.0, 2.0]])
-    assert Placed(("a",), np.zeros((1, 3))).repeated_hand(5) == {}
+    assert GraspCandidate(("a",), np.zeros((1, 3))).repeated_hand(5) == {}

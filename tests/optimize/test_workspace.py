@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.hand_workspace import CELL, INSIDE, NEAR
 from tests.hands.urdf import four_finger_hand
 
@@ -16,7 +16,7 @@ BETWEEN = 0.002  # metres: error of distances between the nodes of a grid
 def bench():
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.04, 0.04, 0.04])
     problem = ng.GraspProblem(BODY, ng.FrictionContact(0.7), task, hand=four_finger_hand())
-    return Workbench(problem, ng.SolveOptions())
+    return CompiledProblem(problem, ng.SolveOptions())
 
 
 @pytest.fixture(scope="module")
@@ -67,6 +67,6 @@ def test_the_contacts_alone_keep_their_constraints(bench):
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.04, 0.04, 0.04])
     limits = [ng.Spread(0.01, 0.07), ng.Table(-0.015, clearance=0.005)]
     problem = ng.GraspProblem(BODY, ng.FrictionContact(0.7), task, hand=four_finger_hand(), constraints=limits)
-    alone = Workbench(problem, ng.SolveOptions()).without_hand
+    alone = CompiledProblem(problem, ng.SolveOptions()).without_hand
     assert alone.problem.hand is None
     assert any(isinstance(c, ng.Spread) for c in alone.problem.constraints)

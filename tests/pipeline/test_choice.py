@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.deadline import Stop
+from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.optimize.candidate import Effort
 from nlpgrasp.optimize.start_result import StartGrasp
 from nlpgrasp.pipeline import answer as choice
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.analysis_records import Robustness
 from nlpgrasp.solution.records import StartRecord, Status
-from nlpgrasp.solution.start_summary import passed_over
+from nlpgrasp.solution.start_summary import better_start_text
 
 
 def start(index, mu, left, place=None, status=Status.SOLVED):
@@ -65,7 +65,7 @@ CASES = {
 @pytest.mark.parametrize("name", CASES)
 def test_the_answer(name, looked):
     results, expected, count = CASES[name]
-    found = choice.chosen(BENCH, results[0], results, Stop())
+    found = choice.choose_start(BENCH, results[0], results, Deadline())
     assert found.record.index == expected
     assert len(looked) == count
     assert (found.robust is None) == (found.found.placed is None)
@@ -80,9 +80,9 @@ def test_a_hand_with_joints_takes_what_it_can_squeeze(pressing, expected, looked
     bench = SimpleNamespace(
         scaling=BENCH.scaling, problem=SimpleNamespace(hand=SimpleNamespace(loaded_joints=("joint",)))
     )
-    assert choice.chosen(bench, results[0], results, Stop()).record.index == expected
+    assert choice.choose_start(bench, results[0], results, Deadline()).record.index == expected
     bench.problem.hand.loaded_joints = ()
-    assert choice.chosen(bench, results[0], results, Stop()).record.index == 0
+    assert choice.choose_start(bench, results[0], results, Deadline()).record.index == 0
 
 
 @pytest.mark.parametrize(
@@ -106,12 +106,12 @@ def test_bad_ranks(rank):
 
 def test_the_start_with_more_mu_is_named():
     starts = [StartRecord(i, Status.SOLVED, mu=Bounds(0.99 * mu, mu)) for i, mu in enumerate((0.5, 0.9, 0.51))]
-    (line,) = passed_over(starts, starts[0])
+    (line,) = better_start_text(starts, starts[0])
     assert line.startswith("start 1 found mu in [0.891, 0.9]: passed over")
-    (line,) = passed_over(starts, starts[0], squeezed=True)
+    (line,) = better_start_text(starts, starts[0], squeezed=True)
     assert line.endswith("friction is less, or its contacts cannot press against each other")
-    assert passed_over(starts, starts[1]) == []
-    assert passed_over(starts, None) == []
+    assert better_start_text(starts, starts[1]) == []
+    assert better_start_text(starts, None) == []
 
 
 @pytest.mark.slow

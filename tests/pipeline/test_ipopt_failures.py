@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.deadline import Stop
+from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.optimize import compiled_programs as programs
 from nlpgrasp.optimize.candidate import Effort
-from nlpgrasp.optimize.compiled_problem import Workbench
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.start import run_start
 from nlpgrasp.solution.start_summary import ipopt_lines
 
@@ -46,7 +46,7 @@ def broken(request, monkeypatch):
 
 
 def test_what_ipopt_returns_without_running_is_the_start(broken):
-    bench = Workbench(problem(), OPTIONS)
+    bench = CompiledProblem(problem(), OPTIONS)
     program = bench.first.program
     start = np.full(len(program.bounds[0]), 0.25)
     found = bench.first.solve(start, np.zeros(program.parameters[-1].stop))
@@ -78,7 +78,7 @@ def test_a_start_states_it_to_the_process_that_collects_starts(broken):
     """What a worker returns is pickled, and its effort with it: of all steps that the program with forces took."""
     contacts = [ng.SoftContact(0.5, 0.3, "elliptic")] * 3
     asked = ng.GraspProblem(ng.Sphere(1.0), contacts, ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.3, 0.3, 0.3]))
-    result = pickle.loads(pickle.dumps(run_start(Workbench(asked, OPTIONS), 3, 0, Stop())))  # noqa: S301
+    result = pickle.loads(pickle.dumps(run_start(CompiledProblem(asked, OPTIONS), 3, 0, Deadline())))  # noqa: S301
     assert result.effort.calls > 0
     assert result.effort.failures == {broken: result.effort.calls}
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.deadline import Stop
-from nlpgrasp.optimize.candidate import Placed
-from nlpgrasp.optimize.compiled_problem import FEASIBLE, Workbench
-from nlpgrasp.optimize.parallel_starts import Runner
+from nlpgrasp.common.deadline import Deadline
+from nlpgrasp.optimize.candidate import GraspCandidate
+from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
+from nlpgrasp.optimize.parallel_starts import StartRunner
 from nlpgrasp.optimize.propose import propose
 from nlpgrasp.optimize.warm_starts import WarmStart, run_warm_start
 from nlpgrasp.pipeline.multistart import Multistart
@@ -30,11 +30,11 @@ def certified(points=POINTS, rtol=1e-3, normals=((0, 1), (0, -1))):
 
 @pytest.fixture(scope="module")
 def bench():
-    return Workbench(problem(), QUICK)
+    return CompiledProblem(problem(), QUICK)
 
 
 def test_a_known_grasp_is_certified_as_it_is(bench):
-    (start,) = run_warm_start(bench, WarmStart(Placed(FACES, POINTS)), 7, Stop())
+    (start,) = run_warm_start(bench, WarmStart(GraspCandidate(FACES, POINTS)), 7, Deadline())
     assert start.record.index == 7
     assert start.record.message == "as given"
     np.testing.assert_array_equal(start.found.grasp.points, POINTS)
@@ -44,37 +44,39 @@ def test_a_known_grasp_is_certified_as_it_is(bench):
 
 
 def test_it_is_improved_where_the_exchange_runs():
-    better = Workbench(problem(), ng.SolveOptions(workers=1, rtol=0.01))
-    as_given, improved = run_warm_start(better, WarmStart(Placed(FACES, POINTS)), 0, Stop())
+    better = CompiledProblem(problem(), ng.SolveOptions(workers=1, rtol=0.01))
+    as_given, improved = run_warm_start(better, WarmStart(GraspCandidate(FACES, POINTS)), 0, Deadline())
     assert improved.record.index == 1
     assert improved.record.mu.lower > as_given.record.mu.upper
 
 
 def test_what_is_promised_is_its_least(bench):
     promise = certified(rtol=1e-4).lower  # tighter than the certificate of the start
-    (start,) = run_warm_start(bench, WarmStart(Placed(FACES, POINTS), floor=promise), 0, Stop())
+    (start,) = run_warm_start(bench, WarmStart(GraspCandidate(FACES, POINTS), floor=promise), 0, Deadline())
     assert start.record.mu.lower == promise
     assert start.record.mu.upper >= promise
 
 
 def test_grasps_that_are_not_allowed_are_left_out(bench):
-    assert run_warm_start(bench, WarmStart(Placed(FACES, POINTS * [10.0, 1.0])), 0, Stop()) == []  # beyond the face
-    assert run_warm_start(bench, WarmStart(Placed(FACES, POINTS * [1.0, -1.0])), 0, Stop()) == []  # off it
-    one_side = Placed(("edge0", "edge0"), np.array([[0.3, -1.0], [-0.3, -1.0]]))
-    assert run_warm_start(bench, WarmStart(one_side), 0, Stop()) == []  # resists nothing
-    forbidden = Workbench(problem(constraints=[ng.Forbid("edge0")]), QUICK)
-    assert run_warm_start(forbidden, WarmStart(Placed(FACES, POINTS)), 0, Stop()) == []
-    apart = Workbench(problem(constraints=[ng.Spread(0.1, 1.9)]), QUICK)
-    assert run_warm_start(apart, WarmStart(Placed(FACES, POINTS), floor=0.2), 0, Stop()) == []
+    assert (
+        run_warm_start(bench, WarmStart(GraspCandidate(FACES, POINTS * [10.0, 1.0])), 0, Deadline()) == []
+    )  # beyond the face
+    assert run_warm_start(bench, WarmStart(GraspCandidate(FACES, POINTS * [1.0, -1.0])), 0, Deadline()) == []  # off it
+    one_side = GraspCandidate(("edge0", "edge0"), np.array([[0.3, -1.0], [-0.3, -1.0]]))
+    assert run_warm_start(bench, WarmStart(one_side), 0, Deadline()) == []  # resists nothing
+    forbidden = CompiledProblem(problem(constraints=[ng.Forbid("edge0")]), QUICK)
+    assert run_warm_start(forbidden, WarmStart(GraspCandidate(FACES, POINTS)), 0, Deadline()) == []
+    apart = CompiledProblem(problem(constraints=[ng.Spread(0.1, 1.9)]), QUICK)
+    assert run_warm_start(apart, WarmStart(GraspCandidate(FACES, POINTS), floor=0.2), 0, Deadline()) == []
 
 
 def test_the_answer_is_never_below_what_was_promised():
     """Also where another grasp ties with it within the certificates' gap."""
-    search = Multistart(Runner(problem(), QUICK, 1), 0)
+    search = Multistart(StartRunner(problem(), QUICK, 1), 0)
     search.run_starts()
     found = search.best.found
     promise = ng.mu(found.grasp, TASK, 1e-4).lower
-    search.add(WarmStart(Placed(found.placed.faces, found.grasp.points), found.grasp.normals, promise))
+    search.add(WarmStart(GraspCandidate(found.placed.faces, found.grasp.points), found.grasp.normals, promise))
     assert search.floor == promise
     search.keep(search.best)
     solution = search.answer()
@@ -94,7 +96,7 @@ def test_more_candidates_are_apart_allowed_and_begin_with_the_best(bench):
 
 
 def test_its_answer_has_the_analyses_asked_for():
-    search = Multistart(Runner(problem(), ng.SolveOptions(workers=1, analyses=("delta",)), 1), 0)
+    search = Multistart(StartRunner(problem(), ng.SolveOptions(workers=1, analyses=("delta",)), 1), 0)
     search.run_starts()
     search.choose()
     found = search.answer()
@@ -103,9 +105,9 @@ def test_its_answer_has_the_analyses_asked_for():
 
 
 def test_starts_run_until_the_best_is_proved_to_be_near_the_best_possible():
-    search = Multistart(Runner(problem(), ng.SolveOptions(workers=1), 1), 0)
+    search = Multistart(StartRunner(problem(), ng.SolveOptions(workers=1), 1), 0)
     search.begin_bound()
-    search.add(WarmStart(Placed(FACES, POINTS)), improve=False)  # off the middle
+    search.add(WarmStart(GraspCandidate(FACES, POINTS)), improve=False)  # off the middle
     search.run_until_proved(5, 0.002)
     assert [result.record.index for result in search.results] == [1, 0]  # the start asked for has its own number
     search.keep(search.certify_best(0.001))
@@ -114,7 +116,7 @@ def test_starts_run_until_the_best_is_proved_to_be_near_the_best_possible():
 
 
 def test_without_a_bound_all_of_them_run():
-    search = Multistart(Runner(problem(), replace(QUICK, global_bound=False), 1), 0)
+    search = Multistart(StartRunner(problem(), replace(QUICK, global_bound=False), 1), 0)
     search.begin_bound()
     search.run_until_proved(3, 0.01, [POINTS])
     assert [result.record.index for result in search.results] == [0, 1, 2]

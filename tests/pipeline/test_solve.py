@@ -11,9 +11,9 @@ import pytest
 from threadpoolctl import threadpool_info
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.compiled_problem import Workbench
-from nlpgrasp.optimize.processes import one_thread
-from nlpgrasp.pipeline.multistart import told
+from nlpgrasp.optimize.compiled_problem import CompiledProblem
+from nlpgrasp.optimize.processes import single_thread
+from nlpgrasp.pipeline.multistart import progress_callback
 from nlpgrasp.solution.records import UNKNOWN, StartRecord, Status
 
 BALL = ng.TaskEllipsoid([1.0] * 6)
@@ -186,7 +186,7 @@ def test_progress_writes_a_line_a_start_where_it_is_asked_for(capsys):
 
 
 def test_a_start_without_a_grasp_is_told_in_words(capsys):
-    told(True, 3)(StartRecord(0, Status.LOCALLY_INFEASIBLE), UNKNOWN)
+    progress_callback(True, 3)(StartRecord(0, Status.LOCALLY_INFEASIBLE), UNKNOWN)
     assert re.fullmatch(r"start 1 of 3: constraints not kept; no grasp yet; 0\.\d s\n", capsys.readouterr().err)
 
 
@@ -234,7 +234,7 @@ def test_interrupt_keeps_the_best_grasp_so_far(tmp_path, workers):
 
 def test_workbench_directions_for_a_flat_task():
     task = ng.TaskEllipsoid([1.0, 1.0, 0.0, 1.0, 0.0, 0.0])
-    bench = Workbench(ng.GraspProblem(ng.Sphere(1.0), [ng.FrictionContact(0.5)] * 3, task), ng.SolveOptions())
+    bench = CompiledProblem(ng.GraspProblem(ng.Sphere(1.0), [ng.FrictionContact(0.5)] * 3, task), ng.SolveOptions())
     w = bench.task_samples.wrenches(np.random.default_rng(0))
     assert len(w) == bench.task_samples.count
     assert np.all(w[:, [2, 4, 5]] == 0.0)
@@ -273,7 +273,7 @@ def test_the_answer_does_not_depend_on_the_number_of_threads():
 
 
 def test_every_library_computes_on_one_thread():
-    with one_thread():
+    with single_thread():
         limited = {Path(found["filepath"]).name: found["num_threads"] for found in threadpool_info()}
     assert any(name.startswith("libcasadi") for name in limited)
     assert set(limited.values()) == {1}

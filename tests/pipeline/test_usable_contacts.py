@@ -7,7 +7,7 @@ import trimesh
 import nlpgrasp as ng
 from nlpgrasp.verify.mesh_body import MeshSurface
 from nlpgrasp.verify.registry import BODIES
-from nlpgrasp.verify.sources import Sources
+from nlpgrasp.verify.sources import SourceFolders
 from nlpgrasp.verify.surface_geometry import TriangleSurface
 from tests.quick import every
 
@@ -59,7 +59,7 @@ def other_surface(body):
     if isinstance(body, ng.Mesh):
         return MeshSurface(TriangleSurface(np.asarray(body.mesh.vertices), np.asarray(body.mesh.faces)))
     data = body.to_dict()
-    return BODIES.of(data)(data, Sources.beside(None, []))
+    return BODIES.of(data)(data, SourceFolders.beside(None, []))
 
 
 def faults(number):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.candidate import Placed
+from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.grasp_on_body import edge_distances
 from tests.quick import first
 
@@ -41,9 +41,9 @@ def test_the_default_is_a_twentieth_of_the_shortest_extent_or_half_a_fingertips_
 def test_each_contact_has_its_distance_from_the_edges_of_its_own_face():
     faces = ("+x", "-y", "+x", "-x")
     points = np.array([[0.04, 0.005, 0.01], [0.033, -0.02, 0.0], [0.04, 0.0, -0.018], [-0.04, 0.0, 0.0]])
-    found = edge_distances(problem(BODIES["box"]), Placed(faces, points))
+    found = edge_distances(problem(BODIES["box"]), GraspCandidate(faces, points))
     np.testing.assert_allclose(found, [0.01, 0.007, 0.002, 0.02], atol=1e-12)
-    assert np.all(np.isinf(edge_distances(problem(ng.Sphere(0.04)), Placed(("surface",) * 4, points))))
+    assert np.all(np.isinf(edge_distances(problem(ng.Sphere(0.04)), GraspCandidate(("surface",) * 4, points))))
 
 
 def test_edges_that_hardly_turn_have_no_margin():

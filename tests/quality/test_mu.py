@@ -13,7 +13,7 @@ from scipy import sparse
 import nlpgrasp as ng
 from nlpgrasp.budgets import L2Budget
 from nlpgrasp.common.spatial import move_torque_origin, rotate_body_frame
-from nlpgrasp.quality.sandwich import Begun
+from nlpgrasp.quality.sandwich import ResumableCertificate
 from tests.samples import closed_ellipsoid_grasp, ellipsoid_grasp, random_rotation, square_pair
 
 BALL = ng.TaskEllipsoid([1.0] * 6)
@@ -190,7 +190,7 @@ def test_a_certificate_that_was_begun_ends_with_a_direction_of_the_grasps_own_co
     rng = np.random.default_rng(1)
     grasp, turn = closed_ellipsoid_grasp(rng), random_rotation(rng, 6)
     task = ng.TaskEllipsoid([0.2, 0.5, 2.0, 1.0, 0.3, 1.0], None, turn)
-    bounds = Begun.of(grasp, task, L2Budget(), 0.3).bounds(0.02)
+    bounds = ResumableCertificate.of(grasp, task, L2Budget(), 0.3).bounds(0.02)
     assert bounds.gap <= 0.0201
     assert np.linalg.norm(bounds.worst_direction) == pytest.approx(1.0)
     worst = task.support(bounds.worst_direction[None])[1][0]

@@ -7,7 +7,7 @@ from scipy.spatial import ConvexHull
 import nlpgrasp as ng
 from nlpgrasp.common.spatial import move_torque_origin
 from nlpgrasp.quality import WrenchSet
-from nlpgrasp.quality.volume import _volume
+from nlpgrasp.quality.volume import _certify_volume
 from tests.quick import first
 from tests.samples import CONTACTS, closed_ellipsoid_grasp, ellipsoid_grasp, random_rotation
 
@@ -29,7 +29,7 @@ def test_the_estimate_agrees_with_the_closed_form(seed):
     rng = np.random.default_rng(seed)
     grasp = ng.Grasp(*(getattr(ellipsoid_grasp(rng), n) for n in ("points", "normals")), CONTACTS["bilateral"])
     vectors, values, _ = np.linalg.svd(grasp.G)
-    lower, upper, value, error = _volume(WrenchSet.of(grasp).transformed((vectors / values).T), 0.01, rng)
+    lower, upper, value, error = _certify_volume(WrenchSet.of(grasp).transformed((vectors / values).T), 0.01, rng)
     assert lower <= np.pi**3 / 6.0 <= upper
     assert abs(value - np.pi**3 / 6.0) <= error <= 0.01 * value
 

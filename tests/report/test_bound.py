@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.global_bound.marginal_bound import ContactWorth
+from nlpgrasp.global_bound.marginal_bound import MarginalBound
 from tests.cli.test_cli import SMALL, run_here
 
 SQUARE = ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]])
@@ -29,7 +29,7 @@ def placed(body, rng, count):
 @pytest.mark.parametrize(("budget", "power"), [("l2", 2), ("per_finger", 1)])
 def test_contacts_add_up_to_no_less_than_mu(budget, power):
     problem, rng = box_problem(force_budget=budget), np.random.default_rng(0)
-    worth = ContactWorth.of(problem)
+    worth = MarginalBound.of(problem)
     points, normals = placed(problem.body, rng, 900)
     each = worth.at(points, normals).reshape(300, 3)
     stack = ng.GraspStack(points.reshape(300, 3, 3), normals.reshape(300, 3, 3), problem.models)
@@ -44,7 +44,7 @@ def test_the_largest_worths_are_the_bound_at_the_root():
     """Three contacts at the best place add up to the bound of the one node that a search begins with."""
     problem, rng = box_problem(), np.random.default_rng(1)
     points, normals = placed(problem.body, rng, 20_000)
-    most = np.sqrt(3 * np.max(ContactWorth.of(problem).at(points, normals)))
+    most = np.sqrt(3 * np.max(MarginalBound.of(problem).at(points, normals)))
     best = ng.best_possible(problem, gap=0.2, time_limit=None)
     assert most >= best.mu.lower
     assert most <= 4 * best.upper
@@ -54,7 +54,7 @@ def test_where_no_contact_may_be_there_is_no_worth():
     problem = box_problem(constraints=[ng.Forbid("+x"), ng.Workspace(ng.BoxRegion([-1, -1, -0.01], [1, 1, 1]))])
     points = np.array([[0.04, 0.0, 0.0], [-0.04, 0.0, 0.0], [0.0, 0.02, -0.015], [0.0, 0.02, 0.015]])
     normals = np.array([[-1.0, 0, 0], [1.0, 0, 0], [0, -1.0, 0], [0, -1.0, 0]])
-    found = ContactWorth.of(problem).at(points, normals)
+    found = MarginalBound.of(problem).at(points, normals)
     assert np.isnan(found).tolist() == [True, False, True, False]
 
 
@@ -63,7 +63,7 @@ def test_worth_is_convex_along_an_edge_and_most_at_its_ends():
     problem = ng.GraspProblem(SQUARE, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1.0, 1.0, 1.0]))
     along = np.linspace(-1, 1, 41)
     points = np.stack([along, -np.ones(41)], axis=1)
-    found = ContactWorth.of(problem).at(points, np.tile([0.0, 1.0], (41, 1)))
+    found = MarginalBound.of(problem).at(points, np.tile([0.0, 1.0], (41, 1)))
     assert np.argmax(found) in (0, 40)
     assert np.all(np.diff(found, 2) >= -1e-12)
 

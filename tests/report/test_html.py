@@ -1,6 +1,6 @@
 """Pages and tables as HTML."""
 
-from nlpgrasp.report.html_parts import Html, page, table
+from nlpgrasp.report.html_parts import Html, html_table, page
 
 
 def test_a_page_escapes_its_title_and_keeps_its_parts():
@@ -12,13 +12,13 @@ def test_a_page_escapes_its_title_and_keeps_its_parts():
 
 
 def test_cells_are_escaped_unless_they_are_html():
-    text = table("a & b", ["x<y", ""], [["1 < 2", Html("<b>3</b>")]])
+    text = html_table("a & b", ["x<y", ""], [["1 < 2", Html("<b>3</b>")]])
     assert "<caption>a &amp; b</caption>" in text
     assert '<th scope="col">x&lt;y</th><th scope="col"></th>' in text
     assert "<td>1 &lt; 2</td><td><b>3</b></td>" in text
 
 
 def test_a_table_without_caption_and_focus():
-    assert "<caption>" not in table("", ["x"], [["1"]])
-    assert table("", ["x"], [["1"]]).startswith('<div class="wide" tabindex="0">')
-    assert table("", ["x"], [["1"]], focusable=False).startswith('<div class="wide"><table>')
+    assert "<caption>" not in html_table("", ["x"], [["1"]])
+    assert html_table("", ["x"], [["1"]]).startswith('<div class="wide" tabindex="0">')
+    assert html_table("", ["x"], [["1"]], focusable=False).startswith('<div class="wide"><table>')

@@ -13,8 +13,8 @@ import nlpgrasp as ng
 from nlpgrasp.common import display as face
 from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.report import live_viewer as show
-from nlpgrasp.report.grasp_scene import scene
-from nlpgrasp.report.live_viewer import between, hand_way
+from nlpgrasp.report.grasp_scene import solution_scene
+from nlpgrasp.report.live_viewer import approach_frames, interpolate_hand
 from nlpgrasp.solution.phase_record import Phase
 from tests.hands.urdf import three_finger_hand
 from tests.verify import honest
@@ -76,7 +76,7 @@ class TestInstead:
         monkeypatch.setattr(show, "has_display", lambda: False)
         monkeypatch.setattr(show, "_wait", lambda port: None)
         pytest.importorskip("viser")
-        port = show._free(0)
+        port = show._free_port(0)
         address = show.show_live(box, port)
         try:
             assert capsys.readouterr().out == f"The grasp is shown at {address}\n"
@@ -108,9 +108,9 @@ class Ball:
 
 def test_free_fingertips_come_along_their_normals(box):
     box = replace(box, problem={**box.problem, "hand": ng.Fingertips(3, 0.008).to_dict()})
-    data = scene(box, ())
+    data = solution_scene(box, ())
     tips = [Ball() for contact in data["contacts"] if contact["tip"] > 0.0]
-    way = hand_way(box, data, {}, tips)
+    way = approach_frames(box, data, {}, tips)
     assert (way.names, way.grasp, way.where(0.5)) == (("away", "grasp"), 1, "away to grasp")
     way.put(1.0)
     radius = data["contacts"][0]["tip"]
@@ -125,10 +125,10 @@ def test_between_keyframes_the_hand_goes_straight():
     turn = np.array([1.0, 0.0, 0.0, 0.0])
     first = Phase("pregrasp", np.zeros(3), turn, {"a": 0.0, "b": 1.0})
     last = Phase("grasp", np.array([0.0, 0.0, 0.2]), turn, {"a": 0.4, "b": 1.0})
-    half = between([first, last], 0.5)
+    half = interpolate_hand([first, last], 0.5)
     assert dict(half.joints) == pytest.approx({"a": 0.2, "b": 1.0})
     np.testing.assert_allclose(half.palm_position, [0.0, 0.0, 0.1])
-    np.testing.assert_allclose(between([first, last], 1.0).palm_position, last.palm_position)
+    np.testing.assert_allclose(interpolate_hand([first, last], 1.0).palm_position, last.palm_position)
 
 
 def sent(viser, viewer, count):
@@ -149,7 +149,7 @@ def sent(viser, viewer, count):
 
 def test_the_page_answers_and_holds_the_grasp(box):
     viser = pytest.importorskip("viser", reason="needs the extra view")
-    viewer = show.served(viser, box)
+    viewer = show.start_viewer(viser, box)
     try:
         with urllib.request.urlopen(viewer.address, timeout=20) as answer:  # noqa: S310
             assert answer.status == 200
@@ -162,7 +162,7 @@ def test_the_page_answers_and_holds_the_grasp(box):
         total = np.linalg.norm([[float(p), float(r)] for _, p, r in rows])
         assert len(rows) == count
         assert 0.97 / box.mu.upper <= total <= 1.01 / box.mu.lower  # what the hardest wrench takes, in newtons
-        again = show.served(viser, box)
+        again = show.start_viewer(viser, box)
         assert again is viewer  # one page, whatever is shown
     finally:
         show.stop(viewer.port)
@@ -182,7 +182,7 @@ def fingers():
 def test_links_follow_the_keyframes(fingers):
     hand = three_finger_hand()
     links = {name: Ball() for name in hand.tree.used_links}
-    way = hand_way(fingers, {}, links, [], hand)
+    way = approach_frames(fingers, {}, links, [], hand)
     assert (way.names, way.grasp) == (("pregrasp", "grasp"), 1)
     for at, moved in ((1.0, 0.0), (0.0, 0.1), (0.5, 0.05)):
         way.put(at)
@@ -192,7 +192,7 @@ def test_links_follow_the_keyframes(fingers):
 
 
 def test_without_its_file_a_hand_stays(fingers):
-    assert hand_way(fingers, {}, {"palm": Ball()}, []) is None
+    assert approach_frames(fingers, {}, {"palm": Ball()}, []) is None
 
 
 def test_another_hand_is_refused(fingers):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.formatting import outwards
+from nlpgrasp.common.formatting import format_interval
 from nlpgrasp.errors import InputError
 from nlpgrasp.report import write_pictures, write_report
 from tests.once import solve_once
@@ -261,7 +261,7 @@ def test_the_page_needs_no_network(page):
 
 def test_the_numbers_are_those_of_the_file(planar, page):
     text = page.read_text()
-    lower, upper = outwards(planar.mu.lower, planar.mu.upper)
+    lower, upper = format_interval(planar.mu.lower, planar.mu.upper)
     assert f'<p class="value">{lower} to {upper}</p>' in text
     assert f"mu-tilde is certified between {lower} and {upper}" in text
     data = json.loads(re.findall(r'<script type="application/json">(.*?)</script>', text, re.DOTALL)[0])
@@ -279,9 +279,9 @@ def test_no_number_has_needless_digits_or_is_minus_zero(page):
 
 
 def test_arrows_balance_the_wrench(spatial):
-    from nlpgrasp.report.task_wrenches import chosen_wrenches
+    from nlpgrasp.report.task_wrenches import choose_wrenches
 
-    for one in chosen_wrenches(spatial):
+    for one in choose_wrenches(spatial):
         np.testing.assert_allclose(one.forces.sum(axis=0), one.wrench[:3], atol=1e-6)
 
 

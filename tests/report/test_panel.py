@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.report.key_figures import facts, gauge, share_left, verdict, words
+from nlpgrasp.report.key_figures import gauge, gauge_text, share_left, solution_facts, verdict
 from nlpgrasp.report.solution_sections import contacts
 from nlpgrasp.solution.analysis_records import Robustness
 from nlpgrasp.solution.quality_record import GlobalBound
@@ -42,7 +42,7 @@ def test_the_gauge_is_an_axis_from_zero(box):
     assert found["between"] == pytest.approx((0.36 / end, 0.01 / end), abs=1e-4)
     assert found["room"] == pytest.approx((0.37 / end, 0.03 / end), abs=1e-4)
     assert found["best"][0] == pytest.approx(0.4 / end, abs=1e-4)
-    assert words(box) == (
+    assert gauge_text(box) == (
         "mu is certified between 0.36 and 0.37; 75\N{NO-BREAK SPACE}% of it is left when contacts are off, "
         "in the worst case found; the best possible is 0.4 at most"
     )
@@ -67,25 +67,25 @@ def test_less_than_a_fifth_left_is_fragile(box, lower, fragile):
     assert solution.is_fragile is fragile
     assert verdict(solution) == (("Fragile", "bad") if fragile else ("Solved", ""))
     assert ("gauge fragile" in gauge(solution)) is fragile
-    tones = {fact.title: fact.tone for fact in facts(solution)}
+    tones = {fact.title: fact.tone for fact in solution_facts(solution)}
     assert tones["What is left"] == ("bad" if fragile else "weak")
 
 
 def test_what_the_task_takes_is_rounded_up(box):
-    takes = next(fact for fact in facts(box) if fact.title == "What the task takes")
+    takes = next(fact for fact in solution_facts(box) if fact.title == "What the task takes")
     assert takes.value == "2.78 N"  # 1 / 0.36 = 2.777...
     assert "squares" in takes.lines[0]
 
 
 def test_the_gap_is_rounded_up(box):
-    best = next(fact for fact in facts(box) if fact.title == "Best possible")
+    best = next(fact for fact in solution_facts(box) if fact.title == "Best possible")
     assert best.value == "0.4"
     assert best.lines == ("proved: no placement is more than 12 % better",)  # 11.1
 
 
 def test_without_a_grasp_the_verdict_comes_first(box):
     none = ng.GraspSolution.load(FILES / "none.json")
-    first = facts(none)[0]
+    first = solution_facts(none)[0]
     assert (first.title, first.value, first.tone) == ("Status", "No grasp found", "bad")
     assert gauge(none) == ""
     assert share_left(none) is None
@@ -94,7 +94,7 @@ def test_without_a_grasp_the_verdict_comes_first(box):
 def test_nothing_is_minus_zero_or_infinite(box):
     shaky = replace(box, mu=ng.Bounds(0.0, 1e-12, np.eye(6)[0]), robust=None)
     for solution in (box, shaky, replace(box, bound=GlobalBound(math.inf, 1))):
-        text = "".join(fact.html() for fact in facts(solution))
+        text = "".join(fact.html() for fact in solution_facts(solution))
         told = re.sub(r"<[^>]*>", " ", text)
         assert not re.search(r"[-\N{MINUS SIGN}]0(?![.\d])", told)
         assert not re.search(r"\b(inf|nan|e-\d)", told)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.report.grasp_scene import scene
-from nlpgrasp.report.task_wrenches import chosen_wrenches, pushed
+from nlpgrasp.report.grasp_scene import solution_scene
+from nlpgrasp.report.task_wrenches import choose_wrenches, format_wrench
 from tests.once import solve_once
 
 ONE = ng.SolveOptions(workers=1, global_bound=False)
@@ -33,7 +33,7 @@ def ring():
 
 @pytest.fixture(scope="module")
 def seen(ring):
-    return scene(ring, chosen_wrenches(ring))
+    return solution_scene(ring, choose_wrenches(ring))
 
 
 def positions(part):
@@ -42,7 +42,7 @@ def positions(part):
 
 def test_every_arrow_is_in_the_frame_and_ends_at_its_contact(ring, seen):
     frame, arrows = np.array(seen["frame"]), np.array(seen["arrows"])
-    assert len(arrows) == len(chosen_wrenches(ring)) > 6
+    assert len(arrows) == len(choose_wrenches(ring)) > 6
     ends = arrows.reshape(-1, 3)
     assert np.all(ends >= frame.min(axis=0) - 1e-9)
     assert np.all(ends <= frame.max(axis=0) + 1e-9)
@@ -52,8 +52,8 @@ def test_every_arrow_is_in_the_frame_and_ends_at_its_contact(ring, seen):
 
 
 def test_forces_of_any_size_have_the_same_arrows(ring, seen):
-    chosen = [replace(c, forces=1e6 * c.forces) for c in chosen_wrenches(ring)]
-    np.testing.assert_allclose(scene(ring, chosen)["arrows"], seen["arrows"], atol=1e-6)
+    chosen = [replace(c, forces=1e6 * c.forces) for c in choose_wrenches(ring)]
+    np.testing.assert_allclose(solution_scene(ring, chosen)["arrows"], seen["arrows"], atol=1e-6)
 
 
 def test_body_and_fingertips_are_in_the_frame(ring, seen):
@@ -89,7 +89,7 @@ def test_a_planar_table_is_a_bar_below_its_height():
     task = ng.TaskEllipsoid([1, 1, 1], center=[0, 0.5, 0])
     problem = ng.GraspProblem(square, [ng.FrictionContact(0.5)] * 2, task, constraints=[ng.Table(-1.0)])
     solution = ng.solve(problem, starts=1, options=ONE)
-    found = scene(solution, chosen_wrenches(solution))
+    found = solution_scene(solution, choose_wrenches(solution))
     (table,) = (positions(p) for p in found["parts"] if p["group"] == "table")
     assert table[:, 1].max() == pytest.approx(-1.0)
     assert found["flat"]
@@ -99,22 +99,24 @@ def test_a_planar_table_is_a_bar_below_its_height():
 
 def test_obstacles_that_stay_in_a_file_are_named(ring):
     stated = {**ring.problem, "constraints": [{"type": "obstacle", "name": "mug", "body": {"type": "mesh"}}]}
-    found = scene(replace(ring, problem=stated), chosen_wrenches(ring))
+    found = solution_scene(replace(ring, problem=stated), choose_wrenches(ring))
     assert found["unseen"] == ["mug"]
     assert [p["group"] for p in found["parts"]] == ["body"]
 
 
 def test_without_a_grasp_the_body_is_drawn_from_what_the_file_says(ring):
     none = ng.GraspSolution(ng.Status.NO_GRASP, "none", ring.problem)
-    found = scene(none, [])
+    found = solution_scene(none, [])
     assert [p["name"] for p in found["parts"]] == ["body", "peg", "wall"]
     assert found["contacts"] == found["arrows"] == []
     mesh = replace(none, problem={**ring.problem, "body": {"type": "mesh"}})
-    assert scene(mesh, []) is None
+    assert solution_scene(mesh, []) is None
 
 
 def test_wrenches_in_words():
-    assert pushed(np.array([0.0, -10.0, 0.0]), 1.0) == "10 N along \N{MINUS SIGN}y".replace(" N", "\N{NO-BREAK SPACE}N")
-    words = pushed(np.array([0.3, 1e-4, 0.0, 0.0, 1e-9, -0.02]), 0.05).replace("\N{NO-BREAK SPACE}", " ")
+    assert format_wrench(np.array([0.0, -10.0, 0.0]), 1.0) == "10 N along \N{MINUS SIGN}y".replace(
+        " N", "\N{NO-BREAK SPACE}N"
+    )
+    words = format_wrench(np.array([0.3, 1e-4, 0.0, 0.0, 1e-9, -0.02]), 0.05).replace("\N{NO-BREAK SPACE}", " ")
     assert words == "0.3 N along x, 0.02 N m about \N{MINUS SIGN}z"
-    assert pushed(np.zeros(6), 0.05) == "nothing"
+    assert format_wrench(np.zeros(6), 0.05) == "nothing"

@@ -10,10 +10,10 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.quality import Bounds
-from nlpgrasp.report.key_figures import facts
+from nlpgrasp.report.key_figures import solution_facts
 from nlpgrasp.report.solution_sections import constraints
 from nlpgrasp.report.start_charts import starts
-from nlpgrasp.report.task_wrenches import chosen_wrenches
+from nlpgrasp.report.task_wrenches import choose_wrenches
 from nlpgrasp.solution import ConstraintReport
 from nlpgrasp.solution.quality_record import GlobalBound, held_words
 from nlpgrasp.solution.records import Status
@@ -64,7 +64,7 @@ def test_equations_are_no_limits(box):
 
 def test_forces_are_those_of_the_task_as_given(box):
     """They balance the task's own wrench, summed up here by forces and arms."""
-    chosen, grasp = chosen_wrenches(box), box.grasp
+    chosen, grasp = choose_wrenches(box), box.grasp
     support = box.task.support(box.mu.worst_direction[None])[1][0]
     np.testing.assert_allclose(chosen[0].wrench, support, rtol=1e-12)
     for each in chosen:
@@ -81,7 +81,7 @@ def test_a_bound_that_leaves_out_the_hand_says_so_in_the_same_sentence(box):
     line = bound.line(box.mu.lower)
     assert line.startswith("a loose bound on the best possible: mu is at most 0.")
     assert line.endswith(f" anywhere{left_out}")
-    (best,) = (fact for fact in facts(replace(box, bound=bound)) if fact.title == "Best possible")
+    (best,) = (fact for fact in solution_facts(replace(box, bound=bound)) if fact.title == "Best possible")
     (told,) = best.lines
     assert told == f"proved: no placement is above this{left_out}. A loose bound: it says little of this grasp"
     near = replace(bound, upper=1.02 * box.mu.lower).line(box.mu.lower, "mu-tilde")

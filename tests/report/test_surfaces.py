@@ -9,7 +9,7 @@ import trimesh
 import nlpgrasp as ng
 from nlpgrasp.bodies.mesh.display_triangles import triangles
 from nlpgrasp.common.drawing import Triangles
-from nlpgrasp.report.scene_parts import cut, surface
+from nlpgrasp.report.scene_parts import subdivide, surface
 from tests.samples import BODIES
 
 
@@ -77,7 +77,7 @@ def test_packed_arrays_read_back():
 
 def test_cut_triangles_cover_the_same():
     shape = of(ng.Box([1.0, 2.0, 3.0]))
-    corners = cut(shape, 500)
+    corners = subdivide(shape, 500)
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2.0
     assert len(corners) == 16 * 4**3
     assert np.sum(areas) == pytest.approx(22.0)

@@ -7,9 +7,15 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.global_bound.marginal_bound import ContactWorth
+from nlpgrasp.global_bound.marginal_bound import MarginalBound
 from nlpgrasp.report import write_report
-from nlpgrasp.report.solution_sections import EXCLUDED, SCALE, _colour, coloured, worth
+from nlpgrasp.report.solution_sections import (
+    EXCLUDED,
+    SCALE,
+    _interpolate_colour,
+    colour_by_marginal_bound,
+    marginal_colours,
+)
 
 ONE = ng.SolveOptions(workers=1, analyses=["drawing"])
 BOX = ng.GraspProblem(
@@ -28,7 +34,7 @@ def loaded(tmp_path_factory):
 
 def seen(solution):
     """Colours of the triangles, and their middles."""
-    corners, colours = coloured(solution)
+    corners, colours = marginal_colours(solution)
     return np.array(colours), corners.mean(axis=1)
 
 
@@ -45,7 +51,7 @@ def test_the_brightest_triangles_are_worth_most(loaded):
     """By the problem itself, at points of the sides that the file knows nothing of."""
     colours, at = seen(loaded)
     side = (at[:, 1] > 0.0199) & (np.abs(at[:, 0]) < 0.038)
-    exact = ContactWorth.of(BOX).at(at[side], np.tile([0.0, -1.0, 0.0], (np.sum(side), 1)))
+    exact = MarginalBound.of(BOX).at(at[side], np.tile([0.0, -1.0, 0.0], (np.sum(side), 1)))
     brightness = [sum(int(c[i : i + 2], 16) for i in (1, 3, 5)) for c in colours[side]]
     assert np.corrcoef(exact, brightness)[0, 1] > 0.99
 
@@ -59,17 +65,17 @@ def test_a_mesh_is_coloured_by_what_is_drawn_of_it(tmp_path):
     colours = seen(ng.GraspSolution.load(path))[0]
     red = np.array([int(c[1:3], 16) for c in colours])
     assert len(colours) > 500
-    assert np.min(red) > int(_colour(0.8)[1:3], 16)
+    assert np.min(red) > int(_interpolate_colour(0.8)[1:3], 16)
 
 
 def test_no_colours_where_no_bound_covers_the_problem(loaded):
-    assert worth(replace(loaded, bound=None)) is None
-    assert worth(replace(loaded, drawing=None)) is None
+    assert colour_by_marginal_bound(replace(loaded, bound=None)) is None
+    assert colour_by_marginal_bound(replace(loaded, drawing=None)) is None
 
 
 @pytest.mark.parametrize(("share", "colour"), [(0.0, SCALE[0]), (1.0, SCALE[-1]), (0.2, SCALE[1]), (np.nan, EXCLUDED)])
 def test_shares_have_the_scales_colours(share, colour):
-    assert _colour(share) == colour
+    assert _interpolate_colour(share) == colour
 
 
 def test_the_page_says_how_far_the_best_can_be(loaded, tmp_path):

@@ -64,9 +64,9 @@ def test_fingertips_touch_where_the_contacts_are(box):
 def test_the_keyframe_presses_with_the_forces_given(box):
     """Forces that produce no wrench leave the object at rest, and MuJoCo's contacts report them."""
     from nlpgrasp.budgets import L2Budget
-    from nlpgrasp.simulation.simulate import gripping
+    from nlpgrasp.simulation.simulate import grip_forces
 
-    grip = gripping(box.grasp, L2Budget())
+    grip = grip_forces(box.grasp, L2Budget())
     model, data = loaded(mjcf(box, SceneOptions(forces=grip)))
     for _ in range(4000):
         mujoco.mj_step(model, data)

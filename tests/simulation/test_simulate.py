@@ -16,7 +16,7 @@ from nlpgrasp.simulation import simulate
 from nlpgrasp.simulation.fingertip_model import Snapshot, components
 from nlpgrasp.simulation.fingertip_outcome import Simulation, Trial
 from nlpgrasp.simulation.picture_strips import write_strip
-from nlpgrasp.simulation.simulate import answered, as_felt, displaced, gripping
+from nlpgrasp.simulation.simulate import answer_wrenches, displace_contacts, forces_in_actual_frames, grip_forces
 from nlpgrasp.simulation.simulation_input import given
 from tests.images import panels_drawn, size
 from tests.once import solve_once
@@ -166,7 +166,7 @@ def test_the_heaviest_body_is_carried(box):
 def _can_carry(solution, share, mass):
     start = given(solution, share, mass, 2)
     loads = share * start.wrenches + start.weight
-    return np.all(answered(start.grasp, start.labels, loads, start.budget, start.effort).margins >= 0.0)
+    return np.all(answer_wrenches(start.grasp, start.labels, loads, start.budget, start.effort).margins >= 0.0)
 
 
 @pytest.mark.slow
@@ -182,11 +182,11 @@ def test_much_less_friction_loses_the_grasp(box, monkeypatch):
 def test_the_answers_produce_the_wrenches_within_the_effort(box):
     grasp, effort = box.grasp, 1.0 / box.mu.lower
     wrenches = 0.8 * np.array([[5, 0, 0, 0, 0, 0], [0, 0, 0, 0, -0.2, 0], [0, 0, 10, 0, 0, 0]], float)
-    loads = answered(grasp, ("a", "b", "c"), wrenches, ng.budgets.L2Budget(), effort)
+    loads = answer_wrenches(grasp, ("a", "b", "c"), wrenches, ng.budgets.L2Budget(), effort)
     np.testing.assert_allclose(loads.forces @ grasp.G.T, wrenches, atol=1e-6)
     assert np.all(np.linalg.norm(loads.forces, axis=1) <= 0.95001 * effort)
     assert np.all(loads.margins >= 0.0)
-    grip = gripping(grasp, ng.budgets.L2Budget())
+    grip = grip_forces(grasp, ng.budgets.L2Budget())
     np.testing.assert_allclose(grasp.G @ grip, 0.0, atol=1e-6)
     pressing = grip[np.cumsum([0, *[c.components(3) for c in grasp.contacts[:-1]]])]
     assert np.all(pressing > 0.1)
@@ -216,15 +216,15 @@ def test_moments_are_cut_to_the_contact_model():
 
 @pytest.mark.slow
 def test_contacts_are_put_off_by_what_is_said(box):
-    off = displaced(box, 2e-3)
+    off = displace_contacts(box, 2e-3)
     moved = np.linalg.norm(off.points - box.grasp.points, axis=1)
     assert np.max(moved) == pytest.approx(2e-3, rel=0.05)
     np.testing.assert_allclose(np.linalg.norm(off.normals, axis=1), 1.0, atol=1e-12)
     x = np.arange(float(box.grasp.G.shape[1]))[None]
-    felt = as_felt(box.grasp, off, x)
+    felt = forces_in_actual_frames(box.grasp, off, x)
     for known, there in zip(box.grasp.contact_wrenches(x[0]), off.contact_wrenches(felt[0]), strict=True):
         np.testing.assert_allclose(there[:3], known[:3], atol=1e-12)
-    assert displaced(replace(box, robust=None), 2e-3) is None
+    assert displace_contacts(replace(box, robust=None), 2e-3) is None
     found = simulate(replace(box, robust=None), wrenches=1)
     assert len(found.conditions) == 3
     assert "not tried" in found.notes[0]

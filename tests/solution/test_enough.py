@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from nlpgrasp.solution.squeeze_record import slippery, too_weak
+from nlpgrasp.solution.squeeze_record import friction_warning, too_weak
 
 NEEDED = SimpleNamespace(normal=np.array([4.0, 12.2, 7.0]))
 
@@ -44,5 +44,7 @@ def test_nothing_is_said_of_one_that_is_strong_enough():
 
 
 def test_a_squeeze_that_spends_the_friction_says_so():
-    assert slippery(SimpleNamespace(share=0.96)).startswith("the squeeze alone needs 96 % of the friction there is: ")
-    assert slippery(SimpleNamespace(share=0.9)) == slippery(None) == ""
+    assert friction_warning(SimpleNamespace(share=0.96)).startswith(
+        "the squeeze alone needs 96 % of the friction there is: "
+    )
+    assert friction_warning(SimpleNamespace(share=0.9)) == friction_warning(None) == ""

@@ -11,7 +11,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.common.drawing import Drawing, Triangles
-from nlpgrasp.solution.file import parse, text_of
+from nlpgrasp.solution.file import parse, solution_json
 from tests.once import solve_once
 
 EARLIER = sorted((Path(__file__).parent / "files").glob("*.json"))  # written before `best_start` was
@@ -75,7 +75,7 @@ def test_a_file_without_a_grasp_round_trips(tmp_path):
 @pytest.mark.parametrize("path", EARLIER, ids=lambda path: path.stem)
 def test_an_earlier_file_is_written_again_to_the_letter(path):
     solution = ng.GraspSolution.load(path)
-    assert text_of(solution.to_dict()) == path.read_text(encoding="utf-8")
+    assert solution_json(solution.to_dict()) == path.read_text(encoding="utf-8")
     assert solution.best_start is None
 
 

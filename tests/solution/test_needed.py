@@ -5,7 +5,7 @@ import json
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.formatting import rounded
+from nlpgrasp.common.formatting import format_number
 from nlpgrasp.problem.problem import problem_from_dict
 from nlpgrasp.report import write_report
 from tests.verify.edits import failed, put, together
@@ -32,7 +32,7 @@ def test_print_says_it_with_units(found):
     assert "N (L2 norm of all finger forces, certified)" in text
     size = [sum(x * x for x in force) ** 0.5 for force in found.needed.forces.tolist()]
     root = sum(s * s for s in size) ** 0.5
-    each, total, root = (", ".join(map(rounded, part)) for part in (size, [sum(size)], [root]))
+    each, total, root = (", ".join(map(format_number, part)) for part in (size, [sum(size)], [root]))
     assert f" fingers 0 to 2 exert {each} N (normal " in text
     assert f"), in all {total} N, L2 norm {root} N\n" in text
     assert ", within max_force = 100 N, as certified for every wrench of the task\n" in text
@@ -85,7 +85,7 @@ def test_the_report_says_it(found, tmp_path):
     tight = solve(max_force=1.0)
     page = write_report({"wide": found, "tight": tight}, tmp_path / "f.html").read_text()
     assert page.count("Forces for the task as given") == 2
-    assert f"<td>{rounded(found.needed.size[1])} N</td>" in page
+    assert f"<td>{format_number(found.needed.size[1])} N</td>" in page
     assert ", ABOVE max_force = 1 N." in page
 
 

@@ -13,7 +13,7 @@ from nlpgrasp.solution import UNKNOWN, Conflict, ConstraintReport, StartRecord, 
 from nlpgrasp.solution.force_records import HeldWrench, forces_and_moments, held_wrenches
 from nlpgrasp.solution.placed_grasp import PlacedGrasp
 from nlpgrasp.solution.quality_record import Quality
-from nlpgrasp.solution.records import Origin
+from nlpgrasp.solution.records import CandidateOrigin
 
 START = StartRecord(
     3,
@@ -25,7 +25,7 @@ START = StartRecord(
     {"screen": 0.1, "mesh": 0.7},
     "ok",
     (0.5, 0.3),
-    origin=Origin.BOUND,
+    origin=CandidateOrigin.BOUND,
 )
 CONFLICT = Conflict("Spread", "Spread.max, fingers 0, 1", 0.11, 0.09, "at most", "m")
 PLAIN = [

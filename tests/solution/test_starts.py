@@ -10,7 +10,7 @@ import nlpgrasp as ng
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution import UNKNOWN, StartRecord
 from nlpgrasp.solution.records import Status
-from nlpgrasp.solution.start_summary import passed_over, solver_words, starts_lines, why_no_grasp
+from nlpgrasp.solution.start_summary import better_start_text, failure_reason, solver_words, starts_lines
 
 LIMIT, WELL = "Maximum_Iterations_Exceeded", "Solve_Succeeded"
 BOX = Path(__file__).parent / "files" / "box.json"
@@ -60,7 +60,7 @@ def test_the_solver_speaks_as_people_do(message, words):
     ],
 )
 def test_a_start_without_a_grasp_has_a_reason(record, words):
-    assert why_no_grasp(record) == words
+    assert failure_reason(record) == words
 
 
 @pytest.mark.parametrize(
@@ -95,17 +95,17 @@ def test_why_a_start_with_more_mu_is_not_the_answer():
     more = start(1, Status.SOLVED, Bounds(0.60, 0.61))
     wide = start(2, Status.SOLVED, Bounds(0.30, 0.90))
     broken = start(3, mu=Bounds(2.0, 2.1), violation=0.1)
-    assert passed_over((answer, broken), answer) == []
-    (fragile,) = passed_over((answer, more), answer, label="mu-tilde")
+    assert better_start_text((answer, broken), answer) == []
+    (fragile,) = better_start_text((answer, more), answer, label="mu-tilde")
     assert fragile == (
         "start 1 found mu-tilde in [0.6, 0.61]: passed over, as less of it is left "
         "when contacts are off and friction is less"
     )
-    (ranked,) = passed_over((answer, more), answer, by_what_is_left=True)
+    (ranked,) = better_start_text((answer, more), answer, by_what_is_left=True)
     assert ranked.endswith("as starts were ranked by what is left when contacts are off, which is more of the answer")
-    (unsure,) = passed_over((answer, wide), answer)
+    (unsure,) = better_start_text((answer, wide), answer)
     assert unsure.endswith("passed over, as less of it is certified than of the answer")
-    assert passed_over((answer, more), answer, before=0.62) == []  # the answer gave some for room of its joints
+    assert better_start_text((answer, more), answer, before=0.62) == []  # the answer gave some for room of its joints
 
 
 def test_the_summary_says_it():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.motion.contact_path import Station, SurfaceGraph
+from nlpgrasp.motion.contact_path import PathStation, SurfaceGraph
 
 OPTIONS = ng.SolveOptions(rtol=0.05, final_rtol=0.05)
 
@@ -102,7 +102,7 @@ def test_other_bodies_and_contacts_are_refused(names):
 
 def shortest(body, start, end):
     """Return points and normals of the path between two points of a body, its ends with no normals of their own."""
-    ends = [Station(np.array(p), np.zeros(3), "") for p in (start, end)]
+    ends = [PathStation(np.array(p), np.zeros(3), "") for p in (start, end)]
     stations = SurfaceGraph(body).stations(*ends)
     return np.array([s.point for s in stations]), np.array([s.normal for s in stations])
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.motion.contact_path import Station, SurfaceGraph
-from nlpgrasp.studies.fine_manipulation import Holding, ordered_moves
+from nlpgrasp.motion.contact_path import PathStation, SurfaceGraph
+from nlpgrasp.studies.fine_manipulation import HoldingQuality, ordered_moves
 
 SQUARE = ng.Polygon([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 WEIGHT = ng.TaskEllipsoid([0.1, 0.1, 0.0], center=[0.0, 1.0, 0.0])
@@ -17,12 +17,12 @@ def holding(start, end, points, normals, friction=0.45):
     contacts = [ng.FrictionContact(friction)] * 3
     here, there = (ng.Grasp([*points, s.point], [*normals, s.normal], contacts, np.zeros(2)) for s in (start, end))
     problem = ng.GraspProblem(SQUARE, contacts, ng.TaskEllipsoid([1.0] * 3), torque_origin=[0.0, 0.0])
-    stay = [[Station(here.points[i], here.normals[i], "")] * 2 for i in range(2)]
-    return Holding(problem, here, there, range(3), [*stay, SurfaceGraph(SQUARE).stations(start, end)], WEIGHT)
+    stay = [[PathStation(here.points[i], here.normals[i], "")] * 2 for i in range(2)]
+    return HoldingQuality(problem, here, there, range(3), [*stay, SurfaceGraph(SQUARE).stations(start, end)], WEIGHT)
 
 
 def station(point, normal, face):
-    return Station(np.array(point), np.array(normal), face)
+    return PathStation(np.array(point), np.array(normal), face)
 
 
 LEFT = station([-1.0, -0.177], [1.0, 0.0], "edge3")
@@ -47,9 +47,9 @@ def test_a_finger_slides_where_the_others_hold_on_the_boundary_alone():
     corners = np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]])
     grasps = [ng.Grasp(np.column_stack([a * corners, -np.ones(4)]), up, contacts, np.zeros(3)) for a in (0.5, 0.8)]
     problem = ng.GraspProblem(body, contacts, ng.TaskEllipsoid([1.0] * 6), torque_origin=[0.0, 0.0, 0.0])
-    ends = [[Station(p, n, "-z") for p, n in zip(g.points, g.normals, strict=True)] for g in grasps]
+    ends = [[PathStation(p, n, "-z") for p, n in zip(g.points, g.normals, strict=True)] for g in grasps]
     weight = ng.TaskEllipsoid([0.1] * 6, center=[0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-    found = Holding(problem, *grasps, range(4), [list(pair) for pair in zip(*ends, strict=True)], weight)
+    found = HoldingQuality(problem, *grasps, range(4), [list(pair) for pair in zip(*ends, strict=True)], weight)
     assert found.others(NOBODY, 0).lower == 0.0
     first, *_ = ordered_moves(found)
     assert first.slides

@@ -8,8 +8,8 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.common.formatting import at_most
-from nlpgrasp.optimize.candidate import Placed
-from nlpgrasp.optimize.parallel_starts import Runner
+from nlpgrasp.optimize.candidate import GraspCandidate
+from nlpgrasp.optimize.parallel_starts import StartRunner
 from nlpgrasp.optimize.warm_starts import WarmStart
 from nlpgrasp.pipeline.multistart import Multistart
 from problems.how_many_fingers import EFFORT, brush, pencil
@@ -144,9 +144,9 @@ def test_a_gap_that_is_asked_for_is_closed_for_each_number():
 
 
 def test_a_grasp_that_a_tight_certificate_overtakes_is_not_chosen():
-    search = Multistart(Runner(square(2), QUICK, 1), 0)
+    search = Multistart(StartRunner(square(2), QUICK, 1), 0)
     for x in (0.0, 0.4):
-        search.add(WarmStart(Placed(("edge0", "edge2"), np.array([[x, -1.0], [x, 1.0]]))))
+        search.add(WarmStart(GraspCandidate(("edge0", "edge2"), np.array([[x, -1.0], [x, 1.0]]))))
     better, worse = search.results
     assert better.record.mu.lower > worse.record.mu.upper
     loose = ng.Bounds(better.record.mu.lower * 0.99, better.record.mu.upper * 1.1)

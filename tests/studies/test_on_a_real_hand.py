@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.common.scalar_constraints import Row
+from nlpgrasp.common.scalar_constraints import ScalarConstraint
 from nlpgrasp.constraints.base import PlacementConstraint
 from tests.hands.urdf import FOUR, Mujoco, four_finger_hand
 
@@ -28,10 +28,15 @@ class StaysPut(PlacementConstraint):
     def rows(self, placement):
         off = placement.palm.position - self.position
         turned = self.turn.T @ placement.palm.rotation
-        rows = [Row(self.kind, off[i], -1e-4, 1e-4, scale=placement.size, unit="m", part="xyz"[i]) for i in range(3)]
+        rows = [
+            ScalarConstraint(self.kind, off[i], -1e-4, 1e-4, scale=placement.size, unit="m", part="xyz"[i])
+            for i in range(3)
+        ]
         spin = [turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]]
-        rows += [Row(self.kind, s, -1e-3, 1e-3, part=f"about {a}") for s, a in zip(spin, "xyz", strict=True)]
-        return [*rows, Row(self.kind, turned[0, 0] + turned[1, 1] + turned[2, 2], 2.9, part="facing")]
+        rows += [
+            ScalarConstraint(self.kind, s, -1e-3, 1e-3, part=f"about {a}") for s, a in zip(spin, "xyz", strict=True)
+        ]
+        return [*rows, ScalarConstraint(self.kind, turned[0, 0] + turned[1, 1] + turned[2, 2], 2.9, part="facing")]
 
     def to_dict(self):
         return {"type": self.kind}

@@ -8,7 +8,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.motion.finger_motion import FingerPath
-from nlpgrasp.studies.fine_manipulation import FingerMove, ordered_moves, unknown
+from nlpgrasp.studies.fine_manipulation import FingerMove, ordered_moves, unexamined_move
 
 
 class Held:
@@ -51,7 +51,7 @@ class Allowed:
         self.asked += 1
         if self.does(posture, finger, slides):
             return FingerPath(True, "", np.zeros((1, 3)), np.zeros(1), ("sliding",), np.zeros(1)), posture | {finger}
-        return unknown("no"), posture
+        return unexamined_move("no"), posture
 
 
 def width(held, moved, finger, slide):
@@ -187,7 +187,7 @@ def test_a_body_that_is_dropped_at_a_station_is_no_success():
 
 
 def test_an_infeasible_move_is_no_success():
-    beyond = move(1.0, slides=False, motion=unknown("joint a at its upper limit"))
+    beyond = move(1.0, slides=False, motion=unexamined_move("joint a at its upper limit"))
     found = manipulation(beyond)
     assert not found.feasible
     assert not found.success

@@ -10,7 +10,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.tasks.library.entry import entry_schema, read_entry
-from nlpgrasp.tasks.library.library import Folder
+from nlpgrasp.tasks.library.library import LibraryFolder
 
 UNITS = np.array([4.0, 1.0, 9.0, 0.05, 0.2, 0.01])
 PAPER_PEG = [[2.0, 1.5, 5.0, 0.12, 0.10, 0.02], [0.5, 0.0, -3.0, 0.0, 0.0, 0.0]]
@@ -349,5 +349,5 @@ def test_flat_recordings_warn(library, rng):
 
 
 def test_the_folder_of_the_package_is_the_ready_one():
-    assert Folder(None).path == ng.TaskLibrary().path
+    assert LibraryFolder(None).path == ng.TaskLibrary().path
     assert repr(ng.TaskLibrary()) == "TaskLibrary()"

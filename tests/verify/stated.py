@@ -7,12 +7,12 @@ import numpy as np
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.candidate import Placed
-from nlpgrasp.optimize.constraint_values import RowValues
-from nlpgrasp.optimize.grasp_on_body import beside
+from nlpgrasp.optimize.candidate import GraspCandidate
+from nlpgrasp.optimize.constraint_values import ConstraintValues
+from nlpgrasp.optimize.grasp_on_body import contact_constraints
 from nlpgrasp.solution.records import ConstraintReport
-from nlpgrasp.verify.recomputation import recomputed
-from nlpgrasp.verify.sources import Sources
+from nlpgrasp.verify.recomputation import recompute
+from nlpgrasp.verify.sources import SourceFolders
 
 
 def problem_of(body, count, **fields):
@@ -39,17 +39,17 @@ def stated_file(problem, faces, points, normals, hand=None):
         The hand's variables; the posture in the file is what the hand makes of them.
     """
     variables = hand or {}
-    rows = RowValues(problem)
+    rows = ConstraintValues(problem)
     batched = {name: np.asarray(v)[None] for name, v in variables.items()}
     values = rows.values(np.asarray(points)[None], np.asarray(normals)[None], batched)[0]
     reports = [
         ConstraintReport(r.name, float(v), r.lower, r.upper, 0.0, bool(min(v - r.lower, r.upper - v) <= 1e-4 * r.scale))
         for r, v in zip(rows.named, values, strict=True)
     ]
-    placed = Placed(tuple(faces), np.asarray(points, dtype=float))
+    placed = GraspCandidate(tuple(faces), np.asarray(points, dtype=float))
     reports += [
         ConstraintReport(r.label.name, r.value, r.lower, np.inf, 0.0, r.value - r.lower <= 1e-4 * problem.body.size)
-        for r in beside(problem, placed, np.asarray(normals, dtype=float))
+        for r in contact_constraints(problem, placed, np.asarray(normals, dtype=float))
     ]
     solution = ng.GraspSolution(
         status=ng.Status.SOLVED,
@@ -75,5 +75,5 @@ def edited(data, change):
 def recomputed_file(data, *folders):
     """Return the checks of surface, constraints and hand, by name."""
     solution = ng.GraspSolution.from_dict(data, "file.json")
-    found = recomputed(solution, solution.grasp, Sources.beside(None, folders))
+    found = recompute(solution, solution.grasp, SourceFolders.beside(None, folders))
     return {check.name: check for check in found}

@@ -12,7 +12,7 @@ import nlpgrasp as ng
 from nlpgrasp.common.files import write_text
 from nlpgrasp.solution.quality_record import GlobalBound
 from nlpgrasp.verify.bound.proof import Proof
-from nlpgrasp.verify.sources import Sources
+from nlpgrasp.verify.sources import SourceFolders
 from tests.quick import every
 from tests.verify.edits import put
 
@@ -105,7 +105,7 @@ def test_a_bound_is_computed_again_as_it_is_claimed(name, tmp_path):
     verification = verified(data, tmp_path)
     assert verification.passed, str(verification)
     assert verification.not_made == ()
-    stated, found = Proof(data["problem"], data["certificate"], Sources()).bounds
+    stated, found = Proof(data["problem"], data["certificate"], SourceFolders()).bounds
     assert np.max(found - stated) <= 1e-12 * np.max(found)
     assert np.max(found) <= data["upper"] * (1.0 + 1e-12)
     assert np.max(found) >= data["upper"] * (1.0 - (0.06 if name in CURVED else ABOVE))
@@ -117,7 +117,7 @@ def test_a_bound_is_computed_again_as_it_is_claimed(name, tmp_path):
 @pytest.mark.parametrize("name", every(4, CURVED))
 def test_a_lower_bound_over_curved_cells_fails(name, tmp_path):
     data = bound_data(name)
-    least = np.max(Proof(data["problem"], data["certificate"], Sources()).bounds[1])
+    least = np.max(Proof(data["problem"], data["certificate"], SourceFolders()).bounds[1])
     data["certificate"]["leaves"][0][2] = data["upper"] = 0.93 * min(least, data["upper"])
     verification = verified(data, tmp_path)
     assert {"leaves", "upper"} <= {check.name for check in verification.checks if check.failed}, str(verification)
@@ -279,7 +279,7 @@ def test_a_file_of_the_older_form_is_verified(tmp_path):
     verification = verified(data, tmp_path)
     assert verification.passed, str(verification)
     assert verification.not_made == ()
-    found = Proof(data["problem"], data["certificate"], Sources()).bounds[1]
+    found = Proof(data["problem"], data["certificate"], SourceFolders()).bounds[1]
     assert data["upper"] * (1.0 - ABOVE) <= np.max(found) <= data["upper"]
 
 

@@ -8,9 +8,9 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
-from nlpgrasp.verify.convex_solids import convex_corners, way_out
+from nlpgrasp.verify.convex_solids import convex_corners, penetration_depth
 from nlpgrasp.verify.registry import BODIES
-from nlpgrasp.verify.sources import Sources
+from nlpgrasp.verify.sources import SourceFolders
 
 TRIANGLE = [[0.0, 0.0], [0.05, 0.0], [0.0, 0.04]]
 CONVEX = {
@@ -25,7 +25,7 @@ CONVEX = {
 
 def corners_of(body):
     data = body.to_dict()
-    surface = BODIES.of(data)(data, Sources())
+    surface = BODIES.of(data)(data, SourceFolders())
     return convex_corners(data, surface), surface
 
 
@@ -53,11 +53,11 @@ def test_meshes(tmp_path, monkeypatch):
 
 def test_cubes_and_balls_in_the_same_place():
     cube = corners_of(ng.Box([0.02] * 3))[0]
-    assert way_out(cube, cube) == pytest.approx(0.02)
-    assert way_out(cube, cube + np.array([0.015, 0.0, 0.001])) == pytest.approx(0.005)
-    assert way_out(cube, cube + np.array([0.0, 0.03, 0.0])) == 0.0
+    assert penetration_depth(cube, cube) == pytest.approx(0.02)
+    assert penetration_depth(cube, cube + np.array([0.015, 0.0, 0.001])) == pytest.approx(0.005)
+    assert penetration_depth(cube, cube + np.array([0.0, 0.03, 0.0])) == 0.0
     ball = corners_of(ng.Sphere(0.03))[0]
-    assert way_out(ball, ball) == pytest.approx(0.06, rel=0.06)
+    assert penetration_depth(ball, ball) == pytest.approx(0.06, rel=0.06)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -73,4 +73,4 @@ def test_the_way_out_of_boxes_is_mujocos(seed):
     state = mujoco.MjData(model)
     mujoco.mj_forward(model, state)
     apart = mujoco.mj_geomDistance(model, state, 0, 1, 1.0, np.zeros(6))
-    assert way_out(one, turn.apply(other) + shift) == pytest.approx(max(0.0, -apart), abs=1e-5)
+    assert penetration_depth(one, turn.apply(other) + shift) == pytest.approx(max(0.0, -apart), abs=1e-5)

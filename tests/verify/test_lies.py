@@ -6,7 +6,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.verify.check import Check, Verification
 from nlpgrasp.verify.registry import BODIES
-from nlpgrasp.verify.sources import Sources
+from nlpgrasp.verify.sources import SourceFolders
 from tests.hands.urdf import FOLDER
 from tests.verify import honest
 from tests.verify.edits import a_little, asked, contact, drop, failures, put, row, turned
@@ -203,7 +203,7 @@ def test_lies_about_a_posed_hand(name):
 )
 def test_bodies_that_are_none_have_no_numbers(body):
     with pytest.raises(ng.InputError, match=r"above zero|counter-clockwise|do not cross|less than"):
-        BODIES.of(body)(body, Sources(()))
+        BODIES.of(body)(body, SourceFolders(()))
 
 
 def test_the_honest_files_pass_and_everything_is_made_but_the_expression(block):

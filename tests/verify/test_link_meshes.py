@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.solution.obstructions import LinkDepth
+from nlpgrasp.solution.obstructions import LinkPenetration
 from tests.hands.described import FINGER, PALM, two_fingers
 from tests.verify.edits import put
 from tests.verify.stated import edited, problem_of, recomputed_file, stated_file
@@ -54,7 +54,7 @@ def held(path, body=None, constraints=()):
     points, normals = [[0.0, -HALF, 0.0], [0.0, HALF, 0.0]], [[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]]
     values = {"palm_position": np.array([0.0, 0.0, -0.04]), "palm_quaternion": np.eye(4)[0], "joints": np.full(2, 0.04)}
     data = stated_file(problem, ["-y", "+y"], points, normals, values)
-    data["hand"].update(link_depth=LinkDepth().to_dict(), tip_gaps=[0.0, 0.0])
+    data["hand"].update(link_depth=LinkPenetration().to_dict(), tip_gaps=[0.0, 0.0])
     return data
 
 

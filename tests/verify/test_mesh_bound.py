@@ -10,8 +10,8 @@ import nlpgrasp as ng
 from nlpgrasp.global_bound.branch_and_bound import BranchAndBound
 from nlpgrasp.global_bound.cells import mesh_cells as mesh
 from nlpgrasp.verify.bound.proof import Proof
-from nlpgrasp.verify.bound.stated_cells import halved
-from nlpgrasp.verify.sources import Sources
+from nlpgrasp.verify.bound.stated_cells import halve_triangles
+from nlpgrasp.verify.sources import SourceFolders
 from tests.global_bound.samples import bent_bar
 from tests.quick import first
 from tests.verify.edits import put
@@ -69,7 +69,7 @@ def check_again(place, data):
     verification = verified(place, data)
     assert verification.passed, str(verification)
     assert verification.not_made == ()
-    stated, found = Proof(data["problem"], data["certificate"], Sources((place,))).bounds
+    stated, found = Proof(data["problem"], data["certificate"], SourceFolders((place,))).bounds
     assert np.max(found - stated) <= 1e-12 * np.max(found)
     assert np.max((stated - found)[found > 0.5 * np.max(found)]) <= ABOVE * np.max(found)
     return len(found)
@@ -186,11 +186,11 @@ def test_without_its_mesh_nothing_of_a_bound_is_known(folder, tmp_path):
 
 def test_halves_of_triangles_are_where_characters_say():
     corners = np.array([[[0.0, 0, 0], [2, 0, 0], [0, 1, 0]], [[0, 0, 1], [1, 0, 1], [0, 1, 1]]])
-    pieces, triangle = halved(corners, ["0-", "-2-"])
+    pieces, triangle = halve_triangles(corners, ["0-", "-2-"])
     assert triangle.tolist() == [0, 1, 0, 1]
     assert pieces[0].tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
     assert pieces[2].tolist() == [[1, 0, 0], [2, 0, 0], [0, 1, 0]]
     assert pieces[1].tolist() == [[0, 1, 1], [0, 0.5, 1], [1, 0, 1]]
     assert pieces[3].tolist() == [[0, 0.5, 1], [0, 0, 1], [1, 0, 1]]
     with pytest.raises(ValueError, match="characters"):
-        halved(corners, ["0"])
+        halve_triangles(corners, ["0"])

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.verify.recomputation import Scales
+from nlpgrasp.verify.recomputation import ConstraintScales
 from tests.hands.urdf import GRIPPER, gripper
 from tests.verify import honest
 from tests.verify.edits import failures, row
@@ -73,7 +73,7 @@ def test_without_the_urdf_a_body_that_is_there_lends_its_size():
 
 
 def test_scales_of_stated_constraints():
-    scales = Scales(0.1, 0.3, ("post",))
+    scales = ConstraintScales(0.1, 0.3, ("post",))
     lengths = ("table, finger 0", "post, palm/0", PLANE, "on fingertip tip, finger 2, z", "edge margin, finger 1")
     assert [scales.of(name) for name in lengths] == [0.1] * len(lengths)
     assert [scales.of(n) for n in (NORMAL, "approach, palm", "palm quaternion of unit length")] == [1.0] * 3

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.analysis.squeeze import with_squeeze
-from nlpgrasp.motion.keyframes import keyframes
+from nlpgrasp.analysis.squeeze import add_squeeze
+from nlpgrasp.motion.keyframes import plan_keyframes
 from tests.hands.urdf import FOLDER, three_finger_hand
 from tests.studies.held_box import grasped
 from tests.verify import honest
@@ -27,11 +27,11 @@ def data():
     problem = problem_of(body, 3, hand=hand)
     for step in (-0.05, 0.05):
         opened = {**grasp, "joints": np.clip(grasp["joints"] + step, *hand.tree.joint_limits)}
-        found = keyframes(problem, hand, grasp, opened)
+        found = plan_keyframes(problem, hand, grasp, opened)
         if found["approach"]["direction"] is not None:
             break
     solution.hand.update(found)
-    return edited(with_squeeze(solution, hand).to_dict(), lambda d: None)
+    return edited(add_squeeze(solution, hand).to_dict(), lambda d: None)
 
 
 LIES = {
@@ -128,7 +128,7 @@ def held(folder, *constraints):
     """A box that two fingers hold from above, with its phases."""
     solution, problem = grasped(folder, constraints)
     postures = [problem.hand.values_of(solution.hand[key] if key else solution.hand) for key in ("", "pregrasp")]
-    solution.hand.update(keyframes(problem, problem.hand, *postures))
+    solution.hand.update(plan_keyframes(problem, problem.hand, *postures))
     return edited(solution.to_dict(), lambda d: None)
 
 
@@ -170,7 +170,7 @@ def test_an_approach_through_an_obstacle_fails(tmp_path):
 
 def test_fingers_that_cannot_open_state_no_way_in(tmp_path):
     solution, problem = grasped(tmp_path)
-    solution.hand.update(keyframes(problem, problem.hand, problem.hand.values_of(solution.hand), None))
+    solution.hand.update(plan_keyframes(problem, problem.hand, problem.hand.values_of(solution.hand), None))
     found = recomputed_file(edited(solution.to_dict(), NEW), tmp_path)
     assert found["links on the way in"].passed, found["links on the way in"]
     assert found["way in"].passed, found["way in"]

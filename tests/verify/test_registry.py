@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.scalar_constraints import Row
+from nlpgrasp.common.scalar_constraints import ScalarConstraint
 from nlpgrasp.constraints import PlacementConstraint
-from nlpgrasp.verify import RowValue, register_constraint
+from nlpgrasp.verify import ConstraintValue, register_constraint
 from nlpgrasp.verify.registry import CONSTRAINTS
 from tests.verify.stated import edited, problem_of, recomputed_file, stated_file
 
@@ -18,7 +18,9 @@ class Lid(PlacementConstraint):
         self.height = height
 
     def rows(self, placement):
-        return [Row(f"lid, finger {i}", p[2], upper=self.height) for i, p in enumerate(placement.positions)]
+        return [
+            ScalarConstraint(f"lid, finger {i}", p[2], upper=self.height) for i, p in enumerate(placement.positions)
+        ]
 
     def to_dict(self):
         return {"type": "lid", "height": self.height}
@@ -26,7 +28,7 @@ class Lid(PlacementConstraint):
 
 def lid(data, placement):
     for i, p in enumerate(placement.points):
-        yield RowValue(f"lid, finger {i}", p[2], upper=data["height"])
+        yield ConstraintValue(f"lid, finger {i}", p[2], upper=data["height"])
 
 
 @pytest.fixture

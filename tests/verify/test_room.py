@@ -5,8 +5,8 @@ from functools import cache
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.optimize.refine import Margins
-from nlpgrasp.solution.analysis_records import JointRoom, room_lines
+from nlpgrasp.optimize.refine import JointLimitMargins
+from nlpgrasp.solution.analysis_records import JointMargins, format_joint_margins
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.verify.outcome_checks import outcome_checks
 from tests.hands.urdf import FOLDER, three_finger_hand
@@ -25,10 +25,10 @@ def data():
     """A sphere among three fingertips whose solve, of an earlier version, gave 2 % of mu for room."""
     solution = ng.GraspSolution.from_dict(honest.fingers(), "f.json")
     hand = three_finger_hand()
-    margins, joints = Margins.of(hand, MARGIN), hand.values_of(solution.hand)["joints"]
+    margins, joints = JointLimitMargins.of(hand, MARGIN), hand.values_of(solution.hand)["joints"]
     each = [dict(zip(margins.names, v.tolist(), strict=True)) for v in (margins.wanted, margins.left(joints))]
     without = ng.Bounds(FIRST.lower / 0.98, FIRST.upper / 0.98)
-    room = JointRoom(MARGIN, *each, 0.03).to_dict()
+    room = JointMargins(MARGIN, *each, 0.03).to_dict()
     room |= {"cost": 0.02, "mu_without": {"lower": without.lower, "upper": without.upper}}
 
     def with_room(data):
@@ -76,7 +76,9 @@ def test_lies_about_room(lie):
 
 def test_joints_near_a_limit_that_are_not_named_fail():
     joint = min(data()["hand"]["room"]["margins"])
-    lower = dict(zip(Margins.of(three_finger_hand(), 0.1).names, three_finger_hand().tree.joint_limits[0], strict=True))
+    lower = dict(
+        zip(JointLimitMargins.of(three_finger_hand(), 0.1).names, three_finger_hand().tree.joint_limits[0], strict=True)
+    )
     moved = edited(data(), put(("hand", "joint_positions", joint), float(lower[joint]) + 0.01))
     assert "not named" in recomputed_file(moved, FOLDER)["room of joints"].detail
 
@@ -92,6 +94,6 @@ def test_winner_may_be_below_another_start_by_what_room_took():
 
 def test_room_is_told_where_it_cost_or_lacks():
     stated = data()["hand"]["room"]
-    assert room_lines(stated) == ["room to the joints' limits took 2.0% of mu"]
+    assert format_joint_margins(stated) == ["room to the joints' limits took 2.0% of mu"]
     near = {**stated, "near": {JOINT: 0.0123}, "cost": 0.001}
-    assert room_lines(near) == ["joints near a limit: finger_1_swing (0.012 of 0.12)"]
+    assert format_joint_margins(near) == ["joints near a limit: finger_1_swing (0.012 of 0.12)"]

@@ -145,7 +145,7 @@ def test_a_round_fingertip_touches_an_edge(block, tmp_path):
 
 def recomputed_surface(data, folder):
     from nlpgrasp.verify.registry import BODIES
-    from nlpgrasp.verify.sources import Sources
+    from nlpgrasp.verify.sources import SourceFolders
 
     body = data["problem"]["body"]
-    return BODIES.of(body)(body, Sources((folder,)))
+    return BODIES.of(body)(body, SourceFolders((folder,)))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.analysis.squeeze import with_squeeze
+from nlpgrasp.analysis.squeeze import add_squeeze
 from nlpgrasp.verify.force_checks import squeeze_checks
 from tests.hands.urdf import FOLDER, three_finger_hand
 from tests.verify import honest
@@ -21,7 +21,7 @@ JOINT = "finger_1_proximal_flexion"
 @cache
 def data():
     solution = ng.GraspSolution.from_dict(honest.fingers(), "f.json")
-    return edited(with_squeeze(solution, three_finger_hand()).to_dict(), lambda d: None)
+    return edited(add_squeeze(solution, three_finger_hand()).to_dict(), lambda d: None)
 
 
 def scaled(factor):

@@ -7,7 +7,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.verify.numeric_urdf_hand import urdf
-from nlpgrasp.verify.sources import Sources
+from nlpgrasp.verify.sources import SourceFolders
 from tests.hands.urdf import FOLDER, THREE, THREE_TIPS, four_finger_hand, gripper, three_finger_hand
 from tests.verify import honest
 from tests.verify.edits import failures, put, together
@@ -21,7 +21,7 @@ def test_jacobians_are_those_of_the_program(make, rng):
     hand = make()
     values = {name: v[0] for name, v in hand.draw(1, np.zeros((1, 3)), rng)[0].items()}
     points = rng.standard_normal((hand.count, 3))
-    twin = urdf(hand.to_dict(), hand.describe(values), {}, Sources((FOLDER,)))
+    twin = urdf(hand.to_dict(), hand.describe(values), {}, SourceFolders((FOLDER,)))
     found = twin.loads(points)
     assert tuple(found) == hand.loaded_joints
     expected = hand.contact_jacobians(values, points)

@@ -7,11 +7,11 @@ from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
 from nlpgrasp.verify.chain_kinematics import links_below, poses
-from nlpgrasp.verify.check import NotMadeError
-from nlpgrasp.verify.numeric_urdf_hand import Touching, touching_rows
+from nlpgrasp.verify.check import NotCheckedError
+from nlpgrasp.verify.numeric_urdf_hand import StatedTouch, touching_rows
 from nlpgrasp.verify.recomputation import link_rows
 from nlpgrasp.verify.registry import BODIES, CONSTRAINTS, HANDS
-from nlpgrasp.verify.sources import Sources
+from nlpgrasp.verify.sources import SourceFolders
 from nlpgrasp.verify.stated_placement import StatedPlacement
 from tests import samples
 from tests.hands.urdf import FOUR, GRIPPER, PADS, THREE, Mujoco
@@ -35,7 +35,7 @@ CONSTRAINTS_IN_SPACE = {
 
 def surface(body):
     data = body.to_dict()
-    return BODIES.of(data)(data, Sources())
+    return BODIES.of(data)(data, SourceFolders())
 
 
 def test_every_kind_of_the_package_has_a_twin():
@@ -187,7 +187,7 @@ def test_rows_of_a_posed_hand_are_those_of_the_program(path, tips, rng):
     data = stated_file(problem, ["surface"] * hand.count, points, -points / 0.03, values)
     stated = {row["name"]: row["value"] for row in data["constraints"]}
     asked = data["problem"]
-    twin = HANDS.of(asked["hand"])(asked["hand"], data["hand"], stated, Sources((path.parent,)))
+    twin = HANDS.of(asked["hand"])(asked["hand"], data["hand"], stated, SourceFolders((path.parent,)))
     placement = StatedPlacement(points, -points / 0.03, body.size, twin, surface, stated)
     rows = [row for c in asked["constraints"] for row in CONSTRAINTS.of(c)(c, placement)]
     rows += [*twin.rows(placement), *link_rows(twin, surface(body), placement)]
@@ -208,7 +208,7 @@ def test_a_contact_anywhere_on_a_finger_links_side():
     def rows(height, lean=0.0):
         n = turned[:3, :3] @ np.array([np.cos(lean), 0.0, np.sin(lean)])
         p = turned[:3, :3] @ np.array([0.0, 0.0, height]) + turned[:3, 3] + 0.01 * n
-        return [row.value for row in touching_rows(tip, Touching("on", turned, p, n, 0.05, 0.0, 0.0))]
+        return [row.value for row in touching_rows(tip, StatedTouch("on", turned, p, n, 0.05, 0.0, 0.0))]
 
     np.testing.assert_allclose(rows(0.013), 0.0, atol=1e-15)
     assert np.linalg.norm(rows(0.045)[:3]) == pytest.approx(0.005)
@@ -216,5 +216,5 @@ def test_a_contact_anywhere_on_a_finger_links_side():
 
 
 def test_a_fingertip_of_an_unknown_kind_is_not_made():
-    with pytest.raises(NotMadeError, match="nothing recomputes a fingertip of type 'claw'"):
-        list(touching_rows({"type": "claw"}, Touching("on", np.eye(4), np.zeros(3), np.ones(3), 1.0, 0.0, 0.0)))
+    with pytest.raises(NotCheckedError, match="nothing recomputes a fingertip of type 'claw'"):
+        list(touching_rows({"type": "claw"}, StatedTouch("on", np.eye(4), np.zeros(3), np.ones(3), 1.0, 0.0, 0.0)))

@@ -10,10 +10,10 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from nlpgrasp.common.cache import kept
-from nlpgrasp.common.formatting import percent, rounded, vector
+from nlpgrasp.common.formatting import format_number, format_percent, vector
 from nlpgrasp.common.meshes.intersections import meeting_boxes, normals_of
 from nlpgrasp.common.meshes.search_tree import IntArray, SearchTree, in_frame, local_origin
-from nlpgrasp.common.meshes.topology import Parts, merged_mesh, with_own_vertices, without_doubles
+from nlpgrasp.common.meshes.topology import MeshParts, drop_duplicates, drop_unused_vertices, merged_mesh
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 
@@ -45,34 +45,34 @@ def refuse_guessed_surface(mesh: trimesh.Trimesh) -> None:
     origin = local_origin(stated)
     filled = merged_mesh(in_frame(stated, origin), np.asarray(mesh.faces))
     vertices, faces = np.asarray(filled.vertices, dtype=float), np.asarray(filled.faces)
-    stays = without_doubles(vertices, faces)[0]
+    stays = drop_duplicates(vertices, faces)[0]
     filled.update_faces(stays)
     filled.fill_holes()
     fill, area = np.asarray(filled.faces)[np.count_nonzero(stays) :], float(filled.area)
 
-    edges, counts = np.unique(_edges(faces[stays]), return_counts=True)
+    edges, counts = np.unique(_edge_numbers(faces[stays]), return_counts=True)
     group = np.asarray(np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True)[1]).ravel()
     pairs = faces[~np.isin(group, group[stays])]
-    opened = pairs[np.any(np.isin(_edges(pairs), edges[counts == 1]), axis=1)]
-    restored = np.any(np.isin(_edges(fill), _edges(opened)), axis=1)
+    opened = pairs[np.any(np.isin(_edge_numbers(pairs), edges[counts == 1]), axis=1)]
+    restored = np.any(np.isin(_edge_numbers(fill), _edge_numbers(opened)), axis=1)
     lost = _areas(vertices, opened).sum() / 2.0  # each is there both ways round
     if abs(lost - _areas(vertices, fill[restored]).sum()) > SAME_AREA * area:
         raise InputError(
             "Mesh.mesh",
-            f"{len(opened) // 2} faces with a reversed copy, around {_place(vertices[opened], origin)}",
+            f"{len(opened) // 2} faces with a reversed copy, around {_format_place(vertices[opened], origin)}",
             "each triangle of the surface once, facing outwards",
         )
 
     guessed = fill[~restored]
     areas = _areas(vertices, guessed)
     if areas.sum() > LARGEST_FILL * area:
-        holes = Parts(vertices, guessed).labels
+        holes = MeshParts(vertices, guessed).labels
         largest = guessed[holes == np.argmax(np.bincount(holes, areas))]
         raise InputError(
             "Mesh.mesh",
-            f"holes of {rounded(1e6 * areas.sum(), 3)} mm^2, {percent(areas.sum() / area)} of the surface, the largest "
-            f"around {_place(vertices[largest], origin)}",
-            f"a closed mesh, or one with holes of at most {percent(LARGEST_FILL)} of its surface",
+            f"holes of {format_number(1e6 * areas.sum(), 3)} mm^2, {format_percent(areas.sum() / area)} of the "
+            f"surface, the largest around {_format_place(vertices[largest], origin)}",
+            f"a closed mesh, or one with holes of at most {format_percent(LARGEST_FILL)} of its surface",
         )
 
 
@@ -96,14 +96,14 @@ def _defects(vertices: FloatArray, faces: IntArray) -> tuple[str, ...]:
     warnings = []
     if len(crossings := self_intersections(local, faces)):
         warnings.append(
-            f"the mesh crosses itself, for example at {_place(crossings[0], origin)}: what is inside is unclear there, "
-            "so mend it in the program that it comes from"
+            f"the mesh crosses itself, for example at {_format_place(crossings[0], origin)}: what is inside is unclear "
+            "there, so mend it in the program that it comes from"
         )
     if len(pieces := separate_pieces(local, faces)) > 1:
         sizes = sorted(1e3 * float(np.max(np.ptp(piece, axis=0))) for piece in pieces)
         warnings.append(
-            f"the mesh is {len(pieces)} pieces that do not touch, {rounded(sizes[0], 3)} to {rounded(sizes[-1], 3)} mm "
-            "long: they count as one rigid body"
+            f"the mesh is {len(pieces)} pieces that do not touch, {format_number(sizes[0], 3)} to "
+            f"{format_number(sizes[-1], 3)} mm long: they count as one rigid body"
         )
     return tuple(warnings)
 
@@ -177,8 +177,10 @@ def separate_pieces(vertices: FloatArray, faces: IntArray) -> list[FloatArray]:
     labels = _components(len(vertices), faces[:, :2], faces[:, 1:])[faces[:, 0]]
     if np.all(labels == labels[0]):
         return [vertices]
-    shells = [with_own_vertices(vertices, faces[labels == label]) for label in np.unique(labels)]
-    slack = (SLIT if Parts(vertices, faces).open_edges else TOUCHING) * float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    shells = [drop_unused_vertices(vertices, faces[labels == label]) for label in np.unique(labels)]
+    slack = (SLIT if MeshParts(vertices, faces).open_edges else TOUCHING) * float(
+        np.linalg.norm(np.ptp(vertices, axis=0))
+    )
     lower, upper = (np.array([corner(shell[0], axis=0) for shell in shells]) for corner in (np.min, np.max))
     trees = [SearchTree(*shell) for shell in shells]
 
@@ -201,7 +203,7 @@ def _components(count: int, one: IntArray, other: IntArray) -> NDArray[np.int64]
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
-def _edges(faces: IntArray) -> NDArray[np.int64]:
+def _edge_numbers(faces: IntArray) -> NDArray[np.int64]:
     """Return an integer identifier for each undirected edge of each triangle, (f, 3)."""
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)
     return np.asarray(ends.min(axis=2) << 32 | ends.max(axis=2), dtype=np.int64)
@@ -213,6 +215,6 @@ def _areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
     return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0)
 
 
-def _place(points: FloatArray, origin: FloatArray) -> str:
+def _format_place(points: FloatArray, origin: FloatArray) -> str:
     """Return the mean of points (..., 3), given relative to an origin (3,), metres, as text."""
     return f"[{vector(points.reshape(-1, 3).mean(axis=0) + origin, 3)}] m"

@@ -22,22 +22,22 @@ def triangles(body: Body, most: int = 2000) -> tuple[FloatArray, IntArray]:
     first triangulated by marching cubes of its signed distance.
     """
     if isinstance(body, Mesh):
-        vertices, faces = simplified(np.asarray(body.mesh.vertices, dtype=float), np.asarray(body.mesh.faces), most)
+        vertices, faces = simplify(np.asarray(body.mesh.vertices, dtype=float), np.asarray(body.mesh.faces), most)
         if len(faces) <= most:
             return vertices, faces
-    return simplified(*(body.triangles() or _marched(body)), most)
+    return simplify(*(body.triangles() or _march_cubes(body)), most)
 
 
-def simplified(vertices: FloatArray, faces: IntArray, most: int) -> tuple[FloatArray, IntArray]:
+def simplify(vertices: FloatArray, faces: IntArray, most: int) -> tuple[FloatArray, IntArray]:
     """Return vertices (n, 3) and at most ``most`` triangles (m, 3); all where simplification fails."""
     if len(faces) > most:
-        simple = kept("triangles", [vertices, faces, str(most).encode()], lambda: _slim(vertices, faces, most))
+        simple = kept("triangles", [vertices, faces, str(most).encode()], lambda: _decimate(vertices, faces, most))
         if len(simple["faces"]):
             return simple["vertices"], simple["faces"].astype(np.int64)
     return vertices, faces.astype(np.int64)
 
 
-def _slim(vertices: FloatArray, faces: IntArray, most: int) -> dict[str, FloatArray]:
+def _decimate(vertices: FloatArray, faces: IntArray, most: int) -> dict[str, FloatArray]:
     """Simplify a triangle mesh by quadric error metrics."""
     import igl
 
@@ -47,7 +47,7 @@ def _slim(vertices: FloatArray, faces: IntArray, most: int) -> dict[str, FloatAr
     return {"vertices": in_frame(np.asarray(found[0]), -origin), "faces": np.asarray(found[1])}
 
 
-def _marched(body: Body) -> tuple[FloatArray, IntArray]:
+def _march_cubes(body: Body) -> tuple[FloatArray, IntArray]:
     """Triangulate a body's surface by marching cubes of its signed distance."""
     import igl
 

@@ -165,12 +165,12 @@ def _face(name: str, geometry: Expression) -> Face:
         return [ca.dot(a, p - c) for c, a in zip(corners, away, strict=True)]
 
     def edges(p: Expression) -> list[Expression]:
-        return [_distance(p, *pair) for pair in zip(ends[::2], ends[1::2], strict=True)]
+        return [_segment_distance(p, *pair) for pair in zip(ends[::2], ends[1::2], strict=True)]
 
     return Face(name, surface, extent, [False] * SIDES, edges=edges)
 
 
-def _distance(p: Expression, start: Expression, end: Expression) -> Expression:
+def _segment_distance(p: Expression, start: Expression, end: Expression) -> Expression:
     """Return the distance of a CasADi point from a line segment."""
     along = end - start
     share = ca.fmin(ca.fmax(ca.dot(p - start, along) / ca.dot(along, along), 0.0), 1.0)

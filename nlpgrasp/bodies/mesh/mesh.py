@@ -22,13 +22,13 @@ from nlpgrasp.bodies.mesh.signed_distance import (
     smooth_offset,
     wall_thickness,
 )
-from nlpgrasp.common.meshes.intersections import covered, normals_of
+from nlpgrasp.common.meshes.intersections import is_covered, normals_of
 from nlpgrasp.common.meshes.mass_properties import volume_integrals
 from nlpgrasp.common.meshes.mesh_file import mesh_digest, read_mesh, scaled_mesh, usable_mesh
 from nlpgrasp.common.meshes.search_tree import IntArray, SearchTree
-from nlpgrasp.common.registry import incomplete
+from nlpgrasp.common.registry import incomplete_data
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.user_warnings import say_once
+from nlpgrasp.common.user_warnings import warn_once
 from nlpgrasp.common.validation import FloatArray, integer, metres_per, number
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ class Mesh(Body):
             refuse_guessed_surface(given)
         warnings = defect_warnings(self.mesh)
         for text in warnings:
-            say_once(text)
+            warn_once(text)
         self.repairs = (*repairs, *warnings)
         if smoothing is None or resolution is None:
             chosen = automatic_fineness(np.ptp(self.mesh.bounds, axis=0), self.wall, smoothing, resolution)
@@ -315,7 +315,7 @@ class Mesh(Body):
     @classmethod
     def from_dict(cls, data: Json) -> NoReturn:
         """Raise: the data refer to a mesh but do not contain it."""
-        raise incomplete("body of type mesh", "its triangles, which stay in their file: ng.Mesh.load(path, unit)")
+        raise incomplete_data("body of type mesh", "its triangles, which stay in their file: ng.Mesh.load(path, unit)")
 
 
 class SharpEdges:
@@ -382,7 +382,7 @@ def angles_off_normals(
     result = np.full(len(points), np.pi)
     for i, (point, normal) in enumerate(zip(points, normals, strict=True)):
         near = corners[np.all((lower <= point) & (point <= upper), axis=1)]
-        near = near[covered(np.broadcast_to(point, near.shape), near, slack)]
+        near = near[is_covered(np.broadcast_to(point, near.shape), near, slack)]
         if len(near):
             result[i] = _angle_off(normals_of(near), normal, on_edges)
     return result

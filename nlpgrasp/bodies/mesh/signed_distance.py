@@ -35,7 +35,7 @@ Distance = Callable[[FloatArray], FloatArray]  # of points (m, 3), metres
 
 
 @dataclass(frozen=True)
-class Fineness:
+class GridResolution:
     """Resolution of a distance grid and standard deviation of its Gaussian filter.
 
     Parameters
@@ -52,7 +52,7 @@ class Fineness:
 
 def automatic_fineness(
     extents: FloatArray, wall: float, smoothing: float | None = None, resolution: int | None = None
-) -> Fineness:
+) -> GridResolution:
     """Choose resolution and smoothing such that 2.4 standard deviations of the Gaussian fit into a wall.
 
     Given values are kept. The Gaussian lifts the distance inside a wall from both sides, so a wide one moves the smooth
@@ -76,10 +76,10 @@ def automatic_fineness(
     if resolution is None:
         least = max(LEAST_SMOOTHING, 0.0 if smoothing is None else smoothing)
         usual = automatic_resolution(extents)
-        resolution = max(usual, _within(int(np.ceil(min(cells * least, FINEST))), extents, usual))
+        resolution = max(usual, _limit_grid(int(np.ceil(min(cells * least, FINEST))), extents, usual))
     if smoothing is None:
         smoothing = min(SMOOTHING, np.floor(100.0 * resolution / cells) / 100.0)
-    return Fineness(float(smoothing), resolution)
+    return GridResolution(float(smoothing), resolution)
 
 
 def automatic_resolution(extents: FloatArray) -> int:
@@ -94,10 +94,10 @@ def automatic_resolution(extents: FloatArray) -> int:
     """
     longest, shortest = float(np.max(extents)), float(max(np.min(extents), 1e-6))
     wanted = max(LONGEST_SIDE, int(np.ceil(SHORTEST_SIDE * longest / shortest)))
-    return _within(wanted, extents, LONGEST_SIDE)
+    return _limit_grid(wanted, extents, LONGEST_SIDE)
 
 
-def _within(resolution: int, extents: FloatArray, least: int) -> int:
+def _limit_grid(resolution: int, extents: FloatArray, least: int) -> int:
     """Return the resolution, reduced to at most 600,000 grid points but not below ``least``."""
     while resolution > least:
         if np.prod(extents / np.max(extents) * resolution + 1 + 2 * AROUND) <= MOST_POINTS:
@@ -177,7 +177,7 @@ def distance_spline(
     made_from = [local, faces, np.array([resolution, smoothing, margin])]
     tree, cells = SearchTree(local, faces), EXACT_CELLS if smoothing > 0.0 else EXACT_UNSMOOTHED
     found = kept(
-        "distance", made_from, lambda: _fitted(tree.signed_distance, local, resolution, cells, smoothing, margin)
+        "distance", made_from, lambda: _fit_spline(tree.signed_distance, local, resolution, cells, smoothing, margin)
     )
     return _spline_of(found, origin)
 
@@ -201,7 +201,7 @@ def edge_distance_spline(vertices: FloatArray, edges: IntArray, resolution: int)
         return np.asarray(np.sqrt(tree.nearest(points)[0]))
 
     made_from = [local, edges, np.array([resolution])]
-    return _spline_of(kept("edges", made_from, lambda: _fitted(distance, local, resolution, EXACT_CELLS)), origin)
+    return _spline_of(kept("edges", made_from, lambda: _fit_spline(distance, local, resolution, EXACT_CELLS)), origin)
 
 
 def _spline_of(found: Mapping[str, NDArray[Any]], origin: FloatArray) -> DistanceSpline:
@@ -209,17 +209,17 @@ def _spline_of(found: Mapping[str, NDArray[Any]], origin: FloatArray) -> Distanc
     return DistanceSpline(knots, found["coefficients"], found["box"], origin)
 
 
-def _grid(axes: Sequence[FloatArray]) -> FloatArray:
+def _tensor_grid(axes: Sequence[FloatArray]) -> FloatArray:
     """Return the points of a tensor grid, (nx, ny, nz, 3)."""
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
 
-def _exact(distance: Distance, points: FloatArray) -> FloatArray:
+def _exact_distance(distance: Distance, points: FloatArray) -> FloatArray:
     """Return the distance of points (..., 3)."""
     return distance(points.reshape(-1, 3)).reshape(points.shape[:-1])
 
 
-def _near_exact(distance: Distance, axes: Sequence[FloatArray], cell: float, cells: int) -> FloatArray:
+def _narrow_band_distance(distance: Distance, axes: Sequence[FloatArray], cell: float, cells: int) -> FloatArray:
     """Return a distance on a grid: exact within some cells of its zero set, interpolated elsewhere.
 
     Far points take most of the time, since a search tree prunes little for them. The interpolation error there, up to a
@@ -228,15 +228,15 @@ def _near_exact(distance: Distance, axes: Sequence[FloatArray], cell: float, cel
     from scipy.interpolate import make_interp_spline
 
     coarse = [axis[0] + 2.0 * cell * np.arange(len(axis) // 2 + 1) for axis in axes]
-    field = _exact(distance, _grid(coarse))
+    field = _exact_distance(distance, _tensor_grid(coarse))
     for i, (some, every) in enumerate(zip(coarse, axes, strict=True)):
         field = np.asarray(make_interp_spline(some, field, k=3, axis=i)(every))
     near = np.abs(field) < cells * cell
-    field[near] = _exact(distance, _grid(axes)[near])
+    field[near] = _exact_distance(distance, _tensor_grid(axes)[near])
     return field
 
 
-def _fitted(
+def _fit_spline(
     distance: Distance, vertices: FloatArray, resolution: int, cells: int, smoothing: float = 0.0, margin: float = 0.0
 ) -> dict[str, FloatArray]:
     """Return knots, coefficients and box of a spline that interpolates a distance around vertices (v, 3)."""
@@ -250,7 +250,7 @@ def _fitted(
     for low, high in zip(lower, upper, strict=True):
         count = int(np.ceil((high - low) / cell)) + 1 + 2 * around
         axes.append((low + high) / 2.0 + cell * (np.arange(count) - (count - 1) / 2.0))
-    field = _near_exact(distance, axes, cell, cells)
+    field = _narrow_band_distance(distance, axes, cell, cells)
     if smoothing > 0.0:
         field = gaussian_filter(field, smoothing)
     knots: dict[str, FloatArray] = {}

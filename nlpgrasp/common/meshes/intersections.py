@@ -47,7 +47,7 @@ def _all_pairs(these: IntArray, lower: FloatArray, upper: FloatArray) -> Iterato
         yield np.stack([one, other], axis=1)[one < other]
 
 
-def crossing_triangles(vertices: FloatArray, faces: IntArray, slack: float) -> IntArray:
+def intersecting_triangles(vertices: FloatArray, faces: IntArray, slack: float) -> IntArray:
     """Return the index pairs (p, 2), in both orders, of triangles without common vertex that intersect or touch."""
     corners = vertices[faces]
     pairs = meeting_boxes(corners.min(axis=1) - slack, corners.max(axis=1) + slack)
@@ -65,10 +65,10 @@ def crossing(one: FloatArray, other: FloatArray, slack: float) -> NDArray[np.boo
     not count.
     """
     parts = [slice(start, start + AT_ONCE) for start in range(0, len(one), AT_ONCE)]
-    return np.concatenate([np.zeros(0, dtype=bool), *(_crossing(one[s], other[s], slack) for s in parts)])
+    return np.concatenate([np.zeros(0, dtype=bool), *(_segments_intersect(one[s], other[s], slack) for s in parts)])
 
 
-def _crossing(one: FloatArray, other: FloatArray, slack: float) -> NDArray[np.bool_]:
+def _segments_intersect(one: FloatArray, other: FloatArray, slack: float) -> NDArray[np.bool_]:
     normals = normals_of(one), normals_of(other)
     result = np.ones(len(one), dtype=bool)
     for normal in normals:
@@ -87,7 +87,7 @@ def _crossing(one: FloatArray, other: FloatArray, slack: float) -> NDArray[np.bo
     return result
 
 
-def covered(one: FloatArray, other: FloatArray, slack: float) -> NDArray[np.bool_]:
+def is_covered(one: FloatArray, other: FloatArray, slack: float) -> NDArray[np.bool_]:
     """Return which triangles (p, 3, 3) lie entirely on others (p, 3, 3), within ``slack``, pair by pair."""
     from_corner = one[:, :, None] - other[:, None]  # pair, corner of one, corner of the other
     result = in_plane(one, other, slack)

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nlpgrasp.common.files import kind_of
+from nlpgrasp.common.files import file_kind
 from nlpgrasp.common.meshes.outer_surface import outer_surface
 from nlpgrasp.common.meshes.search_tree import OPEN_SHARE, IntArray, in_frame, local_origin, unclear_share
-from nlpgrasp.common.meshes.topology import is_plain, merged_mesh, open_edges, without_doubles
-from nlpgrasp.common.user_warnings import say_once
-from nlpgrasp.common.validation import LONGEST_BODY, UNITS, FloatArray, likely_size, metres_per
+from nlpgrasp.common.meshes.topology import count_open_edges, drop_duplicates, is_plain, merged_mesh
+from nlpgrasp.common.user_warnings import warn_once
+from nlpgrasp.common.validation import LONGEST_BODY, UNITS, FloatArray, check_body_size, metres_per
 from nlpgrasp.errors import InputError
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def read_mesh(path: str | Path, unit: str) -> trimesh.Trimesh:
     try:
         loaded = _one_mesh(trimesh.load(file, force="scene", process=False))  # processing drops NaN vertices unseen
     except ImportError:
-        if kind_of(file) == "a CAD file":
+        if file_kind(file) == "a CAD file":
             cure = "a mesh: export an STL from the CAD system; STEP files alone are read with pip install cascadio"
             raise InputError("Mesh.path", f"{path}, a CAD file", cure) from None
         allowed = "a mesh file trimesh can read (STL, OBJ, PLY, OFF, GLB, ...)"
@@ -97,7 +97,7 @@ def read_mesh(path: str | Path, unit: str) -> trimesh.Trimesh:
         raise InputError("Mesh.path", f"{path} without triangles", "a triangle mesh")
     longest = _longest_side(loaded)
     if unit == "m" and LARGE < longest <= LONGEST_BODY:
-        say_once(f'{file.name}: {longest:.3g} m long; unit="mm" says that its numbers are millimetres')
+        warn_once(f'{file.name}: {longest:.3g} m long; unit="mm" says that its numbers are millimetres')
     return scaled_mesh(loaded, factor)
 
 
@@ -133,11 +133,11 @@ def usable_mesh(mesh: object) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
     """
     import trimesh
 
-    given = _of_likely_size(mesh)
+    given = _check_size(mesh)
     vertices, faces = np.asarray(given.vertices, dtype=float), np.asarray(given.faces)
     origin, rounding = local_origin(vertices), coarse_rounding(vertices)
     try:
-        result, notes = _outer(in_frame(vertices, origin), faces)
+        result, notes = _closed_outer_surface(in_frame(vertices, origin), faces)
     except InputError as error:
         if rounding is None:
             raise
@@ -145,30 +145,30 @@ def usable_mesh(mesh: object) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
     if np.any(origin):
         result = trimesh.Trimesh(np.asarray(result.vertices) + origin, result.faces, process=False)
     if rounding is not None:
-        say_once(rounding)
+        warn_once(rounding)
         notes.append(rounding)
     return result, tuple(notes)
 
 
-def _outer(vertices: FloatArray, faces: IntArray) -> tuple[trimesh.Trimesh, list[str]]:
+def _closed_outer_surface(vertices: FloatArray, faces: IntArray) -> tuple[trimesh.Trimesh, list[str]]:
     """Return the closed outer surface of vertices (v, 3), metres, and triangles (f, 3), and the repairs."""
     import trimesh
 
     longest = float(np.max(np.ptp(vertices, axis=0)))
-    result, notes = _closed(vertices, faces)
+    result, notes = _fill_holes(vertices, faces)
     vertices, faces, more = outer_surface(np.asarray(result.vertices, dtype=float), np.asarray(result.faces))
     if more:
         result = trimesh.Trimesh(vertices, faces, process=False)
-    volume, box = _volume(result), float(np.prod(np.ptp(result.vertices, axis=0)))
+    volume, box = _signed_volume(result), float(np.prod(np.ptp(result.vertices, axis=0)))
     if abs(volume) <= 1e-6 * max(box, 1e-3 * longest**3):
         raise InputError("Mesh.mesh", f"volume {abs(volume):.3g} m^3", "a mesh with volume")
     notes.extend(more)
-    if not is_plain(result) and (count := open_edges(result)):
+    if not is_plain(result) and (count := count_open_edges(result)):
         notes.append(f"not watertight ({count} open edges); the winding number decides what is inside")
     return result, notes
 
 
-def _of_likely_size(mesh: object) -> trimesh.Trimesh:
+def _check_size(mesh: object) -> trimesh.Trimesh:
     """Return the mesh; raise if it has no triangles or its size suggests another unit."""
     import trimesh
 
@@ -179,7 +179,7 @@ def _of_likely_size(mesh: object) -> trimesh.Trimesh:
     longest = _longest_side(mesh)
     if longest <= 0.0:
         raise InputError("Mesh.mesh", "a mesh of zero size", "a mesh with volume")
-    likely_size("Mesh.unit", "a longest side", longest, "its unit is probably {} than the one stated")
+    check_body_size("Mesh.unit", "a longest side", longest, "its unit is probably {} than the one stated")
     return mesh
 
 
@@ -188,13 +188,13 @@ def _longest_side(mesh: trimesh.Trimesh) -> float:
     return float(np.max(np.ptp(mesh.vertices, axis=0)))
 
 
-def _closed(vertices: FloatArray, faces: IntArray) -> tuple[trimesh.Trimesh, list[str]]:
+def _fill_holes(vertices: FloatArray, faces: IntArray) -> tuple[trimesh.Trimesh, list[str]]:
     """Return the mesh with small holes filled, and the repairs; raise if its inside is ambiguous."""
     result = merged_mesh(vertices, faces)
     if not len(result.faces):
         raise InputError("Mesh.mesh", "triangles without area", "a mesh with volume")
-    notes = [] if is_plain(result) else _mend(result)
-    if not is_plain(result) and (count := open_edges(result)):
+    notes = [] if is_plain(result) else _repair_mesh(result)
+    if not is_plain(result) and (count := count_open_edges(result)):
         share = unclear_share(np.asarray(result.vertices), np.asarray(result.faces))
         if share > OPEN_SHARE:
             raise InputError(
@@ -205,24 +205,24 @@ def _closed(vertices: FloatArray, faces: IntArray) -> tuple[trimesh.Trimesh, lis
     return result, notes
 
 
-def _mend(mesh: trimesh.Trimesh) -> list[str]:
+def _repair_mesh(mesh: trimesh.Trimesh) -> list[str]:
     """Remove duplicate triangles, fill holes and make the winding consistent, in place; return the repairs."""
     import trimesh
 
     notes = []
-    kept, copies, walls = without_doubles(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+    kept, copies, walls = drop_duplicates(np.asarray(mesh.vertices), np.asarray(mesh.faces))
     if not np.all(kept):
         mesh.update_faces(kept)
     if copies:
         notes.append(f"triangles left out that were there more than once: {copies}")
     if walls:
         notes.append(f"triangles left out that lay back to back and bound nothing: {walls}")
-    before, count, ways = open_edges(mesh), len(mesh.faces), np.array(mesh.faces)
+    before, count, ways = count_open_edges(mesh), len(mesh.faces), np.array(mesh.faces)
     if before:
         mesh.fill_holes()
         trimesh.repair.fix_normals(mesh)
         turned = int(np.sum(np.any(np.asarray(mesh.faces)[:count] != ways, axis=1)))
-        after, filled = open_edges(mesh), len(mesh.faces) > count
+        after, filled = count_open_edges(mesh), len(mesh.faces) > count
         if filled:
             notes.append(f"filled holes: {before} open edges before, {after} after")
         if turned:
@@ -237,7 +237,7 @@ def mesh_digest(mesh: trimesh.Trimesh) -> str:
     return digest.hexdigest()
 
 
-def _volume(mesh: trimesh.Trimesh) -> float:
+def _signed_volume(mesh: trimesh.Trimesh) -> float:
     """Return the signed volume, m^3, as a sum of tetrahedra about the mean vertex."""
     a, b, c = (np.asarray(mesh.triangles)[:, i] - np.mean(mesh.vertices, axis=0) for i in range(3))
     return float(np.sum(np.einsum("ij,ij->i", a, np.cross(b, c)))) / 6.0

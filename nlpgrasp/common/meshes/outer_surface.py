@@ -1,7 +1,7 @@
 """Outer surface of a mesh: union of its parts without cavities and buried triangles.
 
 Closed parts are oriented outwards and united (``outer_union``). Of parts that cannot be united, buried triangles are
-removed (``without_buried``): a triangle that no other intersects is buried entirely or not at all. Intersected
+removed (``exposed_surface``): a triangle that no other intersects is buried entirely or not at all. Intersected
 triangles are bisected repeatedly until no piece is intersected; small pieces that still are intersected are removed,
 which leaves a slit along the seam.
 """
@@ -15,15 +15,15 @@ from numpy.typing import NDArray
 
 from nlpgrasp.common.cache import kept
 from nlpgrasp.common.meshes.intersections import (
-    covered,
     crossing,
-    crossing_triangles,
     in_plane,
+    intersecting_triangles,
+    is_covered,
     meeting_boxes,
     normals_of,
 )
 from nlpgrasp.common.meshes.search_tree import BESIDE, OPEN_SHARE, IntArray, buried, buried_share, unclear_share
-from nlpgrasp.common.meshes.topology import Parts, with_own_vertices
+from nlpgrasp.common.meshes.topology import MeshParts, drop_unused_vertices
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 
@@ -55,25 +55,25 @@ def outer_surface(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, In
     InputError
         When overlapping parts cannot be united and the remaining surface has an ambiguous inside.
     """
-    found = kept("outer", [vertices, faces], lambda: _found(vertices, faces))
+    found = kept("outer", [vertices, faces], lambda: _cached_outer_surface(vertices, faces))
     notes = tuple(bytes(found["notes"].astype(np.uint8)).decode().splitlines())
     if not notes:
         return vertices, faces, ()
     return found["vertices"], np.asarray(found["faces"], dtype=np.int64), notes
 
 
-def _found(vertices: FloatArray, faces: IntArray) -> dict[str, FloatArray]:
+def _cached_outer_surface(vertices: FloatArray, faces: IntArray) -> dict[str, FloatArray]:
     """Return the outer surface as arrays for the cache; no triangles if it is unchanged."""
     notes: list[str] = []
-    parts = Parts(vertices, faces)
+    parts = MeshParts(vertices, faces)
     hollows = parts.cavities()
-    parts = _facing_outwards(parts, hollows, notes)
-    parts = _without_buried(_unite_parts(parts, hollows, notes), notes)
+    parts = _orient_outwards(parts, hollows, notes)
+    parts = _remove_buried(_unite_parts(parts, hollows, notes), notes)
     said = np.frombuffer("\n".join(notes).encode(), dtype=np.uint8).astype(float)
     return {"notes": said, "vertices": parts.vertices, "faces": parts.faces.astype(float)} if notes else {"notes": said}
 
 
-def _facing_outwards(parts: Parts, hollows: IntArray, notes: list[str]) -> Parts:
+def _orient_outwards(parts: MeshParts, hollows: IntArray, notes: list[str]) -> MeshParts:
     """Return the parts with all closed ones, cavity walls included, oriented outwards.
 
     For a mesh of one part or without closed parts, all triangles are reversed or none.
@@ -90,16 +90,16 @@ def _facing_outwards(parts: Parts, hollows: IntArray, notes: list[str]) -> Parts
     elif len(wrong):
         notes.append(f"turned {len(wrong)} of {len(every)} parts inside out: their triangles faced inwards")
     turned = np.isin(parts.labels, inwards)
-    return Parts(parts.vertices, np.where(turned[:, None], parts.faces[:, ::-1], parts.faces))
+    return MeshParts(parts.vertices, np.where(turned[:, None], parts.faces[:, ::-1], parts.faces))
 
 
-def _unite_parts(parts: Parts, hollows: IntArray, notes: list[str]) -> Parts:
+def _unite_parts(parts: MeshParts, hollows: IntArray, notes: list[str]) -> MeshParts:
     """Return the union of the parts; touching parts are offset outwards so that they overlap."""
     united, how = outer_union(parts), ""
-    if len(parts.volumes) > 1 and _buried(Parts(*united[0]) if united else parts) > MOST_BURIED:
+    if len(parts.volumes) > 1 and _buried(MeshParts(*united[0]) if united else parts) > MOST_BURIED:
         by = GROWN * float(np.linalg.norm(np.ptp(parts.vertices, axis=0)))
         grown = outer_union(parts, by)
-        if grown is not None and _buried(Parts(*grown[0])) <= MOST_BURIED:
+        if grown is not None and _buried(MeshParts(*grown[0])) <= MOST_BURIED:
             united, how = grown, f", grown by {by:.1g} m so that those that touch overlap"
     if united is None:
         return parts
@@ -109,15 +109,15 @@ def _unite_parts(parts: Parts, hollows: IntArray, notes: list[str]) -> Parts:
     if closed:
         walls = "a closed hollow" if closed == 1 else f"{closed} closed hollows"
         notes.append(f"left out the walls of {walls}: no finger gets there, and the body counts as filled")
-    return Parts(*united[0])
+    return MeshParts(*united[0])
 
 
-def _without_buried(parts: Parts, notes: list[str]) -> Parts:
+def _remove_buried(parts: MeshParts, notes: list[str]) -> MeshParts:
     """Return the mesh without buried triangles; raise if its inside is then ambiguous."""
     share = _buried(parts)
     if share <= MOST_BURIED:
         return parts
-    left = Parts(*without_buried(parts.vertices, parts.faces))
+    left = MeshParts(*exposed_surface(parts.vertices, parts.faces))
     if not len(left.faces) or unclear_share(left.vertices, left.faces) > OPEN_SHARE or _buried(left) > MOST_BURIED:
         raise InputError(
             "Mesh.mesh",
@@ -128,11 +128,11 @@ def _without_buried(parts: Parts, notes: list[str]) -> Parts:
     return left
 
 
-def _buried(parts: Parts) -> float:
+def _buried(parts: MeshParts) -> float:
     return buried_share(parts.vertices, parts.faces)
 
 
-def outer_union(parts: Parts, grown: float = 0.0) -> tuple[Triangles, int] | None:
+def outer_union(parts: MeshParts, grown: float = 0.0) -> tuple[Triangles, int] | None:
     """Return the outer surface of the union of the solid parts, and the number of closed cavities.
 
     The parts must be oriented outwards. All other triangles are appended unchanged.
@@ -157,23 +157,23 @@ def outer_union(parts: Parts, grown: float = 0.0) -> tuple[Triangles, int] | Non
     if not len(meeting_boxes(lower[solid] - grown, upper[solid] + grown)):
         return None
     finest = max(FINEST * float(np.linalg.norm(np.ptp(parts.vertices, axis=0))), grown)
-    joined = _unite_shells([_grown(*parts.mesh_of(part), grown) for part in solid.tolist()], finest)
+    joined = _unite_shells([_offset_shell(*parts.mesh_of(part), grown) for part in solid.tolist()], finest)
     if joined is None:
         return None
-    found = Parts(*joined)
+    found = MeshParts(*joined)
     outside = np.flatnonzero(found.volumes > 0.0)
     hollows = len(found.volumes) - len(outside)
     if hollows:  # shells inside cavities are then inside another shell
-        joined = with_own_vertices(found.vertices, found.faces[np.isin(found.labels, outside)])
+        joined = drop_unused_vertices(found.vertices, found.faces[np.isin(found.labels, outside)])
         joined = _unite_shells([found.mesh_of(part) for part in outside.tolist()], finest) or joined
     loose = np.flatnonzero(~np.isin(parts.labels, solid))
     if len(loose):
-        vertices, faces = with_own_vertices(parts.vertices, parts.faces[loose])
+        vertices, faces = drop_unused_vertices(parts.vertices, parts.faces[loose])
         joined = np.concatenate([joined[0], vertices]), np.concatenate([joined[1], faces + len(joined[0])])
     return joined, hollows
 
 
-def _grown(vertices: FloatArray, faces: IntArray, by: float) -> Triangles:
+def _offset_shell(vertices: FloatArray, faces: IntArray, by: float) -> Triangles:
     """Return a shell offset outwards along area-weighted vertex normals."""
     if by == 0.0:
         return vertices, faces
@@ -205,7 +205,7 @@ def _unite_shells(shells: Sequence[Triangles], finest: float) -> Triangles | Non
     return np.array(mesh.vert_properties, dtype=float)[:, :3], np.array(mesh.tri_verts).astype(np.int64)
 
 
-def without_buried(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+def exposed_surface(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
     """Return vertices (v, 3) and triangles (f, 3) of the exposed surface of a mesh.
 
     Raises
@@ -215,9 +215,11 @@ def without_buried(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, I
     """
     size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     corners = vertices[faces]
-    pairs = crossing_triangles(vertices, faces, BESIDE * size)
+    pairs = intersecting_triangles(vertices, faces, BESIDE * size)
     one, other = corners[pairs[:, 0]], corners[pairs[:, 1]]
-    upon = _alike(one, other) & (in_plane(one, other, BESIDE * size) | in_plane(other, one, BESIDE * size))
+    upon = _has_similar_normals(one, other) & (
+        in_plane(one, other, BESIDE * size) | in_plane(other, one, BESIDE * size)
+    )
     pairs = pairs[~(upon & (pairs[:, 0] < pairs[:, 1]))]
     whole = np.ones(len(faces), dtype=bool)
     whole[pairs[:, 0]] = False
@@ -241,22 +243,22 @@ def _pieces(corners: FloatArray, pairs: IntArray, size: float) -> FloatArray:
         cut[piece] = True
         small = _longest(pieces) <= SMALL * size
         done.append(pieces[~cut])
-        pieces, owners, piece, cutter = _halved(pieces, owners, piece, cutter, cut & ~small)
+        pieces, owners, piece, cutter = _bisect_pieces(pieces, owners, piece, cutter, cut & ~small)
         if len(pieces) + sum(map(len, done)) > MOST_PIECES:
             raise InputError(
                 "Mesh.mesh", "a surface that crosses itself in too many triangles", "parts joined to one closed surface"
             )
         some, others = pieces[piece], corners[cutter]
-        upon = covered(some, others, BESIDE * size)
+        upon = is_covered(some, others, BESIDE * size)
         twice = np.zeros(len(pieces), dtype=bool)
-        twice[piece[upon & _alike(some, others) & (cutter < owners[piece])]] = True
+        twice[piece[upon & _has_similar_normals(some, others) & (cutter < owners[piece])]] = True
         still = crossing(some, others, BESIDE * size) & ~upon & ~twice[piece]
         numbers = np.cumsum(~twice) - 1
         pieces, owners, piece, cutter = pieces[~twice], owners[~twice], numbers[piece[still]], cutter[still]
     return np.concatenate(done)
 
 
-def _halved(
+def _bisect_pieces(
     pieces: FloatArray, owners: IntArray, piece: IntArray, cutter: IntArray, which: NDArray[np.bool_]
 ) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
     """Return selected pieces bisected at their longest side, with owners and pairs, without the other pieces."""
@@ -276,7 +278,7 @@ def _halved(
     )
 
 
-def _alike(one: FloatArray, other: FloatArray) -> NDArray[np.bool_]:
+def _has_similar_normals(one: FloatArray, other: FloatArray) -> NDArray[np.bool_]:
     """Return which triangles (p, 3, 3) have normals within 90 degrees of others' (p, 3, 3), pair by pair."""
     return np.asarray(np.einsum("ij,ij->i", normals_of(one), normals_of(other)) > 0.0)
 

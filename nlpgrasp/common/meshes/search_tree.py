@@ -106,7 +106,7 @@ _every: weakref.WeakSet[SearchTree] = weakref.WeakSet()
 
 
 @atexit.register
-def _let_go() -> None:
+def _release_trees() -> None:
     """Release all trees at interpreter exit, since libigl reports remaining ones."""
     for tree in list(_every):
         tree.let_go()

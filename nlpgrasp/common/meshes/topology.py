@@ -26,7 +26,7 @@ SEAM = 1e-6  # of the longest side: distance within which open edges merge (expo
 
 
 @dataclass(frozen=True)
-class Parts:
+class MeshParts:
     """A mesh and its edge-connected parts.
 
     Where more than two triangles share an edge, consecutive ones in the mesh belong together, since files contain one
@@ -105,7 +105,7 @@ class Parts:
     def mesh_of(self, part: int) -> tuple[FloatArray, IntArray]:
         """Return the vertices (v, 3) and triangles (f, 3) of a single part."""
         order, starts = self._order
-        return with_own_vertices(self.vertices, self.faces[order[starts[part] : starts[part + 1]]])
+        return drop_unused_vertices(self.vertices, self.faces[order[starts[part] : starts[part + 1]]])
 
     def boxes(self) -> tuple[FloatArray, FloatArray]:
         """Return the lower and upper corners of all parts' bounding boxes, (p, 3) each."""
@@ -140,13 +140,13 @@ class Parts:
         return int(starts[part + 1] - starts[part])
 
 
-def with_own_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+def drop_unused_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
     """Return the vertices (v, 3) used by some triangles, and the triangles (f, 3) with renumbered vertices."""
     used, numbers = np.unique(faces, return_inverse=True)
     return vertices[used], np.asarray(numbers).reshape(-1, 3).astype(np.int64)
 
 
-def without_doubles(vertices: FloatArray, faces: IntArray) -> tuple[NDArray[np.bool_], int, int]:
+def drop_duplicates(vertices: FloatArray, faces: IntArray) -> tuple[NDArray[np.bool_], int, int]:
     """Return which triangles (f, 3) to keep, and the numbers of removed copies and opposite pairs' triangles.
 
     Pairs of opposite triangles bound no volume. They are removed unless their area is negligible or all there is; where
@@ -166,11 +166,13 @@ def without_doubles(vertices: FloatArray, faces: IntArray) -> tuple[NDArray[np.b
     wanted = np.flatnonzero((net[group] == 0) | (way == np.sign(net[group])))
     np.minimum.at(first, group[wanted], wanted)
     copies = (net[group] != 0) & (first[group] != np.arange(len(faces)))
-    closing = _closing(faces, group, ~(copies | balanced), balanced)
+    closing = _closing_triangles(faces, group, ~(copies | balanced), balanced)
     return ~(copies | balanced) | closing, int(copies.sum()), int((balanced & ~closing).sum())
 
 
-def _closing(faces: IntArray, group: IntArray, kept: NDArray[np.bool_], pairs: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _closing_triangles(
+    faces: IntArray, group: IntArray, kept: NDArray[np.bool_], pairs: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
     """Return which opposite triangles (f, 3) close open edges of the kept ones, at most one per group.
 
     An open edge with a single group of undecided triangles decides that group, then its other edges are examined.
@@ -213,12 +215,12 @@ def merged_mesh(vertices: FloatArray, faces: IntArray) -> trimesh.Trimesh:
     merged.merge_vertices()
     result = merged.copy()
     result.update_faces(result.nondegenerate_faces())
-    if not len(result.faces) or is_plain(result) or not (fewest := open_edges(result)):
+    if not len(result.faces) or is_plain(result) or not (fewest := count_open_edges(result)):
         return result
     all_faces = np.asarray(merged.faces)
     proper = all_faces[_has_three_corners(all_faces)]
     for candidate in (proper, welded_faces(np.asarray(merged.vertices), proper)):
-        left = Parts(np.asarray(merged.vertices), candidate).open_edges if len(candidate) else fewest
+        left = MeshParts(np.asarray(merged.vertices), candidate).open_edges if len(candidate) else fewest
         if left < fewest:
             fewest, result = left, trimesh.Trimesh(merged.vertices, candidate, process=False)
             result.remove_unreferenced_vertices()
@@ -227,7 +229,7 @@ def merged_mesh(vertices: FloatArray, faces: IntArray) -> trimesh.Trimesh:
 
 def welded_faces(vertices: FloatArray, faces: IntArray) -> IntArray:
     """Return the triangles (f, 3) with vertices of open edges merged within ``SEAM``."""
-    loose = Parts(vertices, faces).open_vertices
+    loose = MeshParts(vertices, faces).open_vertices
     reach = SEAM * float(np.max(np.ptp(vertices, axis=0)))
     pairs = loose[cKDTree(vertices[loose]).query_pairs(reach, output_type="ndarray")]
     count = len(vertices)
@@ -244,9 +246,9 @@ def is_plain(mesh: trimesh.Trimesh) -> bool:
     return bool(mesh.is_watertight and mesh.is_winding_consistent)
 
 
-def open_edges(mesh: trimesh.Trimesh) -> int:
+def count_open_edges(mesh: trimesh.Trimesh) -> int:
     """Return the number of open edges, used unequally often in both directions."""
-    return Parts(np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces)).open_edges
+    return MeshParts(np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces)).open_edges
 
 
 def _has_three_corners(faces: IntArray) -> NDArray[np.bool_]:

@@ -16,7 +16,7 @@ from nlpgrasp.common.validation import FloatArray
 IntArray = NDArray[np.int64]
 
 
-class Patches(Protocol):
+class CurvedFace(Protocol):
     """Interface of a curved face whose parts have corners (c, q): c coordinates of q numbers."""
 
     def contacts(self, coordinates: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -36,7 +36,7 @@ class Patches(Protocol):
 
 
 @dataclass(frozen=True)
-class Curved:
+class SmallCurvedParts:
     """Small parts of a cell on a curved face.
 
     Parameters
@@ -49,13 +49,13 @@ class Curved:
         Which of the cell's rows is at each corner.
     """
 
-    patches: Patches
+    patches: CurvedFace
     parts: FloatArray
     rows: NDArray[np.int64]
 
 
 @dataclass(frozen=True)
-class Rows:
+class RepresentativeContacts:
     """Representative contacts of a cell: bounds on all of them bound the cell.
 
     Parameters
@@ -68,14 +68,14 @@ class Rows:
 
     points: FloatArray
     normals: FloatArray
-    curved: tuple[Curved, ...] = ()
+    curved: tuple[SmallCurvedParts, ...] = ()
 
 
 Cut = int | list[list[int]]
 """Which side, interval or direction a cell is cut across; of a union its parts, as numbers of members."""
 
 
-class Cell(ABC):
+class SurfaceCell(ABC):
     """Interface of a cell: a piece of a face.
 
     A convex function of the work z of a contact anywhere in the cell is at most its largest value over the rows plus,
@@ -85,11 +85,11 @@ class Cell(ABC):
     kind: ClassVar[str]
 
     @abstractmethod
-    def rows(self) -> Rows:
+    def rows(self) -> RepresentativeContacts:
         """Return the representative contacts of the cell."""
 
     @abstractmethod
-    def split(self) -> tuple[Cell, ...]:
+    def split(self) -> tuple[SurfaceCell, ...]:
         """Return two cells that cover this one; itself alone where it is a point."""
 
     @abstractmethod
@@ -113,7 +113,7 @@ class Cell(ABC):
         return self.to_dict()
 
 
-class Surface(ABC):
+class CellFace(ABC):
     """Interface of a body's face as a union of cells.
 
     Parameters
@@ -126,5 +126,5 @@ class Surface(ABC):
         self.name = name
 
     @abstractmethod
-    def cells(self) -> Sequence[Cell]:
+    def cells(self) -> Sequence[SurfaceCell]:
         """Return cells that cover the face."""

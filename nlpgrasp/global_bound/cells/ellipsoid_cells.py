@@ -14,13 +14,13 @@ import numpy as np
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.global_bound.cells.cell import Cell, Curved, IntArray, Rows, Surface
+from nlpgrasp.global_bound.cells.cell import CellFace, IntArray, RepresentativeContacts, SmallCurvedParts, SurfaceCell
 
 FINE = 0.2  # radians between rows
 LEVELS = (1, 4)  # times that the sides of a cell are halved for its rows
 
 
-class EllipsoidCell(Cell):
+class EllipsoidCell(SurfaceCell):
     """A triangle, an arc or a point u of the unit sphere, mapped onto an ellipsoid about the origin by ``p = A u``.
 
     Parameters
@@ -36,17 +36,17 @@ class EllipsoidCell(Cell):
     def __init__(self, corners: FloatArray, patches: Spherical) -> None:
         self.corners, self.patches, self.a = corners, patches, patches.a
 
-    def rows(self) -> Rows:
+    def rows(self) -> RepresentativeContacts:
         """Return the corners of small triangles, or arcs, and these."""
-        longest = float(np.max(angles(self.corners, np.roll(self.corners, -1, axis=0))))
+        longest = float(np.max(angles_along(self.corners, np.roll(self.corners, -1, axis=0))))
         levels = int(np.clip(np.ceil(np.log2(max(longest / FINE, 1e-9))), *LEVELS)) if longest > 0.0 else 0
         pairs, parts = grid(len(self.corners), levels)
         u = self.corners
         for first, second in pairs:
             middle = u[first] + u[second]
             u = np.concatenate([u, middle / np.linalg.norm(middle, axis=1, keepdims=True)])
-        curved = Curved(self.patches, u[parts], parts)
-        return Rows(*self.patches.contacts(u), curved=(curved,) if len(self.corners) > 1 else ())
+        curved = SmallCurvedParts(self.patches, u[parts], parts)
+        return RepresentativeContacts(*self.patches.contacts(u), curved=(curved,) if len(self.corners) > 1 else ())
 
     def split(self) -> tuple[EllipsoidCell, ...]:
         """Return both halves, cut at the middle of the side that is longest on the ellipsoid; a point as it is."""
@@ -70,7 +70,7 @@ class EllipsoidCell(Cell):
         """Return the point in the middle, and the largest semi-axis times the angle to the farthest corner."""
         middle = self.corners.mean(axis=0)
         middle /= np.linalg.norm(middle)
-        return middle * self.a, float(np.max(self.a) * np.max(angles(self.corners, middle[None])))
+        return middle * self.a, float(np.max(self.a) * np.max(angles_along(self.corners, middle[None])))
 
     def anchors(self) -> FloatArray:
         """Return the corners."""
@@ -81,7 +81,7 @@ class EllipsoidCell(Cell):
         return {"kind": self.kind, "corners": self.corners.tolist(), "semi_axes": self.a.tolist()}
 
 
-class EllipsoidFace(Surface):
+class EllipsoidFace(CellFace):
     """The surface of an ellipsoid about the origin.
 
     Parameters
@@ -95,11 +95,11 @@ class EllipsoidFace(Surface):
         super().__init__(name)
         self.a, self.patches = semi_axes, Spherical(semi_axes)
 
-    def cells(self) -> Sequence[Cell]:
+    def cells(self) -> Sequence[SurfaceCell]:
         """Return the eight octants."""
         return [EllipsoidCell(np.diag(signs).astype(float), self.patches) for signs in product((1, -1), repeat=3)]
 
-    def half_plane(self, axis: FloatArray, side: FloatArray) -> Sequence[Cell]:
+    def half_plane(self, axis: FloatArray, side: FloatArray) -> Sequence[SurfaceCell]:
         """Return arcs over the half-plane through an axis, unit, on the side of another unit vector across it."""
         return [EllipsoidCell(np.stack([end, side]), self.patches) for end in (axis, -axis)]
 
@@ -132,26 +132,26 @@ class Spherical:
     def contacts(self, coordinates: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return points and inward normals at unit vectors (m, 3)."""
         points = coordinates * self.a
-        return points, inward_normals(points, self.a)
+        return points, ellipsoid_inward_normals(points, self.a)
 
     def bends(self, parts: FloatArray) -> FloatArray:
         """Return the bends of small triangles or arcs (n, c, 3), (n, 2, 3)."""
         large, small = float(np.max(self.a)), float(np.min(self.a))
         a = self.a[:, None]
         corners = np.ascontiguousarray(parts.transpose(1, 2, 0))  # (c, 3, n): rows of n run fast
-        sides = angles(corners, np.roll(corners, -1, axis=0), axis=1)
+        sides = angles_along(corners, np.roll(corners, -1, axis=0), axis=1)
         side = np.max(sides, axis=0)
-        steps = _enclosing(sides) ** 2 / 2.0
+        steps = _circumradius(sides) ** 2 / 2.0
         middle = np.mean(corners, axis=0)
-        middle /= _length(middle)
-        radius = np.max(angles(corners, middle, axis=1), axis=0)
-        g = np.maximum(_length(middle / a) - radius / small, 1.0 / large)
+        middle /= _vector_lengths(middle)
+        radius = np.max(angles_along(corners, middle, axis=1), axis=0)
+        g = np.maximum(_vector_lengths(middle / a) - radius / small, 1.0 / large)
         turn = 1.0 / (small * g)
         stretched = middle / a**2
-        off = _length(stretched - np.sum(stretched * middle, axis=0) * middle)
+        off = _vector_lengths(stretched - np.sum(stretched * middle, axis=0) * middle)
         half = 0.5 * (1.0 / small**2 - 1.0 / large**2)
         rate = turn**2 + 2.0 * turn * np.minimum(half, off + 3.0 * half * radius) / g**2
-        reach = np.minimum(large, _length(middle * a) + large * radius)
+        reach = np.minimum(large, _vector_lengths(middle * a) + large * radius)
         swept = np.full(len(parts), 2.0 * large) if large == small else reach + (large / small + small / large) / g
         apart = large * side  # from a corner to anywhere in the part
         second = np.stack([rate, swept + rate * apart, rate], axis=1)
@@ -167,7 +167,7 @@ class Spherical:
         return np.concatenate([parts, middle], axis=1), into
 
 
-def inward_normals(points: FloatArray, semi_axes: FloatArray) -> FloatArray:
+def ellipsoid_inward_normals(points: FloatArray, semi_axes: FloatArray) -> FloatArray:
     """Return the unit inward normals at points of an ellipsoid about the origin, (m, 3)."""
     outward = points / semi_axes**2
     return np.asarray(-outward / np.linalg.norm(outward, axis=1, keepdims=True))
@@ -203,18 +203,18 @@ def grid(corners: int, levels: int) -> tuple[tuple[tuple[IntArray, IntArray], ..
     return tuple(pairs), np.array(parts)
 
 
-def angles(u: FloatArray, v: FloatArray, axis: int = -1) -> FloatArray:
+def angles_along(u: FloatArray, v: FloatArray, axis: int = -1) -> FloatArray:
     """Return angles between unit vectors along an axis, exact for small ones, radians."""
     apart = np.sqrt(np.sum((u - v) ** 2, axis=axis))
     return np.asarray(2.0 * np.arcsin(np.minimum(0.5 * apart, 1.0)))
 
 
-def _length(v: FloatArray) -> FloatArray:
+def _vector_lengths(v: FloatArray) -> FloatArray:
     """Return the lengths of vectors (3, n), (n,)."""
     return np.asarray(np.sqrt(np.sum(v**2, axis=0)))
 
 
-def _enclosing(sides: FloatArray) -> FloatArray:
+def _circumradius(sides: FloatArray) -> FloatArray:
     """Return the radius of the smallest circle around arcs, or plane triangles, with these side lengths, (m,).
 
     Sides (c, m) are angles on the sphere; in the plane that touches it they are longer, by ``t / sin t`` at most.

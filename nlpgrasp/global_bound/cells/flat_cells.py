@@ -10,12 +10,12 @@ import numpy as np
 from nlpgrasp.common.spatial import tangents
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.global_bound.cells.cell import Cell, Rows, Surface
+from nlpgrasp.global_bound.cells.cell import CellFace, RepresentativeContacts, SurfaceCell
 
 ROUNDING = 1e-9  # relative: extents that differ by less are equal, so that mirror images are cut alike
 
 
-class PolygonCell(Cell):
+class PolygonCell(SurfaceCell):
     """A convex polygon of a flat face, or a segment of a straight edge.
 
     The normal is the same everywhere, so the work is linear in the point: its convex functions are largest at a vertex.
@@ -35,16 +35,16 @@ class PolygonCell(Cell):
     def __init__(self, vertices: FloatArray, normal: FloatArray, axes: FloatArray) -> None:
         self.vertices, self.normal, self.axes = vertices, normal, axes
 
-    def rows(self) -> Rows:
+    def rows(self) -> RepresentativeContacts:
         """Return the vertices."""
-        return Rows(self.vertices, np.broadcast_to(self.normal, self.vertices.shape))
+        return RepresentativeContacts(self.vertices, np.broadcast_to(self.normal, self.vertices.shape))
 
     def split(self) -> tuple[PolygonCell, PolygonCell]:
         """Return both halves of the longer extent along the axes."""
         i = self.cut()
         along = self.axes[i] @ self.vertices.T
         middle = 0.5 * float(np.max(along) + np.min(along))
-        low, high = (clipped(self.vertices, s * self.axes[i], s * middle) for s in (1.0, -1.0))
+        low, high = (clip(self.vertices, s * self.axes[i], s * middle) for s in (1.0, -1.0))
         return PolygonCell(low, self.normal, self.axes), PolygonCell(high, self.normal, self.axes)
 
     def cut(self) -> int:
@@ -67,7 +67,7 @@ class PolygonCell(Cell):
         return {"kind": self.kind} | {name: value.tolist() for name, value in values.items()}
 
 
-class FlatFace(Surface):
+class FlatFaceCells(CellFace):
     """Flat face, or what constraints leave of it, as convex polygons.
 
     Parameters
@@ -84,12 +84,12 @@ class FlatFace(Surface):
         self.pieces, self.normal = tuple(pieces), normal
         self.axes = tangents(normal[None])[0]
 
-    def cells(self) -> Sequence[Cell]:
+    def cells(self) -> Sequence[SurfaceCell]:
         """Return a cell for each piece."""
         return [PolygonCell(piece, self.normal, self.axes) for piece in self.pieces]
 
 
-def clipped(vertices: FloatArray, direction: FloatArray, offset: float) -> FloatArray:
+def clip(vertices: FloatArray, direction: FloatArray, offset: float) -> FloatArray:
     """Return what a half-space ``direction . p <= offset`` leaves of a convex polygon or a segment, perhaps nothing."""
     beyond = vertices @ direction - offset
     kept: list[FloatArray] = []

@@ -1,4 +1,4 @@
-"""Cells of a mesh: a binary tree of triangle clusters (``Clusters``), each node of which is a cell."""
+"""Cells of a mesh: a binary tree of triangle clusters (``ClusterTree``), each node of which is a cell."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.global_bound.cells.cell import Cell, IntArray, Rows, Surface
+from nlpgrasp.global_bound.cells.cell import CellFace, IntArray, RepresentativeContacts, SurfaceCell
 
 LEVELS = 12  # of clusters below the whole surface
 ENOUGH, MOST = 4096, 40_000  # pieces: so many that large triangles are halved, and where that ends
@@ -20,7 +20,7 @@ TURN = 0.5  # what a turn of the normal by a radian weighs, in sizes of the body
 SMALLEST = 1e-300  # twice the area of a triangle that has a normal
 
 
-class MeshCell(Cell):
+class TriangleCluster(SurfaceCell):
     """A cluster of triangles, or of pieces of them.
 
     Parameters
@@ -32,19 +32,19 @@ class MeshCell(Cell):
 
     kind: ClassVar[str] = "mesh"
 
-    def __init__(self, clusters: Clusters, node: int) -> None:
+    def __init__(self, clusters: ClusterTree, node: int) -> None:
         self.clusters, self.node = clusters, node
 
-    def rows(self) -> Rows:
+    def rows(self) -> RepresentativeContacts:
         """Return the corners of all pieces with the normal of each."""
         own = self.clusters.rows_of(self.node)
-        return Rows(self.clusters.rows.points[own], self.clusters.rows.normals[own])
+        return RepresentativeContacts(self.clusters.rows.points[own], self.clusters.rows.normals[own])
 
-    def split(self) -> tuple[Cell, ...]:
+    def split(self) -> tuple[SurfaceCell, ...]:
         """Return both halves of the cluster; of one of the last level itself."""
         if self.node >= self.clusters.last:
             return (self,)
-        return tuple(MeshCell(self.clusters, 2 * self.node + i) for i in (0, 1))
+        return tuple(TriangleCluster(self.clusters, 2 * self.node + i) for i in (0, 1))
 
     def cut(self) -> int:
         """Return how many pieces, in the order in which they are stated, are in the first part."""
@@ -70,7 +70,7 @@ class MeshCell(Cell):
         return {"kind": self.kind, "halved": [], "order": None}
 
 
-class MeshFace(Surface):
+class MeshFace(CellFace):
     """The surface of a mesh: its triangles, with their own normals.
 
     Parameters
@@ -84,20 +84,20 @@ class MeshFace(Surface):
         self.body = body
 
     @cached_property
-    def clusters(self) -> Clusters:
+    def clusters(self) -> ClusterTree:
         """The triangles, halved until they are small."""
         corners = np.asarray(self.body.mesh.triangles, dtype=float)
         sides = corners[:, 1:] - corners[:, :1]
         inward = np.cross(sides[:, 1], sides[:, 0])
         inward /= np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), SMALLEST)
-        return Clusters(corners, inward, self.body.size)
+        return ClusterTree(corners, inward, self.body.size)
 
-    def cells(self) -> Sequence[Cell]:
+    def cells(self) -> Sequence[SurfaceCell]:
         """Return the whole surface as one cell."""
-        return [MeshCell(self.clusters, 1)]
+        return [TriangleCluster(self.clusters, 1)]
 
 
-class Clusters:
+class ClusterTree:
     """Balanced binary tree of triangle pieces: node i has the children 2 i and 2 i + 1, the root is 1.
 
     A piece is flat, so that convex functions of a contact's work are largest at one of its corners: the rows of a
@@ -130,7 +130,7 @@ class Clusters:
     """
 
     def __init__(self, corners: FloatArray, normals: FloatArray, size: float) -> None:
-        self.halved, self.pieces, owner = _halved(corners)
+        self.halved, self.pieces, owner = _halve_triangles(corners)
         self.normals = normals[owner]
         self.levels = min(int(np.log2(len(self.pieces))), LEVELS)
         features = np.concatenate([self.pieces.mean(axis=1) / size, TURN * self.normals], axis=1)
@@ -164,18 +164,18 @@ class Clusters:
         first = (node << below) - self.last
         return slice(int(self.begin[first]), int(self.begin[first + 2**below]))
 
-    def _rows(self) -> tuple[Rows, IntArray]:
+    def _rows(self) -> tuple[RepresentativeContacts, IntArray]:
         """Return the corners of all pieces in order, within each last cluster once, and where clusters begin."""
         points = self.pieces[self.order].reshape(-1, 3)
         normals = np.repeat(self.normals[self.order], 3, axis=0)
-        ends = 3 * _ends(len(self.order), self.levels)
+        ends = 3 * _level_ranges(len(self.order), self.levels)
         cluster = np.repeat(np.arange(self.last), np.diff(ends))
         once = np.unique(np.column_stack([cluster, points, normals]), axis=0, return_index=True)[1]
         begin = np.searchsorted(cluster[np.sort(once)], np.arange(self.last + 1))
-        return Rows(points[np.sort(once)], normals[np.sort(once)]), begin
+        return RepresentativeContacts(points[np.sort(once)], normals[np.sort(once)]), begin
 
 
-def _halved(corners: FloatArray) -> tuple[tuple[str, ...], FloatArray, IntArray]:
+def _halve_triangles(corners: FloatArray) -> tuple[tuple[str, ...], FloatArray, IntArray]:
     """Return how triangles are halved across their longest sides, the pieces, and the triangle each is part of."""
     owner, pieces, rounds = np.arange(len(corners)), corners, list[str]()
     sides = corners[:, 1:] - corners[:, :1]
@@ -202,7 +202,7 @@ def _ordered(features: FloatArray, levels: int) -> IntArray:
     """Return an order in which all clusters are ranges: halved again and again where they are most spread."""
     order = np.arange(len(features))
     for level in range(levels):
-        ends = _ends(len(order), level)
+        ends = _level_ranges(len(order), level)
         owner = np.repeat(np.arange(2**level), np.diff(ends))
         own = features[order]
         number = np.diff(ends)[:, None]
@@ -213,6 +213,6 @@ def _ordered(features: FloatArray, levels: int) -> IntArray:
     return order
 
 
-def _ends(count: int, level: int) -> IntArray:
+def _level_ranges(count: int, level: int) -> IntArray:
     """Return where the clusters of a level begin and end in the order, (2^level + 1,)."""
     return np.asarray(np.arange(2**level + 1) * count // 2**level)

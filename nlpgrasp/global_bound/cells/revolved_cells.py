@@ -1,6 +1,6 @@
 """Cells of discs, cylinders and tori: sectors of discs and patches of surfaces of revolution about the z axis.
 
-``Revolved`` bounds how far a contact's work in a small patch is off that at the patch's corners.
+``RevolvedPatches`` bounds how far a contact's work in a small patch is off that at the patch's corners.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.global_bound.cells.cell import Cell, Curved, IntArray, Rows, Surface
+from nlpgrasp.global_bound.cells.cell import CellFace, IntArray, RepresentativeContacts, SmallCurvedParts, SurfaceCell
 
 SECTORS = 8  # of a disc: angles that differ by less than half a turn are needed
 FINE = 0.2  # radians between rows
@@ -20,7 +20,7 @@ MOST = 16  # steps between rows, either way
 PARTS = 4  # of a whole turn, to begin with
 
 
-class SectorCell(Cell):
+class SectorCell(SurfaceCell):
     """The part of a horizontal disc about the z axis with ``r_0 <= r <= r_1`` and ``phi_0 <= phi <= phi_1``.
 
     The normal is the same everywhere, so that a convex function of the work is largest at a corner of any polygon
@@ -43,21 +43,21 @@ class SectorCell(Cell):
     def __init__(self, radii: FloatArray, angles: FloatArray, height: float, normal: FloatArray) -> None:
         self.radii, self.angles, self.height, self.normal = radii, angles, height, normal
 
-    def rows(self) -> Rows:
+    def rows(self) -> RepresentativeContacts:
         """Return the corners and where the outer tangents meet."""
         low, high = self.angles
         polar = [(r, phi) for r in self.radii for phi in (low, high)]
         if high > low:
             polar.append((self.radii[1] / np.cos(0.5 * (high - low)), 0.5 * (low + high)))
         points = np.array([(r * np.cos(phi), r * np.sin(phi), self.height) for r, phi in polar])
-        return Rows(points, np.broadcast_to(self.normal, points.shape))
+        return RepresentativeContacts(points, np.broadcast_to(self.normal, points.shape))
 
     def split(self) -> tuple[SectorCell, SectorCell]:
         """Return both halves, of the radii or of the angles, whichever are further apart."""
         if self.cut() == 0:
-            first, second = halves(self.radii)
+            first, second = halve(self.radii)
             return self._with(first, self.angles), self._with(second, self.angles)
-        first, second = halves(self.angles)
+        first, second = halve(self.angles)
         return self._with(self.radii, first), self._with(self.radii, second)
 
     def cut(self) -> int:
@@ -89,7 +89,7 @@ class SectorCell(Cell):
         }
 
 
-class DiscFace(Surface):
+class DiscFace(CellFace):
     """A flat end of a cylinder about the z axis.
 
     Parameters
@@ -105,18 +105,18 @@ class DiscFace(Surface):
         super().__init__(name)
         self.radius, self.height, self.normal = radius, height, normal
 
-    def cells(self) -> Sequence[Cell]:
+    def cells(self) -> Sequence[SurfaceCell]:
         """Return the sectors from the centre to the rim."""
         ends = 2.0 * np.pi * np.arange(SECTORS + 1) / SECTORS
         radii = np.array([0.0, self.radius])
         return [SectorCell(radii, ends[i : i + 2], self.height, self.normal) for i in range(SECTORS)]
 
-    def pinned(self) -> Sequence[Cell]:
+    def pinned(self) -> Sequence[SurfaceCell]:
         """Return the radius at angle 0: where every contact of the disc can be turned to."""
         return [SectorCell(np.array([0.0, self.radius]), np.zeros(2), self.height, self.normal)]
 
 
-class RevolvedCell(Cell):
+class RevolvedCell(SurfaceCell):
     """A patch ``phi_0 <= phi <= phi_1``, ``t_0 <= t <= t_1`` of a surface that turns about the z axis.
 
     On a cylinder's side t is the height z; on a torus it is the angle around the tube.
@@ -133,23 +133,26 @@ class RevolvedCell(Cell):
 
     kind: ClassVar[str] = "revolved"
 
-    def __init__(self, patches: Revolved, angles: FloatArray, along: FloatArray) -> None:
+    def __init__(self, patches: RevolvedPatches, angles: FloatArray, along: FloatArray) -> None:
         self.patches, self.angles, self.along = patches, angles, along
         self.radii, self.round = patches.radii, patches.round
 
-    def rows(self) -> Rows:
+    def rows(self) -> RepresentativeContacts:
         """Return a grid of points and the patches between them."""
-        turns, steps = _count(self.angles), _count(self.along) if self.round else int(np.ptp(self.along) > 0.0)
-        corners, parts = rectangles(_grid(self.angles, turns), _grid(self.along, steps))
-        curved = Curved(self.patches, corners[parts], parts)
-        return Rows(*self.patches.contacts(corners), curved=(curved,) if parts.shape[1] > 1 else ())
+        turns, steps = (
+            _part_count(self.angles),
+            _part_count(self.along) if self.round else int(np.ptp(self.along) > 0.0),
+        )
+        corners, parts = rectangles(_interval_grid(self.angles, turns), _interval_grid(self.along, steps))
+        curved = SmallCurvedParts(self.patches, corners[parts], parts)
+        return RepresentativeContacts(*self.patches.contacts(corners), curved=(curved,) if parts.shape[1] > 1 else ())
 
     def split(self) -> tuple[RevolvedCell, RevolvedCell]:
         """Return both halves of the longer side in metres."""
         if self.cut() == 0:
-            first, second = halves(self.angles)
+            first, second = halve(self.angles)
             return RevolvedCell(self.patches, first, self.along), RevolvedCell(self.patches, second, self.along)
-        first, second = halves(self.along)
+        first, second = halve(self.along)
         return RevolvedCell(self.patches, self.angles, first), RevolvedCell(self.patches, self.angles, second)
 
     def cut(self) -> int:
@@ -167,7 +170,7 @@ class RevolvedCell(Cell):
 
     def anchors(self) -> FloatArray:
         """Return the corners and the middle of both intervals."""
-        grids = np.meshgrid(*(_grid(interval, 2) for interval in (self.angles, self.along)), indexing="ij")
+        grids = np.meshgrid(*(_interval_grid(interval, 2) for interval in (self.angles, self.along)), indexing="ij")
         return at(self.radii, np.ravel(grids[0]), np.ravel(grids[1]))[0]
 
     def to_dict(self) -> Json:
@@ -176,7 +179,7 @@ class RevolvedCell(Cell):
         return {"kind": self.kind} | dict(zip(("radii", "angles", "along"), (v.tolist() for v in values), strict=True))
 
 
-class RevolvedFace(Surface):
+class RevolvedFace(CellFace):
     """The side of a cylinder, or a torus, about the z axis.
 
     Parameters
@@ -190,7 +193,7 @@ class RevolvedFace(Surface):
 
     def __init__(self, name: str, radii: FloatArray, along: FloatArray) -> None:
         super().__init__(name)
-        self.radii, self.along, self.patches = radii, along, Revolved(radii)
+        self.radii, self.along, self.patches = radii, along, RevolvedPatches(radii)
 
     def _parts(self) -> list[FloatArray]:
         if self.radii[0] == 0.0:
@@ -198,26 +201,26 @@ class RevolvedFace(Surface):
         ends = np.linspace(float(self.along[0]), float(self.along[1]), PARTS + 1)
         return [ends[i : i + 2] for i in range(PARTS)]
 
-    def cells(self) -> Sequence[Cell]:
+    def cells(self) -> Sequence[SurfaceCell]:
         """Return quarter turns, of a torus quarters of them around the tube."""
         ends = 2.0 * np.pi * np.arange(PARTS + 1) / PARTS
         return [RevolvedCell(self.patches, ends[i : i + 2], t) for i in range(PARTS) for t in self._parts()]
 
-    def pinned(self) -> Sequence[Cell]:
+    def pinned(self) -> Sequence[SurfaceCell]:
         """Return the lines at angle 0: where every contact can be turned to."""
         return [RevolvedCell(self.patches, np.zeros(2), t) for t in self._parts()]
 
 
-def _count(interval: FloatArray) -> int:
+def _part_count(interval: FloatArray) -> int:
     size = float(np.ptp(interval))
     return int(np.clip(np.ceil(size / FINE), 2, MOST)) if size > 0.0 else 0
 
 
-def _grid(interval: FloatArray, steps: int) -> FloatArray:
+def _interval_grid(interval: FloatArray, steps: int) -> FloatArray:
     return np.linspace(float(interval[0]), float(interval[1]), steps + 1)
 
 
-class Revolved:
+class RevolvedPatches:
     """Parts ``phi_0 <= phi <= phi_1``, ``t_0 <= t <= t_1`` of a cylinder's side or a torus about the z axis.
 
     On a cylinder's side t is the height z; on a torus it is the angle around the tube. Turning by phi turns point and
@@ -311,7 +314,7 @@ def rectangles(first: FloatArray, second: FloatArray) -> tuple[FloatArray, IntAr
     return corners, np.stack([number[a, b].ravel() for a in one for b in other], axis=1)
 
 
-def halves(interval: FloatArray) -> tuple[FloatArray, FloatArray]:
+def halve(interval: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return both halves of an interval (2,)."""
     middle = 0.5 * float(interval[0] + interval[1])
     return np.array([interval[0], middle]), np.array([middle, interval[1]])

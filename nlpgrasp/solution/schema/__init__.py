@@ -230,7 +230,7 @@ class StartData(TypedDict):
     origin: NotRequired[str]
 
 
-class FoundData(TypedDict):
+class KeptGraspData(TypedDict):
     """Type of the items of ``grasps``, with the keys of a solution."""
 
     start: NotRequired[int | None]
@@ -275,5 +275,5 @@ class SolutionData(TypedDict):
     drawing: NotRequired[Json | None]
     kkt: NotRequired[KKTData | None]
     best_start: NotRequired[int | None]
-    grasps: NotRequired[list[FoundData]]
+    grasps: NotRequired[list[KeptGraspData]]
     solver: NotRequired[SolverData]

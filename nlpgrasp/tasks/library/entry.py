@@ -17,7 +17,7 @@ from nlpgrasp.common.files import check_schema, read_object, read_text, write_te
 from nlpgrasp.common.formatting import FORCE_UNIT, MOMENT_UNIT
 from nlpgrasp.common.spatial import space_dimension
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray, array, read_only, within
+from nlpgrasp.common.validation import FloatArray, array, prefix_errors, read_only
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.growing_ellipsoids import Learnt, LeastVolume, Normal
 from nlpgrasp.tasks.task_ellipsoid import TaskEllipsoid
@@ -187,7 +187,7 @@ def entry_name(value: object) -> str:
     return name
 
 
-def text(field: str, value: object) -> str:
+def check_text_line(field: str, value: object) -> str:
     """Return a validated line of text, in Unicode normal form C."""
     if not isinstance(value, str) or not value.isprintable() or len(value) > LONGEST_TEXT:
         raise InputError(field, repr(value), f"one line of at most {LONGEST_TEXT} printable characters")
@@ -199,7 +199,7 @@ def tag_words(value: object) -> tuple[str, ...]:
     several = [value] if isinstance(value, str) else value
     if not isinstance(several, list | tuple):
         raise InputError("tags", value, "a word or several")
-    return tuple(text("tags", one) for one in several)
+    return tuple(check_text_line("tags", one) for one in several)
 
 
 def about_point(value: object, dimension: int, field: str = "about") -> FloatArray | None:
@@ -222,10 +222,10 @@ def _validator() -> jsonschema.Draft202012Validator:
 
 def write_entry(entry: TaskEntry, path: Path) -> Path:
     """Write an entry's file atomically."""
-    return write_text(path, text_of(entry))
+    return write_text(path, entry_json(entry))
 
 
-def text_of(entry: TaskEntry) -> str:
+def entry_json(entry: TaskEntry) -> str:
     """Return an entry as JSON text, one field per line."""
     data = {
         "schema": SCHEMA_NAME,
@@ -260,7 +260,7 @@ def parse_entry(content: str, name: str) -> TaskEntry:
         if given != unit:
             raise InputError(f"{name}: units.{quantity}", given, f"{unit!r}: entries are in SI units")
     check_schema(data, _validator(), name, EXPECTED)
-    with within(f"{name}: "):
+    with prefix_errors(f"{name}: "):
         return _entry(data)
 
 

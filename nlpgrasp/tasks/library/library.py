@@ -27,11 +27,11 @@ from nlpgrasp.tasks.library.entry import (
     Frame,
     Origin,
     TaskEntry,
+    check_text_line,
     entry_name,
     point_words,
     read_entry,
     tag_words,
-    text,
     write_entry,
 )
 from nlpgrasp.tasks.recording import WrenchRecording
@@ -62,7 +62,7 @@ class TaskLibrary:
     """
 
     def __init__(self, path: str | Path | None = None) -> None:
-        self._folder = Folder(path)
+        self._folder = LibraryFolder(path)
 
     @property
     def path(self) -> Path:
@@ -99,7 +99,7 @@ class TaskLibrary:
 
     def search(self, words: str) -> tuple[str, ...]:
         """Return the names of entries whose name, description or tags contain all given words, in any case."""
-        return tuple(entry.name for entry in self.entries() if entry.holds(text("words", words).split()))
+        return tuple(entry.name for entry in self.entries() if entry.holds(check_text_line("words", words).split()))
 
     def add(
         self,
@@ -108,7 +108,7 @@ class TaskLibrary:
         *,
         outliers: float = 0.0,
         probability: float | None = None,
-        **notes: Unpack[Notes],
+        **notes: Unpack[EntryNotes],
     ) -> TaskEntry:
         """Add a task under a new name.
 
@@ -136,12 +136,12 @@ class TaskLibrary:
         UserWarning
             When the wrenches are constant along some direction: the ellipsoid is flat.
         """
-        said, given = Said.of(notes), entry_name(name)
+        said, given = CheckedNotes.of(notes), entry_name(name)
         if isinstance(what, TaskEntry):
-            made = copied(what, given, said)
+            made = copy_entry(what, given, said)
         else:
-            learnt, about, source = learnt_from(what, outliers, probability)
-            origin = origin_now("added", said.source or source, learnt.wrenches)
+            learnt, about, source = fit_input(what, outliers, probability)
+            origin = provenance_now("added", said.source or source, learnt.wrenches)
             frame = Frame(said.frame, about)
             made = TaskEntry(given, learnt, frame, said.description, said.tags, (origin,))
         with self._folder.changing():
@@ -168,12 +168,12 @@ class TaskLibrary:
         source : str
             Their provenance; by default a recording's file.
         """
-        given, said = Given.of(wrenches, outliers), text("source", source)
+        given, said = WrenchInput.of(wrenches, outliers), check_text_line("source", source)
         with self._folder.changing():
             file, old = self._folder.get(name)
             rows = given.at(old.frame.about, old.dimension)
-            origin = origin_now("updated", said or given.source, len(rows))
-            entry = replace(old, learnt=old.learnt.updated(rows), provenance=after(old, origin))
+            origin = provenance_now("updated", said or given.source, len(rows))
+            entry = replace(old, learnt=old.learnt.updated(rows), provenance=append_provenance(old, origin))
             self._folder.keep(entry, file)
         _warn_if_flat(entry)
         return entry
@@ -195,7 +195,7 @@ class TaskLibrary:
                 raise InputError("other", repr(other), "another entry: wrenches count once")
             old.learnt.check_alike(joined.learnt)
             old.frame.check_same(joined.frame)
-            origin = origin_now("merged", joined.name, joined.wrenches)
+            origin = provenance_now("merged", joined.name, joined.wrenches)
             learnt = old.learnt.merged(joined.learnt)
             entry = replace(old, learnt=learnt, provenance=(*old.provenance, *joined.provenance, origin))
             self._folder.keep(entry, file)
@@ -214,8 +214,8 @@ class TaskLibrary:
         with self._folder.changing():
             file, old = self._folder.get(name)
             learnt, out = old.learnt.without_outliers(share)
-            origin = origin_now("forgot", f"outliers, at most {share:g} of the wrenches", len(out))
-            self._folder.keep(replace(old, learnt=learnt, provenance=after(old, origin)), file)
+            origin = provenance_now("forgot", f"outliers, at most {share:g} of the wrenches", len(out))
+            self._folder.keep(replace(old, learnt=learnt, provenance=append_provenance(old, origin)), file)
         return out
 
     def remove(self, name: str) -> None:
@@ -247,7 +247,7 @@ def _warn_if_flat(entry: TaskEntry) -> None:
         warn(f"{entry.name}: {words}")
 
 
-class Notes(TypedDict, total=False):
+class EntryNotes(TypedDict, total=False):
     """Optional description, tags, frame and source of an entry."""
 
     description: str
@@ -257,7 +257,7 @@ class Notes(TypedDict, total=False):
 
 
 @dataclass(frozen=True)
-class Said:
+class CheckedNotes:
     """Validated notes with defaults."""
 
     description: str
@@ -266,7 +266,7 @@ class Said:
     source: str
 
     @classmethod
-    def of(cls, notes: Notes) -> Said:
+    def of(cls, notes: EntryNotes) -> CheckedNotes:
         """Return validated notes.
 
         Raises
@@ -274,16 +274,16 @@ class Said:
         InputError
             On unknown fields or invalid texts.
         """
-        unknown = sorted(set(notes) - set(Notes.__annotations__))
+        unknown = sorted(set(notes) - set(EntryNotes.__annotations__))
         if unknown:
-            raise InputError("notes", ", ".join(unknown), "some of " + ", ".join(Notes.__annotations__))
-        lines = [text(field, notes.get(field, "")) for field in ("description", "frame", "source")]
+            raise InputError("notes", ", ".join(unknown), "some of " + ", ".join(EntryNotes.__annotations__))
+        lines = [check_text_line(field, notes.get(field, "")) for field in ("description", "frame", "source")]
         return cls(lines[0], tag_words(notes.get("tags", ())), lines[1], lines[2])
 
 
-def copied(entry: TaskEntry, name: str, said: Said) -> TaskEntry:
+def copy_entry(entry: TaskEntry, name: str, said: CheckedNotes) -> TaskEntry:
     """Return a copy of an entry under another name, with given notes replacing its own."""
-    origin = origin_now("added", said.source or f"a copy of {entry.name}", 0)
+    origin = provenance_now("added", said.source or f"a copy of {entry.name}", 0)
     return replace(
         entry,
         name=name,
@@ -294,12 +294,12 @@ def copied(entry: TaskEntry, name: str, said: Said) -> TaskEntry:
     )
 
 
-def origin_now(did: str, source: str, wrenches: int) -> Origin:
+def provenance_now(did: str, source: str, wrenches: int) -> Origin:
     """Return a provenance record with today's date."""
     return Origin(did, source, wrenches, datetime.now(UTC).date().isoformat())
 
 
-def after(entry: TaskEntry, origin: Origin) -> tuple[Origin, ...]:
+def append_provenance(entry: TaskEntry, origin: Origin) -> tuple[Origin, ...]:
     """Return an entry's provenance with a record appended; equal records of one day are combined."""
     *before, last = entry.provenance or (origin,)
     if not entry.provenance or replace(last, wrenches=origin.wrenches) != origin:
@@ -307,7 +307,7 @@ def after(entry: TaskEntry, origin: Origin) -> tuple[Origin, ...]:
     return (*before, replace(origin, wrenches=last.wrenches + origin.wrenches))
 
 
-def learnt_from(
+def fit_input(
     what: TaskEllipsoid | Wrenches, outliers: float, probability: float | None
 ) -> tuple[Learnt, FloatArray | None, str]:
     """Return the ellipsoid of a task or wrenches, its reference point of moments and its source."""
@@ -319,14 +319,14 @@ def learnt_from(
         return LeastVolume.of_task(what), what.about, ""
     if outliers and probability is not None:
         raise InputError("probability", probability, "a share between 0 and 1, without outliers")
-    given = Given.of(what, outliers)
+    given = WrenchInput.of(what, outliers)
     stated = isinstance(what, WrenchRecording | TaskPolytope)
     about = given.about if stated else np.zeros(space_dimension(given.rows.shape[1]))
     return given.learnt(probability), about, given.source
 
 
 @dataclass(frozen=True)
-class Given:
+class WrenchInput:
     """Input wrenches with their reference point and source.
 
     Parameters
@@ -343,7 +343,7 @@ class Given:
     source: str
 
     @classmethod
-    def of(cls, value: WrenchRecording | Task | ArrayLike, outliers: float) -> Given:
+    def of(cls, value: WrenchRecording | Task | ArrayLike, outliers: float) -> WrenchInput:
         """Return the wrenches of a recording, polytope or array, without a share of outliers.
 
         Raises
@@ -387,7 +387,7 @@ class Given:
         return np.asarray(self.rows @ move_torque_origin(about - self.about).T)
 
 
-class Folder:
+class LibraryFolder:
     """A folder of task library entries.
 
     Parameters

@@ -20,9 +20,9 @@ from nlpgrasp.quality.measures import mu
 from nlpgrasp.solution.quality_record import GlobalBound
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.bound.proof import RECOMPUTED, Proof
-from nlpgrasp.verify.check import BROKEN, Check, NotMadeError, Verification, guarded, no_sense
+from nlpgrasp.verify.check import BROKEN, Check, NotCheckedError, Verification, broken_data_message, guard
 from nlpgrasp.verify.quality_checks import OTHER_SEED, overlap
-from nlpgrasp.verify.sources import Sources
+from nlpgrasp.verify.sources import SourceFolders
 
 SCHEMA = "nlpgrasp-bound/1"  # of a bound file
 LARGEST = 512 * 2**20  # bytes: largest file that is read
@@ -58,14 +58,14 @@ def bound_file(path: Path) -> Json | None:
     return dict(data)
 
 
-def verify_bound(data: Json, rtol: float, sources: Sources) -> Verification:
+def verify_bound(data: Json, rtol: float, sources: SourceFolders) -> Verification:
     """Return the checks of a bound file: certificate, grasp, gap; a bound that cannot be recomputed fails."""
     with np.errstate(all="ignore"):  # invalid numbers give NaN, which fails every comparison
         try:
             upper, proof = float(data["upper"]), Proof(data["problem"], data["certificate"], sources)
             checks = proof.checks(upper, data["dropped"])
         except BROKEN as error:
-            return Verification((Check("certificate", False, no_sense(error)),), None)
+            return Verification((Check("certificate", False, broken_data_message(error)),), None)
         unmade = [check for check in checks if not check.made]
         if unmade:  # a bound file claims the bound alone, which needs all checks
             checks.append(Check("bound", False, f"not computed again: {unmade[0].name} was {unmade[0].detail}"))
@@ -73,16 +73,16 @@ def verify_bound(data: Json, rtol: float, sources: Sources) -> Verification:
         lower = 0.0
         if data["grasp"] is not None:
             try:
-                found, more = _grasp(proof, data["grasp"], upper, rtol)
+                found, more = _check_grasp(proof, data["grasp"], upper, rtol)
                 lower = float(data["grasp"]["mu"]["lower"])
                 checks += more
             except BROKEN as error:
-                checks.append(Check("grasp", False, no_sense(error)))
-        checks += guarded("gap", lambda: [_gap_check(data, lower)])
+                checks.append(Check("grasp", False, broken_data_message(error)))
+        checks += guard("gap", lambda: [_gap_check(data, lower)])
     return Verification(tuple(checks), found, tuple(dict.fromkeys(sources.missing)))
 
 
-def _grasp(proof: Proof, data: Json, upper: float, rtol: float) -> tuple[Bounds, list[Check]]:
+def _check_grasp(proof: Proof, data: Json, upper: float, rtol: float) -> tuple[Bounds, list[Check]]:
     """Return the quality of a bound file's grasp, and its checks."""
     problem = proof.problem
     models = [contact_from_dict(contact) for contact in problem["contacts"]]
@@ -95,13 +95,13 @@ def _grasp(proof: Proof, data: Json, upper: float, rtol: float) -> tuple[Bounds,
         Check("grasp below the bound", stated.lower <= upper and found.lower <= upper, text),
     ]
     try:
-        checks.append(_placed(proof, grasp, data["faces"]))
-    except NotMadeError as reason:
+        checks.append(_check_contacts(proof, grasp, data["faces"]))
+    except NotCheckedError as reason:
         checks.append(Check.not_made("grasp", str(reason)))
     return found, checks
 
 
-def _placed(proof: Proof, grasp: Grasp, faces: Sequence[str]) -> Check:
+def _check_contacts(proof: Proof, grasp: Grasp, faces: Sequence[str]) -> Check:
     """Return the check that contacts are on their faces, with the faces' normals, where constraints allow them."""
     slack, off = ON_FACE * proof.size, 0.0
     for i, (face, p, n, own) in enumerate(zip(faces, grasp.points, grasp.normals, proof.asked[0], strict=True)):
@@ -126,7 +126,7 @@ def _gap_check(data: Json, lower: float) -> Check:
     return Check("gap", bool(same and closed), text)
 
 
-def beside_checks(solution: GraspSolution, grasp: Grasp, found: Bounds, sources: Sources) -> list[Check]:
+def global_bound_checks(solution: GraspSolution, grasp: Grasp, found: Bounds, sources: SourceFolders) -> list[Check]:
     """Return the checks that the bound is not below the grasp, and that it follows from its certificate.
 
     Parameters
@@ -153,7 +153,7 @@ def beside_checks(solution: GraspSolution, grasp: Grasp, found: Bounds, sources:
         return [*checks, Check.not_made("bound", "the file holds no certificate of the bound over all placements")]
     try:
         certificate = _certificate(bound, problem, sources)
-    except NotMadeError as reason:
+    except NotCheckedError as reason:
         return [*checks, Check.not_made("bound", str(reason))]
     except InputError as error:
         return [*checks, Check("bound", False, str(error))]
@@ -161,7 +161,7 @@ def beside_checks(solution: GraspSolution, grasp: Grasp, found: Bounds, sources:
     try:
         if problem["body"]["type"] == "mesh":
             sources.find(problem["body"].get("source"))
-    except NotMadeError as reason:
+    except NotCheckedError as reason:
         return [*checks, Check.not_made("bound", str(reason))]
     for check in proof.checks(bound.upper, bound.dropped):
         checks.append(Check(f"bound, {check.name}", check.passed, check.detail, check.made))
@@ -169,7 +169,7 @@ def beside_checks(solution: GraspSolution, grasp: Grasp, found: Bounds, sources:
     return [*checks, Check("bound, torque origin", off == 0.0, f"{off:.3g} m from the grasp's")]
 
 
-def _certificate(bound: GlobalBound, problem: Json, sources: Sources) -> Json:
+def _certificate(bound: GlobalBound, problem: Json, sources: SourceFolders) -> Json:
     """Return the certificate, from the solution or from the bound file that it names by digest."""
     stated = bound.certificate
     if "file" not in stated:

@@ -1,7 +1,7 @@
 """Check that the root cells of a certificate cover the faces that a contact may use.
 
-``uncovered`` compares root cells with the faces of the body (``faces_of``): on a flat face polygons have to cover the
-allowed part of its outline; of a curved face all cells that constraints do not exclude have to be among the roots.
+``uncovered_faces`` compares root cells with the faces of the body (``faces_of``): on a flat face polygons have to cover
+the allowed part of its outline; of a curved face all cells that constraints do not exclude have to be among the roots.
 """
 
 from __future__ import annotations
@@ -14,21 +14,21 @@ import numpy as np
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
-from nlpgrasp.verify.bound.stated_cells import Polygon, below, cell_of
-from nlpgrasp.verify.bound.stated_regions import Places
-from nlpgrasp.verify.check import NotMadeError
+from nlpgrasp.verify.bound.stated_cells import StatedPolygonCell, clip_below, read_cell
+from nlpgrasp.verify.bound.stated_regions import StatedRegion
+from nlpgrasp.verify.check import NotCheckedError
 
 TURNS = {"sector": 8, "revolved": 4}  # initial divisions of a full turn
 COSINE = 0.75**0.5  # of 30 degrees: a corner that turns by more is sharp
 SAME = 1e-9  # tolerance relative to the body's size
 
-Faces = dict[str, "FlatFace | list[Json] | None"]
+Faces = dict[str, "FlatFaceOutline | list[Json] | None"]
 """Of each face its outline, or cells that cover it; None of a mesh, whose triangles are in a file of their own."""
-Named = tuple[str, "FlatFace | list[Json]"]
+Named = tuple[str, "FlatFaceOutline | list[Json]"]
 
 
 @dataclass(frozen=True)
-class FlatFace:
+class FlatFaceOutline:
     """A flat face: a polygon, or a segment, with one normal.
 
     Parameters
@@ -43,44 +43,44 @@ class FlatFace:
     normal: FloatArray
 
 
-def uncovered(faces: Faces, own: Places, roots: Sequence[Json], size: float) -> list[str]:
+def uncovered_faces(faces: Faces, own: StatedRegion, roots: Sequence[Json], size: float) -> list[str]:
     """Return the faces with an allowed part that no root cell covers; meshes are not checked here."""
     members = [cell for root in roots for cell in _members(root)]
     missing = []
     for name, face in faces.items():
         if name not in own.faces or face is None:
             continue
-        if isinstance(face, FlatFace):
-            left = _left(face, own, [m for m in members if _on(m, face, size)], size)
+        if isinstance(face, FlatFaceOutline):
+            left = _is_uncovered(face, own, [m for m in members if _is_in_plane(m, face, size)], size)
         else:
-            left = not all(own.exclude(cell_of(c), SAME * size) or is_among(c, members, size) for c in face)
+            left = not all(own.exclude(read_cell(c), SAME * size) or is_among(c, members, size) for c in face)
         missing += [name] if left else []
     return missing
 
 
-def _on(cell: Json, face: FlatFace, size: float) -> bool:
+def _is_in_plane(cell: Json, face: FlatFaceOutline, size: float) -> bool:
     """Return whether a cell is a polygon in the plane of a face, with its normal."""
     if cell["kind"] != "polygon":
         return False
-    polygon = Polygon(cell)
+    polygon = StatedPolygonCell(cell)
     if polygon.vertices.shape[1] != len(face.normal) or not np.all(np.abs(polygon.normal - face.normal) <= SAME):
         return False
     return bool(np.all(np.abs((polygon.vertices - face.corners[0]) @ face.normal) <= SAME * size))
 
 
-def _left(face: FlatFace, own: Places, cells: Sequence[Json], size: float) -> bool:
+def _is_uncovered(face: FlatFaceOutline, own: StatedRegion, cells: Sequence[Json], size: float) -> bool:
     """Return whether an allowed part of a flat face is left outside polygons in its plane."""
-    polygons = [Polygon(cell).vertices for cell in cells]
+    polygons = [StatedPolygonCell(cell).vertices for cell in cells]
     if any(_same_corners(face.corners, p, SAME * size) for p in polygons):
         return False
     if not all(_convex(p, face.normal, size) for p in (face.corners, *polygons)):
-        raise NotMadeError("a face that is not convex, under constraints")
+        raise NotCheckedError("a face that is not convex, under constraints")
     left = [face.corners]
     for polygon in polygons:
-        left = [part for piece in left for part in _outside(piece, *_sides(polygon, face.normal))]
+        left = [part for piece in left for part in _outside(piece, *_polygon_sides(polygon, face.normal))]
     for A, b, radius in own.inside:
         for row, offset in zip(A, b + radius * (A @ face.normal), strict=True):
-            left = [below(piece, piece @ row - offset) for piece in left if len(piece)]
+            left = [clip_below(piece, piece @ row - offset) for piece in left if len(piece)]
     for hole in own.outside:
         left = [part for piece in left for part in _outside(piece, *hole)]
     return any(_wide(piece, SAME * size) for piece in left)
@@ -101,12 +101,12 @@ def _outside(piece: FloatArray, A: FloatArray, b: FloatArray) -> list[FloatArray
         if len(piece) < 2:
             break
         height = piece @ row - offset
-        parts.append(below(piece, -height))
-        piece = below(piece, height)
+        parts.append(clip_below(piece, -height))
+        piece = clip_below(piece, height)
     return [part for part in parts if len(part) >= 2]
 
 
-def _sides(polygon: FloatArray, normal: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _polygon_sides(polygon: FloatArray, normal: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return outward unit normals and offsets of the sides of a convex polygon, or of the ends of a segment."""
     if len(polygon) == 2:
         along = (polygon[1] - polygon[0]) / np.linalg.norm(polygon[1] - polygon[0])
@@ -121,7 +121,7 @@ def _sides(polygon: FloatArray, normal: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 def _convex(polygon: FloatArray, normal: FloatArray, size: float) -> bool:
-    A, b = _sides(polygon, normal)
+    A, b = _polygon_sides(polygon, normal)
     return bool(np.all(polygon @ A.T <= b + SAME * size))
 
 
@@ -144,10 +144,10 @@ def _members(root: Json) -> Iterator[Json]:
 
 def is_among(cell: Json, others: Sequence[Json], size: float) -> bool:
     """Return whether a cell equals one of others, up to rounding."""
-    return any(_alike(cell, other, SAME * max(size, 1.0)) for other in others)
+    return any(_are_equal_cells(cell, other, SAME * max(size, 1.0)) for other in others)
 
 
-def _alike(cell: Json, other: Json, tolerance: float) -> bool:
+def _are_equal_cells(cell: Json, other: Json, tolerance: float) -> bool:
     if cell["kind"] != other["kind"]:
         return False
     for name, value in cell.items():
@@ -167,26 +167,26 @@ def faces_of(body: Json, margin: float) -> Faces:
     if kind == "mesh":
         return {"surface": None}
     if kind not in MAKERS:
-        raise NotMadeError(f"nothing recomputes the cells of a {kind}")
+        raise NotCheckedError(f"nothing recomputes the cells of a {kind}")
     return dict(MAKERS[kind](body, margin))
 
 
-def _box(body: Json, margin: float) -> Iterator[Named]:
+def _box_outlines(body: Json, margin: float) -> Iterator[Named]:
     half = array("extents", body["extents"], (3,)) / 2.0
     around = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
     for axis, sign in product(range(3), (1.0, -1.0)):
         within = np.delete(half, axis) - margin
         if np.all(within > 0.0):
             corners = np.insert(around * within, axis, sign * half[axis], axis=1)
-            yield ("+" if sign > 0.0 else "-") + "xyz"[axis], FlatFace(corners, -sign * np.eye(3)[axis])
+            yield ("+" if sign > 0.0 else "-") + "xyz"[axis], FlatFaceOutline(corners, -sign * np.eye(3)[axis])
 
 
-def _polygon(body: Json, margin: float) -> Iterator[Named]:
-    for i, edge in _edges(array("vertices", body["vertices"], (None, 2)), margin):
+def _polygon_outlines(body: Json, margin: float) -> Iterator[Named]:
+    for i, edge in _edge_outlines(array("vertices", body["vertices"], (None, 2)), margin):
         yield f"edge{i}", edge
 
 
-def _edges(corners: FloatArray, margin: float) -> Iterator[tuple[int, FlatFace]]:
+def _edge_outlines(corners: FloatArray, margin: float) -> Iterator[tuple[int, FlatFaceOutline]]:
     """Yield the edges of a counter-clockwise polygon (m, 2), with their numbers."""
     along = np.roll(corners, -1, axis=0) - corners
     lengths = np.linalg.norm(along, axis=1)
@@ -195,60 +195,60 @@ def _edges(corners: FloatArray, margin: float) -> Iterator[tuple[int, FlatFace]]
     for i, (start, unit) in enumerate(zip(corners, along, strict=True)):
         low, high = margin * sharp[i], lengths[i] - margin * sharp[(i + 1) % len(corners)]
         if low < high:
-            yield i, FlatFace(np.stack([start + low * unit, start + high * unit]), np.array([-unit[1], unit[0]]))
+            yield i, FlatFaceOutline(np.stack([start + low * unit, start + high * unit]), np.array([-unit[1], unit[0]]))
 
 
-def _prism(body: Json, margin: float) -> Iterator[Named]:
+def _prism_outlines(body: Json, margin: float) -> Iterator[Named]:
     corners = array("polygon", body["polygon"], (None, 2))
     half = number("height", body["height"], above=0.0) / 2.0
-    for i, edge in _edges(corners, margin) if half > margin else ():
+    for i, edge in _edge_outlines(corners, margin) if half > margin else ():
         low, high = (np.column_stack([edge.corners, np.full(2, z)]) for z in (margin - half, half - margin))
-        yield f"side{i}", FlatFace(np.concatenate([low, high[::-1]]), np.append(edge.normal, 0.0))
+        yield f"side{i}", FlatFaceOutline(np.concatenate([low, high[::-1]]), np.append(edge.normal, 0.0))
     inside = corners
-    for _, edge in _edges(corners, 0.0) if margin > 0.0 else ():
-        inside = below(inside, margin - (inside - edge.corners[0]) @ edge.normal)
+    for _, edge in _edge_outlines(corners, 0.0) if margin > 0.0 else ():
+        inside = clip_below(inside, margin - (inside - edge.corners[0]) @ edge.normal)
         if len(inside) < 3:
             return
     for name, sign in (("top", 1.0), ("bottom", -1.0)):
         level = np.column_stack([inside, np.full(len(inside), sign * half)])
-        yield name, FlatFace(level, np.array([0.0, 0.0, -sign]))
+        yield name, FlatFaceOutline(level, np.array([0.0, 0.0, -sign]))
 
 
-def _ellipsoid(body: Json, margin: float) -> Iterator[Named]:
+def _ellipsoid_outlines(body: Json, margin: float) -> Iterator[Named]:
     del margin
     axes = [body["radius"]] * 3 if body["type"] == "sphere" else body["semi_axes"]
     octants = [np.diag(signs).tolist() for signs in product((1.0, -1.0), repeat=3)]
     yield "surface", [{"kind": "ellipsoid", "corners": octant, "semi_axes": axes} for octant in octants]
 
 
-def _cylinder(body: Json, margin: float) -> Iterator[Named]:
+def _cylinder_outlines(body: Json, margin: float) -> Iterator[Named]:
     radius, half = body["radius"], body["height"] / 2.0
     if half > margin:
         side = {"kind": "revolved", "radii": [0.0, radius], "along": [margin - half, half - margin]}
-        yield "side", [{**side, "angles": angles} for angles in _turn("revolved")]
+        yield "side", [{**side, "angles": angles} for angles in _turn_outline("revolved")]
     for name, sign in (("top", 1.0), ("bottom", -1.0)) if radius > margin else ():
         disc = {"kind": "sector", "radii": [0.0, radius - margin], "height": sign * half, "normal": [0.0, 0.0, -sign]}
-        yield name, [{**disc, "angles": angles} for angles in _turn("sector")]
+        yield name, [{**disc, "angles": angles} for angles in _turn_outline("sector")]
 
 
-def _torus(body: Json, margin: float) -> Iterator[Named]:
+def _torus_outlines(body: Json, margin: float) -> Iterator[Named]:
     del margin
     whole = {"kind": "revolved", "radii": [body["major_radius"], body["minor_radius"]]}
-    ways = [[t - np.pi for t in turn] for turn in _turn("revolved")]
-    yield "surface", [{**whole, "angles": a, "along": t} for a, t in product(_turn("revolved"), ways)]
+    ways = [[t - np.pi for t in turn] for turn in _turn_outline("revolved")]
+    yield "surface", [{**whole, "angles": a, "along": t} for a, t in product(_turn_outline("revolved"), ways)]
 
 
-def _turn(kind: str) -> list[list[float]]:
+def _turn_outline(kind: str) -> list[list[float]]:
     ends = np.linspace(0.0, 2.0 * np.pi, TURNS[kind] + 1).tolist()
     return [ends[i : i + 2] for i in range(TURNS[kind])]
 
 
 MAKERS = {
-    "box": _box,
-    "polygon": _polygon,
-    "prism": _prism,
-    "sphere": _ellipsoid,
-    "ellipsoid": _ellipsoid,
-    "cylinder": _cylinder,
-    "torus": _torus,
+    "box": _box_outlines,
+    "polygon": _polygon_outlines,
+    "prism": _prism_outlines,
+    "sphere": _ellipsoid_outlines,
+    "ellipsoid": _ellipsoid_outlines,
+    "cylinder": _cylinder_outlines,
+    "torus": _torus_outlines,
 }

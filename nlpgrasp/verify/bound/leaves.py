@@ -21,8 +21,8 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.tasks import Task
 from nlpgrasp.verify.bound.node_cover import Group
-from nlpgrasp.verify.bound.stated_cells import MeshCell, Rows, Sheet
-from nlpgrasp.verify.check import NotMadeError
+from nlpgrasp.verify.bound.stated_cells import StatedCurvedFace, StatedMeshCell, VertexContacts
+from nlpgrasp.verify.check import NotCheckedError
 
 NARROWINGS = 50  # steps that shrink an interval of angles by a third: to the square root of rounding
 # by force budget: the power p, and whether it counts the length of a force and not its normal part
@@ -99,20 +99,20 @@ class Leaves:
 
     def _largest(
         self, cells: set[tuple[int, int]], twists: FloatArray, weights: FloatArray
-    ) -> dict[tuple[int, int], Largest]:
+    ) -> dict[tuple[int, int], PowerBounds]:
         """Return the largest weighted power over each cell, by group number and cell number."""
-        found: dict[tuple[int, int], Largest] = {}
+        found: dict[tuple[int, int], PowerBounds] = {}
         for i, (group, contact) in enumerate(zip(self._groups, self._models, strict=True)):
             own = {cell_number: group.cells[cell_number] for where, cell_number in cells if where == i}
-            mix = Mixed(contact, twists, weights, self.origin)
-            known = _over_mesh({n: cell for n, cell in own.items() if isinstance(cell, MeshCell)}, mix)
+            mix = WeightedPower(contact, twists, weights, self.origin)
+            known = _largest_over_mesh({n: cell for n, cell in own.items() if isinstance(cell, StatedMeshCell)}, mix)
             for cell_number, cell in own.items():
                 below = known[cell_number] if cell_number in known else mix.most(cell.rows())
-                found[i, cell_number] = Largest(mix, below, cell.sheets())
+                found[i, cell_number] = PowerBounds(mix, below, cell.sheets())
         return found
 
 
-class Largest:
+class PowerBounds:
     """Lower and upper bounds on the largest weighted power of a contact in a cell.
 
     Parameters
@@ -129,9 +129,9 @@ class Largest:
         Largest value over evaluated contacts, and an upper bound for all contacts.
     """
 
-    def __init__(self, mixed: Mixed, below: float, sheets: Sequence[Sheet]) -> None:
+    def __init__(self, mixed: WeightedPower, below: float, sheets: Sequence[StatedCurvedFace]) -> None:
         self._mixed, self.below = mixed, below
-        self._parts: list[tuple[Sheet, FloatArray, FloatArray]] = []
+        self._parts: list[tuple[StatedCurvedFace, FloatArray, FloatArray]] = []
         for sheet in sheets:
             parts = sheet.start()
             self._parts.append((sheet, parts, self._bounds(sheet, parts)))
@@ -161,7 +161,7 @@ class Largest:
                 new = np.concatenate([bounds[~large], self._bounds(sheet, small)])
                 self._parts[i] = (sheet, np.concatenate([parts[~large], small]), new)
 
-    def _bounds(self, sheet: Sheet, parts: FloatArray) -> FloatArray:
+    def _bounds(self, sheet: StatedCurvedFace, parts: FloatArray) -> FloatArray:
         """Return an upper bound for the contacts in each part (n, c, q), (n,)."""
         n, c, q = parts.shape
         contact, twists, weights = self._mixed.contact, self._mixed.twists, self._mixed.weights
@@ -173,7 +173,7 @@ class Largest:
         return np.asarray(np.max(above.reshape(n, c), axis=1))
 
 
-def _total(largest: Sequence[Largest], asked: float, add: Callable[[Iterable[float]], float]) -> float:
+def _total(largest: Sequence[PowerBounds], asked: float, add: Callable[[Iterable[float]], float]) -> float:
     """Return an upper bound for a node's contacts together, refined until the requested bound is shown or disproved.
 
     Parameters
@@ -196,7 +196,7 @@ def _total(largest: Sequence[Largest], asked: float, add: Callable[[Iterable[flo
     return add(part.above for part in largest)
 
 
-def _over_mesh(cells: dict[int, MeshCell], mixed: Mixed) -> dict[int, float]:
+def _largest_over_mesh(cells: dict[int, StatedMeshCell], mixed: WeightedPower) -> dict[int, float]:
     """Return the largest weighted power over cells of one mesh, from disjoint ranges of its pieces."""
     if not cells:
         return {}
@@ -206,14 +206,14 @@ def _over_mesh(cells: dict[int, MeshCell], mixed: Mixed) -> dict[int, float]:
     for i, (first, last) in enumerate(zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True)):
         if any(cell.first <= first and last <= cell.last for cell in cells.values()):
             for low in range(first, last, PART // 3):
-                part = MeshCell(whole.data, whole.corners, whole.normals, low, min(last, low + PART // 3))
+                part = StatedMeshCell(whole.data, whole.corners, whole.normals, low, min(last, low + PART // 3))
                 over[i] = max(over[i], mixed.most(part.rows()))
     places = {cell_number: np.searchsorted(ends, (cell.first, cell.last)) for cell_number, cell in cells.items()}
     return {cell_number: float(np.max(over[low:high])) for cell_number, (low, high) in places.items()}
 
 
 @dataclass(frozen=True)
-class Mixed:
+class WeightedPower:
     """The weighted power ``sum of w s^p`` of one contact, s its support along each direction.
 
     Parameters
@@ -230,7 +230,7 @@ class Mixed:
     weights: FloatArray
     origin: FloatArray
 
-    def most(self, rows: Rows) -> float:
+    def most(self, rows: VertexContacts) -> float:
         """Return the largest weighted power over vertex contacts; 0 without any."""
         if not len(rows.points):
             return 0.0
@@ -256,10 +256,10 @@ class Contact:
 
     @classmethod
     def of(cls, data: Json, budget: Budget) -> Contact:
-        """Return the contact of its JSON data; raise ``NotMadeError`` on other models than point, friction or soft."""
+        """Return the contact of its JSON data; raise ``NotCheckedError`` on other models than point, friction, soft."""
         names = {"point": (), "friction": ("friction",), "soft": ("friction", "torsional_friction")}.get(data["model"])
         if names is None:
-            raise NotMadeError(f"nothing recomputes bounds for a {data['model']} contact")
+            raise NotCheckedError(f"nothing recomputes bounds for a {data['model']} contact")
         elliptic = len(names) == 2 and data.get("torsion_model", "box") == "elliptic"
         return cls(tuple(number(name, data[name], above=0.0) for name in names), elliptic, budget)
 
@@ -325,7 +325,7 @@ class Contact:
         powers, speeds : (m, j) arrays
         """
         space = len(origin)
-        velocity = twists[None, :, :space] + _turned(twists[:, space:], points - origin)
+        velocity = twists[None, :, :space] + _cross_products(twists[:, space:], points - origin)
         normal = np.einsum("mjs,ms->mj", velocity, normals)
         sliding = np.linalg.norm(velocity - normal[..., None] * normals[:, None], axis=2)
         torsion = np.abs(normals @ twists[:, space:].T) if space == 3 else np.zeros_like(normal)
@@ -352,7 +352,7 @@ class Contact:
         return np.asarray(np.minimum(powers + p * most ** (p - 1.0) * L * off, most**p))
 
 
-def _turned(turning: FloatArray, arms: FloatArray) -> FloatArray:
+def _cross_products(turning: FloatArray, arms: FloatArray) -> FloatArray:
     """Return ``tau x arm`` for every arm (m, space) and angular velocity (j, 1 or 3), (m, j, space)."""
     if arms.shape[1] == 2:
         return np.asarray(turning[None] * np.stack([-arms[:, 1], arms[:, 0]], axis=1)[:, None])
@@ -379,8 +379,8 @@ class Budget:
 
     @classmethod
     def of(cls, data: str | Json) -> Budget:
-        """Return the budget of its JSON data; raise ``NotMadeError`` on an unknown kind."""
+        """Return the budget of its JSON data; raise ``NotCheckedError`` on an unknown kind."""
         kind = data if isinstance(data, str) else str(data["type"])
         if kind not in BUDGETS:
-            raise NotMadeError(f"nothing recomputes bounds under the force budget {kind!r}")
+            raise NotCheckedError(f"nothing recomputes bounds under the force budget {kind!r}")
         return cls(*BUDGETS[kind], shared=kind == "shared")

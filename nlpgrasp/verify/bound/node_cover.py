@@ -10,8 +10,8 @@ import numpy as np
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array
-from nlpgrasp.verify.bound.stated_cells import Cell, MeshCell, cell_of, same_place
-from nlpgrasp.verify.bound.stated_regions import Places
+from nlpgrasp.verify.bound.stated_cells import StatedCell, StatedMeshCell, read_cell, same_place
+from nlpgrasp.verify.bound.stated_regions import StatedRegion
 from nlpgrasp.verify.surface_geometry import TriangleSurface
 
 SAME = 1e-8  # tolerance relative to the body's size
@@ -33,9 +33,9 @@ class Group:
     def __init__(self, data: Json, mesh: Callable[[], TriangleSurface]) -> None:
         self.contacts = tuple(int(i) for i in data["contacts"])
         self.roots = tuple(int(number) for number, _ in data["roots"])
-        self.cells: dict[int, Cell] = {int(number): _root(cell, mesh) for number, cell in data["roots"]}
+        self.cells: dict[int, StatedCell] = {int(number): _root(cell, mesh) for number, cell in data["roots"]}
         self.parts: dict[int, tuple[int, ...]] = {}
-        self.left_out: list[tuple[int, Cell]] = []
+        self.left_out: list[tuple[int, StatedCell]] = []
         if len(self.cells) != len(self.roots):
             raise ValueError("two cells of one number")
         for number, cut, *parts in data["cuts"]:
@@ -54,16 +54,16 @@ class Group:
                 self.cells[part] = cell
         self.parts[number] = tuple(part for part in parts if part is not None)
 
-    def wrongly_left_out(self, own: Places, slack: float) -> list[int]:
+    def wrongly_left_out(self, own: StatedRegion, slack: float) -> list[int]:
         """Return the numbers of cells with an omitted part that constraints do not exclude."""
         return [number for number, cell in self.left_out if not own.exclude(cell, slack)]
 
 
-def _root(cell: Json, mesh: Callable[[], TriangleSurface]) -> Cell:
-    return MeshCell.whole(cell, mesh()) if cell["kind"] == "mesh" else cell_of(cell)
+def _root(cell: Json, mesh: Callable[[], TriangleSurface]) -> StatedCell:
+    return StatedMeshCell.whole(cell, mesh()) if cell["kind"] == "mesh" else read_cell(cell)
 
 
-class Nodes:
+class StatedNodes:
     """The nodes of a certificate's search tree.
 
     Parameters

@@ -10,17 +10,17 @@ import numpy as np
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.tasks import Task, task_from_dict
-from nlpgrasp.verify.bound.face_cover import SAME, Faces, faces_of, uncovered
+from nlpgrasp.verify.bound.face_cover import SAME, Faces, faces_of, uncovered_faces
 from nlpgrasp.verify.bound.leaves import Budget, Leaves
-from nlpgrasp.verify.bound.node_cover import Group, Nodes
-from nlpgrasp.verify.bound.stated_cells import MeshCell
-from nlpgrasp.verify.bound.stated_regions import Places, places
-from nlpgrasp.verify.bound.stated_symmetry import Turning, error_of_motion, error_of_reduction
-from nlpgrasp.verify.check import BROKEN, Check, NotMadeError, no_sense
+from nlpgrasp.verify.bound.node_cover import Group, StatedNodes
+from nlpgrasp.verify.bound.stated_cells import StatedMeshCell
+from nlpgrasp.verify.bound.stated_regions import StatedRegion, places
+from nlpgrasp.verify.bound.stated_symmetry import RotationTest, error_of_motion, error_of_reduction
+from nlpgrasp.verify.check import BROKEN, Check, NotCheckedError, broken_data_message
 from nlpgrasp.verify.mesh_body import MeshSurface
 from nlpgrasp.verify.registry import BODIES
-from nlpgrasp.verify.sources import Sources
-from nlpgrasp.verify.stated_placement import Surface
+from nlpgrasp.verify.sources import SourceFolders
+from nlpgrasp.verify.stated_placement import NumericBody
 from nlpgrasp.verify.surface_geometry import TriangleSurface
 
 UNIT = 1e-9  # relative tolerance of the task's unit support along a direction
@@ -39,7 +39,7 @@ class Proof:
     sources : Sources
     """
 
-    def __init__(self, problem: Json, data: Json, sources: Sources) -> None:
+    def __init__(self, problem: Json, data: Json, sources: SourceFolders) -> None:
         self.problem, self.data, self.sources = problem, data, sources
 
     @cached_property
@@ -53,7 +53,7 @@ class Proof:
         return array("origin", self.data["origin"], (2 if self.task.dimension == 3 else 3,))
 
     @cached_property
-    def surface(self) -> Surface:
+    def surface(self) -> NumericBody:
         """The numeric body."""
         return BODIES.of(self.problem["body"])(self.problem["body"], self.sources)
 
@@ -69,7 +69,7 @@ class Proof:
         return faces_of(self.problem["body"], margin)
 
     @cached_property
-    def asked(self) -> tuple[list[Places], list[str]]:
+    def asked(self) -> tuple[list[StatedRegion], list[str]]:
         """Allowed region of each contact, and the relaxed parts of the problem."""
         return places(self.problem, tuple(self.faces), len(self.origin), self.sources)
 
@@ -84,9 +84,9 @@ class Proof:
         return self.surface.triangles
 
     @cached_property
-    def nodes(self) -> Nodes:
+    def nodes(self) -> StatedNodes:
         """The nodes of the search tree: a cell for each contact."""
-        return Nodes(self.data, self.groups, self.size)
+        return StatedNodes(self.data, self.groups, self.size)
 
     def checks(self, upper: float, dropped: Sequence[str]) -> list[Check]:
         """Return the checks that a bound follows from the certificate.
@@ -110,7 +110,7 @@ class Proof:
             "leaves": self._leaves,
             "upper": partial(self._upper, upper),
         }
-        return [_check(name, part) for name, part in parts.items()]
+        return [_check_part(name, part) for name, part in parts.items()]
 
     def _dropped(self, stated: Sequence[str]) -> tuple[str, str]:
         found = self.asked[1]
@@ -132,8 +132,8 @@ class Proof:
         for data, group in zip(self.data["groups"], self.groups, strict=True):
             own = self.asked[0][group.contacts[0]]
             cells = [cell for _, cell in data["roots"]]
-            left = [] if data["turned"] is not None else uncovered(self.faces, own, cells, self.size)
-            meshes = [cell for number in group.roots if isinstance(cell := group.cells[number], MeshCell)]
+            left = [] if data["turned"] is not None else uncovered_faces(self.faces, own, cells, self.size)
+            meshes = [cell for number in group.roots if isinstance(cell := group.cells[number], StatedMeshCell)]
             if any(self.faces[name] is None for name in own.faces):
                 missing = min((cell.left_out(self._triangles()) for cell in meshes), default=None)
                 if missing is None or missing > 0:
@@ -143,7 +143,7 @@ class Proof:
         return "", f"{sum(len(group.roots) for group in self.groups)} cells to begin with"
 
     def _turned(self) -> tuple[str, str]:
-        turning = Turning(self.problem["body"], self.task, self.origin, self.size)
+        turning = RotationTest(self.problem["body"], self.task, self.origin, self.size)
         ways = [str(group["turned"]) for group in self.data["groups"] if group["turned"] is not None]
         wrong = error_of_reduction(self.data["groups"], turning, self.faces, self.asked[0])
         return wrong, ", ".join(ways) if ways else "no contact is turned to a line"
@@ -173,7 +173,7 @@ class Proof:
     def leaves(self) -> Leaves:
         """The leaves, with the data of their bounds."""
         budget = Budget.of(self.problem["force_budget"])
-        return Leaves(with_mixtures(self.data), self.groups, self.problem["contacts"], self.task, budget)
+        return Leaves(convert_older(self.data), self.groups, self.problem["contacts"], self.task, budget)
 
     def _directions(self) -> tuple[str, str]:
         off = float(np.max(np.abs(self.leaves.reach - 1.0), initial=0.0))
@@ -199,7 +199,7 @@ class Proof:
         return "" if upper >= most * (1.0 - RECOMPUTED) else detail, detail
 
 
-def with_mixtures(data: Json) -> Json:
+def convert_older(data: Json) -> Json:
     """Return a certificate whose leaves refer to dual weights by number, converted from older files."""
     if "mixtures" in data:
         return data
@@ -208,12 +208,12 @@ def with_mixtures(data: Json) -> Json:
     return {**data, "mixtures": mixtures, "leaves": leaves}
 
 
-def _check(name: str, part: Callable[[], tuple[str, str]]) -> Check:
+def _check_part(name: str, part: Callable[[], tuple[str, str]]) -> Check:
     """Return the check of a part, whose function returns what is wrong, if anything, and what was seen."""
     try:
         wrong, seen = part()
-    except NotMadeError as reason:
+    except NotCheckedError as reason:
         return Check.not_made(name, str(reason))
     except BROKEN as error:
-        return Check(name, False, no_sense(error))
+        return Check(name, False, broken_data_message(error))
     return Check(name, not wrong, wrong or seen)

@@ -1,9 +1,9 @@
 """Numeric cells of a global bound, from their JSON data.
 
-A cell is a piece of a face. Of its flat part the vertex contacts (``Rows``) suffice, as the work is linear between
-them; its curved part is a parametrised ``Sheet``, subdivided as far as a bound requires. There are cells of flat faces
-(``Polygon``, ``Sector``), of cylinders and tori (``Revolved``), of ellipsoids (``Ellipsoid``) and of meshes
-(``MeshCell``), and unions of cells (``Bundle``).
+A cell is a piece of a face. Of its flat part the vertex contacts (``VertexContacts``) suffice, as the work is linear
+between them; its curved part is a parametrised ``StatedCurvedFace``, subdivided as far as a bound requires. There are
+cells of flat faces (``StatedPolygonCell``, ``Sector``), of cylinders and tori (``StatedRevolvedCell``), of ellipsoids
+(``StatedEllipsoidCell``) and of meshes (``StatedMeshCell``), and unions of cells (``StatedCellUnion``).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
-from nlpgrasp.verify.check import NotMadeError
+from nlpgrasp.verify.check import NotCheckedError
 from nlpgrasp.verify.numeric_bodies import positive
 from nlpgrasp.verify.surface_geometry import TriangleSurface
 
@@ -33,7 +33,7 @@ Cut = int | list[list[int]]
 
 
 @dataclass(frozen=True)
-class Rows:
+class VertexContacts:
     """Vertex contacts that represent the flat part of a cell.
 
     Parameters
@@ -46,17 +46,17 @@ class Rows:
     normals: FloatArray
 
     @classmethod
-    def flat(cls, points: FloatArray, normal: FloatArray) -> Rows:
+    def flat(cls, points: FloatArray, normal: FloatArray) -> VertexContacts:
         """Return vertex contacts with one normal, between which the work is linear."""
         return cls(points, np.tile(normal, (len(points), 1)))
 
     @classmethod
-    def none(cls) -> Rows:
+    def none(cls) -> VertexContacts:
         """Return no vertex contacts, for a cell without a flat part."""
         return cls(np.zeros((0, 3)), np.zeros((0, 3)))
 
 
-class Sheet(Protocol):
+class StatedCurvedFace(Protocol):
     """A parametrised curved face; its parts have corners (n, c, q)."""
 
     def start(self) -> FloatArray:
@@ -76,20 +76,20 @@ class Sheet(Protocol):
         """Return r smaller parts in place of each, (n r, c, q), grouped by the divided part."""
 
 
-class Cell(Protocol):
+class StatedCell(Protocol):
     """A piece of a body's face."""
 
     @property
     def data(self) -> Json:
         """The cell as JSON data."""
 
-    def rows(self) -> Rows:
+    def rows(self) -> VertexContacts:
         """Return the vertex contacts of the cell's flat part."""
 
-    def sheets(self) -> list[Sheet]:
+    def sheets(self) -> list[StatedCurvedFace]:
         """Return the curved parts of the cell."""
 
-    def parts(self, cut: Cut) -> tuple[Cell, Cell]:
+    def parts(self, cut: Cut) -> tuple[StatedCell, StatedCell]:
         """Return the two parts of a cut, which cover the cell; raise ``ValueError`` on an invalid cut."""
 
     def hull(self) -> tuple[FloatArray, float]:
@@ -99,27 +99,27 @@ class Cell(Protocol):
         """Return points (m, space) that identify the cell among those of its kind, metres."""
 
 
-def ball(cell: Cell) -> tuple[FloatArray, float]:
+def bounding_ball(cell: StatedCell) -> tuple[FloatArray, float]:
     """Return centre (space,) and radius, metres, of a bounding ball of a cell."""
     points, beyond = cell.hull()
     middle = points.mean(axis=0)
     return middle, beyond + float(np.max(np.linalg.norm(points - middle, axis=1)))
 
 
-def halves(interval: FloatArray) -> tuple[FloatArray, FloatArray]:
+def halve_interval(interval: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the lower and the upper half of an interval (2,)."""
     low, high = interval.tolist()
     return np.array([low, 0.5 * (low + high)]), np.array([0.5 * (low + high), high])
 
 
-def one_of(cut: Cut, count: int) -> int:
+def check_index(cut: Cut, count: int) -> int:
     """Return the number of a cut, validated to be from 0 to below a count."""
     if not isinstance(cut, int) or isinstance(cut, bool) or not 0 <= cut < count:
         raise ValueError(f"cut {cut!r}, expected a number from 0 to {count - 1}")
     return cut
 
 
-def increasing(name: str, interval: FloatArray, widest: float = np.inf) -> FloatArray:
+def check_interval(name: str, interval: FloatArray, widest: float = np.inf) -> FloatArray:
     """Return an interval (2,); refuse one that is reversed, or too wide for its vertex contacts."""
     if not 0.0 <= interval[1] - interval[0] <= widest:
         raise ValueError(f"{name} from {interval[0]:g} to {interval[1]:g}")
@@ -127,7 +127,7 @@ def increasing(name: str, interval: FloatArray, widest: float = np.inf) -> Float
 
 
 @dataclass(frozen=True)
-class Polygon:
+class StatedPolygonCell:
     """A polygon around its vertices, in order; a segment if there are two.
 
     Parameters
@@ -154,26 +154,26 @@ class Polygon:
         """Directions of cuts, (space - 1, space), unit."""
         return array("axes", self.data["axes"], (None, self.vertices.shape[1]))
 
-    def rows(self) -> Rows:
+    def rows(self) -> VertexContacts:
         """Return the vertices as contacts: a convex function of the point is largest at one of them."""
         if not abs(float(np.linalg.norm(self.normal)) - 1.0) <= UNIT:
             raise ValueError("a normal that is no unit vector")
-        return Rows.flat(self.vertices, self.normal)
+        return VertexContacts.flat(self.vertices, self.normal)
 
-    def sheets(self) -> list[Sheet]:
+    def sheets(self) -> list[StatedCurvedFace]:
         """Return no curved parts."""
         return []
 
-    def parts(self, cut: Cut) -> tuple[Polygon, Polygon]:
+    def parts(self, cut: Cut) -> tuple[StatedPolygonCell, StatedPolygonCell]:
         """Return the parts below and above the middle of the extent along an axis."""
-        axis = self.axes[one_of(cut, len(self.axes))]
+        axis = self.axes[check_index(cut, len(self.axes))]
         height = self.vertices @ axis
         middle = 0.5 * float(height.min() + height.max())
-        low, high = below(self.vertices, height - middle), below(self.vertices, middle - height)
+        low, high = clip_below(self.vertices, height - middle), clip_below(self.vertices, middle - height)
         return self._of(low), self._of(high)
 
-    def _of(self, vertices: FloatArray) -> Polygon:
-        return Polygon({**self.data, "vertices": vertices.tolist()})
+    def _of(self, vertices: FloatArray) -> StatedPolygonCell:
+        return StatedPolygonCell({**self.data, "vertices": vertices.tolist()})
 
     def hull(self) -> tuple[FloatArray, float]:
         """Return the vertices."""
@@ -184,7 +184,7 @@ class Polygon:
         return self.vertices
 
 
-def below(vertices: FloatArray, height: FloatArray) -> FloatArray:
+def clip_below(vertices: FloatArray, height: FloatArray) -> FloatArray:
     """Return the part of a polygon or segment where a linear function is at most zero.
 
     Parameters
@@ -221,14 +221,14 @@ class Sector:
     @property
     def radii(self) -> FloatArray:
         """Inner and outer radius, (2,), metres."""
-        return increasing("radii", array("radii", self.data["radii"], (2,)))
+        return check_interval("radii", array("radii", self.data["radii"], (2,)))
 
     @property
     def angles(self) -> FloatArray:
         """Both angles, (2,), radians."""
-        return increasing("angles", array("angles", self.data["angles"], (2,)), 3.0)
+        return check_interval("angles", array("angles", self.data["angles"], (2,)), 3.0)
 
-    def rows(self) -> Rows:
+    def rows(self) -> VertexContacts:
         """Return the corners, and the intersection of the tangents at the ends of the outer arc."""
         (inner, outer), (low, high) = self.radii.tolist(), self.angles.tolist()
         places = [(inner, low), (inner, high), (outer, low), (outer, high)]
@@ -236,16 +236,16 @@ class Sector:
             places.append((outer / np.cos(0.5 * (high - low)), 0.5 * (low + high)))
         height = number("height", self.data["height"])
         points = [(r * np.cos(phi), r * np.sin(phi), height) for r, phi in places]
-        return Rows.flat(np.array(points), array("normal", self.data["normal"], (3,)))
+        return VertexContacts.flat(np.array(points), array("normal", self.data["normal"], (3,)))
 
-    def sheets(self) -> list[Sheet]:
+    def sheets(self) -> list[StatedCurvedFace]:
         """Return no curved parts."""
         return []
 
     def parts(self, cut: Cut) -> tuple[Sector, Sector]:
         """Return the halves of the radii, for cut 0, or of the angles, for cut 1."""
-        key, interval = (("radii", self.radii), ("angles", self.angles))[one_of(cut, 2)]
-        low, high = halves(interval)
+        key, interval = (("radii", self.radii), ("angles", self.angles))[check_index(cut, 2)]
+        low, high = halve_interval(interval)
         return Sector({**self.data, key: low.tolist()}), Sector({**self.data, key: high.tolist()})
 
     def hull(self) -> tuple[FloatArray, float]:
@@ -258,7 +258,7 @@ class Sector:
 
 
 @dataclass(frozen=True)
-class Revolved:
+class StatedRevolvedCell:
     """Patch ``phi_0 <= phi <= phi_1``, ``t_0 <= t <= t_1`` of a cylinder's side (t height) or a torus (t angle).
 
     Parameters
@@ -279,30 +279,34 @@ class Revolved:
     @property
     def angles(self) -> FloatArray:
         """Both angles about the axis, radians."""
-        return increasing("angles", array("angles", self.data["angles"], (2,)), 3.0)
+        return check_interval("angles", array("angles", self.data["angles"], (2,)), 3.0)
 
     @property
     def along(self) -> FloatArray:
         """Both ends of t, metres or radians."""
-        return increasing("along", array("along", self.data["along"], (2,)), 3.0 if self.radii[0] > 0.0 else np.inf)
+        return check_interval("along", array("along", self.data["along"], (2,)), 3.0 if self.radii[0] > 0.0 else np.inf)
 
-    def rows(self) -> Rows:
+    def rows(self) -> VertexContacts:
         """Return the point itself for a cell of one point."""
-        return Rows.none() if self.sheets() else Rows(*self._sheet.contacts(self._sheet.start()[:, 0]))
+        return (
+            VertexContacts.none() if self.sheets() else VertexContacts(*self._sheet.contacts(self._sheet.start()[:, 0]))
+        )
 
     @property
-    def _sheet(self) -> TurnedSheet:
-        return TurnedSheet(self.radii, self.angles, self.along)
+    def _sheet(self) -> StatedRevolvedFace:
+        return StatedRevolvedFace(self.radii, self.angles, self.along)
 
-    def sheets(self) -> list[Sheet]:
+    def sheets(self) -> list[StatedCurvedFace]:
         """Return the patch, or the line, as a curved part."""
         return [self._sheet] if np.ptp(self.angles) > 0.0 or np.ptp(self.along) > 0.0 else []
 
-    def parts(self, cut: Cut) -> tuple[Revolved, Revolved]:
+    def parts(self, cut: Cut) -> tuple[StatedRevolvedCell, StatedRevolvedCell]:
         """Return the halves of phi, for cut 0, or of t, for cut 1."""
-        key, interval = (("angles", self.angles), ("along", self.along))[one_of(cut, 2)]
-        low, high = halves(interval)
-        return Revolved({**self.data, key: low.tolist()}), Revolved({**self.data, key: high.tolist()})
+        key, interval = (("angles", self.angles), ("along", self.along))[check_index(cut, 2)]
+        low, high = halve_interval(interval)
+        return StatedRevolvedCell({**self.data, key: low.tolist()}), StatedRevolvedCell(
+            {**self.data, key: high.tolist()}
+        )
 
     def hull(self) -> tuple[FloatArray, float]:
         """Return the middle point and the longest path on the surface to a corner."""
@@ -318,7 +322,7 @@ class Revolved:
 
 
 @dataclass(frozen=True)
-class TurnedSheet:
+class StatedRevolvedFace:
     """Patch ``phi_0 <= phi <= phi_1``, ``t_0 <= t <= t_1`` of a cylinder's side (t height) or a torus (t angle).
 
     A rotation by phi turns point and normal alike: ``|z''| <= |f_c| + |tau| |p_0|`` about any point c of the axis, and
@@ -339,7 +343,7 @@ class TurnedSheet:
     def start(self) -> FloatArray:
         """Return patches with corners (low, low), (low, high), (high, low), (high, high); lines with both ends."""
         straight = self.radii[0] == 0.0
-        return _patches(_steps(self.angles, False), _steps(self.along, straight))
+        return _patches(_initial_grid(self.angles, False), _initial_grid(self.along, straight))
 
     def contacts(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return points and inward normals at (phi, t), (m, 2)."""
@@ -375,7 +379,7 @@ class TurnedSheet:
         return np.concatenate(made)
 
 
-def _steps(interval: FloatArray, straight: bool) -> FloatArray:
+def _initial_grid(interval: FloatArray, straight: bool) -> FloatArray:
     """Return the initial grid of an interval."""
     low, high = interval.tolist()
     if high == low:
@@ -391,7 +395,7 @@ def _patches(phi: FloatArray, t: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Ellipsoid:
+class StatedEllipsoidCell:
     """The image under ``diag(semi_axes)`` of the spherical convex hull of one to three corners.
 
     Parameters
@@ -416,34 +420,34 @@ class Ellipsoid:
         """Semi-axes (3,), metres."""
         return positive("semi_axes", self.data["semi_axes"], 3)
 
-    def rows(self) -> Rows:
+    def rows(self) -> VertexContacts:
         """Return the point itself for a cell of one point."""
         if len(self.corners) > 1:
-            return Rows.none()
-        return Rows(*EllipsoidSheet(self.corners, self.axes).contacts(self.corners))
+            return VertexContacts.none()
+        return VertexContacts(*EllipsoidSheet(self.corners, self.axes).contacts(self.corners))
 
-    def sheets(self) -> list[Sheet]:
+    def sheets(self) -> list[StatedCurvedFace]:
         """Return the triangle or arc as a curved part."""
         return [EllipsoidSheet(self.corners, self.axes)] if len(self.corners) > 1 else []
 
-    def parts(self, cut: Cut) -> tuple[Ellipsoid, Ellipsoid]:
+    def parts(self, cut: Cut) -> tuple[StatedEllipsoidCell, StatedEllipsoidCell]:
         """Return both halves of a cut from the middle of a side to the opposite corner."""
-        first = one_of(cut, len(self.corners))
+        first = check_index(cut, len(self.corners))
         second = (first + 1) % len(self.corners)
         middle = self.corners[first] + self.corners[second]
         middle = middle / np.linalg.norm(middle)
         return self._with(second, middle), self._with(first, middle)
 
-    def _with(self, corner: int, place: FloatArray) -> Ellipsoid:
+    def _with(self, corner: int, place: FloatArray) -> StatedEllipsoidCell:
         corners = self.corners.tolist()
         corners[corner] = place.tolist()
-        return Ellipsoid({**self.data, "corners": corners})
+        return StatedEllipsoidCell({**self.data, "corners": corners})
 
     def hull(self) -> tuple[FloatArray, float]:
         """Return the cell's middle point, and the largest semi-axis times the angle to the farthest corner."""
         middle = np.sum(self.corners, axis=0)
         middle /= np.linalg.norm(middle)
-        return (middle * self.axes)[None], float(self.axes.max() * np.max(between(self.corners, middle[None])))
+        return (middle * self.axes)[None], float(self.axes.max() * np.max(angles_between(self.corners, middle[None])))
 
     def anchors(self) -> FloatArray:
         """Return the corners on the ellipsoid."""
@@ -469,7 +473,7 @@ class EllipsoidSheet:
         """Return the initial triangles or arcs."""
         found = self.corners[None]
         for _ in range(MOST_HALVINGS):
-            if float(np.max(_sides(found))) <= SPACING:
+            if float(np.max(_longest_sides(found))) <= SPACING:
                 break
             found = self.halved(found)
         return found
@@ -486,10 +490,10 @@ class EllipsoidSheet:
         its rate of turning changes by at most ``2 w |u'^T A^-2 u| / g^2``.
         """
         long, short = float(self.axes.max()), float(self.axes.min())
-        side = _sides(parts)
+        side = _longest_sides(parts)
         centre = np.sum(parts, axis=1)
         centre /= np.linalg.norm(centre, axis=1, keepdims=True)
-        reach = np.max(between(parts, centre[:, None]), axis=1)
+        reach = np.max(angles_between(parts, centre[:, None]), axis=1)
         g = np.maximum(np.linalg.norm(centre / self.axes, axis=1) - reach / short, 1.0 / long)
         w = 1.0 / (short * g)
         squared = centre / self.axes**2
@@ -501,7 +505,7 @@ class EllipsoidSheet:
         else:
             farthest = np.minimum(long, np.linalg.norm(centre * self.axes, axis=1) + long * reach)
             arm = farthest + (long / short + short / long) / g
-        bowed = 0.5 * _radius(parts) ** 2
+        bowed = 0.5 * _circumradii(parts) ** 2
         off = np.column_stack([quick, arm + quick * long * side, quick]) * bowed[:, None]
         more = np.column_stack([w, long + w * long * side, w]) * side[:, None]
         return np.stack([off, more], axis=1)
@@ -519,18 +523,18 @@ class EllipsoidSheet:
         return np.stack(made, axis=1).reshape(-1, *parts.shape[1:])
 
 
-def _sides(parts: FloatArray) -> FloatArray:
+def _longest_sides(parts: FloatArray) -> FloatArray:
     """Return the longest side of each part, radians, (n,)."""
-    return np.asarray(np.max(between(parts, np.roll(parts, -1, axis=1)), axis=1))
+    return np.asarray(np.max(angles_between(parts, np.roll(parts, -1, axis=1)), axis=1))
 
 
-def _radius(parts: FloatArray) -> FloatArray:
+def _circumradii(parts: FloatArray) -> FloatArray:
     """Return the circumradius of each part, developed into the plane from any of its points, (m,).
 
     Developed along great circles from one of its points, a part has sides at most ``t / sin t`` times as long, t the
     longest: the radius is then that of the circumcircle for an acute triangle, half the longest side for others.
     """
-    ends = between(parts, np.roll(parts, -1, axis=1))
+    ends = angles_between(parts, np.roll(parts, -1, axis=1))
     long = np.max(ends, axis=1)
     if parts.shape[1] < 3:
         return np.asarray(0.5 * long)
@@ -540,13 +544,13 @@ def _radius(parts: FloatArray) -> FloatArray:
     return np.asarray(np.where((cosine > 0.0) & (sine > 0.0), 0.5 * a / np.where(sine > 0.0, sine, 1.0), 0.5 * a))
 
 
-def between(u: FloatArray, v: FloatArray) -> FloatArray:
+def angles_between(u: FloatArray, v: FloatArray) -> FloatArray:
     """Return the angles between unit vectors, radians."""
     return np.asarray(2.0 * np.arcsin(np.minimum(1.0, 0.5 * np.linalg.norm(u - v, axis=-1))))
 
 
 @dataclass(frozen=True)
-class MeshCell:
+class StatedMeshCell:
     """A range of the pieces of a mesh's subdivided triangles.
 
     Parameters
@@ -568,9 +572,9 @@ class MeshCell:
     last: int
 
     @classmethod
-    def whole(cls, data: Json, mesh: TriangleSurface) -> MeshCell:
+    def whole(cls, data: Json, mesh: TriangleSurface) -> StatedMeshCell:
         """Return the cell of all pieces; raise ``ValueError`` where the data name pieces that do not exist."""
-        corners, triangle = halved(mesh.corners, data["halved"])
+        corners, triangle = halve_triangles(mesh.corners, data["halved"])
         stated = data["order"]
         order = np.arange(len(corners)) if stated is None else np.array(stated, dtype=np.int64)
         if len(order) and not (order.min() >= 0 and order.max() < len(corners)):
@@ -579,26 +583,26 @@ class MeshCell:
 
     def left_out(self, mesh: TriangleSurface) -> int:
         """Return the number of the mesh's pieces that the cell lacks."""
-        count = len(halved(mesh.corners, self.data["halved"])[0])
+        count = len(halve_triangles(mesh.corners, self.data["halved"])[0])
         return count - len(set(map(int, self.data["order"][self.first : self.last])))
 
-    def rows(self) -> Rows:
+    def rows(self) -> VertexContacts:
         """Return the corners with their pieces' normals: a convex function on a flat piece is largest at a corner."""
         points = self.corners[self.first : self.last].reshape(-1, 3)
         normals = np.repeat(self.normals[self.first : self.last], 3, axis=0)
-        return Rows(points, normals)
+        return VertexContacts(points, normals)
 
-    def sheets(self) -> list[Sheet]:
+    def sheets(self) -> list[StatedCurvedFace]:
         """Return no curved parts."""
         return []
 
-    def parts(self, cut: Cut) -> tuple[MeshCell, MeshCell]:
+    def parts(self, cut: Cut) -> tuple[StatedMeshCell, StatedMeshCell]:
         """Return the first pieces, as many as the cut states, and the rest."""
         if not isinstance(cut, int) or not 0 < cut < self.last - self.first:
             raise ValueError(f"{cut} of {self.last - self.first} pieces")
         at = self.first + cut
-        first = MeshCell(self.data, self.corners, self.normals, self.first, at)
-        return first, MeshCell(self.data, self.corners, self.normals, at, self.last)
+        first = StatedMeshCell(self.data, self.corners, self.normals, self.first, at)
+        return first, StatedMeshCell(self.data, self.corners, self.normals, at, self.last)
 
     def hull(self) -> tuple[FloatArray, float]:
         """Return the corners."""
@@ -609,7 +613,7 @@ class MeshCell:
         return self.corners[self.first : self.last].reshape(-1, 3)
 
 
-def halved(corners: FloatArray, rounds: Sequence[str]) -> tuple[FloatArray, np.ndarray]:
+def halve_triangles(corners: FloatArray, rounds: Sequence[str]) -> tuple[FloatArray, np.ndarray]:
     """Return the pieces of subdivided triangles (t, 3, 3), and the triangle of each piece.
 
     In each round every piece has a character: the number of a corner if the side from that corner to the next is
@@ -632,7 +636,7 @@ def halved(corners: FloatArray, rounds: Sequence[str]) -> tuple[FloatArray, np.n
 
 
 @dataclass(frozen=True)
-class Bundle:
+class StatedCellUnion:
     """A union of cells.
 
     Parameters
@@ -644,20 +648,22 @@ class Bundle:
     data: Json
 
     @cached_property
-    def members(self) -> list[Cell]:
+    def members(self) -> list[StatedCell]:
         """The member cells."""
-        return [cell_of(member) for member in self.data["members"]]
+        return [read_cell(member) for member in self.data["members"]]
 
-    def rows(self) -> Rows:
+    def rows(self) -> VertexContacts:
         """Return the vertex contacts of all members."""
         every = [member.rows() for member in self.members]
-        return Rows(*(np.concatenate([getattr(rows, name) for rows in every]) for name in ("points", "normals")))
+        return VertexContacts(
+            *(np.concatenate([getattr(rows, name) for rows in every]) for name in ("points", "normals"))
+        )
 
-    def sheets(self) -> list[Sheet]:
+    def sheets(self) -> list[StatedCurvedFace]:
         """Return the curved parts of all members."""
         return [sheet for member in self.members for sheet in member.sheets()]
 
-    def parts(self, cut: Cut) -> tuple[Cell, Cell]:
+    def parts(self, cut: Cut) -> tuple[StatedCell, StatedCell]:
         """Return the two bundles of a partition of the members."""
         count = len(self.members)
         if isinstance(cut, int) or len(cut) != 2 or not all(cut) or set(cut[0] + cut[1]) != set(range(count)):
@@ -665,8 +671,8 @@ class Bundle:
         first, second = ([self.data["members"][i] for i in part] for part in cut)
         return self._of(first), self._of(second)
 
-    def _of(self, members: list[Json]) -> Cell:
-        return cell_of(members[0] if len(members) == 1 else {**self.data, "members": members})
+    def _of(self, members: list[Json]) -> StatedCell:
+        return read_cell(members[0] if len(members) == 1 else {**self.data, "members": members})
 
     def hull(self) -> tuple[FloatArray, float]:
         """Return the points of all members, and the largest of their radii."""
@@ -678,30 +684,32 @@ class Bundle:
         return np.concatenate([member.anchors() for member in self.members])
 
 
-KINDS: dict[str, Callable[[Json], Cell]] = {
-    "polygon": Polygon,
-    "ellipsoid": Ellipsoid,
+KINDS: dict[str, Callable[[Json], StatedCell]] = {
+    "polygon": StatedPolygonCell,
+    "ellipsoid": StatedEllipsoidCell,
     "sector": Sector,
-    "revolved": Revolved,
-    "bundle": Bundle,
+    "revolved": StatedRevolvedCell,
+    "bundle": StatedCellUnion,
 }
 
 
-def cell_of(data: Json) -> Cell:
-    """Return the cell of its JSON data; raise ``NotMadeError`` on an unknown kind."""
+def read_cell(data: Json) -> StatedCell:
+    """Return the cell of its JSON data; raise ``NotCheckedError`` on an unknown kind."""
     kind = KINDS.get(str(data["kind"]))
     if data["kind"] == "superquadric":
-        raise NotMadeError("a bound of a superquadric, by an earlier version: superquadrics are not bounded any more")
+        raise NotCheckedError(
+            "a bound of a superquadric, by an earlier version: superquadrics are not bounded any more"
+        )
     if kind is None:
-        raise NotMadeError(f"nothing recomputes a cell of kind {data['kind']!r}")
+        raise NotCheckedError(f"nothing recomputes a cell of kind {data['kind']!r}")
     return kind(data)
 
 
-def same_place(cell: Cell, other: Cell, image: FloatArray, tolerance: float) -> bool:
+def same_place(cell: StatedCell, other: StatedCell, image: FloatArray, tolerance: float) -> bool:
     """Return whether a cell is the image of another with transformed anchors (m, space), in any order."""
     if cell.data["kind"] != other.data["kind"]:
         return False
-    if isinstance(cell, Bundle) and isinstance(other, Bundle):
+    if isinstance(cell, StatedCellUnion) and isinstance(other, StatedCellUnion):
         ends = np.cumsum([len(member.anchors()) for member in other.members])[:-1]
         moved = list(zip(other.members, np.split(image, ends), strict=True))
         one = all(any(same_place(m, o, i, tolerance) for m in cell.members) for o, i in moved)

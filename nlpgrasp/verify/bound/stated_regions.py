@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 from nlpgrasp.common.scalar_constraints import EDGES
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
-from nlpgrasp.verify.bound.stated_cells import Cell, ball
-from nlpgrasp.verify.check import NotMadeError
+from nlpgrasp.verify.bound.stated_cells import StatedCell, bounding_ball
+from nlpgrasp.verify.check import NotCheckedError
 from nlpgrasp.verify.numeric_constraints import corners, unit
 from nlpgrasp.verify.registry import BODIES, HANDS
-from nlpgrasp.verify.sources import Sources
+from nlpgrasp.verify.sources import SourceFolders
 
 EXACT = ("box", "cylinder", "polygon", "prism", "sphere", "torus")  # bodies with an exact distance everywhere
 Sides = tuple[FloatArray, FloatArray]
@@ -23,7 +23,7 @@ Sides = tuple[FloatArray, FloatArray]
 
 
 @dataclass(frozen=True)
-class Places:
+class StatedRegion:
     """Allowed region of one contact.
 
     Parameters
@@ -48,7 +48,7 @@ class Places:
         """Whether the contact has other limits than its faces."""
         return bool(self.inside or self.outside or self.away)
 
-    def exclude(self, cell: Cell, slack: float) -> bool:
+    def exclude(self, cell: StatedCell, slack: float) -> bool:
         """Return whether no contact of a cell is allowed, even with a slack in metres."""
         points, beyond = cell.hull()
         for A, b, radius in self.inside:
@@ -56,7 +56,7 @@ class Places:
                 return True
         if any(np.all(np.max(points @ A.T, axis=0) + beyond - b < slack) for A, b in self.outside):
             return True
-        middle, around = ball(cell)
+        middle, around = bounding_ball(cell)
         return any(float(d(middle[None])[0]) + around + radius < least + slack for d, least, radius in self.away)
 
     def forbid(self, face: str, point: FloatArray, normal: FloatArray, slack: float) -> bool:
@@ -71,7 +71,7 @@ class Places:
         """Return the half-spaces of all required regions, (m, space + 2): direction, offset, radius."""
         return np.concatenate([np.column_stack([A, b, np.full(len(b), radius)]) for A, b, radius in self.inside])
 
-    def same(self, other: Places) -> bool:
+    def same(self, other: StatedRegion) -> bool:
         """Return whether another contact has the same allowed region."""
         if set(self.faces) != set(other.faces) or len(self.outside) != len(other.outside):
             return False
@@ -82,19 +82,23 @@ class Places:
         return [a[1:] for a in self.away] == [a[1:] for a in other.away]
 
 
-def places(problem: Json, faces: Sequence[str], space: int, sources: Sources) -> tuple[list[Places], list[str]]:
+def places(
+    problem: Json, faces: Sequence[str], space: int, sources: SourceFolders
+) -> tuple[list[StatedRegion], list[str]]:
     """Return each contact's allowed region, and the relaxed parts of the problem as text: those of several contacts."""
     constraints, contacts, hand = problem["constraints"], problem["contacts"], problem["hand"]
     forbidden = {name for c in constraints if c["type"] == "forbid" for name in c.get("faces", ())}
     radii = [0.0] * len(contacts) if hand is None else list(HANDS.of(hand)(hand, {}, {}, sources).radii)
     found, known = [], set()
     for i, (contact, radius) in enumerate(zip(contacts, radii, strict=True)):
-        own = Places(tuple(f for f in contact.get("faces") or faces if f not in forbidden), (), (), ())
+        own = StatedRegion(tuple(f for f in contact.get("faces") or faces if f not in forbidden), (), (), ())
         for j, data in enumerate(constraints):
-            more = _limit(data, i, radius, space, sources)
+            more = _single_contact_limits(data, i, radius, space, sources)
             if more is not None:
                 known.add(j)
-                own = Places(own.faces, own.inside + more.inside, own.outside + more.outside, own.away + more.away)
+                own = StatedRegion(
+                    own.faces, own.inside + more.inside, own.outside + more.outside, own.away + more.away
+                )
         found.append(own)
     dropped = [] if hand is None else [f"the hand ({hand['type']})"]
     for j, data in enumerate(constraints):
@@ -105,26 +109,28 @@ def places(problem: Json, faces: Sequence[str], space: int, sources: Sources) ->
     return found, dropped
 
 
-def _limit(data: Json, contact: int, radius: float, space: int, sources: Sources) -> Places | None:
+def _single_contact_limits(
+    data: Json, contact: int, radius: float, space: int, sources: SourceFolders
+) -> StatedRegion | None:
     """Return a constraint's limits on one contact alone; None without any."""
     kind = data["type"]
     if kind == "table":
         lowest = number("height", data["height"]) + number("clearance", data["clearance"], at_least=0.0) + radius
-        return Places((), ((-np.eye(space)[-1:], np.array([-lowest]), radius),), (), ())
+        return StatedRegion((), ((-np.eye(space)[-1:], np.array([-lowest]), radius),), (), ())
     if kind == "forbid" and data.get("region") is not None:
-        sides = _sides(data["region"], space)
-        return None if sides is None else Places((), (), (sides,), ())
+        sides = _half_spaces(data["region"], space)
+        return None if sides is None else StatedRegion((), (), (sides,), ())
     if kind == "workspace" and not data["palm"]:
-        sides = _sides(data["region"], space)
+        sides = _half_spaces(data["region"], space)
         held = data.get("fingers") is None or contact in data["fingers"]
-        return Places((), ((*sides, 0.0),), (), ()) if held and sides is not None else None
+        return StatedRegion((), ((*sides, 0.0),), (), ()) if held and sides is not None else None
     if kind == "obstacle" and data["body"]["type"] in EXACT:
         least = radius + number("clearance", data["clearance"], at_least=0.0)
-        return Places((), (), (), ((_distance(data, space, sources), least, radius),))
+        return StatedRegion((), (), (), ((_obstacle_distance_function(data, space, sources), least, radius),))
     return None
 
 
-def _sides(region: Json, space: int) -> Sides | None:
+def _half_spaces(region: Json, space: int) -> Sides | None:
     """Return the half-spaces of a region; None where its function is not in the file."""
     if region["type"] == "half_space":
         normal = unit("normal", region["normal"], space)
@@ -135,7 +141,7 @@ def _sides(region: Json, space: int) -> Sides | None:
     return None
 
 
-def _distance(data: Json, space: int, sources: Sources) -> Callable[[FloatArray], FloatArray]:
+def _obstacle_distance_function(data: Json, space: int, sources: SourceFolders) -> Callable[[FloatArray], FloatArray]:
     """Return the distance function of an obstacle, points (m, space) to metres."""
     surface = BODIES.of(data["body"])(data["body"], sources)
     position = np.zeros(space) if data["position"] is None else array("position", data["position"], (space,))
@@ -143,6 +149,6 @@ def _distance(data: Json, space: int, sources: Sources) -> Callable[[FloatArray]
     if turn is None:
         return lambda p: surface.distance(p - position)
     if space == 2:
-        raise NotMadeError("an obstacle turned out of the plane")
+        raise NotCheckedError("an obstacle turned out of the plane")
     back = Rotation.from_quat(unit("quaternion_wxyz", turn, 4), scalar_first=True).inv()
     return lambda p: surface.distance(back.apply(p - position))

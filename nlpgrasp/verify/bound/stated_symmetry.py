@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope, TaskSum
-from nlpgrasp.verify.bound.face_cover import Faces, FlatFace, is_among
-from nlpgrasp.verify.bound.stated_cells import Ellipsoid
-from nlpgrasp.verify.bound.stated_regions import Places
+from nlpgrasp.verify.bound.face_cover import Faces, FlatFaceOutline, is_among
+from nlpgrasp.verify.bound.stated_cells import StatedEllipsoidCell
+from nlpgrasp.verify.bound.stated_regions import StatedRegion
 
 IMAGE_TOLERANCE = 1e-8  # relative tolerance of an image
 RADIAN = 1.0  # an irrational share of a turn: invariance under it implies invariance under all turns
@@ -24,7 +24,7 @@ POLE_TOLERANCE = 1e-9  # tolerance of axes, poles and meridians, relative to the
 
 
 def error_of_motion(
-    motion: Json, problem: Json, task: Task, origin: FloatArray, own: Sequence[Places], size: float
+    motion: Json, problem: Json, task: Task, origin: FloatArray, own: Sequence[StatedRegion], size: float
 ) -> str:
     """Return the part of the problem that a motion does not map onto itself; empty for a symmetry.
 
@@ -47,18 +47,18 @@ def error_of_motion(
         return "it is no rotation or reflection"
     if np.max(np.abs(R - np.eye(space))) <= IMAGE_TOLERANCE and np.max(np.abs(t)) <= IMAGE_TOLERANCE * size:
         return ""
-    if not keeps_body(problem["body"], R, t, IMAGE_TOLERANCE * size):
+    if not leaves_body_invariant(problem["body"], R, t, IMAGE_TOLERANCE * size):
         return "the body has no such symmetry"
     if np.max(np.abs(R @ origin + t - origin)) > IMAGE_TOLERANCE * size:
         return "it moves the torque origin"
-    if not keeps_task(task, on_wrenches(R)):
+    if not leaves_task_invariant(task, wrench_action(R)):
         return "the task has no such symmetry"
-    if not all(_keeps_places(places, R, t, IMAGE_TOLERANCE * size) for places in own):
+    if not all(_leaves_regions_invariant(places, R, t, IMAGE_TOLERANCE * size) for places in own):
         return "constraints have no such symmetry"
     return ""
 
 
-def on_wrenches(R: FloatArray) -> FloatArray:
+def wrench_action(R: FloatArray) -> FloatArray:
     """Return the action of R on wrenches about a fixed point: ``(R p) x (R f) = det(R) R (p x f)``."""
     space, handed = len(R), 1.0 if np.linalg.det(R) > 0.0 else -1.0
     turned = np.array([[handed]]) if space == 2 else handed * R
@@ -66,73 +66,73 @@ def on_wrenches(R: FloatArray) -> FloatArray:
     return np.block([[R, zero], [zero.T, turned]])
 
 
-def keeps_task(task: Task, matrix: FloatArray) -> bool:
+def leaves_task_invariant(task: Task, matrix: FloatArray) -> bool:
     """Return whether a linear map leaves a set of wrenches invariant, as far as its kind shows it."""
     if isinstance(task, TaskSum):
-        return all(keeps_task(part, matrix) for part in task.tasks)
+        return all(leaves_task_invariant(part, matrix) for part in task.tasks)
     if isinstance(task, TaskPolytope):
-        points, scale = task.wrenches, _scale(np.max(np.abs(task.wrenches), axis=0))
+        points, scale = task.wrenches, _wrench_scale(np.max(np.abs(task.wrenches), axis=0))
         return _same_points(points @ matrix.T / scale, points / scale, IMAGE_TOLERANCE)
     if isinstance(task, TaskEllipsoid):
-        scale = _scale(np.linalg.norm(task.axes, axis=0) + np.abs(task.center))
+        scale = _wrench_scale(np.linalg.norm(task.axes, axis=0) + np.abs(task.center))
         axes, image = task.axes / scale, task.axes @ matrix.T / scale  # the set is centre + axes^T (unit ball)
         middle = np.max(np.abs((matrix @ task.center - task.center) / scale))
         return bool(np.max(np.abs(axes.T @ axes - image.T @ image)) <= IMAGE_TOLERANCE and middle <= IMAGE_TOLERANCE)
     return False
 
 
-def _scale(sizes: FloatArray) -> FloatArray:
+def _wrench_scale(sizes: FloatArray) -> FloatArray:
     """Return the largest force for each force component, the largest moment for each moment component; 1 for zeros."""
     forces = 2 if len(sizes) == 3 else 3
     most = np.repeat([sizes[:forces].max(), sizes[forces:].max()], [forces, len(sizes) - forces])
     return np.where(most > 0.0, most, 1.0)
 
 
-def keeps_body(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
+def leaves_body_invariant(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
     """Return whether a motion maps a body onto itself."""
     check = BODIES.get(body["type"])
     return check is not None and check(body, R, t, tolerance)
 
 
-def _box(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
+def _maps_box(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
     """Return whether corners map to corners: the box is their convex hull."""
     signs = np.array(np.meshgrid(*[[1.0, -1.0]] * 3)).reshape(3, -1).T
     corners = signs * array("extents", body["extents"], (3,)) / 2.0
     return _same_points(corners @ R.T + t, corners, tolerance)
 
 
-def _polygon(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
+def _maps_polygon(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
     """Return whether corners map to corners, and edge midpoints to edge midpoints."""
     corners = array("vertices", body["vertices"], (None, 2))
     return _same_outline(corners, R, t, tolerance)
 
 
-def _prism(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
+def _maps_prism(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
     corners = array("polygon", body["polygon"], (None, 2))
     upright = max(np.max(np.abs(R[2, :2])), np.max(np.abs(R[:2, 2])), abs(abs(R[2, 2]) - 1.0)) <= IMAGE_TOLERANCE
     return bool(upright and abs(t[2]) <= tolerance and _same_outline(corners, R[:2, :2], t[:2], tolerance))
 
 
-def _ellipsoid(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
+def _maps_ellipsoid(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
     """Return whether the quadratic form of the surface is invariant."""
     axes = np.full(3, body["radius"]) if body["type"] == "sphere" else array("semi_axes", body["semi_axes"], (3,))
     form = np.diag((axes / axes.max()) ** 2)
     return bool(np.max(np.abs(t)) <= tolerance and np.max(np.abs(R @ form @ R.T - form)) <= IMAGE_TOLERANCE)
 
 
-def _turned(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
+def _maps_z_axis(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
     """Return whether the z axis maps to itself, or to its reverse."""
     return bool(np.max(np.abs(t)) <= tolerance and np.max(np.abs(R[2, :2])) <= IMAGE_TOLERANCE)
 
 
 BODIES: dict[str, Callable[[Json, FloatArray, FloatArray, float], bool]] = {
-    "box": _box,
-    "polygon": _polygon,
-    "prism": _prism,
-    "sphere": _ellipsoid,
-    "ellipsoid": _ellipsoid,
-    "cylinder": _turned,
-    "torus": _turned,
+    "box": _maps_box,
+    "polygon": _maps_polygon,
+    "prism": _maps_prism,
+    "sphere": _maps_ellipsoid,
+    "ellipsoid": _maps_ellipsoid,
+    "cylinder": _maps_z_axis,
+    "torus": _maps_z_axis,
 }
 
 
@@ -146,7 +146,7 @@ def _same_outline(corners: FloatArray, R: FloatArray, t: FloatArray, tolerance: 
     return False
 
 
-def _keeps_places(places: Places, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
+def _leaves_regions_invariant(places: StatedRegion, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
     """Return whether the regions that a contact has to be inside of are invariant; False for other limits."""
     if places.outside or places.away:
         return False
@@ -165,7 +165,7 @@ def _same_points(image: FloatArray, points: FloatArray, tolerance: float) -> boo
     return bool(np.max(apart.min(axis=0)) <= tolerance and np.max(apart.min(axis=1)) <= tolerance)
 
 
-class Turning:
+class RotationTest:
     """Body, task and torque origin of a problem, for tests of rotational symmetry without constraints.
 
     Parameters
@@ -185,11 +185,13 @@ class Turning:
         """Return whether rotations about a unit axis (3,) through the frame's origin leave everything invariant."""
         R = Rotation.from_rotvec(RADIAN * axis).as_matrix()
         stays = float(np.max(np.abs(R @ self.origin - self.origin))) <= POLE_TOLERANCE * self.size
-        same_task = keeps_task(self.task, on_wrenches(R))
-        return stays and same_task and keeps_body(self.body, R, np.zeros(3), POLE_TOLERANCE * self.size)
+        same_task = leaves_task_invariant(self.task, wrench_action(R))
+        return stays and same_task and leaves_body_invariant(self.body, R, np.zeros(3), POLE_TOLERANCE * self.size)
 
 
-def error_of_reduction(groups: Sequence[Json], turning: Turning, faces: Faces, places: Sequence[Places]) -> str:
+def error_of_reduction(
+    groups: Sequence[Json], turning: RotationTest, faces: Faces, places: Sequence[StatedRegion]
+) -> str:
     """Return why the stated reductions are not allowed, or do not cover their line; empty if they are.
 
     Two reductions are allowed. On a body of revolution, one contact on the half-plane at angle 0, for an ellipsoid on
@@ -208,15 +210,15 @@ def error_of_reduction(groups: Sequence[Json], turning: Turning, faces: Faces, p
         own = places[turned[0]["contacts"][0]]
         return _half_plane(roots["half-plane"], turning, {n: f for n, f in faces.items() if n in own.faces})
     if ways in (["pole"], ["meridian", "pole"]):
-        return _pole(roots["pole"], roots.get("meridian"), turning)
+        return _pole_error(roots["pole"], roots.get("meridian"), turning)
     return f"nothing can be turned to {', '.join(ways)}"
 
 
-def _half_plane(roots: Sequence[Json], turning: Turning, faces: Faces) -> str:
+def _half_plane(roots: Sequence[Json], turning: RotationTest, faces: Faces) -> str:
     axis = np.array([0.0, 0.0, 1.0])
     if turning.body["type"] in ("sphere", "ellipsoid"):
         ends = _arcs(roots)
-        if ends is None or not all(_is_on(Ellipsoid(cell), turning) for cell in roots):
+        if ends is None or not all(_is_on(StatedEllipsoidCell(cell), turning) for cell in roots):
             return "the cells are no half-plane of the body"
         axis = ends
     if not turning.about(axis):
@@ -224,7 +226,7 @@ def _half_plane(roots: Sequence[Json], turning: Turning, faces: Faces) -> str:
     for name, face in faces.items():
         if turning.body["type"] in ("sphere", "ellipsoid"):
             continue
-        if isinstance(face, FlatFace):
+        if isinstance(face, FlatFaceOutline):
             return "a flat face does not turn"
         if face is None:
             return "a mesh does not turn"
@@ -234,35 +236,35 @@ def _half_plane(roots: Sequence[Json], turning: Turning, faces: Faces) -> str:
     return ""
 
 
-def _pole(pole: Sequence[Json], meridian: Sequence[Json] | None, turning: Turning) -> str:
-    if not _round(turning.body) or len(pole) != 1:
+def _pole_error(pole: Sequence[Json], meridian: Sequence[Json] | None, turning: RotationTest) -> str:
+    if not _is_sphere(turning.body) or len(pole) != 1:
         return "only a sphere has every point for a pole"
-    point = Ellipsoid(pole[0])
+    point = StatedEllipsoidCell(pole[0])
     if not _is_on(point, turning) or len(point.corners) != 1:
         return "the pole is no point of the sphere"
     if not all(turning.about(axis) for axis in np.eye(3)):
         return "body and task are not the same after every turn"
     ends = None if meridian is None else _arcs(meridian)
     if meridian is not None:
-        on = all(_is_on(Ellipsoid(cell), turning) for cell in meridian)
+        on = all(_is_on(StatedEllipsoidCell(cell), turning) for cell in meridian)
         if not on or ends is None or np.max(np.abs(np.abs(ends @ point.corners[0]) - 1.0)) > POLE_TOLERANCE:
             return "the cells are no meridian through the pole"
     return ""
 
 
-def _round(body: Json) -> bool:
+def _is_sphere(body: Json) -> bool:
     """Return whether a body is a sphere, also as an ellipsoid with equal semi-axes."""
     return body["type"] == "sphere" or (body["type"] == "ellipsoid" and len(set(body["semi_axes"])) == 1)
 
 
-def _is_on(cell: Ellipsoid, turning: Turning) -> bool:
+def _is_on(cell: StatedEllipsoidCell, turning: RotationTest) -> bool:
     axes = turning.body["radius"] if turning.body["type"] == "sphere" else np.asarray(turning.body["semi_axes"])
     return bool(np.all(np.abs(cell.axes - axes) <= POLE_TOLERANCE * turning.size))
 
 
 def _arcs(roots: Sequence[Json]) -> FloatArray | None:
     """Return the axis of two quarter circles that meet in one point at right angles to it; None for other arcs."""
-    cells = [Ellipsoid(cell) for cell in roots if cell["kind"] == "ellipsoid"]
+    cells = [StatedEllipsoidCell(cell) for cell in roots if cell["kind"] == "ellipsoid"]
     if len(cells) != 2 or any(len(cell.corners) != 2 for cell in cells):
         return None
     (first, side), (last, again) = (cell.corners for cell in cells)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nlpgrasp.common.meshes.intersections import covered, crossing, meeting_boxes
+from nlpgrasp.common.meshes.intersections import crossing, is_covered, meeting_boxes
 from tests.bodies.made_meshes import signed_crossings
 
 SLACK = 1e-9
@@ -63,7 +63,7 @@ def test_a_triangle_is_covered_by_the_one_around_it():
     inner = moved(0.2 * FLAT, 0.1, 0.1, 0.0)
     some = np.array([inner, inner[::-1], FLAT, moved(inner, 0.0, 0.0, 1e-3), moved(inner, 0.9, 0.0, 0.0)])
     other = np.array([FLAT, FLAT, inner, FLAT, FLAT])
-    np.testing.assert_array_equal(covered(some, other, SLACK), [True, True, False, False, False])
+    np.testing.assert_array_equal(is_covered(some, other, SLACK), [True, True, False, False, False])
 
 
 def test_the_rays_of_the_tests_tell_inside_from_outside():

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import nlpgrasp as ng
-from nlpgrasp.global_bound.allowed_regions import relaxed
+from nlpgrasp.global_bound.allowed_regions import relaxed_problem
 from nlpgrasp.global_bound.branch_and_bound import BranchAndBound
 from tests.global_bound.brute_force.cases import random_case
 from tests.global_bound.brute_force.search import BruteForce
@@ -48,7 +48,7 @@ def compared(number, **effort):
     nodes = PLANAR if problem.body.space == 2 else SPATIAL
     search = 0.0
     if number % WITH_SEARCH == 0:
-        search = ng.solve(relaxed(problem), 1, options=OPTIONS).mu.lower
+        search = ng.solve(relaxed_problem(problem), 1, options=OPTIONS).mu.lower
     tree = BranchAndBound(problem, 0.01)
     tree.expect(max(brute, search))
     tree.grow(nodes)
