@@ -33,7 +33,7 @@ def slsqp(points, rng):
     """Return what SLSQP makes of placements on the ellipsoid, put back onto it, and what it believes."""
     normals = -points / AXES**2
     start = Placement(points, normals / np.linalg.norm(normals, axis=1, keepdims=True), FACES)
-    p, believed = by_slsqp.placed(CASE, start, rng)
+    p, believed = by_slsqp.candidate(CASE, start, rng)
     return p / np.linalg.norm(p / AXES, axis=1, keepdims=True), believed
 
 

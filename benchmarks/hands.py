@@ -53,8 +53,8 @@ def _penetration(body, hand, values):
         pose = poses[:, 4 * i : 4 * i + 4]
         for shape in hand.robot.shapes.get(link, ()):
             surface = shape.mesh.vertices @ pose[:3, :3].T + pose[:3, 3]
-            placed = surface @ rotation.T + values["palm_position"]
-            deepest = max(deepest, -float(np.min(body.signed_distance(placed))))
+            candidate = surface @ rotation.T + values["palm_position"]
+            deepest = max(deepest, -float(np.min(body.signed_distance(candidate))))
             local = (body.mesh.vertices - values["palm_position"]) @ rotation
             inner = (local - pose[:3, 3]) @ pose[:3, :3]
             deepest = max(deepest, float(np.max(shape.depth(inner))))

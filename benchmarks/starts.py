@@ -12,12 +12,12 @@ from nlpgrasp.optimize.start import run_start
 
 def run_starts(problem, count, seed=0, **options):
     """Return the results of the starts and the wall time of each; building is not counted."""
-    bench = CompiledProblem(problem, ng.SolveOptions(workers=1, **options))
-    run_start(bench, count, seed, Deadline())  # builds the programs
+    compiled = CompiledProblem(problem, ng.SolveOptions(workers=1, **options))
+    run_start(compiled, count, seed, Deadline())  # builds the programs
     results, seconds = [], []
     for index in range(count):
         begun = time.perf_counter()
-        results.append(run_start(bench, index, seed, Deadline()))
+        results.append(run_start(compiled, index, seed, Deadline()))
         seconds.append(time.perf_counter() - begun)
     return results, np.array(seconds)
 

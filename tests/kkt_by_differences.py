@@ -75,7 +75,7 @@ class _State:
             self.triangles = self._triangles(solution.grasp)
             self.sharp = [self._sharp_near(p) for p in solution.grasp.points]
 
-    def placed(self, v):
+    def candidate(self, v):
         """Return contacts and hand."""
         count = self.k * self.body.space
         points, rest, hand = v[:count].reshape(self.k, -1) * self.body.size, v[count:], {}
@@ -92,33 +92,33 @@ class _State:
 
     def ratios(self, v, y):
         """Return the support ratios along directions, (m,)."""
-        placed = self.placed(v)
-        grasp = Grasp(placed.points, self.inward(placed.points), self.problem.models, self.problem.origin)
-        return WrenchSet.of(grasp, budget_at(self.problem, placed)).support(y)[0] / self.problem.task.support(y)[0]
+        candidate = self.candidate(v)
+        grasp = Grasp(candidate.points, self.inward(candidate.points), self.problem.models, self.problem.origin)
+        return WrenchSet.of(grasp, budget_at(self.problem, candidate)).support(y)[0] / self.problem.task.support(y)[0]
 
     def equations(self, v):
         """Return what is zero: surfaces and those rows whose limits are equal."""
-        placed = self.placed(v)
+        candidate = self.candidate(v)
         if self.on_mesh:
-            h = [np.dot(n, p - c[0]) for n, p, c in zip(self.normals, placed.points, self.triangles, strict=True)]
+            h = [np.dot(n, p - c[0]) for n, p, c in zip(self.normals, candidate.points, self.triangles, strict=True)]
         else:
-            each = zip(self.faces, placed.points, strict=True)
+            each = zip(self.faces, candidate.points, strict=True)
             h = [self.body.evaluate(f, p[None])[0][0] / self.body.evaluate(f, p[None])[1][0] for f, p in each]
         rows = [
             (value - row.lower) / row.scale
-            for row, value in zip(self.rows.named, self._row_values(placed), strict=True)
+            for row, value in zip(self.rows.named, self._row_values(candidate), strict=True)
             if row.lower == row.upper
         ]
         return np.concatenate([np.array(h) / self.body.size, rows])
 
     def limits(self, v):
         """Return what is at most zero: rows, extents of faces, edges of triangles, the margin from sharp edges."""
-        placed, result = self.placed(v), []
-        for row, value in zip(self.rows.named, self._row_values(placed), strict=True):
+        candidate, result = self.candidate(v), []
+        for row, value in zip(self.rows.named, self._row_values(candidate), strict=True):
             if row.lower < row.upper:
                 result += [(row.lower - value) / row.scale] if np.isfinite(row.lower) else []
                 result += [(value - row.upper) / row.scale] if np.isfinite(row.upper) else []
-        for i, (face, p) in enumerate(zip(self.faces, placed.points, strict=True)):
+        for i, (face, p) in enumerate(zip(self.faces, candidate.points, strict=True)):
             if self.on_mesh:
                 corners, outward = self.triangles[i], -self.normals[i]
                 for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
@@ -142,9 +142,9 @@ class _State:
             begin = part.stop
         return lower, upper
 
-    def _row_values(self, placed):
-        normals = self.inward(placed.points)
-        return self.rows.values(placed.points[None], normals[None], placed.repeated_hand(1))[0]
+    def _row_values(self, candidate):
+        normals = self.inward(candidate.points)
+        return self.rows.values(candidate.points[None], normals[None], candidate.repeated_hand(1))[0]
 
     def _sharp_near(self, point):
         """Return the ends of the edges within the margin, and a little more, of a point at which the mesh turns."""

@@ -29,18 +29,18 @@ def answers(case: Case, starts: int, budget: float) -> list[Answer]:
     found = []
     for seed in range(starts):
         start = start_placement(case, seed)
-        points, _ = placed(case, start, np.random.default_rng(seed))
+        points, _ = candidate(case, start, np.random.default_rng(seed))
         found.append(Answer(NAME, points, start.faces, cpu_seconds()))
     return [best_of(case, found)]
 
 
-def placed(case: Case, start: Placement, rng: np.random.Generator) -> tuple[FloatArray, float]:
+def candidate(case: Case, start: Placement, rng: np.random.Generator) -> tuple[FloatArray, float]:
     """Maximise t subject to phi(y_j) >= t and the contacts on their faces: points (k, 3), metres, and t.
 
     Parameters
     ----------
     case : Case
-    start : Placement
+    start : SymbolicCandidate
     rng : Generator
         Of the directions.
     """

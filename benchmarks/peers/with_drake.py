@@ -34,12 +34,12 @@ def answers(case: Case, starts: int, budget: float) -> list[Answer]:
     found = []
     for seed in range(starts):
         start = start_placement(case, seed)
-        points = placed(case, start, np.random.default_rng(seed), solver)
+        points = candidate(case, start, np.random.default_rng(seed), solver)
         found.append(Answer(NAME, points, start.faces, cpu_seconds()))
     return [best_of(case, found)]
 
 
-def placed(case: Case, start: Placement, rng: np.random.Generator, solver: Any) -> FloatArray:
+def candidate(case: Case, start: Placement, rng: np.random.Generator, solver: Any) -> FloatArray:
     """Return where one solve ends, (k, 3) metres."""
     solvers = import_module("pydrake.solvers")
     program, k, size = solvers.MathematicalProgram(), case.fingers, case.body.size

@@ -90,8 +90,8 @@ def analyse_one_by_one(
         if not is_stated(solution, name):
             with single_thread():
                 if name not in OF_GRASP and not at and problem is not None:
-                    bench = CompiledProblem(problem, SolveOptions(workers=1))
-                    at.append((bench, _start_of_solution(bench, solution, grasp)))
+                    compiled = CompiledProblem(problem, SolveOptions(workers=1))
+                    at.append((compiled, _start_of_solution(compiled, solution, grasp)))
                 found = (
                     OF_GRASP[name](grasp, solution.budget) if name in OF_GRASP else _run_problem_analysis(name, *at[0])
                 )
@@ -100,7 +100,7 @@ def analyse_one_by_one(
 
 
 def analyses_of(
-    bench: CompiledProblem, start: StartGrasp, names: Iterable[str], stop: Deadline
+    compiled: CompiledProblem, start: StartGrasp, names: Iterable[str], deadline: Deadline
 ) -> tuple[dict[str, Any], Mapping[str, float]]:
     """Return the results of analyses of a start's grasp by name, and the seconds of each.
 
@@ -109,12 +109,12 @@ def analyses_of(
     clock, found = Clock(), dict[str, Any]()
     with single_thread():
         for name in names:
-            if stop.requested():
+            if deadline.is_requested():
                 break
             if name in OF_GRASP:
-                found[name] = OF_GRASP[name](start.found.grasp, bench.budget(start.found.placed))
+                found[name] = OF_GRASP[name](start.found.grasp, compiled.budget(start.found.candidate))
             else:
-                found[name] = _run_problem_analysis(name, bench, start, stop)
+                found[name] = _run_problem_analysis(name, compiled, start, deadline)
             clock.mark(name)
     return found, clock.seconds
 
@@ -183,22 +183,24 @@ def _check_same_problem(solution: GraspSolution, problem: GraspProblem) -> None:
         raise InputError("problem.hand", "another than the solution's", "the problem that was solved")
 
 
-def _start_of_solution(bench: CompiledProblem, solution: GraspSolution, grasp: Grasp) -> StartGrasp:
+def _start_of_solution(compiled: CompiledProblem, solution: GraspSolution, grasp: Grasp) -> StartGrasp:
     """Return the grasp as the result of a start."""
-    hand, posture = bench.problem.hand, solution.hand
-    placed = GraspCandidate(solution.faces, grasp.points)
+    hand, posture = compiled.problem.hand, solution.hand
+    candidate = GraspCandidate(solution.faces, grasp.points)
     if isinstance(hand, PosedHand) and isinstance(posture, Mapping):
-        placed = replace(placed, hand=hand.values_at(posture, grasp.points))
+        candidate = replace(candidate, hand=hand.values_at(posture, grasp.points))
     elif hand is not None:
-        placed = follow_with_hand(bench, placed)
+        candidate = follow_with_hand(compiled, candidate)
     record = StartRecord(0, Status.SOLVED, solution.faces, solution.mu)
-    found = GraspOnBody.of(bench, placed, grasp, solution.surface)
-    return StartGrasp(record, found, solution.constraints, Effort(), solution.robust, placed)
+    found = GraspOnBody.of(compiled, candidate, grasp, solution.surface)
+    return StartGrasp(record, found, solution.constraints, Effort(), solution.robust, candidate)
 
 
-def _run_problem_analysis(name: str, bench: CompiledProblem, start: StartGrasp, stop: Deadline | None = None) -> Any:
+def _run_problem_analysis(
+    name: str, compiled: CompiledProblem, start: StartGrasp, deadline: Deadline | None = None
+) -> Any:
     """Return the result of an analysis that takes the problem, None where it fails numerically."""
-    return none_on_failure(partial(OF_PROBLEM[name], bench, start, stop or Deadline()))
+    return none_on_failure(partial(OF_PROBLEM[name], compiled, start, deadline or Deadline()))
 
 
 def _delta(grasp: Grasp, budget: ForceBudget) -> Bounds:
@@ -221,7 +223,9 @@ OF_GRASP: Mapping[str, Callable[[Grasp, ForceBudget], Any]] = {"delta": _delta, 
 
 OF_PROBLEM: Mapping[str, Callable[[CompiledProblem, StartGrasp, Deadline], Any]] = {
     "prices": shadow_prices,
-    "robustness": lambda bench, start, _: robustness(bench, start.found.placed, start.found.grasp),
-    "phases": lambda bench, start, _: add_hand_record(bench, replace(start, hand=None)).hand,
-    "drawing": lambda bench, start, _: drawing_of(bench.problem.body, bench.problem.hand, start.found.placed.hand),
+    "robustness": lambda compiled, start, _: robustness(compiled, start.found.candidate, start.found.grasp),
+    "phases": lambda compiled, start, _: add_hand_record(compiled, replace(start, hand=None)).hand,
+    "drawing": lambda compiled, start, _: drawing_of(
+        compiled.problem.body, compiled.problem.hand, start.found.candidate.hand
+    ),
 }

@@ -50,21 +50,21 @@ FACTORS = (1.1, 1.25, 1.5, 2.0, 3.0)  # of friction, with which the best grasp i
 
 
 def diagnose_on_one_thread(
-    bench: CompiledProblem, results: Sequence[StartResult], seed: int, stop: Deadline
+    compiled: CompiledProblem, results: Sequence[StartResult], seed: int, deadline: Deadline
 ) -> WhyNot | None:
     """Return the infeasibility diagnosis of a problem without a grasp; None where it fails numerically."""
     with single_thread():
-        return none_on_failure(lambda: diagnose(bench, results, seed, stop))
+        return none_on_failure(lambda: diagnose(compiled, results, seed, deadline))
 
 
-def diagnose(bench: CompiledProblem, results: Sequence[StartResult], seed: int, stop: Deadline) -> WhyNot:
+def diagnose(compiled: CompiledProblem, results: Sequence[StartResult], seed: int, deadline: Deadline) -> WhyNot:
     """Return the infeasibility diagnosis of a problem whose starts found no grasp."""
     best: RelaxationResult | None = None
     for index in range(STARTS):
-        if stop.requested():
+        if deadline.is_requested():
             break
-        candidate = propose(bench, np.random.default_rng([seed, index, 1]))[0]
-        found = minimise_violation(bench, candidate)
+        candidate = propose(compiled, np.random.default_rng([seed, index, 1]))[0]
+        found = minimise_violation(compiled, candidate)
         if best is None or found.total < best.total:
             best = found
         if best.total <= KEPT:
@@ -72,14 +72,14 @@ def diagnose(bench: CompiledProblem, results: Sequence[StartResult], seed: int, 
     if best is None:
         return WhyNot(reasons=("Stopped before a reason was found.",))
     if best.total > KEPT:
-        return _contradiction(bench, best)
-    return _explain_unreachable(bench, results)
+        return _contradiction(compiled, best)
+    return _explain_unreachable(compiled, results)
 
 
-def _contradiction(bench: CompiledProblem, best: RelaxationResult) -> WhyNot:
-    conflicts = [conflict_of(name, bench.rows.named[index], value) for name, (_, index, value) in best.worst.items()]
+def _contradiction(compiled: CompiledProblem, best: RelaxationResult) -> WhyNot:
+    conflicts = [conflict_of(name, compiled.rows.named[index], value) for name, (_, index, value) in best.worst.items()]
     conflicts.sort(key=lambda c: -c.excess)
-    everything = sorted(set(group_names(bench)) - {HARD})
+    everything = sorted(set(group_names(compiled)) - {HARD})
     names = ", ".join(c.name for c in conflicts)
     reasons = [
         f"From no start could all of these be kept at once: {', '.join(everything)}.",
@@ -93,12 +93,12 @@ def _contradiction(bench: CompiledProblem, best: RelaxationResult) -> WhyNot:
     return WhyNot(tuple(conflicts), None, tuple(reasons), tuple(advice), locally_infeasible=True)
 
 
-def _explain_unreachable(bench: CompiledProblem, results: Sequence[StartResult]) -> WhyNot:
+def _explain_unreachable(compiled: CompiledProblem, results: Sequence[StartResult]) -> WhyNot:
     """Explain why placements that keep all constraints do not exert the task."""
     grasps = [r.found.grasp for r in results if isinstance(r, StartGrasp)]
     if not grasps:
         return WhyNot(reasons=("The constraints can be kept, but every start ended with an error.",))
-    task, budget = bench.problem.task, bench.closure_budget
+    task, budget = compiled.problem.task, compiled.closure_budget
     bounds = [mu(g, task, 0.1, force_budget=budget) for g in grasps]
     best = int(np.argmax([b.upper for b in bounds]))
     grasp, found = grasps[best], bounds[best]
@@ -108,20 +108,20 @@ def _explain_unreachable(bench: CompiledProblem, results: Sequence[StartResult])
     direction = found.worst_direction
     reasons = ["The constraints can be kept, but in the best grasp found the fingers cannot exert one wrench."]
     if direction is not None:
-        reasons.append(f"That wrench is {format_wrench_direction(direction, bench.scaling.length)}.")
-    advice = _friction_advice(bench, grasp)
+        reasons.append(f"That wrench is {format_wrench_direction(direction, compiled.scaling.length)}.")
+    advice = _friction_advice(compiled, grasp)
     advice.append("Try more starts, more fingers, other faces, or soft contacts where a torque is what is missing.")
     return WhyNot((), direction, tuple(reasons), tuple(advice))
 
 
-def _friction_advice(bench: CompiledProblem, grasp: Grasp) -> list[str]:
+def _friction_advice(compiled: CompiledProblem, grasp: Grasp) -> list[str]:
     """Return advice on the friction with which the best grasp found would exert the task."""
     for factor in FACTORS:
         if not all("friction" in model.coefficients for model in grasp.contacts):
             break
         models = [m.with_coefficients(friction=factor * m.coefficients["friction"]) for m in grasp.contacts]
         rougher = Grasp(grasp.points, grasp.normals, models, grasp.torque_origin)
-        if mu(rougher, bench.problem.task, 0.5, force_budget=bench.closure_budget).lower > 0.0:
+        if mu(rougher, compiled.problem.task, 0.5, force_budget=compiled.closure_budget).lower > 0.0:
             return [f"With friction {factor:g} times as large the best grasp found would exert the task's wrenches."]
     return []
 
@@ -142,10 +142,10 @@ class RelaxationResult:
     worst: dict[str, tuple[float, int, float]]
 
 
-def minimise_violation(bench: CompiledProblem, candidate: GraspCandidate) -> RelaxationResult:
+def minimise_violation(compiled: CompiledProblem, candidate: GraspCandidate) -> RelaxationResult:
     """Return the least violated placement near a candidate."""
-    relaxation = _Relaxation(bench, candidate)
-    here = relaxation.at(pack_variables(bench, relaxation.compiled.program, candidate))
+    relaxation = _Relaxation(compiled, candidate)
+    here = relaxation.at(pack_variables(compiled, relaxation.functions.program, candidate))
     radius = FIRST_RADIUS
     for _ in range(STEPS):
         if here.merit <= 0.1 * KEPT or radius < LAST_RADIUS:
@@ -163,21 +163,21 @@ def minimise_violation(bench: CompiledProblem, candidate: GraspCandidate) -> Rel
 class _Relaxation:
     """Elastic relaxation: groups of constraints with a penalty on the largest violation of each."""
 
-    def __init__(self, bench: CompiledProblem, candidate: GraspCandidate) -> None:
-        self.bench, self.compiled = bench, bench.exchange.compiled
-        program = self.compiled.program
-        self.theta = empty_slots(bench, candidate)
+    def __init__(self, compiled: CompiledProblem, candidate: GraspCandidate) -> None:
+        self.compiled, self.functions = compiled, compiled.cutting_planes.functions
+        program = self.functions.program
+        self.theta = empty_slots(compiled, candidate)
         self.used = slice(program.contained, None)
         self.offset = program.placement.start - program.contained
         self.low, self.high = (limits[self.used] for limits in program.limits)
-        groups = _constraint_groups(bench, len(self.low), self.offset)
+        groups = _constraint_groups(compiled, len(self.low), self.offset)
         self.names = sorted(set(groups))
         member = np.array([self.names.index(g) for g in groups])
         self.slack = GroupSlack(member, np.array([HARD_WEIGHT if name == HARD else 1.0 for name in self.names]))
 
     def at(self, z: FloatArray) -> _RelaxationIterate:
         """Return the iterate at some variables of the program."""
-        g, J = self.compiled.linearise(z, self.theta)
+        g, J = self.functions.linearise(z, self.theta)
         largest = np.zeros(len(self.names))
         np.maximum.at(largest, self.slack.member, self.violated(g[self.used]))
         return _RelaxationIterate(z, g[self.used], J[self.used], largest, float(self.slack.weights @ largest))
@@ -188,7 +188,7 @@ class _Relaxation:
 
     def step(self, here: _RelaxationIterate, radius: float) -> _RelaxationIterate | None:
         """Return the iterate after the step of least weighted violation; None where the solver finds none."""
-        bounds = step_bounds(here.z, self.compiled.program.bounds, radius)
+        bounds = step_bounds(here.z, self.functions.program.bounds, radius)
         rows = Linearised(here.values, here.jacobian, self.low, self.high, *bounds)
         found = shortest_step(rows, damping=DAMPING, slack=self.slack)
         return None if found is None else self.at(here.z + found.d)
@@ -201,7 +201,7 @@ class _Relaxation:
             row = int(own[np.argmax(violated[own])])
             if violated[row] > KEPT and name != HARD:
                 index = row - self.offset
-                scale = self.bench.rows.named[index].scale
+                scale = self.compiled.rows.named[index].scale
                 worst[name] = (float(violated[row]), index, float(here.values[row] * scale))
         return RelaxationResult(float(np.sum(here.largest)), worst)
 
@@ -217,13 +217,13 @@ class _RelaxationIterate:
     merit: float
 
 
-def group_names(bench: CompiledProblem) -> list[str]:
+def group_names(compiled: CompiledProblem) -> list[str]:
     """Return the group of each constraint row: its constraint, or the kind of a hand's row.
 
     Several constraints of one kind are numbered in the order of ``GraspProblem.constraints``.
     """
-    rows, sources = bench.rows.named, bench.rows.sources
-    count = len(bench.problem.constraints)
+    rows, sources = compiled.rows.named, compiled.rows.sources
+    count = len(compiled.problem.constraints)
     own = [rows[source[0]].kind if source else "" for source in sources[:count]]
     names = [""] * len(rows)
     for i, source in enumerate(sources):
@@ -236,9 +236,9 @@ def group_names(bench: CompiledProblem) -> list[str]:
     return names
 
 
-def _constraint_groups(bench: CompiledProblem, count: int, offset: int) -> list[str]:
+def _constraint_groups(compiled: CompiledProblem, count: int, offset: int) -> list[str]:
     """Return the group of each scalar constraint: those of faces and unit quaternions are hard."""
-    names = group_names(bench)
+    names = group_names(compiled)
     return [HARD] * offset + names + [HARD] * (count - offset - len(names))
 
 

@@ -226,7 +226,9 @@ class Perturbations:
         """Return contacts slid along (k, space) metres per unit, none farther than the contacts are apart."""
         far = float(np.max(np.linalg.norm(along, axis=1)))
         size = self._grasp.mean_arm / far if far > 0.0 else 1.0
-        return Perturbation(name, unit, size, lambda t: self._at(*self._slid(t * along), self._grasp.contacts))
+        return Perturbation(
+            name, unit, size, lambda t: self._at(*self._slide_contacts(t * along), self._grasp.contacts)
+        )
 
     def _coefficient(self, i: int, name: str, value: float) -> Perturbation:
         grasp = self._grasp
@@ -244,7 +246,7 @@ class Perturbations:
         tangents = self._grasp.tangents if any(c.needs_tangents for c in contacts) else None
         return Grasp(points, normals, list(contacts), self._grasp.torque_origin, tangents)
 
-    def _slid(self, change: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _slide_contacts(self, change: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return slid contacts and inward normals; unmoved contacts keep theirs exactly."""
         points, normals = np.array(self._grasp.points), np.array(self._grasp.normals)
         for i in np.flatnonzero(np.any(change != 0.0, axis=1)).tolist():

@@ -44,7 +44,7 @@ FAR = 0.02  # relative: an optimum whose value differs more from the grasp's mu 
 Item = TypeVar("Item")
 
 
-def shadow_prices(bench: CompiledProblem, best: StartGrasp, stop: Deadline) -> tuple[ShadowPrice, ...]:
+def shadow_prices(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -> tuple[ShadowPrice, ...]:
     """Return the shadow prices of all limits of constraints, hand and contacts, the largest first.
 
     None for an answer that is not at a local optimum: without multipliers limits have no prices. An answer that is, but
@@ -52,37 +52,37 @@ def shadow_prices(bench: CompiledProblem, best: StartGrasp, stop: Deadline) -> t
     """
     optimum = best.optimum
     if optimum is None and best.kkt is None:
-        optimum = local_optimum(*fix_to_triangles(bench, best.found.placed), stop)
+        optimum = local_optimum(*fix_to_triangles(compiled, best.found.candidate), deadline)
     known = best.record.mu.upper
     if optimum is None or not optimum.kkt.is_small or abs(optimum.value - known) > FAR * known:
         return ()
-    own = fix_to_triangles(bench, optimum.placed)[0]
+    own = fix_to_triangles(compiled, optimum.candidate)[0]
     found = [shadow_price(own, optimum, limit) for limit in limits_of(own.problem)]
-    found.append(edge_price(own, optimum.placed, lambda placed: _lagrangian(own, optimum, placed)))
-    prices = [price for price in found if price is not None] + _joint_prices(bench, optimum)
+    found.append(edge_price(own, optimum.candidate, lambda candidate: _lagrangian(own, optimum, candidate)))
+    prices = [price for price in found if price is not None] + _joint_prices(compiled, optimum)
     prices = [p for p in prices if abs(p.gain) > NOTHING * optimum.value]
     return tuple(sorted(prices, key=lambda p: -abs(p.gain)))
 
 
-def shadow_price(bench: CompiledProblem, optimum: LocalOptimum, limit: Limit) -> ShadowPrice | None:
+def shadow_price(compiled: CompiledProblem, optimum: LocalOptimum, limit: Limit) -> ShadowPrice | None:
     """Return the shadow price of one limit, by central differences of the constraints and ratios it enters."""
     h = 1e-3 * limit.step
     more, less = limit.changed(h), limit.changed(-h)
-    gain, own = 0.0, bench.problem
+    gain, own = 0.0, compiled.problem
     if more.hand is not own.hand or more.constraints != own.constraints:
-        rooms = [_constraint_slack(bench, optimum, problem) for problem in (more, less)]
+        rooms = [_constraint_slack(compiled, optimum, problem) for problem in (more, less)]
         if any(len(room) != len(optimum.prices) for room in rooms):
             return None  # rows come or go with the limit: it is at a threshold, where it has no price
         active = np.abs(optimum.prices) > 0.0
         gain = float(np.sum(optimum.prices[active] * (rooms[0] - rooms[1])[active])) / (2.0 * h)
     if limit.touches_contacts:
-        ratios = (_support_ratios(bench, optimum, more) - _support_ratios(bench, optimum, less)) / (2.0 * h)
+        ratios = (_support_ratios(compiled, optimum, more) - _support_ratios(compiled, optimum, less)) / (2.0 * h)
         gain += float(optimum.weights @ ratios)
     return ShadowPrice(limit.name, limit.value, limit.step, limit.unit, gain * limit.step)
 
 
 def edge_price(
-    bench: CompiledProblem, placed: GraspCandidate, worth: Callable[[GraspCandidate], float]
+    compiled: CompiledProblem, candidate: GraspCandidate, worth: Callable[[GraspCandidate], float]
 ) -> ShadowPrice | None:
     """Return the change of mu per millimetre of margin; None where no contact of a smooth face is at the margin.
 
@@ -91,21 +91,23 @@ def edge_price(
 
     Parameters
     ----------
-    bench : Workbench
-    placed : Placed
+    compiled : CompiledProblem
+    candidate : GraspCandidate
         A local optimum.
     worth : callable
         The Lagrangian at another placement: weighted ratios and priced rows.
     """
-    problem = bench.problem
+    problem = compiled.problem
     if problem.margin == 0.0 or isinstance(problem.body, Facets):
         return None
-    each = zip(placed.faces, placed.points, strict=True)
-    away = np.array([_step_off_edges(bench, face, point) for face, point in each])
+    each = zip(candidate.faces, candidate.points, strict=True)
+    away = np.array([_step_off_edges(compiled, face, point) for face, point in each])
     if not np.any(away):
         return None
     h = STEP * problem.body.size
-    more, less = (worth(bench.snapped(replace(placed, points=placed.points + s * h * away))) for s in (1.0, -1.0))
+    more, less = (
+        worth(compiled.snapped(replace(candidate, points=candidate.points + s * h * away))) for s in (1.0, -1.0)
+    )
     return ShadowPrice("GraspProblem.edge_margin", problem.margin, EDGE_STEP, "1 mm", (more - less) / (2.0 * h) * 1e-3)
 
 
@@ -150,19 +152,19 @@ def limits_of(problem: GraspProblem) -> list[Limit]:
     return result + _contact_limits(problem)
 
 
-def _lagrangian(bench: CompiledProblem, optimum: LocalOptimum, placed: GraspCandidate) -> float:
+def _lagrangian(compiled: CompiledProblem, optimum: LocalOptimum, candidate: GraspCandidate) -> float:
     """Return the Lagrangian of another placement: weighted ratios and priced constraint slack."""
-    there = replace(optimum, placed=placed)
-    room, active = _constraint_slack(bench, there, bench.problem), np.abs(optimum.prices) > 0.0
-    ratios = _support_ratios(bench, there, bench.problem)
+    there = replace(optimum, candidate=candidate)
+    room, active = _constraint_slack(compiled, there, compiled.problem), np.abs(optimum.prices) > 0.0
+    ratios = _support_ratios(compiled, there, compiled.problem)
     return float(optimum.weights @ ratios + np.sum((optimum.prices * room)[active]))
 
 
-def _constraint_slack(bench: CompiledProblem, optimum: LocalOptimum, problem: GraspProblem) -> FloatArray:
+def _constraint_slack(compiled: CompiledProblem, optimum: LocalOptimum, problem: GraspProblem) -> FloatArray:
     """Return each constraint's slack to its active limit, at the optimum, for a changed problem."""
-    normals = bench.inward_normals(optimum.placed)
-    p, n = ([ca.DM(v) for v in values] for values in (optimum.placed.points, normals))
-    variables = {name: ca.DM(v) for name, v in optimum.placed.hand.items()}
+    normals = compiled.inward_normals(optimum.candidate)
+    p, n = ([ca.DM(v) for v in values] for values in (optimum.candidate.points, normals))
+    variables = {name: ca.DM(v) for name, v in optimum.candidate.hand.items()}
     placement = symbolic_candidate(problem.hand, p, n, variables, problem.body.size)
     given = symbolic_constraints(problem.body, problem.constraints, problem.hand, placement, variables)
     found = collect_constraints(given, False)
@@ -174,15 +176,15 @@ def _constraint_slack(bench: CompiledProblem, optimum: LocalOptimum, problem: Gr
     return np.array([b - v if np.isfinite(b) else -v for b, v in zip(bounds, values, strict=True)])
 
 
-def _support_ratios(bench: CompiledProblem, optimum: LocalOptimum, problem: GraspProblem) -> FloatArray:
-    normals = bench.inward_normals(optimum.placed)
-    grasp = Grasp(optimum.placed.points, normals, problem.models, problem.origin)
+def _support_ratios(compiled: CompiledProblem, optimum: LocalOptimum, problem: GraspProblem) -> FloatArray:
+    normals = compiled.inward_normals(optimum.candidate)
+    grasp = Grasp(optimum.candidate.points, normals, problem.models, problem.origin)
     return WrenchSet.of(grasp, problem.budget).support(optimum.cuts)[0]
 
 
-def _joint_prices(bench: CompiledProblem, optimum: LocalOptimum) -> list[ShadowPrice]:
+def _joint_prices(compiled: CompiledProblem, optimum: LocalOptimum) -> list[ShadowPrice]:
     """Return the shadow prices of joint limits, per degree or millimetre of range."""
-    hand = bench.problem.hand
+    hand = compiled.problem.hand
     if not isinstance(hand, URDFHand):
         return []
     result = []
@@ -192,21 +194,21 @@ def _joint_prices(bench: CompiledProblem, optimum: LocalOptimum) -> list[ShadowP
         if price == 0.0:
             continue
         which, value = ("upper", limits[1]) if price > 0.0 else ("lower", limits[0])
-        step = np.pi / 180.0 if joint.turns else 1e-3
-        unit = "1 degree" if joint.turns else "1 mm"
+        step = np.pi / 180.0 if joint.is_revolute else 1e-3
+        unit = "1 degree" if joint.is_revolute else "1 mm"
         sign = 1.0 if price > 0.0 else -1.0
         unit += " of range"
         result.append(ShadowPrice(f"{joint.name}, {which} limit", float(value), sign * step, unit, abs(price) * step))
     return result
 
 
-def _step_off_edges(bench: CompiledProblem, face: str, point: FloatArray) -> FloatArray:
+def _step_off_edges(compiled: CompiledProblem, face: str, point: FloatArray) -> FloatArray:
     """Return the shortest step (space,) that takes a contact one metre away from each edge whose margin is active.
 
     Zero for a contact that stands at none.
     """
-    body, h = bench.problem.body, STEP * bench.problem.body.size
-    limits = body.surface_function(face, bench.problem.margin)
+    body, h = compiled.problem.body, STEP * compiled.problem.body.size
+    limits = body.surface_function(face, compiled.problem.margin)
 
     def extents(p: FloatArray) -> FloatArray:
         return np.asarray(limits(p)[3].full()).ravel()

@@ -86,7 +86,7 @@ class TorqueSet(ForceSet):
         """
         forces, prices = np.zeros_like(z), np.zeros((len(z), len(self.torques)))
         for where, rows, cone in self._cones:
-            forces[:, where], prices[:, rows] = cone.priced(z[:, where])
+            forces[:, where], prices[:, rows] = cone.maximise_with_prices(z[:, where])
         return forces, prices
 
     def used(self, x: FloatArray) -> FloatArray:
@@ -289,10 +289,10 @@ class TorqueCone:
 
     def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the support function (m,) along z (m, n), and maximisers (m, n)."""
-        force = self.priced(z)[0]
+        force = self.maximise_with_prices(z)[0]
         return np.maximum(0.0, np.sum(z * force, axis=1)) / SCALE_INSIDE, force
 
-    def priced(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def maximise_with_prices(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return maximisers along z (b, n), and the shadow prices of the torque limits, (b, m).
 
         Prices are positive at upper limits and negative at lower ones.

@@ -50,7 +50,7 @@ class LiveExperiment:
 
     def __enter__(self) -> LiveExperiment:
         if not self.as_json and self._console.is_terminal:
-            self._live = Live(self._shown(), console=self._console, refresh_per_second=4)
+            self._live = Live(self._best_rows(), console=self._console, refresh_per_second=4)
             self._live.start()
         return self
 
@@ -72,17 +72,17 @@ class LiveExperiment:
             if self.as_json:
                 self._emit(record)
             elif self._live is not None:
-                self._bar.update(self._task, advance=1, left=self.left)
-                self._live.update(self._shown())
+                self._bar.update(self._task, advance=1, left=self.remaining_time)
+                self._live.update(self._best_rows())
             elif not self._deaf:
                 found = f"mu in {record.mu}" if record.success else record.failure or "no grasp"
                 count = f"{sum(self._count.values())}/{self._total}"
-                self._console.print(f"{count} {name}, seed {record.seed}: {found} {self.left}", markup=False)
+                self._console.print(f"{count} {name}, seed {record.seed}: {found} {self.remaining_time}", markup=False)
         except OSError:
             self._deaf = True
 
     @property
-    def left(self) -> str:
+    def remaining_time(self) -> str:
         """The time that the rest should take, by the solves of this run so far."""
         fresh = sum(self._count.values()) - self._earlier
         missing = self._total - sum(self._count.values())
@@ -108,7 +108,7 @@ class LiveExperiment:
             }
         )
 
-    def _shown(self) -> Group:
+    def _best_rows(self) -> Group:
         """Return the best of each variation over the bar; of many, those that changed last."""
         table = Table(box=None, padding=(0, 2, 0, 0))
         table.add_column("variation", no_wrap=True, overflow="ellipsis")

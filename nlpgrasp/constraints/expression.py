@@ -82,7 +82,7 @@ class Constraint(PlacementConstraint):
             raise InputError(f"Constraint {self.name!r}", value, "limits that are numbers") from None
 
     @property
-    def _sees_hand(self) -> bool:
+    def _uses_hand(self) -> bool:
         """Whether the expression also takes the hand's variables."""
         try:
             parameters = signature(self.expression).parameters.values()
@@ -94,9 +94,9 @@ class Constraint(PlacementConstraint):
     def rows(self, placement: SymbolicCandidate) -> list[ScalarConstraint]:
         """Return one scalar constraint per element of the expression."""
         field = f"Constraint {self.name!r}.expression"
-        if self._sees_hand and placement.hand is None:
+        if self._uses_hand and placement.hand is None:
             return []
-        hand = [_Named(placement.hand or {})] if self._sees_hand else []
+        hand = [_Named(placement.hand or {})] if self._uses_hand else []
         try:
             value = self.expression(list(placement.positions), list(placement.normals), *hand)
             value = ca.vec(ca.vertcat(*value) if isinstance(value, list | tuple) else ca.SX(value))

@@ -110,7 +110,7 @@ class FrictionPoints:
         result[0] = np.maximum(result[0], 0.0)
         return np.asarray(result.T.reshape(z.shape))
 
-    def ways(self, z: FloatArray) -> NDArray[np.intp]:
+    def projection_methods(self, z: FloatArray) -> NDArray[np.intp]:
         """Return the methods (m,) that project ``z`` (m, n): ``SLIPS``, ``INSIDE``, ..., or the index of a map."""
         return self._nearest(self._scaled(_unit_columns(z)[0])[0]).how
 
@@ -239,8 +239,12 @@ class StickingProjection:
 
     def __init__(self, generators: FloatArray, arms: FloatArray, friction: float) -> None:
         self._generators, self._arms, self._friction = generators, arms, friction
-        one = [self._one(i, sign, others) for i, sign, others in self._patterns()]
-        two = [found for pair in combinations(range(len(arms)), 2) if (found := self._two(*pair)) is not None]
+        one = [self._maps_of_one_point(i, sign, others) for i, sign, others in self._patterns()]
+        two = [
+            found
+            for pair in combinations(range(len(arms)), 2)
+            if (found := self._maps_of_two_points(*pair)) is not None
+        ]
         rows = max(len(force) for force, _ in one)
         padded = [np.pad(force, [(0, rows - len(force)), (0, 0)]) for force, _ in one]
         self._alone, self._pairs = np.stack(padded), np.stack([force for force, _ in two])
@@ -278,7 +282,7 @@ class StickingProjection:
             ]
         return result
 
-    def _one(self, i: int, sign: float, others: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+    def _maps_of_one_point(self, i: int, sign: float, others: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
         """Return the matrices that map z to ``(u_i, l_S)`` and to ``z - q`` for one sticking point."""
         columns = [self._part(i)]
         for j in others:
@@ -289,7 +293,7 @@ class StickingProjection:
         force = np.asarray(np.linalg.pinv(span, rcond=RANK))
         return force, span @ force
 
-    def _two(self, i: int, j: int) -> tuple[FloatArray, FloatArray] | None:
+    def _maps_of_two_points(self, i: int, j: int) -> tuple[FloatArray, FloatArray] | None:
         """Return the matrices that map z to the forces of two sticking points (5, n) and to ``z - q``.
 
         The forces are both normal forces, both across the line, and their sum along it. None if other points lie on

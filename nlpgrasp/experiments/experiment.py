@@ -203,7 +203,7 @@ class Case:
     starts : int
     options : SolveOptions
         With one worker: an experiment parallelises over solves, not starts.
-    keeping : Keeping
+    keeping : KeepOptions
     """
 
     problem: GraspProblem

@@ -130,7 +130,7 @@ def run_solves(
         run = _Run(experiment, place, progress)
         do = partial(run_local, workers=workers or cores()) if client is None else partial(run_cluster, client=client)
         if run.collect(do(run.missing(), pack)) and compared:
-            run.hand_on(WarmStartExchange(experiment, place, pack, do))
+            run._exchange_warm_starts(WarmStartExchange(experiment, place, pack, do))
         return run.result()
     finally:
         place.close()
@@ -173,7 +173,7 @@ class _Run:
                 self.notes.append(f"Stopped: {error}. {GO_ON}")
         return False
 
-    def hand_on(self, handing: WarmStartExchange) -> None:
+    def _exchange_warm_starts(self, handing: WarmStartExchange) -> None:
         """Exchange grasps between the variations; after an error the solves' own results remain."""
         try:
             self.records |= handing.done(self.records)
@@ -194,9 +194,9 @@ class _Run:
         record = self._read(solve, outcome)
         try:
             if record.done:
-                self.place.keep(solve, outcome.text)
+                self.place.write_solution(solve, outcome.text)
             else:
-                self.place.keep_failure(solve, record.failure)
+                self.place.write_failure(solve, record.failure)
         except InputError as error:
             self._record(solve, SolveRecord(solve.variation, solve.seed, failure=f"not written: {error}"))
             raise _WriteError(str(error)) from None

@@ -162,7 +162,7 @@ class OutputFolder:
             check_same(self.plan(), plan, str(path))
             if not resume:
                 raise InputError(f"out ({path})", "results of this experiment", "--resume to go on, or another folder")
-        elif path.is_dir() and not all(self._own(p) for p in path.iterdir()):
+        elif path.is_dir() and not all(self._is_leftover(p) for p in path.iterdir()):
             raise InputError(f"out ({path})", "files that are no experiment's", "a new or empty folder")
         path.mkdir(exist_ok=True)
         self._hold()
@@ -170,7 +170,7 @@ class OutputFolder:
         (path / SOLVES).mkdir(exist_ok=True)
 
     @staticmethod
-    def _own(path: Path) -> bool:
+    def _is_leftover(path: Path) -> bool:
         """Return whether a file may be left from a run that ended before its plan was written."""
         empty = path.name == SOLVES and path.is_dir() and not any(path.iterdir())
         return empty or path.name == LOCK or (path.name.startswith(".nlpgrasp-") and path.suffix == ".tmp")
@@ -211,7 +211,7 @@ class OutputFolder:
         """Return the path of the file with a solve's failure."""
         return self.file(solve).with_suffix(".failed.json")
 
-    def keep(self, solve: SolveId, text: str) -> None:
+    def write_solution(self, solve: SolveId, text: str) -> None:
         """Write the solution of a finished solve.
 
         Raises
@@ -232,7 +232,7 @@ class OutputFolder:
         own = self._own_file(solve)
         return own if own.is_file() else self.file(solve)
 
-    def keep_handed(self, texts: Mapping[SolveId, str], solves: Sequence[SolveId], state: str) -> None:
+    def write_exchanged(self, texts: Mapping[SolveId, str], solves: Sequence[SolveId], state: str) -> None:
         """Write the solutions with grasps of other variations; restore the other solves' own results.
 
         Parameters
@@ -262,14 +262,14 @@ class OutputFolder:
                 os.replace(own, self.file(solve))
         write_text(self.path / HANDED_ON, state)
 
-    def handed_on(self) -> str:
+    def exchange_state(self) -> str:
         """Return the state on which exchanged solutions are based, empty without one."""
         try:
             return (self.path / HANDED_ON).read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError):
             return ""
 
-    def keep_failure(self, solve: SolveId, message: str) -> None:
+    def write_failure(self, solve: SolveId, message: str) -> None:
         """Write the reason of a failed solve."""
         data = {"schema": FAILURE_SCHEMA, "variation": solve.variation, "seed": solve.seed, "message": message}
         write_text(self.failure_file(solve), json.dumps(data, indent=1) + "\n")

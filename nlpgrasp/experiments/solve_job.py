@@ -39,12 +39,12 @@ def work(job: Job) -> Outcome:
     """Solve in this process; any error becomes the outcome's message and stops no other solve."""
     with _one_at_a_time:
         try:
-            asked, handed = job.parcel.unpacked(), job.handed
+            asked, handed = job.parcel.unpack(), job.handed
             if handed is not None:
                 starts, seed = asked.case.starts, job.solve.seed
-                better = improve_solution(asked.bench, starts, handed.own, seed, handed.offers, handed.improve)
+                better = improve_solution(asked.compiled, starts, handed.own, seed, handed.offers, handed.improve)
                 return Outcome() if better is None else Outcome(solution_json(better.to_dict()))
-            solution = solve_again(asked.bench, asked.case.starts, job.solve.seed, asked.case.keeping)
+            solution = solve_again(asked.compiled, asked.case.starts, job.solve.seed, asked.case.keeping)
             if solution.status is Status.INTERRUPTED:
                 return Outcome(interrupted=True)
             return Outcome(solution_json(solution.to_dict()))
@@ -59,9 +59,9 @@ class Job:
     Parameters
     ----------
     solve : SolveId
-    parcel : Parcel
+    parcel : WorkerPayload
         Data of the variation: workers keep the programs of the last variation.
-    handed : HandedOn, optional
+    handed : WarmStartOffer, optional
         Grasps to compare with, for a finished solve.
     """
 
@@ -163,7 +163,7 @@ def _create_case(maker: Callable[[], Case], compared: bool) -> Case:
 
 
 def improve_solution(
-    bench: CompiledProblem,
+    compiled: CompiledProblem,
     starts: int,
     solution: GraspSolution,
     seed: int,
@@ -179,7 +179,7 @@ def improve_solution(
 
     Parameters
     ----------
-    bench : Workbench
+    compiled : CompiledProblem
     starts : int
         Number of starts of the solution's solve.
     solution : GraspSolution
@@ -191,25 +191,25 @@ def improve_solution(
     improve : bool
         Whether to refine the taken grasp.
     """
-    if bench.options.maximise_robust:
+    if compiled.options.maximise_robust:
         return None
-    search = Multistart.resumed(StartRunner(bench.problem, bench.options, starts, bench), solution, seed)
+    search = Multistart.resume(StartRunner(compiled.problem, compiled.options, starts, compiled), solution, seed)
     known = solution.mu if solution.success else Bounds(0.0, 0.0)
     with single_thread():
-        taken = _best_offer(bench, search.next_index, known, offers)
+        taken = _best_offer(compiled, search.next_index, known, offers)
         if taken is None:
             return None
         warm, found = taken
         ends, refined = [found], None
         if improve:
-            refined = refine_warm_start(bench, warm, search.next_index + 1, search.stop)
+            refined = refine_warm_start(compiled, warm, search.next_index + 1, search.deadline)
         if refined is not None:
-            ends.append(_certify_above(bench, refined, known.lower))
+            ends.append(_certify_above(compiled, refined, known.lower))
         search.results += ends
         best = best_of([end for end in ends if _is_no_worse(end.record.mu, known)])
         if best is None:
             return None
-        search.keep(best)
+        search.take_as_answer(best)
         answer = search.answer()
     return answer if _is_no_worse(answer.mu, known) else None
 
@@ -219,45 +219,45 @@ def _is_no_worse(bounds: Bounds, known: Bounds) -> bool:
 
 
 def _best_offer(
-    bench: CompiledProblem, index: int, known: Bounds, offers: Mapping[str, FoundGrasp]
+    compiled: CompiledProblem, index: int, known: Bounds, offers: Mapping[str, FoundGrasp]
 ) -> tuple[WarmStart, StartGrasp] | None:
     """Return the best offered grasp above the known bounds, as a warm start and certified as it is."""
     best = None
-    for warm, elsewhere in _screen_offers(bench, offers, known.upper):
-        found = certify_as_is(bench, warm, index)
+    for warm, elsewhere in _screen_offers(compiled, offers, known.upper):
+        found = certify_as_is(compiled, warm, index)
         margin = 0.0 if elsewhere.lower > known.upper else MARGIN
         if found is not None and found.record.mu.upper > (1.0 + margin) * known.upper:
-            found = _certify_above(bench, found, known.lower)
+            found = _certify_above(compiled, found, known.lower)
             if found.record.mu.lower >= known.lower:
                 best, known = (warm, found), found.record.mu
     return best
 
 
-def _certify_above(bench: CompiledProblem, found: StartGrasp, least: float) -> StartGrasp:
+def _certify_above(compiled: CompiledProblem, found: StartGrasp, least: float) -> StartGrasp:
     """Return a grasp certified so tightly that its lower bound is above that of a worse one."""
-    rtol = bench.options.final_rtol
+    rtol = compiled.options.final_rtol
     if least > 0.0:
         rtol = min(rtol, max(0.5 * (found.record.mu.upper / least - 1.0), FINEST))
-    return found.certified(bench.problem, rtol)
+    return found.certified(compiled.problem, rtol)
 
 
 def _screen_offers(
-    bench: CompiledProblem, offers: Mapping[str, FoundGrasp], least: float
+    compiled: CompiledProblem, offers: Mapping[str, FoundGrasp], least: float
 ) -> Iterator[tuple[WarmStart, Bounds]]:
     """Yield the grasps that fit the problem with a screened upper bound above ``least``, and their own mu."""
-    fitting = [(warm, known.mu) for origin, known in offers.items() if (warm := adapt_grasp(bench, known, origin))]
+    fitting = [(warm, known.mu) for origin, known in offers.items() if (warm := adapt_grasp(compiled, known, origin))]
     if not fitting:
         return
     bound = np.full(len(fitting), np.inf)
-    if not bench.problem.budget.depends_on_frames:
-        points = np.stack([warm.placed.points for warm, _ in fitting])
-        normals = np.stack([_warm_start_normals(bench, warm) for warm, _ in fitting])
-        stack = GraspStack(points, normals, bench.problem.models, bench.problem.origin)
-        bound = screen(stack, bench.problem.task, force_budget=bench.problem.budget)
+    if not compiled.problem.budget.depends_on_frames:
+        points = np.stack([warm.candidate.points for warm, _ in fitting])
+        normals = np.stack([_warm_start_normals(compiled, warm) for warm, _ in fitting])
+        stack = GraspStack(points, normals, compiled.problem.models, compiled.problem.origin)
+        bound = screen(stack, compiled.problem.task, force_budget=compiled.problem.budget)
     for i in np.argsort(-bound, kind="stable"):
         if bound[i] > least:
             yield fitting[int(i)]
 
 
-def _warm_start_normals(bench: CompiledProblem, warm: WarmStart) -> FloatArray:
-    return np.where(np.isnan(warm.normals), bench.inward_normals(warm.placed), warm.normals)
+def _warm_start_normals(compiled: CompiledProblem, warm: WarmStart) -> FloatArray:
+    return np.where(np.isnan(warm.normals), compiled.inward_normals(warm.candidate), warm.normals)

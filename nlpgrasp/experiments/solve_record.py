@@ -197,7 +197,7 @@ class SolveRecord:
         return sum(s.status is Status.SOLVED for s in self.starts)
 
     @property
-    def rising(self) -> tuple[tuple[float, float], ...]:
+    def improvement_times(self) -> tuple[tuple[float, float], ...]:
         """Cumulative seconds of the starts with the best certified lower bound so far."""
         points, elapsed, best = [], 0.0, 0.0
         for start in self.starts:

@@ -36,8 +36,8 @@ class WarmStartExchange:
     Parameters
     ----------
     experiment : Experiment
-    place : Folder
-    pack : Packer
+    place : OutputFolder
+    pack : JobFactory
     run : callable
     """
 
@@ -63,7 +63,7 @@ class WarmStartExchange:
         if not groups:
             return {}
         state = self._state(solves)
-        if state == self.place.handed_on():
+        if state == self.place.exchange_state():
             return {}
         for solve in solves:
             if solve.variation in groups:
@@ -74,7 +74,7 @@ class WarmStartExchange:
             if not new:
                 break
             texts |= new
-        self.place.keep_handed(texts, solves, state)
+        self.place.write_exchanged(texts, solves, state)
         return {s: self._record(s, found, records[s].earlier) for s, found in self._now.items()}
 
     def _record(self, solve: SolveId, found: GraspSolution, earlier: bool) -> SolveRecord:
@@ -101,7 +101,7 @@ class WarmStartExchange:
         asked: dict[SolveId, WarmStartOffer] = {}
         for name in groups:
             best = self._best(name)
-            if offers := self._offers(name, best, groups):
+            if offers := self._grasps_for(name, best, groups):
                 asked[best] = WarmStartOffer(self._now[best], offers, turn < IMPROVED, turn)
         found: dict[SolveId, str] = {}
         for solve, outcome in self.run(list(asked), lambda s: replace(self.pack(s), handed=asked[s])):
@@ -123,7 +123,7 @@ class WarmStartExchange:
     def _rank(found: GraspSolution) -> tuple[float, float]:
         return (found.mu.upper, found.mu.lower) if found.success else (0.0, 0.0)
 
-    def _offers(self, name: str, best: SolveId, groups: dict[str, str]) -> dict[str, FoundGrasp]:
+    def _grasps_for(self, name: str, best: SolveId, groups: dict[str, str]) -> dict[str, FoundGrasp]:
         """Return the grasps of other variations with the same body that a variation has not yet tried."""
         contacts = len(self._now[best].problem["contacts"])
         offers = dict[str, FoundGrasp]()

@@ -86,11 +86,11 @@ class ClippedRegion:
         return ClippedRegion(self.inside + other.inside, self.outside + other.outside, self.away + other.away)
 
     @property
-    def limited(self) -> bool:
+    def is_limited(self) -> bool:
         """Whether there is any restriction."""
         return bool(self.inside or self.outside or self.away)
 
-    def left_of(self, surface: CellFace) -> CellFace | None:
+    def clip_face(self, surface: CellFace) -> CellFace | None:
         """Return the face, a flat one clipped by half-spaces; None where nothing is left."""
         if not isinstance(surface, FlatFaceCells):
             return surface
@@ -162,7 +162,7 @@ class AllowedRegion:
     ----------
     faces : tuple of str
         Names of the faces it may use.
-    allowed : Allowed
+    allowed : ClippedRegion
     key : tuple of int or float
         The same for contacts with the same places.
     """

@@ -121,11 +121,11 @@ class BestPossible:
     def from_dict(cls, data: Json) -> BestPossible:
         """Return the bound that ``to_dict`` wrote."""
         grasp, mu, faces = None, Bounds(0.0, 0.0), ()
-        placed, certificate, problem = data["grasp"], data["certificate"], data["problem"]
-        if placed is not None:
+        candidate, certificate, problem = data["grasp"], data["certificate"], data["problem"]
+        if candidate is not None:
             models = [contact_from_dict(contact) for contact in problem["contacts"]]
-            grasp = Grasp(placed["positions"], placed["normals"], models, certificate["origin"])
-            mu, faces = Bounds.from_dict(placed["mu"], "grasp.mu"), tuple(placed["faces"])
+            grasp = Grasp(candidate["positions"], candidate["normals"], models, certificate["origin"])
+            mu, faces = Bounds.from_dict(candidate["mu"], "grasp.mu"), tuple(candidate["faces"])
         return cls(
             float(data["upper"]),
             grasp,

@@ -71,14 +71,14 @@ class BranchAndBound:
         return max(self._tree.upper, self.known)
 
     @property
-    def closed(self) -> bool:
+    def is_closed(self) -> bool:
         """Whether the bound is within the gap of the incumbent's quality."""
         return self._begun and self.upper <= self.known * (1.0 + self.gap)
 
     @property
     def searched(self) -> bool:
         """Whether the search is over: the gap is closed, or memory is full."""
-        return self.closed or (self._begun and (self._tree.top <= self._target or self._full))
+        return self.is_closed or (self._begun and (self._tree.top <= self._target or self._full))
 
     @property
     def _full(self) -> bool:
@@ -89,7 +89,7 @@ class BranchAndBound:
         """Bound at which a node is closed."""
         return self.known * (1.0 + SHARE * self.gap)
 
-    def expect(self, mu: float, weak: FloatArray | None = None) -> None:
+    def update_incumbent(self, mu: float, weak: FloatArray | None = None) -> None:
         """Update the incumbent's certified quality, if this one is better.
 
         Directions (m, d) in which it is weak are tried where designs are.
@@ -98,7 +98,7 @@ class BranchAndBound:
         if weak is not None and len(weak):
             self._tree.bounding.twists.remember(normalise_twists(self.scope.task, weak))
 
-    def grow(self, nodes: int, stopped: Callable[[], bool] = lambda: False) -> None:
+    def branch(self, nodes: int, stopped: Callable[[], bool] = lambda: False) -> None:
         """Branch on the loosest nodes until so many more are bounded, the search is over, or ``stopped``.
 
         The whole surface is bounded before, if it was not yet.
@@ -110,7 +110,7 @@ class BranchAndBound:
             if isinstance(self.scope.problem.body, Mesh):
                 self._whole = certificate(self._tree)
         while self.nodes < last and not self.searched and not stopped():
-            self._tree.grow(self._target)
+            self._tree.branch(self._target)
 
     def relaxed_placements(self, count: int) -> list[FloatArray]:
         """Return contact positions (k, space) from the latest relaxed placements, of the loosest nodes first."""

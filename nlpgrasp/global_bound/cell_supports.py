@@ -111,7 +111,7 @@ class CurvedParts:
 
     Parameters
     ----------
-    patches : Patches
+    patches : CurvedFace
     parts : (n, c, q) array
         Coordinates of each part's corners.
     rows : (n, c) array of int
@@ -129,7 +129,7 @@ class CurvedParts:
     most: FloatArray
 
     @classmethod
-    def of(cls, curved: SmallCurvedParts) -> CurvedParts:
+    def parts_of_cell(cls, curved: SmallCurvedParts) -> CurvedParts:
         """Return the parts of a cell with their bends."""
         bends = curved.patches.bends(curved.parts)
         return cls(curved.patches, curved.parts, curved.rows, bends, np.max(bends, axis=0))
@@ -174,7 +174,7 @@ class Supports:
         self._balls.append(cell.ball())
         self.widest = max(self.widest, self._balls[-1][1])
         self._numbers.append(self._used + np.arange(len(rows.points)))
-        self.curved.append(tuple(CurvedParts.of(curved) for curved in rows.curved))
+        self.curved.append(tuple(CurvedParts.parts_of_cell(curved) for curved in rows.curved))
         self.bent = self.bent or bool(rows.curved)
         self._append(rows)
 

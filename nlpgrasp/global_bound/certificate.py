@@ -70,11 +70,11 @@ def _cut_cells(tree: NodeTree, group: slice) -> IntArray:
 
 def _identical_contacts(pieces: ContactCells, cut: IntArray) -> Json:
     """Return identical contacts with their cells: the first ones, and how some were split."""
-    parts = [[None if part == NONE else part for part in both] for both in pieces.halves(cut).tolist()]
+    parts = [[None if part == NONE else part for part in both] for both in pieces.child_numbers(cut).tolist()]
     return {
         "contacts": list(pieces.slots),
         "turned": pieces.turned,
-        "roots": [[i, pieces.cell(i).to_dict() if len(cut) else pieces.cell(i).uncut()] for i in pieces.roots],
+        "roots": [[i, pieces.cell(i).to_dict() if len(cut) else pieces.cell(i).whole_data()] for i in pieces.roots],
         "cuts": [[i, pieces.cell(i).cut(), *both] for i, both in zip(cut.tolist(), parts, strict=True)],
     }
 

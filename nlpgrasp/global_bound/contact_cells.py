@@ -34,12 +34,12 @@ class RootCells:
 
     Parameters
     ----------
-    cells : mapping of Surface to sequence of Cell
+    cells : mapping of CellFace to sequence of SurfaceCell
         That cover each face, or what of it is enough.
     turned : str, optional
         Where every placement can be turned so that the contact is in them: ``"pole"``, ``"meridian"`` or
         ``"half-plane"``.
-    bundled : Bundled
+    bundled : BundleLevel
     """
 
     cells: Mapping[CellFace, Sequence[SurfaceCell]]
@@ -54,8 +54,8 @@ class ContactCells:
     ----------
     slots : sequence of int
         The contacts.
-    roots : Roots
-    allowed : Allowed
+    roots : RootCells
+    allowed : ClippedRegion
     supports : Supports
     size : float
         Of the body, metres.
@@ -101,13 +101,13 @@ class ContactCells:
         """Return the cell of a number."""
         return self.cells[number]
 
-    def halves(self, cells: IntArray) -> IntArray:
+    def child_numbers(self, cells: IntArray) -> IntArray:
         """Return the numbers of both parts of cells (n,) that can be cut, ``NONE`` of one that is excluded, (n, 2)."""
         for cell in cells.tolist():
             self.children(cell)
         return np.array([self.parts[cell] for cell in cells.tolist()], dtype=np.int64).reshape(-1, 2)
 
-    def like(self, cell: int, points: np.ndarray, candidates: Sequence[int], tolerance: float) -> int:
+    def equal_candidate(self, cell: int, points: np.ndarray, candidates: Sequence[int], tolerance: float) -> int:
         """Return which candidate has these anchors, in any order, or ``NONE``."""
         for other in candidates:
             anchors = self.cells[other].anchors()
@@ -146,12 +146,12 @@ class ContactClusters(ContactCells):
     def _numbers(self) -> IntArray:
         """The number of each cluster, ``NONE`` of those that constraints leave nothing of."""
         numbers = np.arange(self.clusters.count)
-        if self.allowed.limited:
+        if self.allowed.is_limited:
             excluded = [self.allowed.excludes(self.cell(number)) for number in range(1, len(numbers))]
             numbers[1:][excluded] = NONE
         return numbers
 
-    def halves(self, cells: IntArray) -> IntArray:
+    def child_numbers(self, cells: IntArray) -> IntArray:
         """Return the numbers of both halves of clusters (n,), none of the last level."""
         return np.asarray(self._numbers[2 * cells[:, None] + np.arange(2)])
 
@@ -171,7 +171,7 @@ class CellUnion(SurfaceCell):
 
     Parameters
     ----------
-    members : sequence of Cell
+    members : sequence of SurfaceCell
         At least two.
     size : float
         Of the body, metres: where members are parted, a turn of the normal by a right angle weighs as much as half.

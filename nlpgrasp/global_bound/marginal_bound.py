@@ -24,7 +24,7 @@ class MarginalBound:
 
     Parameters
     ----------
-    scope : Scope
+    scope : BoundScope
         Every contact's places as one cell.
     twists : (j, d) array
         Directions y, about the problem's torque origin.

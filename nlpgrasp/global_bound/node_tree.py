@@ -36,7 +36,7 @@ class NodeArrays:
     cells : (n, k) array
         A cell for each contact, by slot.
     bounds : (n,) array
-        The most that mu is over these cells, to the power ``Bounding.power``.
+        The most that mu is over these cells, to the power ``BoundingStrategy.power``.
     mixtures : (n,) array
         The number of the mixture of directions from which each bound follows.
     """
@@ -57,7 +57,7 @@ class NodeArrays:
         return cls(np.zeros((0, contacts), dtype=np.int64), np.zeros(0), np.zeros(0, dtype=np.int64))
 
     @classmethod
-    def joined(cls, parts: Sequence[NodeArrays]) -> NodeArrays:
+    def concatenate(cls, parts: Sequence[NodeArrays]) -> NodeArrays:
         """Return the concatenation of nodes."""
         return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("cells", "bounds", "mixtures")))
 
@@ -107,7 +107,7 @@ class BoundingStrategy(ABC):
 
     Parameters
     ----------
-    scope : Scope
+    scope : BoundScope
     directions : int
         Of a node for which a mixture is made.
 
@@ -119,8 +119,8 @@ class BoundingStrategy(ABC):
         Whether parts of one node are bounded one after another.
     most_open : int
         Nodes beyond which a search ends.
-    twists : Twists
-    mixtures : list of Mixture
+    twists : WeightedDirections
+    mixtures : list of DualWeights
     placements : list of FractionalPlacement
         Those that the bounds of the latest nodes rest on.
     """
@@ -134,7 +134,7 @@ class BoundingStrategy(ABC):
         self.mixtures, self.placements = list[DualWeights](), list[FractionalPlacement]()
 
     @abstractmethod
-    def bounded(self, cells: IntArray, parents: NodeArrays | None, target: float) -> NodeArrays:
+    def bound_nodes(self, cells: IntArray, parents: NodeArrays | None, target: float) -> NodeArrays:
         """Return nodes (n, k) with their bounds, in any order; ``parents`` are the nodes they were split from.
 
         A bound that is at most the target, on mu, need not be the least.
@@ -170,7 +170,7 @@ class NodeTree:
 
     Parameters
     ----------
-    bounding : Bounding
+    bounding : BoundingStrategy
     most_leaves : int
         Leaves beyond which nodes are cut without record: the record stays as fine as it was.
 
@@ -178,7 +178,7 @@ class NodeTree:
     ----------
     nodes : int
         How many there were so far.
-    open : Nodes
+    open : NodeArrays
     splits : list of pairs of arrays
         Recorded nodes that were cut, (n, k), and the slots of the cells that were, (n,).
     twins : dict
@@ -207,7 +207,7 @@ class NodeTree:
     @property
     def leaves(self) -> NodeArrays:
         """Recorded leaves: together with their symmetric copies they cover all placements."""
-        return NodeArrays.joined([*self._closed, self.open]) if self._kept is None else self._kept
+        return NodeArrays.concatenate([*self._closed, self.open]) if self._kept is None else self._kept
 
     @property
     def size(self) -> int:
@@ -224,32 +224,32 @@ class NodeTree:
         choices = product(*(combinations_with_replacement(p.roots, len(p.slots)) for p in self.scope.pieces))
         roots = np.array([list(chain.from_iterable(choice)) for choice in choices], dtype=np.int64)
         new, _ = self._distinct(roots, np.arange(len(roots)))
-        self.open = self.bounding.bounded(new, None, target)
+        self.open = self.bounding.bound_nodes(new, None, target)
         self.nodes = len(self.open)
-        self._close(self._take(np.flatnonzero(self.open.bounds <= target**self.bounding.power)))
+        self._close(self._pop_open(np.flatnonzero(self.open.bounds <= target**self.bounding.power)))
 
-    def grow(self, target: float) -> None:
+    def branch(self, target: float) -> None:
         """Branch on the loosest nodes, and close those whose bound is at most the target."""
         if len(self.open):
             self.cut(self.bounding.loosest(self.open, self.nodes, target), target)
-            self._close(self._take(self.bounding.improve(self.open, target)))
+            self._close(self._pop_open(self.bounding.improve(self.open, target)))
 
     def cut(self, where: IntArray, target: float) -> None:
         """Replace some open nodes by their children; close those that cannot be split."""
         if self.complete and self.size >= self._most_leaves:
             self._kept = self.leaves
-        nodes = self._take(where)
+        nodes = self._pop_open(where)
         slots = self.bounding.slots(nodes)
         self._close(nodes[slots == NONE])
         nodes, slots = nodes[slots != NONE], slots[slots != NONE]
         if self.complete:
             self.splits.append((nodes.cells, slots))
         cells, parent = self._distinct(*children(self.scope.groups, nodes.cells, slots))
-        found = self.bounding.bounded(cells, nodes[parent], target)
+        found = self.bounding.bound_nodes(cells, nodes[parent], target)
         self.nodes += len(found)
-        self.open = NodeArrays.joined([self.open, found])
+        self.open = NodeArrays.concatenate([self.open, found])
 
-    def _take(self, where: IntArray) -> NodeArrays:
+    def _pop_open(self, where: IntArray) -> NodeArrays:
         """Remove some of the open nodes and return them."""
         taken = self.open[where]
         if len(taken):
@@ -305,7 +305,7 @@ def children(
 
     Parameters
     ----------
-    groups : sequence of (Pieces, slice)
+    groups : sequence of (ContactCells, slice)
         Contacts that are alike, and their slots.
     nodes : (n, k) array
     slots : (n,) array
@@ -322,7 +322,7 @@ def children(
         same = np.zeros((len(here), nodes.shape[1]), dtype=bool)
         same[:, group] = nodes[here, group] == cell[:, None]
         rank, times = np.cumsum(same, axis=1), np.sum(same, axis=1)
-        halves = pieces.halves(cell)
+        halves = pieces.child_numbers(cell)
         for lower in range(group.stop - group.start + 1):
             own = times >= lower
             chosen = np.where(rank[own] > lower, halves[own, 1:], halves[own, :1])

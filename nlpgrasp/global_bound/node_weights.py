@@ -35,7 +35,7 @@ class NodeWeightStrategy(BoundingStrategy):
 
     Parameters
     ----------
-    scope : Scope
+    scope : BoundScope
     """
 
     by_parent, most_open = True, MOST_OPEN
@@ -44,16 +44,16 @@ class NodeWeightStrategy(BoundingStrategy):
         super().__init__(scope, DIRECTIONS)
         self._placement_of: dict[Cells, FractionalPlacement] = {}
 
-    def bounded(self, cells: IntArray, parents: NodeArrays | None, target: float) -> NodeArrays:
+    def bound_nodes(self, cells: IntArray, parents: NodeArrays | None, target: float) -> NodeArrays:
         """Return nodes (n, k) with their bounds, batch by batch, in the order of completion."""
         self.placements = []
         if parents is None:
             first = np.tile(self.twists.first(), (len(cells), 1))
-            batches = [self._rounds(cells[part], first[part], None, target) for part in self._batches(cells)]
+            batches = [self._bound_by_rounds(cells[part], first[part], None, target) for part in self._batches(cells)]
         else:
             own = parents.mixtures
-            batches = [self._inherited(cells[part], own[part], target) for part in self._batches(cells)]
-        return NodeArrays.joined([NodeArrays.none(cells.shape[1]), *chain.from_iterable(batches)])
+            batches = [self._bound_by_parents(cells[part], own[part], target) for part in self._batches(cells)]
+        return NodeArrays.concatenate([NodeArrays.none(cells.shape[1]), *chain.from_iterable(batches)])
 
     def _batches(self, cells: IntArray) -> Iterator[slice]:
         """Yield ranges of nodes small enough to be bounded together."""
@@ -63,15 +63,15 @@ class NodeWeightStrategy(BoundingStrategy):
             yield slice(begin, end)
             begin = end
 
-    def _inherited(self, cells: IntArray, inherited: IntArray, target: float) -> list[NodeArrays]:
+    def _bound_by_parents(self, cells: IntArray, inherited: IntArray, target: float) -> list[NodeArrays]:
         """Return nodes (b, k) with bounds by their parents' dual weights (b,), where these are at most the target."""
         numbers, weights = self._dense(inherited)
         bounds = self._table(cells, numbers).bounds(weights)
         low = bounds <= target
         closed = NodeArrays(cells[low], bounds[low], inherited[low])
-        return [closed, *self._rounds(cells[~low], numbers[~low], weights[~low], target)]
+        return [closed, *self._bound_by_rounds(cells[~low], numbers[~low], weights[~low], target)]
 
-    def _rounds(
+    def _bound_by_rounds(
         self, cells: IntArray, numbers: IntArray, weights: FloatArray | None, target: float
     ) -> list[NodeArrays]:
         """Return nodes (b, k) with bounds by dual weights of their own, as they converge.
@@ -94,7 +94,7 @@ class NodeWeightStrategy(BoundingStrategy):
             table = self._table(cells, numbers)
             table.choose(weights)
             weights, shares = optimal_dual_weights(table.chosen)
-            bounds, weights = table.sharpened(weights)
+            bounds, weights = table.tighten(weights)
             best = _lower_of_two((bounds, weights, numbers), best)
             done = (best[0] <= target) | last
             own = len(self.mixtures) + np.arange(np.count_nonzero(done))

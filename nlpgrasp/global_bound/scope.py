@@ -37,7 +37,7 @@ class BoundScope:
     task : Task
         About the problem's torque origin.
     measure : Measure
-    pieces : tuple of Pieces
+    pieces : tuple of ContactCells
         Of contacts that are alike; together they have a slot for each contact.
     symmetries : tuple of Symmetry
         But for the identity.
@@ -148,7 +148,7 @@ def _create_cells(
         given = [([slot], RootCells(turned[slot][1], turned[slot][0])) for slot in slots if slot < len(turned)]
         rest = [slot for slot in slots if slot >= len(turned)]
         if rest:
-            left = [own[rest[0]].allowed.left_of(face) for face in faces if face.name in own[rest[0]].faces]
+            left = [own[rest[0]].allowed.clip_face(face) for face in faces if face.name in own[rest[0]].faces]
             given.append((rest, RootCells({face: face.cells() for face in left if face is not None}, None, bundled)))
         for some, roots in given:
             supports = Supports(problem.models[some[0]], measure, problem.origin)

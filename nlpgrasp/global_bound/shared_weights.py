@@ -52,7 +52,7 @@ class SharedWeightStrategy(BoundingStrategy):
 
     Parameters
     ----------
-    scope : Scope
+    scope : BoundScope
         Of contacts that may be on one mesh.
     """
 
@@ -62,7 +62,7 @@ class SharedWeightStrategy(BoundingStrategy):
         super().__init__(scope, DIRECTIONS)
         self.power, self.maxima = scope.measure.power, ClusterMaxima(scope, self.twists, self.mixtures)
 
-    def bounded(self, cells: IntArray, parents: NodeArrays | None, target: float) -> NodeArrays:
+    def bound_nodes(self, cells: IntArray, parents: NodeArrays | None, target: float) -> NodeArrays:
         """Return nodes (n, k) with their least bounds over all dual weights; computes the first if there are none."""
         del target
         if not self.mixtures:
@@ -140,7 +140,7 @@ class SharedWeightStrategy(BoundingStrategy):
             for i, (node, own, spread) in enumerate(zip(nodes, numbers, weights, strict=True)):
                 kept = spread > LEAST
                 mixture = DualWeights(own[kept], round_weights(spread[kept]))
-                found[i, :, 0], bound = self.maxima.heaviest(node, mixture)
+                found[i, :, 0], bound = self.maxima.largest_rows(node, mixture)
                 if bound < best[i][0]:
                     best[i] = bound, mixture
             if left:
@@ -207,10 +207,10 @@ class ClusterMaxima:
 
     Parameters
     ----------
-    scope : Scope
+    scope : BoundScope
         Of which every contact has the same clusters.
-    twists : Twists
-    mixtures : list of Mixture
+    twists : WeightedDirections
+    mixtures : list of DualWeights
         Grows by those that are added.
 
     Attributes
@@ -250,7 +250,7 @@ class ClusterMaxima:
         """Return the largest g of a mixture over every cluster, for one group of contacts after another."""
         return np.concatenate([self._over_clusters(self._mixed(corners, mixture)) for corners in self._double])
 
-    def heaviest(self, node: IntArray, mixture: DualWeights) -> tuple[IntArray, float]:
+    def largest_rows(self, node: IntArray, mixture: DualWeights) -> tuple[IntArray, float]:
         """Return the row of each cell of a node (k,) that has most of a mixture, (k,), and the bound that it gives."""
         found: dict[tuple[int, int], tuple[int, float]] = {}
         places = list(zip(node.tolist(), self._group.tolist(), strict=True))

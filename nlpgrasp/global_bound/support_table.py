@@ -40,7 +40,7 @@ class SupportTable:
 
     Parameters
     ----------
-    groups : sequence of (Pieces, slice)
+    groups : sequence of (ContactCells, slice)
         And the slots of each.
     cells : (b, k) array
         Of each node.
@@ -49,7 +49,7 @@ class SupportTable:
 
     def __init__(self, groups: Sequence[tuple[ContactCells, slice]], cells: IntArray, twists: FloatArray) -> None:
         self._measure = groups[0][0].supports.measure
-        self._parts = [GroupTable.of(pieces, cells[:, where], twists) for pieces, where in groups]
+        self._parts = [GroupTable.powers_of(pieces, cells[:, where], twists) for pieces, where in groups]
         self.rows = np.zeros((0, 0, 0), dtype=np.int64)
         self.chosen = np.zeros((0, 0, 0, 0))
 
@@ -64,7 +64,7 @@ class SupportTable:
         power = self._measure.power
         return np.asarray(np.sum(self.maxima(weights), axis=1) ** (1.0 / power) * (1.0 + ROUNDING_MARGIN))
 
-    def sharpened(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def tighten(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return bounds and mixtures; one direction alone where the budget's own sum along it is better."""
         bounds, measure = self.bounds(weights), self._measure
         if measure.exact:
@@ -100,7 +100,7 @@ class GroupTable:
 
     Parameters
     ----------
-    pieces : Pieces
+    pieces : ContactCells
     cells : (c,) array
         Of each pair.
     rows : (c, m) array
@@ -122,7 +122,7 @@ class GroupTable:
     back: IntArray
 
     @classmethod
-    def of(cls, pieces: ContactCells, cells: IntArray, twists: FloatArray) -> GroupTable:
+    def powers_of(cls, pieces: ContactCells, cells: IntArray, twists: FloatArray) -> GroupTable:
         """Return the powers over cells (b, s) along each node's twists (b, j, d)."""
         pairs = np.arange(len(cells))[:, None] * len(pieces.cells) + cells
         once, back = np.unique(pairs, return_inverse=True)
@@ -288,7 +288,7 @@ class _SupportInterval:
         self, patches: CurvedFace, parts: FloatArray, owner: IntArray
     ) -> tuple[FloatArray, IntArray, FloatArray]:
         """Return the quarters (n r, c, q) of parts (n, c, q), their cells, and upper bounds on them, (n r,)."""
-        vertices, into = patches.finer(parts)
+        vertices, into = patches.subdivide(parts)
         n, v, q = vertices.shape
         supports, weights = self._supports, self._weights[owner][:, None]
         points, normals = (x.reshape(n, v, 3) for x in patches.contacts(vertices.reshape(n * v, q)))

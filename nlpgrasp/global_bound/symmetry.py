@@ -65,7 +65,7 @@ class Symmetry:
 
     def _find(self, number: int, pieces: ContactCells, cell: int, candidates: Sequence[int]) -> int:
         points = self.of(pieces.cells[cell].anchors())
-        self._images[number, cell] = found = pieces.like(cell, points, candidates, self.tolerance)
+        self._images[number, cell] = found = pieces.equal_candidate(cell, points, candidates, self.tolerance)
         return found
 
 
@@ -135,7 +135,7 @@ def restrict_by_rotation(
     a meridian. On a body of revolution, for a task that turns about its axis leave as it is, the first contact can be
     turned to the half-plane at angle 0.
     """
-    if any(places.allowed.limited for places in own):
+    if any(places.allowed.is_limited for places in own):
         return []
     axis = _axis(problem, faces)
     if axis is None:
@@ -157,7 +157,7 @@ def restrict_by_rotation(
         if isinstance(face, EllipsoidFace):
             first[face] = face.half_plane(axis, side)
         elif isinstance(face, DiscFace | RevolvedFace):
-            first[face] = face.pinned()
+            first[face] = face.meridian_cells()
     return [("half-plane", first)]
 
 

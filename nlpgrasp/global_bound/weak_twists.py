@@ -85,7 +85,7 @@ class WeightedDirections:
         chosen = self._rng.permutation(len(self.lattice))[: self.per_node]
         return np.resize(chosen, self.per_node)
 
-    def tried(self) -> FloatArray:
+    def trial_directions(self) -> FloatArray:
         """Return directions along which relaxed placements may be weak: well-spread, random and recent ones."""
         chosen = self._rng.permutation(len(self.lattice))[: TRIED - len(self._recent)]
         return np.concatenate([self.lattice[chosen], self._recent])
@@ -107,7 +107,7 @@ class WeightedDirections:
 
         Parameters
         ----------
-        groups : sequence of (Pieces, slice)
+        groups : sequence of (ContactCells, slice)
             Contacts that are alike, and their slots.
         numbers, weights : (b, j) arrays
             Of each node's directions.
@@ -126,7 +126,7 @@ class WeightedDirections:
         between = normalise_twists(self.task, own + np.roll(own, 1, axis=1))  # what descents that stay at corners miss
         stuck = np.any(copied & (weights > 0.0), axis=1)[:, None, None]
         begin = np.where(stuck & np.any(between != 0.0, axis=2, keepdims=True), between, own)
-        tried = self.tried()
+        tried = self.trial_directions()
         every = np.broadcast_to(tried, (len(weights), *tried.shape))
         value = sum(d.value(every) for d in designs)
         weakest = tried[np.argsort(value, axis=1)[:, :few]]

@@ -76,7 +76,7 @@ def _trunk(robot: Robot) -> tuple[str, set[str]]:
         out = [j for j in robot.joints if j.moves and groups[j.parent] == here]
         if len(out) != 1:
             return (here, joints) if out else (robot.root, set())
-        joints.add(robot.follows(out[0])[0])
+        joints.add(robot.driving_joint(out[0])[0])
         here = out[0].child
 
 
@@ -88,7 +88,7 @@ def _branch(robot: Robot, joint: Joint, hub: str) -> str:
 
 def _drivers(robot: Robot, link: str) -> set[str]:
     """Return the names of the free joints that move a link."""
-    return {robot.follows(joint)[0] for joint in robot.chain(link) if joint.moves}
+    return {robot.driving_joint(joint)[0] for joint in robot.chain(link) if joint.moves}
 
 
 def fingers_lie(tree: LinkTree) -> FloatArray | None:

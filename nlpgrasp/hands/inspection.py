@@ -60,10 +60,10 @@ class Inspection:
 
     Parameters
     ----------
-    hand : Inspected
+    hand : InspectedHand
     met : Opposition or None
         Opposition of the fingertips; None where none are stated.
-    findings : tuple of Finding
+    findings : tuple of FileWarning
         Warnings, grave ones first.
     """
 
@@ -204,7 +204,7 @@ def findings(hand: InspectedHand, met: Opposition | None) -> tuple[FileWarning, 
 
     Parameters
     ----------
-    hand : Inspected
+    hand : InspectedHand
     met : Opposition or None
         Opposition of its fingertips; None where none are stated.
     """
@@ -293,7 +293,7 @@ def _joint_warnings(hand: InspectedHand) -> list[FileWarning]:
         every = len(weak) == len(robot.free_joints) > 1
         whose = "No joint has an effort limit" if every else f"No effort limit at {_format_some(weak, 'joint')}"
         found.append(FileWarning(f'{whose}: the force budget "hand_torques" needs torque_limits.'))
-    strong = [j.name for j in robot.free_joints if j.turns and hand.torque_limits.get(j.name, 0.0) > PLACEHOLDER]
+    strong = [j.name for j in robot.free_joints if j.is_revolute and hand.torque_limits.get(j.name, 0.0) > PLACEHOLDER]
     if strong:
         text = f"An effort above {PLACEHOLDER:g} N m at {_format_some(strong, 'joint', len(robot.free_joints))}"
         found.append(FileWarning(f"{text} looks like a placeholder: state torque_limits."))
@@ -368,7 +368,7 @@ def _format_tips(hand: InspectedHand, fingers: Sequence[int]) -> str:
 
 
 def _is_revolute(robot: Robot, name: str) -> bool:
-    return next(j.turns for j in robot.free_joints if j.name == name)
+    return next(j.is_revolute for j in robot.free_joints if j.name == name)
 
 
 def _format_some(names: Sequence[str], what: str, count: int = 0) -> str:

@@ -59,7 +59,7 @@ class LinkTree:
         result = {}
         for joint in self.robot.joints:
             if joint.moves:
-                driver, multiplier, offset = self.robot.follows(joint)
+                driver, multiplier, offset = self.robot.driving_joint(joint)
                 result[joint.name] = float(multiplier * joints[index[driver]] + offset)
         return result
 
@@ -120,7 +120,7 @@ class LinkTree:
     def loaded_joints(self) -> tuple[str, ...]:
         """Names of the free joints that move some contact."""
         moving = [joint for link, _ in self.tips for joint in self.robot.chain(link) if joint.moves]
-        drivers = {self.robot.follows(joint)[0] for joint in moving}
+        drivers = {self.robot.driving_joint(joint)[0] for joint in moving}
         return tuple(j.name for j in self.robot.free_joints if j.name in drivers)
 
     def contact_motion(
@@ -194,11 +194,11 @@ class LinkTree:
         position = around - tips.mean(axis=1)
         quaternion = rotations.as_quat(scalar_first=True)
         values = {"palm_position": position, "palm_quaternion": quaternion, "joints": joints}
-        return values | self.first_slides(count), position[:, None] + tips
+        return values | self.initial_slides(count), position[:, None] + tips
 
-    def first_slides(self, count: int) -> dict[str, FloatArray]:
+    def initial_slides(self, count: int) -> dict[str, FloatArray]:
         """Return the initial sliding coordinates of the fingertips, (count, m), if there are any."""
-        slides = [tip.first_slide for _, tip in self.tips if tip.slides]
+        slides = [tip.initial_slide for _, tip in self.tips if tip.slides]
         return {"slides": np.tile(slides, (count, 1))} if slides else {}
 
     @cached_property
@@ -265,7 +265,7 @@ def link_poses(robot: Robot, links: Iterable[str], joints: Expression) -> dict[s
     index = {j.name: i for i, j in enumerate(robot.free_joints)}
     values = []
     for joint in moving:
-        driver, multiplier, offset = robot.follows(joint)
+        driver, multiplier, offset = robot.driving_joint(joint)
         values.append(multiplier * joints[index[driver]] + offset)
     model = KinDynComputations(_urdf(robot), [j.name for j in moving])
     everything = ca.vertcat(*values)

@@ -64,7 +64,7 @@ class SphereFit:
         """Return the number of spheres and their fitting errors, metres."""
         return {"count": len(self.radii), "error": self.error, "uncovered": self.uncovered}
 
-    def limited(self, most: FloatArray, inside: BoolArray) -> SphereFit:
+    def limit_radii(self, most: FloatArray, inside: BoolArray) -> SphereFit:
         """Return the spheres with radii limited to ``most`` (m,), without those ``inside`` (m,) a fingertip."""
         radii = np.minimum(self.radii, most)
         kept = (radii > 0.0) & ~inside
@@ -95,7 +95,7 @@ def fit_around_tips(whole: Mapping[str, SphereFit], tree: LinkTree, clearance: f
                 there = fit.centres @ transform[:3, :3].T + transform[:3, 3]
                 ball = 0.0 if tip.slides else tip.standoff  # a sliding tip's ball is not fixed to the link
                 inside = np.linalg.norm(there - tip.centre, axis=1) + fit.radii <= ball * (1.0 + 1e-6)
-                fit = fit.limited(tip.most_radius(there) - clearance, inside)
+                fit = fit.limit_radii(tip.most_radius(there) - clearance, inside)
                 beside.append((transform, tip))
         if beside:
             fit = replace(fit, uncovered=_uncovered_depth(tree.robot.shapes[link], fit, beside))

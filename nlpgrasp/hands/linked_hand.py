@@ -66,7 +66,7 @@ class LinkedHand(InNotebook, PosedHand):
     @property
     def sliding_joints(self) -> dict[str, bool]:
         """Whether each joint that moves some contact slides, by joint name."""
-        kinds = {joint.name: not joint.turns for joint in self.tree.robot.free_joints}
+        kinds = {joint.name: not joint.is_revolute for joint in self.tree.robot.free_joints}
         return {name: kinds[name] for name in self.loaded_joints}
 
     def contact_motion(
@@ -161,7 +161,7 @@ def reach(
         "palm_position": positions,
         "palm_quaternion": Rotation.from_matrix(rotations).as_quat(scalar_first=True),
         "joints": joints[chosen],
-    } | tree.first_slides(len(chosen))
+    } | tree.initial_slides(len(chosen))
     return values, tips[chosen] @ rotations.transpose(0, 2, 1) + positions[:, None]
 
 

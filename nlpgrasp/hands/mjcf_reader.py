@@ -286,7 +286,7 @@ def add_couplings(path: Path, model: MjModel, robot: Robot) -> Robot:
     equal = {
         int(i) for e in active if int(model.eq_type[e]) == TENDON for i in (model.eq_obj1id[e], model.eq_obj2id[e])
     }
-    left = [t.said() for i, t in tendons.items() if i not in taken and (i in equal or t.couples(robot))]
+    left = [t.describe() for i, t in tendons.items() if i not in taken and (i in equal or t.couples(robot))]
     return replace(robot, unmodelled=(*left, *_describe_loops(model, robot, active)))
 
 
@@ -321,7 +321,7 @@ def _couple_by_tendon(robot: Robot, tendon: Tendon, longer: float) -> Robot | No
     pair = sorted(tendon.arms, key=list(joints).index)
     total = tendon.rest + longer
     for other, name in (pair, pair[::-1]):
-        if joints[name].mimic is None and joints[name].moves and robot.follows(joints[other])[0] != name:
+        if joints[name].mimic is None and joints[name].moves and robot.driving_joint(joints[other])[0] != name:
             ratio = -tendon.arms[other] / tendon.arms[name]
             after = _with(robot, replace(joints[name], mimic=Mimic(other, ratio, total / tendon.arms[name])))
             return after if all(lower < upper for lower, upper, _ in after.ranges.values()) else None
@@ -379,10 +379,10 @@ class Tendon:
         here = [joints[name] for name in self.arms if name in joints]
         ends = [sorted((self.arms[j.name] * j.lower, self.arms[j.name] * j.upper)) for j in here]
         low, high = sum(low for low, _ in ends), sum(high for _, high in ends)
-        drivers = {robot.follows(joint)[0] for joint in here if joint.moves}
+        drivers = {robot.driving_joint(joint)[0] for joint in here if joint.moves}
         return (self.pulls and len(drivers) > 1) or low < self.lower - 1e-9 or high > self.upper + 1e-9
 
-    def said(self) -> str:
+    def describe(self) -> str:
         """Return the tendon as a phrase."""
         return f"tendon {self.name}" + (f" of joints {' and '.join(self.arms)}" if self.arms else "")
 
@@ -428,7 +428,7 @@ def add_effort_limits(model: MjModel, robot: Robot) -> Robot:
         arms: dict[str, float] = {}
         for name, arm in _arms(model, a).items():
             if name in joints and joints[name].moves:
-                driver, ratio, _ = robot.follows(joints[name])
+                driver, ratio, _ = robot.driving_joint(joints[name])
                 arms[driver] = arms.get(driver, 0.0) + ratio * arm
         force = _force(model, a)
         for driver, arm in arms.items():

@@ -60,9 +60,9 @@ class Opposition:
 
     Parameters
     ----------
-    pairs : tuple of Meeting
+    pairs : tuple of TipMeeting
         All pairs of fingertips.
-    apart : tuple of Meeting
+    apart : tuple of TipMeeting
         Minimal sets of more than two fingertips that do not meet at once, although all smaller sets do.
     together : float
         Largest distance of fingertips that count as meeting, metres.
@@ -118,7 +118,7 @@ def _meeting(gaps: TipDistances, fingers: tuple[int, ...], at_rest: FloatArray) 
         joints, value = _closest_posture(gaps, fingers, at_rest, facing=False)
         return TipMeeting(fingers, value, value, joints)
     joints, value = _closest_posture(gaps, fingers, at_rest, facing=True)
-    opposed = value if np.all(gaps.turned_away(fingers, joints[None]) <= 0.0) else np.inf
+    opposed = value if np.all(gaps.largest_misalignment(fingers, joints[None]) <= 0.0) else np.inf
     if gaps.round(fingers) or value <= TOUCH:
         return TipMeeting(fingers, opposed, opposed, joints)
     other, nearest = _closest_posture(gaps, fingers, at_rest, facing=False)
@@ -174,7 +174,7 @@ class TipDistances:
         links = [self.tree.tips[i][0] for i in fingers]
         chains: list[set[str]] = [{j.name for j in robot.chain(link) if j.moves} for link in links]
         names = {name for chain in chains for name in chain if not all(name in other for other in chains)}
-        drivers = {robot.follows(joint)[0] for joint in robot.joints if joint.name in names}
+        drivers = {robot.driving_joint(joint)[0] for joint in robot.joints if joint.name in names}
         return np.array([i for i, j in enumerate(robot.free_joints) if j.name in drivers], dtype=np.intp)
 
     def distances(self, fingers: Sequence[int], joints: FloatArray, *, facing: bool) -> FloatArray:
@@ -190,7 +190,7 @@ class TipDistances:
         """
         return self._largest(fingers, joints, self.tree.span if facing else 0.0)[0]
 
-    def turned_away(self, fingers: Sequence[int], joints: FloatArray) -> FloatArray:
+    def largest_misalignment(self, fingers: Sequence[int], joints: FloatArray) -> FloatArray:
         """Return the largest misalignment of any pair, (b,), as a cosine; 0 where all pairs face each other."""
         return self._largest(fingers, joints, self.tree.span)[1]
 

@@ -224,7 +224,7 @@ class Jaws:
         Directions that pass through something thin are taken only where all do.
         """
         directions = self.approaches()
-        depth, mean, through = self.walk(directions, size, distance)
+        depth, mean, through = self.march_outwards(directions, size, distance)
         free = depth <= max(float(depth.min()), NEAR * size)
         best = float(mean[free].max())
         steepest = np.where(free & (mean >= best - SAME * size), -directions[:, -1], -np.inf)
@@ -234,7 +234,7 @@ class Jaws:
             chosen = int(np.argmax(np.where(free & ~through, mean, -np.inf)))
         return directions[chosen], float(depth[chosen]), bool(through[chosen])
 
-    def walk(
+    def march_outwards(
         self, directions: FloatArray, size: float, distance: Distance
     ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
         """March along the lines of fingers and palm from the grasp outwards, the approach path backwards.

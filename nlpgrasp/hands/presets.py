@@ -264,7 +264,7 @@ class Preset:
             When there is no URDF, or it lacks a link of this hand.
         """
         path = self._described() if urdf is None else urdf
-        robot = read_robot(path, options["palm"]) if "palm" in options else self._from_palm(path)
+        robot = read_robot(path, options["palm"]) if "palm" in options else self._robot_below_palm(path)
         self._check_tips(path, [robot])
         options["palm"] = robot.root
         above = {joint.child: joint for joint in robot.joints}
@@ -278,7 +278,7 @@ class Preset:
         options.setdefault("clearance", CLEARANCE)
         return URDFHand.load(path, tips, approach=self.approach, **options)
 
-    def _from_palm(self, path: str | Path) -> Robot:
+    def _robot_below_palm(self, path: str | Path) -> Robot:
         """Return the robot below the palm: a link with one of its names that all fingertips hang from.
 
         A frame of that name without fingers is no palm. Among nested links with the same name but for prefixes, such as
@@ -396,7 +396,7 @@ def _panda_pad(joint: Joint) -> FlatTip:
 
 def _panda_limits(robot: Robot) -> Mapping[str, float]:
     """Return the continuous force of each finger, times the fingers that a joint drives, newtons."""
-    driven = [robot.follows(joint)[0] for joint in robot.joints if joint.kind == "prismatic"]
+    driven = [robot.driving_joint(joint)[0] for joint in robot.joints if joint.kind == "prismatic"]
     return {joint.name: PANDA_FORCE * driven.count(joint.name) for joint in robot.free_joints}
 
 

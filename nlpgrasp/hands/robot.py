@@ -59,7 +59,7 @@ class Joint:
     mimic: Mimic | None = None
 
     @property
-    def turns(self) -> bool:
+    def is_revolute(self) -> bool:
         """Whether the joint's position is an angle."""
         return self.kind != "prismatic"
 
@@ -166,7 +166,7 @@ class Robot:
         result = {j.name: (j.lower, j.upper, j.name) for j in self.free_joints}
         for joint in self.joints:
             if joint.moves and joint.mimic is not None:
-                driver, multiplier, offset = self.follows(joint)
+                driver, multiplier, offset = self.driving_joint(joint)
                 lower, upper, _ = result[driver]
                 if multiplier == 0.0:
                     if not joint.lower <= offset <= joint.upper:
@@ -177,7 +177,7 @@ class Robot:
                     result[driver] = (max(lower, a) + 0.0, min(upper, b) + 0.0, joint.name)  # no -0
         return result
 
-    def follows(self, joint: Joint) -> tuple[str, float, float]:
+    def driving_joint(self, joint: Joint) -> tuple[str, float, float]:
         """Return the free joint that drives a moving joint, with multiplier and offset (mimic chains resolved)."""
         by_name = {j.name: j for j in self.joints}
         name, multiplier, offset = joint.name, 1.0, 0.0

@@ -168,7 +168,7 @@ def meet(one: Sequence[ShapeHull], other: Sequence[ShapeHull], frames: FloatArra
 
     Parameters
     ----------
-    one, other : sequence of Hull
+    one, other : sequence of ShapeHull
         Of each link.
     frames : (b, 4, 4) array
         Of the other link in the first one's.
@@ -192,7 +192,7 @@ def apart(watched: Sequence[LinkPair], spheres: Sequence[LinkSphere], span: floa
 
     Parameters
     ----------
-    watched : sequence of WatchedLinks
+    watched : sequence of LinkPair
     spheres : sequence of LinkSphere
         Of all links, named ``"link/number"``.
     span : float

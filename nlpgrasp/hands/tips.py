@@ -56,14 +56,14 @@ class Tip(ABC):
         return False
 
     @property
-    def first_slide(self) -> float:
+    def initial_slide(self) -> float:
         """Initial sliding coordinate: that with the ball at ``centre``."""
         return 0.5
 
     def slide_at(self, point: FloatArray) -> float:
         """Return the sliding coordinate of a contact (3,), metres, link frame."""
         del point
-        return self.first_slide
+        return self.initial_slide
 
     def ball_centre(self, pose: Expression, slide: Expression) -> Expression | None:
         """Return the centre of the ball behind the contact, body frame, for the link's pose; None without a ball."""
@@ -311,7 +311,7 @@ class CapsuleTip(CylinderTip):
         return np.array(self.end, dtype=float)
 
     @property
-    def first_slide(self) -> float:
+    def initial_slide(self) -> float:
         """Initial sliding coordinate 1: the distal end."""
         return 1.0
 

@@ -214,7 +214,7 @@ class URDFHand(LinkedHand):
             rows += tip.rows(SymbolicTouch(link, i, poses[link], p, n, slide, placement.size))
         if self.self_collision:
             rows += tip_clearance_constraints(self.tree, variables)
-        return rows + apart(self.watched, placement.spheres, self.tree.span)
+        return rows + apart(self.self_collision_pairs, placement.spheres, self.tree.span)
 
     def spheres(self, variables: dict[str, Expression]) -> list[LinkSphere]:
         """Return the links' collision spheres in the body's frame."""
@@ -234,15 +234,15 @@ class URDFHand(LinkedHand):
     @cached_property
     def fits(self) -> dict[str, SphereFit]:
         """Spheres of each link, shrunk next to a fingertip so that it can touch."""
-        return fit_around_tips(self.whole_fits, self.tree, self.clearance)
+        return fit_around_tips(self.unshrunk_spheres, self.tree, self.clearance)
 
     @cached_property
-    def watched(self) -> tuple[LinkPair, ...]:
+    def self_collision_pairs(self) -> tuple[LinkPair, ...]:
         """Pairs of links with self-collision constraints, and their allowed sphere overlap."""
         return watched_links(self.tree, self.fits) if self.self_collision else ()
 
     @cached_property
-    def whole_fits(self) -> dict[str, SphereFit]:
+    def unshrunk_spheres(self) -> dict[str, SphereFit]:
         """Spheres of each link before any are shrunk next to fingertips."""
         return fit_hand(self.robot, self.spheres_per_link)
 
@@ -261,8 +261,8 @@ class URDFHand(LinkedHand):
             "torque_limits": dict(self.torque_limits),
             "approach": self.tree.approach.tolist(),
             "link_spheres": {link: np.column_stack([f.centres, f.radii]).tolist() for link, f in self.fits.items()},
-            "watched_pairs": sum(len(both.pairs) for both in self.watched),
-            "overlaps": [[*both.links, both.overlap] for both in self.watched if both.overlap > 0.0],
+            "watched_pairs": sum(len(both.pairs) for both in self.self_collision_pairs),
+            "overlaps": [[*both.links, both.overlap] for both in self.self_collision_pairs if both.overlap > 0.0],
             "tips_apart": [list(pair) for pair in colliding_tips(self.tree) if self.self_collision],
         }
 

@@ -39,7 +39,7 @@ def free_approach(
 
     Parameters
     ----------
-    around : Surroundings
+    around : CollisionModel
     open_hand : callable
         How wide, times the pregrasp's opening, to the opened hand.
     ways : sequence of (3,) arrays
@@ -76,13 +76,13 @@ class ApproachPath:
         Why no direction is free; empty where one is.
     blocked : tuple of BlockedDirection
         Those that were looked at before.
-    fingers : Opened or None
+    fingers : OpeningPath or None
         The hand as wide open as at the last look; None where it does not open.
     direction : (3,) array or None
         In which the palm moves towards the grasp, unit, body frame.
     distance : float
         How far, metres.
-    outside : tuple of Place
+    outside : tuple of PathPosture
         From the open hand at the grasp on, away from it.
     """
 
@@ -163,12 +163,12 @@ def opened(around: CollisionModel, grasp: Values, pregrasp: Values, times: float
     """Return the hand opened from its grasp towards a multiple of its pregrasp, within the joint limits.
 
     All go on together; what is blocked stays where it is, and the others go on without. Fingertips may be as near the
-    body as in the program (``Surroundings.allowed``): they touch it in the end. Balls of links that overlap in
+    body as in the program (``CollisionModel.allowed``): they touch it in the end. Balls of links that overlap in
     the grasp, which the program allows where they hardly ever do, may go on doing so, no deeper.
 
     Parameters
     ----------
-    around : Surroundings
+    around : CollisionModel
     grasp, pregrasp : dict
         Values of the hand's variables.
     times : float
@@ -213,7 +213,7 @@ class OpeningPath:
 
     Parameters
     ----------
-    places : tuple of Place
+    places : tuple of PathPosture
         The grasp first.
     blocked_by : str
         What is in the way where no finger opens at all; empty otherwise.
@@ -257,8 +257,8 @@ def _free_part(around: CollisionModel, start: Values, way: FloatArray, distance:
         return {**start, "palm_position": start["palm_position"] - share * distance * way}
 
     def allowed(first: PathPosture) -> FloatArray:
-        least = around.allowed()
-        as_there = around.of_tips() | around.of_pairs()
+        least = around.least_clearances()
+        as_there = around.of_tips() | around.is_of_pair()
         least[as_there] = np.minimum(first.clearances[as_there], 0.0)
         return least
 
@@ -276,7 +276,7 @@ def _blocking_reason(blocked: list[BlockedDirection], count: int, distance: floa
 
 def _least_clearances(around: CollisionModel, first: PathPosture) -> FloatArray:
     """Return the least clearances, (n,), metres; links that overlap in the grasp may do so, no deeper."""
-    least, pairs = around.allowed(), around.of_pairs()
+    least, pairs = around.least_clearances(), around.is_of_pair()
     least[pairs] = np.minimum(first.clearances[pairs], 0.0)
     return least
 
@@ -293,4 +293,4 @@ def _towards(here: Values, aim: Values, free: BoolArray) -> Callable[[float], Va
 
 
 def _least_clearance(around: CollisionModel, place: PathPosture) -> float:
-    return float(np.min(place.clearances - around.allowed(), initial=np.inf))
+    return float(np.min(place.clearances - around.least_clearances(), initial=np.inf))

@@ -97,7 +97,7 @@ class ContactPath:
     Parameters
     ----------
     body : Body
-    stations : sequence of Station
+    stations : sequence of PathStation
         At least two: the first and the last are the contacts themselves.
     arm : float
         Path length per radian of the normal, metres: the fingertip's radius plus its lift.
@@ -148,7 +148,7 @@ class FingerTransfer:
 
     Parameters
     ----------
-    footpath : Footpath
+    footpath : ContactPath
     lift : float
         Height of the fingertip above the surface, metres; 0 for sliding.
     """
@@ -162,7 +162,7 @@ class FingerTransfer:
         return self.footpath.total + 2.0 * self.lift
 
     @property
-    def turns(self) -> tuple[float, ...]:
+    def phase_changes(self) -> tuple[float, ...]:
         """Path lengths at which phases change, which are waypoints."""
         ends = (self.lift, self.lift + self.footpath.total) if self.lift else ()
         return (*ends, self.total)

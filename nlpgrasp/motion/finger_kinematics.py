@@ -41,7 +41,7 @@ class KinematicsResult:
     off: float
 
     @property
-    def there(self) -> bool:
+    def is_reached(self) -> bool:
         """Whether the fingertip is at its contact, within tolerance."""
         return self.off <= ENOUGH
 
@@ -57,7 +57,7 @@ class FingerJoints:
     ----------
     hand : URDFHand
     finger : int
-    surroundings : Surroundings
+    surroundings : CollisionModel
     size : float
         The body's, metres.
 
@@ -70,7 +70,7 @@ class FingerJoints:
     def __init__(self, hand: URDFHand, finger: int, surroundings: CollisionModel, size: float) -> None:
         self.hand, self.finger, self.size = hand, finger, size
         robot = hand.robot
-        moved = [{robot.follows(j)[0] for j in robot.chain(link) if j.moves} for link, _ in hand.tips]
+        moved = [{robot.driving_joint(j)[0] for j in robot.chain(link) if j.moves} for link, _ in hand.tips]
         others = set().union(*(names for i, names in enumerate(moved) if i != finger))
         names = moved[finger] - others
         self.own = np.array([i for i, j in enumerate(robot.free_joints) if j.name in names], int)
@@ -97,14 +97,14 @@ class FingerJoints:
         ----------
         values : dict
             Initial values of the hand's variables.
-        hold : Foothold
+        hold : TargetContact
         allowed : (n,) array or None
             Lower limits of the clearances, metres; None to ignore them.
         limited : bool
             Whether to keep joint limits.
         """
         found = self._shortest(values, hold) or self._newton(values, hold, None, limited)
-        if allowed is None or (found.there and np.all(self.around.clearances(found.values) >= allowed)):
+        if allowed is None or (found.is_reached and np.all(self.around.clearances(found.values) >= allowed)):
             return found
         return self._newton(values, hold, allowed, limited)
 
@@ -207,7 +207,7 @@ def obstruction_text(joints: FingerJoints, values: Values, hold: TargetContact, 
     joints : FingerJoints
     values : dict
         The last reachable posture.
-    hold : Foothold
+    hold : TargetContact
         The next waypoint.
     allowed : (n,) array
         Lower limits of the clearances.
@@ -224,13 +224,13 @@ def place(hold: TargetContact) -> str:
 def _obstructing_part(joints: FingerJoints, values: Values, hold: TargetContact, allowed: FloatArray) -> str:
     if not len(joints.own):
         return "no joint moves this finger alone"
-    if joints.reach(values, hold, allowed).there:
+    if joints.reach(values, hold, allowed).is_reached:
         return "the posture would have to jump"
     within = joints.reach(values, hold, None)
-    if within.there:
-        return joints.around.say(int(np.argmin(joints.around.clearances(within.values) - allowed)))
+    if within.is_reached:
+        return joints.around.describe_clearance(int(np.argmin(joints.around.clearances(within.values) - allowed)))
     beyond = joints.reach(values, hold, None, limited=False)
-    if beyond.there:
+    if beyond.is_reached:
         return _limiting_joint(joints, values, beyond.values)
     return "out of the finger's reach"
 

@@ -4,8 +4,8 @@ A hand with links (``LinkedMotions``): from each waypoint a step is tried, and h
 finger's joints reach the waypoint within joint limits and clearances. No joint turns by more than ``MOST_JOINT``, so
 that the posture does not jump between branches of the inverse kinematics. At the middle of the joint motion, where a
 chord deviates most to second order, the fingertip is off the path by less than the tolerance. No sphere can have
-penetrated anything by more than the tolerance (``Surroundings.between``). Where a step of ``FINEST`` fails, the finger
-stops.
+penetrated anything by more than the tolerance (``CollisionModel.between``). Where a step of ``FINEST`` fails, the
+finger stops.
 
 A hand that is given by its contacts alone (``ContactMotions``), such as free fingertips or jaws, constrains these
 jointly. Its constraints are evaluated at waypoints ``STEP`` apart: between two, no distance of two contacts or from an
@@ -122,7 +122,7 @@ class LinkedMotions:
     hand : URDFHand
     values : dict
         Of the hand's variables in the first grasp.
-    paths : sequence of k sequences of Station
+    paths : sequence of k sequences of PathStation
         Path of each finger from its contact to its new one.
     lift : float
         Height of a lifted finger above the surface, metres.
@@ -141,13 +141,13 @@ class LinkedMotions:
         """Return the values of the hand's variables in the first grasp."""
         return self._first
 
-    def taken(self, posture: Values, finger: int, slides: bool) -> tuple[FingerPath, Values]:
+    def move(self, posture: Values, finger: int, slides: bool) -> tuple[FingerPath, Values]:
         """Return the path of a finger from a posture to its new contact, and the final posture."""
         lift = 0.0 if slides else self.lift
         if (finger, lift) not in self._footpaths:
             arm = self.hand.tips[finger][1].standoff + lift
             self._footpaths[finger, lift] = ContactPath(self.body, self.paths[finger], arm, self.around.tolerance)
-        return FingerStepping(self.fingers[finger], FingerTransfer(self._footpaths[finger, lift], lift)).taken(posture)
+        return FingerStepping(self.fingers[finger], FingerTransfer(self._footpaths[finger, lift], lift)).move(posture)
 
     def _with_slides(self, values: Values) -> Values:
         """Return the values with the sliding coordinates of tips nearest to their contacts."""
@@ -172,7 +172,7 @@ class FingerStepping:
     Parameters
     ----------
     joints : FingerJoints
-    stride : Stride
+    stride : FingerTransfer
     """
 
     def __init__(self, joints: FingerJoints, stride: FingerTransfer) -> None:
@@ -181,19 +181,19 @@ class FingerStepping:
 
     def allowed(self, way: float) -> FloatArray:
         """Return the lower limits of the clearances, (n,): a lifted fingertip stays off the body."""
-        least = self.around.allowed()
+        least = self.around.least_clearances()
         if self.stride.at(way).phase == OVER:
             least[self._tip] = 0.0
         return least - self.around.tolerance / 2.0
 
-    def taken(self, values: Values) -> tuple[FingerPath, Values]:
+    def move(self, values: Values) -> tuple[FingerPath, Values]:
         """Return the waypoints from a posture, and the final posture."""
         tolerance = self.around.tolerance
         first = self._waypoint(values, 0.0, self.allowed(0.0)) if len(self.joints.own) else None
         if first is None:
             return self._path([], obstruction_text(self.joints, values, self.stride.at(0.0), self.allowed(0.0))), values
         done, step = [first], LARGEST * tolerance
-        for end in self.stride.turns:
+        for end in self.stride.phase_changes:
             while done[-1].way < end:
                 way = min(done[-1].way + step, end)
                 found = self._step(done[-1], way)
@@ -212,7 +212,7 @@ class FingerStepping:
     def _waypoint(self, values: Values, way: float, allowed: FloatArray) -> Waypoint | None:
         hold = self.stride.at(way)
         found = self.joints.reach(values, hold, allowed)
-        return Waypoint(way, hold, found.values, self.around.clearances(found.values)) if found.there else None
+        return Waypoint(way, hold, found.values, self.around.clearances(found.values)) if found.is_reached else None
 
     def _step(self, here: Waypoint, way: float) -> Waypoint | None:
         """Return the waypoint after a step; None where the step is too long."""
@@ -222,7 +222,7 @@ class FingerStepping:
         if there is None:
             return None
         robot = self.joints.hand.robot
-        scales = np.array([1.0 if j.turns else self.joints.hand.tree.span for j in robot.free_joints])
+        scales = np.array([1.0 if j.is_revolute else self.joints.hand.tree.span for j in robot.free_joints])
         if np.max(np.abs(there.values["joints"] - here.values["joints"]) / scales) > MOST_JOINT:
             return None
         between = {name: (here.values[name] + there.values[name]) / 2.0 for name in here.values}
@@ -281,12 +281,12 @@ class ContactMotions:
         """Return points and normals of the first grasp."""
         return self._first
 
-    def taken(self, posture: Contacts, finger: int, slides: bool) -> tuple[FingerPath, Contacts]:
+    def move(self, posture: Contacts, finger: int, slides: bool) -> tuple[FingerPath, Contacts]:
         """Return the path of a finger to its new contact, and all contacts at its end."""
         lift, step = 0.0 if slides else self.lift, STEP * self.body.size
         radius = self.hand.tip_radii[finger]
         stride = FingerTransfer(ContactPath(self.body, self.paths[finger], radius + lift, step), lift)
-        edges = np.unique([0.0, *stride.turns])
+        edges = np.unique([0.0, *stride.phase_changes])
         counts = [max(int(np.ceil((b - a) / step)), 1) for a, b in itertools.pairwise(edges)]
         ways = [np.linspace(a, b, c + 1)[1:] for a, b, c in zip(edges[:-1], edges[1:], counts, strict=True)]
         holds, clearances, reason = list[TargetContact](), list[float](), ""
@@ -321,13 +321,13 @@ class ContactMotions:
         for field, clear in zip(self.fields, clearances, strict=True):
             if clear < -ENOUGH * self.body.size:
                 return clear, f"fingertip {finger} against {field.name}"
-        values = np.asarray(self._values(points.T, normals.T, self._own(tips)).full()).ravel()
+        values = np.asarray(self._values(points.T, normals.T, self._hand_values(tips)).full()).ravel()
         for row, value in zip(self.rows, values, strict=True):
             if max(row.lower - value, value - row.upper) > ENOUGH * row.scale:
                 return min(clearances, default=np.inf), _violation_text(row, float(value))
         return min(clearances, default=np.inf), ""
 
-    def _own(self, tips: FloatArray) -> FloatArray:
+    def _hand_values(self, tips: FloatArray) -> FloatArray:
         """Return the hand's own variables for fingertip centres (k, space): the centre of their smallest ball."""
         if self.variables == (PALM,):
             return smallest_ball(tips)[0]

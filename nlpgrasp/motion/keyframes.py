@@ -42,7 +42,7 @@ def plan_keyframes(
     hand : URDFHand
     grasp, pregrasp : dict
         Values of the hand's variables; None where there is no pregrasp.
-    links : LinkDepths, optional
+    links : PenetrationModel, optional
         Of the same problem and hand, where they are known.
 
     Returns
@@ -71,7 +71,7 @@ def plan_keyframes(
     turns = [found.fingers.values] if found.direction is None else [found.outside[-1].values, found.fingers.values]
     links = links or PenetrationModel(problem, hand)
     if links.has_shapes:
-        rest["way_in"] = links.on_the_way(turns, grasp).to_dict()
+        rest["way_in"] = links.on_approach(turns, grasp).to_dict()
     if found.direction is None:
         phases = [Phase.of(PREGRASP, open_hand), last]
         return {"approach": _without_phases(found.reason), **rest, "phases": [phase.to_dict() for phase in phases]}
@@ -112,7 +112,7 @@ def lift_distance(around: CollisionModel, problem: GraspProblem, values: Values)
 
     Parameters
     ----------
-    around : Surroundings
+    around : CollisionModel
     problem : GraspProblem
     values : dict
         Of the hand's variables in the grasp.

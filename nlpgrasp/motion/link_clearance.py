@@ -92,9 +92,9 @@ class CollisionModel:
         i, j = self.pairs.T
         return np.concatenate([*found, np.linalg.norm(places[i] - places[j], axis=1) - self.apart])
 
-    def swept(self, before: Values, after: Values) -> FloatArray:
+    def clearance_change_bounds(self, before: Values, after: Values) -> FloatArray:
         """Return bounds on the change of each clearance between two postures, (n,), metres."""
-        ways = self.balls.swept(before, after)
+        ways = self.balls.path_length_bounds(before, after)
         shift = float(np.linalg.norm(after["palm_position"] - before["palm_position"]))
         i, j = self.pairs.T
         return np.concatenate([*[ways[self.seen]] * len(self.fields), ways[i] + ways[j] - 2.0 * shift])
@@ -102,26 +102,26 @@ class CollisionModel:
     def between(self, before: Values, after: Values, ends: tuple[FloatArray, FloatArray]) -> FloatArray:
         """Return a lower bound on each clearance between two postures, whose clearances are ``ends``."""
         a, b = ends
-        return np.asarray((a + b - self.swept(before, after)) / 2.0)
+        return np.asarray((a + b - self.clearance_change_bounds(before, after)) / 2.0)
 
     def of_tips(self) -> BoolArray:
         """Return the mask of clearances between fingertips and body, (n,)."""
         rest = (len(self.fields) - 1) * len(self.seen) + len(self.pairs)
         return np.concatenate([self.balls.fingers[self.seen] >= 0, np.zeros(rest, bool)])
 
-    def allowed(self) -> FloatArray:
+    def least_clearances(self) -> FloatArray:
         """Return the least admissible clearances, (n,), metres: of fingertips from the body as in the program."""
         least = np.zeros(len(self.fields) * len(self.seen) + len(self.pairs))
         tips = self.balls.fingers[self.seen] >= 0
         least[: len(tips)] = np.where(tips, -TIP_SHARE * self.balls.radii[self.seen], 0.0)
         return least
 
-    def of_pairs(self) -> BoolArray:
+    def is_of_pair(self) -> BoolArray:
         """Return the mask of clearances between two spheres of the hand, (n,)."""
         things = len(self.fields) * len(self.seen)
         return np.arange(things + len(self.pairs)) >= things
 
-    def say(self, index: int) -> str:
+    def describe_clearance(self, index: int) -> str:
         """Return the names of the sphere and the obstacle of a clearance, as text."""
         count = len(self.seen)
         if index < len(self.fields) * count:
@@ -183,10 +183,10 @@ class LinkSphereModel:
         tree = self.hand.tree
         base = tree.palm_frame(values)
         frames = np.asarray(tree.link_function(values["joints"]).full()).reshape(4, -1, 4)[:3, self._where]  # (3, s, 4)
-        in_palm = np.einsum("isj,sj->si", frames[..., :3], self._own_centres(values)) + frames[..., 3].T
+        in_palm = np.einsum("isj,sj->si", frames[..., :3], self._link_frame_centres(values)) + frames[..., 3].T
         return np.asarray(in_palm @ base[:3, :3].T + base[:3, 3])
 
-    def _own_centres(self, values: Values) -> FloatArray:
+    def _link_frame_centres(self, values: Values) -> FloatArray:
         """Return the centres in their links' frames; a sliding tip contact's depends on the hand's variables."""
         if "slides" not in values:
             return self._centres
@@ -206,13 +206,13 @@ class LinkSphereModel:
             length = float(np.linalg.norm(self._centres[s])) + (self.hand.tree.span if self._sliding[s] else 0.0)
             for joint in reversed(robot.chain(link)):
                 if joint.moves:
-                    driver, multiplier, _ = robot.follows(joint)
-                    result[s, index[driver]] += abs(multiplier) * (length if joint.turns else 1.0)
-                    length += 0.0 if joint.turns else max(abs(joint.lower), abs(joint.upper))
+                    driver, multiplier, _ = robot.driving_joint(joint)
+                    result[s, index[driver]] += abs(multiplier) * (length if joint.is_revolute else 1.0)
+                    length += 0.0 if joint.is_revolute else max(abs(joint.lower), abs(joint.upper))
                 length += float(np.linalg.norm(joint.xyz))
         return result
 
-    def swept(self, before: Values, after: Values) -> FloatArray:
+    def path_length_bounds(self, before: Values, after: Values) -> FloatArray:
         """Return a bound on each centre's path length, (s,), metres, along a straight joint path between postures.
 
         The palm may move along, but not turn.
@@ -225,15 +225,15 @@ class LinkSphereModel:
     @property
     def pairs(self) -> IntArray:
         """Pairs of spheres checked for self-collision, (m, 2): of links that no single joint connects."""
-        return self._watched[0]
+        return self._self_collision_pairs[0]
 
     @property
     def apart(self) -> FloatArray:
         """Least centre distance of each pair, (m,), metres."""
-        return self._watched[1]
+        return self._self_collision_pairs[1]
 
     @cached_property
-    def _watched(self) -> tuple[IntArray, FloatArray]:
+    def _self_collision_pairs(self) -> tuple[IntArray, FloatArray]:
         """Return the pairs of spheres checked for self-collision, (m, 2), and their least centre distances, (m,)."""
         numbers = {link: np.flatnonzero([name == link for name in self.links]) for link in dict.fromkeys(self.links)}
         fits = {link: SphereFit(self._centres[own], self.radii[own], 0.0) for link, own in numbers.items()}

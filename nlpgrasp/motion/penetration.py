@@ -103,7 +103,7 @@ class PenetrationModel:
         deepest = max(every, key=lambda found: found.depth, default=LinkPenetration(tolerance=self.tolerance))
         return replace(deepest, postures=len(every))
 
-    def on_the_way(self, before: Sequence[Values], grasp: Values) -> LinkPenetration:
+    def on_approach(self, before: Sequence[Values], grasp: Values) -> LinkPenetration:
         """Return the deepest penetration along a path of postures to a grasp.
 
         Postures every two millimetres are looked at, or a fiftieth of a leg; nothing is known between them. The grasp
@@ -184,7 +184,7 @@ class LinkObstacle:
         """Return the same obstacle for points in a frame that has this pose (4, 4)."""
         fast, fine, turn, shift = self.fast, self.fine, pose[:3, :3].T, pose[:3, 3]
         points = (self.points - shift) @ pose[:3, :3]
-        convex = None if self.convex is None else self.convex.turned(pose)
+        convex = None if self.convex is None else self.convex.in_frame(pose)
         return LinkObstacle(
             self.name, lambda p: fast(p @ turn + shift), lambda p: fine(p @ turn + shift), points, convex
         )
@@ -196,7 +196,7 @@ class _LinkSolid:
 
     Parameters
     ----------
-    parts : sequence of _Solid
+    parts : sequence of _LinkObstacleSolid
         Of each shape, in the link's frame.
     corners : (m, 3, 3) array
         Of the triangles of all their surfaces, metres, link frame.
@@ -229,9 +229,9 @@ class _LinkSolid:
         if not len(points):
             return 0.0
         inside = _deepest_inside(thing.fine, self._distance, points)
-        return max(inside, *self._ways_out(thing)) if inside > 0.0 else 0.0
+        return max(inside, *self._penetration_depths(thing)) if inside > 0.0 else 0.0
 
-    def _ways_out(self, thing: LinkObstacle) -> list[float]:
+    def _penetration_depths(self, thing: LinkObstacle) -> list[float]:
         """Return the penetration depth of each convex part in a convex obstacle, metres."""
         if thing.convex is None:
             return [0.0]
@@ -303,7 +303,7 @@ class _Convex:
     corners: FloatArray
     normals: FloatArray
 
-    def turned(self, pose: FloatArray) -> _Convex:
+    def in_frame(self, pose: FloatArray) -> _Convex:
         """Return the same solid for points in a frame that has this pose (4, 4)."""
         return _Convex((self.corners - pose[:3, 3]) @ pose[:3, :3], self.normals @ pose[:3, :3])
 

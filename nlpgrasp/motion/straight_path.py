@@ -41,7 +41,7 @@ class StraightPath:
 
     Parameters
     ----------
-    places : tuple of Place
+    places : tuple of PathPosture
         From the start on; empty where the start is not free.
     blocked_by : str
         What is in the way after the last place; empty where the way is free to its end.
@@ -69,7 +69,7 @@ def straight_way(
 
     Parameters
     ----------
-    around : Surroundings
+    around : CollisionModel
     posture : callable
         Share of the way, from 0 to 1, to values of the hand's variables, linear in it; the palm does not turn.
     allowed : callable
@@ -86,12 +86,12 @@ def straight_way(
     least = allowed(first)
     if np.any(first.clearances < least - around.tolerance / 2.0):
         worst = int(np.argmin(first.clearances - least))
-        return StraightPath((), around.say(worst), around.moved_by(worst))
+        return StraightPath((), around.describe_clearance(worst), around.moved_by(worst))
     done, step = [first], LARGEST
     while done[-1].share < 1.0:
         here = done[-1]
         there = at(min(here.share + step, 1.0))
-        swept = around.swept(here.values, there.values)
+        swept = around.clearance_change_bounds(here.values, there.values)
         bound = around.between(here.values, there.values, (here.clearances, there.clearances)) - least
         ends = there.clearances - least + around.tolerance / 2.0
         spare = np.where(swept > 0.0, np.minimum(bound + around.tolerance, ends), np.inf)
@@ -101,7 +101,7 @@ def straight_way(
         elif np.max(swept) <= around.tolerance / 2.0 or (not locate and np.any(ends < 0.0)):
             # within half the tolerance the bound holds where both ends do: it is the end that does not
             worst = int(np.argmin(ends if np.any(ends < 0.0) else spare))
-            return StraightPath(tuple(done), around.say(worst), around.moved_by(worst))
+            return StraightPath(tuple(done), around.describe_clearance(worst), around.moved_by(worst))
         else:
             step = (there.share - here.share) / 2.0
     return StraightPath(tuple(done), "", np.zeros(around.balls.reach.shape[1], bool))
@@ -111,13 +111,13 @@ def certified_clearance(around: CollisionModel, places: Sequence[PathPosture]) -
     """Return a certified least clearance of links and fingertips, metres, from the body and obstacles along a path.
 
     To a tenth of a millimetre what the balls have anywhere on the straight ways from place to place, by the bound of
-    ``Surroundings.between``; where it takes more than a few places to see that, less than they have. From tables and
+    ``CollisionModel.between``; where it takes more than a few places to see that, less than they have. From tables and
     obstacles it counts beyond the clearance asked for.
 
     Parameters
     ----------
-    around : Surroundings
-    places : sequence of Place
+    around : CollisionModel
+    places : sequence of PathPosture
         Free ones, such as ``straight_way`` returns; the palm does not turn.
     """
     things = len(around.fields) * len(around.seen)
@@ -127,7 +127,7 @@ def certified_clearance(around: CollisionModel, places: Sequence[PathPosture]) -
     rooms = [place.clearances[:things] + asked for place in known]
 
     def proved(i: int) -> float:
-        ways = around.swept(known[i].values, known[i + 1].values)[:things]
+        ways = around.clearance_change_bounds(known[i].values, known[i + 1].values)[:things]
         return float(np.min((rooms[i] + rooms[i + 1] - ways) / 2.0))
 
     bounds = [proved(i) for i in range(len(known) - 1)]

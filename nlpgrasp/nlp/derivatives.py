@@ -274,7 +274,7 @@ class Repeats:
     ----------
     z, g : SX
         All variables, and all constraints, with those of the copies first.
-    copies : list of Copy
+    copies : list of ConstraintCopy
         Identical but for their own variables and parameters.
     """
 

@@ -283,7 +283,7 @@ class Formulation:
             "ubg": self.ubg / scales.constraints,
         }
         if isinstance(start, FormulationResult):
-            arguments |= self._warm(start, scales)
+            arguments |= self._warm_multipliers(start, scales)
         run = nlpsol(solver, nlp, options)
         try:
             found, stats = run(**arguments), run.stats()
@@ -339,7 +339,7 @@ class Formulation:
             contacts = StartContacts(_points(start.values, k, problem.body.space), start.faces)
             sizes = {name: block.size for name, block in self._variables.items()}
             known = {name: value for name, value in start.values.items() if sizes.get(name) == len(value)}
-            return self._begun(contacts) | known, contacts.faces
+            return self._initial_values(contacts) | known, contacts.faces
         if isinstance(start, Mapping):
             unknown = [name for name in start if name not in names]
             if unknown:
@@ -349,9 +349,9 @@ class Formulation:
             values = {name: array(f"start[{name!r}]", v, (self._variables[name].size,)) for name, v in start.items()}
             points = _points(values, k, problem.body.space)
             contacts = StartContacts(points, nearest_faces(problem, points))
-            return self._begun(contacts) | values, contacts.faces
+            return self._initial_values(contacts) | values, contacts.faces
         contacts = self._contacts_of(start)
-        return self._begun(contacts), contacts.faces
+        return self._initial_values(contacts), contacts.faces
 
     def _random(self, rng: np.random.Generator) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
         """Return the first feasible of many random starts, or the one with the least constraint violation."""
@@ -362,7 +362,7 @@ class Formulation:
         nearest: tuple[dict[str, FloatArray], tuple[str, ...]] | None = None
         least = np.inf
         for contacts in random_contacts(self.problem, rng):
-            values = self._begun(contacts)
+            values = self._initial_values(contacts)
             rows = np.ravel(g(self._vector(values), self._with_faces(contacts.faces)).full())
             violation = float(np.max(np.maximum(low - rows, rows - high) / scales[where], initial=0.0))
             if nearest is None or violation < least:
@@ -396,7 +396,7 @@ class Formulation:
             raise InputError("start", "contacts without the hand's posture", "a GraspSolution, or values by name")
         return StartContacts(grasp.points, faces, problem.hand.values_at(solution.hand, grasp.points))
 
-    def _begun(self, contacts: StartContacts) -> dict[str, FloatArray]:
+    def _initial_values(self, contacts: StartContacts) -> dict[str, FloatArray]:
         """Return initial values by name for given contacts: normals, hand, normal forces and beta."""
         problem = self.problem
         normals = inward_normals(problem, contacts.points, contacts.faces)
@@ -408,7 +408,7 @@ class Formulation:
         hand = {**hand_from_contacts(problem, contacts.points, normals), **contacts.hand}
         return values | {hand_name(name): np.ravel(value) for name, value in hand.items()}
 
-    def _warm(self, before: FormulationResult, scales: _Scales) -> dict[str, FloatArray]:
+    def _warm_multipliers(self, before: FormulationResult, scales: _Scales) -> dict[str, FloatArray]:
         """Return the multipliers of an earlier result in solver units, zero where it has none."""
         rows, bounds = np.zeros(len(scales.constraints)), np.zeros(len(scales.variables))
         for name, where in self._row_places().items():

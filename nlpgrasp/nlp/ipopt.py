@@ -96,19 +96,19 @@ class CompiledProgram:
     def _linearised(self) -> Evaluator:
         return Evaluator(self._functions.jacobian)
 
-    def within(self, name: str, lower: FloatArray, upper: FloatArray) -> CompiledProgram:
+    def with_hand_bounds(self, name: str, lower: FloatArray, upper: FloatArray) -> CompiledProgram:
         """Return a copy with other bounds of one of the hand's variables, without recompilation.
 
         Arguments are those of ``Program.within``.
         """
         result = copy(self)
-        result.program = self.program.within(name, lower, upper)
+        result.program = self.program.with_hand_bounds(name, lower, upper)
         return result
 
-    def raised(self, more: FloatArray) -> CompiledProgram:
-        """Return a copy with other limits, without recompilation; see ``Program.raised``."""
+    def with_lower_limits(self, more: FloatArray) -> CompiledProgram:
+        """Return a copy with other limits, without recompilation; see ``Program.with_lower_limits``."""
         result = copy(self)
-        result.program = self.program.raised(more)
+        result.program = self.program.with_lower_limits(more)
         return result
 
     def with_options(self, ipopt: dict[str, Option]) -> CompiledProgram:

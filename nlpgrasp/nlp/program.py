@@ -121,7 +121,7 @@ class Program:
 
         Parameters
         ----------
-        row : Row
+        row : ScalarConstraint
             On the program's variables and the symbols ``own``; its part is followed by the index.
         own : dict
             Symbols (columns) by parameter name; the program gets ``count`` values of each.
@@ -278,7 +278,7 @@ class Program:
         """Lower and upper bounds of the variables, (n,) each, solver units."""
         return _stacked(self._bounds)
 
-    def near(self, z: FloatArray, radius: float) -> tuple[FloatArray, FloatArray]:
+    def trust_region_bounds(self, z: FloatArray, radius: float) -> tuple[FloatArray, FloatArray]:
         """Return trust-region bounds (n,) that keep contact positions within a radius of z, solver units."""
         lower, upper = self.bounds
         for block in self.blocks("position"):
@@ -286,7 +286,7 @@ class Program:
             upper[block.range] = np.minimum(upper[block.range], z[block.range] + radius)
         return lower, upper
 
-    def within(self, name: str, lower: FloatArray, upper: FloatArray) -> Program:
+    def with_hand_bounds(self, name: str, lower: FloatArray, upper: FloatArray) -> Program:
         """Return a copy with other bounds, (m,) each, of one of the hand's variables, in the hand's units."""
         block = self.block(HAND, name)
         result = copy(self)
@@ -294,7 +294,7 @@ class Program:
         result._bounds[self.variables.index(block)] = lower / block.scale, upper / block.scale
         return result
 
-    def raised(self, more: FloatArray) -> Program:
+    def with_lower_limits(self, more: FloatArray) -> Program:
         """Return a copy with raised lower limits of the constraints of problem and hand, (rows,), scaled."""
         low, high = self.limits
         result, low = copy(self), low.copy()
@@ -320,7 +320,7 @@ class ForceCopy:
         Of all variables, SI units.
     sizes : sequence of int
         Number of variables of each contact.
-    rows : list of (str, Row)
+    rows : list of (str, ScalarConstraint)
         Equation of the paper, and constraint on the program's variables, these, and the copy's parameters.
     """
 
@@ -365,26 +365,26 @@ class ConstraintSlots:
 
     def rows(self, z: ca.MX, theta: ca.MX) -> ca.MX:
         """Return the constraint values (m, 1), given all variables and parameters of the program."""
-        return ca.vec(self._mapped(self.function)(*self._own(z, theta)))
+        return ca.vec(self._mapped(self.function)(*self._parameters_of(z, theta)))
 
     def jacobian(self, z: ca.MX, theta: ca.MX) -> ca.MX:
         """Return the constraints' Jacobian (m, n) with respect to all variables."""
-        x, t, row = self._one
+        x, t, row = self._symbols
         gradient = ca.Function("slot_jac", [x, t], [ca.gradient(row, x)], {"cse": True})
-        found = self._mapped(gradient)(*self._own(z, theta))
+        found = self._mapped(gradient)(*self._parameters_of(z, theta))
         return ca.MX(self._sparsity(np.arange(self.count), self.count, z.shape[0]), ca.vec(found.T))
 
     def hessian(self, z: ca.MX, theta: ca.MX, lam: ca.MX) -> ca.MX:
         """Return the Hessian (n, n) of the constraints' sum weighted by ``lam`` (m,)."""
-        x, t, row = self._one
+        x, t, row = self._symbols
         weight = ca.SX.sym("weight")
         second = ca.densify(ca.hessian(weight * row, x)[0])
         function = ca.Function("slot_hess", [x, t, weight], [second], {"cse": True})
-        found = self._mapped(function, [0])(*self._own(z, theta), lam.T)
+        found = self._mapped(function, [0])(*self._parameters_of(z, theta), lam.T)
         return ca.MX(self._sparsity(self.variables, z.shape[0], z.shape[0]), ca.vec(found))
 
     @cached_property
-    def _one(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+    def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Symbols x and theta, and the constraint on them."""
         x, t = ca.SX.sym("x", len(self.variables)), ca.SX.sym("t", self.parameters.shape[0])
         return x, t, self.function(x, t)
@@ -393,7 +393,7 @@ class ConstraintSlots:
         """Map a function over the slots with shared x; outputs are stacked or summed."""
         return function.map(f"{function.name()}s", "serial", self.count, [0], summed or [], {})
 
-    def _own(self, z: ca.MX, theta: ca.MX) -> tuple[ca.MX, ca.MX]:
+    def _parameters_of(self, z: ca.MX, theta: ca.MX) -> tuple[ca.MX, ca.MX]:
         own = ca.reshape(theta[self.parameters.ravel(order="F").tolist()], *self.parameters.shape)
         return z[self.variables.tolist()], own
 

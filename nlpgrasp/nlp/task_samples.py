@@ -66,7 +66,7 @@ class TaskSamples:
         """
         if self._all is not None:
             return self._all
-        local = self._turned(rng)
+        local = self._rotated_directions(rng)
         if isinstance(self.task, TaskEllipsoid):
             return self.task.boundary(factor * local)
         found = self._farthest(local)
@@ -75,13 +75,13 @@ class TaskSamples:
 
     def directions(self, rng: np.random.Generator | None = None) -> FloatArray:
         """Return directions of wrench space (m, d), as many as wrenches."""
-        y = self._y(self._turned(rng))
+        y = self._y(self._rotated_directions(rng))
         return y[np.arange(self.count) % len(y)]
 
     def _farthest(self, local: FloatArray) -> FloatArray:
         return self.task.support(self._y(local))[1]
 
-    def _turned(self, rng: np.random.Generator | None) -> FloatArray:
+    def _rotated_directions(self, rng: np.random.Generator | None) -> FloatArray:
         """Return randomly rotated unit directions in the task's axes, (m, axes)."""
         n = int(self._used.sum())
         turn = np.eye(n) if rng is None else np.linalg.qr(rng.standard_normal((n, n)))[0]

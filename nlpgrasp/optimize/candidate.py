@@ -81,7 +81,7 @@ class SearchState:
 
     Parameters
     ----------
-    placed : Placed
+    candidate : GraspCandidate
         The best contacts, and hand, so far.
     value : float
         Their least support ratio found (an upper bound on mu).
@@ -94,7 +94,7 @@ class SearchState:
         ``value`` at first and after each step.
     """
 
-    placed: GraspCandidate
+    candidate: GraspCandidate
     value: float = 0.0
     cuts: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     multipliers: FloatArray = field(default_factory=lambda: np.zeros(0))

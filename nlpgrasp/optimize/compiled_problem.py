@@ -46,11 +46,11 @@ class CompiledProblem:
     ----------
     scaling : Scaling
         The programs' units.
-    rows : RowValues
+    rows : ConstraintValues
         Of constraints and hand.
     surface : SurfaceSamples
     hand_points : HandPoints
-    exchange : ExchangeProgram
+    exchange : CuttingPlaneProgram
     """
 
     def __init__(self, problem: GraspProblem, options: SolveOptions) -> None:
@@ -59,7 +59,7 @@ class CompiledProblem:
         self.rows = ConstraintValues(problem)
         self.surface = SurfaceSamples(problem)
         self.hand_points = HandPoints(problem)
-        self.exchange = CuttingPlaneProgram(problem, options)
+        self.cutting_planes = CuttingPlaneProgram(problem, options)
         self._first: dict[int, CompiledProgram] = {}  # by the number of samples
         self._shared: CompiledProblem | None = None
         self._by_faces: CuttingPlaneProgram | None = None
@@ -85,11 +85,11 @@ class CompiledProblem:
         The first program is the same for all tasks of which it looks at as many samples.
         """
         result = self._sharing(CompiledProblem(problem, self.options))
-        result.exchange, result._first = self.exchange, self._first
+        result.cutting_planes, result._first = self.cutting_planes, self._first
         return result
 
     @cached_property
-    def under_l2(self) -> CompiledProblem | None:
+    def with_l2_budget(self) -> CompiledProblem | None:
         """The compiled problem under the L2 budget, for a first refinement; None if it is L2 or follows the hand.
 
         Only the exchange's program is another one.
@@ -121,7 +121,7 @@ class CompiledProblem:
         problem = self.problem.unchecked(hand=self.hand_points.linked_hand.with_limits(limits))
         result = self._sharing(CompiledProblem(problem, self.options))
         result.hand_points = self.hand_points.of_limits(problem)
-        result.exchange = self.exchange.within("joints", limits)
+        result.cutting_planes = self.cutting_planes.with_hand_bounds("joints", limits)
         if problem.budget.follows_hand:
             result.virtual_work = self.virtual_work
         return result
@@ -135,7 +135,7 @@ class CompiledProblem:
         surface = result.surface
         result = self._sharing(result)
         result.surface = surface
-        self._by_faces = result.exchange = self._by_faces or result.exchange
+        self._by_faces = result.cutting_planes = self._by_faces or result.cutting_planes
         return result
 
     def with_clearance(self, more: FloatArray) -> CompiledProblem:
@@ -144,7 +144,7 @@ class CompiledProblem:
         On a mesh, whose smooth distance they go by, so far as that flatters.
         """
         result = self._sharing(CompiledProblem(self.problem, self.options))
-        result.exchange = self.exchange.raised(more / self.scaling.length)
+        result.cutting_planes = self.cutting_planes.with_lower_limits(more / self.scaling.length)
         return result
 
     def _sharing(self, other: CompiledProblem) -> CompiledProblem:
@@ -169,7 +169,7 @@ class CompiledProblem:
     @cached_property
     def virtual_work(self) -> VirtualWork:
         """Derivatives of supports under the hand's torque limits."""
-        return VirtualWork(self.exchange.compiled.program, self.problem)
+        return VirtualWork(self.cutting_planes.functions.program, self.problem)
 
     @cached_property
     def sample_tables(self) -> SampleTables:
@@ -192,84 +192,84 @@ class CompiledProblem:
         """Budget for ranking placements: the L2 budget where the problem's own needs each placement's frames."""
         return L2Budget() if self.problem.budget.depends_on_frames else self.problem.budget
 
-    def inward_normals(self, placed: GraspCandidate) -> FloatArray:
+    def inward_normals(self, candidate: GraspCandidate) -> FloatArray:
         """Return the unit normals of the solver's surface into the body, (k, space)."""
-        return inward_normals(self.problem, placed.points, placed.faces)
+        return inward_normals(self.problem, candidate.points, candidate.faces)
 
-    def snapped(self, placed: GraspCandidate) -> GraspCandidate:
+    def snapped(self, candidate: GraspCandidate) -> GraspCandidate:
         """Return the candidate with its contacts projected onto their faces to rounding."""
-        points, names = placed.points.copy(), np.array(placed.faces)
-        for face in set(placed.faces):
+        points, names = candidate.points.copy(), np.array(candidate.faces)
+        for face in set(candidate.faces):
             points[names == face] = self.problem.body.snap(face, points[names == face])
-        return GraspCandidate(placed.faces, points, placed.hand)
+        return GraspCandidate(candidate.faces, points, candidate.hand)
 
-    def grasp(self, placed: GraspCandidate) -> Grasp:
+    def grasp(self, candidate: GraspCandidate) -> Grasp:
         """Return the grasp, with normals of the solver's surface."""
-        return self.grasp_at(placed.points, self.inward_normals(placed))
+        return self.grasp_at(candidate.points, self.inward_normals(candidate))
 
     def grasp_at(self, points: FloatArray, normals: FloatArray) -> Grasp:
         """Return the grasp of the problem's contacts at points with inward normals, (k, space) each."""
         return Grasp(points, normals, self.problem.models, self.problem.origin)
 
-    def budget(self, placed: GraspCandidate) -> ForceBudget:
+    def budget(self, candidate: GraspCandidate) -> ForceBudget:
         """Return the force budget at a candidate's contacts and posture."""
-        return budget_at(self.problem, placed)
+        return budget_at(self.problem, candidate)
 
-    def wrench_set(self, placed: GraspCandidate) -> WrenchSet:
+    def wrench_set(self, candidate: GraspCandidate) -> WrenchSet:
         """Return the grasp wrench set of a candidate."""
-        return WrenchSet.of(self.grasp(placed), self.budget(placed))
+        return WrenchSet.of(self.grasp(candidate), self.budget(candidate))
 
-    def violation(self, placed: GraspCandidate) -> float:
+    def violation(self, candidate: GraspCandidate) -> float:
         """Return the largest violation of the constraints, relative to their scales; inf off the body."""
-        if not np.all(np.isfinite(placed.points)):
+        if not np.all(np.isfinite(candidate.points)):
             return np.inf
-        normals = self.inward_normals(placed)
+        normals = self.inward_normals(candidate)
         if not np.all(np.isfinite(normals)):
             return np.inf
-        return float(self.rows.violations(placed.points[None], normals[None], placed.repeated_hand(1))[0])
+        return float(self.rows.violations(candidate.points[None], normals[None], candidate.repeated_hand(1))[0])
 
-    def row_values(self, placed: GraspCandidate, normals: FloatArray) -> FloatArray:
+    def row_values(self, candidate: GraspCandidate, normals: FloatArray) -> FloatArray:
         """Return the values of the constraints with these inward normals (k, space), (rows,) in their own units.
 
         Distances of links from a mesh are to the mesh itself.
         """
-        values: FloatArray = self.rows.values(placed.points[None], normals[None], placed.repeated_hand(1))[0]
+        values: FloatArray = self.rows.values(candidate.points[None], normals[None], candidate.repeated_hand(1))[0]
         body = self.problem.body
         if isinstance(body, Mesh) and len(self.rows.clearances):
-            values[self.rows.clearances] = self.hand_points.mesh_clearances(body, placed.hand)
+            values[self.rows.clearances] = self.hand_points.mesh_clearances(body, candidate.hand)
         return values
 
 
-def pack_variables(bench: CompiledProblem, program: Program, placed: GraspCandidate) -> FloatArray:
+def pack_variables(compiled: CompiledProblem, program: Program, candidate: GraspCandidate) -> FloatArray:
     """Return a vector (n,) of starting values with contacts, normals, the hand and pressing forces filled in."""
-    normals = bench.inward_normals(placed)
+    normals = compiled.inward_normals(candidate)
     z = np.zeros(program.variables[-1].stop)
-    set_contacts(bench, program, z, placed.points, normals)
-    forces = pressing_forces(bench.problem, normals)
+    set_contacts(compiled, program, z, candidate.points, normals)
+    forces = pressing_forces(compiled.problem, normals)
     for name, b in program.hand_blocks:
-        z[b.range] = np.ravel(placed.hand[name]) / b.scale
+        z[b.range] = np.ravel(candidate.hand[name]) / b.scale
     for b in program.blocks("forces"):
         z[b.range] = forces
     return z
 
 
 def set_contacts(
-    bench: CompiledProblem, program: Program, z: FloatArray, points: FloatArray, normals: FloatArray
+    compiled: CompiledProblem, program: Program, z: FloatArray, points: FloatArray, normals: FloatArray
 ) -> None:
     """Set the contacts among a program's variables, in place: points in metres and inward normals."""
-    for i, p in enumerate(bench.scaling.position(points)):
+    for i, p in enumerate(compiled.scaling.position(points)):
         z[program.block("position", i).range] = p
         z[program.block("normal", i).range] = normals[i]
 
 
-def candidate_of(bench: CompiledProblem, program: Program, faces: tuple[str, ...], z: FloatArray) -> GraspCandidate:
+def candidate_of(compiled: CompiledProblem, program: Program, faces: tuple[str, ...], z: FloatArray) -> GraspCandidate:
     """Return the candidate stated by a program's variables, its contacts projected exactly onto their faces."""
-    return bench.snapped(GraspCandidate(faces, contact_points(bench, program, z), hand_of(program, z)))
+    return compiled.snapped(GraspCandidate(faces, contact_points(compiled, program, z), hand_of(program, z)))
 
 
-def contact_points(bench: CompiledProblem, program: Program, z: FloatArray) -> FloatArray:
+def contact_points(compiled: CompiledProblem, program: Program, z: FloatArray) -> FloatArray:
     """Return the contact positions of a program's variables, metres, (k, space)."""
-    return bench.scaling.metres(np.stack([z[b.range] for b in program.blocks("position")]))
+    return compiled.scaling.metres(np.stack([z[b.range] for b in program.blocks("position")]))
 
 
 def hand_of(program: Program, z: FloatArray) -> Values:

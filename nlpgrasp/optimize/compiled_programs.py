@@ -65,10 +65,10 @@ def closure_budget(problem: GraspProblem) -> ForceBudget:
     return L2Budget() if problem.budget.follows_hand else problem.budget
 
 
-def budget_at(problem: GraspProblem, placed: GraspCandidate) -> ForceBudget:
+def budget_at(problem: GraspProblem, candidate: GraspCandidate) -> ForceBudget:
     """Return the force budget at a candidate's contacts and posture."""
     hand = problem.hand if isinstance(problem.hand, PosedHand) else None
-    return problem.budget.posed(hand, placed.hand, placed.points)
+    return problem.budget.posed(hand, candidate.hand, candidate.points)
 
 
 def compile_initial_nlp(problem: GraspProblem, options: SolveOptions, samples: int) -> CompiledProgram:
@@ -96,10 +96,10 @@ class CuttingPlaneProgram:
     @cached_property
     def linearises(self) -> bool:
         """Whether steps solve the program's linearisation: where finger forces are not among its variables."""
-        return self.closed or has_pieces(self._problem) or self._problem.budget.follows_hand
+        return self.has_closed_form or has_pieces(self._problem) or self._problem.budget.follows_hand
 
     @cached_property
-    def closed(self) -> bool:
+    def has_closed_form(self) -> bool:
         """Whether the support has a smooth closed form."""
         return has_closed_form(self._problem)
 
@@ -109,7 +109,7 @@ class CuttingPlaneProgram:
         return SLOTS if self.linearises else SLOTS_WITH_FORCES
 
     @cached_property
-    def compiled(self) -> CompiledProgram:
+    def functions(self) -> CompiledProgram:
         """The program with its solver, compiled."""
         slots = 0 if self._problem.budget.follows_hand else self.slots
         program = optimal_grasp_program(self._problem, SUPPORT, slots, eliminated=True, pieces=self.linearises)
@@ -119,7 +119,7 @@ class CuttingPlaneProgram:
     def confirming(self) -> CompiledProgram:
         """The program for a point that is a local optimum already: without second derivatives, quick to build."""
         first: Ipopt = CLOSING | {"hessian_approximation": "limited-memory", "max_iter": CONFIRMING_ITERATIONS}
-        return self.compiled.with_options(first | dict(self._options.ipopt))
+        return self.functions.with_options(first | dict(self._options.ipopt))
 
     @cached_property
     def closing(self) -> CompiledProgram:
@@ -128,27 +128,27 @@ class CuttingPlaneProgram:
         Where forces are variables there are no multipliers to begin with, nor forces.
         """
         last: Ipopt = CLOSING if self.linearises else {"tol": CLOSING["tol"], "bound_relax_factor": 0.0}
-        return self.compiled.with_options(last | dict(self._options.ipopt))
+        return self.functions.with_options(last | dict(self._options.ipopt))
 
-    def within(self, name: str, bounds: FloatArray) -> CuttingPlaneProgram:
+    def with_hand_bounds(self, name: str, bounds: FloatArray) -> CuttingPlaneProgram:
         """Return the program with other bounds (2, m) of one of the hand's variables, without recompiling."""
-        return self._of(self.compiled.within(name, bounds[0], bounds[1]))
+        return self._of(self.functions.with_hand_bounds(name, bounds[0], bounds[1]))
 
-    def raised(self, more: FloatArray) -> CuttingPlaneProgram:
-        """Return the program with higher lower limits of constraints, without recompiling: see ``Program.raised``."""
-        return self._of(self.compiled.raised(more))
+    def with_lower_limits(self, more: FloatArray) -> CuttingPlaneProgram:
+        """Return the program with higher lower limits, without recompiling: see ``Program.with_lower_limits``."""
+        return self._of(self.functions.with_lower_limits(more))
 
-    def _of(self, compiled: CompiledProgram) -> CuttingPlaneProgram:
+    def _of(self, functions: CompiledProgram) -> CuttingPlaneProgram:
         """Return the same for a program that differs in its limits alone."""
         result = copy(self)
-        result.compiled = compiled
+        result.functions = functions
         for name in ("confirming", "closing"):
             result.__dict__.pop(name, None)
         return result
 
     def pieces(self, grasp: Grasp, y: FloatArray) -> FloatArray | None:
         """Return the supports of single contacts along directions, (m, k), where the program is made of them."""
-        if self.closed or not has_pieces(self._problem):
+        if self.has_closed_form or not has_pieces(self._problem):
             return None
         return contact_supports(y @ grasp.G, grasp.contacts, self._problem.body.space)[0]
 

@@ -52,13 +52,13 @@ APART = 0.05  # over the body's size: congruent placements differ by less in all
 
 
 def exchanged_candidates(
-    bench: CompiledProblem, rng: np.random.Generator, known: Sequence[FloatArray] = (), count: int = PROPOSED
+    compiled: CompiledProblem, rng: np.random.Generator, known: Sequence[FloatArray] = (), count: int = PROPOSED
 ) -> list[GraspCandidate]:
     """Return the best few candidates of a coordinate exchange from random tuples of samples, best first.
 
     Parameters
     ----------
-    bench : Workbench
+    compiled : CompiledProblem
         Of a problem whose hand, if any, follows its contacts.
     rng : numpy.random.Generator
     known : sequence of (k, space) array
@@ -66,22 +66,22 @@ def exchanged_candidates(
     count : int
         Candidates at most.
     """
-    tables = bench.sample_tables
-    search = CoordinateExchange(bench, tables, rng, max(KEPT, count // 2))
+    tables = compiled.sample_tables
+    search = CoordinateExchange(compiled, tables, rng, max(KEPT, count // 2))
     tuples = search.search(SHAKES + count // PROPOSED - 1, tables.nearest(known))
     met = search.best(np.concatenate([tuples, *search.met]), MOST_MET)
-    jaws = isinstance(bench.problem.hand, ParallelJaw)
+    jaws = isinstance(compiled.problem.hand, ParallelJaw)
     if jaws:
         tuples = np.concatenate([met[:BEST_MET], met[BEST_MET :: max(1, len(met) // BEST_MET)]])
     else:
-        tuples = met[select_incongruent(bench, tables.places(met)[0])[: MET * count]]
-    found = [search.placed(one) for one in tuples]
+        tuples = met[select_incongruent(compiled, tables.places(met)[0])[: MET * count]]
+    found = [search.candidate(one) for one in tuples]
     if tables.coupled:
-        repaired = [one for one in (_repair(bench, placed) for placed in found) if one is not None]
-        found = _rank(bench, repaired) if repaired else found
+        repaired = [one for one in (_repair(compiled, candidate) for candidate in found) if one is not None]
+        found = _rank(compiled, repaired) if repaired else found
     if jaws:
-        found.sort(key=lambda placed: not bench.hand_points.has_free_way(placed.points))
-    return distinct(bench, found, count)
+        found.sort(key=lambda candidate: not compiled.hand_points.has_free_way(candidate.points))
+    return distinct(compiled, found, count)
 
 
 class CoordinateExchange:
@@ -89,7 +89,7 @@ class CoordinateExchange:
 
     Parameters
     ----------
-    bench : Workbench
+    compiled : CompiledProblem
     tables : SampleTables
         Of the samples that contacts are at.
     rng : numpy.random.Generator
@@ -107,9 +107,9 @@ class CoordinateExchange:
     """
 
     def __init__(
-        self, bench: CompiledProblem, tables: SampleTables, rng: np.random.Generator, kept: int = KEPT
+        self, compiled: CompiledProblem, tables: SampleTables, rng: np.random.Generator, kept: int = KEPT
     ) -> None:
-        self._bench, self._rng, self._tables, self._kept = bench, rng, tables, kept
+        self._bench, self._rng, self._tables, self._kept = compiled, rng, tables, kept
         self.directions, self.powers = self._tables.directions, list(self._tables.powers)
         self.met: list[IntArray] = []
         self._certified: set[tuple[tuple[int, int], ...]] = set()  # whose values descents did not flatter
@@ -120,20 +120,20 @@ class CoordinateExchange:
         Half of the random ones are the best of many. Exchanges by the mean along weak directions lead far, but past
         good tuples: every other round they go by the least support alone, and tuples before exchanges stay.
         """
-        begun = self.drawn() if known is None else np.concatenate([self.drawn(), known])
-        best = self.kept(begun, self.exchanged(begun), self.exchanged(begun, LAST_TIE))
-        best = self.kept(best, self.exchanged(best))
+        begun = self.draw() if known is None else np.concatenate([self.draw(), known])
+        best = self.select_best(begun, self.exchange(begun), self.exchange(begun, LAST_TIE))
+        best = self.select_best(best, self.exchange(best))
         for number in range(shakes):
-            best = self.kept(best, self.exchanged(self.shaken(best), LAST_TIE if number % 2 else TIE))
-        return self.kept(best, self.exchanged(best, LAST_TIE))
+            best = self.select_best(best, self.exchange(self.perturb(best), LAST_TIE if number % 2 else TIE))
+        return self.select_best(best, self.exchange(best, LAST_TIE))
 
-    def drawn(self) -> IntArray:
+    def draw(self) -> IntArray:
         """Return random tuples, (b, k); half of them are the best of ``DRAWN``."""
         many = self._tables.random(DRAWN, self._rng)
         chosen = self.best(many, self._kept)
         return np.concatenate([chosen, many[: 2 * self._kept - len(chosen)]])
 
-    def shaken(self, tuples: IntArray) -> IntArray:
+    def perturb(self, tuples: IntArray) -> IntArray:
         """Return tuples with one or two contacts at random samples, as many as are kept, the best tuples most often."""
         result = np.resize(tuples, (self._kept, tuples.shape[1]))
         for number, (row, drawn) in enumerate(zip(result, self._tables.random(self._kept, self._rng), strict=True)):
@@ -141,11 +141,11 @@ class CoordinateExchange:
             row[moved] = drawn[moved]
         return result
 
-    def kept(self, *tuples: IntArray) -> IntArray:
+    def select_best(self, *tuples: IntArray) -> IntArray:
         """Return the best of several sets of tuples (b, k), best first, after adding their weakest directions."""
         self.met += tuples
         best = self.best(np.concatenate(tuples), 4 * self._kept)
-        self.learn_from(best[: 2 * self._kept])
+        self.add_weakest_directions(best[: 2 * self._kept])
         best = self.best(best, len(best))
         first = select_incongruent(self._bench, self._tables.places(best)[0])
         rest = [b for b in range(len(best)) if b not in first]
@@ -170,7 +170,7 @@ class CoordinateExchange:
         order = np.argsort(-self.values(tuples), kind="stable")
         return np.array(list({self._key(t): t for t in tuples[order[::-1]]}.values())[::-1][:count])
 
-    def exchanged(self, tuples: IntArray, tie: float = TIE, within: Sequence[Sequence[IntArray]] = ()) -> IntArray:
+    def exchange(self, tuples: IntArray, tie: float = TIE, within: Sequence[Sequence[IntArray]] = ()) -> IntArray:
         """Return tuples (b, k) after coordinate exchange: one contact at a time moves to its best sample.
 
         Where it is given, ``within[b][i]`` are the samples that contact i of tuple b may be at.
@@ -185,7 +185,8 @@ class CoordinateExchange:
             outside = violation > REPAIRABLE
             each = [(b, within[b][i] if within else None) for b in going.tolist()]
             shortlists = [
-                self._shortlist(own[:, b], i, int(tuples[b, i]), bool(outside[b]), tie, some) for b, some in each
+                self._promising_samples(own[:, b], i, int(tuples[b, i]), bool(outside[b]), tie, some)
+                for b, some in each
             ]
             trials = np.repeat(tuples[going], [len(samples) for samples, _ in shortlists], axis=0)
             trials[:, i] = np.concatenate([samples for samples, _ in shortlists])
@@ -202,7 +203,7 @@ class CoordinateExchange:
                     own[:, b, i] = self.powers[self._tables.of_contact[i]][:, samples[chosen]]
         return tuples
 
-    def learn_from(self, tuples: IntArray) -> None:
+    def add_weakest_directions(self, tuples: IntArray) -> None:
         """Add the directions in which tuples (b, k) are weakest, found by descents."""
         ratios = self._tables.combine.reduce(self._powers_of(tuples), axis=2)
         count = min(DESCENTS, len(ratios) - 1)
@@ -210,7 +211,7 @@ class CoordinateExchange:
         stack = GraspStack(*self._tables.places(tuples), self._bench.problem.models, self._bench.problem.origin)
         found, values = minimise_locally(stack, self._bench.problem.task, begun, self._tables.budget, STEPS)
         weakest = np.argsort(values, axis=1, kind="stable")[:, :LEARNED]
-        self.learn(np.take_along_axis(found, weakest[:, :, None], axis=1).reshape(-1, found.shape[2]))
+        self.add_directions(np.take_along_axis(found, weakest[:, :, None], axis=1).reshape(-1, found.shape[2]))
 
     def certified(self, tuples: IntArray) -> IntArray:
         """Return tuples (b, k), best first, re-ranked with weak directions from loose certificates of the best tuple.
@@ -231,11 +232,11 @@ class CoordinateExchange:
             if weaker is None:
                 self._certified.add(self._key(tuples[0]))
                 break
-            self.learn(weaker.directions[:SHOWN])
-            tuples = self.best(np.concatenate([tuples, self.exchanged(tuples, LAST_TIE)]), self._kept)
+            self.add_directions(weaker.directions[:SHOWN])
+            tuples = self.best(np.concatenate([tuples, self.exchange(tuples, LAST_TIE)]), self._kept)
         return tuples
 
-    def learn(self, y: FloatArray) -> None:
+    def add_directions(self, y: FloatArray) -> None:
         """Add directions (j, d), scaled to ``phi_A = 1``."""
         reach = self._bench.problem.task.support(y)[0]
         y = y[reach > 0.0] / reach[reach > 0.0, None]
@@ -245,7 +246,7 @@ class CoordinateExchange:
             for old, table in zip(self.powers, self._tables.distinct, strict=True)
         ]
 
-    def placed(self, one: IntArray) -> GraspCandidate:
+    def candidate(self, one: IntArray) -> GraspCandidate:
         """Return a tuple (k,) of samples as a candidate with its hand."""
         points, normals = self._tables.places(one[None])
         hand = self._bench.hand_points.start(points, normals)
@@ -261,7 +262,7 @@ class CoordinateExchange:
         each = zip(self._tables.of_contact, tuples.T, strict=True)
         return np.stack([self.powers[table][:, samples] for table, samples in each], axis=2)
 
-    def _shortlist(
+    def _promising_samples(
         self, own: FloatArray, i: int, current: int, outside: bool, tie: float, among: IntArray | None = None
     ) -> tuple[IntArray, FloatArray]:
         """Return promising samples of contact i beside the others of a tuple (j, k), the current one last, and scores.
@@ -284,24 +285,24 @@ class CoordinateExchange:
 
 
 def exchange_nearby(
-    bench: CompiledProblem, placed: GraspCandidate, grasp: Grasp, cuts: FloatArray
+    compiled: CompiledProblem, candidate: GraspCandidate, grasp: Grasp, cuts: FloatArray
 ) -> GraspCandidate | None:
     """Return contacts on a mesh improved by coordinate exchange over dense samples nearby; None where none are better.
 
     Parameters
     ----------
-    bench : Workbench
+    compiled : CompiledProblem
         Of a problem with a mesh, whose hand, if any, follows its contacts.
-    placed : Placed
+    candidate : GraspCandidate
     grasp : Grasp
         Of the same contacts.
     cuts : (m, d) array
         Directions that the grasp is weak in, each with ``phi_A = 1``.
     """
-    rng, whole = np.random.default_rng(0), bench.surface.mesh_cloud
+    rng, whole = np.random.default_rng(0), compiled.surface.mesh_cloud
     clouds = []
-    for face, point, normal in zip(placed.faces, grasp.points, grasp.normals, strict=True):
-        near = np.array(sorted(whole.tree.query_ball_point(point, AROUND * bench.scaling.length)), dtype=np.intp)
+    for face, point, normal in zip(candidate.faces, grasp.points, grasp.normals, strict=True):
+        near = np.array(sorted(whole.tree.query_ball_point(point, AROUND * compiled.scaling.length)), dtype=np.intp)
         if len(near) > MOST_AROUND:
             near = np.sort(rng.choice(near, MOST_AROUND, replace=False))
         points, normals = (
@@ -310,48 +311,48 @@ def exchange_nearby(
         faces = np.full(len(points), whole.faces[0], dtype=object)
         faces[0] = face
         clouds.append(SampleCloud(faces, points, normals, cKDTree(points)))
-    directions = np.concatenate([cuts, bench.sample_tables.directions])
-    tables = SampleTables(bench.problem, clouds, bench.rows, bench.hand_points, directions)
-    search = CoordinateExchange(bench, tables, rng)
+    directions = np.concatenate([cuts, compiled.sample_tables.directions])
+    tables = SampleTables(compiled.problem, clouds, compiled.rows, compiled.hand_points, directions)
+    search = CoordinateExchange(compiled, tables, rng)
     here = np.zeros((1, len(clouds)), dtype=np.intp)
     if search.values(here)[0] <= 0.0:
         return None
-    best = search.kept(here, search.exchanged(here))[0]
-    return search.placed(best) if best.any() else None
+    best = search.select_best(here, search.exchange(here))[0]
+    return search.candidate(best) if best.any() else None
 
 
-def distinct(bench: CompiledProblem, found: Sequence[GraspCandidate], count: int = PROPOSED) -> list[GraspCandidate]:
+def distinct(compiled: CompiledProblem, found: Sequence[GraspCandidate], count: int = PROPOSED) -> list[GraspCandidate]:
     """Return the first few candidates that are not congruent to an earlier one.
 
     They are compared by the distances between contacts, and from the torque origin.
     """
-    chosen = select_incongruent(bench, np.stack([placed.points for placed in found]))
+    chosen = select_incongruent(compiled, np.stack([candidate.points for candidate in found]))
     return [found[b] for b in chosen[:count]]
 
 
-def select_incongruent(bench: CompiledProblem, points: FloatArray) -> list[int]:
+def select_incongruent(compiled: CompiledProblem, points: FloatArray) -> list[int]:
     """Return the indices of placements (b, k, space) that are not congruent to an earlier one."""
-    points = points - bench.problem.origin
+    points = points - compiled.problem.origin
     across = np.linalg.norm(points[:, :, None] - points[:, None], axis=3).reshape(len(points), -1)
     shapes = np.concatenate([np.sort(across, axis=1), np.sort(np.linalg.norm(points, axis=2), axis=1)], axis=1)
     chosen: list[int] = []
     for b, shape in enumerate(shapes):
         near = np.max(np.abs(shapes[chosen] - shape), axis=1, initial=0.0)
-        if not np.any(near < APART * bench.scaling.length):
+        if not np.any(near < APART * compiled.scaling.length):
             chosen.append(b)
     return chosen
 
 
-def sampled_quality(bench: CompiledProblem, points: FloatArray, normals: FloatArray) -> FloatArray:
+def sampled_quality(compiled: CompiledProblem, points: FloatArray, normals: FloatArray) -> FloatArray:
     """Return the sampled quality of placements (b, k, space), (b,)."""
-    stack = GraspStack(points, normals, bench.problem.models, bench.problem.origin)
-    ratios = sampled_ratios(stack, bench.problem.task, screening_directions(bench), bench.screening_budget)
-    return screening_score(ratios) * bench.scaling.beta
+    stack = GraspStack(points, normals, compiled.problem.models, compiled.problem.origin)
+    ratios = sampled_ratios(stack, compiled.problem.task, screening_directions(compiled), compiled.screening_budget)
+    return screening_score(ratios) * compiled.scaling.beta
 
 
-def screening_directions(bench: CompiledProblem) -> FloatArray:
+def screening_directions(compiled: CompiledProblem) -> FloatArray:
     """Return well-spread directions in wrench space, isotropic in the solver's units, (m, d)."""
-    return directions(bench.problem.dimension, 2) * bench.scaling.wrench
+    return directions(compiled.problem.dimension, 2) * compiled.scaling.wrench
 
 
 @dataclass(frozen=True)
@@ -370,9 +371,9 @@ class RandomContacts:
     faces: NDArray[np.object_]
 
 
-def draw_contacts(bench: CompiledProblem, count: int, rng: np.random.Generator) -> RandomContacts:
+def draw_contacts(compiled: CompiledProblem, count: int, rng: np.random.Generator) -> RandomContacts:
     """Return random placements over the samples of the faces that each contact may use."""
-    clouds = [bench.surface.cloud(i) for i in range(len(bench.problem.models))]
+    clouds = [compiled.surface.cloud(i) for i in range(len(compiled.problem.models))]
     each = [(cloud, rng.integers(len(cloud.points), size=count)) for cloud in clouds]
     return RandomContacts(
         np.stack([cloud.points[where] for cloud, where in each], axis=1),
@@ -381,21 +382,24 @@ def draw_contacts(bench: CompiledProblem, count: int, rng: np.random.Generator) 
     )
 
 
-def _repair(bench: CompiledProblem, placed: GraspCandidate) -> tuple[GraspCandidate, FloatArray] | None:
+def _repair(compiled: CompiledProblem, candidate: GraspCandidate) -> tuple[GraspCandidate, FloatArray] | None:
     """Return a candidate projected onto constraints that it violates slightly, and its inward normals (k, space).
 
     None where it does not get there.
     """
-    own, there = fix_to_triangles(bench, placed)
+    own, there = fix_to_triangles(compiled, candidate)
     if own.violation(there) > FEASIBLE:
         moved, left = project_onto_constraints(own, there)
         there = own.snapped(moved)
         if left > TOUCHING or own.violation(there) > FEASIBLE:
             return None
-    return GraspCandidate(placed.faces, there.points, there.hand), own.inward_normals(there)
+    return GraspCandidate(candidate.faces, there.points, there.hand), own.inward_normals(there)
 
 
-def _rank(bench: CompiledProblem, found: Sequence[tuple[GraspCandidate, FloatArray]]) -> list[GraspCandidate]:
+def _rank(compiled: CompiledProblem, found: Sequence[tuple[GraspCandidate, FloatArray]]) -> list[GraspCandidate]:
     """Return candidates, given with their inward normals, by decreasing sampled quality."""
-    points, normals = np.stack([placed.points for placed, _ in found]), np.stack([normals for _, normals in found])
-    return [found[b][0] for b in np.argsort(-sampled_quality(bench, points, normals), kind="stable")]
+    points, normals = (
+        np.stack([candidate.points for candidate, _ in found]),
+        np.stack([normals for _, normals in found]),
+    )
+    return [found[b][0] for b in np.argsort(-sampled_quality(compiled, points, normals), kind="stable")]

@@ -68,14 +68,14 @@ class GraspCollection:
 
     Parameters
     ----------
-    runner : Runner
-    keeping : Keeping
-    stop : Stop
+    runner : StartRunner
+    keeping : KeepOptions
+    deadline : Deadline
     """
 
-    def __init__(self, runner: StartRunner, keeping: KeepOptions, stop: Deadline) -> None:
-        self._runner, self._stop = runner, stop
-        self._kept = DistinctGrasps(GraspEquivalence(runner.bench, keeping.distinct), keeping.count)
+    def __init__(self, runner: StartRunner, keeping: KeepOptions, deadline: Deadline) -> None:
+        self._runner, self._stop = runner, deadline
+        self._kept = DistinctGrasps(GraspEquivalence(runner.compiled, keeping.distinct), keeping.count)
         self._ends: Callable[[], list[FoundGrasp]] = list
         self._filled: list[FoundGrasp] = []
         self._least = 0.0
@@ -84,17 +84,17 @@ class GraspCollection:
 
     def begin(self, best: StartGrasp, results: Sequence[StartResult]) -> None:
         """Begin to process the grasps beside the answer, given the results of all starts."""
-        kept, runner, stop = self._kept, self._runner, self._stop
+        kept, runner, deadline = self._kept, self._runner, self._stop
         kept.offer(best)
         ended = [r for r in results if isinstance(r, StartGrasp) and r.record.has_grasp]
         solved = [r for r in ended if r.record.index != best.record.index]
         solved.sort(key=lambda r: (not r.solved, -r.record.mu.lower, r.record.index))
         for start in solved:
             kept.offer(start)
-        self._ends = runner.begin(partial(_finish, stop=stop), kept.grasps[1:])
+        self._ends = runner.begin(partial(_finish, deadline=deadline), kept.grasps[1:])
         self._least = HALF * max(r.record.mu.lower for r in (best, *solved[:1]))
-        full = kept.missing <= 0 or not runner.bench.follows_contacts or stop.requested()
-        self._waiting = iter(()) if full else _met(runner, kept, stop)
+        full = kept.missing <= 0 or not runner.compiled.follows_contacts or deadline.is_requested()
+        self._waiting = iter(()) if full else _met(runner, kept, deadline)
         self._begun = self._next()
 
     def grasps(self) -> tuple[FoundGrasp, ...]:
@@ -118,16 +118,18 @@ class GraspCollection:
 
     def _next(self) -> Callable[[], list[_Filled | None]] | None:
         """Begin to certify and finish about as many as are missing; None without candidates or time."""
-        if self._kept.missing <= 0 or self._stop.requested():
+        if self._kept.missing <= 0 or self._stop.is_requested():
             return None
         batch: list[GraspCandidate] = []
-        for placed in self._waiting:
-            if not self._kept.has(placed) and not self._kept.alike(placed, batch):
-                batch.append(placed)
+        for candidate in self._waiting:
+            if not self._kept.has(candidate) and not self._kept.alike(candidate, batch):
+                batch.append(candidate)
             if len(batch) >= SHORT * self._kept.missing:
                 break
         return (
-            self._runner.begin(partial(_finish_unrefined, least=self._least, stop=self._stop), batch) if batch else None
+            self._runner.begin(partial(_finish_unrefined, least=self._least, deadline=self._stop), batch)
+            if batch
+            else None
         )
 
 
@@ -143,23 +145,23 @@ class DistinctGrasps:
         """Number of grasps that can still be added."""
         return self._most - len(self.grasps)
 
-    def has(self, placed: GraspCandidate) -> bool:
+    def has(self, candidate: GraspCandidate) -> bool:
         """Return whether a placement is equivalent to one in the set."""
-        return any(self._likeness.alike(placed, other.found.placed) for other in self.grasps)
+        return any(self._likeness.alike(candidate, other.found.candidate) for other in self.grasps)
 
-    def alike(self, placed: GraspCandidate, others: Sequence[GraspCandidate]) -> bool:
+    def alike(self, candidate: GraspCandidate, others: Sequence[GraspCandidate]) -> bool:
         """Return whether a placement is equivalent to one of some others."""
-        return any(self._likeness.alike(placed, other) for other in others)
+        return any(self._likeness.alike(candidate, other) for other in others)
 
     def offer(self, start: StartGrasp) -> bool:
         """Add a grasp if the set is not full and has no equivalent one; return whether it was added."""
-        taken = self.missing > 0 and not self.has(start.found.placed)
+        taken = self.missing > 0 and not self.has(start.found.candidate)
         if taken:
             self.grasps.append(start)
         return taken
 
 
-def neighbouring_grasps(bench: CompiledProblem, known: Sequence[GraspCandidate], count: int) -> list[GraspCandidate]:
+def neighbouring_grasps(compiled: CompiledProblem, known: Sequence[GraspCandidate], count: int) -> list[GraspCandidate]:
     """Return up to ``count`` grasps that differ from a known one in one contact, the best first.
 
     They keep the constraints, and exert the task as far as an upper bound on their mu tells. For problems whose hand,
@@ -167,36 +169,36 @@ def neighbouring_grasps(bench: CompiledProblem, known: Sequence[GraspCandidate],
 
     Parameters
     ----------
-    bench : Workbench
-    known : sequence of Placed
+    compiled : CompiledProblem
+    known : sequence of GraspCandidate
         The best first.
     count : int
     """
-    drawn = [_relocate_contacts(bench, placed) for placed in known[:KNOWN]]
+    drawn = [_relocate_contacts(compiled, candidate) for candidate in known[:KNOWN]]
     points = np.concatenate([moved.points for moved in drawn])
     normals = np.concatenate([moved.normals for moved in drawn])
     faces = np.concatenate([moved.faces for moved in drawn])
-    hand = bench.hand_points.start(points, normals)
-    allowed = np.flatnonzero(bench.rows.violations(points, normals, hand) <= FEASIBLE)
+    hand = compiled.hand_points.start(points, normals)
+    allowed = np.flatnonzero(compiled.rows.violations(points, normals, hand) <= FEASIBLE)
     if not len(allowed):
         return []
-    worth = sampled_quality(bench, points[allowed], normals[allowed])
+    worth = sampled_quality(compiled, points[allowed], normals[allowed])
     best = allowed[np.argsort(-worth, kind="stable")[: SCREENED * count]]
-    stack = GraspStack(points[best], normals[best], bench.problem.models, bench.problem.origin)
-    bound = screen(stack, bench.problem.task, force_budget=bench.screening_budget)
+    stack = GraspStack(points[best], normals[best], compiled.problem.models, compiled.problem.origin)
+    bound = screen(stack, compiled.problem.task, force_budget=compiled.screening_budget)
     order = [int(i) for i in np.argsort(-bound, kind="stable") if bound[i] > 0.0]
     chosen = best[order[:count]]
     return [GraspCandidate(tuple(faces[i]), points[i], {name: v[i] for name, v in hand.items()}) for i in chosen]
 
 
-def _relocate_contacts(bench: CompiledProblem, placed: GraspCandidate) -> RandomContacts:
+def _relocate_contacts(compiled: CompiledProblem, candidate: GraspCandidate) -> RandomContacts:
     """Return a grasp with each contact in turn at points spread over the faces that it may use."""
-    k, count = len(placed.faces), PLACES * len(placed.faces)
-    points, normals = (np.stack([a] * count) for a in (placed.points, bench.inward_normals(placed)))
+    k, count = len(candidate.faces), PLACES * len(candidate.faces)
+    points, normals = (np.stack([a] * count) for a in (candidate.points, compiled.inward_normals(candidate)))
     faces = np.empty((count, k), dtype=object)
-    faces[:] = placed.faces
+    faces[:] = candidate.faces
     for i in range(k):
-        cloud, rows = bench.surface.cloud(i), slice(i * PLACES, (i + 1) * PLACES)
+        cloud, rows = compiled.surface.cloud(i), slice(i * PLACES, (i + 1) * PLACES)
         where = np.linspace(0, len(cloud.points) - 1, PLACES).astype(int)
         points[rows, i], normals[rows, i], faces[rows, i] = (
             cloud.points[where],
@@ -206,42 +208,44 @@ def _relocate_contacts(bench: CompiledProblem, placed: GraspCandidate) -> Random
     return RandomContacts(points, normals, faces)
 
 
-def _met(runner: StartRunner, kept: DistinctGrasps, stop: Deadline) -> Iterator[GraspCandidate]:
+def _met(runner: StartRunner, kept: DistinctGrasps, deadline: Deadline) -> Iterator[GraspCandidate]:
     """Yield candidates of a coordinate exchange, then the best neighbours of the grasps kept so far."""
-    bench, count = runner.bench, MET * kept.missing
-    if not stop.requested():
-        yield from exchanged_candidates(bench, np.random.default_rng(0), count=count)
-    yield from neighbouring_grasps(bench, [start.found.placed for start in kept.grasps], count)
+    compiled, count = runner.compiled, MET * kept.missing
+    if not deadline.is_requested():
+        yield from exchanged_candidates(compiled, np.random.default_rng(0), count=count)
+    yield from neighbouring_grasps(compiled, [start.found.candidate for start in kept.grasps], count)
 
 
-def _finish_unrefined(bench: CompiledProblem, placed: GraspCandidate, least: float, stop: Deadline) -> _Filled | None:
+def _finish_unrefined(
+    compiled: CompiledProblem, candidate: GraspCandidate, least: float, deadline: Deadline
+) -> _Filled | None:
     """Return a placement on the body itself, certified and finished; None where infeasible or below the least mu."""
-    found = certify_as_is(bench, WarmStart(placed), 0)
+    found = certify_as_is(compiled, WarmStart(candidate), 0)
     if found is None or found.record.mu.lower < least:
         return None
-    return found, replace(_finish(bench, found, stop), start=None)
+    return found, replace(_finish(compiled, found, deadline), start=None)
 
 
-def _finish(bench: CompiledProblem, start: StartGrasp, stop: Deadline) -> FoundGrasp:
+def _finish(compiled: CompiledProblem, start: StartGrasp, deadline: Deadline) -> FoundGrasp:
     """Return a grasp with its forces, and where time permits its robustness and pregrasp, if requested."""
-    placed, grasp = start.found.placed, start.found.grasp
+    candidate, grasp = start.found.candidate, start.found.grasp
     with single_thread():
-        if stop.requested():
-            return _kept_grasp_record(bench, replace(start, hand=hand_posture(bench, start)), start.robust)
+        if deadline.is_requested():
+            return _kept_grasp_record(compiled, replace(start, hand=hand_posture(compiled, start)), start.robust)
         robust = start.robust
-        if robust is None and bench.options.weighs_fragility:
-            robust = none_on_failure(lambda: robustness(bench, placed, grasp, quickly=True))
-        return _kept_grasp_record(bench, start if start.hand else add_hand_record(bench, start), robust)
+        if robust is None and compiled.options.weighs_fragility:
+            robust = none_on_failure(lambda: robustness(compiled, candidate, grasp, quickly=True))
+        return _kept_grasp_record(compiled, start if start.hand else add_hand_record(compiled, start), robust)
 
 
-def _kept_grasp_record(bench: CompiledProblem, start: StartGrasp, robust: Robustness | None) -> FoundGrasp:
+def _kept_grasp_record(compiled: CompiledProblem, start: StartGrasp, robust: Robustness | None) -> FoundGrasp:
     found, bounds = start.found, start.record.mu
-    exerted = least_forces(bench.problem, found.grasp, bench.budget(found.placed), bounds)
+    exerted = least_forces(compiled.problem, found.grasp, compiled.budget(found.candidate), bounds)
     return FoundGrasp(
         found.grasp,
-        found.placed.faces,
+        found.candidate.faces,
         bounds,
-        bench.problem.task.measure,
+        compiled.problem.task.measure,
         start.hand,
         None if robust is None else robust.beside(bounds),
         exerted.forces,

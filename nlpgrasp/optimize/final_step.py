@@ -22,68 +22,70 @@ LOSS = 5e-3  # relative decrease of mu accepted at the optimum, whose constraint
 STEP = "then IPOPT on the program"  # message of a start
 
 
-def converge_to_optimum(bench: CompiledProblem, best: StartGrasp, stop: Deadline) -> StartGrasp:
+def converge_to_optimum(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -> StartGrasp:
     """Return the answer at the nearest local optimum, or unchanged; with its KKT residuals, and the reason if large.
 
     On a mesh each contact stays on its triangle, and joints that have room to their limits keep it.
 
     Parameters
     ----------
-    bench : Workbench
+    compiled : CompiledProblem
     best : StartGrasp
         The answer of the starts.
-    stop : Stop
+    deadline : Deadline
     """
-    if not best.solved or stop.requested():
+    if not best.solved or deadline.is_requested():
         return best
     with single_thread():
         try:
-            return _converge(bench, best, stop)
+            return _converge(compiled, best, deadline)
         except (RuntimeError, ArithmeticError, ValueError):
             return best
 
 
-def _converge(bench: CompiledProblem, best: StartGrasp, stop: Deadline) -> StartGrasp:
-    placed = best.found.placed
-    if np.array_equal(best.ascended.points, placed.points):
-        placed = replace(placed, faces=best.ascended.faces)  # which of two triangles a contact on their edge belongs to
-    own, here = fix_to_triangles(bench, placed)
+def _converge(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -> StartGrasp:
+    candidate = best.found.candidate
+    if np.array_equal(best.ascended.points, candidate.points):
+        candidate = replace(
+            candidate, faces=best.ascended.faces
+        )  # which of two triangles a contact on their edge belongs to
+    own, here = fix_to_triangles(compiled, candidate)
     own, begin = _with_margins(own, best), here
-    reason, places, short = _reason_for_none(bench), [here.points], np.zeros(len(bench.rows.named))
-    if bench.hand_points.has_flat_tips and own.violation(here) > TOUCHING:
+    reason, places, short = _reason_for_none(compiled), [here.points], np.zeros(len(compiled.rows.named))
+    if compiled.hand_points.has_flat_tips and own.violation(here) > TOUCHING:
         reason = "flat fingertips touch the mesh in edges or corners, whose normals are none of its triangles'"
     for _ in range(0 if reason else PASSES):
-        found = local_optimum(own.with_clearance(short) if short.any() else own, begin, stop)
+        found = local_optimum(own.with_clearance(short) if short.any() else own, begin, deadline)
         if found is None:
             break
-        end = _result_at_optimum(bench, best, own, found, stop)
-        reason = _rejection_reason(bench, best, end)
+        end = _result_at_optimum(compiled, best, own, found, deadline)
+        reason = _rejection_reason(compiled, best, end)
         if not reason:
             return end
-        less = missing_clearance(bench, end.found)
+        less = missing_clearance(compiled, end.found)
         if found.kkt.is_small:
-            begin = replace(begin, points=found.placed.points, hand=found.placed.hand)
+            begin = replace(begin, points=found.candidate.points, hand=found.candidate.hand)
         if any(row.value < row.lower for row in end.found.beside):
-            places.append(found.placed.points)
-            own = _with_margins(fix_to_triangles(bench, here, places)[0], best)
-        elif not less.any() or stop.requested():
+            places.append(found.candidate.points)
+            own = _with_margins(fix_to_triangles(compiled, here, places)[0], best)
+        elif not less.any() or deadline.is_requested():
             break
         short += less
     return replace(best, kkt=replace(residuals_at(own, here), reason=reason))
 
 
-def _reason_for_none(bench: CompiledProblem) -> str:
+def _reason_for_none(compiled: CompiledProblem) -> str:
     """Return the reason why there is no final step, as text; empty where there is one."""
-    if bench.options.maximise_robust:
+    if compiled.options.maximise_robust:
         return "the contacts are where the worst placement is best, not where mu is"
-    if not bench.options.rounds:
+    if not compiled.options.rounds:
         return "the search was asked not to refine contacts (rounds=0)"
-    if bench.problem.budget.follows_hand:
+    if compiled.problem.budget.follows_hand:
         return "the program along directions does not hold the torques of a hand's joints"
     return ""
 
 
-def _rejection_reason(bench: CompiledProblem, best: StartGrasp, end: StartGrasp) -> str:
+def _rejection_reason(compiled: CompiledProblem, best: StartGrasp, end: StartGrasp) -> str:
     """Return the reason why the result of the final step is rejected, as text; empty where it is not."""
     if end.record.obstruction:
         return f"at the local optimum next to this grasp {end.record.obstruction}"
@@ -101,28 +103,28 @@ def _is_fragile(start: StartGrasp) -> bool:
     return start.robust is not None and start.robust.is_fragile(start.record.mu)
 
 
-def _with_margins(bench: CompiledProblem, best: StartGrasp) -> CompiledProblem:
+def _with_margins(compiled: CompiledProblem, best: StartGrasp) -> CompiledProblem:
     """Return the compiled problem with joint limits narrowed by the margins that the answer's joints keep."""
-    hand, margin = bench.problem.hand, bench.options.joint_margin
-    if not isinstance(hand, URDFHand) or not bench.options.seeks_room:
-        return bench
+    hand, margin = compiled.problem.hand, compiled.options.joint_margin
+    if not isinstance(hand, URDFHand) or not compiled.options.seeks_room:
+        return compiled
     margins = JointLimitMargins.of(hand, margin)
-    return bench.with_joints(margins.narrowed(~margins.lacking(best.found.placed.hand["joints"])))
+    return compiled.with_joints(margins.narrow_limits(~margins.is_below_margin(best.found.candidate.hand["joints"])))
 
 
 def _result_at_optimum(
-    bench: CompiledProblem, best: StartGrasp, own: CompiledProblem, found: LocalOptimum, stop: Deadline
+    compiled: CompiledProblem, best: StartGrasp, own: CompiledProblem, found: LocalOptimum, deadline: Deadline
 ) -> StartGrasp:
     """Return the optimum as the answer's result: put on the body, certified, measured."""
-    problem, before = bench.problem, best.record
-    on_body = put_on_body(bench, own, found.placed, best.ascended.points)
-    placed, grasp = on_body.placed, on_body.grasp
-    rtol = bench.options.final_rtol if on_body.allowed else bench.options.rtol
-    deadline = stop.certificate_deadline()
-    bounds = mu(grasp, problem.task, rtol, force_budget=bench.budget(placed), deadline=deadline)
-    rows = np.array([row.scale for row in bench.rows.named])
-    state = SearchState(placed, multipliers=found.prices * bench.scaling.beta * rows, effort=found.effort)
-    end = StartGrasp.of(bench, before.index, on_body, bounds, state, before.message, origin=before.origin)
+    problem, before = compiled.problem, best.record
+    on_body = put_on_body(compiled, own, found.candidate, best.ascended.points)
+    candidate, grasp = on_body.candidate, on_body.grasp
+    rtol = compiled.options.final_rtol if on_body.is_feasible else compiled.options.rtol
+    limit = deadline.certificate_deadline()
+    bounds = mu(grasp, problem.task, rtol, force_budget=compiled.budget(candidate), deadline=limit)
+    rows = np.array([row.scale for row in compiled.rows.named])
+    state = SearchState(candidate, multipliers=found.prices * compiled.scaling.beta * rows, effort=found.effort)
+    end = StartGrasp.of(compiled, before.index, on_body, bounds, state, before.message, origin=before.origin)
     record = replace(
         end.record,
         iterations=before.iterations + found.effort.iterations,
@@ -132,7 +134,7 @@ def _result_at_optimum(
     )
     robust = None
     if best.robust is not None and end.solved:
-        robust = robustness(bench, placed, grasp)
+        robust = robustness(compiled, candidate, grasp)
     return replace(
         end,
         record=record,

@@ -37,7 +37,11 @@ STILL = 1e-9  # metres per unit: variables that move a fingertip less count as n
 
 
 def walked(
-    bench: CompiledProblem, placed: GraspCandidate, normals: FloatArray, rng: np.random.Generator, stop: Deadline
+    compiled: CompiledProblem,
+    candidate: GraspCandidate,
+    normals: FloatArray,
+    rng: np.random.Generator,
+    deadline: Deadline,
 ) -> GraspCandidate | None:
     """Return a hand on a mesh with its fingers moved to better mesh points within reach; None where none are better.
 
@@ -45,28 +49,28 @@ def walked(
 
     Parameters
     ----------
-    bench : Workbench
+    compiled : CompiledProblem
         Of a problem with a mesh and a hand that has a pose.
-    placed : Placed
+    candidate : GraspCandidate
         Contacts on the mesh, and the hand that touches it there.
     normals : (k, 3) array
         Inward.
     rng : numpy.random.Generator
-    stop : Stop
+    deadline : Deadline
     """
-    best = start = MeshTouch(placed, normals)
-    walking, reach = _FingerSearch(bench, start, rng), FIRST_REACH
+    best = start = MeshTouch(candidate, normals)
+    walking, reach = _FingerSearch(compiled, start, rng), FIRST_REACH
     for _ in range(SWEEPS):
-        if stop.requested() or reach < LAST_REACH:
+        if deadline.is_requested() or reach < LAST_REACH:
             break
-        walking.sweep(reach * bench.scaling.length)
-        walking.look()
+        walking.sweep(reach * compiled.scaling.length)
+        walking.add_weak_directions()
         if walking.score(walking.held) > _least_improvement(walking.score(best)):
             best = walking.held
         else:
             walking.held = best
             reach *= 0.5
-    return None if best is start else best.placed
+    return None if best is start else best.candidate
 
 
 @dataclass(frozen=True)
@@ -75,12 +79,12 @@ class MeshTouch:
 
     Parameters
     ----------
-    placed : Placed
+    candidate : GraspCandidate
     normals : (k, 3) array
         Inward.
     """
 
-    placed: GraspCandidate
+    candidate: GraspCandidate
     normals: FloatArray
 
 
@@ -89,23 +93,23 @@ class LearnedScore:
 
     Parameters
     ----------
-    bench : Workbench
+    compiled : CompiledProblem
     rng : numpy.random.Generator
     """
 
-    def __init__(self, bench: CompiledProblem, rng: np.random.Generator) -> None:
-        self._bench, self._rng = bench, rng
-        self._screening = screening_directions(bench)
+    def __init__(self, compiled: CompiledProblem, rng: np.random.Generator) -> None:
+        self._bench, self._rng = compiled, rng
+        self._screening = screening_directions(compiled)
         self._cuts = self._screening[:0]
 
-    def look(self, points: FloatArray, normals: FloatArray) -> None:
+    def add_weak_directions(self, points: FloatArray, normals: FloatArray) -> None:
         """Add the weakest directions of a grasp with these contacts, (k, space) each."""
-        bench, known = self._bench, self._cuts[-KNOWN:]
-        grasp, task = bench.grasp_at(points, normals), bench.problem.task
-        found = weakest_directions(grasp, task, bench.closure_budget, self._rng, known, QUICK).directions
+        compiled, known = self._bench, self._cuts[-KNOWN:]
+        grasp, task = compiled.grasp_at(points, normals), compiled.problem.task
+        found = weakest_directions(grasp, task, compiled.closure_budget, self._rng, known, QUICK).directions
         self._cuts = np.concatenate([self._cuts, found])[-MOST_CUTS:]
 
-    def of(self, points: FloatArray, normals: FloatArray) -> FloatArray:
+    def score(self, points: FloatArray, normals: FloatArray) -> FloatArray:
         """Return the sampled quality of placements (b, k, space), (b,).
 
         The least ratio over all directions, with the tie-break for placements that are not closed.
@@ -118,25 +122,25 @@ class LearnedScore:
 class _FingerSearch:
     """State of a hand's local search on a mesh, one finger at a time."""
 
-    def __init__(self, bench: CompiledProblem, start: MeshTouch, rng: np.random.Generator) -> None:
-        self.bench, self.held, self.rng = bench, start, rng
-        self._scored = LearnedScore(bench, rng)
-        self.look()
-        hand = bench.hand_points.posed_hand
-        variables = hand.variables(bench.problem.body.bounds)
+    def __init__(self, compiled: CompiledProblem, start: MeshTouch, rng: np.random.Generator) -> None:
+        self.compiled, self.held, self.rng = compiled, start, rng
+        self._scored = LearnedScore(compiled, rng)
+        self.add_weak_directions()
+        hand = compiled.hand_points.posed_hand
+        variables = hand.variables(compiled.problem.body.bounds)
         self._limits = np.concatenate([v.lower for v in variables]), np.concatenate([v.upper for v in variables])
         self._radii = np.asarray(hand.tip_radii)
-        self._own = _single_finger_variables(bench, start.placed)
+        self._own = _single_finger_variables(compiled, start.candidate)
         self._allowed = max(ALLOWED, self._broken(start))
 
-    def look(self) -> None:
+    def add_weak_directions(self) -> None:
         """Add the directions in which the grasp is weak."""
-        self._scored.look(self.held.placed.points, self.held.normals)
+        self._scored.add_weak_directions(self.held.candidate.points, self.held.normals)
 
     def score(self, held: MeshTouch) -> float:
         """Return the sampled quality of a grasp over the known directions, less the penalty for sharp edges."""
-        near = float(np.sum(edge_margin_violation(self.bench.problem, held.placed)))
-        return float(self._scored.of(held.placed.points[None], held.normals[None])[0]) - OFF_EDGES * near
+        near = float(np.sum(edge_margin_violation(self.compiled.problem, held.candidate)))
+        return float(self._scored.score(held.candidate.points[None], held.normals[None])[0]) - OFF_EDGES * near
 
     def sweep(self, reach: float) -> None:
         """Move each finger with a round tip and joints of its own by up to ``reach``, metres."""
@@ -146,43 +150,43 @@ class _FingerSearch:
 
     def _move(self, i: int, reach: float) -> None:
         """Move finger i to the most promising nearby mesh point that it reaches, if that improves the grasp."""
-        cloud, held = self.bench.surface.mesh_cloud, self.held
-        near = np.array(cloud.tree.query_ball_point(held.placed.points[i], reach), dtype=int)
+        cloud, held = self.compiled.surface.mesh_cloud, self.held
+        near = np.array(cloud.tree.query_ball_point(held.candidate.points[i], reach), dtype=int)
         if not near.size:
             return
         if near.size > TRIALS:
             near = self.rng.choice(near, TRIALS, replace=False)
-        points, normals = (np.repeat(v[None], near.size, axis=0) for v in (held.placed.points, held.normals))
+        points, normals = (np.repeat(v[None], near.size, axis=0) for v in (held.candidate.points, held.normals))
         points[:, i], normals[:, i] = cloud.points[near], cloud.normals[near]
-        others = np.delete(edge_margin_violation(self.bench.problem, held.placed), i)
-        scores = self._scored.of(points, normals) - OFF_EDGES * float(np.sum(others))
+        others = np.delete(edge_margin_violation(self.compiled.problem, held.candidate), i)
+        scores = self._scored.score(points, normals) - OFF_EDGES * float(np.sum(others))
         least = _least_improvement(self.score(held))
         for j in np.argsort(-scores, kind="stable")[:TRIED]:
             if scores[j] <= least:
                 return
-            found = self._there(i, points[j, i] - self._radii[i] * normals[j, i])
+            found = self._touching_at(i, points[j, i] - self._radii[i] * normals[j, i])
             if found is not None and self.score(found) > least:
                 self.held = found
                 return
 
-    def _there(self, i: int, goal: FloatArray) -> MeshTouch | None:
+    def _touching_at(self, i: int, goal: FloatArray) -> MeshTouch | None:
         """Return the hand with the centre of tip i at a point, touching the mesh there; None where it cannot."""
-        bench, held = self.bench, self.held
-        hand = self._reaching(i, goal)
+        compiled, held = self.compiled, self.held
+        hand = self._nearest_posture(i, goal)
         centre = self._tip(hand, i)[0]
         if np.linalg.norm(centre - goal) > TOUCHED:
             return None
-        contact, _, distance = (v[0] for v in bench.surface.mesh.closest(centre[None]))
+        contact, _, distance = (v[0] for v in compiled.surface.mesh.closest(centre[None]))
         if abs(distance - self._radii[i]) > TOUCHED:
             return None
-        points, normals = held.placed.points.copy(), held.normals.copy()
+        points, normals = held.candidate.points.copy(), held.normals.copy()
         points[i], normals[i] = contact, (contact - centre) / distance
-        found = MeshTouch(replace(held.placed, points=points, hand=hand), normals)
+        found = MeshTouch(replace(held.candidate, points=points, hand=hand), normals)
         return found if self._broken(found) <= self._allowed else None
 
-    def _reaching(self, i: int, goal: FloatArray) -> Values:
+    def _nearest_posture(self, i: int, goal: FloatArray) -> Values:
         """Return the hand's values with tip i as near to a point as its own joints permit (inverse kinematics)."""
-        hand, own = self.held.placed.hand, self._own[i]
+        hand, own = self.held.candidate.hand, self._own[i]
         for _ in range(STEPS):
             centre, slopes = self._tip(hand, i)
             if np.linalg.norm(goal - centre) < 0.1 * TOUCHED:
@@ -196,13 +200,13 @@ class _FingerSearch:
 
     def _tip(self, hand: Values, i: int) -> tuple[FloatArray, FloatArray]:
         """Return the centre of tip i, (3,), and its Jacobian in the hand's variables, (3, m)."""
-        places, slopes = self.bench.hand_points.tip_motion(*hand.values())
+        places, slopes = self.compiled.hand_points.tip_motion(*hand.values())
         return places.full()[:, i], slopes.full()[3 * i : 3 * i + 3]
 
     def _broken(self, held: MeshTouch) -> float:
         """Return the largest constraint violation, with distances from the mesh itself."""
-        values = self.bench.row_values(held.placed, held.normals)
-        return float(self.bench.rows.excess(values[None])[0])
+        values = self.compiled.row_values(held.candidate, held.normals)
+        return float(self.compiled.rows.excess(values[None])[0])
 
 
 def _least_improvement(score: float) -> float:
@@ -210,10 +214,10 @@ def _least_improvement(score: float) -> float:
     return score + GAIN * abs(score)
 
 
-def _single_finger_variables(bench: CompiledProblem, placed: GraspCandidate) -> NDArray[np.bool_]:
+def _single_finger_variables(compiled: CompiledProblem, candidate: GraspCandidate) -> NDArray[np.bool_]:
     """Return the mask of the hand's variables that move only one finger, for each finger, (k, m)."""
-    slopes = np.abs(bench.hand_points.tip_motion(*placed.hand.values())[1].full())
-    moves = slopes.reshape(len(placed.points), 3, -1).max(axis=1) > STILL
+    slopes = np.abs(compiled.hand_points.tip_motion(*candidate.hand.values())[1].full())
+    moves = slopes.reshape(len(candidate.points), 3, -1).max(axis=1) > STILL
     return np.asarray(moves & (np.sum(moves, axis=0) == 1))
 
 

@@ -91,22 +91,22 @@ def best_possible(
     begun, best = time.monotonic(), None
     tree = BranchAndBound(problem, gap)
     with tempfile.TemporaryDirectory(prefix="nlpgrasp-") as folder:
-        stop = Deadline(None if limit is None else begun + limit, Path(folder) / "stop")
-        with InterruptHandler(stop):
-            tree.grow(0)
-            bench = CompiledProblem(relaxed_problem(problem), SolveOptions(workers=1, rtol=min(ROUGH, gap)))
+        deadline = Deadline(None if limit is None else begun + limit, Path(folder) / "stop")
+        with InterruptHandler(deadline):
+            tree.branch(0)
+            compiled = CompiledProblem(relaxed_problem(problem), SolveOptions(workers=1, rtol=min(ROUGH, gap)))
             starts, due = 0, 0
-            while not (tree.searched or stop.requested()):
+            while not (tree.searched or deadline.is_requested()):
                 if tree.nodes >= due or starts < FIRST:
-                    found = run_start(bench, starts, 0, stop, tree.relaxed_placements(OFFERED))
+                    found = run_start(compiled, starts, 0, deadline, tree.relaxed_placements(OFFERED))
                     best, starts, due = (
-                        _better_certified(bench, best, found, gap),
+                        _better_certified(compiled, best, found, gap),
                         starts + 1,
                         max(LEAST, 2 * tree.nodes),
                     )
-                    tree.expect(0.0 if best is None else best.record.mu.lower)
+                    tree.update_incumbent(0.0 if best is None else best.record.mu.lower)
                 else:
-                    tree.grow(1, stop.requested)
+                    tree.branch(1, deadline.is_requested)
                 if progress is not None:
                     progress(tree.upper, Bounds(0.0, 0.0) if best is None else best.record.mu, tree.nodes)
     proven, proof = tree.certificate()
@@ -116,7 +116,7 @@ def best_possible(
         upper,
         None if best is None else best.found.grasp,
         known.of_measure(problem.task.measure, problem.task.paper_beta),
-        () if best is None else best.found.placed.faces,
+        () if best is None else best.found.candidate.faces,
         upper <= known.lower * (1.0 + gap),
         tree.nodes,
         time.monotonic() - begun,
@@ -127,7 +127,7 @@ def best_possible(
 
 
 def _better_certified(
-    bench: CompiledProblem, best: StartGrasp | None, found: StartResult, gap: float
+    compiled: CompiledProblem, best: StartGrasp | None, found: StartResult, gap: float
 ) -> StartGrasp | None:
     """Return the better of the best grasp so far and what a start ended with, certified as narrowly as the gap asks."""
     if not (isinstance(found, StartGrasp) and found.solved):
@@ -135,7 +135,7 @@ def _better_certified(
     known = found.record.mu
     if best is not None and known.upper <= (1.0 + BETTER) * best.record.mu.upper:
         return best
-    better = found.certified(bench.problem, FINE * gap)
+    better = found.certified(compiled.problem, FINE * gap)
     return better if best is None or better.record.mu.lower > best.record.mu.lower else best
 
 

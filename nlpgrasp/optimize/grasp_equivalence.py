@@ -27,7 +27,7 @@ class GraspEquivalence:
 
     Parameters
     ----------
-    bench : Workbench
+    compiled : CompiledProblem
     distinct : float
         Of the body's size: two grasps are distinct when, however the contacts of equal models are matched, one of them
         is farther than that from its match. With a hand that has a pose, also when the palm is that far away, or turned
@@ -40,11 +40,11 @@ class GraspEquivalence:
     turn that brings two grasps a little nearer may be missed, and they count as two.
     """
 
-    def __init__(self, bench: CompiledProblem, distinct: float) -> None:
-        problem = bench.problem
+    def __init__(self, compiled: CompiledProblem, distinct: float) -> None:
+        problem = compiled.problem
         self._hand = problem.hand if isinstance(problem.hand, PosedHand) else None
         self._limit, self._tiny = distinct * problem.body.size, TINY * problem.body.size
-        self._symmetries = Symmetries(bench)
+        self._symmetries = Symmetries(compiled)
         kinds = [(model, problem.allowed_faces(i)) for i, model in enumerate(problem.models)]
         self._apart = np.array([[0.0 if one == other else np.inf for other in kinds] for one in kinds])
 
@@ -93,11 +93,11 @@ class GraspEquivalence:
                 continue
             if not self._matched(self._invariants(image), self._invariants(others)):
                 continue
-            for turned in self._turned(image, others):
+            for turned in self._rotations_between(image, others):
                 yield turned
                 yield self._nearest(turned, others)
 
-    def _turned(self, points: FloatArray, others: FloatArray) -> Iterator[FloatArray]:
+    def _rotations_between(self, points: FloatArray, others: FloatArray) -> Iterator[FloatArray]:
         """Yield turns of contacts that take one of them, or two, to where others are."""
         if not self._symmetries.is_round:
             beside = self._beside_axis(points)
@@ -161,7 +161,7 @@ class Symmetries:
 
     Parameters
     ----------
-    bench : Workbench
+    compiled : CompiledProblem
 
     Attributes
     ----------
@@ -173,23 +173,28 @@ class Symmetries:
         Whether it can be turned about any axis.
     """
 
-    def __init__(self, bench: CompiledProblem) -> None:
-        problem = bench.problem
+    def __init__(self, compiled: CompiledProblem) -> None:
+        problem = compiled.problem
         space = problem.body.space
-        self._bench, nothing = bench, np.zeros(space)
+        self._bench, nothing = compiled, np.zeros(space)
         self.motions: list[Motion] = [(np.eye(space), nothing)]
         self.axis: FloatArray | None = None
         self.is_round = False
         directed = any(model.turned(np.eye(space)) is not model for model in problem.models)
-        if not bench.follows_contacts or problem.budget.depends_on_frames or directed or isinstance(problem.body, Mesh):
+        if (
+            not compiled.follows_contacts
+            or problem.budget.depends_on_frames
+            or directed
+            or isinstance(problem.body, Mesh)
+        ):
             return
-        drawn = draw_contacts(bench, LOOKED_AT, np.random.default_rng(0))
+        drawn = draw_contacts(compiled, LOOKED_AT, np.random.default_rng(0))
         self._drawn = drawn.points, drawn.normals, self._violations(drawn.points, drawn.normals)
-        axes = [axis for axis in np.eye(3) if space == 3 and self._keeps_all(unit_rotation(axis), nothing)]
+        axes = [axis for axis in np.eye(3) if space == 3 and self._is_symmetry(unit_rotation(axis), nothing)]
         self.axis, self.is_round = axes[0] if axes else None, len(axes) > 1
         for rotation, translation in motions_of(problem.body):
             known = any(self._kind(rotation, translation) == self._kind(*motion) for motion in self.motions)
-            if not known and self._keeps_all(rotation, translation):
+            if not known and self._is_symmetry(rotation, translation):
                 self.motions.append((rotation, translation))
 
     def _kind(self, rotation: FloatArray, translation: FloatArray) -> tuple[float, ...]:
@@ -201,7 +206,7 @@ class Symmetries:
             return handed, float(np.round(self.axis @ rotation @ self.axis))
         return (*rotation.ravel().tolist(), *translation.tolist())
 
-    def _keeps_all(self, rotation: FloatArray, translation: FloatArray) -> bool:
+    def _is_symmetry(self, rotation: FloatArray, translation: FloatArray) -> bool:
         """Return whether a motion leaves task, allowed contact regions and constraints unchanged."""
         problem = self._bench.problem
         moved = float(np.max(np.abs(rotation @ problem.origin + translation - problem.origin)))
@@ -210,12 +215,12 @@ class Symmetries:
         points, normals, violations = self._drawn
         images = points @ rotation.T + translation
         places = {self._bench.surface.usable(i): i for i in range(len(problem.models))}
-        if not all(self._on_places(names, images[:, i]) for names, i in places.items()):
+        if not all(self._are_allowed(names, images[:, i]) for names, i in places.items()):
             return False
         after = self._violations(images, normals @ rotation.T)
         return bool(np.all(np.abs(after - violations) <= SAME * (1.0 + violations)))
 
-    def _on_places(self, faces: Sequence[str], points: FloatArray) -> bool:
+    def _are_allowed(self, faces: Sequence[str], points: FloatArray) -> bool:
         """Return whether each of the points (m, space) is on one of some faces."""
         body, margin = self._bench.problem.body, self._bench.problem.margin
         on = np.zeros(len(points), dtype=bool)

@@ -27,7 +27,7 @@ class GraspOnBody:
 
     Parameters
     ----------
-    placed : Placed
+    candidate : GraspCandidate
         Contacts and hand.
     grasp : Grasp
         The same contacts with the body's own normals.
@@ -37,11 +37,11 @@ class GraspOnBody:
         Largest violation of these rows, relative to their scales, and of those beside, over the body's size.
     surface : SurfaceMatch or None
         For meshes.
-    beside : tuple of AtLeast
+    beside : tuple of LowerLimit
         What is asked of each contact by itself: the margin from sharp edges, on a mesh room for its fingertip.
     """
 
-    placed: GraspCandidate
+    candidate: GraspCandidate
     grasp: Grasp
     values: FloatArray
     violation: float
@@ -50,22 +50,22 @@ class GraspOnBody:
 
     @classmethod
     def of(
-        cls, bench: CompiledProblem, placed: GraspCandidate, grasp: Grasp, surface: SurfaceMatch | None = None
+        cls, compiled: CompiledProblem, candidate: GraspCandidate, grasp: Grasp, surface: SurfaceMatch | None = None
     ) -> GraspOnBody:
         """Return a grasp with its constraint values and largest violation."""
-        values = bench.row_values(placed, grasp.normals)
-        own = tuple(contact_constraints(bench.problem, placed, grasp.normals))
-        short = max((row.lower - row.value for row in own), default=0.0) / bench.problem.body.size
-        return cls(placed, grasp, values, max(float(bench.rows.excess(values[None])[0]), short), surface, own)
+        values = compiled.row_values(candidate, grasp.normals)
+        own = tuple(contact_constraints(compiled.problem, candidate, grasp.normals))
+        short = max((row.lower - row.value for row in own), default=0.0) / compiled.problem.body.size
+        return cls(candidate, grasp, values, max(float(compiled.rows.excess(values[None])[0]), short), surface, own)
 
     @property
-    def allowed(self) -> bool:
+    def is_feasible(self) -> bool:
         """Whether the grasp is feasible; on a mesh to ten times the tolerance, at which its steps end."""
         return self.violation <= (FEASIBLE if self.surface is None else 10.0 * FEASIBLE)
 
 
 def constraint_reports(
-    bench: CompiledProblem, found: GraspOnBody, multipliers: FloatArray
+    compiled: CompiledProblem, found: GraspOnBody, multipliers: FloatArray
 ) -> tuple[ConstraintReport, ...]:
     """Return value, limits, multiplier and activity of every scalar constraint.
 
@@ -73,15 +73,15 @@ def constraint_reports(
     one unit of the row changes mu by that over the task's and the row's scales.
     """
     reports = []
-    for row, value, multiplier in zip(bench.rows.named, found.values, multipliers, strict=True):
+    for row, value, multiplier in zip(compiled.rows.named, found.values, multipliers, strict=True):
         distance = min(value - row.lower, row.upper - value)
         active = bool(distance <= ACTIVE * row.scale)
-        price = float(multiplier) / (bench.scaling.beta * row.scale) if active else 0.0
+        price = float(multiplier) / (compiled.scaling.beta * row.scale) if active else 0.0
         limits = row.lower, row.upper
         reports.append(ConstraintReport(row.name, float(value), *limits, price, active, row.kind, row.fingers))
     for beside in found.beside:  # what they cost is among the prices
         label, limits = beside.label, (beside.lower, np.inf)
-        active = bool(beside.value - beside.lower <= ACTIVE * bench.problem.body.size)
+        active = bool(beside.value - beside.lower <= ACTIVE * compiled.problem.body.size)
         reports.append(ConstraintReport(label.name, beside.value, *limits, 0.0, active, label.kind, label.fingers))
     return tuple(reports)
 
@@ -124,34 +124,34 @@ class LowerLimit:
     lower: float
 
 
-def contact_constraints(problem: GraspProblem, placed: GraspCandidate, normals: FloatArray) -> Iterator[LowerLimit]:
+def contact_constraints(problem: GraspProblem, candidate: GraspCandidate, normals: FloatArray) -> Iterator[LowerLimit]:
     """Yield the distances of contacts with inward normals (k, space) from sharp edges, and of tip centres from a mesh.
 
     Nothing is said of a face without sharp edges, of a fingertip that is a point or belongs to a hand with a pose, and
     of the room on bodies whose distance is an expression: rows of the program say it.
     """
-    for i, value in enumerate(edge_distances(problem, placed)):
+    for i, value in enumerate(edge_distances(problem, candidate)):
         if np.isfinite(value):
             yield LowerLimit(Label(EDGE_MARGIN, fingers=(i,)), float(value), problem.margin)
     body, hand = problem.body, problem.hand
     if isinstance(body, Mesh) and hand is not None and hand.follows_contacts:
         for i, radius in enumerate(hand.tip_radii):
             if radius > 0.0:
-                centre = placed.points[i] - radius * normals[i]
+                centre = candidate.points[i] - radius * normals[i]
                 yield LowerLimit(Label(ROOM, fingers=(i,)), float(body.clearance(centre[None])[0]), FITS * radius)
 
 
-def edge_distances(problem: GraspProblem, placed: GraspCandidate) -> FloatArray:
+def edge_distances(problem: GraspProblem, candidate: GraspCandidate) -> FloatArray:
     """Return the distance of each contact from its face's sharp edges, (k,), metres; inf where there are none."""
-    apart, faces = np.empty(len(placed.points)), np.array(placed.faces)
-    for face in set(placed.faces):
+    apart, faces = np.empty(len(candidate.points)), np.array(candidate.faces)
+    for face in set(candidate.faces):
         on = faces == face
-        apart[on] = problem.body.edge_distance(face, placed.points[on])
+        apart[on] = problem.body.edge_distance(face, candidate.points[on])
     return apart
 
 
-def edge_margin_violation(problem: GraspProblem, placed: GraspCandidate) -> FloatArray:
+def edge_margin_violation(problem: GraspProblem, candidate: GraspCandidate) -> FloatArray:
     """Return each contact's violation of the margin from sharp edges, (k,), over the body's size."""
     if problem.margin == 0.0:
-        return np.zeros(len(placed.points))
-    return np.asarray(np.maximum((problem.margin - edge_distances(problem, placed)) / problem.body.size, 0.0))
+        return np.zeros(len(candidate.points))
+    return np.asarray(np.maximum((problem.margin - edge_distances(problem, candidate)) / problem.body.size, 0.0))

@@ -41,7 +41,7 @@ IntArray = NDArray[np.intp]
 
 
 def choose_free_approach(
-    bench: CompiledProblem, best: StartGrasp, results: Sequence[StartResult], stop: Deadline
+    compiled: CompiledProblem, best: StartGrasp, results: Sequence[StartResult], deadline: Deadline
 ) -> tuple[StartGrasp, ...]:
     """Return the start that is the answer, with its approach, then others whose approach is blocked.
 
@@ -50,64 +50,66 @@ def choose_free_approach(
 
     Parameters
     ----------
-    bench : Workbench
+    compiled : CompiledProblem
     best : StartGrasp
         The best start, by quality and robustness.
     results : sequence of StartResult
         All of them.
-    stop : Stop
+    deadline : Deadline
     """
     with single_thread():
-        first = add_hand_record(bench, best)
+        first = add_hand_record(compiled, best)
         if not first.record.obstruction or not first.solved:
             return (first,)
         blocked = [first]
         others = [r for r in results if isinstance(r, StartGrasp) and r.solved and r.record.index != best.record.index]
         for other in sorted(others, key=lambda r: (-r.record.mu.upper, r.record.index)):
-            if stop.requested():
+            if deadline.is_requested():
                 break
-            found = add_hand_record(bench, converge_to_optimum(bench, other, stop))
+            found = add_hand_record(compiled, converge_to_optimum(compiled, other, deadline))
             if found.solved and not found.record.obstruction:
                 return (found, *blocked)
             blocked.append(found)
         return tuple(blocked)
 
 
-def add_hand_record(bench: CompiledProblem, start: StartGrasp) -> StartGrasp:
+def add_hand_record(compiled: CompiledProblem, start: StartGrasp) -> StartGrasp:
     """Return a start with its hand record: posture, pregrasp, phases, penetration of its links."""
-    problem, placed = bench.problem, start.found.placed
-    hand = hand_posture(bench, start)
+    problem, candidate = compiled.problem, start.found.candidate
+    hand = hand_posture(compiled, start)
     if hand is None:
         return start
-    if not bench.follows_contacts:
-        opened = none_on_failure(lambda: find_pregrasp(bench, start.found, bench.options.pregrasp_clearance))
-        model, links = problem.hand, bench.link_depths
+    if not compiled.follows_contacts:
+        opened = none_on_failure(lambda: find_pregrasp(compiled, start.found, compiled.options.pregrasp_clearance))
+        model, links = problem.hand, compiled.link_depths
         if opened is not None and model is not None:
             hand["pregrasp"] = {"clearance": opened.clearance, **model.describe(opened.hand)}
         if isinstance(model, URDFHand) and links is not None:
             before = None if opened is None else opened.hand
-            hand |= none_on_failure(lambda: plan_keyframes(problem, model, placed.hand, before, links)) or {}
+            hand |= none_on_failure(lambda: plan_keyframes(problem, model, candidate.hand, before, links)) or {}
     if start.record.obstruction:
         return replace(start, hand=hand)
     return replace(start, hand=hand, record=replace(start.record, obstruction="; ".join(approach_obstructions(hand))))
 
 
-def hand_posture(bench: CompiledProblem, start: StartGrasp) -> dict[str, object] | None:
+def hand_posture(compiled: CompiledProblem, start: StartGrasp) -> dict[str, object] | None:
     """Return the hand in the grasp as JSON data, None without any."""
-    hand, found = bench.problem.hand, start.found
+    hand, found = compiled.problem.hand, start.found
     if hand is None:
         return None
-    data = dict(hand.describe(found.placed.hand)) if found.placed.hand else {}
-    data |= bench.hand_points.at_contacts(found.grasp.points)
+    data = dict(hand.describe(found.candidate.hand)) if found.candidate.hand else {}
+    data |= compiled.hand_points.at_contacts(found.grasp.points)
     if not data:
         return None
     if start.depth is not None:
         data["link_depth"] = start.depth.to_dict()
     if start.tip_gaps:
         data["tip_gaps"] = list(start.tip_gaps)
-    if isinstance(hand, URDFHand) and bench.options.seeks_room:
-        margins, options = JointLimitMargins.of(hand, bench.options.joint_margin), bench.options
-        data["room"] = margins.room(found.placed.hand["joints"], options.joint_margin, options.room_price).to_dict()
+    if isinstance(hand, URDFHand) and compiled.options.seeks_room:
+        margins, options = JointLimitMargins.of(hand, compiled.options.joint_margin), compiled.options
+        data["room"] = margins.margins_record(
+            found.candidate.hand["joints"], options.joint_margin, options.room_price
+        ).to_dict()
     return data
 
 
@@ -135,7 +137,7 @@ class Pregrasp:
     hand: Values
 
 
-def find_pregrasp(bench: CompiledProblem, found: GraspOnBody, clearance: float) -> Pregrasp:
+def find_pregrasp(compiled: CompiledProblem, found: GraspOnBody, clearance: float) -> Pregrasp:
     """Return joints that open the hand along the contact normals, free of collision.
 
     The joints move as little as they can while each fingertip goes back by the clearance along its normal, links
@@ -144,14 +146,14 @@ def find_pregrasp(bench: CompiledProblem, found: GraspOnBody, clearance: float) 
 
     Parameters
     ----------
-    bench : Workbench
+    compiled : CompiledProblem
         Of a problem with a hand that has a pose.
-    found : OnBody
+    found : GraspOnBody
         The grasp.
     clearance : float
         Metres.
     """
-    opening = _OpeningConstraints(bench, found)
+    opening = _OpeningConstraints(compiled, found)
     best = opening.open(clearance, ("joints",))
     if best.clearance < ENOUGH * clearance:
         best = max(best, opening.open(clearance, ("joints", "palm_position")), key=lambda p: p.clearance)
@@ -161,22 +163,22 @@ def find_pregrasp(bench: CompiledProblem, found: GraspOnBody, clearance: float) 
 class _OpeningConstraints:
     """Constraints of an opening hand: those of the program, and each fingertip's distance from its contact."""
 
-    def __init__(self, bench: CompiledProblem, found: GraspOnBody) -> None:
-        self.bench, self.hand, self.normals = bench, found.placed.hand, found.grasp.normals
-        self.compiled = bench.exchange.compiled
-        self.theta = empty_slots(bench, found.placed)
-        self.start = pack_variables(bench, self.compiled.program, found.placed)
-        set_contacts(bench, self.compiled.program, self.start, found.grasp.points, found.grasp.normals)
-        own = bench.rows.sources[len(bench.problem.constraints)]
-        touching = {i for i in own if bench.rows.named[i].kind == ON_FINGERTIP}
-        self.kept = np.array([i for i in range(len(bench.rows.named)) if i not in touching], int)
-        self.near = np.flatnonzero(np.isin(self.kept, bench.rows.clearances))
-        self.tips = bench.hand_points.tip_motion
+    def __init__(self, compiled: CompiledProblem, found: GraspOnBody) -> None:
+        self.compiled, self.hand, self.normals = compiled, found.candidate.hand, found.grasp.normals
+        self.functions = compiled.cutting_planes.functions
+        self.theta = empty_slots(compiled, found.candidate)
+        self.start = pack_variables(compiled, self.functions.program, found.candidate)
+        set_contacts(compiled, self.functions.program, self.start, found.grasp.points, found.grasp.normals)
+        own = compiled.rows.sources[len(compiled.problem.constraints)]
+        touching = {i for i in own if compiled.rows.named[i].kind == ON_FINGERTIP}
+        self.kept = np.array([i for i in range(len(compiled.rows.named)) if i not in touching], int)
+        self.near = np.flatnonzero(np.isin(self.kept, compiled.rows.clearances))
+        self.tips = compiled.hand_points.tip_motion
         self.begin = self.tips(*self.hand.values())[0].full()
 
     def open(self, clearance: float, moving: tuple[str, ...]) -> Pregrasp:
         """Return the hand opened as far as possible with some of its variables."""
-        program, z = self.compiled.program, self.start.copy()
+        program, z = self.functions.program, self.start.copy()
         free = np.concatenate([np.arange(b.start, b.stop) for b in (program.block(HAND, name) for name in moving)])
         best = Pregrasp(0.0, self.hand)
         more = clearance / STAGES
@@ -192,23 +194,23 @@ class _OpeningConstraints:
     def _opened(self, z: FloatArray, free: IntArray, back: float) -> FloatArray | None:
         """Return the variables with every fingertip back by a distance, by Newton steps from z; None if they fail."""
 
-        def placed(moved: FloatArray) -> FloatArray:
+        def candidate(moved: FloatArray) -> FloatArray:
             result = z.copy()
             result[free] = moved
             return result
 
-        found = restore_feasibility(lambda moved: self._rows(placed(moved), free, back), z[free], STAGE)
-        return placed(found.best) if found.violation <= STAGE.enough else None
+        found = restore_feasibility(lambda moved: self._rows(candidate(moved), free, back), z[free], STAGE)
+        return candidate(found.best) if found.violation <= STAGE.enough else None
 
     def _rows(self, z: FloatArray, free: IntArray, back: float) -> Linearised:
         """Return the constraints linearised in the free variables, without those that do not depend on them."""
-        bench, program = self.bench, self.compiled.program
-        size, here = bench.scaling.length, hand_of(program, z)
+        compiled, program = self.compiled, self.functions.program
+        size, here = compiled.scaling.length, hand_of(program, z)
         rows = self.kept + program.placement.start
-        g, J = self.compiled.linearise(z, self.theta)
+        g, J = self.functions.linearise(z, self.theta)
         g, J = g[rows], J[rows][:, free]
-        if isinstance(bench.problem.body, Mesh) and len(self.near):
-            g[self.near] = bench.hand_points.mesh_clearances(bench.problem.body, here) / size
+        if isinstance(compiled.problem.body, Mesh) and len(self.near):
+            g[self.near] = compiled.hand_points.mesh_clearances(compiled.problem.body, here) / size
         places, slopes = (np.asarray(m.full()) for m in self.tips(*here.values()))
         gone = np.sum((places - self.begin) * -self.normals.T, axis=0) / size  # along the outward normals
         blocks = [program.block(HAND, name) for name in here]

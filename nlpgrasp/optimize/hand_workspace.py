@@ -49,7 +49,7 @@ class HandWorkspace:
         With a hand that has a pose of its own.
     hand : HandPoints
         Of the problem.
-    rows : RowValues
+    rows : ConstraintValues
         Of the problem.
     """
 
@@ -120,7 +120,7 @@ class HandWorkspace:
         """Return the centres of the link spheres in the palm frame, (b, s, 3), for joints (b, m)."""
         count = len(joints)
         palm = {"palm_position": np.zeros((count, 3)), "palm_quaternion": np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))}
-        return self._hand.link_places(palm | {"joints": joints} | self._tree.first_slides(count))
+        return self._hand.link_places(palm | {"joints": joints} | self._tree.initial_slides(count))
 
 
 class _Links:

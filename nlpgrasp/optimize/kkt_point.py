@@ -35,7 +35,7 @@ class LocalOptimum:
 
     Parameters
     ----------
-    placed : Placed
+    candidate : GraspCandidate
     value : float
         The least support ratio.
     cuts, weights : (m, d) and (m,) arrays
@@ -50,7 +50,7 @@ class LocalOptimum:
         Of IPOPT.
     """
 
-    placed: GraspCandidate
+    candidate: GraspCandidate
     value: float
     cuts: FloatArray
     weights: FloatArray
@@ -60,88 +60,90 @@ class LocalOptimum:
     effort: Effort
 
 
-def local_optimum(bench: CompiledProblem, placed: GraspCandidate, stop: Deadline) -> LocalOptimum | None:
+def local_optimum(compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline) -> LocalOptimum | None:
     """Return the local optimum next to a candidate; its residuals are not small where it did not converge.
 
     None where the state exerts nothing, and under the torque limits of a hand, which the program does not hold.
     """
-    if bench.problem.budget.follows_hand:
+    if compiled.problem.budget.follows_hand:
         return None
-    rounds = LAST_ROUNDS if bench.follows_contacts else LAST_OF_HAND
-    refined = refine(bench, placed, stop, rounds if bench.exchange.linearises else 0, 0.0)
+    rounds = LAST_ROUNDS if compiled.follows_contacts else LAST_OF_HAND
+    refined = refine(compiled, candidate, deadline, rounds if compiled.cutting_planes.linearises else 0, 0.0)
     if refined.point.value <= 0.0:
         return None
-    rng, last = np.random.default_rng(0), LEAST_NEAR if not bench.exchange.linearises else refined.length
-    found = _solve_program(bench, refined.point, max(LEAST_NEAR, NEAR * last), rng, stop)
+    rng, last = np.random.default_rng(0), LEAST_NEAR if not compiled.cutting_planes.linearises else refined.length
+    found = _solve_program(compiled, refined.point, max(LEAST_NEAR, NEAR * last), rng, deadline)
     return replace(found, effort=refined.effort + found.effort)
 
 
-def residuals_at(bench: CompiledProblem, placed: GraspCandidate) -> KKT:
+def residuals_at(compiled: CompiledProblem, candidate: GraspCandidate) -> KKT:
     """Return the KKT residuals at a candidate, with the multipliers of the linearised program there."""
-    cuts = most_relevant(bench, placed, weakest_at(bench, placed, np.random.default_rng(0)).directions)
-    linear = Linearisation(bench, placed, cuts)
-    step = linear.quadratic_step(LEAST_NEAR) if len(cuts) and bench.exchange.linearises else None
+    cuts = most_relevant(compiled, candidate, weakest_at(compiled, candidate, np.random.default_rng(0)).directions)
+    linear = Linearisation(compiled, candidate, cuts)
+    step = linear.quadratic_step(LEAST_NEAR) if len(cuts) and compiled.cutting_planes.linearises else None
     rows = linear.rows()
     nothing = np.zeros(len(rows.values)), np.zeros(len(linear.z))
     multipliers = nothing if step is None else (step.multipliers, step.bound_multipliers)
     constraints = rows.values, rows.lower, rows.upper
-    kkt = _kkt(linear.z, linear.beta, rows.jacobian, constraints, linear.compiled.program.bounds, multipliers)
+    kkt = _kkt(linear.z, linear.beta, rows.jacobian, constraints, linear.functions.program.bounds, multipliers)
     weights = np.zeros(len(cuts)) if step is None else np.maximum(linear.support(step.multipliers), 0.0)
     weights /= max(float(weights.sum()), 1e-300)
     return _binding_directions(kkt, cuts, weights)
 
 
 def _solve_program(
-    bench: CompiledProblem, here: RefinementPoint, radius: float, rng: np.random.Generator, stop: Deadline
+    compiled: CompiledProblem, here: RefinementPoint, radius: float, rng: np.random.Generator, deadline: Deadline
 ) -> LocalOptimum:
     """Return IPOPT's solution from a point; where it does not converge, with weak directions at its solution added."""
     cuts, effort, found = here.cuts, Effort(), list[LocalOptimum]()
-    for _ in range(PROGRAM_ROUNDS if bench.exchange.linearises else ROUNDS_WITH_FORCES):
-        cuts = most_relevant(bench, here.placed, cuts)
-        first = bench.exchange.linearises and not found
-        compiled = bench.exchange.confirming if first else bench.exchange.closing
-        optimum = _solve_in_trust_region(bench, compiled, here, cuts, radius, rng)
+    for _ in range(PROGRAM_ROUNDS if compiled.cutting_planes.linearises else ROUNDS_WITH_FORCES):
+        cuts = most_relevant(compiled, here.candidate, cuts)
+        first = compiled.cutting_planes.linearises and not found
+        functions = compiled.cutting_planes.confirming if first else compiled.cutting_planes.closing
+        optimum = _solve_in_trust_region(compiled, functions, here, cuts, radius, rng)
         found.append(optimum)
         effort += optimum.effort
-        if stop.requested() or optimum.kkt.is_small:
+        if deadline.is_requested() or optimum.kkt.is_small:
             return replace(optimum, effort=effort)
-        cuts = append_new(bench, cuts, minimise_nearby(bench, optimum.placed, rng, cuts).directions)
+        cuts = append_new(compiled, cuts, minimise_nearby(compiled, optimum.candidate, rng, cuts).directions)
         radius = WIDE
     return replace(min(found, key=lambda optimum: optimum.kkt.largest), effort=effort)
 
 
 def _solve_in_trust_region(
-    bench: CompiledProblem,
-    compiled: CompiledProgram,
+    compiled: CompiledProblem,
+    functions: CompiledProgram,
     here: RefinementPoint,
     cuts: FloatArray,
     radius: float,
     rng: np.random.Generator,
 ) -> LocalOptimum:
     """Return IPOPT's solution inside a trust region around a point."""
-    faces, program, scale = here.placed.faces, compiled.program, bench.scaling.beta
-    z, theta = pack_variables(bench, program, here.placed), piece_parameters(bench, here.placed, cuts)
+    faces, program, scale = here.candidate.faces, functions.program, compiled.scaling.beta
+    z, theta = pack_variables(compiled, program, here.candidate), piece_parameters(compiled, here.candidate, cuts)
     z[program.block("beta").range] = scale * min(
-        here.value, float(np.min(bench.wrench_set(here.placed).support(cuts)[0]))
+        here.value, float(np.min(compiled.wrench_set(here.candidate).support(cuts)[0]))
     )
-    result = compiled.solve(z, theta, program.near(z, radius), _multipliers(bench, here, cuts, radius))
-    placed = candidate_of(bench, program, faces, result.z)
+    result = functions.solve(
+        z, theta, program.trust_region_bounds(z, radius), _multipliers(compiled, here, cuts, radius)
+    )
+    candidate = candidate_of(compiled, program, faces, result.z)
     weights = np.maximum(-result.multipliers[program.rows_of(SUPPORT)][: len(cuts)], 0.0)
-    rows = np.array([row.scale for row in bench.rows.named])
+    rows = np.array([row.scale for row in compiled.rows.named])
     optimum = LocalOptimum(
-        placed,
-        minimise_nearby(bench, placed, rng, cuts).value,
+        candidate,
+        minimise_nearby(compiled, candidate, rng, cuts).value,
         cuts,
         weights / max(float(weights.sum()), 1e-300),
         result.multipliers[program.placement] / (scale * rows),
         {name: result.bound_multipliers[b.range] / (scale * b.scale) for name, b in program.hand_blocks},
-        _residuals(compiled, result, theta),
+        _residuals(functions, result, theta),
         Effort.of(result),
     )
-    return replace(optimum, kkt=_full_kkt(bench, optimum, result.objective / scale))
+    return replace(optimum, kkt=_full_kkt(compiled, optimum, result.objective / scale))
 
 
-def _full_kkt(bench: CompiledProblem, optimum: LocalOptimum, beta: float) -> KKT:
+def _full_kkt(compiled: CompiledProblem, optimum: LocalOptimum, beta: float) -> KKT:
     """Return the KKT residuals of an optimum, with errors of the inequalities in all directions included.
 
     The inequalities are those of all directions: beta has to be next to the least ratio. Complementarity is theirs,
@@ -149,7 +151,7 @@ def _full_kkt(bench: CompiledProblem, optimum: LocalOptimum, beta: float) -> KKT
     row may bind though its inequality does not.
     """
     kkt = _binding_directions(optimum.kkt, optimum.cuts, optimum.weights)
-    slack = bench.wrench_set(optimum.placed).support(optimum.cuts)[0] - beta
+    slack = compiled.wrench_set(optimum.candidate).support(optimum.cuts)[0] - beta
     apart = float(np.max(optimum.weights * np.abs(slack), initial=0.0)) / max(abs(beta), 1e-300)
     above = (beta - optimum.value) / max(abs(beta), 1e-300)
     return replace(
@@ -167,19 +169,19 @@ def _binding_directions(kkt: KKT, cuts: FloatArray, weights: FloatArray) -> KKT:
 
 
 def _multipliers(
-    bench: CompiledProblem, here: RefinementPoint, cuts: FloatArray, radius: float
+    compiled: CompiledProblem, here: RefinementPoint, cuts: FloatArray, radius: float
 ) -> tuple[FloatArray, FloatArray] | None:
     """Return the multipliers of constraints and bounds of the linearised program at a point, None without any."""
-    if not bench.exchange.linearises:
+    if not compiled.cutting_planes.linearises:
         return None
-    step = Linearisation(bench, here.placed, cuts).quadratic_step(radius)
+    step = Linearisation(compiled, here.candidate, cuts).quadratic_step(radius)
     return None if step is None else (step.multipliers, step.bound_multipliers)
 
 
-def _residuals(compiled: CompiledProgram, result: NlpResult, theta: FloatArray) -> KKT:
+def _residuals(functions: CompiledProgram, result: NlpResult, theta: FloatArray) -> KKT:
     """Return the KKT residuals of IPOPT's answer in the program without a trust region."""
-    program = compiled.program
-    values, jacobian = compiled.linearise(result.z, theta)
+    program = functions.program
+    values, jacobian = functions.linearise(result.z, theta)
     multipliers = result.multipliers, result.bound_multipliers
     beta = program.block("beta").start
     return _kkt(result.z, beta, jacobian, (values, *program.limits), program.bounds, multipliers)

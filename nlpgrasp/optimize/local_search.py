@@ -37,7 +37,7 @@ class RefinementPoint:
 
     Parameters
     ----------
-    placed : Placed
+    candidate : GraspCandidate
     value : float
         The least support ratio.
     minimisers : (m, d) array
@@ -46,7 +46,7 @@ class RefinementPoint:
         Directions in which places nearby are weaker.
     """
 
-    placed: GraspCandidate
+    candidate: GraspCandidate
     value: float
     minimisers: FloatArray
     others: FloatArray
@@ -63,7 +63,7 @@ class RefinementResult:
 
     Parameters
     ----------
-    point : Point
+    point : RefinementPoint
     length : float
         Of the last step, solver units.
     multipliers : (rows,) array
@@ -72,7 +72,7 @@ class RefinementResult:
         The least ratio at first and after each step.
     effort : Effort
         Of IPOPT.
-    certificate : Begun or None
+    certificate : ResumableCertificate or None
         Of the point, as far as it told that descents missed nothing.
     """
 
@@ -86,19 +86,23 @@ class RefinementResult:
     def state(self) -> SearchState:
         """Return the result as the state of a local search."""
         point = self.point
-        return SearchState(point.placed, point.value, point.cuts, self.multipliers, self.effort, list(self.history))
+        return SearchState(point.candidate, point.value, point.cuts, self.multipliers, self.effort, list(self.history))
 
 
 def evaluate_candidate(
-    bench: CompiledProblem, placed: GraspCandidate, known: FloatArray, rng: np.random.Generator
+    compiled: CompiledProblem, candidate: GraspCandidate, known: FloatArray, rng: np.random.Generator
 ) -> RefinementPoint:
     """Return a candidate with its weakest directions, searched from known ones (m, d) as well."""
-    found = minimise_nearby(bench, placed, rng, known)
-    return RefinementPoint(placed, found.value, found.directions, found.directions[:0])
+    found = minimise_nearby(compiled, candidate, rng, known)
+    return RefinementPoint(candidate, found.value, found.directions, found.directions[:0])
 
 
 def refine(
-    bench: CompiledProblem, placed: GraspCandidate, stop: Deadline, rounds: int | None = None, least: float = LEAST_GAIN
+    compiled: CompiledProblem,
+    candidate: GraspCandidate,
+    deadline: Deadline,
+    rounds: int | None = None,
+    least: float = LEAST_GAIN,
 ) -> RefinementResult:
     """Return the local optimum reached from a candidate within some rounds; itself where it does not exert the task.
 
@@ -106,46 +110,46 @@ def refine(
     flatter: a polytope looks for directions that they missed, and the search goes on with these, from where it began if
     it was led astray.
     """
-    rng, rounds = np.random.default_rng(0), bench.options.rounds if rounds is None else rounds
-    sure = refined = _begun(bench, placed, rng)
+    rng, rounds = np.random.default_rng(0), compiled.options.rounds if rounds is None else rounds
+    sure = refined = _begun(compiled, candidate, rng)
     for _ in range(LOOKS):
-        refined = _iterate_steps(bench, refined, rng, stop, rounds, least)
+        refined = _iterate_steps(compiled, refined, rng, deadline, rounds, least)
         here = refined.point
-        missed, begun = find_weaker(bench, here.placed, here.value)
+        missed, begun = find_weaker(compiled, here.candidate, here.value)
         if missed is None:
             return replace(refined, certificate=begun)
-        again = evaluate_candidate(bench, here.placed, np.concatenate([missed.directions, here.minimisers]), rng)
+        again = evaluate_candidate(compiled, here.candidate, np.concatenate([missed.directions, here.minimisers]), rng)
         value = min(again.value, missed.value)
         if value > sure.point.value:
             sure = refined = replace(refined, point=replace(again, value=value, others=here.others))
         else:
             others = np.concatenate([missed.directions, sure.point.others])
             sure = refined = replace(sure, point=replace(sure.point, others=others), effort=refined.effort)
-        if stop.requested():
+        if deadline.is_requested():
             break
     return sure
 
 
-def advance(bench: CompiledProblem, placed: GraspCandidate, stop: Deadline, rounds: int) -> RefinementResult:
+def advance(compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline, rounds: int) -> RefinementResult:
     """Return a candidate after a few rounds of refinement, by whose values candidates can be compared.
 
     No certificate has looked for directions in which it is weaker.
     """
-    rng, rounds = np.random.default_rng(0), min(rounds, bench.options.rounds)
-    return _iterate_steps(bench, _begun(bench, placed, rng), rng, stop, rounds, LEAST_GAIN)
+    rng, rounds = np.random.default_rng(0), min(rounds, compiled.options.rounds)
+    return _iterate_steps(compiled, _begun(compiled, candidate, rng), rng, deadline, rounds, LEAST_GAIN)
 
 
-def _begun(bench: CompiledProblem, placed: GraspCandidate, rng: np.random.Generator) -> RefinementResult:
+def _begun(compiled: CompiledProblem, candidate: GraspCandidate, rng: np.random.Generator) -> RefinementResult:
     """Return a candidate as the beginning of a refinement."""
-    here = evaluate_candidate(bench, placed, weakest_at(bench, placed, rng).directions, rng)
-    return RefinementResult(here, RADIUS, np.zeros(len(bench.rows.named)), (here.value,))
+    here = evaluate_candidate(compiled, candidate, weakest_at(compiled, candidate, rng).directions, rng)
+    return RefinementResult(here, RADIUS, np.zeros(len(compiled.rows.named)), (here.value,))
 
 
 def _iterate_steps(
-    bench: CompiledProblem,
+    compiled: CompiledProblem,
     refined: RefinementResult,
     rng: np.random.Generator,
-    stop: Deadline,
+    deadline: Deadline,
     rounds: int,
     least: float,
 ) -> RefinementResult:
@@ -153,15 +157,15 @@ def _iterate_steps(
     begun = here = refined.point
     radius, curvature, near, stale, idle = RADIUS, None, least == 0.0, True, 0
     for _ in range(rounds):
-        if stop.requested() or here.value <= 0.0 or idle == IDLE:
+        if deadline.is_requested() or here.value <= 0.0 or idle == IDLE:
             return refined
-        cuts = most_relevant(bench, here.placed, here.cuts)
-        if bench.exchange.linearises:
-            linear = Linearisation(bench, here.placed, cuts)
+        cuts = most_relevant(compiled, here.candidate, here.cuts)
+        if compiled.cutting_planes.linearises:
+            linear = Linearisation(compiled, here.candidate, cuts)
             first = linear.quadratic_step(radius, curvature)
             if first is None or (curvature is not None and float(np.max(np.abs(curvature @ first.d))) < SETTLED):
                 return refined
-            near = near or float(first.d[linear.beta]) < NEAR * here.value * bench.scaling.beta
+            near = near or float(first.d[linear.beta]) < NEAR * here.value * compiled.scaling.beta
             stale = stale or least == 0.0
             if near and stale:
                 known = np.arange(len(cuts)) < len(here.minimisers)
@@ -170,13 +174,13 @@ def _iterate_steps(
             stale = not stale if near else True
             step = None if first is None else linear.step(first, radius)
         else:
-            step = program_step(bench, here.placed, here.value, cuts, radius)
-        if step is None or bench.violation(step.placed) > FEASIBLE:
+            step = program_step(compiled, here.candidate, here.value, cuts, radius)
+        if step is None or compiled.violation(step.candidate) > FEASIBLE:
             radius, stale = SHORTER * radius, True
             continue
-        moved = float(np.max(np.abs(_differences(bench, step.placed, here.placed))))
+        moved = float(np.max(np.abs(_differences(compiled, step.candidate, here.candidate))))
         refined = replace(refined, effort=refined.effort + step.effort)
-        there = evaluate_candidate(bench, step.placed, here.minimisers, rng)
+        there = evaluate_candidate(compiled, step.candidate, here.minimisers, rng)
         near = near or there.value - here.value < FAIR * step.promised
         accepted = there.value >= here.value * (1.0 - NO_LOSS)
         if there.value >= (1.0 + least) * here.value:
@@ -189,7 +193,9 @@ def _iterate_steps(
             history = (*refined.history, here.value)
             refined = replace(refined, point=here, length=moved, multipliers=step.multipliers, history=history)
         else:
-            again = evaluate_candidate(bench, here.placed, np.concatenate([here.minimisers, there.minimisers]), rng)
+            again = evaluate_candidate(
+                compiled, here.candidate, np.concatenate([here.minimisers, there.minimisers]), rng
+            )
             others = np.concatenate([there.minimisers, here.others])
             if again.value < (1.0 - MISSED) * begun.value:  # descents had flattered it
                 again, others = begun, np.concatenate([again.minimisers, others])
@@ -199,9 +205,9 @@ def _iterate_steps(
     return refined
 
 
-def _differences(bench: CompiledProblem, there: GraspCandidate, here: GraspCandidate) -> FloatArray:
+def _differences(compiled: CompiledProblem, there: GraspCandidate, here: GraspCandidate) -> FloatArray:
     """Return the difference of two candidates in the program's variables but beta and forces, solver units."""
-    program = bench.exchange.compiled.program
-    moved = pack_variables(bench, program, there) - pack_variables(bench, program, here)
+    program = compiled.cutting_planes.functions.program
+    moved = pack_variables(compiled, program, there) - pack_variables(compiled, program, here)
     moved[program.block("beta").range] = 0.0
     return moved

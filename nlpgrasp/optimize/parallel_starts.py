@@ -49,16 +49,16 @@ class StartRunner:
     problem : GraspProblem
     options : SolveOptions
     starts : int
-    bench : Workbench, optional
+    compiled : CompiledProblem, optional
         Of the problem, where it has one already: the starts then run in this process.
     """
 
     def __init__(
-        self, problem: GraspProblem, options: SolveOptions, starts: int, bench: CompiledProblem | None = None
+        self, problem: GraspProblem, options: SolveOptions, starts: int, compiled: CompiledProblem | None = None
     ) -> None:
         self.problem, self.options, self.count = problem, options, starts
-        self.workers = 1 if bench is not None else min(options.workers or cores(), starts)
-        self._bench = bench
+        self.workers = 1 if compiled is not None else min(options.workers or cores(), starts)
+        self._bench = compiled
         self._parcel: WorkerPayload[LazyCompiledProblem[_WorkItem]] | None = None
 
     @classmethod
@@ -90,17 +90,17 @@ class StartRunner:
         for _ in range(self.workers):
             processes.submit(_compile, self._parcel)
 
-    def starts(self, candidates: Candidates, seed: int, stop: Deadline) -> Iterator[StartResult]:
+    def starts(self, candidates: Candidates, seed: int, deadline: Deadline) -> Iterator[StartResult]:
         """Yield the result of each start, given by its number and candidates, as it is done, in any order."""
         if self.workers == 1:
-            yield from self._here(candidates, seed, stop)
+            yield from self._run_in_process(candidates, seed, deadline)
         else:
-            yield from self._in_processes(candidates, seed, stop)
+            yield from self._in_processes(candidates, seed, deadline)
 
-    def warm_starts(self, known: Sequence[KnownGrasp], first: int, stop: Deadline) -> Iterator[StartResult]:
+    def warm_starts(self, known: Sequence[KnownGrasp], first: int, deadline: Deadline) -> Iterator[StartResult]:
         """Yield the starts from known grasps, as each is and refined, numbered from ``first`` on, two each."""
         items = [(first + 2 * i, grasp) for i, grasp in enumerate(known)]
-        for found in self.begin(partial(_run_known_grasp, stop=stop), items)():
+        for found in self.begin(partial(_run_known_grasp, deadline=deadline), items)():
             yield from found
 
     def run(self, work: Callable[[CompiledProblem, Item], Found], item: Item) -> Found | None:
@@ -113,7 +113,7 @@ class StartRunner:
         The call that is returned waits for it: nothing where a worker ends. Without workers the work is done then.
         """
         if self._parcel is None or not items:
-            return lambda: [work(self.bench, item) for item in items]
+            return lambda: [work(self.compiled, item) for item in items]
         processes = Processes(self.workers)
         try:
             return partial(_wait_for_results, [processes.submit(_run_part, self._parcel, work, item) for item in items])
@@ -121,36 +121,36 @@ class StartRunner:
             return list
 
     @property
-    def bench(self) -> CompiledProblem:
+    def compiled(self) -> CompiledProblem:
         """Compiled problem of this process, built on first use."""
         if self._bench is None:
             self._bench = CompiledProblem(self.problem, self.options)
         return self._bench
 
-    def _here(self, candidates: Candidates, seed: int, stop: Deadline) -> Iterator[StartResult]:
+    def _run_in_process(self, candidates: Candidates, seed: int, deadline: Deadline) -> Iterator[StartResult]:
         """Run the starts in this process; after a stop request the running one, or the first, ends with what it has."""
         for index, own in candidates:
-            if stop.requested() and index:
+            if deadline.is_requested() and index:
                 break
-            yield run_start(self.bench, index, seed, stop, candidates=own)
+            yield run_start(self.compiled, index, seed, deadline, candidates=own)
 
-    def _in_processes(self, candidates: Candidates, seed: int, stop: Deadline) -> Iterator[StartResult]:
+    def _in_processes(self, candidates: Candidates, seed: int, deadline: Deadline) -> Iterator[StartResult]:
         parcel, processes = cast("WorkerPayload[LazyCompiledProblem[_WorkItem]]", self._parcel), Processes(self.workers)
         waiting, pending, give_up = iter(candidates), dict[Future[StartResult], int](), None
         while True:
             for index, own in islice(waiting, max(0, WAITING * self.workers - len(pending))):
                 try:
-                    future = processes.submit(_run_start_in_worker, parcel, index, own, seed, stop)
+                    future = processes.submit(_run_start_in_worker, parcel, index, own, seed, deadline)
                 except BrokenProcessPool:  # a worker has died since: the starts still to come have new ones
                     processes = Processes(self.workers)
-                    future = processes.submit(_run_start_in_worker, parcel, index, own, seed, stop)
+                    future = processes.submit(_run_start_in_worker, parcel, index, own, seed, deadline)
                 pending[future] = index
             if not pending:
                 break
             done, _ = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
             for future in done:
                 yield _result(future, pending.pop(future))
-            if stop.requested() and pending:
+            if deadline.is_requested() and pending:
                 give_up = give_up or time.monotonic() + GRACE
                 for future in [f for f in pending if f.cancel()]:
                     pending.pop(future)
@@ -192,7 +192,7 @@ class LazyCompiledProblem(Generic[Case]):
         return self.make()
 
     @cached_property
-    def bench(self) -> CompiledProblem:
+    def compiled(self) -> CompiledProblem:
         """Compiled problem."""
         return CompiledProblem(self.case.problem, self.case.options)
 
@@ -207,7 +207,7 @@ class _WorkItem:
 
 def _compile(parcel: WorkerPayload[LazyCompiledProblem[_WorkItem]]) -> None:
     """Compile the problem in a worker."""
-    parcel.unpacked().bench.exchange.compiled  # noqa: B018
+    parcel.unpack().compiled.cutting_planes.functions  # noqa: B018
 
 
 def _run_start_in_worker(
@@ -215,24 +215,24 @@ def _run_start_in_worker(
     index: int,
     candidates: Sequence[GraspCandidate],
     seed: int,
-    stop: Deadline,
+    deadline: Deadline,
 ) -> StartResult:
     """Run one start in a worker, unless it is too late to begin any but the first."""
-    if stop.requested() and index:
+    if deadline.is_requested() and index:
         return StartResult(StartRecord(index, Status.TIME_LIMIT, message=NOT_BEGUN))
-    return run_start(parcel.unpacked().bench, index, seed, stop, candidates=candidates)
+    return run_start(parcel.unpack().compiled, index, seed, deadline, candidates=candidates)
 
 
-def _run_known_grasp(bench: CompiledProblem, item: tuple[int, KnownGrasp], stop: Deadline) -> list[StartGrasp]:
+def _run_known_grasp(compiled: CompiledProblem, item: tuple[int, KnownGrasp], deadline: Deadline) -> list[StartGrasp]:
     """Run the starts from one known grasp."""
-    return run_warm_start(bench, WarmStart.of(bench, item[1]), item[0], stop)
+    return run_warm_start(compiled, WarmStart.of(compiled, item[1]), item[0], deadline)
 
 
 def _run_part(
     parcel: WorkerPayload[LazyCompiledProblem[_WorkItem]], work: Callable[[CompiledProblem, Item], Found], item: Item
 ) -> Found:
     """Run a part of the remaining work in a worker."""
-    return work(parcel.unpacked().bench, item)
+    return work(parcel.unpack().compiled, item)
 
 
 def _wait_for_results(futures: Sequence[Future[Found]]) -> list[Found]:

@@ -127,7 +127,7 @@ class WorkerPayload(Generic[Item]):
         """Pickle an item; errors of its parts are raised."""
         return cls(token or uuid.uuid4().hex, tuple(sys.path), bytes(cloudpickle.dumps(item)))
 
-    def unpacked(self) -> Item:
+    def unpack(self) -> Item:
         """Return the item in this process."""
         if self.token not in _unpacked:
             _unpacked.clear()  # before the next one is built: each may hold a gigabyte

@@ -46,37 +46,39 @@ LONGEST_HAND_STEP = 0.3  # the longest of them, solver units
 OVERLAP = 0.2  # share of a tip's radius: the mesh has no usable normal nearer to its centre
 
 
-def project_onto_constraints(bench: CompiledProblem, candidate: GraspCandidate) -> tuple[GraspCandidate, float]:
+def project_onto_constraints(compiled: CompiledProblem, candidate: GraspCandidate) -> tuple[GraspCandidate, float]:
     """Return a candidate projected onto the constraints, and the remaining violation, relative to their scales."""
-    compiled = bench.exchange.compiled
-    program, theta = compiled.program, empty_slots(bench, candidate)
+    functions = compiled.cutting_planes.functions
+    program, theta = functions.program, empty_slots(compiled, candidate)
     used = slice(program.contained, None)
     low, high = (limits[used] for limits in program.limits)
 
     def rows(z: FloatArray) -> Linearised:
-        g, J = compiled.linearise(z, theta)
+        g, J = functions.linearise(z, theta)
         return Linearised(g[used], J[used], low, high, *step_bounds(z, program.bounds, LONGEST))
 
-    found = restore_feasibility(rows, pack_variables(bench, program, candidate), RULES)
-    return candidate_of(bench, program, candidate.faces, found.best), found.violation
+    found = restore_feasibility(rows, pack_variables(compiled, program, candidate), RULES)
+    return candidate_of(compiled, program, candidate.faces, found.best), found.violation
 
 
-def touching_on_body(bench: CompiledProblem, placed: GraspCandidate) -> tuple[CompiledProblem, GraspCandidate, float]:
+def touching_on_body(
+    compiled: CompiledProblem, candidate: GraspCandidate
+) -> tuple[CompiledProblem, GraspCandidate, float]:
     """Return a candidate projected onto its constraints, on a mesh on its triangles, and the remaining violation.
 
     The first part is the compiled problem whose faces its contacts are on. It is that of a mesh's smooth surface where
     flat fingertips cannot lie on triangles.
     """
-    own, there = fix_to_triangles(bench, placed)
+    own, there = fix_to_triangles(compiled, candidate)
     moved, left = project_onto_constraints(own, there)
-    if left > TOUCHING and own is not bench and bench.hand_points.has_flat_tips:
-        own, faces = bench, bench.problem.body.face_names * len(placed.points)
-        moved, left = project_onto_constraints(own, own.snapped(replace(placed, faces=faces)))
+    if left > TOUCHING and own is not compiled and compiled.hand_points.has_flat_tips:
+        own, faces = compiled, compiled.problem.body.face_names * len(candidate.points)
+        moved, left = project_onto_constraints(own, own.snapped(replace(candidate, faces=faces)))
     return own, own.snapped(moved), left
 
 
 def fix_to_triangles(
-    bench: CompiledProblem, placed: GraspCandidate, places: Sequence[FloatArray] = ()
+    compiled: CompiledProblem, candidate: GraspCandidate, places: Sequence[FloatArray] = ()
 ) -> tuple[CompiledProblem, GraspCandidate]:
     """Return the compiled problem whose faces are the mesh triangles under the contacts, and the candidate on them.
 
@@ -84,69 +86,72 @@ def fix_to_triangles(
 
     Parameters
     ----------
-    bench : Workbench
-    placed : Placed
+    compiled : CompiledProblem
+    candidate : GraspCandidate
         Contacts may say by their faces which triangles theirs are.
     places : sequence of (k, 3) arrays
         Where contacts stay away from sharp edges, metres; about themselves if not given.
     """
-    problem, body = bench.problem, bench.problem.body
+    problem, body = compiled.problem, compiled.problem.body
     if not isinstance(body, Mesh):
-        return bench, placed
-    triangles = body.triangles_at(placed.points)
-    for i, face in enumerate(placed.faces):
+        return compiled, candidate
+    triangles = body.triangles_at(candidate.points)
+    for i, face in enumerate(candidate.faces):
         if face not in body.face_names:  # on an edge two are as near
             triangles[i] = Facets.triangle_of(face)
-    facets = Facets(body, triangles, np.stack([placed.points] if not len(places) else places), problem.margin)
+    facets = Facets(body, triangles, np.stack([candidate.points] if not len(places) else places), problem.margin)
     models = tuple(replace(model, faces=(name,)) for model, name in zip(problem.models, facets.names, strict=True))
     own = problem.unchecked(body=facets, contacts=models)
-    return bench.with_faces(own), replace(placed, faces=facets.names)
+    return compiled.with_faces(own), replace(candidate, faces=facets.names)
 
 
 def put_on_body(
-    bench: CompiledProblem, own: CompiledProblem, placed: GraspCandidate, begun: FloatArray | None = None
+    compiled: CompiledProblem, own: CompiledProblem, candidate: GraspCandidate, begun: FloatArray | None = None
 ) -> GraspOnBody:
     """Return the grasp of the body itself.
 
     Parameters
     ----------
-    bench : Workbench
-    own : Workbench
-        ``bench``, or on a mesh the one whose faces are the triangles that contacts are on; ``bench`` where flat
+    compiled : CompiledProblem
+    own : CompiledProblem
+        ``compiled``, or on a mesh the one whose faces are the triangles that contacts are on; ``compiled`` where flat
         fingertips touch its edges and corners.
-    placed : Placed
+    candidate : GraspCandidate
         On the faces of ``own``.
     begun : (k, 3) array, optional
         Where contacts were on the smooth surface of a mesh, metres; where they are if not given.
     """
-    body = bench.problem.body
+    body = compiled.problem.body
     if not isinstance(body, Mesh):
-        return GraspOnBody.of(bench, placed, bench.grasp(placed))
-    there, grasp = GraspCandidate(body.face_names * len(placed.points), placed.points, placed.hand), own.grasp(placed)
-    if own is bench:
-        there, grasp = move_to_contact(bench, there)
-    start = placed.points if begun is None else begun
-    match = match_on_mesh(body, start, grasp, bench.inward_normals(there), bench.follows_contacts)
-    return GraspOnBody.of(bench, there, grasp, match)
+        return GraspOnBody.of(compiled, candidate, compiled.grasp(candidate))
+    there, grasp = (
+        GraspCandidate(body.face_names * len(candidate.points), candidate.points, candidate.hand),
+        own.grasp(candidate),
+    )
+    if own is compiled:
+        there, grasp = move_to_contact(compiled, there)
+    start = candidate.points if begun is None else begun
+    match = match_on_mesh(body, start, grasp, compiled.inward_normals(there), compiled.follows_contacts)
+    return GraspOnBody.of(compiled, there, grasp, match)
 
 
-def move_to_contact(bench: CompiledProblem, smooth: GraspCandidate) -> tuple[GraspCandidate, Grasp]:
+def move_to_contact(compiled: CompiledProblem, smooth: GraspCandidate) -> tuple[GraspCandidate, Grasp]:
     """Return the hand moved into contact with the mesh, from contacts on the smooth surface, and its grasp."""
-    hand = _TouchConstraints(bench, smooth)
+    hand = _TouchConstraints(compiled, smooth)
     rows = restore_feasibility(
-        hand.nearest, hand.z[hand.free], NewtonRules(STEPS, TIP_TOUCHING / bench.scaling.length)
+        hand.nearest, hand.z[hand.free], NewtonRules(STEPS, TIP_TOUCHING / compiled.scaling.length)
     ).rows
-    return GraspCandidate(smooth.faces, rows.contacts, rows.hand), bench.grasp_at(rows.contacts, rows.normals)
+    return GraspCandidate(smooth.faces, rows.contacts, rows.hand), compiled.grasp_at(rows.contacts, rows.normals)
 
 
 class _TouchConstraints:
     """Linearisation of the constraints in the hand's variables, for Newton steps towards contact."""
 
-    def __init__(self, bench: CompiledProblem, start: GraspCandidate) -> None:
-        self.bench, self.program = bench, bench.exchange.compiled.program
-        self.theta = empty_slots(bench, start)
-        self.z = pack_variables(bench, self.program, start)
-        self.smooth = bench.inward_normals(start)
+    def __init__(self, compiled: CompiledProblem, start: GraspCandidate) -> None:
+        self.compiled, self.program = compiled, compiled.cutting_planes.functions.program
+        self.theta = empty_slots(compiled, start)
+        self.z = pack_variables(compiled, self.program, start)
+        self.smooth = compiled.inward_normals(start)
         self.free = np.concatenate([np.arange(b.start, b.stop) for _, b in self.program.hand_blocks])
 
     def nearest(self, free: FloatArray) -> _TouchLinearisation:
@@ -154,10 +159,10 @@ class _TouchConstraints:
 
         Tips that are not round keep the smooth normal: theirs, as they touch along it.
         """
-        bench = self.bench
-        radii = np.asarray(bench.hand_points.hand.tip_radii)
-        centres = bench.hand_points.tip_centres(self._hand(free), contact_points(bench, self.program, self.z))
-        contacts, _, distance = bench.surface.mesh.closest(centres)
+        compiled = self.compiled
+        radii = np.asarray(compiled.hand_points.hand.tip_radii)
+        centres = compiled.hand_points.tip_centres(self._hand(free), contact_points(compiled, self.program, self.z))
+        contacts, _, distance = compiled.surface.mesh.closest(centres)
         towards = contacts - centres
         outside = np.sum(towards * self.smooth, axis=1) > 0.0
         round_tip = (radii > 0.0) & (distance > OVERLAP * radii) & outside
@@ -166,12 +171,14 @@ class _TouchConstraints:
 
     def rows(self, free: FloatArray, contacts: FloatArray, normals: FloatArray) -> _TouchLinearisation:
         """Return the constraints for values of the hand's variables and arbitrary contacts."""
-        bench, program, here = self.bench, self.program, self._hand(free)
-        set_contacts(bench, program, self.z, contacts, normals)
-        g, J = bench.exchange.compiled.linearise(self.z, self.theta)
+        compiled, program, here = self.compiled, self.program, self._hand(free)
+        set_contacts(compiled, program, self.z, contacts, normals)
+        g, J = compiled.cutting_planes.functions.linearise(self.z, self.theta)
         used = program.placement
         g = g[used]
-        g[bench.rows.clearances] = bench.hand_points.mesh_clearances(bench.surface.mesh, here) / bench.scaling.length
+        g[compiled.rows.clearances] = (
+            compiled.hand_points.mesh_clearances(compiled.surface.mesh, here) / compiled.scaling.length
+        )
         low, high = (limits[used] for limits in program.limits)
         bounds = step_bounds(free, (program.bounds[0][self.free], program.bounds[1][self.free]), LONGEST_HAND_STEP)
         return _TouchLinearisation(g, J[used][:, self.free], low, high, *bounds, contacts, normals, here)

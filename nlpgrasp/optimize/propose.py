@@ -46,17 +46,17 @@ MANY, MANY_TRIES = 6, 32  # number of contacts from which hands rarely touch wit
 
 
 def propose(
-    bench: CompiledProblem, rng: np.random.Generator, known: Sequence[FloatArray] = (), starts: int = 1
+    compiled: CompiledProblem, rng: np.random.Generator, known: Sequence[FloatArray] = (), starts: int = 1
 ) -> list[GraspCandidate]:
     """Return initial candidates for so many starts, the most promising first; also near known contacts (k, space).
 
     A hand with a pose of its own is near the body: its fingertips need not touch yet. Poses are compared under the
     paper's budget. There is at least one candidate, the least violated one where none is feasible.
     """
-    if bench.follows_contacts:
-        return exchanged_candidates(bench, rng, known, starts * PROPOSED)
-    each = TRIES if len(bench.problem.models) < MANY else MANY_TRIES
-    return reachable_candidates(bench.under_l2 or bench, rng, starts * each)
+    if compiled.follows_contacts:
+        return exchanged_candidates(compiled, rng, known, starts * PROPOSED)
+    each = TRIES if len(compiled.problem.models) < MANY else MANY_TRIES
+    return reachable_candidates(compiled.with_l2_budget or compiled, rng, starts * each)
 
 
 def shares(candidates: Sequence[GraspCandidate], starts: int) -> list[Sequence[GraspCandidate]]:
@@ -64,56 +64,60 @@ def shares(candidates: Sequence[GraspCandidate], starts: int) -> list[Sequence[G
     return [candidates[i::starts] or candidates[i % len(candidates) :] for i in range(starts)]
 
 
-def reachable_candidates(bench: CompiledProblem, rng: np.random.Generator, count: int) -> list[GraspCandidate]:
+def reachable_candidates(compiled: CompiledProblem, rng: np.random.Generator, count: int) -> list[GraspCandidate]:
     """Return the best few of many random poses of a hand around the body, at most ``count``.
 
     Palms whose fingertips are near the body come first, and those that constraints do not turn away. Contacts are
     exchanged within reach of their fingers, and compared by the least ratio, less what the links would be in the way
     of. With many contacts, or no palm from which all fingertips reach the body, they are the nearest samples.
     """
-    drawn = _random_hand_poses(bench, rng)
-    if len(bench.problem.models) < MANY:
-        search = CoordinateExchange(bench.without_hand, bench.without_hand.sample_tables, rng)
-        palms = (drawn, _fit_poses(bench, search, rng))
-        orders = zip(*(poses.hands(_pose_violation(bench, poses))[:MOST_PALMS] for poses in palms), strict=False)
-        found = _exchanged(bench, search, [hand for pair in orders for hand in pair], rng)
+    drawn = _random_hand_poses(compiled, rng)
+    if len(compiled.problem.models) < MANY:
+        search = CoordinateExchange(compiled.without_hand, compiled.without_hand.sample_tables, rng)
+        palms = (drawn, _fit_poses(compiled, search, rng))
+        orders = zip(*(poses.hands(_pose_violation(compiled, poses))[:MOST_PALMS] for poses in palms), strict=False)
+        found = _exchanged(compiled, search, [hand for pair in orders for hand in pair], rng)
         if found:
             return found[:count]
-    blocked = bench.rows.blocked(drawn.points, drawn.normals, drawn.values)
-    merit = sampled_quality(bench, drawn.points, drawn.normals) - _pose_violation(bench, drawn) - BLOCKED_MANY * blocked
-    return [drawn.placed(i) for i in np.argsort(-merit, kind="stable")[:count].tolist()]
+    blocked = compiled.rows.blocked(drawn.points, drawn.normals, drawn.values)
+    merit = (
+        sampled_quality(compiled, drawn.points, drawn.normals)
+        - _pose_violation(compiled, drawn)
+        - BLOCKED_MANY * blocked
+    )
+    return [drawn.candidate(i) for i in np.argsort(-merit, kind="stable")[:count].tolist()]
 
 
 def touch_candidates(
-    bench: CompiledProblem, candidates: Sequence[GraspCandidate], rng: np.random.Generator, stop: Deadline
+    compiled: CompiledProblem, candidates: Sequence[GraspCandidate], rng: np.random.Generator, deadline: Deadline
 ) -> list[GraspCandidate]:
     """Return hand poses moved until all fingertips touch the body, best first, and the nearest few of those that fail.
 
     Candidates of different kinds come before others. With many contacts, of which a hand hardly ever touches with all,
     a few that touch are enough.
     """
-    enough = ENOUGH if len(bench.problem.models) >= MANY else len(candidates)
+    enough = ENOUGH if len(compiled.problem.models) >= MANY else len(candidates)
     there, others = list[tuple[GraspCandidate, float]](), list[tuple[GraspCandidate, float]]()
-    for candidate in candidates:
-        if len(there) == enough or (there and stop.requested()):
+    for proposed in candidates:
+        if len(there) == enough or (there and deadline.is_requested()):
             break
-        own, found, violation = touching_on_body(bench, candidate)
+        own, found, violation = touching_on_body(compiled, proposed)
         if violation <= TOUCHING and own.violation(found) <= FEASIBLE:
             there.append((found, -weakest_at(own, found, rng, descents=QUICK).value))
         else:
             others.append((found, violation))
-    best, rest = ([placed for placed, _ in sorted(each, key=lambda pair: pair[1])] for each in (there, others))
-    first = select_incongruent(bench, np.stack([placed.points for placed in best])) if best else []
-    return [best[b] for b in first] + [placed for b, placed in enumerate(best) if b not in first] + rest[:ENOUGH]
+    best, rest = ([candidate for candidate, _ in sorted(each, key=lambda pair: pair[1])] for each in (there, others))
+    first = select_incongruent(compiled, np.stack([candidate.points for candidate in best])) if best else []
+    return [best[b] for b in first] + [candidate for b, candidate in enumerate(best) if b not in first] + rest[:ENOUGH]
 
 
 def _exchanged(
-    bench: CompiledProblem, search: CoordinateExchange, palms: Sequence[Values], rng: np.random.Generator
+    compiled: CompiledProblem, search: CoordinateExchange, palms: Sequence[Values], rng: np.random.Generator
 ) -> list[GraspCandidate]:
     """Return placements reachable from the first palm poses with all fingertips, best first."""
-    tables, space = bench.without_hand.sample_tables, bench.workspace
-    clouds = [tables.samples(i) for i in range(len(bench.problem.models))]
-    tree, hands, reaches = bench.hand_points.posed_hand.tree, list[Values](), list[ReachableSamples]()
+    tables, space = compiled.without_hand.sample_tables, compiled.workspace
+    clouds = [tables.samples(i) for i in range(len(compiled.problem.models))]
+    tree, hands, reaches = compiled.hand_points.posed_hand.tree, list[Values](), list[ReachableSamples]()
     for hand in palms:
         reach = space.reach(tree.palm_frame(hand), clouds)
         if reach is not None:
@@ -126,18 +130,18 @@ def _exchanged(
     within = [reach.samples for reach in reaches]
     tuples = np.stack([_best_random_tuple(search, reach, rng) for reach in reaches])
     for _ in range(ROUNDS):
-        tuples = search.exchanged(tuples, within=within)
-        search.learn_from(tuples[np.argsort(-search.values(tuples), kind="stable")[:LEARN]])
-    tuples = search.exchanged(tuples, LAST_TIE, within)
+        tuples = search.exchange(tuples, within=within)
+        search.add_weakest_directions(tuples[np.argsort(-search.values(tuples), kind="stable")[:LEARN]])
+    tuples = search.exchange(tuples, LAST_TIE, within)
     each = zip(reaches, tuples, hands, strict=True)
     joints = np.stack([space.joints_at(reach, one, hand["joints"]) for reach, one, hand in each])
     values = {name: np.stack([hand[name] for hand in hands]) for name in hands[0]} | {"joints": joints}
     points, normals = tables.places(tuples)
-    blocked = bench.rows.blocked(points, normals, values)
+    blocked = compiled.rows.blocked(points, normals, values)
     value = search.values(tuples)
     merit = value / max(float(np.max(value)), 1e-300) - BLOCKED * blocked
     return [
-        replace(search.placed(tuples[b]), hand={name: v[b] for name, v in values.items()})
+        replace(search.candidate(tuples[b]), hand={name: v[b] for name, v in values.items()})
         for b in np.argsort(-merit, kind="stable").tolist()
     ]
 
@@ -169,7 +173,7 @@ class _HandPoses:
     faces: NDArray[np.object_]
     far: FloatArray
 
-    def placed(self, i: int) -> GraspCandidate:
+    def candidate(self, i: int) -> GraspCandidate:
         """Return pose i as a candidate, its contacts at the samples nearest to the fingertips."""
         return GraspCandidate(tuple(self.faces[i]), self.points[i], {name: v[i] for name, v in self.values.items()})
 
@@ -178,19 +182,19 @@ class _HandPoses:
         return [{name: v[i] for name, v in self.values.items()} for i in np.argsort(against, kind="stable").tolist()]
 
 
-def _random_hand_poses(bench: CompiledProblem, rng: np.random.Generator) -> _HandPoses:
+def _random_hand_poses(compiled: CompiledProblem, rng: np.random.Generator) -> _HandPoses:
     """Return random poses with the fingertips' middle somewhere in the body."""
-    body = bench.problem.body
-    everything = np.concatenate([bench.surface.cloud(i).points for i in range(len(bench.problem.models))])
+    body = compiled.problem.body
+    everything = np.concatenate([compiled.surface.cloud(i).points for i in range(len(compiled.problem.models))])
     target = everything[rng.integers(len(everything), size=POSES)]
     around = body.centroid + rng.uniform(0.0, 0.8, (POSES, 1)) * (target - body.centroid)
-    return _nearest_samples(bench, *bench.hand_points.posed_hand.draw(POSES, around, rng))
+    return _nearest_samples(compiled, *compiled.hand_points.posed_hand.draw(POSES, around, rng))
 
 
-def _fit_poses(bench: CompiledProblem, search: CoordinateExchange, rng: np.random.Generator) -> _HandPoses:
+def _fit_poses(compiled: CompiledProblem, search: CoordinateExchange, rng: np.random.Generator) -> _HandPoses:
     """Return poses fitted to the exchanged placements of free contacts, shared among the fingers in several ways."""
-    hand, tables = bench.hand_points.posed_hand, bench.without_hand.sample_tables
-    points, normals = tables.places(search.exchanged(search.drawn()))
+    hand, tables = compiled.hand_points.posed_hand, compiled.without_hand.sample_tables
+    points, normals = tables.places(search.exchange(search.draw()))
     alike = len(set(tables.of_contact)) == 1
     orders = np.array(list(permutations(range(hand.count))) if alike else [range(hand.count)])
     radii = np.asarray(hand.tip_radii)[:, None]
@@ -198,24 +202,24 @@ def _fit_poses(bench: CompiledProblem, search: CoordinateExchange, rng: np.rando
     values, tips = hand.reach(places, NEAR, rng)
     missed = np.linalg.norm(tips - np.repeat(places, NEAR, axis=0), axis=2).mean(axis=1).reshape(len(points), -1)
     kept = np.argsort(missed, axis=1, kind="stable")[:, :EACH] + missed.shape[1] * np.arange(len(points))[:, None]
-    return _nearest_samples(bench, {name: v[kept.ravel()] for name, v in values.items()}, tips[kept.ravel()])
+    return _nearest_samples(compiled, {name: v[kept.ravel()] for name, v in values.items()}, tips[kept.ravel()])
 
 
-def _nearest_samples(bench: CompiledProblem, values: Values, tips: FloatArray) -> _HandPoses:
+def _nearest_samples(compiled: CompiledProblem, values: Values, tips: FloatArray) -> _HandPoses:
     """Return poses with the samples nearest to their fingertips, whose centres are (b, k, 3)."""
     points, normals = np.empty_like(tips), np.empty_like(tips)
     faces = np.empty(tips.shape[:2], dtype=object)
     far = np.zeros(len(tips))
-    radii = bench.hand_points.hand.tip_radii
+    radii = compiled.hand_points.hand.tip_radii
     for i, radius in enumerate(radii):
-        cloud = bench.surface.cloud(i)
+        cloud = compiled.surface.cloud(i)
         distance, nearest = cloud.tree.query(tips[:, i])
         points[:, i], normals[:, i], faces[:, i] = cloud.points[nearest], cloud.normals[nearest], cloud.faces[nearest]
         far += np.abs(distance - radius) / len(radii)
     return _HandPoses(values, points, normals, faces, far)
 
 
-def _pose_violation(bench: CompiledProblem, poses: _HandPoses) -> FloatArray:
+def _pose_violation(compiled: CompiledProblem, poses: _HandPoses) -> FloatArray:
     """Return the distance of fingertips from the body and violated constraints, weighted, (b,)."""
-    broken = bench.rows.broken(poses.points, poses.normals, poses.values)
-    return FAR * poses.far / bench.scaling.length + BROKEN * broken
+    broken = compiled.rows.broken(poses.points, poses.normals, poses.values)
+    return FAR * poses.far / compiled.scaling.length + BROKEN * broken

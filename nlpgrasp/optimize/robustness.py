@@ -44,13 +44,13 @@ SLIPS = 0.99  # share of the displacement: a contact nearer to an edge may slip 
 TOO_FAR = 1.5  # times the displacement: a point farther away than that is off the face
 
 
-def robustness(bench: CompiledProblem, placed: GraspCandidate, grasp: Grasp, quickly: bool = False) -> Robustness:
+def robustness(compiled: CompiledProblem, candidate: GraspCandidate, grasp: Grasp, quickly: bool = False) -> Robustness:
     """Return the certified quality of the worst placement found near a grasp, with the options' displacement.
 
     Parameters
     ----------
-    bench : Workbench
-    placed : Placed
+    compiled : CompiledProblem
+    candidate : GraspCandidate
         The hand's posture counts as the same.
     grasp : Grasp
         The same contacts with the body's own normals.
@@ -58,44 +58,44 @@ def robustness(bench: CompiledProblem, placed: GraspCandidate, grasp: Grasp, qui
         Look from where the contacts are alone, and certify more loosely: a third of the time. The quality stated may
         then be a few percent above that of the worst placement which a closer look finds.
     """
-    offset, share = bench.options.robust_offset, bench.options.robust_friction
+    offset, share = compiled.options.robust_offset, compiled.options.robust_friction
     models = [model.with_friction(1.0 - share) for model in grasp.contacts]
-    places = displaced_positions(bench, placed.faces, grasp.points, grasp.normals)
-    budget, lost = bench.budget(placed), _contacts_near_edges(bench, placed)
+    places = displaced_positions(compiled, candidate.faces, grasp.points, grasp.normals)
+    budget, lost = compiled.budget(candidate), _contacts_near_edges(compiled, candidate)
     points, normals = grasp.points.copy(), grasp.normals.copy()
     rest = [i for i in range(len(models)) if i not in lost]
     bounds = Bounds(0.0, 0.0)
     beginnings, rtol = (1, LOOSE) if quickly else (BEGINNINGS, RTOL)
     if rest:
         models, places = [models[i] for i in rest], [places[i] for i in rest]
-        chosen, _ = worst_displacement(bench, models, places, budget, np.random.default_rng(0), beginnings)
-        found = _displaced_grasp(bench, models, places, chosen)
-        bounds = mu(found, bench.problem.task, rtol, force_budget=budget)
+        chosen, _ = worst_displacement(compiled, models, places, budget, np.random.default_rng(0), beginnings)
+        found = _displaced_grasp(compiled, models, places, chosen)
+        bounds = mu(found, compiled.problem.task, rtol, force_budget=budget)
         points[rest], normals[rest] = found.points, found.normals
     return Robustness(offset, share, bounds, points, normals, lost)
 
 
-def maximise_robustness(bench: CompiledProblem, found: GraspOnBody) -> tuple[GraspOnBody, Robustness]:
+def maximise_robustness(compiled: CompiledProblem, found: GraspOnBody) -> tuple[GraspOnBody, Robustness]:
     """Return a grasp made more robust, where its contacts move freely over a smooth body."""
-    if found.surface is not None or not bench.follows_contacts:
-        return found, robustness(bench, found.placed, found.grasp)
-    best, robust = found.grasp, robustness(bench, found.placed, found.grasp)
-    placed, ascent = found.placed, _RobustSearch(bench, found.placed)
+    if found.surface is not None or not compiled.follows_contacts:
+        return found, robustness(compiled, found.candidate, found.grasp)
+    best, robust = found.grasp, robustness(compiled, found.candidate, found.grasp)
+    candidate, ascent = found.candidate, _RobustSearch(compiled, found.candidate)
     for step in MOVES:
         for _ in range(MOVES_OF_ONE):
-            ascent.look()
-            if not ascent.move(step * bench.scaling.length):
+            ascent.add_weak_directions()
+            if not ascent.move(step * compiled.scaling.length):
                 break
-        there = ascent.placed
-        grasp = bench.grasp(there)
-        trial = robustness(bench, there, grasp)
+        there = ascent.candidate
+        grasp = compiled.grasp(there)
+        trial = robustness(compiled, there, grasp)
         if trial.mu.lower > robust.mu.lower:
-            placed, best, robust = there, grasp, trial
-    return GraspOnBody.of(bench, placed, best), robust
+            candidate, best, robust = there, grasp, trial
+    return GraspOnBody.of(compiled, candidate, best), robust
 
 
 def worst_displacement(
-    bench: CompiledProblem,
+    compiled: CompiledProblem,
     models: Sequence[ContactModel],
     places: Places,
     budget: ForceBudget,
@@ -106,7 +106,7 @@ def worst_displacement(
 
     Parameters
     ----------
-    bench : Workbench
+    compiled : CompiledProblem
     models : sequence of k ContactModel
     places : list of k pairs
         Points and inward normals where each contact may be, itself first.
@@ -116,36 +116,36 @@ def worst_displacement(
         The contacts where they are, and random places.
     """
     least, worst = np.inf, [0] * len(places)
-    y = np.zeros((0, bench.problem.dimension))
+    y = np.zeros((0, compiled.problem.dimension))
     for beginning in range(beginnings):
         chosen = [0 if beginning == 0 else int(rng.integers(len(points))) for points, _ in places]
         for _ in range(ROUNDS):
-            there = _displaced_grasp(bench, models, places, chosen)
-            weakest = weakest_directions(there, bench.problem.task, budget, rng, y, QUICK)
+            there = _displaced_grasp(compiled, models, places, chosen)
+            weakest = weakest_directions(there, compiled.problem.task, budget, rng, y, QUICK)
             if weakest.value < least:
                 least, worst = weakest.value, list(chosen)
             if weakest.value <= 0.0:
                 break
             y = np.concatenate([y, weakest.directions])[-300:]
-            if not _slide(bench, models, places, chosen, y):
+            if not _slide(compiled, models, places, chosen, y):
                 break
     return worst, y
 
 
 def displaced_positions(
-    bench: CompiledProblem, faces: Sequence[str], points: FloatArray, normals: FloatArray
+    compiled: CompiledProblem, faces: Sequence[str], points: FloatArray, normals: FloatArray
 ) -> Places:
     """Return the possible positions of each contact, itself first, displaced by as much as the options ask for."""
-    offset = bench.options.robust_offset
+    offset = compiled.options.robust_offset
     each = zip(faces, points, normals, strict=True)
-    return [positions_around(bench, face, p, n, offset) for face, p, n in each]
+    return [positions_around(compiled, face, p, n, offset) for face, p, n in each]
 
 
 def positions_around(
-    bench: CompiledProblem, face: str, point: FloatArray, normal: FloatArray, offset: float
+    compiled: CompiledProblem, face: str, point: FloatArray, normal: FloatArray, offset: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return the contact itself and points around it on its face, with inward normals, (m, space) each."""
-    body, space = bench.problem.body, bench.problem.body.space
+    body, space = compiled.problem.body, compiled.problem.body.space
     across = tangents(normal[None])[0]
     if space == 2:
         ring = np.concatenate([across, -across])
@@ -167,19 +167,19 @@ def positions_around(
     return np.concatenate([point[None], points[good]]), np.concatenate([normal[None], inward[good]])
 
 
-def _contacts_near_edges(bench: CompiledProblem, placed: GraspCandidate) -> tuple[int, ...]:
+def _contacts_near_edges(compiled: CompiledProblem, candidate: GraspCandidate) -> tuple[int, ...]:
     """Return the contacts that may slip over a sharp edge within the options' displacement.
 
     None where the force budget counts on each contact by its number, as that of a hand's joints does.
     """
-    if bench.problem.budget.depends_on_frames:
+    if compiled.problem.budget.depends_on_frames:
         return ()
-    apart = edge_distances(bench.problem, placed)
-    return tuple(np.flatnonzero(apart < SLIPS * bench.options.robust_offset).tolist())
+    apart = edge_distances(compiled.problem, candidate)
+    return tuple(np.flatnonzero(apart < SLIPS * compiled.options.robust_offset).tolist())
 
 
 def _slide(
-    bench: CompiledProblem, models: Sequence[ContactModel], places: Places, chosen: list[int], y: FloatArray
+    compiled: CompiledProblem, models: Sequence[ContactModel], places: Places, chosen: list[int], y: FloatArray
 ) -> bool:
     """Move contacts in turn, in place, to minimise the least ratio; return whether any moved."""
     moved = False
@@ -190,8 +190,8 @@ def _slide(
             p = np.stack([np.array([places[j][0][c] for j, c in enumerate(chosen)])] * count)
             n = np.stack([np.array([places[j][1][c] for j, c in enumerate(chosen)])] * count)
             p[:, i], n[:, i] = points, normals
-            stack = GraspStack(p, n, models, bench.problem.origin)
-            ratios = sampled_ratios(stack, bench.problem.task, y, bench.screening_budget)
+            stack = GraspStack(p, n, models, compiled.problem.origin)
+            ratios = sampled_ratios(stack, compiled.problem.task, y, compiled.screening_budget)
             chosen[i] = int(np.argmin(np.min(ratios, axis=1)))
         if chosen == before:
             break
@@ -200,51 +200,51 @@ def _slide(
 
 
 def _displaced_grasp(
-    bench: CompiledProblem, models: Sequence[ContactModel], places: Places, chosen: Sequence[int]
+    compiled: CompiledProblem, models: Sequence[ContactModel], places: Places, chosen: Sequence[int]
 ) -> Grasp:
     points = np.array([p[c] for (p, _), c in zip(places, chosen, strict=True)])
     normals = np.array([n[c] for (_, n), c in zip(places, chosen, strict=True)])
-    return Grasp(points, normals, models, bench.problem.origin)
+    return Grasp(points, normals, models, compiled.problem.origin)
 
 
 class _RobustSearch:
     """State of the search: contacts, worst displacements so far, and the weak directions."""
 
-    def __init__(self, bench: CompiledProblem, start: GraspCandidate) -> None:
-        self.bench, self.start = bench, start
-        share = bench.options.robust_friction
-        self.models = [model.with_friction(1.0 - share) for model in bench.problem.models]
+    def __init__(self, compiled: CompiledProblem, start: GraspCandidate) -> None:
+        self.compiled, self.start = compiled, start
+        share = compiled.options.robust_friction
+        self.models = [model.with_friction(1.0 - share) for model in compiled.problem.models]
         self.points = start.points.copy()
-        self.directions = np.zeros((0, bench.problem.dimension))
+        self.directions = np.zeros((0, compiled.problem.dimension))
         self.displacements: list[tuple[int, ...]] = [(0,) * len(self.points)]
 
     @property
-    def placed(self) -> GraspCandidate:
+    def candidate(self) -> GraspCandidate:
         """Current candidate."""
         return GraspCandidate(self.start.faces, self.points.copy(), self.start.hand)
 
-    def look(self) -> None:
+    def add_weak_directions(self) -> None:
         """Add the worst displacement found of the current contacts, and the weak directions."""
-        bench, rng = self.bench, np.random.default_rng(0)
-        here = self.placed
-        chosen, y = worst_displacement(bench, self.models, self._places(), bench.budget(here), rng)
-        nominal = weakest_at(bench, here, np.random.default_rng(0), y, QUICK)
+        compiled, rng = self.compiled, np.random.default_rng(0)
+        here = self.candidate
+        chosen, y = worst_displacement(compiled, self.models, self._places(), compiled.budget(here), rng)
+        nominal = weakest_at(compiled, here, np.random.default_rng(0), y, QUICK)
         self.directions = np.concatenate([self.directions, y, nominal.directions])[-MOST_DIRECTIONS:]
         if tuple(chosen) not in self.displacements:
             self.displacements.append(tuple(chosen))
 
     def move(self, step: float) -> bool:
         """Move contacts in turn to maximise the least ratio over the displacements; return whether any moved."""
-        bench, moved = self.bench, False
-        normals, now = bench.inward_normals(self.placed), self._places()
+        compiled, moved = self.compiled, False
+        normals, now = compiled.inward_normals(self.candidate), self._places()
         for i, face in enumerate(self.start.faces):
-            tried, inward = positions_around(bench, face, self.points[i], normals[i], step)
-            others = displaced_positions(bench, [face] * (len(tried) - 1), tried[1:], inward[1:])
+            tried, inward = positions_around(compiled, face, self.points[i], normals[i], step)
+            others = displaced_positions(compiled, [face] * (len(tried) - 1), tried[1:], inward[1:])
             around = [now[i], *others]
             values = np.array([self._least([*now[:i], one, *now[i + 1 :]]) for one in around])
             trials, trial_normals = (np.repeat(v[None], len(tried), axis=0) for v in (self.points, normals))
             trials[:, i], trial_normals[:, i] = tried, inward
-            allowed = bench.rows.violations(trials, trial_normals, self.start.repeated_hand(len(tried))) <= FEASIBLE
+            allowed = compiled.rows.violations(trials, trial_normals, self.start.repeated_hand(len(tried))) <= FEASIBLE
             best = int(np.argmax(np.where(allowed, values, -np.inf)))
             if best > 0 and values[best] > (1.0 + GAIN) * values[0]:
                 self.points[i], normals[i], now[i], moved = tried[best], inward[best], around[best], True
@@ -254,9 +254,11 @@ class _RobustSearch:
         """Return the least support ratio over displacements and directions."""
         chosen = [[min(c, len(places[i][0]) - 1) for i, c in enumerate(one)] for one in self.displacements]
         p, n = (np.array([[places[i][j][c] for i, c in enumerate(one)] for one in chosen]) for j in (0, 1))
-        stack = GraspStack(p, n, self.models, self.bench.problem.origin)
-        ratios = sampled_ratios(stack, self.bench.problem.task, self.directions, self.bench.screening_budget)
+        stack = GraspStack(p, n, self.models, self.compiled.problem.origin)
+        ratios = sampled_ratios(stack, self.compiled.problem.task, self.directions, self.compiled.screening_budget)
         return float(np.min(ratios))
 
     def _places(self) -> Places:
-        return displaced_positions(self.bench, self.start.faces, self.points, self.bench.inward_normals(self.placed))
+        return displaced_positions(
+            self.compiled, self.start.faces, self.points, self.compiled.inward_normals(self.candidate)
+        )

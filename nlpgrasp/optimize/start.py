@@ -33,10 +33,10 @@ MOST_TOUCHING = 2  # candidates that end in link collisions before a start gives
 
 
 def run_start(
-    bench: CompiledProblem,
+    compiled: CompiledProblem,
     index: int,
     seed: int,
-    stop: Deadline,
+    deadline: Deadline,
     known: Sequence[FloatArray] = (),
     candidates: Sequence[GraspCandidate] = (),
 ) -> StartResult:
@@ -47,19 +47,19 @@ def run_start(
 
     Parameters
     ----------
-    bench : Workbench
+    compiled : CompiledProblem
     index, seed : int
-    stop : Stop
+    deadline : Deadline
     known : sequence of (k, space) array
         Contacts that proposals begin from as well, metres.
-    candidates : sequence of Placed, optional
+    candidates : sequence of GraspCandidate, optional
         The most promising first.
     """
     clock = Clock()
     with single_thread():
         try:
             found = _best_of_candidates(
-                bench, index, np.random.default_rng([seed, index]), stop, clock, known, candidates
+                compiled, index, np.random.default_rng([seed, index]), deadline, clock, known, candidates
             )
         except FAILURES as error:
             return failed(index, error, clock.seconds)
@@ -73,81 +73,83 @@ def failed(index: int, error: Exception, seconds: Mapping[str, float] | None = N
 
 
 def follow_with_hand(
-    bench: CompiledProblem, placed: GraspCandidate, normals: FloatArray | None = None
+    compiled: CompiledProblem, candidate: GraspCandidate, normals: FloatArray | None = None
 ) -> GraspCandidate:
     """Return a candidate with the hand's variables computed from its contacts, where they follow from these.
 
     Inward normals (k, space) are the body's where none are given.
     """
-    inward = bench.inward_normals(placed) if normals is None else normals
-    hand = bench.hand_points.start(placed.points[None], inward[None])
-    return GraspCandidate(placed.faces, placed.points, {name: value[0] for name, value in hand.items()})
+    inward = compiled.inward_normals(candidate) if normals is None else normals
+    hand = compiled.hand_points.start(candidate.points[None], inward[None])
+    return GraspCandidate(candidate.faces, candidate.points, {name: value[0] for name, value in hand.items()})
 
 
 def _best_of_candidates(
-    bench: CompiledProblem,
+    compiled: CompiledProblem,
     index: int,
     rng: np.random.Generator,
-    stop: Deadline,
+    deadline: Deadline,
     clock: Clock,
     known: Sequence[FloatArray],
     candidates: Sequence[GraspCandidate],
 ) -> StartGrasp:
     """Return the best result over a start's candidates, with the total effort."""
     origin = CandidateOrigin.BOUND if known else CandidateOrigin.RANDOM
-    plain = None if bench.follows_contacts else bench.under_l2  # poses are compared under the paper's budget
-    proposed = candidates or propose(bench, rng, known)
-    if not bench.follows_contacts:
-        proposed = touch_candidates(plain or bench, proposed, rng, stop)
+    plain = (
+        None if compiled.follows_contacts else compiled.with_l2_budget
+    )  # poses are compared under the paper's budget
+    proposed = candidates or propose(compiled, rng, known)
+    if not compiled.follows_contacts:
+        proposed = touch_candidates(plain or compiled, proposed, rng, deadline)
     clock.mark("propose")
     ends, left, programs = list[StartGrasp](), list[InitialGrasp](), Effort()
-    firsts = (solve_initial_nlp(plain or bench, candidate, rng) for candidate in proposed)
+    firsts = (solve_initial_nlp(plain or compiled, candidate, rng) for candidate in proposed)
     batch = list[InitialGrasp]()
     for number, first in enumerate(firsts, 1):
         programs += first.effort
         clock.mark("first program")
         (batch if first.score > 0.0 else left).append(first)
-        if len(batch) < COMPARED and number < len(proposed) and not stop.requested():
+        if len(batch) < COMPARED and number < len(proposed) and not deadline.is_requested():
             continue
-        for one in _by_promise(plain or bench, batch, stop):
-            ends.append(_result_of_candidate(bench, index, one, origin, stop, clock))
+        for one in _by_promise(plain or compiled, batch, deadline):
+            ends.append(_result_of_candidate(compiled, index, one, origin, deadline, clock))
             if _has_enough(ends):
                 break
-        if stop.requested() or _has_enough(ends):
+        if deadline.is_requested() or _has_enough(ends):
             break
         batch = []
     for first in sorted(left, key=lambda one: -one.score) if not ends else ():
-        ends.append(_result_of_candidate(bench, index, first, origin, stop, clock))
-        if stop.requested() or ends[-1].record.has_grasp:
+        ends.append(_result_of_candidate(compiled, index, first, origin, deadline, clock))
+        if deadline.is_requested() or ends[-1].record.has_grasp:
             break
     best = _best_of_results(ends)
     return replace(best, spent=best.spent + programs)
 
 
-def _by_promise(bench: CompiledProblem, batch: Sequence[InitialGrasp], stop: Deadline) -> list[InitialGrasp]:
+def _by_promise(compiled: CompiledProblem, batch: Sequence[InitialGrasp], deadline: Deadline) -> list[InitialGrasp]:
     """Return candidates after a few rounds of refinement each, the best first; a single one as it is."""
     if len(batch) < 2:
         return list(batch)
-    each = [(first, advanced_on_body(bench, first.placed, stop)) for first in batch]
+    each = [(first, advanced_on_body(compiled, first.candidate, deadline)) for first in batch]
     each.sort(key=lambda one: -one[1].point.value)
-    return [replace(first, placed=advanced.point.placed) for first, advanced in each]
+    return [replace(first, candidate=advanced.point.candidate) for first, advanced in each]
 
 
 def _refine_candidates(
-    bench: CompiledProblem, index: int, placed: GraspCandidate, stop: Deadline
+    compiled: CompiledProblem, index: int, candidate: GraspCandidate, deadline: Deadline
 ) -> Iterator[tuple[GraspOnBody, RefinementResult]]:
     """Yield refined grasps; under other budgets than L2 some are refined under L2 first.
 
     The paper's support, a root of a sum of squares over the contacts, is smooth where those of other budgets have
     edges. Every other start goes that way, and with a hand that has a pose all, from its end as well as to there.
     """
-    smooth = bench.under_l2 if index % 2 or not bench.follows_contacts else None
+    smooth = compiled.with_l2_budget if index % 2 or not compiled.follows_contacts else None
     if smooth is not None:
-        found, there = refine_on_body(smooth, placed, stop)
-        placed = there.point.placed
-        if not bench.follows_contacts:
-            yield found, refine(*fix_to_triangles(bench, placed), stop, rounds=0)
-    yield refine_on_body(bench, placed, stop)
+        found, there = refine_on_body(smooth, candidate, deadline)
+        candidate = there.point.candidate
+        if not compiled.follows_contacts:
+            yield found, refine(*fix_to_triangles(compiled, candidate), deadline, rounds=0)
+    yield refine_on_body(compiled, candidate, deadline)
 
 
 def _has_enough(ends: Sequence[StartGrasp]) -> bool:
@@ -157,32 +159,39 @@ def _has_enough(ends: Sequence[StartGrasp]) -> bool:
 
 
 def _result_of_candidate(
-    bench: CompiledProblem, index: int, first: InitialGrasp, origin: CandidateOrigin, stop: Deadline, clock: Clock
+    compiled: CompiledProblem,
+    index: int,
+    first: InitialGrasp,
+    origin: CandidateOrigin,
+    deadline: Deadline,
+    clock: Clock,
 ) -> StartGrasp:
     """Return the best result of a candidate: refined, on the body, certified and measured."""
     ends, message = list[StartGrasp](), first.message or origin.value
-    for found, refined in _refine_candidates(bench, index, first.placed, stop):
+    for found, refined in _refine_candidates(compiled, index, first.candidate, deadline):
         clock.mark("refine")
         robust = None
-        if bench.options.maximise_robust:
-            found, robust = maximise_robustness(bench, found)
+        if compiled.options.maximise_robust:
+            found, robust = maximise_robustness(compiled, found)
             clock.mark("robust")
-        bounds = _certify_grasp(bench, found, refined, stop)
+        bounds = _certify_grasp(compiled, found, refined, deadline)
         clock.mark("certificate")
         state = refined.state()
-        ends.append(StartGrasp.of(bench, index, found, bounds, state, message, origin=origin, robust=robust))
+        ends.append(StartGrasp.of(compiled, index, found, bounds, state, message, origin=origin, robust=robust))
         clock.mark("link depth")
     return _best_of_results(ends)
 
 
-def _certify_grasp(bench: CompiledProblem, found: GraspOnBody, refined: RefinementResult, stop: Deadline) -> Bounds:
+def _certify_grasp(
+    compiled: CompiledProblem, found: GraspOnBody, refined: RefinementResult, deadline: Deadline
+) -> Bounds:
     """Return the certified bounds of a grasp, the upper one tightened by known weak directions."""
-    budget, deadline, rtol = bench.budget(found.placed), stop.certificate_deadline(), bench.options.rtol
+    budget, limit, rtol = compiled.budget(found.candidate), deadline.certificate_deadline(), compiled.options.rtol
     begun, weak = refined.certificate, refined.point.minimisers
-    if begun is not None and begun.is_of(found.grasp, budget):
-        bounds = begun.bounds(rtol, deadline)
+    if begun is not None and begun.belongs_to(found.grasp, budget):
+        bounds = begun.bounds(rtol, limit)
     else:
-        bounds = mu(found.grasp, bench.problem.task, rtol, force_budget=budget, deadline=deadline)
+        bounds = mu(found.grasp, compiled.problem.task, rtol, force_budget=budget, deadline=limit)
     ratios = WrenchSet.of(found.grasp, budget).support(weak)[0] if len(weak) else np.array([np.inf])
     least = int(np.argmin(ratios))
     if not bounds.lower <= ratios[least] < bounds.upper:

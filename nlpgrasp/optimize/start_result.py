@@ -50,18 +50,18 @@ class StartGrasp(StartResult):
     Parameters
     ----------
     record : StartRecord
-    found : OnBody
+    found : GraspOnBody
     constraints : tuple of ConstraintReport
     spent : Effort
     robust : Robustness or None
         Where the solve goes by it.
-    ascended : Placed
+    ascended : GraspCandidate
         Where the exchange ended, before the contacts went onto a mesh itself.
     optimum : LocalOptimum or None
         Of the answer, where it is at one.
     kkt : KKT or None
         Residuals of the answer.
-    depth : LinkDepth or None
+    depth : LinkPenetration or None
         Penetration of the links, with a hand whose links have shapes.
     tip_gaps : tuple of (float or None)
         How far each contact is from its fingertip's link, metres, with a hand that has links.
@@ -83,7 +83,7 @@ class StartGrasp(StartResult):
     @classmethod
     def of(
         cls,
-        bench: CompiledProblem,
+        compiled: CompiledProblem,
         index: int,
         found: GraspOnBody,
         bounds: Bounds,
@@ -94,18 +94,18 @@ class StartGrasp(StartResult):
         origin: CandidateOrigin | None = None,
     ) -> StartGrasp:
         """Return the result of a start with its record: solved if the grasp is certified, feasible and free."""
-        depth, gaps, links = None, list[float | None](), bench.link_depths
+        depth, gaps, links = None, list[float | None](), compiled.link_depths
         if links is not None:
-            depth = links.at(found.placed.hand) if links.has_shapes else None
-            gaps = links.tip_gaps(found.placed.hand, found.grasp.points)
-        status = Status.SOLVED if bounds.lower > 0.0 and found.allowed else Status.NO_GRASP
+            depth = links.at(found.candidate.hand) if links.has_shapes else None
+            gaps = links.tip_gaps(found.candidate.hand, found.grasp.points)
+        status = Status.SOLVED if bounds.lower > 0.0 and found.is_feasible else Status.NO_GRASP
         touches = depth is not None and not depth.is_free
         if touches and status is Status.SOLVED:
             status = Status.TOUCHES
         record = StartRecord(
             index,
             status,
-            found.placed.faces,
+            found.candidate.faces,
             bounds,
             found.violation,
             state.effort.iterations,
@@ -115,8 +115,8 @@ class StartGrasp(StartResult):
             obstruction=depth.words if depth is not None and touches else "",
             origin=origin,
         )
-        reports = constraint_reports(bench, found, state.multipliers)
-        return cls(record, found, reports, state.effort, robust, state.placed, depth=depth, tip_gaps=tuple(gaps))
+        reports = constraint_reports(compiled, found, state.multipliers)
+        return cls(record, found, reports, state.effort, robust, state.candidate, depth=depth, tip_gaps=tuple(gaps))
 
     @property
     def effort(self) -> Effort:
@@ -130,10 +130,10 @@ class StartGrasp(StartResult):
 
     def certified(self, problem: GraspProblem, rtol: float, seed: int = 0, deadline: float | None = None) -> StartGrasp:
         """Return the start with its certificate narrowed to this relative gap."""
-        known, placed = self.record.mu, self.found.placed
+        known, candidate = self.record.mu, self.found.candidate
         if known.gap <= rtol:
             return self
-        budget = budget_at(problem, placed)
+        budget = budget_at(problem, candidate)
         fine = mu(self.found.grasp, problem.task, rtol, force_budget=budget, seed=seed, deadline=deadline)
         bounds = replace(fine, lower=max(fine.lower, known.lower), upper=min(fine.upper, known.upper))
         return replace(self, record=replace(self.record, mu=bounds))

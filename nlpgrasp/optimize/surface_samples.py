@@ -163,9 +163,9 @@ class SampleTables:
     Parameters
     ----------
     problem : GraspProblem
-    clouds : sequence of k Cloud
+    clouds : sequence of k SampleCloud
         Samples of each contact.
-    rows : RowValues
+    rows : ConstraintValues
     hand : HandPoints
     directions : (j, d) array, optional
         Each with ``phi_A = 1``; well spread for the task if not given.
@@ -263,7 +263,7 @@ class SampleTable:
     model : ContactModel
     measure : Measure
         Of the force budget.
-    samples : Cloud
+    samples : SampleCloud
     maps : (m, d, n) array
     """
 
@@ -287,7 +287,7 @@ def opposite_pairs(cloud: SampleCloud) -> NDArray[np.intp]:
 
     Parameters
     ----------
-    cloud : Cloud
+    cloud : SampleCloud
         Of which at most 1200 points are paired, always the same.
     """
     some = np.random.default_rng(0).permutation(len(cloud.points))[:POINTS]

@@ -58,7 +58,7 @@ class TrustRegionStep:
 
     Parameters
     ----------
-    placed : Placed
+    candidate : GraspCandidate
     promised : float
         The rise of mu that the linearised or nonlinear program promises.
     multipliers : (rows,) array
@@ -68,7 +68,7 @@ class TrustRegionStep:
         Multipliers of the cuts, at least zero up to rounding.
     """
 
-    placed: GraspCandidate
+    candidate: GraspCandidate
     promised: float
     multipliers: FloatArray
     effort: Effort
@@ -80,8 +80,8 @@ class Linearisation:
 
     Parameters
     ----------
-    bench : Workbench
-    placed : Placed
+    compiled : CompiledProblem
+    candidate : GraspCandidate
     cuts : (m, d) array
         Directions with ``phi_A = 1``.
 
@@ -93,22 +93,22 @@ class Linearisation:
         Its parameters.
     """
 
-    def __init__(self, bench: CompiledProblem, placed: GraspCandidate, cuts: FloatArray) -> None:
-        self.bench, self.faces, self.count = bench, placed.faces, len(cuts)
-        self.compiled = bench.exchange.compiled
-        self.z = pack_variables(bench, self.compiled.program, placed)
-        self.beta = self.compiled.program.block("beta").start
-        self.theta = piece_parameters(bench, placed, cuts)
+    def __init__(self, compiled: CompiledProblem, candidate: GraspCandidate, cuts: FloatArray) -> None:
+        self.compiled, self.faces, self.count = compiled, candidate.faces, len(cuts)
+        self.functions = compiled.cutting_planes.functions
+        self.z = pack_variables(compiled, self.functions.program, candidate)
+        self.beta = self.functions.program.block("beta").start
+        self.theta = piece_parameters(compiled, candidate, cuts)
         self.cuts: tuple[FloatArray, FloatArray] | None = None  # those that the program does not hold
-        if bench.problem.budget.follows_hand:
-            reached, slopes = torque_cuts(bench, placed, self.z, cuts)
+        if compiled.problem.budget.follows_hand:
+            reached, slopes = torque_cuts(compiled, candidate, self.z, cuts)
             slopes[:, self.beta] = -1.0
             self.cuts = reached, slopes
         else:
-            reached = bench.scaling.beta * bench.wrench_set(placed).support(cuts)[0]
+            reached = compiled.scaling.beta * compiled.wrench_set(candidate).support(cuts)[0]
         self.z[self.beta] = np.min(reached, initial=BETA_STEP)  # all cuts hold at the start: phi_A = 1 along them
         self.reach = np.ones(len(self.z))
-        for block in self.compiled.program.variables:
+        for block in self.functions.program.variables:
             self.reach[block.range] = OTHERS.get(block.kind, 1.0)
         self.reach[self.beta] = np.inf
 
@@ -126,25 +126,25 @@ class Linearisation:
     def at(self, z: FloatArray, cuts: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return all constraints at nearby variables, with other cuts in place of these, and the Jacobian (rows, n)."""
         if self.cuts is not None:
-            reached, slopes = torque_cuts(self.bench, self.placed_at(z), z, cuts)
+            reached, slopes = torque_cuts(self.compiled, self.placed_at(z), z, cuts)
             slopes[:, self.beta] = -1.0
-            g, J = self.compiled.linearise(z, self.theta)
+            g, J = self.functions.linearise(z, self.theta)
             return np.concatenate([g, reached - z[self.beta]]), np.concatenate([J, slopes])
         theta = self.theta.copy()
-        start = self.compiled.program.block("directions").start
+        start = self.functions.program.block("directions").start
         theta[start : start + cuts.size] = cuts.ravel()
-        return self.compiled.linearise(z, theta)
+        return self.functions.linearise(z, theta)
 
     def placed_at(self, z: FloatArray) -> GraspCandidate:
         """Return the candidate at some variables, without projection onto the faces."""
-        program = self.compiled.program
-        return GraspCandidate(self.faces, contact_points(self.bench, program, z), hand_of(program, z))
+        program = self.functions.program
+        return GraspCandidate(self.faces, contact_points(self.compiled, program, z), hand_of(program, z))
 
     def grasp_at(self, z: FloatArray) -> Grasp:
         """Return the grasp at some variables, with the normals among them."""
-        normals = np.stack([z[block.range] for block in self.compiled.program.blocks("normal")])
+        normals = np.stack([z[block.range] for block in self.functions.program.blocks("normal")])
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-        return self.bench.grasp_at(contact_points(self.bench, self.compiled.program, z), normals / lengths)
+        return self.compiled.grasp_at(contact_points(self.compiled, self.functions.program, z), normals / lengths)
 
     def quadratic_step(self, radius: float, curvature: FloatArray | None = None) -> QuadraticStep | None:
         """Return the solution of the quadratic program inside a trust region; None if infeasible.
@@ -161,14 +161,14 @@ class Linearisation:
 
     def step(self, first: QuadraticStep, radius: float) -> TrustRegionStep | None:
         """Return the step of a quadratic program inside a trust region with restored feasibility; None without one."""
-        program, size = self.compiled.program, self._size(radius)
+        program, size = self.functions.program, self._size(radius)
         others = slice(program.contained, None)
         corrected = restore_feasibility(lambda z: self._rows(z, size, others), self.z + first.d, CORRECTIONS)
         if corrected.contradicted:
             return None
         return TrustRegionStep(
-            candidate_of(self.bench, program, self.faces, corrected.last),
-            float(first.d[self.beta]) / self.bench.scaling.beta,
+            candidate_of(self.compiled, program, self.faces, corrected.last),
+            float(first.d[self.beta]) / self.compiled.scaling.beta,
             first.multipliers[program.placement],
             Effort(),
             self.support(first.multipliers),
@@ -177,7 +177,7 @@ class Linearisation:
     @property
     def cut_rows(self) -> NDArray[np.intp]:
         """Indices of the cuts among all constraints, (m,)."""
-        program = self.compiled.program
+        program = self.functions.program
         if self.cuts is None:
             return np.array(program.rows_of(SUPPORT)[: self.count], dtype=np.intp)
         return program.limits[0].size + np.arange(self.count)
@@ -204,24 +204,24 @@ class Linearisation:
 
     def _rows(self, z: FloatArray, size: FloatArray, used: slice) -> Linearised:
         """Return some of the constraints linearised at z, for steps of at most ``size``."""
-        g, J = self.compiled.linearise(z, self.theta)
-        low, high = self.compiled.program.limits
-        bounds = step_bounds(z, self.compiled.program.bounds, size)
+        g, J = self.functions.linearise(z, self.theta)
+        low, high = self.functions.program.limits
+        bounds = step_bounds(z, self.functions.program.bounds, size)
         return Linearised(g[used], J[used], low[used], high[used], *bounds)
 
 
 def program_step(
-    bench: CompiledProblem, placed: GraspCandidate, value: float, cuts: FloatArray, radius: float
+    compiled: CompiledProblem, candidate: GraspCandidate, value: float, cuts: FloatArray, radius: float
 ) -> TrustRegionStep:
     """Return IPOPT's step from a candidate of some value, in a trust region relative to the body's size."""
-    compiled, faces = bench.exchange.compiled, placed.faces
-    program = compiled.program
-    z = pack_variables(bench, program, placed)
-    z[program.block("beta").range] = value * bench.scaling.beta
-    result = compiled.solve(z, slot_parameters(bench, faces, cuts), program.near(z, radius))
+    functions, faces = compiled.cutting_planes.functions, candidate.faces
+    program = functions.program
+    z = pack_variables(compiled, program, candidate)
+    z[program.block("beta").range] = value * compiled.scaling.beta
+    result = functions.solve(z, slot_parameters(compiled, faces, cuts), program.trust_region_bounds(z, radius))
     return TrustRegionStep(
-        candidate_of(bench, program, faces, result.z),
-        result.objective / bench.scaling.beta - value,
+        candidate_of(compiled, program, faces, result.z),
+        result.objective / compiled.scaling.beta - value,
         result.multipliers[program.placement],
         Effort.of(result),
         -result.multipliers[program.rows_of(SUPPORT)][: len(cuts)],
@@ -260,8 +260,8 @@ def _moving_minimiser_part(
     here: Linearisation, cuts: FloatArray, moving: NDArray[np.intp], multipliers: FloatArray, basis: FloatArray
 ) -> FloatArray:
     """Return the part ``-g_zy g_yy^-1 g_yz`` of the Hessian in a basis (n, s), summed over the moving minimisers."""
-    size, task = basis.shape[1], here.bench.problem.task
-    budget = here.bench.budget(here.placed_at(here.z))
+    size, task = basis.shape[1], here.compiled.problem.task
+    budget = here.compiled.budget(here.placed_at(here.z))
     problem, _ = condition(WrenchSet.of(here.grasp_at(here.z), budget), task)
     if problem is None or not len(moving):
         return np.zeros((size, size))

@@ -48,7 +48,7 @@ class WarmStart:
 
     Parameters
     ----------
-    placed : Placed
+    candidate : GraspCandidate
         Contacts and hand.
     normals : (k, space) array
         Inward unit normals of the body at the contacts, where known; NaN for a contact whose normal is to be computed.
@@ -58,28 +58,28 @@ class WarmStart:
         Where it is from, in words, for the starts' messages.
     """
 
-    placed: GraspCandidate
+    candidate: GraspCandidate
     normals: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     floor: float = 0.0
     origin: str = ""
 
     @classmethod
-    def of(cls, bench: CompiledProblem, known: KnownGrasp, normals: FloatArray | None = None) -> WarmStart:
+    def of(cls, compiled: CompiledProblem, known: KnownGrasp, normals: FloatArray | None = None) -> WarmStart:
         """Return a grasp with the problem's contacts as a warm start: on the surface, with its hand.
 
         Its normals (k, space) are the body's there, whatever it states, unless they are given.
         """
-        problem, grasp = bench.problem, _grasp_of(known)
+        problem, grasp = compiled.problem, _grasp_of(known)
         hand, posture = problem.hand, None if isinstance(known, Grasp) else known.hand
         faces = _faces_of(problem, known, grasp)
-        placed = GraspCandidate(faces, project_contacts(problem, faces, grasp.points))
+        candidate = GraspCandidate(faces, project_contacts(problem, faces, grasp.points))
         if isinstance(hand, PosedHand) and posture is not None:
             values = hand.values_at(posture, grasp.points)
             ordered = {v.name: values[v.name] for v in hand.variables(problem.body.bounds)}  # as in the program
-            placed = replace(placed, hand=ordered)
+            candidate = replace(candidate, hand=ordered)
         else:
-            placed = follow_with_hand(bench, placed, normals)
-        return cls(placed) if normals is None else cls(placed, normals)
+            candidate = follow_with_hand(compiled, candidate, normals)
+        return cls(candidate) if normals is None else cls(candidate, normals)
 
 
 def check_warm_starts(problem: GraspProblem, warm_starts: object) -> tuple[KnownGrasp, ...]:
@@ -102,66 +102,66 @@ def check_warm_starts(problem: GraspProblem, warm_starts: object) -> tuple[Known
 
 
 def run_warm_start(
-    bench: CompiledProblem, warm: WarmStart, index: int, stop: Deadline, improve: bool = True
+    compiled: CompiledProblem, warm: WarmStart, index: int, deadline: Deadline, improve: bool = True
 ) -> list[StartGrasp]:
     """Return the starts ``index`` and ``index + 1`` from a warm start: unchanged and, with ``improve``, refined.
 
     Each is left out where there is none.
     """
-    as_is = certify_as_is(bench, warm, index)
-    refined = refine_warm_start(bench, warm, index + (as_is is not None), stop) if improve else None
+    as_is = certify_as_is(compiled, warm, index)
+    refined = refine_warm_start(compiled, warm, index + (as_is is not None), deadline) if improve else None
     return [start for start in (as_is, refined) if start is not None]
 
 
-def certify_as_is(bench: CompiledProblem, warm: WarmStart, index: int) -> StartGrasp | None:
+def certify_as_is(compiled: CompiledProblem, warm: WarmStart, index: int) -> StartGrasp | None:
     """Return a warm start certified unchanged, with a mu of at least its floor.
 
     None where a contact is on a face that it may not use, or where it breaks a constraint or exerts nothing.
     """
     begun = time.perf_counter()
     with single_thread():
-        if not _is_on_faces(bench, warm.placed):
+        if not _is_on_faces(compiled, warm.candidate):
             return None
-        state = SearchState(warm.placed, multipliers=np.zeros(len(bench.rows.named)))
+        state = SearchState(warm.candidate, multipliers=np.zeros(len(compiled.rows.named)))
         found = _certify_start(
-            bench, _unchanged_grasp(bench, warm), state, index, warm.origin or "as given", begun, warm.floor
+            compiled, _unchanged_grasp(compiled, warm), state, index, warm.origin or "as given", begun, warm.floor
         )
     return found if found.solved else None
 
 
-def refine_warm_start(bench: CompiledProblem, warm: WarmStart, index: int, stop: Deadline) -> StartGrasp | None:
+def refine_warm_start(compiled: CompiledProblem, warm: WarmStart, index: int, deadline: Deadline) -> StartGrasp | None:
     """Return a warm start refined and certified.
 
     None after a stop, without refinement, where numerics fail, or a contact is on a face that it may not use.
     """
     begun = time.perf_counter()
-    if stop.requested() or not bench.options.rounds or not _is_on_faces(bench, warm.placed):
+    if deadline.is_requested() or not compiled.options.rounds or not _is_on_faces(compiled, warm.candidate):
         return None
     with single_thread():
         try:
-            found, refined = refine_on_body(bench, warm.placed, stop)
+            found, refined = refine_on_body(compiled, warm.candidate, deadline)
         except (RuntimeError, np.linalg.LinAlgError):
             return None
         message = f"{warm.origin}, improved" if warm.origin else CandidateOrigin.WARM_START.value
-        return _certify_start(bench, found, refined.state(), index, message, begun)
+        return _certify_start(compiled, found, refined.state(), index, message, begun)
 
 
-def adapt_grasp(bench: CompiledProblem, known: FoundGrasp, origin: str) -> WarmStart | None:
+def adapt_grasp(compiled: CompiledProblem, known: FoundGrasp, origin: str) -> WarmStart | None:
     """Return a grasp of another problem with the same body as a warm start; None where contacts or hand do not match.
 
     It may have fewer contacts, or contacts contained in the problem's; of as many contacts any kind, as it is.
     """
-    grasp, posed = known.grasp, isinstance(bench.problem.hand, PosedHand)
-    warm = None if posed else complete_contacts(bench, grasp, known.faces)
-    if warm is None and len(grasp) == len(bench.problem.models) and (known.hand is not None or not posed):
+    grasp, posed = known.grasp, isinstance(compiled.problem.hand, PosedHand)
+    warm = None if posed else complete_contacts(compiled, grasp, known.faces)
+    if warm is None and len(grasp) == len(compiled.problem.models) and (known.hand is not None or not posed):
         try:
-            warm = WarmStart.of(bench, known, grasp.normals)
+            warm = WarmStart.of(compiled, known, grasp.normals)
         except InputError:  # the posture of another hand
             return None
     return None if warm is None else replace(warm, origin=origin)
 
 
-def complete_contacts(bench: CompiledProblem, grasp: Grasp, faces: Sequence[str]) -> WarmStart | None:
+def complete_contacts(compiled: CompiledProblem, grasp: Grasp, faces: Sequence[str]) -> WarmStart | None:
     """Return a grasp with a subset of the problem's contacts as a warm start, the missing contacts added.
 
     Of random positions of the missing contacts, the ones that keep the constraints and exert the task best. None where
@@ -170,13 +170,13 @@ def complete_contacts(bench: CompiledProblem, grasp: Grasp, faces: Sequence[str]
 
     Parameters
     ----------
-    bench : Workbench
+    compiled : CompiledProblem
     grasp : Grasp
         With j <= k contacts, on the same body.
     faces : sequence of j str
         The face each is on.
     """
-    models, space = bench.problem.models, grasp.space
+    models, space = compiled.problem.models, grasp.space
     places = assign_contacts(grasp.contacts, models, space)
     if places is None:
         return None
@@ -187,34 +187,34 @@ def complete_contacts(bench: CompiledProblem, grasp: Grasp, faces: Sequence[str]
     normals = np.zeros_like(points)
     normals[:, places] = grasp.normals
     for i in (i for i in range(k) if i not in places):
-        cloud = bench.surface.cloud(i)
+        cloud = compiled.surface.cloud(i)
         drawn = rng.integers(len(cloud.points), size=count)
         points[:, i], normals[:, i], chosen[:, i] = cloud.points[drawn], cloud.normals[drawn], cloud.faces[drawn]
-    placed = best_feasible(bench, points, normals, chosen)
-    if placed is None:
+    candidate = best_feasible(compiled, points, normals, chosen)
+    if candidate is None:
         return None
     known = np.full((k, space), np.nan)
     known[places] = grasp.normals
-    return WarmStart(placed, known)
+    return WarmStart(candidate, known)
 
 
 def best_feasible(
-    bench: CompiledProblem, points: FloatArray, normals: FloatArray, faces: FloatArray
+    compiled: CompiledProblem, points: FloatArray, normals: FloatArray, faces: FloatArray
 ) -> GraspCandidate | None:
     """Return the feasible placement with the highest sampled quality, of (b, k, space) points; None without one.
 
     Parameters
     ----------
-    bench : Workbench
+    compiled : CompiledProblem
     points, normals : (b, k, space) array
         Metres, body frame; inward unit normals.
     faces : (b, k) array of str
     """
-    hand = bench.hand_points.start(points, normals)
-    allowed = bench.rows.violations(points, normals, hand) <= FEASIBLE
+    hand = compiled.hand_points.start(points, normals)
+    allowed = compiled.rows.violations(points, normals, hand) <= FEASIBLE
     if not allowed.any():
         return None
-    rank = np.where(allowed, sampled_quality(bench, points, normals), -np.inf)
+    rank = np.where(allowed, sampled_quality(compiled, points, normals), -np.inf)
     best = int(np.argmax(rank))
     return GraspCandidate(tuple(faces[best]), points[best], {name: v[best] for name, v in hand.items()})
 
@@ -266,10 +266,10 @@ def _faces_of(problem: GraspProblem, known: KnownGrasp, grasp: Grasp) -> tuple[s
     return tuple(map(str, nearest_cell_faces(problem.body, grasp.points, grasp.normals, ON)))
 
 
-def _is_on_faces(bench: CompiledProblem, placed: GraspCandidate) -> bool:
+def _is_on_faces(compiled: CompiledProblem, candidate: GraspCandidate) -> bool:
     """Return whether each contact is on a face that it may use; on a mesh, which has one face, always."""
-    problem, body = bench.problem, bench.problem.body
-    for i, (face, point) in enumerate(zip(placed.faces, placed.points, strict=True)):
+    problem, body = compiled.problem, compiled.problem.body
+    for i, (face, point) in enumerate(zip(candidate.faces, candidate.points, strict=True)):
         if face not in problem.allowed_faces(i):
             return False
         if not (isinstance(body, Mesh) or body.is_on(face, point[None], problem.margin)[0]):
@@ -277,27 +277,27 @@ def _is_on_faces(bench: CompiledProblem, placed: GraspCandidate) -> bool:
     return True
 
 
-def _unchanged_grasp(bench: CompiledProblem, warm: WarmStart) -> GraspOnBody:
+def _unchanged_grasp(compiled: CompiledProblem, warm: WarmStart) -> GraspOnBody:
     """Return the unchanged grasp of a warm start, with the body's own normals."""
-    placed, body = warm.placed, bench.problem.body
-    normals, match = bench.inward_normals(placed), None
+    candidate, body = warm.candidate, compiled.problem.body
+    normals, match = compiled.inward_normals(candidate), None
     smooth = normals
     if isinstance(body, Mesh):
-        points, outward, _ = body.closest(placed.points)
-        placed, normals = GraspCandidate(placed.faces, points, placed.hand), -outward
+        points, outward, _ = body.closest(candidate.points)
+        candidate, normals = GraspCandidate(candidate.faces, points, candidate.hand), -outward
     if warm.normals.shape == normals.shape:
         known = ~np.any(np.isnan(warm.normals), axis=1)
         normals = np.where(known.reshape(-1, 1), warm.normals, normals)
-        points = np.where(known.reshape(-1, 1), warm.placed.points, placed.points)
-        placed = GraspCandidate(placed.faces, points, placed.hand)
-    grasp = bench.grasp_at(placed.points, normals)
+        points = np.where(known.reshape(-1, 1), warm.candidate.points, candidate.points)
+        candidate = GraspCandidate(candidate.faces, points, candidate.hand)
+    grasp = compiled.grasp_at(candidate.points, normals)
     if isinstance(body, Mesh):
-        match = match_on_mesh(body, warm.placed.points, grasp, smooth, bench.follows_contacts)
-    return GraspOnBody.of(bench, placed, grasp, match)
+        match = match_on_mesh(body, warm.candidate.points, grasp, smooth, compiled.follows_contacts)
+    return GraspOnBody.of(compiled, candidate, grasp, match)
 
 
 def _certify_start(
-    bench: CompiledProblem,
+    compiled: CompiledProblem,
     found: GraspOnBody,
     state: SearchState,
     index: int,
@@ -305,8 +305,10 @@ def _certify_start(
     begun: float,
     floor: float = 0.0,
 ) -> StartGrasp:
-    bounds = mu(found.grasp, bench.problem.task, bench.options.rtol, force_budget=bench.budget(found.placed))
-    if found.allowed:
+    bounds = mu(
+        found.grasp, compiled.problem.task, compiled.options.rtol, force_budget=compiled.budget(found.candidate)
+    )
+    if found.is_feasible:
         bounds = Bounds(max(bounds.lower, floor), max(bounds.upper, floor), bounds.worst_direction)
     seconds = {"warm start": time.perf_counter() - begun}
-    return StartGrasp.of(bench, index, found, bounds, state, message, seconds, origin=CandidateOrigin.WARM_START)
+    return StartGrasp.of(compiled, index, found, bounds, state, message, seconds, origin=CandidateOrigin.WARM_START)

@@ -52,7 +52,7 @@ class SearchRecord:
     results : sequence of StartResult
     cut_short : Status or None
         Why it ended before all starts were done.
-    stop : Stop
+    deadline : Deadline
         The time limit.
     bound : GlobalBound or None
         On mu over all placements.
@@ -67,7 +67,7 @@ class SearchRecord:
     seed: int
     results: Sequence[StartResult]
     cut_short: Status | None = None
-    stop: Deadline = field(default_factory=Deadline)
+    deadline: Deadline = field(default_factory=Deadline)
     bound: GlobalBound | None = None
     clock: Clock = field(default_factory=Clock)
     chosen: StartGrasp | None = None
@@ -88,7 +88,7 @@ class SearchRecord:
 
 
 def choose_start(
-    bench: CompiledProblem, best: StartGrasp, results: Sequence[StartResult], stop: Deadline
+    compiled: CompiledProblem, best: StartGrasp, results: Sequence[StartResult], deadline: Deadline
 ) -> StartGrasp:
     """Return the start selected as the answer, with its robustness where it was computed.
 
@@ -100,23 +100,23 @@ def choose_start(
 
     Parameters
     ----------
-    bench : Workbench
+    compiled : CompiledProblem
     best : StartGrasp
         With the best mu.
     results : sequence of StartResult
         All of them.
-    stop : Stop
+    deadline : Deadline
     """
     with single_thread():
-        best, results = _pressing_starts(bench, best, results)
-        first = _with_robustness(bench, best)
+        best, results = _pressing_starts(compiled, best, results)
+        first = _with_robustness(compiled, best)
         if first.robust is None or first.robust.share(first.record.mu) >= WEAK:
             return first
         share = HALF if first.robust.is_fragile(first.record.mu) else TIE
-        for other in _next_best(bench, best, results, share):
-            if stop.requested():
+        for other in _next_best(compiled, best, results, share):
+            if deadline.is_requested():
                 break
-            found = _with_robustness(bench, other)
+            found = _with_robustness(compiled, other)
             if found.robust is None or found.robust.is_fragile(found.record.mu):
                 continue
             if found.robust.mu.lower > first.robust.mu.upper:
@@ -125,10 +125,10 @@ def choose_start(
 
 
 def _pressing_starts(
-    bench: CompiledProblem, best: StartGrasp, results: Sequence[StartResult]
+    compiled: CompiledProblem, best: StartGrasp, results: Sequence[StartResult]
 ) -> tuple[StartGrasp, Sequence[StartResult]]:
     """Return the best start whose contacts can press against each other, and all such; the arguments if none can."""
-    hand = bench.problem.hand
+    hand = compiled.problem.hand
     if not isinstance(hand, PosedHand) or not hand.loaded_joints or can_press(best.found.grasp):
         return best, results
     least = HALF * best.record.mu.upper
@@ -138,23 +138,23 @@ def _pressing_starts(
     return (best, results) if first is None else (first, able)
 
 
-def _with_robustness(bench: CompiledProblem, start: StartGrasp) -> StartGrasp:
+def _with_robustness(compiled: CompiledProblem, start: StartGrasp) -> StartGrasp:
     """Return a start with its robustness; unchanged where that fails numerically."""
     try:
-        return replace(start, robust=robustness(bench, start.found.placed, start.found.grasp))
+        return replace(start, robust=robustness(compiled, start.found.candidate, start.found.grasp))
     except (RuntimeError, ArithmeticError, ValueError):
         return start
 
 
 def _next_best(
-    bench: CompiledProblem, best: StartGrasp, results: Sequence[StartResult], share: float
+    compiled: CompiledProblem, best: StartGrasp, results: Sequence[StartResult], share: float
 ) -> Iterator[StartGrasp]:
     """Yield the next best starts with distinct grasps of at least this share of mu, best first."""
     least, taken = share * best.record.mu.lower, [best]
     solved = [r for r in results if isinstance(r, StartGrasp) and r.solved and r.record.mu.lower >= least]
     for start in sorted(solved, key=lambda r: (-r.record.mu.upper, r.record.index)):
         if len(taken) < MOST and all(
-            _hausdorff_distance(start, other) > APART * bench.scaling.length for other in taken
+            _hausdorff_distance(start, other) > APART * compiled.scaling.length for other in taken
         ):
             taken.append(start)
             yield start
@@ -189,10 +189,10 @@ def _solution_without_grasp(search: SearchRecord, why_not: WhyNot | None) -> Gra
 def _measure_best(search: SearchRecord, best: StartGrasp) -> GraspSolution:
     """Return the best start's grasp; where time is short, with mu alone."""
     problem, found, grasp = search.problem, best.found, best.found.grasp
-    budget = budget_at(problem, found.placed)
+    budget = budget_at(problem, found.candidate)
     rtol, certified = search.options.final_rtol, best.record.mu
     if certified.gap > rtol:
-        limit = search.stop.certificate_deadline(FINAL_GRACE)
+        limit = search.deadline.certificate_deadline(FINAL_GRACE)
         certified = best.certified(problem, rtol, search.seed, limit).record.mu
     search.clock.mark("certificate")
     exerted = least_forces(problem, grasp, budget, certified)
@@ -203,7 +203,7 @@ def _measure_best(search: SearchRecord, best: StartGrasp) -> GraspSolution:
         name=problem.name,
         problem=problem.unchecked(force_budget=budget).to_dict(),
         grasp=grasp,
-        faces=found.placed.faces,
+        faces=found.candidate.faces,
         mu=certified,
         kind=problem.task.measure,
         forces=exerted.forces,

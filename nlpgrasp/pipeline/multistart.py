@@ -51,13 +51,13 @@ class Multistart:
     """State of a multistart search, whose stages are methods: starts, warm starts, gap closing, choice, answer.
 
     A search can take further starts and warm starts until its answer is made, and go on from an earlier solution
-    (``resumed``).
+    (``resume``).
 
     Parameters
     ----------
-    runner : Runner
+    runner : StartRunner
     seed : int
-    keeping : Keeping
+    keeping : KeepOptions
     progress : callable, optional
     flag : Path, optional
         A file that exists once the user has interrupted the search.
@@ -86,7 +86,7 @@ class Multistart:
         self.chosen: StartGrasp | None = None
         self._begun, self._clock = time.monotonic(), Clock()
         limit = runner.options.time_limit
-        self.stop = Deadline(None if limit is None else self._begun + limit, flag)
+        self.deadline = Deadline(None if limit is None else self._begun + limit, flag)
         self._keeping, self._progress = keeping, progress
         self._others: GraspCollection | None = None
         self._tree: BranchAndBound | None = None
@@ -95,7 +95,7 @@ class Multistart:
         self._spent = Effort()
 
     @classmethod
-    def resumed(cls, runner: StartRunner, solution: GraspSolution, seed: int) -> Multistart:
+    def resume(cls, runner: StartRunner, solution: GraspSolution, seed: int) -> Multistart:
         """Return the search that ended with a solution: its records of starts, bound and effort.
 
         Its answer is among the starts still to come.
@@ -134,7 +134,7 @@ class Multistart:
         problem, options = self.runner.problem, self.runner.options
         self._tree = start_bound(problem, options)
         if self._tree is not None:
-            self._tree.grow(0)
+            self._tree.branch(0)
         elif options.gap is not None:
             warn(f"gap: {missing_bound_reason(problem)}; the answer is the best of its starts")
         self._clock.mark("bound")
@@ -144,12 +144,12 @@ class Multistart:
 
         The bound of the undivided tree comes before.
         """
-        runner, stop = self.runner, self.stop
+        runner, deadline = self.runner, self.deadline
         runner.prepare()
         self.begin_bound()
         candidates = self._proposed()
         for result in chain(
-            runner.starts(candidates, self.seed, stop), runner.warm_starts(known, self.next_index, stop)
+            runner.starts(candidates, self.seed, deadline), runner.warm_starts(known, self.next_index, deadline)
         ):
             self.results.append(result)
             if self._progress is not None:
@@ -164,14 +164,14 @@ class Multistart:
         Where numerics fail, starts are failed ones.
         """
         for first in range(0, self.runner.count, TOGETHER):
-            if self.stop.requested():
+            if self.deadline.is_requested():
                 return
             numbers = range(first, min(first + TOGETHER, self.runner.count))
             rng = np.random.default_rng([self.seed, first])
             if first:
                 self._clock.mark("starts")
             try:
-                proposed = propose(self.runner.bench, rng, starts=len(numbers))
+                proposed = propose(self.runner.compiled, rng, starts=len(numbers))
             except FAILURES as error:
                 self.results += [failed(index, error) for index in numbers]
                 continue
@@ -182,7 +182,7 @@ class Multistart:
         """Run a warm start in this process; return whether the best mu rose by more than its certificate's gap."""
         self._clock.restart()
         before = self.best
-        new = run_warm_start(self.runner.bench, warm, self.next_index, self.stop, improve)
+        new = run_warm_start(self.runner.compiled, warm, self.next_index, self.deadline, improve)
         self.results += new
         if new and new[0].solved and new[0].record.mu.lower >= warm.floor:
             self.floor = max(self.floor, warm.floor)
@@ -206,7 +206,7 @@ class Multistart:
         nodes = node_count(self.runner.problem, 1) // 2
         for _ in range(starts):
             self.certify_best(rtol)
-            if self._search_tree(nodes) or self.stop.requested():
+            if self._search_tree(nodes) or self.deadline.is_requested():
                 break
             self._add_start(known)
         self._clock.mark("starts")
@@ -232,9 +232,9 @@ class Multistart:
         """
         if self._tree is None or self.runner.options.gap is None:
             return
-        follows_contacts = self.runner.bench.follows_contacts
-        while not self.stop.requested() and not self._search_tree(STRIDE):
-            if follows_contacts and not self.stop.requested():
+        follows_contacts = self.runner.compiled.follows_contacts
+        while not self.deadline.is_requested() and not self._search_tree(STRIDE):
+            if follows_contacts and not self.deadline.is_requested():
                 self._add_start()
         self._clock.mark("closing the gap")
 
@@ -246,56 +246,58 @@ class Multistart:
         run = {result.record.index for result in self.results}
         index = next((i for i in range(self.runner.count) if i not in run), self.next_index)
         relaxed = [] if self._tree is None else self._tree.relaxed_placements(OFFERED)
-        self.results.append(run_start(self.runner.bench, index, self.seed, self.stop, [*known, *relaxed]))
+        self.results.append(run_start(self.runner.compiled, index, self.seed, self.deadline, [*known, *relaxed]))
 
     def _search_tree(self, nodes: int) -> bool:
         """Branch on so many nodes more; return whether the bound proves the best start to be within its gap."""
         if self._tree is None:
             return False
         best = self.best
-        self._tree.expect(0.0 if best is None else best.record.mu.lower)
-        self._tree.grow(nodes, self.stop.requested)
+        self._tree.update_incumbent(0.0 if best is None else best.record.mu.lower)
+        self._tree.branch(nodes, self.deadline.is_requested)
         self._nodes += nodes
         return self._tree.searched
 
     def choose(self) -> None:
         """Choose the answer among the starts, at the local optimum next to it, and with a free way of its hand."""
-        runner, stop, best = self.runner, self.stop, self.best
+        runner, deadline, best = self.runner, self.deadline, self.best
         if best is None:
             return
-        weighed = [best] if runner.options.weighs_fragility and not stop.requested() else []
-        choosing = runner.begin(partial(choose_start, results=self.results, stop=stop), weighed)
+        weighed = [best] if runner.options.weighs_fragility and not deadline.is_requested() else []
+        choosing = runner.begin(partial(choose_start, results=self.results, deadline=deadline), weighed)
         if self._keeping.count > 1:
-            self._others = GraspCollection(runner, self._keeping, stop)  # while workers choose
+            self._others = GraspCollection(runner, self._keeping, deadline)  # while workers choose
         best = next(iter(choosing()), best)
         self._clock.mark("choice")
-        if not stop.requested():
-            best = runner.run(partial(converge_to_optimum, stop=stop), best) or best
+        if not deadline.is_requested():
+            best = runner.run(partial(converge_to_optimum, deadline=deadline), best) or best
         self.update(best)
         self._clock.mark("last step")
-        if runner.problem.hand is not None and not stop.requested():
-            best, *blocked = runner.run(partial(choose_free_approach, results=self.results, stop=stop), best) or (best,)
+        if runner.problem.hand is not None and not deadline.is_requested():
+            best, *blocked = runner.run(
+                partial(choose_free_approach, results=self.results, deadline=deadline), best
+            ) or (best,)
             self.update(best, *blocked)
         self._clock.mark("way in")
         self.chosen = best
 
-    def keep(self, best: StartGrasp) -> None:
+    def take_as_answer(self, best: StartGrasp) -> None:
         """Take a start as the answer where it is, with the way in of its hand."""
         with single_thread():
-            self.chosen = replace(best, hand=add_hand_record(self.runner.bench, best).hand)
+            self.chosen = replace(best, hand=add_hand_record(self.runner.compiled, best).hand)
         self.update(self.chosen)
 
     def answer(self) -> GraspSolution:
         """Bound, certify and analyse the answer, and return the solution."""
         self._clock.restart()
-        runner, stop, clock, best, reason = self.runner, self.stop, self._clock, self.chosen, None
+        runner, deadline, clock, best, reason = self.runner, self.deadline, self._clock, self.chosen, None
         bound, cut_short = self._bound(best), self._cut_short
         search = SearchRecord(
-            runner.problem, runner.options, self.seed, self.results, cut_short, stop, bound, clock, best
+            runner.problem, runner.options, self.seed, self.results, cut_short, deadline, bound, clock, best
         )
         clock.mark("bound")
-        if best is None and not stop.requested() and any(isinstance(r, StartGrasp) for r in self.results):
-            reason = runner.run(partial(diagnose_on_one_thread, seed=self.seed, stop=stop), self.results)
+        if best is None and not deadline.is_requested() and any(isinstance(r, StartGrasp) for r in self.results):
+            reason = runner.run(partial(diagnose_on_one_thread, seed=self.seed, deadline=deadline), self.results)
             clock.mark("why not")
         if self._others is not None and best is not None:
             self._others.begin(best, self.results)
@@ -315,9 +317,9 @@ class Multistart:
     @property
     def _cut_short(self) -> Status | None:
         """Why the search ended before all starts asked for were done."""
-        if self.stop.interrupted():
+        if self.deadline.interrupted():
             return Status.INTERRUPTED
-        if not self.stop.requested():
+        if not self.deadline.is_requested():
             return None
         records = [r.record for r in self.results if r.record.index < self.runner.count]
         begun = sum(record.message != NOT_BEGUN for record in records)
@@ -332,20 +334,20 @@ class Multistart:
             return self._known_bound
         if best is not None:
             weak = np.array(best.kkt.directions) if best.kkt is not None and best.kkt.directions else None
-            self._tree.expect(best.record.mu.lower, weak)
+            self._tree.update_incumbent(best.record.mu.lower, weak)
         if self.runner.options.gap is None:
             asked = self.runner.problem, self.runner.count
             tree, most = self._tree, effort_of(*asked)
-            tree.grow(node_count(*asked) - self._nodes, lambda: self.stop.requested() or tree.effort > most)
+            tree.branch(node_count(*asked) - self._nodes, lambda: self.deadline.is_requested() or tree.effort > most)
         return self._tree.bound()
 
     def _analysed(self, solution: GraspSolution, best: StartGrasp | None) -> GraspSolution:
         """Return the solution with the analyses that the options ask for."""
-        runner, stop = self.runner, self.stop
+        runner, deadline = self.runner, self.deadline
         names = requested_analyses(runner.options, solution, runner.problem.hand)
-        if best is None or not names or stop.requested():
+        if best is None or not names or deadline.is_requested():
             return solution
-        found, seconds = runner.run(partial(analyses_of, names=names, stop=stop), best) or ({}, {})
+        found, seconds = runner.run(partial(analyses_of, names=names, deadline=deadline), best) or ({}, {})
         self._clock.mark_with(seconds, "programs")
         return add_analyses_to(solution, found, runner.problem.hand)
 

@@ -114,9 +114,9 @@ def solve(
     return solution
 
 
-def solve_again(bench: CompiledProblem, starts: int, seed: int, keeping: KeepOptions = ONE) -> GraspSolution:
+def solve_again(compiled: CompiledProblem, starts: int, seed: int, keeping: KeepOptions = ONE) -> GraspSolution:
     """Solve the problem of a workbench in this process: what ``solve`` does, without building programs anew."""
-    return _run(StartRunner(bench.problem, bench.options, starts, bench), seed, keeping)
+    return _run(StartRunner(compiled.problem, compiled.options, starts, compiled), seed, keeping)
 
 
 def _run(
@@ -129,7 +129,7 @@ def _run(
     """Run all stages of a search; Ctrl-C keeps what was found."""
     with tempfile.TemporaryDirectory(prefix="nlpgrasp-") as folder:
         search = Multistart(runner, seed, keeping, progress, Path(folder) / "stop")
-        with InterruptHandler(search.stop), single_thread():
+        with InterruptHandler(search.deadline), single_thread():
             search.run_starts(warm_starts)
             search.close_gap()
             search.choose()

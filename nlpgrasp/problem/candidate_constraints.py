@@ -29,7 +29,7 @@ class CandidateConstraints:
 
     Parameters
     ----------
-    rows : tuple of Row
+    rows : tuple of ScalarConstraint
     clearances : tuple of Clearance
     sources : tuple of tuple of int
         Indices in ``named`` of the scalar constraints of each constraint, in order, then of the hand, then of the

@@ -81,7 +81,7 @@ class _State:
     residual: FloatArray
     damping: FloatArray
 
-    def keep(self, columns: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]) -> None:
+    def select_columns(self, columns: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]) -> None:
         """Drop the other columns."""
         for name in (f.name for f in fields(self)):
             setattr(self, name, getattr(self, name)[..., columns])
@@ -124,7 +124,7 @@ class _Solver:
             if not going.any():
                 break
             if going.mean() < WORTH or len(going) < MANY:
-                state.keep(going)
+                state.select_columns(going)
             state = self._search(state, self._newton_step(state))
         return y_out, x_out
 

@@ -219,7 +219,7 @@ class ResumableCertificate:
         problem, _ = condition(WrenchSet.of(grasp, budget), task)
         return None if problem is None else cls(grasp, task, budget, problem, narrowed(problem, rtol))
 
-    def is_of(self, grasp: Grasp, budget: ForceBudget) -> bool:
+    def belongs_to(self, grasp: Grasp, budget: ForceBudget) -> bool:
         """Return whether it belongs to a grasp with identical contact points and normals and the same budget object."""
         mine, same = self.grasp, budget is self.budget
         return same and np.array_equal(mine.points, grasp.points) and np.array_equal(mine.normals, grasp.normals)

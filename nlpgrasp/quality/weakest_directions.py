@@ -88,7 +88,7 @@ def weakest_directions(
     rng : numpy.random.Generator
     known : (m, d) array, optional
         Directions to start from as well, for example those of a nearby grasp.
-    descents : Descents
+    descents : DescentSettings
     """
     problem, proof = condition(WrenchSet.of(grasp, budget), task)
     if problem is None:

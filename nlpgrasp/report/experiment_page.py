@@ -163,7 +163,7 @@ def draw_time(variations: Sequence[VariationResult]) -> Figure:
     figure, ax = _new_figure(4.0)
     for i, v in enumerate(variations[:MOST_COLOURS]):
         for j, solve in enumerate(s for s in v.solves if s.success):
-            seconds, best = np.array([(0.0, 0.0), *solve.rising]).T
+            seconds, best = np.array([(0.0, 0.0), *solve.improvement_times]).T
             ax.step(
                 seconds, best, where="post", color=f"C{i}", alpha=0.7, label=_shorten_name(v.name) if j == 0 else None
             )

@@ -119,7 +119,7 @@ def joints(hand: InspectedHand) -> str:
     """Return the table of joints: limits, and effort limits of the file and in use."""
     robot = hand.tree.robot
     order = [robot.free_joints[i].name for finger in fingers(hand.tree) for i in finger.joints]
-    moving = sorted((j for j in robot.joints if j.moves), key=lambda j: order.index(robot.follows(j)[0]))
+    moving = sorted((j for j in robot.joints if j.moves), key=lambda j: order.index(robot.driving_joint(j)[0]))
     rows = []
     for joint in moving:
         if joint.mimic is None:
@@ -128,10 +128,10 @@ def joints(hand: InspectedHand) -> str:
             limit = hand.torque_limits.get(joint.name)
         else:
             lower, upper, limit = joint.lower, joint.upper, None
-            driver, multiplier, offset = robot.follows(joint)
-            more = f" {'+' if offset > 0 else '-'} {position_words(abs(offset), joint.turns)}" if offset else ""
+            driver, multiplier, offset = robot.driving_joint(joint)
+            more = f" {'+' if offset > 0 else '-'} {position_words(abs(offset), joint.is_revolute)}" if offset else ""
             follows = f"{format_number(multiplier)} × {driver}{more}"  # noqa: RUF001
-        ends = f"{position_words(lower, joint.turns)} to {position_words(upper, joint.turns)}"
+        ends = f"{position_words(lower, joint.is_revolute)} to {position_words(upper, joint.is_revolute)}"
         open_ended = not np.isfinite(upper - lower)
         cells = [joint.name, joint.kind, "" if open_ended else ends, _effort_cell(joint, joint.effort)]
         rows.append([*cells, _effort_cell(joint, limit) if joint.mimic is None else "", typeset(follows)])
@@ -142,7 +142,7 @@ def joints(hand: InspectedHand) -> str:
 def _effort_cell(joint: Joint, effort: float | None) -> str:
     if not effort:
         return "none" if effort is None else "0 (counts as none)"
-    return typeset(f"{format_number(effort)}\N{NO-BREAK SPACE}{'N m' if joint.turns else 'N'}")
+    return typeset(f"{format_number(effort)}\N{NO-BREAK SPACE}{'N m' if joint.is_revolute else 'N'}")
 
 
 def links(hand: InspectedHand) -> str:
@@ -170,7 +170,7 @@ def write_hand(hand: Hand | InspectedHand | Inspection, path: str | Path) -> Pat
 
     Parameters
     ----------
-    hand : Hand, Inspected or Inspection
+    hand : Hand, InspectedHand or Inspection
         A hand with links; an ``InspectedHand`` may lack fingertips; an ``Inspection`` is not repeated.
     path : str or Path
         Path of the page; an existing file is replaced.

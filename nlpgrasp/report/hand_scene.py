@@ -64,16 +64,16 @@ def joint_tree(hand: InspectedHand) -> Json:
             "parent": index[joint.parent],
             "child": index[joint.child],
             "origin": rounded_list(_origin(joint)[:3].ravel()),
-            "kind": "fixed" if not joint.moves else "turns" if joint.turns else "slides",
+            "kind": "fixed" if not joint.moves else "turns" if joint.is_revolute else "slides",
             "axis": rounded_list(joint.axis),
         }
         if joint.moves:
-            driver, multiplier, offset = robot.follows(joint)
+            driver, multiplier, offset = robot.driving_joint(joint)
             entry |= {"driver": drivers[driver], "multiplier": multiplier, "offset": offset}
         joints.append(entry)
     ranges = [robot.ranges[joint.name] for joint in robot.free_joints]
     free = [
-        {"name": joint.name, "turns": joint.turns, "lower": lower, "upper": upper}
+        {"name": joint.name, "turns": joint.is_revolute, "lower": lower, "upper": upper}
         for joint, (lower, upper, _) in zip(robot.free_joints, ranges, strict=True)
     ]
     return {"links": list(robot.links), "joints": joints, "drivers": free}
@@ -95,7 +95,7 @@ def hand_scene(hand: InspectedHand, most: int = ALL) -> Json:
 
     Parameters
     ----------
-    hand : Inspected
+    hand : InspectedHand
     most : int
         Approximate largest number of triangles of all links together.
 
@@ -276,13 +276,13 @@ def _slider(hand: InspectedHand, number: int) -> str:
         f'<div class="follower"><span title="{escape(other.name)}">{escape(other.name)} follows</span>'
         f'<output data-joint="{i}"></output></div>'
         for i, other in enumerate(robot.joints)
-        if other.moves and other.mimic is not None and robot.follows(other)[0] == joint.name
+        if other.moves and other.mimic is not None and robot.driving_joint(other)[0] == joint.name
     )
     name = escape(joint.name)
-    ends = f"<i>{position_words(lower, joint.turns)}</i><i>{position_words(upper, joint.turns)}</i>"
+    ends = f"<i>{position_words(lower, joint.is_revolute)}</i><i>{position_words(upper, joint.is_revolute)}</i>"
     return (
         f'<div class="joint"><label for="joint{number}" title="{name}">{name}</label>'
-        f'<output for="joint{number}">{position_words(start, joint.turns)}</output>'
+        f'<output for="joint{number}">{position_words(start, joint.is_revolute)}</output>'
         f'<div class="track-of"><input id="joint{number}" type="range" data-driver="{number}" '
         f'min="{lower:.12g}" max="{upper:.12g}" step="any" value="{start:.12g}">'
         f'<span class="ends" aria-hidden="true">{ends}</span></div></div>{followers}'
@@ -308,7 +308,7 @@ def viewer_data(hand: InspectedHand, met: Opposition | None, most: int) -> str:
 
     Parameters
     ----------
-    hand : Inspected
+    hand : InspectedHand
     met : Opposition or None
         Opposition of the fingertips, for postures.
     most : int

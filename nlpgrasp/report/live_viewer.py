@@ -248,7 +248,7 @@ class Controls:
         Wrenches of the slider; empty for a grasp that holds none.
     data : mapping
         The scene.
-    way : Way or None
+    way : ApproachFrames or None
         Approach of the hand.
     hand : sequence of handle
         Drawn parts of the hand.

@@ -43,7 +43,7 @@ class FingertipModel:
         Forces of the scene's contacts within one unit of the force budget.
     effort : float
         Units of the budget available to the hand.
-    unit : Scales
+    unit : DynamicScales
         Of the scene.
     gravity : float
         Acceleration along -z (-y in the plane), m / s^2.

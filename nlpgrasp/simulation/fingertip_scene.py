@@ -91,7 +91,7 @@ class SceneOptions:
         By default for the density of water.
     forces : (n,) array, optional
         Finger forces of the keyframe ``grasp``, contact by contact as in G; by default normal forces of one newton.
-    unit : Scales, optional
+    unit : DynamicScales, optional
         By default that of the keyframe's forces.
     stiffness : bool
         Whether joint springs hold the fingertips in place in addition to their motors.

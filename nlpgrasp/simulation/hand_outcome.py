@@ -27,7 +27,7 @@ class HandTrial:
         Motion of the object by the squeeze itself.
     motion : Motion
         Largest motion of the object after the squeeze, palm frame.
-    seen : tuple of Seen
+    seen : tuple of HandSnapshot
         States of the run, 25 per second.
     placed_off : bool
         Whether the object began displaced from the grasp as solved, so that the squeeze has to move it.
@@ -155,7 +155,7 @@ class HandSimulation:
         Requested least normal force of each finger, newtons.
     trials : tuple of HandTrial
         One for each condition and push, in order.
-    grasp : Seen
+    grasp : HandSnapshot
         State in the grasp.
     mass_source : str
         Source of the object's mass, as text.

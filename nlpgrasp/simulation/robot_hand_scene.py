@@ -248,7 +248,7 @@ def add_hand(root: Element, placed: PosedRobot, surfaces: list[dict[str, str]], 
     ----------
     root : Element
         Of the scene, with ``asset`` and ``worldbody``.
-    placed : PlacedRobot
+    placed : PosedRobot
     surfaces : list of mappings
         Attributes of each fingertip's geoms: friction of its contact model.
     options : HandSceneOptions
@@ -295,14 +295,14 @@ def _joint_pose(joint: Joint) -> dict[str, str]:
 
 
 def _add_joint(body: Element, joint: Joint, options: HandSceneOptions) -> None:
-    arm = 1.0 if joint.turns else LEVER  # a prismatic joint counts as a revolute one on such a lever
+    arm = 1.0 if joint.is_revolute else LEVER  # a prismatic joint counts as a revolute one on such a lever
     given = {
         "name": PREFIX + joint.name,
-        "type": "hinge" if joint.turns else "slide",
+        "type": "hinge" if joint.is_revolute else "slide",
         "axis": format_numbers(joint.axis),
         "damping": f"{options.damping / arm**2:.9g}",
         "frictionloss": f"{options.frictionloss / arm:.9g}",
-        "armature": f"{ARMATURE[joint.turns]:.9g}",
+        "armature": f"{ARMATURE[joint.is_revolute]:.9g}",
     }
     limited = joint.kind != "continuous" and np.isfinite(joint.lower) and joint.lower < joint.upper
     SubElement(body, "joint", {**given, "range": format_numbers([joint.lower, joint.upper])} if limited else given)
@@ -343,7 +343,7 @@ def _add_actuators(root: Element, placed: PosedRobot) -> None:
         _add_servo(actuator, PREFIX + joint.name, placed.gains[joint.name], placed.limits.get(joint.name))
     for joint in placed.robot.joints:
         if joint.moves and joint.mimic is not None:
-            driver, multiplier, offset = placed.robot.follows(joint)
+            driver, multiplier, offset = placed.robot.driving_joint(joint)
             names = {"joint1": PREFIX + joint.name, "joint2": PREFIX + driver}
             SubElement(equality, "joint", {**names, "polycoef": format_numbers([offset, multiplier, 0.0, 0.0, 0.0])})
 
@@ -370,7 +370,7 @@ def gains_of(robot: Robot, squeeze: Squeeze, gain: float | None) -> dict[str, fl
     result = {}
     for joint in robot.free_joints:
         own = by_joint.get(joint.name, usual)
-        result[joint.name] = gain if gain is not None and joint.turns else own
+        result[joint.name] = gain if gain is not None and joint.is_revolute else own
     return result
 
 

@@ -70,7 +70,7 @@ class StartRecord:
         Least support ratio before the refinement and after each of its rounds: estimates of mu from above.
     obstruction : str
         Why the hand cannot take the grasp, or not approach it straight, as text; empty without known obstructions.
-    origin : Origin or None
+    origin : CandidateOrigin or None
         Kind of its initial candidate; None for a start that did not begin, and in files of earlier versions.
     """
 

@@ -179,7 +179,7 @@ class ContactCurve:
         """
         return max(self.solutions, key=lambda pair: (self._ends(pair[1], penalty)[0], -pair[0]))[0]
 
-    def worth(self, penalty: Penalty) -> dict[int, Bounds]:
+    def penalised_quality(self, penalty: Penalty) -> dict[int, Bounds]:
         """Return mu less penalty by number of contacts, at both ends of mu's interval.
 
         A penalty that is a function of mu is evaluated at these ends alone.
@@ -285,23 +285,23 @@ def _possible(given: Mapping[int, float] | None) -> dict[int, float]:
 class NumberConversion:
     """Conversion between problems of one body with fewer and more contacts, without posed hands."""
 
-    def up(self, found: StartGrasp, small: CompiledProblem, large: CompiledProblem) -> WarmStart | None:
+    def lift_grasp(self, found: StartGrasp, small: CompiledProblem, large: CompiledProblem) -> WarmStart | None:
         """Return the grasp with the best of some random added contacts that keep the constraints, if any."""
-        if not self._suits(small, large):
+        if not self._fits(small, large):
             return None
-        return complete_contacts(large, found.found.grasp, found.found.placed.faces)
+        return complete_contacts(large, found.found.grasp, found.found.candidate.faces)
 
     def down(self, found: StartGrasp, large: CompiledProblem, small: CompiledProblem) -> WarmStart | None:
         """Return the grasp with the best subset of contacts that keeps the constraints, if any."""
-        grasp, kept = found.found.grasp, _choices(large, small) if self._suits(small, large) else []
+        grasp, kept = found.found.grasp, _choices(large, small) if self._fits(small, large) else []
         if not kept:
             return None
         chosen = np.array(kept)
-        faces = np.array(found.found.placed.faces, dtype=object)[chosen]
-        placed = best_feasible(small, grasp.points[chosen], grasp.normals[chosen], faces)
-        return None if placed is None else WarmStart(placed)
+        faces = np.array(found.found.candidate.faces, dtype=object)[chosen]
+        candidate = best_feasible(small, grasp.points[chosen], grasp.normals[chosen], faces)
+        return None if candidate is None else WarmStart(candidate)
 
-    def _suits(self, small: CompiledProblem, large: CompiledProblem) -> bool:
+    def _fits(self, small: CompiledProblem, large: CompiledProblem) -> bool:
         follow = small.follows_contacts and large.follows_contacts
         return follow and is_same_body(small.problem.body, large.problem.body)
 

@@ -102,7 +102,7 @@ class TypeChoice:
         The problem's.
     assignments : tuple of TypeAssignment
         Largest certified lower bound first; of equals the richer one.
-    upgrades : tuple of Upgrade
+    upgrades : tuple of TypeUpgrade
         Gains between neighbours: no third assignment is between the two.
     """
 
@@ -419,7 +419,7 @@ class TypeConversion:
         self._menu = menu
         self._names = {menu.problem_with(own).models: own for own in names}
 
-    def up(self, found: StartGrasp, small: CompiledProblem, large: CompiledProblem) -> WarmStart | None:
+    def lift_grasp(self, found: StartGrasp, small: CompiledProblem, large: CompiledProblem) -> WarmStart | None:
         """Return the grasp with the richer contacts, of at least the same quality."""
         places = self._places(small, large)
         if places is None:
@@ -438,9 +438,9 @@ class TypeConversion:
 
 def _reorder(found: StartGrasp, order: list[int]) -> WarmStart:
     """Return the grasp with its contacts in another order."""
-    placed, grasp = found.found.placed, found.found.grasp
-    faces = tuple(placed.faces[i] for i in order)
-    return WarmStart(GraspCandidate(faces, grasp.points[order], placed.hand), grasp.normals[order])
+    candidate, grasp = found.found.candidate, found.found.grasp
+    faces = tuple(candidate.faces[i] for i in order)
+    return WarmStart(GraspCandidate(faces, grasp.points[order], candidate.hand), grasp.normals[order])
 
 
 def _type_costs(menu: Menu, costs: Mapping[str, float] | None) -> dict[str, float]:

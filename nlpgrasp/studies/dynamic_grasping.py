@@ -196,18 +196,18 @@ def _followed(
     """Yield the grasp for each task, given with its parameter; see ``follow_task``."""
     held: StartGrasp | None = None
     known = deque[FloatArray](maxlen=KNOWN)
-    for bench, parameter in tasks:
-        search = Multistart(StartRunner(bench.problem, options, 1, bench), seed)
+    for compiled, parameter in tasks:
+        search = Multistart(StartRunner(compiled.problem, options, 1, compiled), seed)
         search.begin_bound()
         if held is not None:
-            search.add(WarmStart(held.found.placed, held.found.grasp.normals))
+            search.add(WarmStart(held.found.candidate, held.found.grasp.normals))
         rtol, lost = min(options.final_rtol, RTOL), search.best is None
         search.run_until_proved(starts if lost else 1, rtol, known)
         search.close_gap()
         best = _worth_moving(search, rtol, gain)
         if best is not None:
-            search.keep(best)
-        yield _step(bench, search, held, parameter, cold=lost and held is not None)
+            search.take_as_answer(best)
+        yield _step(compiled, search, held, parameter, cold=lost and held is not None)
         held = search.chosen or held
         known.extend(r.found.grasp.points for r in search.results if isinstance(r, StartGrasp) and r.solved)
 
@@ -225,17 +225,17 @@ def _worth_moving(search: Multistart, rtol: float, gain: float) -> StartGrasp | 
 
 
 def _step(
-    bench: CompiledProblem, search: Multistart, held: StartGrasp | None, parameter: float, cold: bool
+    compiled: CompiledProblem, search: Multistart, held: StartGrasp | None, parameter: float, cold: bool
 ) -> DynamicStep:
     """Return the record of a step, with the way from the grasp held before.
 
     Its solution does not list the starts: fingers may stay where another start is better.
     """
     solution, best = replace(search.answer(), starts=(), best_start=None), search.chosen
-    moved, regrasp, stayed = np.zeros(len(bench.problem.models)), False, solution.mu.upper
+    moved, regrasp, stayed = np.zeros(len(compiled.problem.models)), False, solution.mu.upper
     if held is not None:
-        before, budget = held.found.grasp, bench.budget(held.found.placed)
-        stayed = mu(before, bench.problem.task, bench.options.rtol, force_budget=budget).upper
+        before, budget = held.found.grasp, compiled.budget(held.found.candidate)
+        stayed = mu(before, compiled.problem.task, compiled.options.rtol, force_budget=budget).upper
         if best is not None:
             regrasp = best.record.origin is not CandidateOrigin.WARM_START
             moved = _moved(before, best.found.grasp, any_order=regrasp)

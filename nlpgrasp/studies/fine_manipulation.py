@@ -359,7 +359,7 @@ def _node_after_move(
     for slides in ways:
         motion, posture = None, here.posture
         if motions is not None and here.posture is not None:
-            motion, posture = motions.taken(here.posture, finger, slides)
+            motion, posture = motions.move(here.posture, finger, slides)
         if motion is None or motion.feasible:
             return _SearchNode(here.moved | {finger}, (*here.sequence, (finger, slides, motion)), posture)
     return None
@@ -374,7 +374,7 @@ def _execute_moves(
         motion: FingerPath | None = None
         if motions is not None and posture is not None:
             if stopped is None:
-                motion, posture = motions.taken(posture, finger, slides)
+                motion, posture = motions.move(posture, finger, slides)
                 stopped = None if motion.feasible else finger
             else:
                 motion = unexamined_move(f"not looked at, as finger {stopped} does not get to its place")
@@ -393,7 +393,7 @@ class Motions(Protocol[S]):
     def start(self) -> S:
         """Return the posture of the first grasp."""
 
-    def taken(self, posture: S, finger: int, slides: bool) -> tuple[FingerPath, S]:
+    def move(self, posture: S, finger: int, slides: bool) -> tuple[FingerPath, S]:
         """Return the path of a finger to its new contact, and the final posture."""
 
 
@@ -419,8 +419,8 @@ class HoldingQuality:
     problem : GraspProblem
     here, there : Grasp
     order : sequence of int
-        Contact of ``there`` that each finger takes.
-    paths : sequence of k sequences of Station
+        Contact of ``is_reached`` that each finger takes.
+    paths : sequence of k sequences of PathStation
         Path of each finger from its contact to its new one.
     hold : TaskEllipsoid
         Task of the fingers meanwhile.
@@ -436,7 +436,7 @@ class HoldingQuality:
         hold: TaskEllipsoid,
     ) -> None:
         self.problem, self.hold = problem, hold
-        self.here, self.there, self.order, self.paths = here, there, order, paths
+        self.here, self.is_reached, self.order, self.paths = here, there, order, paths
         self.budget = L2Budget() if problem.budget.depends_on_frames else problem.budget
         size = problem.body.size
         self._ways = [ContactPath(problem.body, path, ARM * size, TOLERANCE * size) for path in paths]
@@ -478,7 +478,7 @@ class HoldingQuality:
     def _grasp(self, moved: frozenset[int], finger: int, station: float | None = None) -> Grasp:
         """Return the grasp of the other fingers, with the finger frictionless at a station of its path, if given."""
         places: list[tuple[FloatArray, FloatArray, ContactModel]] = [
-            (self.there.points[self.order[i]], self.there.normals[self.order[i]], model)
+            (self.is_reached.points[self.order[i]], self.is_reached.normals[self.order[i]], model)
             if i in moved
             else (self.here.points[i], self.here.normals[i], model)
             for i, model in enumerate(self.problem.models)

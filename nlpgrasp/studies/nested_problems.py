@@ -38,7 +38,7 @@ SWEEPS = 3  # most sweeps down and up
 class ProblemConversion(Protocol):
     """Conversion of grasps between two problems of a family."""
 
-    def up(self, found: StartGrasp, small: CompiledProblem, large: CompiledProblem) -> WarmStart | None:
+    def lift_grasp(self, found: StartGrasp, small: CompiledProblem, large: CompiledProblem) -> WarmStart | None:
         """Return a grasp of the smaller problem as one of the larger; None where it is infeasible."""
 
     def down(self, found: StartGrasp, large: CompiledProblem, small: CompiledProblem) -> WarmStart | None:
@@ -64,7 +64,7 @@ def solve_family(
         The smaller before the larger.
     pairs : sequence of (int, int)
         Indices of a smaller and a larger problem.
-    step : Step
+    step : ProblemConversion
     starts, seed, options
         As for ``solve``, for each problem.
     """
@@ -97,7 +97,7 @@ class _Family:
             if not self._carry_all(self._down):
                 break
             self._carry_all(self._up)
-        self._keep_promises()
+        self._carry_bounds()
 
     def _carry_all(self, pairs: Sequence[tuple[int, int]]) -> bool:
         """Transfer grasps from the first to the second of each pair; return whether any best grasp improved."""
@@ -112,7 +112,7 @@ class _Family:
             return False
         self._carried.add((source, target, best.record.index))
         if down:
-            warm = self._step.down(best, giver.runner.bench, taker.runner.bench)
+            warm = self._step.down(best, giver.runner.compiled, taker.runner.compiled)
         else:
             warm = self._raised(best, giver, taker)
         hopeful = known is None or best.record.mu.upper >= HOPEFUL * known.record.mu.lower
@@ -120,10 +120,10 @@ class _Family:
 
     def _raised(self, best: StartGrasp, small: Multistart, large: Multistart) -> WarmStart | None:
         """Return a grasp of a smaller problem as a warm start of a larger one, with its certified bound there."""
-        warm = self._step.up(best, small.runner.bench, large.runner.bench)
+        warm = self._step.lift_grasp(best, small.runner.compiled, large.runner.compiled)
         return warm and replace(warm, floor=inherited_lower_bound(best, small.runner.problem, large.runner.problem))
 
-    def _keep_promises(self) -> None:
+    def _carry_bounds(self) -> None:
         """Certify the best grasps as tightly as the answers, and carry their bounds over."""
         for j, large in enumerate(self._searches):
             for small in (self._searches[a] for a, b in self._up if b == j):
@@ -133,15 +133,15 @@ class _Family:
                     large.add(warm, improve=False)
             chosen = large.certify_best(large.runner.options.final_rtol)
             if chosen is not None:
-                large.keep(chosen)
+                large.take_as_answer(chosen)
 
 
 def _run_further_starts(search: Multistart) -> None:
     """Run further starts from one more coordinate exchange: half as many as starts, at least two."""
-    bench, starts = search.runner.bench, search.runner.count
+    compiled, starts = search.runner.compiled, search.runner.count
     rng, count = np.random.default_rng([search.seed, starts]), max(2, -(-starts // 2))
-    for placed in exchanged_candidates(bench, rng, count=count) if bench.follows_contacts else ():
-        search.add(WarmStart(placed))
+    for candidate in exchanged_candidates(compiled, rng, count=count) if compiled.follows_contacts else ():
+        search.add(WarmStart(candidate))
 
 
 def _count_near_best(search: Multistart) -> int:

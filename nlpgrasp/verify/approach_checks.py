@@ -117,7 +117,7 @@ def way_checks(
     ----------
     solution : GraspSolution
     hand : HandNumbers or None
-    surface : Surface or None
+    surface : NumericBody or None
         The body; None if missing.
     placement : StatedPlacement
         Reader of obstacles.
@@ -145,10 +145,10 @@ class _Scene:
     Parameters
     ----------
     hand : URDFNumbers
-    body : Solid
+    body : NumericSolid
     bounds : (2, 3) array
         The body's bounding box, metres.
-    around : sequence of Solid
+    around : sequence of NumericSolid
         Tables and obstacles.
     """
 

@@ -51,7 +51,7 @@ class Link:
         Unit, joint frame.
     lower, upper : float
         Limits of the joint, radians or metres.
-    follow : Follow or None
+    follow : MimicRelation or None
     effort : float or None
         Greatest torque (force of a sliding joint), newton-metres or newtons.
     """

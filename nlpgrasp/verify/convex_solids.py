@@ -79,7 +79,7 @@ def solid_body(name: str, data: Json, surface: NumericBody) -> NumericSolid:
     name : str
     data : mapping
         The body's JSON data.
-    surface : Surface
+    surface : NumericBody
         The same body.
     """
     return NumericSolid(name, vectorised_distance(surface), corners=convex_corners(data, surface))
@@ -109,7 +109,7 @@ def convex_corners(data: Json, surface: NumericBody) -> FloatArray | None:
     ----------
     data : mapping
         The body's JSON data.
-    surface : Surface
+    surface : NumericBody
         The same body.
     """
     if isinstance(surface, MeshSurface):

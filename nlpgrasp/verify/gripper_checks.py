@@ -37,7 +37,7 @@ def gripper_checks(solution: GraspSolution, placement: StatedPlacement, surface:
     solution : GraspSolution
     placement : StatedPlacement
         Contacts and hand.
-    surface : Surface or None
+    surface : NumericBody or None
         The body; None if missing.
     """
     asked, hand = solution.problem.get("hand") or {}, solution.hand or {}

@@ -52,7 +52,7 @@ def link_checks(
     ----------
     solution : GraspSolution
     hand : HandNumbers or None
-    surface : Surface or None
+    surface : NumericBody or None
         The body; None if missing.
     placement : StatedPlacement
         Contacts, and the reader of obstacles.
@@ -76,7 +76,7 @@ def _checks(solution: GraspSolution, solids: _Solids, points: FloatArray) -> lis
     wrong, told = solids.in_grasp()
     checks = [Check("links inside something", not wrong, wrong or told)]
     if solution.phases:
-        wrong, told = solids.on_the_way()
+        wrong, told = solids.on_approach()
         checks.append(Check("links on the way in", not wrong, wrong or told))
     elif solids.states_all:
         checks.append(Check("links on the way in", False, "the file states no phases of the hand"))
@@ -115,9 +115,9 @@ class _Solids:
     def in_grasp(self) -> tuple[str, str]:
         """Return the error in the stated depth in the grasp, and otherwise what was seen."""
         stated, seen = grasp_penetration(self.solution.hand), self._at(self.hand)
-        return self._judged(stated, seen, self.solution.status in (Status.SOLVED, Status.OPTIMAL))
+        return self._depth_error(stated, seen, self.solution.status in (Status.SOLVED, Status.OPTIMAL))
 
-    def on_the_way(self) -> tuple[str, str]:
+    def on_approach(self) -> tuple[str, str]:
         """Return the error in the stated depth on the approach, and otherwise what was seen."""
         phases = {phase.name: phase for phase in self.solution.phases}
         way = [phases[name] for name in (APPROACH, PREGRASP, GRASP) if name in phases]
@@ -150,7 +150,7 @@ class _Solids:
                 return f"contact {i} is stated to be {known} m off its link, {gap} m found", ""
         return "", told
 
-    def _judged(self, stated: LinkPenetration | None, seen: LinkPenetration, called_free: bool) -> tuple[str, str]:
+    def _depth_error(self, stated: LinkPenetration | None, seen: LinkPenetration, called_free: bool) -> tuple[str, str]:
         more = f" ({1e3 * self.tolerance:g} mm allowed)"
         missing = "not stated" if self.states_all else ""
         wrong = missing if stated is None else self._differs(stated, seen)

@@ -58,7 +58,7 @@ class _MeshFiles:
     ----------
     digests : mapping of str to str, or None
         Digest by the mesh's name in the hand's file; None in files of earlier versions.
-    sources : Sources
+    sources : SourceFolders
     """
 
     digests: Mapping[str, str] | None
@@ -96,7 +96,7 @@ def link_shapes(
     links : container of str
     digests : mapping of str to str, or None
         The recorded sha256 of each mesh file; None if none are recorded.
-    sources : Sources
+    sources : SourceFolders
         Where the mesh files are searched.
 
     Raises

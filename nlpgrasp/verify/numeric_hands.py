@@ -39,10 +39,10 @@ class FreeHand:
     posture: Json
     radii: Sequence[float]
     error: float = 0.0
-    linked: bool = False
+    has_links: bool = False
 
     @property
-    def posed_tips(self) -> Sequence[None]:
+    def fixed_tip_kinds(self) -> Sequence[None]:
         """None for each fingertip, as all are free."""
         return [None] * len(self.radii)
 
@@ -121,7 +121,7 @@ class UnknownHand:
     """
 
     why: str
-    linked: bool = False
+    has_links: bool = False
 
     @property
     def radii(self) -> Sequence[float]:
@@ -129,7 +129,7 @@ class UnknownHand:
         self._refuse()
 
     @property
-    def posed_tips(self) -> Sequence[str | None]:
+    def fixed_tip_kinds(self) -> Sequence[str | None]:
         """Kind of each fingertip."""
         self._refuse()
 

@@ -52,14 +52,14 @@ class URDFNumbers:
         ``hand``: ``joint_positions`` and ``palm_pose``.
     stated : mapping
         Stated values of the constraints, by name.
-    sources : Sources
+    sources : SourceFolders
     """
 
     data: Json
     posture: Json
     stated: Mapping[str, float]
     sources: SourceFolders
-    linked: bool = True
+    has_links: bool = True
 
     @property
     def tips(self) -> Sequence[Json]:
@@ -72,7 +72,7 @@ class URDFNumbers:
         return [radius_of(tip) for tip in self.tips]
 
     @property
-    def posed_tips(self) -> Sequence[str]:
+    def fixed_tip_kinds(self) -> Sequence[str]:
         """Shape of each fingertip."""
         return [str(tip["type"]) for tip in self.tips]
 

@@ -113,16 +113,16 @@ def _recompute_all(solution: GraspSolution, grasp: Grasp, sources: SourceFolders
         parts[EDGE_MARGIN] = partial(margin_rows, solution.problem, solution.faces, grasp, surface)
     if hand is not None:
         parts["hand"] = partial(hand.rows, placement)
-    if hand is not None and not hand.linked and "edge_margin" in solution.problem:
+    if hand is not None and not hand.has_links and "edge_margin" in solution.problem:
         parts[FITTING] = partial(fingertip_clearances, solution.body, surface, placement)
-    if hand is not None and hand.linked:
+    if hand is not None and hand.has_links:
         parts["links"] = partial(link_rows, hand, surface, placement)
     owners = _owners(solution, len(grasp))
     rows = [
         _guard_check(name, given, partial(check_stated_constraints, stated=stated, promise=unseen * promise))
         for name, given in parts.items()
     ]
-    if hand is not None and hand.linked:
+    if hand is not None and hand.has_links:
         rows.append(_guard_check("joints", hand.limits, partial(check_unstated_constraints, promise=promise)))
     checks += guard("joint torques", lambda: torque_checks(solution, grasp, hand))
     checks += guard("squeeze", lambda: squeeze_checks(solution, grasp, hand))
@@ -236,7 +236,7 @@ def _stated_check(
         return []
     wrong = [f"{c.name} is outside its limits" for c in solution.constraints if not _is_within_slack(c, slack(c))]
     possible = [owners[part] for part in stated.unknown]
-    unasked = [name for name in stated.left if not any(owns(name) for owns in possible)]
+    unasked = [name for name in stated.unmatched if not any(owns(name) for owns in possible)]
     wrong += [f"{name} is nothing that the problem asks" for name in unasked]
     detail = f"{len(solution.constraints)} stated values"
     return [Check("constraints", not wrong, f"{detail}: {'; '.join(wrong)}" if wrong else detail)]

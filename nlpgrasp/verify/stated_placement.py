@@ -85,11 +85,11 @@ class HandNumbers(Protocol):
         """Radius of each fingertip, metres; 0 for points and pads."""
 
     @property
-    def linked(self) -> bool:
+    def has_links(self) -> bool:
         """Whether it has links and joints with checks of their own."""
 
     @property
-    def posed_tips(self) -> Sequence[str | None]:
+    def fixed_tip_kinds(self) -> Sequence[str | None]:
         """Kind of each fingertip that is fixed to a posed link, ``None`` for free ones."""
 
     @property
@@ -298,7 +298,7 @@ class StatedConstraints:
         for report in reports:
             self._left.setdefault(report.name, []).append(report)
 
-    def take(self, name: str) -> ConstraintReport | None:
+    def match_next(self, name: str) -> ConstraintReport | None:
         """Return the next unmatched constraint of this name, ``None`` without one."""
         waiting = self._left.get(name, [])
         return waiting.pop(0) if waiting else None
@@ -308,7 +308,7 @@ class StatedConstraints:
         return {name: reports[0].value for name, reports in self._left.items() if reports}
 
     @property
-    def left(self) -> list[str]:
+    def unmatched(self) -> list[str]:
         """Names of the unmatched constraints."""
         return [name for name, reports in self._left.items() for _ in reports]
 
@@ -326,7 +326,7 @@ def check_stated_constraints(
     try:
         for row in rows:
             count += 1
-            said = stated.take(row.name)
+            said = stated.match_next(row.name)
             if said is None:
                 wrong.append(f"{row.name}: not in the file")
                 continue

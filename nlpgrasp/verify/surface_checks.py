@@ -43,7 +43,7 @@ def surface_checks(
 
 def _tip_names(hand: HandNumbers | None, count: int) -> Sequence[str | None]:
     try:
-        return [None] * count if hand is None else hand.posed_tips
+        return [None] * count if hand is None else hand.fixed_tip_kinds
     except NotCheckedError:
         return [ELSEWHERE] * count
 

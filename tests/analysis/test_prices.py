@@ -42,25 +42,25 @@ EXPECTED = {
 }
 
 
-def best_of(bench, starts):
-    results = [run_start(bench, i, 0, Deadline()) for i in range(starts)]
+def best_of(compiled, starts):
+    results = [run_start(compiled, i, 0, Deadline()) for i in range(starts)]
     best = max((r for r in results if r.solved), key=lambda r: r.record.mu.upper)
-    return converge_to_optimum(bench, best, Deadline())
+    return converge_to_optimum(compiled, best, Deadline())
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in FAST else [pytest.mark.slow]) for n in PROBLEMS])
 def test_prices_predict_solving_again(name):
     problem = PROBLEMS[name]()
-    bench = CompiledProblem(problem, OPTIONS)
-    best = best_of(bench, 3)
-    prices = {p.name: p for p in shadow_prices(bench, best, Deadline())}
+    compiled = CompiledProblem(problem, OPTIONS)
+    best = best_of(compiled, 3)
+    prices = {p.name: p for p in shadow_prices(compiled, best, Deadline())}
     assert EXPECTED[name] <= set(prices)
     here = best.optimum
     limits = {limit.name: limit for limit in limits_of(problem)}
     for key in EXPECTED[name]:
         price, limit = prices[key], limits[key]
         h = 0.002 * abs(price.value) * (1.0 if price.gain > 0.0 else -1.0)  # the way that leaves the grasp possible
-        moved = local_optimum(CompiledProblem(limit.changed(h), OPTIONS), here.placed, Deadline())
+        moved = local_optimum(CompiledProblem(limit.changed(h), OPTIONS), here.candidate, Deadline())
         assert moved.kkt.is_small
         assert moved.value - here.value == pytest.approx(price.gain / price.step * h, rel=0.05), key
 
@@ -69,9 +69,9 @@ def test_prices_predict_solving_again(name):
 def test_prices_of_a_hand():
     """Joint limits and clearance of a 16-joint hand: the clearance's price against solving again."""
     problem = ng.GraspProblem(BODY, FOUR, TASK, hand=four_finger_hand(clearance=0.002))
-    bench = CompiledProblem(problem, OPTIONS)
-    best = best_of(bench, 2)
-    prices = {p.name: p for p in shadow_prices(bench, best, Deadline())}
+    compiled = CompiledProblem(problem, OPTIONS)
+    best = best_of(compiled, 2)
+    prices = {p.name: p for p in shadow_prices(compiled, best, Deadline())}
     assert prices["friction of all contacts"].gain > 0.0
     assert all(p.gain > 0.0 for name, p in prices.items() if name.endswith("limit"))
     assert all(p.unit == "1 degree of range" for name, p in prices.items() if name.endswith("limit"))
@@ -80,25 +80,25 @@ def test_prices_of_a_hand():
 @pytest.mark.slow
 def test_prices_of_a_hand_predict_solving_again():
     problem = ng.GraspProblem(BODY, FOUR, TASK, hand=four_finger_hand(clearance=0.002))
-    bench = CompiledProblem(problem, OPTIONS)
-    begun = best_of(bench, 2).optimum.placed
-    here = local_optimum(bench, begun, Deadline())  # from where the others begin: optima may be next to each other
+    compiled = CompiledProblem(problem, OPTIONS)
+    begun = best_of(compiled, 2).optimum.candidate
+    here = local_optimum(compiled, begun, Deadline())  # from where the others begin: optima may be next to each other
     assert here.kkt.is_small
     for limit in limits_of(problem):
         h = -1e-3 * limit.step  # as little friction more leads to the optimum beside it, .7 mm away
         moved = local_optimum(CompiledProblem(limit.changed(h), OPTIONS), begun, Deadline())
-        expected = shadow_price(bench, here, limit).gain / limit.step * h
+        expected = shadow_price(compiled, here, limit).gain / limit.step * h
         assert moved.value - here.value == pytest.approx(expected, rel=0.05, abs=1e-7 * here.value), limit.name
 
 
 def test_no_prices_of_an_optimum_far_from_the_grasp():
     """On a mesh the optimum on the smooth surface can be another grasp's."""
     problem = PROBLEMS["reach and table"]()
-    bench = CompiledProblem(problem, OPTIONS)
-    best = best_of(bench, 1)
-    assert shadow_prices(bench, best, Deadline())
+    compiled = CompiledProblem(problem, OPTIONS)
+    best = best_of(compiled, 1)
+    assert shadow_prices(compiled, best, Deadline())
     half = replace(best.record, mu=ng.Bounds(0.5 * best.record.mu.lower, 0.5 * best.record.mu.upper))
-    assert shadow_prices(bench, replace(best, record=half), Deadline()) == ()
+    assert shadow_prices(compiled, replace(best, record=half), Deadline()) == ()
 
 
 def test_prices_are_in_the_solution_and_its_file(tmp_path):

@@ -27,7 +27,7 @@ def parts(contact):
 def test_hardly_anything_is_left_to_the_last_method(contact, rng):
     """Its calls took most of the time once; Newton's method alone left a tenth to a half of these points."""
     points, _ = parts(contact)
-    how = points.ways(samples(contact, rng, 700))
+    how = points.projection_methods(samples(contact, rng, 700))
     assert np.mean(how == OTHER) < 0.05
     assert np.mean(how == SLIPS) > 0.4
 
@@ -89,7 +89,7 @@ def test_inside_is_where_forces_were_found(name, rng):
 
 def test_a_rectangle_has_points_of_every_kind(rng):
     points, _ = parts(PADS["coulomb rectangle"])
-    how = points.ways(samples(PADS["coulomb rectangle"], rng, 2000))
+    how = points.projection_methods(samples(PADS["coulomb rectangle"], rng, 2000))
     assert {SLIPS, INSIDE} <= set(how.tolist())
     assert np.sum(how >= 0) > 100
 

@@ -33,7 +33,7 @@ def run(variations, folder, **settings):
     return ng.run_experiment(asked, folder, **{"workers": 1, **how})
 
 
-def placed(result):
+def candidate(result):
     return {s.variation: (result.solution(s.variation, s.seed).faces, s.mu.lower) for s in result.solves if s.success}
 
 
@@ -82,7 +82,7 @@ def test_a_budgets_answer_is_not_beaten_by_that_of_another(handed):
 
 @pytest.mark.slow
 def test_the_result_does_not_depend_on_the_workers(handed, tmp_path):
-    assert placed(run(VARIATIONS, tmp_path / "out", workers=2)) == placed(handed)
+    assert candidate(run(VARIATIONS, tmp_path / "out", workers=2)) == candidate(handed)
 
 
 def test_resuming_changes_no_file(handed, tmp_path):
@@ -93,7 +93,7 @@ def test_resuming_changes_no_file(handed, tmp_path):
     assert {p: p.stat().st_mtime_ns for p in folder.rglob("*.json") if p.parent != folder} == before
     assert again.notes == ()
     assert str(again) == str(ng.ExperimentResult.load(folder))
-    assert placed(again) == placed(handed)
+    assert candidate(again) == candidate(handed)
 
 
 def test_variations_added_later_give_what_all_at_once_give(handed, tmp_path):
@@ -101,7 +101,7 @@ def test_variations_added_later_give_what_all_at_once_give(handed, tmp_path):
     some = {name: VARIATIONS[name] for name in ("rough", "three")}
     run(some, folder)
     later = run(VARIATIONS, folder, resume=True)
-    assert placed(later) == placed(handed)
+    assert candidate(later) == candidate(handed)
 
 
 def test_what_a_solve_found_itself_is_kept_and_comes_back(handed, tmp_path):
@@ -111,9 +111,9 @@ def test_what_a_solve_found_itself_is_kept_and_comes_back(handed, tmp_path):
     assert ng.GraspSolution.load(own).mu.upper < handed["rough"].mu.upper or not ng.GraspSolution.load(own).success
     assert set(json.loads((folder / HANDED_ON).read_text())["solves"]) == {f"{name}, seed 0" for name in VARIATIONS}
     (folder / HANDED_ON).unlink()  # as a run that was ended leaves it
-    assert placed(run(VARIATIONS, folder, resume=True)) == placed(handed)
+    assert candidate(run(VARIATIONS, folder, resume=True)) == candidate(handed)
     (folder / "solves" / "rough--seed0.json").write_text("{")
-    assert placed(run(VARIATIONS, folder, resume=True)) == placed(handed)
+    assert candidate(run(VARIATIONS, folder, resume=True)) == candidate(handed)
 
 
 def test_another_body_gets_nothing(tmp_path):
@@ -174,7 +174,7 @@ def test_a_grasp_that_is_taken_has_the_analyses_asked_for(handed):
     own = ng.GraspSolution.load(handed.folder / OWN / "rough--seed0.json")
     smooth = handed.solution("smooth")
     offers = {"from variation smooth, seed 0": smooth.grasps[0]}
-    bench = CompiledProblem(case.problem, replace(case.options, analyses=("delta",), time_limit=None))
-    taken = improve_solution(bench, 1, replace(own, bound=None), 0, offers, improve=False)
+    compiled = CompiledProblem(case.problem, replace(case.options, analyses=("delta",), time_limit=None))
+    taken = improve_solution(compiled, 1, replace(own, bound=None), 0, offers, improve=False)
     assert taken.delta.lower > 0.0
     assert taken.nu is None

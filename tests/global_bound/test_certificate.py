@@ -67,7 +67,7 @@ def test_weights_have_few_digits():
 
 def test_mixtures_and_directions_are_listed_once_and_used():
     search = branch_and_bound.BranchAndBound(cylinder(), 0.02)
-    search.grow(150)
+    search.branch(150)
     data = search.certificate()[1]
     assert len(data["mixtures"]) < len(data["leaves"])
     assert {leaf[1] for leaf in data["leaves"]} == set(range(len(data["mixtures"])))

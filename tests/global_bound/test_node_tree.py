@@ -62,7 +62,7 @@ def test_a_record_that_ends_before_the_search_is_verified(body, nodes, tmp_path,
     shape = ng.Box([2, 1, 1]) if body == "box" else ng.Mesh.load(tmp_path / "box.stl", unit="m", resolution=8)
     problem = ng.GraspProblem(shape, [ng.FrictionContact(0.5)] * 3, TASK)
     search = branch_and_bound.BranchAndBound(problem, 0.01)
-    search.grow(nodes)
+    search.branch(nodes)
     upper, data = search.certificate()
     assert not data["complete"]
     assert upper > search.upper

@@ -29,8 +29,8 @@ def problem(mesh, contacts, **more):
 def searched(asked, nodes):
     """Return a search of so many nodes that knows the grasp of a start."""
     search = BranchAndBound(asked, 0.01)
-    search.expect(ng.solve(relaxed_problem(asked), 1, options=OPTIONS).mu.lower)
-    search.grow(nodes)
+    search.update_incumbent(ng.solve(relaxed_problem(asked), 1, options=OPTIONS).mu.lower)
+    search.branch(nodes)
     return search
 
 

@@ -33,22 +33,22 @@ def solved():
 )
 def test_slopes_of_supports_by_central_differences(hand, contact, rng):
     given = problem(hand, contact)
-    bench, faces = CompiledProblem(given, ONE), ("surface",) * hand.count
+    compiled, faces = CompiledProblem(given, ONE), ("surface",) * hand.count
     points = given.body.sample("surface", hand.count, rng)
     values = {name: v[0] for name, v in hand.draw(1, np.zeros((1, 3)), rng)[0].items()}
-    program, placed = bench.exchange.compiled.program, GraspCandidate(faces, points, values)
-    z = pack_variables(bench, program, placed)
+    program, candidate = compiled.cutting_planes.functions.program, GraspCandidate(faces, points, values)
+    z = pack_variables(compiled, program, candidate)
     cuts = rng.standard_normal((6, 6)) * [1.0, 1.0, 1.0, 30.0, 30.0, 30.0]
-    value, slopes = torque_cuts(bench, placed, z, cuts)
+    value, slopes = torque_cuts(compiled, candidate, z, cuts)
 
     def support(z):
         """From the definition: contacts and normals as the variables say, wherever that is."""
-        where = contact_points(bench, program, z)
+        where = contact_points(compiled, program, z)
         normals = np.array([z[program.block("normal", i).range] for i in range(hand.count)])
         normals /= np.linalg.norm(normals, axis=1)[:, None]
         budget = given.budget.posed(hand, hand_of(program, z), where)
         grasp = Grasp(where, normals, given.models, given.origin)
-        return bench.scaling.beta * WrenchSet.of(grasp, budget).support(cuts)[0]
+        return compiled.scaling.beta * WrenchSet.of(grasp, budget).support(cuts)[0]
 
     np.testing.assert_allclose(value, support(z), rtol=1e-7)
     for _ in range(6):

@@ -95,7 +95,7 @@ def test_depth_in_a_table_is_that_of_the_fingers_corners(seed):
     height, clearance = rng.uniform([-0.06, 0.0], [-0.005, 0.02])
     distance = distance_to_all(fields_of(ball, [ng.Table(height, clearance)], 2))
     directions = jaws.approaches()
-    depth, _, through = jaws.walk(directions, ball.size, distance)
+    depth, _, through = jaws.march_outwards(directions, ball.size, distance)
     low = [corners(jaws, d, jaws.length + 2.0 * ball.size)[:, 2].min() for d in directions]
     np.testing.assert_allclose(depth, np.maximum(height + clearance - np.array(low), 0.0), atol=1e-8)
     assert np.any(depth > 0.0)
@@ -123,7 +123,7 @@ def test_one_walk_finds_depth_and_what_is_passed_through(thickness):
     for height in np.linspace(0.06, 0.14, 7):
         distance = distance_to_all(fields_of(BODY, [plate(thickness, height)], 2))
         directions = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
-        depth, mean, through = jaws.walk(directions, BODY.size, distance)
+        depth, mean, through = jaws.march_outwards(directions, BODY.size, distance)
         np.testing.assert_allclose(depth, [0.5 * thickness, 0.0], atol=1.3e-4)
         assert through.tolist() == [True, False]
         assert mean[1] > 0.0
@@ -138,7 +138,7 @@ def test_depth_is_that_of_a_dense_walk():
     jaws = Jaws(PADS, 0.05, 0.01)
     directions = jaws.approaches()[::6]
     far = jaws.length + 2.0 * BODY.size
-    for direction, depth in zip(directions, jaws.walk(directions, BODY.size, distance)[0], strict=True):
+    for direction, depth in zip(directions, jaws.march_outwards(directions, BODY.size, distance)[0], strict=True):
         fingers = (np.arange(0.02, 0.0301, 5e-4), np.arange(0.0, far, 1e-4))
         palm = (np.arange(0.0, 0.02, 5e-4), np.arange(jaws.length, far, 1e-4))
         grids = [np.stack(np.meshgrid(*places), axis=-1).reshape(-1, 2) for places in (fingers, palm)]

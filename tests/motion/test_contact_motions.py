@@ -22,7 +22,7 @@ def path_of(hand, constraints=(), slides=True, contacts=CONTACTS):
     )
     ends = [[PathStation(p, UP, "+z"), PathStation(END, UP, "+z")] for p in contacts]
     made = ContactMotions(problem, hand, (contacts, np.tile(UP, (k, 1))), ends, 0.01)
-    return made.taken(made.start(), 0, slides)
+    return made.move(made.start(), 0, slides)
 
 
 def along_to(value):
@@ -109,7 +109,7 @@ def test_a_jaw_does_not_leave_its_line():
         for p, n, f in zip(pair, normals, ("+z", "-z"), strict=False)
     ]
     made = ContactMotions(problem, problem.hand, (pair, normals), ends, 0.01)
-    path, _ = made.taken(made.start(), 0, True)
+    path, _ = made.move(made.start(), 0, True)
     check(path, 0.04 * np.tan(0.05), "facing, jaw 0")
 
 

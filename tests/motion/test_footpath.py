@@ -82,5 +82,5 @@ def test_a_stride_lifts_off_goes_over_and_sets_down():
         np.testing.assert_allclose(stride.at(way).point, point, atol=1e-12)
     assert [stride.at(w).phase for w in (0.02, 0.35, 0.69)] == ["lifting off", "lifted", "setting down"]
     assert stride.at(0.35).along == pytest.approx(0.3)
-    np.testing.assert_allclose(stride.turns, [0.05, 0.65, 0.7])
+    np.testing.assert_allclose(stride.phase_changes, [0.05, 0.65, 0.7])
     assert FingerTransfer(stride.footpath, 0.0).at(0.3).phase == "sliding"

@@ -133,10 +133,10 @@ def test_balls_of_links_that_overlap_in_the_grasp_may_do_so_on_the_way(tmp_path)
     both = np.all(np.isin(around.balls.pairs, large), axis=1)
     assert np.sum(both) == 1
     around.balls.apart[both] = np.linalg.norm(places[large[0]] - places[large[1]]) + 4e-3
-    first = around.clearances(postures[0])[around.of_pairs()]
+    first = around.clearances(postures[0])[around.is_of_pair()]
     assert np.min(first) < -1e-3
     found = opened(around, *postures, 1.0)
     assert found.blocked_by == ""
     assert len(found.places) > 1
     for place in found.places:
-        assert np.all(place.clearances[around.of_pairs()] >= np.minimum(first, 0.0) - around.tolerance)
+        assert np.all(place.clearances[around.is_of_pair()] >= np.minimum(first, 0.0) - around.tolerance)

@@ -73,7 +73,7 @@ def test_clearances_are_those_of_balls_that_are_placed_by_hand(tmp_path):
     radius = {link: 0.012 if link == "palm" else TIP if link.endswith("tip") else 0.004 for link in where}
     c, s = np.cos(0.6), np.sin(0.6)
     local = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    said = {made.say(i): value for i, value in enumerate(made.clearances(here))}
+    said = {made.describe_clearance(i): value for i, value in enumerate(made.clearances(here))}
     for link, p in where.items():
         name = f"fingertip {link}" if link.endswith("tip") else f"link {link}"
         r = radius[link]

@@ -40,7 +40,7 @@ def motions(folder, there=(0.01, -0.045, 0.03), constraints=(), other=(0.0, 0.04
 
 
 def taken(made, slides=True):
-    return made.taken(made.start(), 0, slides)[0]
+    return made.move(made.start(), 0, slides)[0]
 
 
 def between(joints, parts=20):
@@ -228,5 +228,7 @@ def test_a_hand_without_shapes_moves_all_the_same(tmp_path):
     around = CollisionModel(problem, hand)
     values = {"palm_position": PALM, "palm_quaternion": DOWN, "joints": np.zeros(6)}
     assert len(around.clearances(values)) == 0
-    way = straight_way(around, lambda share: {**values, "joints": np.full(6, share)}, lambda _: around.allowed())
+    way = straight_way(
+        around, lambda share: {**values, "joints": np.full(6, share)}, lambda _: around.least_clearances()
+    )
     assert way.free == 1.0

@@ -254,9 +254,9 @@ def test_options_of_ipopt_reach_the_solver():
     assert "ipopt" not in ng.SolveOptions().to_dict()
     from nlpgrasp.optimize.compiled_problem import CompiledProblem
 
-    bench = CompiledProblem(box_problem(), options)
-    assert bench.first._options["ipopt.max_iter"] == 7
-    assert bench.exchange.compiled._options["ipopt.mu_strategy"] == "adaptive"
+    compiled = CompiledProblem(box_problem(), options)
+    assert compiled.first._options["ipopt.max_iter"] == 7
+    assert compiled.cutting_planes.functions._options["ipopt.mu_strategy"] == "adaptive"
 
 
 @pytest.mark.parametrize(

@@ -105,19 +105,19 @@ def test_vertex_program_bounds_the_measure_from_below():
     from nlpgrasp.optimize.initial_nlp import initial_parameters
     from nlpgrasp.optimize.options import SolveOptions
 
-    bench = CompiledProblem(ellipsoid_problem(k=4), SolveOptions())
+    compiled = CompiledProblem(ellipsoid_problem(k=4), SolveOptions())
     rng = np.random.default_rng(0)
     points = closed_ellipsoid_grasp(np.random.default_rng(1)).points
-    program, begin = bench.first.program, GraspCandidate(("surface",) * 4, points)
-    z = pack_variables(bench, program, begin)
+    program, begin = compiled.first.program, GraspCandidate(("surface",) * 4, points)
+    z = pack_variables(compiled, program, begin)
     z[program.block("beta").range] = 0.1
-    theta = np.concatenate([initial_parameters(bench, rng), face_parameters(bench.problem, begin.faces)])
-    result = bench.first.solve(z, theta)
-    beta = result.objective / bench.scaling.beta
-    bounds = ng.mu(bench.grasp(candidate_of(bench, program, begin.faces, result.z)), BALL, 0.02)
+    theta = np.concatenate([initial_parameters(compiled, rng), face_parameters(compiled.problem, begin.faces)])
+    result = compiled.first.solve(z, theta)
+    beta = result.objective / compiled.scaling.beta
+    bounds = ng.mu(compiled.grasp(candidate_of(compiled, program, begin.faces, result.z)), BALL, 0.02)
     assert beta * directions_inradius(6, 1) <= bounds.upper
     assert bounds.lower <= beta * (1 + 1e-4)
-    assert initial_parameters(bench, rng).shape == (72 * 6,)
+    assert initial_parameters(compiled, rng).shape == (72 * 6,)
 
 
 def test_support_program_bounds_the_measure_from_above():

@@ -171,7 +171,7 @@ def test_starts_go_on_from_what_the_bound_rests_on():
     problem = square(3)
     solution = ng.solve(problem, starts=1, options=ng.SolveOptions(gap=0.01, **QUICK))
     tree = BranchAndBound(problem, 0.01)
-    tree.grow(50)
+    tree.branch(50)
     placements = tree.relaxed_placements(4)
     assert len(placements) == 4
     for points in placements:
@@ -188,7 +188,7 @@ def test_beside_a_hand_placements_are_bounded():
         ng.Sphere(0.03), ng.FrictionContact(0.7), ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03]), hand=four_finger_hand()
     )
     tree = start_bound(problem, ng.SolveOptions())
-    tree.grow(node_count(problem, 8))
+    tree.branch(node_count(problem, 8))
     assert not tree.scope.complete
     free = ng.solve(replace(problem, hand=None, contacts=[ng.FrictionContact(0.7)] * 4), 2)
     assert free.mu.lower <= tree.upper <= 2.0 * free.mu.lower

@@ -18,15 +18,15 @@ def problem():
 
 
 def test_more_clearance_moves_the_limits_of_these_rows_alone():
-    bench = CompiledProblem(problem(), ng.SolveOptions(workers=1))
-    rows = bench.rows.clearances
-    more = np.zeros(len(bench.rows.named))
+    compiled = CompiledProblem(problem(), ng.SolveOptions(workers=1))
+    rows = compiled.rows.clearances
+    more = np.zeros(len(compiled.rows.named))
     more[rows[3]] = 1e-3
-    programs = [b.exchange.compiled.program for b in (bench, bench.with_clearance(more))]
+    programs = [b.cutting_planes.functions.program for b in (compiled, compiled.with_clearance(more))]
     low, high = (np.array([program.limits[end] for program in programs]) for end in (0, 1))
     changed = np.flatnonzero(low[1] != low[0])
     assert changed.tolist() == [programs[0].placement.start + rows[3]]
-    scale = bench.rows.named[rows[3]].scale
+    scale = compiled.rows.named[rows[3]].scale
     assert low[1, changed[0]] - low[0, changed[0]] == pytest.approx(1e-3 / scale)
     np.testing.assert_array_equal(high[1], high[0])
 

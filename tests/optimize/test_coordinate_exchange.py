@@ -42,8 +42,8 @@ def test_no_tuple_of_few_samples_is_better(monkeypatch, budget, centre):
 
     found = 0.0
     for seed in range(2):
-        bench = CompiledProblem(problem, QUICK)
-        search = CoordinateExchange(bench, bench.sample_tables, np.random.default_rng(seed))
+        compiled = CompiledProblem(problem, QUICK)
+        search = CoordinateExchange(compiled, compiled.sample_tables, np.random.default_rng(seed))
         found = max(found, quality(search.search(shakes=3)[0]))
     every = np.array(list(combinations_with_replacement(range(21), 3)))
     stack = GraspStack(*tables.places(every), problem.models, problem.origin)
@@ -72,12 +72,12 @@ def test_readme_box_without_the_bound():
     ids=["fingertips apart", "spread"],
 )
 def test_candidates_keep_coupled_constraints(problem):
-    bench = CompiledProblem(problem, QUICK)
-    assert bench.sample_tables.coupled
+    compiled = CompiledProblem(problem, QUICK)
+    assert compiled.sample_tables.coupled
     for seed in range(3):
-        found = propose(bench, np.random.default_rng(seed))
+        found = propose(compiled, np.random.default_rng(seed))
         assert found
-        assert all(bench.violation(candidate) <= FEASIBLE for candidate in found)
+        assert all(compiled.violation(candidate) <= FEASIBLE for candidate in found)
 
 
 def test_unlike_contacts_keep_to_their_faces():
@@ -88,9 +88,9 @@ def test_unlike_contacts_keep_to_their_faces():
         ng.FrictionContact(0.6),
     ]
     problem = ng.GraspProblem(ng.Box([0.08, 0.04, 0.04]), contacts, ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03]))
-    bench = CompiledProblem(problem, QUICK)
-    assert bench.sample_tables.of_contact == [0, 1, 2, 3]
-    for candidate in propose(bench, np.random.default_rng(0)):
+    compiled = CompiledProblem(problem, QUICK)
+    assert compiled.sample_tables.of_contact == [0, 1, 2, 3]
+    for candidate in propose(compiled, np.random.default_rng(0)):
         assert all(face in problem.allowed_faces(i) for i, face in enumerate(candidate.faces))
 
 
@@ -111,5 +111,5 @@ def test_a_constraint_on_one_contact_limits_its_samples_alone():
 def test_candidates_depend_on_the_seed_alone():
     first, second = (CompiledProblem(readme_box(), QUICK) for _ in range(2))
     propose(second, np.random.default_rng(7))
-    a, b = (propose(bench, np.random.default_rng(3)) for bench in (first, second))
+    a, b = (propose(compiled, np.random.default_rng(3)) for compiled in (first, second))
     np.testing.assert_array_equal(a[0].points, b[0].points)

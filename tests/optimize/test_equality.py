@@ -20,11 +20,14 @@ def level_problem(room):
 
 @pytest.mark.parametrize("room", [0.0, 1e-4])
 def test_starts_keep_an_equality_and_resist(room):
-    bench = CompiledProblem(level_problem(room), QUICK)
+    compiled = CompiledProblem(level_problem(room), QUICK)
     for seed in range(5):
-        placed = propose(bench, np.random.default_rng(seed))[0]
-        assert bench.violation(placed) <= FEASIBLE
-        assert set(placed.faces) == {"edge0", "edge2"}  # on one vertical side the equality holds, and nothing resists
+        candidate = propose(compiled, np.random.default_rng(seed))[0]
+        assert compiled.violation(candidate) <= FEASIBLE
+        assert set(candidate.faces) == {
+            "edge0",
+            "edge2",
+        }  # on one vertical side the equality holds, and nothing resists
 
 
 def test_an_equality_on_any_face_is_solved_like_one_on_named_faces():

@@ -55,14 +55,14 @@ def best_of_a_grid(asked, step=0.002):
 
 
 def test_candidates_are_on_the_mesh_and_keep_the_constraints(angle):
-    bench = CompiledProblem(problem(angle), ng.SolveOptions(workers=1))
-    found = propose(bench, np.random.default_rng(0))
+    compiled = CompiledProblem(problem(angle), ng.SolveOptions(workers=1))
+    found = propose(compiled, np.random.default_rng(0))
     assert len(found) > 1
-    for placed in found:
-        own, there = fix_to_triangles(bench, placed)
-        assert np.max(angle.closest(placed.points)[2]) <= 1e-9
+    for candidate in found:
+        own, there = fix_to_triangles(compiled, candidate)
+        assert np.max(angle.closest(candidate.points)[2]) <= 1e-9
         assert own.violation(there) <= FEASIBLE
-        assert np.min(placed.points[:, 2]) >= CLEAR - 1e-6
+        assert np.min(candidate.points[:, 2]) >= CLEAR - 1e-6
 
 
 @pytest.mark.parametrize("seed", first(1, range(6)))
@@ -87,7 +87,7 @@ def test_pairs_to_which_the_way_is_blocked_come_last():
     jaw = ng.ParallelJaw(0.08, finger_length=0.08, finger_thickness=0.01)
     contacts = [ng.SoftContact(0.6, 0.005)] * 2
     asked = ng.GraspProblem(ng.Box([0.04, 0.06, 0.1]), contacts, task, hand=jaw, constraints=walls)
-    bench = CompiledProblem(asked, ng.SolveOptions(workers=1))
-    free = [bench.hand_points.has_free_way(p.points) for p in propose(bench, np.random.default_rng(0))]
+    compiled = CompiledProblem(asked, ng.SolveOptions(workers=1))
+    free = [compiled.hand_points.has_free_way(p.points) for p in propose(compiled, np.random.default_rng(0))]
     assert True in free
     assert free == sorted(free, reverse=True)

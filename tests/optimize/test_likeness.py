@@ -14,7 +14,7 @@ ROUND_TASK = ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03])
 SKEW_TASK = ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03], center=[0.1, 0.02, 0.03, 0, 0, 0])
 
 
-def bench(body, count=4, task=ROUND_TASK, **fields):
+def compiled(body, count=4, task=ROUND_TASK, **fields):
     contacts = fields.pop("contacts", [ng.FrictionContact(0.6)] * count)
     return CompiledProblem(ng.GraspProblem(body, contacts, task, **fields), ng.SolveOptions(workers=1))
 
@@ -63,12 +63,12 @@ def turned(axis, angle):
     ],
 )
 def test_the_symmetries_are_those_of_body_task_and_constraints(body, task, fields, motions, has_axis, is_round):
-    found = Symmetries(bench(body, task=task, **fields))
+    found = Symmetries(compiled(body, task=task, **fields))
     assert (len(found.motions), found.axis is not None, found.is_round) == (motions, has_axis, is_round)
 
 
 def test_on_a_box_the_answer_is_that_of_all_orders_and_mirrors():
-    workbench = bench(ng.Box([0.08, 0.05, 0.03]), 3)
+    workbench = compiled(ng.Box([0.08, 0.05, 0.03]), 3)
     distinct = 0.5
     likeness, limit = GraspEquivalence(workbench, distinct), distinct * workbench.problem.body.size
     drawn = list(placements(workbench, 24))
@@ -81,7 +81,7 @@ def test_on_a_box_the_answer_is_that_of_all_orders_and_mirrors():
 
 
 def test_contacts_of_other_models_are_not_matched():
-    workbench = bench(ng.Box([0.08, 0.05, 0.03]), contacts=[ng.FrictionContact(0.6), ng.FrictionContact(0.3)])
+    workbench = compiled(ng.Box([0.08, 0.05, 0.03]), contacts=[ng.FrictionContact(0.6), ng.FrictionContact(0.3)])
     likeness = GraspEquivalence(workbench, 0.1)
     one = GraspCandidate(("+x", "-y"), np.array([[0.04, 0.0, 0.0], [0.01, -0.025, 0.004]]))
     assert likeness.alike(one, one)
@@ -97,17 +97,17 @@ def test_contacts_of_other_models_are_not_matched():
     ],
 )
 def test_a_turned_mirrored_and_shuffled_grasp_is_the_same(body, turns):
-    workbench = bench(body)
+    workbench = compiled(body)
     likeness, rng = GraspEquivalence(workbench, 0.05), np.random.default_rng(3)
-    for placed in placements(workbench, 25, seed=1):
-        image = placed.points @ (turns(rng) @ flips()[rng.integers(8)]).T
+    for candidate in placements(workbench, 25, seed=1):
+        image = candidate.points @ (turns(rng) @ flips()[rng.integers(8)]).T
         nudged = image + 0.01 * body.size * rng.uniform(-1, 1, image.shape) / np.sqrt(3)
         order = rng.permutation(4)
-        assert likeness.alike(placed, GraspCandidate(tuple(np.array(placed.faces)[order]), nudged[order]))
+        assert likeness.alike(candidate, GraspCandidate(tuple(np.array(candidate.faces)[order]), nudged[order]))
 
 
 def test_grasps_of_other_spans_are_two_whatever_the_turn():
-    workbench = bench(ng.Sphere(0.04), 2)
+    workbench = compiled(ng.Sphere(0.04), 2)
     likeness = GraspEquivalence(workbench, 0.1)
     far, near = np.array([[0.04, 0, 0], [-0.04, 0, 0]]), np.array([[0.04, 0, 0], [0, 0.04, 0]])
     face = workbench.problem.body.face_names[0]

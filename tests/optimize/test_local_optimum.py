@@ -45,8 +45,8 @@ SLOW = ("hand", "mesh", "cylinder", "one-sided")
 
 def started(problem):
     """Return a workbench and the first start that ends with a grasp."""
-    bench = CompiledProblem(problem, OPTIONS)
-    return bench, next(found for i in range(4) if (found := run_start(bench, i, 0, Deadline())).solved)
+    compiled = CompiledProblem(problem, OPTIONS)
+    return compiled, next(found for i in range(4) if (found := run_start(compiled, i, 0, Deadline())).solved)
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] if n in SLOW else []) for n in PROBLEMS])
@@ -65,25 +65,25 @@ def test_residuals_by_differences(name):
 @pytest.mark.parametrize("name", ["box", "ellipsoid"])
 def test_no_grasp_beside_it_is_better(name, rng):
     """Random steps of the contacts along the surface, a few thousandths of the body's size, gain nothing."""
-    bench, start = started(PROBLEMS[name]())
-    found = local_optimum(bench, start.found.placed, Deadline())
+    compiled, start = started(PROBLEMS[name]())
+    found = local_optimum(compiled, start.found.candidate, Deadline())
     assert found.kkt.is_small
     assert found.value >= start.record.mu.upper * (1.0 - 1e-3)
-    size, gains = bench.problem.body.size, []
+    size, gains = compiled.problem.body.size, []
     for _ in range(60):
-        step = rng.normal(size=found.placed.points.shape) * 3e-3 * size
-        there = bench.snapped(replace(found.placed, points=found.placed.points + step))
-        margin = bench.problem.margin
+        step = rng.normal(size=found.candidate.points.shape) * 3e-3 * size
+        there = compiled.snapped(replace(found.candidate, points=found.candidate.points + step))
+        margin = compiled.problem.margin
         each = zip(there.faces, there.points, strict=True)
-        if all(bench.problem.body.is_on(face, p[None], margin)[0] for face, p in each):
-            gains.append(weakest_at(bench, there, rng, found.cuts).value / found.value - 1.0)
+        if all(compiled.problem.body.is_on(face, p[None], margin)[0] for face, p in each):
+            gains.append(weakest_at(compiled, there, rng, found.cuts).value / found.value - 1.0)
     assert len(gains) > 5
     assert max(gains) < 1e-4
 
 
 def test_minimisers_by_newton_are_stationary(rng):
-    bench, start = started(PROBLEMS["ellipsoid"]())
-    problem, _ = condition(bench.wrench_set(start.found.placed), bench.problem.task)
+    compiled, start = started(PROBLEMS["ellipsoid"]())
+    problem, _ = condition(compiled.wrench_set(start.found.candidate), compiled.problem.task)
     begun, before = descend(problem, random_directions(40, problem.rank, rng), 10)
     found, values = newton(problem, begun, 15)
     assert np.all(values <= before * (1.0 + 1e-12))
@@ -99,10 +99,10 @@ def test_reduced_hessian_by_differences_of_values():
 
     The minimisers of this grasp are apart from each other; where two merge there is no second derivative.
     """
-    bench, start = started(PROBLEMS["one-sided"]())
-    found = local_optimum(bench, start.found.placed, Deadline())
+    compiled, start = started(PROBLEMS["one-sided"]())
+    found = local_optimum(compiled, start.found.candidate, Deadline())
     cuts = found.cuts[found.weights > 1e-6]
-    here = Linearisation(bench, found.placed, cuts)
+    here = Linearisation(compiled, found.candidate, cuts)
     step = here.quadratic_step(1e-4)
     hessian = reduced_hessian(here, cuts, np.ones(len(cuts), dtype=bool), step.multipliers)
     values, vectors = np.linalg.eigh(hessian)
@@ -110,11 +110,11 @@ def test_reduced_hessian_by_differences_of_values():
     h, weights = 1e-3, here.support(step.multipliers)
 
     def weighted(length):
-        placed = here.placed_at(here.z + length * way)
-        there = bench.snapped(placed)
-        problem, _ = condition(bench.wrench_set(there), bench.problem.task)
+        candidate = here.placed_at(here.z + length * way)
+        there = compiled.snapped(candidate)
+        problem, _ = condition(compiled.wrench_set(there), compiled.problem.task)
         u = np.linalg.lstsq(problem.matrix.T, cuts.T, rcond=None)[0].T
-        return weights @ (bench.scaling.beta * newton(problem, u, 30)[1]) ** 2
+        return weights @ (compiled.scaling.beta * newton(problem, u, 30)[1]) ** 2
 
     second = (weighted(h) - 2.0 * weighted(0.0) + weighted(-h)) / h**2
     assert -second == pytest.approx(values[-1], rel=0.05)
@@ -159,13 +159,13 @@ def test_what_is_not_refined_says_why():
 
 
 def test_a_loss_keeps_the_grasp_where_it_was(monkeypatch):
-    bench, start = started(PROBLEMS["box"]())
+    compiled, start = started(PROBLEMS["box"]())
     better = replace(start, record=replace(start.record, mu=ng.Bounds(0.9 * 2.0, 2.0)))
-    kept = converge_to_optimum(bench, better, Deadline())
+    kept = converge_to_optimum(compiled, better, Deadline())
     np.testing.assert_array_equal(kept.found.grasp.points, start.found.grasp.points)
     assert "the local optimum next to this grasp has less mu" in kept.kkt.reason
 
 
 def test_other_bodies_keep_their_workbench():
-    bench, start = started(PROBLEMS["box"]())
-    assert fix_to_triangles(bench, start.found.placed) == (bench, start.found.placed)
+    compiled, start = started(PROBLEMS["box"]())
+    assert fix_to_triangles(compiled, start.found.candidate) == (compiled, start.found.candidate)

@@ -41,31 +41,31 @@ def own_normals(points):
 def posed():
     """A hand around the ball, fingertips and clearances as the smooth surface wants them."""
     problem = ng.GraspProblem(the_mesh(), ng.FrictionContact(0.7), TASK, hand=four_finger_hand())
-    bench = CompiledProblem(problem, OPTIONS)
-    names = bench.problem.body.face_names * 4
-    drawn = [replace(one, faces=names) for one in propose(bench, np.random.default_rng(0))]
-    found = (project_onto_constraints(bench, candidate) for candidate in drawn)
-    return bench, next(placed for placed, violation in found if violation <= TOUCHING)
+    compiled = CompiledProblem(problem, OPTIONS)
+    names = compiled.problem.body.face_names * 4
+    drawn = [replace(one, faces=names) for one in propose(compiled, np.random.default_rng(0))]
+    found = (project_onto_constraints(compiled, candidate) for candidate in drawn)
+    return compiled, next(candidate for candidate, violation in found if violation <= TOUCHING)
 
 
 def test_a_hand_touches_the_mesh(posed):
-    bench, placed = posed
-    own, found, left = touching_on_body(bench, placed)
+    compiled, candidate = posed
+    own, found, left = touching_on_body(compiled, candidate)
     assert left <= 1e-6
     assert np.max(off_mesh(found.points)) <= 1e-9
     np.testing.assert_allclose(own.inward_normals(found), own_normals(found.points), atol=1e-9)
-    towards = found.points - bench.hand_points.tip_centres(found.hand, found.points)
+    towards = found.points - compiled.hand_points.tip_centres(found.hand, found.points)
     distance = np.linalg.norm(towards, axis=1)
-    np.testing.assert_allclose(distance, bench.hand_points.hand.tip_radii, atol=1e-6)
+    np.testing.assert_allclose(distance, compiled.hand_points.hand.tip_radii, atol=1e-6)
     np.testing.assert_allclose(own.inward_normals(found), towards / distance[:, None], atol=1e-4)
 
 
 def test_links_keep_their_clearance_from_the_mesh_itself(posed):
-    bench, placed = posed
-    found, _ = refine_on_triangles(bench, placed, Deadline())
-    assert found.allowed
-    clearances = bench.hand_points.mesh_clearances(the_mesh(), found.placed.hand)
-    lower = [bench.rows.named[i].lower for i in bench.rows.clearances]
+    compiled, candidate = posed
+    found, _ = refine_on_triangles(compiled, candidate, Deadline())
+    assert found.is_feasible
+    clearances = compiled.hand_points.mesh_clearances(the_mesh(), found.candidate.hand)
+    lower = [compiled.rows.named[i].lower for i in compiled.rows.clearances]
     assert np.all(clearances >= np.array(lower) - 1e-5)
 
 

@@ -23,7 +23,7 @@ def test_starts_after_a_worker_has_died_have_new_ones():
     count = WAITING * 2 + 2
     runner = StartRunner(problem, ng.SolveOptions(workers=2), count)
     runner.prepare()
-    own = propose(runner.bench, np.random.default_rng(0))
+    own = propose(runner.compiled, np.random.default_rng(0))
     candidates = [(0, [Deadly()]), *((index, own) for index in range(1, count))]
     results = {result.record.index: result for result in runner.starts(candidates, 0, Deadline())}
     assert sorted(results) == list(range(count))

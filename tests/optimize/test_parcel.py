@@ -15,16 +15,16 @@ from nlpgrasp.optimize.processes import WorkerPayload
 
 def test_an_item_is_unpacked_once_until_another_comes():
     first, other = WorkerPayload.of({"a": [1.0]}), WorkerPayload.of([2.0])
-    item = first.unpacked()
+    item = first.unpack()
     assert item == {"a": [1.0]}
-    assert first.unpacked() is item
-    assert other.unpacked() == [2.0]
-    assert first.unpacked() is not item
+    assert first.unpack() is item
+    assert other.unpack() == [2.0]
+    assert first.unpack() is not item
 
 
 def test_one_token_stands_for_one_item():
     one, same = WorkerPayload.of([1.0], "run variation"), WorkerPayload.of([1.0], "run variation")
-    assert one.unpacked() is same.unpacked()
+    assert one.unpack() is same.unpack()
     assert WorkerPayload.of([1.0]).token != WorkerPayload.of([1.0]).token
 
 
@@ -32,9 +32,9 @@ def test_the_callers_import_path_comes_along(monkeypatch):
     monkeypatch.setattr(sys, "path", [*sys.path, "/somewhere/else"])
     parcel = WorkerPayload.of("item")
     monkeypatch.setattr(sys, "path", sys.path[:-1])
-    parcel.unpacked()
+    parcel.unpack()
     assert sys.path[-1] == "/somewhere/else"
-    parcel.unpacked()
+    parcel.unpack()
     assert sys.path.count("/somewhere/else") == 1
 
 
@@ -55,8 +55,8 @@ def test_a_workbench_is_built_once_where_it_is_asked_for():
 
     lazy = LazyCompiledProblem(make)
     assert made == []
-    assert lazy.bench.problem is problem
-    assert lazy.bench is lazy.bench
+    assert lazy.compiled.problem is problem
+    assert lazy.compiled is lazy.compiled
     assert made == [problem]
 
 
@@ -70,7 +70,7 @@ def test_what_fails_is_made_again():
     lazy = LazyCompiledProblem(make)
     for _ in range(2):
         with pytest.raises(ValueError, match="not yet"):
-            lazy.bench  # noqa: B018  (asked for what it raises)
+            lazy.compiled  # noqa: B018  (asked for what it raises)
     assert len(calls) == 2
 
 

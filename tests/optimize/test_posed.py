@@ -27,37 +27,37 @@ def bench_of(body=BOX, budget="l2", contacts=CONTACT):
 
 
 @pytest.fixture(scope="module")
-def bench():
+def compiled():
     return bench_of()
 
 
-def candidates(bench, seed):
+def candidates(compiled, seed):
     rng = np.random.default_rng(seed)
-    return touch_candidates(bench, propose(bench, rng), rng, Deadline())
+    return touch_candidates(compiled, propose(compiled, rng), rng, Deadline())
 
 
-def certified(bench, placed):
-    return ng.mu(bench.grasp(placed), TASK, 1e-3, force_budget=bench.budget(placed))
+def certified(compiled, candidate):
+    return ng.mu(compiled.grasp(candidate), TASK, 1e-3, force_budget=compiled.budget(candidate))
 
 
 @pytest.mark.parametrize("seed", first(1, range(2)))
-def test_the_best_that_touch_come_first(bench, seed):
-    found = candidates(bench, seed)
-    touching = [bench.violation(placed) <= FEASIBLE for placed in found]
+def test_the_best_that_touch_come_first(compiled, seed):
+    found = candidates(compiled, seed)
+    touching = [compiled.violation(candidate) <= FEASIBLE for candidate in found]
     count = sum(touching)
     assert count >= 3
     assert touching == [True] * count + [False] * (len(found) - count)
-    values = [certified(bench, placed) for placed in found[:count]]
+    values = [certified(compiled, candidate) for candidate in found[:count]]
     assert values[0].lower > 0.1
     assert all(a.upper >= 0.98 * b.lower for a, b in pairwise(values))
 
 
 @pytest.mark.slow
-def test_contacts_exchanged_within_reach_hold_better_than_those_nearest_to_random_poses(bench, monkeypatch):
+def test_contacts_exchanged_within_reach_hold_better_than_those_nearest_to_random_poses(compiled, monkeypatch):
     """The median of five seeds' best candidate, and that of the best of as many random poses."""
 
     def best(seed):
-        return certified(bench, candidates(bench, seed)[0]).upper
+        return certified(compiled, candidates(compiled, seed)[0]).upper
 
     reaching = np.median([best(seed) for seed in range(5)])
     monkeypatch.setattr(posed, "_exchanged", lambda *_: [])
@@ -67,9 +67,9 @@ def test_contacts_exchanged_within_reach_hold_better_than_those_nearest_to_rando
 def test_contacts_stay_on_the_faces_that_each_may_use():
     """Fingers that may use different faces do not take each other's goals."""
     faces = [["+x"], ["-x"], ["+y", "-y"], ["+y", "-y"]]
-    bench = bench_of(contacts=[ng.FrictionContact(0.7, faces=names) for names in faces])
-    for placed in propose(bench, np.random.default_rng(0)):
-        assert all(face in names for face, names in zip(placed.faces, faces, strict=True))
+    compiled = bench_of(contacts=[ng.FrictionContact(0.7, faces=names) for names in faces])
+    for candidate in propose(compiled, np.random.default_rng(0)):
+        assert all(face in names for face, names in zip(candidate.faces, faces, strict=True))
 
 
 @pytest.mark.slow
@@ -78,16 +78,16 @@ def test_palms_that_constraints_turn_away_come_last(seed):
     """One pose in twenty-five faces within 0.4 of straight down: nearly all that are tried do, and touch."""
     down = ng.Approach([0.0, 0.0, -1.0], 0.4)
     problem = ng.GraspProblem(BOX, CONTACT, TASK, hand=four_finger_hand(), constraints=[down, ng.Table(-0.02)])
-    bench = CompiledProblem(problem, OPTIONS)
-    found = candidates(bench, seed)
-    assert np.mean([bench.violation(placed) <= FEASIBLE for placed in found]) >= 0.5
+    compiled = CompiledProblem(problem, OPTIONS)
+    found = candidates(compiled, seed)
+    assert np.mean([compiled.violation(candidate) <= FEASIBLE for candidate in found]) >= 0.5
 
 
-def test_a_hand_that_holds_the_body_needs_no_first_program(bench):
-    found = run_start(bench, 0, 0, Deadline())
+def test_a_hand_that_holds_the_body_needs_no_first_program(compiled):
+    found = run_start(compiled, 0, 0, Deadline())
     assert found.effort.calls == 0
     assert found.found.violation <= FEASIBLE
-    assert bench._first == {}
+    assert compiled._first == {}
 
 
 MESH = ng.Mesh(trimesh.creation.capsule(height=0.05, radius=0.02, count=[16, 16]))

@@ -19,11 +19,11 @@ def test_more_starts_have_more_candidates_of_different_kinds():
     """No two are congruent: the distances between their contacts, or from the middle, differ."""
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.05, 0.05, 0.05])
     problem = ng.GraspProblem(ng.Ellipsoid([0.06, 0.04, 0.03]), [ng.FrictionContact(0.5)] * 4, task)
-    bench = CompiledProblem(problem, ng.SolveOptions(workers=1))
-    one, eight = (propose(bench, np.random.default_rng(0), starts=starts) for starts in (1, 8))
+    compiled = CompiledProblem(problem, ng.SolveOptions(workers=1))
+    one, eight = (propose(compiled, np.random.default_rng(0), starts=starts) for starts in (1, 8))
     assert len(one) == 4
     assert len(eight) > 16
-    points = np.stack([placed.points for placed in eight])
+    points = np.stack([candidate.points for candidate in eight])
     across = np.linalg.norm(points[:, :, None] - points[:, None], axis=3).reshape(len(points), -1)
     shapes = np.concatenate([np.sort(across, axis=1), np.sort(np.linalg.norm(points, axis=2), axis=1)], axis=1)
     apart = np.max(np.abs(shapes[:, None] - shapes), axis=2)[np.triu_indices(len(shapes), 1)]

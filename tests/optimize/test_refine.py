@@ -19,29 +19,31 @@ BEGIN = GraspCandidate(("edge0", "edge1", "edge2"), np.array([[0.3, -1.0], [1.2,
 BUDGETS = ("l2", "per_finger", "per_finger_size", "shared")
 
 
-def bench(budget, task=None):
+def compiled(budget, task=None):
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0]) if task is None else task
     return CompiledProblem(ng.GraspProblem(BENT, [ng.FrictionContact(0.5)] * 3, task, force_budget=budget), ONE)
 
 
 @pytest.mark.parametrize("budget", BUDGETS)
 def test_it_rises_to_what_a_certificate_confirms(budget):
-    own = bench(budget)
+    own = compiled(budget)
     found = refine(own, own.snapped(BEGIN), Deadline())
     assert found.point.value > 1.02 * found.history[0]
     if budget == "l2":  # beside the kinks of others descents flatter, and are put right
         assert list(found.history) == sorted(found.history)
-    certified = ng.mu(own.grasp(found.point.placed), own.problem.task, 1e-3, force_budget=budget)
+    certified = ng.mu(own.grasp(found.point.candidate), own.problem.task, 1e-3, force_budget=budget)
     assert certified.lower * (1.0 - 1e-6) <= found.point.value <= 1.01 * certified.upper
-    assert own.violation(found.point.placed) <= FEASIBLE
+    assert own.violation(found.point.candidate) <= FEASIBLE
 
 
 def test_no_placement_next_to_the_end_is_better():
-    own = bench("l2")
+    own = compiled("l2")
     end = refine(own, own.snapped(BEGIN), Deadline(), least=0.0).point
     rng = np.random.default_rng(0)
     for _ in range(50):
-        moved = own.snapped(GraspCandidate(end.placed.faces, end.placed.points + 0.02 * rng.standard_normal((3, 2))))
+        moved = own.snapped(
+            GraspCandidate(end.candidate.faces, end.candidate.points + 0.02 * rng.standard_normal((3, 2)))
+        )
         if own.violation(moved) <= FEASIBLE and all(
             BENT.is_on(f, p[None], own.problem.margin)[0] for f, p in zip(moved.faces, moved.points, strict=True)
         ):
@@ -49,11 +51,11 @@ def test_no_placement_next_to_the_end_is_better():
 
 
 def test_it_stays_where_nothing_is_exerted_and_where_no_rounds_are_left():
-    own = bench("l2")
+    own = compiled("l2")
     beside = own.snapped(GraspCandidate(("edge0",) * 3, np.array([[-0.5, -1.0], [0.0, -1.0], [0.5, -1.0]])))
     assert refine(own, beside, Deadline()).point.value == 0.0
     begin = own.snapped(BEGIN)
-    np.testing.assert_array_equal(refine(own, begin, Deadline(), rounds=0).point.placed.points, begin.points)
+    np.testing.assert_array_equal(refine(own, begin, Deadline(), rounds=0).point.candidate.points, begin.points)
 
 
 def test_it_is_not_flattered():
@@ -75,11 +77,11 @@ def test_where_it_is_led_astray_it_begins_again():
 
 
 def test_only_other_budgets_than_the_papers_have_a_bench_under_it():
-    shared = bench("shared")
-    assert bench("l2").under_l2 is None
-    assert shared.under_l2.problem.budget == ng.GraspProblem.budget.fget(bench("l2").problem)
-    assert shared.under_l2.rows is shared.rows
-    assert shared.under_l2.surface is shared.surface
+    shared = compiled("shared")
+    assert compiled("l2").with_l2_budget is None
+    assert shared.with_l2_budget.problem.budget == ng.GraspProblem.budget.fget(compiled("l2").problem)
+    assert shared.with_l2_budget.rows is shared.rows
+    assert shared.with_l2_budget.surface is shared.surface
 
 
 @pytest.mark.slow

@@ -178,15 +178,15 @@ def test_a_contact_that_may_slip_over_an_edge_is_lost():
     problem = ng.GraspProblem(square, contacts, task, edge_margin=0.0)
     points = np.array([[-0.0195, -0.02], [0.0195, -0.02], [0.0, 0.02]])
     normals = np.array([[0.0, 1.0], [0.0, 1.0], [0.0, -1.0]])
-    placed = GraspCandidate(("edge0", "edge0", "edge2"), points)
-    bench = CompiledProblem(problem, ng.SolveOptions(workers=1))
-    found = robustness(bench, placed, ng.Grasp(points, normals, contacts))
+    candidate = GraspCandidate(("edge0", "edge0", "edge2"), points)
+    compiled = CompiledProblem(problem, ng.SolveOptions(workers=1))
+    found = robustness(compiled, candidate, ng.Grasp(points, normals, contacts))
     assert found.lost == (0, 1)
     assert found.mu.upper == 0.0
     np.testing.assert_array_equal(found.points[:2], points[:2])
     assert "2 slip over an edge" in str(found)
     near = CompiledProblem(problem, ng.SolveOptions(workers=1, robust_offset=4e-4))
-    kept = robustness(near, placed, ng.Grasp(points, normals, contacts))
+    kept = robustness(near, candidate, ng.Grasp(points, normals, contacts))
     assert kept.lost == ()
     assert kept.mu.lower > 0.1
 

@@ -32,7 +32,7 @@ def posture():
 
 
 @cache
-def bench():
+def compiled():
     """The workbench of a problem whose hand has these limits."""
     stated, _, limits = posture()
     body, task = ng.Sphere(stated.problem["body"]["radius"]), ng.TaskEllipsoid([1.0] * 3 + [0.05] * 3)
@@ -46,20 +46,20 @@ def begun():
     return GraspCandidate(stated.faces, stated.grasp.points, values)
 
 
-def room_of(placed):
+def room_of(candidate):
     """What joints have, (m,), measured here."""
     limits = posture()[2]
-    return np.minimum(placed.hand["joints"] - limits[0], limits[1] - placed.hand["joints"])
+    return np.minimum(candidate.hand["joints"] - limits[0], limits[1] - candidate.hand["joints"])
 
 
 def test_joints_go_inside_their_margins():
-    whole = refine(bench(), begun(), Deadline())
-    _, refined = refine_with_margins(bench(), begun(), Deadline())
+    whole = refine(compiled(), begun(), Deadline())
+    _, refined = refine_with_margins(compiled(), begun(), Deadline())
     limits = posture()[2]
     wanted = np.minimum(OPTIONS.joint_margin, 0.1 * (limits[1] - limits[0]))
     assert room_of(begun())[AT] == pytest.approx(0.0, abs=1e-12)
-    assert np.all(room_of(refined.point.placed) >= (1.0 - 1e-6) * wanted)
-    assert bench().violation(refined.point.placed) <= 1e-5
+    assert np.all(room_of(refined.point.candidate) >= (1.0 - 1e-6) * wanted)
+    assert compiled().violation(refined.point.candidate) <= 1e-5
     assert refined.point.value >= (1.0 - OPTIONS.room_price) * whole.point.value
 
 
@@ -67,7 +67,7 @@ def test_joints_whose_room_costs_too_much_have_their_whole_range():
     """Ranges of 0.1 rad around where the hand is: room in all of them takes 8 % of mu."""
     joints = posture()[1]["joints"]
     narrow = np.stack([joints - 0.05, joints + 0.05])
-    there = bench().with_joints(narrow)
+    there = compiled().with_joints(narrow)
     whole = refine(there, begun(), Deadline()).point.value
 
     def priced(price):
@@ -86,14 +86,14 @@ def test_joints_that_cannot_go_inside_leave_the_others_their_room(monkeypatch):
     whole = posture()[2][0, AT]
     own = roomy.project_onto_constraints
 
-    def stuck(bench, placed):
-        there, left = own(bench, placed)
-        return there, 1.0 if bench.problem.hand.tree.joint_limits[0, AT] > whole else left
+    def stuck(compiled, candidate):
+        there, left = own(compiled, candidate)
+        return there, 1.0 if compiled.problem.hand.tree.joint_limits[0, AT] > whole else left
 
     monkeypatch.setattr(roomy, "touching", stuck)
     limits = posture()[2].copy()
     limits[1, BESIDE] += 1.0
-    own_bench, _ = refine_with_margins(bench().with_joints(limits), begun(), Deadline())
+    own_bench, _ = refine_with_margins(compiled().with_joints(limits), begun(), Deadline())
     kept = own_bench.problem.hand.tree.joint_limits
     assert kept[0, AT] == whole
     assert np.all(kept[0, 1:] > limits[0, 1:])
@@ -101,7 +101,7 @@ def test_joints_that_cannot_go_inside_leave_the_others_their_room(monkeypatch):
 
 @pytest.mark.parametrize("options", [{"joint_margin": 0.0}, {"gap": 0.1}])
 def test_without_a_margin_nothing_changes(options):
-    there = bench().with_joints(posture()[2])
+    there = compiled().with_joints(posture()[2])
     there.options = replace(OPTIONS, **options)
     own, refined = refine_with_margins(there, begun(), Deadline())
     assert own is there

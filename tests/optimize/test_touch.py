@@ -13,7 +13,7 @@ from nlpgrasp.optimize.propose import touch_candidates
 FACES = ("surface",) * 3
 
 
-def bench(*constraints):
+def compiled(*constraints):
     task = ng.TaskEllipsoid([1.0] * 6)
     problem = ng.GraspProblem(ng.Sphere(1.0), [ng.FrictionContact(0.5)] * 3, task, constraints=constraints)
     return CompiledProblem(problem, ng.SolveOptions(workers=1))
@@ -27,7 +27,7 @@ def close_together(rng):
 @pytest.mark.parametrize("seed", range(3))
 def test_contacts_on_a_sphere_spread(seed):
     """The distances grow to the constraint's 1.2 and the contacts stay on the sphere."""
-    spread = bench(ng.Spread(1.2, 1.9))
+    spread = compiled(ng.Spread(1.2, 1.9))
     start = close_together(np.random.default_rng(seed))
     assert spread.violation(start) > 0.1
     found, violation = project_onto_constraints(spread, start)
@@ -40,13 +40,13 @@ def test_contacts_on_a_sphere_spread(seed):
 
 def test_what_cannot_be_kept_is_kept_as_well_as_it_can(rng):
     """Three points of a unit sphere are at most sqrt(3) apart: 1.9 squared is 0.61 too much, over the row's scale."""
-    found, violation = project_onto_constraints(bench(ng.Spread(1.9)), close_together(rng))
+    found, violation = project_onto_constraints(compiled(ng.Spread(1.9)), close_together(rng))
     assert TOUCHING < violation < 0.62
     np.testing.assert_allclose(np.linalg.norm(found.points, axis=1), 1.0, atol=1e-12)
 
 
 def test_candidates_that_touch_come_first(rng):
-    spread = bench(ng.Spread(1.2, 1.9))
+    spread = compiled(ng.Spread(1.2, 1.9))
     far = GraspCandidate(FACES, np.array([[1.0, 0.0, 0.0], [-0.5, 0.8, 0.3], [-0.5, -0.8, 0.3]]))
     given = list(touch_candidates(spread, [close_together(rng), spread.snapped(far)], rng, Deadline()))
     assert len(given) == 2

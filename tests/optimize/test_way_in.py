@@ -67,10 +67,10 @@ def test_it_is_verified_and_a_lie_about_the_passed_over_start_is_found(solution)
 def test_where_no_way_is_free_the_best_one_stays_and_says_so(walled):
     walls = [ng.Obstacle(ng.Box([0.02, 0.2, 0.3]), position=[side * 0.035, 0, 0], name=f"x {side}") for side in (1, -1)]
     problem = replace(walled, constraints=[*walled.constraints, *walls])
-    bench = CompiledProblem(problem, OPTIONS)
-    results = [run_start(bench, index, 0, Deadline()) for index in range(2)]
+    compiled = CompiledProblem(problem, OPTIONS)
+    results = [run_start(compiled, index, 0, Deadline()) for index in range(2)]
     best = max(results, key=lambda r: r.record.mu.upper)
-    first, *others = choose_free_approach(bench, best, results, Deadline())
+    first, *others = choose_free_approach(compiled, best, results, Deadline())
     assert first.record.index == best.record.index
     assert first.record.obstruction
     assert all(other.record.obstruction for other in others)

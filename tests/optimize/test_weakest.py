@@ -15,34 +15,34 @@ from tests.quick import first
 
 @pytest.mark.parametrize("descents", [THOROUGH, QUICK], ids=["thorough", "quick"])
 @pytest.mark.parametrize(("placed", "expected"), [(TWO, BEST_OF_TWO), (THREE, BEST_OF_THREE)], ids=["two", "three"])
-def test_the_least_ratio_is_the_quality(placed, expected, descents, rng):
-    bench = square_bench(len(placed.points))
-    found = weakest_at(bench, placed, rng, descents=descents)
+def test_the_least_ratio_is_the_quality(candidate, expected, descents, rng):
+    compiled = square_bench(len(candidate.points))
+    found = weakest_at(compiled, candidate, rng, descents=descents)
     assert found.value == pytest.approx(expected, abs=1e-5)
 
 
 @pytest.mark.parametrize("placed", [TWO, THREE], ids=["two", "three"])
-def test_directions_have_unit_reach_and_come_weakest_first(placed, rng):
-    bench = square_bench(len(placed.points))
-    found = weakest_at(bench, placed, rng)
+def test_directions_have_unit_reach_and_come_weakest_first(candidate, rng):
+    compiled = square_bench(len(candidate.points))
+    found = weakest_at(compiled, candidate, rng)
     np.testing.assert_allclose(BALL.support(found.directions)[0], 1.0, rtol=1e-12)
-    ratios = bench.wrench_set(placed).support(found.directions)[0]
+    ratios = compiled.wrench_set(candidate).support(found.directions)[0]
     assert ratios[0] == pytest.approx(found.value, rel=1e-9)
     assert np.all(np.diff(ratios) >= -1e-9)
 
 
 def test_known_directions_are_begun_from(rng):
     """With hardly a fresh direction the search still finds what it was told of."""
-    bench = square_bench(3)
-    told = weakest_at(bench, THREE, rng).directions[:1]
-    again = weakest_at(bench, THREE, rng, known=told, descents=QUICK)
-    assert again.value <= bench.wrench_set(THREE).support(told)[0][0] + 1e-12
+    compiled = square_bench(3)
+    told = weakest_at(compiled, THREE, rng).directions[:1]
+    again = weakest_at(compiled, THREE, rng, known=told, descents=QUICK)
+    assert again.value <= compiled.wrench_set(THREE).support(told)[0][0] + 1e-12
 
 
 def test_a_grasp_that_resists_nothing_has_value_zero(rng):
     """Both contacts push the same way."""
-    placed = GraspCandidate((TWO.faces[0],) * 2, np.array([[-0.5, -1.0], [0.5, -1.0]]))
-    assert weakest_at(square_bench(2), placed, rng).value == pytest.approx(0.0, abs=1e-9)
+    candidate = GraspCandidate((TWO.faces[0],) * 2, np.array([[-0.5, -1.0], [0.5, -1.0]]))
+    assert weakest_at(square_bench(2), candidate, rng).value == pytest.approx(0.0, abs=1e-9)
 
 
 TASKS = {
@@ -73,12 +73,12 @@ def test_descents_agree_with_certificates(task):
 
 
 def test_a_polytope_finds_what_descents_missed():
-    bench = square_bench(3)
-    found, _ = find_weaker(bench, THREE, 1.3 * BEST_OF_THREE)
+    compiled = square_bench(3)
+    found, _ = find_weaker(compiled, THREE, 1.3 * BEST_OF_THREE)
     assert found is not None
     assert found.value == pytest.approx(BEST_OF_THREE, rel=0.01)
     np.testing.assert_allclose(BALL.support(found.directions)[0], 1.0, rtol=1e-12)
-    assert find_weaker(bench, THREE, BEST_OF_THREE)[0] is None
+    assert find_weaker(compiled, THREE, BEST_OF_THREE)[0] is None
 
 
 def test_the_curvature_is_the_change_of_the_support_squared(rng):

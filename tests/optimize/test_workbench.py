@@ -11,19 +11,19 @@ from tests.optimize.squares import BEST_OF_TWO, SQUARE, TWO, square_bench
 
 
 def test_a_placed_state_as_a_grasp():
-    bench = square_bench(2)
-    np.testing.assert_allclose(bench.inward_normals(TWO), [[0.0, 1.0], [0.0, -1.0]], atol=1e-12)
-    assert ng.mu(bench.grasp(TWO), bench.problem.task, 1e-4).upper == pytest.approx(BEST_OF_TWO, abs=1e-5)
+    compiled = square_bench(2)
+    np.testing.assert_allclose(compiled.inward_normals(TWO), [[0.0, 1.0], [0.0, -1.0]], atol=1e-12)
+    assert ng.mu(compiled.grasp(TWO), compiled.problem.task, 1e-4).upper == pytest.approx(BEST_OF_TWO, abs=1e-5)
     above = GraspCandidate(TWO.faces, TWO.points + np.array([[0.1, -0.2], [0.2, 0.3]]))
-    np.testing.assert_allclose(bench.snapped(above).points, [[0.1, -1.0], [0.2, 1.0]], atol=1e-12)
+    np.testing.assert_allclose(compiled.snapped(above).points, [[0.1, -1.0], [0.2, 1.0]], atol=1e-12)
 
 
 def test_the_violation_is_relative_to_the_rows_scale():
-    bench = square_bench(2, constraints=[ng.Constraint("right", lambda p, n: p[1][0], 0.1, np.inf)])
-    scale = bench.rows.named[0].scale
-    assert bench.violation(TWO) == pytest.approx(0.1 / scale, rel=1e-9)
-    np.testing.assert_allclose(bench.row_values(TWO, bench.inward_normals(TWO)), [0.0], atol=1e-12)
-    assert bench.violation(GraspCandidate(TWO.faces, TWO.points + np.array([0.2, 0.0]))) == 0.0
+    compiled = square_bench(2, constraints=[ng.Constraint("right", lambda p, n: p[1][0], 0.1, np.inf)])
+    scale = compiled.rows.named[0].scale
+    assert compiled.violation(TWO) == pytest.approx(0.1 / scale, rel=1e-9)
+    np.testing.assert_allclose(compiled.row_values(TWO, compiled.inward_normals(TWO)), [0.0], atol=1e-12)
+    assert compiled.violation(GraspCandidate(TWO.faces, TWO.points + np.array([0.2, 0.0]))) == 0.0
 
 
 def test_a_state_that_is_nowhere_violates_everything():
@@ -31,34 +31,34 @@ def test_a_state_that_is_nowhere_violates_everything():
 
 
 def test_another_task_leaves_programs_and_samples_alone():
-    bench = square_bench(2)
+    compiled = square_bench(2)
     problem = ng.GraspProblem(SQUARE, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([2.0, 2.0, 2.0]))
-    other = bench.with_task(problem)
-    assert other.exchange.compiled is bench.exchange.compiled
-    assert other.surface is bench.surface
-    assert other.first is bench.first  # it looks at as many wrenches
-    assert other.scaling.task == pytest.approx(2.0 * bench.scaling.task)
+    other = compiled.with_task(problem)
+    assert other.cutting_planes.functions is compiled.cutting_planes.functions
+    assert other.surface is compiled.surface
+    assert other.first is compiled.first  # it looks at as many wrenches
+    assert other.scaling.task == pytest.approx(2.0 * compiled.scaling.task)
 
 
 def test_variables_of_a_program_and_back(rng):
     hand = four_finger_hand()
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
-    bench = CompiledProblem(
+    compiled = CompiledProblem(
         ng.GraspProblem(ng.Sphere(0.03), ng.FrictionContact(0.7), task, hand=hand), ng.SolveOptions()
     )
-    points = bench.problem.body.sample("surface", 4, rng)
+    points = compiled.problem.body.sample("surface", 4, rng)
     values = {name: v[0] for name, v in hand.draw(1, np.zeros((1, 3)), rng)[0].items()}
-    placed = GraspCandidate(("surface",) * 4, points, values)
-    program = bench.exchange.compiled.program
-    z = pack_variables(bench, program, placed)
-    np.testing.assert_allclose(contact_points(bench, program, z), points, atol=1e-15)
+    candidate = GraspCandidate(("surface",) * 4, points, values)
+    program = compiled.cutting_planes.functions.program
+    z = pack_variables(compiled, program, candidate)
+    np.testing.assert_allclose(contact_points(compiled, program, z), points, atol=1e-15)
     for name, value in hand_of(program, z).items():
         np.testing.assert_allclose(value, np.ravel(values[name]), rtol=1e-14)
     np.testing.assert_allclose(z[program.block("normal 2").range], -points[2] / 0.03, atol=1e-9)
-    np.testing.assert_allclose(candidate_of(bench, program, placed.faces, z).points, points, atol=1e-12)
+    np.testing.assert_allclose(candidate_of(compiled, program, candidate.faces, z).points, points, atol=1e-12)
 
 
 def test_hand_values_for_many_placements():
-    placed = GraspCandidate(("a",), np.zeros((1, 3)), {"joints": np.array([1.0, 2.0])})
-    np.testing.assert_array_equal(placed.repeated_hand(2)["joints"], [[1.0, 2.0], [1.0, 2.0]])
+    candidate = GraspCandidate(("a",), np.zeros((1, 3)), {"joints": np.array([1.0, 2.0])})
+    np.testing.assert_array_equal(candidate.repeated_hand(2)["joints"], [[1.0, 2.0], [1.0, 2.0]])
     assert GraspCandidate(("a",), np.zeros((1, 3))).repeated_hand(5) == {}

@@ -13,33 +13,33 @@ BETWEEN = 0.002  # metres: error of distances between the nodes of a grid
 
 
 @pytest.fixture(scope="module")
-def bench():
+def compiled():
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.04, 0.04, 0.04])
     problem = ng.GraspProblem(BODY, ng.FrictionContact(0.7), task, hand=four_finger_hand())
     return CompiledProblem(problem, ng.SolveOptions())
 
 
 @pytest.fixture(scope="module")
-def samples(bench):
-    return [bench.without_hand.sample_tables.samples(i) for i in range(4)]
+def samples(compiled):
+    return [compiled.without_hand.sample_tables.samples(i) for i in range(4)]
 
 
-def palms(bench, samples):
+def palms(compiled, samples):
     """Yield palm poses, with what is reached from there."""
-    hand = bench.hand_points
+    hand = compiled.hand_points
     values, _ = hand.posed_hand.draw(200, np.zeros((200, 3)), np.random.default_rng(0))
     for i in range(200):
         pose = {name: v[i] for name, v in values.items()}
-        reach = bench.workspace.reach(hand.posed_hand.tree.palm_frame(pose), samples)
+        reach = compiled.workspace.reach(hand.posed_hand.tree.palm_frame(pose), samples)
         if reach is not None:
             yield pose, reach
 
 
-def test_fingertips_are_where_they_touch_and_their_links_outside(bench, samples):
-    hand, space = bench.hand_points, bench.workspace
-    least = np.array([bench.rows.named[i].lower for i in bench.rows.clearances])
+def test_fingertips_are_where_they_touch_and_their_links_outside(compiled, samples):
+    hand, space = compiled.hand_points, compiled.workspace
+    least = np.array([compiled.rows.named[i].lower for i in compiled.rows.clearances])
     rng, seen = np.random.default_rng(0), 0
-    for pose, reach in palms(bench, samples):
+    for pose, reach in palms(compiled, samples):
         chosen = np.array([rng.choice(own) for own in reach.samples])
         joints = space.joints_at(reach, chosen, pose["joints"])
         there = {name: v[None] for name, v in (pose | {"joints": joints}).items()}
@@ -56,14 +56,14 @@ def test_fingertips_are_where_they_touch_and_their_links_outside(bench, samples)
     assert seen >= 10
 
 
-def test_nothing_is_reached_from_afar_or_from_inside(bench, samples):
+def test_nothing_is_reached_from_afar_or_from_inside(compiled, samples):
     far, inside = np.eye(4), np.eye(4)
     far[:3, 3] = 1.0
-    assert bench.workspace.reach(far, samples) is None
-    assert bench.workspace.reach(inside, samples) is None
+    assert compiled.workspace.reach(far, samples) is None
+    assert compiled.workspace.reach(inside, samples) is None
 
 
-def test_the_contacts_alone_keep_their_constraints(bench):
+def test_the_contacts_alone_keep_their_constraints(compiled):
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.04, 0.04, 0.04])
     limits = [ng.Spread(0.01, 0.07), ng.Table(-0.015, clearance=0.005)]
     problem = ng.GraspProblem(BODY, ng.FrictionContact(0.7), task, hand=four_finger_hand(), constraints=limits)

@@ -20,7 +20,7 @@ from nlpgrasp.solution.start_summary import better_start_text
 def start(index, mu, left, place=None, status=Status.SOLVED):
     """Return a start with this mu, of which ``left`` is what its worst placement keeps."""
     points = np.array([[float(index if place is None else place), 0.0, 0.0], [0.0, 1.0, 0.0]])
-    found = SimpleNamespace(grasp=SimpleNamespace(points=points), placed=left)
+    found = SimpleNamespace(grasp=SimpleNamespace(points=points), candidate=left)
     return StartGrasp(StartRecord(index, status, mu=Bounds(0.99 * mu, mu)), found, (), Effort(), None, None)
 
 
@@ -29,7 +29,7 @@ def looked(monkeypatch):
     """What robustness was computed of, in order."""
     seen = []
 
-    def robustness(bench, left, grasp):
+    def robustness(compiled, left, grasp):
         seen.append(left)
         if left is None:
             raise RuntimeError("no numbers")
@@ -68,7 +68,7 @@ def test_the_answer(name, looked):
     found = choice.choose_start(BENCH, results[0], results, Deadline())
     assert found.record.index == expected
     assert len(looked) == count
-    assert (found.robust is None) == (found.found.placed is None)
+    assert (found.robust is None) == (found.found.candidate is None)
 
 
 @pytest.mark.parametrize(("pressing", "expected"), [((0, 1), 0), ((1, 2), 1), ((2,), 2), ((3,), 0), ((), 0)], ids=str)
@@ -77,12 +77,12 @@ def test_a_hand_with_joints_takes_what_it_can_squeeze(pressing, expected, looked
     results = [start(0, 1.0, 0.8), start(1, 0.9, 0.8), start(2, 0.6, 0.4), start(3, 0.4, 0.4)]
     monkeypatch.setattr(choice, "can_press", lambda grasp: any(grasp is results[i].found.grasp for i in pressing))
     monkeypatch.setattr(choice, "PosedHand", SimpleNamespace)
-    bench = SimpleNamespace(
+    compiled = SimpleNamespace(
         scaling=BENCH.scaling, problem=SimpleNamespace(hand=SimpleNamespace(loaded_joints=("joint",)))
     )
-    assert choice.choose_start(bench, results[0], results, Deadline()).record.index == expected
-    bench.problem.hand.loaded_joints = ()
-    assert choice.choose_start(bench, results[0], results, Deadline()).record.index == 0
+    assert choice.choose_start(compiled, results[0], results, Deadline()).record.index == expected
+    compiled.problem.hand.loaded_joints = ()
+    assert choice.choose_start(compiled, results[0], results, Deadline()).record.index == 0
 
 
 @pytest.mark.parametrize(

@@ -46,10 +46,10 @@ def broken(request, monkeypatch):
 
 
 def test_what_ipopt_returns_without_running_is_the_start(broken):
-    bench = CompiledProblem(problem(), OPTIONS)
-    program = bench.first.program
+    compiled = CompiledProblem(problem(), OPTIONS)
+    program = compiled.first.program
     start = np.full(len(program.bounds[0]), 0.25)
-    found = bench.first.solve(start, np.zeros(program.parameters[-1].stop))
+    found = compiled.first.solve(start, np.zeros(program.parameters[-1].stop))
     assert not found.ran
     assert not found.success
     assert found.status == broken

@@ -29,12 +29,12 @@ def certified(points=POINTS, rtol=1e-3, normals=((0, 1), (0, -1))):
 
 
 @pytest.fixture(scope="module")
-def bench():
+def compiled():
     return CompiledProblem(problem(), QUICK)
 
 
-def test_a_known_grasp_is_certified_as_it_is(bench):
-    (start,) = run_warm_start(bench, WarmStart(GraspCandidate(FACES, POINTS)), 7, Deadline())
+def test_a_known_grasp_is_certified_as_it_is(compiled):
+    (start,) = run_warm_start(compiled, WarmStart(GraspCandidate(FACES, POINTS)), 7, Deadline())
     assert start.record.index == 7
     assert start.record.message == "as given"
     np.testing.assert_array_equal(start.found.grasp.points, POINTS)
@@ -50,20 +50,22 @@ def test_it_is_improved_where_the_exchange_runs():
     assert improved.record.mu.lower > as_given.record.mu.upper
 
 
-def test_what_is_promised_is_its_least(bench):
+def test_what_is_promised_is_its_least(compiled):
     promise = certified(rtol=1e-4).lower  # tighter than the certificate of the start
-    (start,) = run_warm_start(bench, WarmStart(GraspCandidate(FACES, POINTS), floor=promise), 0, Deadline())
+    (start,) = run_warm_start(compiled, WarmStart(GraspCandidate(FACES, POINTS), floor=promise), 0, Deadline())
     assert start.record.mu.lower == promise
     assert start.record.mu.upper >= promise
 
 
-def test_grasps_that_are_not_allowed_are_left_out(bench):
+def test_grasps_that_are_not_allowed_are_left_out(compiled):
     assert (
-        run_warm_start(bench, WarmStart(GraspCandidate(FACES, POINTS * [10.0, 1.0])), 0, Deadline()) == []
+        run_warm_start(compiled, WarmStart(GraspCandidate(FACES, POINTS * [10.0, 1.0])), 0, Deadline()) == []
     )  # beyond the face
-    assert run_warm_start(bench, WarmStart(GraspCandidate(FACES, POINTS * [1.0, -1.0])), 0, Deadline()) == []  # off it
+    assert (
+        run_warm_start(compiled, WarmStart(GraspCandidate(FACES, POINTS * [1.0, -1.0])), 0, Deadline()) == []
+    )  # off it
     one_side = GraspCandidate(("edge0", "edge0"), np.array([[0.3, -1.0], [-0.3, -1.0]]))
-    assert run_warm_start(bench, WarmStart(one_side), 0, Deadline()) == []  # resists nothing
+    assert run_warm_start(compiled, WarmStart(one_side), 0, Deadline()) == []  # resists nothing
     forbidden = CompiledProblem(problem(constraints=[ng.Forbid("edge0")]), QUICK)
     assert run_warm_start(forbidden, WarmStart(GraspCandidate(FACES, POINTS)), 0, Deadline()) == []
     apart = CompiledProblem(problem(constraints=[ng.Spread(0.1, 1.9)]), QUICK)
@@ -76,9 +78,9 @@ def test_the_answer_is_never_below_what_was_promised():
     search.run_starts()
     found = search.best.found
     promise = ng.mu(found.grasp, TASK, 1e-4).lower
-    search.add(WarmStart(GraspCandidate(found.placed.faces, found.grasp.points), found.grasp.normals, promise))
+    search.add(WarmStart(GraspCandidate(found.candidate.faces, found.grasp.points), found.grasp.normals, promise))
     assert search.floor == promise
-    search.keep(search.best)
+    search.take_as_answer(search.best)
     solution = search.answer()
     assert solution.mu.lower >= promise
     assert solution.mu.upper >= certified(found.grasp.points).lower or solution.success
@@ -87,12 +89,12 @@ def test_the_answer_is_never_below_what_was_promised():
     assert ng.GraspSolution.from_dict(solution.to_dict()).mu == solution.mu
 
 
-def test_more_candidates_are_apart_allowed_and_begin_with_the_best(bench):
-    found = propose(bench, np.random.default_rng(0), starts=2)
+def test_more_candidates_are_apart_allowed_and_begin_with_the_best(compiled):
+    found = propose(compiled, np.random.default_rng(0), starts=2)
     assert 3 <= len(found) <= 8
-    worth = [certified(placed.points, 0.01, bench.inward_normals(placed)).upper for placed in found]
+    worth = [certified(candidate.points, 0.01, compiled.inward_normals(candidate)).upper for candidate in found]
     assert worth[0] == pytest.approx(max(worth), rel=0.02)
-    assert all(bench.violation(placed) <= FEASIBLE for placed in found)
+    assert all(compiled.violation(candidate) <= FEASIBLE for candidate in found)
 
 
 def test_its_answer_has_the_analyses_asked_for():
@@ -110,7 +112,7 @@ def test_starts_run_until_the_best_is_proved_to_be_near_the_best_possible():
     search.add(WarmStart(GraspCandidate(FACES, POINTS)), improve=False)  # off the middle
     search.run_until_proved(5, 0.002)
     assert [result.record.index for result in search.results] == [1, 0]  # the start asked for has its own number
-    search.keep(search.certify_best(0.001))
+    search.take_as_answer(search.certify_best(0.001))
     assert search.chosen.record.mu.gap <= 0.001
     assert search.answer().gap <= 0.012
 

@@ -234,9 +234,9 @@ def test_interrupt_keeps_the_best_grasp_so_far(tmp_path, workers):
 
 def test_workbench_directions_for_a_flat_task():
     task = ng.TaskEllipsoid([1.0, 1.0, 0.0, 1.0, 0.0, 0.0])
-    bench = CompiledProblem(ng.GraspProblem(ng.Sphere(1.0), [ng.FrictionContact(0.5)] * 3, task), ng.SolveOptions())
-    w = bench.task_samples.wrenches(np.random.default_rng(0))
-    assert len(w) == bench.task_samples.count
+    compiled = CompiledProblem(ng.GraspProblem(ng.Sphere(1.0), [ng.FrictionContact(0.5)] * 3, task), ng.SolveOptions())
+    w = compiled.task_samples.wrenches(np.random.default_rng(0))
+    assert len(w) == compiled.task_samples.count
     assert np.all(w[:, [2, 4, 5]] == 0.0)
     np.testing.assert_allclose(np.linalg.norm(w, axis=1), 1.0)
 

@@ -46,10 +46,10 @@ def stated_file(problem, faces, points, normals, hand=None):
         ConstraintReport(r.name, float(v), r.lower, r.upper, 0.0, bool(min(v - r.lower, r.upper - v) <= 1e-4 * r.scale))
         for r, v in zip(rows.named, values, strict=True)
     ]
-    placed = GraspCandidate(tuple(faces), np.asarray(points, dtype=float))
+    candidate = GraspCandidate(tuple(faces), np.asarray(points, dtype=float))
     reports += [
         ConstraintReport(r.label.name, r.value, r.lower, np.inf, 0.0, r.value - r.lower <= 1e-4 * problem.body.size)
-        for r in contact_constraints(problem, placed, np.asarray(normals, dtype=float))
+        for r in contact_constraints(problem, candidate, np.asarray(normals, dtype=float))
     ]
     solution = ng.GraspSolution(
         status=ng.Status.SOLVED,

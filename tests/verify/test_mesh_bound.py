@@ -51,8 +51,8 @@ def bound_data(place, name, nodes):
     contacts, more = PROBLEMS[name]
     problem = ng.GraspProblem(ng.Mesh.load(place / "bar.ply", resolution=8), contacts, TASK, **more)
     tree, found = BranchAndBound(problem, 0.01), ng.best_possible(problem, 0.5)
-    tree.expect(found.mu.lower)
-    tree.grow(nodes)
+    tree.update_incumbent(found.mu.lower)
+    tree.branch(nodes)
     upper, certificate = tree.certificate()
     certificate["leaves"].sort(key=lambda leaf: -leaf[2])
     return json.dumps(replace(found, upper=upper, closed=False, nodes=nodes, certificate=certificate).to_dict())

@@ -26,7 +26,9 @@ def data():
     solution = ng.GraspSolution.from_dict(honest.fingers(), "f.json")
     hand = three_finger_hand()
     margins, joints = JointLimitMargins.of(hand, MARGIN), hand.values_of(solution.hand)["joints"]
-    each = [dict(zip(margins.names, v.tolist(), strict=True)) for v in (margins.wanted, margins.left(joints))]
+    each = [
+        dict(zip(margins.names, v.tolist(), strict=True)) for v in (margins.wanted, margins.distances_to_limits(joints))
+    ]
     without = ng.Bounds(FIRST.lower / 0.98, FIRST.upper / 0.98)
     room = JointMargins(MARGIN, *each, 0.03).to_dict()
     room |= {"cost": 0.02, "mu_without": {"lower": without.lower, "upper": without.upper}}

@@ -208,7 +208,7 @@ class Mesh(Body):
 
     def distance(self, p: Expression) -> Expression:
         """Return a spline of the unsmoothed signed distance; beyond its grid, a lower bound."""
-        return self._clearance_spline.everywhere(p)
+        return self._clearance_spline.extended(p)
 
     @cached_property
     def _clearance_spline(self) -> DistanceSpline:

@@ -139,7 +139,7 @@ class DistanceSpline:
         flat = ca.DM(self.coefficients.ravel(order="F"))
         return ca.bspline(p, flat, [list(k) for k in self.knots], [3, 3, 3], 1, {})
 
-    def everywhere(self, p: ca.MX) -> ca.MX:
+    def extended(self, p: ca.MX) -> ca.MX:
         """Return the spline at a CasADi ``MX`` point, extended beyond its box by a lower bound of the distance.
 
         With q the nearest point of the box and the body inside the box, the angle at q between p and any point

@@ -139,7 +139,7 @@ def outer_union(parts: MeshParts, grown: float = 0.0) -> tuple[Triangles, int] |
 
     Parameters
     ----------
-    parts : Parts
+    parts : MeshParts
     grown : float
         Outward offset of the solid parts' vertices, which makes touching parts overlap, metres.
 

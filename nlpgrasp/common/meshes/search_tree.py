@@ -70,7 +70,7 @@ class SearchTree:
         """Return points (m, 3) in the trees' coordinates."""
         return np.ascontiguousarray(in_frame(np.asarray(points, dtype=float), self._origin))
 
-    def let_go(self) -> None:
+    def release(self) -> None:
         """Release the trees; they are rebuilt on demand."""
         self.__dict__.pop("_boxes", None)
         self.__dict__.pop("_winding", None)
@@ -109,7 +109,7 @@ _every: weakref.WeakSet[SearchTree] = weakref.WeakSet()
 def _release_trees() -> None:
     """Release all trees at interpreter exit, since libigl reports remaining ones."""
     for tree in list(_every):
-        tree.let_go()
+        tree.release()
 
 
 def unclear_share(vertices: FloatArray, faces: IntArray) -> float:

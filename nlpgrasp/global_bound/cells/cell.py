@@ -31,7 +31,7 @@ class CurvedFace(Protocol):
         from a corner's.
         """
 
-    def finer(self, parts: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
+    def subdivide(self, parts: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
         """Return smaller parts that together are each part (n, c, q): their corners (n, v, q), and which, (r, c)."""
 
 
@@ -41,7 +41,7 @@ class SmallCurvedParts:
 
     Parameters
     ----------
-    patches : Patches
+    patches : CurvedFace
         Of the face.
     parts : (n, c, q) array
         Coordinates of each part's corners; together they are the cell.
@@ -62,7 +62,7 @@ class RepresentativeContacts:
     ----------
     points, normals : (m, space) array
         Metres, and unit, into the body; body frame.
-    curved : tuple of Curved
+    curved : tuple of SmallCurvedParts
         What lies between those rows that are on curved faces: small parts with the rows at their corners.
     """
 
@@ -108,7 +108,7 @@ class SurfaceCell(ABC):
     def to_dict(self) -> Json:
         """Return ``kind`` and the numbers that determine the rows."""
 
-    def uncut(self) -> Json:
+    def whole_data(self) -> Json:
         """Return the data of a cell of which no part is needed."""
         return self.to_dict()
 

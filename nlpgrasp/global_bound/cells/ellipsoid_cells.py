@@ -158,7 +158,7 @@ class Spherical:
         first = np.stack([turn, large + turn * apart, turn], axis=1)
         return np.stack([steps[:, None] * second, side[:, None] * first], axis=1)
 
-    def finer(self, parts: FloatArray) -> tuple[FloatArray, IntArray]:
+    def subdivide(self, parts: FloatArray) -> tuple[FloatArray, IntArray]:
         """Return the quarters of triangles (n, 3, 3), the halves of arcs (n, 2, 3), as corners and which."""
         pairs, into = grid(parts.shape[1], 1)
         (first, second), *_ = pairs

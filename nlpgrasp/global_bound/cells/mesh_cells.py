@@ -25,7 +25,7 @@ class TriangleCluster(SurfaceCell):
 
     Parameters
     ----------
-    clusters : Clusters
+    clusters : ClusterTree
     node : int
         Of the tree.
     """
@@ -65,7 +65,7 @@ class TriangleCluster(SurfaceCell):
         order = self.clusters.members(self.node).tolist()
         return {"kind": self.kind, "halved": list(self.clusters.halved), "order": order}
 
-    def uncut(self) -> Json:
+    def whole_data(self) -> Json:
         """Return the data of the whole mesh, whose triangles stay as they are."""
         return {"kind": self.kind, "halved": [], "order": None}
 
@@ -123,7 +123,7 @@ class ClusterTree:
     normals : (m, 3) array
     order : (m,) array
         In which all clusters are ranges.
-    rows : Rows
+    rows : RepresentativeContacts
         Of all clusters of the last level, one after another.
     begin : (2^levels + 1,) array
         Where the rows of each of these begin, and the end.

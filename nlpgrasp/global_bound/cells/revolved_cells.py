@@ -111,7 +111,7 @@ class DiscFace(CellFace):
         radii = np.array([0.0, self.radius])
         return [SectorCell(radii, ends[i : i + 2], self.height, self.normal) for i in range(SECTORS)]
 
-    def pinned(self) -> Sequence[SurfaceCell]:
+    def meridian_cells(self) -> Sequence[SurfaceCell]:
         """Return the radius at angle 0: where every contact of the disc can be turned to."""
         return [SectorCell(np.array([0.0, self.radius]), np.zeros(2), self.height, self.normal)]
 
@@ -123,7 +123,7 @@ class RevolvedCell(SurfaceCell):
 
     Parameters
     ----------
-    patches : Revolved
+    patches : RevolvedPatches
         Of the surface.
     angles : (2,) array
         phi, radians.
@@ -206,7 +206,7 @@ class RevolvedFace(CellFace):
         ends = 2.0 * np.pi * np.arange(PARTS + 1) / PARTS
         return [RevolvedCell(self.patches, ends[i : i + 2], t) for i in range(PARTS) for t in self._parts()]
 
-    def pinned(self) -> Sequence[SurfaceCell]:
+    def meridian_cells(self) -> Sequence[SurfaceCell]:
         """Return the lines at angle 0: where every contact can be turned to."""
         return [RevolvedCell(self.patches, np.zeros(2), t) for t in self._parts()]
 
@@ -264,7 +264,7 @@ class RevolvedPatches:
             first += np.stack([zero, e, zero], axis=1)
         return np.stack([second, first], axis=1)
 
-    def finer(self, parts: FloatArray) -> tuple[FloatArray, IntArray]:
+    def subdivide(self, parts: FloatArray) -> tuple[FloatArray, IntArray]:
         """Return the quarters of parts (n, 4, 2), the halves of lines (n, 2, 2), as corners and which."""
         return quarters(parts)
 

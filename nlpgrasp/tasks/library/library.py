@@ -147,7 +147,7 @@ class TaskLibrary:
         with self._folder.changing():
             if self._folder.find(given) is not None:
                 raise InputError("name", repr(given), f"a new name: {self._folder.words} has this entry; or update it")
-            self._folder.keep(made)
+            self._folder.write_entry(made)
         if not isinstance(what, TaskEntry):
             _warn_if_flat(made)
         return made
@@ -174,7 +174,7 @@ class TaskLibrary:
             rows = given.at(old.frame.about, old.dimension)
             origin = provenance_now("updated", said or given.source, len(rows))
             entry = replace(old, learnt=old.learnt.updated(rows), provenance=append_provenance(old, origin))
-            self._folder.keep(entry, file)
+            self._folder.write_entry(entry, file)
         _warn_if_flat(entry)
         return entry
 
@@ -198,7 +198,7 @@ class TaskLibrary:
             origin = provenance_now("merged", joined.name, joined.wrenches)
             learnt = old.learnt.merged(joined.learnt)
             entry = replace(old, learnt=learnt, provenance=(*old.provenance, *joined.provenance, origin))
-            self._folder.keep(entry, file)
+            self._folder.write_entry(entry, file)
         return entry
 
     def forget(self, name: str, share: float) -> FloatArray:
@@ -215,7 +215,7 @@ class TaskLibrary:
             file, old = self._folder.get(name)
             learnt, out = old.learnt.without_outliers(share)
             origin = provenance_now("forgot", f"outliers, at most {share:g} of the wrenches", len(out))
-            self._folder.keep(replace(old, learnt=learnt, provenance=append_provenance(old, origin)), file)
+            self._folder.write_entry(replace(old, learnt=learnt, provenance=append_provenance(old, origin)), file)
         return out
 
     def remove(self, name: str) -> None:
@@ -476,7 +476,7 @@ class LibraryFolder:
             raise InputError(f"task in {self.words}", repr(name), f"the name of an entry, such as {some}")
         return found
 
-    def keep(self, entry: TaskEntry, file: Path | None = None) -> None:
+    def write_entry(self, entry: TaskEntry, file: Path | None = None) -> None:
         """Write an entry to its default or a given file."""
         write_entry(entry, self.file(entry.name) if file is None else file)
 

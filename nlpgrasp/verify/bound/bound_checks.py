@@ -136,7 +136,7 @@ def global_bound_checks(solution: GraspSolution, grasp: Grasp, found: Bounds, so
     grasp : Grasp
     found : Bounds
         The grasp's recomputed quality.
-    sources : Sources
+    sources : SourceFolders
         Where the named file is searched.
     """
     bound, problem, lower = solution.bound, solution.problem, solution.mu.lower

@@ -71,10 +71,10 @@ class Leaves:
             by_mixture.setdefault(int(mixture), []).append(i)
         found = np.empty(len(self.leaves))
         for mixture, own in by_mixture.items():
-            found[own] = self._under(mixture, [self.leaves[i][0] for i in own], claimed[own].tolist())
+            found[own] = self._bounds_by_weights(mixture, [self.leaves[i][0] for i in own], claimed[own].tolist())
         return claimed, found
 
-    def _under(self, mixture: int, nodes: Sequence[Sequence[int]], claimed: Sequence[float]) -> list[float]:
+    def _bounds_by_weights(self, mixture: int, nodes: Sequence[Sequence[int]], claimed: Sequence[float]) -> list[float]:
         """Return the bounds of nodes by one set of dual weights, refined until they meet the claims."""
         w, twists, whole = self._mixture(mixture)
         add = max if self.budget.shared and len(w) == 1 else sum
@@ -117,10 +117,10 @@ class PowerBounds:
 
     Parameters
     ----------
-    mixed : Mixed
+    mixed : WeightedPower
     below : float
         The largest over the vertex contacts of the cell.
-    sheets : sequence of Sheet
+    sheets : sequence of StatedCurvedFace
         Curved parts of the cell.
 
     Attributes
@@ -178,7 +178,7 @@ def _total(largest: Sequence[PowerBounds], asked: float, add: Callable[[Iterable
 
     Parameters
     ----------
-    largest : sequence of Largest
+    largest : sequence of PowerBounds
         Bounds of each contact's cell.
     asked : float
         The requested bound.

@@ -54,7 +54,7 @@ class Group:
                 self.cells[part] = cell
         self.parts[number] = tuple(part for part in parts if part is not None)
 
-    def wrongly_left_out(self, own: StatedRegion, slack: float) -> list[int]:
+    def wrongly_omitted(self, own: StatedRegion, slack: float) -> list[int]:
         """Return the numbers of cells with an omitted part that constraints do not exclude."""
         return [number for number, cell in self.left_out if not own.exclude(cell, slack)]
 
@@ -124,7 +124,7 @@ class StatedNodes:
             elif node in self.leaves:
                 done.add(stack.pop())
             else:
-                needed = self._needed(node)
+                needed = self._required_nodes(node)
                 if needed is None:
                     return f"node {list(node)} is neither cut, nor a twin, nor a leaf"
                 on_way.add(node)
@@ -133,7 +133,7 @@ class StatedNodes:
                 stack += needed
         return ""
 
-    def _needed(self, node: Node) -> list[Node] | None:
+    def _required_nodes(self, node: Node) -> list[Node] | None:
         """Return the nodes that must be covered for a node to be covered; None where nothing covers it."""
         if node in self.twins:
             return [self.twins[node][1]]
@@ -150,7 +150,7 @@ class StatedNodes:
             start += len(parts[i])
         return None
 
-    def false_twins(self) -> list[Node]:
+    def wrong_symmetric_copies(self) -> list[Node]:
         """Return the nodes whose motion does not map their cells onto those of their symmetric copy."""
         return [node for node, (motion, other) in self.twins.items() if not self._maps(node, motion, other)]
 

@@ -36,7 +36,7 @@ class Proof:
         Problem as in a solution file.
     data : mapping
         The certificate.
-    sources : Sources
+    sources : SourceFolders
     """
 
     def __init__(self, problem: Json, data: Json, sources: SourceFolders) -> None:
@@ -150,7 +150,7 @@ class Proof:
 
     def _cuts(self) -> tuple[str, str]:
         for group in self.groups:
-            wrong = group.wrongly_left_out(self.asked[0][group.contacts[0]], SAME * self.size)
+            wrong = group.wrongly_omitted(self.asked[0][group.contacts[0]], SAME * self.size)
             if wrong:
                 return f"a part of cell {wrong[0]} is left out, though constraints allow it", ""
         return "", f"{sum(len(group.parts) for group in self.groups)} cells cut"
@@ -165,7 +165,7 @@ class Proof:
             wrong = error_of_motion(motion, self.problem, self.task, self.origin, self.asked[0], self.size)
             if wrong:
                 return f"motion {i}: {wrong}", ""
-        false = self.nodes.false_twins()
+        false = self.nodes.wrong_symmetric_copies()
         wrong = f"node {list(false[0])} is not mapped onto its twin" if false else ""
         return wrong, f"{len(self.data['motions'])} motions, {len(self.nodes.twins)} twins"
 

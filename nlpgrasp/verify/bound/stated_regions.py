@@ -44,7 +44,7 @@ class StatedRegion:
     away: tuple[tuple[Callable[[FloatArray], FloatArray], float, float], ...]
 
     @property
-    def limited(self) -> bool:
+    def is_limited(self) -> bool:
         """Whether the contact has other limits than its faces."""
         return bool(self.inside or self.outside or self.away)
 

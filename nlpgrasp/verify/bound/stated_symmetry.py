@@ -36,7 +36,7 @@ def error_of_motion(
     task : Task
     origin : (space,) array
         Torque origin, metres.
-    own : sequence of Places
+    own : sequence of StatedRegion
         Allowed region of each contact.
     size : float
         Of the body, metres.
@@ -200,7 +200,7 @@ def error_of_reduction(
     turned = [group for group in groups if group["turned"] is not None]
     if not turned:
         return ""
-    if len(turning.origin) != 3 or any(own.limited for own in places):
+    if len(turning.origin) != 3 or any(own.is_limited for own in places):
         return "constraints, or a body in the plane, do not turn"
     if any(len(group["contacts"]) != 1 for group in turned):
         return "several contacts are turned as one"

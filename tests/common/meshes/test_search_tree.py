@@ -63,6 +63,6 @@ def test_the_nearest_edge_is_that_of_a_loop(rng, points):
 def test_trees_are_built_anew_where_they_are_let_go_or_sent_elsewhere(points):
     tree = tree_of(trimesh.creation.icosphere(subdivisions=2, radius=0.03))
     known = tree.clearance(points)
-    tree.let_go()
+    tree.release()
     np.testing.assert_array_equal(tree.clearance(points), known)
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(tree)).clearance(points), known)  # noqa: S301

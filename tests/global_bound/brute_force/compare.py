@@ -50,8 +50,8 @@ def compared(number, **effort):
     if number % WITH_SEARCH == 0:
         search = ng.solve(relaxed_problem(problem), 1, options=OPTIONS).mu.lower
     tree = BranchAndBound(problem, 0.01)
-    tree.expect(max(brute, search))
-    tree.grow(nodes)
+    tree.update_incumbent(max(brute, search))
+    tree.branch(nodes)
     return Compared(number, problem.body.kind, problem.budget.kind, tree.certificate()[0], brute, search)
 
 
