@@ -7,7 +7,7 @@ from pathlib import Path
 
 import nlpgrasp as ng
 from nlpgrasp.tasks.growing_ellipsoids import LeastVolume
-from nlpgrasp.tasks.library.entry import Frame, Origin, text_of
+from nlpgrasp.tasks.library.entry import Frame, Origin, entry_json
 
 READY = Path(__file__).resolve().parents[1] / "nlpgrasp" / "tasks" / "library" / "ready"
 PAPER = "Li and Sastry 1986"
@@ -156,7 +156,7 @@ def made():
         origin = Origin("added", source, 0)
         words = Frame(frame, task.about)
         entry = ng.TaskEntry(name, LeastVolume.of_task(task), words, description, tags, (origin,))
-        result[name.replace(" ", "-").replace(".", "-") + ".json"] = text_of(entry)
+        result[name.replace(" ", "-").replace(".", "-") + ".json"] = entry_json(entry)
     return result
 
 

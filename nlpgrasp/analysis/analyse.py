@@ -12,18 +12,19 @@ from nlpgrasp.analysis.squeeze import add_squeeze, add_squeezes
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.deadline import Clock, Deadline
 from nlpgrasp.common.files import json_round_trip
+from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.errors import InputError, NlpgraspError
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Hand, PosedHand
 from nlpgrasp.optimize.candidate import Effort, GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.grasp_on_body import GraspOnBody
-from nlpgrasp.optimize.hand_approach import add_hand_record, none_on_failure
+from nlpgrasp.optimize.hand_approach import add_hand_record
 from nlpgrasp.optimize.options import ANALYSES, SolveOptions, check_analyses
 from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.robustness import robustness
 from nlpgrasp.optimize.start import follow_with_hand
-from nlpgrasp.optimize.start_result import StartGrasp
+from nlpgrasp.optimize.start_result import StartGrasp, attempt
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds, Volume, delta, nu
 from nlpgrasp.quality.grasp import Grasp
@@ -35,6 +36,7 @@ RTOL = 0.02  # relative gap of delta, error bar of nu
 PARTS = ("body", "contacts", "task", "constraints")  # of a problem, compared with those that a solution states
 FIELDS = {"robustness": "robust", "phases": "hand"}  # of a solution, where an analysis has another name
 OF_PHASES = ("pregrasp", "approach", "way_in", "phases", "lift")  # of a hand, as files state it
+FAILED = "{}: not computed, as numerics failed ({})"
 OF_SQUEEZE = ("squeeze", "no_squeeze")  # the same; the commands of a squeeze are the last phases
 
 
@@ -92,31 +94,35 @@ def analyse_one_by_one(
                 if name not in OF_GRASP and not at and problem is not None:
                     compiled = CompiledProblem(problem, SolveOptions(workers=1))
                     at.append((compiled, _start_of_solution(compiled, solution, grasp)))
-                found = (
-                    OF_GRASP[name](grasp, solution.budget) if name in OF_GRASP else _run_problem_analysis(name, *at[0])
-                )
-            solution = add_analyses_to(solution, {name: found}, None if problem is None else problem.hand)
+                if name in OF_GRASP:
+                    value, message = OF_GRASP[name](grasp, solution.budget), ""
+                else:
+                    value, message = attempt(partial(OF_PROBLEM[name], *at[0], Deadline()))
+            if message:
+                warn(FAILED.format(name, message))
+            solution = add_analyses_to(solution, {name: value}, None if problem is None else problem.hand)
         yield name, solution
 
 
 def analyses_of(
     compiled: CompiledProblem, start: StartGrasp, names: Iterable[str], deadline: Deadline
-) -> tuple[dict[str, Any], Mapping[str, float]]:
-    """Return the results of analyses of a start's grasp by name, and the seconds of each.
+) -> tuple[dict[str, Any], Mapping[str, float], list[str]]:
+    """Return the results of analyses of a start's grasp by name, the seconds of each, and messages of failures.
 
     A numerical failure, or a stop, leaves one out.
     """
-    clock, found = Clock(), dict[str, Any]()
+    clock, values, messages = Clock(), dict[str, Any](), list[str]()
     with single_thread():
         for name in names:
             if deadline.is_requested():
                 break
             if name in OF_GRASP:
-                found[name] = OF_GRASP[name](start.found.grasp, compiled.budget(start.found.candidate))
+                values[name] = OF_GRASP[name](start.found.grasp, compiled.budget(start.found.candidate))
             else:
-                found[name] = _run_problem_analysis(name, compiled, start, deadline)
+                values[name], message = attempt(partial(OF_PROBLEM[name], compiled, start, deadline))
+                messages += [FAILED.format(name, message)] if message else []
             clock.mark(name)
-    return found, clock.seconds
+    return values, clock.seconds, messages
 
 
 def add_analyses_to(solution: GraspSolution, found: Mapping[str, Any], hand: Hand | None) -> GraspSolution:
@@ -194,13 +200,6 @@ def _start_of_solution(compiled: CompiledProblem, solution: GraspSolution, grasp
     record = StartRecord(0, Status.SOLVED, solution.faces, solution.mu)
     found = GraspOnBody.of(compiled, candidate, grasp, solution.surface)
     return StartGrasp(record, found, solution.constraints, Effort(), solution.robust, candidate)
-
-
-def _run_problem_analysis(
-    name: str, compiled: CompiledProblem, start: StartGrasp, deadline: Deadline | None = None
-) -> Any:
-    """Return the result of an analysis that takes the problem, None where it fails numerically."""
-    return none_on_failure(partial(OF_PROBLEM[name], compiled, start, deadline or Deadline()))
 
 
 def _delta(grasp: Grasp, budget: ForceBudget) -> Bounds:

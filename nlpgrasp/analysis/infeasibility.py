@@ -29,10 +29,9 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem, pack_variables
 from nlpgrasp.optimize.cutting_planes import empty_slots
-from nlpgrasp.optimize.hand_approach import none_on_failure
 from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.propose import propose
-from nlpgrasp.optimize.start_result import StartGrasp, StartResult
+from nlpgrasp.optimize.start_result import StartGrasp, StartResult, attempt
 from nlpgrasp.quality import mu
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.solution.analysis_records import Conflict, WhyNot
@@ -54,7 +53,7 @@ def diagnose_on_one_thread(
 ) -> WhyNot | None:
     """Return the infeasibility diagnosis of a problem without a grasp; None where it fails numerically."""
     with single_thread():
-        return none_on_failure(lambda: diagnose(compiled, results, seed, deadline))
+        return attempt(lambda: diagnose(compiled, results, seed, deadline))[0]
 
 
 def diagnose(compiled: CompiledProblem, results: Sequence[StartResult], seed: int, deadline: Deadline) -> WhyNot:

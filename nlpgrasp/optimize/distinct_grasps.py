@@ -15,11 +15,11 @@ from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
 from nlpgrasp.optimize.coordinate_exchange import RandomContacts, exchanged_candidates, sampled_quality
 from nlpgrasp.optimize.exerted_forces import least_forces
 from nlpgrasp.optimize.grasp_equivalence import GraspEquivalence
-from nlpgrasp.optimize.hand_approach import add_hand_record, hand_posture, none_on_failure
+from nlpgrasp.optimize.hand_approach import add_hand_record, hand_posture
 from nlpgrasp.optimize.parallel_starts import StartRunner
 from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.robustness import robustness
-from nlpgrasp.optimize.start_result import StartGrasp, StartResult
+from nlpgrasp.optimize.start_result import StartGrasp, StartResult, attempt
 from nlpgrasp.optimize.warm_starts import WarmStart, certify_as_is
 from nlpgrasp.quality.grasp import GraspStack
 from nlpgrasp.quality.screening import screen
@@ -234,7 +234,7 @@ def _finish(compiled: CompiledProblem, start: StartGrasp, deadline: Deadline) ->
             return _kept_grasp_record(compiled, replace(start, hand=hand_posture(compiled, start)), start.robust)
         robust = start.robust
         if robust is None and compiled.options.weighs_fragility:
-            robust = none_on_failure(lambda: robustness(compiled, candidate, grasp, quickly=True))
+            robust, _ = attempt(lambda: robustness(compiled, candidate, grasp, quickly=True))
         return _kept_grasp_record(compiled, start if start.hand else add_hand_record(compiled, start), robust)
 
 

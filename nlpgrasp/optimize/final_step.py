@@ -8,14 +8,14 @@ import numpy as np
 
 from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.hands import URDFHand
-from nlpgrasp.optimize.candidate import SearchState
+from nlpgrasp.optimize.candidate import GraspCandidate, SearchState
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.kkt_point import LocalOptimum, local_optimum, residuals_at
 from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.projection import TOUCHING, fix_to_triangles, put_on_body
 from nlpgrasp.optimize.refine import PASSES, JointLimitMargins, missing_clearance
 from nlpgrasp.optimize.robustness import robustness
-from nlpgrasp.optimize.start_result import StartGrasp
+from nlpgrasp.optimize.start_result import StartGrasp, attempt
 from nlpgrasp.quality import mu
 
 LOSS = 5e-3  # relative decrease of mu accepted at the optimum, whose constraints hold exactly
@@ -37,20 +37,29 @@ def converge_to_optimum(compiled: CompiledProblem, best: StartGrasp, deadline: D
     if not best.solved or deadline.is_requested():
         return best
     with single_thread():
-        try:
-            return _converge(compiled, best, deadline)
-        except (RuntimeError, ArithmeticError, ValueError):
-            return best
+        end, message = attempt(lambda: _converge(compiled, best, deadline))
+    return best.noted(message and f"no last step: {message}") if end is None else end
+
+
+def keep_off_optimum(compiled: CompiledProblem, start: StartGrasp, reason: str) -> StartGrasp:
+    """Return a start as it is, with its KKT residuals and the reason why it is not at a local optimum."""
+    with single_thread():
+        kkt, message = attempt(lambda: residuals_at(*_on_faces(compiled, start)))
+    return start.noted(message) if kkt is None else replace(start, kkt=replace(kkt, reason=reason))
+
+
+def _on_faces(compiled: CompiledProblem, start: StartGrasp) -> tuple[CompiledProblem, GraspCandidate]:
+    """Return the compiled problem of the faces and margins that a start's contacts and joints are at, and these."""
+    candidate = start.found.candidate
+    if np.array_equal(start.ascended.points, candidate.points):  # which of two triangles a contact on their edge is of
+        candidate = replace(candidate, faces=start.ascended.faces)
+    on_faces, candidate = fix_to_triangles(compiled, candidate)
+    return _with_margins(on_faces, start), candidate
 
 
 def _converge(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -> StartGrasp:
-    candidate = best.found.candidate
-    if np.array_equal(best.ascended.points, candidate.points):
-        candidate = replace(
-            candidate, faces=best.ascended.faces
-        )  # which of two triangles a contact on their edge belongs to
-    own, here = fix_to_triangles(compiled, candidate)
-    own, begin = _with_margins(own, best), here
+    own, here = _on_faces(compiled, best)
+    begin = here
     reason, places, short = _reason_for_none(compiled), [here.points], np.zeros(len(compiled.rows.named))
     if compiled.hand_points.has_flat_tips and own.violation(here) > TOUCHING:
         reason = "flat fingertips touch the mesh in edges or corners, whose normals are none of its triangles'"

@@ -6,7 +6,7 @@ constraints (``find_pregrasp``). The path of the palm to it is computed in ``nlp
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -28,7 +28,7 @@ from nlpgrasp.optimize.final_step import converge_to_optimum
 from nlpgrasp.optimize.grasp_on_body import GraspOnBody
 from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.refine import JointLimitMargins
-from nlpgrasp.optimize.start_result import StartGrasp, StartResult
+from nlpgrasp.optimize.start_result import StartGrasp, StartResult, attempt
 from nlpgrasp.solution.obstructions import approach_obstructions
 
 STAGES = 4  # the pregrasp's clearance grows in stages, each with a few Newton steps
@@ -80,13 +80,15 @@ def add_hand_record(compiled: CompiledProblem, start: StartGrasp) -> StartGrasp:
     if hand is None:
         return start
     if not compiled.follows_contacts:
-        opened = none_on_failure(lambda: find_pregrasp(compiled, start.found, compiled.options.pregrasp_clearance))
+        opened, message = attempt(lambda: find_pregrasp(compiled, start.found, compiled.options.pregrasp_clearance))
+        start = start.noted(message and f"no pregrasp: {message}")
         model, links = problem.hand, compiled.link_depths
         if opened is not None and model is not None:
             hand["pregrasp"] = {"clearance": opened.clearance, **model.describe(opened.hand)}
         if isinstance(model, URDFHand) and links is not None:
             before = None if opened is None else opened.hand
-            hand |= none_on_failure(lambda: plan_keyframes(problem, model, candidate.hand, before, links)) or {}
+            phases, message = attempt(lambda: plan_keyframes(problem, model, candidate.hand, before, links))
+            start, hand = start.noted(message and f"no phases: {message}"), {**hand, **(phases or {})}
     if start.record.obstruction:
         return replace(start, hand=hand)
     return replace(start, hand=hand, record=replace(start.record, obstruction="; ".join(approach_obstructions(hand))))
@@ -111,14 +113,6 @@ def hand_posture(compiled: CompiledProblem, start: StartGrasp) -> dict[str, obje
             found.candidate.hand["joints"], options.joint_margin, options.room_price
         ).to_dict()
     return data
-
-
-def none_on_failure(work: Callable[[], T]) -> T | None:
-    """Return the result of some work, or None where it fails numerically."""
-    try:
-        return work()
-    except (RuntimeError, ArithmeticError, ValueError):
-        return None
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ import numpy as np
 
 from nlpgrasp.common.deadline import Clock, Deadline
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.contacts.pad import AlongNormalError
 from nlpgrasp.optimize.candidate import Effort, GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.grasp_on_body import GraspOnBody
@@ -20,13 +19,10 @@ from nlpgrasp.optimize.projection import fix_to_triangles
 from nlpgrasp.optimize.propose import propose, touch_candidates
 from nlpgrasp.optimize.refine import advanced_on_body, refine_on_body
 from nlpgrasp.optimize.robustness import maximise_robustness
-from nlpgrasp.optimize.start_result import StartGrasp, StartResult, best_of
+from nlpgrasp.optimize.start_result import SOLVER_ERRORS, StartGrasp, StartResult, best_of, format_error
 from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.solution.records import CandidateOrigin, StartRecord, Status
-
-FAILURES = RuntimeError, np.linalg.LinAlgError, AlongNormalError
-"""What numerics may raise for some candidates."""
 
 COMPARED = 2  # candidates compared after a few rounds of refinement; the best one is refined to its end
 MOST_TOUCHING = 2  # candidates that end in link collisions before a start gives up
@@ -61,15 +57,14 @@ def run_start(
             found = _best_of_candidates(
                 compiled, index, np.random.default_rng([seed, index]), deadline, clock, known, candidates
             )
-        except FAILURES as error:
+        except SOLVER_ERRORS as error:
             return failed(index, error, clock.seconds)
     return replace(found, record=replace(found.record, seconds=clock.seconds))
 
 
 def failed(index: int, error: Exception, seconds: Mapping[str, float] | None = None) -> StartResult:
     """Return the result of a start that an error ended."""
-    text = f"{type(error).__name__}: {error}".splitlines()[0]
-    return StartResult(StartRecord(index, Status.FAILED, seconds=seconds or {}, message=text))
+    return StartResult(StartRecord(index, Status.FAILED, seconds=seconds or {}, message=format_error(error)))
 
 
 def follow_with_hand(

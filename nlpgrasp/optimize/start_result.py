@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
 
 from nlpgrasp.common.types import Json
+from nlpgrasp.contacts.pad import AlongNormalError
 from nlpgrasp.optimize.candidate import Effort, GraspCandidate, SearchState
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.compiled_programs import budget_at
@@ -19,6 +23,9 @@ from nlpgrasp.solution.obstructions import LinkPenetration
 from nlpgrasp.solution.records import CandidateOrigin, ConstraintReport, StartRecord, Status
 
 CLOSE = 0.03  # relative: lower bounds of starts this close are a tie
+SOLVER_ERRORS = RuntimeError, ArithmeticError, np.linalg.LinAlgError, AlongNormalError
+"""What numerics may raise for some candidates; any other error is one of the program."""
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
@@ -128,6 +135,11 @@ class StartGrasp(StartResult):
         """Bounds by which starts are ranked: mu, or mu under the worst displacement."""
         return self.record.mu if self.robust is None else self.robust.mu
 
+    def noted(self, message: str) -> StartGrasp:
+        """Return the start with a further remark in its record's message; unchanged for an empty one."""
+        parts = ", ".join(part for part in (self.record.message, message) if part)
+        return replace(self, record=replace(self.record, message=parts)) if message else self
+
     def certified(self, problem: GraspProblem, rtol: float, seed: int = 0, deadline: float | None = None) -> StartGrasp:
         """Return the start with its certificate narrowed to this relative gap."""
         known, candidate = self.record.mu, self.found.candidate
@@ -137,6 +149,19 @@ class StartGrasp(StartResult):
         fine = mu(self.found.grasp, problem.task, rtol, force_budget=budget, seed=seed, deadline=deadline)
         bounds = replace(fine, lower=max(fine.lower, known.lower), upper=min(fine.upper, known.upper))
         return replace(self, record=replace(self.record, mu=bounds))
+
+
+def attempt(work: Callable[[], Item]) -> tuple[Item | None, str]:
+    """Return the result of some work and an empty message; where numerics fail, None and the error as text."""
+    try:
+        return work(), ""
+    except SOLVER_ERRORS as error:
+        return None, format_error(error)
+
+
+def format_error(error: Exception) -> str:
+    """Return the kind and the first line of an error."""
+    return f"{type(error).__name__}: {error}".splitlines()[0]
 
 
 def best_of(results: Sequence[StartResult]) -> StartGrasp | None:

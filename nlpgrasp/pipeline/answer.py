@@ -14,15 +14,16 @@ import scipy
 from nlpgrasp.analysis.squeeze import add_squeeze
 from nlpgrasp.common.deadline import Clock, Deadline
 from nlpgrasp.common.user_warnings import warn
-from nlpgrasp.hands.base import PosedHand
+from nlpgrasp.hands.base import Hand, PosedHand
 from nlpgrasp.optimize.candidate import Effort
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.compiled_programs import budget_at
 from nlpgrasp.optimize.exerted_forces import least_forces
+from nlpgrasp.optimize.final_step import converge_to_optimum, keep_off_optimum
 from nlpgrasp.optimize.options import SolveOptions
 from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.robustness import robustness
-from nlpgrasp.optimize.start_result import StartGrasp, StartResult, best_of
+from nlpgrasp.optimize.start_result import StartGrasp, StartResult, attempt, best_of
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.least_friction import can_press
 from nlpgrasp.solution.analysis_records import WhyNot
@@ -94,68 +95,72 @@ def choose_start(
 
     That is the best one, unless it is fragile: then the first in the order of mu that is not, that has at least half
     its mu and leaves more at its worst placement. One that is not fragile, but keeps less than half of its mu, loses so
-    to one with 0.95 of it. Two others are looked at. Of a hand with joints only starts count
-    whose contacts can press against each other, as long as one of them has at least half the best one's mu: others hold
-    the task only while it pushes into the fingers.
+    to one with 0.95 of it. Two others are tried, and the best start as it was before it converged to its local optimum.
 
     Parameters
     ----------
     compiled : CompiledProblem
     best : StartGrasp
-        With the best mu.
+        With the best mu, at its local optimum.
     results : sequence of StartResult
-        All of them.
+        Those that may be the answer, as they were before any converged.
     deadline : Deadline
     """
     with single_thread():
-        best, results = _pressing_starts(compiled, best, results)
-        first = _with_robustness(compiled, best)
-        if first.robust is None or first.robust.share(first.record.mu) >= WEAK:
-            return first
-        share = HALF if first.robust.is_fragile(first.record.mu) else TIE
+        best = _with_robustness(compiled, best)
+        if best.robust is None or best.robust.share(best.record.mu) >= WEAK:
+            return best
+        share = HALF if best.robust.is_fragile(best.record.mu) else TIE
         for other in _next_best(compiled, best, results, share):
             if deadline.is_requested():
                 break
-            found = _with_robustness(compiled, other)
-            if found.robust is None or found.robust.is_fragile(found.record.mu):
+            start = _with_robustness(compiled, other)
+            if start.robust is None or start.robust.is_fragile(start.record.mu):
                 continue
-            if found.robust.mu.lower > first.robust.mu.upper:
-                return found
-    return first
+            if start.robust.mu.lower > best.robust.mu.upper:
+                if other.record.index == best.record.index:
+                    return keep_off_optimum(compiled, start, "the local optimum next to this grasp is fragile")
+                return converge_to_optimum(compiled, start, deadline)
+    return best
 
 
-def _pressing_starts(
-    compiled: CompiledProblem, best: StartGrasp, results: Sequence[StartResult]
+def pressing_starts(
+    hand: Hand | None, best: StartGrasp, results: Sequence[StartResult]
 ) -> tuple[StartGrasp, Sequence[StartResult]]:
-    """Return the best start whose contacts can press against each other, and all such; the arguments if none can."""
-    hand = compiled.problem.hand
+    """Return the best start whose contacts can press against each other, and all such; the arguments if none can.
+
+    Other grasps of a hand with joints hold the task only while it pushes into the fingers. Only starts with at least
+    half of the best one's mu count.
+    """
     if not isinstance(hand, PosedHand) or not hand.loaded_joints or can_press(best.found.grasp):
         return best, results
     least = HALF * best.record.mu.upper
     good = [r for r in results if isinstance(r, StartGrasp) and r.solved and r.record.mu.lower >= least]
-    able = [r for r in good if can_press(r.found.grasp)]
-    first = best_of(able)
-    return (best, results) if first is None else (first, able)
+    pressing = [r for r in good if can_press(r.found.grasp)]
+    first = best_of(pressing)
+    return (best, results) if first is None else (first, pressing)
 
 
 def _with_robustness(compiled: CompiledProblem, start: StartGrasp) -> StartGrasp:
-    """Return a start with its robustness; unchanged where that fails numerically."""
-    try:
-        return replace(start, robust=robustness(compiled, start.found.candidate, start.found.grasp))
-    except (RuntimeError, ArithmeticError, ValueError):
+    """Return a start with its robustness; where that fails numerically, with a remark."""
+    if start.robust is not None:
         return start
+    robust, message = attempt(lambda: robustness(compiled, start.found.candidate, start.found.grasp))
+    return replace(start, robust=robust).noted(message and f"no robustness: {message}")
 
 
 def _next_best(
     compiled: CompiledProblem, best: StartGrasp, results: Sequence[StartResult], share: float
 ) -> Iterator[StartGrasp]:
-    """Yield the next best starts with distinct grasps of at least this share of mu, best first."""
+    """Yield the best start before it converged, then the next best ones with distinct grasps and this share of mu."""
     least, taken = share * best.record.mu.lower, [best]
-    solved = [r for r in results if isinstance(r, StartGrasp) and r.solved and r.record.mu.lower >= least]
+    solved = [r for r in results if isinstance(r, StartGrasp) and r.solved]
+    if best.optimum is not None:
+        yield from (r for r in solved if r.record.index == best.record.index)
     for start in sorted(solved, key=lambda r: (-r.record.mu.upper, r.record.index)):
-        if len(taken) < MOST and all(
-            _hausdorff_distance(start, other) > APART * compiled.scaling.length for other in taken
-        ):
+        if start.record.mu.lower < least or len(taken) == MOST:
+            break
+        if all(_hausdorff_distance(start, other) > APART * compiled.scaling.length for other in taken):
             taken.append(start)
             yield start
 

@@ -29,10 +29,10 @@ from nlpgrasp.optimize.hand_approach import add_hand_record, choose_free_approac
 from nlpgrasp.optimize.parallel_starts import NOT_BEGUN, StartRunner
 from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.propose import propose, shares
-from nlpgrasp.optimize.start import FAILURES, failed, run_start
-from nlpgrasp.optimize.start_result import StartGrasp, StartResult, best_of
+from nlpgrasp.optimize.start import failed, run_start
+from nlpgrasp.optimize.start_result import SOLVER_ERRORS, StartGrasp, StartResult, best_of
 from nlpgrasp.optimize.warm_starts import KnownGrasp, WarmStart, run_warm_start
-from nlpgrasp.pipeline.answer import SearchRecord, choose_start, make_answer, solver_record
+from nlpgrasp.pipeline.answer import SearchRecord, choose_start, make_answer, pressing_starts, solver_record
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.quality_record import GlobalBound
 from nlpgrasp.solution.records import StartRecord, Status
@@ -172,7 +172,7 @@ class Multistart:
                 self._clock.mark("starts")
             try:
                 proposed = propose(self.runner.compiled, rng, starts=len(numbers))
-            except FAILURES as error:
+            except SOLVER_ERRORS as error:
                 self.results += [failed(index, error) for index in numbers]
                 continue
             self._clock.mark("propose")
@@ -263,16 +263,19 @@ class Multistart:
         runner, deadline, best = self.runner, self.deadline, self.best
         if best is None:
             return
-        weighed = [best] if runner.options.weighs_fragility and not deadline.is_requested() else []
-        choosing = runner.begin(partial(choose_start, results=self.results, deadline=deadline), weighed)
+        results: Sequence[StartResult] = self.results
+        weighs = runner.options.weighs_fragility and not deadline.is_requested()
+        if weighs:
+            best, results = pressing_starts(runner.problem.hand, best, results)
+        converging = runner.begin(partial(converge_to_optimum, deadline=deadline), [best])
         if self._keeping.count > 1:
-            self._others = GraspCollection(runner, self._keeping, deadline)  # while workers choose
-        best = next(iter(choosing()), best)
-        self._clock.mark("choice")
-        if not deadline.is_requested():
-            best = runner.run(partial(converge_to_optimum, deadline=deadline), best) or best
-        self.update(best)
+            self._others = GraspCollection(runner, self._keeping, deadline)  # while a worker converges
+        best = next(iter(converging()), best)
         self._clock.mark("last step")
+        if weighs and not deadline.is_requested():
+            best = runner.run(partial(choose_start, results=results, deadline=deadline), best) or best
+        self.update(best)
+        self._clock.mark("choice")
         if runner.problem.hand is not None and not deadline.is_requested():
             best, *blocked = runner.run(
                 partial(choose_free_approach, results=self.results, deadline=deadline), best
@@ -347,9 +350,12 @@ class Multistart:
         names = requested_analyses(runner.options, solution, runner.problem.hand)
         if best is None or not names or deadline.is_requested():
             return solution
-        found, seconds = runner.run(partial(analyses_of, names=names, deadline=deadline), best) or ({}, {})
+        analyse = partial(analyses_of, names=names, deadline=deadline)
+        values, seconds, messages = runner.run(analyse, best) or ({}, {}, [])
         self._clock.mark_with(seconds, "programs")
-        return add_analyses_to(solution, found, runner.problem.hand)
+        for message in messages:
+            warn(message)
+        return add_analyses_to(solution, values, runner.problem.hand)
 
 
 def progress_callback(progress: Progress | bool | None, starts: int) -> Progress | None:

@@ -90,7 +90,7 @@ def test_joints_that_cannot_go_inside_leave_the_others_their_room(monkeypatch):
         there, left = own(compiled, candidate)
         return there, 1.0 if compiled.problem.hand.tree.joint_limits[0, AT] > whole else left
 
-    monkeypatch.setattr(roomy, "touching", stuck)
+    monkeypatch.setattr(roomy, "project_onto_constraints", stuck)
     limits = posture()[2].copy()
     limits[1, BESIDE] += 1.0
     own_bench, _ = refine_with_margins(compiled().with_joints(limits), begun(), Deadline())
