@@ -1,4 +1,4 @@
-"""The command ``nlpgrasp bound``."""
+"""The command ``nlpgrasp bound``: upper bound of mu over all placements."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 import nlpgrasp as ng
-from nlpgrasp.cli.console import AsJson, Script, emit, pair, writable
+from nlpgrasp.cli.console import AsJson, Script, bounds_pair, writable, write_json_line
 from nlpgrasp.cli.problem_script import load_problem
 from nlpgrasp.common.formatting import at_least, at_most, headroom_words
 
 if TYPE_CHECKING:
     from nlpgrasp.report.pictures import Moment
 
-EVERY = 1.0  # seconds between two lines of progress
+PROGRESS_INTERVAL = 1.0  # seconds between two lines of progress
 
 
 def bound_command(
@@ -35,76 +35,77 @@ def bound_command(
     as_json: AsJson = False,
 ) -> None:
     """Bound mu over all placements of a problem script. Ctrl-C keeps the bound so far."""
-    place = None if out is None else writable(out, script)  # before the script runs: it may change the folder
-    shown = None if picture is None else writable(picture, script)
-    if shown is not None:
+    target = None if out is None else writable(out, script)  # before the script runs: it may change the folder
+    picture_target = None if picture is None else writable(picture, script)
+    if picture_target is not None:
         from nlpgrasp.common.optional_packages import pyplot
 
         pyplot("a picture")  # before the work
     with redirect_stdout(sys.stderr) if as_json else nullcontext():
         problem = load_problem(script)
     progress = _Progress(sys.stderr.isatty())
-    found = ng.best_possible(problem, gap, time_limit, progress)
-    if place is not None:
-        found.save(place)
-    if shown is not None:
+    bound = ng.best_possible(problem, gap, time_limit, progress)
+    if target is not None:
+        bound.save(target)
+    if picture_target is not None:
         from nlpgrasp.report.pictures import write_bound_picture
 
-        write_bound_picture(problem, found, progress.moments, shown)
+        write_bound_picture(problem, bound, progress.moments, picture_target)
     if as_json:
-        emit(_data(found, out))
+        write_json_line(_bound_data(bound, out))
     else:
-        _show(problem.name, found, out)
+        _print_bound(problem.name, bound, out)
         if picture is not None:
             typer.echo(f"  picture written to {picture}")
-    if found.grasp is None:
+    if bound.grasp is None:
         raise typer.Exit(1)
 
 
 class _Progress:
-    """Remembers bound and best grasp at every moment, and writes them to standard error, a line a second.
+    """Progress of a search: record of bounds, and a line a second on standard error.
 
     Parameters
     ----------
-    told : bool
+    is_written : bool
         Whether to write.
     """
 
-    def __init__(self, told: bool) -> None:
-        self._told = told
+    def __init__(self, is_written: bool) -> None:
+        self._is_written = is_written
         self.moments: list[Moment] = []
-        self._begun = self._last = time.monotonic()
+        self._start_time = self._last = time.monotonic()
 
     def __call__(self, upper: float, mu: ng.Bounds, nodes: int) -> None:
-        """Remember, and write a line where the last one is old."""
+        """Record bound and incumbent; write a line if the last one is old."""
         now = time.monotonic()
-        self.moments.append((now - self._begun, upper, mu.lower))
-        if self._told and now - self._last >= EVERY:
+        self.moments.append((now - self._start_time, upper, mu.lower))
+        if self._is_written and now - self._last >= PROGRESS_INTERVAL:
             self._last = now
-            met = f"best met {at_least(mu.lower, 4)}" if mu.lower > 0.0 else "no grasp met"
-            sys.stderr.write(f"{now - self._begun:6.1f} s  mu at most {at_most(upper, 4)}, {met}, {nodes} nodes\n")
+            seconds = now - self._start_time
+            incumbent = f"best met {at_least(mu.lower, 4)}" if mu.lower > 0.0 else "no grasp met"
+            sys.stderr.write(f"{seconds:6.1f} s  mu at most {at_most(upper, 4)}, {incumbent}, {nodes} nodes\n")
             sys.stderr.flush()
 
 
-def _show(name: str, found: ng.BestPossible, out: Path | None) -> None:
-    typer.echo(f"{name}: mu at most {at_most(found.upper, 6)} over all placements")
-    if found.grasp is None:
+def _print_bound(name: str, bound: ng.BestPossible, out: Path | None) -> None:
+    typer.echo(f"{name}: mu at most {at_most(bound.upper, 6)} over all placements")
+    if bound.grasp is None:
         typer.echo("  no grasp met that exerts the task's wrenches")
     else:
-        closed = "as close as asked for" if found.closed else "not as close as asked for"
-        typer.echo(f"  best grasp met: mu certified in {found.mu}; {headroom_words(found.gap)} ({closed})")
-        for i, (face, point) in enumerate(zip(found.faces, found.grasp.points.tolist(), strict=True)):
+        closure = "as close as asked for" if bound.closed else "not as close as asked for"
+        typer.echo(f"  best grasp met: mu certified in {bound.mu}; {headroom_words(bound.gap)} ({closure})")
+        for i, (face, point) in enumerate(zip(bound.faces, bound.grasp.points.tolist(), strict=True)):
             typer.echo(f"  contact {i} on {face} at {', '.join(f'{x:.4g}' for x in point)}")
-    for part in found.dropped:
+    for part in bound.dropped:
         typer.echo(f"  left out: {part}, which only lowers mu")
-    leaves = len(found.certificate["leaves"])
-    typer.echo(f"  {found.nodes} nodes, {found.seconds:.1f} s, {leaves} leaves in the certificate")
+    leaves = len(bound.certificate["leaves"])
+    typer.echo(f"  {bound.nodes} nodes, {bound.seconds:.1f} s, {leaves} leaves in the certificate")
     if out is not None:
         typer.echo(f"  written to {out}")
 
 
-def _data(found: ng.BestPossible, out: Path | None) -> dict[str, object]:
-    """Return what is found as JSON data, without the certificate."""
-    data = found.to_dict()
-    kept = {key: data[key] for key in ("upper", "gap", "closed", "nodes", "seconds", "dropped", "grasp")}
-    return {**kept, "mu": pair(found.mu), "written": None if out is None else str(out)}
+def _bound_data(bound: ng.BestPossible, out: Path | None) -> dict[str, object]:
+    """Return the bound as JSON data, without the certificate."""
+    data = bound.to_dict()
+    values = {key: data[key] for key in ("upper", "gap", "closed", "nodes", "seconds", "dropped", "grasp")}
+    return {**values, "mu": bounds_pair(bound.mu), "written": None if out is None else str(out)}

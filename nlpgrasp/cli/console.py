@@ -1,4 +1,4 @@
-"""Options and progress shared by commands: bars or lines for people, JSON lines for programs."""
+"""Options, progress bars and JSON lines shared by the commands."""
 
 from __future__ import annotations
 
@@ -62,8 +62,27 @@ def writable(target: Path, *sources: Path, ending: str = "") -> Path:
     return writable_place("--out", target, ending)
 
 
+def hand_options(values: Mapping[str, float | None], hand: Path | None, use: str) -> dict[str, float]:
+    """Return the options of a hand that have a value.
+
+    Parameters
+    ----------
+    values : mapping of str to float or None
+        By parameter, the option's name with underscores.
+    hand : Path or None
+        Value of ``--hand``, without which the options are refused.
+    use : str
+        Use of the options, for the message.
+    """
+    options = {name: value for name, value in values.items() if value is not None}
+    if options and hand is None:
+        name = next(iter(options))
+        raise InputError(f"--{name.replace('_', '-')}", options[name], f"only with --hand, {use}")
+    return options
+
+
 class Reporter:
-    """Reports each finished start.
+    """Progress of the starts of a solve: a bar, or JSON lines.
 
     Parameters
     ----------
@@ -102,52 +121,52 @@ class Reporter:
     def start_done(self, record: StartRecord, best: ng.Bounds) -> None:
         """Report one start and the best certified bounds so far."""
         if self._bar is not None:
-            shown = f"best {measure_word(best.kind)} in {best}" if math.isfinite(best.upper) else "no grasp yet"
-            self._bar.update(self._task, advance=1, best=shown)
+            text = f"best {measure_word(best.kind)} in {best}" if math.isfinite(best.upper) else "no grasp yet"
+            self._bar.update(self._task, advance=1, best=text)
             return
-        emit(
+        write_json_line(
             {
                 "event": "start",
                 "index": record.index,
                 "status": record.status.name.lower(),
-                "mu": pair(record.mu),
+                "mu": bounds_pair(record.mu),
                 "seconds": sum(record.seconds.values()),
-                "best": pair(best),
+                "best": bounds_pair(best),
             }
         )
 
 
 @contextmanager
-def telling(doing: str) -> Iterator[Callable[[str], None]]:
-    """Tell on stderr what is done: in a terminal one line that goes away at the end, elsewhere a line each."""
+def report_steps(activity: str) -> Iterator[Callable[[str], None]]:
+    """Yield a function that reports steps on stderr: in a terminal one temporary line, elsewhere a line each."""
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield lambda words: typer.echo(words, err=True)
+        yield lambda message: typer.echo(message, err=True)
         return
-    with console.status(escape(doing)) as status:
-        yield lambda words: status.update(escape(f"{doing}: {words}"))
+    with console.status(escape(activity)) as status:
+        yield lambda message: status.update(escape(f"{activity}: {message}"))
 
 
-def emit(data: Mapping[str, object]) -> None:
+def write_json_line(data: Mapping[str, object]) -> None:
     """Write one JSON line to standard output."""
     sys.stdout.write(json.dumps(data, allow_nan=False) + "\n")
     sys.stdout.flush()
 
 
-def pair(bounds: ng.Bounds) -> list[float] | None:
+def bounds_pair(bounds: ng.Bounds) -> list[float] | None:
     """Return ``[lower, upper]``, or None where nothing is known."""
     return [bounds.lower, bounds.upper] if math.isfinite(bounds.upper) else None
 
 
-def done(solution: ng.GraspSolution, path: str | None) -> dict[str, object]:
-    """Return the last JSON line of a solve."""
+def final_record(solution: ng.GraspSolution, path: str | None) -> dict[str, object]:
+    """Return the last JSON record of a solve."""
     return {
         "event": "done",
         "status": solution.status.name.lower(),
         "message": solution.told,
         "fragile": solution.is_fragile,
         "kind": solution.kind,
-        "mu": pair(solution.mu),
+        "mu": bounds_pair(solution.mu),
         "best_possible": solution.best_possible if math.isfinite(solution.best_possible) else None,
         "forces_needed": None if solution.needed is None else solution.needed.to_dict(),
         "grasps": len(solution.grasps),

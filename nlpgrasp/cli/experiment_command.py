@@ -1,4 +1,4 @@
-"""The command ``nlpgrasp experiment``."""
+"""The command ``nlpgrasp experiment``: solves of all variations of a problem."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typing import Annotated
 import typer
 
 import nlpgrasp as ng
-from nlpgrasp.cli.console import AsJson, emit, pair
+from nlpgrasp.cli.console import AsJson, bounds_pair, write_json_line
 from nlpgrasp.cli.problem_script import load_experiment
 from nlpgrasp.errors import InputError, MissingExtraError
 
@@ -36,28 +36,28 @@ def experiment_command(
     """Solve all variations of an experiment script; each finished solve is a file. Ctrl-C keeps what is done."""
     from nlpgrasp.cli.live_experiment import LiveExperiment
 
-    place = out.absolute()  # before the script runs: it may change the working directory
+    folder = out.absolute()  # before the script runs: it may change the working directory
     with redirect_stdout(sys.stderr) if as_json else nullcontext():
         experiment = load_experiment(script)
     with InterruptOnce():
         with LiveExperiment(experiment, as_json) as live:
             result = ng.run_experiment(
-                experiment, place, resume=resume, workers=workers, scheduler=scheduler, progress=live.solve_done
+                experiment, folder, resume=resume, workers=workers, scheduler=scheduler, progress=live.solve_done
             )
         missing = write_outputs(result)
     if as_json:
-        emit(_last_line(result, missing))
+        write_json_line(_final_record(result, missing))
     else:
         typer.echo(str(result))
         for line in missing:
             typer.echo(line)
-        typer.echo(f"in {out}: solves/, {', '.join(p.name for p in sorted(place.glob('*.*')) if p.name[0] != '.')}")
+        typer.echo(f"in {out}: solves/, {', '.join(p.name for p in sorted(folder.glob('*.*')) if p.name[0] != '.')}")
     if not (result.complete and result.success):
         raise typer.Exit(1)
 
 
 class InterruptOnce:
-    """The first Ctrl-C ends the run; those after it change nothing, so that the summary is written."""
+    """Handler of Ctrl-C: the first one ends the run, later ones are ignored."""
 
     def __enter__(self) -> None:
         self._before = signal.signal(signal.SIGINT, self._handle)
@@ -71,44 +71,44 @@ class InterruptOnce:
 
 
 def write_outputs(result: ng.ExperimentResult) -> list[str]:
-    """Write table, pictures and page into the result's folder; return a line for each that could not be."""
+    """Write table, pictures and page into the result's folder; return a message for each failure."""
     from nlpgrasp.experiments.experiment_result import write_csv, write_parquet
     from nlpgrasp.report.experiment_page import write_page, write_plots
 
-    missing = []
+    failures = []
     pictures: list[Path] = []
 
     def attempt(write: Callable[..., Path | list[Path]], *arguments: object) -> None:
         try:
-            made = write(*arguments)
-            if isinstance(made, list):
-                pictures.extend(made)
+            paths = write(*arguments)
+            if isinstance(paths, list):
+                pictures.extend(paths)
         except (MissingExtraError, InputError) as error:
-            missing.append(str(error))
+            failures.append(str(error))
 
     attempt(write_csv, result.rows(), result.folder / TABLE)
     attempt(write_parquet, result.rows(), result.folder / PARQUET)
     attempt(write_plots, result, result.folder)
     attempt(write_page, result, result.folder / PAGE, pictures)
-    return missing
+    return failures
 
 
-def _last_line(result: ng.ExperimentResult, missing: list[str]) -> dict[str, object]:
-    """Return the last JSON line of an experiment."""
+def _final_record(result: ng.ExperimentResult, missing: list[str]) -> dict[str, object]:
+    """Return the last JSON record of an experiment."""
     variations = [
         {
             "variation": v.name,
             "rank": rank,
-            "mu": pair(v.mu) if v.best is not None else None,
+            "mu": bounds_pair(v.mu) if v.best is not None else None,
             "best_possible": v.best_possible if isfinite(v.best_possible) else None,
             "gap": v.gap if isfinite(v.gap) else None,
             "origin": v.best.origin if v.best is not None else "",
-            "ties": list(tied),
+            "ties": list(ties),
             "seconds": v.seconds,
             "starts": list(v.starts),
             "active": list(v.best.active) if v.best is not None else [],
         }
-        for v, rank, tied in zip(result.variations, result.ranks(), result.ties(), strict=True)
+        for v, rank, ties in zip(result.variations, result.ranks(), result.ties(), strict=True)
     ]
     failures = [{"variation": s.variation, "seed": s.seed, "failure": s.failure} for s in result.failures]
     return {

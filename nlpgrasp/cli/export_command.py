@@ -1,15 +1,15 @@
-"""The command ``nlpgrasp export``."""
+"""The command ``nlpgrasp export``: solutions in other tools' formats."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 import nlpgrasp as ng
-from nlpgrasp.cli.console import Damping, File, FrictionLoss, Gain, NormalForce, writable
+from nlpgrasp.cli.console import Damping, File, FrictionLoss, Gain, NormalForce, hand_options, writable
 from nlpgrasp.common.files import write_bytes
 from nlpgrasp.errors import InputError
 
@@ -25,12 +25,10 @@ Out = Annotated[
 
 def export_command(formats: Sequence[ExportFormat]) -> Callable[..., None]:
     """Return the command, whose choices and help are those of the formats."""
-    content = f"Format: {'; '.join(f'{given.name}, {given.content}' for given in formats)}."
-    with_hand = _format_alternatives(given.name for given in formats if given.takes_hand)
-    model = f"For {with_hand}: file of the hand, whose own model then takes the place of balls for fingertips."
-    takers = {
-        field: _format_alternatives(f.name for f in formats if field in f.takes)
-        for field in ("object", "gripper", "joints")
+    with_hand = _format_alternatives(form.name for form in formats if form.takes_hand)
+    formats_by_option = {
+        option: _format_alternatives(form.name for form in formats if option in form.takes)
+        for option in ("object", "gripper", "joints")
     }
 
     def export(
@@ -51,50 +49,47 @@ def export_command(formats: Sequence[ExportFormat]) -> Callable[..., None]:
         from nlpgrasp.interop import ExportOptions
         from nlpgrasp.interop.registry import format_named
 
-        chosen = format_named(to)
-        if hand is not None and not chosen.takes_hand:
+        export_format = format_named(to)
+        values = {"mass": mass, "gain": gain, "damping": damping, "frictionloss": frictionloss}
+        values["normal_force"] = normal_force
+        if hand is not None and not export_format.takes_hand:
             raise InputError("--hand", str(hand), f"{with_hand} with it: other formats hold no hand's model")
-        stated = {"mass": mass, "gain": gain, "damping": damping, "frictionloss": frictionloss}
-        scene = {name: value for name, value in {**stated, "normal_force": normal_force}.items() if value is not None}
-        if scene and hand is None:
-            name = next(iter(scene))
-            raise InputError(f"--{name.replace('_', '-')}", scene[name], f"only with --hand, of {with_hand}")
-        given = {"object": thing, "gripper": gripper, "joints": ", ".join(joint or ())}
-        for field, value in given.items():
-            if value and field not in chosen.takes:
-                raise InputError(f"--{field.removesuffix('s')}", value, f"{takers[field]} with it")
+        scene = hand_options(values, hand, f"of {with_hand}")
+        names = {"object": thing, "gripper": gripper, "joints": ", ".join(joint or ())}
+        for option, value in names.items():
+            if value and option not in export_format.takes:
+                raise InputError(f"--{option.removesuffix('s')}", value, f"{formats_by_option[option]} with it")
         options = ExportOptions(hand, ng.HandSceneOptions(**scene), thing, gripper, tuple(joint or ()), _announce)
         solution = ng.GraspSolution.load(file)
-        target = file.with_suffix(chosen.ending) if out is None else out
-        writable(target, file, ending=Path(f"F{chosen.ending}").suffix)
-        write_bytes(target, chosen.export(solution, options))
+        target = file.with_suffix(export_format.ending) if out is None else out
+        writable(target, file, ending=Path(f"F{export_format.ending}").suffix)
+        write_bytes(target, export_format.export(solution, options))
         typer.echo(f"written to {target}")
         if hand is not None:
             _describe_assumptions(solution, mass, normal_force)
 
+    _annotate_options(export, formats, with_hand, formats_by_option)
+    return export
+
+
+def _annotate_options(
+    export: Callable[..., None], formats: Sequence[ExportFormat], with_hand: str, formats_by_option: Mapping[str, str]
+) -> None:
+    """Add to the command the options whose help names formats."""
+    content = f"Format: {'; '.join(f'{form.name}, {form.content}' for form in formats)}."
+    model = f"For {with_hand}: file of the hand, whose own model then takes the place of balls for fingertips."
     export.__annotations__["to"] = Annotated[str, typer.Option("--to", metavar="FORMAT", help=content)]
     export.__annotations__["hand"] = Annotated[Path | None, typer.Option("--hand", metavar="URDF", help=model)]
-    helps = {
-        "thing": (
-            "--object",
-            "NAME",
-            f"For {takers['object']}: the other tool's name for the body, a file or a frame.",
-        ),
-        "gripper": (
-            "--gripper",
-            "NAME",
-            f"For {takers['gripper']}: the other tool's name for the hand, a file or a frame.",
-        ),
-        "joint": (
-            "--joint",
-            "NAME",
-            f"For {takers['joints']}: a joint of the hand; repeat the option in the order that the other tool has.",
-        ),
+    descriptions = {
+        "thing": ("object", "the other tool's name for the body, a file or a frame."),
+        "gripper": ("gripper", "the other tool's name for the hand, a file or a frame."),
+        "joint": ("joints", "a joint of the hand; repeat the option in the order that the other tool has."),
     }
-    for field, (flag, metavar, told) in helps.items():
-        kind = list[str] | None if field == "joint" else str | None
-        export.__annotations__[field] = Annotated[kind, typer.Option(flag, metavar=metavar, help=told)]
-    return export
+    for parameter, (option, description) in descriptions.items():
+        kind = list[str] | None if parameter == "joint" else str | None
+        text = f"For {formats_by_option[option]}: {description}"
+        flag = f"--{option.removesuffix('s')}"
+        export.__annotations__[parameter] = Annotated[kind, typer.Option(flag, metavar="NAME", help=text)]
 
 
 def _format_alternatives(names: Iterable[str]) -> str:
@@ -103,19 +98,20 @@ def _format_alternatives(names: Iterable[str]) -> str:
     return f"{', '.join(first)} or {last}" if first else last
 
 
-def _announce(words: str) -> None:
-    """Say on standard error what is about to take long."""
-    typer.echo(words, err=True)
+def _announce(message: str) -> None:
+    """Write a message about a long step to standard error."""
+    typer.echo(message, err=True)
 
 
 def _describe_assumptions(solution: ng.GraspSolution, mass: float | None, normal_force: float | None) -> None:
-    """Say what a scene takes for granted: the object's mass, and how hard the fingers press."""
+    """Print the assumptions of a scene: the object's mass, and the squeeze."""
     from nlpgrasp.simulation.scene_object import object_mass
     from nlpgrasp.solution.squeeze_record import friction_warning, too_weak
 
     if mass is None:
-        found = object_mass(solution, None)
-        typer.echo(f"the object weighs {found.kilograms:.3g} kg there, {found.source}: --mass states another")
+        assumed_mass = object_mass(solution, None)
+        weight = f"{assumed_mass.kilograms:.3g} kg there, {assumed_mass.source}"
+        typer.echo(f"the object weighs {weight}: --mass states another")
     for line in (too_weak(solution.squeeze, solution.needed, normal_force), friction_warning(solution.squeeze)):
         if line:
             typer.echo(line)

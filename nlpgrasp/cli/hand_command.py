@@ -75,9 +75,9 @@ def hand_command(
     from nlpgrasp.hands.inspection import inspect
     from nlpgrasp.report import write_hand
 
-    found = inspect(hand)
-    page = write_hand(found, target)
-    typer.echo("\n".join(found.lines))
+    inspection = inspect(hand)
+    page = write_hand(inspection, target)
+    typer.echo("\n".join(inspection.lines))
     typer.echo(f"written to {page}")
     if show:
         opened(page)
@@ -86,31 +86,31 @@ def hand_command(
 def _load_hand(
     source: Path, preset: str | None, palm: str | None, fingertip: list[str], approach: str | None
 ) -> Hand | InspectedHand:
-    """Return the hand that is shown."""
+    """Return the hand of a file or a preset."""
     name, path = resolve_preset(source, preset)
     if name is not None:
-        for option, given in (("--fingertip", ", ".join(fingertip)), ("--approach", approach)):
-            if given:
-                raise InputError(option, given, f"none with the preset {name}, which has its own")
+        for option, value in (("--fingertip", ", ".join(fingertip)), ("--approach", approach)):
+            if value:
+                raise InputError(option, value, f"none with the preset {name}, which has its own")
         from nlpgrasp.hands.presets import PRESETS
 
-        make = PRESETS[name]
+        make_hand = PRESETS[name]
         if palm is None:
-            return make(path)
-        return make(path, palm=palm if path is None else link_of(path, palm, "--palm"))
-    base = None if palm is None else link_of(source, palm, "--palm")
-    faces = direction_of(approach)
+            return make_hand(path)
+        return make_hand(path, palm=palm if path is None else check_link(path, palm, "--palm"))
+    palm_link = None if palm is None else check_link(source, palm, "--palm")
+    direction = parse_palm_direction(approach)
     if not fingertip:
         from nlpgrasp.hands.inspection import without_fingertips
 
-        return without_fingertips(source, base, faces)
+        return without_fingertips(source, palm_link, direction)
     from nlpgrasp import URDFHand
 
-    return URDFHand.load(source, fingertips_of(source, base, fingertip), palm=base, approach=faces)
+    return URDFHand.load(source, parse_fingertips(source, palm_link, fingertip), palm=palm_link, approach=direction)
 
 
 def resolve_preset(source: Path, preset: str | None) -> tuple[str | None, Path | None]:
-    """Return the name of the preset that is meant, if any, and the path of the URDF, None where it is to be fetched.
+    """Return the name of the preset, if any, and the path of the URDF, None where it is to be fetched.
 
     Raises
     ------
@@ -131,28 +131,28 @@ def resolve_preset(source: Path, preset: str | None) -> tuple[str | None, Path |
     return None, source
 
 
-def link_of(source: Path, name: str, option: str, below: Sequence[str] | None = None) -> str:
-    """Return a link's name, refusing one that is not there.
+def check_link(source: Path, name: str, option: str, allowed: Sequence[str] | None = None) -> str:
+    """Return a link's name; refuse an unknown one.
 
     Parameters
     ----------
     source : Path
     name, option : str
         What was given, and where.
-    below : sequence of str, optional
+    allowed : sequence of str, optional
         The links that are allowed; all of the file when left out.
     """
     from nlpgrasp.hands.robot_file import robot_links
 
-    names = list(robot_links(source)) if below is None else list(below)
+    names = list(robot_links(source)) if allowed is None else list(allowed)
     if name not in names:
-        some = ", ".join((near(name, names) or names)[:NEAREST])
-        raise InputError(option, name, f"a link of {source.name}, such as {some}")
+        examples = ", ".join((near(name, names) or names)[:NEAREST])
+        raise InputError(option, name, f"a link of {source.name}, such as {examples}")
     return name
 
 
-def direction_of(text: str | None) -> list[float]:
-    """Return the direction in which the palm faces, given as X,Y,Z; its z axis where it is not given."""
+def parse_palm_direction(text: str | None) -> list[float]:
+    """Return the palm's direction from text X,Y,Z; the z axis without text."""
     try:
         direction = [0.0, 0.0, 1.0] if text is None else [float(part) for part in text.split(",")]
     except ValueError:
@@ -162,8 +162,8 @@ def direction_of(text: str | None) -> list[float]:
     return direction
 
 
-def fingertips_of(source: Path, palm: str | None, given: Sequence[str]) -> Mapping[str, float | Tip | Sequence[Tip]]:
-    """Return link and patch of each fingertip given as LINK or LINK=RADIUS.
+def parse_fingertips(source: Path, palm: str | None, texts: Sequence[str]) -> Mapping[str, float | Tip | Sequence[Tip]]:
+    """Return link and patch of each fingertip from text LINK or LINK=RADIUS.
 
     Without a radius the fingertip is the link's only collision sphere or capsule, or a sphere as thick as its collision
     shapes, about their middle.
@@ -178,25 +178,25 @@ def fingertips_of(source: Path, palm: str | None, given: Sequence[str]) -> Mappi
     from nlpgrasp.hands.suggested_tips import sphere_about, tip_of
 
     robot = read_robot(source, palm)
-    result: dict[str, float | Tip | Sequence[Tip]] = {}
-    for text in given:
-        name, sign, radius = text.partition("=") if text not in robot.links else (text, "", "")
-        link = link_of(source, name, "--fingertip", robot.links)
-        if link in result:
+    tips: dict[str, float | Tip | Sequence[Tip]] = {}
+    for text in texts:
+        name, separator, radius = text.partition("=") if text not in robot.links else (text, "", "")
+        link = check_link(source, name, "--fingertip", robot.links)
+        if link in tips:
             raise InputError("--fingertip", f"{link} twice", "each link once")
-        if sign:
-            result[link] = number(f"--fingertip {link}", _number(link, radius), above=0.0)
+        if separator:
+            tips[link] = number(f"--fingertip {link}", _parse_number(link, radius), above=0.0)
             continue
         shapes = robot.shapes.get(link, ())
         tip = tip_of(shapes) or sphere_about(shapes)
         if tip is None:
-            given = f"{link}, which has no collision shape"
-            raise InputError("--fingertip", given, f"its radius: {link}=0.01 (metres)")
-        result[link] = tip
-    return result
+            problem = f"{link}, which has no collision shape"
+            raise InputError("--fingertip", problem, f"its radius: {link}=0.01 (metres)")
+        tips[link] = tip
+    return tips
 
 
-def _number(link: str, text: str) -> float:
+def _parse_number(link: str, text: str) -> float:
     try:
         return float(text)
     except ValueError:

@@ -1,4 +1,4 @@
-"""Live view of a running experiment."""
+"""Live progress of a running experiment."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from nlpgrasp.cli.console import emit, pair
+from nlpgrasp.cli.console import bounds_pair, write_json_line
 from nlpgrasp.experiments import Experiment
 from nlpgrasp.experiments.solve_record import NOTHING, SolveRecord
 from nlpgrasp.quality import Bounds
@@ -21,7 +21,7 @@ OTHER_ROWS = 6  # of the terminal: heads, bar, failures
 
 
 class LiveExperiment:
-    """Reports each finished solve, the best mu of each variation and when the rest should be done.
+    """Progress of an experiment: finished solves, best mu of each variation, remaining time.
 
     A terminal gets a table that changes, other outputs a line a solve.
 
@@ -40,10 +40,10 @@ class LiveExperiment:
         self._count: dict[str, int] = dict.fromkeys(experiment.names, 0)
         self._failed = self._earlier = 0
         self._recent: list[str] = []
-        self._begun = time.monotonic()
+        self._start_time = time.monotonic()
         self._console = Console(stderr=True)
         self._live: Live | None = None
-        self._deaf = False  # nobody reads what is written
+        self._is_closed = False  # the output's reader has gone
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
         self._bar = Progress(*columns, TextColumn("{task.fields[left]}"))
         self._task = self._bar.add_task(escape(str(experiment.name)), total=self._total, left="")
@@ -61,7 +61,7 @@ class LiveExperiment:
             self._live.stop()
 
     def solve_done(self, record: SolveRecord) -> None:
-        """Report one solve; a reader that has gone away does not end the experiment."""
+        """Report one solve; a closed output does not end the experiment."""
         name, best = record.variation, self._best[record.variation]
         self._best[name] = Bounds(max(best.lower, record.mu.lower), max(best.upper, record.mu.upper))
         self._count[name] += 1
@@ -70,40 +70,42 @@ class LiveExperiment:
         self._recent = [name, *(other for other in self._recent if other != name)]
         try:
             if self.as_json:
-                self._emit(record)
+                self._write_record(record)
             elif self._live is not None:
                 self._bar.update(self._task, advance=1, left=self.remaining_time)
                 self._live.update(self._best_rows())
-            elif not self._deaf:
-                found = f"mu in {record.mu}" if record.success else record.failure or "no grasp"
+            elif not self._is_closed:
+                outcome = f"mu in {record.mu}" if record.success else record.failure or "no grasp"
                 count = f"{sum(self._count.values())}/{self._total}"
-                self._console.print(f"{count} {name}, seed {record.seed}: {found} {self.remaining_time}", markup=False)
+                self._console.print(
+                    f"{count} {name}, seed {record.seed}: {outcome} {self.remaining_time}", markup=False
+                )
         except OSError:
-            self._deaf = True
+            self._is_closed = True
 
     @property
     def remaining_time(self) -> str:
-        """The time that the rest should take, by the solves of this run so far."""
-        fresh = sum(self._count.values()) - self._earlier
-        missing = self._total - sum(self._count.values())
-        if fresh == 0 or missing == 0:
+        """Estimated remaining time, from the solves of this run, as text."""
+        solved = sum(self._count.values()) - self._earlier
+        remaining = self._total - sum(self._count.values())
+        if solved == 0 or remaining == 0:
             return ""
-        seconds = round((time.monotonic() - self._begun) / fresh * missing)
+        seconds = round((time.monotonic() - self._start_time) / solved * remaining)
         return f"about {seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d} left"
 
-    def _emit(self, record: SolveRecord) -> None:
+    def _write_record(self, record: SolveRecord) -> None:
         best = self._best[record.variation]
-        if self._deaf:
+        if self._is_closed:
             return
-        emit(
+        write_json_line(
             {
                 "event": "solve",
                 "variation": record.variation,
                 "seed": record.seed,
                 "status": "failed" if record.status is None else record.status.name.lower(),
-                "mu": pair(record.mu) if record.success else None,
+                "mu": bounds_pair(record.mu) if record.success else None,
                 "seconds": record.seconds,
-                "best": pair(best) if best.lower > 0.0 else None,
+                "best": bounds_pair(best) if best.lower > 0.0 else None,
                 **({"failure": record.failure} if record.failure else {}),
             }
         )
@@ -118,7 +120,7 @@ class LiveExperiment:
         recent = set(self._recent[:rows])
         for name in self.experiment.names if len(self._count) <= rows else (n for n in self._count if n in recent):
             best = self._best[name]
-            shown = str(best) if best.lower > 0.0 else "no grasp yet" if self._count[name] else ""
-            table.add_row(escape(name), escape(shown), f"{self._count[name]}/{self._seeds}")
+            text = str(best) if best.lower > 0.0 else "no grasp yet" if self._count[name] else ""
+            table.add_row(escape(name), escape(text), f"{self._count[name]}/{self._seeds}")
         failed = [f"{self._failed} solves failed"] if self._failed else []
         return Group(table, *failed, self._bar)

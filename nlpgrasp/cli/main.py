@@ -1,4 +1,4 @@
-"""The commands ``nlpgrasp solve``, ``verify``, ``demo`` and ``program``, and the root of all commands.
+"""Command line, with the commands ``nlpgrasp solve``, ``verify``, ``demo`` and ``program``.
 
 Exit codes: 0 done, 1 no grasp found or verification failed, 2 wrong use or bad input.
 """
@@ -19,7 +19,18 @@ import typer
 
 import nlpgrasp as ng
 from nlpgrasp.cli.bound_command import bound_command
-from nlpgrasp.cli.console import AsJson, File, Folders, Reporter, Rtol, Script, done, emit, pair, writable
+from nlpgrasp.cli.console import (
+    AsJson,
+    File,
+    Folders,
+    Reporter,
+    Rtol,
+    Script,
+    bounds_pair,
+    final_record,
+    writable,
+    write_json_line,
+)
 from nlpgrasp.cli.experiment_command import experiment_command
 from nlpgrasp.cli.export_command import export_command
 from nlpgrasp.cli.hand_command import hand_command
@@ -37,37 +48,37 @@ if TYPE_CHECKING:
     from nlpgrasp.hands.base import Hand
 
 
-STARTS = 4  # of the demo
-TOLD = """A box of 80 x 40 x 40 mm stands on a table. Four round fingertips of 8 mm, friction 0.6, are to exert
+DEMO_STARTS = 4  # of the demo
+INTRODUCTION = """A box of 80 x 40 x 40 mm stands on a table. Four round fingertips of 8 mm, friction 0.6, are to exert
 10 N along z, 5 N across and 0.2 N m of torque on it, either way. Where should they touch it?
 """
-INTERRUPTED = 130  # what typer makes of Ctrl-C
+INTERRUPTED_CODE = 130  # what typer makes of Ctrl-C
 # typer brings a click of its own; this is its UsageError
 USAGE_ERROR: type[typer.BadParameter] = typer.BadParameter.__bases__[0]
 
 
-def asked_analyses(words: str | None, quick: bool, hand: Hand | None) -> tuple[str, ...]:
-    """Return the names behind ``--with``: those of all analyses where it is left out, none with ``--quick``.
+def requested_analyses(text: str | None, quick: bool, hand: Hand | None) -> tuple[str, ...]:
+    """Return the names of the analyses in ``--with``: all of them without it, none with ``--quick``.
 
     Raises
     ------
     InputError
         On a name that is no analysis, on phases of no hand, and on both options.
     """
-    if quick and words is not None:
-        raise InputError("--quick", f"--with {words} beside it", "one of the two")
+    if quick and text is not None:
+        raise InputError("--quick", f"--with {text} beside it", "one of the two")
     from nlpgrasp.analysis.analyse import all_analyses, check_hand
     from nlpgrasp.optimize.options import check_analyses
 
-    if words is None:
+    if text is None:
         return () if quick else all_analyses(hand)
-    names = check_analyses("--with", [name.strip() for name in words.split(",")])
+    names = check_analyses("--with", [name.strip() for name in text.split(",")])
     check_hand("--with", names, hand)
     return names
 
 
 def add_analyses(solution: ng.GraspSolution, names: tuple[str, ...], file: Path, as_json: bool) -> ng.GraspSolution:
-    """Return a solution with analyses, each told as it comes; the file holds them too.
+    """Return a solution with analyses, each printed when it is done, and save it.
 
     Parameters
     ----------
@@ -76,20 +87,20 @@ def add_analyses(solution: ng.GraspSolution, names: tuple[str, ...], file: Path,
     names : tuple of str
     file : Path
     as_json : bool
-        Tell one JSON object a line.
+        Print one JSON object a line.
     """
     from nlpgrasp.analysis.analyse import analyse_one_by_one
 
-    begun, known = time.monotonic(), str(solution).splitlines()
+    start_time, printed = time.monotonic(), str(solution).splitlines()
     analysed = solution
     for name, analysed in analyse_one_by_one(solution, names, solution.known_problem):
         if as_json:
-            emit({"event": "analysis", "name": name, "seconds": time.monotonic() - begun})
+            write_json_line({"event": "analysis", "name": name, "seconds": time.monotonic() - start_time})
         else:
             lines = str(analysed).splitlines()
-            typer.echo("".join(f"{line}\n" for line in lines if line not in known), nl=False)
-            known = lines
-        begun = time.monotonic()
+            typer.echo("".join(f"{line}\n" for line in lines if line not in printed), nl=False)
+            printed = lines
+        start_time = time.monotonic()
     if names:
         analysed.save(file)
     return analysed
@@ -108,24 +119,24 @@ def program_command(
     ] = None,
 ) -> None:
     """Print the program (3.5-4) of a problem script as a table: variables, parameters, constraints, equations."""
-    place = None if spy is None else writable(spy, script)  # before the script runs: it may change the folder
-    if place is not None:
+    target = None if spy is None else writable(spy, script)  # before the script runs: it may change the folder
+    if target is not None:
         from nlpgrasp.common.optional_packages import pyplot
 
         pyplot("a picture")  # before the work
     problem = load_problem(script)
     program = ng.formulate(problem, transcription, forces=forces)
-    if place is not None:
+    if target is not None:
         from nlpgrasp.report.pictures import write_sparsity
 
-        write_sparsity(program, place)
+        write_sparsity(program, target)
     typer.echo(str(program))
     if spy is not None:
         typer.echo(f"picture written to {spy}")
 
 
 def problem() -> ng.GraspProblem:
-    """Return the problem that the script in README states."""
+    """Return the problem of the script in README."""
     return ng.GraspProblem(
         body=ng.Box([0.08, 0.04, 0.04]),
         contacts=[ng.FrictionContact(0.6)] * 4,
@@ -145,18 +156,18 @@ def demo_command(
 ) -> None:
     """Solve README's example, certify and verify the grasp, and open a page that shows it: seconds."""
     page = out.with_suffix(".html")
-    place, _ = writable(out), writable(page, out)
-    typer.echo(TOLD)
+    target, _ = writable(out), writable(page, out)
+    typer.echo(INTRODUCTION)
 
-    with Reporter("demo", STARTS, False) as reporter:
-        solution = ng.solve(problem(), STARTS, progress=reporter.start_done)
-    solution.save(place)
+    with Reporter("demo", DEMO_STARTS, False) as reporter:
+        solution = ng.solve(problem(), DEMO_STARTS, progress=reporter.start_done)
+    solution.save(target)
     typer.echo(str(solution))
-    verification = ng.verify(place)
+    verification = ng.verify(target)
     typer.echo(verification.verdict)
     if solution.known_problem is not None:
-        names = asked_analyses(None, False, solution.known_problem.hand)
-        solution = add_analyses(solution, names, place, False)
+        names = requested_analyses(None, False, solution.known_problem.hand)
+        solution = add_analyses(solution, names, target, False)
     from nlpgrasp.report import write_report
 
     write_report({out.name: solution}, page)
@@ -167,7 +178,7 @@ def demo_command(
         raise typer.Exit(1)
 
 
-def _root(
+def _root_command(
     version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
 ) -> None:
     if version:
@@ -210,28 +221,33 @@ def solve_command(
     share("--distinct", distinct)
     options = ng.SolveOptions(workers=workers, gap=gap, time_limit=time_limit, edge_margin=edge_margin, rank=rank)
     target = Path(f"{script.stem}.json") if out is None else out
-    place = writable(target, script)  # before the script runs: it may change the working directory
+    file = writable(target, script)  # before the script runs: it may change the working directory
     with redirect_stdout(sys.stderr) if as_json else nullcontext():
         problem = load_problem(script)
-    names = asked_analyses(analyses, quick, problem.hand)
+    names = requested_analyses(analyses, quick, problem.hand)
     with Reporter(problem.name, starts, as_json) as reporter:
         solution = ng.solve(problem, starts, seed, options, keep=keep, distinct=distinct, progress=reporter.start_done)
     written = None
-    if solution.is_certified or not place.exists():
-        solution.save(place)
+    if solution.is_certified or not file.exists():
+        solution.save(file)
         written = str(target)
     if not as_json:
-        typer.echo(str(solution))
-        count = len(solution.starts)
-        typer.echo(f"  {solution.solver['seconds']['total']:.1f} s, {count} start{'' if count == 1 else 's'}")
-        typer.echo(f"  {'written to ' + written if written else f'{target} left as it was'}")
+        _print_solution(solution, f"written to {written}" if written else f"{target} left as it was")
     cut_short = solution.status in (ng.Status.TIME_LIMIT, ng.Status.INTERRUPTED)
     if solution.is_certified and not (cut_short and analyses is None):
-        solution = add_analyses(solution, names, place, as_json)
+        solution = add_analyses(solution, names, file, as_json)
     if as_json:
-        emit(done(solution, written))
+        write_json_line(final_record(solution, written))
     if not solution.success:
         raise typer.Exit(1)
+
+
+def _print_solution(solution: ng.GraspSolution, note: str) -> None:
+    """Print a solution with its wall time, its number of starts and a note."""
+    count = len(solution.starts)
+    typer.echo(str(solution))
+    typer.echo(f"  {solution.solver['seconds']['total']:.1f} s, {count} start{'' if count == 1 else 's'}")
+    typer.echo(f"  {note}")
 
 
 def verify_command(
@@ -245,9 +261,9 @@ def verify_command(
     verification = ng.verify(file, rtol, folder or ())
     if as_json:
         checks = [asdict(check) for check in verification.checks]
-        mu_pair = None if verification.mu is None else pair(verification.mu)
-        told = {"passed": verification.passed, "complete": verification.complete, "missing": verification.missing}
-        emit({**told, "mu": mu_pair, "checks": checks})
+        mu_pair = None if verification.mu is None else bounds_pair(verification.mu)
+        summary = {"passed": verification.passed, "complete": verification.complete, "missing": verification.missing}
+        write_json_line({**summary, "mu": mu_pair, "checks": checks})
     else:
         typer.echo(str(verification))
     if not verification or (strict and not verification.complete):
@@ -258,8 +274,8 @@ def export_help() -> None:
     """Write a solution for other tools."""
 
 
-def command_line(words: Sequence[str]) -> typer.Typer:
-    """Return the command line for some words; where ``export`` is among them it knows the formats registered by now."""
+def command_line(arguments: Sequence[str]) -> typer.Typer:
+    """Return the command line for arguments; with ``export`` among them it has the formats registered by now."""
     app = typer.Typer(
         help="Find the best grasp of a body for a task, and certify how good it is.",
         no_args_is_help=True,
@@ -267,7 +283,7 @@ def command_line(words: Sequence[str]) -> typer.Typer:
         add_completion=False,
         context_settings={"help_option_names": ["-h", "--help"]},
     )
-    app.callback(invoke_without_command=True)(_root)
+    app.callback(invoke_without_command=True)(_root_command)
     app.command("demo")(demo_command)
     app.command("solve")(solve_command)
     app.command("bound")(bound_command)
@@ -277,7 +293,7 @@ def command_line(words: Sequence[str]) -> typer.Typer:
     app.command("experiment")(experiment_command)
     app.command("report")(report_command)
     app.command("hand")(hand_command)
-    if "export" in words:
+    if "export" in arguments:
         from nlpgrasp.interop.registry import formats
 
         app.command("export")(export_command(formats()))
@@ -290,41 +306,41 @@ def command_line(words: Sequence[str]) -> typer.Typer:
 
 def main() -> None:
     """Run the command line; bad input is one line on standard error and exit code 2."""
-    warnings.formatwarning = _warning
+    warnings.formatwarning = _format_warning
     sys.stdout, sys.stderr = sys.stdout or io.StringIO(), sys.stderr or io.StringIO()  # the shell may have closed them
     try:
         code = command_line(sys.argv[1:])(standalone_mode=False)
     except NlpgraspError as error:
         _exit(str(error), 2)
     except USAGE_ERROR as error:
-        _exit(" ".join(error.format_message().split()) + _where_to_look(error), 2)
+        _exit(" ".join(error.format_message().split()) + _suggest_help(error), 2)
     except (KeyboardInterrupt, typer.Abort):
         _exit("interrupted", 1)
     except BrokenPipeError:
         sys.stderr.close()
         sys.exit(1)
-    if code == INTERRUPTED:
+    if code == INTERRUPTED_CODE:
         _exit("interrupted", 1)
     sys.exit(code if isinstance(code, int) else 0)
 
 
-def _where_to_look(error: typer.BadParameter) -> str:
-    """Return, of an option that a command has not, where the options are listed."""
-    named = getattr(error, "option_name", None)
+def _suggest_help(error: typer.BadParameter) -> str:
+    """Return a hint at a command's help after an unknown option, else an empty text."""
+    option = getattr(error, "option_name", None)
     context = getattr(error, "ctx", None)
-    if named is None or context is None or getattr(error, "possibilities", None):
+    if option is None or context is None or getattr(error, "possibilities", None):
         return ""
-    words: list[str] = []
+    commands: list[str] = []
     while context.parent is not None:
-        words.insert(0, str(context.info_name))
+        commands.insert(0, str(context.info_name))
         context = context.parent
-    return f"; `{' '.join(['nlpgrasp', *words, '--help'])}` lists those there are"
+    return f"; `{' '.join(['nlpgrasp', *commands, '--help'])}` lists those there are"
 
 
-def _warning(
+def _format_warning(
     message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None
 ) -> str:
-    """Return the one line that is shown of a warning, in place of ``warnings.formatwarning``."""
+    """Return a warning as one line, in place of ``warnings.formatwarning``."""
     return f"nlpgrasp: {message}\n"
 
 

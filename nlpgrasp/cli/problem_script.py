@@ -41,7 +41,7 @@ def load_experiment(path: str | Path) -> ng.Experiment:
     return _run_function(path, "experiment", ng.Experiment, "an ng.Experiment")
 
 
-def _run_function(path: str | Path, name: str, kind: type[T], wanted: str) -> T:
+def _run_function(path: str | Path, name: str, kind: type[T], expected: str) -> T:
     """Run a script, call one of its functions and return what it returns."""
     file = Path(path)
     if not file.is_file():
@@ -49,16 +49,16 @@ def _run_function(path: str | Path, name: str, kind: type[T], wanted: str) -> T:
     if file_kind(file) == "a mesh":
         body = f'a function {name}(), in which ng.Mesh.load("{file.name}", unit="mm") is the body'
         raise InputError("SCRIPT", f"{path}, a mesh", f"a Python script with {body}")
-    if (lacking := _missing_function(file, name, kind.__name__)) is not None:
-        raise InputError(str(path), lacking, f"a script with a function {name}() -> {kind.__name__}")
+    if (defect := _missing_function(file, name, kind.__name__)) is not None:
+        raise InputError(str(path), defect, f"a script with a function {name}() -> {kind.__name__}")
     sys.path.insert(0, str(file.resolve().parent))  # neighbours may be imported, also later and by workers
     try:
         names = runpy.run_path(str(file), run_name=RUN_NAME)
     except InputError:
         raise
     except SyntaxError as error:
-        place = f"line {error.lineno}: " if error.lineno else ""
-        raise InputError(str(path), f"{place}{error.msg}", "a Python script") from None
+        line = f"line {error.lineno}: " if error.lineno else ""
+        raise InputError(str(path), f"{line}{error.msg}", "a Python script") from None
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # also what is raised to end the script
@@ -73,19 +73,21 @@ def _run_function(path: str | Path, name: str, kind: type[T], wanted: str) -> T:
     except KeyboardInterrupt:
         raise
     except BaseException as error:
-        raise InputError(f"{path}: {name}()", _error_place(error, file), f"a function that returns {wanted}") from None
+        raise InputError(
+            f"{path}: {name}()", _error_place(error, file), f"a function that returns {expected}"
+        ) from None
     if not isinstance(result, kind):
-        raise InputError(f"{path}: {name}()", type(result).__name__, wanted)
+        raise InputError(f"{path}: {name}()", type(result).__name__, expected)
     return result
 
 
 def _missing_function(file: Path, name: str, kind: str) -> str | None:
-    """Return what a script lacks, without running it, where it can be seen that it never makes the function."""
+    """Return the defect of a script that never defines the function, found without running it, or None."""
     try:
         tree = ast.parse(file.read_bytes())
     except (OSError, SyntaxError, ValueError, MemoryError, RecursionError):
-        return None  # said when it is run
-    made: list[ast.AST] = []
+        return None  # reported when it is run
+    assignments: list[ast.AST] = []
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef | ast.ClassDef) and node.name == name:
             return None
@@ -94,12 +96,12 @@ def _missing_function(file: Path, name: str, kind: str) -> str | None:
         if isinstance(node, ast.Name) and node.id in ("exec", "globals", "setattr"):
             return None
         if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) and node.id == name:
-            made.append(node)
-    if not made:
+            assignments.append(node)
+    if not assignments:
         return f"no function {name}()"
-    values = [node.value for node in ast.walk(tree) if isinstance(node, ast.Assign) and made[0] in node.targets]
-    called = values[0].func if values and isinstance(values[0], ast.Call) else None
-    if isinstance(called, ast.Attribute) and called.attr == kind:
+    values = [node.value for node in ast.walk(tree) if isinstance(node, ast.Assign) and assignments[0] in node.targets]
+    factory = values[0].func if values and isinstance(values[0], ast.Call) else None
+    if isinstance(factory, ast.Attribute) and factory.attr == kind:
         return f"a variable {name}, no function: write it as def {name}(): return ng.{kind}(...)"
     return None
 
@@ -109,7 +111,7 @@ def _check_duplicate_names(path: str | Path) -> None:
     try:
         tree = ast.parse(Path(path).read_bytes())
     except (OSError, SyntaxError, ValueError, MemoryError, RecursionError):
-        return  # said when it is run
+        return  # reported when it is run
     for node in ast.walk(tree):
         if isinstance(node, ast.Dict):
             pairs = zip(node.keys, node.values, strict=True)
@@ -122,5 +124,5 @@ def _check_duplicate_names(path: str | Path) -> None:
 def _error_place(error: BaseException, file: Path) -> str:
     """Return the error and the last line of the script it passed through."""
     lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if Path(f.filename) == file]
-    place = f" (line {lines[-1]})" if lines else ""
-    return f"{type(error).__name__}: {error}{place}"
+    line = f" (line {lines[-1]})" if lines else ""
+    return f"{type(error).__name__}: {error}{line}"

@@ -1,4 +1,4 @@
-"""The command ``nlpgrasp quality``."""
+"""The command ``nlpgrasp quality``: certified quality measures of a grasp."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 import nlpgrasp as ng
-from nlpgrasp.cli.console import AsJson, Rtol, emit, pair
+from nlpgrasp.cli.console import AsJson, Rtol, bounds_pair, write_json_line
 from nlpgrasp.cli.problem_script import load_problem
 from nlpgrasp.errors import InputError
 
@@ -56,45 +56,50 @@ def quality_command(
         if value is not None and option not in reader.options:
             raise InputError(f"--{option}", value, "another kind of file with it: this one states its own")
     problem = None if script is None else partial(load_problem, script)
-    for given in reader.read(file, ReadOptions(friction, task_of, problem)):
-        _measure(given, rtol, torque_scale, as_json)
+    for item in reader.read(file, ReadOptions(friction, task_of, problem)):
+        _print_measures(item, rtol, torque_scale, as_json)
     if reader is SOLUTION:
-        complete(file, problem)
+        complete_file(file, problem)
 
 
-def _measure(given: ReadGrasp, rtol: float, torque_scale: float | None, as_json: bool) -> None:
+def _print_measures(item: ReadGrasp, rtol: float, torque_scale: float | None, as_json: bool) -> None:
     """Compute and print the measures of one grasp."""
     from nlpgrasp.solution.quality_record import held_words
 
-    grasp, task, budget = given.grasp, given.task, given.budget
+    grasp, task, budget = item.grasp, item.task, item.budget
     scale = grasp.mean_arm if torque_scale is None else torque_scale
-    found = None if task is None else ng.mu(grasp, task, rtol, force_budget=budget)
-    ball = ng.delta(grasp, scale, rtol, force_budget=budget)
-    volume = ng.nu(grasp, scale, rtol, force_budget=budget)
-    stable = ball.lower > 0.0
+    mu = None if task is None else ng.mu(grasp, task, rtol, force_budget=budget)
+    delta = ng.delta(grasp, scale, rtol, force_budget=budget)
+    nu = ng.nu(grasp, scale, rtol, force_budget=budget)
+    is_stable = delta.lower > 0.0
     kind = "mu" if task is None else task.measure
-    why = f" ({found.limit})" if found is not None and found.limit else ""
+    limit = f" ({mu.limit})" if mu is not None and mu.limit else ""
     if as_json:
-        data = {"name": given.name, "kind": kind, "mu": None if found is None else pair(found), "delta": pair(ball)}
-        more = {"nu": pair(volume), "nu_value": volume.value, "nu_error": volume.error, "stable": stable}
-        emit({**data, "torque_scale": scale, **more})
+        data = {
+            "name": item.name,
+            "kind": kind,
+            "mu": None if mu is None else bounds_pair(mu),
+            "delta": bounds_pair(delta),
+        }
+        nu_data = {"nu": bounds_pair(nu), "nu_value": nu.value, "nu_error": nu.error, "stable": is_stable}
+        write_json_line({**data, "torque_scale": scale, **nu_data})
         return
-    typer.echo(f"{given.name}: {len(grasp)} contacts, force budget {budget.kind}")
-    told = "needs a task: --task G.json"
-    if found is not None:
-        told = f"certified in {found}{why}: {held_words(kind, budget)}"
-    typer.echo(f"  {kind:8} {told}")
-    closed = "" if stable else "not "
-    typer.echo(f"  delta    certified in {ball} (torque scale {scale:.4g} m): {closed}force-closed")
-    typer.echo(f"  nu       {volume}")
-    if found is not None and found.upper == 0.0 and found.worst_direction is not None:
-        typer.echo(f"  cannot exert the task's wrenches: no contact force works along {found.worst_direction.tolist()}")
+    typer.echo(f"{item.name}: {len(grasp)} contacts, force budget {budget.kind}")
+    quality = "needs a task: --task G.json"
+    if mu is not None:
+        quality = f"certified in {mu}{limit}: {held_words(kind, budget)}"
+    typer.echo(f"  {kind:8} {quality}")
+    negation = "" if is_stable else "not "
+    typer.echo(f"  delta    certified in {delta} (torque scale {scale:.4g} m): {negation}force-closed")
+    typer.echo(f"  nu       {nu}")
+    if mu is not None and mu.upper == 0.0 and mu.worst_direction is not None:
+        typer.echo(f"  cannot exert the task's wrenches: no contact force works along {mu.worst_direction.tolist()}")
 
 
-def complete(file: Path, problem: Callable[[], GraspProblem] | None = None) -> GraspSolution:
-    """Return a file's solution with the analyses that it lacks, which are written to the file as well.
+def complete_file(file: Path, problem: Callable[[], GraspProblem] | None = None) -> GraspSolution:
+    """Return a file's solution with its missing analyses, and add them to the file.
 
-    A file that cannot be written stays as it is. What is done is told on standard error.
+    A file that cannot be written stays as it is. Messages go to standard error.
 
     Parameters
     ----------
@@ -107,15 +112,15 @@ def complete(file: Path, problem: Callable[[], GraspProblem] | None = None) -> G
     solution = ng.GraspSolution.load(file)
     if solution.grasp is None:
         return solution
-    found = ng.analyse(solution, problem=None if problem is None else problem())
-    added = format_added(solution, found)
+    analysed = ng.analyse(solution, problem=None if problem is None else problem())
+    added = format_added(solution, analysed)
     if added:
         try:
-            found.save(file)
+            analysed.save(file)
             typer.echo(f"added to {file}: {added}", err=True)
         except InputError as error:
             typer.echo(f"not added to the file: {error}", err=True)
-    if found.drawing is None:
+    if analysed.drawing is None:
         allowed = "the script of its problem, as the file holds no mesh, hand or function: nlpgrasp quality --problem"
         typer.echo(f"robustness, shadow prices and drawing of {file} need {allowed}", err=True)
-    return found
+    return analysed

@@ -1,4 +1,4 @@
-"""The command ``nlpgrasp report``."""
+"""The command ``nlpgrasp report``: page or pictures of solutions and problems."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import typer
 
 from nlpgrasp.cli.console import writable
 from nlpgrasp.cli.problem_script import load_problem
-from nlpgrasp.cli.quality_command import complete
+from nlpgrasp.cli.quality_command import complete_file
 from nlpgrasp.common.files import file_kind
 from nlpgrasp.errors import InputError
 
@@ -37,28 +37,28 @@ def report_command(
     if any(file_kind(file) == "a Python script" for file in files):
         _report_problem(files, out, png)
         return
-    often = Counter(file.name for file in files)
-    names = [file.name if often[file.name] == 1 else str(file) for file in files]
+    counts = Counter(file.name for file in files)
+    names = [file.name if counts[file.name] == 1 else str(file) for file in files]
     target = files[0].with_suffix(".html") if out is None else out
     writable(target, *files)
     if png:
         from nlpgrasp.common.optional_packages import pyplot
 
         pyplot("a picture")  # before the work
-    solutions = {name: complete(file) for name, file in zip(names, files, strict=True)}
+    solutions = {name: complete_file(file) for name, file in zip(names, files, strict=True)}
     if not png:
         typer.echo(f"written to {write_report(solutions, target)}")
         return
     stems = [Path(name).stem for name in solutions]
     for i, solution in enumerate(solutions.values()):
-        own = stems[i] if stems.count(stems[i]) == 1 else f"{stems[i]}-{i + 1}"
-        stem = target.with_suffix("") if len(stems) == 1 else target.with_name(f"{target.stem}-{own}")
+        name_part = stems[i] if stems.count(stems[i]) == 1 else f"{stems[i]}-{i + 1}"
+        stem = target.with_suffix("") if len(stems) == 1 else target.with_name(f"{target.stem}-{name_part}")
         for path in write_pictures(solution, stem):
             typer.echo(f"written to {path}")
 
 
 def _report_problem(files: list[Path], out: Path | None, png: bool) -> None:
-    """Write the page of the problem that a script asks."""
+    """Write the page of a script's problem."""
     from nlpgrasp.report.body_page import write_problem
 
     if len(files) > 1:

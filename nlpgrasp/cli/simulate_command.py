@@ -1,15 +1,26 @@
-"""The command ``nlpgrasp simulate``."""
+"""The command ``nlpgrasp simulate``: trial of a grasp in MuJoCo."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 import nlpgrasp as ng
-from nlpgrasp.cli.console import AsJson, Damping, File, FrictionLoss, Gain, NormalForce, emit, telling, writable
-from nlpgrasp.errors import InputError
+from nlpgrasp.cli.console import (
+    AsJson,
+    Damping,
+    File,
+    FrictionLoss,
+    Gain,
+    NormalForce,
+    hand_options,
+    report_steps,
+    writable,
+    write_json_line,
+)
 
 THROUGH = "File of the hand that the problem was solved with: the object is pressed through its joints."
 PICTURES = "File for the pictures; by default F-simulation.png, with --hand F-simulation-hand.png."
@@ -52,76 +63,87 @@ def simulate_command(
     writable(target, file)
     import_mujoco("a simulation")
     pyplot("a strip of pictures")  # before the work
-    joints = {"push": push, "gain": gain, "damping": damping, "frictionloss": frictionloss}
-    joints["normal_force"] = normal_force
-    given = {name: value for name, value in joints.items() if value is not None}
+    values = {"push": push, "gain": gain, "damping": damping, "frictionloss": frictionloss}
+    values["normal_force"] = normal_force
+    joint_options = hand_options(values, hand, "a hand's own joints")
     if hand is not None:
-        _simulate_by_hand(solution, hand, mass, given, target, as_json)
+        _simulate_by_hand(solution, hand, mass, joint_options, target, as_json)
         return
-    if given:
-        name = next(iter(given))
-        raise InputError(f"--{name.replace('_', '-')}", given[name], "only with --hand, a hand's own joints")
-    with telling("simulating") as tell:
-        found = ng.simulate(solution, share, mass, wrenches, tell)
+    with report_steps("simulating") as report:
+        simulation = ng.simulate(solution, share, mass, wrenches, report)
+    _print_simulation(simulation, _simulation_data(simulation), (), as_json)
+    _finish(simulation, write_strip(simulation, solution, target), as_json)
+
+
+def _print_simulation(
+    simulation: ng.Simulation | ng.HandSimulation, data: Mapping[str, object], notes: Iterable[str], as_json: bool
+) -> None:
+    """Print a simulation with notes as text, or its data as a JSON line."""
     if as_json:
-        emit(_simulation_data(found))
-    else:
-        typer.echo(str(found))
-        typer.echo(found.verdict)
-    picture = write_strip(found, solution, target)
+        write_json_line(data)
+        return
+    typer.echo(str(simulation))
+    for note in filter(None, notes):
+        typer.echo(f"  {note}")
+    typer.echo(simulation.verdict)
+
+
+def _finish(simulation: ng.Simulation | ng.HandSimulation, picture: Path, as_json: bool) -> None:
+    """Print the path of the pictures; exit with 1 if the simulation contradicts the grasp."""
     if not as_json:
         typer.echo(f"pictures written to {picture}")
-    if not found.confirmed:
+    if not simulation.confirmed:
         raise typer.Exit(1)
 
 
 def picture_of(file: Path, hand: Path | None) -> Path:
-    """Return where the pictures of a solution file go: those through a hand's joints have a name of their own."""
+    """Return the path of the pictures of a solution file; a simulation by a hand has another."""
     return file.with_name(f"{file.stem}-simulation{'' if hand is None else '-hand'}.png")
 
 
 def _simulate_by_hand(
-    solution: ng.GraspSolution, hand: Path, mass: float | None, given: dict[str, float], target: Path, as_json: bool
+    solution: ng.GraspSolution,
+    hand: Path,
+    mass: float | None,
+    joint_options: dict[str, float],
+    target: Path,
+    as_json: bool,
 ) -> None:
-    """Press the grasp through its hand's joints, and tell what became of it."""
+    """Simulate the squeeze by the hand's joints, and print and draw the result."""
     from nlpgrasp.simulation.picture_strips import write_hand_strip
     from nlpgrasp.solution.squeeze_record import friction_warning, too_weak
 
-    push = given.pop("push", 1.0)
-    options = ng.HandSceneOptions(mass=mass, **given)
-    with telling("simulating") as tell:
-        found = ng.simulate_hand(solution, hand, options, push, tell)
-    if as_json:
-        emit(found.to_dict())
-    else:
-        typer.echo(str(found))
-        weak = too_weak(solution.squeeze, solution.needed, given.get("normal_force"))
-        for line in (weak, friction_warning(solution.squeeze), solution.approach_line()):
-            if line:
-                typer.echo(f"  {line}")
-        typer.echo(found.verdict)
-    picture = write_hand_strip(found, solution, target)
-    if not as_json:
-        typer.echo(f"pictures written to {picture}")
-    if not found.confirmed:
-        raise typer.Exit(1)
+    push = joint_options.pop("push", 1.0)
+    options = ng.HandSceneOptions(mass=mass, **joint_options)
+    with report_steps("simulating") as report:
+        simulation = ng.simulate_hand(solution, hand, options, push, report)
+    weakness = too_weak(solution.squeeze, solution.needed, joint_options.get("normal_force"))
+    notes = (weakness, friction_warning(solution.squeeze), solution.approach_line())
+    _print_simulation(simulation, simulation.to_dict(), notes, as_json)
+    _finish(simulation, write_hand_strip(simulation, solution, target), as_json)
 
 
-def _simulation_data(found: ng.Simulation) -> dict[str, object]:
+def _simulation_data(simulation: ng.Simulation) -> dict[str, object]:
     trials = [
-        {"condition": t.condition, "wrench": t.label, "slip": t.slip, "turn": t.turn, "held": t.held}
-        for t in found.trials
+        {
+            "condition": trial.condition,
+            "wrench": trial.label,
+            "slip": trial.slip,
+            "turn": trial.turn,
+            "held": trial.held,
+        }
+        for trial in simulation.trials
     ]
     return {
-        "name": found.name,
-        "confirmed": found.confirmed,
-        "verdict": found.verdict,
-        "share": found.share,
-        "mass": found.mass,
-        "effort": found.effort,
-        "lost_at": found.lost_at,
-        "upper_bound": found.gap,
-        "touching": found.touching,
+        "name": simulation.name,
+        "confirmed": simulation.confirmed,
+        "verdict": simulation.verdict,
+        "share": simulation.share,
+        "mass": simulation.mass,
+        "effort": simulation.effort,
+        "lost_at": simulation.lost_at,
+        "upper_bound": simulation.gap,
+        "touching": simulation.touching,
         "trials": trials,
-        "notes": list(found.notes),
+        "notes": list(simulation.notes),
     }

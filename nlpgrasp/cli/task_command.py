@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 import nlpgrasp as ng
-from nlpgrasp.cli.console import AsJson, emit
+from nlpgrasp.cli.console import AsJson, write_json_line
 from nlpgrasp.errors import InputError
 
 Recording = Annotated[Path, typer.Argument(metavar="RECORDING.csv", help="Of a wrist force-torque sensor.")]
@@ -39,25 +39,27 @@ def fit_command(
 ) -> None:
     """Fit the task ellipsoid of a recording, into a library: a new entry, or an update of the one of this name."""
     library = ng.TaskLibrary(into)
-    with warnings.catch_warnings(record=True) as said:
+    with warnings.catch_warnings(record=True) as messages:
         warnings.simplefilter("always")
-        read = ng.WrenchRecording.read(recording, units=units, exerts=exerts, skip_invalid=skip_invalid)
-        known = library.path.is_dir() and name in library
-        if known:
+        wrenches = ng.WrenchRecording.read(recording, units=units, exerts=exerts, skip_invalid=skip_invalid)
+        is_update = library.path.is_dir() and name in library
+        if is_update:
             new_only = {"--probability": probability, "--description": description, "--tag": tag, "--frame": frame}
             for option, value in new_only.items():
                 if value:
                     raise InputError(option, value, f"a new --name with it: {into} has {name!r}, which learns on")
-            entry = library.update(name, read, outliers=outliers)
+            entry = library.update(name, wrenches, outliers=outliers)
         else:
             notes = {"description": description, "frame": frame}
-            entry = library.add(name, read, outliers=outliers, probability=probability, tags=tuple(tag or ()), **notes)
-    for one in said:
-        typer.echo(f"nlpgrasp: {one.message}", err=True)
+            entry = library.add(
+                name, wrenches, outliers=outliers, probability=probability, tags=tuple(tag or ()), **notes
+            )
+    for message in messages:
+        typer.echo(f"nlpgrasp: {message.message}", err=True)
     if as_json:
-        emit({"did": "updated" if known else "added", "library": str(into), **entry.summary()})
+        write_json_line({"did": "updated" if is_update else "added", "library": str(into), **entry.summary()})
     else:
-        typer.echo(f"{'updated' if known else 'added'} in {into}: {_describe_entry(entry)}")
+        typer.echo(f"{'updated' if is_update else 'added'} in {into}: {_describe_entry(entry)}")
 
 
 def list_command(
@@ -66,13 +68,13 @@ def list_command(
     as_json: AsJson = False,
 ) -> None:
     """List the tasks of a library: names, dimensions, recorded wrenches, units."""
-    opened = ng.TaskLibrary(library)
-    found = opened.search(search)
+    tasks = ng.TaskLibrary(library)
+    names = tasks.search(search)
     if as_json:
-        for name in found:
-            emit(opened.entry(name).summary())
+        for name in names:
+            write_json_line(tasks.entry(name).summary())
     else:
-        typer.echo(opened.table(found))
+        typer.echo(tasks.table(names))
 
 
 def show_command(
@@ -85,7 +87,7 @@ def show_command(
     """Show a task of a library: its ellipsoid, its frame, and where it comes from."""
     entry = ng.TaskLibrary(library).entry(name)
     if as_json:
-        emit(entry.summary())
+        write_json_line(entry.summary())
     else:
         typer.echo(_describe_entry(entry))
 
@@ -97,14 +99,14 @@ def _describe_entry(entry: ng.TaskEntry) -> str:
     from nlpgrasp.common.formatting import axis_labels
 
     axes, center = entry.task.axes, entry.task.center
-    reach = np.linalg.norm(axes, axis=0)
+    half_extents = np.linalg.norm(axes, axis=0)
     labels = axis_labels(entry.dimension)
-    extents = [f"  {n}: {c - r:.4g} to {c + r:.4g}" for n, c, r in zip(labels, center, reach, strict=True)]
+    extents = [f"  {n}: {c - r:.4g} to {c + r:.4g}" for n, c, r in zip(labels, center, half_extents, strict=True)]
     return "\n".join([str(entry), *extents])
 
 
 def task_app() -> typer.Typer:
-    """Return the command with its three."""
+    """Return the command ``nlpgrasp task`` with its three subcommands."""
     app = typer.Typer(
         help="Libraries of task ellipsoids: fit recordings into one, list it, show a task.", no_args_is_help=True
     )

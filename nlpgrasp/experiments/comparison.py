@@ -46,11 +46,11 @@ class Comparison:
     def __str__(self) -> str:
         heads = ["rank", "solution", "mu certified in", "gap", "contacts", "seconds", "starts", "ties with", "active"]
         body = []
-        for name, record, rank, tied in zip(self.names, self.records, self.ranks, self.ties, strict=True):
+        for name, record, rank, ties in zip(self.names, self.records, self.ranks, self.ties, strict=True):
             starts = f"{record.succeeded}/{len(record.starts)}" if record.starts else ""
-            found = str(record.mu) if record.success else "no grasp"
+            quality = str(record.mu) if record.success else "no grasp"
             seconds = f"{record.seconds:.1f}" if record.seconds else ""
-            row = [f"{rank}", name, found, record.gap_text, f"{record.contacts}", seconds, starts, "; ".join(tied)]
+            row = [f"{rank}", name, quality, record.gap_text, f"{record.contacts}", seconds, starts, "; ".join(ties)]
             body.append([*row, "; ".join(record.active)])
         lines = columns(heads, body)
         if not self.comparable:
@@ -71,38 +71,38 @@ def compare(solutions: Mapping[str, GraspSolution] | Iterable[GraspSolution]) ->
     InputError
         On anything else, or without solutions.
     """
-    given = _check_solutions(solutions)
-    records = {name: SolveRecord.of(name, 0, s) for name, s in given.items()}
+    solution_by_name = _check_solutions(solutions)
+    records = {name: SolveRecord.of(name, 0, s) for name, s in solution_by_name.items()}
     bounds = [r.mu for r in records.values()]
     names = list(records)
-    rank, tied = rank_intervals(bounds), overlapping_intervals(bounds)
-    order = sorted(range(len(names)), key=lambda i: (rank[i], -bounds[i].upper))
+    ranks, ties = rank_intervals(bounds), overlapping_intervals(bounds)
+    order = sorted(range(len(names)), key=lambda i: (ranks[i], -bounds[i].upper))
     return Comparison(
         tuple(names[i] for i in order),
         tuple(records[names[i]] for i in order),
-        tuple(rank[i] for i in order),
-        tuple(tuple(names[j] for j in tied[i] if bounds[j].upper > 0.0) for i in order),
+        tuple(ranks[i] for i in order),
+        tuple(tuple(names[j] for j in ties[i] if bounds[j].upper > 0.0) for i in order),
         len({r.measured for r in records.values()}) <= 1,
     )
 
 
 def _check_solutions(solutions: Mapping[str, GraspSolution] | Iterable[GraspSolution]) -> dict[str, GraspSolution]:
     if isinstance(solutions, Mapping):
-        named = dict(solutions)
+        solution_by_name = dict(solutions)
     else:
         try:
             items = list(solutions)
         except TypeError:
             raise InputError("solutions", solutions, "solutions, or a mapping of names to solutions") from None
-        plain = [getattr(s, "name", "") for s in items]
-        named = {}
-        for name, item in zip(plain, items, strict=True):
+        names = [getattr(s, "name", "") for s in items]
+        solution_by_name = {}
+        for name, item in zip(names, items, strict=True):
             numbers = (f"{name} ({i})" for i in count(1))
-            free = (n for n in chain([name] if plain.count(name) == 1 else [], numbers) if n not in named)
-            named[next(free)] = item
-    if not named:
+            candidates = chain([name] if names.count(name) == 1 else [], numbers)
+            solution_by_name[next(text for text in candidates if text not in solution_by_name)] = item
+    if not solution_by_name:
         raise InputError("solutions", "none", "at least one solution")
-    for name, solution in named.items():
+    for name, solution in solution_by_name.items():
         if not isinstance(name, str) or not isinstance(solution, GraspSolution):
             raise InputError(f"solutions[{name!r}]", solution, "a GraspSolution, named by a text")
-    return named
+    return solution_by_name

@@ -1,4 +1,4 @@
-"""Experiment: a base problem, its variations by single changes or combined factors, and seeds."""
+"""Experiment: a base problem with variations and seeds."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from nlpgrasp.pipeline.solve import check_json
 from nlpgrasp.problem.problem import GraspProblem
 
 # names of what a variation may replace
-PARTS = tuple(f.name for f in fields(GraspProblem))
-MORE = ("friction", "fingers", "starts", "options")
-ALLOWED = f"fields of a GraspProblem ({', '.join(PARTS)}) or {', '.join(MORE)}"
+PROBLEM_FIELDS = tuple(f.name for f in fields(GraspProblem))
+OTHER_FIELDS = ("friction", "fingers", "starts", "options")
+ALLOWED_FIELDS = f"fields of a GraspProblem ({', '.join(PROBLEM_FIELDS)}) or {', '.join(OTHER_FIELDS)}"
 
 
 Changes: TypeAlias = Mapping[str, Any]
-"""Fields of a problem by name, and the values that replace them: of any field's type."""
+"""Replacements of a problem's fields, by name."""
 
 Variation: TypeAlias = Changes | GraspProblem | Callable[[], Changes | GraspProblem]
-"""What one variation may be: fields to replace, a whole problem, or a function that returns either."""
+"""Fields to replace, a whole problem, or a function that returns either."""
 
 
 @dataclass(frozen=True)
@@ -94,20 +94,21 @@ class Experiment:
         self._set_variations()
         for variation, changes in self._by_name.items():
             if not callable(changes):
-                case = case_of(f"Experiment.variations[{variation!r}]", base, changes)
+                case = create_case(f"Experiment.variations[{variation!r}]", base, changes)
                 check_json(case.problem.to_dict())
                 self._cases[variation] = case
 
     def _set_variations(self) -> None:
-        given = self.variations
+        variations = self.variations
         try:
-            pairs = [(n, v) for n, v in (given.items() if isinstance(given, Mapping) else given)]
+            pairs = [(n, v) for n, v in (variations.items() if isinstance(variations, Mapping) else variations)]
         except (TypeError, ValueError):
-            raise InputError("Experiment.variations", given, "a mapping, or a sequence of names and values") from None
+            allowed = "a mapping, or a sequence of names and values"
+            raise InputError("Experiment.variations", variations, allowed) from None
         check_names([name for name, _ in pairs])
-        settled = {n: freeze_changes(v) if isinstance(v, Mapping) else v for n, v in pairs}
-        object.__setattr__(self, "variations", settled)
-        object.__setattr__(self, "_by_name", settled)
+        by_name = {n: freeze_changes(v) if isinstance(v, Mapping) else v for n, v in pairs}
+        object.__setattr__(self, "variations", by_name)
+        object.__setattr__(self, "_by_name", by_name)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -136,7 +137,7 @@ class Experiment:
     def maker(self, name: str) -> Callable[[], Case]:
         """Return a function that creates the case of a variation without the rest of the experiment, for a worker."""
         if self.deferred(name):
-            return partial(case_of, f"Experiment.variations[{name!r}]", self._base, self._by_name[name])
+            return partial(create_case, f"Experiment.variations[{name!r}]", self._base, self._by_name[name])
         return partial(_check_case, self._cases[name])
 
 
@@ -164,12 +165,12 @@ def check_names(names: Sequence[object]) -> None:
     for name in names:
         if not isinstance(name, str) or not name.strip() or not name.isprintable() or len(name) > 200:
             raise InputError("Experiment.variations", repr(name), "names of 1 to 200 printable characters")
-    twice = [name for name, count in Counter(" ".join(str(n).split()) for n in names).items() if count > 1]
-    if twice:
-        raise InputError("Experiment.variations", f"two variations named {twice[0]!r}", "each name once")
+    repeated = [name for name, count in Counter(" ".join(str(n).split()) for n in names).items() if count > 1]
+    if repeated:
+        raise InputError("Experiment.variations", f"two variations named {repeated[0]!r}", "each name once")
 
 
-def check_seeds(given: object) -> tuple[int, ...]:
+def check_seeds(seeds: object) -> tuple[int, ...]:
     """Return validated integer seeds.
 
     Raises
@@ -178,15 +179,15 @@ def check_seeds(given: object) -> tuple[int, ...]:
         On an empty list, values other than integers, or a repeated seed.
     """
     try:
-        if isinstance(given, str) or not isinstance(given, Iterable):
+        if isinstance(seeds, str) or not isinstance(seeds, Iterable):
             raise TypeError
-        values = tuple(given)
+        values = tuple(seeds)
     except TypeError:
-        raise InputError("Experiment.seeds", given, "whole numbers") from None
-    seeds = tuple(integer("Experiment.seeds", s, at_least=0, at_most=10**15) for s in values)
-    if not seeds or len(set(seeds)) < len(seeds):
-        raise InputError("Experiment.seeds", list(seeds), "at least one whole number, none twice")
-    return seeds
+        raise InputError("Experiment.seeds", seeds, "whole numbers") from None
+    checked = tuple(integer("Experiment.seeds", s, at_least=0, at_most=10**15) for s in values)
+    if not checked or len(set(checked)) < len(checked):
+        raise InputError("Experiment.seeds", list(checked), "at least one whole number, none twice")
+    return checked
 
 
 def _check_case(case: Case) -> Case:
@@ -232,12 +233,12 @@ class CaseData(TypedDict, total=False):
     distinct: float
 
 
-def case_of(where: str, base: Case, variation: Variation) -> Case:
+def create_case(field: str, base: Case, variation: Variation) -> Case:
     """Return the case of a variation.
 
     Parameters
     ----------
-    where : str
+    field : str
         Shown in messages, for example ``Experiment.variations['table']``.
     base : Case
     variation : mapping, GraspProblem or callable
@@ -249,53 +250,55 @@ def case_of(where: str, base: Case, variation: Variation) -> Case:
         On unknown fields and invalid values.
     """
     if isinstance(variation, type):
-        raise InputError(where, variation, "a mapping, a GraspProblem, or a function that returns one")
-    given = variation() if callable(variation) else variation
-    if isinstance(given, GraspProblem):
-        return replace(base, problem=given)
-    if not isinstance(given, Mapping):
-        raise InputError(where, given, "a mapping of fields to values, a GraspProblem, or a function returning either")
-    check_fields(where, given)
-    parts = {name: value for name, value in given.items() if name in PARTS}
+        raise InputError(field, variation, "a mapping, a GraspProblem, or a function that returns one")
+    changes = variation() if callable(variation) else variation
+    if isinstance(changes, GraspProblem):
+        return replace(base, problem=changes)
+    if not isinstance(changes, Mapping):
+        raise InputError(
+            field, changes, "a mapping of fields to values, a GraspProblem, or a function returning either"
+        )
+    check_fields(field, changes)
+    parts = {name: value for name, value in changes.items() if name in PROBLEM_FIELDS}
     try:
-        problem = replace(base.problem, **_apply_fingers(base.problem, given, parts))
+        problem = replace(base.problem, **_apply_fingers(base.problem, changes, parts))
     except InputError as error:
-        raise InputError(f"{where}: {error.field}", error.given, error.allowed) from None
-    starts = integer(f"{where}.starts", given.get("starts", base.starts), at_least=1, at_most=10**6)
-    return Case(problem, starts, _options(where, base.options, given.get("options")), base.keeping)
+        raise InputError(f"{field}: {error.field}", error.given, error.allowed) from None
+    starts = integer(f"{field}.starts", changes.get("starts", base.starts), at_least=1, at_most=10**6)
+    return Case(problem, starts, _merge_base_options(field, base.options, changes.get("options")), base.keeping)
 
 
 def freeze_changes(changes: Changes) -> Changes:
     """Return changes that can be read repeatedly: constraints from a generator as a tuple."""
-    given = changes.get("constraints")
-    return {**changes, "constraints": tuple(given)} if isinstance(given, Iterator) else changes
+    constraints = changes.get("constraints")
+    return {**changes, "constraints": tuple(constraints)} if isinstance(constraints, Iterator) else changes
 
 
-def check_fields(where: str, changes: Changes) -> None:
+def check_fields(field: str, changes: Changes) -> None:
     """Refuse names that are not fields of a problem."""
-    unknown = [name for name in changes if name not in (*PARTS, *MORE)]
+    unknown = [name for name in changes if name not in (*PROBLEM_FIELDS, *OTHER_FIELDS)]
     if unknown:
-        raise InputError(f"{where}.{unknown[0]}", "a field that does not exist", ALLOWED)
+        raise InputError(f"{field}.{unknown[0]}", "a field that does not exist", ALLOWED_FIELDS)
 
 
-def _apply_fingers(base: GraspProblem, given: Changes, parts: Changes) -> Changes:
+def _apply_fingers(base: GraspProblem, changes: Changes, parts: Changes) -> Changes:
     """Return the parts with number of fingers and friction applied to contacts and hand."""
-    if "fingers" not in given and "friction" not in given:
+    if "fingers" not in changes and "friction" not in changes:
         return parts
     if "contacts" in parts:
         raise InputError("contacts", "contacts together with fingers or friction", "one or the other")
     models = base.models
-    if "fingers" in given:
-        count = integer("fingers", given["fingers"], at_least=1)
-        if any(m != models[0] for m in models):
+    if "fingers" in changes:
+        count = integer("fingers", changes["fingers"], at_least=1)
+        if any(model != models[0] for model in models):
             raise InputError("fingers", count, "a base problem whose contacts are all alike, or contacts")
         models = models[:1] * count
         hand = parts.get("hand", base.hand)
         if isinstance(hand, Fingertips) and "hand" not in parts:
             parts = {**parts, "hand": replace(hand, count=count)}
-    if "friction" in given:
-        friction = number("friction", given["friction"], above=0.0)
-        models = tuple(_apply_friction(m, friction) for m in models)
+    if "friction" in changes:
+        friction = number("friction", changes["friction"], above=0.0)
+        models = tuple(_apply_friction(model, friction) for model in models)
     return {**parts, "contacts": models}
 
 
@@ -305,16 +308,16 @@ def _apply_friction(model: ContactModel, friction: float) -> ContactModel:
     return model.with_coefficients(friction=friction)
 
 
-def _options(where: str, base: SolveOptions, given: object) -> SolveOptions:
+def _merge_base_options(field: str, base: SolveOptions, changes: object) -> SolveOptions:
     """Return the options of a variation: all of them, or the named ones replaced."""
-    if given is None:
+    if changes is None:
         return base
-    if isinstance(given, SolveOptions):
-        return replace(given, workers=1)
+    if isinstance(changes, SolveOptions):
+        return replace(changes, workers=1)
     names = set(base.to_dict()) - {"workers"}
-    if not isinstance(given, Mapping) or not set(given) <= names:
-        raise InputError(f"{where}.options", given, "an ng.SolveOptions, or a mapping of some of its fields")
-    return replace(base, **given)
+    if not isinstance(changes, Mapping) or not set(changes) <= names:
+        raise InputError(f"{field}.options", changes, "an ng.SolveOptions, or a mapping of some of its fields")
+    return replace(base, **changes)
 
 
 def combinations(*factors: Mapping[str, Changes], choose: Callable[..., bool] | None = None) -> dict[str, Changes]:
@@ -347,47 +350,48 @@ def combinations(*factors: Mapping[str, Changes], choose: Callable[..., bool] | 
         raise InputError("choose", choose, "a function of the levels' names")
     for i, factor in enumerate(factors):
         _check_factor(f"combinations: factor {i}", factor)
-    settled = [{name: freeze_changes(changes) for name, changes in factor.items()} for factor in factors]
+    frozen = [{name: freeze_changes(changes) for name, changes in factor.items()} for factor in factors]
     result: dict[str, Changes] = {}
-    for levels in product(*settled):
+    for levels in product(*frozen):
         if choose is None or _is_chosen(choose, levels):
             name = ", ".join(levels)
             if name in result:
                 raise InputError("combinations", f"two combinations named {name!r}", "level names without commas")
-            result[name] = _merged(name, [factor[level] for factor, level in zip(settled, levels, strict=True)])
+            result[name] = _merge_levels(name, [factor[level] for factor, level in zip(frozen, levels, strict=True)])
     if not result:
         raise InputError("choose", "no combination", "a function that keeps at least one")
     return result
 
 
-def _check_factor(where: str, factor: Mapping[str, Changes]) -> None:
+def _check_factor(field: str, factor: Mapping[str, Changes]) -> None:
     if not isinstance(factor, Mapping) or not factor:
-        raise InputError(where, factor, "a mapping of level names to fields, not empty")
+        raise InputError(field, factor, "a mapping of level names to fields, not empty")
     for name, changes in factor.items():
         if not isinstance(name, str) or not isinstance(changes, Mapping):
-            raise InputError(f"{where}[{name!r}]", changes, "a mapping of fields to values, named by a text")
-        check_fields(f"{where}[{name!r}]", changes)
+            raise InputError(f"{field}[{name!r}]", changes, "a mapping of fields to values, named by a text")
+        check_fields(f"{field}[{name!r}]", changes)
 
 
-def _merged(name: str, levels: list[Changes]) -> Changes:
+def _merge_levels(name: str, levels: list[Changes]) -> Changes:
     result: dict[str, object] = {}
     for changes in levels:
-        for changed, value in changes.items():
-            if changed not in result:
-                result[changed] = value
-            elif changed == "constraints":
-                result[changed] = (*_as_tuple(result[changed]), *_as_tuple(value))
-            elif changed == "options" and (both := _merge_options(result[changed], value)) is not None:
-                result[changed] = both
+        for field_name, value in changes.items():
+            if field_name not in result:
+                result[field_name] = value
+            elif field_name == "constraints":
+                result[field_name] = (*_as_tuple(result[field_name]), *_as_tuple(value))
+            elif field_name == "options" and (merged_options := _merge_options(result[field_name], value)) is not None:
+                result[field_name] = merged_options
             else:
-                raise InputError(f"combinations[{name!r}].{changed}", "values of two factors", "values of one factor")
+                place = f"combinations[{name!r}].{field_name}"
+                raise InputError(place, "values of two factors", "values of one factor")
     return result
 
 
-def _merge_options(one: object, other: object) -> dict[str, object] | None:
+def _merge_options(first: object, second: object) -> dict[str, object] | None:
     """Return the merged mappings of options; None unless both are mappings with different options."""
-    if isinstance(one, Mapping) and isinstance(other, Mapping) and not set(one) & set(other):
-        return {**one, **other}
+    if isinstance(first, Mapping) and isinstance(second, Mapping) and not set(first) & set(second):
+        return {**first, **second}
     return None
 
 

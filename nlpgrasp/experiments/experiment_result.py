@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 EXTRA = "tables"
-EXPLAINED = (
+TABLE_NOTE = (
     "Intervals are of the grasps found, local optima: where few seeds agree with the best, more starts may find "
     "better. Gap: how much better than the best of them any grasp could be, at most, or how many times as good; "
     "loose where the bound is too far above to say."
@@ -35,7 +35,7 @@ NOT_COMPARABLE = "They differ in task or force budget: their values of mu measur
 
 Cell: TypeAlias = str | int | float | None
 Row: TypeAlias = dict[str, Cell]
-"""What the table says of one solve, by the names of ``COLUMNS``."""
+"""Cells of one solve, by the names of ``COLUMNS``."""
 
 
 @dataclass(frozen=True)
@@ -68,17 +68,17 @@ class ExperimentResult:
         InputError
             When it is not the folder of an experiment.
         """
-        place = OutputFolder(folder)
-        plan = place.plan()
+        output = OutputFolder(folder)
+        plan = output.plan()
         solves = [SolveId(name, seed) for name in plan["variations"] for seed in plan["seeds"]]
-        records, notes = read_records(place, solves, plan)
-        return cls.of(str(plan.get("name", "")), place, solves, records, notes)
+        records, notes = read_records(output, solves, plan)
+        return cls.of(str(plan.get("name", "")), output, solves, records, notes)
 
     @classmethod
     def of(
         cls,
         name: str,
-        place: OutputFolder,
+        output: OutputFolder,
         solves: Sequence[SolveId],
         records: dict[SolveId, SolveRecord],
         notes: Sequence[str],
@@ -89,7 +89,7 @@ class ExperimentResult:
             record = records.get(solve) or SolveRecord(solve.variation, solve.seed, failure=NOT_DONE)
             by_variation.setdefault(solve.variation, []).append(record)
         variations = tuple(VariationResult(n, tuple(r)) for n, r in by_variation.items())
-        return cls(name, place.path, variations, tuple(notes))
+        return cls(name, output.path, variations, tuple(notes))
 
     def __getitem__(self, name: str) -> VariationResult:
         """Return a variation by name."""
@@ -129,8 +129,10 @@ class ExperimentResult:
 
     def ties(self) -> list[tuple[str, ...]]:
         """Return for each variation those with overlapping certified intervals."""
-        found = overlapping_intervals([v.mu for v in self.variations])
-        return [tuple(self.variations[j].name for j in js if self.variations[j].mu.upper > 0.0) for js in found]
+        names = [v.name for v in self.variations]
+        is_success = [v.mu.upper > 0.0 for v in self.variations]
+        overlaps = overlapping_intervals([v.mu for v in self.variations])
+        return [tuple(names[j] for j in indices if is_success[j]) for indices in overlaps]
 
     def solution(self, variation: str, seed: int | None = None) -> GraspSolution:
         """Return a solution from its file: that of a seed, or the best one.
@@ -144,18 +146,18 @@ class ExperimentResult:
         KeyError
             On an unknown variation.
         """
-        known = self[variation]
-        best = known.best or known.solves[0]
+        results = self[variation]
+        best = results.best or results.solves[0]
         return GraspSolution.load(
             OutputFolder(self.folder).file(SolveId(variation, best.seed if seed is None else seed))
         )
 
     def rows(self) -> list[Row]:
         """Return the table as one mapping per solve, with the keys of ``COLUMNS``."""
-        place, rows = OutputFolder(self.folder), []
+        output, rows = OutputFolder(self.folder), []
         for variation, rank in zip(self.variations, self.ranks(), strict=True):
             for solve in variation.solves:
-                file = f"{SOLVES}/{place.file(SolveId(solve.variation, solve.seed)).name}"
+                file = f"{SOLVES}/{output.file(SolveId(solve.variation, solve.seed)).name}"
                 rows.append(row_of(Entry(self.name, solve, rank if variation.done else None, file)))
         return rows
 
@@ -172,15 +174,15 @@ class ExperimentResult:
     def __str__(self) -> str:
         heads = ["rank", "variation", "mu certified in", "gap", "seeds", "seconds", "starts", "ties with", "active"]
         body = []
-        for v, rank, tied in zip(self.variations, self.ranks(), self.ties(), strict=True):
-            good, total = v.starts
+        for v, rank, ties in zip(self.variations, self.ranks(), self.ties(), strict=True):
+            successes, starts = v.starts
             active = "; ".join(v.best.active) if v.best is not None else ""
             seconds = f"{v.seconds:.1f}" if v.done else ""
-            place, seeds = f"{rank}" if v.done else "", f"{v.agreeing}/{len(v.solves)}"
-            numbers = [v.found, v.gap_text, seeds, seconds, f"{good}/{total}"]
-            body.append([place, v.name, *numbers, "; ".join(tied), active])
+            rank_text, seeds = f"{rank}" if v.done else "", f"{v.agreeing}/{len(v.solves)}"
+            numbers = [v.found, v.gap_text, seeds, seconds, f"{successes}/{starts}"]
+            body.append([rank_text, v.name, *numbers, "; ".join(ties), active])
         lines = [f"{self.name}: {sum(v.done for v in self.variations)} of {len(self.solves)} solves done"]
-        lines += [*columns(heads, body), EXPLAINED]
+        lines += [*columns(heads, body), TABLE_NOTE]
         if not self.comparable:
             lines.append(NOT_COMPARABLE)
         for v in self.variations:
@@ -217,8 +219,8 @@ class VariationResult:
     @cached_property
     def mu(self) -> Bounds:
         """Certified bounds of the best grasp over all solves; ``[0, 0]`` without one."""
-        found = [s.mu for s in self.solves if s.success]
-        return Bounds(max(b.lower for b in found), max(b.upper for b in found)) if found else NOTHING
+        bounds = [s.mu for s in self.solves if s.success]
+        return Bounds(max(b.lower for b in bounds), max(b.upper for b in bounds)) if bounds else NOTHING
 
     @property
     def best_possible(self) -> float:
@@ -270,14 +272,14 @@ class VariationResult:
 
 def rank_intervals(bounds: Sequence[Bounds]) -> list[int]:
     """Return for each interval 1 plus the number of intervals wholly above it."""
-    return [1 + sum(other.lower > one.upper for other in bounds) for one in bounds]
+    return [1 + sum(other.lower > interval.upper for other in bounds) for interval in bounds]
 
 
 def overlapping_intervals(bounds: Sequence[Bounds]) -> list[tuple[int, ...]]:
     """Return for each interval the indices of the others that it overlaps."""
     return [
-        tuple(j for j, other in enumerate(bounds) if j != i and one.lower <= other.upper and other.lower <= one.upper)
-        for i, one in enumerate(bounds)
+        tuple(j for j, b in enumerate(bounds) if j != i and a.lower <= b.upper and b.lower <= a.upper)
+        for i, a in enumerate(bounds)
     ]
 
 
@@ -418,35 +420,35 @@ def frame(rows: Sequence[Row]) -> pd.DataFrame:
     return pd.DataFrame(list(rows), columns=[column.name for column in COLUMNS])
 
 
-def _record(place: OutputFolder, solve: SolveId) -> SolveRecord | None:
+def _read_record(output: OutputFolder, solve: SolveId) -> SolveRecord | None:
     """Return the record of a solve from its file; None without one."""
-    solution = place.load(solve)
+    solution = output.load(solve)
     if solution is None:
         return None
     return replace(SolveRecord.of(solve.variation, solve.seed, solution), earlier=True)
 
 
 def read_records(
-    place: OutputFolder, solves: Sequence[SolveId], plan: Plan
+    output: OutputFolder, solves: Sequence[SolveId], plan: Plan
 ) -> tuple[dict[SolveId, SolveRecord], list[str]]:
     """Return the records of the solves with a file, and a note for each unusable file.
 
     All solves of a variation have to belong to the plan's problem, or to one and the same problem if it is deferred.
     """
     variations = plan["variations"].items()
-    asked = {name: problem_digest(v["problem"]) for name, v in variations if isinstance(v.get("problem"), Mapping)}
+    digests = {name: problem_digest(v["problem"]) for name, v in variations if isinstance(v.get("problem"), Mapping)}
     records: dict[SolveId, SolveRecord] = {}
     notes = []
     for solve in solves:
         try:
-            record = _record(place, solve)
-            if record is not None and record.asked != asked.setdefault(solve.variation, record.asked):
-                raise InputError(str(place.file(solve)), "another problem", "the problem of its variation")
+            record = _read_record(output, solve)
+            if record is not None and record.problem != digests.setdefault(solve.variation, record.problem):
+                raise InputError(str(output.file(solve)), "another problem", "the problem of its variation")
         except InputError as error:
             notes.append(f"{solve}: not used, {one_line_of_text(str(error))}")
             record = SolveRecord(solve.variation, solve.seed, failure="its file cannot be used")
         if record is not None:
             records[solve] = record
-        elif (why := place.failure(solve)) is not None:
-            records[solve] = SolveRecord(solve.variation, solve.seed, failure=why)
+        elif (reason := output.failure(solve)) is not None:
+            records[solve] = SolveRecord(solve.variation, solve.seed, failure=reason)
     return records, notes

@@ -1,4 +1,4 @@
-"""Run of an experiment on local processes or a Dask cluster: missing solves are executed and stored as they finish."""
+"""Run of an experiment on local processes or a Dask cluster."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from nlpgrasp.errors import InputError, MissingExtraError, NlpgraspError
 from nlpgrasp.experiments.experiment import Experiment, SolveId
 from nlpgrasp.experiments.experiment_result import ExperimentResult, read_records
 from nlpgrasp.experiments.output_folder import OutputFolder, plan_of
-from nlpgrasp.experiments.solve_job import Job, JobFactory, Outcome, work
+from nlpgrasp.experiments.solve_job import Job, JobFactory, Outcome, run_job
 from nlpgrasp.experiments.solve_record import SolveRecord
 from nlpgrasp.experiments.warm_start_exchange import WarmStartExchange
 from nlpgrasp.optimize.processes import cores, separate_processes
@@ -34,14 +34,14 @@ if TYPE_CHECKING:
     from distributed import Future as ClusterFuture
 
 
-IDLE = 30.0  # seconds after which idle workers end
-LOOK = 0.2  # seconds between checks for Ctrl-C, which an endless wait misses on some systems
+IDLE_SECONDS = 30.0  # seconds after which idle workers end
+POLL_SECONDS = 0.2  # seconds between checks for Ctrl-C, which an endless wait misses on some systems
 ADDRESS = re.compile(r"([a-z]+://)?[^\s/]+:\d+")  # of a Dask scheduler
-REACHED = 10  # seconds: timeout for reaching a scheduler
-AHEAD = 2  # queued solves per worker
+CONNECT_SECONDS = 10  # seconds: timeout for reaching a scheduler
+QUEUED_PER_WORKER = 2  # queued solves per worker
 LEAST_WINDOW = 4  # least number of queued solves
 INTERRUPTED = "Interrupted: go on with --resume; in Python with resume=True, of ng.solve_many by calling it again."
-GO_ON = "What was written before is kept; go on with --resume."
+RESUME_HINT = "What was written before is kept; go on with --resume."
 
 
 Progress = Callable[[SolveRecord], None]
@@ -103,14 +103,14 @@ def run_experiment(
 
 def run_solves(
     experiment: Experiment,
-    place: OutputFolder,
+    folder: OutputFolder,
     resume: bool,
     workers: int | None,
     scheduler: str | None,
     progress: Progress | None,
-    compared: bool = True,
+    is_compared: bool = True,
 ) -> ExperimentResult:
-    """Run the missing solves of an experiment in a folder; exchange grasps between ``compared`` variations.
+    """Run the missing solves of an experiment in a folder; exchange grasps between variations if ``is_compared``.
 
     Raises
     ------
@@ -121,88 +121,90 @@ def run_solves(
         if scheduler is not None:
             raise InputError("workers", workers, "no number of workers with a scheduler: the cluster has its own")
         workers = integer("workers", workers, at_least=1, at_most=1024)
-    pack = JobFactory(experiment, compared)
+    factory = JobFactory(experiment, is_compared)
     for name in experiment.names:
-        pack(SolveId(name, 0))  # raises errors now rather than hours later
+        factory(SolveId(name, 0))  # raises errors now rather than hours later
     client = None if scheduler is None else connect(scheduler)
     try:
-        place.open(plan_of(experiment), resume)
-        run = _Run(experiment, place, progress)
-        do = partial(run_local, workers=workers or cores()) if client is None else partial(run_cluster, client=client)
-        if run.collect(do(run.missing(), pack)) and compared:
-            run._exchange_warm_starts(WarmStartExchange(experiment, place, pack, do))
+        folder.open(plan_of(experiment), resume)
+        run = _Run(experiment, folder, progress)
+        run_jobs = partial(run_local, workers=workers or cores())
+        if client is not None:
+            run_jobs = partial(run_cluster, client=client)
+        if run.collect(run_jobs(run.missing(), factory)) and is_compared:
+            run.exchange_warm_starts(WarmStartExchange(experiment, folder, factory, run_jobs))
         return run.result()
     finally:
-        place.close()
+        folder.close()
         if client is not None:
             client.close()
 
 
 @dataclass
 class _Run:
-    """State of a run."""
+    """State of an experiment's run: records and notes so far."""
 
     experiment: Experiment
-    place: OutputFolder
+    folder: OutputFolder
     progress: Progress | None
     records: dict[SolveId, SolveRecord] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
     def missing(self) -> list[SolveId]:
         """Read the results of earlier runs; return the remaining solves."""
-        self.place.sweep()
-        known, self.notes = read_records(self.place, self.experiment.solves, self.place.plan())
-        done = {solve: record for solve, record in known.items() if record.done}
-        for solve, record in done.items():
-            self._record(solve, record)
-        return [solve for solve in self.experiment.solves if solve not in done]
+        self.folder.sweep()
+        records, self.notes = read_records(self.folder, self.experiment.solves, self.folder.plan())
+        solved = {solve: record for solve, record in records.items() if record.done}
+        for solve, record in solved.items():
+            self._add_record(solve, record)
+        return [solve for solve in self.experiment.solves if solve not in solved]
 
     def collect(self, outcomes: Generator[tuple[SolveId, Outcome], None, None]) -> bool:
-        """Store each outcome as it arrives, until all are there, the user interrupts, or writing fails.
+        """Store each outcome as it arrives, and return whether all have arrived.
 
-        Returns whether all are there.
+        It stops early when the user interrupts, writing fails or the cluster is lost.
         """
         with closing(outcomes):
             try:
                 for solve, outcome in outcomes:
-                    self._keep(solve, outcome)
+                    self._store(solve, outcome)
                 return True
             except KeyboardInterrupt:
                 self.notes.append(INTERRUPTED)
             except (_WriteError, ClusterLostError) as error:
-                self.notes.append(f"Stopped: {error}. {GO_ON}")
+                self.notes.append(f"Stopped: {error}. {RESUME_HINT}")
         return False
 
-    def _exchange_warm_starts(self, handing: WarmStartExchange) -> None:
+    def exchange_warm_starts(self, exchange: WarmStartExchange) -> None:
         """Exchange grasps between the variations; after an error the solves' own results remain."""
         try:
-            self.records |= handing.done(self.records)
+            self.records |= exchange.exchange(self.records)
         except KeyboardInterrupt:
             self.notes.append(INTERRUPTED)
         except (InputError, OSError, ClusterLostError) as error:
-            self.notes.append(f"Grasps were not handed on between variations: {one_line(error)}. {GO_ON}")
-        self.notes += handing.notes
+            self.notes.append(f"Grasps were not handed on between variations: {one_line(error)}. {RESUME_HINT}")
+        self.notes += exchange.notes
 
     def result(self) -> ExperimentResult:
         """Return the result so far."""
         name = str(self.experiment.name)
-        return ExperimentResult.of(name, self.place, self.experiment.solves, self.records, self.notes)
+        return ExperimentResult.of(name, self.folder, self.experiment.solves, self.records, self.notes)
 
-    def _keep(self, solve: SolveId, outcome: Outcome) -> None:
+    def _store(self, solve: SolveId, outcome: Outcome) -> None:
         if outcome.interrupted:
             return
-        record = self._read(solve, outcome)
+        record = self._read_outcome(solve, outcome)
         try:
             if record.done:
-                self.place.write_solution(solve, outcome.text)
+                self.folder.write_solution(solve, outcome.text)
             else:
-                self.place.write_failure(solve, record.failure)
+                self.folder.write_failure(solve, record.failure)
         except InputError as error:
-            self._record(solve, SolveRecord(solve.variation, solve.seed, failure=f"not written: {error}"))
+            self._add_record(solve, SolveRecord(solve.variation, solve.seed, failure=f"not written: {error}"))
             raise _WriteError(str(error)) from None
-        self._record(solve, record)
+        self._add_record(solve, record)
 
-    def _read(self, solve: SolveId, outcome: Outcome) -> SolveRecord:
+    def _read_outcome(self, solve: SolveId, outcome: Outcome) -> SolveRecord:
         """Return the record of an outcome; one of another problem than its variation's is a failure."""
         failure = outcome.failure
         if outcome.text:
@@ -211,13 +213,13 @@ class _Run:
                 record = SolveRecord.of(solve.variation, solve.seed, solution)
             except InputError as error:
                 return SolveRecord(solve.variation, solve.seed, failure=one_line(error))
-            others = {r.asked for s, r in self.records.items() if s.variation == solve.variation and r.done}
-            if others <= {record.asked}:
+            digests = {r.problem for s, r in self.records.items() if s.variation == solve.variation and r.done}
+            if digests <= {record.problem}:
                 return record
             failure = "its function makes another problem than in an earlier run: use a new folder"
         return SolveRecord(solve.variation, solve.seed, failure=failure)
 
-    def _record(self, solve: SolveId, record: SolveRecord) -> None:
+    def _add_record(self, solve: SolveId, record: SolveRecord) -> None:
         self.records[solve] = record
         if self.progress is not None:
             self.progress(record)
@@ -228,7 +230,7 @@ class _WriteError(Exception):
 
 
 def run_local(
-    solves: Sequence[SolveId], pack: Callable[[SolveId], Job], workers: int
+    solves: Sequence[SolveId], factory: Callable[[SolveId], Job], workers: int
 ) -> Generator[tuple[SolveId, Outcome], None, None]:
     """Yield each solve with its outcome when done, in any order.
 
@@ -239,51 +241,51 @@ def run_local(
         raise InputError("workers", "a daemonic process, which can have none", "a call from another process")
     waiting = dict.fromkeys(solves)
     while waiting:
-        suspects, _ = yield from _outcomes_until_crash(waiting, pack, workers)
-        for solve in suspects:
-            alone = {solve: None}
-            again, how = yield from _outcomes_until_crash(alone, pack, 1)
-            if again:
-                yield solve, Outcome(failure=f"its process ended, twice{how}: a crash, or out of memory")
-            if again or not alone:
+        active, _ = yield from _outcomes_until_crash(waiting, factory, workers)
+        for solve in active:
+            remaining = {solve: None}
+            crashed, ending = yield from _outcomes_until_crash(remaining, factory, 1)
+            if crashed:
+                yield solve, Outcome(failure=f"its process ended, twice{ending}: a crash, or out of memory")
+            if crashed or not remaining:
                 del waiting[solve]  # else it was not started: a worker crashed before
 
 
 def _outcomes_until_crash(
-    waiting: dict[SolveId, None], pack: Callable[[SolveId], Job], workers: int
+    waiting: dict[SolveId, None], factory: Callable[[SolveId], Job], workers: int
 ) -> Generator[tuple[SolveId, Outcome], None, tuple[list[SolveId], str]]:
     """Yield outcomes of waiting solves until all are done or a worker crashes.
 
     Returns the solves that were active then, which stay waiting, and how the worker ended, as text.
     """
-    left = iter(list(waiting))
-    under_way: dict[Future[Outcome], SolveId] = {}
+    remaining = iter(list(waiting))
+    active: dict[Future[Outcome], SolveId] = {}
     try:
-        with separate_processes(workers, IDLE) as processes:
+        with separate_processes(workers, IDLE_SECONDS) as processes:
             while True:
-                for solve in islice(left, workers - len(under_way)):
-                    under_way[processes.submit(_quietly, pack(solve))] = solve
-                if not under_way:
+                for solve in islice(remaining, workers - len(active)):
+                    active[processes.submit(_run_job_quietly, factory(solve))] = solve
+                if not active:
                     return [], ""
-                done, _ = wait(under_way, timeout=LOOK, return_when=FIRST_COMPLETED)
-                for future in sorted(done, key=lambda one: one.exception() is not None):
+                finished, _ = wait(active, timeout=POLL_SECONDS, return_when=FIRST_COMPLETED)
+                for future in sorted(finished, key=lambda future: future.exception() is not None):
                     outcome = future.result()
-                    solve = under_way.pop(future)
+                    solve = active.pop(future)
                     del waiting[solve]
                     yield solve, outcome
     except BrokenProcessPool as error:
         codes = re.search(r"\{(.+?)\}", str(error))  # such as {SIGSEGV(-11)}
-        return list(under_way.values()), f" ({codes[1]})" if codes else ""
+        return list(active.values()), f" ({codes[1]})" if codes else ""
 
 
-def _quietly(job: Job) -> Outcome:
+def _run_job_quietly(job: Job) -> Outcome:
     """Run a job in a worker; the parent reports a crash in one line."""
     faulthandler.disable()
-    return work(job)
+    return run_job(job)
 
 
 def run_cluster(
-    solves: Sequence[SolveId], pack: Callable[[SolveId], Job], client: Client
+    solves: Sequence[SolveId], factory: Callable[[SolveId], Job], client: Client
 ) -> Generator[tuple[SolveId, Outcome], None, None]:
     """Yield each solve with its outcome when done, in any order.
 
@@ -293,32 +295,32 @@ def run_cluster(
     from distributed import as_completed
 
     waiting = iter(solves)
-    under_way: dict[ClusterFuture, SolveId] = {}
-    done = as_completed(loop=client.loop)
+    active: dict[ClusterFuture, SolveId] = {}
+    completed = as_completed(loop=client.loop)
 
     def submit() -> None:
-        while len(under_way) < _window(client):
+        while len(active) < _most_submitted(client):
             solve = next(waiting, None)
             if solve is None:
                 return
-            job = pack(solve)
-            future = client.submit(work, job, pure=False, key=job.key)
-            under_way[future] = solve
-            done.add(future)
+            job = factory(solve)
+            future = client.submit(run_job, job, pure=False, key=job.key)
+            active[future] = solve
+            completed.add(future)
 
     try:
         submit()
-        for future in done:
-            solve = under_way.pop(future)
-            yield solve, _outcome(future)
+        for future in completed:
+            solve = active.pop(future)
+            yield solve, _future_outcome(future)
             submit()
     except (OSError, RuntimeError, KeyError, CancelledError) as error:  # errors of distributed without a scheduler
         raise ClusterLostError(f"the cluster was lost ({type(error).__name__})") from None
 
 
-def _window(client: Client) -> int:
+def _most_submitted(client: Client) -> int:
     """Return the number of solves that may be submitted, for the cluster's current size."""
-    return max(LEAST_WINDOW, AHEAD * len(client.scheduler_info(n_workers=-1)["workers"]))
+    return max(LEAST_WINDOW, QUEUED_PER_WORKER * len(client.scheduler_info(n_workers=-1)["workers"]))
 
 
 def connect(address: str) -> Client:
@@ -339,7 +341,7 @@ def connect(address: str) -> Client:
     if not isinstance(address, str) or not ADDRESS.fullmatch(address):
         raise InputError("scheduler", address, allowed)
     try:
-        return Client(address, timeout=REACHED, set_as_default=False)
+        return Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
     except Exception as error:  # every kind of address has its own errors
         raise InputError("scheduler", f"{address} ({type(error).__name__}: nobody answers)", allowed) from None
 
@@ -348,7 +350,7 @@ class ClusterLostError(NlpgraspError):
     """Error on losing the scheduler during a run."""
 
 
-def _outcome(future: ClusterFuture) -> Outcome:
+def _future_outcome(future: ClusterFuture) -> Outcome:
     if future.status == "finished":
         result: Outcome = future.result()
         return result

@@ -18,14 +18,14 @@ from nlpgrasp.common.files import file_name, json_round_trip, take, write_text
 from nlpgrasp.common.formatting import one_line, one_line_of_text
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.experiment import CaseData, Experiment, SolveId, check_names, check_seeds
-from nlpgrasp.experiments.solve_record import strip_recorded
+from nlpgrasp.experiments.solve_record import strip_later_entries
 from nlpgrasp.solution.file import DEEPEST, depth
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.version import __version__
 
 PLAN_SCHEMA = "nlpgrasp-experiment/1"
 PLAN, SOLVES, LOCK = "experiment.json", "solves", ".lock"
-OWN, HANDED_ON = "own", "handed_on.json"
+OWN_RESULTS, EXCHANGE_STATE = "own", "handed_on.json"
 FAILURE_SCHEMA = "nlpgrasp-failure/1"
 
 
@@ -52,11 +52,11 @@ def plan_of(experiment: Experiment) -> Plan:
         "seeds": list(experiment.seeds),
         "variations": variations,
     }
-    read: Plan = json_round_trip(plan)
-    return read
+    json_plan: Plan = json_round_trip(plan)
+    return json_plan
 
 
-def read_plan(text: str, where: str) -> Plan:
+def read_plan(text: str, source: str) -> Plan:
     """Return the plan of a JSON text.
 
     Raises
@@ -66,7 +66,7 @@ def read_plan(text: str, where: str) -> Plan:
     """
     allowed = f"the plan of an experiment ({PLAN_SCHEMA})"
     if depth(text) > DEEPEST:
-        raise InputError(where, f"nesting deeper than {DEEPEST}", allowed)
+        raise InputError(source, f"nesting deeper than {DEEPEST}", allowed)
     try:
         plan: Plan = json.loads(text)
         if plan["schema"] != PLAN_SCHEMA or not isinstance(plan["variations"], dict):
@@ -77,11 +77,11 @@ def read_plan(text: str, where: str) -> Plan:
             raise ValueError("variations that are none")
         plan["name"] = one_line_of_text(str(plan.get("name", "")))
     except (ValueError, TypeError, KeyError, RecursionError) as error:
-        raise InputError(where, f"no plan ({one_line(error)})", allowed) from None
+        raise InputError(source, f"no plan ({one_line(error)})", allowed) from None
     return plan
 
 
-def check_same(old: Plan, new: Plan, where: str) -> None:
+def check_same_experiment(old: Plan, new: Plan, path: str) -> None:
     """Refuse to resume another experiment; variations and seeds may be added.
 
     Raises
@@ -89,36 +89,38 @@ def check_same(old: Plan, new: Plan, where: str) -> None:
     InputError
         Naming the differences.
     """
-    theirs, ours = ({name: _lean(case) for name, case in plan["variations"].items()} for plan in (old, new))
-    gone = [name for name in theirs if name not in ours]
-    changed = [name for name in theirs if name in ours and theirs[name] != ours[name]]
+    old_cases = {name: _strip_case(case) for name, case in old["variations"].items()}
+    new_cases = {name: _strip_case(case) for name, case in new["variations"].items()}
+    missing = [name for name in old_cases if name not in new_cases]
+    changed = [name for name in old_cases if name in new_cases and old_cases[name] != new_cases[name]]
     seeds = [seed for seed in old["seeds"] if seed not in new["seeds"]]
     difference = None
     if old.get("name") != new["name"]:
         difference = f"the experiment {old.get('name')!r}"
-    elif gone:
-        difference = f"an experiment with a variation {gone[0]!r}"
+    elif missing:
+        difference = f"an experiment with a variation {missing[0]!r}"
     elif changed:
-        one, other = theirs[changed[0]], ours[changed[0]]
-        parts = _differing(one, other) + _differing(one.get("problem", {}), other.get("problem", {}))
+        old_case, new_case = old_cases[changed[0]], new_cases[changed[0]]
+        parts = _differing_keys(old_case, new_case)
+        parts += _differing_keys(old_case.get("problem", {}), new_case.get("problem", {}))
         difference = f"an experiment whose variation {changed[0]!r} is another ({', '.join(parts)})"
     elif seeds:
         difference = f"an experiment with seed {seeds[0]}"
     if difference is not None:
-        raise InputError(f"out ({where})", difference, "the folder of this experiment, or a new one")
+        raise InputError(f"out ({path})", difference, "the folder of this experiment, or a new one")
 
 
-def _lean(case: CaseData) -> CaseData:
+def _strip_case(case: CaseData) -> CaseData:
     """Return a variation without the entries that older plans lack."""
-    lean: CaseData = {**case}
+    stripped: CaseData = {**case}
     if "problem" in case:
-        lean["problem"] = strip_recorded(case["problem"])
-    return lean
+        stripped["problem"] = strip_later_entries(case["problem"])
+    return stripped
 
 
-def _differing(one: Mapping[str, object], other: Mapping[str, object]) -> list[str]:
+def _differing_keys(first: Mapping[str, object], second: Mapping[str, object]) -> list[str]:
     """Return the keys of the second mapping with different values."""
-    return [key for key, value in other.items() if one.get(key) != value]
+    return [key for key, value in second.items() if first.get(key) != value]
 
 
 class OutputFolder:
@@ -159,21 +161,21 @@ class OutputFolder:
         if not path.parent.is_dir():
             raise InputError(f"out ({path})", f"no folder {path.parent}", "a folder in one that exists")
         if (path / PLAN).is_file():
-            check_same(self.plan(), plan, str(path))
+            check_same_experiment(self.plan(), plan, str(path))
             if not resume:
                 raise InputError(f"out ({path})", "results of this experiment", "--resume to go on, or another folder")
         elif path.is_dir() and not all(self._is_leftover(p) for p in path.iterdir()):
             raise InputError(f"out ({path})", "files that are no experiment's", "a new or empty folder")
         path.mkdir(exist_ok=True)
-        self._hold()
+        self._acquire_lock()
         write_text(path / PLAN, json.dumps(plan, indent=1) + "\n")
         (path / SOLVES).mkdir(exist_ok=True)
 
     @staticmethod
     def _is_leftover(path: Path) -> bool:
         """Return whether a file may be left from a run that ended before its plan was written."""
-        empty = path.name == SOLVES and path.is_dir() and not any(path.iterdir())
-        return empty or path.name == LOCK or (path.name.startswith(".nlpgrasp-") and path.suffix == ".tmp")
+        is_empty_folder = path.name == SOLVES and path.is_dir() and not any(path.iterdir())
+        return is_empty_folder or path.name == LOCK or (path.name.startswith(".nlpgrasp-") and path.suffix == ".tmp")
 
     def close(self) -> None:
         """Unlock the folder."""
@@ -181,7 +183,7 @@ class OutputFolder:
             self._lock.close()
             self._lock = None
 
-    def _hold(self) -> None:
+    def _acquire_lock(self) -> None:
         """Lock the folder against other runs."""
         self._lock = (self.path / LOCK).open("w")
         if not take(self._lock):
@@ -220,17 +222,17 @@ class OutputFolder:
             When it cannot be written, for example because the disk is full.
         """
         write_text(self.file(solve), text)
-        for stale in (self._own_file(solve), self.failure_file(solve)):
+        for stale in (self._own_result_file(solve), self.failure_file(solve)):
             with suppress(OSError):
                 stale.unlink()
 
-    def _own_file(self, solve: SolveId) -> Path:
-        return self.path / OWN / self.file(solve).name
+    def _own_result_file(self, solve: SolveId) -> Path:
+        return self.path / OWN_RESULTS / self.file(solve).name
 
-    def own(self, solve: SolveId) -> Path:
+    def own_result(self, solve: SolveId) -> Path:
         """Return the path of a solve's own result, without warm starts from other variations."""
-        own = self._own_file(solve)
-        return own if own.is_file() else self.file(solve)
+        own_result = self._own_result_file(solve)
+        return own_result if own_result.is_file() else self.file(solve)
 
     def write_exchanged(self, texts: Mapping[SolveId, str], solves: Sequence[SolveId], state: str) -> None:
         """Write the solutions with grasps of other variations; restore the other solves' own results.
@@ -250,22 +252,22 @@ class OutputFolder:
             When one cannot be written.
         """
         with suppress(OSError):
-            (self.path / HANDED_ON).unlink()
+            (self.path / EXCHANGE_STATE).unlink()
         for solve in solves:
-            own = self._own_file(solve)
+            own_result = self._own_result_file(solve)
             if solve in texts:
-                own.parent.mkdir(exist_ok=True)
-                if not own.is_file():
-                    write_text(own, self.file(solve).read_text(encoding="utf-8"))
+                own_result.parent.mkdir(exist_ok=True)
+                if not own_result.is_file():
+                    write_text(own_result, self.file(solve).read_text(encoding="utf-8"))
                 write_text(self.file(solve), texts[solve])
-            elif own.is_file():
-                os.replace(own, self.file(solve))
-        write_text(self.path / HANDED_ON, state)
+            elif own_result.is_file():
+                os.replace(own_result, self.file(solve))
+        write_text(self.path / EXCHANGE_STATE, state)
 
     def exchange_state(self) -> str:
         """Return the state on which exchanged solutions are based, empty without one."""
         try:
-            return (self.path / HANDED_ON).read_text(encoding="utf-8")
+            return (self.path / EXCHANGE_STATE).read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError):
             return ""
 
@@ -302,6 +304,6 @@ class OutputFolder:
 
     def sweep(self) -> None:
         """Remove partly written files of an aborted run."""
-        for stale in (p for name in ("", SOLVES, OWN) for p in (self.path / name).glob(".nlpgrasp-*.tmp")):
+        for stale in (p for name in ("", SOLVES, OWN_RESULTS) for p in (self.path / name).glob(".nlpgrasp-*.tmp")):
             with suppress(OSError):
                 os.unlink(stale)

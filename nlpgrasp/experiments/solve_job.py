@@ -1,4 +1,4 @@
-"""Execution of one solve of an experiment in a worker process, also resumed with warm starts."""
+"""Execution of one solve of an experiment in a worker process."""
 
 from __future__ import annotations
 
@@ -28,23 +28,23 @@ from nlpgrasp.solution.kept_grasps import FoundGrasp
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 
-MARGIN = 1e-3  # least relative excess of a better grasp's certified upper bound
-FINEST = 2e-4  # relative gap of a certificate that has to distinguish two grasps
+LEAST_GAIN = 1e-3  # least relative excess of a better grasp's certified upper bound
+LEAST_RTOL = 2e-4  # relative gap of a certificate that has to distinguish two grasps
 
 
-_one_at_a_time = threading.Lock()  # IPOPT's linear solver is not thread-safe
+_solver_lock = threading.Lock()  # IPOPT's linear solver is not thread-safe
 
 
-def work(job: Job) -> Outcome:
+def run_job(job: Job) -> Outcome:
     """Solve in this process; any error becomes the outcome's message and stops no other solve."""
-    with _one_at_a_time:
+    with _solver_lock:
         try:
-            asked, handed = job.parcel.unpack(), job.handed
-            if handed is not None:
-                starts, seed = asked.case.starts, job.solve.seed
-                better = improve_solution(asked.compiled, starts, handed.own, seed, handed.offers, handed.improve)
-                return Outcome() if better is None else Outcome(solution_json(better.to_dict()))
-            solution = solve_again(asked.compiled, asked.case.starts, job.solve.seed, asked.case.keeping)
+            lazy, offer, seed = job.payload.unpack(), job.offer, job.solve.seed
+            compiled, starts = lazy.compiled, lazy.case.starts
+            if offer is not None:
+                improved = improve_solution(compiled, starts, offer.solution, seed, offer.offers, offer.improve)
+                return Outcome() if improved is None else Outcome(solution_json(improved.to_dict()))
+            solution = solve_again(compiled, starts, seed, lazy.case.keeping)
             if solution.status is Status.INTERRUPTED:
                 return Outcome(interrupted=True)
             return Outcome(solution_json(solution.to_dict()))
@@ -59,21 +59,21 @@ class Job:
     Parameters
     ----------
     solve : SolveId
-    parcel : WorkerPayload
+    payload : WorkerPayload
         Data of the variation: workers keep the programs of the last variation.
-    handed : WarmStartOffer, optional
+    offer : WarmStartOffer, optional
         Grasps to compare with, for a finished solve.
     """
 
     solve: SolveId
-    parcel: WorkerPayload[LazyCompiledProblem[Case]]
-    handed: WarmStartOffer | None = None
+    payload: WorkerPayload[LazyCompiledProblem[Case]]
+    offer: WarmStartOffer | None = None
 
     @property
     def key(self) -> str:
         """Unique name of the job in the run."""
-        turn = "" if self.handed is None else f"-handed{self.handed.turn}"
-        return f"nlpgrasp-{self.parcel.token}-{self.solve.seed}{turn}"
+        suffix = "" if self.offer is None else f"-handed{self.offer.turn}"
+        return f"nlpgrasp-{self.payload.token}-{self.solve.seed}{suffix}"
 
 
 @dataclass(frozen=True)
@@ -121,14 +121,14 @@ class JobFactory:
         name = solve.variation
         if self._last is None or self._last[0] != name:
             try:
-                parcel = WorkerPayload.of(
-                    LazyCompiledProblem(partial(_create_case, self.experiment.maker(name), self._compared)),
+                payload = WorkerPayload.of(
+                    LazyCompiledProblem(partial(_worker_case, self.experiment.maker(name), self._compared)),
                     f"{self._run} {name}",
                 )
             except Exception as error:  # any error of the parts' own pickling
                 reason = one_line(error)
                 raise InputError(f"variation {name!r}", reason, "parts that can be sent to other processes") from None
-            self._last = (name, parcel)
+            self._last = (name, payload)
         return Job(solve, self._last[1])
 
 
@@ -138,7 +138,7 @@ class WarmStartOffer:
 
     Parameters
     ----------
-    own : GraspSolution
+    solution : GraspSolution
         Solution of the solve.
     offers : mapping of str to FoundGrasp
         Grasps of other variations, by their origin as text.
@@ -148,13 +148,13 @@ class WarmStartOffer:
         Number of earlier exchanges.
     """
 
-    own: GraspSolution
+    solution: GraspSolution
     offers: Mapping[str, FoundGrasp]
     improve: bool
     turn: int
 
 
-def _create_case(maker: Callable[[], Case], compared: bool) -> Case:
+def _worker_case(maker: Callable[[], Case], compared: bool) -> Case:
     """Return the created case with a solve's options; refuse one whose result cannot be written."""
     case = maker()
     check_json(case.problem.to_dict())
@@ -194,70 +194,74 @@ def improve_solution(
     if compiled.options.maximise_robust:
         return None
     search = Multistart.resume(StartRunner(compiled.problem, compiled.options, starts, compiled), solution, seed)
-    known = solution.mu if solution.success else Bounds(0.0, 0.0)
+    incumbent = solution.mu if solution.success else Bounds(0.0, 0.0)
     with single_thread():
-        taken = _best_offer(compiled, search.next_index, known, offers)
-        if taken is None:
+        chosen = _choose_offer(compiled, search.next_index, incumbent, offers)
+        if chosen is None:
             return None
-        warm, found = taken
-        ends, refined = [found], None
+        warm_start, certified = chosen
+        grasps, refined = [certified], None
         if improve:
-            refined = refine_warm_start(compiled, warm, search.next_index + 1, search.deadline)
+            refined = refine_warm_start(compiled, warm_start, search.next_index + 1, search.deadline)
         if refined is not None:
-            ends.append(_certify_above(compiled, refined, known.lower))
-        search.results += ends
-        best = best_of([end for end in ends if _is_no_worse(end.record.mu, known)])
+            grasps.append(_certify_above(compiled, refined, incumbent.lower))
+        search.results += grasps
+        best = best_of([grasp for grasp in grasps if _is_no_worse(grasp.record.mu, incumbent)])
         if best is None:
             return None
         search.take_as_answer(best)
         answer = search.answer()
-    return answer if _is_no_worse(answer.mu, known) else None
+    return answer if _is_no_worse(answer.mu, incumbent) else None
 
 
-def _is_no_worse(bounds: Bounds, known: Bounds) -> bool:
-    return bounds.lower >= known.lower and bounds.upper >= known.upper
+def _is_no_worse(bounds: Bounds, incumbent: Bounds) -> bool:
+    return bounds.lower >= incumbent.lower and bounds.upper >= incumbent.upper
 
 
-def _best_offer(
-    compiled: CompiledProblem, index: int, known: Bounds, offers: Mapping[str, FoundGrasp]
+def _choose_offer(
+    compiled: CompiledProblem, index: int, incumbent: Bounds, offers: Mapping[str, FoundGrasp]
 ) -> tuple[WarmStart, StartGrasp] | None:
     """Return the best offered grasp above the known bounds, as a warm start and certified as it is."""
     best = None
-    for warm, elsewhere in _screen_offers(compiled, offers, known.upper):
-        found = certify_as_is(compiled, warm, index)
-        margin = 0.0 if elsewhere.lower > known.upper else MARGIN
-        if found is not None and found.record.mu.upper > (1.0 + margin) * known.upper:
-            found = _certify_above(compiled, found, known.lower)
-            if found.record.mu.lower >= known.lower:
-                best, known = (warm, found), found.record.mu
+    for warm_start, bounds_elsewhere in _screen_offers(compiled, offers, incumbent.upper):
+        certified = certify_as_is(compiled, warm_start, index)
+        margin = 0.0 if bounds_elsewhere.lower > incumbent.upper else LEAST_GAIN
+        if certified is not None and certified.record.mu.upper > (1.0 + margin) * incumbent.upper:
+            certified = _certify_above(compiled, certified, incumbent.lower)
+            if certified.record.mu.lower >= incumbent.lower:
+                best, incumbent = (warm_start, certified), certified.record.mu
     return best
 
 
-def _certify_above(compiled: CompiledProblem, found: StartGrasp, least: float) -> StartGrasp:
+def _certify_above(compiled: CompiledProblem, grasp: StartGrasp, lower: float) -> StartGrasp:
     """Return a grasp certified so tightly that its lower bound is above that of a worse one."""
     rtol = compiled.options.final_rtol
-    if least > 0.0:
-        rtol = min(rtol, max(0.5 * (found.record.mu.upper / least - 1.0), FINEST))
-    return found.certified(compiled.problem, rtol)
+    if lower > 0.0:
+        rtol = min(rtol, max(0.5 * (grasp.record.mu.upper / lower - 1.0), LEAST_RTOL))
+    return grasp.certified(compiled.problem, rtol)
 
 
 def _screen_offers(
-    compiled: CompiledProblem, offers: Mapping[str, FoundGrasp], least: float
+    compiled: CompiledProblem, offers: Mapping[str, FoundGrasp], threshold: float
 ) -> Iterator[tuple[WarmStart, Bounds]]:
-    """Yield the grasps that fit the problem with a screened upper bound above ``least``, and their own mu."""
-    fitting = [(warm, known.mu) for origin, known in offers.items() if (warm := adapt_grasp(compiled, known, origin))]
-    if not fitting:
+    """Yield the grasps that fit the problem with a screened upper bound above ``threshold``, and their own mu."""
+    adapted = []
+    for origin, grasp in offers.items():
+        warm_start = adapt_grasp(compiled, grasp, origin)
+        if warm_start:
+            adapted.append((warm_start, grasp.mu))
+    if not adapted:
         return
-    bound = np.full(len(fitting), np.inf)
+    upper_bounds = np.full(len(adapted), np.inf)
     if not compiled.problem.budget.depends_on_frames:
-        points = np.stack([warm.candidate.points for warm, _ in fitting])
-        normals = np.stack([_warm_start_normals(compiled, warm) for warm, _ in fitting])
+        points = np.stack([warm_start.candidate.points for warm_start, _ in adapted])
+        normals = np.stack([_warm_start_normals(compiled, warm_start) for warm_start, _ in adapted])
         stack = GraspStack(points, normals, compiled.problem.models, compiled.problem.origin)
-        bound = screen(stack, compiled.problem.task, force_budget=compiled.problem.budget)
-    for i in np.argsort(-bound, kind="stable"):
-        if bound[i] > least:
-            yield fitting[int(i)]
+        upper_bounds = screen(stack, compiled.problem.task, force_budget=compiled.problem.budget)
+    for i in np.argsort(-upper_bounds, kind="stable"):
+        if upper_bounds[i] > threshold:
+            yield adapted[int(i)]
 
 
-def _warm_start_normals(compiled: CompiledProblem, warm: WarmStart) -> FloatArray:
-    return np.where(np.isnan(warm.normals), compiled.inward_normals(warm.candidate), warm.normals)
+def _warm_start_normals(compiled: CompiledProblem, warm_start: WarmStart) -> FloatArray:
+    return np.where(np.isnan(warm_start.normals), compiled.inward_normals(warm_start.candidate), warm_start.normals)

@@ -1,4 +1,4 @@
-"""Solution of many problems in one call, with all kept grasps of each in one file: a small data set."""
+"""Solution of many problems in one call: a data set of grasps."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from nlpgrasp.optimize.options import SolveOptions
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.solution import GraspSolution
 
-NAME = "many problems"  # name of the folder's experiment
-Made = Callable[[], GraspProblem]
+EXPERIMENT_NAME = "many problems"  # name of the folder's experiment
+ProblemFactory = Callable[[], GraspProblem]
 
 
 @dataclass(frozen=True)
@@ -77,12 +77,12 @@ class ManySolved:
             f"{self.grasps} grasps of {len(self.files)} problems in {self.folder}",
             f"  {self.new} of them found now, in {self.seconds:.1f} s{rate}",
         ]
-        lines += [f"  {name}: {why}" for name, why in self.failures.items()]
+        lines += [f"  {name}: {reason}" for name, reason in self.failures.items()]
         return "\n".join([*lines, *(f"  {note}" for note in self.notes)])
 
 
 def solve_many(
-    problems: Mapping[str, GraspProblem | Made] | Iterable[GraspProblem],
+    problems: Mapping[str, GraspProblem | ProblemFactory] | Iterable[GraspProblem],
     out: str | Path,
     starts: int = 8,
     seed: int = 0,
@@ -129,46 +129,46 @@ def solve_many(
     MissingExtraError
         For a scheduler without the extra ``cluster``.
     """
-    begun = time.monotonic()
-    named = _check_named_problems(problems)
-    base = next(iter(named.values()))
+    start_time = time.monotonic()
+    problem_by_name = _check_named_problems(problems)
+    base = next(iter(problem_by_name.values()))
     if not isinstance(base, GraspProblem):
         base = base()
         if not isinstance(base, GraspProblem):
             raise InputError("problems", base, "functions that return a GraspProblem")
-    experiment = Experiment(base, named, [seed], starts, options, NAME, keep, distinct)
-    place = OutputFolder(out)
-    result = run_solves(experiment, place, True, workers, scheduler, progress, compared=False)
-    done = [record for record in result.solves if record.done]
+    experiment = Experiment(base, problem_by_name, [seed], starts, options, EXPERIMENT_NAME, keep, distinct)
+    output = OutputFolder(out)
+    result = run_solves(experiment, output, True, workers, scheduler, progress, is_compared=False)
+    solved = [record for record in result.solves if record.done]
     return ManySolved(
-        place.path,
-        {record.variation: place.file(SolveId(record.variation, seed)) for record in done},
+        output.path,
+        {record.variation: output.file(SolveId(record.variation, seed)) for record in solved},
         {record.variation: record.failure for record in result.failures},
-        sum(record.grasps for record in done),
-        sum(record.grasps for record in done if not record.earlier),
-        time.monotonic() - begun,
+        sum(record.grasps for record in solved),
+        sum(record.grasps for record in solved if not record.earlier),
+        time.monotonic() - start_time,
         result.notes,
     )
 
 
-def _check_named_problems(problems: object) -> dict[str, GraspProblem | Made]:
+def _check_named_problems(problems: object) -> dict[str, GraspProblem | ProblemFactory]:
     """Return problems by name, refusing other objects."""
     allowed = "problems by name, or several problems of different names"
     if isinstance(problems, Mapping):
-        named = dict(problems)
+        problem_by_name = dict(problems)
     elif isinstance(problems, Iterable) and not isinstance(problems, str):
-        named = {}
+        problem_by_name = {}
         for problem in problems:
             if not isinstance(problem, GraspProblem):
                 raise InputError("problems", problem, allowed)
-            if problem.name in named:
+            if problem.name in problem_by_name:
                 raise InputError("problems", f"two problems named {problem.name!r}", allowed)
-            named[problem.name] = problem
+            problem_by_name[problem.name] = problem
     else:
         raise InputError("problems", problems, allowed)
-    if not named:
+    if not problem_by_name:
         raise InputError("problems", "none", "at least one")
-    for name, problem in named.items():
+    for name, problem in problem_by_name.items():
         if isinstance(problem, type) or not (isinstance(problem, GraspProblem) or callable(problem)):
             raise InputError(f"problems[{name!r}]", problem, "a GraspProblem, or a function that returns one")
-    return named
+    return problem_by_name

@@ -1,4 +1,4 @@
-"""Record of one solve of an experiment, with digests that tell which solves are comparable."""
+"""Record of one solve of an experiment, with digests for comparison."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from nlpgrasp.solution.analysis_records import ShadowPrice
 from nlpgrasp.solution.records import ConstraintReport, StartRecord, Status
 from nlpgrasp.solution.solution import GraspSolution
 
-ALSO_RECORDED = {
+LATER_ENTRIES = {
     "unit",
     "meshes",
     "approach",
@@ -29,14 +29,14 @@ ALSO_RECORDED = {
 }  # missing in older files
 NOTHING = Bounds(0.0, 0.0)  # mu without a grasp
 NOT_DONE = "not done"  # failure text of a solve that has not run
-WIDE = 2.0  # relative gap above which a bound counts as loose
-HANDED = "from variation "  # prefix of the message of a warm start from another variation
+LOOSE_GAP = 2.0  # relative gap above which a bound counts as loose
+WARM_START_PREFIX = "from variation "  # prefix of the message of a warm start from another variation
 
 
 def problem_digest(problem: Json) -> str:
     """Return a digest of a problem's JSON data without its budget, which for a hand depends on the posture."""
-    known = strip_recorded(problem)
-    parts = {k: known.get(k) for k in ("body", "contacts", "task", "constraints", "hand")}
+    stripped = strip_later_entries(problem)
+    parts = {k: stripped.get(k) for k in ("body", "contacts", "task", "constraints", "hand")}
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
 
 
@@ -47,8 +47,8 @@ def body_digest(body: Json) -> str:
             body_from_dict(body)
         except InputError:
             return ""
-    told = {k: v for k, v in body.items() if k not in ("source", "unit")}
-    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
+    data = {k: v for k, v in body.items() if k not in ("source", "unit")}
+    return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def measure_digest(solution: GraspSolution) -> str:
@@ -57,14 +57,14 @@ def measure_digest(solution: GraspSolution) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
-def strip_recorded(problem: Json) -> Json:
+def strip_later_entries(problem: Json) -> Json:
     """Return a problem's JSON data without the entries of body and hand that older files lack."""
-    lean = dict(problem)
+    stripped = dict(problem)
     for name in ("body", "hand"):
-        part = lean.get(name)
+        part = stripped.get(name)
         if isinstance(part, Mapping):
-            lean[name] = {k: v for k, v in part.items() if k not in ALSO_RECORDED}
-    return lean
+            stripped[name] = {k: v for k, v in part.items() if k not in LATER_ENTRIES}
+    return stripped
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class SolveRecord:
         Digest of task and force budget: values of mu are comparable where it is equal.
     failure : str
         Why there is no solution, in one line.
-    asked : str
+    problem : str
         Digest of the problem.
     earlier : bool
         Whether an earlier run solved it.
@@ -122,7 +122,7 @@ class SolveRecord:
     contacts: int = 0
     measured: str = ""
     failure: str = ""
-    asked: str = ""
+    problem: str = ""
     earlier: bool = False
     best_start: StartRecord | None = None
     body: str = ""
@@ -153,12 +153,12 @@ class SolveRecord:
             solution.kind,
             float(solution.solver.get("seconds", {}).get("total", 0.0)),
             min(int(solution.solver.get("iterations", 0)), 10**15),
-            tuple(s for s in solution.starts if not s.message.startswith(HANDED)),
+            tuple(s for s in solution.starts if not s.message.startswith(WARM_START_PREFIX)),
             active_constraints(solution.constraints),
             solution.prices,
             len(solution.problem.get("contacts", ())),
             measure_digest(solution),
-            asked=problem_digest(solution.problem),
+            problem=problem_digest(solution.problem),
             best_start=solution.winner,
             body=body_digest(solution.problem["body"]),
             best_possible=solution.best_possible,
@@ -179,7 +179,7 @@ class SolveRecord:
     def origin(self) -> str:
         """Variation and seed of a grasp from another solve, ``"smooth, seed 2"``; empty for a grasp of its own."""
         message = "" if self.best_start is None else self.best_start.message
-        return message.removeprefix(HANDED) if message.startswith(HANDED) else ""
+        return message.removeprefix(WARM_START_PREFIX) if message.startswith(WARM_START_PREFIX) else ""
 
     @property
     def gap(self) -> float:
@@ -209,7 +209,7 @@ class SolveRecord:
 
 def format_gap(gap: float) -> str:
     """Return a gap for a table: in per cent, above 100 % as a factor, "loose" if wide, empty if infinite."""
-    if gap > WIDE:
+    if gap > LOOSE_GAP:
         return "loose" if math.isfinite(gap) else ""
     return f"{gap:.1%}" if gap <= 1.0 else f"{at_most(1.0 + gap, 2)} times"
 
@@ -219,14 +219,14 @@ def active_constraints(reports: Sequence[ConstraintReport]) -> tuple[str, ...]:
     active: dict[str, list[tuple[int, ...]]] = {}
     for report in reports:
         if report.active and not report.is_equation:
-            own = active.setdefault(report.kind if report.fingers else report.name, [])
-            if report.fingers and report.fingers not in own:
-                own.append(report.fingers)
+            groups = active.setdefault(report.kind if report.fingers else report.name, [])
+            if report.fingers and report.fingers not in groups:
+                groups.append(report.fingers)
     return tuple(_format_fingers(name, fingers) for name, fingers in active.items())
 
 
 def _format_fingers(name: str, fingers: Sequence[tuple[int, ...]]) -> str:
     if not fingers:
         return name
-    which = ", ".join(" and ".join(map(str, group)) for group in fingers)
-    return f"{name}, finger{'s' * (sum(map(len, fingers)) > 1)} {which}"
+    numbers = ", ".join(" and ".join(map(str, group)) for group in fingers)
+    return f"{name}, finger{'s' * (sum(map(len, fingers)) > 1)} {numbers}"

@@ -17,16 +17,16 @@ from dataclasses import dataclass, field, replace
 from nlpgrasp.experiments.experiment import Experiment, SolveId
 from nlpgrasp.experiments.output_folder import OutputFolder
 from nlpgrasp.experiments.solve_job import Job, JobFactory, Outcome, WarmStartOffer
-from nlpgrasp.experiments.solve_record import HANDED, SolveRecord, body_digest
+from nlpgrasp.experiments.solve_record import WARM_START_PREFIX, SolveRecord, body_digest
 from nlpgrasp.solution.kept_grasps import FoundGrasp
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.version import __version__
 
 Run = Callable[[Sequence[SolveId], Callable[[SolveId], Job]], Generator[tuple[SolveId, Outcome], None, None]]
-"""Does jobs of solves, here or on a cluster, and yields their outcomes in any order."""
+"""Function that runs jobs of solves, here or on a cluster, and yields their outcomes in any order."""
 
 SCHEMA = "nlpgrasp-handed-on/1"
-IMPROVED, TURNS = 3, 20  # turns with refinement, and most turns
+REFINED_TURNS, MOST_TURNS = 3, 20  # turns with refinement, and most turns
 
 
 @dataclass
@@ -36,21 +36,21 @@ class WarmStartExchange:
     Parameters
     ----------
     experiment : Experiment
-    place : OutputFolder
-    pack : JobFactory
+    output : OutputFolder
+    factory : JobFactory
     run : callable
     """
 
     experiment: Experiment
-    place: OutputFolder
-    pack: JobFactory
+    output: OutputFolder
+    factory: JobFactory
     run: Run
     notes: list[str] = field(default_factory=list)
-    _now: dict[SolveId, GraspSolution] = field(default_factory=dict)
+    _solutions: dict[SolveId, GraspSolution] = field(default_factory=dict)
     _version: Counter[SolveId] = field(default_factory=Counter)
-    _told: set[tuple[str, SolveId, int]] = field(default_factory=set)
+    _offered: set[tuple[str, SolveId, int]] = field(default_factory=set)
 
-    def done(self, records: dict[SolveId, SolveRecord]) -> dict[SolveId, SolveRecord]:
+    def exchange(self, records: dict[SolveId, SolveRecord]) -> dict[SolveId, SolveRecord]:
         """Run the exchange between recorded solves, write the changed solutions, and return updated records.
 
         Raises
@@ -63,76 +63,80 @@ class WarmStartExchange:
         if not groups:
             return {}
         state = self._state(solves)
-        if state == self.place.exchange_state():
+        if state == self.output.exchange_state():
             return {}
         for solve in solves:
             if solve.variation in groups:
-                self._now[solve] = replace(GraspSolution.load(self.place.own(solve)), drawing=None)
+                self._solutions[solve] = replace(GraspSolution.load(self.output.own_result(solve)), drawing=None)
         texts: dict[SolveId, str] = {}
-        for turn in range(TURNS):
-            new = self._turn(turn, groups)
-            if not new:
+        for turn in range(MOST_TURNS):
+            changed = self._turn(turn, groups)
+            if not changed:
                 break
-            texts |= new
-        self.place.write_exchanged(texts, solves, state)
-        return {s: self._record(s, found, records[s].earlier) for s, found in self._now.items()}
-
-    def _record(self, solve: SolveId, found: GraspSolution, earlier: bool) -> SolveRecord:
-        return replace(SolveRecord.of(solve.variation, solve.seed, found), earlier=earlier)
+            texts |= changed
+        self.output.write_exchanged(texts, solves, state)
+        return {
+            solve: replace(SolveRecord.of(solve.variation, solve.seed, solution), earlier=records[solve].earlier)
+            for solve, solution in self._solutions.items()
+        }
 
     def _groups(self, records: dict[SolveId, SolveRecord], solves: Sequence[SolveId]) -> dict[str, str]:
         """Return the body's digest for each variation that shares its body with another."""
-        held: dict[str, str] = {}
+        digests: dict[str, str] = {}
         for solve in solves:
             name = solve.variation
             body = None if self.experiment.deferred(name) else self.experiment.case(name).problem.body
-            key = records[solve].body if body is None else body_digest(body.to_dict()) or f"object {id(body)}"
-            held[name] = key
-        count = Counter(held.values())
-        return {name: key for name, key in held.items() if key and count[key] > 1}
+            digest = records[solve].body if body is None else body_digest(body.to_dict()) or f"object {id(body)}"
+            digests[name] = digest
+        count = Counter(digests.values())
+        return {name: digest for name, digest in digests.items() if digest and count[digest] > 1}
 
     def _state(self, solves: Sequence[SolveId]) -> str:
         """Return the exchange's inputs as text."""
-        own = {str(s): hashlib.sha256(self.place.own(s).read_bytes()).hexdigest() for s in solves}
-        return json.dumps({"schema": SCHEMA, "nlpgrasp": __version__, "solves": own}, indent=1) + "\n"
+        digests = {str(s): hashlib.sha256(self.output.own_result(s).read_bytes()).hexdigest() for s in solves}
+        return json.dumps({"schema": SCHEMA, "nlpgrasp": __version__, "solves": digests}, indent=1) + "\n"
 
     def _turn(self, turn: int, groups: dict[str, str]) -> dict[SolveId, str]:
         """Offer every new grasp to every other variation that it may fit; return the changed solutions."""
-        asked: dict[SolveId, WarmStartOffer] = {}
+        offer_by_solve: dict[SolveId, WarmStartOffer] = {}
         for name in groups:
             best = self._best(name)
             if offers := self._grasps_for(name, best, groups):
-                asked[best] = WarmStartOffer(self._now[best], offers, turn < IMPROVED, turn)
-        found: dict[SolveId, str] = {}
-        for solve, outcome in self.run(list(asked), lambda s: replace(self.pack(s), handed=asked[s])):
+                offer_by_solve[best] = WarmStartOffer(self._solutions[best], offers, turn < REFINED_TURNS, turn)
+        texts: dict[SolveId, str] = {}
+
+        def job_with_offer(solve: SolveId) -> Job:
+            return replace(self.factory(solve), offer=offer_by_solve[solve])
+
+        for solve, outcome in self.run(list(offer_by_solve), job_with_offer):
             if outcome.failure:
                 self.notes.append(f"{solve}: grasps of other variations were not looked at: {outcome.failure}")
             elif outcome.text:
-                found[solve] = outcome.text
-        for solve, text in found.items():
-            self._now[solve] = replace(GraspSolution.from_dict(json.loads(text), str(solve)), drawing=None)
+                texts[solve] = outcome.text
+        for solve, text in texts.items():
+            self._solutions[solve] = replace(GraspSolution.from_dict(json.loads(text), str(solve)), drawing=None)
             self._version[solve] += 1
-        return found
+        return texts
 
     def _best(self, name: str) -> SolveId:
         """Return the solve of a variation with the best grasp, the first among equals."""
-        solves = [solve for solve in self._now if solve.variation == name]
-        return max(solves, key=lambda s: self._rank(self._now[s]))
+        solves = [solve for solve in self._solutions if solve.variation == name]
+        return max(solves, key=lambda s: self._rank(self._solutions[s]))
 
     @staticmethod
-    def _rank(found: GraspSolution) -> tuple[float, float]:
-        return (found.mu.upper, found.mu.lower) if found.success else (0.0, 0.0)
+    def _rank(solution: GraspSolution) -> tuple[float, float]:
+        return (solution.mu.upper, solution.mu.lower) if solution.success else (0.0, 0.0)
 
     def _grasps_for(self, name: str, best: SolveId, groups: dict[str, str]) -> dict[str, FoundGrasp]:
         """Return the grasps of other variations with the same body that a variation has not yet tried."""
-        contacts = len(self._now[best].problem["contacts"])
+        contacts = len(self._solutions[best].problem["contacts"])
         offers = dict[str, FoundGrasp]()
-        for solve, found in self._now.items():
-            other, seen = solve.variation, (name, solve, self._version[solve])
-            if other == name or groups.get(other) != groups[name] or seen in self._told:
+        for solve, solution in self._solutions.items():
+            other, entry = solve.variation, (name, solve, self._version[solve])
+            if other == name or groups.get(other) != groups[name] or entry in self._offered:
                 continue
-            if found.success and len(found.require_grasp()) <= contacts:
-                self._told.add(seen)
-                origin = f"{HANDED}{other}, seed {solve.seed}"
-                offers[origin] = FoundGrasp(found.require_grasp(), found.faces, found.mu, hand=found.hand)
+            if solution.success and len(solution.require_grasp()) <= contacts:
+                self._offered.add(entry)
+                origin = f"{WARM_START_PREFIX}{other}, seed {solve.seed}"
+                offers[origin] = FoundGrasp(solution.require_grasp(), solution.faces, solution.mu, hand=solution.hand)
         return offers

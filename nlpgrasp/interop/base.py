@@ -107,11 +107,11 @@ class ExportFormat:
             solution.require_grasp()
         if self.needs is Need.DRAWING:
             solution.require_drawing()
-        wrong = grasp_obstructions(solution.hand)
-        if wrong:
-            warn(f"{solution.name}: exported though {'; and '.join(wrong)}")
-        written = self.write(solution, options or ExportOptions())
-        return written.encode("utf-8") if isinstance(written, str) else written
+        obstructions = grasp_obstructions(solution.hand)
+        if obstructions:
+            warn(f"{solution.name}: exported though {'; and '.join(obstructions)}")
+        content = self.write(solution, options or ExportOptions())
+        return content.encode("utf-8") if isinstance(content, str) else content
 
 
 @dataclass(frozen=True)

@@ -30,26 +30,26 @@ def benchmark_arrays(solution: GraspSolution, options: ExportOptions | None = No
     InputError
         Without such a hand.
     """
-    given = options or ExportOptions()
-    states = states_of_grasps(solution, given.joints)
-    hands, alone = [hand for _, hand in states], [one for one, _ in states]
-    named = {f"grasp_{i}": hand for i, hand in enumerate(hands)}
-    warn_of_axes(hands[0], given)
-    warn_of_squeezes(named, "its squeeze_qpos and squeeze_effort are NaN and has_squeeze is false")
-    names, grasps = list(hands[0].joints), [one.require_grasp() for one in alone]
-    arrays = {f"{at}_qpos": np.stack([hand.row(at) for hand in hands]) for at in STATES}
+    export_options = options or ExportOptions()
+    states = states_of_grasps(solution, export_options.joints)
+    hands, solutions = [hand for _, hand in states], [grasp_solution for grasp_solution, _ in states]
+    hands_by_name = {f"grasp_{i}": hand for i, hand in enumerate(hands)}
+    warn_of_axes(hands[0], export_options)
+    warn_of_squeezes(hands_by_name, "its squeeze_qpos and squeeze_effort are NaN and has_squeeze is false")
+    joint_names, grasps = list(hands[0].joints), [grasp_solution.require_grasp() for grasp_solution in solutions]
+    arrays = {f"{state}_qpos": np.stack([hand.row(state) for hand in hands]) for state in STATES}
     arrays |= {
         "squeeze_effort": np.stack([hand.effort_row() for hand in hands]),
         "has_squeeze": np.array([not hand.no_squeeze for hand in hands]),
         "has_pregrasp": np.array([hand.has_pregrasp for hand in hands]),
         "way_in_free": np.array([not hand.blocked for hand in hands]),
-        "joint_names": np.array(names),
+        "joint_names": np.array(joint_names),
         "obj_pose": np.tile(IDENTITY, (len(hands), 1)),
-        "obj_scale": np.full(len(hands), object_scale(solution, given.object)),
-        "obj_path": np.array(object_file(solution, given.object)),
-        "gripper_frame": np.array(given.gripper or hands[0].frame),
+        "obj_scale": np.full(len(hands), object_scale(solution, export_options.object)),
+        "obj_path": np.array(object_file(solution, export_options.object)),
+        "gripper_frame": np.array(export_options.gripper or hands[0].frame),
         **hands[0].axes(),
-        "mu": np.array([[one.mu.lower, one.mu.upper] for one in alone]),
+        "mu": np.array([[grasp_solution.mu.lower, grasp_solution.mu.upper] for grasp_solution in solutions]),
         "contact_points": np.stack([grasp.points for grasp in grasps]),
         "contact_normals": np.stack([grasp.normals for grasp in grasps]),
     }
@@ -77,17 +77,17 @@ def dexgraspbench(solution: GraspSolution, options: ExportOptions | None = None)
     InputError
         Without such a hand or without its squeeze.
     """
-    given = options or ExportOptions()
-    _, hand = states_of_grasps(solution, given.joints)[0]
+    export_options = options or ExportOptions()
+    _, hand = states_of_grasps(solution, export_options.joints)[0]
     if hand.no_squeeze:
         allowed = "a solution whose hand states its squeeze: ng.analyse(solution, problem=problem) adds one left out"
         raise InputError("solution", f"no squeeze ({hand.no_squeeze})", allowed)
-    warn_of_axes(hand, given)
-    record: dict[str, object] = {f"{at}_qpos": hand.row(at) for at in STATES}
+    warn_of_axes(hand, export_options)
+    record: dict[str, object] = {f"{state}_qpos": hand.row(state) for state in STATES}
     record |= {
         "obj_pose": np.array(IDENTITY),
-        "obj_scale": object_scale(solution, given.object),
-        "obj_path": object_file(solution, given.object),
+        "obj_scale": object_scale(solution, export_options.object),
+        "obj_path": object_file(solution, export_options.object),
         "has_pregrasp": hand.has_pregrasp,
         "way_in_free": not hand.blocked,
         **hand.axes(),

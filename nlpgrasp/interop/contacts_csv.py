@@ -23,9 +23,9 @@ from nlpgrasp.solution.solution import GraspSolution
 # names of columns
 POSITION, NORMAL = ("p_x", "p_y", "p_z"), ("n_x", "n_y", "n_z")
 FRICTION, TORSION, MODEL, GRASP = "friction", "torsional_friction", "model", "grasp"
-STEP = 1e-3  # share of the body's size: probing step along a normal
+PROBE_STEP = 1e-3  # share of the body's size: probing step along a normal
 MOST_ROWS = 1000  # contacts in a table
-UNIT = 1e-2  # tolerance of unit normals: other tools write few digits
+UNIT_TOLERANCE = 1e-2  # tolerance of unit normals: other tools write few digits
 
 
 Row = dict[str, str | None]  # the text of each column
@@ -43,19 +43,21 @@ def contacts_csv(solution: GraspSolution) -> str:
     InputError
         Without a grasp.
     """
-    own = solution.require_grasp()
-    space, several = own.space, bool(solution.others)
-    kept = [(g.grasp, g.faces, g.mu) for g in solution.grasps] if several else [(own, solution.faces, solution.mu)]
+    answer = solution.require_grasp()
+    space, has_several = answer.space, bool(solution.others)
+    grasps = [(answer, solution.faces, solution.mu)]
+    if has_several:
+        grasps = [(kept.grasp, kept.faces, kept.mu) for kept in solution.grasps]
     text = io.StringIO(newline="")
     writer = csv.writer(text)
-    first = [GRASP, "mu"] if several else []
-    writer.writerow([*first, "finger", *POSITION[:space], *NORMAL[:space], "face", MODEL, FRICTION, TORSION])
-    for number, (grasp, faces, mu) in enumerate(kept):
-        named = [number, mu.lower] if several else []
-        each = zip(grasp.points, grasp.normals, faces, grasp.contacts, strict=True)
-        for i, (p, n, face, model) in enumerate(each):
-            rough = [model.coefficients.get(name, "") for name in (FRICTION, TORSION)]
-            writer.writerow([*named, i, *p.tolist(), *n.tolist(), face, model.label, *rough])
+    first_heads = [GRASP, "mu"] if has_several else []
+    writer.writerow([*first_heads, "finger", *POSITION[:space], *NORMAL[:space], "face", MODEL, FRICTION, TORSION])
+    for number, (grasp, faces, mu) in enumerate(grasps):
+        first_cells = [number, mu.lower] if has_several else []
+        entries = zip(grasp.points, grasp.normals, faces, grasp.contacts, strict=True)
+        for i, (point, normal, face, model) in enumerate(entries):
+            coefficients = [model.coefficients.get(name, "") for name in (FRICTION, TORSION)]
+            writer.writerow([*first_cells, i, *point.tolist(), *normal.tolist(), face, model.label, *coefficients])
     return text.getvalue()
 
 
@@ -84,13 +86,13 @@ def read_contacts_csv(path: str | Path, friction: float | None = None, body: Bod
         On contacts assumed frictionless, on friction above 2, and, without a body, on normals that all point away from
         the centroid of the contacts.
     """
-    grasps = _grasps(path, friction, body)
+    grasps = _read_grasps(path, friction, body)
     if len(grasps) > 1:
         raise InputError(f"{path}: {GRASP}", f"{len(grasps)} grasps", "one: nlpgrasp quality reads tables of several")
     return next(iter(grasps.values()))
 
 
-def _grasps(path: str | Path, friction: float | None, body: Body | None) -> dict[str, Grasp]:
+def _read_grasps(path: str | Path, friction: float | None, body: Body | None) -> dict[str, Grasp]:
     """Return the grasps of a table by the value of its column ``grasp``; a table without it has one."""
     name, rows = str(path), _contact_rows(path)
     space = 3 if "p_z" in rows[0] else 2
@@ -104,8 +106,8 @@ def _grasps(path: str | Path, friction: float | None, body: Body | None) -> dict
     for i, row in enumerate(rows):
         rows_of.setdefault((row.get(GRASP) or "").strip(), []).append(i)
     grasps = {
-        key: Grasp(points[own], normals[own], [models[i] for i in own], points[own].mean(axis=0))
-        for key, own in rows_of.items()
+        key: Grasp(points[indices], normals[indices], [models[i] for i in indices], points[indices].mean(axis=0))
+        for key, indices in rows_of.items()
     }
     for grasp in grasps.values():
         check_inward(name, grasp, body)
@@ -123,9 +125,9 @@ def _contact_rows(path: str | Path) -> list[Row]:
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(name, f"no table ({error})", "a CSV table of contacts") from None
     columns = [c.strip() for c in header if c]
-    twice = [c for c in columns if columns.count(c) > 1]
-    if twice:
-        raise InputError(f"{name}: header", f"two columns {twice[0]}", "each column once")
+    repeated = [c for c in columns if columns.count(c) > 1]
+    if repeated:
+        raise InputError(f"{name}: header", f"two columns {repeated[0]}", "each column once")
     space = 3 if "p_z" in columns else 2
     missing = [c for c in (*POSITION[:space], *NORMAL[:space]) if c not in columns]
     if missing:
@@ -141,9 +143,9 @@ def _unit_normals(name: str, rows: Sequence[Row], columns: Sequence[str]) -> Flo
     """Return the normals of a table, (m, space), scaled to unit length; refuse those that are far from it."""
     normals = np.array([[_read_number(name, i, row, c) for c in columns] for i, row in enumerate(rows)])
     lengths = np.linalg.norm(normals, axis=1)
-    far = int(np.argmax(np.abs(lengths - 1.0)))
-    if abs(lengths[far] - 1.0) > UNIT:
-        raise InputError(f"{name}: row {far + 2}", f"a normal of length {lengths[far]:.4g}", "unit normals, inward")
+    worst = int(np.argmax(np.abs(lengths - 1.0)))
+    if abs(lengths[worst] - 1.0) > UNIT_TOLERANCE:
+        raise InputError(f"{name}: row {worst + 2}", f"a normal of length {lengths[worst]:.4g}", "unit normals, inward")
     return np.asarray(normals / lengths[:, None])
 
 
@@ -160,21 +162,21 @@ def _read_number(name: str, index: int, row: Row, column: str) -> float:
 
 def _contact_model(name: str, index: int, row: Row, friction: float | None) -> ContactModel:
     """Return the contact model of a row: soft with torsion, with friction, or frictionless."""
-    given = {c: _read_number(name, index, row, c) for c in (FRICTION, TORSION) if (row.get(c) or "").strip()}
-    slide = given.get(FRICTION, friction)
-    where = f"{name}: row {index + 2}"
-    if given.get(TORSION) and not slide:
-        raise InputError(f"{where}, {TORSION}", given[TORSION], "torsion of a contact with friction")
+    coefficients = {c: _read_number(name, index, row, c) for c in (FRICTION, TORSION) if (row.get(c) or "").strip()}
+    friction_coefficient = coefficients.get(FRICTION, friction)
+    row_name = f"{name}: row {index + 2}"
+    if coefficients.get(TORSION) and not friction_coefficient:
+        raise InputError(f"{row_name}, {TORSION}", coefficients[TORSION], "torsion of a contact with friction")
     try:
-        model: ContactModel = PointContact() if not slide else FrictionContact(slide)
-        if slide and given.get(TORSION):
-            model = SoftContact(slide, given[TORSION])
+        model: ContactModel = PointContact() if not friction_coefficient else FrictionContact(friction_coefficient)
+        if friction_coefficient and coefficients.get(TORSION):
+            model = SoftContact(friction_coefficient, coefficients[TORSION])
     except InputError as error:
-        raise InputError(f"{where}, {error.field}", error.given, error.allowed) from None
-    stated = (row.get(MODEL) or "").strip()
-    if stated and stated != model.kind:
+        raise InputError(f"{row_name}, {error.field}", error.given, error.allowed) from None
+    stated_model = (row.get(MODEL) or "").strip()
+    if stated_model and stated_model != model.kind:
         raise InputError(
-            f"{where}, {MODEL}", stated, f"{model.kind!r}, which its columns say; others need a solution file"
+            f"{row_name}, {MODEL}", stated_model, f"{model.kind!r}, which its columns say; others need a solution file"
         )
     return model
 
@@ -200,22 +202,23 @@ def check_inward(name: str, grasp: Grasp, body: Body | None) -> None:
             text = f"{name}: all normals point away from the middle of the contacts; they have to point into the body"
             warn(text)
         return
-    step = STEP * body.size
-    along, behind = (body.signed_distance(points + s * normals) for s in (step, -step))
-    outward = np.flatnonzero(along - behind > step)
+    step = PROBE_STEP * body.size
+    inside_distance, outside_distance = (body.signed_distance(points + s * normals) for s in (step, -step))
+    outward = np.flatnonzero(inside_distance - outside_distance > step)
     if outward.size:
         raise InputError(
             f"{name}: row {outward[0] + 2}", "a normal that points out of the body", "normals into the body"
         )
 
 
-def warn_frictionless(name: str, unsaid: Sequence[bool]) -> None:
+def warn_frictionless(name: str, is_unstated: Sequence[bool]) -> None:
     """Warn of rows without friction and model, which are assumed frictionless."""
-    rows = [str(i + 2) for i, open_ in enumerate(unsaid) if open_]
+    rows = [str(i + 2) for i, is_missing in enumerate(is_unstated) if is_missing]
     if not rows:
         return
-    which = f"no {FRICTION} stated" if len(rows) == len(unsaid) else f"no {FRICTION} stated in rows {', '.join(rows)}"
-    text = f"{name}: {which}: taken to be frictionless; friction=0.5 (--friction 0.5) states another"
+    place = "" if len(rows) == len(is_unstated) else f" in rows {', '.join(rows)}"
+    defect = f"no {FRICTION} stated{place}"
+    text = f"{name}: {defect}: taken to be frictionless; friction=0.5 (--friction 0.5) states another"
     warn(text)
 
 
@@ -229,27 +232,29 @@ def stated_body(solution: GraspSolution) -> Body | None:
 
 def _read_contacts_table(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
     """Yield the grasps of a table, with task and body of a solution file if given."""
-    other = None if options.task is None else GraspSolution.load(options.task)
-    grasps = _grasps(path, options.friction, None if other is None else stated_body(other))
+    task_solution = None if options.task is None else GraspSolution.load(options.task)
+    grasps = _read_grasps(path, options.friction, None if task_solution is None else stated_body(task_solution))
     for key, grasp in grasps.items():
         name = path.name if len(grasps) == 1 else f"{path.name}, grasp {key}"
-        yield _with_task(options.task, other, name, grasp)
+        yield _with_task(options.task, task_solution, name, grasp)
 
 
-def _with_task(task: Path | None, other: GraspSolution | None, name: str, grasp: Grasp) -> ReadGrasp:
+def _with_task(task: Path | None, task_solution: GraspSolution | None, name: str, grasp: Grasp) -> ReadGrasp:
     """Return a grasp with task and torque origin of a solution file, if any."""
-    if other is None:
+    if task_solution is None:
         return ReadGrasp(name, grasp, None, force_budget("l2"))
-    if other.grasp is None:
+    if task_solution.grasp is None:
         raise InputError(f"{task}: grasp", "none", "a file that says what point its moments are about")
-    if other.task.dimension != grasp.dimension:
-        raise InputError("--task", f"dimension {other.task.dimension}", f"dimension {grasp.dimension}, as the contacts")
-    about = Grasp(grasp.points, grasp.normals, grasp.contacts, other.grasp.torque_origin, grasp.tangents)
-    if other.budget.depends_on_frames:
+    if task_solution.task.dimension != grasp.dimension:
+        dimension = f"dimension {task_solution.task.dimension}"
+        raise InputError("--task", dimension, f"dimension {grasp.dimension}, as the contacts")
+    origin = task_solution.grasp.torque_origin
+    grasp_about_origin = Grasp(grasp.points, grasp.normals, grasp.contacts, origin, grasp.tangents)
+    if task_solution.budget.depends_on_frames:
         raise InputError(
             "--task", "a file whose force budget is that of its own contacts", "one with another force budget"
         )
-    return ReadGrasp(name, about, other.task, other.budget)
+    return ReadGrasp(name, grasp_about_origin, task_solution.task, task_solution.budget)
 
 
 CSV = ExportFormat("csv", ".csv", "contacts as a table", lambda solution, _: contacts_csv(solution))

@@ -12,8 +12,8 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.interop.base import ExportFormat
 from nlpgrasp.solution.solution import GraspSolution
 
-POINT = "#141414"
-OPAQUE, SEEN_THROUGH = 255, 140  # opacities, of 255
+POINT_COLOUR = "#141414"
+OPAQUE, TRANSPARENT = 255, 140  # opacities, of 255
 POINT_RADIUS, ARROW_RADIUS = 0.02, 0.006  # shares of the body's size
 
 
@@ -30,20 +30,20 @@ def glb(solution: GraspSolution) -> bytes:
     drawing = solution.drawn()
     if drawing is not None:
         shapes = [("body", drawing.body, "body"), *((name, s, "link") for name, s in drawing.links)]
-        for name, shape, what in shapes:
-            scene.add_geometry(_paint(trimesh.Trimesh(shape.vertices, shape.faces), COLOURS[what]), name, name)
+        for name, shape, role in shapes:
+            scene.add_geometry(_paint(trimesh.Trimesh(shape.vertices, shape.faces), COLOURS[role]), name, name)
     size = drawing_size(drawing, grasp.points)
     points, normals = in_space(grasp.points), in_space(grasp.normals)
-    for i, (p, n, model) in enumerate(zip(points, normals, grasp.contacts, strict=True)):
-        tip = trimesh.creation.icosphere(2, POINT_RADIUS * size).apply_translation(p)
-        scene.add_geometry(_paint(tip, POINT), f"contact {i}", f"contact {i}")
-        line = trimesh.creation.cylinder(ARROW_RADIUS * size, segment=[p, p + NORMAL * size * n])
+    for i, (point, normal, model) in enumerate(zip(points, normals, grasp.contacts, strict=True)):
+        ball = trimesh.creation.icosphere(2, POINT_RADIUS * size).apply_translation(point)
+        scene.add_geometry(_paint(ball, POINT_COLOUR), f"contact {i}", f"contact {i}")
+        line = trimesh.creation.cylinder(ARROW_RADIUS * size, segment=[point, point + NORMAL * size * normal])
         scene.add_geometry(_paint(line, COLOURS["normal"]), f"inward normal {i}", f"inward normal {i}")
         friction = model.coefficients.get("friction")
         if friction is not None:
             cone = trimesh.creation.cone(CONE * size * friction, CONE * size)
-            cone.apply_transform(_cone_pose(p, n, CONE * size))
-            scene.add_geometry(_paint(cone, COLOURS["cone"], SEEN_THROUGH), f"cone {i}", f"cone {i}")
+            cone.apply_transform(_cone_pose(point, normal, CONE * size))
+            scene.add_geometry(_paint(cone, COLOURS["cone"], TRANSPARENT), f"cone {i}", f"cone {i}")
     return bytes(scene.export(file_type="glb"))
 
 

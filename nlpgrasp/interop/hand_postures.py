@@ -18,11 +18,11 @@ from nlpgrasp.interop.isaac_grasp import IsaacGrasp, read_isaac_grasps
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.grasp import Grasp
 
-SLIDES, SHARE = 60, 0.5  # most steps along the surface to a normal line; share of the way in each
-NEAR = 2e-3  # metres: largest distance of a touching fingertip from the body
+MOST_STEPS, STEP_SHARE = 60, 0.5  # most steps along the surface to a normal line; share of the way in each
+TOUCH_DISTANCE = 2e-3  # metres: largest distance of a touching fingertip from the body
 
 
-def grasp_of_posture(problem: GraspProblem, posture: IsaacGrasp, near: float = NEAR) -> Grasp:
+def grasp_of_posture(problem: GraspProblem, posture: IsaacGrasp, near: float = TOUCH_DISTANCE) -> Grasp:
     """Return the contacts between round fingertips and the body in a posture, at the body's nearest points.
 
     Parameters
@@ -45,7 +45,7 @@ def grasp_of_posture(problem: GraspProblem, posture: IsaacGrasp, near: float = N
     if posture.gripper_frame not in ("", hand.robot.root):
         raise InputError("gripper_frame", posture.gripper_frame, f"{hand.robot.root!r}, the palm of the problem's hand")
     tips, radii = _tip_centres(hand, posture), np.array(hand.tip_radii)
-    points, normals, distances = nearest(problem.body, tips)
+    points, normals, distances = nearest_points(problem.body, tips)
     touching = np.flatnonzero(np.abs(distances - radii) <= near)
     if len(touching) < 2:
         gaps = ", ".join(f"{1e3 * gap:.1f} mm" for gap in distances - radii)
@@ -54,51 +54,53 @@ def grasp_of_posture(problem: GraspProblem, posture: IsaacGrasp, near: float = N
     return Grasp(points[touching], -normals[touching], models, problem.origin)
 
 
-def nearest(body: Body, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def nearest_points(body: Body, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the body's nearest points, outward normals there, (m, space) each, and signed distances, (m,).
 
     The result is exact for a mesh; for other bodies it is the nearest found by Newton steps onto each face.
     """
     if isinstance(body, Mesh):
-        found, normals, distances = body.closest(points)
-        return found, normals, np.where(body.signed_distance(points) < 0.0, -distances, distances)
-    best = np.full(len(points), np.inf)
-    found, normals = np.zeros_like(points), np.zeros_like(points)
+        points_on_body, normals, distances = body.closest(points)
+        return points_on_body, normals, np.where(body.signed_distance(points) < 0.0, -distances, distances)
+    least_distance = np.full(len(points), np.inf)
+    points_on_body, normals = np.zeros_like(points), np.zeros_like(points)
     for name in body.face_names:
-        snapped = body.snap(name, points)
-        for _ in range(SLIDES):  # along the surface, until the point is on the normal line
-            outward = body.evaluate(name, snapped)[2]
-            apart = points - snapped
-            sideways = apart - np.sum(apart * outward, axis=1, keepdims=True) * outward
-            snapped = body.snap(name, snapped + SHARE * sideways)
-        _, _, outward, extent = body.evaluate(name, snapped)
-        apart = np.where(extent <= 1e-6 * body.size, np.linalg.norm(points - snapped, axis=1), np.inf)
-        closer = apart < best
-        best, found[closer], normals[closer] = np.minimum(best, apart), snapped[closer], outward[closer]
-    return found, normals, np.where(np.sum((points - found) * normals, axis=1) < 0.0, -best, best)
+        projected = body.snap(name, points)
+        for _ in range(MOST_STEPS):  # along the surface, until the point is on the normal line
+            outward = body.evaluate(name, projected)[2]
+            offset = points - projected
+            tangential = offset - np.sum(offset * outward, axis=1, keepdims=True) * outward
+            projected = body.snap(name, projected + STEP_SHARE * tangential)
+        _, _, outward, extent = body.evaluate(name, projected)
+        distance = np.where(extent <= 1e-6 * body.size, np.linalg.norm(points - projected, axis=1), np.inf)
+        is_closer = distance < least_distance
+        points_on_body[is_closer], normals[is_closer] = projected[is_closer], outward[is_closer]
+        least_distance = np.minimum(least_distance, distance)
+    is_inside = np.sum((points - points_on_body) * normals, axis=1) < 0.0
+    return points_on_body, normals, np.where(is_inside, -least_distance, least_distance)
 
 
 def _tip_centres(hand: URDFHand, posture: IsaacGrasp) -> FloatArray:
     """Return the fingertips' centres in the body's frame."""
     joints = _joint_positions(hand, posture.joints, posture.name)
-    p, quaternion, q = ca.SX.sym("p", 3), ca.SX.sym("quaternion", 4), ca.SX.sym("q", len(joints))
+    position, quaternion, q = ca.SX.sym("p", 3), ca.SX.sym("quaternion", 4), ca.SX.sym("q", len(joints))
     if any(tip.slides or tip.standoff == 0.0 for _, tip in hand.tips):
         raise InputError("problem.hand", "fingertips that are not round", "spherical fingertips")
-    centres = hand.tip_places({"palm_position": p, "palm_quaternion": quaternion, "joints": q})
-    place = ca.Function("tips", [p, quaternion, q], [ca.horzcat(*centres)])
-    return np.asarray(place(posture.position, posture.quaternion, joints).full()).T
+    centres = hand.tip_places({"palm_position": position, "palm_quaternion": quaternion, "joints": q})
+    tip_function = ca.Function("tips", [position, quaternion, q], [ca.horzcat(*centres)])
+    return np.asarray(tip_function(posture.position, posture.quaternion, joints).full()).T
 
 
-def _joint_positions(hand: URDFHand, given: Mapping[str, float], name: str) -> FloatArray:
+def _joint_positions(hand: URDFHand, positions: Mapping[str, float], name: str) -> FloatArray:
     """Return the free joints' positions; mimic joints may be missing."""
-    free = [joint.name for joint in hand.tree.robot.free_joints]
-    missing = [joint for joint in free if joint not in given]
-    known = hand.tree.joint_positions(np.zeros(len(free)))
-    unknown = [joint for joint in given if joint not in known]
+    free_joints = [joint.name for joint in hand.tree.robot.free_joints]
+    missing = [joint for joint in free_joints if joint not in positions]
+    joints = hand.tree.joint_positions(np.zeros(len(free_joints)))
+    unknown = [joint for joint in positions if joint not in joints]
     if missing or unknown:
-        what = f"no position of joint {missing[0]}" if missing else f"joint {unknown[0]}"
-        raise InputError(f"{name}.cspace_position", what, f"the hand's joints: {', '.join(free)}")
-    return np.array([given[joint] for joint in free])
+        defect = f"no position of joint {missing[0]}" if missing else f"joint {unknown[0]}"
+        raise InputError(f"{name}.cspace_position", defect, f"the hand's joints: {', '.join(free_joints)}")
+    return np.array([positions[joint] for joint in free_joints])
 
 
 def _read_postures(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:

@@ -19,7 +19,7 @@ from nlpgrasp.solution.obstructions import approach_obstructions, grasp_obstruct
 from nlpgrasp.solution.solution import GraspSolution
 
 FINGER_JOINT = "finger_joint"  # default joint of parallel jaws; its position is the opening
-UNKNOWN_WAY = "the file states no way in"
+UNKNOWN_APPROACH = "the file states no way in"
 NOT_ADDED = "the solve left it out"
 CLOSING_AXES = {  # part of a gripper's name in public models to its closing axis, base frame
     "panda": "y",  # franka_description: both fingers slide along y of panda_hand or fr3_hand
@@ -28,8 +28,8 @@ CLOSING_AXES = {  # part of a gripper's name in public models to its closing axi
     "robotiq_arg2f": "y",  # robotiq_2f_85_gripper_visualization of ROS-Industrial
     "robotiq_85_base_link": "x",  # robotiq_description of ros2_robotiq_gripper
 }
-ALONG = 1e-3  # tolerance of parallel unit directions
-MOST = 3  # most grasps named in a warning
+PARALLEL_TOLERANCE = 1e-3  # tolerance of parallel unit directions
+MOST_NAMES = 3  # most grasps named in a warning
 
 
 @dataclass(frozen=True)
@@ -97,17 +97,17 @@ class HandStates:
         with prefix_errors(f"{name}: "):
             solution.require_grasp()
         if not solution.is_certified or "palm_pose" not in hand:
-            found = "a grasp found with an ng.URDFHand or, in space, an ng.ParallelJaw"
-            raise InputError(name, "no hand with a palm pose and joints", found)
+            allowed = "a grasp found with an ng.URDFHand or, in space, an ng.ParallelJaw"
+            raise InputError(name, "no hand with a palm pose and joints", allowed)
         if "joint_positions" in hand:
-            return _joint_states(solution, hand)._chosen(joints)
+            return _joint_states(solution, hand)._select_joints(joints)
         return _jaw_states(solution, hand, tuple(joints) or (FINGER_JOINT,))
 
-    def row(self, at: str) -> FloatArray:
-        """Return pose and joints, (7 + j,), ``at`` "pregrasp", "grasp" or "squeeze"; NaN without a squeeze."""
-        pose = self.open_pose if at == "pregrasp" else self.pose
-        positions = self.open_joints if at == "pregrasp" else self.joints
-        if at == "squeeze":
+    def row(self, state: str) -> FloatArray:
+        """Return pose and joints, (7 + j,), ``state`` "pregrasp", "grasp" or "squeeze"; NaN without a squeeze."""
+        pose = self.open_pose if state == "pregrasp" else self.pose
+        positions = self.open_joints if state == "pregrasp" else self.joints
+        if state == "squeeze":
             unknown = dict.fromkeys(self.joints, np.nan) if self.no_squeeze else {}
             positions = {**self.joints, **self.commands, **unknown}
         return np.concatenate([pose, [positions[name] for name in self.joints]])
@@ -122,7 +122,7 @@ class HandStates:
             return {}
         return {"closing_axis": self.closing, "approach_axis": self.approach}
 
-    def _chosen(self, names: Sequence[str]) -> HandStates:
+    def _select_joints(self, names: Sequence[str]) -> HandStates:
         """Return the states with the named joints alone, in their order; with all if none are named."""
         unknown = [name for name in names if name not in self.joints]
         if unknown:
@@ -130,35 +130,35 @@ class HandStates:
         if not names:
             return self
 
-        def of(values: Mapping[str, float]) -> dict[str, float]:
+        def select(values: Mapping[str, float]) -> dict[str, float]:
             return {name: values[name] for name in names if name in values}
 
         return replace(
             self,
-            joints=of(self.joints),
-            open_joints=of(self.open_joints),
-            commands=of(self.commands),
-            efforts=of(self.efforts),
+            joints=select(self.joints),
+            open_joints=select(self.open_joints),
+            commands=select(self.commands),
+            efforts=select(self.efforts),
         )
 
 
 def _joint_states(solution: GraspSolution, hand: Json) -> HandStates:
     """Return the states of a hand with joints."""
-    opened, held = hand.get("pregrasp") or hand, solution.squeeze
-    exerted = None if held is None else held.joints
-    commands = {} if exerted is None or exerted.gain is None else exerted.positions()
+    pregrasp, squeeze = hand.get("pregrasp") or hand, solution.squeeze
+    joint_squeeze = None if squeeze is None else squeeze.joints
+    commands = {} if joint_squeeze is None or joint_squeeze.gain is None else joint_squeeze.positions()
     direction = (solution.problem.get("hand") or {}).get("approach")
-    way = hand.get("approach") or {}
-    blocked = str(way.get("reason") or UNKNOWN_WAY) if way.get("direction") is None else ""
+    approach = hand.get("approach") or {}
+    blocked = str(approach.get("reason") or UNKNOWN_APPROACH) if approach.get("direction") is None else ""
     blocked = "; ".join([*grasp_obstructions(hand)[:1], *([blocked] if blocked else approach_obstructions(hand))])
     return HandStates(
         solution.palm,
         _pose_vector(hand["palm_pose"]),
-        _pose_vector(opened["palm_pose"]),
+        _pose_vector(pregrasp["palm_pose"]),
         dict(hand["joint_positions"]),
-        {name: opened["joint_positions"][name] for name in hand["joint_positions"]},
+        {name: pregrasp["joint_positions"][name] for name in hand["joint_positions"]},
         commands,
-        dict(exerted.torques) if exerted is not None and commands else {},
+        dict(joint_squeeze.torques) if joint_squeeze is not None and commands else {},
         None if direction is None else np.asarray(direction, dtype=float),
         has_pregrasp=bool(hand.get("pregrasp")),
         blocked=blocked,
@@ -171,28 +171,28 @@ def _jaw_states(solution: GraspSolution, hand: Json, joints: tuple[str, ...]) ->
 
     Virtual work: with ``sum q_j`` the opening, each joint exerts the force between the pads, towards smaller positions.
     """
-    asked = solution.problem["hand"]
+    gripper = solution.problem["hand"]
     try:
         force = float(np.mean(squeeze_for_task(solution).normal))
     except InputError as error:  # contacts that cannot be squeezed
-        efforts, why = {}, str(error)
+        efforts, reason = {}, str(error)
     else:
-        efforts, why = dict.fromkeys(joints, -force), ""
-    opening, most = hand["opening"] / len(joints), asked["opening"] / len(joints)
-    pose, closed = _pose_vector(hand["palm_pose"]), asked["closed"] / len(joints)
-    axes = gripper_rotation(asked.get("closing_axis", CLOSING_AXIS), asked.get("approach_axis", APPROACH_AXIS))
+        efforts, reason = dict.fromkeys(joints, -force), ""
+    grasp_position, open_position = hand["opening"] / len(joints), gripper["opening"] / len(joints)
+    pose, closed_position = _pose_vector(hand["palm_pose"]), gripper["closed"] / len(joints)
+    axes = gripper_rotation(gripper.get("closing_axis", CLOSING_AXIS), gripper.get("approach_axis", APPROACH_AXIS))
     return HandStates(
         solution.palm,
         pose,
         pose,
-        dict.fromkeys(joints, opening),
-        dict.fromkeys(joints, most),
-        dict.fromkeys(joints, closed) if efforts else {},
+        dict.fromkeys(joints, grasp_position),
+        dict.fromkeys(joints, open_position),
+        dict.fromkeys(joints, closed_position) if efforts else {},
         efforts,
         axes[:, 2],
         axes[:, 0],
         blocked="; ".join(approach_obstructions(hand)),
-        no_squeeze=why,
+        no_squeeze=reason,
     )
 
 
@@ -205,8 +205,8 @@ def states_of_grasps(solution: GraspSolution, joints: Sequence[str]) -> list[tup
     """Return every kept grasp as a solution of its own, best first, with its hand states."""
     if solution.grasp is None:
         HandStates.of(solution, joints)  # raises the error
-    alone = [solution.with_answer(found) for found in solution.grasps]
-    return [(one, HandStates.of(one, joints, f"grasp_{i}")) for i, one in enumerate(alone)]
+    solutions = [solution.with_answer(grasp) for grasp in solution.grasps]
+    return [(answer, HandStates.of(answer, joints, f"grasp_{i}")) for i, answer in enumerate(solutions)]
 
 
 def warn_of_axes(hand: HandStates, options: ExportOptions) -> None:
@@ -224,9 +224,10 @@ def warn_of_axes(hand: HandStates, options: ExportOptions) -> None:
         return
     for name in filter(None, (options.gripper, *options.joints)):
         for part, axis in CLOSING_AXES.items():
-            if part in name.lower() and not abs(float(axis_direction("axis", axis) @ hand.closing)) >= 1.0 - ALONG:
-                stated = named(hand.closing)
-                text = f"{name} closes along its {axis} axis, the exported pose along {stated} of the gripper's frame"
+            cosine = abs(float(axis_direction("axis", axis) @ hand.closing))
+            if part in name.lower() and not cosine >= 1.0 - PARALLEL_TOLERANCE:
+                pose_axis = f"{named(hand.closing)} of the gripper's frame"
+                text = f"{name} closes along its {axis} axis, the exported pose along {pose_axis}"
                 warn(f'{text}: solve with ng.ParallelJaw(..., closing_axis="{axis}")')
                 return
 
@@ -241,21 +242,18 @@ def warn_of_squeezes(hands: Mapping[str, HandStates], empty: str) -> None:
     empty : str
         What the export contains instead, as text.
     """
-    left = [name for name, hand in hands.items() if hand.no_squeeze == NOT_ADDED]
-    if left:
-        stated = "states" if len(left) == 1 else "state"
-        warn(
-            f"{_format_joint_names(left)} {stated} no squeeze, so {empty}: "
-            "ng.analyse(solution, problem=problem) adds it"
-        )
+    missing = [name for name, hand in hands.items() if hand.no_squeeze == NOT_ADDED]
+    if missing:
+        verb = "states" if len(missing) == 1 else "state"
+        warn(f"{_format_names(missing)} {verb} no squeeze, so {empty}: ng.analyse(solution, problem=problem) adds it")
 
 
-def warn_of_ways(hands: Mapping[str, HandStates]) -> None:
-    """Warn of grasps without a free straight approach, for formats without a field for it."""
+def warn_of_approaches(hands: Mapping[str, HandStates]) -> None:
+    """Warn of grasps without a free straight approach, in formats that have no field for it."""
     blocked = {name: hand.blocked for name, hand in hands.items() if hand.blocked}
     if blocked:
         first = next(iter(blocked.values()))
-        grasps = _format_joint_names(list(blocked))
+        grasps = _format_names(list(blocked))
         warn(f"the straight way in of {grasps} is not free, so the pregrasp may not be reached: {first}")
 
 
@@ -270,20 +268,20 @@ def axes_comment(hand: HandStates) -> str:
     return "".join(f"# {name} of the gripper's frame: {axis}\n" for name, axis in axes.items())
 
 
-def _format_joint_names(names: list[str]) -> str:
-    more = [f"{len(names) - MOST} more"] if len(names) > MOST else []
-    *first, last = [*names[:MOST], *more]
+def _format_names(names: list[str]) -> str:
+    more = [f"{len(names) - MOST_NAMES} more"] if len(names) > MOST_NAMES else []
+    *first, last = [*names[:MOST_NAMES], *more]
     return f"{', '.join(first)} and {last}" if first else last
 
 
-def object_file(solution: GraspSolution, given: str | None) -> str:
+def object_file(solution: GraspSolution, file: str | None) -> str:
     """Return the given file of the body, else the name of its mesh file, else its type."""
-    return given or str(solution.body.get("source") or solution.body.get("type", "body"))
+    return file or str(solution.body.get("source") or solution.body.get("type", "body"))
 
 
-def object_scale(solution: GraspSolution, given: str | None) -> float:
+def object_scale(solution: GraspSolution, file: str | None) -> float:
     """Return metres per unit of the file's coordinates: the unit of the body's own mesh file, else 1."""
-    own, unit = solution.body.get("source"), solution.body.get("unit")
-    if unit not in UNITS or (given is not None and Path(given).name != own):
+    mesh_file, unit = solution.body.get("source"), solution.body.get("unit")
+    if unit not in UNITS or (file is not None and Path(file).name != mesh_file):
         return 1.0
     return UNITS[unit]

@@ -17,8 +17,8 @@ from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.version import __version__
 
 FORMAT, VERSION = "isaac_grasp", 1.0
-LARGEST = 16 * 1024 * 1024  # bytes of a file that is read
-UNIT = 1e-2  # tolerance of unit quaternions
+LARGEST_FILE = 16 * 1024 * 1024  # bytes of a file that is read
+UNIT_TOLERANCE = 1e-2  # tolerance of unit quaternions
 
 
 @dataclass(frozen=True)
@@ -73,10 +73,10 @@ def isaac_grasp(solutions: Mapping[str, GraspSolution], options: ExportOptions |
     UserWarning
         On a gripper, named in the options, that closes along another axis than the pose.
     """
-    given = options or ExportOptions()
+    export_options = options or ExportOptions()
     best = max((s.mu.upper for s in solutions.values() if s.is_certified), default=0.0)
     grasps = {}
-    hands = {name: HandStates.of(solution, given.joints, name) for name, solution in solutions.items()}
+    hands = {name: HandStates.of(solution, export_options.joints, name) for name, solution in solutions.items()}
     for name, solution in solutions.items():
         hand = hands[name]
         position, (w, *xyz) = hand.pose[:3].tolist(), hand.pose[3:].tolist()
@@ -86,26 +86,28 @@ def isaac_grasp(solutions: Mapping[str, GraspSolution], options: ExportOptions |
             "orientation": {"w": w, "xyz": xyz},
             "cspace_position": dict(hand.joints),
             "pregrasp_cspace_position": dict(hand.open_joints),
-            **({"way_in": f"not free: {why}"} if (why := approach_warning(hand)) else {}),
+            **({"way_in": f"not free: {reason}"} if (reason := approach_warning(hand)) else {}),
         }
-    shown = next(iter(hands.values()))
-    warn_of_axes(shown, given)
-    first = next(iter(solutions.values()))
-    thing, frame = object_file(first, None), first.palm
-    data = {
+    hand_of_first = next(iter(hands.values()))
+    warn_of_axes(hand_of_first, export_options)
+    first_solution = next(iter(solutions.values()))
+    body_name, frame = object_file(first_solution, None), first_solution.palm
+    data: dict[str, object] = {
         "format": FORMAT,
         "format_version": VERSION,
         "created_with": f"nlpgrasp {__version__}",
-        "object_frame_link": thing,
+        "object_frame_link": body_name,
         "gripper_frame_link": frame,
-        "object_frame": thing,
+        "object_frame": body_name,
         "gripper_frame": frame,
-        **{axis: direction.tolist() for axis, direction in shown.axes().items()},
-        **({} if given.object is None else {"object_file": given.object}),
-        **({} if given.object is None else {"object_scale": object_scale(first, given.object)}),
-        **({} if given.gripper is None else {"gripper_file": given.gripper}),
-        "grasps": grasps,
+        **{axis: direction.tolist() for axis, direction in hand_of_first.axes().items()},
     }
+    if export_options.object is not None:
+        data["object_file"] = export_options.object
+        data["object_scale"] = object_scale(first_solution, export_options.object)
+    if export_options.gripper is not None:
+        data["gripper_file"] = export_options.gripper
+    data["grasps"] = grasps
     return str(yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=120))
 
 
@@ -119,8 +121,8 @@ def read_isaac_grasps(path: str | Path) -> tuple[IsaacGrasp, ...]:
     """
     name = str(path)
     try:
-        if Path(path).stat().st_size > LARGEST:
-            raise InputError(name, "a larger file", f"at most {LARGEST // 2**20} MiB")
+        if Path(path).stat().st_size > LARGEST_FILE:
+            raise InputError(name, "a larger file", f"at most {LARGEST_FILE // 2**20} MiB")
         data = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(name, error.strerror, "an isaac_grasp file that exists") from None
@@ -137,45 +139,45 @@ def read_isaac_grasps(path: str | Path) -> tuple[IsaacGrasp, ...]:
     return tuple(_read_grasp(f"{name}: grasps.{key}", str(key), value, frame) for key, value in grasps.items())
 
 
-def _read_grasp(where: str, name: str, data: object, frame: str) -> IsaacGrasp:
+def _read_grasp(field: str, name: str, data: object, frame: str) -> IsaacGrasp:
     if not isinstance(data, Mapping):
-        raise InputError(where, data, "a mapping with position, orientation and cspace_position")
-    turned = data.get("orientation")
-    if not isinstance(turned, Mapping):
-        raise InputError(f"{where}.orientation", turned, "w and xyz")
-    axis = array(f"{where}.orientation.xyz", turned.get("xyz", ()), (3,))
-    quaternion = np.array([number(f"{where}.orientation.w", turned.get("w")), *axis])
+        raise InputError(field, data, "a mapping with position, orientation and cspace_position")
+    orientation = data.get("orientation")
+    if not isinstance(orientation, Mapping):
+        raise InputError(f"{field}.orientation", orientation, "w and xyz")
+    axis = array(f"{field}.orientation.xyz", orientation.get("xyz", ()), (3,))
+    quaternion = np.array([number(f"{field}.orientation.w", orientation.get("w")), *axis])
     length = float(np.linalg.norm(quaternion))
-    if abs(length - 1.0) > UNIT:
-        raise InputError(f"{where}.orientation", f"a quaternion of length {length:.4g}", "a unit quaternion")
+    if abs(length - 1.0) > UNIT_TOLERANCE:
+        raise InputError(f"{field}.orientation", f"a quaternion of length {length:.4g}", "a unit quaternion")
     return IsaacGrasp(
         name,
-        number(f"{where}.confidence", data.get("confidence", 1.0)),
-        array(f"{where}.position", data.get("position", ()), (3,)),
+        number(f"{field}.confidence", data.get("confidence", 1.0)),
+        array(f"{field}.position", data.get("position", ()), (3,)),
         quaternion / length,
-        _read_joints(f"{where}.cspace_position", data.get("cspace_position")),
-        _read_joints(f"{where}.pregrasp_cspace_position", data.get("pregrasp_cspace_position")),
+        _read_joints(f"{field}.cspace_position", data.get("cspace_position")),
+        _read_joints(f"{field}.pregrasp_cspace_position", data.get("pregrasp_cspace_position")),
         frame,
     )
 
 
-def _read_joints(where: str, data: object) -> dict[str, float]:
+def _read_joints(field: str, data: object) -> dict[str, float]:
     if data is None:
         return {}
     if not isinstance(data, Mapping):
-        raise InputError(where, data, "joint positions by name")
-    return {str(joint): number(f"{where}.{joint}", value) for joint, value in data.items()}
+        raise InputError(field, data, "joint positions by name")
+    return {str(joint): number(f"{field}.{joint}", value) for joint, value in data.items()}
 
 
-def _kept_grasps(solution: GraspSolution, options: ExportOptions) -> str:
+def _write_kept_grasps(solution: GraspSolution, options: ExportOptions) -> str:
     """Return all kept grasps; without a grasp, raise the format's error."""
     if solution.grasp is None:
         return isaac_grasp({"grasp_0": solution}, options)
-    every = {f"grasp_{i}": solution.with_answer(found) for i, found in enumerate(solution.grasps)}
-    return isaac_grasp(every, options)
+    solutions = {f"grasp_{i}": solution.with_answer(grasp) for i, grasp in enumerate(solution.grasps)}
+    return isaac_grasp(solutions, options)
 
 
 ISAAC_GRASP = ExportFormat(
-    *("isaac_grasp", ".yaml", "a gripper's pose and joints", _kept_grasps, Need.NOTHING),
+    *("isaac_grasp", ".yaml", "a gripper's pose and joints", _write_kept_grasps, Need.NOTHING),
     takes=("object", "gripper", "joints"),
 )

@@ -20,15 +20,15 @@ from nlpgrasp.interop.hand_states import (
     approach_warning,
     axes_comment,
     states_of_grasps,
+    warn_of_approaches,
     warn_of_axes,
     warn_of_squeezes,
-    warn_of_ways,
 )
 from nlpgrasp.solution.solution import GraspSolution
 
-OBJECT = "object"  # default name of the body's frame
-DESIRED, LEAST = 0.1, 0.05  # metres of approach and retreat: desired and least
-SECONDS = 1  # seconds to the only point of a posture's trajectory
+OBJECT_FRAME = "object"  # default name of the body's frame
+DESIRED_DISTANCE, LEAST_DISTANCE = 0.1, 0.05  # metres of approach and retreat: desired and least
+POSTURE_SECONDS = 1  # seconds to the only point of a posture's trajectory
 
 
 def moveit(solution: GraspSolution, options: ExportOptions | None = None) -> str:
@@ -55,16 +55,16 @@ def moveit(solution: GraspSolution, options: ExportOptions | None = None) -> str
     UserWarning
         On a gripper that closes along another axis, and on grasps without a squeeze or a free approach.
     """
-    given = options or ExportOptions()
-    states = {f"grasp_{i}": state for i, state in enumerate(states_of_grasps(solution, given.joints))}
-    messages = [_message(name, one, hand, given) for name, (one, hand) in states.items()]
+    export_options = options or ExportOptions()
+    states = {f"grasp_{i}": state for i, state in enumerate(states_of_grasps(solution, export_options.joints))}
+    messages = [_message(name, grasp_solution, hand, export_options) for name, (grasp_solution, hand) in states.items()]
     hands = {name: hand for name, (_, hand) in states.items()}
     first = hands["grasp_0"]
-    warn_of_axes(first, given)
+    warn_of_axes(first, export_options)
     warn_of_squeezes(hands, "its grasp_posture has no effort")
-    warn_of_ways(hands)
-    blocked = {name: why for name, hand in hands.items() if (why := approach_warning(hand))}
-    comments = "".join(f"# {name}: way in not free: {' '.join(why.split())}\n" for name, why in blocked.items())
+    warn_of_approaches(hands)
+    blocked = {name: reason for name, hand in hands.items() if (reason := approach_warning(hand))}
+    comments = "".join(f"# {name}: way in not free: {' '.join(reason.split())}\n" for name, reason in blocked.items())
     text = yaml.safe_dump(messages, sort_keys=False, default_flow_style=None, width=120)
     return f"{axes_comment(first)}{comments}{text}"
 
@@ -73,7 +73,7 @@ def _message(name: str, solution: GraspSolution, hand: HandStates, options: Expo
     """Return the message of one grasp."""
     if hand.approach is None:
         raise InputError(name, "no direction of approach", "a solution of this version, whose hand states it")
-    thing, frame = options.object or OBJECT, options.gripper or hand.frame
+    body_frame, hand_frame = options.object or OBJECT_FRAME, options.gripper or hand.frame
     x, y, z, *quaternion = hand.pose.tolist()
     orientation = dict(zip("wxyz", quaternion, strict=True))
     return {
@@ -81,13 +81,13 @@ def _message(name: str, solution: GraspSolution, hand: HandStates, options: Expo
         "pre_grasp_posture": _posture(hand.open_joints, {}),
         "grasp_posture": _posture(hand.joints, hand.efforts),
         "grasp_pose": {
-            "header": {"frame_id": thing},
+            "header": {"frame_id": body_frame},
             "pose": {"position": {"x": x, "y": y, "z": z}, "orientation": orientation},
         },
         "grasp_quality": float(solution.mu.lower),
-        "pre_grasp_approach": _translation(frame, hand.approach),
-        "post_grasp_retreat": _translation(thing, np.array([0.0, 0.0, 1.0])),
-        "post_place_retreat": _translation(frame, -hand.approach),
+        "pre_grasp_approach": _translation(hand_frame, hand.approach),
+        "post_grasp_retreat": _translation(body_frame, np.array([0.0, 0.0, 1.0])),
+        "post_place_retreat": _translation(hand_frame, -hand.approach),
         "max_contact_force": float(solution.max_force or 0.0),
         "allowed_touch_objects": [],
     }
@@ -100,7 +100,7 @@ def _posture(positions: Mapping[str, float], efforts: Mapping[str, float]) -> Js
         "velocities": [],
         "accelerations": [],
         "effort": [float(efforts.get(name, 0.0)) for name in positions] if efforts else [],
-        "time_from_start": {"sec": SECONDS, "nanosec": 0},
+        "time_from_start": {"sec": POSTURE_SECONDS, "nanosec": 0},
     }
     return {"header": {"frame_id": ""}, "joint_names": list(positions), "points": [point]}
 
@@ -110,8 +110,8 @@ def _translation(frame: str, direction: FloatArray) -> Json:
     vector = dict(zip("xyz", (direction + 0.0).tolist(), strict=True))
     return {
         "direction": {"header": {"frame_id": frame}, "vector": vector},
-        "desired_distance": DESIRED,
-        "min_distance": LEAST,
+        "desired_distance": DESIRED_DISTANCE,
+        "min_distance": LEAST_DISTANCE,
     }
 
 

@@ -21,13 +21,13 @@ from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solution.trajectory import trajectory
 
 
-def _scene(solution: GraspSolution, options: ExportOptions) -> str:
+def _write_scene(solution: GraspSolution, options: ExportOptions) -> str:
     if options.hand is None:
         return mjcf(solution)
     return mjcf_with_hand(solution, options.hand, options.scene, options.progress)
 
 
-MJCF = ExportFormat("mjcf", ".xml", "a MuJoCo scene", _scene, Need.NOTHING, takes_hand=True)
+MJCF = ExportFormat("mjcf", ".xml", "a MuJoCo scene", _write_scene, Need.NOTHING, takes_hand=True)
 
 
 def _read_solution(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
@@ -41,16 +41,18 @@ def _read_solution(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
 SOLUTION = ReadFormat((".json",), ("problem",), _read_solution)
 
 
-def _csv(solution: GraspSolution, _: ExportOptions) -> str:
+def _write_trajectory(solution: GraspSolution, _: ExportOptions) -> str:
     return trajectory(solution).to_csv()
 
 
-def _json(solution: GraspSolution, _: ExportOptions) -> str:
+def _write_trajectory_json(solution: GraspSolution, _: ExportOptions) -> str:
     return json.dumps(trajectory(solution).to_dict(), allow_nan=False) + "\n"
 
 
-TRAJECTORY = ExportFormat("trajectory", ".trajectory.csv", "a hand's way through its phases as a table", _csv)
-TRAJECTORY_JSON = ExportFormat("trajectory_json", ".trajectory.json", "the same as JSON", _json)
+TRAJECTORY = ExportFormat(
+    "trajectory", ".trajectory.csv", "a hand's way through its phases as a table", _write_trajectory
+)
+TRAJECTORY_JSON = ExportFormat("trajectory_json", ".trajectory.json", "the same as JSON", _write_trajectory_json)
 
 
 _formats: dict[str, ExportFormat] = {}
@@ -100,10 +102,10 @@ def format_named(name: str) -> ExportFormat:
     InputError
         On a name that no format has.
     """
-    found = _formats.get(name)
-    if found is None:
+    export_format = _formats.get(name)
+    if export_format is None:
         raise InputError("--to", name, f"one of {format_known_names([name], _formats)}")
-    return found
+    return export_format
 
 
 def reader_of(path: str | Path) -> ReadFormat:

@@ -1,8 +1,7 @@
-"""HTML pages of a body or a problem: one scene with facts beside it."""
+"""HTML pages of a body or a problem: 3D scene and key figures."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
@@ -21,36 +20,44 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.problem import GraspProblem
 from nlpgrasp.problem.description import describe_problem, task_range, usable_faces
-from nlpgrasp.report.html_parts import ICON, page, style, viewer
-from nlpgrasp.report.key_figures import KeyFigure
+from nlpgrasp.report.page_builder import (
+    CARD,
+    Heading,
+    KeyFigure,
+    figure_panel,
+    scene_page,
+    scene_section,
+    scene_stage,
+    switches,
+)
 from nlpgrasp.report.scene_parts import (
-    FROM_ABOVE,
-    FROM_ASIDE,
-    WIDE,
-    around,
+    OBLIQUE_VIEW,
+    TABLE_HALF_WIDTH,
+    TOP_VIEW,
     body_axes,
     has_origin,
     outermost_points,
     slab,
     subdivide,
     surface,
-    switches,
+    surroundings_of,
+    triangle_normals,
 )
 
 MOST = 6000  # most triangles
-ENOUGH = 2000  # triangles for locating the middle of a face
-NAMED = 24  # most labelled faces
+FACE_TRIANGLES = 2000  # triangles for locating the middle of a face
+MOST_LABELS = 24  # most labelled faces
 DOT = 0.02  # radius of the mark under a label, as a share of the body's size
 DIGITS = 7  # decimals of coordinates for display, metres
 # visibility switches of the scene: group, label, initially shown
 SWITCHES = (("triad", "Axes", True), ("through", "See through", False))
 LARGE = 1.0  # metres: larger bodies are probably in millimetres
 SMALL = 1e-3  # metres: smaller bodies probably have a wrong unit
-LISTED = 12  # most names of faces that are listed
-NOTHING = 1e-4  # share of the size: smaller coordinates are shown as 0
+MOST_LISTED = 12  # most names of faces that are listed
+ZERO_SHARE = 1e-4  # share of the size: smaller coordinates are shown as 0
 UNBROKEN = "\N{NO-BREAK SPACE}"
-UNDER = "ng.Table.under(body)"
-EXACT = 4  # digits of a suggested table height
+TABLE_UNDER = "ng.Table.under(body)"
+TABLE_DIGITS = 4  # digits of a suggested table height
 
 
 def body_triangles(body: Body) -> Triangles:
@@ -59,7 +66,7 @@ def body_triangles(body: Body) -> Triangles:
 
 
 def body_scene(body: Body, shape: Triangles | None = None) -> Json:
-    """Return the viewer's scene of a body; metres, body frame, in the format of ``report.grasp_scene.scene``.
+    """Return the viewer's scene of a body; metres, body frame, in the format of ``report.grasp_scene.solution_scene``.
 
     The names of the faces are under ``contacts``; ``axes`` are those of the frame. ``shape`` is
     ``body_triangles(body)``, if already computed.
@@ -68,7 +75,7 @@ def body_scene(body: Body, shape: Triangles | None = None) -> Json:
     size = drawing_size(Drawing(shape), None)
     low, high = shape.vertices.min(axis=0), shape.vertices.max(axis=0)
     axes = body_axes(low, high, size, body.space)
-    seen = [outermost_points(shape.vertices, (low + high) / 2.0, size), [axes["at"]], axes["ends"]]
+    outline = [outermost_points(shape.vertices, (low + high) / 2.0, size), [axes["at"]], axes["ends"]]
     flat = body.space == 2
     return {
         "size": size,
@@ -76,35 +83,35 @@ def body_scene(body: Body, shape: Triangles | None = None) -> Json:
         "parts": [{"group": "body", "name": "body", **surface(shape).to_dict()}],
         "tables": [],
         "unseen": [],
-        "contacts": _labels(body, shape),
+        "contacts": _face_labels(body, shape),
         "palm": None,
         "arrows": [],
         "lengths": {"normal": NORMAL * size, "cone": CONE * size, "disc": DOT * size, "shaft": DOT * size, "pad": 0.0},
         "axes": axes,
-        "frame": np.round(np.concatenate(seen), DIGITS).tolist(),
-        "view": list(FROM_ABOVE if flat else FROM_ASIDE),
+        "frame": np.round(np.concatenate(outline), DIGITS).tolist(),
+        "view": list(TOP_VIEW if flat else OBLIQUE_VIEW),
     }
 
 
-def _labels(body: Body, shape: Triangles) -> list[Json]:
+def _face_labels(body: Body, shape: Triangles) -> list[Json]:
     """Return the labels of a body with several faces, each on its face near the middle."""
-    if not 1 < len(body.faces) <= NAMED:
+    if not 1 < len(body.faces) <= MOST_LABELS:
         return []
-    corners = subdivide(shape, ENOUGH)
-    centres, across = corners.mean(axis=1), np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas = np.linalg.norm(across, axis=1)
-    near = np.stack([_face_distance(body, name, centres) for name in body.face_names])
-    owner = np.argmin(near, axis=0)
+    corners = subdivide(shape, FACE_TRIANGLES)
+    centres, area_vectors = corners.mean(axis=1), triangle_normals(corners)
+    areas = np.linalg.norm(area_vectors, axis=1)
+    distances = np.stack([_face_distance(body, name, centres) for name in body.face_names])
+    owner = np.argmin(distances, axis=0)
     if body.space == 2:  # the plate's upper and lower sides are not faces of the body
-        owner[np.abs(across[:, 2]) > 0.5 * np.maximum(areas, 1e-300)] = -1
-    found = []
+        owner[np.abs(area_vectors[:, 2]) > 0.5 * np.maximum(areas, 1e-300)] = -1
+    labels = []
     for i, name in enumerate(body.face_names):
-        own = np.flatnonzero((owner == i) & (areas > 0.0))
-        if len(own):
-            mean = np.average(centres[own], axis=0, weights=areas[own])
-            at = own[np.argmin(np.linalg.norm(centres[own] - mean, axis=1))]
-            found.append(_face_label(name, centres[at], -across[at] / areas[at]))
-    return found
+        triangles_of_face = np.flatnonzero((owner == i) & (areas > 0.0))
+        if len(triangles_of_face):
+            mean = np.average(centres[triangles_of_face], axis=0, weights=areas[triangles_of_face])
+            middle = triangles_of_face[np.argmin(np.linalg.norm(centres[triangles_of_face] - mean, axis=1))]
+            labels.append(_face_label(name, centres[middle], -area_vectors[middle] / areas[middle]))
+    return labels
 
 
 def _face_distance(body: Body, name: str, points: FloatArray) -> FloatArray:
@@ -113,9 +120,9 @@ def _face_distance(body: Body, name: str, points: FloatArray) -> FloatArray:
     return np.asarray(np.abs(h) / np.maximum(slope, 1e-12) + np.maximum(extent, 0.0))
 
 
-def _face_label(name: str, at: FloatArray, inward: FloatArray) -> Json:
-    place, normal = np.round(at, DIGITS).tolist(), np.round(inward, DIGITS).tolist()
-    return {"at": place, "inward": normal, "tip": 0.0, "slope": None, "face": f"face {name}", "label": name}
+def _face_label(name: str, point: FloatArray, inward: FloatArray) -> Json:
+    position, normal = np.round(point, DIGITS).tolist(), np.round(inward, DIGITS).tolist()
+    return {"at": position, "inward": normal, "tip": 0.0, "slope": None, "face": f"face {name}", "label": name}
 
 
 @dataclass(frozen=True)
@@ -126,44 +133,33 @@ class ScenePage:
     ----------
     name : str
         Name of the page.
-    told : str
-        Description of the scene, for screen readers.
+    description : str
+        Content of the scene, for screen readers.
     scene : dict
         Data of the viewer.
     """
 
     name: str
-    told: str
+    description: str
     scene: Json
 
-    def whole(self, facts: Sequence[KeyFigure], beside: str = "") -> str:
-        """Return the full page, the scene beside facts; ``beside`` is appended to its head."""
-        panel = f'<aside class="panel">{"".join(fact.html() for fact in facts)}</aside>'
-        first = f'<div class="first"><div class="stage">{self._stage()}</div>{panel}</div>'
-        return page(self.name, style("report.css"), [self._opening(beside), first, self._data()], ICON, viewer())
+    def full_page(self, figures: Sequence[KeyFigure], note: str = "") -> str:
+        """Return the page with the scene and its key figures; ``note`` is beside its title."""
+        return self._page([f'<div class="first">{self._stage()}{figure_panel(figures)}</div>'], note)
 
-    def small(self, beside: str) -> str:
+    def card(self, note: str) -> str:
         """Return a small page for a notebook: the scene alone."""
-        parts = [self._opening(beside), f'<div class="stage">{self._stage()}</div>', self._data()]
-        return page(self.name, style("report.css", "card.css"), parts, ICON, viewer())
+        return self._page([self._stage()], note, CARD)
 
-    def _opening(self, beside: str) -> str:
-        return (
-            f'<section data-grasp aria-labelledby="name"><header><h1 id="name">{escape(self.name)}</h1>'
-            f'<span class="file">{escape(typeset(beside))}</span></header>'
-        )
+    def _page(self, parts: Sequence[str], note: str, *sheets: str) -> str:
+        section = scene_section(Heading(self.name, typeset(note)), parts, {"scenes": [self.scene]})
+        return scene_page(self.name, [section], sheets)
 
     def _stage(self) -> str:
         """Return the scene with its switches, and the names of parts that are not drawn."""
-        aria = f"{self.told}; turn it with the mouse, a finger or the arrow keys."
-        unseen = ", ".join(self.scene["unseen"])
-        note = f'<p class="note">not drawn: {escape(unseen)}</p>' if unseen else ""
-        place = f'<div class="scene" role="img" tabindex="0" aria-label="{escape(aria)}"></div>'
-        return f"{place}{switches(SWITCHES)}{note}"
-
-    def _data(self) -> str:
-        text = json.dumps({"scenes": [self.scene]}, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-        return f'<script type="application/json">{text}</script></section>'
+        undrawn = ", ".join(self.scene["unseen"])
+        note = f'<p class="note">not drawn: {escape(undrawn)}</p>' if undrawn else ""
+        return scene_stage(self.description, [switches(SWITCHES), note])
 
 
 def write_body(body: Body, path: str | Path) -> Path:
@@ -179,24 +175,24 @@ def write_body(body: Body, path: str | Path) -> Path:
     InputError
         On a path that cannot be written.
     """
-    return write_text(path, _body_page(body).whole(body_facts(body)))
+    return write_text(path, _body_page(body).full_page(body_figures(body)))
 
 
 def body_card(body: Body) -> str:
     """Return a small page that shows a body, for a notebook."""
-    return _body_page(body).small(_format_extents(body))
+    return _body_page(body).card(_format_extents(body))
 
 
-def body_facts(body: Body) -> list[KeyFigure]:
-    """Return the facts about a body: extents, faces and warnings."""
+def body_figures(body: Body) -> list[KeyFigure]:
+    """Return the key figures of a body: extents, bounds, faces, centre, mesh."""
     extents = np.ptp(body.bounds, axis=0)
     names = body.face_names
-    more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
-    each = ", ".join(f"<code>{escape(name)}</code>" for name in names[:LISTED])
-    listed = f'<p class="note">{each}{more}</p>'
+    more = f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
+    listed_names = ", ".join(f"<code>{escape(name)}</code>" for name in names[:MOST_LISTED])
+    name_list = f'<p class="note">{listed_names}{more}</p>'
     centre, of_what = vector(1e3 * body.centroid), "volume" if body.space == 3 else "area"
-    about = "body.centroid; torques are about it, unless the problem has a torque_origin"
-    found = [
+    note = "body.centroid; torques are about it, unless the problem has a torque_origin"
+    figures = [
         KeyFigure(
             "Size",
             _format_extents(body),
@@ -204,39 +200,43 @@ def body_facts(body: Body) -> list[KeyFigure]:
             "weak" if _is_implausible(extents) else "",
             broad=True,
         ),
-        _bounds(body),
-        KeyFigure("Faces", str(len(names)), ("names for the faces of a contact",), more=listed),
-        KeyFigure(f"Centre of {of_what}", f"{centre} mm", (about,)),
+        _bounds_figure(body),
+        KeyFigure("Faces", str(len(names)), ("names for the faces of a contact",), more=name_list),
+        KeyFigure(f"Centre of {of_what}", f"{centre} mm", (note,)),
     ]
     if isinstance(body, Mesh):
-        found.append(
+        figures.append(
             KeyFigure("Mesh", f"{len(body.mesh.faces)} triangles", body.repairs or ("used as it is",), broad=True)
         )
-        off = (
+        offset = (
             f"within {format_number(1e3 * body.offset.most, 2)} mm of the mesh over {format_percent(MOST_OF_IT)} of it"
         )
         walls = (
             f"walls: {format_number(1e3 * body.wall, 2)} mm; smoothing={body.smoothing:g}, resolution={body.resolution}"
         )
-        found.append(KeyFigure("Smooth surface", off, ("the surface that the solver works on", walls), broad=True))
-    return found
+        figures.append(KeyFigure("Smooth surface", offset, ("the surface that the solver works on", walls), broad=True))
+    return figures
 
 
-def _bounds(body: Body) -> KeyFigure:
+def _bounds_figure(body: Body) -> KeyFigure:
     """Return the body's range along each axis, and the height of a table under it as code."""
     bounds = 1e3 * body.bounds
-    least = NOTHING * float(np.max(np.ptp(bounds, axis=0)))
-    ends = [[format_number(v, least=least) for v in column] for column in bounds.T]
-    each = [f"{axis} {low} to {high} mm" for axis, (low, high) in zip("xyz", ends, strict=False)]
-    value = ", ".join(text.replace(" ", UNBROKEN) for text in each)
+    zero_size = ZERO_SHARE * float(np.max(np.ptp(bounds, axis=0)))
+    ends = [[format_number(v, least=zero_size) for v in column] for column in bounds.T]
+    ranges = [f"{axis} {low} to {high} mm" for axis, (low, high) in zip("xyz", ends, strict=False)]
+    value = ", ".join(text.replace(" ", UNBROKEN) for text in ranges)
     low, high = (np.pad(end, (0, 3 - body.space)) for end in body.bounds)
-    near = has_origin(low, high, float(np.linalg.norm(high - low)) / 2.0)
-    drawn = "whose axes are drawn" if near else "whose axes are drawn at the body's corner, as its origin is far away"
-    height = format_number(float(body.bounds[0, -1]), EXACT, 1e-3 * least)
-    under = f'<p class="note">A table under it: <code>ng.Table({height})</code>, or <code>{UNDER}</code></p>'
+    is_origin_drawn = has_origin(low, high, float(np.linalg.norm(high - low)) / 2.0)
+    axes_note = (
+        "whose axes are drawn"
+        if is_origin_drawn
+        else "whose axes are drawn at the body's corner, as its origin is far away"
+    )
+    height = format_number(float(body.bounds[0, -1]), TABLE_DIGITS, 1e-3 * zero_size)
+    table_note = f'<p class="note">A table under it: <code>ng.Table({height})</code>, or <code>{TABLE_UNDER}</code></p>'
     if isinstance(body, Implicit):
-        under = '<p class="note">of the box that was stated, in which the body may be smaller</p>'
-    more = f'<p class="note">in the body\'s frame, {drawn}</p>{under}'
+        table_note = '<p class="note">of the box that was stated, in which the body may be smaller</p>'
+    more = f'<p class="note">in the body\'s frame, {axes_note}</p>{table_note}'
     return KeyFigure("Bounds", value, more=more, broad=True)
 
 
@@ -268,22 +268,24 @@ def _format_extents(body: Body) -> str:
 def problem_scene(problem: GraspProblem) -> Json:
     """Return the viewer's scene of a problem; metres, body frame: the body's scene with its surroundings."""
     shape = body_triangles(problem.body)
-    drawn, usable = body_scene(problem.body, shape), usable_faces(problem)
-    size, flat = drawn["size"], drawn["flat"]
-    vertices, found = shape.vertices, around(problem.constraints)
+    bare_scene, usable = body_scene(problem.body, shape), usable_faces(problem)
+    size, flat = bare_scene["size"], bare_scene["flat"]
+    vertices, surroundings = shape.vertices, surroundings_of(problem.constraints)
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
-    shapes = [("obstacle", name, obstacle) for name, obstacle in found.obstacles]
-    seen = outermost_points(np.concatenate([vertices, *(obstacle.vertices for _, _, obstacle in shapes)]), middle, size)
+    shapes = [("obstacle", name, obstacle) for name, obstacle in surroundings.obstacles]
+    outline = outermost_points(
+        np.concatenate([vertices, *(obstacle.vertices for _, _, obstacle in shapes)]), middle, size
+    )
     if flat:
-        shapes += [("table", "table", slab(height, vertices, size)) for height in found.heights]
-    tables = [{"at": [*middle[:2].tolist(), h], "half": WIDE * size} for h in found.heights]
+        shapes += [("table", "table", slab(height, vertices, size)) for height in surroundings.heights]
+    tables = [{"at": [*middle[:2].tolist(), h], "half": TABLE_HALF_WIDTH * size} for h in surroundings.heights]
     return {
-        **drawn,
-        "parts": [*drawn["parts"], *({"group": g, "name": n, **surface(s).to_dict()} for g, n, s in shapes)],
+        **bare_scene,
+        "parts": [*bare_scene["parts"], *({"group": g, "name": n, **surface(s).to_dict()} for g, n, s in shapes)],
         "tables": [] if flat else tables,
-        "unseen": list(found.unseen),
-        "contacts": [label for label in drawn["contacts"] if label["label"] in usable],
-        "frame": [*drawn["frame"], *np.round(seen, DIGITS).tolist()],
+        "unseen": list(surroundings.unseen),
+        "contacts": [label for label in bare_scene["contacts"] if label["label"] in usable],
+        "frame": [*bare_scene["frame"], *np.round(outline, DIGITS).tolist()],
     }
 
 
@@ -300,23 +302,23 @@ def write_problem(problem: GraspProblem, path: str | Path) -> Path:
     InputError
         On a path that cannot be written.
     """
-    return write_text(path, _problem_page(problem).whole(problem_facts(problem), "what is asked"))
+    return write_text(path, _problem_page(problem).full_page(problem_figures(problem), "what is asked"))
 
 
 def problem_card(problem: GraspProblem) -> str:
     """Return a small page that shows a problem, for a notebook."""
-    return _problem_page(problem).small(f"exert {task_range(problem)}")
+    return _problem_page(problem).card(f"exert {task_range(problem)}")
 
 
-def problem_facts(problem: GraspProblem) -> list[KeyFigure]:
-    """Return the parts of the problem as facts."""
+def problem_figures(problem: GraspProblem) -> list[KeyFigure]:
+    """Return the parts of a problem as key figures."""
     return [
-        KeyFigure(p.title, p.value, more="".join(map(_verbatim_html, p.notes)), broad=True)
+        KeyFigure(p.title, p.value, more="".join(map(_note_html, p.notes)), broad=True)
         for p in describe_problem(problem)
     ]
 
 
-def _verbatim_html(note: str) -> str:
+def _note_html(note: str) -> str:
     """Return a note as HTML with its signs unchanged: it quotes names and code."""
     return f'<p class="note">{escape(note)}</p>'
 

@@ -1,4 +1,4 @@
-"""HTML page and plots of an experiment: table, certified intervals, failures, how to reproduce it."""
+"""HTML page and plots of an experiment: table, certified intervals, failures."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ from nlpgrasp.common.files import write_text
 from nlpgrasp.common.formatting import format_interval, measure_word, typeset
 from nlpgrasp.common.optional_packages import pyplot, write_figure
 from nlpgrasp.common.palette import COLOURS
-from nlpgrasp.experiments.experiment_result import EXPLAINED, NOT_COMPARABLE, ExperimentResult, VariationResult
+from nlpgrasp.experiments.experiment_result import NOT_COMPARABLE, TABLE_NOTE, ExperimentResult, VariationResult
 from nlpgrasp.experiments.output_folder import PLAN
-from nlpgrasp.report.html_parts import Html, html_table, page, style
+from nlpgrasp.report.html_parts import Html, html_table
+from nlpgrasp.report.page_builder import page, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,15 +33,15 @@ CAPTIONS = {
     "convergence": "How far the exchange was from where it ended, best start of each variation",
     "success_rate": "Share of starts that found a certified grasp, with Wilson's 95 % interval",
 }
-WHAT = "a picture"  # for the message on missing matplotlib
-MOST_SHOWN = 30  # most variations in a plot: the best ones
-MOST_COLOURS = 10  # most variations with a colour and a name in line plots
-SMALLEST = 1e-6  # share that is drawn for zero
-Z = 1.96  # normal quantile of a 95 % interval
+PURPOSE = "a picture"  # for the message on missing matplotlib
+MOST_VARIATIONS = 30  # most variations in a plot: the best ones
+MOST_LINES = 10  # most variations with a colour and a name in line plots
+LEAST_SHARE = 1e-6  # share that is drawn for zero
+NORMAL_QUANTILE = 1.96  # normal quantile of a 95 % interval
 
 
 def write_page(result: ExperimentResult, path: Path, pictures: Sequence[Path]) -> Path:
-    """Write the self-contained HTML page.
+    """Write the self-contained HTML page of an experiment.
 
     Raises
     ------
@@ -68,25 +69,38 @@ def _warnings(result: ExperimentResult) -> list[str]:
 def _variation_table(result: ExperimentResult) -> str:
     heads = ["Rank", "Variation", "mu certified in", "", "Gap", "Seeds that agree", "Seconds a solve"]
     heads += ["Starts that succeeded", "Ties with", "Grasp of", "Active constraints"]
-    most = max((v.mu.upper for v in result.variations), default=0.0) or 1.0
-    rows = []
-    found = zip(result.variations, result.ranks(), result.ties(), strict=True)
-    for v, rank, tied in sorted(found, key=lambda row: (row[1], -row[0].mu.upper)):
-        good, total = v.starts
-        left, width = 100.0 * v.mu.lower / most, 100.0 * (v.mu.upper - v.mu.lower) / most
-        span = f'<span class="sure" style="width:{left:.2f}%"></span>'
-        span += f'<span style="left:{left:.2f}%;width:{width:.2f}%"></span>'
-        told = " to ".join(format_interval(v.mu.lower, v.mu.upper)) if v.mu.lower > 0.0 else v.found
-        bar = Html(f'<div class="interval" aria-hidden="true">{span}</div>')
-        active = "; ".join(v.best.active) if v.best is not None else ""
-        origin = v.best.origin if v.best is not None else ""
-        cells = [f"{rank}" if v.done else "", v.name, told, bar, v.gap_text]
-        cells += [f"{v.agreeing}/{len(v.solves)}", f"{v.seconds:.1f}", f"{good}/{total}", "; ".join(tied), origin]
-        rows.append([*cells, active])
+    axis_limit = max((variation.mu.upper for variation in result.variations), default=0.0) or 1.0
+    entries = zip(result.variations, result.ranks(), result.ties(), strict=True)
+    rows = [
+        _variation_row(variation, rank, ties, axis_limit)
+        for variation, rank, ties in sorted(entries, key=lambda entry: (entry[1], -entry[0].mu.upper))
+    ]
     caption = (
-        f"Rank: 1 plus the number of variations that are certainly better. Ties: within the certified gap. {EXPLAINED}"
+        f"Rank: 1 plus the number of variations that are certainly better. Ties: within the certified gap. {TABLE_NOTE}"
     )
     return html_table(caption, heads, rows, focusable=False)
+
+
+def _variation_row(variation: VariationResult, rank: int, ties: Sequence[str], axis_limit: float) -> list[str]:
+    """Return the table's cells of a variation, its certified interval drawn up to the axis limit."""
+    mu, best = variation.mu, variation.best
+    successes, starts = variation.starts
+    start, width = 100.0 * mu.lower / axis_limit, 100.0 * (mu.upper - mu.lower) / axis_limit
+    spans = f'<span class="sure" style="width:{start:.2f}%"></span>'
+    spans += f'<span style="left:{start:.2f}%;width:{width:.2f}%"></span>'
+    return [
+        f"{rank}" if variation.done else "",
+        variation.name,
+        " to ".join(format_interval(mu.lower, mu.upper)) if mu.lower > 0.0 else variation.found,
+        Html(f'<div class="interval" aria-hidden="true">{spans}</div>'),
+        variation.gap_text,
+        f"{variation.agreeing}/{len(variation.solves)}",
+        f"{variation.seconds:.1f}",
+        f"{successes}/{starts}",
+        "; ".join(ties),
+        best.origin if best is not None else "",
+        "; ".join(best.active) if best is not None else "",
+    ]
 
 
 def _figure(picture: Path) -> str:
@@ -128,16 +142,16 @@ def write_plots(result: ExperimentResult, folder: Path) -> list[Path]:
     InputError
         When a picture cannot be written.
     """
-    pyplot(WHAT)  # before the work
+    pyplot(PURPOSE)  # before the work
     ranked = sorted(zip(result.variations, result.ranks(), strict=True), key=lambda pair: (pair[1], -pair[0].mu.upper))
-    shown = [v for v, _ in ranked if v.best is not None][:MOST_SHOWN]
+    variations = [v for v, _ in ranked if v.best is not None][:MOST_VARIATIONS]
     pictures = {"mu_by_variation": draw_mu, "mu_against_time": draw_time, "convergence": draw_experiment_convergence}
     paths = []
-    for name, draw in pictures.items() if shown else ():
-        paths.append(_written(folder / f"{name}.png", draw, shown))
-    counted = [v for v in result.variations if v.starts[1]][:MOST_SHOWN]
-    if counted:
-        paths.append(_written(folder / "success_rate.png", draw_success, counted))
+    for name, draw in pictures.items() if variations else ():
+        paths.append(_write_plot(folder / f"{name}.png", draw, variations))
+    with_starts = [v for v in result.variations if v.starts[1]][:MOST_VARIATIONS]
+    if with_starts:
+        paths.append(_write_plot(folder / "success_rate.png", draw_success, with_starts))
     return paths
 
 
@@ -161,7 +175,7 @@ def draw_mu(variations: Sequence[VariationResult]) -> Figure:
 def draw_time(variations: Sequence[VariationResult]) -> Figure:
     """Draw the best certified lower bound over the solver's time, a line per seed."""
     figure, ax = _new_figure(4.0)
-    for i, v in enumerate(variations[:MOST_COLOURS]):
+    for i, v in enumerate(variations[:MOST_LINES]):
         for j, solve in enumerate(s for s in v.solves if s.success):
             seconds, best = np.array([(0.0, 0.0), *solve.improvement_times]).T
             ax.step(
@@ -178,11 +192,11 @@ def draw_time(variations: Sequence[VariationResult]) -> Figure:
 def draw_experiment_convergence(variations: Sequence[VariationResult]) -> Figure:
     """Draw the relative distance of the refinement from its final value, by round, for each variation's best start."""
     figure, ax = _new_figure(4.0)
-    for i, v in enumerate(variations[:MOST_COLOURS]):
+    for i, v in enumerate(variations[:MOST_LINES]):
         start = None if v.best is None else v.best.best_start
         if start is not None and len(start.history) > 1:
-            left = 1.0 - np.array(start.history) / start.history[-1]
-            ax.plot(np.maximum(left, SMALLEST), ".-", color=f"C{i}", alpha=0.8, label=_shorten_name(v.name))
+            remaining = 1.0 - np.array(start.history) / start.history[-1]
+            ax.plot(np.maximum(remaining, LEAST_SHARE), ".-", color=f"C{i}", alpha=0.8, label=_shorten_name(v.name))
     ax.set_yscale("log")
     ax.set_xlabel("rounds of the exchange, best start")
     ax.set_ylabel(f"share of the final {_seed_label(variations)} still to gain")
@@ -196,11 +210,11 @@ def draw_success(variations: Sequence[VariationResult]) -> Figure:
     """Draw the share of starts with a certified grasp, with Wilson's 95 % interval."""
     figure, ax = _new_figure(1.2 + 0.32 * len(variations))
     for row, v in enumerate(variations):
-        good, total = v.starts
-        low, high = wilson(good, total)
-        ax.barh(row, good / total, color=COLOURS["finger"], height=0.6)
+        successes, starts = v.starts
+        low, high = wilson_interval(successes, starts)
+        ax.barh(row, successes / starts, color=COLOURS["finger"], height=0.6)
         ax.plot([low, high], [row, row], color="0.2", linewidth=1.2)
-        ax.text(1.02, row, f"{good}/{total}", va="center", fontsize=8)
+        ax.text(1.02, row, f"{successes}/{starts}", va="center", fontsize=8)
     ax.set_yticks(range(len(variations)), [_shorten_name(v.name) for v in variations])
     ax.invert_yaxis()
     ax.set_xlim(0.0, 1.12)
@@ -209,21 +223,21 @@ def draw_success(variations: Sequence[VariationResult]) -> Figure:
     return figure
 
 
-def wilson(good: int, total: int) -> tuple[float, float]:
+def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
     """Return Wilson's score interval of a proportion (1927, doi:10.1080/01621459.1927.10502953)."""
-    share, z2 = good / total, Z**2 / total
-    middle = share + 0.5 * z2
-    half = Z * np.sqrt(share * (1.0 - share) / total + 0.25 * z2 / total)
-    return float((middle - half) / (1.0 + z2)), float((middle + half) / (1.0 + z2))
+    share, z_squared = successes / trials, NORMAL_QUANTILE**2 / trials
+    centre = share + 0.5 * z_squared
+    half_width = NORMAL_QUANTILE * np.sqrt(share * (1.0 - share) / trials + 0.25 * z_squared / trials)
+    return float((centre - half_width) / (1.0 + z_squared)), float((centre + half_width) / (1.0 + z_squared))
 
 
 def _new_figure(height: float) -> tuple[Figure, Axes]:
     """Return a figure 7 inches wide with one pair of axes."""
-    figure, ax = pyplot(WHAT).subplots(figsize=(7.0, height), layout="constrained")
+    figure, ax = pyplot(PURPOSE).subplots(figsize=(7.0, height), layout="constrained")
     return figure, ax
 
 
-def _written(path: Path, draw: Draw, variations: Sequence[VariationResult]) -> Path:
+def _write_plot(path: Path, draw: Draw, variations: Sequence[VariationResult]) -> Path:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph", UserWarning)  # characters that the font lacks are drawn as boxes
         return write_figure(draw(variations), path)
@@ -235,10 +249,10 @@ def _seed_label(variations: Sequence[VariationResult]) -> str:
 
 
 def _legend(ax: Axes, count: int) -> None:
-    title = f"best {MOST_COLOURS} of {count}" if count > MOST_COLOURS else None
+    title = f"best {MOST_LINES} of {count}" if count > MOST_LINES else None
     ax.legend(fontsize=8, title=title)
 
 
 def _shorten_name(name: str, longest: int = 32) -> str:
-    short = name if len(name) <= longest else name[: longest - 3] + "..."
-    return short.replace("$", r"\$")  # no math mode
+    text = name if len(name) <= longest else name[: longest - 3] + "..."
+    return text.replace("$", r"\$")  # no math mode

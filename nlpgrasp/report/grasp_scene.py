@@ -18,7 +18,7 @@ from nlpgrasp.hands import Fingertips, ParallelJaw
 from nlpgrasp.hands.parallel_jaw import APPROACH_AXIS, CLOSING_AXIS, gripper_rotation
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.report.scene_parts import (
-    WIDE,
+    TABLE_HALF_WIDTH,
     DrawnSurroundings,
     drawn_surroundings,
     first_view,
@@ -30,11 +30,11 @@ from nlpgrasp.report.task_wrenches import ChosenWrench
 from nlpgrasp.solution.solution import GraspSolution
 
 FINGER_THICKNESS = 0.1  # default thickness of fingers, as a share of the opening
-BEYOND = 0.06  # reach of fingers beyond the contacts, as a share of their length
-NAMES = ("jaw 0", "jaw 1", "palm")
-DISC, SHAFT = 0.055, 0.022  # radii of contact discs and arrow shafts, as shares of the body's size
-THIN = 3.5  # largest size for discs and shafts, in shortest extents of the body
-PAD = 0.16  # radius of a drawn jaw pad, as a share of the body's size
+FINGER_OVERHANG = 0.06  # reach of fingers beyond the contacts, as a share of their length
+JAW_NAMES = ("jaw 0", "jaw 1", "palm")
+DISC_RADIUS, SHAFT_RADIUS = 0.055, 0.022  # radii of contact discs and arrow shafts, as shares of the body's size
+MOST_MARK_SIZE = 3.5  # largest size for discs and shafts, in shortest extents of the body
+PAD_RADIUS = 0.16  # radius of a drawn jaw pad, as a share of the body's size
 
 
 def jaws(solution: GraspSolution) -> list[tuple[str, Triangles]]:
@@ -43,32 +43,32 @@ def jaws(solution: GraspSolution) -> list[tuple[str, Triangles]]:
     Empty for planar grippers, without a ``finger_length``, and for files without a pose. The breadth of fingers is not
     stated: they are drawn as broad as thick.
     """
-    asked, posture = solution.problem.get("hand"), solution.hand or {}
-    if not isinstance(asked, Mapping) or asked.get("type") != ParallelJaw.kind or "palm_pose" not in posture:
+    hand, configuration = solution.problem.get("hand"), solution.hand or {}
+    if not isinstance(hand, Mapping) or hand.get("type") != ParallelJaw.kind or "palm_pose" not in configuration:
         return []
-    length, opening = float(asked.get("finger_length", 0.0)), float(posture["opening"])
+    length, opening = float(hand.get("finger_length", 0.0)), float(configuration["opening"])
     if length <= 0.0:
         return []
-    thick = float(asked.get("finger_thickness", 0.0)) or FINGER_THICKNESS * opening
-    aside, reach = 0.5 * (opening + thick), (1.0 + BEYOND) * length
-    pose = posture["palm_pose"]
-    axes = gripper_rotation(asked.get("closing_axis", CLOSING_AXIS), asked.get("approach_axis", APPROACH_AXIS))
-    turn = Rotation.from_quat(pose["quaternion_wxyz"], scalar_first=True).as_matrix() @ axes
-    at = np.asarray(pose["position"], dtype=float)
+    thickness = float(hand.get("finger_thickness", 0.0)) or FINGER_THICKNESS * opening
+    offset, reach = 0.5 * (opening + thickness), (1.0 + FINGER_OVERHANG) * length
+    pose = configuration["palm_pose"]
+    axes = gripper_rotation(hand.get("closing_axis", CLOSING_AXIS), hand.get("approach_axis", APPROACH_AXIS))
+    rotation = Rotation.from_quat(pose["quaternion_wxyz"], scalar_first=True).as_matrix() @ axes
+    position = np.asarray(pose["position"], dtype=float)
 
-    def part(extents: list[float], middle: list[float]) -> Triangles:
+    def jaw_box(extents: list[float], middle: list[float]) -> Triangles:
         """Return a box with its middle about the gripper's origin: x from jaw to jaw, z along the approach."""
         vertices, faces = triangles(Box(extents))
-        return Triangles(_transform_points(vertices + middle, turn, at), faces)
+        return Triangles(_transform_points(vertices + middle, rotation, position), faces)
 
-    finger = [thick, thick, reach]
-    parts = [part(finger, [side * aside, 0.0, 0.5 * reach]) for side in (-1.0, 1.0)]
-    palm = part([opening + 2.0 * thick, 1.5 * thick, 1.5 * thick], [0.0, 0.0, -0.75 * thick])
-    return list(zip(NAMES, [*parts, palm], strict=True))
+    finger = [thickness, thickness, reach]
+    parts = [jaw_box(finger, [side * offset, 0.0, 0.5 * reach]) for side in (-1.0, 1.0)]
+    palm = jaw_box([opening + 2.0 * thickness, 1.5 * thickness, 1.5 * thickness], [0.0, 0.0, -0.75 * thickness])
+    return list(zip(JAW_NAMES, [*parts, palm], strict=True))
 
 
-def _transform_points(points: FloatArray, turn: FloatArray, at: FloatArray) -> FloatArray:
-    return np.asarray(points @ turn.T + at)
+def _transform_points(points: FloatArray, rotation: FloatArray, position: FloatArray) -> FloatArray:
+    return np.asarray(points @ rotation.T + position)
 
 
 def solution_scene(solution: GraspSolution, chosen: Sequence[ChosenWrench]) -> Json | None:
@@ -90,40 +90,45 @@ def solution_scene(solution: GraspSolution, chosen: Sequence[ChosenWrench]) -> J
     if not len(body):
         return None
     middle = (body.min(axis=0) + body.max(axis=0)) / 2.0
-    around, flat = drawn_surroundings(solution), _is_flat(solution)
-    across = float(np.min(np.ptp(body[:, :2] if flat else body, axis=0)))
-    stout = min(size, max(THIN * across, 0.3 * size))
+    surroundings, flat = drawn_surroundings(solution), _is_flat(solution)
     radius = _tip_radius(solution)
     largest = max((float(np.max(np.linalg.norm(c.forces, axis=1))) for c in chosen), default=1.0) or 1.0
     arrows = [_arrows(contacts, in_space(c.forces) * (FORCE * size / largest)) for c in chosen]
-    shapes = _scene_shapes(solution, shape, around)
+    shapes = _scene_shapes(solution, shape, surroundings)
     palm = _palm_point(solution)
     ends = np.concatenate([contacts, *([] if palm is None else [palm[None]]), *(a.reshape(-1, 3) for a in arrows)])
-    seen = [body, *(s.vertices for _, _, s in shapes)]
+    drawn_points = [body, *(s.vertices for _, _, s in shapes)]
     if radius > 0.0:
-        seen.append((grasp_tips(solution)[:, None] + radius * np.concatenate([np.eye(3), -np.eye(3)])).reshape(-1, 3))
+        extremes = radius * np.concatenate([np.eye(3), -np.eye(3)])
+        drawn_points.append((grasp_tips(solution)[:, None] + extremes).reshape(-1, 3))
+    tables = [{"at": _nested_lists([*middle[:2], h]), "half": TABLE_HALF_WIDTH * size} for h in surroundings.heights]
     if flat:
-        shapes += [("table", "table", slab(h, body, size)) for h in around.heights]
+        shapes += [("table", "table", slab(h, body, size)) for h in surroundings.heights]
     return {
         "size": size,
         "flat": flat,
         "parts": [{"group": group, "name": name, **surface(shape).to_dict()} for group, name, shape in shapes],
-        "tables": []
-        if flat
-        else [{"at": _nested_lists([*middle[:2], h]), "half": WIDE * size} for h in around.heights],
-        "unseen": list(around.unseen),
+        "tables": [] if flat else tables,
+        "unseen": list(surroundings.unseen),
         "contacts": [] if grasp is None else _contact_data(grasp, solution.faces, radius),
         "palm": None if palm is None else _nested_lists(palm),
         "arrows": [_nested_lists(a) for a in arrows],
-        "lengths": {
-            "normal": NORMAL * size,
-            "cone": CONE * size,
-            "disc": DISC * stout,
-            "shaft": SHAFT * stout,
-            "pad": _pad(solution) * size,
-        },
-        "frame": _nested_lists(np.concatenate([ends, outermost_points(np.concatenate(seen), middle, size)])),
+        "lengths": _mark_lengths(solution, body, size),
+        "frame": _nested_lists(np.concatenate([ends, outermost_points(np.concatenate(drawn_points), middle, size)])),
         "view": first_view(solution, flat),
+    }
+
+
+def _mark_lengths(solution: GraspSolution, body: FloatArray, size: float) -> Json:
+    """Return lengths of normals, cones and force arrows, and radii of discs and pads, metres, for a body's vertices."""
+    least_extent = float(np.min(np.ptp(body[:, :2] if _is_flat(solution) else body, axis=0)))
+    mark_size = min(size, max(MOST_MARK_SIZE * least_extent, 0.3 * size))
+    return {
+        "normal": NORMAL * size,
+        "cone": CONE * size,
+        "disc": DISC_RADIUS * mark_size,
+        "shaft": SHAFT_RADIUS * mark_size,
+        "pad": _pad_radius(solution) * size,
     }
 
 
@@ -132,13 +137,13 @@ def _contact_data(grasp: Grasp, faces: Sequence[str], radius: float) -> list[Jso
     entries = zip(in_space(grasp.points), in_space(grasp.normals), grasp.contacts, faces, strict=True)
     return [
         {
-            "at": _nested_lists(p),
-            "inward": _nested_lists(n),
+            "at": _nested_lists(point),
+            "inward": _nested_lists(normal),
             "tip": radius,
-            "slope": m.coefficients.get("friction"),
+            "slope": model.coefficients.get("friction"),
             "face": face,
         }
-        for p, n, m, face in entries
+        for point, normal, model, face in entries
     ]
 
 
@@ -160,14 +165,14 @@ def body_surface(solution: GraspSolution) -> Triangles | None:
 
 
 def _scene_shapes(
-    solution: GraspSolution, body: Triangles | None, around: DrawnSurroundings
+    solution: GraspSolution, body: Triangles | None, surroundings: DrawnSurroundings
 ) -> list[tuple[str, str, Triangles]]:
     """Return group, name and triangles of body, hand and obstacles."""
     tips = () if solution.hand is None else solution.hand.get("fingertips", ())
     links = () if solution.drawing is None else solution.drawing.links
     hand = [("tip" if name in tips else "link", name, shape) for name, shape in links if len(shape.faces)]
     hand += [("link", name, shape) for name, shape in jaws(solution)]
-    obstacles = [("obstacle", name, shape) for name, shape in around.obstacles]
+    obstacles = [("obstacle", name, shape) for name, shape in surroundings.obstacles]
     return [*([] if body is None else [("body", "body", body)]), *hand, *obstacles]
 
 
@@ -192,8 +197,8 @@ def _palm_point(solution: GraspSolution) -> FloatArray | None:
     return None if point is None else in_space(np.atleast_2d(np.asarray(point, dtype=float)))[0]
 
 
-def _pad(solution: GraspSolution) -> float:
-    return PAD if (solution.problem.get("hand") or {}).get("type") == ParallelJaw.kind else 0.0
+def _pad_radius(solution: GraspSolution) -> float:
+    return PAD_RADIUS if (solution.problem.get("hand") or {}).get("type") == ParallelJaw.kind else 0.0
 
 
 def _nested_lists(values: FloatArray | Sequence[float]) -> object:

@@ -15,33 +15,37 @@ from nlpgrasp.hands.inspection import GOOD, InspectedHand, Inspection, inspect, 
 from nlpgrasp.hands.opposition import SAMPLES, Opposition, TipMeeting
 from nlpgrasp.hands.robot import Joint
 from nlpgrasp.hands.tips import Tip
-from nlpgrasp.report import hand_scene as controls
 from nlpgrasp.report.hand_scene import (
-    ALL,
+    HAND_TRIANGLES,
     VIEWER,
     describe_palm,
+    format_position,
+    general_postures,
     hand_stage,
-    position_words,
     posture_button,
     posture_name,
+    sliders,
     viewer_data,
 )
-from nlpgrasp.report.html_parts import ICON, Html, html_table, page, style, viewer
+from nlpgrasp.report.html_parts import Html, html_table
+from nlpgrasp.report.page_builder import CARD, Heading, scene_page, scene_section
 
 # colours of the scene and what they show
-KEY = (("link", "collision shapes"), ("finger", "fingertips"), ("task", "where the palm faces"))
-FEW = 12_000  # most triangles of all links together: a notebook stores the page
+COLOUR_KEY = (("link", "collision shapes"), ("finger", "fingertips"), ("task", "where the palm faces"))
+SHEET = "hand.css"  # style sheet of joints and tables
+CARD_TRIANGLES = 12_000  # most triangles of all links together: a notebook stores the page
 
 
-def told(found: Inspection) -> str:
+def warning_list(inspection: Inspection) -> str:
     """Return the warnings as an HTML list."""
-    good = (f"{GOOD[0].upper()}{GOOD[1:]}", "good")
+    no_remark = (f"{GOOD[0].upper()}{GOOD[1:]}", "good")
     # code to paste keeps its minus signs
-    said = [(f.text if f.command else typeset(f.text), "grave" if f.grave else "some") for f in found.sentences]
-    paste = f"<pre>{escape(chr(10).join(found.to_paste))}</pre>" if found.to_paste else ""  # of the first sentence
+    remarks = [(f.text if f.command else typeset(f.text), "grave" if f.grave else "some") for f in inspection.sentences]
+    code = escape("\n".join(inspection.to_paste))  # belongs to the first remark
+    paste = f"<pre>{code}</pre>" if code else ""
     entries = "".join(
         f'<li class="{kind}">{escape(text)}{paste if i == 0 else ""}</li>'
-        for i, (text, kind) in enumerate(said or [good])
+        for i, (text, kind) in enumerate(remarks or [no_remark])
     )
     return f'<h3>What to know</h3><ul class="findings">{entries}</ul>'
 
@@ -52,12 +56,12 @@ def fingertip_table(hand: InspectedHand) -> str:
     rows = []
     for i, (link, tip) in enumerate(hand.tree.tips):
         moving = [joint.name for joint in robot.chain(link) if joint.moves]
-        rows.append([Html(f'<span class="number">{i}</span>'), link, patch_words(tip), ", ".join(moving) or "none"])
+        rows.append([Html(f'<span class="number">{i}</span>'), link, describe_patch(tip), ", ".join(moving) or "none"])
     heads = ["Contact", "Link", "Patch", "Joints that move it"]
     return f"<h3>Fingertips</h3>{html_table('', heads, rows)}" if rows else ""
 
 
-def patch_words(tip: Tip) -> str:
+def describe_patch(tip: Tip) -> str:
     """Return a patch as text: its kind and dimensions."""
     data = tip.to_dict()
     kind, parts = str(data["type"]).replace("_", " "), []
@@ -73,32 +77,36 @@ def patch_words(tip: Tip) -> str:
     return ", ".join(typeset(part).replace(" ", "\N{NO-BREAK SPACE}") for part in [kind, *parts])
 
 
-def meetings(met: Opposition | None) -> str:
+def opposition_table(opposition: Opposition | None) -> str:
     """Return the least distance of each pair of fingertips face to face, as buttons that set the posture."""
-    if met is None or not met.pairs:
+    if opposition is None or not opposition.pairs:
         return ""
-    count = max(i for pair in met.pairs for i in pair.fingers) + 1
-    by_pair = {pair.fingers: pair for pair in met.pairs}
-    mark = [Html(f'<span class="number">{i}</span>') for i in range(count)]
-    rows = [[mark[i], *(_meeting_cell(by_pair.get((i, j))) for j in range(1, count))] for i in range(count - 1)]
+    count = max(i for pair in opposition.pairs for i in pair.fingers) + 1
+    by_pair = {pair.fingers: pair for pair in opposition.pairs}
+    marks = [Html(f'<span class="number">{i}</span>') for i in range(count)]
+    rows = [[marks[i], *(_meeting_cell(by_pair.get((i, j))) for j in range(1, count))] for i in range(count - 1)]
     text = (
         "The least distance between the surfaces of two fingertips that face each other, over the joint ranges; each "
         f"button sets the posture. A search from {SAMPLES} postures finds it and lets links pass through each other: "
         "other links may prevent this posture."
     )
-    made = html_table("", ["", *map(str, range(1, count))], rows)
+    table = html_table("", ["", *map(str, range(1, count))], rows)
     note = f'<p class="note">{escape(text)}</p>'
-    return f'<h3>Which fingertips meet</h3>{note}<div class="matrix">{made}</div>{_sets(met)}'
+    return f'<h3>Which fingertips meet</h3>{note}<div class="matrix">{table}</div>{_separate_tips(opposition)}'
 
 
-def _sets(met: Opposition) -> str:
+def _separate_tips(opposition: Opposition) -> str:
     """Return the sets of fingertips that do not meet, with buttons."""
-    if not met.apart:
+    if not opposition.apart:
         return ""
     buttons = "".join(
-        posture_button(posture_name(m.fingers), f"{', '.join(map(str, m.fingers))}: {_far(m)}") for m in met.apart
+        posture_button(
+            posture_name(meeting.fingers), f"{', '.join(map(str, meeting.fingers))}: {_format_opposition(meeting)}"
+        )
+        for meeting in opposition.apart
     )
-    text = f"These never come within {millimetres(met.together)} of each other all at once, although smaller sets do."
+    distance = millimetres(opposition.together)
+    text = f"These never come within {distance} of each other all at once, although smaller sets do."
     return f'<p class="note">{escape(typeset(text))}</p><div class="postures apart">{buttons}</div>'
 
 
@@ -106,16 +114,16 @@ def _meeting_cell(pair: TipMeeting | None) -> str:
     if pair is None:
         return ""
     kind = "meets" if pair.touches else "apart" if pair.faces else "never"
-    return Html(f'<span class="{kind}">{posture_button(posture_name(pair.fingers), _far(pair))}</span>')
+    return Html(f'<span class="{kind}">{posture_button(posture_name(pair.fingers), _format_opposition(pair))}</span>')
 
 
-def _far(met: TipMeeting) -> str:
-    if not met.faces:
+def _format_opposition(meeting: TipMeeting) -> str:
+    if not meeting.faces:
         return "never face"
-    return "touch" if met.touches else typeset(millimetres(met.opposed))
+    return "touch" if meeting.touches else typeset(millimetres(meeting.opposed))
 
 
-def joints(hand: InspectedHand) -> str:
+def joint_table(hand: InspectedHand) -> str:
     """Return the table of joints: limits, and effort limits of the file and in use."""
     robot = hand.tree.robot
     order = [robot.free_joints[i].name for finger in fingers(hand.tree) for i in finger.joints]
@@ -129,11 +137,13 @@ def joints(hand: InspectedHand) -> str:
         else:
             lower, upper, limit = joint.lower, joint.upper, None
             driver, multiplier, offset = robot.driving_joint(joint)
-            more = f" {'+' if offset > 0 else '-'} {position_words(abs(offset), joint.is_revolute)}" if offset else ""
-            follows = f"{format_number(multiplier)} × {driver}{more}"  # noqa: RUF001
-        ends = f"{position_words(lower, joint.is_revolute)} to {position_words(upper, joint.is_revolute)}"
-        open_ended = not np.isfinite(upper - lower)
-        cells = [joint.name, joint.kind, "" if open_ended else ends, _effort_cell(joint, joint.effort)]
+            offset_text = (
+                f" {'+' if offset > 0 else '-'} {format_position(abs(offset), joint.is_revolute)}" if offset else ""
+            )
+            follows = f"{format_number(multiplier)} × {driver}{offset_text}"  # noqa: RUF001
+        position_range = f"{format_position(lower, joint.is_revolute)} to {format_position(upper, joint.is_revolute)}"
+        is_unlimited = not np.isfinite(upper - lower)
+        cells = [joint.name, joint.kind, "" if is_unlimited else position_range, _effort_cell(joint, joint.effort)]
         rows.append([*cells, _effort_cell(joint, limit) if joint.mimic is None else "", typeset(follows)])
     heads = ["Joint", "Type", "Range", "Effort in the file", "Limit used", "Follows"]
     return f'<h3>Joints</h3><div class="tight">{html_table("", heads, rows)}</div>' if rows else ""
@@ -145,20 +155,20 @@ def _effort_cell(joint: Joint, effort: float | None) -> str:
     return typeset(f"{format_number(effort)}\N{NO-BREAK SPACE}{'N m' if joint.is_revolute else 'N'}")
 
 
-def links(hand: InspectedHand) -> str:
+def link_table(hand: InspectedHand) -> str:
     """Return the table of links: their shapes, and the fitting errors of their spheres."""
     robot = hand.tree.robot
     rows = []
     for link in robot.links:
         kinds = [shape.kind for shape in robot.shapes.get(link, ())]
-        counted = [f"{kinds.count(k)} {k}{_plural(k, kinds.count(k))}" for k in dict.fromkeys(kinds)]
+        counts = [f"{kinds.count(k)} {k}{_plural(k, kinds.count(k))}" for k in dict.fromkeys(kinds)]
         fit = hand.fits.get(link)
-        what = ", ".join(counted) or ("none, although the link is visible" if link in robot.bare else "none")
-        fitted = ["", ""] if fit is None else [str(len(fit.radii)), typeset(millimetres(fit.error))]
-        rows.append([link, what, *fitted])
+        shapes = ", ".join(counts) or ("none, although the link is visible" if link in robot.bare else "none")
+        sphere_cells = ["", ""] if fit is None else [str(len(fit.radii)), typeset(millimetres(fit.error))]
+        rows.append([link, shapes, *sphere_cells])
     heads = ["Link", "Collision shape", "Spheres", "Spheres reach beyond it"]
-    made = html_table("", heads, rows)
-    return f'<details><summary>Links ({len(rows)})</summary><div class="tight">{made}</div></details>'
+    table = html_table("", heads, rows)
+    return f'<details><summary>Links ({len(rows)})</summary><div class="tight">{table}</div></details>'
 
 
 def _plural(kind: str, count: int) -> str:
@@ -180,24 +190,22 @@ def write_hand(hand: Hand | InspectedHand | Inspection, path: str | Path) -> Pat
     InputError
         On a hand without links, or a path that cannot be written.
     """
-    found = hand if isinstance(hand, Inspection) else inspect(hand)
-    shown, met = found.hand, found.met
-    robot = shown.tree.robot
-    colours = "".join(f'<span><b style="background:var(--{name})"></b>{words}</span>' for name, words in KEY)
-    pill = f'<span class="pill {found.kind}">{escape(found.verdict)}</span>'
-    body = [
-        f'<section aria-labelledby="name"><header><h1 id="name">{escape(robot.name)}</h1>{pill}'
-        f'<span class="file">{escape(robot.source)}: {escape(describe_palm(shown))}</span></header>',
-        f'<div class="hand"><div class="stage">{hand_stage(shown)}<p class="key">{colours}</p></div>'
-        f"{controls.sliders(shown)}</div>",
-        told(found),
-        f'<div class="two"><div>{fingertip_table(shown)}</div><div>{meetings(met)}</div></div>',
-        joints(shown),
-        links(shown),
-        f'<script type="application/json">{viewer_data(shown, met, ALL)}</script></section>',
+    inspection = hand if isinstance(hand, Inspection) else inspect(hand)
+    inspected, opposition = inspection.hand, inspection.met
+    robot = inspected.tree.robot
+    colours = "".join(f'<span><b style="background:var(--{name})"></b>{text}</span>' for name, text in COLOUR_KEY)
+    stage = hand_stage(inspected, f'<p class="key">{colours}</p>')
+    note = f"{robot.source}: {describe_palm(inspected)}"
+    parts = [
+        f'<div class="hand">{stage}{sliders(inspected)}</div>',
+        warning_list(inspection),
+        f'<div class="two"><div>{fingertip_table(inspected)}</div><div>{opposition_table(opposition)}</div></div>',
+        joint_table(inspected),
+        link_table(inspected),
     ]
-    title = f"{robot.name}: the hand"
-    return write_text(path, page(title, style("report.css", "hand.css"), body, ICON, viewer(VIEWER)))
+    heading = Heading(robot.name, note, (inspection.verdict, inspection.kind))
+    section = scene_section(heading, parts, viewer_data(inspected, opposition, HAND_TRIANGLES), is_hand=True)
+    return write_text(path, scene_page(f"{robot.name}: the hand", [section], [SHEET], VIEWER))
 
 
 def hand_card(hand: Hand) -> str:
@@ -208,13 +216,11 @@ def hand_card(hand: Hand) -> str:
     InputError
         For a hand without links.
     """
-    shown = inspection_data(hand)
-    robot = shown.tree.robot
-    joints = f"{len(robot.free_joints)} joint{'' if len(robot.free_joints) == 1 else 's'}"
-    parts = [
-        f'<section aria-labelledby="name"><header><h1 id="name">{escape(robot.name)}</h1>'
-        f'<span class="file">{joints}, {escape(describe_palm(shown))}</span></header>',
-        f'<div class="stage">{hand_stage(shown)}{controls.general_postures()}</div>',
-        f'<script type="application/json">{viewer_data(shown, None, FEW)}</script></section>',
-    ]
-    return page(robot.name, style("report.css", "hand.css", "card.css"), parts, ICON, viewer(VIEWER))
+    inspected = inspection_data(hand)
+    robot = inspected.tree.robot
+    count = len(robot.free_joints)
+    note = f"{count} joint{'' if count == 1 else 's'}, {describe_palm(inspected)}"
+    stage = hand_stage(inspected, general_postures())
+    data = viewer_data(inspected, None, CARD_TRIANGLES)
+    section = scene_section(Heading(robot.name, note), [stage], data, is_hand=True)
+    return scene_page(robot.name, [section], [SHEET, CARD], VIEWER)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from html import escape
 
@@ -18,18 +17,20 @@ from nlpgrasp.hands.finger_chains import Finger, fingers, format_as_list
 from nlpgrasp.hands.inspection import InspectedHand
 from nlpgrasp.hands.opposition import Opposition
 from nlpgrasp.hands.robot import Joint
-from nlpgrasp.report.scene_parts import TILTS, TURNS, frame_axes, surface, switches
+from nlpgrasp.report.page_builder import scene_stage, switches
+from nlpgrasp.report.scene_parts import AZIMUTHS, ELEVATIONS, frame_axes, surface, triangle_normals, view_directions
 
 EXACT_DECIMALS = 12  # decimals of lengths in metres and of cosines
-MOST, FEWEST, ALL = 3000, 200, 60_000  # most and least triangles of a shape, most of all together
+MOST_TRIANGLES, LEAST_TRIANGLES = 3000, 200  # triangles of a shape
+HAND_TRIANGLES = 60_000  # most triangles of all shapes together
 DISPLAY_DECIMALS = 7  # decimals of coordinates for display, metres
-AXIS = 0.2  # length of the palm's axes, as a share of the hand's size
-DOT = 0.012  # share of the hand's size: mark of a possible fingertip
-ABOVE = 0.05  # weight of a view from above over one from below
-FACED = 0.35  # weight of a view into the palm, relative to the broadest view
-PADS = 1.5  # weight of a view at the fingertips' patches
+AXIS_LENGTH = 0.2  # length of the palm's axes, as a share of the hand's size
+LEAF_RADIUS = 0.012  # share of the hand's size: mark of a possible fingertip
+ABOVE_WEIGHT = 0.05  # weight of a view from above over one from below
+PALM_WEIGHT = 0.35  # weight of a view into the palm, relative to the broadest view
+PATCH_WEIGHT = 1.5  # weight of a view at the fingertips' patches
 ONE_DIGIT = 100.0  # degrees or millimetres below which one decimal is shown
-GENERAL = ("relaxed", "zero", "lower limits", "upper limits")
+GENERAL_POSTURES = ("relaxed", "zero", "lower limits", "upper limits")
 # visibility switches of the scene: group, label, initially shown
 SWITCHES = (
     ("links", "Links", True),
@@ -90,13 +91,13 @@ def rounded_list(values: FloatArray, digits: int = EXACT_DECIMALS) -> list[float
     return [float(v) + 0.0 for v in np.round(np.asarray(values, dtype=float), digits)]
 
 
-def hand_scene(hand: InspectedHand, most: int = ALL) -> Json:
+def hand_scene(hand: InspectedHand, triangle_limit: int = HAND_TRIANGLES) -> Json:
     """Return the scene of a hand; metres, in each link's frame.
 
     Parameters
     ----------
     hand : InspectedHand
-    most : int
+    triangle_limit : int
         Approximate largest number of triangles of all links together.
 
     Returns
@@ -108,58 +109,84 @@ def hand_scene(hand: InspectedHand, most: int = ALL) -> Json:
         ``approach``: origin and unit direction, palm frame. ``axes``: of the palm's frame. ``size``, ``dot``: of the
         hand and of a leaf's mark. ``view``: azimuth and elevation of the camera, degrees.
     """
-    robot = hand.tree.robot
-    index = {name: i for i, name in enumerate(robot.links)}
-    surfaces: list[Json] = []
-    known: dict[bytes, int] = {}
-
-    def kept(key: bytes, shape: Triangles) -> int:
-        if key not in known:
-            known[key] = len(surfaces)
-            surfaces.append(surface(shape).to_dict())
-        return known[key]
-
-    parts, corners = [], []
-    each = max(FEWEST, min(MOST, most // max(1, sum(map(len, robot.shapes.values())))))
-    for link, shapes in robot.shapes.items():
-        for shape in shapes:
-            vertices, faces = np.asarray(shape.mesh.vertices, dtype=float), np.asarray(shape.mesh.faces)
-            drawn = Triangles(*simplify(vertices, faces, each))
-            parts.append({"link": index[link], "surface": kept(shape.fingerprint, drawn)})
-            corners.append({"link": index[link], "at": _corners(vertices)})
-    tips = []
-    for link, tip in hand.tree.tips:
-        drawn = tip.surface()
-        key = drawn.vertices.round(9).tobytes()
-        entry = {"link": index[link], "name": link, "surface": kept(key, drawn)}
-        tips.append(entry | {"at": rounded_list(tip.backbone.mean(axis=0), DISPLAY_DECIMALS), "radius": tip.standoff})
-        corners.append({"link": index[link], "at": _corners(drawn.vertices)})
+    links = hand.tree.robot.links
+    index = {name: i for i, name in enumerate(links)}
+    surfaces = _DistinctSurfaces()
+    parts, corners = _link_parts(hand, surfaces, triangle_limit)
+    tips, tip_corners = _tip_parts(hand, surfaces)
     leaves = [] if tips else [index[link] for link in hand.leaves]
-    corners += [{"link": i, "at": [[0.0, 0.0, 0.0]]} for i in leaves]
+    corners += [*tip_corners, *({"link": i, "at": [[0.0, 0.0, 0.0]]} for i in leaves)]
     if not corners:
-        corners = [{"link": i, "at": [[0.0, 0.0, 0.0]]} for i in range(len(robot.links))]
+        corners = [{"link": i, "at": [[0.0, 0.0, 0.0]]} for i in range(len(links))]
     points = _link_corners(hand, corners)
     size = max(float(np.linalg.norm(np.ptp(points, axis=0))), 1e-3)
     return {
-        "surfaces": surfaces,
+        "surfaces": surfaces.data,
         "parts": parts,
         "spheres": [{"link": index[k], "balls": _sphere_data(fit.centres, fit.radii)} for k, fit in hand.fits.items()],
         "tips": tips,
         "leaves": leaves,
         "corners": corners,
         "approach": {"at": _palm_origin(hand), "along": rounded_list(hand.tree.approach)},
-        "axes": frame_axes(np.zeros(3), np.full(3, AXIS * size)),
+        "axes": frame_axes(np.zeros(3), np.full(3, AXIS_LENGTH * size)),
         "size": size,
-        "dot": DOT * size,
-        "view": _view(points, hand),
+        "dot": LEAF_RADIUS * size,
+        "view": _hand_view(points, hand),
     }
 
 
-def _corners(vertices: FloatArray) -> list[list[float]]:
+class _DistinctSurfaces:
+    """Surfaces of a scene, each stored once."""
+
+    def __init__(self) -> None:
+        self.data: list[Json] = []
+        self._numbers: dict[bytes, int] = {}
+
+    def number(self, key: bytes, shape: Triangles) -> int:
+        """Return the number of the surface with this key, added if it is new."""
+        if key not in self._numbers:
+            self._numbers[key] = len(self.data)
+            self.data.append(surface(shape).to_dict())
+        return self._numbers[key]
+
+
+def _link_parts(hand: InspectedHand, surfaces: _DistinctSurfaces, triangle_limit: int) -> tuple[list[Json], list[Json]]:
+    """Return the shapes of the links, and their corners, with at most about so many triangles together."""
+    robot = hand.tree.robot
+    parts: list[Json] = []
+    corners: list[Json] = []
+    share = triangle_limit // max(1, sum(map(len, robot.shapes.values())))
+    triangles_per_shape = max(LEAST_TRIANGLES, min(MOST_TRIANGLES, share))
+    numbers = {name: i for i, name in enumerate(robot.links)}
+    for link, shapes in robot.shapes.items():
+        for shape in shapes:
+            vertices, faces = np.asarray(shape.mesh.vertices, dtype=float), np.asarray(shape.mesh.faces)
+            simplified = Triangles(*simplify(vertices, faces, triangles_per_shape))
+            parts.append({"link": numbers[link], "surface": surfaces.number(shape.fingerprint, simplified)})
+            corners.append({"link": numbers[link], "at": _box_corners(vertices)})
+    return parts, corners
+
+
+def _tip_parts(hand: InspectedHand, surfaces: _DistinctSurfaces) -> tuple[list[Json], list[Json]]:
+    """Return the patches of the fingertips, and their corners."""
+    parts: list[Json] = []
+    corners: list[Json] = []
+    numbers = {name: i for i, name in enumerate(hand.tree.robot.links)}
+    for link, tip in hand.tree.tips:
+        shape = tip.surface()
+        surface_number = surfaces.number(shape.vertices.round(9).tobytes(), shape)
+        centre = rounded_list(tip.backbone.mean(axis=0), DISPLAY_DECIMALS)
+        entry = {"link": numbers[link], "name": link, "surface": surface_number, "at": centre, "radius": tip.standoff}
+        parts.append(entry)
+        corners.append({"link": numbers[link], "at": _box_corners(shape.vertices)})
+    return parts, corners
+
+
+def _box_corners(vertices: FloatArray) -> list[list[float]]:
     """Return the corners of the bounding box of points."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    every = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(-1, 3)
-    return [rounded_list(corner, DISPLAY_DECIMALS) for corner in every]
+    corners = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(-1, 3)
+    return [rounded_list(corner, DISPLAY_DECIMALS) for corner in corners]
 
 
 def _sphere_data(centres: FloatArray, radii: FloatArray) -> list[list[float]]:
@@ -181,19 +208,19 @@ def _relaxed_link_poses(hand: InspectedHand) -> dict[str, FloatArray]:
     names = hand.tree.used_links
     if not names:
         return {}
-    found = np.asarray(hand.tree.link_function(hand.at_rest).full()).reshape(4, len(names), 4)
-    return {name: found[:, i] for i, name in enumerate(names)}
+    poses = np.asarray(hand.tree.link_function(hand.at_rest).full()).reshape(4, len(names), 4)
+    return {name: poses[:, i] for i, name in enumerate(names)}
 
 
 def _link_corners(hand: InspectedHand, corners: Sequence[Json]) -> FloatArray:
     """Return the used links' corners (n, 3) in the palm's frame, and the palm's origin."""
     poses, links = _relaxed_link_poses(hand), hand.tree.robot.links
-    placed = [np.zeros((1, 3))]
+    points = [np.zeros((1, 3))]
     for entry in corners:
         pose = poses.get(links[int(entry["link"])])
         if pose is not None:
-            placed.append(np.asarray(entry["at"]) @ pose[:3, :3].T + pose[:3, 3])
-    return np.concatenate(placed)
+            points.append(np.asarray(entry["at"]) @ pose[:3, :3].T + pose[:3, 3])
+    return np.concatenate(points)
 
 
 def _patch_normals(hand: InspectedHand) -> FloatArray:
@@ -202,35 +229,39 @@ def _patch_normals(hand: InspectedHand) -> FloatArray:
     for link, tip in hand.tree.tips:
         shape = tip.surface()
         corners = shape.vertices[shape.faces]
-        areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        areas = triangle_normals(corners)
         mean = areas.sum(axis=0) / np.linalg.norm(areas, axis=1).sum()
         means.append((poses[link][:3, :3] @ mean)[None])
     return np.concatenate(means)
 
 
-def _view(points: FloatArray, hand: InspectedHand) -> list[float]:
+def _hand_view(points: FloatArray, hand: InspectedHand) -> list[float]:
     """Return azimuth and elevation, degrees, of a view that is broad, into the palm and at flat fingertips."""
-    turn, tilt = (x.ravel() for x in np.meshgrid(TURNS, [*TILTS, *-TILTS], indexing="ij"))
-    eyes = np.stack([np.cos(tilt) * np.cos(turn), np.cos(tilt) * np.sin(turn), np.sin(tilt)], axis=1)
+    azimuth, elevation = (x.ravel() for x in np.meshgrid(AZIMUTHS, [*ELEVATIONS, *-ELEVATIONS], indexing="ij"))
+    eyes = view_directions(azimuth, elevation)
     centred = points - points.mean(axis=0)
     total = float(np.sum(centred**2)) or 1.0
-    broad = 1.0 - np.sum((centred @ eyes.T) ** 2, axis=0) / total
-    into = np.clip(eyes @ hand.tree.approach, None, 0.8)
+    breadth = 1.0 - np.sum((centred @ eyes.T) ** 2, axis=0) / total
+    palm_view = np.clip(eyes @ hand.tree.approach, None, 0.8)
     pads = np.clip(eyes @ _patch_normals(hand).T, 0.0, 0.5).sum(axis=1) / max(len(hand.tree.tips), 1)
-    best = int(np.argmax(broad + FACED * into + PADS * pads + ABOVE * np.sign(tilt)))
-    return [float(np.degrees(turn[best])), float(np.degrees(tilt[best]))]
+    best = int(np.argmax(breadth + PALM_WEIGHT * palm_view + PATCH_WEIGHT * pads + ABOVE_WEIGHT * np.sign(elevation)))
+    return [float(np.degrees(azimuth[best])), float(np.degrees(elevation[best]))]
 
 
-def postures(hand: InspectedHand, met: Opposition | None) -> Json:
+def postures(hand: InspectedHand, opposition: Opposition | None) -> Json:
     """Return positions of the free joints for each posture button; radians or metres."""
-    found = {"relaxed": rounded_list(hand.at_rest)}
+    positions = {"relaxed": rounded_list(hand.at_rest)}
     if hand.tree.robot.free_joints:
         lower, upper = hand.tree.joint_limits
         zero = np.clip(0.0, lower, upper)
-        found |= {"zero": rounded_list(zero), "lower limits": rounded_list(lower), "upper limits": rounded_list(upper)}
-    for meeting in () if met is None else (*met.pairs, *met.apart):
-        found[posture_name(meeting.fingers)] = rounded_list(meeting.joints)
-    return found
+        positions |= {
+            "zero": rounded_list(zero),
+            "lower limits": rounded_list(lower),
+            "upper limits": rounded_list(upper),
+        }
+    for meeting in () if opposition is None else (*opposition.pairs, *opposition.apart):
+        positions[posture_name(meeting.fingers)] = rounded_list(meeting.joints)
+    return positions
 
 
 def posture_name(numbers: tuple[int, ...]) -> str:
@@ -248,8 +279,8 @@ def posture_button(name: str, text: str, pressed: bool = False) -> str:
 
 def general_postures() -> str:
     """Return the buttons of the postures common to all hands."""
-    named = "".join(posture_button(name, name.capitalize(), name == "relaxed") for name in GENERAL)
-    return f'<div class="postures">{named}</div>'
+    buttons = "".join(posture_button(name, name.capitalize(), name == "relaxed") for name in GENERAL_POSTURES)
+    return f'<div class="postures">{buttons}</div>'
 
 
 def sliders(hand: InspectedHand) -> str:
@@ -262,11 +293,11 @@ def sliders(hand: InspectedHand) -> str:
 
 def _finger_sliders(hand: InspectedHand, finger: Finger) -> str:
     numbers = "".join(f'<span class="number">{i}</span>' for i in finger.tips)
-    rows = "".join(_slider(hand, i) for i in finger.joints)
+    rows = "".join(_joint_slider(hand, i) for i in finger.joints)
     return f"<fieldset><legend><h3>{numbers}<span>{escape(finger.name)}</span></h3></legend>{rows}</fieldset>"
 
 
-def _slider(hand: InspectedHand, number: int) -> str:
+def _joint_slider(hand: InspectedHand, number: int) -> str:
     """Return the slider of a free joint, with the positions of its mimic joints."""
     robot = hand.tree.robot
     joint = robot.free_joints[number]
@@ -279,43 +310,42 @@ def _slider(hand: InspectedHand, number: int) -> str:
         if other.moves and other.mimic is not None and robot.driving_joint(other)[0] == joint.name
     )
     name = escape(joint.name)
-    ends = f"<i>{position_words(lower, joint.is_revolute)}</i><i>{position_words(upper, joint.is_revolute)}</i>"
+    ends = f"<i>{format_position(lower, joint.is_revolute)}</i><i>{format_position(upper, joint.is_revolute)}</i>"
     return (
         f'<div class="joint"><label for="joint{number}" title="{name}">{name}</label>'
-        f'<output for="joint{number}">{position_words(start, joint.is_revolute)}</output>'
+        f'<output for="joint{number}">{format_position(start, joint.is_revolute)}</output>'
         f'<div class="track-of"><input id="joint{number}" type="range" data-driver="{number}" '
         f'min="{lower:.12g}" max="{upper:.12g}" step="any" value="{start:.12g}">'
         f'<span class="ends" aria-hidden="true">{ends}</span></div></div>{followers}'
     )
 
 
-def position_words(position: float, turns: bool) -> str:
+def format_position(position: float, is_revolute: bool) -> str:
     """Return a joint's position as text: degrees, or millimetres."""
-    number = float(np.degrees(position)) if turns else 1e3 * position
+    number = float(np.degrees(position)) if is_revolute else 1e3 * position
     text = format_number(round(number, 1 if abs(number) < ONE_DIGIT else 0), 8)
-    return typeset(f"{text}°" if turns else f"{text} mm")
+    return typeset(f"{text}°" if is_revolute else f"{text} mm")
 
 
-def hand_stage(hand: InspectedHand) -> str:
-    """Return the scene with its switches, as HTML."""
+def hand_stage(hand: InspectedHand, more: str) -> str:
+    """Return the scene with its switches; ``more`` is HTML below them."""
     links, tips = len(hand.tree.robot.links), len(hand.tree.tips)
-    aria = f"The hand with {links} links and {tips} fingertips; turn it with the mouse or the arrow keys."
-    return f'<div class="scene" role="img" tabindex="0" aria-label="{escape(aria)}"></div>{switches(SWITCHES)}'
+    description = f"The hand with {links} links and {tips} fingertips"
+    return scene_stage(description, [switches(SWITCHES), more], means="the mouse")
 
 
-def viewer_data(hand: InspectedHand, met: Opposition | None, most: int) -> str:
-    """Return the viewer's data as JSON for a script element.
+def viewer_data(hand: InspectedHand, opposition: Opposition | None, triangle_limit: int) -> Json:
+    """Return the viewer's data.
 
     Parameters
     ----------
     hand : InspectedHand
-    met : Opposition or None
+    opposition : Opposition or None
         Opposition of the fingertips, for postures.
-    most : int
+    triangle_limit : int
         Approximate largest number of triangles of all links together.
     """
-    found = {"tree": joint_tree(hand), "drawn": hand_scene(hand, most), "postures": postures(hand, met)}
-    return json.dumps(found, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+    return {"tree": joint_tree(hand), "drawn": hand_scene(hand, triangle_limit), "postures": postures(hand, opposition)}
 
 
 def describe_palm(hand: InspectedHand) -> str:

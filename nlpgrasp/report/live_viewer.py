@@ -1,4 +1,4 @@
-"""Interactive viewer of a grasp by a local server: sliders for task wrenches, finger forces and the hand."""
+"""Interactive viewer of a grasp by a local server, with sliders for task wrenches and the hand."""
 
 from __future__ import annotations
 
@@ -28,20 +28,21 @@ from nlpgrasp.hands.base import Hand
 from nlpgrasp.hands.linked_hand import LinkedHand
 from nlpgrasp.report.grasp_scene import body_surface, solution_scene
 from nlpgrasp.report.key_figures import verdict
+from nlpgrasp.report.scene_parts import view_directions
 from nlpgrasp.report.task_wrenches import ChosenWrench, choose_wrenches, format_wrench
 from nlpgrasp.solution.phase_record import GRASP, LIFT, Phase
 from nlpgrasp.solution.solution import GraspSolution
 
-FAR = 0.6  # share of the body's size: retreat of free fingertips
-WHOLE = 100.0  # per cent: the whole task
-HEAD = 2.4  # radius of an arrow's head over its shaft's
-SHORT = 1e-3  # share of the task below which no arrow is drawn
-GLASS = {"link": 0.6, "tip": 0.85, "obstacle": 0.45, "table": 0.5}  # opacity by group
+RETREAT = 0.6  # share of the body's size: retreat of free fingertips
+FULL_SHARE = 100.0  # per cent: the whole task
+ARROW_HEAD = 2.4  # radius of an arrow's head over its shaft's
+LEAST_ARROW = 1e-3  # share of the task below which no arrow is drawn
+OPACITY = {"link": 0.6, "tip": 0.85, "obstacle": 0.45, "table": 0.5}  # opacity by group
 FREE_TIP = 0.5  # opacity of free fingertips
-SIDES = 32  # sides of a disc
-OVER = 0.006  # share of the body's size: height of discs over the surface
-AWAY = 2.9  # distance of the camera from the body's middle, in body sizes
-CELLS = 12  # grid cells along a side of a table
+DISC_SIDES = 32  # sides of a disc
+DISC_HEIGHT = 0.006  # share of the body's size: height of discs over the surface
+CAMERA_DISTANCE = 2.9  # distance of the camera from the body's middle, in body sizes
+GRID_CELLS = 12  # grid cells along a side of a table
 HOST = "127.0.0.1"
 LARGEST_PORT = 65535
 
@@ -103,19 +104,19 @@ def start_viewer(
     viser: ModuleType, solution: GraspSolution, port: int | None = None, hand: Hand | None = None
 ) -> Viewer | None:
     """Return the viewer of a grasp at a port, a free one for None; None where another program has the port."""
-    chosen = next(iter(_viewers), None) if port is None else port
-    if chosen not in _viewers:
-        chosen = _free_port(0 if port is None else port)
-        if chosen is None:
+    chosen_port = next(iter(_viewers), None) if port is None else port
+    if chosen_port not in _viewers:
+        chosen_port = _free_port(0 if port is None else port)
+        if chosen_port is None:
             return None
         with contextlib.redirect_stdout(io.StringIO()):  # viser prints a banner
-            viewer = Viewer(viser, HOST, chosen)
-        if viewer.port != chosen:  # taken in the meantime
+            viewer = Viewer(viser, HOST, chosen_port)
+        if viewer.port != chosen_port:  # taken in the meantime
             viewer.stop()
             return None
-        _viewers[chosen] = viewer
-    _viewers[chosen].show(solution, hand)
-    return _viewers[chosen]
+        _viewers[chosen_port] = viewer
+    _viewers[chosen_port].show(solution, hand)
+    return _viewers[chosen_port]
 
 
 def stop(port: int) -> None:
@@ -146,8 +147,8 @@ def _wait(port: int) -> None:
     stop(port)
 
 
-def _explain(why: str) -> None:
-    sys.stdout.write(f"The report is written to a file instead: {why}\n")
+def _explain(reason: str) -> None:
+    sys.stdout.write(f"The report is written to a file instead: {reason}\n")
 
 
 class Viewer:
@@ -180,34 +181,39 @@ class Viewer:
             return
         self.server.scene.reset()
         self.server.gui.reset()
-        self._look(data)
-        links = {name: part for name, part in self._parts(data) if name}
-        tips = self._contacts(data)
+        self._set_camera(data)
+        links = {name: part for name, part in self._draw_surfaces(data) if name}
+        tips = self._draw_contacts(data)
         for i, table in enumerate(data["tables"]):
-            wide = 2.0 * float(table["half"])
+            side = 2.0 * float(table["half"])
             self.server.scene.add_grid(
-                f"/table/{i}", width=wide, height=wide, cell_size=wide / CELLS, section_size=wide, position=table["at"]
+                f"/table/{i}",
+                width=side,
+                height=side,
+                cell_size=side / GRID_CELLS,
+                section_size=side,
+                position=table["at"],
             )
-        way = approach_frames(solution, data, links, tips, hand)
-        self.controls = Controls(self.server, solution, chosen, data, way, [*links.values(), *tips])
+        approach = approach_frames(solution, data, links, tips, hand)
+        self.controls = Controls(self.server, solution, chosen, data, approach, [*links.values(), *tips])
 
     def stop(self) -> None:
         """End the server."""
         self.server.stop()
 
-    def _look(self, data: Json) -> None:
+    def _set_camera(self, data: Json) -> None:
         """Set the camera to the report's initial view."""
         frame = np.asarray(data["frame"], dtype=float)
         middle, size = (frame.min(axis=0) + frame.max(axis=0)) / 2.0, float(data["size"])
-        turn, tilt = np.radians(data["view"])
-        back = np.array([np.cos(tilt) * np.cos(turn), np.cos(tilt) * np.sin(turn), np.sin(tilt)])
+        azimuth, elevation = np.radians(data["view"])
+        direction = view_directions(azimuth, elevation)
         camera = self.server.initial_camera
         camera.near, camera.far = 0.02 * size, 100.0 * size
-        camera.look_at, camera.position = tuple(middle), tuple(middle + AWAY * size * back)
+        camera.look_at, camera.position = tuple(middle), tuple(middle + CAMERA_DISTANCE * size * direction)
 
-    def _parts(self, data: Json) -> list[tuple[str, Any]]:
+    def _draw_surfaces(self, data: Json) -> list[tuple[str, Any]]:
         """Draw the surfaces; return the hand's links with their names, other parts without."""
-        found = []
+        handles = []
         for i, part in enumerate(data["parts"]):
             group = part["group"]
             handle = self.server.scene.add_mesh_simple(
@@ -215,23 +221,23 @@ class Viewer:
                 vertices=unpack(part["positions"], "<f4").reshape(-1, 3),
                 faces=unpack(part["faces"], "<u4" if part["wide"] else "<u2").reshape(-1, 3),
                 color=rgb("finger" if group == "tip" else group),
-                opacity=GLASS.get(group),
+                opacity=OPACITY.get(group),
             )
-            found.append((part["name"] if group in ("link", "tip") else "", handle))
-        return found
+            handles.append((part["name"] if group in ("link", "tip") else "", handle))
+        return handles
 
-    def _contacts(self, data: Json) -> list[Any]:
+    def _draw_contacts(self, data: Json) -> list[Any]:
         """Draw the contacts with their numbers; return free fingertips."""
-        tips, add = [], self.server.scene
+        tips, scene = [], self.server.scene
         for i, contact in enumerate(data["contacts"]):
-            at, inward = np.array(contact["at"]), np.array(contact["inward"])
-            vertices, faces = disc(at - OVER * data["size"] * inward, inward, data["lengths"]["disc"])
-            add.add_mesh_simple(f"/contact/{i}", vertices, faces, color=rgb("finger"), side="double")
-            add.add_label(f"/contact/{i}/number", str(i), position=tuple(at - 0.2 * data["size"] * inward))
+            point, inward = np.array(contact["at"]), np.array(contact["inward"])
+            vertices, faces = disc(point - DISC_HEIGHT * data["size"] * inward, inward, data["lengths"]["disc"])
+            scene.add_mesh_simple(f"/contact/{i}", vertices, faces, color=rgb("finger"), side="double")
+            scene.add_label(f"/contact/{i}/number", str(i), position=tuple(point - 0.2 * data["size"] * inward))
             if contact["tip"] > 0.0:
-                centre = tuple(at - contact["tip"] * inward)
+                centre = tuple(point - contact["tip"] * inward)
                 tips.append(
-                    add.add_icosphere(f"/hand/{i}", contact["tip"], rgb("finger"), opacity=FREE_TIP, position=centre)
+                    scene.add_icosphere(f"/hand/{i}", contact["tip"], rgb("finger"), opacity=FREE_TIP, position=centre)
                 )
         return tips
 
@@ -248,7 +254,7 @@ class Controls:
         Wrenches of the slider; empty for a grasp that holds none.
     data : mapping
         The scene.
-    way : ApproachFrames or None
+    approach : ApproachFrames or None
         Approach of the hand.
     hand : sequence of handle
         Drawn parts of the hand.
@@ -260,7 +266,7 @@ class Controls:
         solution: GraspSolution,
         chosen: Sequence[ChosenWrench],
         data: Json,
-        way: ApproachFrames | None,
+        approach: ApproachFrames | None,
         hand: Sequence[Any],
     ) -> None:
         self.server, self.solution, self.chosen, self.data = server, solution, chosen, data
@@ -270,25 +276,25 @@ class Controls:
             f"### {_escape_markdown(solution.name)}\n{verdict(solution)[0]}, certified {solution.label} {quality}"
         )
         if chosen:
-            self.which = gui.add_slider("Task wrench", 0, max(len(chosen) - 1, 1), 1, 0)
-            self.share = gui.add_slider("Share of it, %", 0.0, WHOLE, 1.0, WHOLE)
-            self.told = gui.add_markdown("")
-            for slider in (self.which, self.share):
-                slider.on_update(lambda _: self.press())
-            self.press()
-        if way is not None:
-            last = float(len(way.names) - 1)
-            self.along = gui.add_slider("Hand", 0.0, last, 0.02, float(way.grasp))
-            self.where = gui.add_markdown(way.where(float(way.grasp)))
-            self.along.on_update(lambda _: self.move(way))
+            self.wrench_slider = gui.add_slider("Task wrench", 0, max(len(chosen) - 1, 1), 1, 0)
+            self.share_slider = gui.add_slider("Share of it, %", 0.0, FULL_SHARE, 1.0, FULL_SHARE)
+            self.force_text = gui.add_markdown("")
+            for slider in (self.wrench_slider, self.share_slider):
+                slider.on_update(lambda _: self.draw_forces())
+            self.draw_forces()
+        if approach is not None:
+            last = float(len(approach.names) - 1)
+            self.approach_slider = gui.add_slider("Hand", 0.0, last, 0.02, float(approach.grasp))
+            self.position_text = gui.add_markdown(approach.format_position(float(approach.grasp)))
+            self.approach_slider.on_update(lambda _: self.move_hand(approach))
         if hand:
-            self.seen = gui.add_checkbox("Show the hand", True)
-            self.seen.on_update(lambda _: self.hide(hand))
+            self.visibility_box = gui.add_checkbox("Show the hand", True)
+            self.visibility_box.on_update(lambda _: self.set_visibility(hand))
 
-    def press(self) -> None:
+    def draw_forces(self) -> None:
         """Draw the finger forces for the selected wrench and share, and state them in newtons."""
-        i = min(int(self.which.value), len(self.chosen) - 1)
-        share = float(self.share.value) / WHOLE
+        i = min(int(self.wrench_slider.value), len(self.chosen) - 1)
+        share = float(self.share_slider.value) / FULL_SHARE
         arrows = np.asarray(self.data["arrows"][i], dtype=float)
         shaft = float(self.data["lengths"]["shaft"])
         tails = arrows[:, 1] - share * (arrows[:, 1] - arrows[:, 0])
@@ -297,13 +303,13 @@ class Controls:
             np.stack([tails, arrows[:, 1]], axis=1),
             tuple(bytes.fromhex(COLOURS["force"].removeprefix("#"))),
             shaft_radius=shaft,
-            head_radius=HEAD * shaft,
-            head_length=2.0 * HEAD * shaft,
-            visible=share > SHORT,
+            head_radius=ARROW_HEAD * shaft,
+            head_length=2.0 * ARROW_HEAD * shaft,
+            visible=share > LEAST_ARROW,
         )
-        self.told.content = self.words(i, share)
+        self.force_text.content = self.format_forces(i, share)
 
-    def words(self, i: int, share: float) -> str:
+    def format_forces(self, i: int, share: float) -> str:
         """Return the share of a task wrench and the finger forces for it, as Markdown."""
         grasp, chosen = self.solution.require_grasp(), self.chosen[i]
         name = chosen.label.partition(":")[0]
@@ -317,16 +323,16 @@ class Controls:
             lines.append(f"| {k} | {_newtons(force @ normal)} | {_newtons(_tangential_size(force, normal))} |")
         return "\n".join(lines)
 
-    def move(self, way: ApproachFrames) -> None:
+    def move_hand(self, approach: ApproachFrames) -> None:
         """Move the hand to the slider's position."""
-        at = float(self.along.value)
-        way.put(at)
-        self.where.content = way.where(at)
+        position = float(self.approach_slider.value)
+        approach.move_to(position)
+        self.position_text.content = approach.format_position(position)
 
-    def hide(self, hand: Sequence[Any]) -> None:
+    def set_visibility(self, hand: Sequence[Any]) -> None:
         """Set the visibility of the hand."""
         for part in hand:
-            part.visible = bool(self.seen.value)
+            part.visible = bool(self.visibility_box.value)
 
 
 def _tangential_size(force: FloatArray, normal: FloatArray) -> float:
@@ -352,18 +358,18 @@ class ApproachFrames:
         Names of the keyframes.
     grasp : int
         Index of the grasp's keyframe.
-    put : callable
+    move_to : callable
         Moves the drawn parts to a position on the path, from 0 to the index of the last keyframe.
     """
 
     names: tuple[str, ...]
     grasp: int
-    put: Callable[[float], None]
+    move_to: Callable[[float], None]
 
-    def where(self, at: float) -> str:
+    def format_position(self, position: float) -> str:
         """Return a position on the path as text."""
-        before = self.names[int(at)]
-        return before if at == int(at) else f"{before} to {self.names[int(at) + 1]}"
+        name = self.names[int(position)]
+        return name if position == int(position) else f"{name} to {self.names[int(position) + 1]}"
 
 
 def check_hand_of_problem(solution: GraspSolution, hand: Hand | None) -> None:
@@ -374,10 +380,10 @@ def check_hand_of_problem(solution: GraspSolution, hand: Hand | None) -> None:
     InputError
         Naming the hand.
     """
-    asked = solution.problem.get("hand") or {}
-    stated = {} if hand is None else hand.to_dict() if isinstance(hand, Hand) else {"type": type(hand).__name__}
-    if hand is not None and any(stated.get(key) != asked.get(key) for key in ("type", "sha256")):
-        raise InputError("show.hand", stated.get("source", stated["type"]), "the hand that the grasp was found with")
+    hand_data = solution.problem.get("hand") or {}
+    offered = {} if hand is None else hand.to_dict() if isinstance(hand, Hand) else {"type": type(hand).__name__}
+    if hand is not None and any(offered.get(key) != hand_data.get(key) for key in ("type", "sha256")):
+        raise InputError("show.hand", offered.get("source", offered["type"]), "the hand that the grasp was found with")
 
 
 def approach_frames(
@@ -402,31 +408,31 @@ def approach_frames(
     phases = [phase for phase in solution.phases if phase.name != LIFT]  # in a lift the body moves along
     if not links or [phase.name for phase in phases].count(GRASP) != 1 or len(phases) < 2:
         return None
-    return _links_along(hand, phases, links) if isinstance(hand, LinkedHand) else None
+    return _link_approach(hand, phases, links) if isinstance(hand, LinkedHand) else None
 
 
-def interpolate_hand(phases: Sequence[Phase], at: float) -> Phase:
+def interpolate_hand(phases: Sequence[Phase], position: float) -> Phase:
     """Return the hand interpolated linearly between keyframes of one palm orientation."""
-    i = min(int(at), len(phases) - 2)
-    share, first, last = at - i, phases[i], phases[i + 1]
+    index = min(int(position), len(phases) - 2)
+    share, first, last = position - index, phases[index], phases[index + 1]
     joints = {name: (1.0 - share) * value + share * last.joints[name] for name, value in first.joints.items()}
-    place = (1.0 - share) * first.palm_position + share * last.palm_position
-    return replace(first, palm_position=place, joints=joints)
+    palm_position = (1.0 - share) * first.palm_position + share * last.palm_position
+    return replace(first, palm_position=palm_position, joints=joints)
 
 
-def _links_along(hand: LinkedHand, phases: Sequence[Phase], links: Mapping[str, Any]) -> ApproachFrames:
+def _link_approach(hand: LinkedHand, phases: Sequence[Phase], links: Mapping[str, Any]) -> ApproachFrames:
     names = tuple(phase.name for phase in phases)
     grasp = names.index(GRASP)
-    drawn = _body_link_poses(hand, phases[grasp])
+    drawn_poses = _body_link_poses(hand, phases[grasp])
 
-    def put(at: float) -> None:
-        for name, pose in _body_link_poses(hand, interpolate_hand(phases, at)).items():
+    def move_to(position: float) -> None:
+        for name, pose in _body_link_poses(hand, interpolate_hand(phases, position)).items():
             if name in links:
-                moved = pose @ np.linalg.inv(drawn[name])
-                links[name].wxyz = Rotation.from_matrix(moved[:3, :3]).as_quat(scalar_first=True)
-                links[name].position = moved[:3, 3]
+                displacement = pose @ np.linalg.inv(drawn_poses[name])
+                links[name].wxyz = Rotation.from_matrix(displacement[:3, :3]).as_quat(scalar_first=True)
+                links[name].position = displacement[:3, 3]
 
-    return ApproachFrames(names, grasp, put)
+    return ApproachFrames(names, grasp, move_to)
 
 
 def _body_link_poses(hand: LinkedHand, phase: Phase) -> dict[str, FloatArray]:
@@ -438,16 +444,16 @@ def _fingertip_approach(data: Json, tips: Sequence[Any]) -> ApproachFrames:
     """Return the approach of free fingertips, along their contacts' normals."""
     contacts = [contact for contact in data["contacts"] if contact["tip"] > 0.0]
 
-    def put(at: float) -> None:
+    def move_to(position: float) -> None:
         for contact, tip in zip(contacts, tips, strict=True):
-            back = contact["tip"] + (1.0 - at) * FAR * float(data["size"])
-            tip.position = np.array(contact["at"]) - back * np.array(contact["inward"])
+            distance = contact["tip"] + (1.0 - position) * RETREAT * float(data["size"])
+            tip.position = np.array(contact["at"]) - distance * np.array(contact["inward"])
 
-    return ApproachFrames(("away", GRASP), 1, put)
+    return ApproachFrames(("away", GRASP), 1, move_to)
 
 
 def unpack(text: str, kind: str) -> FloatArray:
-    """Return the numbers of packed surface data (``report.scene_parts.packed``)."""
+    """Return the numbers of packed surface data (``report.scene_parts.pack``)."""
     return np.asarray(np.frombuffer(base64.b64decode(text), kind))
 
 
@@ -457,11 +463,11 @@ def rgb(role: str) -> tuple[int, int, int]:
     return red, green, blue
 
 
-def disc(at: FloatArray, normal: FloatArray, radius: float) -> tuple[FloatArray, FloatArray]:
+def disc(centre: FloatArray, normal: FloatArray, radius: float) -> tuple[FloatArray, FloatArray]:
     """Return vertices (n, 3) and triangles (m, 3) of a flat disc."""
-    first = np.linalg.svd(normal[None])[2][1]
-    turn = np.linspace(0.0, 2.0 * np.pi, SIDES, endpoint=False)[:, None]
-    ring = at + radius * (np.cos(turn) * first + np.sin(turn) * np.cross(normal, first))
-    around = np.arange(1, SIDES + 1)
-    faces = np.column_stack([np.zeros(SIDES, dtype=int), around, np.roll(around, -1)])
-    return np.vstack([at, ring]), faces
+    tangent = np.linalg.svd(normal[None])[2][1]
+    angles = np.linspace(0.0, 2.0 * np.pi, DISC_SIDES, endpoint=False)[:, None]
+    ring = centre + radius * (np.cos(angles) * tangent + np.sin(angles) * np.cross(normal, tangent))
+    rim = np.arange(1, DISC_SIDES + 1)
+    faces = np.column_stack([np.zeros(DISC_SIDES, dtype=int), rim, np.roll(rim, -1)])
+    return np.vstack([centre, ring]), faces

@@ -22,8 +22,9 @@ from nlpgrasp.global_bound import BestPossible
 from nlpgrasp.global_bound.marginal_bound import MarginalBound
 from nlpgrasp.nlp import Formulation
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.report.scene_parts import first_view, subdivide
-from nlpgrasp.report.start_charts import certified
+from nlpgrasp.quality.grasp import Grasp
+from nlpgrasp.report.scene_parts import first_view, subdivide, triangle_normals, view_directions
+from nlpgrasp.report.start_charts import certified_bounds
 from nlpgrasp.report.task_wrenches import choose_wrenches, shadows
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks.task_ellipsoid import EllipsoidFit
@@ -33,13 +34,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d import Axes3D
 
-WHAT = "a picture"  # for the message on missing matplotlib
-SIDES, ABOVE = ((25.0, -55.0), (25.0, 125.0)), (90.0, -90.0)  # elevation and azimuth of views, degrees
-BOUND, FINGER, GAP = COLOURS["force"], COLOURS["finger"], COLOURS["gap"]  # colours
-ENOUGH = 1500  # triangles above which a surface is not subdivided
-SCALE = "cividis"  # perceptually uniform, also for colour-blind readers and in grey
+PURPOSE = "a picture"  # for the message on missing matplotlib
+SIDE_VIEWS, TOP_VIEW = ((25.0, -55.0), (25.0, 125.0)), (90.0, -90.0)  # elevation and azimuth of views, degrees
+BOUND_COLOUR, FINGER_COLOUR, GAP_COLOUR = COLOURS["force"], COLOURS["finger"], COLOURS["gap"]  # colours
+ENOUGH_TRIANGLES = 1500  # triangles above which a surface is not subdivided
+COLOUR_MAP = "cividis"  # perceptually uniform, also for colour-blind readers and in grey
 MOST_POINTS = 5000  # most points of each kind
-ROUND = np.linspace(0.0, 2.0 * np.pi, 181)  # radians, angles of an outline
+OUTLINE_ANGLES = np.linspace(0.0, 2.0 * np.pi, 181)  # radians, angles of an outline
 FORMATS = (".png", ".svg", ".pdf")
 
 Moment = tuple[float, float, float]  # seconds, bound, certified quality of the incumbent
@@ -55,29 +56,29 @@ def write_pictures(solution: GraspSolution, stem: str | Path) -> list[Path]:
     InputError
         When a picture cannot be written.
     """
-    pyplot(WHAT)  # before the work
-    drawn: dict[str, Callable[[GraspSolution], Figure]] = {}
+    pyplot(PURPOSE)  # before the work
+    drawings: dict[str, Callable[[GraspSolution], Figure]] = {}
     if solution.grasp is not None:
-        drawn |= {"grasp": draw_grasp, "wrenches": draw_wrenches}
+        drawings |= {"grasp": draw_grasp, "wrenches": draw_wrenches}
     if any(len(s.history) > 1 for s in solution.starts):
-        drawn["convergence"] = draw_convergence
+        drawings["convergence"] = draw_convergence
     paths = []
-    for name, draw in drawn.items():
+    for name, draw in drawings.items():
         paths.append(write_figure(draw(solution), f"{stem}-{name}.png"))
     return paths
 
 
 def draw_grasp(solution: GraspSolution) -> Figure:
     """Draw body, hand, contacts, and the finger forces for the task's hardest wrench."""
-    figure: Figure = pyplot(WHAT).figure(figsize=(7.0, 6.0), layout="constrained")
+    figure: Figure = pyplot(PURPOSE).figure(figsize=(7.0, 6.0), layout="constrained")
     ax = figure.add_subplot(projection="3d")
-    everything = []
+    drawn_points = []
     drawing = solution.drawn()
     if drawing is not None:
         shapes = [(drawing.body, "body", 0.35), *((s, "link", 0.6) for _, s in drawing.links)]
-        for shape, what, opacity in shapes:
-            draw_triangles(ax, shape, COLOURS[what], opacity)
-            everything.append(shape.vertices)
+        for shape, role, opacity in shapes:
+            draw_triangles(ax, shape, COLOURS[role], opacity)
+            drawn_points.append(shape.vertices)
     grasp = solution.grasp
     if grasp is not None:
         size = drawing_size(drawing, grasp.points)
@@ -90,9 +91,9 @@ def draw_grasp(solution: GraspSolution) -> Figure:
             forces = forces * (FORCE * size / max(float(np.max(np.linalg.norm(forces, axis=1))), 1e-300))
             ax.quiver(*(points - forces).T, *forces.T, color=COLOURS["force"], linewidth=2.0, arrow_length_ratio=0.15)
             ax.set_title(f"{solution.name}: {chosen[0].label}", fontsize=8, wrap=True)
-            everything.append(points - forces)
-        everything.append(points)
-    show_at_one_scale(ax, np.vstack(everything))
+            drawn_points.append(points - forces)
+        drawn_points.append(points)
+    show_at_one_scale(ax, np.vstack(drawn_points))
     azimuth, elevation = first_view(solution, flat=solution.task.dimension == 3)
     ax.view_init(elev=elevation, azim=azimuth)
     return figure
@@ -100,16 +101,16 @@ def draw_grasp(solution: GraspSolution) -> Figure:
 
 def draw_wrenches(solution: GraspSolution) -> Figure:
     """Draw projections of the wrench set and of the task."""
-    found = shadows(solution)
-    columns = min(4, len(found))
-    rows = -(-len(found) // columns)
+    projections = shadows(solution)
+    columns = min(4, len(projections))
+    rows = -(-len(projections) // columns)
     figure: Figure
-    figure, axes = pyplot(WHAT).subplots(
+    figure, axes = pyplot(PURPOSE).subplots(
         rows, columns, figsize=(2.9 * columns, 2.7 * rows), layout="constrained", squeeze=False
     )
-    for ax in axes.flat[len(found) :]:
+    for ax in axes.flat[len(projections) :]:
         ax.axis("off")
-    for ax, shadow in zip(axes.flat, found, strict=False):
+    for ax, shadow in zip(axes.flat, projections, strict=False):
         ax.fill(*shadow.grasp.T, facecolor=COLOURS["finger"] + "33", edgecolor=COLOURS["finger"])
         ax.fill(*shadow.task.T, facecolor=COLOURS["task"] + "44", edgecolor=COLOURS["task"])
         if shadow.limit is not None:
@@ -124,16 +125,16 @@ def draw_convergence(solution: GraspSolution) -> Figure:
     """Draw mu over the refinement rounds of each start, and the certified final intervals."""
     figure: Figure
     ax: Axes
-    figure, ax = pyplot(WHAT).subplots(figsize=(6.0, 3.5), layout="constrained")
+    figure, ax = pyplot(PURPOSE).subplots(figsize=(6.0, 3.5), layout="constrained")
     best = solution.winner
     for start in solution.starts:
-        colour, width, order = (COLOURS["finger"], 2.0, 3) if start is best else ("0.6", 1.0, 2)
-        ax.plot(start.history, color=colour, linewidth=width, zorder=order)
-        mu, end = certified(solution, start), len(start.history)
+        colour, width, z_order = (COLOURS["finger"], 2.0, 3) if start is best else ("0.6", 1.0, 2)
+        ax.plot(start.history, color=colour, linewidth=width, zorder=z_order)
+        mu, rounds = certified_bounds(solution, start), len(start.history)
         if mu is not None:
-            last = [start.history[-1], mu.lower] if start.history else []
-            ax.plot([end - 1, end][: len(last)], last, ":", color=colour, linewidth=width, zorder=order)
-            ax.plot(end, mu.lower, "o", color=colour, markersize=6 if start is best else 4, zorder=order)
+            values = [start.history[-1], mu.lower] if start.history else []
+            ax.plot([rounds - 1, rounds][: len(values)], values, ":", color=colour, linewidth=width, zorder=z_order)
+            ax.plot(rounds, mu.lower, "o", color=colour, markersize=6 if start is best else 4, zorder=z_order)
     ax.set_xlabel("round of the exchange; dots: certified on the body (answer in blue)")
     ax.set_ylabel("mu, from above")
     ax.grid(color="0.9")
@@ -141,7 +142,7 @@ def draw_convergence(solution: GraspSolution) -> Figure:
 
 
 def write_bound_picture(
-    problem: GraspProblem, found: BestPossible, moments: Sequence[Moment], path: str | Path
+    problem: GraspProblem, bound: BestPossible, moments: Sequence[Moment], path: str | Path
 ) -> Path:
     """Write a picture of a branch-and-bound search: its gap over time, and marginal bounds over the surface.
 
@@ -149,7 +150,7 @@ def write_bound_picture(
     ----------
     problem : GraspProblem
         The problem of the search.
-    found : BestPossible
+    bound : BestPossible
     moments : sequence of (seconds, bound, quality)
         In order of time.
     path : str or Path
@@ -163,20 +164,20 @@ def write_bound_picture(
         When the file cannot be written.
     """
     columns = 3 if problem.body.space == 3 else 2
-    figure: Figure = pyplot(WHAT).figure(figsize=(4.4 * columns, 4.2), layout="constrained")
-    draw_gap(figure.add_subplot(1, columns, 1), [*moments, (found.seconds, found.upper, found.mu.lower)])
-    more = range(2, columns + 1)
-    views = [figure.add_subplot(1, columns, i, projection="3d", computed_zorder=False) for i in more]
-    draw_worth(figure, views, problem, found)
+    figure: Figure = pyplot(PURPOSE).figure(figsize=(4.4 * columns, 4.2), layout="constrained")
+    draw_gap(figure.add_subplot(1, columns, 1), [*moments, (bound.seconds, bound.upper, bound.mu.lower)])
+    numbers = range(2, columns + 1)
+    views = [figure.add_subplot(1, columns, i, projection="3d", computed_zorder=False) for i in numbers]
+    draw_marginal_bounds(figure, views, problem, bound)
     return write_figure(figure, path)
 
 
 def draw_gap(ax: Axes, moments: Sequence[Moment]) -> None:
     """Draw upper bound and incumbent over time."""
     seconds, upper, lower = np.array(moments, dtype=float).T
-    ax.fill_between(seconds, lower, upper, step="post", color=GAP, alpha=0.25, linewidth=0.0, label="gap")
-    ax.step(seconds, upper, where="post", color=BOUND, label="no placement is better (bound)")
-    ax.step(seconds, lower, where="post", color=FINGER, label="best grasp met, certified")
+    ax.fill_between(seconds, lower, upper, step="post", color=GAP_COLOUR, alpha=0.25, linewidth=0.0, label="gap")
+    ax.step(seconds, upper, where="post", color=BOUND_COLOUR, label="no placement is better (bound)")
+    ax.step(seconds, lower, where="post", color=FINGER_COLOUR, label="best grasp met, certified")
     ax.set_xlabel("seconds")
     ax.set_ylabel("mu")
     ax.set_xlim(left=0.0)
@@ -185,36 +186,37 @@ def draw_gap(ax: Axes, moments: Sequence[Moment]) -> None:
     ax.legend(loc="lower right", frameon=False)
 
 
-def draw_worth(figure: Figure, views: Sequence[Axes3D], problem: GraspProblem, found: BestPossible) -> None:
+def draw_marginal_bounds(figure: Figure, views: Sequence[Axes3D], problem: GraspProblem, bound: BestPossible) -> None:
     """Colour the body by upper bounds on a contact's contribution to mu, grey where forbidden, in one or two views.
 
     Dots are the contacts of the incumbent, rings those behind the body.
     """
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-    plt = pyplot(WHAT)
+    plt = pyplot(PURPOSE)
     corners, inward = _subdivided_surface(problem)
-    worth = MarginalBound.of(problem).at(corners.mean(axis=1)[:, : problem.body.space], inward)
-    shares = worth / np.nanmax(worth)
-    colours = plt.get_cmap(SCALE)(np.nan_to_num(shares))
+    marginal_bounds = MarginalBound.of(problem).at(corners.mean(axis=1)[:, : problem.body.space], inward)
+    shares = marginal_bounds / np.nanmax(marginal_bounds)
+    colours = plt.get_cmap(COLOUR_MAP)(np.nan_to_num(shares))
     colours[np.isnan(shares)] = plt.matplotlib.colors.to_rgba("0.8")
     width = 0.3 if problem.body.space == 3 else 4.0  # points; a planar body's boundary appears as lines
-    for ax, (elevation, azimuth) in zip(views, SIDES if problem.body.space == 3 else (ABOVE,), strict=True):
+    for ax, (elevation, azimuth) in zip(views, SIDE_VIEWS if problem.body.space == 3 else (TOP_VIEW,), strict=True):
         ax.add_collection3d(Poly3DCollection(corners, facecolors=colours, edgecolors=colours, linewidths=width))
-        if found.grasp is not None:
-            turn, tilt = np.radians([azimuth, elevation])
-            towards = np.array([np.cos(turn) * np.cos(tilt), np.sin(turn) * np.cos(tilt), np.sin(tilt)])
-            behind = in_space(found.grasp.normals) @ towards > 1e-9
-            fills = np.where(behind, "none", FINGER).tolist()
-            edges = np.where(behind, FINGER, "white").tolist()
-            ax.scatter(
-                *in_space(found.grasp.points).T, c=fills, edgecolors=edges, s=50, linewidths=1.5, depthshade=False
-            )
+        if bound.grasp is not None:
+            _draw_dots(ax, bound.grasp, view_directions(*np.radians([azimuth, elevation])))
         show_at_one_scale(ax, corners.reshape(-1, 3))
         ax.set_box_aspect((1, 1, 1), zoom=1.0 if problem.body.space == 3 else 1.3)
         ax.view_init(elev=elevation, azim=azimuth)
-    bar = figure.colorbar(plt.cm.ScalarMappable(plt.Normalize(0.0, 100.0), SCALE), ax=list(views), shrink=0.7)
+    bar = figure.colorbar(plt.cm.ScalarMappable(plt.Normalize(0.0, 100.0), COLOUR_MAP), ax=list(views), shrink=0.7)
     bar.set_label("what a contact adds to mu at most,\n% of where it adds most (grey: not allowed)")
+
+
+def _draw_dots(ax: Axes3D, grasp: Grasp, view_direction: FloatArray) -> None:
+    """Draw a dot at each contact, a ring where the body hides it from the view."""
+    is_hidden = in_space(grasp.normals) @ view_direction > 1e-9
+    fills = np.where(is_hidden, "none", FINGER_COLOUR).tolist()
+    edges = np.where(is_hidden, FINGER_COLOUR, "white").tolist()
+    ax.scatter(*in_space(grasp.points).T, c=fills, edgecolors=edges, s=50, linewidths=1.5, depthshade=False)
 
 
 def _subdivided_surface(problem: GraspProblem) -> tuple[FloatArray, FloatArray]:
@@ -222,11 +224,11 @@ def _subdivided_surface(problem: GraspProblem) -> tuple[FloatArray, FloatArray]:
 
     For a planar body's plate these are the triangles of its boundary, with normals in the plane.
     """
-    corners = subdivide(Triangles(*triangles(problem.body)), ENOUGH)
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    size, space = np.linalg.norm(across, axis=1), problem.body.space
-    kept = size > 0.0 if space == 3 else np.abs(across[:, 2]) < 0.5 * size
-    return corners[kept], -across[kept, :space] / size[kept, None]
+    corners = subdivide(Triangles(*triangles(problem.body)), ENOUGH_TRIANGLES)
+    area_vectors = triangle_normals(corners)
+    lengths, space = np.linalg.norm(area_vectors, axis=1), problem.body.space
+    is_surface = lengths > 0.0 if space == 3 else np.abs(area_vectors[:, 2]) < 0.5 * lengths
+    return corners[is_surface], -area_vectors[is_surface, :space] / lengths[is_surface, None]
 
 
 def draw_fit(fit: EllipsoidFit, wrenches: ArrayLike, path: str | Path) -> Path:
@@ -257,13 +259,13 @@ def draw_fit(fit: EllipsoidFit, wrenches: ArrayLike, path: str | Path) -> Path:
     d = fit.task.dimension
     labels = axis_labels(d)
     figure, axes = plt.subplots(d - 1, d - 1, figsize=(2.0 * d, 2.0 * d), layout="constrained", squeeze=False)
-    step = max(1, len(rows) // MOST_POINTS)
-    shown, inside = rows[::step], fit.inside[::step]
+    stride = max(1, len(rows) // MOST_POINTS)
+    sample, inside = rows[::stride], fit.inside[::stride]
     for i, j in combinations(range(d), 2):
         ax = axes[j - 1, i]
-        ax.scatter(*shown[inside][:, [i, j]].T, s=2, color="0.6", linewidths=0, rasterized=True)
-        ax.scatter(*shown[~inside][:, [i, j]].T, s=6, color=COLOURS["warning"], linewidths=0, rasterized=True)
-        ax.plot(*_shadow(fit, i, j), color=COLOURS["task"], linewidth=1.2)
+        ax.scatter(*sample[inside][:, [i, j]].T, s=2, color="0.6", linewidths=0, rasterized=True)
+        ax.scatter(*sample[~inside][:, [i, j]].T, s=6, color=COLOURS["warning"], linewidths=0, rasterized=True)
+        ax.plot(*_project_ellipsoid(fit, i, j), color=COLOURS["task"], linewidth=1.2)
         if j == d - 1:
             ax.set_xlabel(labels[i])
         if i == 0:
@@ -283,11 +285,12 @@ def draw_fit(fit: EllipsoidFit, wrenches: ArrayLike, path: str | Path) -> Path:
     return target
 
 
-def _shadow(fit: EllipsoidFit, i: int, j: int) -> FloatArray:
+def _project_ellipsoid(fit: EllipsoidFit, i: int, j: int) -> FloatArray:
     """Return the outline of the ellipsoid's projection on two components, (2, m)."""
-    both = fit.task.axes[:, [i, j]]
-    _, s, vt = np.linalg.svd(both, full_matrices=False)
-    outline = (np.stack([np.cos(ROUND), np.sin(ROUND)], axis=1)[:, : len(s)] * s) @ vt
+    axes = fit.task.axes[:, [i, j]]
+    _, lengths, directions = np.linalg.svd(axes, full_matrices=False)
+    circle = np.stack([np.cos(OUTLINE_ANGLES), np.sin(OUTLINE_ANGLES)], axis=1)
+    outline = (circle[:, : len(lengths)] * lengths) @ directions
     return np.asarray((fit.task.center[[i, j]] + outline).T)
 
 
@@ -307,32 +310,32 @@ def write_sparsity(program: Formulation, path: str | Path) -> Path:
     InputError
         When the file cannot be written.
     """
-    entries, rows, columns = program.sparsity()
+    pattern, rows, columns = program.sparsity()
     figure: Figure = pyplot("a picture").figure(
         figsize=(9.0, 9.0 * min(1.2, len(rows) / len(columns)) + 1.0), layout="constrained"
     )
     axes = figure.add_subplot()
-    down, across = np.nonzero(entries)
+    row_index, column_index = np.nonzero(pattern)
     axes.plot(
-        across,
-        down,
+        column_index,
+        row_index,
         linestyle="none",
         marker="s",
-        markersize=max(0.4, 300.0 / max(entries.shape)),
+        markersize=max(0.4, 300.0 / max(pattern.shape)),
         color=COLOURS["force"],
     )
-    for names, lines, ticks in (
+    for names, draw_line, set_ticks in (
         (rows, axes.axhline, axes.set_yticks),
         (columns, axes.axvline, axes.set_xticks),
     ):
         starts, kinds = _name_runs(names)
         for start in starts[1:]:
-            lines(start - 0.5, color="0.8", linewidth=0.6)
-        middles = (np.array(starts) + np.array([*starts[1:], len(names)]) - 1) / 2.0
-        ticks(middles, kinds, rotation=0 if names is rows else 90, fontsize=8)
+            draw_line(start - 0.5, color="0.8", linewidth=0.6)
+        centres = (np.array(starts) + np.array([*starts[1:], len(names)]) - 1) / 2.0
+        set_ticks(centres, kinds, rotation=0 if names is rows else 90, fontsize=8)
     axes.set_xlim(-0.5, len(columns) - 0.5)
     axes.set_ylim(len(rows) - 0.5, -0.5)
-    axes.set_title(f"{int(entries.sum())} of {entries.size} entries of the Jacobian", fontsize=10)
+    axes.set_title(f"{int(pattern.sum())} of {pattern.size} entries of the Jacobian", fontsize=10)
     return write_figure(figure, path)
 
 

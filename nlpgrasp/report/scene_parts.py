@@ -1,11 +1,10 @@
-"""Parts of 3D scenes: shaded surfaces, axes, camera, visibility switches, tables and obstacles."""
+"""Parts of 3D scenes: shaded surfaces, axes, camera, tables and obstacles."""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from html import escape
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,23 +22,21 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.solution.solution import GraspSolution
 
 CREASE = 30.0  # degrees between triangles above which their common edge is a crease
-LOOSE = 0.1  # share of loose ends among crease vertices above which creases are noise and not drawn
-SAME = 1e-6  # share of the size: nearer vertices are merged
-STEPS = 32767  # quantisation steps of a normal's component
-NEAR = 2.0  # largest distance of a drawn origin from the body's middle, in body sizes
-SHORTEST, BEYOND = 0.5, 0.3  # shares of the body's size: least length of an axis, and its length beyond the body
+MOST_LOOSE_ENDS = 0.1  # share of loose ends among crease vertices above which creases are noise and not drawn
+MERGE_DISTANCE = 1e-6  # share of the size: nearer vertices are merged
+NORMAL_STEPS = 32767  # quantisation steps of a normal's component
+FARTHEST_ORIGIN = 2.0  # largest distance of a drawn origin from the body's middle, in body sizes
+AXIS_LENGTH, AXIS_OVERHANG = 0.5, 0.3  # least length of an axis, and its length beyond the body, in body sizes
 DIGITS = 7  # decimals of coordinates for display, metres
-FAR = 4.0  # distance from the body's middle, in body sizes, beyond which points may leave the view
+FRAME_RADIUS = 4.0  # distance from the body's middle, in body sizes, beyond which points may leave the view
 # radians: azimuths and elevations among which a view is chosen
-TURNS, TILTS = np.radians(np.arange(-180.0, 180.0, 15.0)), np.radians([18.0, 28.0, 40.0])
-FROM_ABOVE = (-90.0, 74.0)  # azimuth and elevation for a planar grasp, degrees
-FROM_ASIDE = (-55.0, 25.0)  # degrees: view of a body without contacts, and for ties
-GLANCING = 0.65  # cosine to the view direction above which contacts are equally visible
-HIDDEN = -0.3  # cosine below which contacts are equally hidden
-MOST = 1000  # most triangles of an obstacle
-WIDE, THICK = 2.5, 0.05  # half width of a table, thickness of a planar one, in body sizes
-
-Switch = tuple[str, str, bool]
+AZIMUTHS, ELEVATIONS = np.radians(np.arange(-180.0, 180.0, 15.0)), np.radians([18.0, 28.0, 40.0])
+TOP_VIEW = (-90.0, 74.0)  # azimuth and elevation for a planar grasp, degrees
+OBLIQUE_VIEW = (-55.0, 25.0)  # degrees: view of a body without contacts, and for ties
+FULLY_VISIBLE = 0.65  # cosine to the view direction above which contacts are equally visible
+FULLY_HIDDEN = -0.3  # cosine below which contacts are equally hidden
+OBSTACLE_TRIANGLES = 1000  # most triangles of an obstacle
+TABLE_HALF_WIDTH, TABLE_THICKNESS = 2.5, 0.05  # half width of a table, thickness of a planar one, in body sizes
 
 
 @dataclass(frozen=True)
@@ -65,7 +62,7 @@ class ShadedSurface:
         wide = len(self.positions) > np.iinfo(np.uint16).max
         return {
             "positions": pack(self.positions, "<f4"),
-            "normals": pack(np.round(STEPS * self.normals), "<i2"),
+            "normals": pack(np.round(NORMAL_STEPS * self.normals), "<i2"),
             "faces": pack(self.faces, "<u4" if wide else "<u2"),
             "wide": wide,
             "edges": pack(self.edges, "<f4"),
@@ -82,23 +79,29 @@ def surface(shape: Triangles, crease: float = CREASE) -> ShadedSurface:
     crease : float
         Degrees. The mean is weighted by the triangles' angles at the vertex (Thuermer and Wuethrich 1998).
     """
-    vertices, faces = _welded(shape)
+    vertices, faces = _merge_vertices(shape)
     corners = vertices[faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = triangle_normals(corners)
     normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    near = float(np.cos(np.radians(crease)))
-    owner, at = np.repeat(np.arange(len(faces)), 3), faces.ravel()
-    meets = coo_matrix((np.ones(len(at)), (np.arange(len(at)), at)), shape=(len(at), len(vertices))).tocsr()
-    pairs = (meets @ meets.T).tocoo()  # pairs of corners at one vertex
-    alike = np.sum(normals[owner[pairs.row]] * normals[owner[pairs.col]], axis=1) >= near
-    row, col = pairs.row[alike], pairs.col[alike]
-    weighted = normals[owner] * _corner_angles(corners).ravel()[:, None]
-    mean = np.stack([np.bincount(row, weighted[col, i], len(at)).astype(float) for i in range(3)], axis=1)
+    crease_cosine = float(np.cos(np.radians(crease)))
+    triangle_of_corner, vertex_index = np.repeat(np.arange(len(faces)), 3), faces.ravel()
+    count = len(vertex_index)
+    entries = np.ones(count), (np.arange(count), vertex_index)
+    incidence = coo_matrix(entries, shape=(count, len(vertices))).tocsr()
+    pairs = (incidence @ incidence.T).tocoo()  # pairs of corners at one vertex
+    corner_normals = normals[triangle_of_corner]
+    is_smooth = np.sum(corner_normals[pairs.row] * corner_normals[pairs.col], axis=1) >= crease_cosine
+    row, col = pairs.row[is_smooth], pairs.col[is_smooth]
+    weighted = corner_normals * _corner_angles(corners).ravel()[:, None]
+    mean = np.stack([np.bincount(row, weighted[col, i], count).astype(float) for i in range(3)], axis=1)
     mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-300)
-    key = np.column_stack([at, np.round(1e3 * mean)])
-    _, first, which = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    key = np.column_stack([vertex_index, np.round(1e3 * mean)])
+    _, first_corner, vertex_of_corner = np.unique(key, axis=0, return_index=True, return_inverse=True)
     return ShadedSurface(
-        vertices[at[first]], mean[first], which.reshape(-1, 3), _creases(vertices, faces, normals, near)
+        vertices[vertex_index[first_corner]],
+        mean[first_corner],
+        vertex_of_corner.reshape(-1, 3),
+        _creases(vertices, faces, normals, crease_cosine),
     )
 
 
@@ -118,35 +121,42 @@ def subdivide(shape: Triangles, enough: int) -> FloatArray:
     return corners
 
 
-def _welded(shape: Triangles) -> tuple[FloatArray, NDArray[np.int64]]:
+def triangle_normals(corners: FloatArray) -> FloatArray:
+    """Return the outward normals (m, 3) of triangles (m, 3, 3), of length twice their area."""
+    return np.asarray(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+
+
+def _merge_vertices(shape: Triangles) -> tuple[FloatArray, NDArray[np.int64]]:
     """Return merged vertices, and the triangles with nonzero area."""
-    step = SAME * max(float(np.max(np.ptp(shape.vertices, axis=0), initial=0.0)), 1e-300)
-    _, first, which = np.unique(np.round(shape.vertices / step), axis=0, return_index=True, return_inverse=True)
-    faces = which.ravel()[shape.faces]
+    step = MERGE_DISTANCE * max(float(np.max(np.ptp(shape.vertices, axis=0), initial=0.0)), 1e-300)
+    _, representatives, merged_index = np.unique(
+        np.round(shape.vertices / step), axis=0, return_index=True, return_inverse=True
+    )
+    faces = merged_index.ravel()[shape.faces]
     a, b, c = faces.T
-    return shape.vertices[first], faces[(a != b) & (b != c) & (c != a)]
+    return shape.vertices[representatives], faces[(a != b) & (b != c) & (c != a)]
 
 
 def _corner_angles(corners: FloatArray) -> FloatArray:
     """Return the angles of triangles (m, 3, 3) at their corners, (m, 3), radians."""
-    ahead = np.roll(corners, -1, axis=1) - corners
-    back = np.roll(corners, 1, axis=1) - corners
-    across = np.linalg.norm(np.cross(ahead, back), axis=2)
-    return np.asarray(np.arctan2(across, np.sum(ahead * back, axis=2)))
+    to_next = np.roll(corners, -1, axis=1) - corners
+    to_previous = np.roll(corners, 1, axis=1) - corners
+    across = np.linalg.norm(np.cross(to_next, to_previous), axis=2)
+    return np.asarray(np.arctan2(across, np.sum(to_next * to_previous, axis=2)))
 
 
-def _creases(vertices: FloatArray, faces: NDArray[np.int64], normals: FloatArray, near: float) -> FloatArray:
+def _creases(vertices: FloatArray, faces: NDArray[np.int64], normals: FloatArray, crease_cosine: float) -> FloatArray:
     """Return the edges (k, 2, 3) between triangles that meet at more than the crease angle, without isolated ones."""
     ends = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    owner = np.tile(np.arange(len(faces)), 3)
+    triangle_of_edge = np.tile(np.arange(len(faces)), 3)
     order = np.lexsort(ends.T)
-    ends, owner = ends[order], owner[order]
-    twice = np.flatnonzero(np.all(ends[1:] == ends[:-1], axis=1))
-    sharp = np.sum(normals[owner[twice]] * normals[owner[twice + 1]], axis=1) < near
-    edges = ends[twice[sharp]]
-    often = np.bincount(edges.ravel(), minlength=1)
-    run_on = np.sum(often == 1) <= LOOSE * np.sum(often > 0)
-    return vertices[edges] if run_on else np.zeros((0, 2, 3))
+    ends, triangle_of_edge = ends[order], triangle_of_edge[order]
+    shared = np.flatnonzero(np.all(ends[1:] == ends[:-1], axis=1))
+    sharp = np.sum(normals[triangle_of_edge[shared]] * normals[triangle_of_edge[shared + 1]], axis=1) < crease_cosine
+    edges = ends[shared[sharp]]
+    degrees = np.bincount(edges.ravel(), minlength=1)
+    is_continuous = np.sum(degrees == 1) <= MOST_LOOSE_ENDS * np.sum(degrees > 0)
+    return vertices[edges] if is_continuous else np.zeros((0, 2, 3))
 
 
 def has_origin(low: FloatArray, high: FloatArray, size: float) -> bool:
@@ -159,7 +169,7 @@ def has_origin(low: FloatArray, high: FloatArray, size: float) -> bool:
     size : float
         Of the body, metres.
     """
-    return float(np.linalg.norm((low + high) / 2.0)) <= NEAR * size
+    return float(np.linalg.norm((low + high) / 2.0)) <= FARTHEST_ORIGIN * size
 
 
 def body_axes(low: FloatArray, high: FloatArray, size: float, count: int = 3) -> Json:
@@ -179,51 +189,42 @@ def body_axes(low: FloatArray, high: FloatArray, size: float, count: int = 3) ->
     dict
         ``at``: their origin; ``ends``: ends of x, y and z; metres, body frame.
     """
-    at = np.zeros(3) if has_origin(low, high, size) else low
-    inside = (low <= at) & (at <= high)
-    lengths = np.maximum(SHORTEST * size, np.where(inside, high - at + BEYOND * size, 0.0))
-    return frame_axes(at, lengths[:count])
+    origin = np.zeros(3) if has_origin(low, high, size) else low
+    is_inside = (low <= origin) & (origin <= high)
+    lengths = np.maximum(AXIS_LENGTH * size, np.where(is_inside, high - origin + AXIS_OVERHANG * size, 0.0))
+    return frame_axes(origin, lengths[:count])
 
 
-def frame_axes(at: FloatArray, lengths: FloatArray) -> Json:
+def frame_axes(origin: FloatArray, lengths: FloatArray) -> Json:
     """Return axes of given lengths (k,) at a point (3,); metres, in the format of ``body_axes``."""
-    ends = at + np.diag(np.pad(lengths, (0, 3 - len(lengths))))[: len(lengths)]
-    return {"at": np.round(at, DIGITS).tolist(), "ends": np.round(ends, DIGITS).tolist()}
+    ends = origin + np.diag(np.pad(lengths, (0, 3 - len(lengths))))[: len(lengths)]
+    return {"at": np.round(origin, DIGITS).tolist(), "ends": np.round(ends, DIGITS).tolist()}
 
 
 def outermost_points(points: FloatArray, middle: FloatArray, size: float) -> FloatArray:
     """Return the outermost of points (n, 3) within some body sizes, (m, 3)."""
-    near = points[np.linalg.norm(points - middle, axis=1) <= FAR * size]
-    ways = np.concatenate([directions(3, 0), directions(3, 2)])
-    return np.asarray(near[np.unique(np.argmax(near @ ways.T, axis=0))])
+    in_frame = points[np.linalg.norm(points - middle, axis=1) <= FRAME_RADIUS * size]
+    samples = np.concatenate([directions(3, 0), directions(3, 2)])
+    return np.asarray(in_frame[np.unique(np.argmax(in_frame @ samples.T, axis=0))])
+
+
+def view_directions(azimuth: FloatArray | float, elevation: FloatArray | float) -> FloatArray:
+    """Return the unit directions (..., 3) towards the camera for angles in radians."""
+    level = np.cos(elevation)
+    return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1)
 
 
 def first_view(solution: GraspSolution, flat: bool) -> list[float]:
     """Return azimuth and elevation, degrees, of the view with most visible contacts."""
     if flat or solution.grasp is None:
-        return list(FROM_ABOVE if flat else FROM_ASIDE)
+        return list(TOP_VIEW if flat else OBLIQUE_VIEW)
     outward = -in_space(solution.grasp.normals)
-    turn, tilt = (x.ravel() for x in np.meshgrid(TURNS, TILTS, indexing="ij"))
-    eyes = np.stack([np.cos(tilt) * np.cos(turn), np.cos(tilt) * np.sin(turn), np.sin(tilt)], axis=1)
-    seen = np.clip(eyes @ outward.T, HIDDEN, GLANCING).sum(axis=1) + 0.02 * np.cos(turn - np.radians(FROM_ASIDE[0]))
-    best = int(np.argmax(seen))
-    return [float(np.degrees(turn[best])), float(np.degrees(tilt[best]))]
-
-
-def switches(entries: Sequence[Switch]) -> str:
-    """Return switches as HTML.
-
-    Parameters
-    ----------
-    entries : sequence of (str, str, bool) tuples
-        Key of the viewer, label, and whether it is on initially.
-    """
-    boxes = "".join(
-        f'<label class="switch"><input type="checkbox" data-show="{key}"{" checked" if on else ""}>'
-        f"<span>{escape(text)}</span></label>"
-        for key, text, on in entries
-    )
-    return f'<div class="switches">{boxes}</div>'
+    azimuth, elevation = (x.ravel() for x in np.meshgrid(AZIMUTHS, ELEVATIONS, indexing="ij"))
+    eyes = view_directions(azimuth, elevation)
+    visibility = np.clip(eyes @ outward.T, FULLY_HIDDEN, FULLY_VISIBLE).sum(axis=1)
+    visibility = visibility + 0.02 * np.cos(azimuth - np.radians(OBLIQUE_VIEW[0]))  # for ties
+    best = int(np.argmax(visibility))
+    return [float(np.degrees(azimuth[best])), float(np.degrees(elevation[best]))]
 
 
 @dataclass(frozen=True)
@@ -248,30 +249,30 @@ class DrawnSurroundings:
 def drawn_surroundings(solution: GraspSolution) -> DrawnSurroundings:
     """Return the tables and obstacles of a solution's problem."""
     kinds = {kind.kind: kind for kind in (Table, Obstacle)}
-    read: list[PlacementConstraint] = []
-    unread = []
+    constraints: list[PlacementConstraint] = []
+    unreadable = []
     for data in solution.problem.get("constraints", []):
         if (kind := kinds.get(data.get("type"))) is not None:
             try:
-                read.append(kind.from_dict(data))
+                constraints.append(kind.from_dict(data))
             except InputError:
-                unread.append(str(data.get("name", kind.kind)))
-    found = around(read)
-    return replace(found, unseen=(*unread, *found.unseen))
+                unreadable.append(str(data.get("name", kind.kind)))
+    surroundings = surroundings_of(constraints)
+    return replace(surroundings, unseen=(*unreadable, *surroundings.unseen))
 
 
-def around(constraints: Iterable[PlacementConstraint]) -> DrawnSurroundings:
+def surroundings_of(constraints: Iterable[PlacementConstraint]) -> DrawnSurroundings:
     """Return the tables and obstacles among the constraints of a problem."""
-    heights, seen, unseen = [], [], []
+    heights, obstacles, undrawn = [], [], []
     for constraint in constraints:
         if isinstance(constraint, Table):
             heights.append(constraint.height)
         elif isinstance(constraint, Obstacle):
             try:
-                seen.append((constraint.name, obstacle_surface(constraint)))
+                obstacles.append((constraint.name, obstacle_surface(constraint)))
             except InputError:
-                unseen.append(constraint.name)
-    return DrawnSurroundings(tuple(heights), tuple(seen), tuple(unseen))
+                undrawn.append(constraint.name)
+    return DrawnSurroundings(tuple(heights), tuple(obstacles), tuple(undrawn))
 
 
 def obstacle_surface(obstacle: Obstacle) -> Triangles:
@@ -284,12 +285,12 @@ def obstacle_surface(obstacle: Obstacle) -> Triangles:
     """
     if not isinstance(obstacle.body, Body):
         raise InputError("Obstacle.body", obstacle.body, "a body")
-    vertices, faces = triangles(obstacle.body, MOST)
-    turn, at = np.eye(3), np.zeros(3)
-    turn[: obstacle.body.space, : obstacle.body.space] = obstacle.rotation
+    vertices, faces = triangles(obstacle.body, OBSTACLE_TRIANGLES)
+    rotation, position = np.eye(3), np.zeros(3)
+    rotation[: obstacle.body.space, : obstacle.body.space] = obstacle.rotation
     if obstacle.position is not None:
-        at[: obstacle.body.space] = np.asarray(obstacle.position)
-    return Triangles(vertices @ turn.T + at, faces)
+        position[: obstacle.body.space] = np.asarray(obstacle.position)
+    return Triangles(vertices @ rotation.T + position, faces)
 
 
 def slab(height: float, body: FloatArray, size: float) -> Triangles:
@@ -304,6 +305,8 @@ def slab(height: float, body: FloatArray, size: float) -> Triangles:
     size : float
         The drawn body's, metres.
     """
-    vertices, faces = triangles(Box([2.0 * WIDE * size, THICK * size, float(np.ptp(body[:, 2])) or THICK * size]))
+    thickness = TABLE_THICKNESS * size
+    depth = float(np.ptp(body[:, 2])) or thickness
+    vertices, faces = triangles(Box([2.0 * TABLE_HALF_WIDTH * size, thickness, depth]))
     middle = (body.min(axis=0) + body.max(axis=0)) / 2.0
-    return Triangles(vertices + np.array([middle[0], height - THICK * size / 2.0, 0.0]), faces)
+    return Triangles(vertices + np.array([middle[0], height - thickness / 2.0, 0.0]), faces)

@@ -22,16 +22,17 @@ from nlpgrasp.experiments.experiment_result import NOT_COMPARABLE
 from nlpgrasp.global_bound.marginal_bound import MarginalBound
 from nlpgrasp.problem.problem import GraspProblem, problem_from_dict
 from nlpgrasp.report.html_parts import Curve, Html, chart, html_table
-from nlpgrasp.report.key_figures import axis_end, gauge, solution_facts
-from nlpgrasp.report.scene_parts import pack, subdivide, switches
+from nlpgrasp.report.key_figures import axis_end, gauge, solution_figures
+from nlpgrasp.report.page_builder import figure_panel, scene_stage, switches
+from nlpgrasp.report.scene_parts import pack, subdivide, triangle_normals
 from nlpgrasp.report.task_wrenches import FingerForce, shadows
 from nlpgrasp.solution.analysis_records import ShadowPrice
 from nlpgrasp.solution.records import ConstraintReport
 from nlpgrasp.solution.solution import GraspSolution
 
-SCALE = ("#00224e", "#35456c", "#666970", "#948e77", "#c8b866", "#fee838")  # cividis: even to colour-blind eyes
-EXCLUDED = "#b4b4b4"  # colour of forbidden parts
-ENOUGH = 1500  # triangles up to which surfaces are subdivided
+COLOUR_SCALE = ("#00224e", "#35456c", "#666970", "#948e77", "#c8b866", "#fee838")  # cividis: even to colour-blind eyes
+FORBIDDEN_COLOUR = "#b4b4b4"  # colour of forbidden parts
+ENOUGH_TRIANGLES = 1500  # triangles up to which surfaces are subdivided
 TONES = 100  # tones of the scale, a multiple of its steps
 SMALL_BODY = 1.0  # metres: contacts of smaller bodies are shown in millimetres
 # visibility switches of the scene: group, label, initially shown
@@ -52,12 +53,12 @@ def colour_by_marginal_bound(solution: GraspSolution) -> Json | None:
     dict or None
         ``positions``: corners, packed. ``colours``: for each triangle the index of its colour in ``scale``.
     """
-    found = marginal_colours(solution)
-    if found is None:
+    coloured = marginal_colours(solution)
+    if coloured is None:
         return None
-    scale = sorted(set(found[1]))
-    place = {colour: i for i, colour in enumerate(scale)}
-    return {"positions": pack(found[0], "<f4"), "colours": [place[c] for c in found[1]], "scale": scale}
+    scale = sorted(set(coloured[1]))
+    index = {colour: i for i, colour in enumerate(scale)}
+    return {"positions": pack(coloured[0], "<f4"), "colours": [index[c] for c in coloured[1]], "scale": scale}
 
 
 def marginal_colours(solution: GraspSolution) -> tuple[FloatArray, list[str]] | None:
@@ -71,22 +72,22 @@ def marginal_colours(solution: GraspSolution) -> tuple[FloatArray, list[str]] | 
     shape = solution.drawing.body
     try:
         problem = _problem_without_hand(solution, shape)
-        measured = MarginalBound.of(problem)
+        marginal_bound = MarginalBound.of(problem)
     except InputError:
         return None
-    corners = subdivide(shape, ENOUGH)
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    size = np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
+    corners = subdivide(shape, ENOUGH_TRIANGLES)
+    area_vectors = triangle_normals(corners)
+    size = np.maximum(np.linalg.norm(area_vectors, axis=1, keepdims=True), 1e-300)
     space = problem.body.space
-    inward = (-across / size)[:, :space]
-    rim = np.linalg.norm(inward, axis=1) > 0.5  # a planar body is drawn as a plate: contacts are on its boundary
-    shares = np.full(len(corners), np.nan)
-    length = np.linalg.norm(inward[rim], axis=1, keepdims=True)
-    shares[rim] = measured.at(corners[rim].mean(axis=1)[:, :space], inward[rim] / length)
-    most = float(np.nanmax(shares, initial=0.0))
-    if most <= 0.0:
+    inward = (-area_vectors / size)[:, :space]
+    on_boundary = np.linalg.norm(inward, axis=1) > 0.5  # a planar body is drawn as a plate
+    bounds = np.full(len(corners), np.nan)
+    lengths = np.linalg.norm(inward[on_boundary], axis=1, keepdims=True)
+    bounds[on_boundary] = marginal_bound.at(corners[on_boundary].mean(axis=1)[:, :space], inward[on_boundary] / lengths)
+    largest = float(np.nanmax(bounds, initial=0.0))
+    if largest <= 0.0:
         return None
-    return corners, [_interpolate_colour(share) for share in shares / most]
+    return corners, [_interpolate_colour(share) for share in bounds / largest]
 
 
 def _problem_without_hand(solution: GraspSolution, shape: Triangles) -> GraspProblem:
@@ -98,32 +99,34 @@ def _problem_without_hand(solution: GraspSolution, shape: Triangles) -> GraspPro
         Where the file lacks data of the problem.
     """
     data, grasp = solution.problem, solution.grasp
-    drawn = Mesh(trimesh.Trimesh(shape.vertices, shape.faces)) if data["body"].get("type") == Mesh.kind else None
-    return problem_from_dict(data, None if grasp is None else grasp.torque_origin, drawn)
+    mesh = Mesh(trimesh.Trimesh(shape.vertices, shape.faces)) if data["body"].get("type") == Mesh.kind else None
+    return problem_from_dict(data, None if grasp is None else grasp.torque_origin, mesh)
 
 
 def _interpolate_colour(share: float) -> str:
     """Return the interpolated colour of a share of the largest value."""
     if np.isnan(share):
-        return EXCLUDED
-    anchors = np.array([[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in SCALE])
-    at = np.rint(min(max(share, 0.0), 1.0) * TONES) / TONES * (len(SCALE) - 1)
-    red, green, blue = np.rint([np.interp(at, range(len(SCALE)), channel) for channel in anchors.T]).astype(int)
+        return FORBIDDEN_COLOUR
+    anchors = np.array([[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in COLOUR_SCALE])
+    position = np.rint(min(max(share, 0.0), 1.0) * TONES) / TONES * (len(COLOUR_SCALE) - 1)
+    red, green, blue = np.rint(
+        [np.interp(position, range(len(COLOUR_SCALE)), channel) for channel in anchors.T]
+    ).astype(int)
     return f"#{red:02x}{green:02x}{blue:02x}"
 
 
 def comparison(compared: Comparison, solutions: Mapping[str, GraspSolution]) -> str:
-    """Return the table of several solutions, with small scenes and gauges on one axis."""
-    end, order = max(axis_end(s) for s in solutions.values()), list(solutions)
+    """Return the comparison table of several solutions, with small scenes and gauges on one axis."""
+    axis_limit, order = max(axis_end(s) for s in solutions.values()), list(solutions)
     rows = []
-    listed = zip(compared.names, compared.records, compared.ranks, compared.ties, strict=True)
-    for name, record, rank, tied in listed:
+    entries = zip(compared.names, compared.records, compared.ranks, compared.ties, strict=True)
+    for name, record, rank, ties in entries:
         quality = " to ".join(format_interval(record.mu.lower, record.mu.upper)) if record.success else "no grasp"
-        seen = Html(
+        picture = Html(
             f'<canvas class="small" data-of="scene{order.index(name)}" role="img" aria-label="{escape(name)}"></canvas>'
         )
-        cells = [f"{rank}", seen, name, Html(f"{escape(typeset(quality))}{gauge(solutions[name], end)}")]
-        rows.append([*cells, f"{record.contacts}", "; ".join(tied), "; ".join(record.active)])
+        cells = [f"{rank}", picture, name, Html(f"{escape(typeset(quality))}{gauge(solutions[name], axis_limit)}")]
+        rows.append([*cells, f"{record.contacts}", "; ".join(ties), "; ".join(record.active)])
     note = "" if compared.comparable else f'<p class="status failed">{escape(NOT_COMPARABLE)}</p>'
     heads = ["Rank", "", "Solution", "Quality, certified", "Contacts", "Ties with", "Active constraints"]
     return note + html_table("Ties differ by no more than the certified gap.", heads, rows)
@@ -133,65 +136,70 @@ def problem_sentence(solution: GraspSolution) -> str:
     """Return the problem in a sentence: contacts, body, hand and task."""
     problem, hand = solution.problem, solution.problem.get("hand")
     parts = [problem["body"], *([hand] if isinstance(hand, Mapping) else [])]
-    what, *by = [str(part.get("source") or part["type"]).rpartition("/")[2] for part in parts]
-    held = f", held by {by[0]}" if by else ""
+    body, *hand_names = [str(part.get("source") or part["type"]).rpartition("/")[2] for part in parts]
+    holder = f", held by {hand_names[0]}" if hand_names else ""
     task = solution.task_line()
-    return f"{len(problem['contacts'])} contacts on {what}{held}. {capital(task)}."
+    return f"{len(problem['contacts'])} contacts on {body}{holder}. {capital(task)}."
 
 
 def panel(solution: GraspSolution, fingers: Sequence[FingerForce]) -> str:
-    """Return the facts beside the scene, and the force of each finger for the slider's wrench."""
+    """Return the key figures beside the scene, and the force of each finger for the slider's wrench."""
     bars = "".join(
         f'<li class="finger"><span class="number">{i}</span><span class="bar">'
         f'<span style="width:{100 * f.share:.1f}%"></span></span><span class="words">{escape(f.words)}</span></li>'
         for i, f in enumerate(fingers)
     )
     head = "<h3>Fingers, for the task wrench shown, as given</h3>"
-    shown = f'<div class="fact broad fingers">{head}<ul>{bars}</ul></div>' if bars else ""
-    return f'<aside class="panel">{"".join(fact.html() for fact in solution_facts(solution))}{shown}</aside>'
+    forces = f'<div class="fact broad fingers">{head}<ul>{bars}</ul></div>' if bars else ""
+    return figure_panel(solution_figures(solution), forces)
 
 
 def solution_stage(
-    solution: GraspSolution, labels: Sequence[str], number: int, scene: Json | None, strip: str, worth: bool
+    solution: GraspSolution,
+    labels: Sequence[str],
+    number: int,
+    scene: Json | None,
+    strip: str,
+    has_marginal_colours: bool,
 ) -> str:
     """Return the scene with its switches, slider and alternative grasps; a note if there is nothing to draw."""
     if scene is None:
         why = "no grasp was found, or the file holds neither a drawing nor the body"
         return f'<div class="stage"><p class="note">No picture: {why}.</p></div>'
-    unseen = scene["unseen"]
     count = 0 if solution.grasp is None else len(solution.grasp)
     links = 0 if solution.drawing is None else len(solution.drawing.links)
-    seen = f"The body with {count} contacts" + (f" and a hand of {links} links" if links else "")
-    aria = f"{seen}; turn it with the mouse, a finger or the arrow keys."
-    parts = [f'<div class="scene" id="scene{number}" role="img" tabindex="0" aria-label="{escape(aria)}"></div>']
-    if count:
-        parts.append(_switches(solution, worth))
-    if labels:
-        parts.append(
-            f'<div class="control"><label for="wrench{number}">Task wrench, as given</label><input id="wrench{number}" '
-            f'type="range" min="0" max="{len(labels) - 1}" step="1" value="0" '
-            f'aria-valuetext="{escape(labels[0])}">'
-            f'<output for="wrench{number}" aria-live="polite">{escape(labels[0])}</output></div>'
-        )
-    parts.append(strip)
-    if unseen:
-        parts.append(
-            f'<p class="note">Not drawn, since their triangles stay in a file: {escape(", ".join(unseen))}.</p>'
-        )
-    return f'<div class="stage">{"".join(parts)}</div>'
+    description = f"The body with {count} contacts" + (f" and a hand of {links} links" if links else "")
+    undrawn = escape(", ".join(scene["unseen"]))
+    parts = [
+        _switches(solution, has_marginal_colours) if count else "",
+        _wrench_slider(labels, number) if labels else "",
+        strip,
+        f'<p class="note">Not drawn, since their triangles stay in a file: {undrawn}.</p>' if undrawn else "",
+    ]
+    return scene_stage(description, parts, f"scene{number}")
 
 
-def _switches(solution: GraspSolution, worth: bool) -> str:
+def _wrench_slider(labels: Sequence[str], number: int) -> str:
+    """Return the slider over a scene's task wrenches."""
+    return (
+        f'<div class="control"><label for="wrench{number}">Task wrench, as given</label><input id="wrench{number}" '
+        f'type="range" min="0" max="{len(labels) - 1}" step="1" value="0" '
+        f'aria-valuetext="{escape(labels[0])}">'
+        f'<output for="wrench{number}" aria-live="polite">{escape(labels[0])}</output></div>'
+    )
+
+
+def _switches(solution: GraspSolution, has_marginal_colours: bool) -> str:
     """Return the visibility switches of the scene."""
     has_hand = solution.problem.get("hand") is not None
-    shown = [s for s in SWITCHES if s[0] != "hand" or has_hand]
-    if worth:
-        shown.append(("worth", "Where a contact is worth most", False))
+    entries = [s for s in SWITCHES if s[0] != "hand" or has_hand]
+    if has_marginal_colours:
+        entries.append(("worth", "Where a contact is worth most", False))
     scale = (
-        f'<p class="scale note" hidden><b style="background:linear-gradient(90deg,{",".join(SCALE)})"></b>'
+        f'<p class="scale note" hidden><b style="background:linear-gradient(90deg,{",".join(COLOUR_SCALE)})"></b>'
         "nothing to most, of what a contact adds to mu at most; grey where none may be</p>"
     )
-    return f"{switches(shown)}{scale if worth else ''}"
+    return f"{switches(entries)}{scale if has_marginal_colours else ''}"
 
 
 def contacts(solution: GraspSolution) -> str:
@@ -200,20 +208,22 @@ def contacts(solution: GraspSolution) -> str:
     if grasp is None:
         return ""
     size = float(np.max(np.ptp(in_space(grasp.points), axis=0), initial=0.0))
-    scale, unit, least = (1e3, "mm", 1) if size < SMALL_BODY else (1.0, "m", 3)
+    scale, unit, least_decimals = (1e3, "mm", 1) if size < SMALL_BODY else (1.0, "m", 3)
     rows = []
-    placed = zip(grasp.points, grasp.normals, solution.faces, grasp.contacts, strict=True)
-    for i, (p, n, face, model) in enumerate(placed):
+    entries = zip(grasp.points, grasp.normals, solution.faces, grasp.contacts, strict=True)
+    for i, (point, normal, face, model) in enumerate(entries):
         kind = model.to_dict().get("model", type(model).__name__)
-        told = ", ".join(f"{name.replace('_', ' ')} {format_number(v)}" for name, v in model.coefficients.items())
+        coefficients = ", ".join(
+            f"{name.replace('_', ' ')} {format_number(v)}" for name, v in model.coefficients.items()
+        )
         rows.append(
             [
                 f"{i} ({solution.fingers[i]})" if solution.fingers else f"{i}",
                 face,
-                _format_coordinates(scale * p, scale * size, least),
-                typeset(vector(np.round(n, 3))),
+                _format_coordinates(scale * point, scale * size, least_decimals),
+                typeset(vector(np.round(normal, 3))),
                 f"{kind}".replace("_", " "),
-                told,
+                coefficients,
             ]
         )
     heads = ["Finger", "Face", f"Position, {unit}", "Inward normal", "Contact", "With"]
@@ -223,20 +233,21 @@ def contacts(solution: GraspSolution) -> str:
 def wrench_space(solution: GraspSolution) -> str:
     """Return projections of the wrench set and of the task."""
     charts = []
-    for s in shadows(solution):
-        curves = [Curve(s.grasp, "grasp", True), Curve(s.task, "task", True)]
-        if s.limit is not None:
-            low, high = float(np.min(s.grasp[:, 1])), float(np.max(s.grasp[:, 1]))
-            curves.append(Curve(np.array([[s.limit, low], [s.limit, high]]), "limit"))
-        charts.append(f"<div>{chart(f'Shadow on {s.x_label} and {s.y_label}', s.x_label, s.y_label, curves)}</div>")
+    for shadow in shadows(solution):
+        curves = [Curve(shadow.grasp, "grasp", True), Curve(shadow.task, "task", True)]
+        if shadow.limit is not None:
+            low, high = float(np.min(shadow.grasp[:, 1])), float(np.max(shadow.grasp[:, 1]))
+            curves.append(Curve(np.array([[shadow.limit, low], [shadow.limit, high]]), "limit"))
+        title = f"Shadow on {shadow.x_label} and {shadow.y_label}"
+        charts.append(f"<div>{chart(title, shadow.x_label, shadow.y_label, curves)}</div>")
     if not charts:
         return ""
-    words = (
+    note = (
         "Blue: the wrenches that the fingers can exert within the force budget, seen along each pair of axes. Green: "
         "the task scaled by the certified lower bound, which fits inside. First plot: the direction in which the task "
         "comes closest to the limit (red), as a share of what the fingers can exert."
     )
-    return f'<h3>What the fingers can exert</h3><p class="note">{words}</p><div class="charts">{"".join(charts)}</div>'
+    return f'<h3>What the fingers can exert</h3><p class="note">{note}</p><div class="charts">{"".join(charts)}</div>'
 
 
 def constraints(solution: GraspSolution) -> str:
@@ -253,12 +264,12 @@ def constraints(solution: GraspSolution) -> str:
 
 def _constraint_sentence(report: ConstraintReport, solution: GraspSolution) -> str:
     """Return an active constraint as a sentence, with its shadow price if the solve converged."""
-    below, above = report.value - report.lower, report.upper - report.value
-    end = "the least allowed" if below <= above else "the most allowed"
-    gained = abs(report.multiplier) * min(abs(below), abs(above))  # by the remaining slack, to first order
+    lower_slack, upper_slack = report.value - report.lower, report.upper - report.value
+    limit = "the least allowed" if lower_slack <= upper_slack else "the most allowed"
+    gain = abs(report.multiplier) * min(abs(lower_slack), abs(upper_slack))  # by the remaining slack, to first order
     price = f"; {solution.label} changes by {format_number(report.multiplier)} a unit"
-    price = price if report.multiplier and gained <= solution.mu.upper else ""
-    return f"{report.name}: {format_number(report.value, 4)}, {end}{price}."
+    price = price if report.multiplier and gain <= solution.mu.upper else ""
+    return f"{report.name}: {format_number(report.value, 4)}, {limit}{price}."
 
 
 def _price_sentence(price: ShadowPrice, solution: GraspSolution) -> str:
@@ -274,16 +285,16 @@ def inputs(name: str, solution: GraspSolution) -> str:
     solver = {k: v for k, v in solution.solver.items() if k != "starts"}
     data = {"problem": dict(solution.problem), "solver": solver}
     text = escape(json.dumps(data, indent=1))
-    again = (
+    commands = (
         f"nlpgrasp solve SCRIPT --starts {len(solution.starts)} --seed {solver.get('seed', 0)}\nnlpgrasp verify {name}"
     )
     return (
-        f"<h3>Do it again</h3><pre>{escape(again)}</pre>"
+        f"<h3>Do it again</h3><pre>{escape(commands)}</pre>"
         f"<details><summary>All inputs, options and versions</summary><pre>{text}</pre></details>"
     )
 
 
-def _format_coordinates(values: Sequence[float], size: float, least: int) -> str:
+def _format_coordinates(values: Sequence[float], size: float, least_decimals: int) -> str:
     """Return coordinates with decimals for three digits of the contacts' spread, and at least so many."""
-    decimals = max(least, 2 - math.floor(math.log10(size))) if size > 0.0 else least
+    decimals = max(least_decimals, 2 - math.floor(math.log10(size))) if size > 0.0 else least_decimals
     return typeset(", ".join(f"{round(float(v), decimals) + 0.0:.{decimals}f}" for v in values))

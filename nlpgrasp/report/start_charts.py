@@ -16,38 +16,43 @@ from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solution.start_summary import failure_reason, solver_words
 
-STRIP = "Every start's certified quality; the answer has a ring."
-RISING = (
+STRIP_CAPTION = "Every start's certified quality; the answer has a ring."
+CONVERGENCE_CAPTION = (
     "Lines: the quality while a start is improved, estimated from above on the solver's own surface. Dots: what is "
     "certified on the body itself. The answer is blue; a dot without a line is a start that was not improved further."
 )
-NOTHING = 1e-8  # smaller values of mu count as zero
-NONE = "No start ended with a certified grasp."
+ZERO_QUALITY = 1e-8  # smaller values of mu count as zero
+NO_GRASP_CAPTION = "No start ended with a certified grasp."
 
 
-def starts(solution: GraspSolution) -> str:
-    """Return both charts and the table; empty for a solution without starts."""
+def start_section(solution: GraspSolution) -> str:
+    """Return the charts and the table of starts; empty for a solution without starts."""
     if not solution.starts:
         return ""
-    drawn = [strip(solution), convergence(solution)]
-    charts = "".join(f"<figure>{svg}<figcaption>{escape(text)}</figcaption></figure>" for svg, text in drawn if svg)
+    drawn_charts = [start_strip(solution), convergence_chart(solution)]
+    charts = "".join(
+        f"<figure>{svg}<figcaption>{escape(caption)}</figcaption></figure>" for svg, caption in drawn_charts if svg
+    )
     sentences = (f"{capital(line)}." for line in solution.starts_lines())
-    told = "".join(f"<p>{escape(typeset(sentence))}</p>" for sentence in sentences)
-    return f'<h3>Starts</h3>{told}<div class="charts two">{charts}</div>{_start_table(solution)}'
+    paragraphs = "".join(f"<p>{escape(typeset(sentence))}</p>" for sentence in sentences)
+    return f'<h3>Starts</h3>{paragraphs}<div class="charts two">{charts}</div>{_start_table(solution)}'
 
 
-def strip(solution: GraspSolution) -> tuple[str, str]:
+def start_strip(solution: GraspSolution) -> tuple[str, str]:
     """Return a chart with one dot for each start with a grasp, and its caption; empty without any."""
-    found = {s.index: mu for s in solution.starts if (mu := certified(solution, s)) is not None}
-    if not found:
+    quality_by_start = {
+        start.index: mu for start in solution.starts if (mu := certified_bounds(solution, start)) is not None
+    }
+    if not quality_by_start:
         return "", ""
-    curves, marks, caption = [], [], STRIP
-    for index, mu in found.items():
+    curves, marks, caption = [], [], STRIP_CAPTION
+    for index, mu in quality_by_start.items():
         is_answer = mu is solution.mu
         curves.append(Curve(np.array([[mu.lower, index], [mu.upper, index]]), "best" if is_answer else "other"))
         marks.append(Mark(mu.lower, index, "answer" if is_answer else "dot"))
     if math.isfinite(solution.best_possible) and solution.best_possible <= 2.0 * solution.mu.upper:
-        ends = np.array([[solution.best_possible, min(found) - 0.4], [solution.best_possible, max(found) + 0.4]])
+        bound, first, last = solution.best_possible, min(quality_by_start), max(quality_by_start)
+        ends = np.array([[bound, first - 0.4], [bound, last + 0.4]])
         curves.append(Curve(ends, "limit"))
         caption += " Dashed: the best possible."
     if solution.solver.get("options", {}).get("maximise_robust"):
@@ -56,29 +61,29 @@ def strip(solution: GraspSolution) -> tuple[str, str]:
     return chart(title, label, "start", curves, marks, "y"), caption
 
 
-def convergence(solution: GraspSolution) -> tuple[str, str]:
+def convergence_chart(solution: GraspSolution) -> tuple[str, str]:
     """Return the chart of mu over each start's refinement, and a caption; lines end at certified values."""
-    if max((max(s.history) for s in solution.starts if len(s.history) > 1), default=0.0) <= NOTHING:
+    if max((max(start.history) for start in solution.starts if len(start.history) > 1), default=0.0) <= ZERO_QUALITY:
         return "", ""
-    ordered = sorted(solution.starts, key=lambda s: s is solution.winner)  # draws the answer on top
+    ordered_starts = sorted(solution.starts, key=lambda start: start is solution.winner)  # draws the answer on top
     curves, marks = [], []
-    for s in ordered:
-        is_answer = s is solution.winner
-        mu = certified(solution, s)
+    for start in ordered_starts:
+        is_answer = start is solution.winner
+        mu = certified_bounds(solution, start)
         kind = "best" if is_answer else "other" if mu is not None else "lost"
-        end = float(len(s.history))
-        if s.history:
-            curves.append(Curve(_as_array(s.history), kind))
+        rounds = float(len(start.history))
+        if start.history:
+            curves.append(Curve(_round_points(start.history), kind))
         if mu is not None:
-            if s.history:
-                curves.append(Curve(np.array([[end - 1.0, s.history[-1]], [end, mu.lower]]), f"{kind} last"))
-            marks.append(Mark(end, mu.lower, "answer" if is_answer else "dot"))
-    text = RISING if solution.winner is not None else NONE
+            if start.history:
+                curves.append(Curve(np.array([[rounds - 1.0, start.history[-1]], [rounds, mu.lower]]), f"{kind} last"))
+            marks.append(Mark(rounds, mu.lower, "answer" if is_answer else "dot"))
+    caption = CONVERGENCE_CAPTION if solution.winner is not None else NO_GRASP_CAPTION
     title = f"How the exchange raised {solution.label}, start by start"
-    return chart(title, "round of the exchange", solution.label, curves, marks, "x"), text
+    return chart(title, "round of the exchange", solution.label, curves, marks, "x"), caption
 
 
-def certified(solution: GraspSolution, start: StartRecord) -> Bounds | None:
+def certified_bounds(solution: GraspSolution, start: StartRecord) -> Bounds | None:
     """Return the certified bounds of a start's grasp; for the answer its own, tighter ones; None without a grasp."""
     if start.status is not Status.SOLVED or not math.isfinite(start.mu.upper):
         return None
@@ -87,20 +92,20 @@ def certified(solution: GraspSolution, start: StartRecord) -> Bounds | None:
 
 def _start_table(solution: GraspSolution) -> str:
     rows = []
-    for s in solution.starts:
-        seconds = format_number(sum(s.seconds.values()))
-        mu = certified(solution, s)
-        found = _failure_reason(solution, s) if mu is None else " to ".join(format_interval(mu.lower, mu.upper))
-        mark = "answer" if s is solution.winner else ""
+    for start in solution.starts:
+        seconds = format_number(sum(start.seconds.values()))
+        mu = certified_bounds(solution, start)
+        quality = _failure_reason(solution, start) if mu is None else " to ".join(format_interval(mu.lower, mu.upper))
+        answer = "answer" if start is solution.winner else ""
         rows.append(
             [
-                f"{s.index}",
-                mark,
-                typeset(found),
-                ", ".join(s.faces),
-                f"{s.iterations}",
+                f"{start.index}",
+                answer,
+                typeset(quality),
+                ", ".join(start.faces),
+                f"{start.iterations}",
                 seconds,
-                solver_words(s.message),
+                solver_words(start.message),
             ]
         )
     heads = ["Start", "", "Quality, certified", "Faces", "Iterations", "Seconds", "First solve"]
@@ -109,13 +114,13 @@ def _start_table(solution: GraspSolution) -> str:
 
 def _failure_reason(solution: GraspSolution, start: StartRecord) -> str:
     """Return the reason why a start has no grasp, with the mu that it reached."""
-    has = (
+    reached = (
         f" ({solution.label} {' to '.join(format_interval(start.mu.lower, start.mu.upper))})"
         if start.mu.lower > 0.0
         else ""
     )
-    return f"no grasp: {failure_reason(start)}{has}"
+    return f"no grasp: {failure_reason(start)}{reached}"
 
 
-def _as_array(values: Sequence[float]) -> FloatArray:
+def _round_points(values: Sequence[float]) -> FloatArray:
     return np.stack([np.arange(len(values), dtype=float), np.asarray(values)], axis=1)

@@ -15,8 +15,8 @@ from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import Task
 
-MOST = 25  # most wrenches
-ANGLES = np.linspace(0.0, 2.0 * np.pi, 145)  # radians, directions of an outline's points
+MOST_WRENCHES = 25  # most wrenches
+OUTLINE_ANGLES = np.linspace(0.0, 2.0 * np.pi, 145)  # radians, directions of an outline's points
 
 
 @dataclass(frozen=True)
@@ -48,16 +48,16 @@ def choose_wrenches(solution: GraspSolution) -> list[ChosenWrench]:
     if solution.mu.worst_direction is not None:
         wrenches.append(task.support(solution.mu.worst_direction[None, :])[1][0])
         names.append("Hardest")
-    for i, wrench in enumerate(task.ends()[: MOST - len(wrenches)]):
+    for i, wrench in enumerate(task.ends()[: MOST_WRENCHES - len(wrenches)]):
         wrenches.append(wrench)
         names.append(f"End {i + 1}")
     share = solution.mu.lower  # certified within one unit of the budget; forces scale in proportion
-    found = finger_forces(grasp, share * np.array(wrenches), force_budget=solution.budget)
+    solved = finger_forces(grasp, share * np.array(wrenches), force_budget=solution.budget)
     return [
         ChosenWrench(
             f"{name}: {format_wrench(w, grasp.mean_arm)}", w, grasp.contact_wrenches(x)[:, : grasp.space] / share
         )
-        for name, w, x, feasible in zip(names, wrenches, found.forces, found.feasible, strict=True)
+        for name, w, x, feasible in zip(names, wrenches, solved.forces, solved.feasible, strict=True)
         if feasible
     ]
 
@@ -79,23 +79,23 @@ class FingerForce:
 
 def finger_forces_of(grasp: Grasp, chosen: Sequence[ChosenWrench]) -> list[list[FingerForce]]:
     """Return the normal and tangential force of each finger, for each wrench."""
-    largest = max((float(np.max(np.linalg.norm(c.forces, axis=1))) for c in chosen), default=0.0) or 1.0
-    found = []
-    for c in chosen:
-        pressing = np.sum(c.forces * grasp.normals, axis=1)
-        rubbing = np.linalg.norm(c.forces - pressing[:, None] * grasp.normals, axis=1)
-        sizes = np.linalg.norm(c.forces, axis=1) / largest
-        least = 1e-4 * largest
-        found.append(
+    largest = max((float(np.max(np.linalg.norm(wrench.forces, axis=1))) for wrench in chosen), default=0.0) or 1.0
+    forces_by_wrench = []
+    for wrench in chosen:
+        normal_forces = np.sum(wrench.forces * grasp.normals, axis=1)
+        tangential_forces = np.linalg.norm(wrench.forces - normal_forces[:, None] * grasp.normals, axis=1)
+        shares = np.linalg.norm(wrench.forces, axis=1) / largest
+        zero_force = 1e-4 * largest
+        normal, tangential = (
+            [format_number(force, 3, zero_force) for force in forces] for forces in (normal_forces, tangential_forces)
+        )
+        forces_by_wrench.append(
             [
-                FingerForce(
-                    typeset(f"normal {format_number(p, 3, least)} N, tangential {format_number(t, 3, least)} N"),
-                    float(share),
-                )
-                for p, t, share in zip(pressing, rubbing, sizes, strict=True)
+                FingerForce(typeset(f"normal {n} N, tangential {t} N"), float(share))
+                for n, t, share in zip(normal, tangential, shares, strict=True)
             ]
         )
-    return found
+    return forces_by_wrench
 
 
 def format_wrench(wrench: FloatArray, length: float) -> str:
@@ -139,22 +139,22 @@ def shadows(solution: GraspSolution) -> list[Shadow]:
     grasp = solution.grasp
     if grasp is None:
         return []
-    reachable = WrenchSet.of(grasp, solution.budget)
+    wrench_set = WrenchSet.of(grasp, solution.budget)
     task, scale = solution.task, solution.mu.lower
     d = grasp.dimension
     labels = axis_labels(d)
     spatial = [(0, 1), (0, 2), (1, 2), (3, 4), (3, 5), (4, 5)]
     pairs = spatial if d == 6 else [(0, 1), (0, 2), (1, 2)]
-    found = []
+    projections = []
     if solution.mu.worst_direction is not None and np.any(solution.mu.worst_direction):
-        found.append(_weakest_projection(solution.mu.worst_direction, reachable, task, scale))
+        projections.append(_weakest_projection(solution.mu.worst_direction, wrench_set, task, scale))
     for i, j in pairs:
         plane = np.eye(d)[[i, j]]
-        found.append(Shadow(labels[i], labels[j], *_outlines(plane, reachable, task, scale)))
-    return found
+        projections.append(Shadow(labels[i], labels[j], *_outlines(plane, wrench_set, task, scale)))
+    return projections
 
 
-def _outlines(plane: FloatArray, reachable: WrenchSet, task: Task, scale: float) -> tuple[FloatArray, FloatArray]:
+def _outlines(plane: FloatArray, wrench_set: WrenchSet, task: Task, scale: float) -> tuple[FloatArray, FloatArray]:
     """Return the outlines of both sets' images under ``w -> plane w``: points that attain the support functions.
 
     Parameters
@@ -162,18 +162,18 @@ def _outlines(plane: FloatArray, reachable: WrenchSet, task: Task, scale: float)
     plane : (2, d) array
         Its rows need be neither orthogonal nor of unit length.
     """
-    sizes = np.maximum(reachable.support(plane)[0], reachable.support(-plane)[0])
-    evenly = plane / np.maximum(sizes, 1e-300)[:, None]  # even directions in the picture
-    y = np.cos(ANGLES)[:, None] * evenly[0] + np.sin(ANGLES)[:, None] * evenly[1]
-    return reachable.support(y)[1] @ plane.T, scale * task.support(y)[1] @ plane.T
+    sizes = np.maximum(wrench_set.support(plane)[0], wrench_set.support(-plane)[0])
+    scaled_plane = plane / np.maximum(sizes, 1e-300)[:, None]  # even directions in the picture
+    directions = np.cos(OUTLINE_ANGLES)[:, None] * scaled_plane[0] + np.sin(OUTLINE_ANGLES)[:, None] * scaled_plane[1]
+    return wrench_set.support(directions)[1] @ plane.T, scale * task.support(directions)[1] @ plane.T
 
 
-def _weakest_projection(y: FloatArray, reachable: WrenchSet, task: Task, scale: float) -> Shadow:
+def _weakest_projection(direction: FloatArray, wrench_set: WrenchSet, task: Task, scale: float) -> Shadow:
     """Return the projection along the weakest direction, in shares of the producible wrench: the sets nearly touch."""
-    limit = float(reachable.support(y[None, :])[0][0])
-    along = y / limit if limit > 0.0 else y / np.linalg.norm(y)
-    sizes = np.maximum(reachable.support(np.eye(len(y)))[0], 1e-300)
-    across = (np.eye(len(y)) / sizes[:, None])[int(np.argmin(np.abs(along) * sizes))]
+    limit = float(wrench_set.support(direction[None, :])[0][0])
+    along = direction / limit if limit > 0.0 else direction / np.linalg.norm(direction)
+    sizes = np.maximum(wrench_set.support(np.eye(len(direction)))[0], 1e-300)
+    across = (np.eye(len(direction)) / sizes[:, None])[int(np.argmin(np.abs(along) * sizes))]
     plane = np.stack([along, across])
-    grasp, shown = _outlines(plane, reachable, task, scale)
-    return Shadow("along the weakest direction", "across it", grasp, shown, float(np.max(grasp[:, 0])))
+    grasp, scaled_task = _outlines(plane, wrench_set, task, scale)
+    return Shadow("along the weakest direction", "across it", grasp, scaled_task, float(np.max(grasp[:, 0])))

@@ -61,7 +61,7 @@ MORE = "a task that pushes from more sides, such as + ng.disturbance(force, torq
 ROUNDING = 1e-6  # relative tolerance of forces against ``max_force``
 FINE = 5e-5  # metres: smaller lengths are not reported
 # module and function of each display, imported on use
-PAGE = ("nlpgrasp.report.solution_page", "write_own")
+PAGE = ("nlpgrasp.report.solution_page", "write_solution")
 CARD = ("nlpgrasp.report.solution_page", "solution_card")
 LIVE = ("nlpgrasp.report.live_viewer", "show_live")
 

@@ -1,4 +1,4 @@
-"""The command ``nlpgrasp bound``: what it prints, keeps and refuses."""
+"""Command ``nlpgrasp bound``: output, files, refusals."""
 
 import json
 
@@ -10,10 +10,10 @@ HOPELESS = SMALL.replace("ng.FrictionContact(0.5)] * 2", "ng.PointContact()] * 2
 
 def test_a_bound_is_printed_kept_and_verified(tmp_path):
     (tmp_path / "square.py").write_text(SMALL)
-    done = run("bound", "square.py", "--gap", "0.05", "--out", "bound.json", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
-    first, second, *rest = done.stdout.splitlines()
+    process = run("bound", "square.py", "--gap", "0.05", "--out", "bound.json", cwd=tmp_path)
+    assert process.returncode == 0, process.stderr
+    assert process.stderr == ""
+    first, second, *rest = process.stdout.splitlines()
     assert first.startswith("square: mu at most 0.")
     assert "best grasp met: mu certified in [" in second
     assert "; no placement is more than " in second
@@ -21,9 +21,9 @@ def test_a_bound_is_printed_kept_and_verified(tmp_path):
     assert sum(" on edge" in line for line in rest) == 2
     data = json.loads((tmp_path / "bound.json").read_text())
     assert at_most(data["upper"], 6) in first
-    again = run_here("verify", "bound.json", cwd=tmp_path)
-    assert again.returncode == 0, again.stdout
-    assert "ok   leaves:" in again.stdout
+    verification = run_here("verify", "bound.json", cwd=tmp_path)
+    assert verification.returncode == 0, verification.stdout
+    assert "ok   leaves:" in verification.stdout
     data["upper"] *= 0.999
     (tmp_path / "lower.json").write_text(json.dumps(data))
     lower = run_here("verify", "lower.json", cwd=tmp_path)
@@ -33,8 +33,8 @@ def test_a_bound_is_printed_kept_and_verified(tmp_path):
 
 def test_json_lines_are_the_bound_without_its_certificate(tmp_path):
     (tmp_path / "square.py").write_text(SMALL)
-    done = run_here("bound", "square.py", "--gap", "0.2", "--json", cwd=tmp_path)
-    data = json.loads(done.stdout)
+    process = run_here("bound", "square.py", "--gap", "0.2", "--json", cwd=tmp_path)
+    data = json.loads(process.stdout)
     assert data["closed"]
     assert data["mu"][0] <= data["upper"] <= 1.2 * data["mu"][0]
     assert "certificate" not in data
@@ -43,9 +43,9 @@ def test_json_lines_are_the_bound_without_its_certificate(tmp_path):
 
 def test_no_grasp_met_is_exit_code_1(tmp_path):
     (tmp_path / "square.py").write_text(HOPELESS)
-    done = run_here("bound", "square.py", "--time-limit", "2", cwd=tmp_path)
-    assert done.returncode == 1
-    assert "no grasp met" in done.stdout
+    process = run_here("bound", "square.py", "--time-limit", "2", cwd=tmp_path)
+    assert process.returncode == 1
+    assert "no grasp met" in process.stdout
 
 
 def test_bad_input_is_one_line_and_exit_code_2(tmp_path):

@@ -1,4 +1,4 @@
-"""The command line as a stranger uses it: each command once in a process of its own, its variants in this one."""
+"""Command line: each command once in a process of its own, its variants in this one."""
 
 import contextlib
 import io
@@ -43,22 +43,22 @@ def run_here(*arguments, cwd):
     """Run a command in this process, which spares it the imports; what comes back is as from ``run``."""
     line = ["nlpgrasp", *map(str, arguments)]
     out, err = io.StringIO(), io.StringIO()
-    with contextlib.ExitStack() as here:
-        here.enter_context(mock.patch.object(sys, "argv", line))
-        here.enter_context(mock.patch.dict(os.environ, {"COLUMNS": "200", "NO_COLOR": "1"}))
-        here.enter_context(contextlib.chdir(cwd))
-        here.enter_context(contextlib.redirect_stdout(out))
-        here.enter_context(contextlib.redirect_stderr(err))
-        ended = here.enter_context(pytest.raises(SystemExit))
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(mock.patch.object(sys, "argv", line))
+        stack.enter_context(mock.patch.dict(os.environ, {"COLUMNS": "200", "NO_COLOR": "1"}))
+        stack.enter_context(contextlib.chdir(cwd))
+        stack.enter_context(contextlib.redirect_stdout(out))
+        stack.enter_context(contextlib.redirect_stderr(err))
+        ended = stack.enter_context(pytest.raises(SystemExit))
         main()
     return subprocess.CompletedProcess(line, ended.value.code, out.getvalue(), err.getvalue())
 
 
-def refused(done):
+def refused(result):
     """Assert one line on stderr, exit code 2, no traceback; return the line."""
-    assert done.returncode == 2, done
-    lines = done.stderr.strip().splitlines()
-    assert len(lines) == 1, done.stderr
+    assert result.returncode == 2, result
+    lines = result.stderr.strip().splitlines()
+    assert len(lines) == 1, result.stderr
     assert lines[0].startswith("nlpgrasp: ")
     return lines[0]
 
@@ -74,23 +74,23 @@ def script(tmp_path):
 def solved(tmp_path_factory):
     folder = tmp_path_factory.mktemp("solved")
     (folder / "square.py").write_text(SMALL)
-    done = run("solve", "square.py", "--starts", 2, "--workers", 1, cwd=folder)
-    assert done.returncode == 0, done.stderr
-    return folder, done
+    result = run("solve", "square.py", "--starts", 2, "--workers", 1, cwd=folder)
+    assert result.returncode == 0, result.stderr
+    return folder, result
 
 
 def test_solve_writes_a_file_and_says_what_it_found(solved):
-    folder, done = solved
-    assert "mu-tilde certified in [0.37" in done.stdout
-    assert "written to square.json" in done.stdout
+    folder, result = solved
+    assert "mu-tilde certified in [0.37" in result.stdout
+    assert "written to square.json" in result.stdout
     assert json.loads((folder / "square.json").read_text())["status"] == "solved"
 
 
 def test_verify_agrees(solved):
     folder, _ = solved
-    done = run("verify", "square.json", cwd=folder)
-    assert done.returncode == 0
-    assert re.search(r"^verified: \d+ checks passed$", done.stdout.splitlines()[-1])
+    result = run("verify", "square.json", cwd=folder)
+    assert result.returncode == 0
+    assert re.search(r"^verified: \d+ checks passed$", result.stdout.splitlines()[-1])
 
 
 def test_verify_of_a_wrong_claim_is_exit_code_1(solved):
@@ -98,9 +98,9 @@ def test_verify_of_a_wrong_claim_is_exit_code_1(solved):
     data = json.loads((folder / "square.json").read_text())
     data["quality"]["mu"] |= {"lower": 5.0, "upper": 6.0}
     (folder / "wrong.json").write_text(json.dumps(data))
-    done = run_here("verify", "wrong.json", cwd=folder)
-    assert done.returncode == 1
-    assert "NOT verified" in done.stdout
+    result = run_here("verify", "wrong.json", cwd=folder)
+    assert result.returncode == 1
+    assert "NOT verified" in result.stdout
 
 
 def test_verify_looks_for_meshes_where_it_is_told(tmp_path):
@@ -110,8 +110,8 @@ def test_verify_looks_for_meshes_where_it_is_told(tmp_path):
     solution.save(tmp_path / "block.json")
 
     def surface(*more):
-        done = run_here("verify", "block.json", "--rtol", 0.5, "--json", *more, cwd=tmp_path)
-        return next(c for c in json.loads(done.stdout)["checks"] if c["name"] == "surface")
+        result = run_here("verify", "block.json", "--rtol", 0.5, "--json", *more, cwd=tmp_path)
+        return next(c for c in json.loads(result.stdout)["checks"] if c["name"] == "surface")
 
     assert surface()["made"] is False
     assert surface("--folder", "shelf") | {"detail": ""} == {
@@ -128,12 +128,12 @@ def test_verify_without_the_mesh_is_partly_verified_and_strictly_not(tmp_path):
     solution = ng.GraspSolution.from_dict(honest.block(shelf))
     replace(solution, mu=ng.verify(solution, 0.5).mu).save(tmp_path / "block.json")
     for more, code in (((), 0), (("--strict",), 1)):
-        done = run_here("verify", "block.json", "--rtol", 0.5, *more, cwd=tmp_path)
-        assert done.returncode == code
-        told = (
+        result = run_here("verify", "block.json", "--rtol", 0.5, *more, cwd=tmp_path)
+        assert result.returncode == code
+        message = (
             r"partly verified: \d+ checks passed, \d+ could not be made \(block\.stl not found; give its folder with "
         )
-        assert re.match(rf"{told}--folder", done.stdout.splitlines()[-1])
+        assert re.match(rf"{message}--folder", result.stdout.splitlines()[-1])
     data = json.loads(run_here("verify", "block.json", "--rtol", 0.5, "--json", cwd=tmp_path).stdout)
     assert (data["passed"], data["complete"], data["missing"]) == (True, False, ["block.stl"])
 
@@ -150,20 +150,20 @@ def test_pictures_of_a_hand_have_a_name_of_their_own():
 
 def test_quality_prints_both_measures(solved):
     folder, _ = solved
-    done = run("quality", "square.json", "--torque-scale", 1.0, cwd=folder)
-    assert done.returncode == 0
-    assert "mu_tilde certified in [0.37" in done.stdout
-    assert "delta    certified in [0.4" in done.stdout
+    result = run("quality", "square.json", "--torque-scale", 1.0, cwd=folder)
+    assert result.returncode == 0
+    assert "mu_tilde certified in [0.37" in result.stdout
+    assert "delta    certified in [0.4" in result.stdout
 
 
 def test_report_writes_a_page_or_pictures(solved):
     folder, _ = solved
-    done = run("report", "square.json", cwd=folder)
-    assert done.stdout == "written to square.html\n", done.stderr
+    result = run("report", "square.json", cwd=folder)
+    assert result.stdout == "written to square.html\n", result.stderr
     assert "mu-tilde is certified between 0.37" in (folder / "square.html").read_text()
-    done = run_here("report", "square.json", "--png", "--out", "pictures.html", cwd=folder)
+    result = run_here("report", "square.json", "--png", "--out", "pictures.html", cwd=folder)
     written = [f"pictures-{name}.png" for name in ("grasp", "wrenches", "convergence")]
-    assert done.stdout.splitlines() == [f"written to {name}" for name in written]
+    assert result.stdout.splitlines() == [f"written to {name}" for name in written]
     assert size(folder / "pictures-wrenches.png") == (1508, 351)
     assert min(panels_drawn(folder / "pictures-wrenches.png", 4)) > 0.05
 
@@ -171,70 +171,72 @@ def test_report_writes_a_page_or_pictures(solved):
 def test_exports_and_tables_of_contacts(solved):
     folder, _ = solved
     for ran, kind, name in ((run_here, "csv", "square.csv"), (run, "glb", "square.glb")):
-        done = ran("export", "square.json", "--to", kind, cwd=folder)
-        assert done.stdout == f"written to {name}\n", done.stderr
+        result = ran("export", "square.json", "--to", kind, cwd=folder)
+        assert result.stdout == f"written to {name}\n", result.stderr
     assert (folder / "square.glb").read_bytes()[:4] == b"glTF"
-    done = run_here("quality", "square.csv", "--task", "square.json", cwd=folder)
-    assert "mu_tilde certified in [0.37" in done.stdout, done.stderr
-    done = run_here("quality", "square.csv", cwd=folder)
-    assert "needs a task" in done.stdout
-    assert "force-closed" in done.stdout
+    result = run_here("quality", "square.csv", "--task", "square.json", cwd=folder)
+    assert "mu_tilde certified in [0.37" in result.stdout, result.stderr
+    result = run_here("quality", "square.csv", cwd=folder)
+    assert "needs a task" in result.stdout
+    assert "force-closed" in result.stdout
     assert "this one states its own" in refused(run_here("quality", "square.json", "--friction", "0.5", cwd=folder))
     assert "ng.URDFHand" in refused(run_here("export", "square.json", "--to", "isaac_grasp", cwd=folder))
-    told = refused(run_here("export", "square.json", "--to", "mujoco", cwd=folder))
-    assert "--to: got mujoco, expected one of csv, glb, isaac_grasp, mjcf, moveit" in told
-    assert told.endswith("; did you mean mjcf?")
+    message = refused(run_here("export", "square.json", "--to", "mujoco", cwd=folder))
+    assert "--to: got mujoco, expected one of csv, glb, isaac_grasp, mjcf, moveit" in message
+    assert message.endswith("; did you mean mjcf?")
     for option in ("--object", "--gripper", "--joint"):
-        told = refused(run_here("export", "square.json", "--to", "csv", option, "x", cwd=folder))
-        assert f"{option}: got x, expected isaac_grasp, moveit" in told
+        message = refused(run_here("export", "square.json", "--to", "csv", option, "x", cwd=folder))
+        assert f"{option}: got x, expected isaac_grasp, moveit" in message
 
 
 def test_json_lines(script, tmp_path):
-    done = run_here("solve", script, "--starts", 2, "--workers", 1, "--json", cwd=tmp_path)
-    lines = [json.loads(line) for line in done.stdout.splitlines()]
+    result = run_here("solve", script, "--starts", 2, "--workers", 1, "--json", cwd=tmp_path)
+    lines = [json.loads(line) for line in result.stdout.splitlines()]
     events = [line["event"] for line in lines]
     assert events == ["start", "start", *["analysis"] * 5, "done"]
     assert [line["name"] for line in lines[2:-1]] == ["prices", "robustness", "delta", "nu", "drawing"]
     assert lines[-1]["mu"][0] >= 0.376
     assert lines[-1]["file"] == "square.json"
-    assert done.stderr == ""
-    done = run_here("verify", "square.json", "--json", cwd=tmp_path)
-    assert json.loads(done.stdout)["passed"] is True
+    assert result.stderr == ""
+    result = run_here("verify", "square.json", "--json", cwd=tmp_path)
+    assert json.loads(result.stdout)["passed"] is True
 
 
 def test_a_quick_solve_is_without_analyses(script, tmp_path):
     run_here("solve", script, "--quick", "--starts", 1, "--out", tmp_path / "quick.json", cwd=tmp_path)
-    found = ng.GraspSolution.load(tmp_path / "quick.json")
-    assert found.success
-    assert (found.nu, found.drawing) == (None, None)
+    quick = ng.GraspSolution.load(tmp_path / "quick.json")
+    assert quick.success
+    assert (quick.nu, quick.drawing) == (None, None)
     copy = tmp_path / "copy.json"
     copy.write_bytes((tmp_path / "quick.json").read_bytes())
-    done = run_here("quality", "quick.json", "--json", cwd=tmp_path)
-    assert json.loads(done.stdout)["nu_value"] > 0.0
-    assert done.stderr.startswith("added to quick.json: ")
-    assert "delta, nu" in done.stderr
-    whole = ng.GraspSolution.load(tmp_path / "quick.json")
-    assert whole.nu is not None
-    assert whole.drawing is not None
+    result = run_here("quality", "quick.json", "--json", cwd=tmp_path)
+    assert json.loads(result.stdout)["nu_value"] > 0.0
+    assert result.stderr.startswith("added to quick.json: ")
+    assert "delta, nu" in result.stderr
+    completed = ng.GraspSolution.load(tmp_path / "quick.json")
+    assert completed.nu is not None
+    assert completed.drawing is not None
     assert run_here("quality", "quick.json", cwd=tmp_path).stderr == ""
-    done = run_here("report", "copy.json", cwd=tmp_path)
-    assert done.stdout == "written to copy.html\n"
-    assert ng.GraspSolution.load(copy).drawing.body.faces.tolist() == whole.drawing.body.faces.tolist()
+    result = run_here("report", "copy.json", cwd=tmp_path)
+    assert result.stdout == "written to copy.html\n"
+    assert ng.GraspSolution.load(copy).drawing.body.faces.tolist() == completed.drawing.body.faces.tolist()
 
 
 def test_analyses_come_after_the_grasp(script, tmp_path):
-    done = run_here("solve", script, "--with", "nu,drawing", "--starts", 1, "--out", tmp_path / "f.json", cwd=tmp_path)
-    lines = done.stdout.splitlines()
+    result = run_here(
+        "solve", script, "--with", "nu,drawing", "--starts", 1, "--out", tmp_path / "f.json", cwd=tmp_path
+    )
+    lines = result.stdout.splitlines()
     written = next(i for i, line in enumerate(lines) if line.startswith("  written to"))
     assert [line.split()[0] for line in lines[written + 1 :]] == ["nu"]
-    found = ng.GraspSolution.load(tmp_path / "f.json")
-    assert found.nu is not None
-    assert found.drawing is not None
-    assert found.delta is None
+    solution = ng.GraspSolution.load(tmp_path / "f.json")
+    assert solution.nu is not None
+    assert solution.drawing is not None
+    assert solution.delta is None
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (
             ["--with", "nu,price"],
@@ -244,20 +246,20 @@ def test_analyses_come_after_the_grasp(script, tmp_path):
         (["--with", "nu", "--quick"], "--quick: got --with nu beside it, expected one of the two"),
     ],
 )
-def test_analyses_that_cannot_be_are_refused_before_the_solve(script, tmp_path, words, said):
-    done = run_here("solve", script, *words, cwd=tmp_path)
-    assert done.returncode == 2
-    assert said in done.stderr
-    assert done.stdout == ""
+def test_analyses_that_cannot_be_are_refused_before_the_solve(script, tmp_path, words, message):
+    result = run_here("solve", script, *words, cwd=tmp_path)
+    assert result.returncode == 2
+    assert message in result.stderr
+    assert result.stdout == ""
 
 
 def test_no_grasp_is_exit_code_1_and_spares_the_old_file(tmp_path):
     hopeless = SMALL.replace("FrictionContact(0.5)", "PointContact()")
     (tmp_path / "hopeless.py").write_text(hopeless)
     (tmp_path / "hopeless.json").write_text("earlier result")
-    done = run_here("solve", "hopeless.py", "--starts", 1, "--workers", 1, cwd=tmp_path)
-    assert done.returncode == 1
-    assert "No grasp found" in done.stdout
+    result = run_here("solve", "hopeless.py", "--starts", 1, "--workers", 1, cwd=tmp_path)
+    assert result.returncode == 1
+    assert "No grasp found" in result.stdout
     assert (tmp_path / "hopeless.json").read_text() == "earlier result"
 
 
@@ -345,9 +347,9 @@ def test_wrong_use_in_a_process_of_its_own(tmp_path):
 
 
 def test_help_and_version(tmp_path):
-    done = run("--help", cwd=tmp_path)
-    assert done.returncode == 0
-    assert all(command in done.stdout for command in ("solve", "quality", "verify"))
+    result = run("--help", cwd=tmp_path)
+    assert result.returncode == 0
+    assert all(command in result.stdout for command in ("solve", "quality", "verify"))
     assert run_here("--version", cwd=tmp_path).stdout.startswith("nlpgrasp 0.")
 
 
@@ -361,8 +363,8 @@ def test_a_script_may_import_its_neighbours_and_change_folder(tmp_path):
     )
     text = text.replace("name=", "constraints=[ng.Constraint('level', neighbour.level, -1, 1)], name=")
     (tmp_path / "scripts" / "square.py").write_text(text)
-    done = run("solve", "scripts/square.py", "--starts", 2, "--workers", 2, "--out", "found.json", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    result = run("solve", "scripts/square.py", "--starts", 2, "--workers", 2, "--out", "found.json", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
     assert (tmp_path / "found.json").is_file()
 
 
@@ -397,13 +399,13 @@ def test_interrupt_writes_the_best_grasp(tmp_path, workers):
 
 def test_many_grasps_are_kept_printed_and_exported(tmp_path):
     (tmp_path / "square.py").write_text(SMALL)
-    done = run_here("solve", "square.py", "--starts", "2", "--workers", "1", "--keep", "3", cwd=tmp_path)
-    assert "3 grasps kept, best first" in done.stdout
+    result = run_here("solve", "square.py", "--starts", "2", "--workers", "1", "--keep", "3", cwd=tmp_path)
+    assert "3 grasps kept, best first" in result.stdout
     assert len(json.loads((tmp_path / "square.json").read_text())["grasps"]) == 3
     assert run_here("verify", "square.json", cwd=tmp_path).returncode == 0
     run_here("export", "square.json", "--to", "csv", cwd=tmp_path)
     assert len((tmp_path / "square.csv").read_text().splitlines()) == 1 + 3 * 2
-    again = run_here("quality", "square.csv", "--task", "square.json", cwd=tmp_path)
-    assert again.stdout.count("square.csv, grasp ") == 3
+    table = run_here("quality", "square.csv", "--task", "square.json", cwd=tmp_path)
+    assert table.stdout.count("square.csv, grasp ") == 3
     line = refused(run_here("solve", "square.py", "--keep", "0", cwd=tmp_path))
     assert line == "nlpgrasp: --keep: got 0, expected a whole number from 1 to 10000"

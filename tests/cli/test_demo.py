@@ -1,4 +1,4 @@
-"""``nlpgrasp demo``: README's example, from nothing to a page."""
+"""Command ``nlpgrasp demo``: the example of README."""
 
 import contextlib
 import io
@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.cli.main import STARTS, demo_command, main, problem
+from nlpgrasp.cli.main import DEMO_STARTS, demo_command, main, problem
 from nlpgrasp.errors import InputError
 from tests.verify import honest
 
@@ -20,37 +20,37 @@ def test_the_example_is_that_of_the_readme():
     names = {}
     exec(script[0], names)  # noqa: S102
     assert names["problem"].to_dict() == problem().to_dict()
-    assert script[1] == f"problem, starts={STARTS}"
+    assert script[1] == f"problem, starts={DEMO_STARTS}"
 
 
 def demo():
     """Exit code and what is printed by the command."""
-    told = io.StringIO()
-    with contextlib.redirect_stdout(told), pytest.raises(SystemExit) as ended:
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output), pytest.raises(SystemExit) as ended:
         main()
-    return ended.value.code, told.getvalue()
+    return ended.value.code, output.getvalue()
 
 
 @pytest.fixture
-def here(tmp_path, monkeypatch):
+def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.argv", ["nlpgrasp", "demo", "--no-open"])
     return tmp_path
 
 
-def test_a_grasp_that_is_not_verified_is_exit_code_1(here, monkeypatch):
+def test_a_grasp_that_is_not_verified_is_exit_code_1(folder, monkeypatch):
     monkeypatch.setattr(ng, "solve", lambda *_, **__: ng.GraspSolution.from_dict(honest.jaws()))
-    code, told = demo()
-    assert (code, "\nNOT verified: 2 of 14 checks failed (certified quality, width)" in told) == (1, True)
-    assert told.endswith("written to demo.json and demo.html\n")
-    assert "data-grasp" in (here / "demo.html").read_text(encoding="utf-8")
+    code, output = demo()
+    assert (code, "\nNOT verified: 2 of 14 checks failed (certified quality, width)" in output) == (1, True)
+    assert output.endswith("written to demo.json and demo.html\n")
+    assert "data-grasp" in (folder / "demo.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow
-def test_the_example_is_solved_and_verified(here):
-    code, told = demo()
-    assert (code, re.search(r"^verified: \d+ checks passed$", told, re.MULTILINE) is not None) == (0, True)
-    assert ng.GraspSolution.load(here / "demo.json").mu.lower == pytest.approx(0.092, rel=0.01)
+def test_the_example_is_solved_and_verified(folder):
+    code, output = demo()
+    assert (code, re.search(r"^verified: \d+ checks passed$", output, re.MULTILINE) is not None) == (0, True)
+    assert ng.GraspSolution.load(folder / "demo.json").mu.lower == pytest.approx(0.092, rel=0.01)
 
 
 @pytest.mark.parametrize("out", ["no/demo.json", "demo.html"])

@@ -1,4 +1,4 @@
-"""``nlpgrasp hand``: what it writes, and what it says of wrong names and files."""
+"""Command ``nlpgrasp hand``: page, and errors on unknown names and files."""
 
 import json
 import re
@@ -21,15 +21,15 @@ def without_display(monkeypatch):
 
 
 def tips(page):
-    found = re.search(r'<script type="application/json">(.*?)</script>', page.read_text(encoding="utf-8"), re.DOTALL)
-    return [(tip["name"], tip["radius"]) for tip in json.loads(found[1])["drawn"]["tips"]]
+    match = re.search(r'<script type="application/json">(.*?)</script>', page.read_text(encoding="utf-8"), re.DOTALL)
+    return [(tip["name"], tip["radius"]) for tip in json.loads(match[1])["drawn"]["tips"]]
 
 
 def test_a_page_is_written_under_the_urdfs_name(tmp_path):
-    done = run_here("hand", THREE, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    result = run_here("hand", THREE, cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
     page = tmp_path / "three_finger_hand.html"
-    assert done.stdout.splitlines() == [
+    assert result.stdout.splitlines() == [
         "three_finger_hand: 13 links, 9 joints, 0 fingertips",
         "  - No fingertips are stated. Links at the ends: finger_1_tip, finger_2_tip, finger_3_tip. To use them:",
         f"      nlpgrasp hand {THREE} --fingertip finger_1_tip=0.01 --fingertip finger_2_tip=0.01 "
@@ -42,9 +42,9 @@ def test_a_page_is_written_under_the_urdfs_name(tmp_path):
 
 
 def test_fingertips_with_and_without_a_radius(tmp_path):
-    given = ["--fingertip", "thumb_tip", "--fingertip", "index_tip=0.009", "--approach", "1,0,0", "--no-open"]
-    done = run_here("hand", FOUR, *given, "--out", "own.html", cwd=tmp_path)
-    assert done.stdout.splitlines() == [
+    options = ["--fingertip", "thumb_tip", "--fingertip", "index_tip=0.009", "--approach", "1,0,0", "--no-open"]
+    result = run_here("hand", FOUR, *options, "--out", "own.html", cwd=tmp_path)
+    assert result.stdout.splitlines() == [
         "four_finger_hand: 21 links, 16 joints, 2 fingertips",
         "1 thing to know:",
         "  - Link index_tip is thicker than its fingertip: beside a contact it may reach 2 mm into the body.",
@@ -55,10 +55,10 @@ def test_fingertips_with_and_without_a_radius(tmp_path):
 
 def test_the_printed_command_shows_the_hand(tmp_path):
     """Pasted as it is, with the palm's direction that was given."""
-    done = run_here("hand", FOUR, "--approach", "1,0,0", "--no-open", cwd=tmp_path)
-    (command,) = [line for line in done.stdout.splitlines() if line.startswith("      nlpgrasp ")]
-    again = run_here(*shlex.split(command)[1:], "--no-open", cwd=tmp_path)
-    assert again.stdout.splitlines() == [
+    result = run_here("hand", FOUR, "--approach", "1,0,0", "--no-open", cwd=tmp_path)
+    (command,) = [line for line in result.stdout.splitlines() if line.startswith("      nlpgrasp ")]
+    second = run_here(*shlex.split(command)[1:], "--no-open", cwd=tmp_path)
+    assert second.stdout.splitlines() == [
         "four_finger_hand: 21 links, 16 joints, 4 fingertips",
         "no problems found: every visible link has a collision shape, every joint has limits, and every two fingertips "
         "can touch.",
@@ -70,10 +70,10 @@ def test_the_printed_command_shows_the_hand(tmp_path):
 
 
 def test_a_forgotten_approach_is_asked_about(tmp_path):
-    done = run_here("hand", FOUR, "--fingertip", "index_tip", "--fingertip", "thumb_tip", "--no-open", cwd=tmp_path)
-    _, verdict, said, _ = done.stdout.splitlines()
+    result = run_here("hand", FOUR, "--fingertip", "index_tip", "--fingertip", "thumb_tip", "--no-open", cwd=tmp_path)
+    _, verdict, finding, _ = result.stdout.splitlines()
     assert verdict == "1 thing to know:"
-    assert said == "  - The palm is said to face +z, but its fingertips lie towards +x: --approach 1,0,0?"
+    assert finding == "  - The palm is said to face +z, but its fingertips lie towards +x: --approach 1,0,0?"
     page = (tmp_path / "four_finger_hand.html").read_text(encoding="utf-8")
     assert "The palm is said to face +z, but its fingertips lie towards +x: approach=[1, 0, 0]?" in page
     assert "four_finger_hand.urdf: palm faces [0, 0, 1] of link palm" in page
@@ -86,8 +86,8 @@ def test_what_the_page_says_is_printed(tmp_path):
     fixed = '<joint name="on" type="fixed"><parent link="palm"/><child link="cover"/></joint>'
     (tmp_path / "own.urdf").write_text(text.replace("</robot>", f"{bare}{fixed}</robot>"), encoding="utf-8")
     tips = ["--fingertip", "finger_1_tip", "--fingertip", "finger_1_base"]
-    done = run_here("hand", "own.urdf", *tips, "--no-open", cwd=tmp_path)
-    name, verdict, shapes, *pairs, written = done.stdout.splitlines()
+    result = run_here("hand", "own.urdf", *tips, "--no-open", cwd=tmp_path)
+    name, verdict, shapes, *pairs, written = result.stdout.splitlines()
     assert name == "three_finger_hand: 14 links, 9 joints, 2 fingertips"
     assert verdict == "2 things to know:"
     assert shapes == "  ! Link cover is visible but has no collision shape: it may pass through the body."
@@ -96,7 +96,7 @@ def test_what_the_page_says_is_printed(tmp_path):
     )
     page = (tmp_path / "own.html").read_text(encoding="utf-8")
     assert '<span class="pill bad">2 things to know</span>' in page
-    assert (written, done.stderr) == ("written to own.html", "")
+    assert (written, result.stderr) == ("written to own.html", "")
 
 
 def test_the_way_the_palm_faces_and_a_presets_tips_exclude_each_other(tmp_path):
@@ -105,7 +105,7 @@ def test_the_way_the_palm_faces_and_a_presets_tips_exclude_each_other(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["gone.urdf"], "URDF: got gone.urdf, expected a URDF file that exists, or one of allegro, "),
         (["robotiq_3f"], "hands.robotiq_3f.urdf: got nothing, expected the path of its URDF"),
@@ -122,9 +122,9 @@ def test_the_way_the_palm_faces_and_a_presets_tips_exclude_each_other(tmp_path):
         ([__file__], "URDFHand.path: test_hand.py: got broken XML"),
     ],
 )  # fmt: skip
-def test_wrong_use_is_one_sentence(arguments, said, tmp_path):
+def test_wrong_use_is_one_sentence(arguments, message, tmp_path):
     line = refused(run_here("hand", *arguments, cwd=tmp_path))
-    assert line.startswith(f"nlpgrasp: {said}")
+    assert line.startswith(f"nlpgrasp: {message}")
     assert list(tmp_path.iterdir()) == []
 
 

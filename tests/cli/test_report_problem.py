@@ -1,4 +1,4 @@
-"""``nlpgrasp report SCRIPT.py``: what a script asks, as a page."""
+"""Command ``nlpgrasp report SCRIPT.py``: page of a script's problem."""
 
 import pytest
 
@@ -7,8 +7,8 @@ from tests.cli.test_cli import SMALL, run_here
 
 def test_a_script_has_a_page_of_what_it_asks(tmp_path):
     (tmp_path / "square.py").write_text(SMALL)
-    done = run_here("report", "square.py", cwd=tmp_path)
-    assert (done.returncode, done.stdout) == (0, "written to square-problem.html\n")
+    result = run_here("report", "square.py", cwd=tmp_path)
+    assert (result.returncode, result.stdout) == (0, "written to square-problem.html\n")
     assert "mu" not in (tmp_path / "square-problem.html").read_text().split("<h1")[1].split("</h1>")[0]
     assert "what is asked" in (tmp_path / "square-problem.html").read_text()
 
@@ -24,6 +24,6 @@ def test_a_script_has_a_page_of_what_it_asks(tmp_path):
 )
 def test_what_it_cannot_show_is_refused(tmp_path, arguments, message):
     (tmp_path / "square.py").write_text(SMALL)
-    done = run_here("report", *arguments, cwd=tmp_path)
-    assert done.returncode == 2
-    assert message in done.stderr
+    result = run_here("report", *arguments, cwd=tmp_path)
+    assert result.returncode == 2
+    assert message in result.stderr

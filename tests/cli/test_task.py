@@ -1,4 +1,4 @@
-"""``nlpgrasp task``: recordings into a library, what is in it, what one task is."""
+"""Commands ``nlpgrasp task``: fit, list, show."""
 
 import json
 
@@ -21,8 +21,8 @@ def call(monkeypatch, capsys, tmp_path):
         monkeypatch.setattr("sys.argv", ["nlpgrasp", "task", *map(str, arguments)])
         with pytest.raises(SystemExit) as ended:
             command_line.main()
-        said = capsys.readouterr()
-        return ended.value.code, said.out.splitlines(), said.err.splitlines()
+        streams = capsys.readouterr()
+        return ended.value.code, streams.out.splitlines(), streams.err.splitlines()
 
     return called
 

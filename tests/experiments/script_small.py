@@ -1,4 +1,4 @@
-"""A script as a user writes it; the command line's tests run it in their own processes."""
+"""Experiment script for the command line's tests."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""A small experiment: a planar square, solved in a tenth of a second."""
+"""Small experiment: a planar square, solved in a tenth of a second."""
 
 from pathlib import Path
 

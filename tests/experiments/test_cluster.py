@@ -1,4 +1,4 @@
-"""Runs on a real Dask cluster: a scheduler and two worker processes that the test starts."""
+"""Runs on a Dask cluster: a scheduler and two worker processes."""
 
 import os
 import re
@@ -49,22 +49,22 @@ def worker_of(nanny):
 @pytest.mark.slow
 def test_a_cluster_gives_the_same_and_survives_a_killed_worker(cluster, tmp_path):
     address, nannies = cluster
-    asked = experiment(seeds=range(10))
-    done = []
+    plan = experiment(seeds=range(10))
+    records = []
 
     def progress(record):
-        done.append(record)
-        if len(done) == 3:
+        records.append(record)
+        if len(records) == 3:
             os.kill(worker_of(nannies[0]), signal.SIGKILL)
 
-    result = ng.run_experiment(asked, tmp_path / "out", scheduler=address, progress=progress)
+    result = ng.run_experiment(plan, tmp_path / "out", scheduler=address, progress=progress)
     assert result.complete
-    assert len(done) == 20
-    local = ng.run_experiment(asked, tmp_path / "local", workers=2)
+    assert len(records) == 20
+    local = ng.run_experiment(plan, tmp_path / "local", workers=2)
     for solve in local.solves:
-        one, other = (r.solution(solve.variation, solve.seed) for r in (local, result))
-        assert one.grasp.points.tolist() == other.grasp.points.tolist()
-        assert one.mu.lower == other.mu.lower
+        local_solution, cluster_solution = (r.solution(solve.variation, solve.seed) for r in (local, result))
+        assert local_solution.grasp.points.tolist() == cluster_solution.grasp.points.tolist()
+        assert local_solution.mu.lower == cluster_solution.mu.lower
 
 
 @pytest.mark.slow
@@ -72,8 +72,8 @@ def test_a_failing_and_a_crashing_solve_cost_only_themselves(cluster, tmp_path):
     def crash():
         os.kill(os.getpid(), signal.SIGKILL)
 
-    asked = experiment({"crash": crash, "broken": lambda: 1 / 0, "fine": {}}, seeds=[0])
-    result = ng.run_experiment(asked, tmp_path / "out", scheduler=cluster[0])
+    plan = experiment({"crash": crash, "broken": lambda: 1 / 0, "fine": {}}, seeds=[0])
+    result = ng.run_experiment(plan, tmp_path / "out", scheduler=cluster[0])
     failures = {s.variation: s.failure for s in result.failures}
     assert set(failures) == {"crash", "broken"}
     assert "KilledWorker" in failures["crash"]
@@ -85,7 +85,7 @@ def test_a_failing_and_a_crashing_solve_cost_only_themselves(cluster, tmp_path):
 def test_a_scheduler_that_does_not_answer_is_refused_before_anything_runs(address, tmp_path, monkeypatch):
     import nlpgrasp.experiments.experiment_run as module
 
-    monkeypatch.setattr(module, "REACHED", 1)
+    monkeypatch.setattr(module, "CONNECT_SECONDS", 1)
     with pytest.raises(InputError, match="the address of a running Dask scheduler"):
         ng.run_experiment(experiment(), tmp_path / "out", scheduler=address)
     assert not (tmp_path / "out").exists()
@@ -99,11 +99,11 @@ def test_workers_and_a_scheduler_contradict_each_other(tmp_path):
 @pytest.mark.slow
 def test_a_scheduler_that_goes_away_ends_the_run_and_is_listed(cluster, tmp_path):
     address, _ = cluster
-    done = []
+    records = []
 
     def progress(record):
-        done.append(record)
-        if len(done) == 3:
+        records.append(record)
+        if len(records) == 3:
             port = int(address.rsplit(":", 1)[1])
             listening = (c for c in psutil.net_connections() if c.status == "LISTEN" and c.laddr.port == port)
             os.kill(next(listening).pid, signal.SIGKILL)

@@ -1,4 +1,4 @@
-"""What an experiment may ask, and what it refuses before anything runs."""
+"""Experiments: variations, and refused arguments."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ from tests.experiments.small import base, experiment
 
 def test_a_variation_replaces_fields_of_the_base():
     table = ng.Forbid(["edge0"])
-    asked = experiment(
+    plan = experiment(
         {
             "plain": {},
             "rough": {"friction": 0.9},
@@ -25,7 +25,7 @@ def test_a_variation_replaces_fields_of_the_base():
             "whole": base(),
         }
     )
-    cases = {name: asked.case(name) for name in asked.names}
+    cases = {name: plan.case(name) for name in plan.names}
     assert [m.friction for m in cases["rough"].problem.models] == [0.9, 0.9]
     assert len(cases["three"].problem.models) == 3
     assert [m.friction for m in cases["both"].problem.models] == [0.9] * 3
@@ -40,9 +40,9 @@ def test_a_variation_replaces_fields_of_the_base():
 def test_fingers_of_a_hand_follow():
     hand = ng.Fingertips(count=3, radius=0.01, reach=0.1)
     problem = ng.GraspProblem(ng.Sphere(0.05), ng.FrictionContact(0.5), ng.TaskEllipsoid([1] * 6), hand=hand)
-    asked = ng.Experiment(problem, {"five": {"fingers": 5}})
-    assert asked.case("five").problem.hand.count == 5
-    assert asked.case("five").problem.hand.reach == 0.1
+    plan = ng.Experiment(problem, {"five": {"fingers": 5}})
+    assert plan.case("five").problem.hand.count == 5
+    assert plan.case("five").problem.hand.reach == 0.1
 
 
 def test_solves_are_every_variation_with_every_seed():
@@ -51,21 +51,21 @@ def test_solves_are_every_variation_with_every_seed():
 
 
 def test_generators_are_read_once_and_kept():
-    asked = experiment({"a": {"constraints": (c for c in [ng.Forbid(["edge0"])])}}, seeds=(s for s in [2, 5]))
-    again = replace(asked, starts=3)
-    assert again.seeds == (2, 5)
-    assert len(again.case("a").problem.constraints) == 1
+    plan = experiment({"a": {"constraints": (c for c in [ng.Forbid(["edge0"])])}}, seeds=(s for s in [2, 5]))
+    more_starts = replace(plan, starts=3)
+    assert more_starts.seeds == (2, 5)
+    assert len(more_starts.case("a").problem.constraints) == 1
     factor = {"c": {"constraints": (c for c in [ng.Forbid(["edge0"])])}}
-    made = ng.combinations(factor, {"x": {"friction": 0.6}, "y": {"friction": 0.7}})
-    assert [len(changes["constraints"]) for changes in made.values()] == [1, 1]
+    variations = ng.combinations(factor, {"x": {"friction": 0.6}, "y": {"friction": 0.7}})
+    assert [len(changes["constraints"]) for changes in variations.values()] == [1, 1]
 
 
 def test_deferred_variations_are_made_when_asked_for():
-    made = []
-    asked = experiment({"late": lambda: made.append(1) or {"friction": 0.7}})
-    assert made == []
-    assert asked.case("late").problem.models[0].friction == 0.7
-    assert made == [1]
+    calls = []
+    plan = experiment({"late": lambda: calls.append(1) or {"friction": 0.7}})
+    assert calls == []
+    assert plan.case("late").problem.models[0].friction == 0.7
+    assert calls == [1]
 
 
 SPATIAL = ng.TaskEllipsoid([1] * 6)
@@ -112,16 +112,16 @@ def test_bad_input_is_one_sentence(make, message):
 
 
 def test_combinations_add_constraints_and_options_up():
-    one, two = ng.Forbid(["edge0"]), ng.Forbid(["edge1"])
-    made = ng.combinations(
-        {"free": {}, "one": {"constraints": [one]}},
-        {"x": {"options": {"rtol": 0.1}}, "y": {"constraints": two, "options": {"rtol": 0.2}}},
+    first, second = ng.Forbid(["edge0"]), ng.Forbid(["edge1"])
+    variations = ng.combinations(
+        {"free": {}, "one": {"constraints": [first]}},
+        {"x": {"options": {"rtol": 0.1}}, "y": {"constraints": second, "options": {"rtol": 0.2}}},
         {"z": {"options": {"rounds": 9}}},
     )
-    assert list(made) == ["free, x, z", "free, y, z", "one, x, z", "one, y, z"]
-    assert made["one, y, z"]["constraints"] == (one, two)
-    assert made["one, y, z"]["options"] == {"rtol": 0.2, "rounds": 9}
-    assert experiment(made).case("one, y, z").problem.constraints == (one, two)
+    assert list(variations) == ["free, x, z", "free, y, z", "one, x, z", "one, y, z"]
+    assert variations["one, y, z"]["constraints"] == (first, second)
+    assert variations["one, y, z"]["options"] == {"rtol": 0.2, "rounds": 9}
+    assert experiment(variations).case("one, y, z").problem.constraints == (first, second)
 
 
 def test_combinations_can_be_chosen():

@@ -1,4 +1,4 @@
-"""Grasps handed on between variations: what is taken, what is kept, what follows from the solves alone."""
+"""Warm starts between variations: exchanged grasps, kept results, independence of the order."""
 
 import json
 import shutil
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.experiments.output_folder import HANDED_ON, OWN
+from nlpgrasp.experiments.output_folder import EXCHANGE_STATE, OWN_RESULTS
 from nlpgrasp.experiments.solve_job import improve_solution
 from nlpgrasp.experiments.solve_record import body_digest
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
@@ -29,8 +29,8 @@ OPTIONS = {"options": ng.SolveOptions(**{**QUICK.to_dict(), "global_bound": Fals
 
 def run(variations, folder, **settings):
     how = {name: settings.pop(name) for name in ("resume", "workers") if name in settings}
-    asked = experiment(variations, **{"seeds": [0], **OPTIONS, **settings})
-    return ng.run_experiment(asked, folder, **{"workers": 1, **how})
+    plan = experiment(variations, **{"seeds": [0], **OPTIONS, **settings})
+    return ng.run_experiment(plan, folder, **{"workers": 1, **how})
 
 
 def candidate(result):
@@ -52,12 +52,12 @@ def test_what_asks_for_less_is_never_worse(handed):
 
 def test_what_is_taken_says_from_where_and_is_verified(handed):
     solution = handed.solution("rough")
-    taken = [s for s in solution.starts if s.message.startswith("from variation smooth, seed 0")]
-    assert solution.best_start in [s.index for s in taken]
+    taken_starts = [s for s in solution.starts if s.message.startswith("from variation smooth, seed 0")]
+    assert solution.best_start in [s.index for s in taken_starts]
     assert len({s.index for s in solution.starts}) == len(solution.starts)
     for file in (handed.folder / "solves").iterdir():
-        found = ng.GraspSolution.load(file)
-        assert not found.success or ng.verify(file, rtol=0.1), file.name
+        written = ng.GraspSolution.load(file)
+        assert not written.success or ng.verify(file, rtol=0.1), file.name
     assert "rough: the grasp is that of smooth, seed 0" in str(handed)
     assert [row["origin"] for row in handed.rows() if row["variation"] == "smooth"] == [""]
 
@@ -89,11 +89,11 @@ def test_resuming_changes_no_file(handed, tmp_path):
     folder = tmp_path / "out"
     shutil.copytree(handed.folder, folder)
     before = {p: p.stat().st_mtime_ns for p in folder.rglob("*.json") if p.parent != folder}
-    again = run(VARIATIONS, folder, resume=True)
+    resumed = run(VARIATIONS, folder, resume=True)
     assert {p: p.stat().st_mtime_ns for p in folder.rglob("*.json") if p.parent != folder} == before
-    assert again.notes == ()
-    assert str(again) == str(ng.ExperimentResult.load(folder))
-    assert candidate(again) == candidate(handed)
+    assert resumed.notes == ()
+    assert str(resumed) == str(ng.ExperimentResult.load(folder))
+    assert candidate(resumed) == candidate(handed)
 
 
 def test_variations_added_later_give_what_all_at_once_give(handed, tmp_path):
@@ -107,10 +107,12 @@ def test_variations_added_later_give_what_all_at_once_give(handed, tmp_path):
 def test_what_a_solve_found_itself_is_kept_and_comes_back(handed, tmp_path):
     folder = tmp_path / "out"
     shutil.copytree(handed.folder, folder)
-    own = folder / OWN / "rough--seed0.json"
+    own = folder / OWN_RESULTS / "rough--seed0.json"
     assert ng.GraspSolution.load(own).mu.upper < handed["rough"].mu.upper or not ng.GraspSolution.load(own).success
-    assert set(json.loads((folder / HANDED_ON).read_text())["solves"]) == {f"{name}, seed 0" for name in VARIATIONS}
-    (folder / HANDED_ON).unlink()  # as a run that was ended leaves it
+    assert set(json.loads((folder / EXCHANGE_STATE).read_text())["solves"]) == {
+        f"{name}, seed 0" for name in VARIATIONS
+    }
+    (folder / EXCHANGE_STATE).unlink()  # as a run that was ended leaves it
     assert candidate(run(VARIATIONS, folder, resume=True)) == candidate(handed)
     (folder / "solves" / "rough--seed0.json").write_text("{")
     assert candidate(run(VARIATIONS, folder, resume=True)) == candidate(handed)
@@ -120,7 +122,7 @@ def test_another_body_gets_nothing(tmp_path):
     other = ng.Polygon([[-1, -1], [1, -1], [1, 1.1], [-1, 1]])
     result = run({"smooth": {}, "other": {"body": other, "options": BLIND}}, tmp_path / "out")
     assert result["other"].best is None or result["other"].best.origin == ""
-    assert not (result.folder / OWN).exists()
+    assert not (result.folder / OWN_RESULTS).exists()
 
 
 def test_functions_that_make_the_same_body_take_part(tmp_path):
@@ -136,13 +138,13 @@ def test_functions_that_make_the_same_body_take_part(tmp_path):
 def test_the_gap_is_that_of_the_grasp_taken(handed):
     """A file states a gap of its own: none of a solve that found no grasp."""
     case = experiment(VARIATIONS, seeds=[0], **OPTIONS).case("rough")
-    own = ng.GraspSolution.load(handed.folder / OWN / "rough--seed0.json")
+    own = ng.GraspSolution.load(handed.folder / OWN_RESULTS / "rough--seed0.json")
     own = replace(own, bound=GlobalBound(5.0, 1, stated_gap=np.inf))
     smooth = handed.solution("smooth")
     offers = {"from variation smooth, seed 0": smooth.grasps[0]}
-    taken = improve_solution(CompiledProblem(case.problem, case.options), 1, own, 0, offers, improve=False)
-    assert taken.to_dict()["quality"]["best_possible"]["gap"] == pytest.approx(5.0 / taken.mu.lower - 1.0)
-    assert taken.mu.upper >= smooth.mu.lower
+    improved = improve_solution(CompiledProblem(case.problem, case.options), 1, own, 0, offers, improve=False)
+    assert improved.to_dict()["quality"]["best_possible"]["gap"] == pytest.approx(5.0 / improved.mu.lower - 1.0)
+    assert improved.mu.upper >= smooth.mu.lower
 
 
 def test_bodies_are_told_apart_by_what_they_state():
@@ -159,8 +161,8 @@ def test_with_a_posed_hand_its_joints_travel_too(tmp_path):
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
     ball = ng.GraspProblem(ng.Sphere(0.03), contacts, task, hand=four_finger_hand(), name="ball")
     variations = {"smooth": {}, "rough": {"friction": 0.8, "options": {**BLIND, "pregrasp_clearance": 0.01}}}
-    asked = ng.Experiment(ball, variations, starts=1, options=ng.SolveOptions())
-    result = ng.run_experiment(asked, tmp_path / "out", workers=1)
+    plan = ng.Experiment(ball, variations, starts=1, options=ng.SolveOptions())
+    result = ng.run_experiment(plan, tmp_path / "out", workers=1)
     assert result.notes == ()
     smooth, rough = result.solution("smooth"), result.solution("rough")
     assert result["rough"].best.origin == "smooth, seed 0"
@@ -171,10 +173,10 @@ def test_with_a_posed_hand_its_joints_travel_too(tmp_path):
 
 def test_a_grasp_that_is_taken_has_the_analyses_asked_for(handed):
     case = experiment(VARIATIONS, seeds=[0], **OPTIONS).case("rough")
-    own = ng.GraspSolution.load(handed.folder / OWN / "rough--seed0.json")
+    own = ng.GraspSolution.load(handed.folder / OWN_RESULTS / "rough--seed0.json")
     smooth = handed.solution("smooth")
     offers = {"from variation smooth, seed 0": smooth.grasps[0]}
     compiled = CompiledProblem(case.problem, replace(case.options, analyses=("delta",), time_limit=None))
-    taken = improve_solution(compiled, 1, replace(own, bound=None), 0, offers, improve=False)
-    assert taken.delta.lower > 0.0
-    assert taken.nu is None
+    improved = improve_solution(compiled, 1, replace(own, bound=None), 0, offers, improve=False)
+    assert improved.delta.lower > 0.0
+    assert improved.nu is None

@@ -1,4 +1,4 @@
-"""Who asks for less is never worse: more friction, more contacts, a smaller task, fewer constraints."""
+"""Monotonicity of mu in friction, contacts, task and constraints."""
 
 import numpy as np
 import pytest
@@ -44,13 +44,13 @@ def drawn(seed, chosen=("base", *ORDER)):
 
 def broken(result):
     """Return the pairs whose certified lower bounds are out of order by more than both certificates leave open."""
-    found = {v.name: v.mu for v in result.variations}
+    bounds = {v.name: v.mu for v in result.variations}
     wrong = []
-    for better, worse in ((b, w) for b in found for w in ORDER.get(b, ())):
-        one, other = found[better], found[worse]
-        margin = (one.upper - one.lower) + (other.upper - other.lower)
-        if one.lower < other.lower - margin or one.upper < other.lower:
-            wrong.append((better, str(one), worse, str(other)))
+    for better, worse in ((b, w) for b in bounds for w in ORDER.get(b, ())):
+        higher, expected_lower = bounds[better], bounds[worse]
+        margin = (higher.upper - higher.lower) + (expected_lower.upper - expected_lower.lower)
+        if higher.lower < expected_lower.lower - margin or higher.upper < expected_lower.lower:
+            wrong.append((better, str(higher), worse, str(expected_lower)))
     return wrong
 
 

@@ -1,4 +1,4 @@
-"""Many problems in one call: a folder of files with all their grasps, gone on with where it is there."""
+"""Many problems in one call: folder of files, resumed runs."""
 
 import json
 import shutil
@@ -39,21 +39,21 @@ def test_each_problem_has_a_file_with_its_grasps(finished):
 
 
 def test_a_file_holds_what_solve_finds(finished):
-    alone = ng.solve(square(0.8), 2, 0, replace(QUICK, workers=1), keep=KEEP)
+    single = ng.solve(square(0.8), 2, 0, replace(QUICK, workers=1), keep=KEEP)
     loaded = finished.load("rough")
-    assert [f.grasp.points.tolist() for f in loaded.grasps] == [f.grasp.points.tolist() for f in alone.grasps]
-    assert [f.mu.lower for f in loaded.grasps[1:]] == [f.mu.lower for f in alone.grasps[1:]]
+    assert [f.grasp.points.tolist() for f in loaded.grasps] == [f.grasp.points.tolist() for f in single.grasps]
+    assert [f.mu.lower for f in loaded.grasps[1:]] == [f.mu.lower for f in single.grasps[1:]]
 
 
 def test_a_folder_is_gone_on_with(finished, tmp_path):
     folder = shutil.copytree(finished.folder, tmp_path / "out")
     before = {file: file.stat().st_mtime_ns for file in map(folder.joinpath, finished.files.values())}
     problems = {"rough": square(0.8), "smooth": partial(square, 0.5), "new": square(0.6)}
-    again = solved(problems, folder)
+    resumed = solved(problems, folder)
     assert {file: file.stat().st_mtime_ns for file in before} == before
-    assert again.new == len(again.load("new").grasps)
-    assert again.grasps == finished.grasps + again.new
-    assert f"{again.new} of them found now" in str(again)
+    assert resumed.new == len(resumed.load("new").grasps)
+    assert resumed.grasps == finished.grasps + resumed.new
+    assert f"{resumed.new} of them found now" in str(resumed)
 
 
 @pytest.mark.parametrize(
@@ -70,12 +70,12 @@ def failing():
 
 
 def test_a_problem_that_cannot_be_made_costs_no_other(tmp_path):
-    found = solved({"rough": square(0.8), "lost": failing}, tmp_path / "out")
-    assert list(found.files) == ["rough"]
-    assert "no such mesh" in found.failures["lost"]
-    assert "lost: " in str(found)
+    result = solved({"rough": square(0.8), "lost": failing}, tmp_path / "out")
+    assert list(result.files) == ["rough"]
+    assert "no such mesh" in result.failures["lost"]
+    assert "lost: " in str(result)
     with pytest.raises(InputError, match="a problem that has a solution: rough"):
-        found.load("lost")
+        result.load("lost")
 
 
 @pytest.mark.parametrize(
@@ -95,7 +95,7 @@ def test_what_are_no_problems_is_refused(problems, message, tmp_path):
 
 
 def test_an_experiment_keeps_grasps_too(tmp_path):
-    asked = ng.Experiment(base(), {"rough": {"friction": 0.8}}, [0], 2, QUICK, keep=KEEP)
-    ng.run_experiment(asked, tmp_path / "out", workers=1)
+    plan = ng.Experiment(base(), {"rough": {"friction": 0.8}}, [0], 2, QUICK, keep=KEEP)
+    ng.run_experiment(plan, tmp_path / "out", workers=1)
     (file,) = (tmp_path / "out" / "solves").iterdir()
     assert len(json.loads(file.read_text())["grasps"]) > 1

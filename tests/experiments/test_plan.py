@@ -1,11 +1,11 @@
-"""A folder belongs to one experiment: what older plans do not record makes no other one of it."""
+"""Plan of an output folder: comparison with older plans."""
 
 import copy
 
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.experiments.output_folder import check_same, plan_of
+from nlpgrasp.experiments.output_folder import check_same_experiment, plan_of
 from tests.hands.urdf import four_finger_hand
 
 
@@ -22,12 +22,12 @@ def test_a_plan_of_an_earlier_version_goes_on():
     old = copy.deepcopy(new)
     for name in ("approach", "link_spheres", "watched_pairs", "overlaps", "tips_apart"):
         del old["variations"]["a"]["problem"]["hand"][name]
-    check_same(old, new, "folder")
+    check_same_experiment(old, new, "folder")
     del old["variations"]["a"]["problem"]["hand"]["clearance"]
     with pytest.raises(ng.InputError, match=r"variation 'a' is another \(problem, hand\)"):
-        check_same(old, new, "folder")
+        check_same_experiment(old, new, "folder")
 
 
 def test_another_problem_is_refused():
     with pytest.raises(ng.InputError, match=r"variation 'a' is another \(problem, constraints\)"):
-        check_same(plan(), plan(0.001), "folder")
+        check_same_experiment(plan(), plan(0.001), "folder")

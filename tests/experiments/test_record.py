@@ -1,4 +1,4 @@
-"""One solve of an experiment as a record and as a row of the table."""
+"""Record of one solve, and its table row."""
 
 import csv
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What is read from an experiment: ranks, ties, tables, pictures, the page."""
+"""Result of an experiment: ranks, ties, tables, pictures, page."""
 
 import csv
 import json
@@ -20,7 +20,7 @@ from nlpgrasp.experiments.experiment_result import COLUMNS, overlapping_interval
 from nlpgrasp.experiments.output_folder import OutputFolder
 from nlpgrasp.experiments.solve_record import active_constraints
 from nlpgrasp.quality import Bounds
-from nlpgrasp.report.experiment_page import wilson
+from nlpgrasp.report.experiment_page import wilson_interval
 from nlpgrasp.solution.records import ConstraintReport
 from tests.experiments.small import experiment
 from tests.quick import every
@@ -28,10 +28,10 @@ from tests.quick import every
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory):
-    asked = experiment({"rough": {"friction": 0.8}, "smooth": {}, "same": {}, "broken": lambda: 1 / 0})
-    found = ng.run_experiment(asked, tmp_path_factory.mktemp("result") / "out", workers=1)
-    assert write_outputs(found) == []
-    return found
+    plan = experiment({"rough": {"friction": 0.8}, "smooth": {}, "same": {}, "broken": lambda: 1 / 0})
+    run_result = ng.run_experiment(plan, tmp_path_factory.mktemp("result") / "out", workers=1)
+    assert write_outputs(run_result) == []
+    return run_result
 
 
 def test_ranks_count_only_what_is_certain():
@@ -80,9 +80,9 @@ def test_csv_parquet_and_frame_hold_the_same_numbers(result):
 
 
 def test_load_gives_the_same_result(result):
-    again = ng.ExperimentResult.load(result.folder)
-    assert again.rows() == result.rows()
-    assert str(again) == str(result)
+    loaded_again = ng.ExperimentResult.load(result.folder)
+    assert loaded_again.rows() == result.rows()
+    assert str(loaded_again) == str(result)
     with pytest.raises(InputError, match=r"no readable experiment\.json"):
         ng.ExperimentResult.load(result.folder.parent)
 
@@ -163,9 +163,9 @@ def test_the_page_stands_alone_and_says_all(result):
 
 
 def test_names_are_escaped_on_the_page_and_in_pictures(tmp_path):
-    asked = experiment({"<script>alert(1)</script>": {}, r"a $\foo$ b": {}, "摩擦": {}}, seeds=[0])
-    found = ng.run_experiment(asked, tmp_path / "out", workers=1)
-    assert write_outputs(found) == []
+    plan = experiment({"<script>alert(1)</script>": {}, r"a $\foo$ b": {}, "摩擦": {}}, seeds=[0])
+    run_result = ng.run_experiment(plan, tmp_path / "out", workers=1)
+    assert write_outputs(run_result) == []
     assert "<script>" not in (tmp_path / "out" / "report.html").read_text()
 
 
@@ -181,9 +181,9 @@ def test_pictures_are_pictures(result):
 
 
 def test_wilson_interval():
-    low, high = wilson(8, 10)  # Brown, Cai and DasGupta (2001), doi:10.1214/ss/1009213286
+    low, high = wilson_interval(8, 10)  # Brown, Cai and DasGupta (2001), doi:10.1214/ss/1009213286
     assert (low, high) == (pytest.approx(0.4902, abs=1e-4), pytest.approx(0.9433, abs=1e-4))
-    assert wilson(0, 4)[0] == pytest.approx(0.0, abs=1e-12)
+    assert wilson_interval(0, 4)[0] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_active_constraints_are_named_once():
@@ -206,8 +206,8 @@ def test_active_constraints_are_named_once():
 
 
 def test_equations_are_not_among_active_constraints():
-    met = ConstraintReport("palm quaternion of unit length", 1.0, 1.0, 1.0, 5.0, True)
-    assert active_constraints([met, ConstraintReport("spread", 0.1, 0.0, 0.1, 0.0, True)]) == ("spread",)
+    equation = ConstraintReport("palm quaternion of unit length", 1.0, 1.0, 1.0, 5.0, True)
+    assert active_constraints([equation, ConstraintReport("spread", 0.1, 0.0, 0.1, 0.0, True)]) == ("spread",)
 
 
 def test_active_constraints_of_older_files_keep_their_names():
@@ -241,8 +241,8 @@ def test_compare_ranks_solutions(result):
 
 
 def test_compare_says_when_mu_measures_different_things(result, tmp_path):
-    asked = experiment({"x": {"task": ng.TaskEllipsoid([1, 2, 1])}}, seeds=[0])
-    other = ng.run_experiment(asked, tmp_path / "out", workers=1)
+    plan = experiment({"x": {"task": ng.TaskEllipsoid([1, 2, 1])}}, seeds=[0])
+    other = ng.run_experiment(plan, tmp_path / "out", workers=1)
     compared = ng.compare({"a": result.solution("rough"), "b": other.solution("x")})
     assert not compared.comparable
     assert "different things" in str(compared)

@@ -1,4 +1,4 @@
-"""Runs on this machine: resumed, crashed, killed, interrupted, without room on the disk."""
+"""Local runs: resumption, crashes, interruption, full disk."""
 
 import json
 import os
@@ -59,10 +59,10 @@ def test_every_solve_is_a_verified_solution_file(finished):
 
 @pytest.mark.slow
 def test_any_number_of_workers_gives_what_solve_gives(finished, tmp_path):
-    alone = ng.run_experiment(experiment(), tmp_path / "one", workers=1)
-    assert grasps(alone) == grasps(finished)
-    asked = experiment().case("rough")
-    direct = ng.solve(asked.problem, asked.starts, 1, asked.options)
+    one_worker = ng.run_experiment(experiment(), tmp_path / "one", workers=1)
+    assert grasps(one_worker) == grasps(finished)
+    case = experiment().case("rough")
+    direct = ng.solve(case.problem, case.starts, 1, case.options)
     assert direct.grasp.points.tolist() == grasps(finished)[("rough", 1)]
     assert direct.mu.lower == finished.solution("rough", 1).mu.lower
 
@@ -70,14 +70,14 @@ def test_any_number_of_workers_gives_what_solve_gives(finished, tmp_path):
 def test_resume_does_only_what_is_missing(finished, tmp_path):
     folder = tmp_path / "out"
     ng.run_experiment(experiment(seeds=[0]), folder, workers=1)
-    kept = {p: p.stat().st_mtime_ns for p in (folder / "solves").iterdir()}
+    times = {p: p.stat().st_mtime_ns for p in (folder / "solves").iterdir()}
     (folder / "solves" / ".nlpgrasp-half.tmp").write_text("half a fi")
-    asked = experiment({"rough": {"friction": 0.8}, "smooth": {}, "new": {"friction": 0.6}}, seeds=[0, 1])
-    seen = []
-    result = ng.run_experiment(asked, folder, workers=1, resume=True, progress=seen.append)
-    assert {(s.variation, s.seed) for s in seen[:2]} == {("rough", 0), ("smooth", 0)}
-    assert len(seen) == 6
-    assert {p: p.stat().st_mtime_ns for p in kept} == kept
+    plan = experiment({"rough": {"friction": 0.8}, "smooth": {}, "new": {"friction": 0.6}}, seeds=[0, 1])
+    records = []
+    result = ng.run_experiment(plan, folder, workers=1, resume=True, progress=records.append)
+    assert {(s.variation, s.seed) for s in records[:2]} == {("rough", 0), ("smooth", 0)}
+    assert len(records) == 6
+    assert {p: p.stat().st_mtime_ns for p in times} == times
     assert result.complete
     assert not list((folder / "solves").glob("*.tmp"))
 
@@ -86,10 +86,10 @@ def test_a_file_that_cannot_be_read_is_done_again_and_said(tmp_path):
     folder = tmp_path / "out"
     first = ng.run_experiment(experiment(seeds=[0]), folder, workers=1)
     (folder / "solves" / "rough--seed0.json").write_text("{")
-    again = ng.run_experiment(experiment(seeds=[0]), folder, resume=True, workers=1)
-    assert again.complete
-    assert "rough, seed 0: not used" in again.notes[0]
-    assert grasps(again) == grasps(first)
+    resumed = ng.run_experiment(experiment(seeds=[0]), folder, resume=True, workers=1)
+    assert resumed.complete
+    assert "rough, seed 0: not used" in resumed.notes[0]
+    assert grasps(resumed) == grasps(first)
 
 
 def test_a_folder_with_results_needs_resume(finished):
@@ -136,10 +136,10 @@ def test_parts_that_cannot_be_sent_are_refused_before_anything_runs(tmp_path):
 
 @pytest.mark.slow
 def test_crashing_and_failing_solves_cost_only_themselves(tmp_path):
-    done = run("--out", "out", "--workers", 2, "--json", kind="troubled", cwd=tmp_path)
-    assert done.returncode == 1
-    assert done.stderr == ""
-    last = events(done.stdout)[-1]
+    process = run("--out", "out", "--workers", 2, "--json", kind="troubled", cwd=tmp_path)
+    assert process.returncode == 1
+    assert process.stderr == ""
+    last = events(process.stdout)[-1]
     assert {v["variation"]: v["starts"] for v in last["variations"]} == {
         "friction 0.5": [2, 2],
         "friction 0.7": [2, 2],
@@ -169,8 +169,8 @@ def test_whatever_a_solve_raises_is_its_own_failure(name, tmp_path):
     def broken(make=RAISED[name]):
         raise make()
 
-    asked = experiment({"broken": broken, "fine": {}}, seeds=[0])
-    result = ng.run_experiment(asked, tmp_path / "out", workers=1)
+    plan = experiment({"broken": broken, "fine": {}}, seeds=[0])
+    result = ng.run_experiment(plan, tmp_path / "out", workers=1)
     (failure,) = result.failures
     assert failure.variation == "broken"
     assert failure.failure.isprintable()
@@ -180,11 +180,11 @@ def test_whatever_a_solve_raises_is_its_own_failure(name, tmp_path):
 
 
 def test_a_function_that_makes_another_problem_than_before_is_not_mixed_in(tmp_path):
-    def made(friction):
+    def experiment_with_friction(friction):
         return experiment({"late": lambda: {"friction": friction}}, seeds=[0] if friction == 0.3 else [0, 1])
 
-    first = ng.run_experiment(made(0.3), tmp_path / "out", workers=1)
-    second = ng.run_experiment(made(0.9), tmp_path / "out", resume=True, workers=1)
+    first = ng.run_experiment(experiment_with_friction(0.3), tmp_path / "out", workers=1)
+    second = ng.run_experiment(experiment_with_friction(0.9), tmp_path / "out", resume=True, workers=1)
     assert second["late"].mu == first["late"].mu
     assert "another problem than in an earlier run" in second.failures[0].failure
 
@@ -196,8 +196,8 @@ def test_the_file_of_another_variation_is_not_used(finished, tmp_path):
     loaded = ng.ExperimentResult.load(folder)
     assert [(s.variation, s.seed) for s in loaded.failures] == [("rough", 0)]
     assert "another problem" in loaded.notes[0]
-    again = ng.run_experiment(experiment(), folder, resume=True, workers=1)
-    assert grasps(again) == grasps(finished)
+    resumed = ng.run_experiment(experiment(), folder, resume=True, workers=1)
+    assert grasps(resumed) == grasps(finished)
 
 
 def test_a_run_that_ended_before_its_plan_leaves_a_usable_folder(tmp_path):
@@ -223,12 +223,12 @@ def test_a_reader_that_goes_away_does_not_end_the_run(tmp_path):
 
 @pytest.mark.slow
 def test_output_that_is_no_terminal_gets_a_line_a_solve(tmp_path):
-    done = run("--out", "out", "--workers", 1, cwd=tmp_path)
-    assert done.returncode == 0
-    lines = done.stderr.splitlines()
+    process = run("--out", "out", "--workers", 1, cwd=tmp_path)
+    assert process.returncode == 0
+    lines = process.stderr.splitlines()
     assert [line.split()[0] for line in lines] == ["1/4", "2/4", "3/4", "4/4"]
     assert "left" in lines[0]
-    assert "friction 0.5" in done.stdout
+    assert "friction 0.5" in process.stdout
 
 
 @pytest.mark.parametrize("out", [3, None, b"out", "a\0b", ""])
@@ -266,13 +266,13 @@ def test_kill_9_costs_only_what_was_under_way(tmp_path):
     process.wait()
     process.stdout.close()
     result = ng.ExperimentResult.load(tmp_path / "out")
-    kept = [s for s in result.solves if s.done]
-    assert len(kept) >= 8
+    finished_solves = [s for s in result.solves if s.done]
+    assert len(finished_solves) >= 8
     assert result.notes == ()
-    done = run("--out", "out", "--resume", "--workers", 2, "--json", kind="long", cwd=tmp_path)
-    assert done.returncode == 0
-    assert len(events(done.stdout)) == 25
-    assert events(done.stdout)[-1]["complete"] is True
+    process = run("--out", "out", "--resume", "--workers", 2, "--json", kind="long", cwd=tmp_path)
+    assert process.returncode == 0
+    assert len(events(process.stdout)) == 25
+    assert events(process.stdout)[-1]["complete"] is True
 
 
 @pytest.mark.slow
@@ -324,17 +324,17 @@ def test_a_full_disk_ends_the_run_and_is_listed(tmp_path, monkeypatch):
     assert len(unwritten) == 1
     monkeypatch.undo()
     assert not list((tmp_path / "out" / "solves").glob("*.tmp"))
-    again = ng.run_experiment(experiment(seeds=range(4)), tmp_path / "out", resume=True, workers=2)
-    assert again.complete
+    resumed = ng.run_experiment(experiment(seeds=range(4)), tmp_path / "out", resume=True, workers=2)
+    assert resumed.complete
 
 
 @pytest.mark.slow
 def test_files_too_large_for_the_system_are_listed(tmp_path):
     line, environment = command("--out", "out", "--workers", "1", "--json")
     limited = ["bash", "-c", 'ulimit -f 4; exec "$@"', "limited", *line]  # the plan fits, solutions of 5 kB do not
-    done = subprocess.run(limited, capture_output=True, text=True, env=environment, cwd=tmp_path, timeout=120)
-    assert done.returncode == 1, done.stderr
-    last = events(done.stdout)[-1]
+    process = subprocess.run(limited, capture_output=True, text=True, env=environment, cwd=tmp_path, timeout=120)
+    assert process.returncode == 1, process.stderr
+    last = events(process.stdout)[-1]
     assert "File too large" in last["notes"][0]
     assert list((tmp_path / "out" / "solves").iterdir()) == []
 

@@ -16,7 +16,7 @@ from nlpgrasp.cli.main import command_line
 from nlpgrasp.hands.inspection import inspect, without_fingertips
 from nlpgrasp.interop.registry import formats
 from nlpgrasp.motion.penetration import PenetrationModel
-from nlpgrasp.report.key_figures import solution_facts
+from nlpgrasp.report.key_figures import solution_figures
 from nlpgrasp.simulation.robot_hand_scene import mjcf_with_hand
 from tests.hands.described import in_millimetres, two_fingers
 
@@ -96,7 +96,7 @@ def test_lies_about_the_links_are_found(deep, lie):
 
 def test_the_report_leads_with_it(deep):
     _, _, solution = deep
-    first = solution_facts(solution)[0]
+    first = solution_figures(solution)[0]
     assert (first.title, first.value, first.tone) == ("Status", "Touches", "bad")
     assert "inside the body" in first.lines[0]
 

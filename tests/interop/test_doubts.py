@@ -1,4 +1,4 @@
-"""What a table of contacts leaves open is said; normals that point out of the body are refused."""
+"""Import of contact tables: warnings on missing data, refusal of outward normals."""
 
 import subprocess
 import sys
@@ -32,14 +32,14 @@ def strict():
 
 
 def test_no_friction_is_said_to_be_none(tmp_path):
-    with pytest.warns(UserWarning, match="no friction stated: taken to be frictionless") as said:
+    with pytest.warns(UserWarning, match="no friction stated: taken to be frictionless") as warnings_shown:
         grasp = read_contacts_csv(table(tmp_path / "a.csv"))
     assert [m.kind for m in grasp.contacts] == ["point"] * 3
-    (one,) = said
-    assert str(one.message).endswith(
+    (warning,) = warnings_shown
+    assert str(warning.message).endswith(
         "a.csv: no friction stated: taken to be frictionless; friction=0.5 (--friction 0.5) states another"
     )
-    assert one.filename == __file__
+    assert warning.filename == __file__
 
 
 def test_rows_without_friction_are_named(tmp_path):
@@ -54,16 +54,16 @@ def test_what_is_stated_is_not_doubted(tmp_path):
     read_contacts_csv(table(tmp_path / "b.csv"), friction=0.0)
     read_contacts_csv(table(tmp_path / "c.csv", head=f"{HEAD},model", ends=(",point",) * 3))
     read_contacts_csv(table(tmp_path / "d.csv", head=f"{HEAD},friction", ends=(",0.5",) * 3), body=BOX)
-    own = ng.GraspSolution(ng.Status.SOLVED, "x", {}, ng.Grasp(POINTS, INWARD, ng.PointContact()), ("a",) * 3)
-    (tmp_path / "e.csv").write_text(contacts_csv(own), newline="")
+    unknown_faces = ng.GraspSolution(ng.Status.SOLVED, "x", {}, ng.Grasp(POINTS, INWARD, ng.PointContact()), ("a",) * 3)
+    (tmp_path / "e.csv").write_text(contacts_csv(unknown_faces), newline="")
     read_contacts_csv(tmp_path / "e.csv")
 
 
 def test_much_friction_is_warned_of(tmp_path, monkeypatch):
     monkeypatch.setattr(once, "_said", set())
-    with pytest.warns(UserWarning, match=r"a\.csv: contact 0, friction: 60 is above 2") as said:
+    with pytest.warns(UserWarning, match=r"a\.csv: contact 0, friction: 60 is above 2") as warnings_shown:
         read_contacts_csv(table(tmp_path / "a.csv"), friction=60.0)
-    assert said[0].filename == __file__
+    assert warnings_shown[0].filename == __file__
 
 
 @pytest.mark.parametrize("turned", [0, 1, 2])
@@ -88,9 +88,11 @@ def test_normals_of_other_bodies(body, tmp_path):
 
 
 def test_without_a_body_normals_that_all_point_away_are_warned_of(tmp_path):
-    with pytest.warns(UserWarning, match=r"a\.csv: all normals point away from the middle of the contacts") as said:
+    with pytest.warns(
+        UserWarning, match=r"a\.csv: all normals point away from the middle of the contacts"
+    ) as warnings_shown:
         read_contacts_csv(table(tmp_path / "a.csv", -INWARD), 0.5)
-    assert [s.filename for s in said] == [__file__]
+    assert [s.filename for s in warnings_shown] == [__file__]
 
 
 @pytest.mark.usefixtures("strict")
@@ -111,10 +113,10 @@ def test_the_command_line_knows_the_body_of_the_task(tmp_path):
         words = [sys.executable, "-m", "nlpgrasp", "quality", name, "--task", "g.json"]
         return subprocess.run(words, cwd=tmp_path, capture_output=True, text=True)
 
-    done = call("out.csv")
-    assert done.returncode == 2
-    assert "out.csv: row 2: got a normal that points out of the body" in done.stderr
-    done = call("in.csv")
-    assert done.returncode == 0
-    (line,) = done.stderr.splitlines()
+    result = call("out.csv")
+    assert result.returncode == 2
+    assert "out.csv: row 2: got a normal that points out of the body" in result.stderr
+    result = call("in.csv")
+    assert result.returncode == 0
+    (line,) = result.stderr.splitlines()
     assert line.startswith("nlpgrasp: in.csv: no friction stated: taken to be frictionless")

@@ -1,4 +1,4 @@
-"""What is written for other tools says what the solution says; what others wrote is read or refused in a sentence."""
+"""Export and import of contact tables, scenes and isaac_grasp files."""
 
 import io
 import json

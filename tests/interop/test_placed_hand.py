@@ -1,4 +1,4 @@
-"""Contacts that a hand makes in a posture that somebody else chose."""
+"""Contacts of a hand in a given posture."""
 
 import os
 import subprocess
@@ -12,7 +12,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.errors import InputError
 from nlpgrasp.interop import grasp_of_posture, isaac_grasp, read_isaac_grasps
-from nlpgrasp.interop.hand_postures import nearest
+from nlpgrasp.interop.hand_postures import nearest_points
 from tests.hands.urdf import gripper, three_finger_hand
 from tests.once import solve_once
 
@@ -66,10 +66,10 @@ def test_the_command_certifies_an_isaac_grasp(held, tmp_path):
     (tmp_path / "held.py").write_text(SCRIPT)
     command = [sys.executable, "-m", "nlpgrasp", "quality", str(path), "--problem", "held.py"]
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])}
-    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=environment, timeout=120)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("grasp_0: 3 contacts, force budget l2")
-    assert f"certified in [{solution.mu.lower:.3g}"[:18] in done.stdout
+    result = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=environment, timeout=120)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.startswith("grasp_0: 3 contacts, force budget l2")
+    assert f"certified in [{solution.mu.lower:.3g}"[:18] in result.stdout
 
 
 def test_nearest_points_against_brute_force(rng):
@@ -77,11 +77,11 @@ def test_nearest_points_against_brute_force(rng):
         samples = np.concatenate([body.sample(name, 20_000, rng) for name in body.face_names])
         points = body.sample(body.face_names[0], 20, rng)
         points = points + 0.01 * body.evaluate(body.face_names[0], points)[2]
-        found, normals, distances = nearest(body, points)
+        nearest, normals, distances = nearest_points(body, points)
         brute = np.min(np.linalg.norm(points[:, None] - samples[None], axis=2), axis=1)
         np.testing.assert_allclose(distances, brute, atol=2e-4)
         assert np.all(distances <= brute + 1e-9)
-        np.testing.assert_allclose(found + distances[:, None] * normals, points, atol=1e-6)
+        np.testing.assert_allclose(nearest + distances[:, None] * normals, points, atol=1e-6)
 
 
 def test_postures_that_do_not_fit_are_refused(held):

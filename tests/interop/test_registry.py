@@ -1,4 +1,4 @@
-"""The registry of formats: what each needs, what names and endings are refused."""
+"""Registry of formats: required content, refused names and endings."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -24,10 +24,10 @@ def none():
 
 
 def test_formats_of_the_package():
-    known = {given.name: given.ending for given in formats()}
-    assert known.items() >= {"csv": ".csv", "glb": ".glb", "isaac_grasp": ".yaml", "mjcf": ".xml"}.items()
-    assert known.items() >= {"moveit": ".grasps.yaml", "npz": ".npz", "dexgraspbench": ".npy"}.items()
-    assert [given.name for given in formats() if given.takes_hand] == ["mjcf"]
+    endings = {export_format.name: export_format.ending for export_format in formats()}
+    assert endings.items() >= {"csv": ".csv", "glb": ".glb", "isaac_grasp": ".yaml", "mjcf": ".xml"}.items()
+    assert endings.items() >= {"moveit": ".grasps.yaml", "npz": ".npz", "dexgraspbench": ".npy"}.items()
+    assert [export_format.name for export_format in formats() if export_format.takes_hand] == ["mjcf"]
 
 
 def test_a_format_writes_what_its_function_returns(box):
@@ -42,14 +42,16 @@ def test_no_format_is_written_without_a_grasp(name, none):
 
 
 def test_needs_are_checked_before_the_function_is_called(box, none):
-    seen = []
-    given = ExportFormat("seen", ".seen", "nothing", lambda s, o: seen.append((s, o)) or "", Need.DRAWING)
+    calls = []
+    export_format = ExportFormat("seen", ".seen", "nothing", lambda s, o: calls.append((s, o)) or "", Need.DRAWING)
     with pytest.raises(InputError, match="a grasp without a drawing"):
-        given.export(replace(box, drawing=None, source=None, problem={**box.problem, "hand": {"type": "unknown"}}))
-    assert seen == []
-    anything = replace(given, needs=Need.NOTHING)
-    assert anything.export(none, ExportOptions(Path("hand.urdf"))) == b""
-    assert seen == [(none, ExportOptions(Path("hand.urdf")))]
+        export_format.export(
+            replace(box, drawing=None, source=None, problem={**box.problem, "hand": {"type": "unknown"}})
+        )
+    assert calls == []
+    lenient = replace(export_format, needs=Need.NOTHING)
+    assert lenient.export(none, ExportOptions(Path("hand.urdf"))) == b""
+    assert calls == [(none, ExportOptions(Path("hand.urdf")))]
 
 
 def test_a_name_or_an_ending_stands_for_one_format():
@@ -70,8 +72,8 @@ def test_formats_that_are_refused(fields):
 
 
 def test_readers_by_ending(box):
-    (given,) = reader_of("box.JSON").read(FILES / "box.json", None)
-    assert (given.name, given.budget.kind) == (box.name, box.budget.kind)
+    (export_format,) = reader_of("box.JSON").read(FILES / "box.json", None)
+    assert (export_format.name, export_format.budget.kind) == (box.name, box.budget.kind)
     assert reader_of("contacts.CSV").options == ("friction", "task")
     assert reader_of("grasps.yml") is reader_of("grasps.yaml")
     assert reader_of("grasps.yml").options == ("problem",)

@@ -1,4 +1,4 @@
-"""Grasps in the formats of robots' programs: MoveIt's messages, isaac_grasp files, arrays of benchmarks."""
+"""Export to MoveIt messages, isaac_grasp files and benchmark arrays."""
 
 import io
 import re
@@ -111,8 +111,8 @@ def test_efforts_are_the_torques_of_the_squeeze(held):
 def test_jaws_close_with_what_the_pads_press(jaws):
     """Force times the change of the opening is what the joints work, however many share it."""
     for names in (("finger_joint",), ("left", "right")):
-        given = ExportOptions(joints=names) if len(names) > 1 else ExportOptions()
-        (message,) = yaml.safe_load(moveit(jaws, given))
+        options = ExportOptions(joints=names) if len(names) > 1 else ExportOptions()
+        (message,) = yaml.safe_load(moveit(jaws, options))
         posture = message["grasp_posture"]
         (point,) = posture["points"]
         assert tuple(posture["joint_names"]) == names
@@ -151,11 +151,11 @@ def test_an_isaac_grasp_names_files_and_frames(jaws):
     assert plain["object_frame"] == plain["object_frame_link"] == "box"
     assert plain["gripper_frame"] == plain["gripper_frame_link"] == "palm"
     assert plain["created_with"] == f"nlpgrasp {ng.__version__}"
-    given = yaml.safe_load(isaac_grasp({"g": jaws}, ExportOptions(object="box.usd", gripper="jaws.usd")))
-    assert (given["object_file"], given["object_scale"], given["gripper_file"]) == ("box.usd", 1.0, "jaws.usd")
+    file = yaml.safe_load(isaac_grasp({"g": jaws}, ExportOptions(object="box.usd", gripper="jaws.usd")))
+    assert (file["object_file"], file["object_scale"], file["gripper_file"]) == ("box.usd", 1.0, "jaws.usd")
     mesh = replace(jaws, problem={**jaws.problem, "body": {"type": "mesh", "source": "cup.obj", "unit": "mm"}})
-    own = yaml.safe_load(isaac_grasp({"g": mesh}, ExportOptions(object="models/cup.obj")))
-    assert (own["object_file"], own["object_scale"]) == ("models/cup.obj", 0.001)
+    scaled_file = yaml.safe_load(isaac_grasp({"g": mesh}, ExportOptions(object="models/cup.obj")))
+    assert (scaled_file["object_file"], scaled_file["object_scale"]) == ("models/cup.obj", 0.001)
 
 
 def test_arrays_read_back_without_pickles(held, tmp_path):
@@ -179,8 +179,8 @@ def test_arrays_read_back_without_pickles(held, tmp_path):
         "palm_pose": {"position": pose[:3].tolist(), "quaternion_wxyz": pose[3:7].tolist()},
     }
     ours = solution_links(GRIPPER, held.hand)
-    for name, there in solution_links(GRIPPER, posture).items():  # by MuJoCo
-        np.testing.assert_allclose(there, ours[name], atol=1e-12)
+    for name, expected in solution_links(GRIPPER, posture).items():  # by MuJoCo
+        np.testing.assert_allclose(expected, ours[name], atol=1e-12)
 
 
 def test_a_row_for_each_grasp_kept_and_joints_in_another_order(held):
@@ -295,21 +295,21 @@ def test_a_pregrasp_or_a_way_in_that_is_not_stated_is_flagged(held):
 
 
 def test_the_way_in_of_jaws_is_free_where_it_leads_into_nothing(jaws):
-    way = jaws.hand["approach"]
+    approach = jaws.hand["approach"]
     deep, thin = {"depth": 0.004}, {"depth": 0.0, "passes_through": True}
-    for found, free in (({"depth": 0.0}, True), (deep, False), (thin, False)):
-        with np.load(io.BytesIO(benchmark_arrays(without(jaws, approach={**way, **found})))) as data:
+    for change, free in (({"depth": 0.0}, True), (deep, False), (thin, False)):
+        with np.load(io.BytesIO(benchmark_arrays(without(jaws, approach={**approach, **change})))) as data:
             assert data["way_in_free"].tolist() == [free]
-    for found, said in ((deep, "leads 4 mm into what is beside it"), (thin, "passes through something thin")):
-        stuck = yaml.safe_load(isaac_grasp({"g": without(jaws, approach={**way, **found})}))
-        assert stuck["grasps"]["g"]["way_in"] == f"not free: the gripper's way in {said}"
+    for change, reason in ((deep, "leads 4 mm into what is beside it"), (thin, "passes through something thin")):
+        stuck = yaml.safe_load(isaac_grasp({"g": without(jaws, approach={**approach, **change})}))
+        assert stuck["grasps"]["g"]["way_in"] == f"not free: the gripper's way in {reason}"
 
 
 def closing_along(jaws, axis):
     """Return the solution of a gripper that closes along another axis of its own frame, its contacts the same."""
     hand = ng.ParallelJaw(0.06, 0.002, finger_length=0.06, closing_axis=axis)
-    found = hand.at_contacts(jaws.grasp.points, 0.05, lambda points: np.full(len(points), 1.0))
-    return replace(jaws, problem={**jaws.problem, "hand": hand.to_dict()}, hand=found)
+    posture = hand.at_contacts(jaws.grasp.points, 0.05, lambda points: np.full(len(points), 1.0))
+    return replace(jaws, problem={**jaws.problem, "hand": hand.to_dict()}, hand=posture)
 
 
 PANDA = """
@@ -340,15 +340,15 @@ def test_a_gripper_that_closes_along_its_y_has_its_pads_on_the_contacts(jaws, tm
 
 
 def test_exports_state_the_axes_of_the_grippers_frame(jaws):
-    for axis, own in (("x", [1.0, 0.0, 0.0]), ("y", [0.0, 1.0, 0.0]), ("-y", [0.0, -1.0, 0.0])):
+    for axis, axis_vector in (("x", [1.0, 0.0, 0.0]), ("y", [0.0, 1.0, 0.0]), ("-y", [0.0, -1.0, 0.0])):
         turned = closing_along(jaws, axis)
         file = yaml.safe_load(isaac_grasp({"g": turned}))
-        assert (file["closing_axis"], file["approach_axis"]) == (own, [0.0, 0.0, 1.0])
+        assert (file["closing_axis"], file["approach_axis"]) == (axis_vector, [0.0, 0.0, 1.0])
         with np.load(io.BytesIO(benchmark_arrays(turned))) as data:
-            assert (data["closing_axis"].tolist(), data["approach_axis"].tolist()) == (own, [0.0, 0.0, 1.0])
-        assert moveit(turned).startswith(f"# closing_axis of the gripper's frame: {own}\n# approach_axis of ")
+            assert (data["closing_axis"].tolist(), data["approach_axis"].tolist()) == (axis_vector, [0.0, 0.0, 1.0])
+        assert moveit(turned).startswith(f"# closing_axis of the gripper's frame: {axis_vector}\n# approach_axis of ")
         record = np.load(io.BytesIO(dexgraspbench(turned)), allow_pickle=True).item()
-        assert record["closing_axis"].tolist() == own
+        assert record["closing_axis"].tolist() == axis_vector
     sideways = ng.ParallelJaw(0.06, finger_length=0.06, closing_axis="y", approach_axis="x")
     (message,) = yaml.safe_load(moveit(replace(jaws, problem={**jaws.problem, "hand": sideways.to_dict()})))
     assert message["pre_grasp_approach"]["direction"]["vector"] == {"x": 1.0, "y": 0.0, "z": 0.0}
@@ -372,13 +372,13 @@ NAMED = [
 ]
 
 
-@pytest.mark.parametrize(("axis", "given", "said"), NAMED)
-def test_a_known_gripper_that_closes_along_another_axis_is_warned_of(jaws, axis, given, said):
+@pytest.mark.parametrize(("axis", "options", "reason"), NAMED)
+def test_a_known_gripper_that_closes_along_another_axis_is_warned_of(jaws, axis, options, reason):
     turned = closing_along(jaws, axis)
     for write in (benchmark_arrays, moveit, lambda solution, options: isaac_grasp({"g": solution}, options)):
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            write(turned, ExportOptions(**given))
-        assert len(caught) == (said is not None)
-        if said is not None:
-            assert re.search(said, str(caught[0].message))
+            write(turned, ExportOptions(**options))
+        assert len(caught) == (reason is not None)
+        if reason is not None:
+            assert re.search(reason, str(caught[0].message))

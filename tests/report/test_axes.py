@@ -1,4 +1,4 @@
-"""The axes of a frame in a real browser: named at their ends, gone when switched off, in sight from all around."""
+"""Frame axes of a page in a browser: labels, visibility switch, framing."""
 
 import itertools
 

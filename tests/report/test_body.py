@@ -1,4 +1,4 @@
-"""The page of a body, and bodies and solutions in notebooks: faces where they are, one frame, no more than is there."""
+"""Pages and notebook cards of bodies: face labels, frame, extents."""
 
 import json
 import re
@@ -12,13 +12,13 @@ import trimesh
 import nlpgrasp as ng
 from nlpgrasp.common import display as face
 from nlpgrasp.errors import InputError
-from nlpgrasp.report.body_page import body_facts, body_scene
+from nlpgrasp.report.body_page import body_figures, body_scene
 from tests.samples import BODIES
 
 FILES = Path(__file__).parents[1] / "solution" / "files"
 
 
-def framed(html):
+def page_in_frame(html):
     """The page inside a notebook's frame, and its data."""
     (source,) = re.findall(r'<iframe srcdoc="([^"]*)"', html)
     page = unescape(source)
@@ -61,10 +61,10 @@ def test_the_page_says_how_large_the_body_is(tmp_path, monkeypatch, capsys):
 
 def test_the_bounds_are_named_with_the_table_under_them():
     body = ng.Prism([[-0.045, -0.029], [0.0473, -0.029], [0.0473, 0.029], [-0.045, 0.029]], 0.095)
-    bounds = next(fact for fact in body_facts(body) if fact.title == "Bounds")
+    bounds = next(fact for fact in body_figures(body) if fact.title == "Bounds")
     assert plain(bounds.value) == "x -45 to 47.3 mm, y -29 to 29 mm, z -47.5 to 47.5 mm"
     assert "A table under it: <code>ng.Table(-0.0475)</code>" in bounds.more
-    flat = next(fact for fact in body_facts(ng.Polygon([[0, 0], [0.03, 0], [0, 0.04]])) if fact.title == "Bounds")
+    flat = next(fact for fact in body_figures(ng.Polygon([[0, 0], [0.03, 0], [0, 0.04]])) if fact.title == "Bounds")
     assert plain(flat.value) == "x 0 to 30 mm, y 0 to 40 mm"
     assert "ng.Table(0)" in flat.more
 
@@ -74,7 +74,9 @@ def test_a_table_under_a_mesh_is_where_the_mesh_ends(tmp_path):
     cup.apply_translation([0.0, 0.0, 0.04755 + 1e-9])
     cup.export(tmp_path / "cup.stl")
     body = ng.Mesh.load(tmp_path / "cup.stl", resolution=16)
-    bounds, surface = (next(f for f in body_facts(body) if f.title == title) for title in ("Bounds", "Smooth surface"))
+    bounds, surface = (
+        next(f for f in body_figures(body) if f.title == title) for title in ("Bounds", "Smooth surface")
+    )
     assert "z 0 to 95.1 mm" in plain(bounds.value)
     assert "ng.Table(0)" in bounds.more
     assert re.fullmatch(r"within [\d.]+ mm of the mesh over 80 % of it", surface.value)
@@ -98,7 +100,7 @@ def test_an_origin_far_away_leaves_the_axes_at_the_bodys_corner():
     mesh = trimesh.creation.box([0.08, 0.04, 0.03])
     mesh.apply_translation([0.5, 0.2, -0.3])
     body = ng.Mesh(mesh, resolution=16)
-    axes, bounds = body_scene(body)["axes"], next(fact for fact in body_facts(body) if fact.title == "Bounds")
+    axes, bounds = body_scene(body)["axes"], next(fact for fact in body_figures(body) if fact.title == "Bounds")
     assert axes["at"] == pytest.approx([0.46, 0.18, -0.315])
     assert np.subtract(axes["ends"], axes["at"]) * (1.0 - np.eye(3)) == pytest.approx(np.zeros((3, 3)))
     assert "drawn at the body's corner, as its origin is far away" in bounds.more
@@ -106,18 +108,18 @@ def test_an_origin_far_away_leaves_the_axes_at_the_bodys_corner():
 
 
 def test_the_box_of_an_implicit_body_says_nothing_of_a_table():
-    bounds = next(fact for fact in body_facts(BODIES["implicit"]) if fact.title == "Bounds")
+    bounds = next(fact for fact in body_figures(BODIES["implicit"]) if fact.title == "Bounds")
     assert "of the box that was stated" in bounds.more
     assert "ng.Table" not in bounds.more
 
 
 def test_the_axes_are_on_at_first():
-    for page in (framed(BODIES["box"]._repr_html_())[0], framed(BODIES["polygon"]._repr_html_())[0]):
+    for page in (page_in_frame(BODIES["box"]._repr_html_())[0], page_in_frame(BODIES["polygon"]._repr_html_())[0]):
         assert '<input type="checkbox" data-show="triad" checked><span>Axes</span>' in page
 
 
 def test_a_body_in_millimetres_is_doubted():
-    size, *_ = body_facts(ng.Box([80, 40, 30]))
+    size, *_ = body_figures(ng.Box([80, 40, 30]))
     assert (size.tone, "lengths are metres" in size.lines[0]) == ("weak", True)
 
 
@@ -137,14 +139,14 @@ def test_a_path_that_cannot_be_written_is_refused(tmp_path):
 
 
 def test_a_body_in_a_notebook_is_one_frame():
-    page, data = framed(ng.Box([0.08, 0.04, 0.03])._repr_html_())
+    page, data = page_in_frame(ng.Box([0.08, 0.04, 0.03])._repr_html_())
     assert page.startswith("<!doctype html>")
     assert len(data["scenes"][0]["contacts"]) == 6
 
 
 def test_a_solution_in_a_notebook_is_the_scene_with_its_slider():
     solution = ng.GraspSolution.load(FILES / "box.json")
-    page, data = framed(solution._repr_html_())
+    page, data = page_in_frame(solution._repr_html_())
     assert len(data["labels"]) == len(data["scenes"][0]["arrows"]) > 6
     assert f'max="{len(data["labels"]) - 1}"' in page
     assert "the task takes" in page
@@ -152,6 +154,6 @@ def test_a_solution_in_a_notebook_is_the_scene_with_its_slider():
 
 def test_a_solution_without_a_grasp_is_shown_too():
     solution = ng.GraspSolution.load(FILES / "none.json")
-    page, data = framed(solution._repr_html_())
+    page, data = page_in_frame(solution._repr_html_())
     assert "no grasp" in page
     assert data["labels"] == []

@@ -1,4 +1,4 @@
-"""Where a contact is worth most, against grasps that no bound may undercut; the picture of a search."""
+"""Marginal bounds against attained grasps; the picture of a branch and bound."""
 
 import numpy as np
 import pytest
@@ -31,13 +31,13 @@ def test_contacts_add_up_to_no_less_than_mu(budget, power):
     problem, rng = box_problem(force_budget=budget), np.random.default_rng(0)
     worth = MarginalBound.of(problem)
     points, normals = placed(problem.body, rng, 900)
-    each = worth.at(points, normals).reshape(300, 3)
+    shares_by_grasp = worth.at(points, normals).reshape(300, 3)
     stack = ng.GraspStack(points.reshape(300, 3, 3), normals.reshape(300, 3, 3), problem.models)
     top = np.argsort(-ng.screen(stack, problem.task, force_budget=budget))[:10]
     for i in top:
         grasp = ng.Grasp(stack.points[i], stack.normals[i], problem.models)
         mu = ng.mu(grasp, problem.task, 1e-3, force_budget=budget)
-        assert 0.0 < mu.lower <= np.sum(each[i]) ** (1 / power)
+        assert 0.0 < mu.lower <= np.sum(shares_by_grasp[i]) ** (1 / power)
 
 
 def test_the_largest_worths_are_the_bound_at_the_root():
@@ -54,8 +54,8 @@ def test_where_no_contact_may_be_there_is_no_worth():
     problem = box_problem(constraints=[ng.Forbid("+x"), ng.Workspace(ng.BoxRegion([-1, -1, -0.01], [1, 1, 1]))])
     points = np.array([[0.04, 0.0, 0.0], [-0.04, 0.0, 0.0], [0.0, 0.02, -0.015], [0.0, 0.02, 0.015]])
     normals = np.array([[-1.0, 0, 0], [1.0, 0, 0], [0, -1.0, 0], [0, -1.0, 0]])
-    found = MarginalBound.of(problem).at(points, normals)
-    assert np.isnan(found).tolist() == [True, False, True, False]
+    marginal = MarginalBound.of(problem).at(points, normals)
+    assert np.isnan(marginal).tolist() == [True, False, True, False]
 
 
 def test_worth_is_convex_along_an_edge_and_most_at_its_ends():
@@ -63,18 +63,18 @@ def test_worth_is_convex_along_an_edge_and_most_at_its_ends():
     problem = ng.GraspProblem(SQUARE, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1.0, 1.0, 1.0]))
     along = np.linspace(-1, 1, 41)
     points = np.stack([along, -np.ones(41)], axis=1)
-    found = MarginalBound.of(problem).at(points, np.tile([0.0, 1.0], (41, 1)))
-    assert np.argmax(found) in (0, 40)
-    assert np.all(np.diff(found, 2) >= -1e-12)
+    marginal = MarginalBound.of(problem).at(points, np.tile([0.0, 1.0], (41, 1)))
+    assert np.argmax(marginal) in (0, 40)
+    assert np.all(np.diff(marginal, 2) >= -1e-12)
 
 
 @pytest.mark.slow
 def test_the_command_draws_a_search(tmp_path):
     pytest.importorskip("matplotlib")
     (tmp_path / "square.py").write_text(SMALL)
-    done = run_here("bound", "square.py", "--gap", "0.1", "--picture", "square.png", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "picture written to square.png" in done.stdout
+    result = run_here("bound", "square.py", "--gap", "0.1", "--picture", "square.png", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "picture written to square.png" in result.stdout
     assert (tmp_path / "square.png").read_bytes().startswith(b"\x89PNG")
     missing = run_here("bound", "square.py", "--picture", "no/square.png", cwd=tmp_path)
     assert missing.returncode == 2

@@ -1,4 +1,4 @@
-"""The plots of starts: the one that became the answer stands out, and where lines end is what is certified."""
+"""Charts of starts: the answer's mark, and certified ends of lines."""
 
 import re
 from dataclasses import replace
@@ -8,7 +8,13 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.report.html_parts import HEIGHT
-from nlpgrasp.report.start_charts import NONE, RISING, convergence, starts, strip
+from nlpgrasp.report.start_charts import (
+    CONVERGENCE_CAPTION,
+    NO_GRASP_CAPTION,
+    convergence_chart,
+    start_section,
+    start_strip,
+)
 
 FILES = Path(__file__).parents[1] / "solution" / "files"
 
@@ -30,20 +36,20 @@ def box():
 
 
 def test_the_start_of_the_answer_is_the_best_one_drawn(box):
-    by_start = [curves(convergence(replace(box, best_start=i))[0], "best") for i in range(3)]
+    by_start = [curves(convergence_chart(replace(box, best_start=i))[0], "best") for i in range(3)]
     assert [len(drawn) for drawn in by_start] == [1, 1, 1]
     assert len({drawn[0] for drawn in by_start}) == 3
-    assert curves(convergence(box)[0], "best") == by_start[2]
-    others = curves(convergence(replace(box, best_start=0))[0], "other")
+    assert curves(convergence_chart(box)[0], "best") == by_start[2]
+    others = curves(convergence_chart(replace(box, best_start=0))[0], "other")
     assert sorted(others) == sorted(drawn[0] for drawn in by_start[1:])
-    assert convergence(box)[1] == RISING
+    assert convergence_chart(box)[1] == CONVERGENCE_CAPTION
 
 
 def test_the_highlighted_line_ends_above_all_others(box):
     """Also where another start's exchange ended higher, on a surface that is not the body's."""
     high = tuple(replace(s, history=(9.0, 9.0)) if s is not box.winner else s for s in box.starts)
     for solution in (box, replace(box, starts=high)):
-        svg = convergence(solution)[0]
+        svg = convergence_chart(solution)[0]
         (answer,), rest = marks(svg, "answer"), marks(svg, "dot")
         assert len(rest) == 2
         assert all(answer[1] < y < HEIGHT for _, y in rest)  # down the page is less
@@ -51,15 +57,15 @@ def test_the_highlighted_line_ends_above_all_others(box):
 
 
 def test_an_answer_that_no_exchange_led_to_is_seen_all_the_same(box):
-    met = tuple(replace(s, history=()) if s is box.winner else s for s in box.starts)
-    svg, _ = convergence(replace(box, starts=met))
+    changed = tuple(replace(s, history=()) if s is box.winner else s for s in box.starts)
+    svg, _ = convergence_chart(replace(box, starts=changed))
     (answer,), rest = marks(svg, "answer"), marks(svg, "dot")
     assert curves(svg, "best") == []
     assert all(answer[1] < y and answer[0] < x for x, y in rest)
 
 
 def test_every_start_has_a_dot_and_the_answer_a_ring(box):
-    svg, caption = strip(box)
+    svg, caption = start_strip(box)
     (answer,), rest = marks(svg, "answer"), marks(svg, "dot")
     assert len(rest) == 2
     assert all(answer[0] >= x for x, _ in rest)
@@ -69,13 +75,13 @@ def test_every_start_has_a_dot_and_the_answer_a_ring(box):
 
 def test_without_a_solved_start_none_stands_out(box):
     failed = tuple(replace(start, status=ng.Status.NO_GRASP) for start in box.starts)
-    svg, words = convergence(replace(box, starts=failed))
+    svg, words = convergence_chart(replace(box, starts=failed))
     assert (len(curves(svg, "best")), len(curves(svg, "lost"))) == (0, 3)
-    assert words == NONE
-    assert strip(replace(box, starts=failed)) == ("", "")
-    assert starts(replace(box, starts=())) == ""
+    assert words == NO_GRASP_CAPTION
+    assert start_strip(replace(box, starts=failed)) == ("", "")
+    assert start_section(replace(box, starts=())) == ""
 
 
 def test_values_that_are_zero_but_for_rounding_are_not_drawn(box):
     none = tuple(replace(s, status=ng.Status.NO_GRASP, history=(1e-11, 3e-11)) for s in box.starts)
-    assert convergence(replace(box, starts=none)) == ("", "")
+    assert convergence_chart(replace(box, starts=none)) == ("", "")

@@ -1,4 +1,4 @@
-"""Pictures are drawn, and say what they cannot."""
+"""Pictures of fitted ellipsoids, and refused arguments."""
 
 import pytest
 from matplotlib import image

@@ -1,4 +1,4 @@
-"""The page of a hand: its joint tree gives the poses that the package's kinematics give, in Python and in a browser."""
+"""Page of a hand: joint tree against the package's kinematics, in Python and in a browser."""
 
 import json
 import re
@@ -14,7 +14,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.hands.inspection import without_fingertips
 from nlpgrasp.report import write_hand
 from tests.hands.urdf import FOUR, THREE_TIPS, four_finger_hand, gripper, three_finger_hand
-from tests.report.test_body import framed
+from tests.report.test_body import page_in_frame
 
 BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 needs_browser = pytest.mark.skipif(
@@ -47,10 +47,10 @@ HANDS = {
 }
 
 
-def stated(page):
+def page_data(page):
     """Return the data of a page."""
-    found = re.search(r'<script type="application/json">(.*?)</script>', page.read_text(encoding="utf-8"), re.DOTALL)
-    return json.loads(found[1])
+    match = re.search(r'<script type="application/json">(.*?)</script>', page.read_text(encoding="utf-8"), re.DOTALL)
+    return json.loads(match[1])
 
 
 def poses_of(tree, positions):
@@ -61,11 +61,11 @@ def poses_of(tree, positions):
         origin[:3] = np.reshape(joint["origin"], (3, 4))
         if joint["kind"] != "fixed":
             value = joint["multiplier"] * positions[joint["driver"]] + joint["offset"]
-            way = value * np.array(joint["axis"])
+            displacement = value * np.array(joint["axis"])
             if joint["kind"] == "turns":
-                moved[:3, :3] = Rotation.from_rotvec(way).as_matrix()
+                moved[:3, :3] = Rotation.from_rotvec(displacement).as_matrix()
             else:
-                moved[:3, 3] = way
+                moved[:3, 3] = displacement
         poses[joint["child"]] = poses[joint["parent"]] @ origin @ moved
     return dict(zip(tree["links"], poses, strict=True))
 
@@ -80,7 +80,7 @@ def in_palm(hand, joints):
 @pytest.mark.parametrize("name", HANDS)
 def test_the_joint_tree_gives_the_poses_of_the_kinematics(name, tmp_path):
     hand = HANDS[name](tmp_path)
-    tree = stated(write_hand(hand, tmp_path / "hand.html"))["tree"]
+    tree = page_data(write_hand(hand, tmp_path / "hand.html"))["tree"]
     limits = hand.tree.joint_limits
     assert [[d["lower"], d["upper"]] for d in tree["drivers"]] == limits.T.tolist()
     for joints in np.random.default_rng(0).uniform(*limits, (5, limits.shape[1])):
@@ -101,18 +101,18 @@ def test_what_the_page_says(tmp_path):
 
 def test_a_hand_without_fingertips_lists_the_links_at_the_ends(tmp_path):
     page = write_hand(without_fingertips(FOUR, None, [1, 0, 0]), tmp_path / "hand.html")
-    text, drawn = page.read_text(encoding="utf-8"), stated(page)["drawn"]
+    text, drawn = page.read_text(encoding="utf-8"), page_data(page)["drawn"]
     assert "no fingertips stated" in text
     assert "Links at the ends: index_tip, middle_tip, ring_tip, thumb_tip." in text
     assert "{&quot;index_tip&quot;: 0.011, &quot;middle_tip&quot;: 0.011, " in text
-    ends = [stated(page)["tree"]["links"][i] for i in drawn["leaves"]]
+    ends = [page_data(page)["tree"]["links"][i] for i in drawn["leaves"]]
     assert ends == ["index_tip", "middle_tip", "ring_tip", "thumb_tip"]
     assert drawn["tips"] == []
 
 
 def test_where_the_palm_faces_is_said_and_drawn(tmp_path):
     page = write_hand(without_fingertips(FOUR, None, [-1, 0, 0]), tmp_path / "hand.html")
-    text, drawn = page.read_text(encoding="utf-8"), stated(page)["drawn"]
+    text, drawn = page.read_text(encoding="utf-8"), page_data(page)["drawn"]
     assert "four_finger_hand.urdf: palm faces [-1, 0, 0] of link palm" in text  # as Python has it
     assert '<input type="checkbox" data-show="triad" checked><span>Palm axes</span>' in text
     assert drawn["axes"]["at"] == [0.0, 0.0, 0.0]
@@ -123,7 +123,7 @@ def test_where_the_palm_faces_is_said_and_drawn(tmp_path):
 
 def test_a_hand_in_a_notebook_is_one_frame_with_its_postures():
     hand = three_finger_hand()
-    page, data = framed(hand._repr_html_())
+    page, data = page_in_frame(hand._repr_html_())
     assert "9 joints, palm faces [0, 0, 1] of link palm" in page
     assert list(data["postures"]) == ["relaxed", "zero", "lower limits", "upper limits"]
     assert [tip["name"] for tip in data["drawn"]["tips"]] == list(THREE_TIPS)
@@ -147,7 +147,7 @@ def test_a_hand_that_never_moves_is_shown(tmp_path):
 
 def test_postures_of_the_buttons_are_within_the_limits(tmp_path):
     hand = four_finger_hand()
-    postures = stated(write_hand(hand, tmp_path / "hand.html"))["postures"]
+    postures = page_data(write_hand(hand, tmp_path / "hand.html"))["postures"]
     lower, upper = hand.tree.joint_limits
     assert {"relaxed", "zero", "lower limits", "upper limits", "tips 0 3"} <= set(postures)
     for positions in postures.values():
@@ -176,8 +176,8 @@ class TestShow:
     @pytest.mark.parametrize("hand", [ng.Fingertips(3), ng.ParallelJaw(0.08)], ids=["fingertips", "jaw"])
     def test_hands_without_links_say_so(self, hand, tmp_path, monkeypatch):
         monkeypatch.setattr(face.tempfile, "tempdir", str(tmp_path))
-        said = r"which has no links to draw, expected a hand with links: ng\.URDFHand\.load"
-        with pytest.raises(InputError, match=said):
+        message = r"which has no links to draw, expected a hand with links: ng\.URDFHand\.load"
+        with pytest.raises(InputError, match=message):
             hand.show()
         assert list(tmp_path.iterdir()) == []
 
@@ -213,7 +213,7 @@ def test_a_slider_moves_the_links(tmp_path):
                 [...document.querySelectorAll('.sliders output')].map((o) => o.textContent),
                 document.documentElement.scrollWidth];
         """
-        tip, other, positions, told, width = browser.execute_script(slid)
+        tip, other, positions, texts, width = browser.execute_script(slid)
         browser.execute_script("document.querySelector('button[data-posture=\"lower limits\"]').click()")
         low = browser.execute_script("return document.querySelector('.scene').hand.pose('tip')")
         problems = [entry for entry in browser.get_log("browser") if entry["level"] in ("SEVERE", "ERROR")]
@@ -225,6 +225,6 @@ def test_a_slider_moves_the_links(tmp_path):
     expected = in_palm(hand, np.array([0.07, 0.0]))
     assert np.reshape(tip, (4, 4)) == pytest.approx(expected["tip"], abs=1e-9)
     assert np.reshape(other, (4, 4)) == pytest.approx(expected["other"], abs=1e-9)
-    assert told == ["70.0\N{NO-BREAK SPACE}mm", "1.1°", "0.0°"]  # 0.3 - 4 x 0.07 rad
+    assert texts == ["70.0\N{NO-BREAK SPACE}mm", "1.1°", "0.0°"]  # 0.3 - 4 x 0.07 rad
     lowest = in_palm(hand, hand.tree.joint_limits[0])
     assert np.reshape(low, (4, 4)) == pytest.approx(lowest["tip"], abs=1e-9)

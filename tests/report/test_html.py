@@ -1,6 +1,7 @@
-"""Pages and tables as HTML."""
+"""HTML pages and tables."""
 
-from nlpgrasp.report.html_parts import Html, html_table, page
+from nlpgrasp.report.html_parts import Html, html_table
+from nlpgrasp.report.page_builder import page
 
 
 def test_a_page_escapes_its_title_and_keeps_its_parts():

@@ -1,4 +1,4 @@
-"""The gripper that a page draws: fingers from the palm to the contacts, outside the body."""
+"""Drawn gripper: fingers from the palm to the contacts, outside the body."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -14,20 +14,20 @@ CONTACTS = np.array([[0.01, -0.02, 0.0], [0.01, 0.02, 0.005]])
 HAND = ng.ParallelJaw(opening=0.08, finger_length=0.1, finger_thickness=0.012)
 
 
-def held(hand=HAND, posture=None):
+def gripper_solution(hand=HAND, posture=None):
     """What a solution states of a gripper whose jaws are at two contacts, far from everything."""
-    found = hand.at_contacts(CONTACTS, 0.05, lambda points: np.full(len(points), 1.0))
-    return SimpleNamespace(problem={"hand": hand.to_dict()}, hand=found if posture is None else posture)
+    posture_at_contacts = hand.at_contacts(CONTACTS, 0.05, lambda points: np.full(len(points), 1.0))
+    return SimpleNamespace(problem={"hand": hand.to_dict()}, hand=posture_at_contacts if posture is None else posture)
 
 
 @pytest.mark.parametrize("axes", [{}, {"closing_axis": "y"}, {"closing_axis": "-z", "approach_axis": "x"}])
 def test_fingers_end_at_the_contacts_and_the_palm_is_behind(axes):
-    drawn = dict(jaws(held(replace(HAND, **axes))))
-    approach = np.array(held().hand["approach"]["direction"])
+    drawn = dict(jaws(gripper_solution(replace(HAND, **axes))))
+    approach = np.array(gripper_solution().hand["approach"]["direction"])
     closing = (CONTACTS[1] - CONTACTS[0]) / np.linalg.norm(CONTACTS[1] - CONTACTS[0])
     for name, point, out in (("jaw 0", CONTACTS[0], -closing), ("jaw 1", CONTACTS[1], closing)):
-        beside = (in_space(drawn[name].vertices) - point) @ out
-        assert [beside.min(), beside.max()] == pytest.approx([0.0, 0.012], abs=1e-12)
+        offsets = (in_space(drawn[name].vertices) - point) @ out
+        assert [offsets.min(), offsets.max()] == pytest.approx([0.0, 0.012], abs=1e-12)
         along = (drawn[name].vertices - point) @ approach
         assert [along.min(), along.max()] == pytest.approx([-0.1, 0.006], abs=1e-12)
     behind = (drawn["palm"].vertices - CONTACTS.mean(axis=0)) @ approach
@@ -37,8 +37,8 @@ def test_fingers_end_at_the_contacts_and_the_palm_is_behind(axes):
 @pytest.mark.parametrize(
     "solution",
     [
-        held(ng.ParallelJaw(opening=0.08)),
-        held(posture={"opening": 0.04}),
+        gripper_solution(ng.ParallelJaw(opening=0.08)),
+        gripper_solution(posture={"opening": 0.04}),
         SimpleNamespace(problem={"hand": ng.Fingertips(2).to_dict()}, hand=None),
         SimpleNamespace(problem={"hand": None}, hand=None),
     ],

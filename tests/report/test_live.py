@@ -1,4 +1,4 @@
-"""A grasp on a page of this computer: it answers, what a browser is sent is the grasp, and every no is a sentence."""
+"""Live viewer: served scene, refusals, approach."""
 
 import re
 import socket
@@ -48,8 +48,8 @@ class TestInstead:
         page = box.show()
         assert opened == [page.as_uri()]
         assert "data-grasp" in page.read_text(encoding="utf-8")
-        said = 'The report is written to a file instead: a view with sliders needs the extra "view": pip install'
-        assert capsys.readouterr().out.startswith(said)
+        message = 'The report is written to a file instead: a view with sliders needs the extra "view": pip install'
+        assert capsys.readouterr().out.startswith(message)
 
     def test_without_a_display_a_file(self, box, tmp_path, monkeypatch, capsys):
         monkeypatch.setattr(show, "has_display", lambda: False)
@@ -65,10 +65,10 @@ class TestInstead:
     def test_a_port_that_is_taken(self, box, monkeypatch, capsys):
         monkeypatch.setattr(show, "has_display", lambda: True)
         monkeypatch.setattr(show, "import_viser", lambda what: None)
-        with socket.socket() as taken:
-            taken.bind((show.HOST, 0))
-            taken.listen()
-            port = taken.getsockname()[1]
+        with socket.socket() as listener:
+            listener.bind((show.HOST, 0))
+            listener.listen()
+            port = listener.getsockname()[1]
             assert show.show_live(box, port) is None
         assert capsys.readouterr().out == f"The report is written to a file instead: port {port} is taken\n"
 
@@ -81,8 +81,8 @@ class TestInstead:
         try:
             assert capsys.readouterr().out == f"The grasp is shown at {address}\n"
             assert address.endswith(f":{port}")
-            with socket.create_connection((show.HOST, port), timeout=10.0) as there:
-                assert there.getpeername()[1] == port
+            with socket.create_connection((show.HOST, port), timeout=10.0) as connection:
+                assert connection.getpeername()[1] == port
         finally:
             show.stop(port)
 
@@ -110,13 +110,13 @@ def test_free_fingertips_come_along_their_normals(box):
     box = replace(box, problem={**box.problem, "hand": ng.Fingertips(3, 0.008).to_dict()})
     data = solution_scene(box, ())
     tips = [Ball() for contact in data["contacts"] if contact["tip"] > 0.0]
-    way = approach_frames(box, data, {}, tips)
-    assert (way.names, way.grasp, way.where(0.5)) == (("away", "grasp"), 1, "away to grasp")
-    way.put(1.0)
+    approach = approach_frames(box, data, {}, tips)
+    assert (approach.names, approach.grasp, approach.format_position(0.5)) == (("away", "grasp"), 1, "away to grasp")
+    approach.move_to(1.0)
     radius = data["contacts"][0]["tip"]
     centres = box.grasp.points - radius * box.grasp.normals
     np.testing.assert_allclose([tip.position for tip in tips], centres, atol=1e-6)
-    way.put(0.0)
+    approach.move_to(0.0)
     back = np.sum((centres - [tip.position for tip in tips]) * box.grasp.normals, axis=1)
     np.testing.assert_allclose(back, 0.6 * data["size"], atol=1e-6)
 
@@ -136,15 +136,15 @@ def sent(viser, viewer, count):
     msgspec, zstandard = pytest.importorskip("msgspec"), pytest.importorskip("zstandard")
     from websockets.sync.client import connect
 
-    found = []
+    messages = []
     protocol = f"viser-v{viser.__version__}"
     with connect(f"ws://{viewer.host}:{viewer.port}", subprotocols=[protocol], compression=None) as socket_:
-        while len(found) < count:
+        while len(messages) < count:
             data = socket_.recv(timeout=20)
             length = int.from_bytes(data[8:16], "little")
             text = zstandard.ZstdDecompressor().decompress(data[16 : 16 + length], max_output_size=10**8)
-            found += msgspec.msgpack.decode(text, strict=False)["messages"]
-    return found
+            messages += msgspec.msgpack.decode(text, strict=False)["messages"]
+    return messages
 
 
 def test_the_page_answers_and_holds_the_grasp(box):
@@ -158,12 +158,12 @@ def test_the_page_answers_and_holds_the_grasp(box):
         names = {m.get("name") for m in sent(viser, viewer, 5 + 3 * count)}
         assert {"/body/0", "/forces", *(f"/contact/{i}" for i in range(count))} <= names
         controls = viewer.controls
-        rows = re.findall(r"\| (\d+) \| ([\d.]+) N \| ([\d.]+) N \|", controls.words(0, 1.0))
+        rows = re.findall(r"\| (\d+) \| ([\d.]+) N \| ([\d.]+) N \|", controls.format_forces(0, 1.0))
         total = np.linalg.norm([[float(p), float(r)] for _, p, r in rows])
         assert len(rows) == count
         assert 0.97 / box.mu.upper <= total <= 1.01 / box.mu.lower  # what the hardest wrench takes, in newtons
-        again = show.start_viewer(viser, box)
-        assert again is viewer  # one page, whatever is shown
+        second = show.start_viewer(viser, box)
+        assert second is viewer  # one page, whatever is shown
     finally:
         show.stop(viewer.port)
     assert show._viewers == {}
@@ -182,10 +182,10 @@ def fingers():
 def test_links_follow_the_keyframes(fingers):
     hand = three_finger_hand()
     links = {name: Ball() for name in hand.tree.used_links}
-    way = approach_frames(fingers, {}, links, [], hand)
-    assert (way.names, way.grasp) == (("pregrasp", "grasp"), 1)
+    approach = approach_frames(fingers, {}, links, [], hand)
+    assert (approach.names, approach.grasp) == (("pregrasp", "grasp"), 1)
     for at, moved in ((1.0, 0.0), (0.0, 0.1), (0.5, 0.05)):
-        way.put(at)
+        approach.move_to(at)
         for link in links.values():
             np.testing.assert_allclose(link.position, [0.0, 0.0, moved], atol=1e-9)
             np.testing.assert_allclose(np.abs(link.wxyz), [1.0, 0.0, 0.0, 0.0], atol=1e-9)

@@ -1,4 +1,4 @@
-"""A newcomer's first minutes: from one's own STL to a picture of its grasp in a notebook."""
+"""From an STL file to a picture of a grasp in a notebook."""
 
 import os
 import re
@@ -25,11 +25,11 @@ def test_from_an_stl_to_its_picture(tmp_path):
     (tmp_path / "cell.py").write_text(lines + SHOWN)
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "NLPGRASP_CACHE": str(tmp_path / "cache")}
-    done = subprocess.run(
+    result = subprocess.run(
         [sys.executable, "-W", "error", "cell.py"], cwd=tmp_path, capture_output=True, text=True, env=environment
     )
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    assert done.returncode == 0, done.stderr
+    assert result.returncode == 0, result.stderr
     assert after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime < CORES * SECONDS
     page = unescape((tmp_path / "seen.html").read_text(encoding="utf-8"))
     assert "the task takes" in page

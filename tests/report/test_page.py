@@ -1,4 +1,4 @@
-"""The report in a real browser: it draws, the slider moves the arrows, nothing goes wrong, nothing is too wide."""
+"""Solution report in a browser: drawing, slider, errors, width."""
 
 import base64
 import json
@@ -183,8 +183,8 @@ def test_the_slider_moves_the_arrows_and_says_so(browser, page):
     assert section.find_element("css selector", "output").text != words
     assert slider.get_attribute("aria-valuetext").startswith("End 1: ")
     data = json.loads(section.find_element("css selector", "script").get_attribute("textContent"))
-    told = [row.get_attribute("textContent") for row in section.find_elements("css selector", ".finger .words")]
-    assert told == [f["words"] for f in data["fingers"][1]]
+    texts = [row.get_attribute("textContent") for row in section.find_elements("css selector", ".finger .words")]
+    assert texts == [f["words"] for f in data["fingers"][1]]
 
 
 @needs_browser
@@ -281,8 +281,8 @@ def test_no_number_has_needless_digits_or_is_minus_zero(page):
 def test_arrows_balance_the_wrench(spatial):
     from nlpgrasp.report.task_wrenches import choose_wrenches
 
-    for one in choose_wrenches(spatial):
-        np.testing.assert_allclose(one.forces.sum(axis=0), one.wrench[:3], atol=1e-6)
+    for chosen in choose_wrenches(spatial):
+        np.testing.assert_allclose(chosen.forces.sum(axis=0), chosen.wrench[:3], atol=1e-6)
 
 
 def test_shadows_are_convex_and_hold_the_task(spatial, planar):

@@ -1,4 +1,4 @@
-"""What the scene holds: arrows inside its frame, tables at their height, obstacles where they are, fingertips on it."""
+"""Scene of a grasp: frame, tables, obstacles, fingertips, arrows."""
 
 import base64
 from dataclasses import replace
@@ -32,7 +32,7 @@ def ring():
 
 
 @pytest.fixture(scope="module")
-def seen(ring):
+def scene(ring):
     return solution_scene(ring, choose_wrenches(ring))
 
 
@@ -40,42 +40,42 @@ def positions(part):
     return np.frombuffer(base64.b64decode(part["positions"]), "<f4").reshape(-1, 3)
 
 
-def test_every_arrow_is_in_the_frame_and_ends_at_its_contact(ring, seen):
-    frame, arrows = np.array(seen["frame"]), np.array(seen["arrows"])
+def test_every_arrow_is_in_the_frame_and_ends_at_its_contact(ring, scene):
+    frame, arrows = np.array(scene["frame"]), np.array(scene["arrows"])
     assert len(arrows) == len(choose_wrenches(ring)) > 6
     ends = arrows.reshape(-1, 3)
     assert np.all(ends >= frame.min(axis=0) - 1e-9)
     assert np.all(ends <= frame.max(axis=0) + 1e-9)
     np.testing.assert_allclose(arrows[:, :, 1], np.broadcast_to(ring.grasp.points, arrows[:, :, 1].shape), atol=1e-6)
     lengths = np.linalg.norm(arrows[:, :, 1] - arrows[:, :, 0], axis=2)
-    assert np.max(lengths) == pytest.approx(0.8 * seen["size"], rel=1e-3)  # 40 % of the body, whatever the forces
+    assert np.max(lengths) == pytest.approx(0.8 * scene["size"], rel=1e-3)  # 40 % of the body, whatever the forces
 
 
-def test_forces_of_any_size_have_the_same_arrows(ring, seen):
+def test_forces_of_any_size_have_the_same_arrows(ring, scene):
     chosen = [replace(c, forces=1e6 * c.forces) for c in choose_wrenches(ring)]
-    np.testing.assert_allclose(solution_scene(ring, chosen)["arrows"], seen["arrows"], atol=1e-6)
+    np.testing.assert_allclose(solution_scene(ring, chosen)["arrows"], scene["arrows"], atol=1e-6)
 
 
-def test_body_and_fingertips_are_in_the_frame(ring, seen):
-    low, high = np.array(seen["frame"]).min(axis=0), np.array(seen["frame"]).max(axis=0)
-    body = next(positions(p) for p in seen["parts"] if p["group"] == "body")
+def test_body_and_fingertips_are_in_the_frame(ring, scene):
+    low, high = np.array(scene["frame"]).min(axis=0), np.array(scene["frame"]).max(axis=0)
+    body = next(positions(p) for p in scene["parts"] if p["group"] == "body")
     assert np.all(low <= body.min(axis=0) + 1e-7)
     assert np.all(high >= body.max(axis=0) - 1e-7)
     tips = ring.grasp.points - 0.008 * ring.grasp.normals
     assert np.all(low <= tips.min(axis=0) - 0.008 + 1e-7)
     assert np.all(high >= tips.max(axis=0) + 0.008 - 1e-7)
-    assert [c["tip"] for c in seen["contacts"]] == [0.008] * 3
-    np.testing.assert_allclose(seen["palm"], ring.hand["palm"], atol=1e-6)
+    assert [c["tip"] for c in scene["contacts"]] == [0.008] * 3
+    np.testing.assert_allclose(scene["palm"], ring.hand["palm"], atol=1e-6)
 
 
-def test_the_table_is_at_its_height(seen):
-    (table,) = seen["tables"]
+def test_the_table_is_at_its_height(scene):
+    (table,) = scene["tables"]
     assert table["at"][2] == -0.03
-    assert table["half"] > seen["size"]
+    assert table["half"] > scene["size"]
 
 
-def test_obstacles_are_where_they_stand(seen):
-    peg, wall = (next(positions(p) for p in seen["parts"] if p["name"] == name) for name in ("peg", "wall"))
+def test_obstacles_are_where_they_stand(scene):
+    peg, wall = (next(positions(p) for p in scene["parts"] if p["name"] == name) for name in ("peg", "wall"))
     np.testing.assert_allclose(
         [peg.min(axis=0), peg.max(axis=0)], [[-0.02, -0.02, -0.05], [0.02, 0.02, 0.05]], atol=1e-6
     )
@@ -89,26 +89,26 @@ def test_a_planar_table_is_a_bar_below_its_height():
     task = ng.TaskEllipsoid([1, 1, 1], center=[0, 0.5, 0])
     problem = ng.GraspProblem(square, [ng.FrictionContact(0.5)] * 2, task, constraints=[ng.Table(-1.0)])
     solution = ng.solve(problem, starts=1, options=ONE)
-    found = solution_scene(solution, choose_wrenches(solution))
-    (table,) = (positions(p) for p in found["parts"] if p["group"] == "table")
+    drawn_scene = solution_scene(solution, choose_wrenches(solution))
+    (table,) = (positions(p) for p in drawn_scene["parts"] if p["group"] == "table")
     assert table[:, 1].max() == pytest.approx(-1.0)
-    assert found["flat"]
-    assert found["tables"] == []
-    assert found["view"][1] > 70.0  # from above
+    assert drawn_scene["flat"]
+    assert drawn_scene["tables"] == []
+    assert drawn_scene["view"][1] > 70.0  # from above
 
 
 def test_obstacles_that_stay_in_a_file_are_named(ring):
-    stated = {**ring.problem, "constraints": [{"type": "obstacle", "name": "mug", "body": {"type": "mesh"}}]}
-    found = solution_scene(replace(ring, problem=stated), choose_wrenches(ring))
-    assert found["unseen"] == ["mug"]
-    assert [p["group"] for p in found["parts"]] == ["body"]
+    problem = {**ring.problem, "constraints": [{"type": "obstacle", "name": "mug", "body": {"type": "mesh"}}]}
+    drawn_scene = solution_scene(replace(ring, problem=problem), choose_wrenches(ring))
+    assert drawn_scene["unseen"] == ["mug"]
+    assert [p["group"] for p in drawn_scene["parts"]] == ["body"]
 
 
 def test_without_a_grasp_the_body_is_drawn_from_what_the_file_says(ring):
     none = ng.GraspSolution(ng.Status.NO_GRASP, "none", ring.problem)
-    found = solution_scene(none, [])
-    assert [p["name"] for p in found["parts"]] == ["body", "peg", "wall"]
-    assert found["contacts"] == found["arrows"] == []
+    drawn_scene = solution_scene(none, [])
+    assert [p["name"] for p in drawn_scene["parts"]] == ["body", "peg", "wall"]
+    assert drawn_scene["contacts"] == drawn_scene["arrows"] == []
     mesh = replace(none, problem={**ring.problem, "body": {"type": "mesh"}})
     assert solution_scene(mesh, []) is None
 

@@ -1,4 +1,4 @@
-"""What the report says of starts, limits and forces, in people's words."""
+"""Text of the report on starts, limits and forces."""
 
 import re
 from dataclasses import replace
@@ -10,9 +10,9 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.quality import Bounds
-from nlpgrasp.report.key_figures import solution_facts
+from nlpgrasp.report.key_figures import solution_figures
 from nlpgrasp.report.solution_sections import constraints
-from nlpgrasp.report.start_charts import starts
+from nlpgrasp.report.start_charts import start_section
 from nlpgrasp.report.task_wrenches import choose_wrenches
 from nlpgrasp.solution import ConstraintReport
 from nlpgrasp.solution.quality_record import GlobalBound, held_words
@@ -38,11 +38,11 @@ def test_the_table_of_starts_says_why_one_found_no_grasp(box):
         violation=0.0667,
         message="Maximum_Iterations_Exceeded",
     )
-    shown = plain(starts(replace(box, starts=(lost, *box.starts[1:]))))
-    assert "no grasp: constraint violation 0.067 (mu 0.0257 to 0.0262)" in shown
-    assert "stopped at the iteration limit" in shown
-    assert "Maximum_Iterations" not in shown
-    assert "2 of 3 starts found a grasp: 1 broke a constraint" in shown
+    text = plain(start_section(replace(box, starts=(lost, *box.starts[1:]))))
+    assert "no grasp: constraint violation 0.067 (mu 0.0257 to 0.0262)" in text
+    assert "stopped at the iteration limit" in text
+    assert "Maximum_Iterations" not in text
+    assert "2 of 3 starts found a grasp: 1 broke a constraint" in text
 
 
 def test_equations_are_no_limits(box):
@@ -52,14 +52,14 @@ def test_equations_are_no_limits(box):
         ConstraintReport("table, finger 1", 0.002, 0.002, np.inf, -3.5, True, "table", (1,)),
         ConstraintReport("clearance from the body, a/0", 0.0138869, 0.0138836, np.inf, -1.4e9, True),
     ]
-    told = replace(box, constraints=tuple(rows), prices=())
-    shown = plain(constraints(told))
-    assert "quaternion" not in shown
-    assert "on fingertip" not in shown
-    assert "table, finger 1: 0.002, the least allowed; mu changes by −3.5 a unit." in shown  # noqa: RUF001
-    assert "clearance from the body, a/0: 0.01389, the least allowed." in shown  # a price that no mu could pay
-    assert len(told.to_dict()["constraints"]) == 4
-    assert "At their limits" not in constraints(replace(told, constraints=tuple(rows[:2])))
+    limited = replace(box, constraints=tuple(rows), prices=())
+    text = plain(constraints(limited))
+    assert "quaternion" not in text
+    assert "on fingertip" not in text
+    assert "table, finger 1: 0.002, the least allowed; mu changes by −3.5 a unit." in text  # noqa: RUF001
+    assert "clearance from the body, a/0: 0.01389, the least allowed." in text  # a price that no mu could pay
+    assert len(limited.to_dict()["constraints"]) == 4
+    assert "At their limits" not in constraints(replace(limited, constraints=tuple(rows[:2])))
 
 
 def test_forces_are_those_of_the_task_as_given(box):
@@ -67,11 +67,11 @@ def test_forces_are_those_of_the_task_as_given(box):
     chosen, grasp = choose_wrenches(box), box.grasp
     support = box.task.support(box.mu.worst_direction[None])[1][0]
     np.testing.assert_allclose(chosen[0].wrench, support, rtol=1e-12)
-    for each in chosen:
+    for wrench in chosen:
         arms = grasp.points - grasp.torque_origin
-        total = [*each.forces.sum(axis=0), *np.cross(arms, each.forces).sum(axis=0)]
-        np.testing.assert_allclose(total, each.wrench, atol=1e-6 * np.linalg.norm(each.wrench))
-    largest = max(np.linalg.norm(each.forces) for each in chosen)
+        total = [*wrench.forces.sum(axis=0), *np.cross(arms, wrench.forces).sum(axis=0)]
+        np.testing.assert_allclose(total, wrench.wrench, atol=1e-6 * np.linalg.norm(wrench.wrench))
+    largest = max(np.linalg.norm(wrench.forces) for wrench in chosen)
     assert largest == pytest.approx(1.0 / box.mu.lower, rel=0.02)
 
 
@@ -81,11 +81,11 @@ def test_a_bound_that_leaves_out_the_hand_says_so_in_the_same_sentence(box):
     line = bound.line(box.mu.lower)
     assert line.startswith("a loose bound on the best possible: mu is at most 0.")
     assert line.endswith(f" anywhere{left_out}")
-    (best,) = (fact for fact in solution_facts(replace(box, bound=bound)) if fact.title == "Best possible")
-    (told,) = best.lines
-    assert told == f"proved: no placement is above this{left_out}. A loose bound: it says little of this grasp"
-    near = replace(bound, upper=1.02 * box.mu.lower).line(box.mu.lower, "mu-tilde")
-    assert f"no placement is more than 2% better{left_out}: mu-tilde is at most" in near
+    (best,) = (fact for fact in solution_figures(replace(box, bound=bound)) if fact.title == "Best possible")
+    (sentence,) = best.lines
+    assert sentence == f"proved: no placement is above this{left_out}. A loose bound: it says little of this grasp"
+    close_line = replace(bound, upper=1.02 * box.mu.lower).line(box.mu.lower, "mu-tilde")
+    assert f"no placement is more than 2% better{left_out}: mu-tilde is at most" in close_line
     assert "ignoring" not in replace(bound, dropped=()).line(box.mu.lower)
 
 

@@ -1,4 +1,4 @@
-"""Several grasps on one page: small scenes to choose from, each with its own numbers."""
+"""Several grasps on one page: small scenes, each with its own numbers."""
 
 import json
 import re
@@ -18,7 +18,7 @@ def several():
     return solve_once(problem, starts=6, keep=4)
 
 
-def told(page):
+def page_text_and_data(page):
     """Return the page's text, and the data of its one section."""
     text = page.read_text()
     return text, json.loads(re.search(r'<script type="application/json">(.*?)</script>', text, re.DOTALL).group(1))
@@ -26,26 +26,26 @@ def told(page):
 
 def test_each_grasp_kept_has_a_button_a_scene_and_numbers(several, tmp_path):
     assert len(several.grasps) > 2
-    text, data = told(write_report({"plate": several}, tmp_path / "several.html"))
+    text, data = page_text_and_data(write_report({"plate": several}, tmp_path / "several.html"))
     assert len(re.findall(r"<button[^>]*data-grasp-number", text)) == len(several.grasps)
     assert len(data["scenes"]) == len(data["grasps"]) == len(several.grasps)
-    for found, scene, numbers in zip(several.grasps, data["scenes"], data["grasps"], strict=True):
+    for kept_grasp, scene, numbers in zip(several.grasps, data["scenes"], data["grasps"], strict=True):
         at = [c["at"][:2] for c in scene["contacts"]]
-        assert at == [pytest.approx(p, abs=1e-6) for p in found.grasp.points.tolist()]
+        assert at == [pytest.approx(p, abs=1e-6) for p in kept_grasp.grasp.points.tolist()]
         assert len(numbers["labels"]) == len(scene["arrows"])
         assert "panel" in numbers["panel"]
         assert "Contacts" in numbers["tables"]
 
 
 def test_the_body_is_on_the_page_once(several, tmp_path):
-    _, data = told(write_report({"plate": several}, tmp_path / "several.html"))
+    _, data = page_text_and_data(write_report({"plate": several}, tmp_path / "several.html"))
     bodies = [[part["group"] for part in scene["parts"]].count("body") for scene in data["scenes"]]
     assert bodies == [1] + [0] * (len(several.grasps) - 1)
     assert [scene.get("alike", False) for scene in data["scenes"]] == [False] + [True] * (len(several.grasps) - 1)
 
 
 def test_one_grasp_has_no_strip(several, tmp_path):
-    text, data = told(write_report({"plate": replace(several, others=())}, tmp_path / "one.html"))
+    text, data = page_text_and_data(write_report({"plate": replace(several, others=())}, tmp_path / "one.html"))
     assert "<button" not in text
     assert len(data["scenes"]) == 1
     assert data["grasps"] == []

@@ -1,4 +1,4 @@
-"""Surfaces as the viewer gets them: the same shape, smooth where the body is smooth, sharp at its edges."""
+"""Shaded surfaces of the viewer: shape, smooth normals, creases."""
 
 import base64
 
@@ -20,36 +20,36 @@ def of(body):
 @pytest.mark.parametrize("name", BODIES)
 def test_the_shape_stays(name):
     shape = of(BODIES[name])
-    found = surface(shape)
+    shaded = surface(shape)
     before = trimesh.Trimesh(shape.vertices, shape.faces, process=False)
-    after = trimesh.Trimesh(found.positions, found.faces, process=False)
-    assert after.volume == pytest.approx(before.volume, rel=1e-6)
-    np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1.0, atol=1e-9)
-    outward = np.sum(found.normals[found.faces] * after.face_normals[:, None], axis=2)
+    welded = trimesh.Trimesh(shaded.positions, shaded.faces, process=False)
+    assert welded.volume == pytest.approx(before.volume, rel=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(shaded.normals, axis=1), 1.0, atol=1e-9)
+    outward = np.sum(shaded.normals[shaded.faces] * welded.face_normals[:, None], axis=2)
     assert np.min(outward) > np.cos(np.radians(30.0))
 
 
 def test_a_ball_is_smooth():
-    found = surface(of(ng.Sphere(0.05)))
-    radial = found.positions / np.linalg.norm(found.positions, axis=1, keepdims=True)
-    assert np.min(np.sum(found.normals * radial, axis=1)) > np.cos(np.radians(1.0))
-    assert len(found.positions) == len(of(ng.Sphere(0.05)).vertices)  # none stands twice
-    assert len(found.edges) == 0
+    shaded = surface(of(ng.Sphere(0.05)))
+    radial = shaded.positions / np.linalg.norm(shaded.positions, axis=1, keepdims=True)
+    assert np.min(np.sum(shaded.normals * radial, axis=1)) > np.cos(np.radians(1.0))
+    assert len(shaded.positions) == len(of(ng.Sphere(0.05)).vertices)  # none stands twice
+    assert len(shaded.edges) == 0
 
 
 def test_a_box_is_sharp():
-    found = surface(of(ng.Box([0.1, 0.2, 0.3])))
-    assert set(np.abs(np.round(found.normals, 9)).sum(axis=1)) == {1.0}  # along the axes, all of them
-    lengths = np.linalg.norm(found.edges[:, 1] - found.edges[:, 0], axis=1)
+    shaded = surface(of(ng.Box([0.1, 0.2, 0.3])))
+    assert set(np.abs(np.round(shaded.normals, 9)).sum(axis=1)) == {1.0}  # along the axes, all of them
+    lengths = np.linalg.norm(shaded.edges[:, 1] - shaded.edges[:, 0], axis=1)
     assert sorted(np.round(lengths, 9)) == [0.1] * 4 + [0.2] * 4 + [0.3] * 4
 
 
 def test_a_cylinder_is_both():
-    found = surface(of(ng.Cylinder(0.03, 0.1)))
-    on_end = np.abs(found.normals[:, 2]) > 0.5
-    assert set(np.round(np.abs(found.normals[on_end, 2]), 9)) == {1.0}
-    np.testing.assert_allclose(found.normals[~on_end, 2], 0.0, atol=1e-12)
-    np.testing.assert_allclose(np.abs(found.edges[:, :, 2]), 0.05)  # around both ends, and no line along the side
+    shaded = surface(of(ng.Cylinder(0.03, 0.1)))
+    on_end = np.abs(shaded.normals[:, 2]) > 0.5
+    assert set(np.round(np.abs(shaded.normals[on_end, 2]), 9)) == {1.0}
+    np.testing.assert_allclose(shaded.normals[~on_end, 2], 0.0, atol=1e-12)
+    np.testing.assert_allclose(np.abs(shaded.edges[:, :, 2]), 0.05)  # around both ends, and no line along the side
 
 
 def test_the_roughness_of_a_scan_is_not_drawn_as_edges(rng):
@@ -66,13 +66,13 @@ def test_vertices_that_stand_twice_are_one():
 
 
 def test_packed_arrays_read_back():
-    found = surface(of(ng.Box([0.1, 0.2, 0.3])))
-    data = found.to_dict()
+    shaded = surface(of(ng.Box([0.1, 0.2, 0.3])))
+    data = shaded.to_dict()
     positions = np.frombuffer(base64.b64decode(data["positions"]), "<f4").reshape(-1, 3)
-    np.testing.assert_allclose(positions, found.positions, atol=1e-7)
-    assert np.array_equal(np.frombuffer(base64.b64decode(data["faces"]), "<u2").reshape(-1, 3), found.faces)
+    np.testing.assert_allclose(positions, shaded.positions, atol=1e-7)
+    assert np.array_equal(np.frombuffer(base64.b64decode(data["faces"]), "<u2").reshape(-1, 3), shaded.faces)
     normals = np.frombuffer(base64.b64decode(data["normals"]), "<i2").reshape(-1, 3) / 32767
-    np.testing.assert_allclose(normals, found.normals, atol=1e-4)
+    np.testing.assert_allclose(normals, shaded.normals, atol=1e-4)
 
 
 def test_cut_triangles_cover_the_same():

@@ -1,4 +1,4 @@
-"""Colours of the body by what a contact adds to mu at most, from a solution file alone."""
+"""Colours of the body by marginal bounds, from a solution file alone."""
 
 from dataclasses import replace
 
@@ -10,8 +10,8 @@ import nlpgrasp as ng
 from nlpgrasp.global_bound.marginal_bound import MarginalBound
 from nlpgrasp.report import write_report
 from nlpgrasp.report.solution_sections import (
-    EXCLUDED,
-    SCALE,
+    COLOUR_SCALE,
+    FORBIDDEN_COLOUR,
     _interpolate_colour,
     colour_by_marginal_bound,
     marginal_colours,
@@ -32,7 +32,7 @@ def loaded(tmp_path_factory):
     return ng.GraspSolution.load(path)
 
 
-def seen(solution):
+def coloured_middles(solution):
     """Colours of the triangles, and their middles."""
     corners, colours = marginal_colours(solution)
     return np.array(colours), corners.mean(axis=1)
@@ -40,16 +40,16 @@ def seen(solution):
 
 @pytest.mark.slow
 def test_a_face_that_no_contact_may_be_on_is_grey(loaded):
-    colours, middles = seen(loaded)
+    colours, middles = coloured_middles(loaded)
     x = middles[:, 0]
     assert len(colours) == len(x) >= 1500  # the box itself is drawn with 16
-    assert set(colours[x > 0.0399]) == {EXCLUDED}
-    assert EXCLUDED not in colours[x < -0.0399]
+    assert set(colours[x > 0.0399]) == {FORBIDDEN_COLOUR}
+    assert FORBIDDEN_COLOUR not in colours[x < -0.0399]
 
 
 def test_the_brightest_triangles_are_worth_most(loaded):
     """By the problem itself, at points of the sides that the file knows nothing of."""
-    colours, at = seen(loaded)
+    colours, at = coloured_middles(loaded)
     side = (at[:, 1] > 0.0199) & (np.abs(at[:, 0]) < 0.038)
     exact = MarginalBound.of(BOX).at(at[side], np.tile([0.0, -1.0, 0.0], (np.sum(side), 1)))
     brightness = [sum(int(c[i : i + 2], 16) for i in (1, 3, 5)) for c in colours[side]]
@@ -62,7 +62,7 @@ def test_a_mesh_is_coloured_by_what_is_drawn_of_it(tmp_path):
     ball = ng.Mesh(trimesh.creation.icosphere(subdivisions=3, radius=0.03))
     problem = ng.GraspProblem(ball, [ng.FrictionContact(0.6)] * 4, ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03]))
     path = ng.solve(problem, starts=1, options=ONE).save(tmp_path / "ball.json")
-    colours = seen(ng.GraspSolution.load(path))[0]
+    colours = coloured_middles(ng.GraspSolution.load(path))[0]
     red = np.array([int(c[1:3], 16) for c in colours])
     assert len(colours) > 500
     assert np.min(red) > int(_interpolate_colour(0.8)[1:3], 16)
@@ -73,7 +73,10 @@ def test_no_colours_where_no_bound_covers_the_problem(loaded):
     assert colour_by_marginal_bound(replace(loaded, drawing=None)) is None
 
 
-@pytest.mark.parametrize(("share", "colour"), [(0.0, SCALE[0]), (1.0, SCALE[-1]), (0.2, SCALE[1]), (np.nan, EXCLUDED)])
+@pytest.mark.parametrize(
+    ("share", "colour"),
+    [(0.0, COLOUR_SCALE[0]), (1.0, COLOUR_SCALE[-1]), (0.2, COLOUR_SCALE[1]), (np.nan, FORBIDDEN_COLOUR)],
+)
 def test_shares_have_the_scales_colours(share, colour):
     assert _interpolate_colour(share) == colour
 
