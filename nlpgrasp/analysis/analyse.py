@@ -29,8 +29,8 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds, Volume, delta, nu
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.solution.records import StartRecord, Status
-from nlpgrasp.solution.solution import GraspSolution, given_solution
-from nlpgrasp.solution.stored_drawing import drawing_of
+from nlpgrasp.solution.solution import GraspSolution, require_solution
+from nlpgrasp.solution.stored_drawing import draw_body_and_hand
 
 RTOL = 0.02  # relative gap of delta, error bar of nu
 PARTS = ("body", "contacts", "task", "constraints")  # of a problem, compared with those that a solution states
@@ -41,19 +41,19 @@ OF_SQUEEZE = ("squeeze", "no_squeeze")  # the same; the commands of a squeeze ar
 
 
 def analyse(solution: GraspSolution, *analyses: str, problem: GraspProblem | None = None) -> GraspSolution:
-    """Return a solution together with analyses of its grasp.
+    """Return a solution with analyses of its grasp added.
 
-    What the solution states already stays as it is.
+    Analyses that the solution states already stay as they are.
 
     Parameters
     ----------
     solution : GraspSolution
         With a grasp.
     *analyses : str
-        ``"prices"``: what limits cost in mu. ``"robustness"``: what is left of mu when contacts are off and friction is
-        less. ``"delta"``, ``"nu"``: two other measures of quality. ``"phases"``: the way of a hand with links to the
-        grasp, the squeeze and the lift. ``"drawing"``: triangles of body and hand, for pages and exports. Without a
-        name: all that the solution lacks, as far as its problem is known.
+        ``"prices"``: shadow prices of limits. ``"robustness"``: remaining quality under contact displacement and
+        friction loss. ``"delta"``, ``"nu"``: two other measures of quality. ``"phases"``: keyframes of a hand with
+        links, from approach to lift. ``"drawing"``: triangles of body and hand, for pages and exports. Without a name:
+        all that the solution lacks, as far as its problem is known.
     problem : GraspProblem, optional
         That was solved. A solution of ``ng.solve`` knows its own; one from a file that has a mesh, a hand or a function
         of the user's does not, and takes ``"delta"`` and ``"nu"`` alone without it.
@@ -64,40 +64,43 @@ def analyse(solution: GraspSolution, *analyses: str, problem: GraspProblem | Non
         On a name that is none of these, without a grasp, on ``"phases"`` without a hand that has links, on an analysis
         whose problem is not known, and on a problem that is not the one that the solution states.
     """
-    solution = given_solution(solution)
+    solution = require_solution(solution)
     if problem is not None:
         _check_same_problem(solution, problem)
     names = check_analyses("analyses", analyses)
     solution.require_grasp()
-    known = problem or solution.known_problem
+    problem = problem or solution.known_problem
     if names:
-        check_hand("analyses", names, None if known is None else known.hand, known is not None)
-    lacking = [name for name in _applicable(names, known) if not is_stated(solution, name)]
+        check_hand("analyses", names, None if problem is None else problem.hand, problem is not None)
+    lacking = [name for name in _applicable(names, problem) if not is_stated(solution, name)]
     of_problem = [name for name in lacking if name not in OF_GRASP]
-    if of_problem and known is None:
-        wanted = "the problem that was solved, as the file does not hold its mesh, hand or function"
-        raise InputError("problem", None, f"{wanted}: {', '.join(of_problem)} need it")
+    if of_problem and problem is None:
+        requirement = "the problem that was solved, as the file does not hold its mesh, hand or function"
+        raise InputError("problem", None, f"{requirement}: {', '.join(of_problem)} need it")
     analysed = solution
-    for _, after in analyse_one_by_one(solution, lacking, known):
-        analysed = after
-    return add_analyses_to(analysed, {}, None if known is None else known.hand)
+    for _, result in analyse_one_by_one(solution, lacking, problem):
+        analysed = result
+    return add_analyses_to(analysed, {}, None if problem is None else problem.hand)
 
 
 def analyse_one_by_one(
     solution: GraspSolution, names: Iterable[str], problem: GraspProblem | None
 ) -> Iterator[tuple[str, GraspSolution]]:
-    """Yield each of some analyses, checked, with the solution after it; the problem's programs are built once."""
-    grasp, at = solution.require_grasp(), list[tuple[CompiledProblem, StartGrasp]]()
+    """Yield the name of each analysis, in order, with the solution that it extends.
+
+    The problem's programs are built once.
+    """
+    grasp, prepared = solution.require_grasp(), list[tuple[CompiledProblem, StartGrasp]]()
     for name in names:
         if not is_stated(solution, name):
             with single_thread():
-                if name not in OF_GRASP and not at and problem is not None:
+                if name not in OF_GRASP and not prepared and problem is not None:
                     compiled = CompiledProblem(problem, SolveOptions(workers=1))
-                    at.append((compiled, _start_of_solution(compiled, solution, grasp)))
+                    prepared.append((compiled, _start_of_solution(compiled, solution, grasp)))
                 if name in OF_GRASP:
                     value, message = OF_GRASP[name](grasp, solution.budget), ""
                 else:
-                    value, message = attempt(partial(OF_PROBLEM[name], *at[0], Deadline()))
+                    value, message = attempt(partial(OF_PROBLEM[name], *prepared[0], Deadline()))
             if message:
                 warn(FAILED.format(name, message))
             solution = add_analyses_to(solution, {name: value}, None if problem is None else problem.hand)
@@ -125,15 +128,15 @@ def analyses_of(
     return values, clock.seconds, messages
 
 
-def add_analyses_to(solution: GraspSolution, found: Mapping[str, Any], hand: Hand | None) -> GraspSolution:
-    """Return a solution with results of analyses added, and with squeezes where its hand can."""
-    more = {FIELDS.get(name, name): value for name, value in found.items() if value is not None}
-    if "robust" in more:
-        more["robust"] = more["robust"].beside(solution.mu)
-    if "hand" in more:
-        own = {name: value for name, value in (solution.hand or {}).items() if name not in OF_SQUEEZE}
-        more["hand"] = own | {name: value for name, value in more["hand"].items() if name in OF_PHASES}
-    changed = replace(solution, **more, stated_first=None) if more else solution
+def add_analyses_to(solution: GraspSolution, results: Mapping[str, Any], hand: Hand | None) -> GraspSolution:
+    """Return a solution with results of analyses added, and with squeezes where its hand can squeeze."""
+    fields = {FIELDS.get(name, name): value for name, value in results.items() if value is not None}
+    if "robust" in fields:
+        fields["robust"] = fields["robust"].beside(solution.mu)
+    if "hand" in fields:
+        hand_data = {name: value for name, value in (solution.hand or {}).items() if name not in OF_SQUEEZE}
+        fields["hand"] = hand_data | {name: value for name, value in fields["hand"].items() if name in OF_PHASES}
+    changed = replace(solution, **fields, stated_first=None) if fields else solution
     return add_squeezes(add_squeeze(changed, hand), hand)
 
 
@@ -157,19 +160,19 @@ def is_stated(solution: GraspSolution, name: str) -> bool:
 
 def format_added(before: GraspSolution, after: GraspSolution) -> str:
     """Return the analyses that a solution states and an earlier one does not, as text."""
-    words = (words for name, words in ANALYSES.items() if is_stated(after, name) and not is_stated(before, name))
-    return ", ".join(words)
+    added = [name for name in ANALYSES if is_stated(after, name) and not is_stated(before, name)]
+    return ", ".join(ANALYSES[name] for name in added)
 
 
-def check_hand(field: str, names: Iterable[str], hand: Hand | None, known: bool = True) -> None:
+def check_hand(field: str, names: Iterable[str], hand: Hand | None, is_known: bool = True) -> None:
     """Refuse phases of no hand, or of one without links."""
-    if "phases" in names and known and not isinstance(hand, URDFHand):
-        given = "phases" if hand is None else f"phases of an ng.{type(hand).__name__}"
-        raise InputError(field, given, "no phases without a hand that has links, such as an ng.URDFHand")
+    if "phases" in names and is_known and not isinstance(hand, URDFHand):
+        value = "phases" if hand is None else f"phases of an ng.{type(hand).__name__}"
+        raise InputError(field, value, "no phases without a hand that has links, such as an ng.URDFHand")
 
 
 def _applicable(names: tuple[str, ...], problem: GraspProblem | None) -> tuple[str, ...]:
-    """Return the analyses that are asked for; where none is, all that there can be."""
+    """Return the requested analyses; all possible ones without a request."""
     if names:
         return names
     if problem is None:
@@ -181,16 +184,16 @@ def _check_same_problem(solution: GraspSolution, problem: GraspProblem) -> None:
     """Refuse a problem that differs from what a solution states."""
     if not isinstance(problem, GraspProblem):
         raise InputError("problem", problem, "the GraspProblem that was solved")
-    given, stated = problem.to_dict(), solution.problem
-    for part in PARTS:
-        if json_round_trip(given[part]) != json_round_trip(stated[part]):
-            raise InputError(f"problem.{part}", "another than the solution's", "the problem that was solved")
+    data, stated = problem.to_dict(), solution.problem
+    for key in PARTS:
+        if json_round_trip(data[key]) != json_round_trip(stated[key]):
+            raise InputError(f"problem.{key}", "another than the solution's", "the problem that was solved")
     if (problem.hand is None) != (stated.get("hand") is None):
         raise InputError("problem.hand", "another than the solution's", "the problem that was solved")
 
 
 def _start_of_solution(compiled: CompiledProblem, solution: GraspSolution, grasp: Grasp) -> StartGrasp:
-    """Return the grasp as the result of a start."""
+    """Return a solution's grasp as the result of a start."""
     hand, posture = compiled.problem.hand, solution.hand
     candidate = GraspCandidate(solution.faces, grasp.points)
     if isinstance(hand, PosedHand) and isinstance(posture, Mapping):
@@ -198,8 +201,8 @@ def _start_of_solution(compiled: CompiledProblem, solution: GraspSolution, grasp
     elif hand is not None:
         candidate = follow_with_hand(compiled, candidate)
     record = StartRecord(0, Status.SOLVED, solution.faces, solution.mu)
-    found = GraspOnBody.of(compiled, candidate, grasp, solution.surface)
-    return StartGrasp(record, found, solution.constraints, Effort(), solution.robust, candidate)
+    placed = GraspOnBody.of(compiled, candidate, grasp, solution.surface)
+    return StartGrasp(record, placed, solution.constraints, Effort(), solution.robust, candidate)
 
 
 def _delta(grasp: Grasp, budget: ForceBudget) -> Bounds:
@@ -224,7 +227,7 @@ OF_PROBLEM: Mapping[str, Callable[[CompiledProblem, StartGrasp, Deadline], Any]]
     "prices": shadow_prices,
     "robustness": lambda compiled, start, _: robustness(compiled, start.found.candidate, start.found.grasp),
     "phases": lambda compiled, start, _: add_hand_record(compiled, replace(start, hand=None)).hand,
-    "drawing": lambda compiled, start, _: drawing_of(
+    "drawing": lambda compiled, start, _: draw_body_and_hand(
         compiled.problem.body, compiled.problem.hand, start.found.candidate.hand
     ),
 }

@@ -44,7 +44,7 @@ FINGERTIPS = "fingertips on the body"  # group of the constraints between finger
 HARD = "the body's surface"  # group of the constraints that are never relaxed
 HAND_GROUPS = {ON_FINGERTIP: FINGERTIPS, UNIT_QUATERNION: HARD}  # where they are not called as their kind
 HARD_WEIGHT = 100.0  # of the violation of the hard group; 1 of the others
-KEPT = 1e-4  # relative to a constraint's scale: a smaller violation counts as none
+VIOLATION_TOLERANCE = 1e-4  # relative to a constraint's scale: smaller violations count as none
 FACTORS = (1.1, 1.25, 1.5, 2.0, 3.0)  # of friction, with which the best grasp is tried
 
 
@@ -58,30 +58,33 @@ def diagnose_on_one_thread(
 
 def diagnose(compiled: CompiledProblem, results: Sequence[StartResult], seed: int, deadline: Deadline) -> WhyNot:
     """Return the infeasibility diagnosis of a problem whose starts found no grasp."""
-    best: RelaxationResult | None = None
+    least_violated: RelaxationResult | None = None
     for index in range(STARTS):
         if deadline.is_requested():
             break
         candidate = propose(compiled, np.random.default_rng([seed, index, 1]))[0]
-        found = minimise_violation(compiled, candidate)
-        if best is None or found.total < best.total:
-            best = found
-        if best.total <= KEPT:
+        relaxed = minimise_violation(compiled, candidate)
+        if least_violated is None or relaxed.total < least_violated.total:
+            least_violated = relaxed
+        if least_violated.total <= VIOLATION_TOLERANCE:
             break
-    if best is None:
+    if least_violated is None:
         return WhyNot(reasons=("Stopped before a reason was found.",))
-    if best.total > KEPT:
-        return _contradiction(compiled, best)
+    if least_violated.total > VIOLATION_TOLERANCE:
+        return _contradiction(compiled, least_violated)
     return _explain_unreachable(compiled, results)
 
 
-def _contradiction(compiled: CompiledProblem, best: RelaxationResult) -> WhyNot:
-    conflicts = [conflict_of(name, compiled.rows.named[index], value) for name, (_, index, value) in best.worst.items()]
+def _contradiction(compiled: CompiledProblem, relaxed: RelaxationResult) -> WhyNot:
+    """Return the diagnosis of contradicting constraints from a least violated placement."""
+    conflicts = [
+        make_conflict(name, compiled.rows.named[index], value) for name, (_, index, value) in relaxed.worst.items()
+    ]
     conflicts.sort(key=lambda c: -c.excess)
-    everything = sorted(set(group_names(compiled)) - {HARD})
+    constraints = sorted(set(group_names(compiled)) - {HARD})
     names = ", ".join(c.name for c in conflicts)
     reasons = [
-        f"From no start could all of these be kept at once: {', '.join(everything)}.",
+        f"From no start could all of these be kept at once: {', '.join(constraints)}.",
         f"The nearest miss breaks: {names}." if conflicts else "The contacts do not stay on their faces.",
         *(str(c) for c in conflicts),
     ]
@@ -100,11 +103,11 @@ def _explain_unreachable(compiled: CompiledProblem, results: Sequence[StartResul
     task, budget = compiled.problem.task, compiled.closure_budget
     bounds = [mu(g, task, 0.1, force_budget=budget) for g in grasps]
     best = int(np.argmax([b.upper for b in bounds]))
-    grasp, found = grasps[best], bounds[best]
-    if found.lower > 0.0:
-        text = "The constraints can be kept and the task's wrenches can be exerted, but no start did both at once."
-        return WhyNot(reasons=(text,), advice=("Try more starts.",))
-    direction = found.worst_direction
+    grasp, interval = grasps[best], bounds[best]
+    if interval.lower > 0.0:
+        reason = "The constraints can be kept and the task's wrenches can be exerted, but no start did both at once."
+        return WhyNot(reasons=(reason,), advice=("Try more starts.",))
+    direction = interval.worst_direction
     reasons = ["The constraints can be kept, but in the best grasp found the fingers cannot exert one wrench."]
     if direction is not None:
         reasons.append(f"That wrench is {format_wrench_direction(direction, compiled.scaling.length)}.")
@@ -132,9 +135,9 @@ class RelaxationResult:
     Parameters
     ----------
     total : float
-        Sum of the groups' largest violations, relative to the rows' scales.
+        Sum of the groups' largest violations, relative to the constraints' scales.
     worst : dict
-        Group to its largest violation and the index and value of that row among the constraint rows.
+        Largest violation of each group, with index and value of its scalar constraint.
     """
 
     total: float
@@ -144,19 +147,19 @@ class RelaxationResult:
 def minimise_violation(compiled: CompiledProblem, candidate: GraspCandidate) -> RelaxationResult:
     """Return the least violated placement near a candidate."""
     relaxation = _Relaxation(compiled, candidate)
-    here = relaxation.at(pack_variables(compiled, relaxation.functions.program, candidate))
+    iterate = relaxation.at(pack_variables(compiled, relaxation.functions.program, candidate))
     radius = FIRST_RADIUS
     for _ in range(STEPS):
-        if here.merit <= 0.1 * KEPT or radius < LAST_RADIUS:
+        if iterate.merit <= 0.1 * VIOLATION_TOLERANCE or radius < LAST_RADIUS:
             break
-        there = relaxation.step(here, radius)
-        if there is None:
+        trial = relaxation.step(iterate, radius)
+        if trial is None:
             radius *= 0.3
-        elif there.merit < here.merit * (1.0 - LEAST_GAIN):
-            here, radius = there, min(1.5 * radius, FIRST_RADIUS)
+        elif trial.merit < iterate.merit * (1.0 - LEAST_GAIN):
+            iterate, radius = trial, min(1.5 * radius, FIRST_RADIUS)
         else:
             radius *= 0.4
-    return relaxation.left(here)
+    return relaxation.worst_violations(iterate)
 
 
 class _Relaxation:
@@ -178,31 +181,31 @@ class _Relaxation:
         """Return the iterate at some variables of the program."""
         g, J = self.functions.linearise(z, self.theta)
         largest = np.zeros(len(self.names))
-        np.maximum.at(largest, self.slack.member, self.violated(g[self.used]))
+        np.maximum.at(largest, self.slack.member, self.violations(g[self.used]))
         return _RelaxationIterate(z, g[self.used], J[self.used], largest, float(self.slack.weights @ largest))
 
-    def violated(self, values: FloatArray) -> FloatArray:
+    def violations(self, values: FloatArray) -> FloatArray:
         """Return the violation of each constraint."""
         return np.maximum(np.maximum(self.low - values, values - self.high), 0.0)
 
-    def step(self, here: _RelaxationIterate, radius: float) -> _RelaxationIterate | None:
+    def step(self, iterate: _RelaxationIterate, radius: float) -> _RelaxationIterate | None:
         """Return the iterate after the step of least weighted violation; None where the solver finds none."""
-        bounds = step_bounds(here.z, self.functions.program.bounds, radius)
-        rows = Linearised(here.values, here.jacobian, self.low, self.high, *bounds)
-        found = shortest_step(rows, damping=DAMPING, slack=self.slack)
-        return None if found is None else self.at(here.z + found.d)
+        bounds = step_bounds(iterate.z, self.functions.program.bounds, radius)
+        linearised = Linearised(iterate.values, iterate.jacobian, self.low, self.high, *bounds)
+        solution = shortest_step(linearised, damping=DAMPING, slack=self.slack)
+        return None if solution is None else self.at(iterate.z + solution.d)
 
-    def left(self, here: _RelaxationIterate) -> RelaxationResult:
+    def worst_violations(self, iterate: _RelaxationIterate) -> RelaxationResult:
         """Return the remaining violations at an iterate, by the worst constraint of each group."""
-        violated, worst = self.violated(here.values), {}
+        violations, worst = self.violations(iterate.values), {}
         for i, name in enumerate(self.names):
-            own = np.flatnonzero(self.slack.member == i)
-            row = int(own[np.argmax(violated[own])])
-            if violated[row] > KEPT and name != HARD:
-                index = row - self.offset
-                scale = self.compiled.rows.named[index].scale
-                worst[name] = (float(violated[row]), index, float(here.values[row] * scale))
-        return RelaxationResult(float(np.sum(here.largest)), worst)
+            members = np.flatnonzero(self.slack.member == i)
+            entry = int(members[np.argmax(violations[members])])
+            if violations[entry] > VIOLATION_TOLERANCE and name != HARD:
+                constraint_index = entry - self.offset
+                scale = self.compiled.rows.named[constraint_index].scale
+                worst[name] = (float(violations[entry]), constraint_index, float(iterate.values[entry] * scale))
+        return RelaxationResult(float(np.sum(iterate.largest)), worst)
 
 
 @dataclass(frozen=True)
@@ -217,21 +220,21 @@ class _RelaxationIterate:
 
 
 def group_names(compiled: CompiledProblem) -> list[str]:
-    """Return the group of each constraint row: its constraint, or the kind of a hand's row.
+    """Return the group of each scalar constraint: the constraint it belongs to, or its kind for those of a hand.
 
     Several constraints of one kind are numbered in the order of ``GraspProblem.constraints``.
     """
-    rows, sources = compiled.rows.named, compiled.rows.sources
+    constraints, sources = compiled.rows.named, compiled.rows.sources
     count = len(compiled.problem.constraints)
-    own = [rows[source[0]].kind if source else "" for source in sources[:count]]
-    names = [""] * len(rows)
+    kinds = [constraints[source[0]].kind if source else "" for source in sources[:count]]
+    names = [""] * len(constraints)
     for i, source in enumerate(sources):
-        for row in source:
+        for index in source:
             if i >= count:
-                names[row] = HAND_GROUPS.get(rows[row].kind, rows[row].kind)
+                names[index] = HAND_GROUPS.get(constraints[index].kind, constraints[index].kind)
             else:
-                number = own[: i + 1].count(own[i])
-                names[row] = own[i] if own.count(own[i]) == 1 else f"{own[i]} ({number})"
+                number = kinds[: i + 1].count(kinds[i])
+                names[index] = kinds[i] if kinds.count(kinds[i]) == 1 else f"{kinds[i]} ({number})"
     return names
 
 
@@ -241,14 +244,21 @@ def _constraint_groups(compiled: CompiledProblem, count: int, offset: int) -> li
     return [HARD] * offset + names + [HARD] * (count - offset - len(names))
 
 
-def conflict_of(name: str, row: ScalarConstraint, value: float) -> Conflict:
+def make_conflict(name: str, constraint: ScalarConstraint, value: float) -> Conflict:
     """Return the conflict of a violated constraint: squared lengths as lengths, cosines as angles."""
-    least = value < row.lower
-    bound = row.lower if least else row.upper
-    relation = "exactly" if row.lower == row.upper else "at least" if least else "at most"
-    if row.unit == "m2":
+    is_below = value < constraint.lower
+    bound = constraint.lower if is_below else constraint.upper
+    relation = "exactly" if constraint.lower == constraint.upper else "at least" if is_below else "at most"
+    if constraint.unit == "m2":
         value, bound = float(np.sqrt(max(value, 0.0))), float(np.sqrt(max(bound, 0.0)))
-    if row.unit == "cos":
+    if constraint.unit == "cos":
         value, bound = (float(np.degrees(np.arccos(np.clip(c, -1.0, 1.0)))) for c in (value, bound))
         relation = {"at least": "at most", "at most": "at least"}.get(relation, relation)
-    return Conflict(name, row.name, value, bound, relation, {"m2": "m", "cos": "degrees"}.get(row.unit, row.unit))
+    return Conflict(
+        name,
+        constraint.name,
+        value,
+        bound,
+        relation,
+        {"m2": "m", "cos": "degrees"}.get(constraint.unit, constraint.unit),
+    )

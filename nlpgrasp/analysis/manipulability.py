@@ -61,11 +61,11 @@ class Transmission:
     def singular_values(self) -> FloatArray:
         """Lengths of the scaled velocity ellipsoid's semi-axes, (d,), longest first, 0 for impossible motions."""
         d, p = self.matrix.shape
-        found = np.zeros(d)
+        lengths = np.zeros(d)
         values = np.linalg.svd(self.scaled, compute_uv=False) if p else np.zeros(0)
-        found[: len(values)] = values
-        found[found <= RANK * np.max(found, initial=0.0)] = 0.0
-        return found
+        lengths[: len(values)] = values
+        lengths[lengths <= RANK * np.max(lengths, initial=0.0)] = 0.0
+        return lengths
 
     @property
     def rank(self) -> int:
@@ -123,12 +123,12 @@ class Transmission:
         twist : (d,) array
             m/s and rad/s. DOI 10.1177/027836498800700502.
         """
-        wanted = self._direction("twist", twist)
-        wanted[self.space :] *= self.torque_scale
-        rates, *_ = np.linalg.lstsq(self.scaled, wanted, rcond=RANK)
+        target = self._direction("twist", twist)
+        target[self.space :] *= self.torque_scale
+        rates, *_ = np.linalg.lstsq(self.scaled, target, rcond=RANK)
         size = float(np.linalg.norm(rates))
-        reached = np.linalg.norm(self.scaled @ rates - wanted) <= 1e-7 * np.linalg.norm(wanted)
-        return 1.0 / size if reached and size > 0.0 else 0.0
+        is_reached = np.linalg.norm(self.scaled @ rates - target) <= 1e-7 * np.linalg.norm(target)
+        return 1.0 / size if is_reached and size > 0.0 else 0.0
 
     def force_ratio(self, wrench: ArrayLike) -> float:
         """Return the largest multiple of a wrench that torques of norm 1 exert; inf where the structure bears it.
@@ -146,10 +146,10 @@ class Transmission:
 
     def _direction(self, name: str, value: ArrayLike) -> FloatArray:
         """Return a twist or a wrench, (d,), refusing zero."""
-        given = array(name, value, (len(self.matrix),))
-        if not given.any():
+        direction = array(name, value, (len(self.matrix),))
+        if not direction.any():
             raise InputError(name, value, "some direction other than zero")
-        return given
+        return direction
 
 
 @dataclass(frozen=True)
@@ -313,15 +313,15 @@ def body_transmission(grasp: Grasp, J_h: FloatArray, torque_scale: float) -> Tra
     scale = np.ones(grasp.dimension)
     scale[space:] = 1.0 / torque_scale
     G_t = grasp.G.T * scale  # for scaled twists
-    turning = np.concatenate([[axis >= space for axis in model.axes(space)] for model in grasp.contacts])
-    weight = np.where(turning, torque_scale, 1.0)[:, None]  # angular components in m/s as well
-    together = weight * np.concatenate([J_h, -G_t], axis=1)
-    values, basis = np.linalg.svd(together)[1:]
+    is_angular = np.concatenate([[axis >= space for axis in model.axes(space)] for model in grasp.contacts])
+    weight = np.where(is_angular, torque_scale, 1.0)[:, None]  # angular components in m/s as well
+    constraint_matrix = weight * np.concatenate([J_h, -G_t], axis=1)
+    values, basis = np.linalg.svd(constraint_matrix)[1:]
     null = basis[int(np.count_nonzero(values > RANK * np.max(values, initial=0.0))) :].T
     rates, twists = null[:m], null[m:]
-    lengths, turn = np.linalg.svd(rates, full_matrices=False)[1:]
-    kept = lengths > LOCKED  # the others move the body with locked joints: it is not held
-    return Transmission(scale[:, None] * (twists @ turn[kept].T / lengths[kept]), torque_scale, space)
+    lengths, rotation = np.linalg.svd(rates, full_matrices=False)[1:]
+    movable = lengths > LOCKED  # the others move the body with locked joints: it is not held
+    return Transmission(scale[:, None] * (twists @ rotation[movable].T / lengths[movable]), torque_scale, space)
 
 
 def _finger(i: int, J: FloatArray, names: tuple[str, ...], scale: float) -> FingerManipulability:

@@ -27,7 +27,7 @@ from nlpgrasp.solution.solution import GraspSolution
 
 PROBE = 2e-4  # step for finding weakest directions, relative to the change's size
 STEP = 1e-6  # step of finite differences, relative to the change's size
-SAME = 1e-4  # relative distance below which directions are merged
+MERGE_DISTANCE = 1e-4  # relative distance below which directions are merged
 ALMOST = 1e-3  # relative excess of the ratio up to which directions count as weakest
 
 
@@ -64,7 +64,7 @@ def sensitivity(
     """
     if not isinstance(solution, GraspSolution):
         raise InputError("solution", solution, "a GraspSolution")
-    grasp, share = solution.require_grasp(), number("almost", almost, above=0.0)
+    grasp, tolerance = solution.require_grasp(), number("almost", almost, above=0.0)
     if solution.budget.depends_on_frames:
         raise InputError(
             "solution", f"force budget {solution.budget.kind!r}", "one that does not depend on the posture"
@@ -81,10 +81,10 @@ def sensitivity(
         changes.of_coefficients(),
         [] if hand is None else changes.of_joints(hand, solution.hand),
     )
-    y = _weakest_under_changes(solution, grasp, start.directions, [c for group in groups for c in group], share)
-    before = _ratios_along(solution, grasp, y)
-    contacts, coefficients, joints = (tuple(_rate(solution, c, y, before) for c in group) for group in groups)
-    return Sensitivity(float(np.min(before)), contacts, coefficients, joints, y)
+    y = _weakest_under_changes(solution, grasp, start.directions, [c for group in groups for c in group], tolerance)
+    ratios = _ratios_along(solution, grasp, y)
+    contacts, coefficients, joints = (tuple(_rate(solution, c, y, ratios) for c in group) for group in groups)
+    return Sensitivity(float(np.min(ratios)), contacts, coefficients, joints, y)
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ class Rate:
 
 
 class Perturbations:
-    """The scalar parameters of a grasp.
+    """Scalar parameters of a grasp and their perturbations.
 
     Parameters
     ----------
@@ -190,13 +190,13 @@ class Perturbations:
 
     def of_contacts(self) -> list[Perturbation]:
         """Return the coordinates of each contact along its tangents, metres."""
-        found = []
+        perturbations = []
         for i in range(len(self._grasp)):
             for j, tangent in enumerate(self._grasp.tangents[i]):
-                along = np.zeros_like(self._grasp.points)
-                along[i] = tangent
-                found.append(self._slide(f"contact {i} along tangent {j}", "m", along))
-        return found
+                displacement = np.zeros_like(self._grasp.points)
+                displacement[i] = tangent
+                perturbations.append(self._slide(f"contact {i} along tangent {j}", "m", displacement))
+        return perturbations
 
     def of_coefficients(self) -> list[Perturbation]:
         """Return the friction coefficients of each contact."""
@@ -219,28 +219,28 @@ class Perturbations:
             raise InputError("hand", hand, "the hand with joints that the solution was found with")
         J = hand.contact_jacobians(hand.values_of(posture), grasp.points)[:, :3]  # (k, 3, m)
         n = grasp.normals[:, :, None]
-        along = J - n * np.sum(n * J, axis=1, keepdims=True)
-        return [self._slide(name, "rad or m", along[:, :, j]) for j, name in enumerate(hand.loaded_joints)]
+        velocities = J - n * np.sum(n * J, axis=1, keepdims=True)
+        return [self._slide(name, "rad or m", velocities[:, :, j]) for j, name in enumerate(hand.loaded_joints)]
 
-    def _slide(self, name: str, unit: str, along: FloatArray) -> Perturbation:
+    def _slide(self, name: str, unit: str, displacement: FloatArray) -> Perturbation:
         """Return contacts slid along (k, space) metres per unit, none farther than the contacts are apart."""
-        far = float(np.max(np.linalg.norm(along, axis=1)))
-        size = self._grasp.mean_arm / far if far > 0.0 else 1.0
+        largest = float(np.max(np.linalg.norm(displacement, axis=1)))
+        size = self._grasp.mean_arm / largest if largest > 0.0 else 1.0
         return Perturbation(
-            name, unit, size, lambda t: self._at(*self._slide_contacts(t * along), self._grasp.contacts)
+            name, unit, size, lambda t: self._at(*self._slide_contacts(t * displacement), self._grasp.contacts)
         )
 
     def _coefficient(self, i: int, name: str, value: float) -> Perturbation:
         grasp = self._grasp
 
-        def changed(t: float) -> Grasp:
+        def perturb(t: float) -> Grasp:
             model = grasp.contacts[i]
-            new = model.with_coefficients(**{**model.coefficients, name: value + t})
-            each = [new if j == i else other for j, other in enumerate(grasp.contacts)]
-            return self._at(grasp.points, grasp.normals, each)
+            perturbed = model.with_coefficients(**{**model.coefficients, name: value + t})
+            models = [perturbed if j == i else contact for j, contact in enumerate(grasp.contacts)]
+            return self._at(grasp.points, grasp.normals, models)
 
         unit = "m" if name == "torsional_friction" else ""
-        return Perturbation(f"contact {i}, {name.replace('_', ' ')}", unit, value, changed)
+        return Perturbation(f"contact {i}, {name.replace('_', ' ')}", unit, value, perturb)
 
     def _at(self, points: FloatArray, normals: FloatArray, contacts: Sequence[ContactModel]) -> Grasp:
         tangents = self._grasp.tangents if any(c.needs_tangents for c in contacts) else None
@@ -259,7 +259,7 @@ class Perturbations:
 
 @dataclass(frozen=True)
 class Perturbation:
-    """A scalar parameter of a grasp.
+    """Perturbation of a scalar parameter of a grasp.
 
     Parameters
     ----------
@@ -278,31 +278,34 @@ class Perturbation:
 
 
 def _weakest_under_changes(
-    solution: GraspSolution, grasp: Grasp, y: FloatArray, changes: Sequence[Perturbation], share: float
+    solution: GraspSolution, grasp: Grasp, y: FloatArray, changes: Sequence[Perturbation], tolerance: float
 ) -> FloatArray:
-    """Return the weakest directions of the grasp, also those that only a change separates, (m, d)."""
-    rng, seen = np.random.default_rng(0), [y]
+    """Return the weakest directions of a grasp and of its small perturbations, (m, d)."""
+    rng, candidates = np.random.default_rng(0), [y]
     for change in changes:
         for sign in (1.0, -1.0):
-            there = change.grasp(sign * PROBE * change.size)
-            seen.append(weakest_directions(there, solution.task, solution.budget, rng, y, QUICK).directions)
-    every = np.concatenate(seen)
-    every = every / solution.task.support(every)[0][:, None]
-    ratios = _ratios_along(solution, grasp, every)
-    found: list[FloatArray] = []
+            perturbed = change.grasp(sign * PROBE * change.size)
+            candidates.append(weakest_directions(perturbed, solution.task, solution.budget, rng, y, QUICK).directions)
+    directions = np.concatenate(candidates)
+    directions = directions / solution.task.support(directions)[0][:, None]
+    ratios = _ratios_along(solution, grasp, directions)
+    weakest: list[FloatArray] = []
     for i in np.argsort(ratios, kind="stable").tolist():
-        if ratios[i] > (1.0 + share) * np.min(ratios):
+        if ratios[i] > (1.0 + tolerance) * np.min(ratios):
             break
-        if all(np.max(np.abs(every[i] - other)) > SAME * np.max(np.abs(other)) for other in found):
-            found.append(every[i])
-    return np.array(found)
+        if all(
+            np.max(np.abs(directions[i] - direction)) > MERGE_DISTANCE * np.max(np.abs(direction))
+            for direction in weakest
+        ):
+            weakest.append(directions[i])
+    return np.array(weakest)
 
 
-def _rate(solution: GraspSolution, change: Perturbation, y: FloatArray, before: FloatArray) -> Rate:
+def _rate(solution: GraspSolution, change: Perturbation, y: FloatArray, ratios: FloatArray) -> Rate:
     """Return the one-sided differences of the least support ratio over the weakest directions."""
     step = STEP * change.size
-    each = (_ratios_along(solution, change.grasp(sign * step), y) - before for sign in (1.0, -1.0))
-    more, less = (float(np.min(difference)) / step for difference in each)
+    differences = (_ratios_along(solution, change.grasp(sign * step), y) - ratios for sign in (1.0, -1.0))
+    more, less = (float(np.min(difference)) / step for difference in differences)
     return Rate(change.name, change.unit, more, less)
 
 

@@ -1,8 +1,8 @@
 """Shadow prices: sensitivity of mu to the limits of constraints, hand and contacts.
 
-At a local optimum with multipliers lambda of the rows ``g <= limit`` of the program that maximises beta, the
-optimum moves with a parameter t by ``sum lambda d(limit - g) / dt`` (the envelope theorem). Rows of containment
-count by the support ratio's own derivative: ``sum a_j d(phi_j / phi_A) / dt`` with weights a_j of sum one.
+At a local optimum with multipliers lambda of the constraints ``g <= limit`` of the program that maximises beta, the
+optimum moves with a parameter t by ``sum lambda d(limit - g) / dt`` (the envelope theorem). Constraints of
+containment count by the support ratio's own derivative: ``sum a_j d(phi_j / phi_A) / dt`` with weights a_j of sum one.
 
 The derivatives are central differences. A price is stated for a limit's usual step, such as 1 mm, 1 degree or 0.1 of
 friction.
@@ -33,56 +33,58 @@ from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.solution.analysis_records import ShadowPrice
 
-EDGE_STEP = 1e-3  # metres, what the price of the edge margin is for
-AT = 1e-4  # over the body's size: a contact this near to the edge margin is at it
+EDGE_STEP = 1e-3  # metres: step of the edge margin
+EDGE_TOLERANCE = 1e-4  # over the body's size: a contact this near to the edge margin is at it
 STEP = 1e-5  # over the body's size: step of central differences in contact positions
-MILLIMETRE, DEGREE, TENTH = (1e-3, "1 mm"), (np.pi / 180.0, "1 degree"), (0.1, "0.1")  # what prices are for
+MILLIMETRE, DEGREE, TENTH = (1e-3, "1 mm"), (np.pi / 180.0, "1 degree"), (0.1, "0.1")  # steps: SI units and text
 STEPS = {"angle": DEGREE, "tilt": DEGREE, "friction": TENTH}  # by the name of a field; a millimetre for the others
 NO_LIMITS = ("count", "tolerance", "palm", "length")  # fields that are numbers, but no limits
-NOTHING = 1e-4  # smaller relative gains count as zero
-FAR = 0.02  # relative: an optimum whose value differs more from the grasp's mu belongs to another grasp
+LEAST_GAIN = 1e-4  # smaller relative gains count as zero
+VALUE_TOLERANCE = 0.02  # relative: an optimum whose value differs more from the grasp's mu belongs to another grasp
 Item = TypeVar("Item")
 
 
 def shadow_prices(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -> tuple[ShadowPrice, ...]:
     """Return the shadow prices of all limits of constraints, hand and contacts, the largest first.
 
-    None for an answer that is not at a local optimum: without multipliers limits have no prices. An answer that is, but
-    was read from a file, is solved once more from where it is.
+    Empty for an answer that is not at a local optimum: without multipliers limits have no prices. An answer read from a
+    file is solved once more from its grasp.
     """
     optimum = best.optimum
     if optimum is None and best.kkt is None:
         optimum = local_optimum(*fix_to_triangles(compiled, best.found.candidate), deadline)
-    known = best.record.mu.upper
-    if optimum is None or not optimum.kkt.is_small or abs(optimum.value - known) > FAR * known:
+    mu_upper = best.record.mu.upper
+    if optimum is None or not optimum.kkt.is_small or abs(optimum.value - mu_upper) > VALUE_TOLERANCE * mu_upper:
         return ()
-    own = fix_to_triangles(compiled, optimum.candidate)[0]
-    found = [shadow_price(own, optimum, limit) for limit in limits_of(own.problem)]
-    found.append(edge_price(own, optimum.candidate, lambda candidate: _lagrangian(own, optimum, candidate)))
-    prices = [price for price in found if price is not None] + _joint_prices(compiled, optimum)
-    prices = [p for p in prices if abs(p.gain) > NOTHING * optimum.value]
+    fixed = fix_to_triangles(compiled, optimum.candidate)[0]
+    results = [shadow_price(fixed, optimum, limit) for limit in limits_of(fixed.problem)]
+    results.append(edge_price(fixed, optimum.candidate, lambda candidate: _lagrangian(fixed, optimum, candidate)))
+    prices = [price for price in results if price is not None] + _joint_prices(compiled, optimum)
+    prices = [p for p in prices if abs(p.gain) > LEAST_GAIN * optimum.value]
     return tuple(sorted(prices, key=lambda p: -abs(p.gain)))
 
 
 def shadow_price(compiled: CompiledProblem, optimum: LocalOptimum, limit: Limit) -> ShadowPrice | None:
     """Return the shadow price of one limit, by central differences of the constraints and ratios it enters."""
     h = 1e-3 * limit.step
-    more, less = limit.changed(h), limit.changed(-h)
-    gain, own = 0.0, compiled.problem
-    if more.hand is not own.hand or more.constraints != own.constraints:
-        rooms = [_constraint_slack(compiled, optimum, problem) for problem in (more, less)]
-        if any(len(room) != len(optimum.prices) for room in rooms):
-            return None  # rows come or go with the limit: it is at a threshold, where it has no price
+    increased, decreased = limit.increased(h), limit.increased(-h)
+    gain, problem = 0.0, compiled.problem
+    if increased.hand is not problem.hand or increased.constraints != problem.constraints:
+        slacks = [_constraint_slack(compiled, optimum, changed) for changed in (increased, decreased)]
+        if any(len(slack) != len(optimum.prices) for slack in slacks):
+            return None  # constraints come or go with the limit: it is at a threshold, where it has no price
         active = np.abs(optimum.prices) > 0.0
-        gain = float(np.sum(optimum.prices[active] * (rooms[0] - rooms[1])[active])) / (2.0 * h)
+        gain = float(np.sum(optimum.prices[active] * (slacks[0] - slacks[1])[active])) / (2.0 * h)
     if limit.touches_contacts:
-        ratios = (_support_ratios(compiled, optimum, more) - _support_ratios(compiled, optimum, less)) / (2.0 * h)
+        ratios = (_support_ratios(compiled, optimum, increased) - _support_ratios(compiled, optimum, decreased)) / (
+            2.0 * h
+        )
         gain += float(optimum.weights @ ratios)
     return ShadowPrice(limit.name, limit.value, limit.step, limit.unit, gain * limit.step)
 
 
 def edge_price(
-    compiled: CompiledProblem, candidate: GraspCandidate, worth: Callable[[GraspCandidate], float]
+    compiled: CompiledProblem, candidate: GraspCandidate, lagrangian: Callable[[GraspCandidate], float]
 ) -> ShadowPrice | None:
     """Return the change of mu per millimetre of margin; None where no contact of a smooth face is at the margin.
 
@@ -94,19 +96,20 @@ def edge_price(
     compiled : CompiledProblem
     candidate : GraspCandidate
         A local optimum.
-    worth : callable
-        The Lagrangian at another placement: weighted ratios and priced rows.
+    lagrangian : callable
+        The Lagrangian at another placement: weighted ratios and priced constraints.
     """
     problem = compiled.problem
     if problem.margin == 0.0 or isinstance(problem.body, Facets):
         return None
-    each = zip(candidate.faces, candidate.points, strict=True)
-    away = np.array([_step_off_edges(compiled, face, point) for face, point in each])
-    if not np.any(away):
+    contacts = zip(candidate.faces, candidate.points, strict=True)
+    directions = np.array([_step_off_edges(compiled, face, point) for face, point in contacts])
+    if not np.any(directions):
         return None
     h = STEP * problem.body.size
     more, less = (
-        worth(compiled.snapped(replace(candidate, points=candidate.points + s * h * away))) for s in (1.0, -1.0)
+        lagrangian(compiled.snapped(replace(candidate, points=candidate.points + s * h * directions)))
+        for s in (1.0, -1.0)
     )
     return ShadowPrice("GraspProblem.edge_margin", problem.margin, EDGE_STEP, "1 mm", (more - less) / (2.0 * h) * 1e-3)
 
@@ -121,11 +124,11 @@ class Limit:
     value : float
         SI units.
     step : float
-        What its price is for, SI units.
+        Step of its price, SI units.
     unit : str
-        The step in words.
-    changed : callable
-        ``changed(h)`` is the problem with the number larger by h.
+        The step as text.
+    increased : callable
+        ``increased(h)`` is the problem with the number larger by h.
     touches_contacts : bool
         Whether the grasp's own wrenches change with it.
     """
@@ -134,7 +137,7 @@ class Limit:
     value: float
     step: float
     unit: str
-    changed: Callable[[float], GraspProblem]
+    increased: Callable[[float], GraspProblem]
     touches_contacts: bool = False
 
 
@@ -143,21 +146,21 @@ def limits_of(problem: GraspProblem) -> list[Limit]:
     result: list[Limit] = []
     for i, constraint in enumerate(problem.constraints):
         for number in _constraint_numbers(constraint):
-            changed = _constraint_change(problem, i, number.changed)
+            changed = _constraint_change(problem, i, number.increased)
             result.append(Limit(number.name, number.value, *number.step, changed))
     if problem.hand is not None:
-        for of_hand in _hand_numbers(problem.hand):
-            changed = _hand_change(problem, of_hand.changed)
-            result.append(Limit(of_hand.name, of_hand.value, *of_hand.step, changed))
+        for hand_number in _hand_numbers(problem.hand):
+            changed = _hand_change(problem, hand_number.increased)
+            result.append(Limit(hand_number.name, hand_number.value, *hand_number.step, changed))
     return result + _contact_limits(problem)
 
 
 def _lagrangian(compiled: CompiledProblem, optimum: LocalOptimum, candidate: GraspCandidate) -> float:
     """Return the Lagrangian of another placement: weighted ratios and priced constraint slack."""
-    there = replace(optimum, candidate=candidate)
-    room, active = _constraint_slack(compiled, there, compiled.problem), np.abs(optimum.prices) > 0.0
-    ratios = _support_ratios(compiled, there, compiled.problem)
-    return float(optimum.weights @ ratios + np.sum((optimum.prices * room)[active]))
+    moved = replace(optimum, candidate=candidate)
+    slack, active = _constraint_slack(compiled, moved, compiled.problem), np.abs(optimum.prices) > 0.0
+    ratios = _support_ratios(compiled, moved, compiled.problem)
+    return float(optimum.weights @ ratios + np.sum((optimum.prices * slack)[active]))
 
 
 def _constraint_slack(compiled: CompiledProblem, optimum: LocalOptimum, problem: GraspProblem) -> FloatArray:
@@ -165,14 +168,17 @@ def _constraint_slack(compiled: CompiledProblem, optimum: LocalOptimum, problem:
     normals = compiled.inward_normals(optimum.candidate)
     p, n = ([ca.DM(v) for v in values] for values in (optimum.candidate.points, normals))
     variables = {name: ca.DM(v) for name, v in optimum.candidate.hand.items()}
-    placement = symbolic_candidate(problem.hand, p, n, variables, problem.body.size)
-    given = symbolic_constraints(problem.body, problem.constraints, problem.hand, placement, variables)
-    found = collect_constraints(given, False)
-    values = [float(ca.evalf(ca.SX(row.expression))) for row in found.rows]
-    values += [float(c.distance(ca.evalf(ca.SX(c.point)))) for c in found.clearances]
+    symbols = symbolic_candidate(problem.hand, p, n, variables, problem.body.size)
+    symbolic = symbolic_constraints(problem.body, problem.constraints, problem.hand, symbols, variables)
+    constraints = collect_constraints(symbolic, False)
+    values = [float(ca.evalf(ca.SX(constraint.expression))) for constraint in constraints.rows]
+    values += [float(c.distance(ca.evalf(ca.SX(c.point)))) for c in constraints.clearances]
     if len(values) != len(optimum.prices):
         return np.array(values)
-    bounds = [row.upper if price > 0.0 else row.lower for row, price in zip(found.named, optimum.prices, strict=True)]
+    bounds = [
+        constraint.upper if price > 0.0 else constraint.lower
+        for constraint, price in zip(constraints.named, optimum.prices, strict=True)
+    ]
     return np.array([b - v if np.isfinite(b) else -v for b, v in zip(bounds, values, strict=True)])
 
 
@@ -193,12 +199,12 @@ def _joint_prices(compiled: CompiledProblem, optimum: LocalOptimum) -> list[Shad
     ):
         if price == 0.0:
             continue
-        which, value = ("upper", limits[1]) if price > 0.0 else ("lower", limits[0])
+        side, value = ("upper", limits[1]) if price > 0.0 else ("lower", limits[0])
         step = np.pi / 180.0 if joint.is_revolute else 1e-3
         unit = "1 degree" if joint.is_revolute else "1 mm"
         sign = 1.0 if price > 0.0 else -1.0
         unit += " of range"
-        result.append(ShadowPrice(f"{joint.name}, {which} limit", float(value), sign * step, unit, abs(price) * step))
+        result.append(ShadowPrice(f"{joint.name}, {side} limit", float(value), sign * step, unit, abs(price) * step))
     return result
 
 
@@ -213,7 +219,7 @@ def _step_off_edges(compiled: CompiledProblem, face: str, point: FloatArray) -> 
     def extents(p: FloatArray) -> FloatArray:
         return np.asarray(limits(p)[3].full()).ravel()
 
-    at = np.flatnonzero(extents(point) >= -AT * body.size)
+    at = np.flatnonzero(extents(point) >= -EDGE_TOLERANCE * body.size)
     if not at.size:
         return np.zeros(len(point))
     slopes = np.stack([(extents(point + h * e) - extents(point - h * e))[at] for e in np.eye(len(point))], axis=1)
@@ -229,15 +235,15 @@ class Number(Generic[Item]):
     name : str
     value : float
         SI units.
-    changed : callable
-        ``changed(h)`` is the constraint or hand with the number larger by h.
+    increased : callable
+        ``increased(h)`` is the constraint or hand with the number larger by h.
     step : (float, str)
-        What its price is for, SI units and in words.
+        Step of its price: in SI units, and as text.
     """
 
     name: str
     value: float
-    changed: Callable[[float], Item]
+    increased: Callable[[float], Item]
     step: tuple[float, str] = MILLIMETRE
 
 
@@ -261,7 +267,7 @@ def _hand_numbers(hand: Hand) -> list[Number[Hand]]:
 
 
 def _contact_limits(problem: GraspProblem) -> list[Limit]:
-    """Return friction and torsional friction, of all contacts together where they are alike."""
+    """Return friction and torsional friction as limits, shared by contacts with equal coefficients."""
     result = []
     for name, (step, unit) in (("friction", TENTH), ("torsional_friction", MILLIMETRE)):
         groups: dict[float, list[int]] = {}
@@ -288,10 +294,10 @@ def _field_numbers(item: Item) -> list[Number[Item]]:
     """Return the numbers among a dataclass's fields, and in the regions and ranges it holds."""
     if not is_dataclass(item):
         return []
-    label = type(item).__name__
+    class_name = type(item).__name__
     result: list[Number[Item]] = []
     for field in fields(item):
-        value, name = getattr(item, field.name), f"{label}.{field.name}"
+        value, name = getattr(item, field.name), f"{class_name}.{field.name}"
         if field.name in NO_LIMITS or isinstance(value, bool | str):
             continue
         if isinstance(value, float):
@@ -306,10 +312,10 @@ def _field_numbers(item: Item) -> list[Number[Item]]:
                     change = _part_change(item, field.name, value, side, axis)
                     result.append(Number(f"{name}.{side}[{axis}]", float(number), change))
         elif field.name == "spread" and isinstance(value, tuple):
-            for place, which in enumerate(("least", "greatest")):
-                if np.isfinite(value[place]) and value[place] > 0.0:
-                    change = _entry_change(item, field.name, value, place)
-                    result.append(Number(f"{name} ({which})", float(value[place]), change))
+            for index, label in enumerate(("least", "greatest")):
+                if np.isfinite(value[index]) and value[index] > 0.0:
+                    change = _entry_change(item, field.name, value, index)
+                    result.append(Number(f"{name} ({label})", float(value[index]), change))
     return result
 
 
@@ -338,8 +344,8 @@ def _field_change(item: Item, name: str, value: float) -> Callable[[float], Item
     return lambda h: replace_unchecked(item, **{name: value + h})
 
 
-def _entry_change(item: Item, name: str, values: tuple[float, ...], place: int) -> Callable[[float], Item]:
-    return lambda h: replace_unchecked(item, **{name: tuple(v + h * (i == place) for i, v in enumerate(values))})
+def _entry_change(item: Item, name: str, values: tuple[float, ...], index: int) -> Callable[[float], Item]:
+    return lambda h: replace_unchecked(item, **{name: tuple(v + h * (i == index) for i, v in enumerate(values))})
 
 
 def _part_change(

@@ -13,7 +13,7 @@ from nlpgrasp.hands.base import Hand, PosedHand
 from nlpgrasp.motion.keyframes import add_squeeze_and_lift
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.least_friction import NoBalanceError, balanced_forces
-from nlpgrasp.solution.solution import GraspSolution, given_solution
+from nlpgrasp.solution.solution import GraspSolution, require_solution
 from nlpgrasp.solution.squeeze_record import Gain, JointSqueeze, Squeeze, default_gain
 from nlpgrasp.tasks.tools import WEIGHT
 
@@ -31,7 +31,7 @@ def squeeze(
     up: ArrayLike | None = None,
     hand: Hand | None = None,
 ) -> Squeeze:
-    """Return finger forces that hold a body in balance and need the least friction, and what a hand's joints do then.
+    """Return balanced finger forces of least friction, and the joint torques that exert them.
 
     Of all forces f in the contacts' cones with ``G f = w`` and normal forces of at least ``normal_force``, whose sum
     is at most twice the least there is, those in the narrowest cones: friction and torsional friction of all contacts
@@ -73,11 +73,11 @@ def squeeze(
         Without a grasp; on numbers out of range; where no forces press at all contacts, with the contacts that cannot
         and the friction that would do.
     """
-    grasp = solution if isinstance(solution, Grasp) else given_solution(solution).require_grasp()
-    least = number("normal_force", normal_force, above=0.0)
+    grasp = solution if isinstance(solution, Grasp) else require_solution(solution).require_grasp()
+    least_force = number("normal_force", normal_force, above=0.0)
     wrench = _exerted_wrench(grasp, gravity, up)
-    found = balanced_forces(grasp, wrench, least)
-    result = Squeeze.of(grasp, found.x, found.share, wrench, least)
+    balance = balanced_forces(grasp, wrench, least_force)
+    result = Squeeze.of(grasp, balance.x, balance.share, wrench, least_force)
     joints = None if isinstance(solution, Grasp) else _joint_squeeze(solution, result.wrenches, gain, hand)
     if joints is None and gain is not None:
         raise InputError("gain", gain, "none without a hand whose joints are known; give hand= an ng.URDFHand")
@@ -85,7 +85,7 @@ def squeeze(
 
 
 def squeeze_for_task(solution: GraspSolution, hand: PosedHand | None = None, gain: Gain | None = None) -> Squeeze:
-    """Return the squeeze with the usual force, or as hard as a finger has to press for the task if that is more.
+    """Return the squeeze with the default normal force, or with the task's largest one if that is higher.
 
     It stays within ``max_force`` and the joints' efforts. Balanced forces scale, and so do joint torques.
 
@@ -104,35 +104,35 @@ def squeeze_for_task(solution: GraspSolution, hand: PosedHand | None = None, gai
         As ``squeeze``.
     """
     usual = squeeze(solution, gain=gain, hand=hand)
-    wanted = NORMAL_FORCE if solution.needed is None else max(NORMAL_FORCE, float(np.max(solution.needed.normal)))
+    force = NORMAL_FORCE if solution.needed is None else max(NORMAL_FORCE, float(np.max(solution.needed.normal)))
     effort = 0.0 if usual.joints is None or usual.joints.worst is None else usual.joints.worst[1]
-    spent = 0.0 if solution.max_force is None else usual.largest / solution.max_force
-    times = min(wanted / NORMAL_FORCE, max(1.0, EASY_EFFORT / effort) if effort > 0.0 else np.inf)
-    times /= max(1.0, times * effort / MOST_EFFORT, times * spent)
-    return usual if times == 1.0 else squeeze(solution, times * NORMAL_FORCE, gain=gain, hand=hand)
+    limit_share = 0.0 if solution.max_force is None else usual.largest / solution.max_force
+    factor = min(force / NORMAL_FORCE, max(1.0, EASY_EFFORT / effort) if effort > 0.0 else np.inf)
+    factor /= max(1.0, factor * effort / MOST_EFFORT, factor * limit_share)
+    return usual if factor == 1.0 else squeeze(solution, factor * NORMAL_FORCE, gain=gain, hand=hand)
 
 
 def add_squeeze(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
-    """Return a solution whose ``hand`` states a squeeze, or why there is none; one that does as it is.
+    """Return a solution whose ``hand`` states a squeeze, or the reason for having none.
 
-    Of hands without joints, and of weak joints that nothing balances, it states neither.
+    A solution with a squeeze, or with a hand without joints, is returned unchanged; so is one with too weak joints.
     """
     if not isinstance(hand, PosedHand) or not hand.loaded_joints or solution.grasp is None or solution.squeeze:
         return solution
     try:
-        found = squeeze_for_task(solution, hand, default_gain(hand.sliding_joints))
-    except NoBalanceError as none:
-        why = {"reason": none.reason, **({} if none.friction is None else {"friction": none.friction})}
-        return replace(solution, hand={**(solution.hand or {}), "no_squeeze": why})
-    except InputError:  # ``squeeze`` says so to whoever asks
+        result = squeeze_for_task(solution, hand, default_gain(hand.sliding_joints))
+    except NoBalanceError as error:
+        reason = {"reason": error.reason, **({} if error.friction is None else {"friction": error.friction})}
+        return replace(solution, hand={**(solution.hand or {}), "no_squeeze": reason})
+    except InputError:  # ``squeeze`` itself raises it
         return solution
-    posture = add_squeeze_and_lift(hand, {**(solution.hand or {}), "squeeze": found.to_dict()}, found.positions())
+    posture = add_squeeze_and_lift(hand, {**(solution.hand or {}), "squeeze": result.to_dict()}, result.positions())
     return replace(solution, hand=posture)
 
 
 def add_squeezes(solution: GraspSolution, hand: Hand | None) -> GraspSolution:
-    """Return a solution whose other grasps, those kept beside the answer, state a squeeze where the hand can."""
-    others = [replace(found, hand=add_squeeze(solution.with_answer(found), hand).hand) for found in solution.others]
+    """Return a solution whose alternative grasps state a squeeze where the hand can squeeze."""
+    others = [replace(grasp, hand=add_squeeze(solution.with_answer(grasp), hand).hand) for grasp in solution.others]
     return replace(solution, others=tuple(others))
 
 
@@ -143,18 +143,18 @@ def _exerted_wrench(grasp: Grasp, gravity: ArrayLike | None, up: ArrayLike | Non
         return wrench
     if np.ndim(gravity) > 0:
         return array("gravity", gravity, (grasp.dimension,))
-    above = np.eye(grasp.space)[-1] if up is None else array("up", up, (grasp.space,))
-    length = float(np.linalg.norm(above))
+    upwards = np.eye(grasp.space)[-1] if up is None else array("up", up, (grasp.space,))
+    length = float(np.linalg.norm(upwards))
     if length == 0.0:
-        raise InputError("up", above.tolist(), "a direction")
-    wrench[: grasp.space] = number("gravity", gravity, at_least=0.0) * WEIGHT * above / length
+        raise InputError("up", upwards.tolist(), "a direction")
+    wrench[: grasp.space] = number("gravity", gravity, at_least=0.0) * WEIGHT * upwards / length
     return wrench
 
 
 def _joint_squeeze(
     solution: GraspSolution, wrenches: FloatArray, gain: Gain | None, hand: Hand | None
 ) -> JointSqueeze | None:
-    """Return what the joints do for forces and moments (k, d); None where nothing says how they move contacts."""
+    """Return the joint torques for forces and moments (k, d); None without Jacobians of the contacts."""
     posture = solution.hand or {}
     if hand is not None:
         if not isinstance(hand, PosedHand) or not hand.loaded_joints:
@@ -165,8 +165,8 @@ def _joint_squeeze(
         jacobians = hand.contact_jacobians(hand.values_of(posture), grasp.points)
         names, limits = hand.loaded_joints, hand.torque_limits
     elif solution.squeeze is not None and solution.squeeze.joints is not None:
-        known = solution.squeeze.joints
-        jacobians, names, limits = known.jacobians, tuple(known.torques), known.limits
+        joints = solution.squeeze.joints
+        jacobians, names, limits = joints.jacobians, tuple(joints.torques), joints.limits
     else:
         return None
     return JointSqueeze.of(names, wrenches, jacobians, limits, posture["joint_positions"], gain)

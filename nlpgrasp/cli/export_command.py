@@ -106,12 +106,15 @@ def _announce(message: str) -> None:
 def _describe_assumptions(solution: ng.GraspSolution, mass: float | None, normal_force: float | None) -> None:
     """Print the assumptions of a scene: the object's mass, and the squeeze."""
     from nlpgrasp.simulation.scene_object import object_mass
-    from nlpgrasp.solution.squeeze_record import friction_warning, too_weak
+    from nlpgrasp.solution.squeeze_record import friction_warning, weak_squeeze_warning
 
     if mass is None:
         assumed_mass = object_mass(solution, None)
         weight = f"{assumed_mass.kilograms:.3g} kg there, {assumed_mass.source}"
         typer.echo(f"the object weighs {weight}: --mass states another")
-    for line in (too_weak(solution.squeeze, solution.needed, normal_force), friction_warning(solution.squeeze)):
+    for line in (
+        weak_squeeze_warning(solution.squeeze, solution.needed, normal_force),
+        friction_warning(solution.squeeze),
+    ):
         if line:
             typer.echo(line)

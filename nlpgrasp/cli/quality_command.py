@@ -64,7 +64,7 @@ def quality_command(
 
 def _print_measures(item: ReadGrasp, rtol: float, torque_scale: float | None, as_json: bool) -> None:
     """Compute and print the measures of one grasp."""
-    from nlpgrasp.solution.quality_record import held_words
+    from nlpgrasp.solution.quality_record import measure_meaning
 
     grasp, task, budget = item.grasp, item.task, item.budget
     scale = grasp.mean_arm if torque_scale is None else torque_scale
@@ -87,7 +87,7 @@ def _print_measures(item: ReadGrasp, rtol: float, torque_scale: float | None, as
     typer.echo(f"{item.name}: {len(grasp)} contacts, force budget {budget.kind}")
     quality = "needs a task: --task G.json"
     if mu is not None:
-        quality = f"certified in {mu}{limit}: {held_words(kind, budget)}"
+        quality = f"certified in {mu}{limit}: {measure_meaning(kind, budget)}"
     typer.echo(f"  {kind:8} {quality}")
     negation = "" if is_stable else "not "
     typer.echo(f"  delta    certified in {delta} (torque scale {scale:.4g} m): {negation}force-closed")

@@ -111,13 +111,13 @@ def _simulate_by_hand(
 ) -> None:
     """Simulate the squeeze by the hand's joints, and print and draw the result."""
     from nlpgrasp.simulation.picture_strips import write_hand_strip
-    from nlpgrasp.solution.squeeze_record import friction_warning, too_weak
+    from nlpgrasp.solution.squeeze_record import friction_warning, weak_squeeze_warning
 
     push = joint_options.pop("push", 1.0)
     options = ng.HandSceneOptions(mass=mass, **joint_options)
     with report_steps("simulating") as report:
         simulation = ng.simulate_hand(solution, hand, options, push, report)
-    weakness = too_weak(solution.squeeze, solution.needed, joint_options.get("normal_force"))
+    weakness = weak_squeeze_warning(solution.squeeze, solution.needed, joint_options.get("normal_force"))
     notes = (weakness, friction_warning(solution.squeeze), solution.approach_line())
     _print_simulation(simulation, simulation.to_dict(), notes, as_json)
     _finish(simulation, write_hand_strip(simulation, solution, target), as_json)

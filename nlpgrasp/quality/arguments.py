@@ -29,16 +29,16 @@ def extend_to_stacks(measure: Callable[Concatenate[Grasp, P], float]) -> OverSta
     """Extend a measure of one grasp to stacks, evaluated grasp by grasp."""
 
     @overload
-    def measured(grasp: Grasp, *args: P.args, **kwargs: P.kwargs) -> float: ...
+    def measure_each(grasp: Grasp, *args: P.args, **kwargs: P.kwargs) -> float: ...
     @overload
-    def measured(grasp: GraspStack, *args: P.args, **kwargs: P.kwargs) -> FloatArray: ...
-    def measured(grasp: Grasp | GraspStack, *args: P.args, **kwargs: P.kwargs) -> float | FloatArray:
+    def measure_each(grasp: GraspStack, *args: P.args, **kwargs: P.kwargs) -> FloatArray: ...
+    def measure_each(grasp: Grasp | GraspStack, *args: P.args, **kwargs: P.kwargs) -> float | FloatArray:
         if isinstance(grasp, GraspStack):
-            return np.array([measure(one, *args, **kwargs) for one in grasp])
+            return np.array([measure(member, *args, **kwargs) for member in grasp])
         return measure(grasp, *args, **kwargs)
 
-    update_wrapper(measured, measure)
-    return measured
+    update_wrapper(measure_each, measure)
+    return measure_each
 
 
 def require_grasp(value: object, *, stack: bool = False) -> None:

@@ -117,8 +117,8 @@ class StackBounds:
     @classmethod
     def of(cls, bounds: Sequence[Bounds]) -> StackBounds:
         """Return the combined intervals of several grasps."""
-        known = [b.worst_direction for b in bounds if b.worst_direction is not None]
-        size = len(known[0]) if known else 0
+        directions = [b.worst_direction for b in bounds if b.worst_direction is not None]
+        size = len(directions[0]) if directions else 0
         rows = [np.full(size, np.nan) if b.worst_direction is None else b.worst_direction for b in bounds]
         return cls(
             np.array([b.lower for b in bounds], dtype=float),
@@ -132,9 +132,9 @@ class StackBounds:
 
     def __getitem__(self, index: int) -> Bounds:
         y = self.worst_directions[index]
-        worst = None if not y.size or np.isnan(y).any() else y
-        found = Bounds(float(self.lower[index]), float(self.upper[index]), worst, torque_scale=self.torque_scale)
-        return found.of_measure(self.kind, self.task_beta)
+        direction = None if not y.size or np.isnan(y).any() else y
+        bounds = Bounds(float(self.lower[index]), float(self.upper[index]), direction, torque_scale=self.torque_scale)
+        return bounds.of_measure(self.kind, self.task_beta)
 
     def __iter__(self) -> Iterator[Bounds]:
         return (self[i] for i in range(len(self)))

@@ -49,9 +49,9 @@ class Containment:
         phi, wrench = self.wrenches.support(u)
         reach, demand = self.task.support(u)
         positive = reach > 1e-12 * np.linalg.norm(u, axis=1)
-        safe = np.where(positive, reach, 1.0)
-        value = np.where(positive, phi / safe, np.inf)
-        gradient = (wrench - np.where(positive, value, 0.0)[:, None] * demand) / safe[:, None]
+        divisor = np.where(positive, reach, 1.0)
+        value = np.where(positive, phi / divisor, np.inf)
+        gradient = (wrench - np.where(positive, value, 0.0)[:, None] * demand) / divisor[:, None]
         return value, gradient
 
     def original(self, u: FloatArray) -> FloatArray:
@@ -76,18 +76,18 @@ def condition(wrenches: WrenchSet, task: Task) -> tuple[Containment | None, Floa
     rank = numerical_rank(values)
     null = (vectors[:, rank:] / scale[:, None]).T  # directions without any wrench
     for y in null:
-        both = np.stack([y, -y])
-        reach = task.support(both)[0]
+        pair = np.stack([y, -y])
+        reach = task.support(pair)[0]
         if reach.max() > 1e-9 * np.linalg.norm(np.sqrt(np.diag(moment)) * y):
-            return None, both[int(np.argmax(reach))] / np.linalg.norm(y)
+            return None, pair[int(np.argmax(reach))] / np.linalg.norm(y)
     if rank == 0:
         return None, None
-    reduce = (vectors[:, :rank] / scale[:, None]).T  # (rank, d)
-    shape = reduce @ moment @ reduce.T
+    reduction = (vectors[:, :rank] / scale[:, None]).T  # (rank, d)
+    shape = reduction @ moment @ reduction.T
     spread = np.linalg.eigvalsh(shape)
     if spread[0] <= FLAT_CONDITION * spread[-1]:
-        gram = reduce @ wrenches.G @ wrenches.G.T @ reduce.T
+        gram = reduction @ wrenches.G @ wrenches.G.T @ reduction.T
         shape = shape + 0.1 * np.trace(shape) / np.trace(gram) * gram
-    matrix = np.linalg.solve(np.linalg.cholesky(shape), reduce)
+    matrix = np.linalg.solve(np.linalg.cholesky(shape), reduction)
     rounding = ROUNDING + 1e-14 * float(np.linalg.cond(shape)) ** 0.5
     return Containment(wrenches.transformed(matrix), task.transformed(matrix), matrix, rounding), None

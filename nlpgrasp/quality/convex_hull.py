@@ -18,12 +18,14 @@ from scipy.spatial import ConvexHull, QhullError
 from nlpgrasp.common.validation import FloatArray
 
 Indices = NDArray[np.intp]
-ILL = 1e-3  # difference of two heights below which planes are solved for directly
+LEAST_DROP = 1e-3  # difference of two heights below which planes are solved for directly
 BEYOND = 1e-9  # relative height above a plane from which a point counts as beyond it
-MOST_NEW = 8_000  # cells per new vertex above which rounding has failed (some hundreds are normal in 6 dimensions)
+MOST_NEW_CELLS = (
+    8_000  # cells per new vertex above which rounding has failed (in 6 dimensions some hundreds are normal)
+)
 
 
-class Hull:
+class IncrementalHull:
     """Incremental hull: simplicial cells around a centre, with planes ``{x : <a, x - centre> = 1}`` and values.
 
     Parameters
@@ -57,7 +59,7 @@ class Hull:
         self._random = np.random.default_rng(0)
         self._names = self._new_names(self._count)
         self._cells: Indices = np.asarray(ConvexHull(points).simplices, dtype=np.intp)
-        self._near = self._first_neighbours()
+        self._neighbours = self._first_neighbours()
         try:
             corners = self._points[self._cells]
             self.planes: FloatArray = np.linalg.solve(corners, np.ones((*self._cells.shape, 1)))[:, :, 0]
@@ -82,12 +84,12 @@ class Hull:
         planes = self.planes[: self._size][live]
         return corners, planes, np.min(np.einsum("fvd,fd->fv", corners, planes), axis=1)
 
-    def worst(self, below: float, most: int) -> Indices:
-        """Return the indices of at most ``most`` cells with values below a threshold, smallest first."""
+    def worst(self, threshold: float, limit: int) -> Indices:
+        """Return the indices of at most ``limit`` cells with values below a threshold, smallest first."""
         values = self.values[: self._size]
-        cells = np.flatnonzero(values < below)
-        if cells.size > most:
-            cells = cells[np.argpartition(values[cells], most - 1)[:most]]
+        cells = np.flatnonzero(values < threshold)
+        if cells.size > limit:
+            cells = cells[np.argpartition(values[cells], limit - 1)[:limit]]
         return cells[np.argsort(values[cells])]
 
     def normals(self, cells: Indices) -> FloatArray:
@@ -105,18 +107,19 @@ class Hull:
     def _insert(self, p: FloatArray) -> bool:
         """Insert a vertex relative to the centre, leaving its cells' values unset; return whether it was inserted."""
         height = self.planes[: self._size] @ p
-        seen = np.flatnonzero(height > 1.0 + BEYOND)
-        if not seen.size:
+        visible = np.flatnonzero(height > 1.0 + BEYOND)
+        if not visible.size:
             return False
-        self._marked[seen] = True
-        near = self._near[seen]
-        row, slot = np.nonzero(~self._marked[near])
-        self._marked[seen] = False
-        if len(row) > MOST_NEW:
+        self._marked[visible] = True
+        neighbours = self._neighbours[visible]
+        row, slot = np.nonzero(~self._marked[neighbours])
+        self._marked[visible] = False
+        if len(row) > MOST_NEW_CELLS:
             return False
-        old, outer = seen[row], near[row, slot]  # the horizon: cells on either side of each of its ridges
-        index = np.arange(len(old))
-        cells = self._cells[old]
+        # the horizon: cells on either side of each of its ridges
+        visible_cells, hidden_cells = visible[row], neighbours[row, slot]
+        index = np.arange(len(visible_cells))
+        cells = self._cells[visible_cells]
         cells[index, slot] = self._count
         self._append(p)
         inner = np.ones(cells.shape, dtype=bool)
@@ -125,30 +128,32 @@ class Hull:
         if pairs is None:  # rounding tore the horizon: leave everything as it was
             self._count -= 1
             return False
-        back = np.argmax(self._near[outer] == old[:, None], axis=1)
-        planes = self._new_planes(height, old, outer, cells)
-        new = self._slots(seen, len(old))
+        back_slots = np.argmax(self._neighbours[hidden_cells] == visible_cells[:, None], axis=1)
+        planes = self._new_planes(height, visible_cells, hidden_cells, cells)
+        new = self._slots(visible, len(visible_cells))
         rows, slots, partner = pairs
-        self._near[new, slot] = outer
-        self._near[new[rows], slots] = new[partner]
-        self._near[outer, back] = new
+        self._neighbours[new, slot] = hidden_cells
+        self._neighbours[new[rows], slots] = new[partner]
+        self._neighbours[hidden_cells, back_slots] = new
         self._cells[new] = cells
         self.planes[new] = planes
         self.values[new] = np.nan
         return True
 
-    def _new_planes(self, height: FloatArray, old: Indices, outer: Indices, cells: Indices) -> FloatArray:
+    def _new_planes(
+        self, height: FloatArray, visible_cells: Indices, hidden_cells: Indices, cells: Indices
+    ) -> FloatArray:
         """Return the planes through the horizon's ridges and the new point, interpolated from adjacent cells."""
-        drop = height[old] - height[outer]
-        share = ((height[old] - 1.0) / drop)[:, None]
-        planes = (1.0 - share) * self.planes[old] + share * self.planes[outer]
-        close = np.flatnonzero(drop < ILL)
-        if close.size:  # the two planes hardly differ at the new point: solve for the vertices themselves
+        drop = height[visible_cells] - height[hidden_cells]
+        share = ((height[visible_cells] - 1.0) / drop)[:, None]
+        planes = (1.0 - share) * self.planes[visible_cells] + share * self.planes[hidden_cells]
+        nearly_equal = np.flatnonzero(drop < LEAST_DROP)
+        if nearly_equal.size:  # the two planes hardly differ at the new point: solve for the vertices themselves
             with contextlib.suppress(np.linalg.LinAlgError):
-                corners = self._points[cells[close]]
+                corners = self._points[cells[nearly_equal]]
                 solved = np.linalg.solve(corners, np.ones((*corners.shape[:2], 1)))[:, :, 0]
-                good = np.all(np.isfinite(solved), axis=1)
-                planes[close[good]] = solved[good]
+                is_finite = np.all(np.isfinite(solved), axis=1)
+                planes[nearly_equal[is_finite]] = solved[is_finite]
         return planes
 
     def _pairs(self, cells: Indices, inner: NDArray[np.bool_]) -> tuple[Indices, Indices, Indices] | None:
@@ -158,11 +163,11 @@ class Hull:
         rows, slots = np.nonzero(inner)
         keys = keys[rows, slots]
         order = np.argsort(keys)
-        one, other = order[0::2], order[1::2]
-        if len(one) != len(other) or not np.array_equal(keys[one], keys[other]):
+        first, second = order[0::2], order[1::2]
+        if len(first) != len(second) or not np.array_equal(keys[first], keys[second]):
             return None
         partner = np.empty(len(rows), dtype=np.intp)
-        partner[one], partner[other] = rows[other], rows[one]
+        partner[first], partner[second] = rows[second], rows[first]
         return rows, slots, partner
 
     def _first_neighbours(self) -> Indices:
@@ -172,29 +177,29 @@ class Hull:
         if pairs is None:
             raise QhullError("facets that do not close")
         rows, slots, partner = pairs
-        near = np.empty(cells.shape, dtype=np.intp)
-        near[rows, slots] = partner
-        return near
+        neighbours = np.empty(cells.shape, dtype=np.intp)
+        neighbours[rows, slots] = partner
+        return neighbours
 
-    def _slots(self, gone: Indices, wanted: int) -> Indices:
+    def _slots(self, removed: Indices, count: int) -> Indices:
         """Return storage indices for new cells, reusing those of removed cells."""
-        self.planes[gone] = 0.0
-        self.values[gone] = np.inf
-        pool = np.concatenate([gone, self._free])
-        if pool.size < wanted:
-            end = self._size + wanted - pool.size
+        self.planes[removed] = 0.0
+        self.values[removed] = np.inf
+        pool = np.concatenate([removed, self._free])
+        if pool.size < count:
+            end = self._size + count - pool.size
             if end > len(self.planes):
                 self._enlarge(2 * end)
             pool = np.concatenate([pool, np.arange(self._size, end)])
             self._size = end
-        self._free = pool[wanted:]
-        return pool[:wanted]
+        self._free = pool[count:]
+        return pool[:count]
 
     def _enlarge(self, size: int) -> None:
         extra = size - len(self.planes)
         self.planes = np.concatenate([self.planes, np.zeros((extra, self._dimension))])
         self.values = np.concatenate([self.values, np.full(extra, np.inf)])
-        for name in ("_cells", "_near"):
+        for name in ("_cells", "_neighbours"):
             old = getattr(self, name)
             setattr(self, name, np.concatenate([old, np.zeros((extra, self._dimension), dtype=np.intp)]))
         self._marked = np.zeros(size, dtype=bool)

@@ -21,11 +21,12 @@ from nlpgrasp.contacts.base import upper_triangle
 from nlpgrasp.quality.wrench_set import WrenchSet
 
 CHUNK = 16384  # wrenches per batch
-MANY, FIRST, ROUGHLY = 500, 128, 6  # wrenches above which the first ones, with few steps, give warm starts
-WORTH = 0.8  # share of unsolved wrenches below which solved ones are dropped
+MANY = 500  # wrenches above which the first ones give warm starts
+SAMPLE, SAMPLE_STEPS = 128, 6  # number of these first ones, and their Newton steps
+ACTIVE_SHARE = 0.8  # share of unsolved wrenches below which solved ones are dropped
 TOLERANCE = 1e-10  # default residual of unit wrenches at which iterations end
 STEPS = 100  # Newton steps, at most
-SHORTER = 4  # backtracking steps before the Hessian is damped
+BACKTRACKS = 4  # backtracking steps before the Hessian is damped
 FLOOR = 1e-14  # of the Hessian's trace, added to its diagonal
 LEAST_DAMPING, MOST_DAMPING = 1e-6, 1e6  # of |G|^2; beyond the latter, rounding prevents progress
 
@@ -43,28 +44,28 @@ def dual_newton(
     w = np.ascontiguousarray(wrenches.T)
     start = solver.unconstrained(w)
     if w.shape[1] > MANY:
-        y, x = solver.solve(w[:, :FIRST], start[:, :FIRST], ROUGHLY)
+        y, x = solver.solve(w[:, :SAMPLE], start[:, :SAMPLE], SAMPLE_STEPS)
         start = _best_start(w, y, np.linalg.norm(x, axis=0), start)
-    parts = [
+    chunks = [
         solver.solve(np.ascontiguousarray(w[:, a : a + CHUNK]), np.ascontiguousarray(start[:, a : a + CHUNK]), STEPS)
         for a in range(0, max(w.shape[1], 1), CHUNK)
     ]
-    return np.concatenate([y.T for y, _ in parts]), np.concatenate([x.T for _, x in parts])
+    return np.concatenate([y.T for y, _ in chunks]), np.concatenate([x.T for _, x in chunks])
 
 
-def _best_start(w: FloatArray, y: FloatArray, size: FloatArray, otherwise: FloatArray) -> FloatArray:
+def _best_start(w: FloatArray, y: FloatArray, size: FloatArray, default: FloatArray) -> FloatArray:
     """Return warm starts: for each wrench the multiple ``s y_j`` of a known solution with the largest dual value.
 
-    With ``x_j = P_K(G^T y_j)`` that is ``s = <w, y_j> / |x_j|^2``, where ``<w, y_j> / |x_j|`` is largest; the other
-    start given where none is positive.
+    With ``x_j = P_K(G^T y_j)`` that is ``s = <w, y_j> / |x_j|^2``, where ``<w, y_j> / |x_j|`` is largest; the default
+    start where none is positive.
     """
     y, size = y[:, size > 0.0], size[size > 0.0]
     if not size.size:
-        return otherwise
+        return default
     score = w.T @ (y / size)
     best = np.argmax(score, axis=1)
-    most = score[np.arange(len(best)), best]
-    return np.where(most > 0.0, y[:, best] * (most / size[best]), otherwise)
+    largest = score[np.arange(len(best)), best]
+    return np.where(largest > 0.0, y[:, best] * (largest / size[best]), default)
 
 
 @dataclass
@@ -88,21 +89,23 @@ class _State:
 
 
 class _Solver:
+    """Semismooth Newton method for the wrenches of one wrench set."""
+
     def __init__(self, wrench_set: WrenchSet, tolerance: float, limit: float) -> None:
         self.tolerance, self.limit = tolerance, limit
         self.G = np.ascontiguousarray(wrench_set.G)
         self.contacts = wrench_set.contacts
-        self.where = wrench_set.ranges
-        self.same = all(c == self.contacts[0] for c in self.contacts)
+        self.ranges = wrench_set.ranges
+        self.are_equal = all(c == self.contacts[0] for c in self.contacts)
         self.size = float(np.sum(self.G**2))
         d = len(self.G)
         self.upper = upper_triangle(d)
         columns = []  # entry (a, b) of G_i P_i' G_i^T per entry (p, q) of P_i'
-        for r in self.where:
+        for r in self.ranges:
             for p, q in upper_triangle(r.stop - r.start):
-                both = np.outer(self.G[:, r.start + p], self.G[:, r.start + q])
-                both = both if p == q else both + both.T
-                columns.append(np.array([both[place] for place in self.upper]))
+                outer = np.outer(self.G[:, r.start + p], self.G[:, r.start + q])
+                outer = outer if p == q else outer + outer.T
+                columns.append(np.array([outer[entry] for entry in self.upper]))
         self.assemble = np.stack(columns, axis=1)
 
     def unconstrained(self, w: FloatArray) -> FloatArray:
@@ -116,15 +119,17 @@ class _Solver:
         state = self._state(np.arange(m), w, start, np.zeros(m))
         for _ in range(steps):
             improved = state.residual < best[state.index]
-            kept = state.index[improved]
-            best[kept] = state.residual[improved]
-            y_out[:, kept], x_out[:, kept] = state.y[:, improved], state.x[:, improved]
+            improved_indices = state.index[improved]
+            best[improved_indices] = state.residual[improved]
+            y_out[:, improved_indices], x_out[:, improved_indices] = state.y[:, improved], state.x[:, improved]
             # wrenches beyond the limit, or stopped by rounding, are done too
-            going = (state.residual > self.tolerance) & (state.value <= self.limit) & (state.damping <= MOST_DAMPING)
-            if not going.any():
+            is_active = (
+                (state.residual > self.tolerance) & (state.value <= self.limit) & (state.damping <= MOST_DAMPING)
+            )
+            if not is_active.any():
                 break
-            if going.mean() < WORTH or len(going) < MANY:
-                state.select_columns(going)
+            if is_active.mean() < ACTIVE_SHARE or len(is_active) < MANY:
+                state.select_columns(is_active)
             state = self._search(state, self._newton_step(state))
         return y_out, x_out
 
@@ -139,54 +144,56 @@ class _Solver:
         return _State(index, w, y, z, x, value, gradient, np.sqrt(np.einsum("dm,dm->m", gradient, gradient)), damping)
 
     def _newton_step(self, state: _State) -> FloatArray:
-        """Return the solution of ``(H + regular I) s = gradient`` (d, m)."""
+        """Return the solution of ``(H + shift I) s = gradient`` (d, m)."""
         entries = dict(zip(self.upper, self.assemble @ self._derivatives(state.z), strict=True))
         d = len(state.y)
         trace = np.sum([entries[a, a] for a in range(d)], axis=0)
-        small = np.minimum(state.residual, 0.1)
-        regular = FLOOR * trace + state.damping * self.size + 1e-3 * small**3 + 1e-300
-        return solve_columns(entries, regular, state.gradient)
+        scale = np.minimum(state.residual, 0.1)
+        shift = FLOOR * trace + state.damping * self.size + 1e-3 * scale**3 + 1e-300
+        return solve_columns(entries, shift, state.gradient)
 
     def _search(self, state: _State, step: FloatArray) -> _State:
         """Return the state after a line search; without sufficient increase, unchanged with more damping."""
         slope = np.einsum("dm,dm->m", state.gradient, step)
         trial = self._state(state.index, state.w, state.y + step, 0.01 * state.damping)
-        enough = trial.value >= state.value + 1e-4 * slope
+        has_increased = trial.value >= state.value + 1e-4 * slope
         # close to the solution the gradient decides, not the value
-        nearer = (trial.residual < 0.7 * state.residual) & (trial.value >= state.value - 1e-14 * np.abs(state.value))
-        short = np.flatnonzero(~(enough | nearer))
+        is_nearer = (trial.residual < 0.7 * state.residual) & (trial.value >= state.value - 1e-14 * np.abs(state.value))
+        rejected = np.flatnonzero(~(has_increased | is_nearer))
         length = 1.0
-        for _ in range(SHORTER):
-            if not short.size:
+        for _ in range(BACKTRACKS):
+            if not rejected.size:
                 break
             length *= 0.25
-            y = state.y[:, short] + length * step[:, short]
-            part = self._state(state.index[short], state.w[:, short], y, trial.damping[short])
-            self._put(trial, short, part)
-            short = short[part.value < state.value[short] + 1e-4 * length * slope[short]]
-        if short.size:
-            old = self._state(state.index[short], state.w[:, short], state.y[:, short], state.damping[short])
-            old.damping = np.maximum(LEAST_DAMPING, 100.0 * old.damping)
-            self._put(trial, short, old)
+            y = state.y[:, rejected] + length * step[:, rejected]
+            shortened = self._state(state.index[rejected], state.w[:, rejected], y, trial.damping[rejected])
+            self._write_columns(trial, rejected, shortened)
+            rejected = rejected[shortened.value < state.value[rejected] + 1e-4 * length * slope[rejected]]
+        if rejected.size:
+            unchanged = self._state(
+                state.index[rejected], state.w[:, rejected], state.y[:, rejected], state.damping[rejected]
+            )
+            unchanged.damping = np.maximum(LEAST_DAMPING, 100.0 * unchanged.damping)
+            self._write_columns(trial, rejected, unchanged)
         return trial
 
     @staticmethod
-    def _put(state: _State, columns: np.ndarray[tuple[int, ...], np.dtype[np.intp]], part: _State) -> None:
+    def _write_columns(state: _State, columns: np.ndarray[tuple[int, ...], np.dtype[np.intp]], source: _State) -> None:
         for name in (f.name for f in fields(state)):
             if name not in ("index", "w"):
-                getattr(state, name)[..., columns] = getattr(part, name)
+                getattr(state, name)[..., columns] = getattr(source, name)
 
     def _project(self, z: FloatArray) -> FloatArray:
         """Return ``P_K(z)``, (n, m)."""
-        if self.same:
-            block = z.reshape(len(self.contacts), self.where[0].stop, z.shape[1]).transpose(0, 2, 1)
+        if self.are_equal:
+            block = z.reshape(len(self.contacts), self.ranges[0].stop, z.shape[1]).transpose(0, 2, 1)
             return np.ascontiguousarray(self.contacts[0].project(block).transpose(0, 2, 1)).reshape(z.shape)
-        return np.concatenate([c.project(z[r].T).T for c, r in zip(self.contacts, self.where, strict=True)])
+        return np.concatenate([c.project(z[r].T).T for c, r in zip(self.contacts, self.ranges, strict=True)])
 
     def _derivatives(self, z: FloatArray) -> FloatArray:
         """Return the upper triangles of every contact's ``P_Ki'`` as rows, (sum n_i (n_i + 1) / 2, m)."""
         m = z.shape[1]
-        if self.same:
-            block = z.reshape(len(self.contacts), self.where[0].stop, m).transpose(0, 2, 1)
+        if self.are_equal:
+            block = z.reshape(len(self.contacts), self.ranges[0].stop, m).transpose(0, 2, 1)
             return np.moveaxis(self.contacts[0].derivative_entries(block), 0, 1).reshape(self.assemble.shape[1], m)
-        return np.concatenate([c.derivative_entries(z[r].T) for c, r in zip(self.contacts, self.where, strict=True)])
+        return np.concatenate([c.derivative_entries(z[r].T) for c, r in zip(self.contacts, self.ranges, strict=True)])

@@ -46,13 +46,13 @@ def separating_direction(wrenches: WrenchSet, rounds: int = 100) -> FloatArray |
         The caller has to check ``has_no_support``, which is the proof.
     """
     U, S, _ = np.linalg.svd(wrenches.G, full_matrices=False)
-    white = wrenches.transformed((U / S).T)  # rows of G orthonormal: as well-conditioned as the question allows
-    pressing = np.zeros(wrenches.G.shape[1])
-    pressing[[r.start for r in wrenches.ranges]] = 1.0
-    target = -white.G @ pressing
+    whitened = wrenches.transformed((U / S).T)  # rows of G orthonormal: as well-conditioned as the question allows
+    normal_forces = np.zeros(wrenches.G.shape[1])
+    normal_forces[[r.start for r in wrenches.ranges]] = 1.0
+    target = -whitened.G @ normal_forces
     if np.linalg.norm(target) <= ZERO_SUPPORT:
         return None
-    y = unreachable_direction(white, target, rounds)
+    y = unreachable_direction(whitened, target, rounds)
     if y is None:
         return None
     y = (U / S) @ y
@@ -66,9 +66,9 @@ def unreachable_direction(wrenches: WrenchSet, target: FloatArray, rounds: int =
     orthogonal to that point and in the polar cone.
     """
     scale, size = float(np.linalg.norm(wrenches.G, 2)), float(np.linalg.norm(target))
-    where = wrenches.ranges
-    rays = [wrenches.G[:, r.start : r.start + 1] for r in where]
-    best, least = target / size, np.inf
+    ranges = wrenches.ranges
+    rays = [wrenches.G[:, r.start : r.start + 1] for r in ranges]
+    direction, least_share = target / size, np.inf
     for _ in range(rounds):
         columns = np.concatenate(rays, axis=1)
         weights, distance = nnls(columns, target, maxiter=50 * columns.shape[1])
@@ -77,14 +77,14 @@ def unreachable_direction(wrenches: WrenchSet, target: FloatArray, rounds: int =
         y = (target - columns @ weights) / distance
         force = wrenches.project((y @ wrenches.G)[None, :])[0]
         share = float(positive_share(wrenches, y[None, :])[0])
-        if share < least:
-            best, least = y, share
+        if share < least_share:
+            direction, least_share = y, share
         if share <= EXACT:
             break
-        keep = weights > 0.0
-        new = [wrenches.G[:, r] @ force[r] for r in where]
-        grown = [w[:, None] / np.linalg.norm(w) for w in new if np.linalg.norm(w) > 1e-15 * scale]
-        if not grown:
+        is_used = weights > 0.0
+        maximisers = [wrenches.G[:, r] @ force[r] for r in ranges]
+        new_rays = [w[:, None] / np.linalg.norm(w) for w in maximisers if np.linalg.norm(w) > 1e-15 * scale]
+        if not new_rays:
             break
-        rays = [columns[:, keep], *grown]
-    return np.asarray(best)
+        rays = [columns[:, is_used], *new_rays]
+    return np.asarray(direction)

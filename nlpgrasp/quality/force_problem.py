@@ -109,12 +109,12 @@ def finger_forces(
     target = w / scale
     size = np.linalg.norm(target, axis=1)
     unit = target / np.where(size > 0.0, size, 1.0)[:, None]
-    x, residual, why = _unit_wrench_forces(scaled, unit)
+    x, residual, directions = _unit_wrench_forces(scaled, unit)
     feasible = residual <= PRODUCED
-    why = why / scale
-    why /= np.where(feasible, np.nan, np.linalg.norm(why, axis=1))[:, None]
+    directions = directions / scale
+    directions /= np.where(feasible, np.nan, np.linalg.norm(directions, axis=1))[:, None]
     used = np.where(feasible, scaled.force_set.used(x) * size, np.inf)
-    return FingerForces(x * size[:, None], feasible, residual, used, why)
+    return FingerForces(x * size[:, None], feasible, residual, used, directions)
 
 
 def _as_rows(wrenches: ArrayLike, d: int) -> FloatArray:
@@ -138,34 +138,35 @@ def _unit_wrench_forces(wrench_set: WrenchSet, w: FloatArray) -> tuple[FloatArra
     """Return forces, residuals and separating directions for unit (or zero) wrenches."""
     basis, values, _ = np.linalg.svd(wrench_set.G)
     basis = basis[:, : numerical_rank(values)]  # range of G, without the contacts' cones
-    inside = wrench_set.transformed(basis.T)
+    reduced = wrench_set.transformed(basis.T)
     local = w @ basis
-    y, x = dual_newton(inside, local)
-    why = w - local @ basis.T
-    off = np.linalg.norm(why, axis=1) > PRODUCED
+    y, x = dual_newton(reduced, local)
+    directions = w - local @ basis.T
+    is_out_of_range = np.linalg.norm(directions, axis=1) > PRODUCED
     residual = np.linalg.norm(x @ wrench_set.G.T - w, axis=1)
-    open_ = np.flatnonzero(~off & (residual > PRODUCED))
-    proven = _is_separating(inside, y[open_], local[open_])
-    why[open_[proven]] = y[open_[proven]] @ basis.T
-    open_ = open_[~proven]
-    if open_.size:  # narrow cones are hard for Newton's method: use a conic solver
-        again = solve_least_forces(replace(inside, force_set=L2Set(inside.contacts, inside.space)), local[open_])[0]
-        again = _project_into_cones(inside, again, local[open_])
-        left = np.linalg.norm(again @ inside.G.T - local[open_], axis=1)
-        good = left <= PRODUCED  # false for NaN
-        x[open_[good]], residual[open_[good]] = again[good], left[good]
-        for i in open_[~good]:
-            found = unreachable_direction(inside, local[i])
-            why[i] = basis @ (y[i] if found is None else found)
+    unsettled = np.flatnonzero(~is_out_of_range & (residual > PRODUCED))
+    proven = _is_separating(reduced, y[unsettled], local[unsettled])
+    directions[unsettled[proven]] = y[unsettled[proven]] @ basis.T
+    unsettled = unsettled[~proven]
+    if unsettled.size:  # narrow cones are hard for Newton's method: use a conic solver
+        l2_set = replace(reduced, force_set=L2Set(reduced.contacts, reduced.space))
+        forces = solve_least_forces(l2_set, local[unsettled])[0]
+        forces = _project_into_cones(reduced, forces, local[unsettled])
+        residuals = np.linalg.norm(forces @ reduced.G.T - local[unsettled], axis=1)
+        is_produced = residuals <= PRODUCED  # false for NaN
+        x[unsettled[is_produced]], residual[unsettled[is_produced]] = forces[is_produced], residuals[is_produced]
+        for i in unsettled[~is_produced]:
+            direction = unreachable_direction(reduced, local[i])
+            directions[i] = basis @ (y[i] if direction is None else direction)
     if not isinstance(wrench_set.force_set, L2Set):
-        able = np.flatnonzero(residual <= PRODUCED)
-        least = solve_least_forces(inside, local[able])[0]
-        failed = able[~np.all(np.isfinite(least), axis=1) & np.any(local[able] != 0.0, axis=1)]
+        feasible = np.flatnonzero(residual <= PRODUCED)
+        forces = solve_least_forces(reduced, local[feasible])[0]
+        failed = feasible[~np.all(np.isfinite(forces), axis=1) & np.any(local[feasible] != 0.0, axis=1)]
         if failed.size:
             raise NlpgraspError(f"finger_forces: the conic solver found no least forces for wrench {int(failed[0])}")
-        x[able] = _project_into_cones(inside, np.where(np.isfinite(least), least, 0.0), local[able])
+        x[feasible] = _project_into_cones(reduced, np.where(np.isfinite(forces), forces, 0.0), local[feasible])
         residual = np.linalg.norm(x @ wrench_set.G.T - w, axis=1)
-    return x, residual, why
+    return x, residual, directions
 
 
 def _project_into_cones(wrench_set: WrenchSet, x: FloatArray, w: FloatArray) -> FloatArray:
@@ -173,16 +174,17 @@ def _project_into_cones(wrench_set: WrenchSet, x: FloatArray, w: FloatArray) -> 
 
     The change of wrench is compensated by additional forces, since the sum of two forces in a convex cone is in it.
     """
-    inside = np.full_like(x, np.nan)
+    projected = np.full_like(x, np.nan)
     solved = np.all(np.isfinite(x), axis=1)
-    inside[solved] = into(x[solved], wrench_set.contacts, wrench_set.space)
-    left = w - inside @ wrench_set.G.T
-    size = np.linalg.norm(left, axis=1)
-    off = np.flatnonzero(size > TOLERANCE)  # false for NaN
-    mended = inside[off] + size[off, None] * dual_newton(wrench_set, left[off] / size[off, None])[1]
-    better = np.linalg.norm(w[off] - mended @ wrench_set.G.T, axis=1) < size[off]
-    inside[off[better]] = mended[better]
-    return inside
+    projected[solved] = into(x[solved], wrench_set.contacts, wrench_set.space)
+    missing = w - projected @ wrench_set.G.T
+    size = np.linalg.norm(missing, axis=1)
+    inexact = np.flatnonzero(size > TOLERANCE)  # false for NaN
+    corrections = dual_newton(wrench_set, missing[inexact] / size[inexact, None])[1]
+    corrected = projected[inexact] + size[inexact, None] * corrections
+    is_better = np.linalg.norm(w[inexact] - corrected @ wrench_set.G.T, axis=1) < size[inexact]
+    projected[inexact[is_better]] = corrected[is_better]
+    return projected
 
 
 def _is_separating(wrench_set: WrenchSet, y: FloatArray, w: FloatArray) -> NDArray[np.bool_]:
@@ -210,16 +212,16 @@ def solve_least_forces(wrench_set: WrenchSet, wrenches: FloatArray) -> tuple[Flo
     cost[n] = 1.0
     settings = [quiet_settings(tolerance, step) for tolerance in TOLERANCES for step in (LONG, SHORT)]
     forces, directions = np.full((len(wrenches), len(lift)), np.nan), np.full((len(wrenches), d), np.nan)
-    nothing = sparse.csc_matrix((n + 1, n + 1))
+    no_cost = sparse.csc_matrix((n + 1, n + 1))
     for i, w in enumerate(wrenches):
         b = np.zeros(A.shape[0])
         b[:d] = w
         for options in settings:
-            found = clarabel.DefaultSolver(nothing, cost, A, b, cones, options).solve()
-            if str(found.status) == "Solved":
-                forces[i] = lift @ np.array(found.x)[:n]
-                directions[i] = -np.array(found.z)[:d]
+            solution = clarabel.DefaultSolver(no_cost, cost, A, b, cones, options).solve()
+            if str(solution.status) == "Solved":
+                forces[i] = lift @ np.array(solution.x)[:n]
+                directions[i] = -np.array(solution.z)[:d]
                 break
-            if "Infeasible" in str(found.status):
+            if "Infeasible" in str(solution.status):
                 break
     return forces, directions

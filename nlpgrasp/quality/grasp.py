@@ -91,17 +91,17 @@ def contact_models(
 def unit_normals(field: str, normals: FloatArray) -> FloatArray:
     """Return normalised normals (..., space); raise if their norms deviate from 1 by more than 1e-6."""
     length = np.linalg.norm(normals, axis=-1)
-    off = np.abs(length - 1.0)
-    if off.size and np.max(off) > UNIT_TOLERANCE:
-        where = np.unravel_index(int(np.argmax(off)), off.shape)
-        place = f"contact {where[-1]}" + (f" of grasp {where[0]}" if len(where) > 1 else "")
+    deviation = np.abs(length - 1.0)
+    if deviation.size and np.max(deviation) > UNIT_TOLERANCE:
+        index = np.unravel_index(int(np.argmax(deviation)), deviation.shape)
+        label = f"contact {index[-1]}" + (f" of grasp {index[0]}" if len(index) > 1 else "")
         raise InputError(
             field,
-            f"length {length[where]:.9g} at {place} (off by {length[where] - 1.0:+.3g})",
+            f"length {length[index]:.9g} at {label} (off by {length[index] - 1.0:+.3g})",
             "unit vectors (to 1e-6)",
         )
     # normalising twice could change a last digit, and files must round-trip: keep unit vectors unchanged
-    return np.asarray(normals / np.where(off <= ROUNDING, 1.0, length)[..., None])
+    return np.asarray(normals / np.where(deviation <= ROUNDING, 1.0, length)[..., None])
 
 
 def do_all_point_away(points: FloatArray, normals: FloatArray) -> bool:
@@ -109,8 +109,8 @@ def do_all_point_away(points: FloatArray, normals: FloatArray) -> bool:
 
     This also holds for contacts in a cavity gripped from inside.
     """
-    away = points - points.mean(axis=0)
-    return len(points) > 1 and bool(np.all(np.sum(normals * away, axis=1) > AWAY * np.linalg.norm(away, axis=1)))
+    outward = points - points.mean(axis=0)
+    return len(points) > 1 and bool(np.all(np.sum(normals * outward, axis=1) > AWAY * np.linalg.norm(outward, axis=1)))
 
 
 class Grasp(ContactArrays):

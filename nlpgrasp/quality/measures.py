@@ -96,8 +96,8 @@ def mu(
             [mu(g, task, rtol, force_budget=force_budget, seed=seed, deadline=deadline) for g in grasp]
         )
     rtol = number("rtol", rtol, above=0.0)
-    found = _certify(grasp, task, rtol, force_budget, seed, deadline)
-    return found.of_measure(task.measure, task.paper_beta)
+    bounds = _certify(grasp, task, rtol, force_budget, seed, deadline)
+    return bounds.of_measure(task.measure, task.paper_beta)
 
 
 def _certify(
@@ -122,17 +122,17 @@ def bilateral_ellipsoid(wrenches: WrenchSet, task: Task) -> Bounds | None:
     """
     if not (wrenches.is_ellipsoid and isinstance(task, TaskEllipsoid)):
         return None
-    rows = np.linalg.norm(wrenches.G, axis=1)
-    if not task.is_centred or np.any(rows == 0.0):
+    scales = np.linalg.norm(wrenches.G, axis=1)
+    if not task.is_centred or np.any(scales == 0.0):
         return None
-    U, S, _ = np.linalg.svd(wrenches.G / rows[:, None])
+    U, S, _ = np.linalg.svd(wrenches.G / scales[:, None])
     if numerical_rank(S) < len(U):
         return None
-    _, values, right = np.linalg.svd((task.axes / rows) @ U / S)
-    worst = (U @ (right[0] / S)) / rows
+    _, values, right = np.linalg.svd((task.axes / scales) @ U / S)
+    direction = (U @ (right[0] / S)) / scales
     guard = ROUNDING + 1e-14 * S[0] / S[-1]
     ratio = float(1.0 / values[0])
-    return Bounds(float(ratio * (1.0 - guard)), float(ratio * (1.0 + guard)), worst / np.linalg.norm(worst))
+    return Bounds(float(ratio * (1.0 - guard)), float(ratio * (1.0 + guard)), direction / np.linalg.norm(direction))
 
 
 @overload
@@ -177,11 +177,11 @@ def delta(
         Certified, in newtons per unit of finger force. For a stack, arrays of them.
     """
     require_grasp(grasp, stack=True)
-    found = mu(grasp, ball(grasp.dimension, torque_scale), rtol, force_budget=force_budget)
-    return replace(found, torque_scale=float(torque_scale), kind="delta", task_beta=None)
+    bounds = mu(grasp, unit_ball(grasp.dimension, torque_scale), rtol, force_budget=force_budget)
+    return replace(bounds, torque_scale=float(torque_scale), kind="delta", task_beta=None)
 
 
-def ball(dimension: int, torque_scale: float) -> TaskEllipsoid:
+def unit_ball(dimension: int, torque_scale: float) -> TaskEllipsoid:
     """Return the unit ball of wrenches as a task, with torques divided by ``torque_scale``."""
     scale = number("torque_scale", torque_scale, above=0.0)
     forces = 2 if dimension == 3 else 3
@@ -222,8 +222,8 @@ def mu_tilde(
     Bounds
         Certified. For a stack, arrays of them.
     """
-    found = mu(grasp, task, rtol, force_budget=force_budget)
-    return replace(found, kind="mu_tilde", task_beta=None)
+    bounds = mu(grasp, task, rtol, force_budget=force_budget)
+    return replace(bounds, kind="mu_tilde", task_beta=None)
 
 
 @overload
@@ -292,8 +292,8 @@ def mu_1(
         shift = y @ b
         return shift + factor * (values - shift), b + factor * (maximisers - b)
 
-    found = mu(grasp, TaskSet(support, grasp.dimension), rtol, force_budget=force_budget)
-    return replace(found, kind="mu_1", task_beta=None)
+    bounds = mu(grasp, TaskSet(support, grasp.dimension), rtol, force_budget=force_budget)
+    return replace(bounds, kind="mu_1", task_beta=None)
 
 
 def equivalence_constants(task: TaskEllipsoid) -> tuple[float, float]:

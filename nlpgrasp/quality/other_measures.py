@@ -130,19 +130,19 @@ def _pyramid_hull(
     grasp: Grasp, edges: int, torque_scale: float, force_budget: str, unit_edges: bool, first_edge: float
 ) -> ConvexHull | None:
     """Return the hull of the pyramids' wrenches with the origin; None when they do not span wrench space."""
-    each = pyramid_wrenches(grasp, edges, torque_scale, unit_edges=unit_edges, first_edge=first_edge)
+    edge_wrenches = pyramid_wrenches(grasp, edges, torque_scale, unit_edges=unit_edges, first_edge=first_edge)
     if not isinstance(force_budget, str):
         raise InputError("force_budget", force_budget, '"shared" or "per_finger" for friction pyramids')
-    none = np.zeros((1, grasp.dimension))
+    zero = np.zeros((1, grasp.dimension))
     if force_budget == "shared":
-        wrenches = np.concatenate([*each, none])
+        wrenches = np.concatenate([*edge_wrenches, zero])
         if len(wrenches) > MOST_HULL:
             raise InputError("edges", f"{edges}: {len(wrenches)} wrenches", f"at most {MOST_HULL} of them")
     elif force_budget == "per_finger":
-        count = np.prod([float(len(w) + 1) for w in each])
+        count = np.prod([float(len(w) + 1) for w in edge_wrenches])
         if count > MOST_WRENCHES:
             raise InputError("edges", f"{edges}: {count:.0f} sums", f"at most {MOST_WRENCHES} of them")
-        wrenches = np.array([np.sum(choice, axis=0) for choice in product(*[[*w, none[0]] for w in each])])
+        wrenches = np.array([np.sum(choice, axis=0) for choice in product(*[[*w, zero[0]] for w in edge_wrenches])])
     else:
         raise InputError("force_budget", force_budget, '"shared" or "per_finger" for friction pyramids')
     if wrench_rank(wrenches) < grasp.dimension:
@@ -180,23 +180,23 @@ def min_weight(grasp: Grasp, edges: int = 8, *, first_edge: float = 0.0) -> floa
         return 0.0
     wrenches, _ = equilibrated(wrenches)
     count, d = wrenches.shape
-    equal = np.concatenate([wrenches.T, np.ones((1, count))])
-    equal = np.concatenate([equal, np.zeros((d + 1, 1))], axis=1)
-    above = np.concatenate([-np.eye(count), np.ones((count, 1))], axis=1)
-    found = linprog(
+    equations = np.concatenate([wrenches.T, np.ones((1, count))])
+    equations = np.concatenate([equations, np.zeros((d + 1, 1))], axis=1)
+    inequalities = np.concatenate([-np.eye(count), np.ones((count, 1))], axis=1)
+    solution = linprog(
         np.append(np.zeros(count), -1.0),
-        A_ub=above,
+        A_ub=inequalities,
         b_ub=np.zeros(count),
-        A_eq=equal,
+        A_eq=equations,
         b_eq=np.append(np.zeros(d), 1.0),
         bounds=[(0.0, None)] * (count + 1),
         method="highs",
     )
-    if found.status == 2:  # no weights at all balance
+    if solution.status == 2:  # no weights at all balance
         return 0.0
-    if found.status != 0 or found.fun is None:
-        raise NlpgraspError(f"min_weight: the linear program failed ({found.message})")
-    return float(-np.float64(found.fun) * count)
+    if solution.status != 0 or solution.fun is None:
+        raise NlpgraspError(f"min_weight: the linear program failed ({solution.message})")
+    return float(-np.float64(solution.fun) * count)
 
 
 @overload

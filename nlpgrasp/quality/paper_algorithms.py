@@ -31,18 +31,18 @@ from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope
 VERTICES = 300  # default number of vertices
 MOST_VERTICES = {3: 100_000, 6: 1_500}  # by dimension, limited by Qhull's time and memory
 ROUNDS = 4  # rounds of refinement beyond the worst faces
-APART = 0.95  # largest cosine between normals of one round
-LOOKED_AT = 4_000  # most faces considered per round
-SAME = 1e-12  # relative tolerance of an exact polytope
+SEPARATION = 0.95  # largest cosine between normals of one round
+MOST_FACES = 4_000  # most faces considered per round
+EXACT = 1e-12  # relative tolerance of an exact polytope
 
 # increments of beta
-FIRST = 0.1  # first step, of the largest possible beta; factor of later steps
+FIRST_STEP = 0.1  # first step, of the largest possible beta; factor of later steps
 SHELLS = 2  # density of the sampled wrenches of an ellipsoid (``directions``)
 
 # distance from a polytope
 GAP = 1e-14  # of distance times the polytope's size: tolerance of stationarity
-NOTHING = 1e-12  # weight below which a vertex is dropped
-MOST = 10_000  # default limit of steps
+LEAST_WEIGHT = 1e-12  # weight below which a vertex is dropped
+MOST_STEPS = 10_000  # default limit of steps
 
 Vertex = Callable[[FloatArray], FloatArray]  # a direction (d,) to the farthest vertex (d,) along it
 
@@ -130,21 +130,21 @@ def inscribed_polytope(
     count = integer("vertices", vertices, at_least=2 * d, at_most=MOST_VERTICES[d])
     rng = np.random.default_rng(integer("seed", seed, at_least=0, at_most=2**63 - 1))
     wrenches = WrenchSet.of(grasp, force_budget).transformed(np.diag(torque_factors(grasp, torque_scale)))
-    each = max(count // (ROUNDS + 1), d)
-    points = np.concatenate([wrenches.support(random_directions(each, d, rng))[1], np.zeros((1, d))])
+    count_per_round = max(count // (ROUNDS + 1), d)
+    points = np.concatenate([wrenches.support(random_directions(count_per_round, d, rng))[1], np.zeros((1, d))])
     if wrench_rank(points) < d:
-        nothing = np.zeros((0, d))
-        return InscribedPolytope(points, nothing, np.zeros(0), nothing.astype(np.intp), 0.0, float(torque_scale))
+        no_faces = np.zeros((0, d))
+        return InscribedPolytope(points, no_faces, np.zeros(0), no_faces.astype(np.intp), 0.0, float(torque_scale))
     while True:
         hull = _wrench_hull(points)
         normals, distances = hull.equations[:, :-1], np.maximum(-hull.equations[:, -1], 0.0)
         reach, farthest = wrenches.support(normals)
         shares = np.where(reach > 0.0, distances / np.where(reach > 0.0, reach, 1.0), 1.0)
-        room = min(count - len(points) + 1, each)
-        if room <= 0 or np.min(shares) >= 1.0 - SAME:
+        free_count = min(count - len(points) + 1, count_per_round)
+        if free_count <= 0 or np.min(shares) >= 1.0 - EXACT:
             break
-        worst = select_separated(normals, np.argsort(shares)[:LOOKED_AT], APART, room)
-        points = np.concatenate([farthest[worst], points])
+        chosen = select_separated(normals, np.argsort(shares)[:MOST_FACES], SEPARATION, free_count)
+        points = np.concatenate([farthest[chosen], points])
     return InscribedPolytope(
         vertices=read_only(points),
         normals=read_only(normals),
@@ -245,8 +245,8 @@ def mu_by_steps(
     polytope = inscribed_polytope(grasp, vertices, arm, force_budget=force_budget, seed=seed)
     scale = torque_factors(grasp, arm)
     scaled = wrenches * scale
-    beta, step, worst = _increase_beta(polytope.vertices, scaled, rtol)
-    return SteppedMu(beta, step, worst / scale, len(wrenches), task_share, polytope.share)
+    beta, step, wrench = _increase_beta(polytope.vertices, scaled, rtol)
+    return SteppedMu(beta, step, wrench / scale, len(wrenches), task_share, polytope.share)
 
 
 def _wrenches_of(task: Task) -> tuple[FloatArray, float]:
@@ -256,40 +256,40 @@ def _wrenches_of(task: Task) -> tuple[FloatArray, float]:
     if not isinstance(task, TaskEllipsoid):
         raise InputError("task", task, "a TaskEllipsoid or a TaskPolytope")
     axes = np.linalg.svd(task.axes, full_matrices=False)  # of an ellipsoid with axes that are not orthogonal
-    kept = 1e-12 * axes.S[0] < axes.S
-    lengths = axes.S[kept, None] * axes.Vh[kept]
+    is_nonzero = 1e-12 * axes.S[0] < axes.S
+    lengths = axes.S[is_nonzero, None] * axes.Vh[is_nonzero]
     u = directions(len(lengths), SHELLS)
-    inside = directions_inradius(len(lengths), SHELLS)
-    return task.center + u @ lengths, inside if task.is_centred else _centre_share(task, lengths, inside)
+    inradius = directions_inradius(len(lengths), SHELLS)
+    return task.center + u @ lengths, inradius if task.is_centred else _centre_share(task, lengths, inradius)
 
 
-def _centre_share(task: TaskEllipsoid, lengths: FloatArray, inside: float) -> float:
+def _centre_share(task: TaskEllipsoid, lengths: FloatArray, inradius: float) -> float:
     """Return the share of an off-centre ellipsoid in the hull of its samples, 0 if unknown.
 
     With the origin inside the samples' ellipsoid at ``|v| = rho < inside`` (in units of the axes) the hull holds
     ``c + inside L u``, hence the share ``(inside - rho) / (1 - rho)`` of the whole.
     """
     coordinates = np.linalg.lstsq(lengths.T, -task.center, rcond=None)[0]
-    off = lengths.T @ coordinates + task.center
-    if np.linalg.norm(off) > 1e-9 * np.linalg.norm(task.center):
+    remainder = lengths.T @ coordinates + task.center
+    if np.linalg.norm(remainder) > 1e-9 * np.linalg.norm(task.center):
         return 0.0
     rho = float(np.linalg.norm(coordinates))
-    return max(0.0, (inside - rho) / (1.0 - rho)) if rho < 1.0 else 0.0
+    return max(0.0, (inradius - rho) / (1.0 - rho)) if rho < 1.0 else 0.0
 
 
 def _increase_beta(vertices: FloatArray, wrenches: FloatArray, rtol: float) -> tuple[float, float, FloatArray]:
     """Return beta, the last step, and the wrench that left the polytope."""
-    most = float(np.max(np.linalg.norm(vertices, axis=1)) / np.max(np.linalg.norm(wrenches, axis=1)))
-    beta, step, worst = 0.0, FIRST * most, 0
+    largest_beta = float(np.max(np.linalg.norm(vertices, axis=1)) / np.max(np.linalg.norm(wrenches, axis=1)))
+    beta, step, worst_index = 0.0, FIRST_STEP * largest_beta, 0
     while True:
-        outside = _first_outside(vertices, (beta + step) * wrenches, worst)
-        if outside is None:
+        index = _first_outside(vertices, (beta + step) * wrenches, worst_index)
+        if index is None:
             beta += step
             continue
-        worst = outside
-        if step <= rtol * max(beta, rtol * most):
-            return beta, step, wrenches[worst]
-        step *= FIRST
+        worst_index = index
+        if step <= rtol * max(beta, rtol * largest_beta):
+            return beta, step, wrenches[worst_index]
+        step *= FIRST_STEP
 
 
 def _first_outside(vertices: FloatArray, wrenches: FloatArray, first: int) -> int | None:
@@ -327,7 +327,7 @@ class PolytopeDistance:
         return self.lower > 0.0
 
 
-def polytope_distance(polytope: ArrayLike | Vertex, point: ArrayLike, most: int = MOST) -> PolytopeDistance:
+def polytope_distance(polytope: ArrayLike | Vertex, point: ArrayLike, most: int = MOST_STEPS) -> PolytopeDistance:
     """Return the distance of a point from a polytope, given by vertices or a support function.
 
     Parameters
@@ -353,26 +353,25 @@ def polytope_distance(polytope: ArrayLike | Vertex, point: ArrayLike, most: int 
     p = array("point", point, (None,))
     most = integer("most", most, at_least=1)
     vertex = polytope if callable(polytope) else _vertex_function(polytope, len(p))
-    V = np.array(
-        [_farthest_vertex(vertex, p) - p]
-    )  # the vertices in use, from the point; the nearest point is a mean of them
+    # the vertices in use, relative to the point; the nearest point is a mean of them
+    V = np.array([_farthest_vertex(vertex, p) - p])
     weights = np.ones(1)
-    x, lower, extent, first = V[0], 0.0, 0.0, V[0]
+    x, lower, extent, first_vertex = V[0], 0.0, 0.0, V[0]
     for _ in range(most):
         size = float(np.linalg.norm(x))
-        if size <= NOTHING * extent:
+        if size <= LEAST_WEIGHT * extent:
             break
         new = _farthest_vertex(vertex, -x) - p
-        lower, extent = max(lower, float(x @ new) / size), max(extent, float(np.linalg.norm(new - first)))
+        lower, extent = max(lower, float(x @ new) / size), max(extent, float(np.linalg.norm(new - first_vertex)))
         if x @ (x - new) <= GAP * size * extent:
             break
         if np.any(np.all(new == V, axis=1)):
             break
         V, weights = _nearest_of(np.concatenate([V, new[None]]), np.append(weights, 0.0))
-        closer = weights @ V
-        if not closer @ closer < x @ x:  # rounding: no step gets any nearer
+        nearer = weights @ V
+        if not nearer @ nearer < x @ x:  # rounding: no step gets any nearer
             break
-        x = closer
+        x = nearer
     size = float(np.linalg.norm(x))
     return PolytopeDistance(size, min(max(lower, 0.0), size), p + x, -x / size if size > 0.0 else np.zeros_like(x))
 
@@ -394,14 +393,14 @@ def _nearest_of(V: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatAr
     """Return the vertices and weights of the point of their hull nearest to the origin (Wolfe's minor cycle)."""
     while True:
         steps = np.linalg.lstsq((V[1:] - V[0]).T, -V[0], rcond=None)[0]
-        flat = np.concatenate([[1.0 - steps.sum()], steps])  # nearest of their flat
-        if np.all(flat > NOTHING):
-            return V, flat / flat.sum()
-        falling = flat <= NOTHING
-        drop = weights[falling] - flat[falling]
-        share = np.min(np.where(drop > 0.0, weights[falling] / np.where(drop > 0.0, drop, 1.0), 0.0))
-        weights = (1.0 - min(share, 1.0)) * weights + min(share, 1.0) * flat
-        keep = weights > NOTHING
-        if keep.all():
-            keep[int(np.argmin(weights))] = False
-        V, weights = V[keep], weights[keep] / weights[keep].sum()
+        affine_weights = np.concatenate([[1.0 - steps.sum()], steps])  # of the nearest point of their affine hull
+        if np.all(affine_weights > LEAST_WEIGHT):
+            return V, affine_weights / affine_weights.sum()
+        is_negative = affine_weights <= LEAST_WEIGHT
+        drop = weights[is_negative] - affine_weights[is_negative]
+        share = np.min(np.where(drop > 0.0, weights[is_negative] / np.where(drop > 0.0, drop, 1.0), 0.0))
+        weights = (1.0 - min(share, 1.0)) * weights + min(share, 1.0) * affine_weights
+        is_kept = weights > LEAST_WEIGHT
+        if is_kept.all():
+            is_kept[int(np.argmin(weights))] = False
+        V, weights = V[is_kept], weights[is_kept] / weights[is_kept].sum()

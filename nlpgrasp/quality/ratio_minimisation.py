@@ -44,12 +44,12 @@ def iterate_inverse(model: Model, u: FloatArray, steps: int) -> tuple[FloatArray
         work = np.sum(target * wrench, axis=2)
         target /= np.where(work > 0.0, work, 1.0)[..., None]
         trial = u + step[..., None] * (np.sum(u * wrench, axis=2)[..., None] * target - u)
-        found, found_wrench, found_H = model(trial)
-        better = found < value
-        u, wrench = (np.where(better[..., None], new, old) for new, old in ((trial, u), (found_wrench, wrench)))
-        H = np.where(better[..., None, None], found_H, H)
-        value = np.where(better, found, value)
-        step = np.where(better, np.minimum(1.0, 2.0 * step), 0.3 * step)
+        trial_value, trial_wrench, trial_H = model(trial)
+        is_better = trial_value < value
+        u, wrench = (np.where(is_better[..., None], new, old) for new, old in ((trial, u), (trial_wrench, wrench)))
+        H = np.where(is_better[..., None, None], trial_H, H)
+        value = np.where(is_better, trial_value, value)
+        step = np.where(is_better, np.minimum(1.0, 2.0 * step), 0.3 * step)
     return u, value
 
 
@@ -81,11 +81,11 @@ def descend(problem: Containment, u: FloatArray, iterations: int = 30) -> tuple[
         trial = u - length[:, None] * gradient
         trial /= np.maximum(np.linalg.norm(trial, axis=1, keepdims=True), 1e-300)
         trial_value, trial_gradient = problem.ratio(trial)
-        better = trial_value < value
-        u = np.where(better[:, None], trial, u)
-        gradient = np.where(better[:, None], trial_gradient, gradient)
-        value = np.where(better, trial_value, value)
-        step = np.where(better, 1.5 * step, 0.3 * step)
+        is_better = trial_value < value
+        u = np.where(is_better[:, None], trial, u)
+        gradient = np.where(is_better[:, None], trial_gradient, gradient)
+        value = np.where(is_better, trial_value, value)
+        step = np.where(is_better, 1.5 * step, 0.3 * step)
     return u, value
 
 
@@ -104,8 +104,8 @@ def iterate(problem: Containment, u: FloatArray, steps: int) -> tuple[FloatArray
         value = np.where(reach > 0.0, phi / np.where(reach > 0.0, reach, 1.0), np.inf)
         return value[None], wrench[None], (problem.wrenches.curvature(u[0]) + regular)[None]
 
-    found, values = iterate_inverse(model, u[None], steps)
-    return found[0] / np.maximum(np.linalg.norm(found[0], axis=1, keepdims=True), 1e-300), values[0]
+    directions, values = iterate_inverse(model, u[None], steps)
+    return directions[0] / np.maximum(np.linalg.norm(directions[0], axis=1, keepdims=True), 1e-300), values[0]
 
 
 def newton(problem: Containment, u: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
@@ -137,12 +137,13 @@ def newton(problem: Containment, u: FloatArray, steps: int) -> tuple[FloatArray,
             break
         trial = u + damping[:, None] * _newton_step(problem, u, gradient)
         trial /= np.linalg.norm(trial, axis=1, keepdims=True)
-        found, slope = problem.ratio(trial)
-        flatter = np.linalg.norm(_tangential(slope, trial), axis=1) < np.linalg.norm(_tangential(gradient, u), axis=1)
-        better = (found < value) | (flatter & (found <= value * (1.0 + 1e-12)))
-        u, gradient = (np.where(better[:, None], new, old) for new, old in ((trial, u), (slope, gradient)))
-        value = np.where(better, found, value)
-        damping = np.where(better, np.minimum(1.0, 4.0 * damping), 0.25 * damping)
+        trial_value, trial_gradient = problem.ratio(trial)
+        slopes = [np.linalg.norm(_tangential(g, v), axis=1) for g, v in ((trial_gradient, trial), (gradient, u))]
+        is_flatter = slopes[0] < slopes[1]
+        is_better = (trial_value < value) | (is_flatter & (trial_value <= value * (1.0 + 1e-12)))
+        u, gradient = (np.where(is_better[:, None], new, old) for new, old in ((trial, u), (trial_gradient, gradient)))
+        value = np.where(is_better, trial_value, value)
+        damping = np.where(is_better, np.minimum(1.0, 4.0 * damping), 0.25 * damping)
     return u, value
 
 
@@ -166,8 +167,8 @@ def principal_curvatures(problem: Containment, u: FloatArray, gradient: FloatArr
     """
     m, r = u.shape
     basis = np.linalg.svd(u[:, None, :])[2][:, 1:, :]  # of the tangent spaces, (m, r - 1, r)
-    around = [problem.ratio((u[:, None, :] + h * basis).reshape(-1, r))[1] for h in (DIFFERENCE, -DIFFERENCE)]
-    change = ((around[0] - around[1]) / (2.0 * DIFFERENCE)).reshape(m, r - 1, r)
+    gradients = [problem.ratio((u[:, None, :] + h * basis).reshape(-1, r))[1] for h in (DIFFERENCE, -DIFFERENCE)]
+    change = ((gradients[0] - gradients[1]) / (2.0 * DIFFERENCE)).reshape(m, r - 1, r)
     curvature = np.einsum("mar,mbr->mab", change, basis)
     curvature = 0.5 * (curvature + curvature.transpose(0, 2, 1))
     curvature -= np.sum(gradient * u, axis=1)[:, None, None] * np.eye(r - 1)
@@ -181,18 +182,18 @@ def _tangential(gradient: FloatArray, u: FloatArray) -> FloatArray:
     return np.asarray(gradient - np.sum(gradient * u, axis=1, keepdims=True) * u)
 
 
-def select_separated(u: FloatArray, order: NDArray[np.intp], cosine: float, most: int) -> list[int]:
-    """Return indices of at most ``most`` directions, best first, with pairwise cosines below ``cosine``."""
+def select_separated(u: FloatArray, order: NDArray[np.intp], cosine: float, limit: int) -> list[int]:
+    """Return indices of at most ``limit`` directions, best first, with pairwise cosines below ``cosine``."""
     ordered = u[order]
-    near = ordered @ ordered.T >= cosine
+    is_near = ordered @ ordered.T >= cosine
     chosen: list[int] = []
-    taken = np.zeros(len(ordered), dtype=bool)
+    is_covered = np.zeros(len(ordered), dtype=bool)
     for i in range(len(ordered)):
-        if len(chosen) >= most:
+        if len(chosen) >= limit:
             break
-        if not taken[i]:
+        if not is_covered[i]:
             chosen.append(int(order[i]))
-            taken |= near[i]
+            is_covered |= is_near[i]
     return chosen
 
 

@@ -18,7 +18,7 @@ from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.containment import Containment, condition
-from nlpgrasp.quality.convex_hull import Hull
+from nlpgrasp.quality.convex_hull import IncrementalHull
 from nlpgrasp.quality.force_closure import has_no_support, separating_direction
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.ratio_minimisation import descend, random_directions, select_separated
@@ -30,10 +30,11 @@ ROUNDING = 1e-9  # relative guard against rounding of planes and supports
 SEEDS, DESCENT = 60, 20  # descents before the first hull, and their steps
 BATCH = 12  # most new points per round
 SPREAD = 0.3  # least separation of a round's normals (1 - cosine), relative to the gap
-HOPELESS = ((250, 1e-6), (600, 0.3))  # points, and share of the target below which rounding then limits the lower bound
+# points, and share of the target below which rounding then limits the lower bound
+ROUNDING_LIMITS = ((250, 1e-6), (600, 0.3))
 MOST_POINTS = 6000  # most hull points, some million cells
-TIME, POINTS = "the time was up", f"{MOST_POINTS} points of its polytope did not suffice"
-ROUNDED = "contacts that nearly coincide, or closure that is nearly lost, leave floating point no better"
+TIME_LIMIT, POINT_LIMIT = "the time was up", f"{MOST_POINTS} points of its polytope did not suffice"
+ROUNDING_LIMIT = "contacts that nearly coincide, or closure that is nearly lost, leave floating point no better"
 
 
 @dataclass
@@ -46,7 +47,7 @@ class Sandwich:
         Least support ratio so far.
     worst : (r,) array
         Its direction.
-    hull : Hull or None
+    hull : IncrementalHull or None
         Inner hull of support points; None if there is nothing to certify or no hull could be built.
     limit : str
         Reason for ending before the tolerance.
@@ -54,12 +55,12 @@ class Sandwich:
 
     upper: float
     worst: FloatArray
-    hull: Hull | None = None
-    limit: str = ROUNDED
+    hull: IncrementalHull | None = None
+    limit: str = ROUNDING_LIMIT
 
 
 def sandwich(
-    problem: Containment, rtol: float, seed: int = 0, deadline: float | None = None, begun: Sandwich | None = None
+    problem: Containment, rtol: float, seed: int = 0, deadline: float | None = None, warm_start: Sandwich | None = None
 ) -> Bounds:
     """Return certified bounds on the largest alpha with ``alpha A`` inside the wrench set.
 
@@ -72,7 +73,7 @@ def sandwich(
         Random seed.
     deadline : float, optional
         ``time.monotonic()`` value after which the bounds reached so far are returned.
-    begun : Sandwich, optional
+    warm_start : Sandwich, optional
         Warm start of the same containment; changed in place if its tolerance allows reuse.
 
     Returns
@@ -81,40 +82,40 @@ def sandwich(
         ``worst_direction`` is a unit direction in the original wrench coordinates. Wider than ``rtol`` only after the
         deadline or at the limits of floating point, as ``limit`` says.
     """
-    found = narrowed(problem, rtol, seed, deadline, begun)
-    worst = problem.original(found.worst)
-    if found.upper == 0.0:
-        return Bounds(0.0, 0.0, worst)
+    state = tighten(problem, rtol, seed, deadline, warm_start)
+    direction = problem.original(state.worst)
+    if state.upper == 0.0:
+        return Bounds(0.0, 0.0, direction)
     if problem.rank == 1:
-        return Bounds(found.upper * (1.0 - problem.rounding), found.upper * (1.0 + problem.rounding), worst)
-    lower = 0.0 if found.hull is None else _certified_lower_bound(problem, found.hull) * (1.0 - problem.rounding)
-    upper = found.upper * (1.0 + problem.rounding)
-    narrow = upper <= lower * (1.0 + rtol) * (1.0 + 2.0 * problem.rounding)
-    return Bounds(min(lower, found.upper), upper, worst, limit="" if narrow else found.limit)
+        return Bounds(state.upper * (1.0 - problem.rounding), state.upper * (1.0 + problem.rounding), direction)
+    lower = 0.0 if state.hull is None else _certified_lower_bound(problem, state.hull) * (1.0 - problem.rounding)
+    upper = state.upper * (1.0 + problem.rounding)
+    is_narrow = upper <= lower * (1.0 + rtol) * (1.0 + 2.0 * problem.rounding)
+    return Bounds(min(lower, state.upper), upper, direction, limit="" if is_narrow else state.limit)
 
 
-def narrowed(
-    problem: Containment, rtol: float, seed: int = 0, deadline: float | None = None, begun: Sandwich | None = None
+def tighten(
+    problem: Containment, rtol: float, seed: int = 0, deadline: float | None = None, warm_start: Sandwich | None = None
 ) -> Sandwich:
     """Run the sandwich algorithm to a tolerance, and return its state before certification."""
     rng = np.random.default_rng(seed)
     shrink = min(SHRINK, 0.01 * rtol)
     # the points of a warm start are shrunk by SHRINK
-    state = _begin(problem, shrink, rng) if begun is None or shrink < SHRINK else begun
+    state = _begin(problem, shrink, rng) if warm_start is None or shrink < SHRINK else warm_start
     while state.hull is not None and state.upper > 0.0:
         hull = state.hull
         if len(hull) >= MOST_POINTS or (deadline is not None and time.monotonic() >= deadline):
-            state.limit = POINTS if len(hull) >= MOST_POINTS else TIME
+            state.limit = POINT_LIMIT if len(hull) >= MOST_POINTS else TIME_LIMIT
             break
         target = state.upper / (1.0 + 0.8 * rtol)
         cells = hull.worst(target, 8 * BATCH)
         if not cells.size or _is_limited_by_rounding(len(hull), hull.values[cells[0]] / target):
             break
         normals = hull.normals(cells)
-        exact = problem.ratio(normals)[0]
-        best = int(np.argmin(exact))
-        if exact[best] < state.upper:
-            state.upper, state.worst = float(exact[best]), normals[best]
+        ratios = problem.ratio(normals)[0]
+        best = int(np.argmin(ratios))
+        if ratios[best] < state.upper:
+            state.upper, state.worst = float(ratios[best]), normals[best]
             if has_no_support(problem.wrenches, state.worst):
                 return Sandwich(0.0, state.worst)
         gap = max(1.0 - hull.values[cells[0]] / target, rtol)
@@ -127,10 +128,10 @@ def narrowed(
 def _begin(problem: Containment, shrink: float, rng: np.random.Generator) -> Sandwich:
     """Return the initial state from descents and the first hull."""
     seeds = np.concatenate([random_directions(SEEDS, problem.rank, rng), np.linalg.svd(problem.wrenches.G)[0].T])
-    found, values = descend(problem, seeds, DESCENT)
+    directions, values = descend(problem, seeds, DESCENT)
     separating = separating_direction(problem.wrenches)
     best = int(np.argmin(values))
-    state = Sandwich(float(values[best]), found[best])
+    state = Sandwich(float(values[best]), directions[best])
     if separating is not None:
         ratio = float(problem.ratio(separating[None, :])[0][0])
         if ratio <= state.upper or (has_no_support(problem.wrenches, separating) and np.isfinite(ratio)):
@@ -141,14 +142,14 @@ def _begin(problem: Containment, shrink: float, rng: np.random.Generator) -> San
         return Sandwich(0.0, state.worst)
     if problem.rank == 1:
         return state
-    start = found[select_separated(found, np.argsort(values), 0.95, 14)]
+    start = directions[select_separated(directions, np.argsort(values), 0.95, 14)]
     state.hull = _initial_hull(problem, start, shrink, separating is not None, rng)
     return state
 
 
 def _is_limited_by_rounding(points: int, share: float) -> bool:
     """Return whether rounding, not the number of points, limits the lower bound."""
-    return any(points > most and share < least for most, least in HOPELESS)
+    return any(points > largest_count and share < least_share for largest_count, least_share in ROUNDING_LIMITS)
 
 
 def _inner_points(problem: Containment, u: FloatArray, shrink: float, rng: np.random.Generator) -> FloatArray:
@@ -159,7 +160,7 @@ def _inner_points(problem: Containment, u: FloatArray, shrink: float, rng: np.ra
 
 def _initial_hull(
     problem: Containment, start: FloatArray, shrink: float, with_origin: bool, rng: np.random.Generator
-) -> Hull | None:
+) -> IncrementalHull | None:
     """Return the hull of support points in given and random directions; None if they stay flat.
 
     An origin on the boundary of W is added as a vertex.
@@ -170,7 +171,7 @@ def _initial_hull(
         if with_origin:
             points = np.concatenate([np.zeros((1, problem.rank)), points])
         try:
-            return Hull(points, lambda planes, centre: _values(problem, planes, centre, 1.0))
+            return IncrementalHull(points, lambda planes, centre: _values(problem, planes, centre, 1.0))
         except QhullError:
             continue
     return None
@@ -183,11 +184,11 @@ def _values(problem: Containment, planes: FloatArray, centre: FloatArray, height
     reach = problem.task.support(planes)[0]
     binding = reach > 0.0
     # a half-space that the task does not bound must still contain the origin
-    free = np.where(offset < 0.0, 0.0, np.inf)
-    return np.asarray(np.where(binding, np.maximum(offset, 0.0) / np.where(binding, reach, 1.0), free))
+    unbounded = np.where(offset < 0.0, 0.0, np.inf)
+    return np.asarray(np.where(binding, np.maximum(offset, 0.0) / np.where(binding, reach, 1.0), unbounded))
 
 
-def _certified_lower_bound(problem: Containment, hull: Hull) -> float:
+def _certified_lower_bound(problem: Containment, hull: IncrementalHull) -> float:
     """Return the certified lower bound, with each cell's offset recomputed from its nearest vertex."""
     _, planes, heights = hull.corners()
     return float(np.min(_values(problem, planes, hull.centre, np.minimum(heights, 1.0))))
@@ -217,14 +218,14 @@ class ResumableCertificate:
     def of(cls, grasp: Grasp, task: Task, budget: ForceBudget, rtol: float) -> ResumableCertificate | None:
         """Return the certificate tightened to a tolerance, None if rank alone proves ``mu = 0``."""
         problem, _ = condition(WrenchSet.of(grasp, budget), task)
-        return None if problem is None else cls(grasp, task, budget, problem, narrowed(problem, rtol))
+        return None if problem is None else cls(grasp, task, budget, problem, tighten(problem, rtol))
 
     def belongs_to(self, grasp: Grasp, budget: ForceBudget) -> bool:
         """Return whether it belongs to a grasp with identical contact points and normals and the same budget object."""
-        mine, same = self.grasp, budget is self.budget
-        return same and np.array_equal(mine.points, grasp.points) and np.array_equal(mine.normals, grasp.normals)
+        has_same_points = np.array_equal(self.grasp.points, grasp.points)
+        return budget is self.budget and has_same_points and np.array_equal(self.grasp.normals, grasp.normals)
 
     def bounds(self, rtol: float, deadline: float | None = None) -> Bounds:
         """Return certified bounds, as ``mu`` does, resuming from the current sandwich."""
-        found = sandwich(self.containment, rtol, 0, deadline, self.sandwich)
-        return found.of_measure(self.task.measure, self.task.paper_beta)
+        bounds = sandwich(self.containment, rtol, 0, deadline, self.sandwich)
+        return bounds.of_measure(self.task.measure, self.task.paper_beta)

@@ -52,12 +52,14 @@ def screen(stack: GraspStack, task: Task, *, force_budget: str | ForceBudget = "
     if not isinstance(stack, GraspStack):
         raise InputError("stack", stack, "a GraspStack")
     task = task_for(task, stack)
-    force_set = _bound(stack, _budget(stack, force_budget))
+    force_set = _fixed_force_set(stack, _budget(stack, force_budget))
     if not len(stack):
         return np.zeros(0)
     y = spread_directions(stack, task)
-    parts = [_descend(_View(stack, slice(a, a + CHUNK), force_set), task, y) for a in range(0, len(stack), CHUNK)]
-    return np.concatenate(parts)
+    bounds = [
+        _descend(_GraspBatch(stack, slice(a, a + CHUNK), force_set), task, y) for a in range(0, len(stack), CHUNK)
+    ]
+    return np.concatenate(bounds)
 
 
 def _budget(stack: GraspStack, value: str | ForceBudget) -> ForceBudget:
@@ -68,13 +70,13 @@ def _budget(stack: GraspStack, value: str | ForceBudget) -> ForceBudget:
     return budget
 
 
-def _descend(view: _View, task: Task, y: FloatArray) -> FloatArray:
+def _descend(view: _GraspBatch, task: Task, y: FloatArray) -> FloatArray:
     """Return each grasp's least ratio over the directions and over descents from the weakest."""
-    first = view.support(np.broadcast_to(y, (len(view.G), *y.shape)))[0] / task.support(y)[0]
-    least = first.min(axis=1)
-    weakest = np.argpartition(first, min(DESCENTS, first.shape[1]) - 1, axis=1)[:, :DESCENTS]
+    ratios = view.support(np.broadcast_to(y, (len(view.G), *y.shape)))[0] / task.support(y)[0]
+    least_sampled = ratios.min(axis=1)
+    weakest = np.argpartition(ratios, min(DESCENTS, ratios.shape[1]) - 1, axis=1)[:, :DESCENTS]
     value = iterate_inverse(lambda u: view.quadratic(u, task), y[weakest], STEPS)[1]
-    return np.asarray(np.minimum(least, value.min(axis=1)))
+    return np.asarray(np.minimum(least_sampled, value.min(axis=1)))
 
 
 def spread_directions(stack: GraspStack, task: Task) -> FloatArray:
@@ -89,12 +91,12 @@ def spread_directions(stack: GraspStack, task: Task) -> FloatArray:
 def _second_moment(stack: GraspStack, task: Task) -> FloatArray:
     """Return the task's second moment (d, d), regularised by the grasps' if the task is flat."""
     G = stack.G[:CHUNK]
-    own = np.mean(G @ G.transpose(0, 2, 1), axis=0)
-    own += 1e-9 * np.diag(np.diag(own)) + 1e-12 * np.trace(own) * np.eye(len(own))
+    grasp_moment = np.mean(G @ G.transpose(0, 2, 1), axis=0)
+    grasp_moment += 1e-9 * np.diag(np.diag(grasp_moment)) + 1e-12 * np.trace(grasp_moment) * np.eye(len(grasp_moment))
     moment = task.second_moment()
-    relative = eigh(moment, own, eigvals_only=True)
+    relative = eigh(moment, grasp_moment, eigvals_only=True)
     if relative[0] <= FLAT * relative[-1]:
-        moment = moment + 0.1 * float(np.mean(relative)) * own
+        moment = moment + 0.1 * float(np.mean(relative)) * grasp_moment
     return np.asarray(moment)
 
 
@@ -117,7 +119,7 @@ def sampled_ratios(stack: GraspStack, task: Task, y: FloatArray, budget: ForceBu
     """
     reach = task.support(y)[0]
     y, reach = y[reach > 0.0], reach[reach > 0.0]
-    view = _View(stack, slice(None), _bound(stack, budget))
+    view = _GraspBatch(stack, slice(None), _fixed_force_set(stack, budget))
     return np.asarray(view.support(np.broadcast_to(y, (len(stack), *y.shape)))[0] / reach)
 
 
@@ -150,15 +152,15 @@ def minimise_locally(
     directions : (b, m, d) array
     ratios : (b, m) array
     """
-    view = _View(stack, slice(None), _bound(stack, budget))
+    view = _GraspBatch(stack, slice(None), _fixed_force_set(stack, budget))
     return iterate_inverse(lambda u: view.quadratic(u, task), y, steps)
 
 
-class _View:
+class _GraspBatch:
     """Batched support functions of some grasps of a stack."""
 
-    def __init__(self, stack: GraspStack, where: slice, force_set: ForceSet) -> None:
-        self.G = stack.G[where]
+    def __init__(self, stack: GraspStack, grasps: slice, force_set: ForceSet) -> None:
+        self.G = stack.G[grasps]
         self._set = force_set
 
     def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -191,7 +193,7 @@ class _View:
         return value, wrench.reshape(y.shape), H + REGULAR * scale * np.eye(y.shape[2])
 
 
-def _bound(stack: GraspStack, budget: ForceBudget) -> ForceSet:
+def _fixed_force_set(stack: GraspStack, budget: ForceBudget) -> ForceSet:
     """Return the force set of a budget that does not depend on the grasps' frames."""
-    any_frames = np.broadcast_to(np.eye(stack.space), (len(stack.contacts), stack.space, stack.space))
-    return budget.at(any_frames, stack.contacts)
+    frames = np.broadcast_to(np.eye(stack.space), (len(stack.contacts), stack.space, stack.space))
+    return budget.at(frames, stack.contacts)

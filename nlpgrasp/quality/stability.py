@@ -13,7 +13,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.quality.arguments import require_grasp
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.grasp import Grasp, GraspStack
-from nlpgrasp.quality.measures import ball, mu
+from nlpgrasp.quality.measures import mu, unit_ball
 from nlpgrasp.quality.wrench_set import equilibrated, numerical_rank
 
 COARSE = 0.5  # relative tolerance of the certified radius
@@ -73,7 +73,7 @@ def is_stable(grasp: Grasp | GraspStack, torque_scale: float = 1.0) -> Stability
     require_grasp(grasp, stack=True)
     if isinstance(grasp, GraspStack):
         return tuple(is_stable(g, torque_scale) for g in grasp)
-    radius = mu(grasp, ball(grasp.dimension, torque_scale), COARSE)
+    radius = mu(grasp, unit_ball(grasp.dimension, torque_scale), COARSE)
     stable = bool(radius.lower > 0.0)
     return Stability(stable, radius, None if radius.upper > 0.0 else radius.worst_direction)
 

@@ -36,7 +36,7 @@ from nlpgrasp.quality.wrench_set import WrenchSet, torque_factors, wrench_rank
 
 # certified bounds
 POINTS = {3: 2000, 6: 300}  # most vertices of P, by dimension
-LOOSE, FEWER = 0.015, 0.5  # tolerance above which this share of the vertices is enough
+LOOSE, REDUCED_SHARE = 0.015, 0.5  # tolerance above which this share of the vertices is enough
 SHRINK = 1e-5  # largest relative shrinking of support points towards the origin
 MARGIN = 1e-5  # relative guard against rounding of volumes
 ROUNDING = 1e-9  # relative guard against rounding of the closed form, and of the heights of flat cells
@@ -46,10 +46,10 @@ GROUPS = 16  # independent groups of samples, whose scatter gives the error
 ERRORS = 3.0  # standard errors in the error bar
 MOST_SAMPLES = 400_000  # of all groups
 MOST_STEPS = 30  # most Newton steps per ray
-CLOSE = 1e-3  # tolerance of the gauge on the boundary
+GAUGE_CLOSE = 1e-3  # tolerance of the gauge on the boundary
 BRACKET = 5e-3  # width of a bracket whose midpoint is accepted (its errors average out)
 GAUGE_TOLERANCE = 1e-8  # residual of the least forces
-FAR = 4.0  # least force above which a wrench is certainly outside the set
+FORCE_LIMIT = 4.0  # least force above which a wrench is certainly outside the set
 
 Gauge = Callable[[FloatArray], tuple[FloatArray, FloatArray]]  # wrenches (m, d) to least forces (m,), gradients (m, d)
 
@@ -158,44 +158,44 @@ def nu(
         return Volume(
             exact * (1.0 - ROUNDING), exact * (1.0 + ROUNDING), torque_scale=scale, value=exact, error=exact * ROUNDING
         )
-    white = wrench_set.transformed((vectors / values).T)
-    lower, upper, value, error = _certify_volume(white, rtol, np.random.default_rng(seed))
+    whitened = wrench_set.transformed((vectors / values).T)
+    lower, upper, value, error = _certify_volume(whitened, rtol, np.random.default_rng(seed))
     factor = float(np.prod(values))
     return Volume(lower * factor, upper * factor, torque_scale=scale, value=value * factor, error=error * factor)
 
 
-def _certify_volume(white: WrenchSet, rtol: float, rng: np.random.Generator) -> tuple[float, float, float, float]:
+def _certify_volume(whitened: WrenchSet, rtol: float, rng: np.random.Generator) -> tuple[float, float, float, float]:
     """Return certified bounds, estimate and error bar for a set in well-conditioned coordinates."""
-    d = len(white.G)
-    inner, points = _initial_wrench_hull(white, rng)
-    most = POINTS[d] if rtol < LOOSE or d == 3 else int(FEWER * POINTS[d])
-    while len(points) < most and inner.upper > inner.lower * (1.0 + rtol):
-        room = min(len(points), most - len(points))
-        worst = np.argsort(-inner.missing)[:room]
-        points = np.concatenate([points, _shrunk_points(white.support(inner.planes[worst])[1], rng)])
-        inner = _Inner(white, points)
+    d = len(whitened.G)
+    inner, points = _initial_wrench_hull(whitened, rng)
+    limit = POINTS[d] if rtol < LOOSE or d == 3 else int(REDUCED_SHARE * POINTS[d])
+    while len(points) < limit and inner.upper > inner.lower * (1.0 + rtol):
+        count = min(len(points), limit - len(points))
+        loosest = np.argsort(-inner.missing)[:count]
+        points = np.concatenate([points, _shrunk_points(whitened.support(inner.planes[loosest])[1], rng)])
+        inner = _InnerPolytope(whitened, points)
     middle, half = 0.5 * (inner.lower + inner.upper), 0.5 * (inner.upper - inner.lower)
     if inner.upper <= inner.lower * (1.0 + rtol):
         return inner.lower, inner.upper, middle, half
-    value, error = estimate(white, inner.cells, rtol, rng)
+    value, error = estimate(whitened, inner.cells, rtol, rng)
     return inner.lower, inner.upper, min(max(value, inner.lower), inner.upper), min(error, half)
 
 
-def _initial_wrench_hull(white: WrenchSet, rng: np.random.Generator) -> tuple[_Inner, FloatArray]:
+def _initial_wrench_hull(whitened: WrenchSet, rng: np.random.Generator) -> tuple[_InnerPolytope, FloatArray]:
     """Return the hull of the origin and support points in random directions, and its points.
 
     For a set with few vertices, few directions may give flat points; then more directions are used.
     """
-    d = len(white.G)
+    d = len(whitened.G)
     for count in (8 * d, 80 * d, 2000 * d):
-        phi, points = white.support(random_directions(5 * count, d, rng))
+        phi, points = whitened.support(random_directions(5 * count, d, rng))
         points = points[phi > 1e-6 * np.max(phi)]
         if count > 8 * d:
             points = np.unique(np.round(points, 9), axis=0)
             points = points[rng.permutation(len(points))]
         points = np.concatenate([np.zeros((1, d)), _shrunk_points(points[: min(count, 2 * POINTS[d])], rng)])
         try:
-            return _Inner(white, points), points
+            return _InnerPolytope(whitened, points), points
         except NlpgraspError as error:
             failure = error
     raise failure
@@ -226,24 +226,26 @@ class Cells:
     reach: FloatArray
 
 
-class _Inner:
+class _InnerPolytope:
     """Inner polytope of W by Qhull, and the volume bounds that it gives.
 
     The incremental hull of ``convex_hull`` covers all directions, as a bound on mu requires, but its cells may overlap
     where points are coplanar; volumes need cells that do not.
     """
 
-    def __init__(self, white: WrenchSet, points: FloatArray) -> None:
+    def __init__(self, whitened: WrenchSet, points: FloatArray) -> None:
         d = points.shape[1]
         centre = np.asarray(np.mean(points, axis=0))
         hull, corners, sizes = _filled_hull(points - centre)
         normals = hull.equations[:, :-1]
         heights = np.min(np.einsum("fvd,fd->fv", corners, normals), axis=1)
         # a point sum l_i v_i of the cell's cone has <n, x> >= height sum l_i, and <n, x> at most the support
-        support = white.support(normals)[0] - normals @ centre
-        use = (heights > ROUNDING * np.max(heights)) & (sizes > 0.0)
-        self.planes = normals[use]
-        self.cells = Cells(centre, corners[use], sizes[use], np.maximum(support[use] / heights[use], 1.0))
+        support = whitened.support(normals)[0] - normals @ centre
+        is_proper = (heights > ROUNDING * np.max(heights)) & (sizes > 0.0)
+        self.planes = normals[is_proper]
+        self.cells = Cells(
+            centre, corners[is_proper], sizes[is_proper], np.maximum(support[is_proper] / heights[is_proper], 1.0)
+        )
         self.missing = (self.cells.reach**d - 1.0) * self.cells.sizes
         # cells left out are flat or have the centre on their planes: their cones are thinner than rounding
         self.lower = min(float(np.sum(self.cells.sizes)), float(hull.volume)) * (1.0 - MARGIN)
@@ -268,37 +270,37 @@ def _filled_hull(points: FloatArray) -> tuple[ConvexHull, FloatArray, FloatArray
     raise NlpgraspError("nu: no hull of this grasp's support points is filled by its simplices")
 
 
-def estimate(white: WrenchSet, cells: Cells, rtol: float, rng: np.random.Generator) -> tuple[float, float]:
+def estimate(whitened: WrenchSet, cells: Cells, rtol: float, rng: np.random.Generator) -> tuple[float, float]:
     """Estimate the volume of a wrench set and its error bar by stratified sampling over the cells.
 
     Parameters
     ----------
-    white : WrenchSet
+    whitened : WrenchSet
         W, in well-conditioned coordinates.
     cells : Cells
     rtol : float
         Target relative error bar.
     rng : numpy.random.Generator
     """
-    gauge = _gauge(white)
+    gauge = _gauge(whitened)
     d = len(cells.centre)
-    ends = np.cumsum(cells.sizes)
-    count, total = 100, float(ends[-1])
+    cumulative = np.cumsum(cells.sizes)
+    count, total = 100, float(cumulative[-1])
     means: list[FloatArray] = []
     weights: list[int] = []
     while True:
         group, high = [], []
         for _ in range(GROUPS):
-            where = (np.arange(count) + rng.random(count)) / count * total
-            chosen = np.minimum(np.searchsorted(ends, where), len(ends) - 1)
+            positions = (np.arange(count) + rng.random(count)) / count * total
+            chosen = np.minimum(np.searchsorted(cumulative, positions), len(cumulative) - 1)
             share = rng.dirichlet(np.ones(d), count)
             high.append(cells.reach[chosen])
             group.append(np.einsum("mi,mid->md", share, cells.corners[chosen]))
         t = _radial_reach(gauge, cells.centre, np.concatenate(group), np.concatenate(high)) ** d
         means.append(t.reshape(GROUPS, count).mean(axis=1))
         weights.append(count)
-        each = np.average(np.array(means), axis=0, weights=weights)
-        value, error = float(each.mean()), ERRORS * float(each.std(ddof=1)) / GROUPS**0.5
+        group_means = np.average(np.array(means), axis=0, weights=weights)
+        value, error = float(group_means.mean()), ERRORS * float(group_means.std(ddof=1)) / GROUPS**0.5
         if error <= rtol * value or GROUPS * sum(weights) >= MOST_SAMPLES:
             return total * value, total * error
         count = int(np.clip(sum(weights) * ((error / (rtol * value)) ** 2 - 0.8), 50, MOST_SAMPLES / GROUPS))
@@ -310,39 +312,41 @@ def _radial_reach(gauge: Gauge, centre: FloatArray, x: FloatArray, high: FloatAr
     The gauge is convex along the ray, at most 1 at t = 1 and at least 1, perhaps infinite, at ``high``.
     """
     t, low, high = np.ones(len(x)), np.ones(len(x)), high.copy()
-    going = np.arange(len(x))
+    active = np.arange(len(x))
     for _ in range(MOST_STEPS):
-        value, gradient = gauge(centre + t[going, None] * x[going])
-        known = np.isfinite(value)
-        slope = np.maximum(np.sum(np.where(known[:, None], gradient, 0.0) * x[going], axis=1), 1e-9)
-        below = value <= 1.0
-        low[going] = np.where(below, t[going], low[going])
-        high[going] = np.where(below, high[going], t[going])
-        newton = t[going] + (1.0 - np.where(known, value, 1.0)) / slope
-        middle = 0.5 * (low[going] + high[going])
-        t[going] = np.where(known, np.clip(newton, low[going], high[going]), middle)
-        going = going[~known | (np.abs(value - 1.0) > CLOSE)]  # the error left is quadratic in that
-        narrow = high[going] - low[going] <= BRACKET  # where the set ends at a side of the cone G K: no gauge there
-        t[going[narrow]] = 0.5 * (low[going[narrow]] + high[going[narrow]])
-        going = going[~narrow]
-        if not going.size:
+        value, gradient = gauge(centre + t[active, None] * x[active])
+        is_finite = np.isfinite(value)
+        slope = np.maximum(np.sum(np.where(is_finite[:, None], gradient, 0.0) * x[active], axis=1), 1e-9)
+        is_inside = value <= 1.0
+        low[active] = np.where(is_inside, t[active], low[active])
+        high[active] = np.where(is_inside, high[active], t[active])
+        newton = t[active] + (1.0 - np.where(is_finite, value, 1.0)) / slope
+        middle = 0.5 * (low[active] + high[active])
+        t[active] = np.where(is_finite, np.clip(newton, low[active], high[active]), middle)
+        active = active[~is_finite | (np.abs(value - 1.0) > GAUGE_CLOSE)]  # the error left is quadratic in that
+        # where the set ends at a side of the cone G K there is no gauge
+        is_bracketed = high[active] - low[active] <= BRACKET
+        t[active[is_bracketed]] = 0.5 * (low[active[is_bracketed]] + high[active[is_bracketed]])
+        active = active[~is_bracketed]
+        if not active.size:
             break
     return t
 
 
-def _gauge(white: WrenchSet) -> Gauge:
+def _gauge(whitened: WrenchSet) -> Gauge:
     """Return the gauge function, the least force that produces a wrench, with its gradient."""
 
     def gauge(w: FloatArray) -> tuple[FloatArray, FloatArray]:
         size = np.linalg.norm(w, axis=1)
         unit = w / np.where(size > 0.0, size, 1.0)[:, None]
-        if isinstance(white.force_set, L2Set):
-            y, x = dual_newton(white, unit, GAUGE_TOLERANCE, FAR / float(np.min(size)))
+        if isinstance(whitened.force_set, L2Set):
+            y, x = dual_newton(whitened, unit, GAUGE_TOLERANCE, FORCE_LIMIT / float(np.min(size)))
             force = np.linalg.norm(x, axis=1)
-            produced = np.linalg.norm(unit - x @ white.G.T, axis=1) <= 1e3 * GAUGE_TOLERANCE
-            return np.where(produced, force * size, np.inf), y / np.where(produced & (force > 0.0), force, 1.0)[:, None]
-        x, y = conic.solve_least_forces(white, unit)
-        used = white.force_set.used(x) * size
-        return np.where(np.isfinite(used), used, np.inf), y
+            is_produced = np.linalg.norm(unit - x @ whitened.G.T, axis=1) <= 1e3 * GAUGE_TOLERANCE
+            divisor = np.where(is_produced & (force > 0.0), force, 1.0)
+            return np.where(is_produced, force * size, np.inf), y / divisor[:, None]
+        x, y = conic.solve_least_forces(whitened, unit)
+        amount = whitened.force_set.used(x) * size
+        return np.where(np.isfinite(amount), amount, np.inf), y
 
     return gauge

@@ -12,7 +12,7 @@ from nlpgrasp.quality.containment import Containment, condition
 from nlpgrasp.quality.force_closure import separating_direction
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.ratio_minimisation import descend, iterate, random_directions, select_separated
-from nlpgrasp.quality.sandwich import ResumableCertificate, Sandwich, narrowed
+from nlpgrasp.quality.sandwich import ResumableCertificate, Sandwich, tighten
 from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.tasks import Task
 
@@ -76,9 +76,9 @@ def weakest_directions(
 ) -> WeakestDirections:
     """Return the weakest directions of a grasp.
 
-    Under the L2 budget they come from descents, in milliseconds; along the kinks of other budgets' supports these stop,
-    and where no force in the cones works along some directions, but the task does not ask for any along the one found,
-    the others may be a narrow dip that descents miss: there they come from the certificate's polytope.
+    Under the L2 budget they come from descents, in milliseconds. Descents stop at the kinks of other budgets' supports,
+    and may miss a narrow minimum near a direction along which no force in the cones works and the task requires none:
+    in both cases the directions come from the certificate's polytope.
 
     Parameters
     ----------
@@ -95,36 +95,36 @@ def weakest_directions(
         y = np.zeros((0, grasp.dimension)) if proof is None else _unit_reach(task, proof[None, :])
         return WeakestDirections(0.0, y)
     separating = separating_direction(problem.wrenches) if isinstance(budget, L2Budget) else None
-    closed = separating is None or np.isfinite(problem.ratio(separating[None])[0][0])
-    if isinstance(budget, L2Budget) and closed:
+    is_closed = separating is None or np.isfinite(problem.ratio(separating[None])[0][0])
+    if isinstance(budget, L2Budget) and is_closed:
         start = [random_directions(descents.fresh, problem.rank, rng), to_coordinates(problem, known)]
         start += [] if separating is None else [separating[None]]
-        found, values = _descend_and_iterate(problem, np.concatenate(start), descents.steps)
+        directions, values = _descend_and_iterate(problem, np.concatenate(start), descents.steps)
     else:
-        found, values = _minimise_over_hull(problem, descents.gap)
-    return _weakest(problem, task, found, values)
+        directions, values = _minimise_over_hull(problem, descents.gap)
+    return _weakest(problem, task, directions, values)
 
 
-def weaker_in_polytope(begun: ResumableCertificate, value: float) -> WeakestDirections | None:
-    """Return directions in which a certificate's polytope shows less than a known value; None where there are none."""
-    found, values = _hull_directions(begun.containment, begun.sandwich)
-    weaker = bool(np.min(values) < value * (1.0 - MISSED))
-    return _weakest(begun.containment, begun.task, found, values) if weaker else None
+def weaker_in_polytope(certificate: ResumableCertificate, value: float) -> WeakestDirections | None:
+    """Return directions of a certificate's polytope with ratios clearly below a value; None without any."""
+    directions, values = _hull_directions(certificate.containment, certificate.sandwich)
+    is_weaker = bool(np.min(values) < value * (1.0 - MISSED))
+    return _weakest(certificate.containment, certificate.task, directions, values) if is_weaker else None
 
 
-def _weakest(problem: Containment, task: Task, found: FloatArray, values: FloatArray) -> WeakestDirections:
+def _weakest(problem: Containment, task: Task, directions: FloatArray, values: FloatArray) -> WeakestDirections:
     """Return the weakest of directions in a containment's coordinates, well separated."""
     order = np.argsort(values)
     order = order[values[order] <= SLACK * values[order[0]] + 1e-12]
-    chosen = select_separated(found, order, SEPARATION, KEEP)
-    return WeakestDirections(float(values[chosen[0]]), _unit_reach(task, found[chosen] @ problem.matrix))
+    chosen = select_separated(directions, order, SEPARATION, KEEP)
+    return WeakestDirections(float(values[chosen[0]]), _unit_reach(task, directions[chosen] @ problem.matrix))
 
 
-def to_coordinates(problem: Containment, known: FloatArray | None) -> FloatArray:
+def to_coordinates(problem: Containment, directions: FloatArray | None) -> FloatArray:
     """Return known directions (m, d) in a containment's coordinates, without those that vanish there, (m', r)."""
-    if known is None or not len(known):
+    if directions is None or not len(directions):
         return np.zeros((0, problem.rank))
-    u = np.linalg.lstsq(problem.matrix.T, known.T, rcond=None)[0].T
+    u = np.linalg.lstsq(problem.matrix.T, directions.T, rcond=None)[0].T
     size = np.linalg.norm(u, axis=1, keepdims=True)
     return np.asarray(u[size[:, 0] > 0.0] / size[size[:, 0] > 0.0])
 
@@ -134,24 +134,24 @@ def _descend_and_iterate(problem: Containment, start: FloatArray, steps: int) ->
 
     The former are near the latter and not yet all the same: cuts around the weakest directions are what a step needs.
     """
-    found, values = descend(problem, start, BEGUN)
-    first = np.argsort(values, kind="stable")[:FOLLOWED]
-    last, least = iterate(problem, found[first], steps)
-    return np.concatenate([last, found]), np.concatenate([least, values])
+    directions, values = descend(problem, start, BEGUN)
+    weakest = np.argsort(values, kind="stable")[:FOLLOWED]
+    refined, refined_values = iterate(problem, directions[weakest], steps)
+    return np.concatenate([refined, directions]), np.concatenate([refined_values, values])
 
 
 def _minimise_over_hull(problem: Containment, gap: float) -> tuple[FloatArray, FloatArray]:
     """Return directions and ratios from the certificate's polytope."""
-    return _hull_directions(problem, narrowed(problem, gap))
+    return _hull_directions(problem, tighten(problem, gap))
 
 
-def _hull_directions(problem: Containment, state: Sandwich) -> tuple[FloatArray, FloatArray]:
+def _hull_directions(problem: Containment, sandwich: Sandwich) -> tuple[FloatArray, FloatArray]:
     """Return the normals of a polytope's lowest facets, and their ratios."""
-    found = state.worst[None, :]
-    if state.hull is not None and problem.rank > 1:
-        cells = state.hull.worst(SLACK * state.upper, HULL_CELLS)
-        found = np.concatenate([found, state.hull.normals(cells)])
-    return found, problem.ratio(found)[0]
+    directions = sandwich.worst[None, :]
+    if sandwich.hull is not None and problem.rank > 1:
+        cells = sandwich.hull.worst(SLACK * sandwich.upper, HULL_CELLS)
+        directions = np.concatenate([directions, sandwich.hull.normals(cells)])
+    return directions, problem.ratio(directions)[0]
 
 
 def _unit_reach(task: Task, y: FloatArray) -> FloatArray:

@@ -44,9 +44,9 @@ class WrenchSet:
         InputError
             When the budget is unknown or does not bound the contacts' forces.
         """
-        given = force_budget(budget)
-        given.check(grasp.contacts, grasp.space)
-        return cls(grasp.G, given.at(grasp.frames, grasp.contacts))
+        force_bound = force_budget(budget)
+        force_bound.check(grasp.contacts, grasp.space)
+        return cls(grasp.G, force_bound.at(grasp.frames, grasp.contacts))
 
     @property
     def contacts(self) -> tuple[ContactModel, ...]:
@@ -88,8 +88,8 @@ class WrenchSet:
         Hessian is returned.
         """
         z = y @ self.G
-        parts = zip(derivative(z, self.contacts, self.space), self.ranges, strict=True)
-        return np.concatenate([self.G[:, r] @ part for part, r in parts], axis=2) @ self.G.T
+        blocks = zip(derivative(z, self.contacts, self.space), self.ranges, strict=True)
+        return np.concatenate([self.G[:, r] @ block for block, r in blocks], axis=2) @ self.G.T
 
     def transformed(self, matrix: FloatArray) -> WrenchSet:
         """Return the linear image of the set under ``matrix`` (d', d)."""

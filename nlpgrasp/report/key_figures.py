@@ -18,7 +18,7 @@ from nlpgrasp.common.formatting import (
 from nlpgrasp.report.html_parts import ticks
 from nlpgrasp.report.page_builder import KeyFigure
 from nlpgrasp.solution.obstructions import tip_deviations
-from nlpgrasp.solution.quality_record import held_words
+from nlpgrasp.solution.quality_record import measure_meaning
 from nlpgrasp.solution.records import Status
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solution.squeeze_record import NONE
@@ -151,7 +151,7 @@ def _status_figure(solution: GraspSolution) -> KeyFigure:
 def _quality_figure(solution: GraspSolution) -> KeyFigure:
     lower, upper = format_interval(solution.mu.lower, solution.mu.upper)
     value = lower if lower == upper else f"{lower} to {upper}"
-    lines = (f"{solution.label}, certified: {held_words(solution.kind, solution.budget)}",)
+    lines = (f"{solution.label}, certified: {measure_meaning(solution.kind, solution.budget)}",)
     return KeyFigure("Quality", value, lines, more=gauge(solution) + gauge_legend(solution), broad=True)
 
 

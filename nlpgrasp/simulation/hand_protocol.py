@@ -17,7 +17,7 @@ from nlpgrasp.simulation.robot_hand_scene import HandSceneOptions, mjcf_with_han
 from nlpgrasp.simulation.scene_object import ObjectMass, object_mass
 from nlpgrasp.simulation.simulation_input import EARTH
 from nlpgrasp.solution.obstructions import warn_of_touching
-from nlpgrasp.solution.solution import GraspSolution, given_solution
+from nlpgrasp.solution.solution import GraspSolution, require_solution
 
 PUSH, SECONDS = 1.0, 2.0  # newtons; seconds of each push
 LIGHT = ObjectMass(0.1, "as the task carries no weight upwards")  # kilograms: default mass
@@ -71,7 +71,7 @@ def simulate_hand(
     UserWarning
         On a link inside something, and on contacts that are off their fingertips' links.
     """
-    solution = given_solution(solution)
+    solution = require_solution(solution)
     import_mujoco("a simulation")
     touching = warn_of_touching(solution.name, solution.hand)
     size = number("push", push, above=0.0)

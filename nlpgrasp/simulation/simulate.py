@@ -18,7 +18,7 @@ from nlpgrasp.simulation.fingertip_model import Snapshot
 from nlpgrasp.simulation.fingertip_outcome import Simulation, Trial, describe_trials
 from nlpgrasp.simulation.simulation_input import EARTH, SimulationInput, given
 from nlpgrasp.solution.obstructions import warn_of_touching
-from nlpgrasp.solution.solution import GraspSolution, given_solution
+from nlpgrasp.solution.solution import GraspSolution, require_solution
 
 # conditions
 LESS_FRICTION, OFF = 0.1, 2e-3  # loss of friction as a share, displacement in metres
@@ -81,7 +81,7 @@ def simulate(
     UserWarning
         On a link inside something, and on contacts that are off their fingertips' links.
     """
-    solution = given_solution(solution)
+    solution = require_solution(solution)
     import_mujoco("a simulation")
     touching = warn_of_touching(solution.name, solution.hand)
     share = number("share", share, above=0.0)

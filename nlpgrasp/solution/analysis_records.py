@@ -60,10 +60,10 @@ class Robustness:
     def fragile_words(self, mu: Bounds, label: str) -> str:
         """Return the remaining share as text, for a grasp of this certified quality in a measure of this name."""
         share = self.share(mu)
-        little = f"less than {100.0 * LEAST_SHARE:g} %" if share > 0.0 else "nothing"
-        left = f"{100.0 * share:.2g} %" if share >= LEAST_SHARE else little
-        off = f"contacts are {1e3 * self.offset:g} mm off and friction {100.0 * self.friction_share:g} % less"
-        return f"fragile: {left} of {label} is left when {off}"
+        negligible = f"less than {100.0 * LEAST_SHARE:g} %" if share > 0.0 else "nothing"
+        remaining = f"{100.0 * share:.2g} %" if share >= LEAST_SHARE else negligible
+        disturbance = f"contacts are {1e3 * self.offset:g} mm off and friction {100.0 * self.friction_share:g} % less"
+        return f"fragile: {remaining} of {label} is left when {disturbance}"
 
     def beside(self, mu: Bounds) -> Robustness:
         """Return the record with share and fragility for a grasp of this certified quality."""
@@ -96,14 +96,31 @@ class Robustness:
         bounds = Bounds.from_dict(data["mu"], f"{name}.mu")
         points = array(f"{name}.positions", data["positions"], (None, None))
         normals = array(f"{name}.normals", data["normals"], points.shape)
-        stated = (data["share"], data["fragile"]) if "share" in data and "fragile" in data else None
-        lost = tuple(integer(f"{name}.lost", i, at_least=0, at_most=len(points) - 1) for i in data.get("lost", ()))
-        return cls(data["offset"], data["friction_share"], bounds, points, normals, lost, stated)
+        summary = (data["share"], data["fragile"]) if "share" in data and "fragile" in data else None
+        lost_contacts = tuple(
+            integer(f"{name}.lost", i, at_least=0, at_most=len(points) - 1) for i in data.get("lost", ())
+        )
+        return cls(data["offset"], data["friction_share"], bounds, points, normals, lost_contacts, summary)
 
     def __str__(self) -> str:
-        off = f"contacts {1e3 * self.offset:g} mm off and {self.friction_share:.0%} less friction"
+        disturbance = f"contacts {1e3 * self.offset:g} mm off and {self.friction_share:.0%} less friction"
         slipped = f"; {len(self.lost)} slip over an edge" if self.lost else ""
-        return f"with {off}, {self.mu} is left (worst case found{slipped})"
+        return f"with {disturbance}, {self.mu} is left (worst case found{slipped})"
+
+
+def fragility_warning(robust: Robustness | None, mu: Bounds, label: str) -> str:
+    """Return a warning that a grasp is fragile; empty where it is not, or where its robustness is unknown.
+
+    Parameters
+    ----------
+    robust : Robustness or None
+        Remaining quality of the grasp.
+    mu : Bounds
+        Certified quality of the grasp.
+    label : str
+        The measure's name.
+    """
+    return "" if robust is None or not robust.is_fragile(mu) else robust.fragile_words(mu, label)
 
 
 @dataclass(frozen=True)
@@ -283,26 +300,28 @@ class JointMargins:
     @property
     def near(self) -> dict[str, float]:
         """Distance from the nearer limit, for the joints that lack their margin."""
-        least = {name: (1.0 - SMALL) * margin for name, margin in self.margins.items()}
-        return {name: left for name, left in self.left.items() if left < least[name]}
+        required = {name: (1.0 - SMALL) * margin for name, margin in self.margins.items()}
+        return {name: distance for name, distance in self.left.items() if distance < required[name]}
 
     def to_dict(self) -> Json:
         """Return the margins as JSON data."""
         return {"margin": self.margin, "margins": dict(self.margins), "near": self.near, "price": self.price}
 
 
-def mu_without(stated: Json) -> float:
+def mu_without(margins: Json) -> float:
     """Return the mu before the search for joint-limit margins, from a file of an earlier version; 0 in later ones."""
-    without = stated.get("mu_without")
-    return 0.0 if without is None else float(without["upper"])
+    bounds = margins.get("mu_without")
+    return 0.0 if bounds is None else float(bounds["upper"])
 
 
-def format_joint_margins(stated: Json) -> list[str]:
+def format_joint_margins(margins: Json) -> list[str]:
     """Return as text which joints are near a limit, of ``hand.room``, and what earlier versions gave for margins."""
-    told = []
-    if stated["near"]:
-        each = (f"{name} ({left:.2g} of {stated['margins'][name]:.2g})" for name, left in stated["near"].items())
-        told.append("joints near a limit: " + ", ".join(each))
-    if stated.get("cost", 0.0) > WORTH_A_WORD:
-        told.append(f"room to the joints' limits took {stated['cost']:.1%} of mu")
-    return told
+    lines = []
+    if margins["near"]:
+        distances = (
+            f"{name} ({distance:.2g} of {margins['margins'][name]:.2g})" for name, distance in margins["near"].items()
+        )
+        lines.append("joints near a limit: " + ", ".join(distances))
+    if margins.get("cost", 0.0) > WORTH_A_WORD:
+        lines.append(f"room to the joints' limits took {margins['cost']:.1%} of mu")
+    return lines

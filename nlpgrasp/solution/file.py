@@ -14,7 +14,7 @@ LARGEST_FILE = 64 * 1024 * 1024
 DEEPEST = 50
 
 
-def write(data: SolutionData, path: str | Path) -> Path:
+def write_solution(data: SolutionData, path: str | Path) -> Path:
     """Write a solution's data to ``path`` atomically: a failure leaves the old file.
 
     Raises
@@ -28,10 +28,10 @@ def write(data: SolutionData, path: str | Path) -> Path:
 
 def solution_json(data: SolutionData) -> str:
     """Return a solution's data as indented JSON text, with each kept grasp and the drawing on one line."""
-    rest = json.dumps({k: v for k, v in data.items() if k not in ("grasps", "drawing")}, indent=1, allow_nan=False)
+    outline = json.dumps({k: v for k, v in data.items() if k not in ("grasps", "drawing")}, indent=1, allow_nan=False)
     grasps = ",\n  ".join(map(_json_line, data.get("grasps", [])))
-    kept = f' "grasps": [\n  {grasps}\n ],\n' if grasps else ""
-    return f'{rest[:-2]},\n{kept} "drawing": {_json_line(data.get("drawing"))}\n}}\n'
+    grasp_lines = f' "grasps": [\n  {grasps}\n ],\n' if grasps else ""
+    return f'{outline[:-2]},\n{grasp_lines} "drawing": {_json_line(data.get("drawing"))}\n}}\n'
 
 
 def _json_line(data: object) -> str:
@@ -60,17 +60,17 @@ def parse(text: str, name: str) -> SolutionData:
 def depth(text: str) -> int:
     """Return the deepest nesting of brackets outside strings, without parsing the text."""
     depth = deepest = 0
-    inside = escaped = False
+    in_string = escaped = False
     for character in text:
-        if inside:
+        if in_string:
             if escaped:
                 escaped = False
             elif character == "\\":
                 escaped = True
             elif character == '"':
-                inside = False
+                in_string = False
         elif character == '"':
-            inside = True
+            in_string = True
         elif character in "[{":
             depth += 1
             deepest = max(deepest, depth)

@@ -55,8 +55,8 @@ class HeldWrench:
 
 def held_wrenches(forces: Forces, moments: Moments) -> list[HeldWrench]:
     """Return one record per wrench from the separate forces and moments of a solution."""
-    beside = moments if len(moments) else [None] * len(forces)
-    return [HeldWrench(w, f, m) for (w, f), m in zip(forces, beside, strict=True)]
+    moment_arrays = moments if len(moments) else [None] * len(forces)
+    return [HeldWrench(w, f, m) for (w, f), m in zip(forces, moment_arrays, strict=True)]
 
 
 def forces_and_moments(data: Sequence[ForcesData], name: str) -> tuple[Forces, Moments]:
@@ -67,11 +67,11 @@ def forces_and_moments(data: Sequence[ForcesData], name: str) -> tuple[Forces, M
     InputError
         On arrays of other numbers of axes, or moments with some wrenches and not with others.
     """
-    held = [HeldWrench.from_dict(entry, name) for entry in data]
-    moments = tuple(entry.moments for entry in held if entry.moments is not None)
-    if moments and len(moments) != len(held):
+    records = [HeldWrench.from_dict(entry, name) for entry in data]
+    moments = tuple(entry.moments for entry in records if entry.moments is not None)
+    if moments and len(moments) != len(records):
         raise InputError(f"{name}: forces", f"{len(moments)} entries with moments", "moments in all or in none")
-    return tuple((entry.wrench, entry.forces) for entry in held), moments
+    return tuple((entry.wrench, entry.forces) for entry in records), moments
 
 
 @dataclass(frozen=True)
@@ -164,17 +164,16 @@ class ForcesNeeded:
 
     def finger_words(self) -> str:
         """Return the fingers' forces for the hardest wrench, and their sum, as text."""
-        forces, normal = (", ".join(format_number(f) for f in each) for each in (self.size, self.normal))
+        forces, normal = (", ".join(format_number(f) for f in values) for values in (self.size, self.normal))
         last = len(self.size) - 1
-        which = "finger 0 exerts" if last == 0 else f"fingers 0 {'and' if last == 1 else 'to'} {last} exert"
-        return f"{which} {forces} {FORCE_UNIT} (normal {normal})"
+        subject = "finger 0 exerts" if last == 0 else f"fingers 0 {'and' if last == 1 else 'to'} {last} exert"
+        return f"{subject} {forces} {FORCE_UNIT} (normal {normal})"
 
     def too_much_words(self, max_force: float) -> str:
         """Return the finger whose force exceeds a limit, newtons, and the force, as text."""
-        most = f"{format_number(float(np.max(self.largest)))} {FORCE_UNIT}"
-        return (
-            f"finger {self.finger} needs {most} for the task, above max_force = {format_number(max_force)} {FORCE_UNIT}"
-        )
+        largest = f"{format_number(float(np.max(self.largest)))} {FORCE_UNIT}"
+        limit = f"max_force = {format_number(max_force)} {FORCE_UNIT}"
+        return f"finger {self.finger} needs {largest} for the task, above {limit}"
 
     def limit_words(self, max_force: float, budget: ForceBudget) -> str:
         """Return the largest force compared with a limit of each finger's force, newtons, as text."""
@@ -198,18 +197,18 @@ class ForcesNeeded:
             Links of the fingers, if any.
         """
         low, high = format_interval(self.budget.lower, self.budget.upper, 4)
-        both = high if low == high else f"{low} to {high}"
-        root = (
+        interval = high if low == high else f"{low} to {high}"
+        norm = (
             f", L2 norm {format_number(float(np.linalg.norm(self.size)))} {FORCE_UNIT}" if budget.kind == "l2" else ""
         )
-        added = f"in all {format_number(self.total)} {FORCE_UNIT}{root}"
-        told = "" if max_force is None else f", {self.limit_words(max_force, budget)}"
-        whose = f"finger {self.finger}{f' ({fingers[self.finger]})' if fingers else ''}"
+        total = f"in all {format_number(self.total)} {FORCE_UNIT}{norm}"
+        comparison = "" if max_force is None else f", {self.limit_words(max_force, budget)}"
+        finger = f"finger {self.finger}{f' ({fingers[self.finger]})' if fingers else ''}"
         largest = format_number(float(np.max(self.largest)))
         return [
-            f"the task as given needs {both} {budget.unit} ({budget.amount}, certified)",
-            f"for its hardest wrench found ({wrench_words(self.wrench)}) {self.finger_words()}, {added}",
-            f"the largest force of a finger is {largest} {FORCE_UNIT}, of {whose}{told}",
+            f"the task as given needs {interval} {budget.unit} ({budget.amount}, certified)",
+            f"for its hardest wrench found ({wrench_words(self.wrench)}) {self.finger_words()}, {total}",
+            f"the largest force of a finger is {largest} {FORCE_UNIT}, of {finger}{comparison}",
         ]
 
     def to_dict(self) -> NeededData:
@@ -256,3 +255,10 @@ class ForcesNeeded:
             data.get("within_max_force"),
             (float(data["largest"]), int(data["finger"]), float(data["total"])),
         )
+
+
+def excess_force_warning(needed: ForcesNeeded | None, max_force: float | None) -> str:
+    """Return a warning that the task needs more than a limit of each finger's force, newtons; empty if unknown."""
+    if needed is None or max_force is None or needed.is_within(max_force):
+        return ""
+    return needed.too_much_words(max_force)

@@ -81,7 +81,7 @@ class FoundGrasp:
             "grasp": PlacedGrasp(self.grasp, self.faces, self.surface).to_dict(),
             "hand": None if self.hand is None else dict(self.hand),
             "quality": Quality(bounds, self.kind, robust=self.robust, needed=self.needed).to_dict(),
-            "forces": [held.to_dict() for held in held_wrenches(self.forces, self.moments)],
+            "forces": [record.to_dict() for record in held_wrenches(self.forces, self.moments)],
             "constraints": [report.to_dict() for report in self.constraints],
         }
 
@@ -94,12 +94,12 @@ class FoundGrasp:
         InputError
             When numbers contradict each other.
         """
-        placed = PlacedGrasp.from_dict(data["grasp"], f"{name}.grasp")
-        quality = Quality.from_dict(data["quality"], placed.grasp.dimension, f"{name}.quality")
+        contacts = PlacedGrasp.from_dict(data["grasp"], f"{name}.grasp")
+        quality = Quality.from_dict(data["quality"], contacts.grasp.dimension, f"{name}.quality")
         forces, moments = forces_and_moments(data.get("forces", []), name)
         return cls(
-            placed.grasp,
-            placed.faces,
+            contacts.grasp,
+            contacts.faces,
             quality.mu,
             quality.kind,
             data.get("hand"),
@@ -108,7 +108,7 @@ class FoundGrasp:
             moments,
             quality.needed,
             tuple(map(ConstraintReport.from_dict, data.get("constraints", []))),
-            placed.surface,
+            contacts.surface,
             data.get("start"),
         )
 
@@ -121,10 +121,10 @@ def read_kept_grasps(data: SolutionData, name: str) -> list[FoundGrasp]:
     InputError
         When numbers contradict each other, and where grasps are kept without an answer.
     """
-    kept = [FoundGrasp.from_dict(found, f"{name}.{i}") for i, found in enumerate(data.get("grasps", []))]
-    if kept and data["grasp"] is None:
-        raise InputError(name, f"{len(kept)} beside no grasp", "none in a file without a grasp")
-    return kept
+    grasps = [FoundGrasp.from_dict(entry, f"{name}.{i}") for i, entry in enumerate(data.get("grasps", []))]
+    if grasps and data["grasp"] is None:
+        raise InputError(name, f"{len(grasps)} beside no grasp", "none in a file without a grasp")
+    return grasps
 
 
 def first_accepted(grasps: Sequence[FoundGrasp], accepts: Accepts) -> FoundGrasp:
@@ -137,31 +137,33 @@ def first_accepted(grasps: Sequence[FoundGrasp], accepts: Accepts) -> FoundGrasp
     """
     if not callable(accepts):
         raise InputError("select", accepts, "a function of an ng.FoundGrasp that returns True or False")
-    for i, found in enumerate(grasps):
+    for i, grasp in enumerate(grasps):
         try:
-            answer = accepts(found)
+            answer = accepts(grasp)
         except Exception as error:  # whatever the user's function raises
             raise InputError(f"select, at grasps[{i}]", one_line(error), "a function that raises nothing") from error
         if not isinstance(answer, bool | np.bool_):
             raise InputError(f"select, at grasps[{i}]", answer, "True or False")
         if answer:
-            return found
-    kept = f"{len(grasps)} grasp{'s' * (len(grasps) != 1)}" if grasps else "no grasps"
-    raise InputError("select", f"a function that is true for none of {kept}", "one that accepts a grasp, or more kept")
+            return grasp
+    count = f"{len(grasps)} grasp{'s' * (len(grasps) != 1)}" if grasps else "no grasps"
+    raise InputError("select", f"a function that is true for none of {count}", "one that accepts a grasp, or more kept")
 
 
-def grasp_table(grasps: Sequence[FoundGrasp], asked: int = 1) -> list[str]:
+def grasp_table(grasps: Sequence[FoundGrasp], requested: int = 1) -> list[str]:
     """Return a table of several grasps as text lines: certified quality, remaining quality at worst, faces.
 
     Where there are fewer grasps than requested, the first line says so.
     """
-    fewer = f"  {len(grasps)} of the {asked} grasps asked for: more starts, or a smaller distinct, may find others"
-    said = [fewer] if 0 < len(grasps) < asked else []
+    shortfall = (
+        f"  {len(grasps)} of the {requested} grasps asked for: more starts, or a smaller distinct, may find others"
+    )
+    header = [shortfall] if 0 < len(grasps) < requested else []
     if len(grasps) < 2:
-        return said
-    lines = [*said, f"  {len(grasps)} grasps kept, best first (certified quality, what is left at worst, faces):"]
-    for i, found in enumerate(grasps):
-        left = "" if found.robust is None else f"{found.robust.mu.upper:.4g} left"
-        fragile = ", fragile" if found.is_fragile else ""
-        lines.append(f"  {i:4d}  {found.mu!s:20}  {left + fragile:20}  {', '.join(found.faces)}".rstrip())
+        return header
+    lines = [*header, f"  {len(grasps)} grasps kept, best first (certified quality, what is left at worst, faces):"]
+    for i, grasp in enumerate(grasps):
+        remaining = "" if grasp.robust is None else f"{grasp.robust.mu.upper:.4g} left"
+        fragile = ", fragile" if grasp.is_fragile else ""
+        lines.append(f"  {i:4d}  {grasp.mu!s:20}  {remaining + fragile:20}  {', '.join(grasp.faces)}".rstrip())
     return lines

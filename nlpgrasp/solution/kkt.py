@@ -63,7 +63,7 @@ class KKT:
         InputError
             Where the residuals contradict the stated reason.
         """
-        found = cls(
+        residuals = cls(
             float(data["stationarity"]),
             float(data["feasibility"]),
             float(data["complementarity"]),
@@ -71,9 +71,9 @@ class KKT:
             tuple(tuple(map(float, direction)) for direction in data.get("directions", [])),
             tuple(map(float, data.get("weights", []))),
         )
-        if found.is_small != data["locally_optimal"]:
-            raise InputError("kkt.locally_optimal", data["locally_optimal"], f"{found.is_small}, by its residuals")
-        return found
+        if residuals.is_small != data["locally_optimal"]:
+            raise InputError("kkt.locally_optimal", data["locally_optimal"], f"{residuals.is_small}, by its residuals")
+        return residuals
 
     @property
     def words(self) -> str:
@@ -125,8 +125,8 @@ def kkt_residuals(
     """
     stationarity = gradient - multipliers @ jacobian - bound_multipliers
     violations, products = [0.0], [0.0]
-    for (value, lower, upper), price in ((constraints, multipliers), (variables, bound_multipliers)):
+    for (value, lower, upper), multiplier in ((constraints, multipliers), (variables, bound_multipliers)):
         violations.append(float(np.max(np.maximum(lower - value, value - upper), initial=0.0)))
-        apart = np.abs(np.where(price > 0.0, upper, lower) - value)
-        products.append(float(np.max(np.abs(price) * np.where(np.isfinite(apart), apart, 1.0), initial=0.0)))
+        slack = np.abs(np.where(multiplier > 0.0, upper, lower) - value)
+        products.append(float(np.max(np.abs(multiplier) * np.where(np.isfinite(slack), slack, 1.0), initial=0.0)))
     return float(np.max(np.abs(stationarity), initial=0.0)), max(violations), max(products)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from nlpgrasp.common.formatting import format_number
+import numpy as np
+
+from nlpgrasp.common.formatting import format_number, vector
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.common.validation import number
@@ -12,6 +14,7 @@ from nlpgrasp.errors import InputError
 
 TOLERANCE = 1e-3  # metres: default penetration up to which links count as free
 MOST_TOLERANCE = 0.01  # metres: largest tolerance that may be chosen
+LEAST_DEPTH = 5e-5  # metres: smaller penetrations are not reported
 BODY = "the body"  # name of the held body among the things that links penetrate
 
 
@@ -111,17 +114,17 @@ def missing_approach_reason(hand: Json | None) -> str:
 
 def grasp_obstructions(hand: Json | None) -> list[str]:
     """Return the obstructions in the grasp itself as text: links that penetrate something, contacts off their links."""
-    depth, links = grasp_penetration(hand), (hand or {}).get("fingertips") or ()
-    said = []
-    if depth is not None and depth.depth > min(depth.tolerance, TOLERANCE):
-        allowed = f" ({format_number(1e3 * depth.tolerance)} mm allowed)" if depth.is_free else ""
-        said.append(f"{depth.words}{allowed}")
+    penetration, links = grasp_penetration(hand), (hand or {}).get("fingertips") or ()
+    obstructions = []
+    if penetration is not None and penetration.depth > min(penetration.tolerance, TOLERANCE):
+        tolerance = f" ({format_number(1e3 * penetration.tolerance)} mm allowed)" if penetration.is_free else ""
+        obstructions.append(f"{penetration.words}{tolerance}")
     for i, gap in tip_deviations(hand).items():
         link = f" {links[i]}" if i < len(links) else ""
-        said.append(
+        obstructions.append(
             f"contact {i} is {format_number(1e3 * gap, 2)} mm off its fingertip's link{link}, by that link's shape"
         )
-    return said
+    return obstructions
 
 
 def warn_of_touching(name: str, hand: Json | None) -> str:
@@ -134,35 +137,67 @@ def warn_of_touching(name: str, hand: Json | None) -> str:
     hand : mapping or None
         The hand's JSON data.
     """
-    said, depth = "; and ".join(grasp_obstructions(hand)), grasp_penetration(hand)
-    if said:
-        said = said if depth is None or depth.is_free else f"Touches: {said}"
-        warn(f"{name}: {said}")
-    return said
+    message, penetration = "; and ".join(grasp_obstructions(hand)), grasp_penetration(hand)
+    if message:
+        message = message if penetration is None or penetration.is_free else f"Touches: {message}"
+        warn(f"{name}: {message}")
+    return message
 
 
 def unknown_links(hand: Json | None) -> str:
     """Return as text the contacts whose links lack shapes where other links have some; empty without any."""
     gaps = (hand or {}).get("tip_gaps") or ()
-    bare = [str(i) for i, gap in enumerate(gaps) if gap is None]
-    if not bare or grasp_penetration(hand) is None:
+    unshaped = [str(i) for i, gap in enumerate(gaps) if gap is None]
+    if not unshaped or grasp_penetration(hand) is None:
         return ""
-    which = f"contact{'s' * (len(bare) > 1)} {', '.join(bare)}"
-    return f"the links of {which} have no collision shapes, and may be inside anything"
+    subject = f"contact{'s' * (len(unshaped) > 1)} {', '.join(unshaped)}"
+    return f"the links of {subject} have no collision shapes, and may be inside anything"
 
 
 def approach_obstructions(hand: Json | None) -> list[str]:
     """Return the obstructions on the straight approach, as text."""
-    said, jaws, way, depth = [], jaws_depth(hand), approach_penetration(hand), grasp_penetration(hand)
+    obstructions, jaws, approach, depth = [], jaws_depth(hand), approach_penetration(hand), grasp_penetration(hand)
     if jaws:
-        said.append(f"the gripper's way in leads {format_number(1e3 * jaws, 2)} mm into what is beside it")
+        obstructions.append(f"the gripper's way in leads {format_number(1e3 * jaws, 2)} mm into what is beside it")
     elif passes_through(hand):
-        said.append("the gripper's way in passes through something thin")
-    if way is not None and not way.is_free and (depth is None or depth.is_free):
-        said.append(f"on the way in {way.words}")
-    return said + list(filter(None, [missing_approach_reason(hand)]))
+        obstructions.append("the gripper's way in passes through something thin")
+    if approach is not None and not approach.is_free and (depth is None or depth.is_free):
+        obstructions.append(f"on the way in {approach.words}")
+    return obstructions + list(filter(None, [missing_approach_reason(hand)]))
+
+
+def format_link_penetrations(hand: Json | None) -> str:
+    """Return the links' penetration in the grasp and on the approach as text; empty where unknown."""
+    penetration, approach = grasp_penetration(hand), approach_penetration(hand)
+    if penetration is None:
+        is_posed = "tip_gaps" in (hand or {})
+        return "the hand's links have no collision shapes: what they run into is not known" if is_posed else ""
+    tolerance = f"{format_number(1e3 * penetration.tolerance)} mm allowed"
+    outside = "the links are outside the body and its surroundings"
+    in_grasp = penetration.words if penetration.depth > LEAST_DEPTH else outside
+    if approach is None:
+        return f"{in_grasp} ({tolerance})"
+    depth = f"at most {format_number(1e3 * approach.depth, 2)} mm inside anything"
+    on_approach = depth if approach.depth > LEAST_DEPTH else "outside as well"
+    return f"{in_grasp} ({tolerance}); on the way in, looked at in {approach.postures} postures, {on_approach}"
+
+
+def format_jaw_approach(hand: Json | None) -> str:
+    """Return the approach of parallel jaws as text; empty for other hands."""
+    data = hand or {}
+    if "opening" not in data or "direction" not in (data.get("approach") or {}):
+        return ""
+    direction = np.asarray(data["approach"]["direction"], dtype=float)
+    tilt = float(np.degrees(np.arccos(np.clip(-direction[-1], -1.0, 1.0))))
+    course = f"[{vector(direction)}], {format_number(tilt, 2, 0.5)} degrees off straight down"
+    text = f"the jaws are {format_number(1e3 * data['opening'])} mm apart and come in along {course}"
+    depth = jaws_depth(hand)
+    if not depth:
+        return text
+    penetration = f"{format_number(1e3 * depth, 2)} mm deep into the body, a table or an obstacle"
+    return f"{text}; that way leads {penetration}, clearances included"
 
 
 def _stated_depth(hand: Json | None, key: str) -> LinkPenetration | None:
-    stated = (hand or {}).get(key)
-    return None if stated is None else LinkPenetration.from_dict(stated, f"hand.{key}")
+    data = (hand or {}).get(key)
+    return None if data is None else LinkPenetration.from_dict(data, f"hand.{key}")

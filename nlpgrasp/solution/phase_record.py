@@ -60,11 +60,11 @@ class Phase:
     def of(cls, name: str, posture: Json, clearance: float | None = None) -> Phase:
         """Return the keyframe for a posture with ``palm_pose`` and ``joint_positions``."""
         pose = posture["palm_pose"]
-        position, quaternion = (np.asarray(pose[part], float) for part in ("position", "quaternion_wxyz"))
+        position, quaternion = (np.asarray(pose[key], float) for key in ("position", "quaternion_wxyz"))
         return cls(name, position, quaternion, dict(posture["joint_positions"]), clearance)
 
 
-def phases_from(data: Sequence[Json], name: str) -> tuple[Phase, ...]:
+def read_phases(data: Sequence[Json], name: str) -> tuple[Phase, ...]:
     """Return the keyframes of a file; ``name`` is shown in messages.
 
     Raises
@@ -72,23 +72,23 @@ def phases_from(data: Sequence[Json], name: str) -> tuple[Phase, ...]:
     InputError
         On names out of order, or other joints in one than in another.
     """
-    found = []
+    phases = []
     for i, entry in enumerate(data):
-        where, pose = f"{name}[{i}]", entry["palm_pose"]
-        joints = {str(j): number(f"{where}.joint_positions.{j}", v) for j, v in entry["joint_positions"].items()}
+        field, pose = f"{name}[{i}]", entry["palm_pose"]
+        joints = {str(j): number(f"{field}.joint_positions.{j}", v) for j, v in entry["joint_positions"].items()}
         clearance = entry.get("clearance")
-        found.append(
+        phases.append(
             Phase(
                 str(entry["name"]),
-                array(f"{where}.palm_pose.position", pose["position"], (3,)),
-                array(f"{where}.palm_pose.quaternion_wxyz", pose["quaternion_wxyz"], (4,)),
+                array(f"{field}.palm_pose.position", pose["position"], (3,)),
+                array(f"{field}.palm_pose.quaternion_wxyz", pose["quaternion_wxyz"], (4,)),
                 joints,
-                None if clearance is None else number(f"{where}.clearance", clearance),
+                None if clearance is None else number(f"{field}.clearance", clearance),
             )
         )
-        if list(joints) != list(found[0].joints):
-            raise InputError(f"{where}.joint_positions", ", ".join(joints), ", ".join(found[0].joints))
-    names = [phase.name for phase in found]
+        if list(joints) != list(phases[0].joints):
+            raise InputError(f"{field}.joint_positions", ", ".join(joints), ", ".join(phases[0].joints))
+    names = [phase.name for phase in phases]
     if names != [name for name in NAMES if name in names]:
         raise InputError(f"{name}.name", ", ".join(names), f"each at most once, in the order {', '.join(NAMES)}")
-    return tuple(found)
+    return tuple(phases)

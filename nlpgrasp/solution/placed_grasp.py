@@ -41,8 +41,8 @@ class PlacedGrasp:
         """Return the contacts as text, one a line, with the fingers' links if any."""
         result = []
         for i, (p, n, face) in enumerate(zip(self.grasp.points, self.grasp.normals, self.faces, strict=True)):
-            which = f"{i} ({fingers[i]})" if fingers else f"{i}"
-            result.append(f"  contact {which} on {face}: position [{vector(p, 4)}] m, inward normal [{vector(n, 4)}]")
+            label = f"{i} ({fingers[i]})" if fingers else f"{i}"
+            result.append(f"  contact {label} on {face}: position [{vector(p, 4)}] m, inward normal [{vector(n, 4)}]")
         size = float(np.linalg.norm(np.ptp(self.grasp.points, axis=0)))
         return result if self.surface is None else [*result, *self.surface.lines(size)]
 
@@ -125,18 +125,18 @@ class SurfaceMatch:
         size : float
             Spread of the contacts, metres. Differences below a millimetre and a hundredth of it are not reported.
         """
-        off, slid = (float(np.max(part, initial=0.0)) for part in (self.distances, self.along))
+        distance, sliding = (float(np.max(values, initial=0.0)) for values in (self.distances, self.along))
         lines = []
-        if off > min(FAR, MISLED * size):
-            better = "a finer or less smoothed surface (Mesh: resolution, smoothing) may lead to a better grasp"
-            says = f"{self._of_the_mesh}, but {better}" if off > MISLED * size else "small for this grasp"
-            farthest = _worst_contact(self.distances)
-            told = f"the solver's smooth surface is up to {1e3 * off:.3g} mm off the mesh at {farthest}"
-            lines.append(f"  {told}: {says}")
-        if slid > FAR:
-            farthest = _worst_contact(self.along)
-            told = f"contacts slid up to {1e3 * slid:.3g} mm along the mesh in the last step ({farthest})"
-            lines.append(f"  {told}: this is normal, positions and quality are those after it")
+        if distance > min(FAR, MISLED * size):
+            remedy = "a finer or less smoothed surface (Mesh: resolution, smoothing) may lead to a better grasp"
+            assessment = f"{self._of_the_mesh}, but {remedy}" if distance > MISLED * size else "small for this grasp"
+            contact = _worst_contact(self.distances)
+            observation = f"the solver's smooth surface is up to {1e3 * distance:.3g} mm off the mesh at {contact}"
+            lines.append(f"  {observation}: {assessment}")
+        if sliding > FAR:
+            contact = _worst_contact(self.along)
+            observation = f"contacts slid up to {1e3 * sliding:.3g} mm along the mesh in the last step ({contact})"
+            lines.append(f"  {observation}: this is normal, positions and quality are those after it")
         if self.kept:
             lines.append(f"  {deviating_normals_message(self.kept)}; the quality is that of the stated normals")
         return lines
@@ -144,8 +144,8 @@ class SurfaceMatch:
     @property
     def kept(self) -> dict[int, float]:
         """Angles between stated and mesh normals, radians, for contacts whose stated normal is not the mesh's."""
-        stated = np.zeros(0) if self.stated is None else self.stated
-        return {i: float(stated[i]) for i in np.flatnonzero(stated > OWN_NORMAL).tolist()}
+        angles = np.zeros(0) if self.stated is None else self.stated
+        return {i: float(angles[i]) for i in np.flatnonzero(angles > OWN_NORMAL).tolist()}
 
     @property
     def _of_the_mesh(self) -> str:
@@ -190,10 +190,10 @@ def deviating_normals_message(angles: Mapping[int, float]) -> str:
     angles : mapping
         Angle by contact, radians; at least one.
     """
-    each = [f"{np.degrees(angle):.2g}" for angle in angles.values()]
-    numbers = [str(i) for i in angles]
-    if len(each) == 1:
-        return f"the normal stated at contact {numbers[0]} is not the mesh's: it is {each[0]} degrees off"
-    listed = f"{', '.join(numbers[:-1])} and {numbers[-1]}"
-    off = f"{', '.join(each[:-1])} and {each[-1]}"
-    return f"the normals stated at contacts {listed} are not the mesh's: they are {off} degrees off"
+    degrees = [f"{np.degrees(angle):.2g}" for angle in angles.values()]
+    contacts = [str(i) for i in angles]
+    if len(degrees) == 1:
+        return f"the normal stated at contact {contacts[0]} is not the mesh's: it is {degrees[0]} degrees off"
+    listed = f"{', '.join(contacts[:-1])} and {contacts[-1]}"
+    angles_text = f"{', '.join(degrees[:-1])} and {degrees[-1]}"
+    return f"the normals stated at contacts {listed} are not the mesh's: they are {angles_text} degrees off"

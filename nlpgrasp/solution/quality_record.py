@@ -13,7 +13,7 @@ import numpy as np
 
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.files import write_text
-from nlpgrasp.common.formatting import at_most, headroom_words
+from nlpgrasp.common.formatting import at_most, headroom_words, measure_word
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import array, number
 from nlpgrasp.errors import InputError
@@ -98,30 +98,50 @@ class Quality:
             On an empty interval, or arrays that do not fit the dimension or each other.
         """
         mu, delta, nu, robust = data["mu"], data.get("delta"), data.get("nu"), data.get("robust")
-        bound, needed = data.get("best_possible"), data.get("forces_needed")
+        bound, forces = data.get("best_possible"), data.get("forces_needed")
         return cls(
-            UNKNOWN if mu is None else _mu_of(mu, dimension, f"{name}.mu"),
+            UNKNOWN if mu is None else _read_mu(mu, dimension, f"{name}.mu"),
             "mu" if mu is None else mu["kind"],
             None if delta is None else Bounds.from_dict(delta, f"{name}.delta"),
             None if nu is None else Volume.from_dict(nu, f"{name}.nu"),
             None if robust is None else Robustness.from_dict(robust, f"{name}.robust"),
             None if bound is None else GlobalBound.from_dict(bound, f"{name}.best_possible"),
-            None if needed is None else ForcesNeeded.from_dict(needed, f"{name}.forces_needed"),
+            None if forces is None else ForcesNeeded.from_dict(forces, f"{name}.forces_needed"),
         )
 
 
-def _mu_of(data: MuData, dimension: int | None, name: str) -> Bounds:
+def _read_mu(data: MuData, dimension: int | None, name: str) -> Bounds:
     """Return the certified interval with its worst direction."""
-    stated, direction = data.get("worst_direction"), None
-    if stated is not None:
-        direction = array(f"{name}.worst_direction", stated, (dimension,))
+    components, direction = data.get("worst_direction"), None
+    if components is not None:
+        direction = array(f"{name}.worst_direction", components, (dimension,))
         if not np.any(direction):
             raise InputError(f"{name}.worst_direction", "zero", "a direction")
     bounds = Bounds.from_dict({"lower": data["lower"], "upper": data["upper"]}, name)
     return replace(bounds, worst_direction=direction, limit=data.get("limit", ""))
 
 
-def held_words(kind: str, budget: ForceBudget) -> str:
+def format_quality(quality: Quality, task_beta: float | None, budget: ForceBudget) -> list[str]:
+    """Return certified quality and optimality gap of a grasp as text lines.
+
+    Parameters
+    ----------
+    quality : Quality
+        Of the grasp.
+    task_beta : float or None
+        The paper's scale of the task, for a centred ellipsoid.
+    budget : ForceBudget
+        Meaning of one unit of finger force.
+    """
+    mu, label = quality.mu, measure_word(quality.kind)
+    paper = "" if task_beta in (None, 1.0) else f", beta of the paper in {mu.beta}"
+    reason = f": {mu.limit}" if mu.limit else ""
+    meaning = measure_meaning(quality.kind, budget)
+    line = f"{label} certified in {mu} (gap {mu.gap:.1%}{reason}){paper}: {meaning}"
+    return [line] if quality.bound is None else [line, quality.bound.line(mu.lower, label)]
+
+
+def measure_meaning(kind: str, budget: ForceBudget) -> str:
     """Return the meaning of a measure of this kind, ``"mu"`` or ``"mu_tilde"``, under a budget, as text."""
     task = "the task, its centre included," if kind == "mu_tilde" else "the task"
     if budget.absolute:
@@ -137,13 +157,15 @@ def check_beta(data: QualityData, beta: Bounds | None, name: str) -> None:
     InputError
         When the two contradict each other.
     """
-    stated = None if data["mu"] is None else data["mu"].get("beta")
-    if stated is None:
+    interval_data = None if data["mu"] is None else data["mu"].get("beta")
+    if interval_data is None:
         return
-    found = None if beta is None else [beta.lower, beta.upper]
-    if found is None or not np.allclose([stated["lower"], stated["upper"]], found, rtol=1e-9, atol=0.0):
-        allowed = "none for this task" if beta is None else f"mu times the task's beta, {beta}"
-        raise InputError(f"{name}.mu.beta", f"[{stated['lower']:g}, {stated['upper']:g}]", allowed)
+    interval = None if beta is None else [beta.lower, beta.upper]
+    if interval is None or not np.allclose(
+        [interval_data["lower"], interval_data["upper"]], interval, rtol=1e-9, atol=0.0
+    ):
+        expected = "none for this task" if beta is None else f"mu times the task's beta, {beta}"
+        raise InputError(f"{name}.mu.beta", f"[{interval_data['lower']:g}, {interval_data['upper']:g}]", expected)
 
 
 @dataclass(frozen=True)
@@ -234,12 +256,12 @@ class GlobalBound:
         label : str
             The measure's name.
         """
-        told, gap = f"{label} is at most {at_most(self.upper, 4)} anywhere", self.gap(mu)
+        bound, gap = f"{label} is at most {at_most(self.upper, 4)} anywhere", self.gap(mu)
         if not math.isfinite(gap):
-            return f"{told}{self.ignored()}"
+            return f"{bound}{self.ignored()}"
         if self.is_loose(gap):
-            return f"a loose bound on the best possible: {told}{self.ignored()}"
-        return f"{headroom_words(gap)}{self.ignored()}: {told}"
+            return f"a loose bound on the best possible: {bound}{self.ignored()}"
+        return f"{headroom_words(gap)}{self.ignored()}: {bound}"
 
     def is_loose(self, gap: float) -> bool:
         """Return whether the bound relaxes parts of the problem and its gap is too wide to rate a grasp."""
@@ -247,9 +269,9 @@ class GlobalBound:
 
     def ignored(self) -> str:
         """Return the relaxed parts of the problem as text; empty without any."""
-        *first, last = self.dropped or ("",)
-        parts = " and ".join(filter(None, (", ".join(first), last)))
-        return f", even ignoring {parts}" if parts else ""
+        *others, last = self.dropped or ("",)
+        names = " and ".join(filter(None, (", ".join(others), last)))
+        return f", even ignoring {names}" if names else ""
 
 
 def is_small(certificate: Json) -> bool:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 
+from nlpgrasp.common.formatting import at_most
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.bounds import Bounds
-from nlpgrasp.solution.schema import ConstraintData, SolverData, StartData
+from nlpgrasp.solution.schema import ConstraintData, SolutionData, SolverData, StartData
 
 UNKNOWN = Bounds(0.0, math.inf)  # quality without a grasp
 
@@ -199,19 +200,51 @@ class ConstraintReport:
         )
 
 
-def starts_of(solver: SolverData, name: str) -> tuple[tuple[StartRecord, ...], SolverData]:
-    """Return the start records of a file's ``solver``, and the rest of it.
+def read_starts(data: SolutionData, name: str) -> tuple[tuple[StartRecord, ...], int | None, SolverData]:
+    """Return the starts of a file, the index of the start of its answer if stated, and its other ``solver`` data.
 
     Raises
     ------
     InputError
-        On an invalid start; ``name`` is shown in the message.
+        On an invalid start, or an answer of no start; ``name`` is shown in the message.
     """
-    rest: SolverData = {**solver}
+    solver: SolverData = {**data.get("solver", {})}
     try:
-        return tuple(StartRecord.from_dict(start) for start in rest.pop("starts", [])), rest
+        starts = tuple(StartRecord.from_dict(start) for start in solver.pop("starts", []))
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(f"{name}: solver", f"{type(error).__name__}: {error}", "what schema 1 says") from None
+    best_start = data.get("best_start")
+    if best_start is not None and best_start not in [start.index for start in starts]:
+        raise InputError(f"{name}: best_start", best_start, "the index of one of its starts")
+    return starts, None if best_start is None else int(best_start), solver
+
+
+def status_message(status: Status, optimality: str) -> str:
+    """Return the meaning of a status; for a solved grasp, with the interpretation of its KKT residuals if known."""
+    if status is not Status.SOLVED or not optimality:
+        return str(status.value)
+    return str(status.value).replace("a local optimum at best", optimality)
+
+
+def format_status(status: Status, message: str, gap: float, caveats: Sequence[str]) -> str:
+    """Return a status as text, with a closed optimality gap and the warnings about the grasp.
+
+    Parameters
+    ----------
+    status : Status
+    message : str
+        Its meaning.
+    gap : float
+        Relative optimality gap.
+    caveats : sequence of str
+        Warnings about the grasp.
+    """
+    if status is Status.OPTIMAL:
+        message = f"Optimal within {at_most(100.0 * gap)}%: {message.removeprefix('Optimal: ')}"
+    head, _, meaning = message.partition(": ")
+    if status is Status.TOUCHES:
+        return f"{head}: {'; and '.join(caveats)}; {meaning.partition(', and ')[2]}"
+    return f"{head}, but {'; and '.join(caveats)}; {meaning}" if caveats else message
 
 
 def _finite_or_none(value: float) -> float | None:

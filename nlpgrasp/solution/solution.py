@@ -1,24 +1,18 @@
-"""Grasp solution: frozen result of a solve, with its JSON form.
-
-``GraspSolution`` holds the data. Its base classes hold what follows from them: the problem's parts, the results that
-depend on the hand, the quality measures, the kept grasps, and the display.
-"""
+"""Grasp solution: frozen result of a solve, with its JSON form."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-import numpy as np
-
 from nlpgrasp.budgets import ForceBudget, budget_from_dict
 from nlpgrasp.common.display import InNotebook, live, show
 from nlpgrasp.common.drawing import Drawing
-from nlpgrasp.common.formatting import at_most, format_number, measure_word, range_words, vector
+from nlpgrasp.common.formatting import measure_word, range_words
 from nlpgrasp.common.spatial import Pose
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, prefix_errors
@@ -26,28 +20,58 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.volume import Volume
-from nlpgrasp.solution.analysis_records import Robustness, ShadowPrice, WhyNot, format_joint_margins, mu_without
-from nlpgrasp.solution.file import read_solution_data, write
-from nlpgrasp.solution.force_records import ForcesNeeded, forces_and_moments, held_wrenches
+from nlpgrasp.solution.analysis_records import (
+    Robustness,
+    ShadowPrice,
+    WhyNot,
+    format_joint_margins,
+    fragility_warning,
+    mu_without,
+)
+from nlpgrasp.solution.file import read_solution_data, write_solution
+from nlpgrasp.solution.force_records import ForcesNeeded, excess_force_warning, forces_and_moments, held_wrenches
 from nlpgrasp.solution.kept_grasps import Accepts, FoundGrasp, first_accepted, grasp_table, read_kept_grasps
 from nlpgrasp.solution.kkt import KKT
 from nlpgrasp.solution.obstructions import (
     LinkPenetration,
     approach_obstructions,
     approach_penetration,
+    format_jaw_approach,
+    format_link_penetrations,
     grasp_obstructions,
     grasp_penetration,
     jaws_depth,
     missing_approach_reason,
     unknown_links,
 )
-from nlpgrasp.solution.phase_record import Phase, phases_from
+from nlpgrasp.solution.phase_record import Phase, read_phases
 from nlpgrasp.solution.placed_grasp import PlacedGrasp, SurfaceMatch
-from nlpgrasp.solution.quality_record import GlobalBound, Quality, check_beta, held_words
-from nlpgrasp.solution.records import UNKNOWN, ConstraintReport, StartRecord, Status, starts_of
+from nlpgrasp.solution.quality_record import GlobalBound, Quality, check_beta, format_quality
+from nlpgrasp.solution.records import (
+    UNKNOWN,
+    ConstraintReport,
+    StartRecord,
+    Status,
+    format_status,
+    read_starts,
+    status_message,
+)
 from nlpgrasp.solution.schema import SCHEMA_NAME, SolutionData, SolverData
-from nlpgrasp.solution.squeeze_record import JointSqueeze, Squeeze, finger_wrenches
+from nlpgrasp.solution.squeeze_record import (
+    JointSqueeze,
+    Squeeze,
+    format_squeeze,
+    missing_squeeze,
+    read_squeeze,
+    task_efforts,
+)
 from nlpgrasp.solution.start_summary import answer_start, better_start_text, ipopt_lines, starts_lines
+from nlpgrasp.solution.stored_problem import (
+    check_dimension,
+    fingertip_links,
+    palm_link,
+    restore_problem,
+)
 from nlpgrasp.solution.world_frame import SolutionInFrame, transform_grasp
 from nlpgrasp.tasks import Task, task_from_dict
 from nlpgrasp.tasks.base import component_ranges
@@ -56,498 +80,15 @@ if TYPE_CHECKING:
     from nlpgrasp.hands.base import Hand
     from nlpgrasp.problem.problem import GraspProblem
 
-# advice where contacts cannot press against each other
-MORE = "a task that pushes from more sides, such as + ng.disturbance(force, torque, point), gives contacts that can"
-ROUNDING = 1e-6  # relative tolerance of forces against ``max_force``
-FINE = 5e-5  # metres: smaller lengths are not reported
 # module and function of each display, imported on use
 PAGE = ("nlpgrasp.report.solution_page", "write_solution")
 CARD = ("nlpgrasp.report.solution_page", "solution_card")
 LIVE = ("nlpgrasp.report.live_viewer", "show_live")
 
 
-class Asked:
-    """Base class with the problem's parts, restored from the JSON data in ``problem``."""
-
-    problem: Json
-
-    @cached_property
-    def task(self) -> Task:
-        """Task of the problem, about the grasp's torque origin."""
-        return task_from_dict(self.problem["task"])
-
-    def task_line(self) -> str:
-        """Return the ranges of the components of the task's wrenches, as text."""
-        return f"the task: exert {range_words(*component_ranges(self.task))}"
-
-    @cached_property
-    def budget(self) -> ForceBudget:
-        """Force budget: the meaning of one unit of finger force; for joint torques, in the solution's posture."""
-        return budget_from_dict(self.problem["force_budget"])
-
-    @property
-    def body(self) -> Json:
-        """The body as JSON data: its type and parameters."""
-        return dict(self.problem["body"])
-
-    @property
-    def max_force(self) -> float | None:
-        """Stated limit of each finger's force, newtons; None without one."""
-        return self.problem.get("max_force")
-
-    @property
-    def fingers(self) -> tuple[str, ...]:
-        """The link of each contact's fingertip; empty for hands without links."""
-        hand = self.problem.get("hand")
-        tips = hand.get("fingertips", ()) if isinstance(hand, Mapping) else ()
-        return tuple(str(tip["link"]) for tip in tips) if isinstance(tips, list) else ()
-
-    @property
-    def palm(self) -> str:
-        """The root link of the hand; ``"palm"`` where it is not stated."""
-        hand = self.problem.get("hand")
-        return str(hand.get("palm", "palm")) if isinstance(hand, Mapping) else "palm"
-
-    def check_against(self, grasp: Grasp | None, name: str) -> None:
-        """Refuse an invalid task or force budget, or one that does not fit the grasp.
-
-        Raises
-        ------
-        InputError
-            Naming the field; ``name`` is put before it.
-        """
-        with prefix_errors(f"{name}: problem."):
-            dimension = self.task.dimension
-        if grasp is not None and dimension != grasp.dimension:
-            raise InputError(f"{name}: problem.task", f"dimension {dimension}", f"dimension {grasp.dimension}")
-        with prefix_errors(f"{name}: problem."):
-            budget = self.budget
-            if grasp is not None:
-                budget.check(grasp.contacts, grasp.space)
-
-
-class ByHand(Asked):
-    """Base class with the results that depend on the hand."""
-
-    grasp: Grasp | None
-    hand: Json | None
-    needed: ForcesNeeded | None
-
-    @cached_property
-    def squeeze(self) -> Squeeze | None:
-        """The squeeze that ``hand`` states; None without one."""
-        if self.grasp is None or self.hand is None or "squeeze" not in self.hand:
-            return None
-        return Squeeze.from_dict(self.hand, self.problem.get("hand"), self.grasp, "hand.squeeze")
-
-    @property
-    def link_depth(self) -> LinkPenetration | None:
-        """Penetration of the hand's links into body and surroundings; None where unknown or without links."""
-        return grasp_penetration(self.hand)
-
-    @property
-    def way_in(self) -> LinkPenetration | None:
-        """Penetration of the hand's links along the approach path; None where no path is known."""
-        return approach_penetration(self.hand)
-
-    @property
-    def touches(self) -> bool:
-        """Whether a link penetrates anything by more than its tolerance; false where unknown."""
-        return self.link_depth is not None and not self.link_depth.is_free
-
-    @property
-    def has_free_way(self) -> bool:
-        """Whether no known obstruction blocks the straight approach path."""
-        return not approach_obstructions(self.hand)
-
-    def approach_line(self) -> str:
-        """Return the reason for having no straight approach, as text; empty where there is one, or none is known."""
-        return missing_approach_reason(self.hand)
-
-    def lines_by_hand(self) -> list[str]:
-        """Return the results on joints, squeeze and approach as text lines."""
-        return list(filter(None, (self.effort_line(), self.squeeze_line(), self.links_line(), self.gripper_line())))
-
-    def links_line(self) -> str:
-        """Return the links' penetration in the grasp and on the approach as text; empty where unknown."""
-        depth, way = self.link_depth, self.way_in
-        if depth is None:
-            known = "tip_gaps" in (self.hand or {})
-            return "the hand's links have no collision shapes: what they run into is not known" if known else ""
-        allowed = f"{format_number(1e3 * depth.tolerance)} mm allowed"
-        there = depth.words if depth.depth > FINE else "the links are outside the body and its surroundings"
-        if way is None:
-            return f"{there} ({allowed})"
-        free = (
-            f"at most {format_number(1e3 * way.depth, 2)} mm inside anything" if way.depth > FINE else "outside as well"
-        )
-        return f"{there} ({allowed}); on the way in, looked at in {way.postures} postures, {free}"
-
-    @property
-    def way_blocked(self) -> float:
-        """Penetration depth of parallel jaws on their straight approach, metres; 0 where it is free."""
-        return jaws_depth(self.hand)
-
-    def gripper_line(self) -> str:
-        """Return the approach of parallel jaws as text; empty for other hands."""
-        hand = self.hand or {}
-        if "opening" not in hand or "direction" not in (hand.get("approach") or {}):
-            return ""
-        direction = np.asarray(hand["approach"]["direction"], dtype=float)
-        down = float(np.degrees(np.arccos(np.clip(-direction[-1], -1.0, 1.0))))
-        along = f"[{vector(direction)}], {format_number(down, 2, 0.5)} degrees off straight down"
-        told = f"the jaws are {format_number(1e3 * hand['opening'])} mm apart and come in along {along}"
-        deep = (
-            f"that way leads {format_number(1e3 * self.way_blocked, 2)} mm deep into the body, a table or an obstacle"
-        )
-        return f"{told}; {deep}, clearances included" if self.way_blocked else told
-
-    def squeeze_line(self) -> str:
-        """Return forces and friction of the squeeze, or why there is none, as text; empty where neither is known."""
-        if self.squeeze is not None:
-            line, most = self.squeeze.line(), self.max_force
-            if most is None or self.squeeze.largest <= (1.0 + ROUNDING) * most:
-                return line
-            return f"{line}; ABOVE max_force = {format_number(most)} N"
-        why = self._why_no_squeeze
-        return f"the hand cannot squeeze the body: {why}; {MORE}" if why else ""
-
-    def require_squeeze(self) -> Squeeze:
-        """Return the squeeze that ``hand`` states.
-
-        Raises
-        ------
-        InputError
-            Where it states none, with the reason if known.
-        """
-        if self.squeeze is not None:
-            return self.squeeze
-        why = self._why_no_squeeze
-        given = f"a grasp without a squeeze: {why}" if why else "a grasp without a squeeze"
-        raise InputError(
-            "solution",
-            given,
-            "one whose contacts press against each other: " + (MORE if why else "ng.squeeze says why"),
-        )
-
-    @cached_property
-    def phases(self) -> tuple[Phase, ...]:
-        """The keyframes of the hand, from approach to lift; empty without a hand with links, or in older files."""
-        return phases_from((self.hand or {}).get("phases", ()), "hand.phases")
-
-    def effort_line(self) -> str:
-        """Return the joint efforts for the hardest wrench of the task as text; empty where unknown.
-
-        By virtual work from the stated finger forces: other forces for the same wrench may need smaller efforts.
-        """
-        effort = self._effort
-        return "" if effort is None else f"these forces take {effort.words()}"
-
-    @property
-    def beyond_effort(self) -> str:
-        """The joints whose effort limit the task exceeds, as text; empty without such joints, or where unknown.
-
-        Other finger forces for the same wrench may need less.
-        """
-        effort = self._effort
-        return "" if effort is None or not effort.exceeded else f"the task takes {effort.words()}"
-
-    @property
-    def _effort(self) -> JointSqueeze | None:
-        """Joint efforts for the hardest wrench of the task; None where it, or a limit, is unknown."""
-        joints, needed = None if self.squeeze is None else self.squeeze.joints, self.needed
-        if needed is None or joints is None or joints.worst is None or self.budget.absolute:
-            return None
-        return joints.under(finger_wrenches(needed.forces, needed.moments))
-
-    @property
-    def _why_no_squeeze(self) -> str | None:
-        """Reason stated in ``hand`` for having no squeeze; None where there is none."""
-        return ((self.hand or {}).get("no_squeeze") or {}).get("reason")
-
-
-class Measured(ByHand):
-    """Base class with the quality measures of the grasp."""
-
-    name: str
-    status: Status
-    kkt: KKT | None
-    grasp: Grasp | None
-    mu: Bounds
-    kind: str
-    delta: Bounds | None
-    nu: Volume | None
-    robust: Robustness | None
-    bound: GlobalBound | None
-    needed: ForcesNeeded | None
-    faces: tuple[str, ...]
-    surface: SurfaceMatch | None
-    prices: tuple[ShadowPrice, ...]
-    why_not: WhyNot | None
-    starts: tuple[StartRecord, ...]
-    best_start: int | None
-    hand: Json | None
-    solver: SolverData
-
-    @property
-    def success(self) -> bool:
-        """Whether there is a grasp of certified quality above zero whose hand's links are free."""
-        return self.is_certified and not self.touches
-
-    @property
-    def is_certified(self) -> bool:
-        """Whether there is a grasp of certified quality above zero, whether its hand's links are free or not."""
-        return self.grasp is not None and self.mu.lower > 0.0
-
-    @property
-    def label(self) -> str:
-        """Name of the measure in ``mu``: ``"mu"`` or ``"mu-tilde"``."""
-        return measure_word(self.kind)
-
-    @property
-    def beta(self) -> Bounds | None:
-        """The paper's mu, the beta of the largest ``A_beta`` (3.3-4a), for a centred task ellipsoid."""
-        return self._measured.beta
-
-    @property
-    def best_possible(self) -> float:
-        """Certified upper bound on mu over all placements of the contacts; inf where there is none."""
-        return math.inf if self.bound is None else self.bound.upper
-
-    @property
-    def gap(self) -> float:
-        """Relative optimality gap ``best_possible / mu.lower - 1``, an upper bound."""
-        return math.inf if self.bound is None else self.bound.gap(self.mu.lower)
-
-    @property
-    def is_fragile(self) -> bool:
-        """Whether less than a fifth of the quality is left under contact displacement; false where unknown."""
-        return self.robust is not None and self.robust.is_fragile(self.mu)
-
-    @property
-    def is_too_weak(self) -> bool:
-        """Whether the task at full size needs more than ``max_force`` at a finger; false where either is unknown."""
-        return self.needed is not None and self.needed.is_within(self.max_force) is False
-
-    @property
-    def message(self) -> str:
-        """Meaning of the status; for a solved grasp, whether it is a local optimum."""
-        if self.status is not Status.SOLVED or self.kkt is None:
-            return self.status.value
-        return str(self.status.value).replace("a local optimum at best", self.kkt.words)
-
-    @property
-    def told(self) -> str:
-        """Status as text, with a closed gap and warnings about the grasp."""
-        told = self.message
-        if self.status is Status.OPTIMAL:
-            told = f"Optimal within {at_most(100.0 * self.gap)}%: {told.removeprefix('Optimal: ')}"
-        head, _, rest = told.partition(": ")
-        if self.status is Status.TOUCHES:
-            return f"{head}: {'; and '.join(self.caveats)}; {rest.partition(', and ')[2]}"
-        return f"{head}, but {'; and '.join(self.caveats)}; {rest}" if self.caveats else told
-
-    @property
-    def caveats(self) -> list[str]:
-        """Warnings about the grasp, as text; mostly empty."""
-        said = [
-            *grasp_obstructions(self.hand),
-            *approach_obstructions(self.hand),
-            *filter(None, [unknown_links(self.hand)]),
-        ]
-        if self.robust is not None and self.is_fragile:
-            said.append(self.robust.fragile_words(self.mu, self.label))
-        if self.needed is not None and self.max_force is not None and self.is_too_weak:
-            said.append(self.needed.too_much_words(self.max_force))
-        if self.squeeze is None and self.squeeze_line():
-            said.append("the hand cannot squeeze the body")
-        if self.beyond_effort:
-            said.append(self.beyond_effort)
-        return said
-
-    @property
-    def title(self) -> str:
-        """Name and status in one line."""
-        return f"{self.name}: {self.told}"
-
-    def quality_lines(self) -> list[str]:
-        """Return certified quality, optimality gap, forces and hand results as text lines."""
-        paper = "" if self.task.paper_beta in (None, 1.0) else f", beta of the paper in {self.beta}"
-        why = f": {self.mu.limit}" if self.mu.limit else ""
-        held = held_words(self.kind, self.budget)
-        lines = [f"  {self.label} certified in {self.mu} (gap {self.mu.gap:.1%}{why}){paper}: {held}"]
-        if self.bound is not None:
-            lines.append(f"  {self.bound.line(self.mu.lower, self.label)}")
-        room = [] if self._room is None else format_joint_margins(self._room)
-        return [*lines, *(f"  {line}" for line in [*self.needed_lines(), *self.lines_by_hand(), *room])]
-
-    def needed_lines(self) -> list[str]:
-        """Return the finger forces for the task at full size as text lines; empty where unknown."""
-        return [] if self.needed is None else self.needed.lines(self.budget, self.max_force, self.fingers)
-
-    @property
-    def winner(self) -> StartRecord | None:
-        """The start whose grasp is the answer; None without a grasp or starts.
-
-        In files of earlier versions, which do not state it, the start with the largest certified upper bound.
-        """
-        return answer_start(self.starts, self.best_start)
-
-    def starts_lines(self) -> list[str]:
-        """Return text lines on the ends of the starts, better starts passed over, and failed calls of IPOPT."""
-        before = 0.0 if self._room is None else mu_without(self._room)
-        by_what_is_left = bool(self.solver.get("options", {}).get("maximise_robust"))
-        over = better_start_text(
-            self.starts, self.winner, before, self.label, by_what_is_left, self.squeeze is not None
-        )
-        return [*starts_lines(self.starts), *over, *ipopt_lines(self.solver)]
-
-    def __str__(self) -> str:
-        lines = [self.title, f"  {self.task_line()}"]
-        if self.grasp is not None:
-            lines += [*self.quality_lines(), *PlacedGrasp(self.grasp, self.faces, self.surface).lines(self.fingers)]
-        elif self.bound is not None:
-            lines.append(f"  {self.bound.line(0.0, self.label)}")
-        if self.robust is not None:
-            lines.append(f"  {self.robust}")
-        if self.delta is not None:
-            lines.append(f"  delta certified in {self.delta} (torque scale {self.delta.torque_scale:.4g} m)")
-        if self.nu is not None:
-            lines.append(f"  nu {self.nu}")
-        lines += [f"  {line}" for line in self.starts_lines()]
-        lines += [f"  {price.words(self.label)}" for price in self.prices[:3]]
-        if self.why_not is not None:
-            lines += [f"  {line}" for line in (*self.why_not.reasons, *self.why_not.advice)]
-        return "\n".join(lines)
-
-    def require_grasp(self) -> Grasp:
-        """Return the grasp, or raise ``InputError`` where there is none.
-
-        Raises
-        ------
-        InputError
-            Where the solution has no grasp.
-        """
-        if self.grasp is None:
-            ended = "" if self.status is Status.NO_GRASP else f" ({self.status.name.lower().replace('_', ' ')})"
-            raise InputError("solution", f"no grasp{ended}", "a solution with a grasp")
-        return self.grasp
-
-    @property
-    def _room(self) -> Json | None:
-        """Joint-limit margins as ``hand`` states them."""
-        return (self.hand or {}).get("room")
-
-    @property
-    def _measured(self) -> Bounds:
-        scale = self.task.paper_beta if self.kind == "mu" and self.grasp is not None else None
-        return self.mu.of_measure(self.kind, scale)
-
-    @property
-    def _quality(self) -> Quality:
-        return Quality(self._measured, self.kind, self.delta, self.nu, self.robust, self.bound, self.needed)
-
-
-class Several(Measured):
-    """The kept grasps of a solution: the answer and alternatives."""
-
-    forces: Sequence[tuple[FloatArray, FloatArray]]
-    moments: Sequence[FloatArray]
-    constraints: tuple[ConstraintReport, ...]
-    hand: Json | None
-    others: tuple[FoundGrasp, ...]
-
-    @property
-    def grasps(self) -> tuple[FoundGrasp, ...]:
-        """All kept grasps, best first: the first is the answer itself; empty without a grasp."""
-        return () if self.grasp is None else (self._answer, *self.others)
-
-    def in_frame(self, pose: Pose) -> SolutionInFrame:
-        """Return the grasp in a world frame, given the pose of the body: contacts, forces, task, palm and phases.
-
-        For an alternative grasp: ``solution.with_answer(solution.grasps[i]).in_frame(pose)``.
-
-        Parameters
-        ----------
-        pose : (4, 4) array or mapping, (3, 3) array in the plane
-            Pose of the body in the world, ``[[A, b], [0, 1]]``: a point x of the body is at ``A x + b``, metres; or a
-            mapping with ``position`` and ``quaternion_wxyz`` or ``quaternion_xyzw``.
-
-        Raises
-        ------
-        InputError
-            When the pose is no rotation and translation, or no grasp was found.
-        """
-        grasp = self.require_grasp()
-        return transform_grasp(
-            self.name, pose, grasp, self.faces, self.task, self.mu, self.forces, self.hand, self.phases
-        )
-
-    @property
-    def _answer(self) -> FoundGrasp:
-        """The answer as a record of the kept grasps."""
-        return FoundGrasp(
-            self.require_grasp(),
-            self.faces,
-            self.mu,
-            self.kind,
-            self.hand,
-            self.robust,
-            self.forces,
-            self.moments,
-            self.needed,
-            self.constraints,
-            self.surface,
-            self.best_start,
-        )
-
-    def __str__(self) -> str:
-        return "\n".join([super().__str__(), *grasp_table(self.grasps, self.solver.get("keep", 1))])
-
-
-class Seen(InNotebook, Several):
-    """Base class of solutions with display in a browser, a notebook or as text."""
-
-    _card: ClassVar[tuple[str, str]] = CARD
-
-    def show(self, path: str | Path | None = None, port: int | None = None, hand: Hand | None = None) -> Path | str:
-        """Show the grasp in a browser, and return the address or file of the page.
-
-        With the extra ``view`` (viser), a local server shows a page with sliders for the task's wrenches, their size
-        and the hand's approach; a script waits until Ctrl-C. Without the extra, with a port in use, or without a
-        browser or display, a message says so, and the report is written to a file and opened if there is a browser.
-        With a port, the page is served without a local browser too, for a remote one (``ssh -L 8080:127.0.0.1:8080``).
-
-        Parameters
-        ----------
-        path : str or Path, optional
-            An HTML file: the report is written there instead.
-        port : int, optional
-            Of the page on this computer; a free one when left out.
-        hand : Hand, optional
-            The hand of the problem, for a slider over its approach: a solution does not contain the hand's file.
-
-        Returns
-        -------
-        str or Path
-            The address of the page on this computer, or the file.
-
-        Raises
-        ------
-        InputError
-            On a path that cannot be written, an invalid port, and another hand.
-        """
-        address = None if path is not None else live(self, LIVE, port, hand)
-        return show(self, self.name, PAGE, path) if address is None else address
-
-    def __repr__(self) -> str:
-        found = "no grasp" if self.grasp is None else f"{self.label} in {self.mu}, {len(self.grasp)} contacts"
-        return f"{type(self).__name__}({self.name!r}: {self.status.name.lower()}, {found})"
-
-
 @dataclass(frozen=True, repr=False)
-class GraspSolution(Seen):
-    """A grasp with its certified quality and the evidence, or the diagnosis of why there is none.
+class GraspSolution(InNotebook):
+    """A grasp with its certified quality and the evidence, or an infeasibility diagnosis.
 
     Parameters
     ----------
@@ -636,6 +177,291 @@ class GraspSolution(Seen):
     solver: SolverData = field(default_factory=SolverData)
     source: GraspProblem | None = field(default=None, repr=False, compare=False)
 
+    _card: ClassVar[tuple[str, str]] = CARD
+
+    # The problem's parts
+
+    @cached_property
+    def task(self) -> Task:
+        """Task of the problem, about the grasp's torque origin."""
+        return task_from_dict(self.problem["task"])
+
+    @cached_property
+    def budget(self) -> ForceBudget:
+        """Force budget: the meaning of one unit of finger force; for joint torques, in the solution's posture."""
+        return budget_from_dict(self.problem["force_budget"])
+
+    @property
+    def body(self) -> Json:
+        """The body as JSON data: its type and parameters."""
+        return dict(self.problem["body"])
+
+    @property
+    def max_force(self) -> float | None:
+        """Stated limit of each finger's force, newtons; None without one."""
+        return self.problem.get("max_force")
+
+    @property
+    def fingers(self) -> tuple[str, ...]:
+        """The link of each contact's fingertip; empty for hands without links."""
+        return fingertip_links(self.problem)
+
+    @property
+    def palm(self) -> str:
+        """The root link of the hand; ``"palm"`` where it is not stated."""
+        return palm_link(self.problem)
+
+    def task_line(self) -> str:
+        """Return the ranges of the components of the task's wrenches, as text."""
+        return f"the task: exert {range_words(*component_ranges(self.task))}"
+
+    @property
+    def known_problem(self) -> GraspProblem | None:
+        """The solved problem, from a file as far as it holds it: None with a mesh, a hand or an expression."""
+        return self.source if self.source is not None else restore_problem(self.problem, self.grasp)
+
+    def check_against(self, grasp: Grasp | None, name: str) -> None:
+        """Refuse an invalid task or force budget, or one that does not fit the grasp.
+
+        Raises
+        ------
+        InputError
+            Naming the field; ``name`` is put before it.
+        """
+        with prefix_errors(f"{name}: problem."):
+            task = self.task
+        check_dimension(task, grasp, name)
+        with prefix_errors(f"{name}: problem."):
+            budget = self.budget
+            if grasp is not None:
+                budget.check(grasp.contacts, grasp.space)
+
+    # The hand in the grasp
+
+    @cached_property
+    def squeeze(self) -> Squeeze | None:
+        """The squeeze that ``hand`` states; None without one."""
+        return read_squeeze(self.hand, self.problem.get("hand"), self.grasp)
+
+    def require_squeeze(self) -> Squeeze:
+        """Return the squeeze that ``hand`` states.
+
+        Raises
+        ------
+        InputError
+            Where it states none, with the reason if known.
+        """
+        if self.squeeze is None:
+            raise missing_squeeze(self.hand)
+        return self.squeeze
+
+    @cached_property
+    def phases(self) -> tuple[Phase, ...]:
+        """The keyframes of the hand, from approach to lift; empty without a hand with links, or in older files."""
+        return read_phases((self.hand or {}).get("phases", ()), "hand.phases")
+
+    @property
+    def link_depth(self) -> LinkPenetration | None:
+        """Penetration of the hand's links into body and surroundings; None where unknown or without links."""
+        return grasp_penetration(self.hand)
+
+    @property
+    def way_in(self) -> LinkPenetration | None:
+        """Penetration of the hand's links along the approach path; None where no path is known."""
+        return approach_penetration(self.hand)
+
+    @property
+    def way_blocked(self) -> float:
+        """Penetration depth of parallel jaws on their straight approach, metres; 0 where it is free."""
+        return jaws_depth(self.hand)
+
+    @property
+    def touches(self) -> bool:
+        """Whether a link penetrates anything by more than its tolerance; false where unknown."""
+        return self.link_depth is not None and not self.link_depth.is_free
+
+    @property
+    def has_free_way(self) -> bool:
+        """Whether no known obstruction blocks the straight approach path."""
+        return not approach_obstructions(self.hand)
+
+    @property
+    def beyond_effort(self) -> str:
+        """The joints whose effort limit the task exceeds, as text; empty without such joints, or where unknown.
+
+        Other finger forces for the same wrench may need less.
+        """
+        efforts = self._efforts
+        return "" if efforts is None or not efforts.exceeded else f"the task takes {efforts.words()}"
+
+    def effort_line(self) -> str:
+        """Return the joint efforts for the hardest wrench of the task as text; empty where unknown.
+
+        By virtual work from the stated finger forces: other forces for the same wrench may need smaller efforts.
+        """
+        return "" if self._efforts is None else f"these forces take {self._efforts.words()}"
+
+    def squeeze_line(self) -> str:
+        """Return forces and friction of the squeeze, or why there is none, as text; empty where neither is known."""
+        return format_squeeze(self.squeeze, self.hand, self.max_force)
+
+    def links_line(self) -> str:
+        """Return the links' penetration in the grasp and on the approach as text; empty where unknown."""
+        return format_link_penetrations(self.hand)
+
+    def gripper_line(self) -> str:
+        """Return the approach of parallel jaws as text; empty for other hands."""
+        return format_jaw_approach(self.hand)
+
+    def approach_line(self) -> str:
+        """Return the reason for having no straight approach, as text; empty where there is one, or none is known."""
+        return missing_approach_reason(self.hand)
+
+    def lines_by_hand(self) -> list[str]:
+        """Return the results on joints, squeeze and approach as text lines."""
+        return list(filter(None, (self.effort_line(), self.squeeze_line(), self.links_line(), self.gripper_line())))
+
+    # Status and quality
+
+    @property
+    def success(self) -> bool:
+        """Whether there is a grasp of certified quality above zero whose hand's links are free."""
+        return self.is_certified and not self.touches
+
+    @property
+    def is_certified(self) -> bool:
+        """Whether there is a grasp of certified quality above zero, whether its hand's links are free or not."""
+        return self.grasp is not None and self.mu.lower > 0.0
+
+    @property
+    def label(self) -> str:
+        """Name of the measure in ``mu``: ``"mu"`` or ``"mu-tilde"``."""
+        return measure_word(self.kind)
+
+    @property
+    def beta(self) -> Bounds | None:
+        """The paper's mu, the beta of the largest ``A_beta`` (3.3-4a), for a centred task ellipsoid."""
+        return self._quality.mu.beta
+
+    @property
+    def best_possible(self) -> float:
+        """Certified upper bound on mu over all placements of the contacts; inf where there is none."""
+        return math.inf if self.bound is None else self.bound.upper
+
+    @property
+    def gap(self) -> float:
+        """Relative optimality gap ``best_possible / mu.lower - 1``, an upper bound."""
+        return math.inf if self.bound is None else self.bound.gap(self.mu.lower)
+
+    @property
+    def is_fragile(self) -> bool:
+        """Whether less than a fifth of the quality is left under contact displacement; false where unknown."""
+        return self.robust is not None and self.robust.is_fragile(self.mu)
+
+    @property
+    def is_too_weak(self) -> bool:
+        """Whether the task at full size needs more than ``max_force`` at a finger; false where either is unknown."""
+        return self.needed is not None and self.needed.is_within(self.max_force) is False
+
+    @property
+    def winner(self) -> StartRecord | None:
+        """The start whose grasp is the answer; None without a grasp or starts.
+
+        In files of earlier versions, which do not state it, the start with the largest certified upper bound.
+        """
+        return answer_start(self.starts, self.best_start)
+
+    # Text
+
+    @property
+    def message(self) -> str:
+        """Meaning of the status; for a solved grasp, whether it is a local optimum."""
+        return status_message(self.status, "" if self.kkt is None else self.kkt.words)
+
+    @property
+    def told(self) -> str:
+        """Status as text, with a closed gap and warnings about the grasp."""
+        return format_status(self.status, self.message, self.gap, self.caveats)
+
+    @property
+    def caveats(self) -> list[str]:
+        """Warnings about the grasp, as text; mostly empty."""
+        no_squeeze = self.squeeze is None and bool(self.squeeze_line())
+        warnings = (
+            *grasp_obstructions(self.hand),
+            *approach_obstructions(self.hand),
+            unknown_links(self.hand),
+            fragility_warning(self.robust, self.mu, self.label),
+            excess_force_warning(self.needed, self.max_force),
+            "the hand cannot squeeze the body" if no_squeeze else "",
+            self.beyond_effort,
+        )
+        return list(filter(None, warnings))
+
+    @property
+    def title(self) -> str:
+        """Name and status in one line."""
+        return f"{self.name}: {self.told}"
+
+    def quality_lines(self) -> list[str]:
+        """Return certified quality, optimality gap, forces and hand results as text lines."""
+        lines = format_quality(self._quality, self.task.paper_beta, self.budget)
+        margins = [] if self._joint_margins is None else format_joint_margins(self._joint_margins)
+        return [f"  {line}" for line in (*lines, *self.needed_lines(), *self.lines_by_hand(), *margins)]
+
+    def needed_lines(self) -> list[str]:
+        """Return the finger forces for the task at full size as text lines; empty where unknown."""
+        return [] if self.needed is None else self.needed.lines(self.budget, self.max_force, self.fingers)
+
+    def starts_lines(self) -> list[str]:
+        """Return text lines on the ends of the starts, better starts passed over, and failed calls of IPOPT."""
+        mu = 0.0 if self._joint_margins is None else mu_without(self._joint_margins)
+        by_remaining = bool(self.solver.get("options", {}).get("maximise_robust"))
+        better = better_start_text(self.starts, self.winner, mu, self.label, by_remaining, self.squeeze is not None)
+        return [*starts_lines(self.starts), *better, *ipopt_lines(self.solver)]
+
+    def __str__(self) -> str:
+        lines = [self.title, f"  {self.task_line()}"]
+        if self.grasp is not None:
+            lines += [*self.quality_lines(), *PlacedGrasp(self.grasp, self.faces, self.surface).lines(self.fingers)]
+        elif self.bound is not None:
+            lines.append(f"  {self.bound.line(0.0, self.label)}")
+        if self.robust is not None:
+            lines.append(f"  {self.robust}")
+        if self.delta is not None:
+            lines.append(f"  delta certified in {self.delta} (torque scale {self.delta.torque_scale:.4g} m)")
+        if self.nu is not None:
+            lines.append(f"  nu {self.nu}")
+        lines += [f"  {line}" for line in self.starts_lines()]
+        lines += [f"  {price.words(self.label)}" for price in self.prices[:3]]
+        if self.why_not is not None:
+            lines += [f"  {line}" for line in (*self.why_not.reasons, *self.why_not.advice)]
+        return "\n".join([*lines, *grasp_table(self.grasps, self.solver.get("keep", 1))])
+
+    def __repr__(self) -> str:
+        summary = "no grasp" if self.grasp is None else f"{self.label} in {self.mu}, {len(self.grasp)} contacts"
+        return f"{type(self).__name__}({self.name!r}: {self.status.name.lower()}, {summary})"
+
+    # Kept grasps and frames
+
+    @property
+    def grasps(self) -> tuple[FoundGrasp, ...]:
+        """All kept grasps, best first: the first is the answer itself; empty without a grasp."""
+        return () if self.grasp is None else (self._answer, *self.others)
+
+    def require_grasp(self) -> Grasp:
+        """Return the grasp, or raise ``InputError`` where there is none.
+
+        Raises
+        ------
+        InputError
+            Where the solution has no grasp.
+        """
+        if self.grasp is None:
+            ending = "" if self.status is Status.NO_GRASP else f" ({self.status.name.lower().replace('_', ' ')})"
+            raise InputError("solution", f"no grasp{ending}", "a solution with a grasp")
+        return self.grasp
+
     def select(self, accepts: Accepts) -> GraspSolution:
         """Return a solution whose answer is the best kept grasp that a function accepts.
 
@@ -671,28 +497,67 @@ class GraspSolution(Seen):
             stated_first=None,
         )
 
-    @property
-    def known_problem(self) -> GraspProblem | None:
-        """The solved problem, from a file as far as it holds it: None with a mesh, a hand or an expression."""
-        if self.source is not None or self.grasp is None or self.problem.get("hand") is not None:
-            return self.source
-        from nlpgrasp.problem.problem import problem_from_dict
+    def in_frame(self, pose: Pose) -> SolutionInFrame:
+        """Return the grasp in a world frame, given the pose of the body: contacts, forces, task, palm and phases.
 
-        try:
-            return problem_from_dict(self.problem, self.grasp.torque_origin)
-        except InputError:
-            return None
+        For an alternative grasp: ``solution.with_answer(solution.grasps[i]).in_frame(pose)``.
+
+        Parameters
+        ----------
+        pose : (4, 4) array or mapping, (3, 3) array in the plane
+            Pose of the body in the world, ``[[A, b], [0, 1]]``: a point x of the body is at ``A x + b``, metres; or a
+            mapping with ``position`` and ``quaternion_wxyz`` or ``quaternion_xyzw``.
+
+        Raises
+        ------
+        InputError
+            When the pose is no rotation and translation, or no grasp was found.
+        """
+        grasp = self.require_grasp()
+        return transform_grasp(
+            self.name, pose, grasp, self.faces, self.task, self.mu, self.forces, self.hand, self.phases
+        )
+
+    # Display
+
+    def show(self, path: str | Path | None = None, port: int | None = None, hand: Hand | None = None) -> Path | str:
+        """Show the grasp in a browser, and return the address or file of the page.
+
+        With the extra ``view`` (viser), a local server shows a page with sliders for the task's wrenches, their size
+        and the hand's approach; a script waits until Ctrl-C. Without the extra, with a port in use, or without a
+        browser or display, a message says so, and the report is written to a file and opened if there is a browser.
+        With a port, the page is served without a local browser too, for a remote one (``ssh -L 8080:127.0.0.1:8080``).
+
+        Parameters
+        ----------
+        path : str or Path, optional
+            An HTML file: the report is written there instead.
+        port : int, optional
+            Of the page on this computer; a free one when left out.
+        hand : Hand, optional
+            The hand of the problem, for a slider over its approach: a solution does not contain the hand's file.
+
+        Returns
+        -------
+        str or Path
+            The address of the page on this computer, or the file.
+
+        Raises
+        ------
+        InputError
+            On a path that cannot be written, an invalid port, and another hand.
+        """
+        address = None if path is not None else live(self, LIVE, port, hand)
+        return show(self, self.name, PAGE, path) if address is None else address
 
     def drawn(self) -> Drawing | None:
         """Return the stored drawing of the grasp, or a new one where the problem is known, else None."""
-        problem = None if self.drawing is not None else self.known_problem
-        if problem is None or self.grasp is None:
+        problem = None if self.drawing is not None or self.grasp is None else self.known_problem
+        if problem is None:
             return self.drawing
-        from nlpgrasp.hands.base import PosedHand
-        from nlpgrasp.solution.stored_drawing import drawing_of
+        from nlpgrasp.solution.stored_drawing import draw_problem
 
-        hand = problem.hand if isinstance(problem.hand, PosedHand) and self.hand is not None else None
-        return drawing_of(problem.body, hand, {} if hand is None else hand.values_of(self.hand or {}))
+        return draw_problem(problem, self.hand)
 
     def require_drawing(self) -> Drawing:
         """Return the drawing of the grasp, made anew where it is not stored.
@@ -703,15 +568,16 @@ class GraspSolution(Seen):
             Where there is no grasp; where no drawing is stored and the file lacks the data for one.
         """
         self.require_grasp()
-        found = self.drawn()
-        if found is None:
-            allowed = 'one with its drawing: ng.analyse(solution, "drawing", problem=problem) adds it'
-            raise InputError("solution", "a grasp without a drawing, from a file without its body", allowed)
-        return found
+        drawing = self.drawn()
+        if drawing is None:
+            expected = 'one with its drawing: ng.analyse(solution, "drawing", problem=problem) adds it'
+            raise InputError("solution", "a grasp without a drawing, from a file without its body", expected)
+        return drawing
+
+    # Files
 
     def to_dict(self) -> SolutionData:
         """Return the solution as JSON data, schema 1 (docs/json.md)."""
-        placed = None if self.grasp is None else PlacedGrasp(self.grasp, self.faces, self.surface)
         solver: SolverData = {**self.solver, "starts": [start.to_dict() for start in self.starts]}
         versions = solver.pop("versions", {})
         data: SolutionData = {
@@ -721,20 +587,21 @@ class GraspSolution(Seen):
             "message": self.message,
             "name": self.name,
             "problem": dict(self.problem),
-            "grasp": None if placed is None else placed.to_dict(),
+            "grasp": None if self.grasp is None else PlacedGrasp(self.grasp, self.faces, self.surface).to_dict(),
             "hand": None if self.hand is None else dict(self.hand),
             "quality": self._quality.to_dict(),
-            "forces": [held.to_dict() for held in held_wrenches(self.forces, self.moments)],
+            "forces": [record.to_dict() for record in held_wrenches(self.forces, self.moments)],
             "constraints": [report.to_dict() for report in self.constraints],
             "shadow_prices": [price.to_dict() for price in self.prices],
             "why_not": None if self.why_not is None else self.why_not.to_dict(),
             "drawing": None if self.drawing is None else self.drawing.to_dict(),
             "solver": solver,
         }
-        several: SolutionData = {**data, "grasps": [found.to_dict() for found in self.grasps]} if self.others else data
+        if self.others:
+            data = {**data, "grasps": [grasp.to_dict() for grasp in self.grasps]}
         if self.kkt is not None:
-            several = {**several, "kkt": self.kkt.to_dict()}
-        return several if self.best_start is None else {**several, "best_start": self.best_start}
+            data = {**data, "kkt": self.kkt.to_dict()}
+        return data if self.best_start is None else {**data, "best_start": self.best_start}
 
     @classmethod
     def from_dict(cls, data: SolutionData, name: str = "solution") -> GraspSolution:
@@ -745,47 +612,8 @@ class GraspSolution(Seen):
         InputError
             When numbers contradict each other.
         """
-        placed = None if data["grasp"] is None else PlacedGrasp.from_dict(data["grasp"], f"{name}: grasp")
-        grasp = None if placed is None else placed.grasp
-        quality = Quality.from_dict(data["quality"], grasp.dimension if grasp else None, f"{name}: quality")
-        forces, moments = forces_and_moments(data.get("forces", []), name)
-        starts, solver = starts_of(data.get("solver", {}), name)
-        why_not, best, kkt = data.get("why_not"), data.get("best_start"), data.get("kkt")
-        if best is not None and best not in [start.index for start in starts]:
-            raise InputError(f"{name}: best_start", best, "the index of one of its starts")
-        kept = read_kept_grasps(data, f"{name}: grasps")
-        solution = cls(
-            status=Status[data["status"].upper()],
-            name=data["name"],
-            problem=data["problem"],
-            grasp=grasp,
-            faces=() if placed is None else placed.faces,
-            mu=quality.mu,
-            kind=quality.kind,
-            delta=quality.delta,
-            nu=quality.nu,
-            forces=forces,
-            moments=moments,
-            constraints=tuple(map(ConstraintReport.from_dict, data.get("constraints", []))),
-            prices=tuple(map(ShadowPrice.from_dict, data.get("shadow_prices", []))),
-            robust=quality.robust,
-            bound=quality.bound,
-            kkt=None if kkt is None else KKT.from_dict(kkt),
-            needed=quality.needed,
-            why_not=None if why_not is None else WhyNot.from_dict(why_not),
-            hand=data.get("hand"),
-            surface=None if placed is None else placed.surface,
-            drawing=Drawing.from_dict(data.get("drawing"), f"{name}: drawing"),
-            starts=starts,
-            best_start=None if best is None else int(best),
-            others=tuple(kept[1:]),
-            stated_first=kept[0] if kept else None,
-            solver={**solver, "versions": data.get("created_by", {})},
-        )
-        for part in (grasp, *(found.grasp for found in kept)):
-            solution.check_against(part, name)
-        with prefix_errors(f"{name}: "):
-            _ = solution.squeeze, solution.phases, solution.link_depth, solution.way_in
+        solution = _read_solution(data, name)
+        _check_parts(solution, name)
         check_beta(data["quality"], solution.beta, f"{name}: quality")
         return solution
 
@@ -802,8 +630,9 @@ class GraspSolution(Seen):
             When the folder does not exist or cannot be written, or the path is that of a mesh, a hand or a script.
         """
         bound = None if self.bound is None else self.bound.saved_beside(self.problem, Path(path))
-        stated = self.source is None or replace(self, source=None).known_problem is not None
-        return write(replace(self, bound=bound, drawing=self.drawing if stated else self.drawn()).to_dict(), path)
+        is_restorable = self.source is None or restore_problem(self.problem, self.grasp) is not None
+        drawing = self.drawing if is_restorable else self.drawn()
+        return write_solution(replace(self, bound=bound, drawing=drawing).to_dict(), path)
 
     @classmethod
     def load(cls, path: str | Path) -> GraspSolution:
@@ -816,20 +645,97 @@ class GraspSolution(Seen):
         """
         return cls.from_dict(read_solution_data(path), str(path))
 
+    # Parts in the form of records
+
+    @property
+    def _answer(self) -> FoundGrasp:
+        """The answer as a record of the kept grasps."""
+        return FoundGrasp(
+            self.require_grasp(),
+            self.faces,
+            self.mu,
+            self.kind,
+            self.hand,
+            self.robust,
+            self.forces,
+            self.moments,
+            self.needed,
+            self.constraints,
+            self.surface,
+            self.best_start,
+        )
+
+    @property
+    def _quality(self) -> Quality:
+        """The quality measures, mu with the paper's scale of the task."""
+        scale = self.task.paper_beta if self.kind == "mu" and self.grasp is not None else None
+        mu = self.mu.of_measure(self.kind, scale)
+        return Quality(mu, self.kind, self.delta, self.nu, self.robust, self.bound, self.needed)
+
+    @property
+    def _efforts(self) -> JointSqueeze | None:
+        """Joint efforts for the hardest wrench of the task; None where they, or a limit, are unknown."""
+        return None if self.needed is None else task_efforts(self.squeeze, self.needed, self.budget)
+
+    @property
+    def _joint_margins(self) -> Json | None:
+        """Joint-limit margins as ``hand`` states them."""
+        return (self.hand or {}).get("room")
+
+
+def _read_solution(data: SolutionData, name: str) -> GraspSolution:
+    """Return the solution of a file's data, unchecked as a whole."""
+    placed = None if data["grasp"] is None else PlacedGrasp.from_dict(data["grasp"], f"{name}: grasp")
+    dimension = None if placed is None else placed.grasp.dimension
+    quality = Quality.from_dict(data["quality"], dimension, f"{name}: quality")
+    forces, moments = forces_and_moments(data.get("forces", []), name)
+    starts, best_start, solver = read_starts(data, name)
+    why_not, kkt = data.get("why_not"), data.get("kkt")
+    grasps = read_kept_grasps(data, f"{name}: grasps")
+    return GraspSolution(
+        status=Status[data["status"].upper()],
+        name=data["name"],
+        problem=data["problem"],
+        **({} if placed is None else vars(placed)),
+        **vars(quality),
+        forces=forces,
+        moments=moments,
+        constraints=tuple(map(ConstraintReport.from_dict, data.get("constraints", []))),
+        prices=tuple(map(ShadowPrice.from_dict, data.get("shadow_prices", []))),
+        kkt=None if kkt is None else KKT.from_dict(kkt),
+        why_not=None if why_not is None else WhyNot.from_dict(why_not),
+        hand=data.get("hand"),
+        drawing=Drawing.from_dict(data.get("drawing"), f"{name}: drawing"),
+        starts=starts,
+        best_start=best_start,
+        others=tuple(grasps[1:]),
+        stated_first=grasps[0] if grasps else None,
+        solver={**solver, "versions": data.get("created_by", {})},
+    )
+
+
+def _check_parts(solution: GraspSolution, name: str) -> None:
+    """Refuse parts of a file that do not fit each other, under its name."""
+    kept_grasps = (solution.stated_first, *solution.others) if solution.stated_first is not None else ()
+    for grasp in (solution.grasp, *(entry.grasp for entry in kept_grasps)):
+        solution.check_against(grasp, name)
+    with prefix_errors(f"{name}: "):
+        _ = solution.squeeze, solution.phases, solution.link_depth, solution.way_in
+
 
 def _status_with(status: Status, hand: Json | None) -> Status:
     """Return the status of a solution after choosing another grasp, by that grasp's hand data."""
     if status not in (Status.SOLVED, Status.OPTIMAL, Status.TOUCHES):
         return status
-    depth = grasp_penetration(hand)
-    return Status.SOLVED if depth is None or depth.is_free else Status.TOUCHES
+    penetration = grasp_penetration(hand)
+    return Status.SOLVED if penetration is None or penetration.is_free else Status.TOUCHES
 
 
-def given_solution(value: object) -> GraspSolution:
+def require_solution(value: object) -> GraspSolution:
     """Return the argument if it is a solution, else raise ``InputError`` that says how to get one."""
     if isinstance(value, GraspSolution):
         return value
     if isinstance(value, SolutionInFrame):
         raise InputError("solution", repr(value), "the GraspSolution that in_frame was asked of, in the body's frame")
-    made = "a GraspSolution, which ng.solve returns and ng.GraspSolution.load reads"
-    raise InputError("solution", value if isinstance(value, str) else f"a {type(value).__name__}", made)
+    source = "a GraspSolution, which ng.solve returns and ng.GraspSolution.load reads"
+    raise InputError("solution", value if isinstance(value, str) else f"a {type(value).__name__}", source)

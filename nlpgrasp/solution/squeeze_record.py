@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.formatting import format_number, format_percent
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
@@ -21,7 +22,11 @@ NONE = 1e-5  # friction below the solver's tolerance, written as none
 SPENT = 0.9  # share of the available friction above which a squeeze is warned of
 FULL = 0.95  # share of a joint's effort that suggestions use
 RESERVE = 1.5  # suggested normal force over the largest that the task needs
-
+ROUNDING = 1e-6  # relative tolerance of forces against ``max_force``
+# advice where contacts cannot press against each other
+PUSHES_ADVICE = (
+    "a task that pushes from more sides, such as + ng.disturbance(force, torque, point), gives contacts that can"
+)
 
 Gain = float | Mapping[str, float]
 
@@ -69,16 +74,16 @@ class Squeeze:
     @classmethod
     def of(cls, grasp: Grasp, x: FloatArray, share: float, wrench: FloatArray, normal_force: float) -> Squeeze:
         """Return the squeeze of force components x (n,) in the contact frames."""
-        space, both = grasp.space, grasp.contact_wrenches(x)
-        forces = both[:, :space]
+        space, wrenches = grasp.space, grasp.contact_wrenches(x)
+        forces = wrenches[:, :space]
         turning = any(axis >= space for model in grasp.contacts for axis in model.axes(space))
         normal = np.sum(forces * grasp.normals, axis=1)
-        across = np.linalg.norm(forces - normal[:, None] * grasp.normals, axis=1)
+        tangential = np.linalg.norm(forces - normal[:, None] * grasp.normals, axis=1)
         unit = np.array([1.0] * space + [grasp.mean_arm] * (grasp.dimension - space))
         residual = float(np.linalg.norm((grasp.G @ x - wrench) / unit) / np.linalg.norm(forces))
         available = tuple(model.coefficients.get("friction") for model in grasp.contacts)
-        moments = both[:, space:] if turning else None
-        return cls(normal_force, wrench, forces, moments, normal, across / normal, available, share, residual)
+        moments = wrenches[:, space:] if turning else None
+        return cls(normal_force, wrench, forces, moments, normal, tangential / normal, available, share, residual)
 
     @property
     def wrenches(self) -> FloatArray:
@@ -119,19 +124,23 @@ class Squeeze:
 
     def line(self) -> str:
         """Return normal force, needed and available friction, and the most loaded joint, as text."""
-        pressed = f"normal forces {', '.join(format_number(force) for force in self.normal)} N"
-        told = f"a squeeze with at least {format_number(self.normal_force)} N a finger ({pressed}) needs friction "
-        told += format_number(self.friction_needed, least=NONE)
-        known = [mu for mu in self.available if mu is not None]
-        least = f" of {format_number(min(known))}" if known else ""
-        used = f" ({format_percent(self.share if self.share > NONE else 0.0)} of what there is)" if known else ""
-        return f"{told}{least}{used}{'' if self.joints is None else f'; {self.joints.words()}'}"
+        normal_forces = f"normal forces {', '.join(format_number(force) for force in self.normal)} N"
+        text = (
+            f"a squeeze with at least {format_number(self.normal_force)} N a finger ({normal_forces}) needs friction "
+        )
+        text += format_number(self.friction_needed, least=NONE)
+        coefficients = [mu for mu in self.available if mu is not None]
+        lowest = f" of {format_number(min(coefficients))}" if coefficients else ""
+        share_text = (
+            f" ({format_percent(self.share if self.share > NONE else 0.0)} of what there is)" if coefficients else ""
+        )
+        return f"{text}{lowest}{share_text}{'' if self.joints is None else f'; {self.joints.words()}'}"
 
     def __str__(self) -> str:
         lines = [self.line()]
-        for i, (normal, needed) in enumerate(zip(self.normal, self.friction, strict=True)):
+        for i, (normal, friction) in enumerate(zip(self.normal, self.friction, strict=True)):
             lines.append(
-                f"  finger {i} presses with {format_number(normal)} N, friction {format_number(needed, least=NONE)}"
+                f"  finger {i} presses with {format_number(normal)} N, friction {format_number(friction, least=NONE)}"
             )
         if self.joints is not None:
             shares = self.joints.shares
@@ -157,14 +166,14 @@ class Squeeze:
         return data if self.joints is None else {**data, **self.joints.to_dict()}
 
     @classmethod
-    def from_dict(cls, hand: Json, stated: object, grasp: Grasp, name: str) -> Squeeze:
+    def from_dict(cls, hand: Json, problem_hand: object, grasp: Grasp, name: str) -> Squeeze:
         """Return the squeeze of a solution file.
 
         Parameters
         ----------
         hand : mapping
             ``hand`` of the file, with ``squeeze``.
-        stated : object
+        problem_hand : object
             ``problem.hand``.
         grasp : Grasp
             The squeezed grasp.
@@ -181,7 +190,9 @@ class Squeeze:
         moments = [f["moment"] for f in fingers if "moment" in f]
         joints = None
         if "torques" in data:
-            joints = JointSqueeze.from_dict(data, k, hand, stated if isinstance(stated, Mapping) else {}, name)
+            joints = JointSqueeze.from_dict(
+                data, k, hand, problem_hand if isinstance(problem_hand, Mapping) else {}, name
+            )
         return cls(
             number(f"{name}.normal_force", data["normal_force"], above=0.0),
             array(f"{name}.wrench", data["wrench"], (grasp.dimension,)),
@@ -196,6 +207,79 @@ class Squeeze:
         )
 
 
+def read_squeeze(hand: Json | None, problem_hand: object, grasp: Grasp | None) -> Squeeze | None:
+    """Return the squeeze that a solution's ``hand`` states; None without one, or without a grasp.
+
+    Parameters
+    ----------
+    hand : mapping or None
+        ``hand`` of the solution.
+    problem_hand : object
+        ``problem.hand``.
+    grasp : Grasp or None
+        The squeezed grasp.
+
+    Raises
+    ------
+    InputError
+        On arrays that do not fit each other or the grasp.
+    """
+    if grasp is None or hand is None or "squeeze" not in hand:
+        return None
+    return Squeeze.from_dict(hand, problem_hand, grasp, "hand.squeeze")
+
+
+def missing_squeeze(hand: Json | None) -> InputError:
+    """Return the error of a solution without a squeeze, with the reason that its ``hand`` states."""
+    reason = _no_squeeze_reason(hand)
+    value = f"a grasp without a squeeze: {reason}" if reason else "a grasp without a squeeze"
+    advice = PUSHES_ADVICE if reason else "ng.squeeze says why"
+    return InputError("solution", value, f"one whose contacts press against each other: {advice}")
+
+
+def format_squeeze(squeeze: Squeeze | None, hand: Json | None, max_force: float | None) -> str:
+    """Return forces and friction of a squeeze, or why there is none, as text; empty where neither is known.
+
+    Parameters
+    ----------
+    squeeze : Squeeze or None
+        Of the solution.
+    hand : mapping or None
+        ``hand`` of the solution.
+    max_force : float or None
+        Limit of each finger's force, newtons.
+    """
+    if squeeze is None:
+        reason = _no_squeeze_reason(hand)
+        return f"the hand cannot squeeze the body: {reason}; {PUSHES_ADVICE}" if reason else ""
+    if max_force is None or squeeze.largest <= (1.0 + ROUNDING) * max_force:
+        return squeeze.line()
+    return f"{squeeze.line()}; ABOVE max_force = {format_number(max_force)} N"
+
+
+def task_efforts(squeeze: Squeeze | None, needed: ForcesNeeded, budget: ForceBudget) -> JointSqueeze | None:
+    """Return the joint efforts for the hardest wrench of a task, by virtual work; None where a part is unknown.
+
+    Parameters
+    ----------
+    squeeze : Squeeze or None
+        With the Jacobians and effort limits of the joints.
+    needed : ForcesNeeded
+        Finger forces of the task.
+    budget : ForceBudget
+        None is returned for a budget of joint torques.
+    """
+    joints = None if squeeze is None else squeeze.joints
+    if joints is None or joints.worst is None or budget.absolute:
+        return None
+    return joints.under(finger_wrenches(needed.forces, needed.moments))
+
+
+def _no_squeeze_reason(hand: Json | None) -> str | None:
+    """Return the reason stated in ``hand`` for having no squeeze; None where there is none."""
+    return ((hand or {}).get("no_squeeze") or {}).get("reason")
+
+
 def finger_wrenches(forces: FloatArray, moments: FloatArray | None) -> FloatArray:
     """Return the fingers' wrenches (k, d) from forces (k, space) and moments (k, d - space) or None."""
     count, space = forces.shape
@@ -207,11 +291,13 @@ def friction_warning(squeeze: Squeeze | None) -> str:
     """Return a warning that a squeeze needs nearly all of the friction; empty where it does not, or none is known."""
     if squeeze is None or squeeze.share <= SPENT:
         return ""
-    used = f"{format_percent(squeeze.share)} of the friction there is"
-    return f"the squeeze alone needs {used}: little is left against pushes, however hard the fingers press"
+    share = f"{format_percent(squeeze.share)} of the friction there is"
+    return f"the squeeze alone needs {share}: little is left against pushes, however hard the fingers press"
 
 
-def too_weak(squeeze: Squeeze | None, needed: ForcesNeeded | None, normal_force: float | None = None) -> str:
+def weak_squeeze_warning(
+    squeeze: Squeeze | None, needed: ForcesNeeded | None, normal_force: float | None = None
+) -> str:
     """Return a warning that a squeeze is too weak for the task at full size; empty where it is not, or unknown.
 
     Parameters
@@ -225,18 +311,20 @@ def too_weak(squeeze: Squeeze | None, needed: ForcesNeeded | None, normal_force:
     """
     if squeeze is None or needed is None:
         return ""
-    pressed, most = normal_force or squeeze.normal_force, float(np.max(needed.normal))
-    if most <= pressed:
+    normal, required = normal_force or squeeze.normal_force, float(np.max(needed.normal))
+    if required <= normal:
         return ""
-    wanted = float(f"{RESERVE * most:.2g}")
-    told = f"the task needs up to {most:.3g} N at a finger, but this squeeze presses with {pressed:.3g} N at least"
-    worst = None if squeeze.joints is None else squeeze.joints.worst
-    if worst is not None and wanted * worst[1] > squeeze.normal_force:
-        able = squeeze.normal_force / worst[1]
-        if able <= pressed:
-            return f"{told}, the most that joint {worst[0]} is strong enough for"
-        return f"{told}: --normal-force {FULL * able:.2g} is what joint {worst[0]} is strong enough for"
-    return f"{told}: --normal-force {wanted:g} presses for all of it"
+    suggested = float(f"{RESERVE * required:.2g}")
+    message = (
+        f"the task needs up to {required:.3g} N at a finger, but this squeeze presses with {normal:.3g} N at least"
+    )
+    joint = None if squeeze.joints is None else squeeze.joints.worst
+    if joint is not None and suggested * joint[1] > squeeze.normal_force:
+        attainable = squeeze.normal_force / joint[1]
+        if attainable <= normal:
+            return f"{message}, the most that joint {joint[0]} is strong enough for"
+        return f"{message}: --normal-force {FULL * attainable:.2g} is what joint {joint[0]} is strong enough for"
+    return f"{message}: --normal-force {suggested:g} presses for all of it"
 
 
 @dataclass(frozen=True)
@@ -286,8 +374,10 @@ class JointSqueeze:
         """
         tau = np.einsum("kdm,kd->m", jacobians, wrenches)
         torques = dict(zip(names, tau.tolist(), strict=True))
-        own = {name: limits[name] for name in names if name in limits}
-        return cls(torques, own, {name: float(positions[name]) for name in names}, jacobians, _gain(gain, names))
+        joint_limits = {name: limits[name] for name in names if name in limits}
+        return cls(
+            torques, joint_limits, {name: float(positions[name]) for name in names}, jacobians, _gain(gain, names)
+        )
 
     def under(self, wrenches: FloatArray) -> JointSqueeze:
         """Return the torques of the same joints for other finger forces and moments (k, d), body frame."""
@@ -321,8 +411,8 @@ class JointSqueeze:
     @property
     def exceeded(self) -> dict[str, float]:
         """Excess of torques over their limits, newton-metres, for the joints that have any."""
-        over = {name: abs(self.torques[name]) - limit for name, limit in self.limits.items()}
-        return {name: amount for name, amount in over.items() if amount > 0.0}
+        excess = {name: abs(self.torques[name]) - limit for name, limit in self.limits.items()}
+        return {name: amount for name, amount in excess.items() if amount > 0.0}
 
     def amount(self, name: str, value: float) -> str:
         """Return a joint's torque as text; a force for a sliding joint."""
@@ -332,12 +422,12 @@ class JointSqueeze:
     def words(self) -> str:
         """Return the joint with the largest share of its limit, and exceeded limits, as text."""
         if self.worst is None:
-            most = max(self.torques, key=lambda name: abs(self.torques[name]))
-            return f"at most {self.amount(most, abs(self.torques[most]))} at a joint ({most})"
+            strongest = max(self.torques, key=lambda name: abs(self.torques[name]))
+            return f"at most {self.amount(strongest, abs(self.torques[strongest]))} at a joint ({strongest})"
         name, share = self.worst
         if not self.exceeded:
             return f"at most {100.0 * share:.3g} % of a joint's effort ({name})"
-        weak = ", ".join(f"{joint} (by {self.amount(joint, over)})" for joint, over in self.exceeded.items())
+        weak = ", ".join(f"{joint} (by {self.amount(joint, excess)})" for joint, excess in self.exceeded.items())
         return f"MORE than the effort of {weak}"
 
     def to_dict(self) -> Json:
@@ -351,7 +441,7 @@ class JointSqueeze:
         return {**data, "gain": gain, "positions": self.positions()}
 
     @classmethod
-    def from_dict(cls, data: Json, count: int, hand: Json, stated: Json, name: str) -> JointSqueeze:
+    def from_dict(cls, data: Json, count: int, hand: Json, problem_hand: Json, name: str) -> JointSqueeze:
         """Return the record that ``to_dict`` wrote, for ``count`` contacts; ``name`` is shown in messages.
 
         Parameters
@@ -362,7 +452,7 @@ class JointSqueeze:
             Number of contacts.
         hand : mapping
             ``hand`` of the file, with the joints' positions.
-        stated : mapping
+        problem_hand : mapping
             ``problem.hand``, with the torque limits.
         name : str
             Of the field, for messages.
@@ -374,16 +464,18 @@ class JointSqueeze:
         """
         torques = {joint: number(f"{name}.torques.{joint}", tau) for joint, tau in data["torques"].items()}
         jacobians = array(f"{name}.jacobians", data["jacobians"], (count, 6, len(torques)))
-        positions, limits = hand.get("joint_positions", {}), stated.get("torque_limits") or {}
+        positions, limits = hand.get("joint_positions", {}), problem_hand.get("torque_limits") or {}
         if not isinstance(limits, Mapping):
             raise InputError("problem.hand.torque_limits", limits, "limits by joint")
-        lost = [joint for joint in torques if joint not in positions]
-        if lost:
-            raise InputError(f"{name}.torques", f"joint {lost[0]}", "joints of hand.joint_positions")
+        unknown = [joint for joint in torques if joint not in positions]
+        if unknown:
+            raise InputError(f"{name}.torques", f"joint {unknown[0]}", "joints of hand.joint_positions")
         field = "problem.hand.torque_limits"
-        own = {joint: number(f"{field}.{joint}", limits[joint], above=0.0) for joint in torques if joint in limits}
+        joint_limits = {
+            joint: number(f"{field}.{joint}", limits[joint], above=0.0) for joint in torques if joint in limits
+        }
         grasp = {joint: float(positions[joint]) for joint in torques}
-        return cls(torques, own, grasp, jacobians, _gain(data.get("gain"), tuple(torques)))
+        return cls(torques, joint_limits, grasp, jacobians, _gain(data.get("gain"), tuple(torques)))
 
 
 def _gain(gain: object, names: tuple[str, ...]) -> Gain | None:

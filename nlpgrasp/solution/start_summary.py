@@ -42,34 +42,36 @@ def solver_words(message: str) -> str:
 
 def failure_reason(start: StartRecord) -> str:
     """Return the reason why a start ended without a grasp, as text; empty for one with a grasp."""
-    kind = _kind(start)
-    if kind is None:
+    ending = _ending(start)
+    if ending is None:
         return ""
-    if kind == ERROR:
+    if ending == ERROR:
         return solver_words(start.message) or ERROR
-    if kind == CUT:
+    if ending == CUT:
         return start.message or CUT
-    if kind == INSIDE:
+    if ending == INSIDE:
         return start.obstruction or INSIDE
-    broken = f"constraint violation {start.violation:.2g}"
-    if kind == BROKEN:
-        return broken if start.mu.lower > 0.0 else f"{broken}, and the task is not held"
-    return "the task is not held" if kind == UNHELD else kind
+    violation = f"constraint violation {start.violation:.2g}"
+    if ending == BROKEN:
+        return violation if start.mu.lower > 0.0 else f"{violation}, and the task is not held"
+    return "the task is not held" if ending == UNHELD else ending
 
 
 def starts_lines(starts: Sequence[StartRecord]) -> list[str]:
     """Return how many starts found a grasp and how the others ended, as text lines; empty for one that succeeded."""
-    lost = [s for s in starts if _kind(s) is not None]
-    count, found = len(starts), len(starts) - len(lost)
-    if count == found:
+    failures = [s for s in starts if _ending(s) is not None]
+    count, successes = len(starts), len(starts) - len(failures)
+    if count == successes:
         return [f"{'both' if count == 2 else f'all {count}'} starts found a grasp"] if count > 1 else []
-    one = "the only start found no grasp"
-    head = one if count == 1 else f"{found or 'none'} of {count} starts found a grasp"
-    ends = [_count_ended(kind, own) for kind, own in _group_by_reason(lost).items()]
-    stuck = [word[0] for s in lost if (word := SOLVER_WORD.search(s.message)) and word[0] not in SOLVED]
-    first = [f"{WORDS.get(w, solver_words(w))} ({stuck.count(w)})" for w in dict.fromkeys(stuck)]
-    solves = f"; their first solves: {', '.join(first)}" if first else ""
-    return [f"{head}: {', '.join(ends)}{solves}"]
+    sentence = "the only start found no grasp"
+    head = sentence if count == 1 else f"{successes or 'none'} of {count} starts found a grasp"
+    counts = [_count_ended(ending, group) for ending, group in _group_by_reason(failures).items()]
+    statuses = [word[0] for s in failures if (word := SOLVER_WORD.search(s.message)) and word[0] not in SOLVED]
+    solver_counts = [
+        f"{WORDS.get(status, solver_words(status))} ({statuses.count(status)})" for status in dict.fromkeys(statuses)
+    ]
+    solves = f"; their first solves: {', '.join(solver_counts)}" if solver_counts else ""
+    return [f"{head}: {', '.join(counts)}{solves}"]
 
 
 def ipopt_lines(solver: SolverData) -> list[str]:
@@ -83,10 +85,10 @@ def ipopt_lines(solver: SolverData) -> list[str]:
     failures = solver.get("ipopt_failures", {})
     if not failures:
         return []
-    lost, calls = sum(failures.values()), max(sum(failures.values()), solver.get("ipopt_calls", 0))
-    why = ", ".join(f"{status}: {count}" for status, count in failures.items())
-    rest = "steps" if lost == calls else "calls and steps"
-    return [f"IPOPT did not run in {lost} of {calls} calls ({why}); the answer comes from the other {rest}"]
+    failed, calls = sum(failures.values()), max(sum(failures.values()), solver.get("ipopt_calls", 0))
+    reasons = ", ".join(f"{status}: {count}" for status, count in failures.items())
+    remainder = "steps" if failed == calls else "calls and steps"
+    return [f"IPOPT did not run in {failed} of {calls} calls ({reasons}); the answer comes from the other {remainder}"]
 
 
 def answer_start(starts: Sequence[StartRecord], best_start: int | None) -> StartRecord | None:
@@ -102,7 +104,7 @@ def better_start_text(
     winner: StartRecord | None,
     before: float = 0.0,
     label: str = "mu",
-    by_what_is_left: bool = False,
+    by_remaining_quality: bool = False,
     squeezed: bool = False,
 ) -> list[str]:
     """Return as text the start with a larger mu than the answer, and why it is not the answer.
@@ -116,7 +118,7 @@ def better_start_text(
         The answer's mu before its joint-limit margins were improved.
     label : str
         The measure's name.
-    by_what_is_left : bool
+    by_remaining_quality : bool
         Whether starts were ranked by their remaining quality in the worst case.
     squeezed : bool
         Whether the answer had to be one that a hand can squeeze.
@@ -126,18 +128,18 @@ def better_start_text(
     if winner is None or best is None or best.mu.upper <= max(winner.mu.upper, before):
         return []
     if best.obstruction:
-        why = best.obstruction
-    elif by_what_is_left:
-        why = "starts were ranked by what is left when contacts are off, which is more of the answer"
+        reason = best.obstruction
+    elif by_remaining_quality:
+        reason = "starts were ranked by what is left when contacts are off, which is more of the answer"
     elif best.mu.lower >= winner.mu.lower:
-        why = "less of it is left when contacts are off and friction is less"
-        why += ", or its contacts cannot press against each other" if squeezed else ""
+        reason = "less of it is left when contacts are off and friction is less"
+        reason += ", or its contacts cannot press against each other" if squeezed else ""
     else:
-        why = "less of it is certified than of the answer"
-    return [f"start {best.index} found {label} in {best.mu}: passed over, as {why}"]
+        reason = "less of it is certified than of the answer"
+    return [f"start {best.index} found {label} in {best.mu}: passed over, as {reason}"]
 
 
-def _kind(start: StartRecord) -> str | None:
+def _ending(start: StartRecord) -> str | None:
     """Return how a start without a grasp ended; None for one with a grasp."""
     if start.status is Status.SOLVED:
         return None
@@ -153,15 +155,16 @@ def _kind(start: StartRecord) -> str | None:
 
 
 def _group_by_reason(starts: Sequence[StartRecord]) -> dict[str, list[StartRecord]]:
-    found: dict[str, list[StartRecord]] = {}
+    """Return starts without a grasp by the way they ended."""
+    groups: dict[str, list[StartRecord]] = {}
     for start in starts:
-        found.setdefault(_kind(start) or "", []).append(start)
-    return found
+        groups.setdefault(_ending(start) or "", []).append(start)
+    return groups
 
 
-def _count_ended(kind: str, starts: Sequence[StartRecord]) -> str:
+def _count_ended(ending: str, starts: Sequence[StartRecord]) -> str:
     """Return how many starts ended in this way, with the size of constraint violations, as text."""
-    if kind != BROKEN:
-        return f"{len(starts)} {kind}"
-    ends = [f"{end(s.violation for s in starts):.2g}" for end in (min, max)]
-    return f"{len(starts)} {kind} (violation {' to '.join(dict.fromkeys(ends))})"
+    if ending != BROKEN:
+        return f"{len(starts)} {ending}"
+    violations = [f"{extreme(s.violation for s in starts):.2g}" for extreme in (min, max)]
+    return f"{len(starts)} {ending} (violation {' to '.join(dict.fromkeys(violations))})"

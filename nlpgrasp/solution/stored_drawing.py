@@ -7,16 +7,25 @@ import numpy as np
 from nlpgrasp.bodies import Body
 from nlpgrasp.bodies.mesh.display_triangles import simplify, triangles
 from nlpgrasp.common.drawing import Drawing, Triangles
+from nlpgrasp.common.types import Json
 from nlpgrasp.hands import URDFHand
-from nlpgrasp.hands.base import Hand, Values
+from nlpgrasp.hands.base import Hand, PosedHand, Values
+from nlpgrasp.problem.problem import GraspProblem
 
 BODY, LINK = 2000, 320  # largest numbers of triangles
 
 
-def drawing_of(body: Body, hand: Hand | None, values: Values) -> Drawing:
+def draw_body_and_hand(body: Body, hand: Hand | None, values: Values) -> Drawing:
     """Return the body's surface and the links' collision shapes in the hand's posture, as triangles."""
     links = _draw_links(hand, values) if isinstance(hand, URDFHand) else ()
     return Drawing(Triangles(*triangles(body, BODY)), links)
+
+
+def draw_problem(problem: GraspProblem, hand_data: Json | None) -> Drawing:
+    """Return the drawing of a problem's body, and of its hand in the posture of a solution's ``hand``."""
+    if hand_data is None or not isinstance(problem.hand, PosedHand):
+        return draw_body_and_hand(problem.body, None, {})
+    return draw_body_and_hand(problem.body, problem.hand, problem.hand.values_of(hand_data))
 
 
 def _draw_links(hand: URDFHand, values: Values) -> tuple[tuple[str, Triangles], ...]:

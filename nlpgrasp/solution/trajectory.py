@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, number
@@ -103,34 +104,50 @@ def trajectory(
     names = tuple(frames[0].joints)
     fastest = _speeds(joint_speed, names)
     joints = [np.array([frame.joints[name] for name in names]) for frame in frames]
-    shares, legs, times, phases = [np.zeros(1)], [0], [np.zeros(1)], [frames[0].name]
-    for i, ((a, b), (q, r)) in enumerate(zip(pairwise(frames), pairwise(joints), strict=True)):
-        seconds = max(
-            float(np.linalg.norm(b.palm_position - a.palm_position)) / speed, float(np.max(abs(r - q) / fastest))
-        )
-        count = max(int(np.ceil(seconds * rate)), 1)
-        shares.append(np.arange(1, count + 1) / count)
-        times.append(times[-1][-1] + shares[-1] * seconds)
-        legs += [i] * count
-        phases += [b.name] * count
-    share, begin = np.concatenate(shares)[:, None], np.array(legs)
-    end = np.minimum(begin + 1, len(frames) - 1)
+    durations = [
+        max(float(np.linalg.norm(b.palm_position - a.palm_position)) / speed, float(np.max(abs(r - q) / fastest)))
+        for (a, b), (q, r) in zip(pairwise(frames), pairwise(joints), strict=True)
+    ]
+    times, start_frames, share = _sample_legs(durations, rate)
+    end_frames = np.minimum(start_frames + 1, len(frames) - 1)
+    phases = (frames[0].name, *(frames[i].name for i in end_frames[1:]))
     palms, postures = np.array([frame.palm_position for frame in frames]), np.array(joints)
     return Trajectory(
-        np.concatenate(times),
-        tuple(phases),
-        (1.0 - share) * palms[begin] + share * palms[end],
+        times,
+        phases,
+        (1.0 - share) * palms[start_frames] + share * palms[end_frames],
         frames[0].palm_quaternion,
         names,
-        (1.0 - share) * postures[begin] + share * postures[end],
+        (1.0 - share) * postures[start_frames] + share * postures[end_frames],
     )
 
 
-def _speeds(given: float | Mapping[str, float], names: tuple[str, ...]) -> FloatArray:
+def _sample_legs(durations: Sequence[float], rate: float) -> tuple[FloatArray, NDArray[np.intp], FloatArray]:
+    """Return the samples of consecutive legs: times (m,), index of each leg (m,) and covered share of it (m, 1).
+
+    The first sample is the start of the first leg; all others end at most ``1 / rate`` seconds after the previous one.
+
+    Parameters
+    ----------
+    durations : sequence of float
+        Of the legs, seconds.
+    rate : float
+        Samples a second, at least.
+    """
+    shares, legs, times = [np.zeros(1)], [0], [np.zeros(1)]
+    for i, duration in enumerate(durations):
+        count = max(int(np.ceil(duration * rate)), 1)
+        shares.append(np.arange(1, count + 1) / count)
+        times.append(times[-1][-1] + shares[-1] * duration)
+        legs += [i] * count
+    return np.concatenate(times), np.array(legs, dtype=np.intp), np.concatenate(shares)[:, None]
+
+
+def _speeds(joint_speed: float | Mapping[str, float], names: tuple[str, ...]) -> FloatArray:
     """Return the speed of each joint, checked, (n,)."""
-    if not isinstance(given, Mapping):
-        return np.full(len(names), number("joint_speed", given, above=0.0))
-    missing = [name for name in names if name not in given]
+    if not isinstance(joint_speed, Mapping):
+        return np.full(len(names), number("joint_speed", joint_speed, above=0.0))
+    missing = [name for name in names if name not in joint_speed]
     if missing:
         raise InputError("joint_speed", f"none of joint {missing[0]}", "a speed for every joint that moves")
-    return np.array([number(f"joint_speed of {name}", given[name], above=0.0) for name in names])
+    return np.array([number(f"joint_speed of {name}", joint_speed[name], above=0.0) for name in names])

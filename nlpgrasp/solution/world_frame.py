@@ -82,21 +82,21 @@ def transform_grasp(
     """
     space = grasp.space
     A, b = rigid_transform("pose", pose, space)
-    whole = np.eye(space + 1)
-    whole[:space, :space], whole[:space, space] = A, b
+    matrix = np.eye(space + 1)
+    matrix[:space, :space], matrix[:space, space] = A, b
     map_of_wrenches = rotate_body_frame(A)
-    stated = None if hand is None else hand.get("palm_pose")
+    palm_pose = None if hand is None else hand.get("palm_pose")
     return SolutionInFrame(
         name,
-        read_only(whole),
-        grasp.in_frame(whole),
+        read_only(matrix),
+        grasp.in_frame(matrix),
         faces,
-        task.given_about(grasp.torque_origin).in_frame(whole),
+        task.given_about(grasp.torque_origin).in_frame(matrix),
         mu,
-        tuple((map_of_wrenches @ wrench, own @ A.T) for wrench, own in forces),
-        None if stated is None else whole @ pose_matrix("hand.palm_pose", stated),
+        tuple((map_of_wrenches @ wrench, finger_forces @ A.T) for wrench, finger_forces in forces),
+        None if palm_pose is None else matrix @ pose_matrix("hand.palm_pose", palm_pose),
         dict((hand or {}).get("joint_positions") or {}),
-        tuple(_phase(phase, whole) for phase in phases),
+        tuple(_phase(phase, matrix) for phase in phases),
     )
 
 

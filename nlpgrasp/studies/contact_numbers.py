@@ -76,14 +76,14 @@ def how_many_contacts(
     if not numbers:
         raise InputError("counts", "no numbers of contacts", "at least one")
     starts, seed, options = check_search(starts, seed, options)
-    bounds = _possible(possible)
+    bounds = _check_bounds(possible)
     problems = [problem_with(k) for k in numbers]
     for k, problem in zip(numbers, problems, strict=True):
         _check_problem(k, problem, problems[0])
     pairs = [(i, i + 1) for i in range(len(problems) - 1)]
-    found = dict(zip(numbers, solve_family(problems, pairs, NumberConversion(), starts, seed, options), strict=True))
-    solutions = tuple((k, solution) for k, (solution, _) in found.items())
-    return ContactCurve(solutions, {k: reached for k, (_, reached) in found.items()}, bounds)
+    results = dict(zip(numbers, solve_family(problems, pairs, NumberConversion(), starts, seed, options), strict=True))
+    solutions = tuple((k, solution) for k, (solution, _) in results.items())
+    return ContactCurve(solutions, {k: reached for k, (_, reached) in results.items()}, bounds)
 
 
 @dataclass(frozen=True)
@@ -112,19 +112,21 @@ class ContactCurve:
         An added contact can be left without force, so at least this is possible with more contacts, if the constraints
         allow them.
         """
-        known = np.maximum.accumulate([found.mu.lower for _, found in self.solutions])
-        return {k: float(best) for (k, _), best in zip(self.solutions, known, strict=True)}
+        bounds = np.maximum.accumulate([solution.mu.lower for _, solution in self.solutions])
+        return {k: float(bound) for (k, _), bound in zip(self.solutions, bounds, strict=True)}
 
     @property
     def shortfall(self) -> dict[int, float]:
         """Relative deficit of each grasp against the best known one, by number of contacts; at least 0."""
-        best = self.best_known
-        return {k: 1.0 - found.mu.lower / best[k] if best[k] > 0.0 else 0.0 for k, found in self.solutions}
+        best_known = self.best_known
+        return {
+            k: 1.0 - solution.mu.lower / best_known[k] if best_known[k] > 0.0 else 0.0 for k, solution in self.solutions
+        }
 
     @property
     def best_possible(self) -> dict[int, float]:
         """Proved upper bound on mu by number of contacts; inf without one."""
-        return {k: min(found.best_possible, self.possible.get(k, np.inf)) for k, found in self.solutions}
+        return {k: min(solution.best_possible, self.possible.get(k, np.inf)) for k, solution in self.solutions}
 
     def gap(self, contacts: int) -> float:
         """Return the relative optimality gap of the grasp with so many contacts; inf without a bound.
@@ -134,9 +136,9 @@ class ContactCurve:
         InputError
             On a number of contacts that was not solved.
         """
-        found = self._at(contacts)
+        solution = self._at(contacts)
         bound = self.best_possible[contacts]
-        return max(0.0, float(bound / found.mu.lower - 1.0)) if found.mu.lower > 0.0 else np.inf
+        return max(0.0, float(bound / solution.mu.lower - 1.0)) if solution.mu.lower > 0.0 else np.inf
 
     def fewest(self, force: float) -> int | None:
         """Return the least number of contacts that exerts the whole task with a force, or None.
@@ -147,7 +149,7 @@ class ContactCurve:
             In units of the force budget: the grasp with so many contacts has ``1 / mu.lower`` at most this.
         """
         limit = number("force", force, above=0.0)
-        return next((k for k, found in self.solutions if found.mu.lower * limit >= 1.0), None)
+        return next((k for k, solution in self.solutions if solution.mu.lower * limit >= 1.0), None)
 
     def fewest_possible(self, force: float) -> int | None:
         """Return the least number of contacts that is not proved insufficient for a force, or None.
@@ -177,56 +179,60 @@ class ContactCurve:
         InputError
             On prices below zero, missing ones, and functions that return no finite number.
         """
-        return max(self.solutions, key=lambda pair: (self._ends(pair[1], penalty)[0], -pair[0]))[0]
+        return max(self.solutions, key=lambda pair: (self._penalised_interval(pair[1], penalty)[0], -pair[0]))[0]
 
     def penalised_quality(self, penalty: Penalty) -> dict[int, Bounds]:
         """Return mu less penalty by number of contacts, at both ends of mu's interval.
 
         A penalty that is a function of mu is evaluated at these ends alone.
         """
-        ends = {k: sorted(self._ends(found, penalty)) for k, found in self.solutions}
-        return {k: Bounds(low, high) for k, (low, high) in ends.items()}
+        intervals = {k: sorted(self._penalised_interval(solution, penalty)) for k, solution in self.solutions}
+        return {k: Bounds(low, high) for k, (low, high) in intervals.items()}
 
-    def _ends(self, found: GraspSolution, penalty: Penalty) -> tuple[float, float]:
-        low, high = found.mu.lower, found.mu.upper if np.isfinite(found.mu.upper) else found.mu.lower
-        contacts = _contact_models(found)
+    def worth(self, penalty: Penalty) -> dict[int, Bounds]:
+        """Return ``penalised_quality(penalty)``: the former name, which the next release drops."""
+        return self.penalised_quality(penalty)
+
+    def _penalised_interval(self, solution: GraspSolution, penalty: Penalty) -> tuple[float, float]:
+        low, high = solution.mu.lower, solution.mu.upper if np.isfinite(solution.mu.upper) else solution.mu.lower
+        contacts = _contact_models(solution)
         return low - cost_of(contacts, low, penalty), high - cost_of(contacts, high, penalty)
 
     def _at(self, contacts: int) -> GraspSolution:
-        for k, found in self.solutions:
+        for k, solution in self.solutions:
             if k == contacts:
-                return found
+                return solution
         raise InputError("contacts", contacts, "one of " + ", ".join(str(k) for k, _ in self.solutions))
 
     def to_dict(self) -> Json:
         """Return the curve as JSON data, one row per number of contacts."""
-        short, bounds = self.shortfall, self.best_possible
+        shortfall, bounds = self.shortfall, self.best_possible
         return {
             "curve": [
                 {
                     "contacts": k,
-                    "status": found.status.name.lower(),
-                    "mu": found.mu.to_dict() if np.isfinite(found.mu.upper) else None,
-                    "kind": found.kind,
+                    "status": solution.status.name.lower(),
+                    "mu": solution.mu.to_dict() if np.isfinite(solution.mu.upper) else None,
+                    "kind": solution.kind,
                     "best_known": self.best_known[k],
-                    "shortfall": short[k],
+                    "shortfall": shortfall[k],
                     "reached": self.reached.get(k),
                     "possible": _finite(bounds[k]),
                     "gap": _finite(self.gap(k)),
                 }
-                for k, found in self.solutions
+                for k, solution in self.solutions
             ]
         }
 
     def __str__(self) -> str:
-        short = self.shortfall
+        shortfall = self.shortfall
         lines = []
-        for k, found in self.solutions:
-            bounds = f"{found.label} in {found.mu}" if found.success else found.status.name.lower()
+        for k, solution in self.solutions:
+            bounds = f"{solution.label} in {solution.mu}" if solution.success else solution.status.name.lower()
             if k in self.reached:
-                bounds += f", met by {self.reached[k]} of {len(found.starts)} starts"
-            if short[k] > 0.0:
-                bounds += f", {short[k]:.1%} below the best known with fewer contacts"
+                bounds += f", met by {self.reached[k]} of {len(solution.starts)} starts"
+            if shortfall[k] > 0.0:
+                bounds += f", {shortfall[k]:.1%} below the best known with fewer contacts"
             if np.isfinite(self.gap(k)):
                 bounds += f", {headroom_words(self.gap(k), 2)}"
             elif np.isfinite(self.best_possible[k]):
@@ -257,48 +263,49 @@ def _finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def _contact_models(found: GraspSolution) -> tuple[ContactModel, ...]:
-    return tuple(contact_from_dict(data) for data in found.problem["contacts"])
+def _contact_models(solution: GraspSolution) -> tuple[ContactModel, ...]:
+    return tuple(contact_from_dict(data) for data in solution.problem["contacts"])
 
 
-def _check_problem(k: int, problem: GraspProblem, first: GraspProblem) -> None:
+def _check_problem(k: int, problem: GraspProblem, reference: GraspProblem) -> None:
     """Refuse a problem with another number of contacts than requested, or with another task."""
     if not isinstance(problem, GraspProblem) or len(problem.models) != k:
         raise InputError("problem_with", problem, f"a GraspProblem with {k} contacts")
-    same = np.array_equal(problem.origin, first.origin) and problem.budget == first.budget
-    if not same or problem.task.to_dict() != first.task.to_dict():
+    is_same = np.array_equal(problem.origin, reference.origin) and problem.budget == reference.budget
+    if not is_same or problem.task.to_dict() != reference.task.to_dict():
         raise InputError(
             "problem_with", f"another task, torque origin or budget with {k} contacts", "the same task for all"
         )
 
 
-def _possible(given: Mapping[int, float] | None) -> dict[int, float]:
-    if given is None:
+def _check_bounds(possible: Mapping[int, float] | None) -> dict[int, float]:
+    if possible is None:
         return {}
-    if not isinstance(given, Mapping):
-        raise InputError("possible", given, "bounds by the number of contacts")
+    if not isinstance(possible, Mapping):
+        raise InputError("possible", possible, "bounds by the number of contacts")
     return {
-        integer("possible", k, at_least=1): number(f"possible[{k}]", bound, at_least=0.0) for k, bound in given.items()
+        integer("possible", k, at_least=1): number(f"possible[{k}]", bound, at_least=0.0)
+        for k, bound in possible.items()
     }
 
 
 class NumberConversion:
     """Conversion between problems of one body with fewer and more contacts, without posed hands."""
 
-    def lift_grasp(self, found: StartGrasp, small: CompiledProblem, large: CompiledProblem) -> WarmStart | None:
+    def lift_grasp(self, start: StartGrasp, small: CompiledProblem, large: CompiledProblem) -> WarmStart | None:
         """Return the grasp with the best of some random added contacts that keep the constraints, if any."""
         if not self._fits(small, large):
             return None
-        return complete_contacts(large, found.found.grasp, found.found.candidate.faces)
+        return complete_contacts(large, start.found.grasp, start.found.candidate.faces)
 
-    def down(self, found: StartGrasp, large: CompiledProblem, small: CompiledProblem) -> WarmStart | None:
+    def reduce_grasp(self, start: StartGrasp, large: CompiledProblem, small: CompiledProblem) -> WarmStart | None:
         """Return the grasp with the best subset of contacts that keeps the constraints, if any."""
-        grasp, kept = found.found.grasp, _choices(large, small) if self._fits(small, large) else []
-        if not kept:
+        grasp, subsets = start.found.grasp, _contact_subsets(large, small) if self._fits(small, large) else []
+        if not subsets:
             return None
-        chosen = np.array(kept)
-        faces = np.array(found.found.candidate.faces, dtype=object)[chosen]
-        candidate = best_feasible(small, grasp.points[chosen], grasp.normals[chosen], faces)
+        indices = np.array(subsets)
+        faces = np.array(start.found.candidate.faces, dtype=object)[indices]
+        candidate = best_feasible(small, grasp.points[indices], grasp.normals[indices], faces)
         return None if candidate is None else WarmStart(candidate)
 
     def _fits(self, small: CompiledProblem, large: CompiledProblem) -> bool:
@@ -306,12 +313,12 @@ class NumberConversion:
         return follow and is_same_body(small.problem.body, large.problem.body)
 
 
-def _choices(large: CompiledProblem, small: CompiledProblem) -> list[Sequence[int]]:
+def _contact_subsets(large: CompiledProblem, small: CompiledProblem) -> list[Sequence[int]]:
     """Return the ordered subsets of the larger problem's contacts that may replace those of the smaller."""
-    mine, theirs, space = small.problem.models, large.problem.models, small.problem.body.space
-    found: list[Sequence[int]] = []
-    for subset in combinations(range(len(theirs)), len(mine)):
-        places = assign_contacts(mine, [theirs[j] for j in subset], space)
-        if places is not None and len(found) < SUBSETS:
-            found.append([subset[p] for p in places])
-    return found
+    small_models, large_models, space = small.problem.models, large.problem.models, small.problem.body.space
+    subsets: list[Sequence[int]] = []
+    for subset in combinations(range(len(large_models)), len(small_models)):
+        assignment = assign_contacts(small_models, [large_models[j] for j in subset], space)
+        if assignment is not None and len(subsets) < SUBSETS:
+            subsets.append([subset[p] for p in assignment])
+    return subsets

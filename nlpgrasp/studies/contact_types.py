@@ -27,8 +27,8 @@ from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.studies.nested_problems import solve_family
 
-MOST = 256  # most assignments
-DRAWN = 8  # random placements that test whether contacts are interchangeable
+MOST_ASSIGNMENTS = 256  # most assignments
+SAMPLES = 8  # random placements that test whether contacts are interchangeable
 
 
 Types: TypeAlias = Mapping[str, ContactModel]
@@ -79,17 +79,17 @@ def choose_contact_types(
     menu = Menu.of(problem, types)
     starts, seed, options = check_search(starts, seed, options)
     prices = _type_costs(menu, costs)
-    names, pairs = menu.ordered()
-    problems = [menu.problem_with(own) for own in names]
+    names, pairs = menu.order()
+    problems = [menu.problem_with(types_of_contacts) for types_of_contacts in names]
     solved = solve_family(problems, pairs, TypeConversion(menu, names), starts, seed, options)
-    found = [
-        TypeAssignment(own, solution, sum(prices[name] for name in own), reached)
-        for own, (solution, reached) in zip(names, solved, strict=True)
+    assignments = [
+        TypeAssignment(types_of_contacts, solution, sum(prices[name] for name in types_of_contacts), reached)
+        for types_of_contacts, (solution, reached) in zip(names, solved, strict=True)
     ]
     # neighbours are ordered from smaller to larger; of equals the later is the richer
-    ranked = sorted(range(len(found)), key=lambda i: (-found[i].mu.lower, -i))
-    upgrades = tuple(TypeUpgrade(found[a], found[b]) for a, b in pairs)
-    return TypeChoice(problem.name, tuple(found[i] for i in ranked), upgrades)
+    ranked = sorted(range(len(assignments)), key=lambda i: (-assignments[i].mu.lower, -i))
+    upgrades = tuple(TypeUpgrade(assignments[a], assignments[b]) for a, b in pairs)
+    return TypeChoice(problem.name, tuple(assignments[i] for i in ranked), upgrades)
 
 
 @dataclass(frozen=True)
@@ -133,30 +133,30 @@ class TypeChoice:
         limits = at_most or {}
         if not isinstance(limits, Mapping) or any(name not in names for name in limits):
             raise InputError("at_most", at_most, "numbers by type: " + ", ".join(sorted(names)))
-        most = {name: integer(f"at_most[{name!r}]", n, at_least=0) for name, n in limits.items()}
+        largest_counts = {name: integer(f"at_most[{name!r}]", n, at_least=0) for name, n in limits.items()}
         limit = np.inf if spend is None else number("spend", spend, at_least=0.0)
-        each = number("price", price, at_least=0.0)
-        within = [
+        cost_price = number("price", price, at_least=0.0)
+        candidates = [
             a
             for a in self.assignments
-            if a.solution.success and a.cost <= limit and all(a.count(name) <= n for name, n in most.items())
+            if a.solution.success and a.cost <= limit and all(a.count(name) <= n for name, n in largest_counts.items())
         ]
-        return max(within, key=lambda a: (a.mu.lower - each * a.cost, -a.cost), default=None)
+        return max(candidates, key=lambda a: (a.mu.lower - cost_price * a.cost, -a.cost), default=None)
 
     def not_told_apart(self, assignment: TypeAssignment) -> tuple[TypeAssignment, ...]:
         """Return the other assignments whose certified intervals overlap this one's."""
-        one = assignment.mu
+        bounds = assignment.mu
         others = (a for a in self.assignments if a is not assignment)
-        return tuple(a for a in others if a.mu.lower <= one.upper and one.lower <= a.mu.upper)
+        return tuple(a for a in others if a.mu.lower <= bounds.upper and bounds.lower <= a.mu.upper)
 
     @property
     def frontier(self) -> tuple[TypeAssignment, ...]:
         """Pareto frontier: assignments whose mu, at its lower bound, no other one of at most their cost reaches."""
-        found: list[TypeAssignment] = []
+        frontier: list[TypeAssignment] = []
         for a in sorted(self.assignments, key=lambda a: (a.cost, -a.mu.lower)):
-            if a.solution.success and (not found or a.mu.lower > found[-1].mu.lower):
-                found.append(a)
-        return tuple(found)
+            if a.solution.success and (not frontier or a.mu.lower > frontier[-1].mu.lower):
+                frontier.append(a)
+        return tuple(frontier)
 
     def to_dict(self) -> Json:
         """Return the ranking as JSON data."""
@@ -171,8 +171,8 @@ class TypeChoice:
         lines = [f"{self.name}: {len(self.assignments)} assignments of contact types, the best known grasp of each"]
         for a in self.assignments:
             bounds = f"{a.solution.label} in {a.mu}" if a.solution.success else "no grasp found"
-            same = len(self.not_told_apart(a)) if a.solution.success else 0
-            note = f", not told apart from {same} other{'s' * (same > 1)}" if same else ""
+            overlapping = len(self.not_told_apart(a)) if a.solution.success else 0
+            note = f", not told apart from {overlapping} other{'s' * (overlapping > 1)}" if overlapping else ""
             lines.append(f"  {a!s:{width}}  cost {a.cost:g}  {bounds}{note}")
         return "\n".join([*lines, *(f"  {u}" for u in self.upgrades)])
 
@@ -275,14 +275,14 @@ class Menu:
     Parameters
     ----------
     problem : GraspProblem
-    each : tuple of k mappings of str to ContactModel
+    menus : tuple of k mappings of str to ContactModel
         Allowed types, with the faces of the problem's own contact where the type states none.
     groups : tuple of k int
         Group of each contact; those of one group are interchangeable.
     """
 
     problem: GraspProblem
-    each: tuple[Types, ...]
+    menus: tuple[Types, ...]
     groups: tuple[int, ...]
 
     @classmethod
@@ -297,20 +297,20 @@ class Menu:
         if not isinstance(problem, GraspProblem):
             raise InputError("problem", problem, "a GraspProblem")
         k = len(problem.models)
-        given = (types,) * k if isinstance(types, Mapping) else types
-        if not isinstance(given, list | tuple) or not all(isinstance(m, Mapping) for m in given):
+        menus = (types,) * k if isinstance(types, Mapping) else types
+        if not isinstance(menus, list | tuple) or not all(isinstance(m, Mapping) for m in menus):
             raise InputError("types", types, "contact models by name, or such a mapping for each contact")
-        if len(given) != k:
-            raise InputError("types", f"{len(given)} menus", f"{k}, one a contact, or one for all")
+        if len(menus) != k:
+            raise InputError("types", f"{len(menus)} menus", f"{k}, one a contact, or one for all")
         names = ["types" if isinstance(types, Mapping) else f"types[{i}]" for i in range(k)]
-        pairs = zip(names, given, problem.models, strict=True)
-        each = tuple(_check_types(name, own, model.faces) for name, own, model in pairs)
+        pairs = zip(names, menus, problem.models, strict=True)
+        type_menus = tuple(_check_types(name, menu, model.faces) for name, menu, model in pairs)
         with prefix_errors("types: "):
-            for i, own in enumerate(each):
-                for model in own.values():
+            for i, menu in enumerate(type_menus):
+                for model in menu.values():
                     models = (*problem.models[:i], model, *problem.models[i + 1 :])
                     replace(problem, contacts=models)
-        return cls(problem, each, _interchangeable_contacts(problem, each))
+        return cls(problem, type_menus, _interchangeable_contacts(problem, type_menus))
 
     @property
     def assignments(self) -> list[Names]:
@@ -321,45 +321,46 @@ class Menu:
         InputError
             Where there are more than 256.
         """
-        members = {g: [i for i, own in enumerate(self.groups) if own == g] for g in dict.fromkeys(self.groups)}
-        ways = [list(combinations_with_replacement(list(self.each[m[0]]), len(m))) for m in members.values()]
+        members = {g: [i for i, group in enumerate(self.groups) if group == g] for g in dict.fromkeys(self.groups)}
+        ways = [list(combinations_with_replacement(list(self.menus[m[0]]), len(m))) for m in members.values()]
         total = float(np.prod([float(len(w)) for w in ways]))
-        if total > MOST:
-            raise InputError("types", f"{total:.0f} distinct assignments", f"at most {MOST}")
-        found = []
+        if total > MOST_ASSIGNMENTS:
+            raise InputError("types", f"{total:.0f} distinct assignments", f"at most {MOST_ASSIGNMENTS}")
+        assignments = []
         for chosen in product(*ways):
             names = [""] * len(self.groups)
-            for places, own in zip(members.values(), chosen, strict=True):
-                for i, name in zip(places, own, strict=True):
+            for contacts, group_types in zip(members.values(), chosen, strict=True):
+                for i, name in zip(contacts, group_types, strict=True):
                     names[i] = name
-            found.append(tuple(names))
-        return found
+            assignments.append(tuple(names))
+        return assignments
 
     def models(self, names: Names) -> tuple[ContactModel, ...]:
         """Return the contact models of an assignment."""
-        return tuple(own[name] for own, name in zip(self.each, names, strict=True))
+        return tuple(menu[name] for menu, name in zip(self.menus, names, strict=True))
 
     def problem_with(self, names: Names) -> GraspProblem:
         """Return the problem with the contacts of an assignment."""
         changes: Json = {"contacts": self.models(names), "name": f"{self.problem.name[:150]}: {' '.join(names)[:45]}"}
         return replace(self.problem, **changes)
 
-    def places(self, small: Names, large: Names) -> list[int] | None:
+    def match_contacts(self, small: Names, large: Names) -> list[int] | None:
         """Return an injective map of contacts to larger ones whose types dominate theirs, or None."""
         return assign_contacts(self.models(small), self.models(large), self.problem.body.space, self.groups)
 
-    def ordered(self) -> tuple[list[Names], list[tuple[int, int]]]:
+    def order(self) -> tuple[list[Names], list[tuple[int, int]]]:
         """Return the assignments in an order from smaller to larger, and the pairs of neighbours.
 
         One assignment is smaller than another if each of its contacts is dominated by one of the other's.
         """
         names = self.assignments
-        below = np.array([[a != b and self.places(a, b) is not None for b in names] for a in names])
-        below &= ~(below & below.T & (np.arange(len(names))[:, None] > np.arange(len(names))))  # equal: the first
-        order = np.argsort(below.sum(axis=0), kind="stable")
-        below = below[np.ix_(order, order)]
-        between = (below.astype(int) @ below.astype(int)) > 0
-        pairs = [(int(a), int(b)) for a, b in np.argwhere(below & ~between)]
+        is_below = np.array([[a != b and self.match_contacts(a, b) is not None for b in names] for a in names])
+        is_later = np.arange(len(names))[:, None] > np.arange(len(names))
+        is_below &= ~(is_below & is_below.T & is_later)  # of equal ones the first is the smaller
+        order = np.argsort(is_below.sum(axis=0), kind="stable")
+        is_below = is_below[np.ix_(order, order)]
+        is_between = (is_below.astype(int) @ is_below.astype(int)) > 0
+        pairs = [(int(a), int(b)) for a, b in np.argwhere(is_below & ~is_between)]
         return [names[i] for i in order], pairs
 
 
@@ -375,34 +376,37 @@ def _check_types(name: str, types: Types, faces: Iterable[str] | str | None) -> 
     return {key: model if model.faces is not None else replace(model, **changes) for key, model in types.items()}
 
 
-def _interchangeable_contacts(problem: GraspProblem, each: Sequence[Types]) -> tuple[int, ...]:
+def _interchangeable_contacts(problem: GraspProblem, menus: Sequence[Types]) -> tuple[int, ...]:
     """Return a group number for each contact, equal for interchangeable contacts."""
     budget, hand = problem.budget, problem.hand
     if budget.depends_on_frames or budget.follows_hand or (hand is not None and not hand.follows_contacts):
-        return tuple(range(len(each)))
-    rows, samples, hand_points = ConstraintValues(problem), SurfaceSamples(problem), HandPoints(problem)
+        return tuple(range(len(menus)))
+    constraints, samples, hand_points = ConstraintValues(problem), SurfaceSamples(problem), HandPoints(problem)
     rng = np.random.default_rng(0)
-    clouds = [samples.cloud(i) for i in range(len(each))]
-    drawn = [rng.integers(len(cloud.points), size=DRAWN) for cloud in clouds]
-    points = np.stack([c.points[where] for c, where in zip(clouds, drawn, strict=True)], axis=1)
-    normals = np.stack([c.normals[where] for c, where in zip(clouds, drawn, strict=True)], axis=1)
-    limits = np.array([[row.lower, row.upper, row.scale] for row in rows.named]).reshape(-1, 3)
+    clouds = [samples.cloud(i) for i in range(len(menus))]
+    indices_of_contacts = [rng.integers(len(cloud.points), size=SAMPLES) for cloud in clouds]
+    points = np.stack([c.points[indices] for c, indices in zip(clouds, indices_of_contacts, strict=True)], axis=1)
+    normals = np.stack([c.normals[indices] for c, indices in zip(clouds, indices_of_contacts, strict=True)], axis=1)
+    limits = np.array([[c.lower, c.upper, c.scale] for c in constraints.named]).reshape(-1, 3)
 
-    def stated(order: list[int]) -> list[list[tuple[float, ...]]]:
+    def constraint_values(order: list[int]) -> list[list[tuple[float, ...]]]:
         p, n = points[:, order], normals[:, order]
-        values = rows.values(p, n, hand_points.start(p, n))
-        return [sorted(tuple(np.round([v, *limit], 9)) for v, limit in zip(row, limits, strict=True)) for row in values]
+        values = constraints.values(p, n, hand_points.start(p, n))
+        return [
+            sorted(tuple(np.round([v, *limit], 9)) for v, limit in zip(placement, limits, strict=True))
+            for placement in values
+        ]
 
-    same = list(range(len(each)))
-    before = stated(list(range(len(each))))
-    for j in range(len(each)):
+    groups = list(range(len(menus)))
+    reference = constraint_values(list(range(len(menus))))
+    for j in range(len(menus)):
         for i in range(j):
-            order = list(range(len(each)))
+            order = list(range(len(menus)))
             order[i], order[j] = j, i
-            if same[i] == i and each[i] == each[j] and stated(order) == before:
-                same[j] = i
+            if groups[i] == i and menus[i] == menus[j] and constraint_values(order) == reference:
+                groups[j] = i
                 break
-    return tuple(same)
+    return tuple(groups)
 
 
 class TypeConversion:
@@ -417,34 +421,34 @@ class TypeConversion:
 
     def __init__(self, menu: Menu, names: list[Names]) -> None:
         self._menu = menu
-        self._names = {menu.problem_with(own).models: own for own in names}
+        self._names = {menu.problem_with(assignment).models: assignment for assignment in names}
 
-    def lift_grasp(self, found: StartGrasp, small: CompiledProblem, large: CompiledProblem) -> WarmStart | None:
+    def lift_grasp(self, start: StartGrasp, small: CompiledProblem, large: CompiledProblem) -> WarmStart | None:
         """Return the grasp with the richer contacts, of at least the same quality."""
-        places = self._places(small, large)
-        if places is None:
+        matching = self._match(small, large)
+        if matching is None:
             return None
-        back = [places.index(j) for j in range(len(places))]
-        return _reorder(found, back)
+        order = [matching.index(j) for j in range(len(matching))]
+        return _reorder(start, order)
 
-    def down(self, found: StartGrasp, large: CompiledProblem, small: CompiledProblem) -> WarmStart | None:
+    def reduce_grasp(self, start: StartGrasp, large: CompiledProblem, small: CompiledProblem) -> WarmStart | None:
         """Return the grasp with the poorer contacts, without a guarantee."""
-        places = self._places(small, large)
-        return None if places is None else _reorder(found, places)
+        matching = self._match(small, large)
+        return None if matching is None else _reorder(start, matching)
 
-    def _places(self, small: CompiledProblem, large: CompiledProblem) -> list[int] | None:
-        return self._menu.places(self._names[small.problem.models], self._names[large.problem.models])
+    def _match(self, small: CompiledProblem, large: CompiledProblem) -> list[int] | None:
+        return self._menu.match_contacts(self._names[small.problem.models], self._names[large.problem.models])
 
 
-def _reorder(found: StartGrasp, order: list[int]) -> WarmStart:
+def _reorder(start: StartGrasp, order: list[int]) -> WarmStart:
     """Return the grasp with its contacts in another order."""
-    candidate, grasp = found.found.candidate, found.found.grasp
+    candidate, grasp = start.found.candidate, start.found.grasp
     faces = tuple(candidate.faces[i] for i in order)
     return WarmStart(GraspCandidate(faces, grasp.points[order], candidate.hand), grasp.normals[order])
 
 
 def _type_costs(menu: Menu, costs: Mapping[str, float] | None) -> dict[str, float]:
-    names = list(dict.fromkeys(name for own in menu.each for name in own))
+    names = list(dict.fromkeys(name for menu_of_contact in menu.menus for name in menu_of_contact))
     if costs is None:
         return dict.fromkeys(names, 0.0)
     if not isinstance(costs, Mapping) or any(name not in names for name in costs):

@@ -34,7 +34,7 @@ from nlpgrasp.solution.solution import GraspSolution
 
 RTOL = 0.005  # largest relative gap of certificates, as moves depend on some percent
 ROUNDS = 8  # most rounds of a refinement, which begins near a local optimum
-KNOWN = 16  # latest grasps whose contacts a start begins from as well
+REMEMBERED = 16  # latest grasps whose contacts a start begins from as well
 
 
 @dataclass(frozen=True)
@@ -67,14 +67,14 @@ class DynamicStep:
     @property
     def how(self) -> str:
         """Motion of the fingers, as text."""
-        most = 1e3 * float(np.max(self.moved, initial=0.0))
+        largest = 1e3 * float(np.max(self.moved, initial=0.0))
         if self.solution.mu.lower <= 0.0:
             return "no grasp, also by a cold solve"
         if self.cold:
             return "found by a cold solve, as none that was followed held"
         if self.regrasp:
             return "regrasp"
-        return f"slide by at most {most:.1f} mm" if most > 0.0 else "stay"
+        return f"slide by at most {largest:.1f} mm" if largest > 0.0 else "stay"
 
 
 @dataclass(frozen=True)
@@ -104,8 +104,8 @@ class DynamicGrasp:
         for step in self.steps:
             bounds, kind = step.solution.mu, step.solution.kind
             text = f"{step.parameter:10.4g}: {kind} in {bounds}, {step.how}"
-            wrong = "".join(f"; {words}" for words in grasp_obstructions(step.solution.hand))
-            lines.append(f"{text}; staying would give at most {step.stayed:.4g}{wrong}")
+            warnings = "".join(f"; {warning}" for warning in grasp_obstructions(step.solution.hand))
+            lines.append(f"{text}; staying would give at most {step.stayed:.4g}{warnings}")
         return "\n".join(lines)
 
 
@@ -160,10 +160,10 @@ def follow_task(
     for problem, value in zip(problems[1:], values[1:].tolist(), strict=True):
         _check_same_but_task(problems[0], problem, value)
     options = options.narrow()
-    first = CompiledProblem(problems[0], replace(options, rounds=min(options.rounds, ROUNDS)))
-    benches = [first, *(first.with_task(problem) for problem in problems[1:])]
+    first_compiled = CompiledProblem(problems[0], replace(options, rounds=min(options.rounds, ROUNDS)))
+    compiled = [first_compiled, *(first_compiled.with_task(problem) for problem in problems[1:])]
     with single_thread():
-        steps = tuple(_followed(zip(benches, values.tolist(), strict=True), starts, seed, options, gain))
+        steps = tuple(_follow(zip(compiled, values.tolist(), strict=True), starts, seed, options, gain))
     if not any(step.solution.mu.lower > 0.0 for step in steps):
         raise InputError("problem_at", "no grasp found for any of the parameters", "tasks with a grasp")
     return DynamicGrasp(problems[0].name, steps)
@@ -178,11 +178,11 @@ def _problem_at(problem_at: Callable[[float], GraspProblem], value: float) -> Gr
     return problem
 
 
-def _check_same_but_task(one: GraspProblem, other: GraspProblem, value: float) -> None:
+def _check_same_but_task(first: GraspProblem, second: GraspProblem, value: float) -> None:
     """Refuse problems that differ in more than their task."""
-    a, b = one.to_dict(), other.to_dict()
+    a, b = first.to_dict(), second.to_dict()
     differ = [name for name in a if name != "task" and a[name] != b[name]]
-    if not np.array_equal(one.origin, other.origin):
+    if not np.array_equal(first.origin, second.origin):
         differ.append("torque_origin")
     if differ:
         raise InputError(
@@ -190,59 +190,59 @@ def _check_same_but_task(one: GraspProblem, other: GraspProblem, value: float) -
         )
 
 
-def _followed(
+def _follow(
     tasks: Iterable[tuple[CompiledProblem, float]], starts: int, seed: int, options: SolveOptions, gain: float
 ) -> Iterator[DynamicStep]:
     """Yield the grasp for each task, given with its parameter; see ``follow_task``."""
-    held: StartGrasp | None = None
-    known = deque[FloatArray](maxlen=KNOWN)
+    current: StartGrasp | None = None
+    contact_points = deque[FloatArray](maxlen=REMEMBERED)
     for compiled, parameter in tasks:
         search = Multistart(StartRunner(compiled.problem, options, 1, compiled), seed)
         search.begin_bound()
-        if held is not None:
-            search.add(WarmStart(held.found.candidate, held.found.grasp.normals))
-        rtol, lost = min(options.final_rtol, RTOL), search.best is None
-        search.run_until_proved(starts if lost else 1, rtol, known)
+        if current is not None:
+            search.add(WarmStart(current.found.candidate, current.found.grasp.normals))
+        rtol, is_lost = min(options.final_rtol, RTOL), search.best is None
+        search.run_until_proved(starts if is_lost else 1, rtol, contact_points)
         search.close_gap()
-        best = _worth_moving(search, rtol, gain)
-        if best is not None:
-            search.take_as_answer(best)
-        yield _step(compiled, search, held, parameter, cold=lost and held is not None)
-        held = search.chosen or held
-        known.extend(r.found.grasp.points for r in search.results if isinstance(r, StartGrasp) and r.solved)
+        answer = _select_answer(search, rtol, gain)
+        if answer is not None:
+            search.take_as_answer(answer)
+        yield _step(compiled, search, current, parameter, cold=is_lost and current is not None)
+        current = search.chosen or current
+        contact_points.extend(r.found.grasp.points for r in search.results if isinstance(r, StartGrasp) and r.solved)
 
 
-def _worth_moving(search: Multistart, rtol: float, gain: float) -> StartGrasp | None:
+def _select_answer(search: Multistart, rtol: float, gain: float) -> StartGrasp | None:
     """Return the warm start unchanged, or else refined, where the best start does not gain enough over it."""
     best = search.certify_best(rtol)
     if best is None:
         return None
-    least = best.record.mu.lower / (1.0 + gain)
-    solved = [r for r in search.results if isinstance(r, StartGrasp) and r.solved and r.record.mu.upper >= least]
+    required = best.record.mu.lower / (1.0 + gain)
+    solved = [r for r in search.results if isinstance(r, StartGrasp) and r.solved and r.record.mu.upper >= required]
     warm = [start for start in solved if start.record.origin is CandidateOrigin.WARM_START]
     certified = (start.certified(search.runner.problem, rtol, search.seed) for start in warm)
-    return next((start for start in certified if start.record.mu.lower >= least), best)
+    return next((start for start in certified if start.record.mu.lower >= required), best)
 
 
 def _step(
-    compiled: CompiledProblem, search: Multistart, held: StartGrasp | None, parameter: float, cold: bool
+    compiled: CompiledProblem, search: Multistart, previous: StartGrasp | None, parameter: float, cold: bool
 ) -> DynamicStep:
-    """Return the record of a step, with the way from the grasp held before.
+    """Return the record of a step, with the displacements from the previous grasp.
 
     Its solution does not list the starts: fingers may stay where another start is better.
     """
-    solution, best = replace(search.answer(), starts=(), best_start=None), search.chosen
+    solution, chosen = replace(search.answer(), starts=(), best_start=None), search.chosen
     moved, regrasp, stayed = np.zeros(len(compiled.problem.models)), False, solution.mu.upper
-    if held is not None:
-        before, budget = held.found.grasp, compiled.budget(held.found.candidate)
-        stayed = mu(before, compiled.problem.task, compiled.options.rtol, force_budget=budget).upper
-        if best is not None:
-            regrasp = best.record.origin is not CandidateOrigin.WARM_START
-            moved = _moved(before, best.found.grasp, any_order=regrasp)
+    if previous is not None:
+        previous_grasp, budget = previous.found.grasp, compiled.budget(previous.found.candidate)
+        stayed = mu(previous_grasp, compiled.problem.task, compiled.options.rtol, force_budget=budget).upper
+        if chosen is not None:
+            regrasp = chosen.record.origin is not CandidateOrigin.WARM_START
+            moved = _displacements(previous_grasp, chosen.found.grasp, is_any_order=regrasp)
     return DynamicStep(parameter, solution, moved, regrasp, stayed, cold)
 
 
-def _moved(before: Grasp, after: Grasp, any_order: bool) -> FloatArray:
+def _displacements(before: Grasp, after: Grasp, is_any_order: bool) -> FloatArray:
     """Return the contacts' displacements, (k,), metres; in any order by the matching with the least sum."""
-    apart = np.linalg.norm(before.points[:, None] - after.points, axis=2)
-    return apart[linear_sum_assignment(apart)] if any_order else np.diagonal(apart)
+    distances = np.linalg.norm(before.points[:, None] - after.points, axis=2)
+    return distances[linear_sum_assignment(distances)] if is_any_order else np.diagonal(distances)

@@ -30,11 +30,11 @@ from nlpgrasp.quality.weakest_directions import QUICK, weakest_directions
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import TaskEllipsoid
 
-EVEN = 9  # evenly spaced initial stations
-MOST = 40  # most stations of a search
-CHANGE = 0.02  # least relative improvement that an interval has to promise
+EVEN_STATIONS = 9  # evenly spaced initial stations
+MOST_STATIONS = 40  # most stations of a search
+LEAST_IMPROVEMENT = 0.02  # least relative improvement that an interval has to promise
 STEEPER = 2.0  # assumed slope in an interval over the steepest one beside it
-ROUGH = 6  # evenly spaced stations for estimating a slide
+SLIDE_STATIONS = 6  # evenly spaced stations for estimating a slide
 HELD_RTOL = 0.05  # relative gap of certificates of intermediate grasps
 TOLERANCE, ARM = 1e-3, 0.2  # shares of the body's size: chord tolerance; arc length per radian of the normal
 S = TypeVar("S")
@@ -93,20 +93,20 @@ def fine_manipulation(
     """
     hold = _check_problems(pick, goal, hold)
     lift = number("lift", lift, above=0.0)
-    first, second = (solve(problem, starts, seed, options) for problem in (pick, goal))
-    if first.grasp is None or second.grasp is None:
-        return FineManipulation(first, second)
+    pick_solution, goal_solution = (solve(problem, starts, seed, options) for problem in (pick, goal))
+    if pick_solution.grasp is None or goal_solution.grasp is None:
+        return FineManipulation(pick_solution, goal_solution)
     graph = SurfaceGraph(pick.body)
-    order = _match_contacts(pick, graph, first.grasp, second.grasp)
+    order = _match_contacts(pick, graph, pick_solution.grasp, goal_solution.grasp)
     paths = [
         graph.stations(
-            PathStation(first.grasp.points[i], first.grasp.normals[i], first.faces[i]),
-            PathStation(second.grasp.points[j], second.grasp.normals[j], second.faces[j]),
+            PathStation(pick_solution.grasp.points[i], pick_solution.grasp.normals[i], pick_solution.faces[i]),
+            PathStation(goal_solution.grasp.points[j], goal_solution.grasp.normals[j], goal_solution.faces[j]),
         )
         for i, j in enumerate(order)
     ]
-    holding = HoldingQuality(pick, first.grasp, second.grasp, order, paths, hold)
-    return FineManipulation(first, second, order, _moves(goal, first, holding, lift))
+    holding = HoldingQuality(pick, pick_solution.grasp, goal_solution.grasp, order, paths, hold)
+    return FineManipulation(pick_solution, goal_solution, order, _plan_moves(goal, pick_solution, holding, lift))
 
 
 @dataclass(frozen=True)
@@ -155,15 +155,15 @@ class FineManipulation:
             return "the body is not held during every move"
         if self.success:
             return "the body is held during every move, certified along the whole path"
-        *first, last = [str(m.finger) for m in self.moves if not m.certified]
-        slides = f"fingers {', '.join(first)} and {last} slide" if first else f"finger {last} slides"
+        *others, last = [str(m.finger) for m in self.moves if not m.certified]
+        slides = f"fingers {', '.join(others)} and {last} slide" if others else f"finger {last} slides"
         return f"the body is held at all stations examined, but it is not certified between the stations where {slides}"
 
     def __str__(self) -> str:
         lines = [f"pick up: {self.pick.mu}", f"in the hand: {self.goal.mu}"]
         for move in self.moves:
-            way = "slides" if move.slides else "is lifted and goes"
-            lines.append(f"finger {move.finger} {way} {1e3 * move.length:.0f} mm; meanwhile {move.held_text}")
+            motion = "slides" if move.slides else "is lifted and goes"
+            lines.append(f"finger {move.finger} {motion} {1e3 * move.length:.0f} mm; meanwhile {move.held_text}")
             if move.motion is not None:
                 lines.append(f"  {move.motion}")
         return "\n".join([*lines, self.outcome])
@@ -274,26 +274,28 @@ def _check_problems(pick: GraspProblem, goal: GraspProblem, hold: TaskEllipsoid 
     return hold
 
 
-def _moves(problem: GraspProblem, first: GraspSolution, holding: HoldingQuality, lift: float) -> tuple[FingerMove, ...]:
+def _plan_moves(
+    problem: GraspProblem, solution: GraspSolution, holding: HoldingQuality, lift: float
+) -> tuple[FingerMove, ...]:
     """Return the moves in the best order that the hand allows, if its limits are known."""
-    here, hand, paths = first.require_grasp(), problem.hand, holding.paths
+    grasp, hand, paths = solution.require_grasp(), problem.hand, holding.paths
     if isinstance(hand, URDFHand):
-        values = hand.values_of(first.hand or {})
+        values = hand.values_of(solution.hand or {})
         return ordered_moves(holding, LinkedMotions(problem, hand, values, paths, lift))
     if hand is not None and hand.follows_contacts:
-        return ordered_moves(holding, ContactMotions(problem, hand, (here.points, here.normals), paths, lift))
+        return ordered_moves(holding, ContactMotions(problem, hand, (grasp.points, grasp.normals), paths, lift))
     return ordered_moves(holding)
 
 
-def _match_contacts(problem: GraspProblem, graph: SurfaceGraph, here: Grasp, there: Grasp) -> tuple[int, ...]:
+def _match_contacts(problem: GraspProblem, graph: SurfaceGraph, pick: Grasp, goal: Grasp) -> tuple[int, ...]:
     """Return the new contact of each finger, in the matching of least total path length."""
-    k = len(here)
-    fixed = problem.hand is not None and not problem.hand.follows_contacts
+    k = len(pick)
+    is_fixed = problem.hand is not None and not problem.hand.follows_contacts
     cost = np.full((k, k), np.inf)
     for i in range(k):
-        lengths = graph.distances(here.points[i], there.points)
+        lengths = graph.distances(pick.points[i], goal.points)
         for j in range(k):
-            if i == j or (not fixed and problem.models[i] == problem.models[j]):
+            if i == j or (not is_fixed and problem.models[i] == problem.models[j]):
                 cost[i, j] = lengths[j]
     largest = np.max(cost[np.isfinite(cost)])
     return tuple(int(j) for j in linear_sum_assignment(np.where(np.isfinite(cost), cost, 1e3 * largest + 1.0))[1])
@@ -310,58 +312,58 @@ def ordered_moves(holding: HoldingQuality, motions: Motions[S] | None = None) ->
     motion is computed only for the strongest move. Each set keeps the posture in which it was reached first. Where the
     hand allows no order, the strongest of all is returned, with the obstruction.
     """
-    best = _widest(holding, motions)
-    if best is None:
-        strongest: _SearchNode[S] | None = _widest(holding, None)
-        best = _execute_moves(() if strongest is None else strongest.sequence, motions)
+    node = _widest_path(holding, motions)
+    if node is None:
+        strongest: _SearchNode[S] | None = _widest_path(holding, None)
+        node = _execute_moves(() if strongest is None else strongest.sequence, motions)
     moves, moved = [], frozenset[int]()
-    for finger, slides, motion in best.sequence:
+    for finger, slides, motion in node.sequence:
         moves.append(replace(holding.move(moved, finger, slides), motion=motion))
         moved = moved | {finger}
     return tuple(moves)
 
 
-def _widest(holding: HoldingQuality, motions: Motions[S] | None) -> _SearchNode[S] | None:
+def _widest_path(holding: HoldingQuality, motions: Motions[S] | None) -> _SearchNode[S] | None:
     """Return the end of the widest path, None where there is none."""
-    numbers, known, fingers = count(), set[frozenset[int]](), frozenset(range(len(holding.paths)))
+    numbers, visited, fingers = count(), set[frozenset[int]](), frozenset(range(len(holding.paths)))
     start = _SearchNode[S](posture=None if motions is None else motions.start())
     queue = [(_WIDEST, next(numbers), start)]
     while queue:
-        width, _, here = heappop(queue)
-        if here.next_one is not None:
-            after = _node_after_move(here, here.next_one, motions)
-            if after is not None:
-                heappush(queue, (width, next(numbers), after))
-        elif here.moved == fingers:
-            return here
-        elif here.moved not in known:
-            known.add(here.moved)
-            options = [_option(holding, here.moved, finger) for finger in fingers - here.moved]
+        width, _, node = heappop(queue)
+        if node.pending is not None:
+            child = _node_after_move(node, node.pending, motions)
+            if child is not None:
+                heappush(queue, (width, next(numbers), child))
+        elif node.moved == fingers:
+            return node
+        elif node.moved not in visited:
+            visited.add(node.moved)
+            options = [_rank_move(holding, node.moved, finger) for finger in fingers - node.moved]
             for strength, finger, ways in sorted(options):
                 if motions is None or strength[1] < 0.0:
-                    heappush(queue, (max(width, strength), next(numbers), replace(here, next_one=(finger, ways))))
+                    heappush(queue, (max(width, strength), next(numbers), replace(node, pending=(finger, ways))))
     return None
 
 
-def _option(holding: HoldingQuality, moved: frozenset[int], finger: int) -> tuple[_Width, int, tuple[bool, ...]]:
+def _rank_move(holding: HoldingQuality, moved: frozenset[int], finger: int) -> tuple[_Width, int, tuple[bool, ...]]:
     """Return width, finger and ways of a move: lifted or else sliding, if the others hold the body alone."""
-    alone = holding.others(moved, finger).lower
-    if alone > 0.0:
-        return (0, -alone), finger, (LIFTED, SLIDES)
+    others = holding.others(moved, finger).lower
+    if others > 0.0:
+        return (0, -others), finger, (LIFTED, SLIDES)
     return (1, -holding.sliding(moved, finger)), finger, (SLIDES,)
 
 
 def _node_after_move(
-    here: _SearchNode[S], move: tuple[int, tuple[bool, ...]], motions: Motions[S] | None
+    node: _SearchNode[S], move: tuple[int, tuple[bool, ...]], motions: Motions[S] | None
 ) -> _SearchNode[S] | None:
     """Return the search node after a move; None where the hand cannot do it."""
     finger, ways = move
     for slides in ways:
-        motion, posture = None, here.posture
-        if motions is not None and here.posture is not None:
-            motion, posture = motions.move(here.posture, finger, slides)
+        motion, posture = None, node.posture
+        if motions is not None and node.posture is not None:
+            motion, posture = motions.move(node.posture, finger, slides)
         if motion is None or motion.feasible:
-            return _SearchNode(here.moved | {finger}, (*here.sequence, (finger, slides, motion)), posture)
+            return _SearchNode(node.moved | {finger}, (*node.sequence, (finger, slides, motion)), posture)
     return None
 
 
@@ -369,15 +371,15 @@ def _execute_moves(
     sequence: tuple[tuple[int, bool, FingerPath | None], ...], motions: Motions[S] | None
 ) -> _SearchNode[S]:
     """Return a sequence of moves with the hand's path of each, up to the obstruction and beyond."""
-    result, posture, stopped = [], None if motions is None else motions.start(), None
+    result, posture, blocked = [], None if motions is None else motions.start(), None
     for finger, slides, _ in sequence:
         motion: FingerPath | None = None
         if motions is not None and posture is not None:
-            if stopped is None:
+            if blocked is None:
                 motion, posture = motions.move(posture, finger, slides)
-                stopped = None if motion.feasible else finger
+                blocked = None if motion.feasible else finger
             else:
-                motion = unexamined_move(f"not looked at, as finger {stopped} does not get to its place")
+                motion = unexamined_move(f"not looked at, as finger {blocked} does not get to its place")
         result.append((finger, slides, motion))
     return _SearchNode(sequence=tuple(result), posture=posture)
 
@@ -401,14 +403,14 @@ class Motions(Protocol[S]):
 class _SearchNode(Generic[S]):
     """Search node: moved fingers, their moves and the posture.
 
-    ``next_one`` is a move still to be examined: the finger, and the ways to move it, of which the first feasible one is
+    ``pending`` is a move still to be examined: the finger, and the ways to move it, of which the first feasible one is
     taken.
     """
 
     moved: frozenset[int] = frozenset()
     sequence: tuple[tuple[int, bool, FingerPath | None], ...] = ()
     posture: S | None = None
-    next_one: tuple[int, tuple[bool, ...]] | None = field(default=None)
+    pending: tuple[int, tuple[bool, ...]] | None = field(default=None)
 
 
 class HoldingQuality:
@@ -417,9 +419,9 @@ class HoldingQuality:
     Parameters
     ----------
     problem : GraspProblem
-    here, there : Grasp
+    pick, goal : Grasp
     order : sequence of int
-        Contact of ``is_reached`` that each finger takes.
+        Contact of ``goal`` that each finger takes.
     paths : sequence of k sequences of PathStation
         Path of each finger from its contact to its new one.
     hold : TaskEllipsoid
@@ -429,17 +431,17 @@ class HoldingQuality:
     def __init__(
         self,
         problem: GraspProblem,
-        here: Grasp,
-        there: Grasp,
+        pick: Grasp,
+        goal: Grasp,
         order: Sequence[int],
         paths: Sequence[Sequence[PathStation]],
         hold: TaskEllipsoid,
     ) -> None:
         self.problem, self.hold = problem, hold
-        self.here, self.is_reached, self.order, self.paths = here, there, order, paths
+        self.pick, self.goal, self.order, self.paths = pick, goal, order, paths
         self.budget = L2Budget() if problem.budget.depends_on_frames else problem.budget
         size = problem.body.size
-        self._ways = [ContactPath(problem.body, path, ARM * size, TOLERANCE * size) for path in paths]
+        self._curves = [ContactPath(problem.body, path, ARM * size, TOLERANCE * size) for path in paths]
         self.others, self.sliding = cache(self._others), cache(self._sliding)
 
     def _others(self, moved: frozenset[int], finger: int) -> Bounds:
@@ -448,8 +450,8 @@ class HoldingQuality:
 
     def _sliding(self, moved: frozenset[int], finger: int) -> float:
         """Return an estimate of the least quality while the finger slides, from a few stations."""
-        way = self._ways[finger]
-        stations = first_stations(way.total, way.edges, ROUGH)
+        path = self._curves[finger]
+        stations = first_stations(path.total, path.edges, SLIDE_STATIONS)
         return min(self._estimate(self._grasp(moved, finger, float(station))) for station in stations)
 
     def move(self, moved: frozenset[int], finger: int, slides: bool) -> FingerMove:
@@ -458,16 +460,16 @@ class HoldingQuality:
         others = self.others(moved, finger)
         if not slides:
             return FingerMove(finger, path, slides, others)
-        way, known = self._ways[finger], dict[float, Bounds]()
+        curve, certificates = self._curves[finger], dict[float, Bounds]()
 
         def quality(station: float) -> float:
-            known[station] = self._certified(self._grasp(moved, finger, station))
-            return known[station].upper
+            certificates[station] = self._certified(self._grasp(moved, finger, station))
+            return certificates[station].upper
 
-        least_value_along(quality, first_stations(way.total, way.edges))
-        lower, upper = min(b.lower for b in known.values()), min(b.upper for b in known.values())
-        held = Bounds(max(lower, others.lower), max(upper, others.lower))  # at least that of the other fingers alone
-        return FingerMove(finger, path, slides, held, stations=len(known), others=others)
+        least_value_along(quality, first_stations(curve.total, curve.edges))
+        lower, upper = min(b.lower for b in certificates.values()), min(b.upper for b in certificates.values())
+        bounds = Bounds(max(lower, others.lower), max(upper, others.lower))  # at least that of the other fingers alone
+        return FingerMove(finger, path, slides, bounds, stations=len(certificates), others=others)
 
     def _estimate(self, grasp: Grasp) -> float:
         return weakest_directions(grasp, self.hold, self.budget, np.random.default_rng(0), descents=QUICK).value
@@ -477,21 +479,21 @@ class HoldingQuality:
 
     def _grasp(self, moved: frozenset[int], finger: int, station: float | None = None) -> Grasp:
         """Return the grasp of the other fingers, with the finger frictionless at a station of its path, if given."""
-        places: list[tuple[FloatArray, FloatArray, ContactModel]] = [
-            (self.is_reached.points[self.order[i]], self.is_reached.normals[self.order[i]], model)
+        contacts: list[tuple[FloatArray, FloatArray, ContactModel]] = [
+            (self.goal.points[self.order[i]], self.goal.normals[self.order[i]], model)
             if i in moved
-            else (self.here.points[i], self.here.normals[i], model)
+            else (self.pick.points[i], self.pick.normals[i], model)
             for i, model in enumerate(self.problem.models)
             if i != finger
         ]
         if station is not None:
-            point, normal, _ = self._ways[finger].at(station)
-            places.append((point, normal, PointContact()))
-        points, normals, models = zip(*places, strict=True)
+            point, normal, _ = self._curves[finger].at(station)
+            contacts.append((point, normal, PointContact()))
+        points, normals, models = zip(*contacts, strict=True)
         return Grasp(points, normals, models, self.problem.origin)
 
 
-def first_stations(total: float, corners: Sequence[float] | FloatArray, count: int = EVEN) -> FloatArray:
+def first_stations(total: float, corners: Sequence[float] | FloatArray, count: int = EVEN_STATIONS) -> FloatArray:
     """Return a path's corners and ``count`` evenly spaced stations, in order."""
     return np.unique(np.concatenate([np.linspace(0.0, total, count), np.asarray(corners, float)]))
 
@@ -509,23 +511,23 @@ def least_value_along(value: Callable[[float], float], stations: FloatArray) -> 
     stations : (m,) array
         Initial stations, in order.
     """
-    ways = [float(way) for way in stations]
-    values = [value(way) for way in ways]
-    while 1 < len(ways) < MOST and min(values) > 0.0:
-        promised = _lower_estimate(np.array(ways), np.array(values))
-        i = int(np.argmin(promised))
-        middle = (ways[i] + ways[i + 1]) / 2.0
-        if promised[i] >= (1.0 - CHANGE) * min(values) or not ways[i] < middle < ways[i + 1]:
+    positions = [float(station) for station in stations]
+    values = [value(station) for station in positions]
+    while 1 < len(positions) < MOST_STATIONS and min(values) > 0.0:
+        estimates = _lower_estimate(np.array(positions), np.array(values))
+        i = int(np.argmin(estimates))
+        middle = (positions[i] + positions[i + 1]) / 2.0
+        if estimates[i] >= (1.0 - LEAST_IMPROVEMENT) * min(values) or not positions[i] < middle < positions[i + 1]:
             break
-        ways.insert(i + 1, middle)
+        positions.insert(i + 1, middle)
         values.insert(i + 1, value(middle))
-    return np.array(ways)
+    return np.array(positions)
 
 
-def _lower_estimate(ways: FloatArray, values: FloatArray) -> FloatArray:
+def _lower_estimate(positions: FloatArray, values: FloatArray) -> FloatArray:
     """Return a lower estimate of the least value in each interval, (n - 1,), by the slopes beside it."""
-    lengths = np.diff(ways)
+    lengths = np.diff(positions)
     slopes = np.pad(np.abs(np.diff(values)) / lengths, 1)
     steepest = STEEPER * np.max([slopes[:-2], slopes[1:-1], slopes[2:]], axis=0)
-    promised: FloatArray = (values[:-1] + values[1:] - steepest * lengths) / 2.0
-    return promised
+    estimates: FloatArray = (values[:-1] + values[1:] - steepest * lengths) / 2.0
+    return estimates

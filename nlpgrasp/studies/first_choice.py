@@ -18,12 +18,12 @@ from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import Task, TaskEllipsoid
 from nlpgrasp.tasks.tools import WEIGHT
 
-WIDEST, HEAVY = 0.07, 0.5  # metres, kilograms: 96 % of human grasp widths, 92 % of object masses
-FINGERS, MOST = 5, 12  # most contacts of a precision grasp, and of any: G_2 of (4-2) has twelve
-LEAST_ROOM, ROOM = 0.005, 0.1  # clearance on each side of the body: metres, share of its width
+LARGEST_WIDTH, LARGEST_MASS = 0.07, 0.5  # metres, kilograms: 96 % of human grasp widths, 92 % of object masses
+FINGERS, MOST_CONTACTS = 5, 12  # most contacts of a precision grasp, and of any: G_2 of (4-2) has twelve
+LEAST_CLEARANCE, CLEARANCE_SHARE = 0.005, 0.1  # clearance on each side of the body: metres, share of its width
 LONG, FLAT = 2.0, 3.0  # least ratios: longest over middle side, middle over shortest
 SMALL, LARGE = 0.025, 0.05  # diameters of wraps, metres
-SHAKE = 0.1  # share of the weight: disturbance at the far end of the body
+DISTURBANCE = 0.1  # share of the weight: disturbance at the far end of the body
 CELLS = 48  # cells along each side of the box in which a volume is counted
 # sources of the rules; the first two are parts 1 and 2 of one study
 FEIX_1 = "Feix, Bullock and Dollar 2014, DOI 10.1109/TOH.2014.2326871"
@@ -171,7 +171,8 @@ class _BodyData:
         """Sides of the bounding box, the shortest first, (3,)."""
         return np.asarray(np.sort(self.body.bounds[1] - self.body.bounds[0]))
 
-    def pressing(self, count: int) -> float:
+    def normal_force(self, count: int) -> float:
+        """Return the required normal force of each of so many contacts, newtons."""
         return self.safety * self.load / (count * self.friction)
 
 
@@ -228,46 +229,48 @@ def first_choice(
     if not isinstance(body, Body) or body.space != 3:
         raise InputError("body", body, "a body in space such as ng.Box or ng.Mesh")
     kilograms = _mass(body, mass, density)
-    middle = body.centroid if center_of_mass is None else array("center_of_mass", center_of_mass, (3,))
-    above = array("up", up, (3,))
-    if not np.linalg.norm(above) > 0.0:
+    centre = body.centroid if center_of_mass is None else array("center_of_mass", center_of_mass, (3,))
+    upwards = array("up", up, (3,))
+    if not np.linalg.norm(upwards) > 0.0:
         raise InputError("up", up, "a direction of some length")
-    shaking = number("acceleration", acceleration, at_least=0.0)
-    asked = _BodyData(
+    acceleration_bound = number("acceleration", acceleration, at_least=0.0)
+    data = _BodyData(
         body,
         kilograms,
         number("friction", friction, above=0.0),
         number("safety", safety, at_least=1.0),
-        kilograms * (WEIGHT + shaking),
+        kilograms * (WEIGHT + acceleration_bound),
         number("finger_force", finger_force, above=0.0),
         number("pad_radius", pad_radius, above=0.0),
     )
-    return _make_proposal(asked, middle, *_task(asked, above / np.linalg.norm(above), shaking))
+    return _make_proposal(data, centre, *_task(data, upwards / np.linalg.norm(upwards), acceleration_bound))
 
 
-def _make_proposal(asked: _BodyData, middle: FloatArray, task: TaskEllipsoid, load: Reason) -> FirstChoice:
-    count, why = _fewest_contacts(asked)
-    contact, kind = _contact(asked, count)
-    grasp_type, style = _type(asked, count)
-    name = _choice_name(asked, count, grasp_type)
-    opening, room = _finger_opening(asked)
-    force = asked.pressing(count)
-    formula = f"safety x mass x (g + a) / (contacts x friction) = {asked.safety:g} x {asked.load:.4g} N / "
-    pressing = Reason(f"{force:.3g} N a contact", f"{formula}({count} x {asked.friction:g})", STATICS)
-    named = Reason(name, "by grasp type, number of contacts, and whether the body is long, flat or compact", CUTKOSKY)
+def _make_proposal(data: _BodyData, centre: FloatArray, task: TaskEllipsoid, task_reason: Reason) -> FirstChoice:
+    count, count_reason = _fewest_contacts(data)
+    contact, contact_reason = _contact_model(data, count)
+    grasp_type, type_reason = _grasp_type(data, count)
+    name = _choice_name(data, count, grasp_type)
+    opening, opening_reason = _finger_opening(data)
+    force = data.normal_force(count)
+    formula = f"safety x mass x (g + a) / (contacts x friction) = {data.safety:g} x {data.load:.4g} N / "
+    force_reason = Reason(f"{force:.3g} N a contact", f"{formula}({count} x {data.friction:g})", STATICS)
+    name_reason = Reason(
+        name, "by grasp type, number of contacts, and whether the body is long, flat or compact", CUTKOSKY
+    )
     return FirstChoice(
-        asked.body,
-        asked.mass,
+        data.body,
+        data.mass,
         grasp_type,
         name,
         contact,
         count,
         force,
         opening,
-        asked.safety,
+        data.safety,
         task,
-        (float(middle[0]), float(middle[1]), float(middle[2])),
-        (why, kind, style, named, pressing, room, load),
+        (float(centre[0]), float(centre[1]), float(centre[2])),
+        (count_reason, contact_reason, type_reason, name_reason, force_reason, opening_reason, task_reason),
     )
 
 
@@ -289,72 +292,74 @@ def volume_of(body: Body) -> float:
     return float(np.mean(body.signed_distance(points) < 0.0) * np.prod(upper - lower))
 
 
-def _fewest_contacts(asked: _BodyData) -> tuple[int, Reason]:
+def _fewest_contacts(data: _BodyData) -> tuple[int, Reason]:
     """Return the fewest contacts that lift the load with the fingers' force; more than two if the body is too wide."""
-    first = 2 if asked.sides[0] <= WIDEST else 3
-    enough = int(np.ceil(asked.safety * asked.load / (asked.friction * asked.finger_force) - 1e-9))
-    count = min(max(first, enough), MOST)
-    if asked.pressing(count) > asked.finger_force * (1.0 + 1e-9):
-        rule = f"even {MOST} contacts need more than the {asked.finger_force:g} N that a finger has"
+    least_count = 2 if data.sides[0] <= LARGEST_WIDTH else 3
+    sufficient_count = int(np.ceil(data.safety * data.load / (data.friction * data.finger_force) - 1e-9))
+    count = min(max(least_count, sufficient_count), MOST_CONTACTS)
+    if data.normal_force(count) > data.finger_force * (1.0 + 1e-9):
+        rule = f"even {MOST_CONTACTS} contacts need more than the {data.finger_force:g} N that a finger has"
         return count, Reason(f"{count} contacts", rule, PAPER)
-    if count > first:
-        rule = f"{count - 1} would each need {asked.pressing(count - 1):.3g} N, above {asked.finger_force:g} N"
+    if count > least_count:
+        rule = f"{count - 1} would each need {data.normal_force(count - 1):.3g} N, above {data.finger_force:g} N"
         return count, Reason(f"{count} contacts", rule, PAPER)
-    side = f"the shortest side, {1e3 * asked.sides[0]:.3g} mm, is"
+    side = f"the shortest side, {1e3 * data.sides[0]:.3g} mm, is"
     rule = (
-        f"{side} at most {1e3 * WIDEST:g} mm" if first == 2 else f"{side} above {1e3 * WIDEST:g} mm, too wide for two"
+        f"{side} at most {1e3 * LARGEST_WIDTH:g} mm"
+        if least_count == 2
+        else f"{side} above {1e3 * LARGEST_WIDTH:g} mm, too wide for two"
     )
     return count, Reason(f"{count} contacts", rule, FEIX_1)
 
 
-def _contact(asked: _BodyData, count: int) -> tuple[ContactModel, Reason]:
+def _contact_model(data: _BodyData, count: int) -> tuple[ContactModel, Reason]:
     if count > 2:
         rule = "three points with friction, not on a line, hold a body; more only share the load"
-        return FrictionContact(asked.friction), Reason("hard fingers", rule, SALISBURY)
-    radius = min(asked.pad_radius, asked.sides[1] / 4.0)
-    torsion = 2.0 / 3.0 * asked.friction * radius
+        return FrictionContact(data.friction), Reason("hard fingers", rule, SALISBURY)
+    radius = min(data.pad_radius, data.sides[1] / 4.0)
+    torsion = 2.0 / 3.0 * data.friction * radius
     rule = "two hard fingers exert no torque about the line between them; torsion 2/3 x friction x radius of the patch"
-    return SoftContact(asked.friction, float(torsion)), Reason("soft fingers", rule, f"{SALISBURY}; {PRESSURE}")
+    return SoftContact(data.friction, float(torsion)), Reason("soft fingers", rule, f"{SALISBURY}; {PRESSURE}")
 
 
-def _type(asked: _BodyData, count: int) -> tuple[str, Reason]:
-    if asked.mass > HEAVY or count > FINGERS:
-        rule = f"heavier than {HEAVY:g} kg" if asked.mass > HEAVY else f"more than {FINGERS} contacts"
+def _grasp_type(data: _BodyData, count: int) -> tuple[str, Reason]:
+    if data.mass > LARGEST_MASS or count > FINGERS:
+        rule = f"heavier than {LARGEST_MASS:g} kg" if data.mass > LARGEST_MASS else f"more than {FINGERS} contacts"
         return "power", Reason("power grasp", rule, FEIX_2)
-    if asked.sides[0] > WIDEST:
-        return "power", Reason("power grasp", f"wider than {1e3 * WIDEST:g} mm", FEIX_2)
-    rule = f"at most {HEAVY:g} kg, {1e3 * WIDEST:g} mm and {FINGERS} contacts: dexterity before strength"
+    if data.sides[0] > LARGEST_WIDTH:
+        return "power", Reason("power grasp", f"wider than {1e3 * LARGEST_WIDTH:g} mm", FEIX_2)
+    rule = f"at most {LARGEST_MASS:g} kg, {1e3 * LARGEST_WIDTH:g} mm and {FINGERS} contacts: dexterity before strength"
     return "precision", Reason("precision grasp", rule, CUTKOSKY)
 
 
-def _choice_name(asked: _BodyData, count: int, grasp_type: str) -> str:
-    short, middle, long = asked.sides.tolist()
-    flat, slender = middle >= FLAT * short, long >= LONG * middle
+def _choice_name(data: _BodyData, count: int, grasp_type: str) -> str:
+    short, middle, long = data.sides.tolist()
+    is_flat, is_slender = middle >= FLAT * short, long >= LONG * middle
     if grasp_type == "power":
-        if slender:
+        if is_slender:
             return "small diameter" if short < SMALL else "large diameter" if short > LARGE else "medium wrap"
-        return "power disk" if flat else "power sphere"
+        return "power disk" if is_flat else "power sphere"
     if count == 2:
         return "thumb-index finger"
-    if slender:
+    if is_slender:
         return f"thumb-{count - 1} finger"
     if count == 3:
         return "tripod"
-    return "precision disk" if flat else "precision sphere"
+    return "precision disk" if is_flat else "precision sphere"
 
 
-def _finger_opening(asked: _BodyData) -> tuple[float, Reason]:
-    width = float(asked.sides[0])
-    room = max(LEAST_ROOM, ROOM * width)
-    rule = f"the shortest side, {1e3 * width:.3g} mm, and {1e3 * room:.3g} mm on both sides"
+def _finger_opening(data: _BodyData) -> tuple[float, Reason]:
+    width = float(data.sides[0])
+    clearance = max(LEAST_CLEARANCE, CLEARANCE_SHARE * width)
+    rule = f"the shortest side, {1e3 * width:.3g} mm, and {1e3 * clearance:.3g} mm on both sides"
     source = f"{FEIX_1}: 94 % of grasps are across the shortest side; the room is this package's"
-    return width + 2.0 * room, Reason(f"opening {1e3 * (width + 2.0 * room):.3g} mm", rule, source)
+    return width + 2.0 * clearance, Reason(f"opening {1e3 * (width + 2.0 * clearance):.3g} mm", rule, source)
 
 
-def _task(asked: _BodyData, up: FloatArray, shaking: float) -> tuple[TaskEllipsoid, Reason]:
+def _task(data: _BodyData, up: FloatArray, acceleration: float) -> tuple[TaskEllipsoid, Reason]:
     """Return the weight with accelerations and a disturbance at the far end, about the centre of mass."""
-    weight, arm = asked.mass * WEIGHT, 0.5 * float(asked.sides[-1])
-    force, torque = asked.mass * shaking + SHAKE * weight, SHAKE * weight * arm
+    weight, arm = data.mass * WEIGHT, 0.5 * float(data.sides[-1])
+    force, torque = data.mass * acceleration + DISTURBANCE * weight, DISTURBANCE * weight * arm
     task = TaskEllipsoid([force] * 3 + [torque] * 3, center=np.concatenate([weight * up, np.zeros(3)]))
     rule = f"weight {weight:.3g} N, with {force:.3g} N and {torque:.3g} N m in any direction about it"
-    return task, Reason("task", rule, f"weight and inertia as in Section 4; a knock of {SHAKE:.0%} of the weight")
+    return task, Reason("task", rule, f"weight and inertia as in Section 4; a knock of {DISTURBANCE:.0%} of the weight")

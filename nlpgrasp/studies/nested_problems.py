@@ -30,18 +30,19 @@ from nlpgrasp.pipeline.multistart import Multistart
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.solution import GraspSolution
 
-CARRIES = ("l2", "per_finger", "per_finger_size", "shared", "hand_torques")  # budgets for which bounds carry over
-HOPEFUL = 0.5  # share of the larger problem's best above which a smaller one's grasp is refined
+# budgets for which bounds carry over
+INHERITING_BUDGETS = ("l2", "per_finger", "per_finger_size", "shared", "hand_torques")
+PROMISING = 0.5  # share of the larger problem's best above which a smaller one's grasp is refined
 SWEEPS = 3  # most sweeps down and up
 
 
 class ProblemConversion(Protocol):
     """Conversion of grasps between two problems of a family."""
 
-    def lift_grasp(self, found: StartGrasp, small: CompiledProblem, large: CompiledProblem) -> WarmStart | None:
+    def lift_grasp(self, start: StartGrasp, small: CompiledProblem, large: CompiledProblem) -> WarmStart | None:
         """Return a grasp of the smaller problem as one of the larger; None where it is infeasible."""
 
-    def down(self, found: StartGrasp, large: CompiledProblem, small: CompiledProblem) -> WarmStart | None:
+    def reduce_grasp(self, start: StartGrasp, large: CompiledProblem, small: CompiledProblem) -> WarmStart | None:
         """Return a warm start for the smaller problem from a grasp of the larger; None without one."""
 
 
@@ -101,36 +102,38 @@ class _Family:
 
     def _carry_all(self, pairs: Sequence[tuple[int, int]]) -> bool:
         """Transfer grasps from the first to the second of each pair; return whether any best grasp improved."""
-        rose = [self._carry(source, target) for source, target in pairs]
-        return any(rose)
+        improved = [self._carry(source, target) for source, target in pairs]
+        return any(improved)
 
     def _carry(self, source: int, target: int) -> bool:
         """Run the best grasp of one search as a warm start of another, once; return whether its best improved."""
-        giver, taker = self._searches[source], self._searches[target]
-        best, known, down = giver.best, taker.best, source > target
-        if best is None or (source, target, best.record.index) in self._carried:
+        source_search, target_search = self._searches[source], self._searches[target]
+        start, incumbent, is_down = source_search.best, target_search.best, source > target
+        if start is None or (source, target, start.record.index) in self._carried:
             return False
-        self._carried.add((source, target, best.record.index))
-        if down:
-            warm = self._step.down(best, giver.runner.compiled, taker.runner.compiled)
+        self._carried.add((source, target, start.record.index))
+        if is_down:
+            warm_start = self._step.reduce_grasp(start, source_search.runner.compiled, target_search.runner.compiled)
         else:
-            warm = self._raised(best, giver, taker)
-        hopeful = known is None or best.record.mu.upper >= HOPEFUL * known.record.mu.lower
-        return warm is not None and taker.add(warm, improve=down or hopeful)
+            warm_start = self._lift(start, source_search, target_search)
+        is_promising = incumbent is None or start.record.mu.upper >= PROMISING * incumbent.record.mu.lower
+        return warm_start is not None and target_search.add(warm_start, improve=is_down or is_promising)
 
-    def _raised(self, best: StartGrasp, small: Multistart, large: Multistart) -> WarmStart | None:
+    def _lift(self, start: StartGrasp, small: Multistart, large: Multistart) -> WarmStart | None:
         """Return a grasp of a smaller problem as a warm start of a larger one, with its certified bound there."""
-        warm = self._step.lift_grasp(best, small.runner.compiled, large.runner.compiled)
-        return warm and replace(warm, floor=inherited_lower_bound(best, small.runner.problem, large.runner.problem))
+        warm_start = self._step.lift_grasp(start, small.runner.compiled, large.runner.compiled)
+        floor = inherited_lower_bound(start, small.runner.problem, large.runner.problem)
+        return warm_start and replace(warm_start, floor=floor)
 
     def _carry_bounds(self) -> None:
         """Certify the best grasps as tightly as the answers, and carry their bounds over."""
         for j, large in enumerate(self._searches):
             for small in (self._searches[a] for a, b in self._up if b == j):
-                best, known = small.chosen, large.best
-                warm = None if best is None else self._raised(best, small, large)
-                if warm is not None and warm.floor > (0.0 if known is None else known.record.mu.lower):
-                    large.add(warm, improve=False)
+                start, incumbent = small.chosen, large.best
+                warm_start = None if start is None else self._lift(start, small, large)
+                known_bound = 0.0 if incumbent is None else incumbent.record.mu.lower
+                if warm_start is not None and warm_start.floor > known_bound:
+                    large.add(warm_start, improve=False)
             chosen = large.certify_best(large.runner.options.final_rtol)
             if chosen is not None:
                 large.take_as_answer(chosen)
@@ -152,27 +155,27 @@ def _count_near_best(search: Multistart) -> int:
     return sum(r.solved and r.record.mu.upper >= 0.98 * best.record.mu.lower for r in search.results)
 
 
-def inherited_lower_bound(found: StartGrasp, small: GraspProblem, large: GraspProblem) -> float:
+def inherited_lower_bound(start: StartGrasp, small: GraspProblem, large: GraspProblem) -> float:
     """Return the certified lower bound that a grasp of the smaller problem carries to the larger; 0 for none.
 
     Parameters
     ----------
-    found : StartGrasp
+    start : StartGrasp
     small, large : GraspProblem
         Of the same body.
     """
-    same = small.budget == large.budget and small.budget.kind in CARRIES
-    same = same and small.task.to_dict() == large.task.to_dict() and bool((small.origin == large.origin).all())
-    return found.record.mu.lower if same else 0.0
+    carries = small.budget == large.budget and small.budget.kind in INHERITING_BUDGETS
+    carries = carries and small.task.to_dict() == large.task.to_dict() and bool((small.origin == large.origin).all())
+    return start.record.mu.lower if carries else 0.0
 
 
-def is_same_body(one: Body, other: Body) -> bool:
+def is_same_body(first: Body, second: Body) -> bool:
     """Return whether two bodies are known to be equal: one object, or complete and equal data."""
-    if one is other:
+    if first is second:
         return True
-    data = one.to_dict()
+    data = first.to_dict()
     try:
         body_from_dict(data)
     except InputError:
         return False
-    return data == other.to_dict()
+    return data == second.to_dict()

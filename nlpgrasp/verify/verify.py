@@ -16,7 +16,7 @@ import numpy as np
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.measures import mu
-from nlpgrasp.solution.solution import GraspSolution, given_solution
+from nlpgrasp.solution.solution import GraspSolution, require_solution
 from nlpgrasp.verify.bound.bound_checks import bound_file, global_bound_checks, verify_bound
 from nlpgrasp.verify.check import BROKEN, NO_GRASP, Check, Verification, broken_data_message, guard
 from nlpgrasp.verify.force_checks import force_checks, needed_checks, wrench_checks
@@ -74,7 +74,7 @@ def verify(
     bound = None if file is None else bound_file(file)
     if bound is not None:
         return verify_bound(bound, rtol, SourceFolders.beside(file, folders))
-    solution = given_solution(solution) if file is None else GraspSolution.load(file)
+    solution = require_solution(solution) if file is None else GraspSolution.load(file)
     told = guard("outcome", lambda: outcome_checks(solution))
     grasp = solution.grasp
     if grasp is None:

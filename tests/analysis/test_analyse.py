@@ -22,62 +22,68 @@ def box(**more):
 
 
 @pytest.fixture(scope="module")
-def plain():
+def solution():
     return ng.solve(box(), 1, options=MU)
 
 
 @pytest.fixture(scope="module")
-def whole():
+def complete():
     return ng.solve(box(), 1, options=replace(MU, analyses=ALL))
 
 
-def test_a_solve_computes_the_answer_alone(plain):
-    assert (plain.delta, plain.nu, plain.prices, plain.robust, plain.drawing) == (None, None, (), None, None)
-    assert plain.needed is not None
-    assert plain.kkt is not None
-    assert {"prices", "delta", "nu", "drawing", "robustness"} & set(plain.solver["seconds"]) == set()
+def test_a_solve_computes_the_answer_alone(solution):
+    assert (solution.delta, solution.nu, solution.prices, solution.robust, solution.drawing) == (
+        None,
+        None,
+        (),
+        None,
+        None,
+    )
+    assert solution.needed is not None
+    assert solution.kkt is not None
+    assert {"prices", "delta", "nu", "drawing", "robustness"} & set(solution.solver["seconds"]) == set()
 
 
-def test_analyses_asked_for_are_computed(whole):
-    assert None not in (whole.delta, whole.nu, whole.robust, whole.drawing)
-    assert whole.prices
-    assert set(ALL) <= set(whole.solver["seconds"])
-    assert "delta certified in" in str(whole)
+def test_analyses_asked_for_are_computed(complete):
+    assert None not in (complete.delta, complete.nu, complete.robust, complete.drawing)
+    assert complete.prices
+    assert set(ALL) <= set(complete.solver["seconds"])
+    assert "delta certified in" in str(complete)
 
 
-def test_analyses_do_not_change_the_answer(plain, whole, tmp_path):
-    assert plain.grasp.points.tolist() == whole.grasp.points.tolist()
-    assert (plain.mu.lower, plain.best_possible) == (whole.mu.lower, whole.best_possible)
-    file = plain.save(tmp_path / "plain.json")
+def test_analyses_do_not_change_the_answer(solution, complete, tmp_path):
+    assert solution.grasp.points.tolist() == complete.grasp.points.tolist()
+    assert (solution.mu.lower, solution.best_possible) == (complete.mu.lower, complete.best_possible)
+    file = solution.save(tmp_path / "plain.json")
     assert ng.verify(file)
-    assert file.stat().st_size < whole.save(tmp_path / "whole.json").stat().st_size
+    assert file.stat().st_size < complete.save(tmp_path / "whole.json").stat().st_size
 
 
-def test_one_analysis_is_added_by_its_name(plain):
-    found = ng.analyse(plain, "nu")
-    assert found.nu is not None
-    assert (found.delta, found.robust, found.drawing) == (None, None, None)
-    assert plain.nu is None
-    assert found.grasp is plain.grasp
+def test_one_analysis_is_added_by_its_name(solution):
+    analysed = ng.analyse(solution, "nu")
+    assert analysed.nu is not None
+    assert (analysed.delta, analysed.robust, analysed.drawing) == (None, None, None)
+    assert solution.nu is None
+    assert analysed.grasp is solution.grasp
 
 
-def test_from_the_file_alone_all_is_added_as_a_whole_solve_finds_it(plain, whole, tmp_path):
-    path = plain.save(tmp_path / "box.json")
-    found = ng.analyse(ng.GraspSolution.load(path))
+def test_from_the_file_alone_all_is_added_as_a_whole_solve_finds_it(solution, complete, tmp_path):
+    path = solution.save(tmp_path / "box.json")
+    analysed = ng.analyse(ng.GraspSolution.load(path))
     for name in ("delta", "nu", "robust"):
-        assert str(getattr(found, name)) == str(getattr(whole, name)) != "None"
-    np.testing.assert_allclose(found.drawing.body.vertices, whole.drawing.body.vertices)
-    mine, theirs = ({p.name: p.gain for p in s.prices} for s in (found, whole))
+        assert str(getattr(analysed, name)) == str(getattr(complete, name)) != "None"
+    np.testing.assert_allclose(analysed.drawing.body.vertices, complete.drawing.body.vertices)
+    mine, theirs = ({p.name: p.gain for p in s.prices} for s in (analysed, complete))
     assert mine.keys() == theirs.keys() != set()
     assert mine == pytest.approx(theirs, rel=0.05, abs=1e-3)
-    assert ng.verify(found.save(path))
-    again = ng.GraspSolution.load(path)
-    assert ng.analyse(again).to_dict() == again.to_dict()
+    assert ng.verify(analysed.save(path))
+    loaded = ng.GraspSolution.load(path)
+    assert ng.analyse(loaded).to_dict() == loaded.to_dict()
 
 
-def test_a_drawing_is_made_for_what_needs_one(plain, whole):
-    np.testing.assert_allclose(plain.require_drawing().body.vertices, whole.drawing.body.vertices)
-    assert plain.drawing is None
+def test_a_drawing_is_made_for_what_needs_one(solution, complete):
+    np.testing.assert_allclose(solution.require_drawing().body.vertices, complete.drawing.body.vertices)
+    assert solution.drawing is None
 
 
 @pytest.mark.slow
@@ -110,10 +116,10 @@ def test_phases_of_a_hand():
     names = ("pregrasp", "approach", "way_in", "phases", "lift")
     assert solved.hand.keys() > {*names, "link_depth", "squeeze"}  # never left out
     without = replace(solved, hand={name: value for name, value in solved.hand.items() if name not in names})
-    found = ng.analyse(without, "phases", "drawing")
-    assert found.hand["link_depth"] == solved.hand["link_depth"]
-    assert [phase["name"] for phase in found.hand["phases"]] == [phase["name"] for phase in solved.hand["phases"]]
-    assert len(found.drawing.links) > 10
+    analysed = ng.analyse(without, "phases", "drawing")
+    assert analysed.hand["link_depth"] == solved.hand["link_depth"]
+    assert [phase["name"] for phase in analysed.hand["phases"]] == [phase["name"] for phase in solved.hand["phases"]]
+    assert len(analysed.drawing.links) > 10
 
 
 @pytest.mark.slow
@@ -129,8 +135,8 @@ def test_contacts_along_links_are_found_again(problems_folder):
             centre = np.asarray(tip.ball_centre(poses[link], next(slides))).ravel()
             assert np.linalg.norm(point - centre) == pytest.approx(tip.radius, abs=1e-6)
     assert ng.analyse(solved, "robustness").robust.mu.lower > 0.0
-    again = ng.solve(problem, 1, options=MU, warm_starts=[solved])
-    assert again.mu.upper >= (1.0 - 1e-3) * solved.mu.lower
+    resolved = ng.solve(problem, 1, options=MU, warm_starts=[solved])
+    assert resolved.mu.upper >= (1.0 - 1e-3) * solved.mu.lower
 
 
 @pytest.mark.parametrize(
@@ -143,36 +149,36 @@ def test_contacts_along_links_are_found_again(problems_folder):
         ("hand", {"hand": ng.Fingertips(3, radius=0.004)}),
     ],
 )
-def test_another_problem_is_refused(part, changed, plain):
+def test_another_problem_is_refused(part, changed, solution):
     with pytest.raises(ng.InputError, match=rf"problem\.{part}: got another than the solution's"):
-        ng.analyse(plain, problem=replace(box(), **changed))
+        ng.analyse(solution, problem=replace(box(), **changed))
 
 
-def test_names_of_no_analyses_are_refused(plain):
+def test_names_of_no_analyses_are_refused(solution):
     allowed = r'"prices", "robustness", "delta", "nu", "phases", "drawing"'
     with pytest.raises(ng.InputError, match=rf'^analyses: got "?price"?, expected {allowed}'):
-        ng.analyse(plain, "nu", "price")
+        ng.analyse(solution, "nu", "price")
     with pytest.raises(ng.InputError, match=rf"SolveOptions\.analyses: got .*, expected {allowed}"):
         ng.SolveOptions(analyses=("nu", 3))
     with pytest.raises(ng.InputError, match=r"SolveOptions\.analyses: got nu, expected a sequence of names"):
         ng.SolveOptions(analyses="nu")
 
 
-def test_phases_of_no_hand_are_refused(plain):
+def test_phases_of_no_hand_are_refused(solution):
     expected = re.escape("got phases, expected no phases without a hand that has links, such as an ng.URDFHand")
     with pytest.raises(ng.InputError, match=rf"^analyses: {expected}"):
-        ng.analyse(plain, "phases")
+        ng.analyse(solution, "phases")
     with pytest.raises(ng.InputError, match=rf"^SolveOptions\.analyses: {expected}"):
         ng.solve(box(), 1, options=ng.SolveOptions(analyses=["phases"]))
 
 
-def test_all_analyses_are_those_that_there_can_be(plain):
-    assert "phases" not in str(ng.analyse(plain).hand)
+def test_all_analyses_are_those_that_there_can_be(solution):
+    assert "phases" not in str(ng.analyse(solution).hand)
 
 
 def test_without_a_grasp_there_is_nothing_to_analyse():
     problem = replace(box(), contacts=[ng.FrictionContact(0.6)])
-    found = ng.solve(problem, 1, options=replace(MU, extras=True))
-    assert found.grasp is None
+    solution = ng.solve(problem, 1, options=replace(MU, extras=True))
+    assert solution.grasp is None
     with pytest.raises(ng.InputError, match="solution: got no grasp"):
-        ng.analyse(found, "nu")
+        ng.analyse(solution, "nu")

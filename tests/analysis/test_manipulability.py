@@ -99,7 +99,7 @@ def test_twists_of_the_ellipsoid_are_reached_with_all_contacts_kept(seed):
 
 
 @pytest.fixture(scope="module")
-def held():
+def hand_and_solution():
     """Return a hand and a solution with its contacts where the hand's fingertips are, not searched for."""
     hand = four_finger_hand()
     values = {name: v[0] for name, v in hand.draw(1, np.zeros((1, 3)), np.random.default_rng(5))[0].items()}
@@ -109,39 +109,39 @@ def held():
     return hand, GraspSolution(ng.Status.SOLVED, "held", {}, grasp, hand=hand.describe(values))
 
 
-def test_a_hand_moves_the_body(held):
-    hand, solution = held
-    found = ng.manipulability(solution, hand)
-    assert found.mobility == 6
-    assert found.manipulable
-    assert found.hand_jacobian.shape == (12, len(hand.loaded_joints))
-    assert found.measure > 0.0
-    assert 0.0 < found.isotropy < 1.0
-    for finger in found.fingers:
+def test_a_hand_moves_the_body(hand_and_solution):
+    hand, solution = hand_and_solution
+    measures = ng.manipulability(solution, hand)
+    assert measures.mobility == 6
+    assert measures.manipulable
+    assert measures.hand_jacobian.shape == (12, len(hand.loaded_joints))
+    assert measures.measure > 0.0
+    assert 0.0 < measures.isotropy < 1.0
+    for finger in measures.fingers:
         assert len(finger.joints) == 4
         J = finger.velocity.matrix
         assert finger.measure == pytest.approx(np.sqrt(np.linalg.det(J @ J.T)), rel=1e-9)
     twist = np.array([0.3, -0.2, 0.5, 1.0, -2.0, 0.7])
-    rates, *_ = np.linalg.lstsq(found.hand_jacobian, solution.grasp.G.T @ twist, rcond=None)
-    np.testing.assert_allclose(found.hand_jacobian @ rates, solution.grasp.G.T @ twist, atol=1e-9)
-    assert 1.0 / found.body.velocity_ratio(twist) == pytest.approx(np.linalg.norm(rates), rel=1e-6)
-    assert found.internal == len(found.joints) - np.linalg.matrix_rank(found.hand_jacobian)
-    assert "the joints move the body in 6 of 6 ways" in str(found)
-    assert found.to_dict()["mobility"] == 6
+    rates, *_ = np.linalg.lstsq(measures.hand_jacobian, solution.grasp.G.T @ twist, rcond=None)
+    np.testing.assert_allclose(measures.hand_jacobian @ rates, solution.grasp.G.T @ twist, atol=1e-9)
+    assert 1.0 / measures.body.velocity_ratio(twist) == pytest.approx(np.linalg.norm(rates), rel=1e-6)
+    assert measures.internal == len(measures.joints) - np.linalg.matrix_rank(measures.hand_jacobian)
+    assert "the joints move the body in 6 of 6 ways" in str(measures)
+    assert measures.to_dict()["mobility"] == 6
 
 
-def test_single_directions_do_not_depend_on_the_torque_scale(held):
-    hand, solution = held
-    one, other = (ng.manipulability(solution, hand, torque_scale=scale) for scale in (0.01, 1.0))
+def test_single_directions_do_not_depend_on_the_torque_scale(hand_and_solution):
+    hand, solution = hand_and_solution
+    small, large = (ng.manipulability(solution, hand, torque_scale=scale) for scale in (0.01, 1.0))
     w = [1.0, 2.0, 3.0, 0.01, 0.02, 0.03]
-    assert one.body.force_ratio(w) == pytest.approx(other.body.force_ratio(w), rel=1e-9)
-    assert one.body.velocity_ratio(w) == pytest.approx(other.body.velocity_ratio(w), rel=1e-6)
-    assert one.mobility == other.mobility
-    assert one.isotropy != other.isotropy
+    assert small.body.force_ratio(w) == pytest.approx(large.body.force_ratio(w), rel=1e-9)
+    assert small.body.velocity_ratio(w) == pytest.approx(large.body.velocity_ratio(w), rel=1e-6)
+    assert small.mobility == large.mobility
+    assert small.isotropy != large.isotropy
 
 
-def test_bad_input_is_one_sentence(held):
-    hand, solution = held
+def test_bad_input_is_one_sentence(hand_and_solution):
+    hand, solution = hand_and_solution
     with pytest.raises(ng.InputError, match="solution: got 3, expected a GraspSolution"):
         ng.manipulability(3, hand)
     with pytest.raises(ng.InputError, match="hand: got None, expected a hand with joints"):

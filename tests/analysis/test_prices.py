@@ -1,4 +1,4 @@
-"""Shadow prices against solving again with the limit moved by one per cent."""
+"""Shadow prices against new solves with each limit moved by a small step."""
 
 from dataclasses import replace
 
@@ -55,14 +55,14 @@ def test_prices_predict_solving_again(name):
     best = best_of(compiled, 3)
     prices = {p.name: p for p in shadow_prices(compiled, best, Deadline())}
     assert EXPECTED[name] <= set(prices)
-    here = best.optimum
+    optimum = best.optimum
     limits = {limit.name: limit for limit in limits_of(problem)}
     for key in EXPECTED[name]:
         price, limit = prices[key], limits[key]
         h = 0.002 * abs(price.value) * (1.0 if price.gain > 0.0 else -1.0)  # the way that leaves the grasp possible
-        moved = local_optimum(CompiledProblem(limit.changed(h), OPTIONS), here.candidate, Deadline())
+        moved = local_optimum(CompiledProblem(limit.increased(h), OPTIONS), optimum.candidate, Deadline())
         assert moved.kkt.is_small
-        assert moved.value - here.value == pytest.approx(price.gain / price.step * h, rel=0.05), key
+        assert moved.value - optimum.value == pytest.approx(price.gain / price.step * h, rel=0.05), key
 
 
 @pytest.mark.slow
@@ -81,14 +81,16 @@ def test_prices_of_a_hand():
 def test_prices_of_a_hand_predict_solving_again():
     problem = ng.GraspProblem(BODY, FOUR, TASK, hand=four_finger_hand(clearance=0.002))
     compiled = CompiledProblem(problem, OPTIONS)
-    begun = best_of(compiled, 2).optimum.candidate
-    here = local_optimum(compiled, begun, Deadline())  # from where the others begin: optima may be next to each other
-    assert here.kkt.is_small
+    start = best_of(compiled, 2).optimum.candidate
+    optimum = local_optimum(
+        compiled, start, Deadline()
+    )  # from where the others begin: optima may be next to each other
+    assert optimum.kkt.is_small
     for limit in limits_of(problem):
         h = -1e-3 * limit.step  # as little friction more leads to the optimum beside it, .7 mm away
-        moved = local_optimum(CompiledProblem(limit.changed(h), OPTIONS), begun, Deadline())
-        expected = shadow_price(compiled, here, limit).gain / limit.step * h
-        assert moved.value - here.value == pytest.approx(expected, rel=0.05, abs=1e-7 * here.value), limit.name
+        moved = local_optimum(CompiledProblem(limit.increased(h), OPTIONS), start, Deadline())
+        expected = shadow_price(compiled, optimum, limit).gain / limit.step * h
+        assert moved.value - optimum.value == pytest.approx(expected, rel=0.05, abs=1e-7 * optimum.value), limit.name
 
 
 def test_no_prices_of_an_optimum_far_from_the_grasp():

@@ -27,45 +27,45 @@ def on_ellipsoid(seed, budget="l2"):
     rng = np.random.default_rng(seed)
     for _ in range(200):
         points = ELLIPSOID.sample("surface", 4, rng)
-        found = solved(ELLIPSOID, points, "surface", [ng.SoftContact(0.6, 0.004)] * 4, TASK, budget)
-        if found.mu.lower > 0.02:
-            return found
+        solution = solved(ELLIPSOID, points, "surface", [ng.SoftContact(0.6, 0.004)] * 4, TASK, budget)
+        if solution.mu.lower > 0.02:
+            return solution
     raise AssertionError("no grasp")
 
 
-def certified_change(found, budget, points=None, contacts=None):
+def certified_change(solution, budget, points=None, contacts=None):
     """Return bounds on the change of mu, from two certificates."""
-    grasp = found.grasp
+    grasp = solution.grasp
     points = grasp.points if points is None else ELLIPSOID.snap("surface", points)
     normals = -ELLIPSOID.evaluate("surface", points)[2]
-    other = ng.Grasp(points, normals, contacts or list(grasp.contacts), grasp.torque_origin)
-    before, after = (ng.mu(g, TASK, 2e-5, force_budget=budget) for g in (grasp, other))
-    return after.lower - before.upper, after.upper - before.lower
+    changed = ng.Grasp(points, normals, contacts or list(grasp.contacts), grasp.torque_origin)
+    initial, final = (ng.mu(g, TASK, 2e-5, force_budget=budget) for g in (grasp, changed))
+    return final.lower - initial.upper, final.upper - initial.lower
 
 
-def agree(rate, step, change, found):
+def agree(rate, step, change, solution):
     """Assert that the rate times the step is the change, to a twentieth and what the certificates leave open."""
-    slack = 0.05 * abs(rate) * step + 1e-4 * found.mu.upper
+    slack = 0.05 * abs(rate) * step + 1e-4 * solution.mu.upper
     assert change[0] - slack <= rate * step <= change[1] + slack
 
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)])
 def test_rates_are_those_of_certified_mu(seed):
-    found = on_ellipsoid(seed)
-    rates = ng.sensitivity(found, almost=1e-6)
-    grasp, step = found.grasp, 1e-4
+    solution = on_ellipsoid(seed)
+    rates = ng.sensitivity(solution, almost=1e-6)
+    grasp, step = solution.grasp, 1e-4
     for place in ((0, 0), (2, 1)):
         rate = rates.contacts[2 * place[0] + place[1]]
         assert rate.name == f"contact {place[0]} along tangent {place[1]}"
         for sign, slope in ((1.0, rate.more), (-1.0, rate.less)):
             points = np.array(grasp.points)
             points[place[0]] += sign * step * grasp.tangents[place[0], place[1]]
-            agree(slope, step, certified_change(found, "l2", points), found)
+            agree(slope, step, certified_change(solution, "l2", points), solution)
     friction = rates.coefficients[0]
     assert friction.name == "contact 0, friction"
     assert friction.more >= 0.0 >= friction.less
     less = [ng.SoftContact(0.598, 0.004), *[ng.SoftContact(0.6, 0.004)] * 3]
-    agree(friction.less, 0.002, certified_change(found, "l2", contacts=less), found)
+    agree(friction.less, 0.002, certified_change(solution, "l2", contacts=less), solution)
 
 
 def square(depth):
@@ -88,9 +88,9 @@ def test_two_fingers_that_lift_lose_nothing_by_friction_but_its_share():
     Its torque is balanced by the other, which cannot lift more than it does: less friction of either costs 2 per unit,
     more friction of one buys nothing. Infinitely many directions are the weakest here.
     """
-    found = square(0.0)
-    assert 1.0 in found.mu
-    rates = ng.sensitivity(found)
+    solution = square(0.0)
+    assert 1.0 in solution.mu
+    rates = ng.sensitivity(solution)
     for rate in rates.coefficients:
         assert rate.less == pytest.approx(-2.0, rel=1e-3)
         assert rate.more == pytest.approx(0.0, abs=1e-3)
@@ -101,8 +101,8 @@ def test_mu_at_a_kink_falls_both_ways():
     """Opposite fingers on a disc: whichever way one of them goes, the pair no longer faces each other."""
     body = ng.PlanarImplicit(lambda p: p[0] ** 2 + p[1] ** 2 - 1.0, [[-1.1, -1.1], [1.1, 1.1]])
     contacts, task = [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1.0, 1.0, 1.0])
-    found = solved(body, [[1.0, 0.0], [-1.0, 0.0]], body.face_names[0], contacts, task)
-    rates = ng.sensitivity(found, body)
+    solution = solved(body, [[1.0, 0.0], [-1.0, 0.0]], body.face_names[0], contacts, task)
+    rates = ng.sensitivity(solution, body)
     assert all(rate.more < 0.0 and rate.less < 0.0 for rate in rates.contacts)
     assert rates.worst_contact.worst == max(max(-r.more, -r.less) for r in rates.contacts)
     assert set(rates.to_dict()) == {"mu", "contacts", "coefficients", "joints", "directions"}
@@ -115,30 +115,30 @@ def test_a_joint_carries_its_contact_along():
     values = {name: v[0] for name, v in hand.draw(1, np.zeros((1, 3)), rng)[0].items()}
     plain = on_ellipsoid(0)
     posture = hand.describe(values)
-    found = GraspSolution(
+    solution = GraspSolution(
         plain.status, plain.name, plain.problem, plain.grasp, plain.faces, plain.mu, plain.kind, hand=posture
     )
-    rates = ng.sensitivity(found, hand=hand, almost=1e-9)
+    rates = ng.sensitivity(solution, hand=hand, almost=1e-9)
     assert [rate.name for rate in rates.joints] == list(hand.loaded_joints)
-    J = hand.contact_jacobians(values, found.grasp.points)[:, :3]
+    J = hand.contact_jacobians(values, solution.grasp.points)[:, :3]
     y = rates.directions
     assert len(y) == 1  # so that mu is smooth here
     slopes = np.array([rate.more for rate in rates.contacts]).reshape(4, 2)
-    moved = np.einsum("ktc,kcm->ktm", found.grasp.tangents, J)
+    moved = np.einsum("ktc,kcm->ktm", solution.grasp.tangents, J)
     expected = np.einsum("kt,ktm->m", slopes, moved)
     np.testing.assert_allclose([rate.more for rate in rates.joints], expected, rtol=1e-3, atol=1e-4)
 
 
 def test_bad_input_is_one_sentence():
-    found = square(0.0)
+    solution = square(0.0)
     with pytest.raises(ng.InputError, match="solution: got 3, expected a GraspSolution"):
         ng.sensitivity(3)
     with pytest.raises(ng.InputError, match="almost: got 0"):
-        ng.sensitivity(found, almost=0)
+        ng.sensitivity(solution, almost=0)
     with pytest.raises(ng.InputError, match=r"hand: got .* expected the hand with joints"):
-        ng.sensitivity(found, hand=3)
+        ng.sensitivity(solution, hand=3)
     with pytest.raises(ng.InputError, match=r"body: got .* the body of the solution"):
-        ng.sensitivity(found, ng.Sphere(1.0))
-    nothing = GraspSolution(ng.Status.NO_GRASP, "none", found.problem)
+        ng.sensitivity(solution, ng.Sphere(1.0))
+    nothing = GraspSolution(ng.Status.NO_GRASP, "none", solution.problem)
     with pytest.raises(ng.InputError, match="solution: got no grasp"):
         ng.sensitivity(nothing)

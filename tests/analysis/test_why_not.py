@@ -1,4 +1,4 @@
-"""When there is no grasp: which constraints contradict each other, or which wrench the fingers cannot exert."""
+"""Infeasibility diagnosis: contradicting constraints, or a wrench that the fingers cannot exert."""
 
 import numpy as np
 import pytest
@@ -19,15 +19,15 @@ def test_one_constraint_that_cannot_be_kept():
     """Four points of the ellipsoid are at most 60 mm apart from each other (two of them at the ends, two across)."""
     solution = solve([ng.FrictionContact(0.6)] * 4, constraints=[ng.Spread(min=0.08)])
     assert solution.status is ng.Status.LOCALLY_INFEASIBLE
-    found = solution.why_not
-    assert found.locally_infeasible
-    (conflict,) = found.conflicts
+    diagnosis = solution.why_not
+    assert diagnosis.locally_infeasible
+    (conflict,) = diagnosis.conflicts
     assert conflict.name == "spread"
     assert conflict.bound == pytest.approx(0.08)
     assert conflict.relation == "at least"
     assert conflict.value == pytest.approx(0.06, abs=0.003)
-    assert "mm, wanted at least 80 mm" in str(found)
-    assert "Relax spread by at least" in found.advice[0]
+    assert "mm, wanted at least 80 mm" in str(diagnosis)
+    assert "Relax spread by at least" in diagnosis.advice[0]
 
 
 @pytest.mark.slow
@@ -47,8 +47,8 @@ def test_relaxing_by_what_is_advised_gives_a_grasp():
     solution = solve([ng.FrictionContact(0.6)] * 4, constraints=[ng.Spread(min=0.08)])
     (conflict,) = solution.why_not.conflicts
     relaxed = ng.Spread(min=0.08 - conflict.excess - 0.004)
-    again = solve([ng.FrictionContact(0.6)] * 4, 4, constraints=[relaxed])
-    assert again.status is not ng.Status.LOCALLY_INFEASIBLE
+    relaxed_solution = solve([ng.FrictionContact(0.6)] * 4, 4, constraints=[relaxed])
+    assert relaxed_solution.status is not ng.Status.LOCALLY_INFEASIBLE
 
 
 @pytest.mark.slow

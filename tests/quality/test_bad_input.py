@@ -1,4 +1,4 @@
-"""Bad input to the measures: one sentence with the field, what was given and what is allowed."""
+"""Error messages of the quality measures for invalid input."""
 
 import numpy as np
 import pytest

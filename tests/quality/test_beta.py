@@ -1,4 +1,4 @@
-"""mu as a scale of the task as given, and in the paper's sense: the beta of the largest A_beta (3.3-4a)."""
+"""mu relative to the given task, and the paper's mu: the beta of the largest A_beta (3.3-4a)."""
 
 import copy
 import json
@@ -18,20 +18,20 @@ Q = np.diag([1.0, 2.0, 3.0])
 
 @pytest.mark.parametrize("beta", [0.25, 1.0, 2.0, 7.5])
 def test_the_paper_s_mu_does_not_depend_on_the_beta_of_the_task_as_given(beta):
-    once, found = (
+    unit, bounds = (
         ng.mu(GRASP, ng.TaskEllipsoid.from_quadratic(Q)),
         ng.mu(GRASP, ng.TaskEllipsoid.from_quadratic(Q, beta=beta)),
     )
-    assert (found.kind, found.beta.kind) == ("mu", "beta")
-    assert (found.beta.lower, found.beta.upper) == (beta * found.lower, beta * found.upper)
-    assert found.beta.lower <= once.upper  # the same number, each within its own interval
-    assert once.lower <= found.beta.upper
+    assert (bounds.kind, bounds.beta.kind) == ("mu", "beta")
+    assert (bounds.beta.lower, bounds.beta.upper) == (beta * bounds.lower, beta * bounds.upper)
+    assert bounds.beta.lower <= unit.upper  # the same number, each within its own interval
+    assert unit.lower <= bounds.beta.upper
     # A_beta, {<y, Q y> <= beta^2}, inside the wrench set: no direction whose support is less
     y = np.random.default_rng(0).normal(size=(4000, 3))
     forces = WrenchSet.of(GRASP, "l2").support(y)[0]
     needed = np.sqrt(np.sum(y * np.linalg.solve(Q, y.T).T, axis=1))
-    assert np.min(forces / needed) >= found.beta.lower
-    assert np.min(forces / needed) == pytest.approx(found.beta.upper, rel=0.02)
+    assert np.min(forces / needed) >= bounds.beta.lower
+    assert np.min(forces / needed) == pytest.approx(bounds.beta.upper, rel=0.02)
 
 
 def test_beta_is_scaled_with_the_task_and_kept_by_frames_and_files(rng):
@@ -48,8 +48,8 @@ def test_beta_is_scaled_with_the_task_and_kept_by_frames_and_files(rng):
 
 def test_a_task_off_the_origin_says_mu_tilde_and_has_no_beta():
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0], center=[0.0, 0.3, 0.0])
-    found = ng.mu(GRASP, task)
-    assert (found.kind, found.beta) == ("mu_tilde", None)
+    bounds = ng.mu(GRASP, task)
+    assert (bounds.kind, bounds.beta) == ("mu_tilde", None)
     assert ng.mu_tilde(GRASP, ng.TaskEllipsoid([1.0, 1.0, 1.0])).kind == "mu_tilde"
     assert ng.delta(GRASP).kind == "delta"
     stack = ng.GraspStack(np.stack([GRASP.points] * 2), np.stack([GRASP.normals] * 2), GRASP.contacts)
@@ -81,8 +81,8 @@ def test_solutions_and_files_state_both(doubled, tmp_path):
     data = json.loads(path.read_text())
     assert data["problem"]["task"]["beta"] == 2.0
     assert data["quality"]["mu"]["beta"]["lower"] == 2.0 * data["quality"]["mu"]["lower"]
-    again = ng.GraspSolution.load(path)
-    assert again.beta == doubled.beta
+    loaded = ng.GraspSolution.load(path)
+    assert loaded.beta == doubled.beta
     assert ng.verify(path).passed
     data["quality"]["mu"]["beta"]["upper"] *= 2.0
     path.write_text(json.dumps(data))

@@ -1,4 +1,4 @@
-"""Measures of other tools, and the traps those fall into."""
+"""Quality measures of other tools, and cases in which those tools fail."""
 
 import numpy as np
 import pytest
@@ -107,8 +107,8 @@ def test_friction_does_not_depend_on_where_the_normal_points(seed):
     A = random_rotation(rng) if seed else np.eye(3)[[2, 0, 1]]  # normals along the axes' old places too
     turned = ng.Grasp(grasp.points @ A.T, grasp.normals @ A.T, grasp.contacts)
     for budget in ("l2", "shared", "per_finger"):
-        one, other = (ng.delta(g, rtol=1e-3, force_budget=budget) for g in (grasp, turned))
-        assert one.upper == pytest.approx(other.upper, rel=2e-3)
+        first, second = (ng.delta(g, rtol=1e-3, force_budget=budget) for g in (grasp, turned))
+        assert first.upper == pytest.approx(second.upper, rel=2e-3)
 
 
 @pytest.mark.slow
@@ -139,13 +139,13 @@ def test_torque_is_about_the_stated_point():
     grasp = tetrahedral()
     far = np.array([10.0, -3.0, 4.0])
     together = ng.Grasp(grasp.points + far, grasp.normals, grasp.contacts, torque_origin=far)
-    alone = ng.Grasp(grasp.points + far, grasp.normals, grasp.contacts)
+    shifted = ng.Grasp(grasp.points + far, grasp.normals, grasp.contacts)
     for measure in (ng.ferrari_canny, ng.smallest_singular_value, ng.isotropy):
         assert measure(together) == pytest.approx(measure(grasp))
-        assert measure(alone) < 0.5 * measure(grasp)
+        assert measure(shifted) < 0.5 * measure(grasp)
     assert ng.delta(together).upper == pytest.approx(ng.delta(grasp).upper, rel=1e-2)
-    assert ng.delta(alone).upper < 0.5 * ng.delta(grasp).lower
-    assert ng.min_weight(alone) == pytest.approx(ng.min_weight(grasp))
+    assert ng.delta(shifted).upper < 0.5 * ng.delta(grasp).lower
+    assert ng.min_weight(shifted) == pytest.approx(ng.min_weight(grasp))
 
 
 def test_soft_contacts_have_edges_too():

@@ -1,4 +1,4 @@
-"""The distance of a point from a polytope, against closed forms and a quadratic program."""
+"""Distance of a point from a polytope, against closed forms and a quadratic program."""
 
 import clarabel
 import numpy as np
@@ -20,8 +20,8 @@ def by_quadratic_program(points, p):
     P, q = sparse.csc_matrix(np.triu(points @ points.T)), -points @ p
     A = sparse.csc_matrix(np.concatenate([np.ones((1, m)), -np.eye(m)]))
     cones = [clarabel.ZeroConeT(1), clarabel.NonnegativeConeT(m)]
-    found = clarabel.DefaultSolver(P, q, A, np.append(1.0, np.zeros(m)), cones, settings).solve()
-    return float(np.linalg.norm(np.array(found.x) @ points - p))
+    solution = clarabel.DefaultSolver(P, q, A, np.append(1.0, np.zeros(m)), cones, settings).solve()
+    return float(np.linalg.norm(np.array(solution.x) @ points - p))
 
 
 @pytest.mark.parametrize(
@@ -38,14 +38,14 @@ def by_quadratic_program(points, p):
     ],
 )
 def test_a_cube(point, nearest):
-    found = polytope_distance(CUBE, point)
+    result = polytope_distance(CUBE, point)
     expected = float(np.linalg.norm(np.subtract(point, nearest)))
-    np.testing.assert_allclose(found.nearest, nearest, atol=1e-6)
-    assert found.distance == pytest.approx(expected, abs=2e-7)
-    assert found.lower == pytest.approx(expected, abs=2e-7)
-    assert found.outside == (expected > 0.0)
+    np.testing.assert_allclose(result.nearest, nearest, atol=1e-6)
+    assert result.distance == pytest.approx(expected, abs=2e-7)
+    assert result.lower == pytest.approx(expected, abs=2e-7)
+    assert result.outside == (expected > 0.0)
     if expected > 1e-6:
-        np.testing.assert_allclose(found.direction, np.subtract(point, nearest) / expected, atol=1e-6)
+        np.testing.assert_allclose(result.direction, np.subtract(point, nearest) / expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("d", [2, 3, 6])
@@ -53,11 +53,11 @@ def test_a_cube(point, nearest):
 def test_hulls_at_random_against_a_quadratic_program(d, count, rng):
     points = rng.standard_normal((count, d)) + 0.3
     for p in 2.0 * rng.standard_normal((8, d)):
-        found, expected = polytope_distance(points, p), by_quadratic_program(points, p)
-        assert found.distance == pytest.approx(expected, abs=1e-6)
-        assert found.lower <= expected + 1e-9
-        if found.outside:
-            plane = np.max((points - p) @ found.direction)
+        result, expected = polytope_distance(points, p), by_quadratic_program(points, p)
+        assert result.distance == pytest.approx(expected, abs=1e-6)
+        assert result.lower <= expected + 1e-9
+        if result.outside:
+            plane = np.max((points - p) @ result.direction)
             assert plane == pytest.approx(-expected, abs=1e-6)  # no vertex is nearer along the direction
 
 
@@ -71,14 +71,14 @@ def test_a_support_function_in_place_of_vertices(rng):
     """Of the same polytope the same answer, and of a ball, which has no vertices, its distance."""
     points = rng.standard_normal((30, 4))
     p = np.array([2.0, -1.0, 3.0, 1.0])
-    asked = []
+    directions = []
 
     def vertex(y):
-        asked.append(y)
+        directions.append(y)
         return points[np.argmax(points @ y)]
 
     np.testing.assert_allclose(polytope_distance(vertex, p).nearest, polytope_distance(points, p).nearest)
-    assert len(asked) < 30
+    assert len(directions) < 30
     ball = polytope_distance(lambda y: y / np.linalg.norm(y), [3.0, 4.0])
     assert ball.distance == pytest.approx(4.0)
     assert ball.lower == pytest.approx(4.0)

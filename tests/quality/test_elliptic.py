@@ -1,4 +1,4 @@
-"""Certificates of grasps with elliptic soft fingers, against a conic solver that is told the cones anew."""
+"""Certificates of grasps with elliptic soft fingers, against an independent conic program."""
 
 import clarabel
 import numpy as np
@@ -46,20 +46,20 @@ class Conic:
             add(clarabel.NonnegativeConeT, -normals.sum(axis=0), 1.0)
         else:
             for i in range(k):
-                each = np.concatenate([0 * unit[:1], unit[4 * i : 4 * i + 4]])
-                add(clarabel.SecondOrderConeT, each, np.eye(5)[0])
+                block = np.concatenate([0 * unit[:1], unit[4 * i : 4 * i + 4]])
+                add(clarabel.SecondOrderConeT, block, np.eye(5)[0])
         self.A, self.b, self.n = np.concatenate(rows), np.concatenate(tops), n
 
     def _solve(self, cost, A, b, cones):
         settings = clarabel.DefaultSettings()
         settings.verbose = False
         settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10
-        none = sparse.csc_matrix((len(cost), len(cost)))
+        no_cost = sparse.csc_matrix((len(cost), len(cost)))
         for settings.max_step_fraction in (0.99, 0.9, 0.7):  # the long steps get stuck on some processors
-            found = clarabel.DefaultSolver(none, cost, sparse.csc_matrix(A), b, cones, settings).solve()
-            if str(found.status) in ("Solved", "AlmostSolved"):
-                return -found.obj_val
-        raise AssertionError(found.status)
+            solution = clarabel.DefaultSolver(no_cost, cost, sparse.csc_matrix(A), b, cones, settings).solve()
+            if str(solution.status) in ("Solved", "AlmostSolved"):
+                return -solution.obj_val
+        raise AssertionError(solution.status)
 
     def reach(self, w):
         """Return the largest lambda with ``lambda w`` in the wrench set."""
@@ -78,9 +78,9 @@ def test_least_forces_and_the_reach_of_the_wrench_set(budget):
     grasp = soft_grasp(0)
     conic = Conic(grasp, budget)
     wrenches = np.concatenate([np.eye(6), -np.eye(6), np.random.default_rng(1).standard_normal((20, 6))])
-    found = ng.finger_forces(grasp, wrenches, force_budget=budget)
-    assert found.feasible.all()
-    np.testing.assert_allclose(1.0 / found.used, [conic.reach(w) for w in wrenches], rtol=2e-7)
+    forces = ng.finger_forces(grasp, wrenches, force_budget=budget)
+    assert forces.feasible.all()
+    np.testing.assert_allclose(1.0 / forces.used, [conic.reach(w) for w in wrenches], rtol=2e-7)
 
 
 @pytest.mark.parametrize("seed", range(2))

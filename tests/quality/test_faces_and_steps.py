@@ -1,4 +1,4 @@
-"""The paper's own algorithms against the certificates, up to the polytope's own error, which goes to zero."""
+"""The paper's own algorithms against the certificates, within the polytope's approximation error."""
 
 import numpy as np
 import pytest
@@ -27,42 +27,42 @@ def in_hull(points, p):
 @pytest.mark.parametrize("budget", BUDGETS)
 def test_delta_is_between_that_of_the_polytope_and_its_error(budget, rng):
     for grasp, count in ((three_on_a_circle(), 100), (closed_ellipsoid_grasp(rng), 80)):
-        found, bounds = inscribed_polytope(grasp, count, force_budget=budget), ng.delta(grasp, force_budget=budget)
-        assert 0.0 < found.delta <= bounds.upper
-        assert bounds.lower <= found.delta / found.share
-        assert found.delta == found.distances[found.closest] == found.distances.min()
+        polytope, bounds = inscribed_polytope(grasp, count, force_budget=budget), ng.delta(grasp, force_budget=budget)
+        assert 0.0 < polytope.delta <= bounds.upper
+        assert bounds.lower <= polytope.delta / polytope.share
+        assert polytope.delta == polytope.distances[polytope.closest] == polytope.distances.min()
 
 
 @pytest.mark.parametrize("count", [12, 60, 200])
 def test_the_faces_are_those_of_a_polytope_inside(count, rng):
     """Every vertex is a wrench of the set, on the inner side of every face, and on the faces it is said to be on."""
     grasp = three_on_a_circle()
-    found = inscribed_polytope(grasp, count, 0.5)
+    polytope = inscribed_polytope(grasp, count, 0.5)
     scale = np.array([1.0, 1.0, 2.0])
-    forces = ng.finger_forces(grasp, found.vertices / scale)
+    forces = ng.finger_forces(grasp, polytope.vertices / scale)
     assert np.max(forces.used) <= 1.0 + 1e-8
-    height = found.vertices @ found.normals.T
-    assert np.max(height - found.distances) <= 1e-9
-    on = np.take_along_axis(height, found.members.T, axis=0)
-    np.testing.assert_allclose(on, np.tile(found.distances, (3, 1)), atol=1e-9)
-    np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1.0)
-    assert len(found.vertices) <= count + 1
+    height = polytope.vertices @ polytope.normals.T
+    assert np.max(height - polytope.distances) <= 1e-9
+    on = np.take_along_axis(height, polytope.members.T, axis=0)
+    np.testing.assert_allclose(on, np.tile(polytope.distances, (3, 1)), atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(polytope.normals, axis=1), 1.0)
+    assert len(polytope.vertices) <= count + 1
     y = rng.standard_normal((20, 3))
     far = WrenchSet.of(grasp).support(y * scale)[1] * scale
-    assert all(in_hull(found.vertices, (1 - 1e-6) * found.share * w) for w in far)
+    assert all(in_hull(polytope.vertices, (1 - 1e-6) * polytope.share * w) for w in far)
 
 
 def test_the_error_goes_to_zero():
     """In the plane a smooth set's polytope of m vertices is off by some constant over m."""
     grasp, bounds = three_on_a_circle(), ng.delta(three_on_a_circle(), rtol=1e-5)
-    errors, off = [], []
+    errors, delta_errors = [], []
     for count in (50, 200, 800):
-        found = inscribed_polytope(grasp, count)
-        errors.append(1.0 - found.share)
-        off.append(1.0 - found.delta / bounds.upper)
+        polytope = inscribed_polytope(grasp, count)
+        errors.append(1.0 - polytope.share)
+        delta_errors.append(1.0 - polytope.delta / bounds.upper)
     assert errors[0] > 2.5 * errors[1] > 6.0 * errors[2]
     assert errors[2] < 0.01
-    assert all(-1e-4 <= o <= e for o, e in zip(off, errors, strict=True))
+    assert all(-1e-4 <= o <= e for o, e in zip(delta_errors, errors, strict=True))
 
 
 @pytest.mark.slow
@@ -79,15 +79,15 @@ def test_the_error_goes_down_in_space():
 def test_mu_by_steps_in_the_plane(budget, center):
     grasp, task = three_on_a_circle(), ng.TaskEllipsoid([1.0, 0.5, 0.3], center=center)
     certified = ng.mu(grasp, task, 1e-3, force_budget=budget)
-    found = mu_by_steps(grasp, task, vertices=400, force_budget=budget)
-    assert found.bounds.lower <= certified.upper
-    assert certified.lower <= found.bounds.upper
-    assert found.bounds.lower > 0.4 * certified.upper
-    assert found.step <= 1e-3 * found.beta
-    assert 0.5 < found.task_share < 1.0
-    used = ng.finger_forces(grasp, (found.beta + found.step) * found.worst, force_budget=budget).used[0]
-    assert used / found.polytope_share >= 1.0 - 1e-9  # the wrench that left the polytope
-    assert used <= (1.0 + 2e-3) / found.polytope_share
+    stepped = mu_by_steps(grasp, task, vertices=400, force_budget=budget)
+    assert stepped.bounds.lower <= certified.upper
+    assert certified.lower <= stepped.bounds.upper
+    assert stepped.bounds.lower > 0.4 * certified.upper
+    assert stepped.step <= 1e-3 * stepped.beta
+    assert 0.5 < stepped.task_share < 1.0
+    used = ng.finger_forces(grasp, (stepped.beta + stepped.step) * stepped.worst, force_budget=budget).used[0]
+    assert used / stepped.polytope_share >= 1.0 - 1e-9  # the wrench that left the polytope
+    assert used <= (1.0 + 2e-3) / stepped.polytope_share
 
 
 def test_mu_by_steps_converges():
@@ -95,23 +95,23 @@ def test_mu_by_steps_converges():
     grasp = three_on_a_circle()
     task = ng.TaskPolytope([[1.0, 0.2, 0.0], [-0.5, 0.8, 0.1], [0.0, -1.0, -0.2], [0.0, 0.0, 0.3]])
     certified = ng.mu(grasp, task, 1e-5)
-    off = []
+    errors = []
     for count in (30, 120, 480):
-        found = mu_by_steps(grasp, task, 1e-5, vertices=count)
-        assert found.task_share == 1.0
-        assert found.bounds.lower <= certified.upper
-        assert certified.lower <= found.bounds.upper
-        off.append(1.0 - found.beta / certified.upper)
-    assert 0.0 <= off[2] < 0.01
-    assert off[2] < off[0] / 3.0
+        stepped = mu_by_steps(grasp, task, 1e-5, vertices=count)
+        assert stepped.task_share == 1.0
+        assert stepped.bounds.lower <= certified.upper
+        assert certified.lower <= stepped.bounds.upper
+        errors.append(1.0 - stepped.beta / certified.upper)
+    assert 0.0 <= errors[2] < 0.01
+    assert errors[2] < errors[0] / 3.0
 
 
 def test_mu_by_steps_in_space(rng):
     grasp, task = closed_ellipsoid_grasp(rng), ng.TaskEllipsoid([1.0, 1.0, 2.0, 0.5, 0.5, 0.5])
-    certified, found = ng.mu(grasp, task), mu_by_steps(grasp, task, 0.05, vertices=80)
-    assert found.bounds.lower <= certified.upper
-    assert certified.lower <= found.bounds.upper
-    assert found.wrenches == 126
+    certified, stepped = ng.mu(grasp, task), mu_by_steps(grasp, task, 0.05, vertices=80)
+    assert stepped.bounds.lower <= certified.upper
+    assert certified.lower <= stepped.bounds.upper
+    assert stepped.wrenches == 126
 
 
 @pytest.mark.parametrize(("pair", "expected"), [("I", 0.3799), ("II", 0.3340), ("III", 0.0), ("IV", 0.0)])
@@ -119,10 +119,10 @@ def test_example_3_10_as_the_paper_would_have_computed_it(pair, expected):
     points, normals = square_pair(pair)
     grasp = ng.Grasp(points, normals, ng.FrictionContact(0.5))
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0], center=[0.0, 0.5, 0.0])
-    found = mu_by_steps(grasp, task, vertices=300)
-    assert found.bounds.lower <= expected + 1e-4
-    assert expected - 1e-4 <= found.bounds.upper
-    assert (found.beta > 0.3) == (expected > 0.0)
+    stepped = mu_by_steps(grasp, task, vertices=300)
+    assert stepped.bounds.lower <= expected + 1e-4
+    assert expected - 1e-4 <= stepped.bounds.upper
+    assert (stepped.beta > 0.3) == (expected > 0.0)
 
 
 def test_a_grasp_that_is_not_closed_has_no_ball_around_the_origin():
@@ -130,9 +130,9 @@ def test_a_grasp_that_is_not_closed_has_no_ball_around_the_origin():
     flat = inscribed_polytope(one)  # a single contact: two dimensions
     assert (flat.delta, flat.share, flat.closest, len(flat.normals)) == (0.0, 0.0, None, 0)
     two = ng.Grasp([[0.0, 1.0], [1.0, 0.0]], [[0.0, -1.0], [-1.0, 0.0]], ng.FrictionContact(0.2))
-    open_ = inscribed_polytope(two)
-    assert open_.delta == pytest.approx(0.0, abs=1e-12)
-    assert len(open_.normals) > 3
+    grasp = inscribed_polytope(two)
+    assert grasp.delta == pytest.approx(0.0, abs=1e-12)
+    assert len(grasp.normals) > 3
     assert mu_by_steps(two, ng.TaskEllipsoid([1.0, 1.0, 1.0])).beta == 0.0
 
 

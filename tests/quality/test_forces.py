@@ -1,4 +1,4 @@
-"""Least finger forces: published numbers, a conic solver, and which wrenches cannot be produced."""
+"""Least finger forces against published numbers and a conic solver, and infeasible wrenches."""
 
 import numpy as np
 import pytest
@@ -28,11 +28,11 @@ def lobo_grasp():
 def test_published_grasp_force_optimisation(budget, expected):
     """The load (0, 0, -1) is held by the wrench (0, 0, 1) of the fingers; no torque about the world's origin."""
     grasp, wrench = lobo_grasp(), [0, 0, 1.0, 0, 0, 0]
-    found = ng.finger_forces(grasp, wrench, force_budget=budget)
-    assert found.feasible[0]
-    assert found.used[0] == pytest.approx(expected, abs=1e-8 if budget == "per_finger" else 5e-7)
-    np.testing.assert_allclose(grasp.G @ found.forces[0], wrench, atol=1e-9)
-    np.testing.assert_allclose(WrenchSet.of(grasp).project(found.forces), found.forces, atol=1e-8)
+    result = ng.finger_forces(grasp, wrench, force_budget=budget)
+    assert result.feasible[0]
+    assert result.used[0] == pytest.approx(expected, abs=1e-8 if budget == "per_finger" else 5e-7)
+    np.testing.assert_allclose(grasp.G @ result.forces[0], wrench, atol=1e-9)
+    np.testing.assert_allclose(WrenchSet.of(grasp).project(result.forces), result.forces, atol=1e-8)
 
 
 @pytest.mark.parametrize("budget", ["per_finger", "per_finger_size", "shared", "l2"])
@@ -50,9 +50,9 @@ def test_no_direction_shows_that_less_would_do(budget, rng):
 def test_joint_torque_limits_are_kept(rng):
     grasp = closed_ellipsoid_grasp(rng, k=3)
     budget = ng.JointTorqueLimits([rng.standard_normal((3, 3)) for _ in range(3)], 1.0)
-    found = ng.finger_forces(grasp, rng.standard_normal((4, 6)), force_budget=budget)
-    assert found.feasible.all()
-    for x, used in zip(found.forces, found.used, strict=True):
+    result = ng.finger_forces(grasp, rng.standard_normal((4, 6)), force_budget=budget)
+    assert result.feasible.all()
+    for x, used in zip(result.forces, result.used, strict=True):
         force = grasp.contact_wrenches(x)[:, :3]
         torques = [J.T @ f for J, f in zip(budget.jacobians, force, strict=True)]
         assert np.max(np.abs(torques)) == pytest.approx(used)
@@ -63,33 +63,33 @@ def test_forces_produce_their_wrenches_from_inside_the_cones(name, rng):
     grasp = closed_ellipsoid_grasp(rng)
     grasp = ng.Grasp(grasp.points, grasp.normals, CONTACTS[name])
     wrenches = rng.standard_normal((200, 6))
-    found = ng.finger_forces(grasp, wrenches)
-    assert found.feasible.all()
-    assert np.max(found.residual) <= 1e-9
-    np.testing.assert_allclose(found.forces @ grasp.G.T, wrenches, atol=1e-9)
-    per_contact = found.forces.reshape(200 * 4, -1)
+    result = ng.finger_forces(grasp, wrenches)
+    assert result.feasible.all()
+    assert np.max(result.residual) <= 1e-9
+    np.testing.assert_allclose(result.forces @ grasp.G.T, wrenches, atol=1e-9)
+    per_contact = result.forces.reshape(200 * 4, -1)
     if is_pad(CONTACTS[name]):  # no closed form: by a conic program of the test's own
         assert max(slack(CONTACTS[name], x) for x in per_contact[::4]) <= 1e-8
     else:
         np.testing.assert_allclose(CONTACTS[name].project(per_contact), per_contact, atol=1e-9)
-    assert np.isnan(found.separating_directions).all()
+    assert np.isnan(result.separating_directions).all()
 
 
 def test_mixed_contacts(rng):
     grasp = closed_ellipsoid_grasp(rng, k=5)
     grasp = ng.Grasp(grasp.points, grasp.normals, [*list(CONTACTS.values())[:4], CONTACTS["rough disc"]])
     wrenches = rng.standard_normal((50, 6))
-    found = ng.finger_forces(grasp, wrenches)
-    assert found.feasible.all()
-    np.testing.assert_allclose(found.forces @ grasp.G.T, wrenches, atol=1e-9)
+    result = ng.finger_forces(grasp, wrenches)
+    assert result.feasible.all()
+    np.testing.assert_allclose(result.forces @ grasp.G.T, wrenches, atol=1e-9)
 
 
 def test_forces_are_the_least_by_a_conic_solver(rng):
     grasp = closed_ellipsoid_grasp(rng)
     wrenches = rng.standard_normal((20, 6))
-    found = ng.finger_forces(grasp, wrenches)
+    result = ng.finger_forces(grasp, wrenches)
     expected = [least_force(grasp, w) for w in wrenches]
-    np.testing.assert_allclose(found.used, expected, rtol=1e-6)
+    np.testing.assert_allclose(result.used, expected, rtol=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -97,18 +97,18 @@ def test_ten_thousand_wrenches_to_1e_9(seed):
     rng = np.random.default_rng(seed)
     grasp = closed_ellipsoid_grasp(rng)
     wrenches = rng.standard_normal((10_000, 6))
-    found = ng.finger_forces(grasp, wrenches)
-    assert found.feasible.all()
-    assert np.max(np.linalg.norm(found.forces @ grasp.G.T - wrenches, axis=1)) <= 1e-9
-    assert np.max(found.residual) <= 1e-9
+    result = ng.finger_forces(grasp, wrenches)
+    assert result.feasible.all()
+    assert np.max(np.linalg.norm(result.forces @ grasp.G.T - wrenches, axis=1)) <= 1e-9
+    assert np.max(result.residual) <= 1e-9
 
 
 def test_wrenches_out_of_reach_are_said_to_be():
     grasp = ng.Grasp([[1, 0, 0], [-1, 0, 0]], [[-1, 0, 0], [1, 0, 0]], ng.FrictionContact(0.5))
-    found = ng.finger_forces(grasp, np.array([[0, 0, 0, 1.0, 0, 0], [0, 0, 1.0, 0, 0, 0]]))
-    assert found.feasible.tolist() == [False, True]
-    np.testing.assert_allclose(np.abs(found.separating_directions[0]), [0, 0, 0, 1, 0, 0], atol=1e-12)
-    assert found.used.tolist() == [np.inf, pytest.approx(np.sqrt(2.5))]
+    result = ng.finger_forces(grasp, np.array([[0, 0, 0, 1.0, 0, 0], [0, 0, 1.0, 0, 0, 0]]))
+    assert result.feasible.tolist() == [False, True]
+    np.testing.assert_allclose(np.abs(result.separating_directions[0]), [0, 0, 0, 1, 0, 0], atol=1e-12)
+    assert result.used.tolist() == [np.inf, pytest.approx(np.sqrt(2.5))]
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -117,18 +117,18 @@ def test_feasibility_agrees_with_a_conic_solver_and_is_proven(seed):
     rng = np.random.default_rng(seed)
     grasp = ellipsoid_grasp(rng, k=3, friction=0.4)
     wrenches = np.concatenate([rng.standard_normal((12, 6)), np.abs(rng.standard_normal((12, 9))) @ grasp.G.T])
-    found = ng.finger_forces(grasp, wrenches)
+    result = ng.finger_forces(grasp, wrenches)
     expected = np.array([np.isfinite(least_force(grasp, w)) for w in wrenches])
-    np.testing.assert_array_equal(found.feasible, expected)
-    for w, y in zip(wrenches[~found.feasible], found.separating_directions[~found.feasible], strict=True):
+    np.testing.assert_array_equal(result.feasible, expected)
+    for w, y in zip(wrenches[~result.feasible], result.separating_directions[~result.feasible], strict=True):
         assert w @ y > 0.0
         assert WrenchSet.of(grasp).support(y[None])[0][0] <= 1e-6
 
 
 def test_nothing_asked_nothing_used(rng):
-    found = ng.finger_forces(closed_ellipsoid_grasp(rng), np.zeros((1, 6)))
-    assert found.feasible[0]
-    assert not found.forces.any()
+    result = ng.finger_forces(closed_ellipsoid_grasp(rng), np.zeros((1, 6)))
+    assert result.feasible[0]
+    assert not result.forces.any()
     assert ng.finger_forces(closed_ellipsoid_grasp(rng), np.zeros((0, 6))).forces.shape == (0, 12)
 
 

@@ -1,4 +1,4 @@
-"""Forces that are commanded press: every contact model under every force budget, by cones written from definitions."""
+"""Least forces of every contact model under every force budget, against cones written from definitions."""
 
 from itertools import product
 
@@ -60,8 +60,8 @@ def check(name, budget, count):
         with pytest.raises(ng.InputError, match="bilateral"):
             ng.finger_forces(grasp, wrenches, force_budget=bound_to(budget, grasp))
         return
-    found = ng.finger_forces(grasp, wrenches, force_budget=bound_to(budget, grasp))
-    contact, x = EVERY[name], found.forces.reshape(count, 6, -1)
+    result = ng.finger_forces(grasp, wrenches, force_budget=bound_to(budget, grasp))
+    contact, x = EVERY[name], result.forces.reshape(count, 6, -1)
     size = np.linalg.norm(x, axis=(1, 2))
     scaled = x / np.where(size > 0.0, size, 1.0)[:, None, None]
     some = rng.integers(0, count, CONIC) if name == "coulomb rectangle" else slice(None)
@@ -69,10 +69,10 @@ def check(name, budget, count):
     if contact.unilateral:
         assert np.min(x[..., 0]) >= 0.0
     units = np.array([1.0] * 3 + [1.0 / 0.03] * 3)
-    off = np.linalg.norm((found.forces @ grasp.G.T - wrenches) * units, axis=1)
-    asked = np.linalg.norm(wrenches * units, axis=1)
-    assert np.max((off / asked)[found.feasible]) <= 2e-8
-    assert np.sum(found.feasible) >= (count - 24) // 2
+    errors = np.linalg.norm((result.forces @ grasp.G.T - wrenches) * units, axis=1)
+    sizes = np.linalg.norm(wrenches * units, axis=1)
+    assert np.max((errors / sizes)[result.feasible]) <= 2e-8
+    assert np.sum(result.feasible) >= (count - 24) // 2
 
 
 def test_every_named_budget_is_tested():
@@ -98,7 +98,7 @@ def test_forces_of_20_000_wrenches_are_in_the_cones(name, budget):
 def test_of_two_opposed_fingers_one_pushes(model, budget, arm):
     """Along the line between them the finger behind the body pushes, and the one in front does not pull."""
     grasp = ng.Grasp([[-arm, 0, 0], [arm, 0, 0]], [[1, 0, 0], [-1, 0, 0]], ng.SoftContact(0.5, 0.02, model=model))
-    found = ng.finger_forces(grasp, [1.0, 0, 0, 0, 0, 0], force_budget=budget)
-    np.testing.assert_allclose(found.forces, [[1.0, 0, 0, 0, 0, 0, 0, 0]], atol=1e-8)
-    assert np.min(found.forces[:, [0, 4]]) >= 0.0
-    assert found.used[0] == pytest.approx(1.0, abs=1e-8)
+    result = ng.finger_forces(grasp, [1.0, 0, 0, 0, 0, 0], force_budget=budget)
+    np.testing.assert_allclose(result.forces, [[1.0, 0, 0, 0, 0, 0, 0, 0]], atol=1e-8)
+    assert np.min(result.forces[:, [0, 4]]) >= 0.0
+    assert result.used[0] == pytest.approx(1.0, abs=1e-8)

@@ -1,3 +1,5 @@
+"""Contact frames, grasp map and input checks of grasps."""
+
 import numpy as np
 import pytest
 

@@ -1,4 +1,4 @@
-"""Cases that once gave wrong answers: narrow cones, far origins, tiny scales, overlapping cells."""
+"""Regression cases: narrow cones, far origins, tiny scales, overlapping cells."""
 
 import numpy as np
 import pytest
@@ -25,9 +25,9 @@ def test_forces_from_inside_narrow_cones_are_found_again(space, friction):
         size = np.linalg.norm(tangential, axis=-1, keepdims=True)
         x[..., 1:] = 0.9 * friction * x[..., :1] * tangential / size
         x = x.reshape(20, -1)
-        found = ng.finger_forces(grasp, x @ grasp.G.T)
-        assert found.feasible.all()
-        assert np.all(found.used <= np.linalg.norm(x, axis=1) * (1 + 1e-7))
+        result = ng.finger_forces(grasp, x @ grasp.G.T)
+        assert result.feasible.all()
+        assert np.all(result.used <= np.linalg.norm(x, axis=1) * (1 + 1e-7))
 
 
 @pytest.mark.parametrize("name", CONTACTS)
@@ -46,18 +46,18 @@ def test_answers_do_not_depend_on_the_batch():
     n = np.array([[1, 0, 0], [-0.5, 3**0.5 / 2, 0], [-0.5, -(3**0.5) / 2, 0]])
     grasp = ng.Grasp(0.05 * n, -n, ng.SoftContact(0.5, 0.01))
     wrenches = np.random.default_rng(0).standard_normal((3000, 6)) * np.array([1, 1, 1, 0.05, 0.05, 0.05])
-    together = ng.finger_forces(grasp, wrenches)
-    assert together.feasible.all()
-    alone = [ng.finger_forces(grasp, w).used[0] for w in wrenches[:50]]
-    np.testing.assert_allclose(together.used[:50], alone, rtol=1e-7)
+    batch = ng.finger_forces(grasp, wrenches)
+    assert batch.feasible.all()
+    single = [ng.finger_forces(grasp, w).used[0] for w in wrenches[:50]]
+    np.testing.assert_allclose(batch.used[:50], single, rtol=1e-7)
 
 
 def test_torque_rows_that_are_only_rounding():
     angles = 2.0 * np.pi * np.arange(3) / 3.0
     u = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     for radius in (0.07, 0.3, 1.0):
-        found = ng.finger_forces(ng.Grasp(radius * u, -u, ng.PointContact()), [[1, 1, 0], [1, -1, 0]])
-        np.testing.assert_allclose(found.used, 1.632993, rtol=1e-5)
+        result = ng.finger_forces(ng.Grasp(radius * u, -u, ng.PointContact()), [[1, 1, 0], [1, -1, 0]])
+        np.testing.assert_allclose(result.used, 1.632993, rtol=1e-5)
 
 
 def test_a_far_torque_origin_does_not_undo_stability():
@@ -80,11 +80,11 @@ def test_small_numbers_are_not_zero():
 def test_closed_by_no_more_than_rounding():
     """Closed by a margin of 5e-9: no direction is claimed, and no larger ball, however a processor rounds."""
     points, normals = [[-1, 0, 0], [1, 1 - 1e-8, 0]], [[1, 0, 0], [-1, 0, 0]]
-    found = ng.is_stable(ng.Grasp(points, normals, ng.SoftContact(0.5, 0.1)))
-    assert found.separating_direction is None
-    assert found.radius.upper > 0.0
-    assert found.radius.lower < 5e-9
-    assert found.stable == (found.radius.lower > 0.0)
+    stability = ng.is_stable(ng.Grasp(points, normals, ng.SoftContact(0.5, 0.1)))
+    assert stability.separating_direction is None
+    assert stability.radius.upper > 0.0
+    assert stability.radius.lower < 5e-9
+    assert stability.stable == (stability.radius.lower > 0.0)
 
 
 @pytest.mark.parametrize("origin", [1.0, 100.0, 1000.0])
@@ -131,18 +131,18 @@ def test_planar_volumes_of_polytopes(budget):
         u = rng.standard_normal((k, 2))
         u /= np.linalg.norm(u, axis=1, keepdims=True)
         grasp = ng.Grasp(radius * u, -u, ng.FrictionContact(friction))
-        found = ng.nu(grasp, radius, 0.02, force_budget=budget, seed=seed)
+        volume = ng.nu(grasp, radius, 0.02, force_budget=budget, seed=seed)
         exact = ng.pyramid_volume(grasp, torque_scale=radius, force_budget=budget)
-        assert found.lower <= exact * (1 + 1e-6)
-        assert exact <= found.upper * (1 + 1e-6)
+        assert volume.lower <= exact * (1 + 1e-6)
+        assert exact <= volume.upper * (1 + 1e-6)
 
 
 @pytest.mark.parametrize("seed", first(1, range(5)))
 def test_two_soft_fingers_have_a_volume(seed):
     u = np.random.default_rng(seed).standard_normal((2, 3))
     u /= np.linalg.norm(u, axis=1, keepdims=True)
-    found = ng.nu(ng.Grasp(u, -u, ng.SoftContact(0.07, 0.1)), rtol=0.5)
-    assert 0.0 < found.lower <= found.value <= found.upper
+    volume = ng.nu(ng.Grasp(u, -u, ng.SoftContact(0.07, 0.1)), rtol=0.5)
+    assert 0.0 < volume.lower <= volume.value <= volume.upper
 
 
 def test_contacts_a_nanometre_apart_end_with_a_wide_interval():
@@ -155,6 +155,6 @@ def test_contacts_a_nanometre_apart_end_with_a_wide_interval():
     models = [ng.FrictionContact(3.0), ng.SoftContact(3.0, 0.01515), ng.PointContact()]
     grasp = ng.Grasp(points, normals / np.linalg.norm(normals, axis=1)[:, None], models)
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.7575, 0.7575, 0.7575])
-    found = ng.mu(grasp, task)
-    assert found.lower == 0.0
-    assert 0.0 <= found.upper < 1e-8
+    bounds = ng.mu(grasp, task)
+    assert bounds.lower == 0.0
+    assert 0.0 <= bounds.upper < 1e-8

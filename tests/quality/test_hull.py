@@ -1,4 +1,4 @@
-"""The growing hull against Qhull, and that it surrounds its centre whatever the points."""
+"""Incremental convex hull against Qhull, and containment of its centre."""
 
 import itertools
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from nlpgrasp.quality.convex_hull import Hull
+from nlpgrasp.quality.convex_hull import IncrementalHull
 
 
 def distances(planes, centre):
@@ -15,7 +15,7 @@ def distances(planes, centre):
 
 
 def grown(points, first):
-    hull = Hull(points[:first], distances)
+    hull = IncrementalHull(points[:first], distances)
     for p in points[first:]:
         hull.insert(p[None])
     return hull
@@ -31,7 +31,7 @@ def test_same_facets_as_qhull(dimension, rng):
 
 def test_a_point_inside_changes_nothing(rng):
     points = rng.standard_normal((30, 4))
-    hull = Hull(points, distances)
+    hull = IncrementalHull(points, distances)
     before = hull.values.copy()
     assert not hull.insert(points.mean(axis=0, keepdims=True))
     np.testing.assert_array_equal(hull.values, before)

@@ -1,4 +1,4 @@
-"""What a change of body frame, (2.5-4) to (2.5-6), and a factor of force, (3.3-6), do to grasps, tasks and measures."""
+"""Changes of body frame, (2.5-4) to (2.5-6), and of the force unit, (3.3-6), of grasps, tasks and measures."""
 
 import numpy as np
 import pytest
@@ -64,17 +64,17 @@ def test_the_grasp_map_in_another_frame(space, contact, rng):
     """(2.5-6), column by column; and the same from the new places alone, tangents left to the contacts."""
     grasp = placed(space, contact, rng)
     A, b, pose = pose_of(space, rng)
-    there = grasp.in_frame(pose)
-    np.testing.assert_allclose(there.G.T, turned(A, grasp.G.T), atol=1e-12)
-    np.testing.assert_allclose(there.points, grasp.points @ A.T + b, atol=1e-12)
-    np.testing.assert_allclose(there.normals, grasp.normals @ A.T, atol=1e-12)
-    np.testing.assert_allclose(there.torque_origin, A @ grasp.torque_origin + b, atol=1e-12)
-    again = ng.Grasp(there.points, there.normals, there.contacts, there.torque_origin)
+    moved = grasp.in_frame(pose)
+    np.testing.assert_allclose(moved.G.T, turned(A, grasp.G.T), atol=1e-12)
+    np.testing.assert_allclose(moved.points, grasp.points @ A.T + b, atol=1e-12)
+    np.testing.assert_allclose(moved.normals, grasp.normals @ A.T, atol=1e-12)
+    np.testing.assert_allclose(moved.torque_origin, A @ grasp.torque_origin + b, atol=1e-12)
+    rebuilt = ng.Grasp(moved.points, moved.normals, moved.contacts, moved.torque_origin)
     y = rng.standard_normal((50, grasp.dimension))
-    same = [WrenchSet.of(g).support(y)[0] for g in (there, again)]
-    np.testing.assert_allclose(*same, atol=1e-9)
-    back = there.in_frame(np.linalg.inv(pose))
-    np.testing.assert_allclose(back.G, grasp.G, atol=1e-12)
+    restored = [WrenchSet.of(g).support(y)[0] for g in (moved, rebuilt)]
+    np.testing.assert_allclose(*restored, atol=1e-9)
+    returned = moved.in_frame(np.linalg.inv(pose))
+    np.testing.assert_allclose(returned.G, grasp.G, atol=1e-12)
 
 
 @pytest.mark.parametrize("space", [2, 3])
@@ -100,21 +100,21 @@ def test_every_ratio_of_supports_is_invariant(space, contact, kind, rng):
     """mu is the least of them, so it is too, (3.3-7a)."""
     grasp, task = placed(space, contact, rng), task_of(kind, 3 if space == 2 else 6, rng)
     A, b, pose = pose_of(space, rng)
-    there, asked = grasp.in_frame(pose), task.in_frame(pose)
+    moved, asked = grasp.in_frame(pose), task.in_frame(pose)
     assert type(asked) is type(task)
     assert asked.is_centred == task.is_centred
     if task.about is None:
         assert asked.about is None
     else:
         np.testing.assert_allclose(asked.about, A @ task.about + b, atol=1e-12)
-        task, asked = task.at(grasp.torque_origin), asked.at(there.torque_origin)
+        task, asked = task.at(grasp.torque_origin), asked.at(moved.torque_origin)
     y = rng.standard_normal((100, grasp.dimension))
     np.testing.assert_allclose(
-        WrenchSet.of(there).support(turned(A, y))[0], WrenchSet.of(grasp).support(y)[0], atol=1e-9
+        WrenchSet.of(moved).support(turned(A, y))[0], WrenchSet.of(grasp).support(y)[0], atol=1e-9
     )
-    here, elsewhere = task.support(y), asked.support(turned(A, y))
-    np.testing.assert_allclose(elsewhere[0], here[0], atol=1e-9 * np.max(np.abs(here[0])))
-    np.testing.assert_allclose(elsewhere[1], turned(A, here[1]), atol=1e-5 if kind == "set" else 1e-9)
+    original, elsewhere = task.support(y), asked.support(turned(A, y))
+    np.testing.assert_allclose(elsewhere[0], original[0], atol=1e-9 * np.max(np.abs(original[0])))
+    np.testing.assert_allclose(elsewhere[1], turned(A, original[1]), atol=1e-5 if kind == "set" else 1e-9)
 
 
 def solid(space, rng):
@@ -132,19 +132,19 @@ def test_mu_is_invariant(space, kind, rng):
     grasp = solid(space, rng)
     task = task_of(kind, grasp.dimension, rng)
     pose = pose_of(space, rng)[2]
-    here, there = ng.mu(grasp, task, 0.05), ng.mu(grasp.in_frame(pose), task.in_frame(pose), 0.05, seed=7)
-    assert here.lower > 0.0
-    assert max(here.lower, there.lower) <= min(here.upper, there.upper) * (1 + 1e-9)
+    original, moved = ng.mu(grasp, task, 0.05), ng.mu(grasp.in_frame(pose), task.in_frame(pose), 0.05, seed=7)
+    assert original.lower > 0.0
+    assert max(original.lower, moved.lower) <= min(original.upper, moved.upper) * (1 + 1e-9)
 
 
 @pytest.mark.parametrize("space", [2, 3])
 def test_delta_is_invariant_under_body_frames(space, rng):
     """Section 3.1: the torque origin goes along; (2.5-6) is orthogonal."""
     grasp = solid(space, rng)
-    here = ng.delta(grasp, 1.0, 0.05)
-    there = ng.delta(grasp.in_frame(pose_of(space, rng)[2]), 1.0, 0.05)
-    assert here.lower > 0.0
-    assert max(here.lower, there.lower) <= min(here.upper, there.upper) * (1 + 1e-9)
+    original = ng.delta(grasp, 1.0, 0.05)
+    moved = ng.delta(grasp.in_frame(pose_of(space, rng)[2]), 1.0, 0.05)
+    assert original.lower > 0.0
+    assert max(original.lower, moved.lower) <= min(original.upper, moved.upper) * (1 + 1e-9)
 
 
 @pytest.mark.parametrize("space", [2, 3])
@@ -154,27 +154,27 @@ def test_measures_are_homogeneous(space, budget, factor, rng):
     """(3.3-6): mu(lambda G) = lambda mu(G), and so is delta."""
     grasp = solid(space, rng)
     task = task_of("off centre", grasp.dimension, rng)
-    more = grasp.scaled(factor)
-    np.testing.assert_allclose(more.G, factor * grasp.G)
-    np.testing.assert_allclose(more.T_f @ more.B, more.G)
+    stronger = grasp.scaled(factor)
+    np.testing.assert_allclose(stronger.G, factor * grasp.G)
+    np.testing.assert_allclose(stronger.T_f @ stronger.B, stronger.G)
     for measure in (lambda g: ng.mu(g, task, 0.05, force_budget=budget), lambda g: ng.delta(g, 1.0, 0.05)):
-        one, other = measure(grasp), measure(more)
-        assert max(factor * one.lower, other.lower) <= min(factor * one.upper, other.upper) * (1 + 1e-9)
-        assert other.lower > 0.0
+        original, scaled = measure(grasp), measure(stronger)
+        assert max(factor * original.lower, scaled.lower) <= min(factor * original.upper, scaled.upper) * (1 + 1e-9)
+        assert scaled.lower > 0.0
 
 
 def test_forces_of_a_stronger_grasp(rng):
     """The same wrench with 1 / lambda of the units; its contact wrenches add up to it all the same."""
     grasp, w = closed_ellipsoid_grasp(rng), rng.standard_normal(6)
     x = ng.finger_forces(grasp, w).forces[0]
-    more = grasp.scaled(3.0).scaled(2.0)
-    forces = ng.finger_forces(more, w)
+    stronger = grasp.scaled(3.0).scaled(2.0)
+    forces = ng.finger_forces(stronger, w)
     np.testing.assert_allclose(6.0 * forces.forces[0], x, atol=1e-9)
-    np.testing.assert_allclose(more.contact_wrenches(forces.forces[0]), grasp.contact_wrenches(x), atol=1e-9)
+    np.testing.assert_allclose(stronger.contact_wrenches(forces.forces[0]), grasp.contact_wrenches(x), atol=1e-9)
     assert forces.used[0] == pytest.approx(np.linalg.norm(x) / 6.0)
-    assert "force_unit=6" in repr(more)
+    assert "force_unit=6" in repr(stronger)
     pose = pose_of(3, rng)[2]
-    assert more.in_frame(pose).force_unit == 6.0
+    assert stronger.in_frame(pose).force_unit == 6.0
 
 
 def test_no_force_at_all(rng):
@@ -189,8 +189,8 @@ def test_no_force_at_all(rng):
 def test_a_stack_in_another_frame(rng):
     stack = ng.GraspStack(rng.standard_normal((4, 3, 2)), np.tile([[0.0, 1.0]], (4, 3, 1)), ng.LineContact(0.2))
     A, _, pose = pose_of(2, rng)
-    for one, other in zip(stack, stack.in_frame(pose), strict=True):
-        np.testing.assert_allclose(other.G.T, turned(A, one.G.T), atol=1e-12)
+    for grasp, moved in zip(stack, stack.in_frame(pose), strict=True):
+        np.testing.assert_allclose(moved.G.T, turned(A, grasp.G.T), atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -224,6 +224,6 @@ def test_factors_that_are_none_are_refused(factor, rng):
 def test_volume_grows_with_the_power_of_the_force(rng):
     """nu(lambda G) = lambda^d nu(G), and another frame changes nothing: the intervals are certified."""
     grasp = solid(2, rng)
-    here, more = ng.nu(grasp), ng.nu(grasp.scaled(2.0).in_frame(pose_of(2, rng)[2]))
-    assert max(8.0 * here.lower, more.lower) <= min(8.0 * here.upper, more.upper)
-    assert more.value == pytest.approx(8.0 * here.value, rel=0.02)
+    volume, stronger = ng.nu(grasp), ng.nu(grasp.scaled(2.0).in_frame(pose_of(2, rng)[2]))
+    assert max(8.0 * volume.lower, stronger.lower) <= min(8.0 * volume.upper, stronger.upper)
+    assert stronger.value == pytest.approx(8.0 * volume.value, rel=0.02)

@@ -1,11 +1,11 @@
-"""Balanced forces that need the least friction: closed forms, a linear program, contact models, what is impossible."""
+"""Balanced forces of least friction: closed forms, a linear program, contact models, infeasible cases."""
 
 import numpy as np
 import pytest
 from scipy.optimize import linprog
 
 import nlpgrasp as ng
-from nlpgrasp.quality.least_friction import ROOM, balanced_forces
+from nlpgrasp.quality.least_friction import TOTAL_LIMIT, balanced_forces
 
 ROUGH = ng.FrictionContact(0.5)
 ANGLES = 2.0 * np.pi / 3.0 * np.arange(3)
@@ -20,36 +20,36 @@ def wedge(half_angle, contact=ROUGH):
 
 @pytest.mark.parametrize("grasp", [ng.Grasp(OPPOSING, -OPPOSING, ROUGH), ng.Grasp(CIRCLE, -CIRCLE, ROUGH)])
 def test_opposing_fingers_need_no_friction(grasp):
-    found = ng.squeeze(grasp, 3.0)
-    np.testing.assert_allclose(found.normal, 3.0, rtol=1e-6)
-    assert found.friction_needed < 1e-6
-    assert found.share < 1e-5
-    assert found.residual < 1e-12
-    assert found.joints is None
+    result = ng.squeeze(grasp, 3.0)
+    np.testing.assert_allclose(result.normal, 3.0, rtol=1e-6)
+    assert result.friction_needed < 1e-6
+    assert result.share < 1e-5
+    assert result.residual < 1e-12
+    assert result.joints is None
 
 
 @pytest.mark.parametrize("half_angle", [0.1, 0.3, 0.45])
 def test_a_wedge_needs_the_tangent_of_its_half_angle(half_angle):
-    found = ng.squeeze(wedge(half_angle), 2.0)
-    assert found.friction_needed == pytest.approx(np.tan(half_angle), rel=1e-5)
-    assert found.share == pytest.approx(np.tan(half_angle) / 0.5, rel=1e-5)
-    np.testing.assert_allclose(found.normal, 2.0, rtol=1e-6)
+    result = ng.squeeze(wedge(half_angle), 2.0)
+    assert result.friction_needed == pytest.approx(np.tan(half_angle), rel=1e-5)
+    assert result.share == pytest.approx(np.tan(half_angle) / 0.5, rel=1e-5)
+    np.testing.assert_allclose(result.normal, 2.0, rtol=1e-6)
 
 
 @pytest.mark.parametrize("model", ["box", "elliptic"])
 def test_two_soft_fingers_carry_half_the_weight_each(model):
     grasp = ng.Grasp(0.03 * OPPOSING, -OPPOSING, ng.SoftContact(0.6, 0.01, model=model))
-    found = ng.squeeze(grasp, 2.0, gravity=0.3)
+    result = ng.squeeze(grasp, 2.0, gravity=0.3)
     half = 0.5 * 0.3 * 9.81
-    np.testing.assert_allclose(found.forces[:, 2], half, rtol=1e-9)  # up, on the body
-    np.testing.assert_allclose(found.wrench, [0.0, 0.0, 2.0 * half, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(result.forces[:, 2], half, rtol=1e-9)  # up, on the body
+    np.testing.assert_allclose(result.wrench, [0.0, 0.0, 2.0 * half, 0.0, 0.0, 0.0])
     # friction 0.6 takes half / 0.6 of each finger at least, and twice that is what the fingers may press
-    np.testing.assert_allclose(found.normal, ROOM * half / 0.6, rtol=1e-5)
-    assert found.friction_needed == pytest.approx(0.3, rel=1e-5)
+    np.testing.assert_allclose(result.normal, TOTAL_LIMIT * half / 0.6, rtol=1e-5)
+    assert result.friction_needed == pytest.approx(0.3, rel=1e-5)
     sideways = ng.squeeze(grasp, 2.0, gravity=0.3, up=[0.0, 2.0, 0.0])
     np.testing.assert_allclose(sideways.forces[:, 1], half, rtol=1e-9)
-    stated = ng.squeeze(grasp, 2.0, gravity=found.wrench)
-    np.testing.assert_allclose(stated.forces, found.forces, atol=1e-9)
+    stated = ng.squeeze(grasp, 2.0, gravity=result.wrench)
+    np.testing.assert_allclose(stated.forces, result.forces, atol=1e-9)
 
 
 def least_ratio(grasp, wrench, normal_force):
@@ -68,7 +68,7 @@ def least_ratio(grasp, wrench, normal_force):
     low, high = 0.0, grasp.contacts[0].friction
     for _ in range(40):
         middle = 0.5 * (low + high)
-        low, high = (low, middle) if feasible(middle, ROOM * least.fun).status == 0 else (middle, high)
+        low, high = (low, middle) if feasible(middle, TOTAL_LIMIT * least.fun).status == 0 else (middle, high)
     return high
 
 
@@ -81,9 +81,9 @@ def test_the_ratio_is_that_of_linear_programs(seed, weight):
     normals = -points / 0.03 + 0.2 * rng.standard_normal((3, 2))
     grasp = ng.Grasp(points, normals / np.linalg.norm(normals, axis=1)[:, None], ng.FrictionContact(0.9))
     wrench = np.array([0.0, weight, 0.0])
-    found = balanced_forces(grasp, wrench, 2.0)
-    assert found.share * 0.9 == pytest.approx(least_ratio(grasp, wrench, 2.0), abs=1e-5)
-    np.testing.assert_allclose(grasp.G @ found.x, wrench, atol=1e-9)
+    balance = balanced_forces(grasp, wrench, 2.0)
+    assert balance.share * 0.9 == pytest.approx(least_ratio(grasp, wrench, 2.0), abs=1e-5)
+    np.testing.assert_allclose(grasp.G @ balance.x, wrench, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -102,21 +102,21 @@ def test_forces_are_in_the_cones_with_that_share_of_friction(contact, rng):
     directions = CIRCLE[[0, 1, 2, 0]] * [1.0, 1.0, 1.0] + 0.3 * rng.standard_normal((4, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     grasp, wrench = ng.Grasp(0.03 * directions, -directions, contact), np.array([0.2, 0.0, 1.0, 0.0, 0.01, 0.0])
-    found = balanced_forces(grasp, wrench, 1.5)
-    least = contact.with_friction(found.share * (1.0 + 1e-5) + 1e-6)
-    parts = found.x.reshape(4, -1)
+    balance = balanced_forces(grasp, wrench, 1.5)
+    least = contact.with_friction(balance.share * (1.0 + 1e-5) + 1e-6)
+    parts = balance.x.reshape(4, -1)
     np.testing.assert_allclose(least.project(parts), parts, atol=1e-5)
     assert np.min(parts[:, 0]) >= 1.5 - 1e-9
-    np.testing.assert_allclose(grasp.G @ found.x, wrench, atol=1e-9)
-    less = contact.with_friction(0.99 * found.share)
+    np.testing.assert_allclose(grasp.G @ balance.x, wrench, atol=1e-9)
+    less = contact.with_friction(0.99 * balance.share)
     assert np.max(np.abs(less.project(parts) - parts)) > 1e-5
 
 
 def test_contacts_without_friction_and_that_pull():
     grasp = ng.Grasp(CIRCLE, -CIRCLE, [ng.PointContact(), ng.BilateralContact(ROUGH), ROUGH])
-    found = ng.squeeze(grasp, 1.0)
-    np.testing.assert_allclose(found.normal, 1.0, rtol=1e-6)
-    assert found.available == (None, None, 0.5)
+    result = ng.squeeze(grasp, 1.0)
+    np.testing.assert_allclose(result.normal, 1.0, rtol=1e-6)
+    assert result.available == (None, None, 0.5)
 
 
 @pytest.mark.parametrize(

@@ -65,11 +65,11 @@ def test_a_grasp_is_the_sum_of_its_contacts(rng):
     """(2.2-3), each contact a grasp of its own."""
     grasp, x = figure_3(), rng.standard_normal(8)
     parts = np.split(x, [1, 4])
-    alone = [
+    single_maps = [
         ng.Grasp([p], [frame[0]], kind, ORIGIN, [frame[1:]]).G @ part
         for p, frame, kind, part in zip(POINTS, FRAMES, KINDS, parts, strict=True)
     ]
-    np.testing.assert_allclose(grasp.G @ x, np.sum(alone, axis=0), atol=1e-14)
+    np.testing.assert_allclose(grasp.G @ x, np.sum(single_maps, axis=0), atol=1e-14)
 
 
 def test_factors_of_figure_3():
@@ -120,13 +120,13 @@ def test_two_fingers_in_the_plane(coefficients, rng):
     kinds = [ng.FrictionContact(mu) for mu in coefficients]
     grasp = ng.Grasp(p, normals, kinds, tangents=second.T[:, None])
     np.testing.assert_allclose(grasp.G, with_the_usual_torque(np.stack(columns, axis=1)), atol=1e-12)
-    found = ng.finger_forces(grasp, rng.standard_normal((200, 3)))
-    assert np.sum(found.feasible) > 0
-    x = found.forces[found.feasible]
+    result = ng.finger_forces(grasp, rng.standard_normal((200, 3)))
+    assert np.sum(result.feasible) > 0
+    x = result.forces[result.feasible]
     for i, mu in enumerate(coefficients):  # (3.5-12)
         assert np.min(x[:, 2 * i]) >= -1e-9
         assert np.max(x[:, 2 * i + 1] ** 2 - (mu * x[:, 2 * i]) ** 2) <= 1e-9
-    assert np.max(found.residual[found.feasible]) < 1e-8  # (3.5-13)
+    assert np.max(result.residual[result.feasible]) < 1e-8  # (3.5-13)
 
 
 def test_the_papers_own_forces_carry_the_weight():

@@ -219,9 +219,9 @@ def test_mu_is_homogeneous(seed, factor):
     """(3.3-6), through the task: half the task, twice the measure."""
     rng = np.random.default_rng(seed)
     grasp = closed_ellipsoid_grasp(rng)
-    one, other = ng.mu(grasp, BALL, 0.05), ng.mu(grasp, ng.TaskEllipsoid([factor] * 6), 0.05)
-    assert one.lower <= other.upper * factor * (1 + 1e-9) + 1e-12
-    assert other.lower * factor <= one.upper * (1 + 1e-9) + 1e-12
+    first, second = ng.mu(grasp, BALL, 0.05), ng.mu(grasp, ng.TaskEllipsoid([factor] * 6), 0.05)
+    assert first.lower <= second.upper * factor * (1 + 1e-9) + 1e-12
+    assert second.lower * factor <= first.upper * (1 + 1e-9) + 1e-12
 
 
 @settings(max_examples=12, deadline=None)
@@ -233,9 +233,9 @@ def test_mu_is_invariant_when_the_task_is_carried_along(seed):
     A, b = random_rotation(rng), rng.standard_normal(3)
     moved = ng.Grasp(grasp.points @ A.T, grasp.normals @ A.T, grasp.contacts, torque_origin=A @ b)
     carry = rotate_body_frame(A) @ move_torque_origin(b)
-    one, other = ng.mu(grasp, BALL, 0.05), ng.mu(moved, BALL.transformed(carry), 0.05)
-    assert one.lower <= other.upper + 1e-9
-    assert other.lower <= one.upper + 1e-9
+    original, carried = ng.mu(grasp, BALL, 0.05), ng.mu(moved, BALL.transformed(carry), 0.05)
+    assert original.lower <= carried.upper + 1e-9
+    assert carried.lower <= original.upper + 1e-9
 
 
 @settings(max_examples=12, deadline=None)

@@ -1,4 +1,4 @@
-"""Grasps with two contacts that nearly coincide: certificates end in time, hold, and say why they are wide."""
+"""Grasps with two nearly coincident contacts: duration, validity and width of certificates."""
 
 import time
 from itertools import product
@@ -73,21 +73,21 @@ def check(seed):
     """Check an interval against supports that share no code with it; return the seconds and the interval."""
     grasp, axes, budget = drawn(seed)
     begun = time.process_time()
-    found = ng.mu(grasp, ng.TaskEllipsoid(axes), force_budget=budget)
+    bounds = ng.mu(grasp, ng.TaskEllipsoid(axes), force_budget=budget)
     seconds = time.process_time() - begun
     y = np.random.default_rng(seed).standard_normal((DIRECTIONS, 6)) / axes
-    y = np.concatenate([y, found.worst_direction[None]])
+    y = np.concatenate([y, bounds.worst_direction[None]])
     ratios = support(grasp, budget, y) / np.linalg.norm(y * axes, axis=1)
     scale = np.max(ratios)
-    assert found.lower <= np.min(ratios) * (1 + 1e-9) + 1e-9 * scale, seed
-    assert ratios[-1] == pytest.approx(found.upper, rel=1e-6, abs=1e-9 * scale), seed
-    assert (found.limit != "") == (found.upper > found.lower * 1.01 * (1 + 1e-6)), (seed, found)
-    return seconds, found
+    assert bounds.lower <= np.min(ratios) * (1 + 1e-9) + 1e-9 * scale, seed
+    assert ratios[-1] == pytest.approx(bounds.upper, rel=1e-6, abs=1e-9 * scale), seed
+    assert (bounds.limit != "") == (bounds.upper > bounds.lower * 1.01 * (1 + 1e-6)), (seed, bounds)
+    return seconds, bounds
 
 
 def test_a_hundred_of_them():
-    found = [check(seed)[1] for seed in range(100)]
-    assert sum(f.lower > 0.0 for f in found) > 30
+    seconds = [check(seed)[1] for seed in range(100)]
+    assert sum(f.lower > 0.0 for f in seconds) > 30
 
 
 @pytest.mark.slow

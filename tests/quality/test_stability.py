@@ -15,12 +15,12 @@ from tests.samples import closed_ellipsoid_grasp, ellipsoid_grasp, random_rotati
 
 def test_a_stable_grasp_comes_with_a_ball(rng):
     grasp = closed_ellipsoid_grasp(rng)
-    found = ng.is_stable(grasp)
-    assert found
-    assert found.separating_direction is None
-    assert 0.0 < found.radius.lower <= ng.delta(grasp).upper
-    inside = found.radius.lower * rng.standard_normal((200, 6))
-    inside /= np.maximum(np.linalg.norm(inside, axis=1, keepdims=True) / found.radius.lower, 1e-300)
+    stability = ng.is_stable(grasp)
+    assert stability
+    assert stability.separating_direction is None
+    assert 0.0 < stability.radius.lower <= ng.delta(grasp).upper
+    inside = stability.radius.lower * rng.standard_normal((200, 6))
+    inside /= np.maximum(np.linalg.norm(inside, axis=1, keepdims=True) / stability.radius.lower, 1e-300)
     assert np.max(ng.finger_forces(grasp, inside).used) <= 1.0
 
 
@@ -30,9 +30,9 @@ def test_two_hard_contacts_are_never_stable(rng):
         for _ in range(5):
             points = rng.standard_normal((2, 3))
             line = (points[1] - points[0]) / np.linalg.norm(points[1] - points[0])
-            found = ng.is_stable(ng.Grasp(points, [line, -line], ng.FrictionContact(friction)))
-            assert not found
-            y = found.separating_direction
+            stability = ng.is_stable(ng.Grasp(points, [line, -line], ng.FrictionContact(friction)))
+            assert not stability
+            y = stability.separating_direction
             assert WrenchSet.of(ng.Grasp(points, [line, -line], ng.FrictionContact(friction))).support(
                 np.stack([y, -y])
             )[0] == pytest.approx([0.0, 0.0], abs=1e-6)
@@ -49,9 +49,9 @@ def test_two_hard_contacts_are_never_stable(rng):
     ],
 )
 def test_too_few_contacts_are_not_stable_and_no_error(points, normals, contact):
-    found = ng.is_stable(ng.Grasp(points, normals, contact))
-    assert not found
-    y = found.separating_direction
+    stability = ng.is_stable(ng.Grasp(points, normals, contact))
+    assert not stability
+    y = stability.separating_direction
     assert np.linalg.norm(y) == pytest.approx(1.0)
     assert WrenchSet.of(ng.Grasp(points, normals, contact)).support(y[None])[0][0] <= 1e-8
 
@@ -74,9 +74,9 @@ def test_example_2_11():
     """Correction 4: the grasp of Figure 3 is not stable with friction 1, and is with K = R^8."""
     contacts = [ng.PointContact(), ng.FrictionContact(1.0), ng.SoftContact(1.0, 1.0)]
     points, normals = [[0, 0, -1], [-1, 0, 0], [0, -1, 0]], np.eye(3)[[2, 0, 1]]
-    found = ng.is_stable(ng.Grasp(points, normals, contacts))
-    assert not found
-    np.testing.assert_allclose(found.separating_direction, np.array([-1, -1, 0, 0, 0, 0]) / np.sqrt(2.0), atol=1e-4)
+    stability = ng.is_stable(ng.Grasp(points, normals, contacts))
+    assert not stability
+    np.testing.assert_allclose(stability.separating_direction, np.array([-1, -1, 0, 0, 0, 0]) / np.sqrt(2.0), atol=1e-4)
     assert ng.is_stable(ng.Grasp(points, normals, [ng.BilateralContact(c) for c in contacts]))
 
 
@@ -88,10 +88,10 @@ def test_stability_is_invariant(seed):
     grasp = ellipsoid_grasp(rng, k=4, friction=0.6)
     A, b = random_rotation(rng), rng.standard_normal(3)
     moved = ng.Grasp(grasp.points @ A.T, grasp.normals @ A.T, grasp.contacts, torque_origin=A @ b)
-    one, other = ng.is_stable(grasp), ng.is_stable(moved)
-    assert one.stable == other.stable
-    if not one.stable:
-        assert WrenchSet.of(moved).support(other.separating_direction[None])[0][0] <= 1e-7
+    original, moved_stability = ng.is_stable(grasp), ng.is_stable(moved)
+    assert original.stable == moved_stability.stable
+    if not original.stable:
+        assert WrenchSet.of(moved).support(moved_stability.separating_direction[None])[0][0] <= 1e-7
 
 
 @settings(max_examples=30, deadline=None)
@@ -103,7 +103,7 @@ def test_force_domains_are_convex_cones(seed, name):
     x, y = contact.project(rng.standard_normal((2, 200, contact.components(3))))
     for z in (x + y, 3.7 * x):
         if is_pad(contact):  # no closed form: by a conic program of the test's own
-            assert max(slack(contact, one) for one in z[:10]) <= 1e-9
+            assert max(slack(contact, force) for force in z[:10]) <= 1e-9
         else:
             np.testing.assert_allclose(contact.project(z), z, atol=1e-9)
 
@@ -130,8 +130,8 @@ def test_measures_are_positive_for_stable_grasps_alone(seed):
     count = edges.shape[1]  # 0 is inside their hull: positive weights, the least of them as large as it may be
     A = np.vstack([np.hstack([edges, np.zeros((3, 1))]), [*np.ones(count), 0.0]])
     least = np.hstack([-np.eye(count), np.ones((count, 1))])
-    found = linprog([*np.zeros(count), -1.0], least, np.zeros(count), A, [0.0, 0.0, 0.0, 1.0])
-    closed = found.status == 0 and -found.fun > 1e-6 and np.linalg.matrix_rank(edges) == 3
+    solution = linprog([*np.zeros(count), -1.0], least, np.zeros(count), A, [0.0, 0.0, 0.0, 1.0])
+    closed = solution.status == 0 and -solution.fun > 1e-6 and np.linalg.matrix_rank(edges) == 3
     measures = ng.delta(grasp), ng.mu(grasp, ng.TaskEllipsoid([2.0, 1.0, 0.5]))
     assert bool(ng.is_stable(grasp)) == closed
     assert all((bounds.lower > 0.0) == (bounds.upper > 1e-9) == closed for bounds in measures)

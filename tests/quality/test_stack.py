@@ -1,4 +1,4 @@
-"""Stacks of grasps: the same numbers as one by one, and screening."""
+"""Stacks of grasps against single grasps, and screening."""
 
 import numpy as np
 import pytest
@@ -71,14 +71,14 @@ def test_measures_of_a_stack_are_those_of_its_grasps(rng):
 )
 def test_screening_is_an_upper_bound_and_a_good_one(budget, task, rng):
     stack = stacked(60, rng)
-    found = ng.screen(stack, task, force_budget=budget)
+    bounds = ng.screen(stack, task, force_budget=budget)
     exact = ng.mu(stack, task, 0.05, force_budget=budget)
-    assert np.all(found >= exact.lower)
+    assert np.all(bounds >= exact.lower)
     closed = exact.lower > 0.02
     assert closed.sum() >= 5
-    assert np.median(found[closed] / exact.upper[closed]) <= (1.001 if budget == "l2" else 1.1)
+    assert np.median(bounds[closed] / exact.upper[closed]) <= (1.001 if budget == "l2" else 1.1)
     if task is BALL:
-        order = np.corrcoef(np.argsort(np.argsort(found)), np.argsort(np.argsort(exact.upper)))[0, 1]
+        order = np.corrcoef(np.argsort(np.argsort(bounds)), np.argsort(np.argsort(exact.upper)))[0, 1]
         assert order > 0.9
 
 

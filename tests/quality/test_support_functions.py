@@ -1,4 +1,4 @@
-"""Theorem 3-9 and (3.4-2): sets and inclusions by their support functions, against what needs no support function."""
+"""Theorem 3-9 and (3.4-2): sets and inclusions by support functions, against direct checks."""
 
 import numpy as np
 import pytest
@@ -15,13 +15,13 @@ def test_inclusion_is_an_inequality_of_supports(d):
     rng, met = np.random.default_rng(d), []
     for size in 10.0 ** rng.uniform(-3.0, 1.0, 60):
         L1, L2 = size * rng.standard_normal((d, d)), rng.standard_normal((d, d))
-        one, other = (ng.TaskEllipsoid.from_axes(L.T) for L in (L1, L2))
+        inner, outer = (ng.TaskEllipsoid.from_axes(L.T) for L in (L1, L2))
         values, vectors = eigh(L1 @ L1.T, L2 @ L2.T)
         y = np.concatenate([vectors.T, rng.standard_normal((200, d))])
-        ratios = one.support(y)[0] / other.support(y)[0]
+        ratios = inner.support(y)[0] / outer.support(y)[0]
         assert np.max(ratios) == pytest.approx(np.sqrt(values[-1]), rel=1e-6)
-        boundary = np.concatenate([one.boundary(u / np.linalg.norm(u)) for u in rng.standard_normal((200, 1, d))])
-        boundary = np.concatenate([boundary, one.support(vectors.T)[1]])
+        boundary = np.concatenate([inner.boundary(u / np.linalg.norm(u)) for u in rng.standard_normal((200, 1, d))])
+        boundary = np.concatenate([boundary, inner.support(vectors.T)[1]])
         farthest = np.max(np.linalg.norm(np.linalg.solve(L2, boundary.T), axis=0))  # 1 on the other's boundary
         met.append(bool(np.max(ratios) <= 1.0))
         assert bool(farthest <= 1.0) == met[-1]

@@ -1,4 +1,4 @@
-"""nu: closed form, hulls, bounds, and that it does not depend on the frame."""
+"""Volume nu: closed form, hulls, certified bounds and frame invariance."""
 
 import numpy as np
 import pytest
@@ -16,11 +16,11 @@ from tests.samples import CONTACTS, closed_ellipsoid_grasp, ellipsoid_grasp, ran
 def test_bilateral_closed_form(scale, rng):
     """(3.2-2): the volume of the unit ball times the singular values."""
     grasp = ng.Grasp(*(getattr(ellipsoid_grasp(rng), n) for n in ("points", "normals")), CONTACTS["bilateral"])
-    found = ng.nu(grasp, torque_scale=scale)
+    volume = ng.nu(grasp, torque_scale=scale)
     expected = np.pi**3 / 6.0 * np.sqrt(np.linalg.det(grasp.G @ grasp.G.T)) / scale**3
-    assert found.value == pytest.approx(expected)
-    assert expected in found
-    assert found.upper / found.lower < 1.0 + 1e-8
+    assert volume.value == pytest.approx(expected)
+    assert expected in volume
+    assert volume.upper / volume.lower < 1.0 + 1e-8
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -40,35 +40,35 @@ def test_planar_volume_is_certified_and_agrees_with_a_hull(budget):
     points = np.stack([np.cos(angles), 0.7 * np.sin(angles)], axis=1)
     normals = -points / np.linalg.norm(points, axis=1, keepdims=True)
     grasp = ng.Grasp(points, normals, ng.FrictionContact(0.6))
-    found = ng.nu(grasp, rtol=5e-3, force_budget=budget)
-    assert found.gap <= 5.1e-3
+    volume = ng.nu(grasp, rtol=5e-3, force_budget=budget)
+    assert volume.gap <= 5.1e-3
     y = np.random.default_rng(0).standard_normal((60000, 3))
     wrenches = WrenchSet.of(grasp, budget).support(y)[1]
     hull = ConvexHull(np.concatenate([wrenches + 1e-9 * y[: len(wrenches)], np.zeros((1, 3))])).volume
-    assert found.lower <= hull * (1 + 1e-3)
-    assert hull <= found.upper * (1 + 1e-6)
+    assert volume.lower <= hull * (1 + 1e-3)
+    assert hull <= volume.upper * (1 + 1e-6)
 
 
 @pytest.mark.parametrize("seed", first(1, range(6)))
 def test_certified_bounds_contain_the_estimate_and_a_hull(seed):
     rng = np.random.default_rng(seed)
     grasp = closed_ellipsoid_grasp(rng, k=3 + seed % 3) if seed % 2 else ellipsoid_grasp(rng)
-    found = ng.nu(grasp)
-    assert found.lower <= found.value <= found.upper
-    assert found.error <= 0.01 * found.value
-    again = ng.nu(grasp, seed=seed + 1)
-    assert abs(found.value - again.value) <= found.error + again.error
+    volume = ng.nu(grasp)
+    assert volume.lower <= volume.value <= volume.upper
+    assert volume.error <= 0.01 * volume.value
+    repeated = ng.nu(grasp, seed=seed + 1)
+    assert abs(volume.value - repeated.value) <= volume.error + repeated.error
     inner = ConvexHull(
         np.concatenate([WrenchSet.of(grasp).support(rng.standard_normal((150, 6)))[1], np.zeros((1, 6))])
     )
-    assert inner.volume <= found.upper
+    assert inner.volume <= volume.upper
 
 
 @pytest.mark.slow
 def test_hit_and_miss_agrees(rng):
     """A box around the set, uniform points in it, and the least force that each needs."""
     grasp = closed_ellipsoid_grasp(rng, k=5, friction=0.8)
-    found = ng.nu(grasp)
+    nu = ng.nu(grasp)
     vectors, values, _ = np.linalg.svd(grasp.G)
     white = WrenchSet.of(grasp).transformed((vectors / values).T)
     sides = np.stack([white.support(s * np.eye(6))[0] for s in (1.0, -1.0)])
@@ -77,7 +77,7 @@ def test_hit_and_miss_agrees(rng):
     hit = np.mean(inside)
     volume = hit * np.prod(sides.sum(axis=0)) * np.prod(values)
     spread = np.sqrt((1 - hit) / hit / len(u))
-    assert volume == pytest.approx(found.value, rel=4 * spread + 0.01)
+    assert volume == pytest.approx(nu.value, rel=4 * spread + 0.01)
 
 
 def test_other_budgets_in_space(rng):
@@ -106,18 +106,18 @@ def test_nu_is_bi_invariant(seed):
     grasp = closed_ellipsoid_grasp(rng)
     A, b = random_rotation(rng), rng.standard_normal(3)
     moved = ng.Grasp(grasp.points @ A.T, grasp.normals @ A.T, grasp.contacts, torque_origin=A @ b)
-    one, other = ng.nu(grasp), ng.nu(moved)
-    assert abs(one.value - other.value) <= one.error + other.error
-    assert one.lower <= other.upper
-    assert other.lower <= one.upper
+    original, moved_volume = ng.nu(grasp), ng.nu(moved)
+    assert abs(original.value - moved_volume.value) <= original.error + moved_volume.error
+    assert original.lower <= moved_volume.upper
+    assert moved_volume.lower <= original.upper
     assert abs(np.linalg.det(move_torque_origin(b))) == pytest.approx(1.0)
 
 
 def test_no_rank_no_volume():
     """Two hard contacts span five dimensions of six."""
     grasp = ng.Grasp([[1, 0, 0], [-1, 0, 0]], [[-1, 0, 0], [1, 0, 0]], ng.FrictionContact(0.5))
-    found = ng.nu(grasp)
-    assert (found.lower, found.value, found.upper) == (0.0, 0.0, 0.0)
+    volume = ng.nu(grasp)
+    assert (volume.lower, volume.value, volume.upper) == (0.0, 0.0, 0.0)
 
 
 def test_a_grasp_that_is_not_closed_has_a_volume_all_the_same():
@@ -136,6 +136,6 @@ def test_a_polytope_of_few_vertices():
     u = rng.standard_normal((k, 2))
     u /= np.linalg.norm(u, axis=1, keepdims=True)
     grasp = ng.Grasp(radius * u, -u, ng.FrictionContact(friction))
-    found = ng.nu(grasp, radius, 0.02, force_budget="per_finger", seed=671)
+    volume = ng.nu(grasp, radius, 0.02, force_budget="per_finger", seed=671)
     exact = ng.pyramid_volume(grasp, torque_scale=radius, force_budget="per_finger")
-    assert found.lower * (1 - 1e-6) <= exact <= found.upper * (1 + 1e-6)
+    assert volume.lower * (1 - 1e-6) <= exact <= volume.upper * (1 + 1e-6)

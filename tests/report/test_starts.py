@@ -15,7 +15,7 @@ from nlpgrasp.report.solution_sections import constraints
 from nlpgrasp.report.start_charts import start_section
 from nlpgrasp.report.task_wrenches import choose_wrenches
 from nlpgrasp.solution import ConstraintReport
-from nlpgrasp.solution.quality_record import GlobalBound, held_words
+from nlpgrasp.solution.quality_record import GlobalBound, measure_meaning
 from nlpgrasp.solution.records import Status
 
 FILES = Path(__file__).parents[1] / "solution" / "files"
@@ -98,4 +98,4 @@ def test_mu_and_mu_tilde_are_told_apart_in_words(box):
 
 def test_of_torque_limits_there_is_no_unit():
     budget = ng.SharedJointTorqueLimits([np.eye(3)] * 2, 1.0)
-    assert held_words("mu", budget) == "the joints' torque limits hold the task scaled by this factor"
+    assert measure_meaning("mu", budget) == "the joints' torque limits hold the task scaled by this factor"

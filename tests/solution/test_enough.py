@@ -1,11 +1,11 @@
-"""A squeeze that presses less than the task asks for says so, with what would do."""
+"""Warnings of squeezes that are too weak for the task."""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from nlpgrasp.solution.squeeze_record import friction_warning, too_weak
+from nlpgrasp.solution.squeeze_record import friction_warning, weak_squeeze_warning
 
 NEEDED = SimpleNamespace(normal=np.array([4.0, 12.2, 7.0]))
 
@@ -33,14 +33,14 @@ def squeeze(worst=None, normal_force=2.0):
     ],
 )
 def test_what_would_do(worst, pressed, words):
-    assert words in too_weak(squeeze(worst), NEEDED, pressed)
+    assert words in weak_squeeze_warning(squeeze(worst), NEEDED, pressed)
 
 
 def test_nothing_is_said_of_one_that_is_strong_enough():
-    assert too_weak(squeeze(), NEEDED, 12.3) == ""
-    assert too_weak(squeeze(normal_force=20.0), NEEDED) == ""
-    assert too_weak(None, NEEDED) == ""
-    assert too_weak(squeeze(), None) == ""
+    assert weak_squeeze_warning(squeeze(), NEEDED, 12.3) == ""
+    assert weak_squeeze_warning(squeeze(normal_force=20.0), NEEDED) == ""
+    assert weak_squeeze_warning(None, NEEDED) == ""
+    assert weak_squeeze_warning(squeeze(), None) == ""
 
 
 def test_a_squeeze_that_spends_the_friction_says_so():

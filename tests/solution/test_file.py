@@ -1,4 +1,4 @@
-"""Files: exact round trip, atomic writing, and every way a file can be wrong."""
+"""Solution files: exact round trip, atomic writing, refusal of invalid files."""
 
 import copy
 import json

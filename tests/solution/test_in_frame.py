@@ -1,4 +1,4 @@
-"""A solution where the body stands in a world; against rotations of scipy and balances written out."""
+"""Solutions in a world frame, against rotations of scipy and balances written out."""
 
 from pathlib import Path
 
@@ -20,52 +20,52 @@ def box():
 
 
 @pytest.fixture(scope="module")
-def held(tmp_path_factory):
+def hand_solution(tmp_path_factory):
     return phased(tmp_path_factory.mktemp("hand"))[0]
 
 
 def test_contacts_are_where_the_body_stands(box):
-    found = box.in_frame(POSE)
-    np.testing.assert_allclose(found.grasp.points, box.grasp.points @ TURN.as_matrix().T + WHERE)
-    np.testing.assert_allclose(found.grasp.normals, box.grasp.normals @ TURN.as_matrix().T, atol=1e-15)
-    np.testing.assert_allclose(found.grasp.torque_origin, TURN.as_matrix() @ box.grasp.torque_origin + WHERE)
-    np.testing.assert_allclose(found.pose[:3, :3], TURN.as_matrix(), atol=1e-14)
-    assert found.faces == box.faces
-    assert (found.palm_pose is None, found.phases) == (True, ())
-    same = box.in_frame(found.pose)
-    np.testing.assert_allclose(same.grasp.points, found.grasp.points)
-    assert repr(found).startswith(f"SolutionInFrame({box.name!r}, {len(box.grasp)} contacts, mu in ")
+    placed = box.in_frame(POSE)
+    np.testing.assert_allclose(placed.grasp.points, box.grasp.points @ TURN.as_matrix().T + WHERE)
+    np.testing.assert_allclose(placed.grasp.normals, box.grasp.normals @ TURN.as_matrix().T, atol=1e-15)
+    np.testing.assert_allclose(placed.grasp.torque_origin, TURN.as_matrix() @ box.grasp.torque_origin + WHERE)
+    np.testing.assert_allclose(placed.pose[:3, :3], TURN.as_matrix(), atol=1e-14)
+    assert placed.faces == box.faces
+    assert (placed.palm_pose is None, placed.phases) == (True, ())
+    expected = box.in_frame(placed.pose)
+    np.testing.assert_allclose(expected.grasp.points, placed.grasp.points)
+    assert repr(placed).startswith(f"SolutionInFrame({box.name!r}, {len(box.grasp)} contacts, mu in ")
 
 
 def test_quality_and_balance_hold_there(box):
     """Computed anew from the contacts and the task of the frame: mu is the same, forces add up to their wrenches."""
-    found = box.in_frame(POSE)
-    again = ng.mu(found.grasp, found.task, 0.01, force_budget=box.budget)
-    assert again.lower <= box.mu.upper * (1 + 1e-9)
-    assert box.mu.lower <= again.upper * (1 + 1e-9)
-    assert found.mu == box.mu
-    np.testing.assert_allclose(found.task.about, found.grasp.torque_origin)
-    arms = found.grasp.points - found.grasp.torque_origin
-    assert found.forces
-    for (wrench, forces), (before, _) in zip(found.forces, box.forces, strict=True):
+    placed = box.in_frame(POSE)
+    bounds = ng.mu(placed.grasp, placed.task, 0.01, force_budget=box.budget)
+    assert bounds.lower <= box.mu.upper * (1 + 1e-9)
+    assert box.mu.lower <= bounds.upper * (1 + 1e-9)
+    assert placed.mu == box.mu
+    np.testing.assert_allclose(placed.task.about, placed.grasp.torque_origin)
+    arms = placed.grasp.points - placed.grasp.torque_origin
+    assert placed.forces
+    for (wrench, forces), (original, _) in zip(placed.forces, box.forces, strict=True):
         np.testing.assert_allclose(wrench[:3], forces.sum(axis=0), atol=1e-7)
         np.testing.assert_allclose(wrench[3:], np.cross(arms, forces).sum(axis=0), atol=1e-7)
-        np.testing.assert_allclose(wrench[:3], TURN.as_matrix() @ before[:3], atol=1e-12)
+        np.testing.assert_allclose(wrench[:3], TURN.as_matrix() @ original[:3], atol=1e-12)
 
 
-def test_the_palm_and_its_phases_stand_there(held):
-    found, whole = held.in_frame(POSE), np.eye(4)
-    whole[:3, :3], whole[:3, 3] = TURN.as_matrix(), WHERE
-    stated = held.hand["palm_pose"]
-    np.testing.assert_allclose(found.palm_pose[:3, 3], TURN.apply(stated["position"]) + WHERE)
-    turned = TURN * Rotation.from_quat(stated["quaternion_wxyz"], scalar_first=True)
-    np.testing.assert_allclose(found.palm_pose[:3, :3], turned.as_matrix(), atol=1e-12)
-    assert found.joints == held.hand["joint_positions"]
-    assert [phase.name for phase in found.phases] == ["approach", "pregrasp", "grasp", "squeeze", "lift"]
-    for there, here in zip(found.phases, held.phases, strict=True):
-        np.testing.assert_allclose(there.palm_frame, whole @ here.palm_frame, atol=1e-12)
-        assert (there.joints, there.clearance) == (here.joints, here.clearance)
-    np.testing.assert_allclose(found.phases[2].palm_frame, found.palm_pose, atol=1e-12)
+def test_the_palm_and_its_phases_stand_there(hand_solution):
+    placed, matrix = hand_solution.in_frame(POSE), np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = TURN.as_matrix(), WHERE
+    palm_pose = hand_solution.hand["palm_pose"]
+    np.testing.assert_allclose(placed.palm_pose[:3, 3], TURN.apply(palm_pose["position"]) + WHERE)
+    turned = TURN * Rotation.from_quat(palm_pose["quaternion_wxyz"], scalar_first=True)
+    np.testing.assert_allclose(placed.palm_pose[:3, :3], turned.as_matrix(), atol=1e-12)
+    assert placed.joints == hand_solution.hand["joint_positions"]
+    assert [phase.name for phase in placed.phases] == ["approach", "pregrasp", "grasp", "squeeze", "lift"]
+    for placed_phase, own_phase in zip(placed.phases, hand_solution.phases, strict=True):
+        np.testing.assert_allclose(placed_phase.palm_frame, matrix @ own_phase.palm_frame, atol=1e-12)
+        assert (placed_phase.joints, placed_phase.clearance) == (own_phase.joints, own_phase.clearance)
+    np.testing.assert_allclose(placed.phases[2].palm_frame, placed.palm_pose, atol=1e-12)
 
 
 def test_a_planar_grasp_takes_a_planar_pose():
@@ -75,8 +75,8 @@ def test_a_planar_grasp_takes_a_planar_pose():
     )
     solution = ng.GraspSolution(ng.Status.SOLVED, "square", problem.to_dict(), grasp, ("edge1", "edge3"))
     c, s = np.cos(0.4), np.sin(0.4)
-    found = solution.in_frame([[c, -s, 2.0], [s, c, 3.0], [0, 0, 1]])
-    np.testing.assert_allclose(found.grasp.points, [[2 + c, 3 + s], [2 - c, 3 - s]])
+    placed = solution.in_frame([[c, -s, 2.0], [s, c, 3.0], [0, 0, 1]])
+    np.testing.assert_allclose(placed.grasp.points, [[2 + c, 3 + s], [2 - c, 3 - s]])
     with pytest.raises(ng.InputError, match=r"^pose: got shape \(4, 4\), expected a \(3, 3\) matrix$"):
         solution.in_frame(np.eye(4))
 

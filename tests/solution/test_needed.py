@@ -1,4 +1,4 @@
-"""Forces in newtons for the task as given: in print, in files, against a stated limit, and checked by verify."""
+"""Finger forces for the task at full size: text, files, limits, and their verification."""
 
 import json
 
@@ -22,15 +22,15 @@ def solve(**fields):
 
 
 @pytest.fixture(scope="module")
-def found():
+def solution():
     return solve(max_force=100.0)
 
 
-def test_print_says_it_with_units(found):
-    text = str(found)
-    assert f"the task as given needs {found.needed.budget.lower:.4g} to" in text
+def test_print_says_it_with_units(solution):
+    text = str(solution)
+    assert f"the task as given needs {solution.needed.budget.lower:.4g} to" in text
     assert "N (L2 norm of all finger forces, certified)" in text
-    size = [sum(x * x for x in force) ** 0.5 for force in found.needed.forces.tolist()]
+    size = [sum(x * x for x in force) ** 0.5 for force in solution.needed.forces.tolist()]
     root = sum(s * s for s in size) ** 0.5
     each, total, root = (", ".join(map(format_number, part)) for part in (size, [sum(size)], [root]))
     assert f" fingers 0 to 2 exert {each} N (normal " in text
@@ -39,41 +39,41 @@ def test_print_says_it_with_units(found):
 
 
 @pytest.mark.parametrize(("share", "words"), [(0.5, ", ABOVE max_force"), (1.01, " N for the wrenches computed: ")])
-def test_a_limit_that_is_not_certified(found, share, words):
-    limit = share * found.needed.summary[0]
-    there = solve(max_force=limit)
-    assert words in str(there)
-    assert there.title.startswith("grasp: Solved, but finger ") is (share < 1.0)
-    assert there.needed.within is (share > 1.0)
-    assert there.to_dict()["quality"]["forces_needed"]["within_max_force"] is (share > 1.0)
-    assert ng.verify(there).passed
+def test_a_limit_that_is_not_certified(solution, share, words):
+    limit = share * solution.needed.summary[0]
+    limited = solve(max_force=limit)
+    assert words in str(limited)
+    assert limited.title.startswith("grasp: Solved, but finger ") is (share < 1.0)
+    assert limited.needed.within is (share > 1.0)
+    assert limited.to_dict()["quality"]["forces_needed"]["within_max_force"] is (share > 1.0)
+    assert ng.verify(limited).passed
 
 
 def test_without_a_limit_nothing_is_said_of_one():
-    there = solve()
-    assert "max_force" not in str(there)
-    assert there.max_force is None
-    data = there.to_dict()
+    unlimited = solve()
+    assert "max_force" not in str(unlimited)
+    assert unlimited.max_force is None
+    data = unlimited.to_dict()
     assert "max_force" not in data["problem"]
     assert "within_max_force" not in data["quality"]["forces_needed"]
 
 
-def test_the_whole_task_takes_one_over_mu(found):
-    assert found.needed.budget.lower == 1.0 / found.mu.upper
-    assert found.needed.budget.upper == 1.0 / found.mu.lower
+def test_the_whole_task_takes_one_over_mu(solution):
+    assert solution.needed.budget.lower == 1.0 / solution.mu.upper
+    assert solution.needed.budget.upper == 1.0 / solution.mu.lower
 
 
-def test_the_file_carries_it(found, tmp_path):
-    path = found.save(tmp_path / "f.json")
-    again = ng.GraspSolution.load(path)
-    assert again.to_dict() == json.loads(path.read_text())
-    assert str(again) == str(found)
-    assert again.max_force == 100.0
-    assert problem_from_dict(again.problem, again.grasp.torque_origin).max_force == 100.0
+def test_the_file_carries_it(solution, tmp_path):
+    path = solution.save(tmp_path / "f.json")
+    loaded = ng.GraspSolution.load(path)
+    assert loaded.to_dict() == json.loads(path.read_text())
+    assert str(loaded) == str(solution)
+    assert loaded.max_force == 100.0
+    assert problem_from_dict(loaded.problem, loaded.grasp.torque_origin).max_force == 100.0
 
 
-def test_a_file_of_an_earlier_version_loads(found):
-    data = found.to_dict()
+def test_a_file_of_an_earlier_version_loads(solution):
+    data = solution.to_dict()
     del data["quality"]["forces_needed"], data["problem"]["max_force"]
     old = ng.GraspSolution.from_dict(data)
     assert old.needed is None
@@ -81,11 +81,11 @@ def test_a_file_of_an_earlier_version_loads(found):
     assert ng.verify(old).passed
 
 
-def test_the_report_says_it(found, tmp_path):
+def test_the_report_says_it(solution, tmp_path):
     tight = solve(max_force=1.0)
-    page = write_report({"wide": found, "tight": tight}, tmp_path / "f.html").read_text()
+    page = write_report({"wide": solution, "tight": tight}, tmp_path / "f.html").read_text()
     assert page.count("Forces for the task as given") == 2
-    assert f"<td>{format_number(found.needed.size[1])} N</td>" in page
+    assert f"<td>{format_number(solution.needed.size[1])} N</td>" in page
     assert ", ABOVE max_force = 1 N." in page
 
 
@@ -113,24 +113,24 @@ LIES = {
 
 
 @pytest.mark.parametrize("name", LIES)
-def test_verify_finds_lies(found, name):
-    assert failed(ng.verify(ng.GraspSolution.from_dict(found.to_dict()))) == []
-    data = edited(found.to_dict(), LIES[name])
+def test_verify_finds_lies(solution, name):
+    assert failed(ng.verify(ng.GraspSolution.from_dict(solution.to_dict()))) == []
+    data = edited(solution.to_dict(), LIES[name])
     assert failed(ng.verify(ng.GraspSolution.from_dict(data))) == ["forces needed"]
 
 
-def test_more_than_the_least_forces_are_a_lie(found):
+def test_more_than_the_least_forces_are_a_lie(solution):
     """Two fingers that squeeze harder still produce the wrench from inside the cones."""
-    data, normals = found.to_dict(), found.grasp.normals
+    data, normals = solution.to_dict(), solution.grasp.normals
     opposed = next(
-        (i, j) for i in range(3) for j in range(i) if normals[i] @ normals[j] < -0.99 and found.needed.size[i] > 0.0
+        (i, j) for i in range(3) for j in range(i) if normals[i] @ normals[j] < -0.99 and solution.needed.size[i] > 0.0
     )
     i, j = opposed
-    apart = found.grasp.points[j] - found.grasp.points[i]
-    push = 0.3 * apart / (apart @ apart) ** 0.5
+    difference = solution.grasp.points[j] - solution.grasp.points[i]
+    push = 0.3 * difference / (difference @ difference) ** 0.5
     fingers = data["quality"]["forces_needed"]["fingers"]
     for k, sign in ((i, 1.0), (j, -1.0)):
-        force = found.needed.forces[k] + sign * push
+        force = solution.needed.forces[k] + sign * push
         fingers[k] |= {
             "force": force.tolist(),
             "normal": float(force @ normals[k]),

@@ -1,4 +1,4 @@
-"""Records: each states itself as JSON data and comes back exactly as it was."""
+"""JSON round trip of the records of a solution."""
 
 import json
 import math
@@ -48,11 +48,11 @@ def through_json(data):
     return json.loads(json.dumps(data, allow_nan=False))
 
 
-def same(one, other):
+def same(first, second):
     """Whether two records agree in every field, to the last digit."""
-    assert type(one) is type(other)
-    for name in (f.name for f in fields(one)):
-        a, b = getattr(one, name), getattr(other, name)
+    assert type(first) is type(second)
+    for name in (f.name for f in fields(first)):
+        a, b = getattr(first, name), getattr(second, name)
         np.testing.assert_array_equal(a, b, err_msg=name) if isinstance(a, np.ndarray) else same_value(a, b, name)
     return True
 
@@ -68,9 +68,9 @@ def test_a_record_comes_back_exactly(record):
 
 @pytest.mark.parametrize("record", NAMED, ids=lambda r: type(r).__name__)
 def test_an_interval_comes_back_exactly(record):
-    back = type(record).from_dict(through_json(record.to_dict()), "f.json: quality.delta")
-    assert same(back, record)
-    assert back.torque_scale == record.torque_scale  # which plays no part where intervals are compared
+    loaded = type(record).from_dict(through_json(record.to_dict()), "f.json: quality.delta")
+    assert same(loaded, record)
+    assert loaded.torque_scale == record.torque_scale  # which plays no part where intervals are compared
 
 
 def test_an_empty_interval_is_refused():
@@ -86,15 +86,15 @@ def test_what_is_not_known_is_null():
 
 
 def test_a_diagnosis_keeps_its_direction():
-    found = ng.WhyNot(direction=np.array([0.0, 1 / 3, -1.0]), reasons=("Nothing pulls.",))
-    assert same(ng.WhyNot.from_dict(through_json(found.to_dict())), found)
+    diagnosis = ng.WhyNot(direction=np.array([0.0, 1 / 3, -1.0]), reasons=("Nothing pulls.",))
+    assert same(ng.WhyNot.from_dict(through_json(diagnosis.to_dict())), diagnosis)
 
 
 def test_robustness_comes_back_exactly():
     points = np.random.default_rng(0).standard_normal((3, 2))
-    found = ng.Robustness(1e-3, 0.1, Bounds(0.2, 0.25), points, -points)
-    assert same(ng.Robustness.from_dict(through_json(found.to_dict()), "f.json: quality.robust"), found)
-    data = {**found.to_dict(), "normals": [[1.0, 0.0]]}
+    robustness = ng.Robustness(1e-3, 0.1, Bounds(0.2, 0.25), points, -points)
+    assert same(ng.Robustness.from_dict(through_json(robustness.to_dict()), "f.json: quality.robust"), robustness)
+    data = {**robustness.to_dict(), "normals": [[1.0, 0.0]]}
     with pytest.raises(ng.InputError, match=r"quality\.robust\.normals: got shape \(1, 2\), expected shape \(3, 2\)"):
         ng.Robustness.from_dict(data, "f.json: quality.robust")
 
@@ -110,12 +110,12 @@ def placed():
 
 
 def test_a_grasp_comes_back_exactly(placed):
-    back = PlacedGrasp.from_dict(through_json(placed.to_dict()), "f.json: grasp")
+    loaded = PlacedGrasp.from_dict(through_json(placed.to_dict()), "f.json: grasp")
     for name in ("points", "normals", "tangents", "torque_origin", "G"):
-        np.testing.assert_array_equal(getattr(back.grasp, name), getattr(placed.grasp, name))
-    assert back.grasp.contacts == placed.grasp.contacts
-    assert back.faces == placed.faces
-    assert same(back.surface, placed.surface)
+        np.testing.assert_array_equal(getattr(loaded.grasp, name), getattr(placed.grasp, name))
+    assert loaded.grasp.contacts == placed.grasp.contacts
+    assert loaded.faces == placed.faces
+    assert same(loaded.surface, placed.surface)
 
 
 def test_a_surface_that_one_contact_says_nothing_of_is_none(placed):
@@ -131,15 +131,15 @@ def test_another_dimension_is_refused(placed):
 
 @pytest.mark.parametrize("moments", [None, np.array([[0.0, 0.0, 0.1], [0.0, 1 / 3, 0.0]])])
 def test_a_held_wrench_comes_back_exactly(moments):
-    held = HeldWrench(np.arange(6) / 7, np.arange(6).reshape(2, 3) / 3, moments)
-    data = held.to_dict()
+    record = HeldWrench(np.arange(6) / 7, np.arange(6).reshape(2, 3) / 3, moments)
+    data = record.to_dict()
     assert ("moments" in data) == (moments is not None)
-    assert same(HeldWrench.from_dict(through_json(data), "f.json"), held)
+    assert same(HeldWrench.from_dict(through_json(data), "f.json"), record)
 
 
 def test_moments_are_in_all_entries_or_in_none():
     wrench, forces, moments = np.ones(6), np.ones((2, 3)), np.zeros((2, 3))
-    data = [held.to_dict() for held in held_wrenches([(wrench, forces)] * 2, [moments] * 2)]
+    data = [records.to_dict() for records in held_wrenches([(wrench, forces)] * 2, [moments] * 2)]
     assert len(forces_and_moments(data, "f.json")[1]) == 2
     del data[1]["moments"]
     with pytest.raises(ng.InputError, match="got 1 entries with moments, expected moments in all or in none"):
@@ -150,9 +150,9 @@ def test_measures_come_back_exactly():
     direction = np.array([0.0, 1 / 3, -1.0])
     delta, nu = Bounds(0.1, 0.2, torque_scale=0.5), Volume(1.0, 3.0, torque_scale=0.5, value=2.0, error=0.1)
     quality = Quality(Bounds(0.1, 1 / 3, direction), "mu_tilde", delta, nu)
-    back = Quality.from_dict(through_json(quality.to_dict()), 3, "f.json: quality")
-    assert same(back, quality)
-    np.testing.assert_array_equal(back.mu.worst_direction, direction)
+    loaded = Quality.from_dict(through_json(quality.to_dict()), 3, "f.json: quality")
+    assert same(loaded, quality)
+    np.testing.assert_array_equal(loaded.mu.worst_direction, direction)
     with pytest.raises(ng.InputError, match=r"quality\.mu\.worst_direction: got shape \(3,\), expected shape \(6,\)"):
         Quality.from_dict(quality.to_dict(), 6, "f.json: quality")
 

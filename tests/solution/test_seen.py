@@ -1,4 +1,4 @@
-"""What is seen of results at a prompt: a line each."""
+"""Representations of results at a Python prompt, one line each."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -22,8 +22,8 @@ def test_a_solution_is_a_line():
         repr(solution)
         == f"GraspSolution({solution.name!r}: solved, mu in {solution.mu}, {len(solution.grasp)} contacts)"
     )
-    lost = replace(solution, grasp=None, status=Status.LOCALLY_INFEASIBLE, name="peg")
-    assert repr(lost) == "GraspSolution('peg': locally_infeasible, no grasp)"
+    infeasible = replace(solution, grasp=None, status=Status.LOCALLY_INFEASIBLE, name="peg")
+    assert repr(infeasible) == "GraspSolution('peg': locally_infeasible, no grasp)"
 
 
 @pytest.mark.parametrize(
@@ -43,31 +43,31 @@ def test_measures_and_tasks_are_lines(thing, line):
 
 
 def test_a_verification_ends_with_its_verdict():
-    good, bad = Check("surface", True, "0 m"), Check("hand", False, "off by 1")
+    passed, failed = Check("surface", True, "0 m"), Check("hand", False, "off by 1")
     unknown = Check.not_made("drawing", "no mesh")
-    assert str(Verification((good,), None)).splitlines()[-1] == "verified: 1 check passed"
-    assert Verification((good, good, unknown), None).verdict == (
+    assert str(Verification((passed,), None)).splitlines()[-1] == "verified: 1 check passed"
+    assert Verification((passed, passed, unknown), None).verdict == (
         "partly verified: 2 checks passed, 1 could not be made (no mesh)"
     )
-    told = "NOT verified: 1 of 2 checks failed (hand), 1 could not be made (no mesh)"
-    assert str(Verification((good, bad, unknown), None)).splitlines()[-1] == told
+    verdict = "NOT verified: 1 of 2 checks failed (hand), 1 could not be made (no mesh)"
+    assert str(Verification((passed, failed, unknown), None)).splitlines()[-1] == verdict
 
 
 def test_a_verdict_says_why_checks_could_not_be_made_each_reason_once():
-    good = Check("grasp map", True, "0")
-    gone = [Check.not_made(name, "mug.stl is not beside the file") for name in ("surface", "normals", "bound")]
-    gone.append(Check.not_made("approach", NO_BODY))
-    found = Verification((good, *gone), None, ("mug.stl",))
-    assert found.passed
-    assert not found.complete
-    assert found.verdict == (
+    passed = Check("grasp map", True, "0")
+    unchecked = [Check.not_made(name, "mug.stl is not beside the file") for name in ("surface", "normals", "bound")]
+    unchecked.append(Check.not_made("approach", NO_BODY))
+    verification = Verification((passed, *unchecked), None, ("mug.stl",))
+    assert verification.passed
+    assert not verification.complete
+    assert verification.verdict == (
         "partly verified: 1 check passed, 4 could not be made "
         "(mug.stl not found; give its folder with --folder, in Python with folders=)"
     )
-    other = [Check.not_made(f"level {i}", f"reason {i}") for i in range(4)]
-    both = Verification((good, *gone, *other), None, ("mug.stl", "tri.urdf")).verdict
-    assert "(mug.stl and tri.urdf not found; give their folders with --folder" in both
-    assert both.endswith("; reason 0; reason 1; 2 other reasons)")
+    further = [Check.not_made(f"level {i}", f"reason {i}") for i in range(4)]
+    verdict = Verification((passed, *unchecked, *further), None, ("mug.stl", "tri.urdf")).verdict
+    assert "(mug.stl and tri.urdf not found; give their folders with --folder" in verdict
+    assert verdict.endswith("; reason 0; reason 1; 2 other reasons)")
 
 
 def test_a_mesh_and_a_hand_are_lines(tmp_path):

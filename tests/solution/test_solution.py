@@ -1,4 +1,4 @@
-"""A solution answers for itself: its task, budget and body, which start it is of, and whether there is a grasp."""
+"""Properties of a solution: task, budget, body, start of the answer, required grasp."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +18,7 @@ def box():
 
 
 @pytest.fixture(scope="module")
-def none():
+def infeasible():
     return ng.GraspSolution.load(FILES / "none.json")
 
 
@@ -37,15 +37,15 @@ def test_the_palm_is_the_hand_s_root(box, hand, palm):
     assert replace(box, problem={**box.problem, "hand": hand}).palm == palm
 
 
-def test_a_grasp_is_required(box, none):
+def test_a_grasp_is_required(box, infeasible):
     assert box.success
     assert box.require_grasp() is box.grasp
     assert box.require_drawing() is box.drawing
-    assert not none.success
+    assert not infeasible.success
     with pytest.raises(ng.InputError, match="solution: got no grasp, expected a solution with a grasp"):
-        none.require_grasp()
+        infeasible.require_grasp()
     with pytest.raises(ng.InputError, match=r"got no grasp \(locally infeasible\), expected"):
-        replace(none, status=ng.Status.LOCALLY_INFEASIBLE).require_drawing()
+        replace(infeasible, status=ng.Status.LOCALLY_INFEASIBLE).require_drawing()
     unknown = {**box.problem, "hand": {"type": "other"}}
     with pytest.raises(ng.InputError, match="got a grasp without a drawing, from a file without its body"):
         replace(box, drawing=None, problem=unknown).require_drawing()
@@ -64,10 +64,10 @@ def test_the_start_of_the_answer_is_the_one_stated_or_for_earlier_files_the_best
     assert replace(box, starts=STARTS, best_start=stated).winner.index == index
 
 
-def test_without_a_solved_start_none_won(none):
-    assert none.winner is None
-    assert none.best_start is None
-    assert "best_start" not in none.to_dict()
+def test_without_a_solved_start_none_won(infeasible):
+    assert infeasible.winner is None
+    assert infeasible.best_start is None
+    assert "best_start" not in infeasible.to_dict()
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""How starts ended, in words: how many found a grasp, why the others did not, and why more mu is not the answer."""
+"""Text summaries of starts: number of grasps, reasons of failures, better starts passed over."""
 
 import math
 from dataclasses import replace
@@ -81,8 +81,8 @@ def test_a_start_without_a_grasp_has_a_reason(record, words):
     ],
 )
 def test_how_many_found_a_grasp(starts, line):
-    (told,) = starts_lines(starts)
-    assert told.startswith(line)
+    (summary,) = starts_lines(starts)
+    assert summary.startswith(line)
 
 
 def test_one_start_that_found_a_grasp_needs_no_word():
@@ -101,7 +101,7 @@ def test_why_a_start_with_more_mu_is_not_the_answer():
         "start 1 found mu-tilde in [0.6, 0.61]: passed over, as less of it is left "
         "when contacts are off and friction is less"
     )
-    (ranked,) = better_start_text((answer, more), answer, by_what_is_left=True)
+    (ranked,) = better_start_text((answer, more), answer, by_remaining_quality=True)
     assert ranked.endswith("as starts were ranked by what is left when contacts are off, which is more of the answer")
     (unsure,) = better_start_text((answer, wide), answer)
     assert unsure.endswith("passed over, as less of it is certified than of the answer")

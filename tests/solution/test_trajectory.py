@@ -1,4 +1,4 @@
-"""The trajectory through the phases of a grasp."""
+"""Trajectory of a hand through the phases of a grasp."""
 
 import csv
 import io
@@ -9,7 +9,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.interop.registry import format_named
-from nlpgrasp.solution.phase_record import phases_from
+from nlpgrasp.solution.phase_record import read_phases
 from tests.motion.test_keyframes import phased
 from tests.studies.held_box import grasped
 
@@ -20,38 +20,38 @@ def solution(tmp_path_factory):
 
 
 def test_every_keyframe_is_a_sample_and_speeds_are_kept(solution):
-    made = ng.trajectory(solution, rate=100.0, speed=0.2, joint_speed=0.4)
-    steps = np.diff(made.times)
+    path = ng.trajectory(solution, rate=100.0, speed=0.2, joint_speed=0.4)
+    steps = np.diff(path.times)
     assert np.all(steps > 0.0)
     assert np.max(steps) <= 0.01 + 1e-12
-    assert np.max(np.linalg.norm(np.diff(made.palm_positions, axis=0), axis=1) / steps) == pytest.approx(0.2)
-    assert np.max(np.abs(np.diff(made.joints, axis=0)) / steps[:, None]) == pytest.approx(0.4)
+    assert np.max(np.linalg.norm(np.diff(path.palm_positions, axis=0), axis=1) / steps) == pytest.approx(0.2)
+    assert np.max(np.abs(np.diff(path.joints, axis=0)) / steps[:, None]) == pytest.approx(0.4)
     for phase in solution.phases:
-        last = [i for i, name in enumerate(made.phases) if name == phase.name][-1]
-        np.testing.assert_allclose(made.palm_positions[last], phase.palm_position, atol=1e-12)
-        np.testing.assert_allclose(made.joints[last], [phase.joints[name] for name in made.joint_names], atol=1e-12)
+        last = [i for i, name in enumerate(path.phases) if name == phase.name][-1]
+        np.testing.assert_allclose(path.palm_positions[last], phase.palm_position, atol=1e-12)
+        np.testing.assert_allclose(path.joints[last], [phase.joints[name] for name in path.joint_names], atol=1e-12)
 
 
 def test_a_joint_of_its_own_speed_slows_the_leg(solution):
     names = ng.trajectory(solution).joint_names
     slow = dict.fromkeys(names, 0.5) | {names[1]: 0.05}
-    made = ng.trajectory(solution, joint_speed=slow)
-    rates = np.abs(np.diff(made.joints, axis=0)) / np.diff(made.times)[:, None]
+    path = ng.trajectory(solution, joint_speed=slow)
+    rates = np.abs(np.diff(path.joints, axis=0)) / np.diff(path.times)[:, None]
     assert np.max(rates[:, 1]) == pytest.approx(0.05)
     with pytest.raises(ng.InputError, match="joint_speed"):
         ng.trajectory(solution, joint_speed={names[0]: 0.5})
 
 
 def test_exports_hold_the_same_numbers(solution):
-    made = ng.trajectory(solution)
+    path = ng.trajectory(solution)
     rows = list(csv.reader(io.StringIO(format_named("trajectory").export(solution).decode())))
     assert rows[0][:5] == ["time", "phase", "palm_x", "palm_y", "palm_z"]
-    assert tuple(rows[0][9:]) == made.joint_names
-    assert [row[1] for row in rows[1:]] == list(made.phases)
-    np.testing.assert_array_equal(np.array([row[9:] for row in rows[1:]], dtype=float), made.joints)
+    assert tuple(rows[0][9:]) == path.joint_names
+    assert [row[1] for row in rows[1:]] == list(path.phases)
+    np.testing.assert_array_equal(np.array([row[9:] for row in rows[1:]], dtype=float), path.joints)
     data = json.loads(format_named("trajectory_json").export(solution))
-    np.testing.assert_array_equal(data["palm_positions"], made.palm_positions)
-    assert data["palm_quaternion_wxyz"] == made.palm_quaternion.tolist()
+    np.testing.assert_array_equal(data["palm_positions"], path.palm_positions)
+    assert data["palm_quaternion_wxyz"] == path.palm_quaternion.tolist()
 
 
 def test_phases_go_through_a_file(solution, tmp_path):
@@ -71,7 +71,7 @@ def test_older_files_have_none(tmp_path):
 def test_keyframes_out_of_order_are_refused(solution):
     data = [phase.to_dict() for phase in solution.phases]
     with pytest.raises(ng.InputError, match="in the order approach, pregrasp"):
-        phases_from(data[::-1], "hand.phases")
+        read_phases(data[::-1], "hand.phases")
     fewer = {**data[1], "joint_positions": dict(list(data[1]["joint_positions"].items())[1:])}
     with pytest.raises(ng.InputError, match=r"hand\.phases\[1\]\.joint_positions"):
-        phases_from([data[0], fewer], "hand.phases")
+        read_phases([data[0], fewer], "hand.phases")

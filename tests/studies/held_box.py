@@ -1,4 +1,4 @@
-"""A box that a hand of two fingers holds from above, without solving."""
+"""Box held from above by a two-finger hand, without solving."""
 
 import numpy as np
 

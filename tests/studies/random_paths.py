@@ -1,4 +1,4 @@
-"""Random paths of tasks, for tests and the benchmark of following: half of them turn by more than 60 degrees."""
+"""Random paths of tasks for tests and the benchmark of dynamic grasping; half of them turn by over 60 degrees."""
 
 import time
 from dataclasses import dataclass
@@ -89,11 +89,11 @@ def compared(number, at=range(STEPS)):
     cold = [ng.solve(path.at(shares[i]), STARTS, options=options) for i in at]
     cold_seconds = time.process_time() - middle
     followed = [_certified(step.solution) for step in steps] or [0.0] * STEPS
-    grasps = [one.grasp for one in (*cold, *(step.solution for step in steps)) if one.grasp is not None]
+    grasps = [solution.grasp for solution in (*cold, *(step.solution for step in steps)) if solution.grasp is not None]
     tasks = [path.at(share).task for share in shares]
     lost = sum(any(_holds(g, task) for g in grasps) for f, task in zip(followed, tasks, strict=True) if f <= 0.0)
-    each = (middle - begun) / STEPS, cold_seconds / len(at)
-    return Compared(np.array(followed)[list(at)], np.array([_certified(one) for one in cold]), *each, lost)
+    costs = (middle - begun) / STEPS, cold_seconds / len(at)
+    return Compared(np.array(followed)[list(at)], np.array([_certified(solution) for solution in cold]), *costs, lost)
 
 
 def _certified(solution):

@@ -1,4 +1,4 @@
-"""Dynamic grasping: followed grasps against cold solves, certified one by one; the filling cup; bad input."""
+"""Dynamic grasping against cold solves; the filling cup; invalid input."""
 
 from dataclasses import replace
 from itertools import permutations
@@ -94,8 +94,8 @@ def test_each_step_s_file_verifies_on_its_own(tmp_path):
 def test_what_staying_would_give(cup):
     """An upper bound of the contacts of the step before under this step's task, certified anew."""
     before, step = cup.steps[3].solution.grasp, cup.steps[4]
-    here = ng.mu(before, filled(LEVELS[4]).task)
-    assert here.lower <= step.stayed <= here.upper * 1.05
+    bounds = ng.mu(before, filled(LEVELS[4]).task)
+    assert bounds.lower <= step.stayed <= bounds.upper * 1.05
     after = step.solution.grasp.points
     orders = permutations(range(len(after))) if step.regrasp else [range(len(after))]  # any finger to any place then
     went = [np.linalg.norm(after - before.points[list(order)], axis=1) for order in orders]
@@ -123,14 +123,14 @@ def turning(share):
 
 @pytest.mark.slow
 def test_a_regrasp_where_sliding_does_not_help():
-    found = ng.follow_task(turning, np.linspace(0.0, 1.0, 5), starts=6, options=ONE)
-    switched = [step for step in found.steps if step.regrasp]
+    followed = ng.follow_task(turning, np.linspace(0.0, 1.0, 5), starts=6, options=ONE)
+    switched = [step for step in followed.steps if step.regrasp]
     assert switched
     for step in switched:
         assert step.solution.mu.lower > 1.05 * step.stayed
-    assert "regrasp" in str(found)
+    assert "regrasp" in str(followed)
     cold = ng.solve(turning(1.0), 6, options=ONE)
-    assert found.steps[-1].solution.mu.lower >= 0.99 * cold.mu.lower
+    assert followed.steps[-1].solution.mu.lower >= 0.99 * cold.mu.lower
 
 
 SIDES = ng.Polygon([[-1.0, -0.5], [1.0, -0.5], [1.0, 0.5], [-1.0, 0.5]])
@@ -159,8 +159,8 @@ def best_of_a_grid(task, count=7):
 
 @pytest.mark.slow
 def test_no_step_is_lost_where_a_task_turns():
-    found = ng.follow_task(swinging, np.linspace(-1.0, 1.0, 9), starts=8, options=ONE)
-    for step in found.steps:
+    followed = ng.follow_task(swinging, np.linspace(-1.0, 1.0, 9), starts=8, options=ONE)
+    for step in followed.steps:
         assert step.solution.status is ng.Status.SOLVED
         assert step.solution.mu.lower >= 0.97 * best_of_a_grid(swinging(step.parameter).task)
 
@@ -178,11 +178,11 @@ def test_random_paths_against_cold_solves(number):
 def test_a_basin_in_the_middle_of_a_path_is_found():
     """A cold solve's best there is on other sides than those of both ends."""
     path, shares = random_path(4), [0.0, 3.0 / 7.0, 1.0]
-    found = ng.follow_task(path.at, shares, starts=2, options=ONE).steps
+    steps = ng.follow_task(path.at, shares, starts=2, options=ONE).steps
     cold = ng.solve(path.at(shares[1]), 2, options=ONE)
     assert cold.mu.lower > 0.0
-    assert found[1].solution.mu.lower >= 0.97 * cold.mu.lower
-    middle, *ends = (sorted(found[i].solution.faces) for i in (1, 0, 2))
+    assert steps[1].solution.mu.lower >= 0.97 * cold.mu.lower
+    middle, *ends = (sorted(steps[i].solution.faces) for i in (1, 0, 2))
     assert middle not in ends
 
 
@@ -191,11 +191,11 @@ def swelling(size):
 
 
 def test_fingers_stay_where_sliding_gains_next_to_nothing():
-    found = ng.follow_task(swelling, [0.0, 0.5, 1.0], starts=2, options=ONE)
-    assert "stay" in str(found)
-    for step in found.steps[1:]:
+    followed = ng.follow_task(swelling, [0.0, 0.5, 1.0], starts=2, options=ONE)
+    assert "stay" in str(followed)
+    for step in followed.steps[1:]:
         np.testing.assert_array_equal(step.moved, 0.0)
-        np.testing.assert_array_equal(step.solution.grasp.points, found.steps[0].solution.grasp.points)
+        np.testing.assert_array_equal(step.solution.grasp.points, followed.steps[0].solution.grasp.points)
         assert not step.regrasp
         assert step.solution.mu.lower <= step.stayed
 
@@ -210,9 +210,9 @@ def test_each_step_says_how_far_it_is_from_the_best():
 def test_no_start_is_run_where_the_warm_start_is_proved_to_be_near_the_best(monkeypatch):
     run, starts = multistart.run_start, []
     monkeypatch.setattr(multistart, "run_start", lambda *of: starts.append(of) or run(*of))
-    found = ng.follow_task(swelling, [0.0, 0.5, 1.0], starts=2, options=ONE)
+    followed = ng.follow_task(swelling, [0.0, 0.5, 1.0], starts=2, options=ONE)
     assert len(starts) == 1  # of the first step
-    assert all(step.solution.gap <= 0.03 for step in found.steps)  # a percent, and 2 % that moving has to gain
+    assert all(step.solution.gap <= 0.03 for step in followed.steps)  # a percent, and 2 % that moving has to gain
 
 
 @pytest.mark.slow
@@ -233,9 +233,9 @@ def test_a_hand_with_a_pose_is_followed_with_its_posture():
 
 
 def test_without_the_search_random_starts_are_followed():
-    found = ng.follow_task(swelling, [0.0, 1.0], starts=2, options=replace(ONE, global_bound=False))
+    followed = ng.follow_task(swelling, [0.0, 1.0], starts=2, options=replace(ONE, global_bound=False))
     searched = ng.follow_task(swelling, [0.0, 1.0], starts=2, options=ONE)
-    for step, other in zip(found.steps, searched.steps, strict=True):
+    for step, other in zip(followed.steps, searched.steps, strict=True):
         assert step.solution.bound is None
         assert step.solution.mu.lower <= other.solution.bound.upper
         assert step.solution.mu.lower >= 0.97 * other.solution.mu.lower
@@ -243,10 +243,10 @@ def test_without_the_search_random_starts_are_followed():
 
 def test_a_step_that_no_warm_start_holds_is_solved_cold_and_says_so(monkeypatch):
     monkeypatch.setattr(Multistart, "add", lambda self, warm: False)
-    found = ng.follow_task(swelling, [0.0, 1.0], starts=2, options=ONE)
-    assert [step.cold for step in found.steps] == [False, True]
-    assert "found by a cold solve" in str(found)
-    assert found.steps[1].solution.mu.lower >= 0.97 * found.steps[0].solution.mu.lower
+    followed = ng.follow_task(swelling, [0.0, 1.0], starts=2, options=ONE)
+    assert [step.cold for step in followed.steps] == [False, True]
+    assert "found by a cold solve" in str(followed)
+    assert followed.steps[1].solution.mu.lower >= 0.97 * followed.steps[0].solution.mu.lower
 
 
 def test_where_no_task_has_a_grasp():

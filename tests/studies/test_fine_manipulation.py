@@ -1,4 +1,4 @@
-"""Pick up, then move to the better grasp that the table excluded."""
+"""Fine manipulation: pick-up beside a table, then finger moves to a better grasp."""
 
 import runpy
 
@@ -19,35 +19,35 @@ def names():
 
 
 @pytest.fixture(scope="module")
-def found(names):
+def plan(names):
     return ng.fine_manipulation(names["problem"](), names["in_the_hand"](), starts=2, options=OPTIONS)
 
 
 @pytest.mark.slow
-def test_the_grasp_in_the_hand_is_better(found):
-    assert found.success
-    assert found.goal.mu.lower > 1.1 * found.pick.mu.upper
+def test_the_grasp_in_the_hand_is_better(plan):
+    assert plan.success
+    assert plan.goal.mu.lower > 1.1 * plan.pick.mu.upper
 
 
 @pytest.mark.slow
-def test_every_finger_moves_once_along_the_body(found, names):
+def test_every_finger_moves_once_along_the_body(plan, names):
     body = names["problem"]().body
-    assert sorted(m.finger for m in found.moves) == list(range(5))
-    assert sorted(found.order) == list(range(5))
-    for move in found.moves:
-        np.testing.assert_allclose(move.path[0], found.pick.grasp.points[move.finger])
-        np.testing.assert_allclose(move.path[-1], found.goal.grasp.points[found.order[move.finger]])
+    assert sorted(m.finger for m in plan.moves) == list(range(5))
+    assert sorted(plan.order) == list(range(5))
+    for move in plan.moves:
+        np.testing.assert_allclose(move.path[0], plan.pick.grasp.points[move.finger])
+        np.testing.assert_allclose(move.path[-1], plan.goal.grasp.points[plan.order[move.finger]])
         distance = np.asarray(body.distance_function.map(len(move.path))(move.path.T).full())
         assert np.max(np.abs(distance)) < 1e-4
         assert np.max(np.linalg.norm(np.diff(move.path, axis=0), axis=1)) < 0.012
 
 
 @pytest.mark.slow
-def test_what_holds_meanwhile_is_certified(found, names):
+def test_what_holds_meanwhile_is_certified(plan, names):
     """The first move again, from the pick-up grasp alone."""
-    move = found.moves[0]
+    move = plan.moves[0]
     hold = ng.TaskEllipsoid([0.1, 0.1, 0.1, 0.0, 0.0, 0.0], center=[0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-    grasp = found.pick.grasp
+    grasp = plan.pick.grasp
     keep = [i for i in range(5) if i != move.finger]
     others = ng.Grasp(grasp.points[keep], grasp.normals[keep], ng.FrictionContact(0.5), grasp.torque_origin)
     bounds = ng.mu(others, hold, 0.01)
@@ -80,12 +80,12 @@ def test_fingers_below_a_body_carry_it(space):
     nothing_else = {"robust_offset": 0.0, "robust_friction": 0.0}
     options = ng.SolveOptions(rtol=0.05, final_rtol=0.05, rounds=5, **nothing_else)
     pick, goal = (carried_from_below(space, half_width) for half_width in (0.5, 0.8))
-    found = ng.fine_manipulation(pick, goal, starts=1, options=options)
-    assert found.held_at_stations
-    assert found.success == (space == 2)
-    assert any(m.slides for m in found.moves) == (space == 3)
-    assert len(found.moves) == 4
-    for move in found.moves:
+    plan = ng.fine_manipulation(pick, goal, starts=1, options=options)
+    assert plan.held_at_stations
+    assert plan.success == (space == 2)
+    assert any(m.slides for m in plan.moves) == (space == 3)
+    assert len(plan.moves) == 4
+    for move in plan.moves:
         assert move.held.lower > (1.6 if move.slides else 1.3)
         assert move.held.upper < 2.0 / 1.1 + 1e-6
 

@@ -1,4 +1,4 @@
-"""A first choice from weight and size: statics by hand, and what the solved problem says."""
+"""Rule-based first choice: statics by hand, and the solution of the proposed problem."""
 
 import numpy as np
 import pytest

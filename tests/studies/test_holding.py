@@ -1,4 +1,4 @@
-"""What holds a square while a finger slides over its corner."""
+"""Holding quality of a square while a finger slides over its corner."""
 
 import numpy as np
 import pytest
@@ -32,9 +32,9 @@ RIGHT = station([1.0, -0.659], [-1.0, 0.0], "edge1")
 
 def test_a_body_that_is_dropped_at_a_corner_is_seen():
     """Both ends of the path hold it, with 0.25 at least; a fingertip that rolls over the corner between does not."""
-    found = holding(LEFT, BELOW, [[1.0, -0.659], [0.394, -1.0]], [[-1.0, 0.0], [0.0, 1.0]])
-    move = found.move(NOBODY, 2, True)
-    ends = [found._certified(found._grasp(NOBODY, 2, way)).lower for way in (0.0, found._ways[2].total)]
+    quality = holding(LEFT, BELOW, [[1.0, -0.659], [0.394, -1.0]], [[-1.0, 0.0], [0.0, 1.0]])
+    move = quality.move(NOBODY, 2, True)
+    ends = [quality._certified(quality._grasp(NOBODY, 2, way)).lower for way in (0.0, quality._curves[2].total)]
     assert min(ends) > 0.25
     assert move.held.upper == 0.0
     assert not move.certified
@@ -49,9 +49,9 @@ def test_a_finger_slides_where_the_others_hold_on_the_boundary_alone():
     problem = ng.GraspProblem(body, contacts, ng.TaskEllipsoid([1.0] * 6), torque_origin=[0.0, 0.0, 0.0])
     ends = [[PathStation(p, n, "-z") for p, n in zip(g.points, g.normals, strict=True)] for g in grasps]
     weight = ng.TaskEllipsoid([0.1] * 6, center=[0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-    found = HoldingQuality(problem, *grasps, range(4), [list(pair) for pair in zip(*ends, strict=True)], weight)
-    assert found.others(NOBODY, 0).lower == 0.0
-    first, *_ = ordered_moves(found)
+    quality = HoldingQuality(problem, *grasps, range(4), [list(pair) for pair in zip(*ends, strict=True)], weight)
+    assert quality.others(NOBODY, 0).lower == 0.0
+    first, *_ = ordered_moves(quality)
     assert first.slides
     assert not first.certified
     assert first.held.lower > 1.6
@@ -62,9 +62,11 @@ def test_a_finger_slides_where_the_others_hold_on_the_boundary_alone():
 def test_the_least_along_a_slide_is_met_and_what_the_others_hold_alone_is_below_it(x, friction):
     """Against 200 places of the path; from the underside over a corner, while two others may hold alone."""
     below, end = station([x, -1.0], [0.0, 1.0], "edge0"), RIGHT
-    found = holding(below, end, [[-1.0, -0.3], [0.7, -1.0]], [[1.0, 0.0], [0.0, 1.0]], friction)
-    move, alone = found.move(NOBODY, 2, True), found.move(NOBODY, 2, False)
-    dense = [found._certified(found._grasp(NOBODY, 2, way)) for way in np.linspace(0.0, found._ways[2].total, 200)]
+    quality = holding(below, end, [[-1.0, -0.3], [0.7, -1.0]], [[1.0, 0.0], [0.0, 1.0]], friction)
+    move, alone = quality.move(NOBODY, 2, True), quality.move(NOBODY, 2, False)
+    dense = [
+        quality._certified(quality._grasp(NOBODY, 2, way)) for way in np.linspace(0.0, quality._curves[2].total, 200)
+    ]
     least = min(b.upper for b in dense)
     assert move.held.lower <= least * (1.0 + 1e-9)
     assert move.held.upper <= 1.02 * least + 1e-9

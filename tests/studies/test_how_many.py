@@ -1,4 +1,4 @@
-"""How many contacts a task needs: a square, and the pencil against the brush."""
+"""Number of contacts for a task: a square, the pencil and the brush."""
 
 import json
 from dataclasses import replace
@@ -46,23 +46,23 @@ def best_of_pairs(steps=17):
 
 def test_more_contacts_exert_more(curve):
     assert [k for k, _ in curve.solutions] == [2, 3, 4]
-    lower = [found.mu.lower for _, found in curve.solutions]
+    lower = [solution.mu.lower for _, solution in curve.solutions]
     assert lower[0] < lower[1] < lower[2]
     assert "  4 contacts: mu in" in str(curve)
 
 
 def test_the_fewest_for_a_force_are_enough(curve):
     """With that force the grasp produces the task's wrenches, by other code; with the certificate's upper bound not."""
-    for k, found in curve.solutions:
-        assert curve.fewest(1.001 / found.mu.lower) == k
+    for k, solution in curve.solutions:
+        assert curve.fewest(1.001 / solution.mu.lower) == k
         y = np.random.default_rng(0).standard_normal((300, 3))
-        used = ng.finger_forces(found.grasp, square(k).task.support(y)[1]).used
-        assert np.max(used) <= 1.0 / found.mu.lower * (1 + 1e-9)
+        used = ng.finger_forces(solution.grasp, square(k).task.support(y)[1]).used
+        assert np.max(used) <= 1.0 / solution.mu.lower * (1 + 1e-9)
     assert curve.fewest(0.5 / curve.solutions[-1][1].mu.lower) is None
 
 
 def test_a_penalty_for_each_contact(curve):
-    lower = {k: found.mu.lower for k, found in curve.solutions}
+    lower = {k: solution.mu.lower for k, solution in curve.solutions}
     assert curve.best(0.0) == 4
     assert curve.best(100.0) == 2
     steps = lower[3] - lower[2], lower[4] - lower[3]
@@ -74,20 +74,21 @@ def test_two_fingers_are_as_good_as_the_best_of_a_grid(curve):
 
 
 def test_penalties_of_every_form(curve):
-    lower = {k: found.mu.lower for k, found in curve.solutions}
-    each = 0.01
-    assert curve.best(each) == curve.best([each] * 4) == curve.best({"friction": each})
-    assert curve.best(each) == curve.best(lambda contacts, mu: each * len(contacts))
+    lower = {k: solution.mu.lower for k, solution in curve.solutions}
+    price = 0.01
+    assert curve.best(price) == curve.best([price] * 4) == curve.best({"friction": price})
+    assert curve.best(price) == curve.best(lambda contacts, mu: price * len(contacts))
     assert curve.best([0.0, 0.0, 0.0, 100.0]) == 3
     assert curve.best(lambda contacts, mu: 10.0 * mu) == 2
     assert curve.best(lambda contacts, mu: 0.0 if mu > 0.9 * lower[4] else 1e6) == 4
-    worth = curve.worth(each)
-    assert worth[3].lower == pytest.approx(lower[3] - 3 * each)
-    assert worth[3].upper == pytest.approx(dict(curve.solutions)[3].mu.upper - 3 * each)
+    quality = curve.penalised_quality(price)
+    assert quality[3].lower == pytest.approx(lower[3] - 3 * price)
+    assert quality[3].upper == pytest.approx(dict(curve.solutions)[3].mu.upper - 3 * price)
+    assert curve.worth(price) == quality
 
 
 def test_what_is_known_and_what_is_possible(curve):
-    assert curve.best_known == {k: found.mu.lower for k, found in curve.solutions}
+    assert curve.best_known == {k: solution.mu.lower for k, solution in curve.solutions}
     assert set(curve.shortfall.values()) == {0.0}
     bounded = ng.ContactCurve(unbounded(curve), curve.reached, {3: 2.0 * curve.best_known[3]})
     assert bounded.gap(3) == pytest.approx(1.0)
@@ -103,15 +104,15 @@ def test_what_is_known_and_what_is_possible(curve):
 
 
 def unbounded(curve):
-    return tuple((k, replace(found, bound=None)) for k, found in curve.solutions)
+    return tuple((k, replace(solution, bound=None)) for k, solution in curve.solutions)
 
 
 def test_every_number_states_how_much_better_it_could_be(curve):
     """The bound is above the best of a grid, and the grasps found are within 5 % of it; 10 seeds end within 2 %."""
     assert best_of_pairs() <= curve.best_possible[2]
-    for k, found in curve.solutions:
-        assert found.mu.lower <= curve.best_possible[k]
-        assert curve.gap(k) == pytest.approx(curve.best_possible[k] / found.mu.lower - 1.0)
+    for k, solution in curve.solutions:
+        assert solution.mu.lower <= curve.best_possible[k]
+        assert curve.gap(k) == pytest.approx(curve.best_possible[k] / solution.mu.lower - 1.0)
         assert curve.gap(k) < 0.05
         assert f"no placement is more than {at_most(100.0 * curve.gap(k), 2)}% better" in str(curve)
     tighter = ng.ContactCurve(curve.solutions, possible={2: curve.best_known[2], 3: 100.0})
@@ -132,15 +133,15 @@ def test_the_fewest_are_proved_where_the_bounds_rule_out_fewer(curve):
 
 def test_a_grasp_with_fewer_contacts_bounds_every_larger_number():
     """Whatever the starts find: the grasp with two contacts, and two added anywhere, is one with four."""
-    found = ng.how_many_contacts(square, (2, 4), starts=1, seed=5, options=QUICK)
-    assert found.solutions[1][1].mu.lower >= found.solutions[0][1].mu.lower
-    assert all(ng.verify(solution) for _, solution in found.solutions)
+    curve = ng.how_many_contacts(square, (2, 4), starts=1, seed=5, options=QUICK)
+    assert curve.solutions[1][1].mu.lower >= curve.solutions[0][1].mu.lower
+    assert all(ng.verify(solution) for _, solution in curve.solutions)
 
 
 def test_a_gap_that_is_asked_for_is_closed_for_each_number():
-    found = ng.how_many_contacts(square, (2,), starts=1, options=ng.SolveOptions(workers=1, gap=0.05))
-    assert found.solutions[0][1].status is ng.Status.OPTIMAL
-    assert found.gap(2) <= 0.05
+    curve = ng.how_many_contacts(square, (2,), starts=1, options=ng.SolveOptions(workers=1, gap=0.05))
+    assert curve.solutions[0][1].status is ng.Status.OPTIMAL
+    assert curve.gap(2) <= 0.05
 
 
 def test_a_grasp_that_a_tight_certificate_overtakes_is_not_chosen():
@@ -161,11 +162,11 @@ def test_a_grasp_that_a_tight_certificate_overtakes_is_not_chosen():
 @pytest.mark.slow
 def test_the_pencil_with_three_fingers_does_not_depend_on_luck():
     """Two starts alone find 0.28, with which four fingers would be the fewest for 3.5 N."""
-    found = ng.how_many_contacts(pencil, (2, 3, 4), starts=2, options=FAST)
-    assert dict(found.solutions)[3].mu.lower > 0.6
-    assert found.fewest(EFFORT) == 3
-    assert found.best(0.3) == 4
-    assert dict(found.solutions)[4].mu.lower > 1.1
+    curve = ng.how_many_contacts(pencil, (2, 3, 4), starts=2, options=FAST)
+    assert dict(curve.solutions)[3].mu.lower > 0.6
+    assert curve.fewest(EFFORT) == 3
+    assert curve.best(0.3) == 4
+    assert dict(curve.solutions)[4].mu.lower > 1.1
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""A hand of four fingers among its own collision shapes: what balls say, by triangles and MuJoCo's kinematics."""
+"""Palm and finger motions of a four-finger hand, checked by triangles and MuJoCo kinematics."""
 
 import numpy as np
 import pytest
@@ -72,11 +72,11 @@ class Shapes:
         """Each link's points in the body's frame."""
         poses = self.mujoco.link_poses(joints)
         base = np.linalg.inv(poses["palm"]) if "palm" in poses else np.eye(4)
-        found = {}
+        meshes = {}
         for link, points in self.points.items():
             pose = palm @ base @ poses.get(link, np.eye(4))
-            found[link] = points @ pose[:3, :3].T + pose[:3, 3]
-        return found
+            meshes[link] = points @ pose[:3, :3].T + pose[:3, 3]
+        return meshes
 
 
 def deep(points):
@@ -116,19 +116,19 @@ def test_fingers_on_their_way_by_triangles(picked, solution):
     """A regrasp, the palm where it is: fingertips on their paths, links off the body, until a joint stops one."""
     hand = four_finger_hand()
     goal = problem([4.0, 1.0, 1.0], [StaysPut(hand, solution.hand)])
-    found = ng.fine_manipulation(picked, goal, starts=1, seed=SEED, options=OPTIONS)
-    feasible = [m.motion.feasible for m in found.moves]
+    plan = ng.fine_manipulation(picked, goal, starts=1, seed=SEED, options=OPTIONS)
+    feasible = [m.motion.feasible for m in plan.moves]
     done = feasible.index(False) if False in feasible else len(feasible)
-    assert len(found.moves) == 4
+    assert len(plan.moves) == 4
     assert done >= 2  # of the seeds 0 to 5, 1 and 4 lead all four there; others stop at the first or second
-    assert found.feasible == (done == 4)
+    assert plan.feasible == (done == 4)
     if done < 4:
-        assert "joint " in found.moves[done].motion.reason
-        later = f"not looked at, as finger {found.moves[done].finger} does not get to its place"
-        assert all(m.motion.reason == later for m in found.moves[done + 1 :])
-    shapes, palm = Shapes(), hand.tree.palm_frame(hand.values_of(found.pick.hand))
-    joints = dict(found.pick.hand["joint_positions"])
-    for move in found.moves[:done]:
+        assert "joint " in plan.moves[done].motion.reason
+        later = f"not looked at, as finger {plan.moves[done].finger} does not get to its place"
+        assert all(m.motion.reason == later for m in plan.moves[done + 1 :])
+    shapes, palm = Shapes(), hand.tree.palm_frame(hand.values_of(plan.pick.hand))
+    joints = dict(plan.pick.hand["joint_positions"])
+    for move in plan.moves[:done]:
         check_by_triangles(shapes, palm, joints, hand, move)
 
 

@@ -1,4 +1,4 @@
-"""The order of moves, against all orders."""
+"""Order of finger moves, against all orders."""
 
 from itertools import permutations, product
 from types import SimpleNamespace
@@ -18,28 +18,28 @@ class Held:
         self.rng, self.paths, self.known, self.shift = rng, [None] * count, {}, shift
 
     def strengths(self, moved, finger):
-        alone, more = self.rng.uniform(0.0, 1.0, 2)
-        return self.known.setdefault((moved, finger), (alone + self.shift, alone + more + self.shift))
+        others, gain = self.rng.uniform(0.0, 1.0, 2)
+        return self.known.setdefault((moved, finger), (others + self.shift, others + gain + self.shift))
 
     def others(self, moved, finger):
-        alone = max(self.strengths(moved, finger)[0], 0.0)
-        return ng.Bounds(alone, alone)
+        quality = max(self.strengths(moved, finger)[0], 0.0)
+        return ng.Bounds(quality, quality)
 
     def sliding(self, moved, finger):
         return self.strengths(moved, finger)[1]
 
     def move(self, moved, finger, slides):
-        alone, sliding = (max(value, 0.0) for value in self.strengths(moved, finger))
-        held = sliding if slides else alone
-        others = ng.Bounds(alone, alone) if slides else None
-        return FingerMove(finger, np.zeros((2, 3)), slides, ng.Bounds(held, held), stations=7, others=others)
+        others_quality, sliding = (max(value, 0.0) for value in self.strengths(moved, finger))
+        quality = sliding if slides else others_quality
+        others = ng.Bounds(others_quality, others_quality) if slides else None
+        return FingerMove(finger, np.zeros((2, 3)), slides, ng.Bounds(quality, quality), stations=7, others=others)
 
 
 class Allowed:
     """A hand that does some moves and not others, at random."""
 
     def __init__(self, rng, share):
-        self.rng, self.share, self.known, self.asked = rng, share, {}, 0
+        self.rng, self.share, self.known, self.calls = rng, share, {}, 0
 
     def start(self):
         return frozenset()
@@ -47,43 +47,43 @@ class Allowed:
     def does(self, moved, finger, slides):
         return self.known.setdefault((moved, finger, slides), self.rng.uniform() < self.share)
 
-    def taken(self, posture, finger, slides):
-        self.asked += 1
+    def move(self, posture, finger, slides):
+        self.calls += 1
         if self.does(posture, finger, slides):
             return FingerPath(True, "", np.zeros((1, 3)), np.zeros(1), ("sliding",), np.zeros(1)), posture | {finger}
         return unexamined_move("no"), posture
 
 
-def width(held, moved, finger, slide):
+def width(quality, moved, finger, slides):
     """What a move counts: whether the others hold alone, and their strength; else that of the slide."""
-    alone, sliding = held.strengths(moved, finger)
-    if alone > 0.0:
-        return (1, alone)
-    return (0, sliding if slide else -np.inf)
+    others, sliding = quality.strengths(moved, finger)
+    if others > 0.0:
+        return (1, others)
+    return (0, sliding if slides else -np.inf)
 
 
 NONE, ALL = (-1, -np.inf), (2, np.inf)
 
 
-def widest(held, allowed, count):
+def widest(quality, motions, count):
     """The largest least width over all orders and ways of moving."""
-    best = NONE
+    largest = NONE
     for order in permutations(range(count)):
         for slides in product((0, 1), repeat=count):
             moved, least = frozenset(), ALL
             for finger, slide in zip(order, slides, strict=True):
-                if allowed is not None and not allowed.does(moved, finger, bool(slide)):
+                if motions is not None and not motions.does(moved, finger, bool(slide)):
                     least = NONE
-                least = min(least, width(held, moved, finger, slide))
+                least = min(least, width(quality, moved, finger, slide))
                 moved = moved | {finger}
-            best = max(best, least)
-    return best
+            largest = max(largest, least)
+    return largest
 
 
-def widths(held, moves):
+def widths(quality, moves):
     """The widths of moves in their order."""
     moved = [frozenset(m.finger for m in moves[:i]) for i in range(len(moves))]
-    return [width(held, before, m.finger, m.slides) for before, m in zip(moved, moves, strict=True)]
+    return [width(quality, moved_fingers, m.finger, m.slides) for moved_fingers, m in zip(moved, moves, strict=True)]
 
 
 @pytest.mark.parametrize("shift", [0.1, -0.3, -0.8])
@@ -97,7 +97,7 @@ def test_the_order_is_the_best_of_all_that_the_hand_allows(seed, shift):
     if best > (0, 0.0):
         assert all(m.feasible for m in moves)
         assert min(widths(held, moves)) == best
-        assert allowed.asked < 64
+        assert allowed.calls < 64
     elif best == NONE:
         assert not all(m.feasible for m in moves)
     free = ordered_moves(held)
@@ -112,12 +112,12 @@ def test_a_finger_is_lifted_where_the_others_hold_alone_and_the_hand_can_do_it()
         rng = np.random.default_rng(seed)
         assert not any(m.slides for m in ordered_moves(Held(rng, 4)))
         allowed, moved = Allowed(rng, 0.5), frozenset()
-        for each in ordered_moves(Held(rng, 4), allowed):
-            if each.feasible:
-                assert each.certified
-                assert each.slides == (not allowed.does(moved, each.finger, False))
-                slides.add(each.slides)
-            moved = moved | {each.finger}
+        for move in ordered_moves(Held(rng, 4), allowed):
+            if move.feasible:
+                assert move.certified
+                assert move.slides == (not allowed.does(moved, move.finger, False))
+                slides.add(move.slides)
+            moved = moved | {move.finger}
     assert slides == {False, True}
 
 
@@ -135,7 +135,7 @@ def test_a_hand_is_not_asked_about_moves_that_nothing_holds():
     held, allowed = Held(rng, 3, -2.0), Allowed(rng, 1.0)
     assert widest(held, None, 3) < (0, 0.0)
     ordered_moves(held, allowed)
-    assert allowed.asked == 3  # of the order that is returned in the end
+    assert allowed.calls == 3  # of the order that is returned in the end
 
 
 def move(lower, *, slides, alone=0.0, stations=6, motion=None):
@@ -151,14 +151,14 @@ def manipulation(*moves):
 
 def test_a_slide_is_no_success_where_only_its_stations_are_certified():
     lifted, sliding = move(0.5, slides=False), move(0.25, slides=True)
-    found = manipulation(lifted, sliding)
+    plan = manipulation(lifted, sliding)
     assert lifted.certified
     assert not sliding.certified
-    assert found.held_at_stations
-    assert not found.success
-    assert "finger 1 is lifted and goes 0 mm; meanwhile held with [0.5, 0.5]\n" in str(found)
-    assert "meanwhile held with [0.25, 0.25] at 6 stations, not certified between them\n" in str(found)
-    assert str(found).splitlines()[-1] == (
+    assert plan.held_at_stations
+    assert not plan.success
+    assert "finger 1 is lifted and goes 0 mm; meanwhile held with [0.5, 0.5]\n" in str(plan)
+    assert "meanwhile held with [0.25, 0.25] at 6 stations, not certified between them\n" in str(plan)
+    assert str(plan).splitlines()[-1] == (
         "the body is held at all stations examined, but it is not certified between the stations where finger 1 slides"
     )
     assert str(manipulation(sliding, sliding, sliding)).endswith("where fingers 1, 1 and 1 slide")
@@ -169,27 +169,27 @@ def test_a_slide_is_no_success_where_only_its_stations_are_certified():
 
 def test_a_slide_is_certified_where_the_other_fingers_hold_alone():
     sliding = move(0.25, slides=True, alone=0.125)
-    found = manipulation(sliding)
+    plan = manipulation(sliding)
     assert sliding.certified
     assert sliding.least == 0.125
-    assert found.success
-    assert "held with [0.25, 0.25] at 6 stations, and with at least 0.125 between them, by the other" in str(found)
-    assert str(found).endswith("the body is held during every move, certified along the whole path")
+    assert plan.success
+    assert "held with [0.25, 0.25] at 6 stations, and with at least 0.125 between them, by the other" in str(plan)
+    assert str(plan).endswith("the body is held during every move, certified along the whole path")
 
 
 def test_a_body_that_is_dropped_at_a_station_is_no_success():
     for dropped in (move(0.0, slides=True), move(0.0, slides=False)):
-        found = manipulation(move(0.5, slides=False), dropped)
-        assert not found.held_at_stations
-        assert not found.success
-        assert str(found).endswith("the body is not held during every move")
+        plan = manipulation(move(0.5, slides=False), dropped)
+        assert not plan.held_at_stations
+        assert not plan.success
+        assert str(plan).endswith("the body is not held during every move")
     assert manipulation().outcome == "no moves: one of the two grasps was not found"
 
 
 def test_an_infeasible_move_is_no_success():
     beyond = move(1.0, slides=False, motion=unexamined_move("joint a at its upper limit"))
-    found = manipulation(beyond)
-    assert not found.feasible
-    assert not found.success
-    assert "does not get there: joint a at its upper limit" in str(found)
+    plan = manipulation(beyond)
+    assert not plan.feasible
+    assert not plan.success
+    assert "does not get there: joint a at its upper limit" in str(plan)
     assert beyond.to_dict()["motion"]["reason"] == "joint a at its upper limit"

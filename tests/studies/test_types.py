@@ -1,4 +1,4 @@
-"""Which finger soft, which hard: against every placement of a grid, and by what richer contacts can always do."""
+"""Contact types per finger, against a grid of placements and the dominance of richer contacts."""
 
 import json
 from itertools import product
@@ -40,10 +40,10 @@ def best_on_a_grid(models, steps=9):
     )
     bound = ng.screen(stack, rectangle().task)
     best = np.argsort(-bound)[:5]
-    found = [
+    bounds = [
         ng.mu(ng.Grasp(stack.points[i], stack.normals[i], list(models), [0.0, 0.0]), rectangle().task) for i in best
     ]
-    return max(found, key=lambda b: b.lower)
+    return max(bounds, key=lambda b: b.lower)
 
 
 def test_two_fingers_of_two_types_are_three_assignments(choice):
@@ -62,8 +62,8 @@ def test_none_is_much_worse_than_the_best_of_a_grid(choice):
 
 
 def test_upgrades_are_between_neighbours(choice):
-    told = {(u.before.types, u.after.types) for u in choice.upgrades}
-    assert told == {(("rough", "rough"), ("rough", "pad")), (("rough", "pad"), ("pad", "pad"))}
+    pairs = {(u.before.types, u.after.types) for u in choice.upgrades}
+    assert pairs == {(("rough", "rough"), ("rough", "pad")), (("rough", "pad"), ("pad", "pad"))}
     for u in choice.upgrades:
         assert u.gain.lower == pytest.approx(max(u.after.mu.lower - u.before.mu.upper, 0.0))
         assert u.certain == (u.after.mu.lower > u.before.mu.upper)
@@ -104,7 +104,7 @@ def test_contacts_that_a_constraint_tells_apart_are_distinct():
 
 def contradictions(problem, types, order, choice):
     """Give each assignment's grasp to every richer one, and return the pairs that are ranked against what it proves."""
-    found = []
+    pairs = []
     for small in choice.assignments:
         for large in choice.assignments:
             richer = all(order.index(s) <= order.index(b) for s, b in zip(small.types, large.types, strict=True))
@@ -115,8 +115,8 @@ def contradictions(problem, types, order, choice):
             given = ng.Grasp(grasp.points, grasp.normals, [types[name] for name in large.types], grasp.torque_origin)
             beats = ng.mu(given, problem.task, force_budget=problem.force_budget).lower > large.mu.upper
             if after or beats or large.mu.lower < small.mu.lower:
-                found.append((small.types, large.types))
-    return found
+                pairs.append((small.types, large.types))
+    return pairs
 
 
 def test_no_ranking_is_contradicted_by_a_grasp_that_was_found(choice):

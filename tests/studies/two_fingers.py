@@ -1,4 +1,4 @@
-"""A hand of two fingers with three joints each, all links balls, and its kinematics once more in numpy."""
+"""Two-finger hand with three joints each and spherical links, with independent numpy kinematics."""
 
 import numpy as np
 from scipy.optimize import root
@@ -47,13 +47,13 @@ def two_fingers(folder, **options):
 def chain(name, q):
     """Centres of a finger's balls, (4, 3), palm frame: three links, then the tip."""
     place, turn = np.array([*BASES[name], 0.0]), np.eye(3)
-    found = []
+    points = []
     for i, angle in enumerate(q):
         c, s = np.cos(angle), np.sin(angle)
         turn = turn @ np.array([[[1, 0, 0], [0, c, -s], [0, s, c]], [[c, 0, s], [0, 1, 0], [-s, 0, c]]][min(i, 1)])
-        found.append(place + turn @ [0.0, 0.0, LENGTHS[i] / 2.0])
+        points.append(place + turn @ [0.0, 0.0, LENGTHS[i] / 2.0])
         place = place + turn @ [0.0, 0.0, LENGTHS[i]]
-    return np.array([*found, place])
+    return np.array([*points, place])
 
 
 def in_body(points, position):
@@ -63,9 +63,9 @@ def in_body(points, position):
 
 def inverse(name, target, position, start):
     """The joints nearest to others that put a fingertip's centre at a point of the body's frame."""
-    found = root(lambda q: 1e3 * (in_body(chain(name, q), position)[-1] - target), start, tol=1e-13)
-    assert np.linalg.norm(found.fun) < 1e-7, target
-    return found.x
+    solution = root(lambda q: 1e3 * (in_body(chain(name, q), position)[-1] - target), start, tol=1e-13)
+    assert np.linalg.norm(solution.fun) < 1e-7, target
+    return solution.x
 
 
 def box_distance(points, half):

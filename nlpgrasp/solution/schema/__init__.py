@@ -35,12 +35,12 @@ def check_kinds(data: Json, name: str) -> None:
     name : str
         Name of the file, for messages.
     """
-    kept = {f"grasps.{i}.grasp": found["grasp"] for i, found in enumerate(data.get("grasps", ()))}
-    for place, grasp in {"grasp": data["grasp"], **kept}.items():
+    kept_grasps = {f"grasps.{i}.grasp": entry["grasp"] for i, entry in enumerate(data.get("grasps", ()))}
+    for field, grasp in {"grasp": data["grasp"], **kept_grasps}.items():
         for i, contact in enumerate([] if grasp is None else grasp["contacts"]):
             if CONTACTS.find(contact["model"]) is None:
-                given = f"{contact['model']!r} is not one of {[*CONTACTS.names]}"
-                raise InputError(f"{name}: {place}.contacts.{i}.model", given, EXPECTED)
+                value = f"{contact['model']!r} is not one of {[*CONTACTS.names]}"
+                raise InputError(f"{name}: {field}.contacts.{i}.model", value, EXPECTED)
     task = data["problem"]["task"]
     if not _known_task(task):
         raise InputError(f"{name}: problem.task", _misfit(task), EXPECTED)
@@ -51,12 +51,12 @@ def check_kinds(data: Json, name: str) -> None:
 
 def _known_task(task: Json) -> bool:
     """Return whether a task and all its parts are of known kinds."""
-    parts = task["tasks"] if task["type"] == "sum" else ()
-    return TASKS.find(task["type"]) is not None and all(_known_task(part) for part in parts)
+    terms = task["tasks"] if task["type"] == "sum" else ()
+    return TASKS.find(task["type"]) is not None and all(_known_task(term) for term in terms)
 
 
-def _misfit(given: object) -> str:
-    return f"{given!r} is not valid under any of the given schemas"
+def _misfit(value: object) -> str:
+    return f"{value!r} is not valid under any of the given schemas"
 
 
 Vector: TypeAlias = list[float]
