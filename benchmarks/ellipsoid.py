@@ -18,7 +18,7 @@ def run():
     for k in (4, 3):
         results, seconds = run_starts(problem(k), 8)
         best = best_of(results)
-        final = ng.mu(best.found.grasp, problem(k).task, 0.01)
+        final = ng.mu(best.on_body.grasp, problem(k).task, 0.01)
         closed = sum(r.record.mu.lower > 0.0 for r in results)
         print(f"{k} fingers: best certified {final} (target lower {TARGET[k]}, best known before {BEST_KNOWN[k]})")
         print(f"  starts force-closed: {closed} of 8; upper bounds {np.round([r.record.mu.upper for r in results], 4)}")

@@ -120,7 +120,7 @@ def analyses_of(
             if deadline.is_requested():
                 break
             if name in OF_GRASP:
-                values[name] = OF_GRASP[name](start.found.grasp, compiled.budget(start.found.candidate))
+                values[name] = OF_GRASP[name](start.on_body.grasp, compiled.budget(start.on_body.candidate))
             else:
                 values[name], message = attempt(partial(OF_PROBLEM[name], compiled, start, deadline))
                 messages += [FAILED.format(name, message)] if message else []
@@ -225,9 +225,9 @@ OF_GRASP: Mapping[str, Callable[[Grasp, ForceBudget], Any]] = {"delta": _delta, 
 
 OF_PROBLEM: Mapping[str, Callable[[CompiledProblem, StartGrasp, Deadline], Any]] = {
     "prices": shadow_prices,
-    "robustness": lambda compiled, start, _: robustness(compiled, start.found.candidate, start.found.grasp),
+    "robustness": lambda compiled, start, _: robustness(compiled, start.on_body.candidate, start.on_body.grasp),
     "phases": lambda compiled, start, _: add_hand_record(compiled, replace(start, hand=None)).hand,
     "drawing": lambda compiled, start, _: draw_body_and_hand(
-        compiled.problem.body, compiled.problem.hand, start.found.candidate.hand
+        compiled.problem.body, compiled.problem.hand, start.on_body.candidate.hand
     ),
 }

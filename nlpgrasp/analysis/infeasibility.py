@@ -97,7 +97,7 @@ def _contradiction(compiled: CompiledProblem, relaxed: RelaxationResult) -> WhyN
 
 def _explain_unreachable(compiled: CompiledProblem, results: Sequence[StartResult]) -> WhyNot:
     """Explain why placements that keep all constraints do not exert the task."""
-    grasps = [r.found.grasp for r in results if isinstance(r, StartGrasp)]
+    grasps = [r.on_body.grasp for r in results if isinstance(r, StartGrasp)]
     if not grasps:
         return WhyNot(reasons=("The constraints can be kept, but every start ended with an error.",))
     task, budget = compiled.problem.task, compiled.closure_budget

@@ -52,7 +52,7 @@ def shadow_prices(compiled: CompiledProblem, best: StartGrasp, deadline: Deadlin
     """
     optimum = best.optimum
     if optimum is None and best.kkt is None:
-        optimum = local_optimum(*fix_to_triangles(compiled, best.found.candidate), deadline)
+        optimum = local_optimum(*fix_to_triangles(compiled, best.on_body.candidate), deadline)
     mu_upper = best.record.mu.upper
     if optimum is None or not optimum.kkt.is_small or abs(optimum.value - mu_upper) > VALUE_TOLERANCE * mu_upper:
         return ()

@@ -238,7 +238,7 @@ def _certify_above(compiled: CompiledProblem, grasp: StartGrasp, lower: float) -
     rtol = compiled.options.final_rtol
     if lower > 0.0:
         rtol = min(rtol, max(0.5 * (grasp.record.mu.upper / lower - 1.0), LEAST_RTOL))
-    return grasp.certified(compiled.problem, rtol)
+    return grasp.tighten_bounds(compiled.problem, rtol)
 
 
 def _screen_offers(

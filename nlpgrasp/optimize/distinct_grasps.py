@@ -147,7 +147,7 @@ class DistinctGrasps:
 
     def has(self, candidate: GraspCandidate) -> bool:
         """Return whether a placement is equivalent to one in the set."""
-        return any(self._likeness.alike(candidate, other.found.candidate) for other in self.grasps)
+        return any(self._likeness.alike(candidate, other.on_body.candidate) for other in self.grasps)
 
     def alike(self, candidate: GraspCandidate, others: Sequence[GraspCandidate]) -> bool:
         """Return whether a placement is equivalent to one of some others."""
@@ -155,7 +155,7 @@ class DistinctGrasps:
 
     def offer(self, start: StartGrasp) -> bool:
         """Add a grasp if the set is not full and has no equivalent one; return whether it was added."""
-        taken = self.missing > 0 and not self.has(start.found.candidate)
+        taken = self.missing > 0 and not self.has(start.on_body.candidate)
         if taken:
             self.grasps.append(start)
         return taken
@@ -213,7 +213,7 @@ def _met(runner: StartRunner, kept: DistinctGrasps, deadline: Deadline) -> Itera
     compiled, count = runner.compiled, MET * kept.missing
     if not deadline.is_requested():
         yield from exchanged_candidates(compiled, np.random.default_rng(0), count=count)
-    yield from neighbouring_grasps(compiled, [start.found.candidate for start in kept.grasps], count)
+    yield from neighbouring_grasps(compiled, [start.on_body.candidate for start in kept.grasps], count)
 
 
 def _finish_unrefined(
@@ -228,7 +228,7 @@ def _finish_unrefined(
 
 def _finish(compiled: CompiledProblem, start: StartGrasp, deadline: Deadline) -> FoundGrasp:
     """Return a grasp with its forces, and where time permits its robustness and pregrasp, if requested."""
-    candidate, grasp = start.found.candidate, start.found.grasp
+    candidate, grasp = start.on_body.candidate, start.on_body.grasp
     with single_thread():
         if deadline.is_requested():
             return _kept_grasp_record(compiled, replace(start, hand=hand_posture(compiled, start)), start.robust)
@@ -239,7 +239,7 @@ def _finish(compiled: CompiledProblem, start: StartGrasp, deadline: Deadline) ->
 
 
 def _kept_grasp_record(compiled: CompiledProblem, start: StartGrasp, robust: Robustness | None) -> FoundGrasp:
-    found, bounds = start.found, start.record.mu
+    found, bounds = start.on_body, start.record.mu
     exerted = least_forces(compiled.problem, found.grasp, compiled.budget(found.candidate), bounds)
     return FoundGrasp(
         found.grasp,

@@ -38,21 +38,23 @@ def converge_to_optimum(compiled: CompiledProblem, best: StartGrasp, deadline: D
         return best
     with single_thread():
         end, message = attempt(lambda: _converge(compiled, best, deadline))
-    return best.noted(message and f"no last step: {message}") if end is None else end
+    return best.with_message(message and f"no last step: {message}") if end is None else end
 
 
 def keep_off_optimum(compiled: CompiledProblem, start: StartGrasp, reason: str) -> StartGrasp:
     """Return a start as it is, with its KKT residuals and the reason why it is not at a local optimum."""
     with single_thread():
         kkt, message = attempt(lambda: residuals_at(*_on_faces(compiled, start)))
-    return start.noted(message) if kkt is None else replace(start, kkt=replace(kkt, reason=reason))
+    return start.with_message(message) if kkt is None else replace(start, kkt=replace(kkt, reason=reason))
 
 
 def _on_faces(compiled: CompiledProblem, start: StartGrasp) -> tuple[CompiledProblem, GraspCandidate]:
     """Return the compiled problem of the faces and margins that a start's contacts and joints are at, and these."""
-    candidate = start.found.candidate
-    if np.array_equal(start.ascended.points, candidate.points):  # which of two triangles a contact on their edge is of
-        candidate = replace(candidate, faces=start.ascended.faces)
+    candidate = start.on_body.candidate
+    if np.array_equal(
+        start.refined_candidate.points, candidate.points
+    ):  # which of two triangles a contact on their edge is of
+        candidate = replace(candidate, faces=start.refined_candidate.faces)
     on_faces, candidate = fix_to_triangles(compiled, candidate)
     return _with_margins(on_faces, start), candidate
 
@@ -71,10 +73,10 @@ def _converge(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -
         reason = _rejection_reason(compiled, best, end)
         if not reason:
             return end
-        less = missing_clearance(compiled, end.found)
+        less = missing_clearance(compiled, end.on_body)
         if found.kkt.is_small:
             begin = replace(begin, points=found.candidate.points, hand=found.candidate.hand)
-        if any(row.value < row.lower for row in end.found.beside):
+        if any(row.value < row.lower for row in end.on_body.beside):
             places.append(found.candidate.points)
             own = _with_margins(fix_to_triangles(compiled, here, places)[0], best)
         elif not less.any() or deadline.is_requested():
@@ -118,7 +120,7 @@ def _with_margins(compiled: CompiledProblem, best: StartGrasp) -> CompiledProble
     if not isinstance(hand, URDFHand) or not compiled.options.seeks_room:
         return compiled
     margins = JointLimitMargins.of(hand, margin)
-    return compiled.with_joints(margins.narrow_limits(~margins.is_below_margin(best.found.candidate.hand["joints"])))
+    return compiled.with_joints(margins.narrow_limits(~margins.is_below_margin(best.on_body.candidate.hand["joints"])))
 
 
 def _result_at_optimum(
@@ -126,7 +128,7 @@ def _result_at_optimum(
 ) -> StartGrasp:
     """Return the optimum as the answer's result: put on the body, certified, measured."""
     problem, before = compiled.problem, best.record
-    on_body = put_on_body(compiled, own, found.candidate, best.ascended.points)
+    on_body = put_on_body(compiled, own, found.candidate, best.refined_candidate.points)
     candidate, grasp = on_body.candidate, on_body.grasp
     rtol = compiled.options.final_rtol if on_body.is_feasible else compiled.options.rtol
     limit = deadline.certificate_deadline()
@@ -147,8 +149,8 @@ def _result_at_optimum(
     return replace(
         end,
         record=record,
-        spent=best.spent + found.effort,
-        ascended=best.ascended,
+        total_effort=best.total_effort + found.effort,
+        refined_candidate=best.refined_candidate,
         robust=robust,
         optimum=found,
         kkt=found.kkt,

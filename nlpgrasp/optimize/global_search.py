@@ -114,9 +114,9 @@ def best_possible(
     upper = max(proven, known.lower)
     return BestPossible(
         upper,
-        None if best is None else best.found.grasp,
+        None if best is None else best.on_body.grasp,
         known.of_measure(problem.task.measure, problem.task.paper_beta),
-        () if best is None else best.found.candidate.faces,
+        () if best is None else best.on_body.candidate.faces,
         upper <= known.lower * (1.0 + gap),
         tree.nodes,
         time.monotonic() - begun,
@@ -135,7 +135,7 @@ def _better_certified(
     known = found.record.mu
     if best is not None and known.upper <= (1.0 + BETTER) * best.record.mu.upper:
         return best
-    better = found.certified(compiled.problem, FINE * gap)
+    better = found.tighten_bounds(compiled.problem, FINE * gap)
     return better if best is None or better.record.mu.lower > best.record.mu.lower else best
 
 

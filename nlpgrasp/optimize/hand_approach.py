@@ -75,20 +75,20 @@ def choose_free_approach(
 
 def add_hand_record(compiled: CompiledProblem, start: StartGrasp) -> StartGrasp:
     """Return a start with its hand record: posture, pregrasp, phases, penetration of its links."""
-    problem, candidate = compiled.problem, start.found.candidate
+    problem, candidate = compiled.problem, start.on_body.candidate
     hand = hand_posture(compiled, start)
     if hand is None:
         return start
     if not compiled.follows_contacts:
-        opened, message = attempt(lambda: find_pregrasp(compiled, start.found, compiled.options.pregrasp_clearance))
-        start = start.noted(message and f"no pregrasp: {message}")
+        opened, message = attempt(lambda: find_pregrasp(compiled, start.on_body, compiled.options.pregrasp_clearance))
+        start = start.with_message(message and f"no pregrasp: {message}")
         model, links = problem.hand, compiled.link_depths
         if opened is not None and model is not None:
             hand["pregrasp"] = {"clearance": opened.clearance, **model.describe(opened.hand)}
         if isinstance(model, URDFHand) and links is not None:
             before = None if opened is None else opened.hand
             phases, message = attempt(lambda: plan_keyframes(problem, model, candidate.hand, before, links))
-            start, hand = start.noted(message and f"no phases: {message}"), {**hand, **(phases or {})}
+            start, hand = start.with_message(message and f"no phases: {message}"), {**hand, **(phases or {})}
     if start.record.obstruction:
         return replace(start, hand=hand)
     return replace(start, hand=hand, record=replace(start.record, obstruction="; ".join(approach_obstructions(hand))))
@@ -96,7 +96,7 @@ def add_hand_record(compiled: CompiledProblem, start: StartGrasp) -> StartGrasp:
 
 def hand_posture(compiled: CompiledProblem, start: StartGrasp) -> dict[str, object] | None:
     """Return the hand in the grasp as JSON data, None without any."""
-    hand, found = compiled.problem.hand, start.found
+    hand, found = compiled.problem.hand, start.on_body
     if hand is None:
         return None
     data = dict(hand.describe(found.candidate.hand)) if found.candidate.hand else {}

@@ -12,7 +12,7 @@ from nlpgrasp.nlp import face_parameters
 from nlpgrasp.optimize.candidate import Effort, GraspCandidate
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem, candidate_of, pack_variables
 from nlpgrasp.optimize.cutting_planes import weakest_at
-from nlpgrasp.optimize.projection import fix_to_triangles, touching_on_body
+from nlpgrasp.optimize.projection import fix_to_triangles, project_onto_body
 
 FIRST_BETA = 0.1  # initial value of beta, solver units
 
@@ -63,7 +63,7 @@ def _on_body(compiled: CompiledProblem, candidate: GraspCandidate) -> GraspCandi
     body = compiled.problem.body
     if isinstance(body, Mesh):
         candidate = replace(candidate, points=body.closest(candidate.points)[0])
-    return candidate if compiled.follows_contacts else touching_on_body(compiled, candidate)[1]
+    return candidate if compiled.follows_contacts else project_onto_body(compiled, candidate)[1]
 
 
 def initial_parameters(compiled: CompiledProblem, rng: np.random.Generator, factor: float = 1.0) -> FloatArray:

@@ -1,8 +1,8 @@
 """Local search: maximisation of mu by cutting planes in a trust region.
 
 The support inequalities (Li and Sastry 1986, equation 3.4-3) hold in the directions where the current grasp is weakest.
-A step maximises beta in the linearised program plus the curvature of its Lagrangian; contacts and hand return to the
-constraints, are weakest in other directions there, and so on until no step helps. Where forces are variables of the
+A step maximises beta in the linearised program plus the curvature of its Lagrangian; Newton steps return to the
+constraints, and the weakest directions are searched again, until no step helps. Where forces are variables of the
 program, IPOPT solves it inside the trust region instead.
 """
 
@@ -13,20 +13,21 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from nlpgrasp.common.deadline import Deadline
+from nlpgrasp.common.quadratic_program import QuadraticStep
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.optimize.candidate import Effort, GraspCandidate, SearchState
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem, pack_variables
 from nlpgrasp.optimize.cutting_planes import find_weaker, minimise_nearby, most_relevant, weakest_at
-from nlpgrasp.optimize.trust_region import ACTIVE, Linearisation, program_step, reduced_hessian
+from nlpgrasp.optimize.trust_region import ACTIVE, Linearisation, TrustRegionStep, program_step, reduced_hessian
 from nlpgrasp.quality.sandwich import ResumableCertificate
 from nlpgrasp.quality.weakest_directions import MISSED
 
 LOOKS = 4  # certificates that look for directions missed by descents, at most
-RADIUS, MOST_RADIUS = 0.03, 0.1  # trust-region radius, first and most, over the body's size
-LONGER, SHORTER = 1.5, 0.4  # factors of the trust-region radius after a step that is accepted, and rejected
-SETTLED = 1e-7  # solver units, change of the Lagrangian's gradient over a step at which refinement ends
+RADIUS, LARGEST_RADIUS = 0.03, 0.1  # trust-region radius over the body's size: initial, upper bound
+EXPANSION, CONTRACTION = 1.5, 0.4  # factors of the trust-region radius after an accepted and a rejected step
+STATIONARY = 1e-7  # solver units, change of the Lagrangian's gradient over a step at which refinement ends
 NO_LOSS = 1e-9  # relative decrease that still counts as none
-NEAR = 0.02  # predicted relative gain of a step without curvature below which curvature is used
+SMALL_GAIN = 0.02  # predicted relative gain of a step without curvature below which curvature is used
 LEAST_GAIN, IDLE = 1e-4, 2  # relative gain below which a round is idle; idle rounds in a row that end a refinement
 FAIR = 0.5  # ratio of actual to predicted gain below which curvature is used
 
@@ -42,19 +43,19 @@ class RefinementPoint:
         The least support ratio.
     minimisers : (m, d) array
         Local minimisers of the ratio, each with ``phi_A = 1``.
-    others : (m', d) array
-        Directions in which places nearby are weaker.
+    nearby_cuts : (m', d) array
+        Directions in which candidates nearby are weaker.
     """
 
     candidate: GraspCandidate
     value: float
     minimisers: FloatArray
-    others: FloatArray
+    nearby_cuts: FloatArray
 
     @property
     def cuts(self) -> FloatArray:
         """All directions, (m + m', d)."""
-        return np.concatenate([self.minimisers, self.others])
+        return np.concatenate([self.minimisers, self.nearby_cuts])
 
 
 @dataclass(frozen=True)
@@ -65,15 +66,15 @@ class RefinementResult:
     ----------
     point : RefinementPoint
     length : float
-        Of the last step, solver units.
+        Length of the last step, solver units.
     multipliers : (rows,) array
-        Of the rows of constraints and hand in the last step, solver units.
+        Multipliers of the constraints on contacts and hand in the last step, solver units.
     history : tuple of float
-        The least ratio at first and after each step.
+        The least ratio initially and after each step.
     effort : Effort
-        Of IPOPT.
+        Effort of IPOPT.
     certificate : ResumableCertificate or None
-        Of the point, as far as it told that descents missed nothing.
+        Certificate of the point, as far as it was needed to show that descents missed no direction.
     """
 
     point: RefinementPoint
@@ -90,11 +91,11 @@ class RefinementResult:
 
 
 def evaluate_candidate(
-    compiled: CompiledProblem, candidate: GraspCandidate, known: FloatArray, rng: np.random.Generator
+    compiled: CompiledProblem, candidate: GraspCandidate, directions: FloatArray, rng: np.random.Generator
 ) -> RefinementPoint:
-    """Return a candidate with its weakest directions, searched from known ones (m, d) as well."""
-    found = minimise_nearby(compiled, candidate, rng, known)
-    return RefinementPoint(candidate, found.value, found.directions, found.directions[:0])
+    """Return a candidate with its weakest directions, searched from given directions (m, d) and random ones."""
+    weakest = minimise_nearby(compiled, candidate, rng, directions)
+    return RefinementPoint(candidate, weakest.value, weakest.directions, weakest.directions[:0])
 
 
 def refine(
@@ -104,30 +105,32 @@ def refine(
     rounds: int | None = None,
     least: float = LEAST_GAIN,
 ) -> RefinementResult:
-    """Return the local optimum reached from a candidate within some rounds; itself where it does not exert the task.
+    """Return the local optimum reached from a candidate; the candidate itself where it does not exert the task.
 
     Rounds end where two in a row gain less than a share ``least``, or where the Lagrangian is flat. Descents may
-    flatter: a polytope looks for directions that they missed, and the search goes on with these, from where it began if
-    it was led astray.
+    overestimate the value: the polytope of a certificate then gives the directions that they missed, and the search
+    goes on with these, from the best previous point where the corrected value is no better than its value.
     """
     rng, rounds = np.random.default_rng(0), compiled.options.rounds if rounds is None else rounds
-    sure = refined = _begun(compiled, candidate, rng)
+    best = result = _initial_result(compiled, candidate, rng)
     for _ in range(LOOKS):
-        refined = _iterate_steps(compiled, refined, rng, deadline, rounds, least)
-        here = refined.point
-        missed, begun = find_weaker(compiled, here.candidate, here.value)
+        result = _iterate_steps(compiled, result, rng, deadline, rounds, least)
+        point = result.point
+        missed, certificate = find_weaker(compiled, point.candidate, point.value)
         if missed is None:
-            return replace(refined, certificate=begun)
-        again = evaluate_candidate(compiled, here.candidate, np.concatenate([missed.directions, here.minimisers]), rng)
-        value = min(again.value, missed.value)
-        if value > sure.point.value:
-            sure = refined = replace(refined, point=replace(again, value=value, others=here.others))
+            return replace(result, certificate=certificate)
+        directions = np.concatenate([missed.directions, point.minimisers])
+        corrected = evaluate_candidate(compiled, point.candidate, directions, rng)
+        value = min(corrected.value, missed.value)
+        if value > best.point.value:
+            corrected = replace(corrected, value=value, nearby_cuts=point.nearby_cuts)
+            best = result = replace(result, point=corrected)
         else:
-            others = np.concatenate([missed.directions, sure.point.others])
-            sure = refined = replace(sure, point=replace(sure.point, others=others), effort=refined.effort)
+            cuts = np.concatenate([missed.directions, best.point.nearby_cuts])
+            best = result = replace(best, point=replace(best.point, nearby_cuts=cuts), effort=result.effort)
         if deadline.is_requested():
             break
-    return sure
+    return best
 
 
 def advance(compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline, rounds: int) -> RefinementResult:
@@ -136,78 +139,141 @@ def advance(compiled: CompiledProblem, candidate: GraspCandidate, deadline: Dead
     No certificate has looked for directions in which it is weaker.
     """
     rng, rounds = np.random.default_rng(0), min(rounds, compiled.options.rounds)
-    return _iterate_steps(compiled, _begun(compiled, candidate, rng), rng, deadline, rounds, LEAST_GAIN)
+    return _iterate_steps(compiled, _initial_result(compiled, candidate, rng), rng, deadline, rounds, LEAST_GAIN)
 
 
-def _begun(compiled: CompiledProblem, candidate: GraspCandidate, rng: np.random.Generator) -> RefinementResult:
-    """Return a candidate as the beginning of a refinement."""
-    here = evaluate_candidate(compiled, candidate, weakest_at(compiled, candidate, rng).directions, rng)
-    return RefinementResult(here, RADIUS, np.zeros(len(compiled.rows.named)), (here.value,))
+def _initial_result(compiled: CompiledProblem, candidate: GraspCandidate, rng: np.random.Generator) -> RefinementResult:
+    """Return a candidate as the result of a refinement without steps."""
+    point = evaluate_candidate(compiled, candidate, weakest_at(compiled, candidate, rng).directions, rng)
+    return RefinementResult(point, RADIUS, np.zeros(len(compiled.rows.named)), (point.value,))
 
 
 def _iterate_steps(
     compiled: CompiledProblem,
-    refined: RefinementResult,
+    result: RefinementResult,
     rng: np.random.Generator,
     deadline: Deadline,
     rounds: int,
     least: float,
 ) -> RefinementResult:
-    """Return the point at which no trust-region step improves any more."""
-    begun = here = refined.point
-    radius, curvature, near, stale, idle = RADIUS, None, least == 0.0, True, 0
+    """Return the result after at most so many trust-region steps, fewer where no step improves it."""
+    search = _TrustRegionSearch(compiled, result, rng, least)
     for _ in range(rounds):
-        if deadline.is_requested() or here.value <= 0.0 or idle == IDLE:
-            return refined
-        cuts = most_relevant(compiled, here.candidate, here.cuts)
+        if deadline.is_requested() or search.has_ended or not search.try_step():
+            break
+    return search.result
+
+
+class _TrustRegionSearch:
+    """Trust-region iteration on a refinement's result.
+
+    Parameters
+    ----------
+    compiled : CompiledProblem
+    result : RefinementResult
+    rng : numpy.random.Generator
+    least : float
+        Relative gain below which a round is idle; with 0 every step uses the curvature.
+    """
+
+    def __init__(
+        self, compiled: CompiledProblem, result: RefinementResult, rng: np.random.Generator, least: float
+    ) -> None:
+        self.compiled, self.result, self.rng, self.least = compiled, result, rng, least
+        self.initial = result.point
+        self.radius = RADIUS
+        self.idle = 0  # rounds in a row that gained less than the least
+        self.curvature: FloatArray | None = None  # reduced Hessian of the Lagrangian, (n, n)
+        self.is_near = least == 0.0  # near the optimum, where steps need the curvature
+        self.is_stale = True  # the curvature is of another point
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the point exerts nothing, or the last rounds gained too little."""
+        return self.result.point.value <= 0.0 or self.idle == IDLE
+
+    def try_step(self) -> bool:
+        """Accept or reject one step from the current point; return whether there was one to try."""
+        compiled, point = self.compiled, self.result.point
+        cuts = most_relevant(compiled, point.candidate, point.cuts)
+        step: TrustRegionStep | None
         if compiled.cutting_planes.linearises:
-            linear = Linearisation(compiled, here.candidate, cuts)
-            first = linear.quadratic_step(radius, curvature)
-            if first is None or (curvature is not None and float(np.max(np.abs(curvature @ first.d))) < SETTLED):
-                return refined
-            near = near or float(first.d[linear.beta]) < NEAR * here.value * compiled.scaling.beta
-            stale = stale or least == 0.0
-            if near and stale:
-                known = np.arange(len(cuts)) < len(here.minimisers)
-                curvature = reduced_hessian(linear, cuts, known, first.multipliers)
-                first = linear.quadratic_step(radius, curvature)
-            stale = not stale if near else True
-            step = None if first is None else linear.step(first, radius)
+            linear = Linearisation(compiled, point.candidate, cuts)
+            first = linear.quadratic_step(self.radius, self.curvature)
+            if first is None or self._is_stationary(first):
+                return False
+            if self._renew_curvature(linear, cuts, first):
+                first = linear.quadratic_step(self.radius, self.curvature)
+            step = None if first is None else linear.step(first, self.radius)
         else:
-            step = program_step(compiled, here.candidate, here.value, cuts, radius)
+            step = program_step(compiled, point.candidate, point.value, cuts, self.radius)
         if step is None or compiled.violation(step.candidate) > FEASIBLE:
-            radius, stale = SHORTER * radius, True
-            continue
-        moved = float(np.max(np.abs(_differences(compiled, step.candidate, here.candidate))))
-        refined = replace(refined, effort=refined.effort + step.effort)
-        there = evaluate_candidate(compiled, step.candidate, here.minimisers, rng)
-        near = near or there.value - here.value < FAIR * step.promised
-        accepted = there.value >= here.value * (1.0 - NO_LOSS)
-        if there.value >= (1.0 + least) * here.value:
-            idle = 0
-        elif accepted or least > 0.0:  # the last step shortens its steps until one helps
-            idle += 1
-        if accepted:
-            binding = cuts[np.flatnonzero(step.support > ACTIVE)] if len(here.others) else here.others
-            here, radius = replace(there, others=binding), min(LONGER * radius, MOST_RADIUS)
-            history = (*refined.history, here.value)
-            refined = replace(refined, point=here, length=moved, multipliers=step.multipliers, history=history)
+            self.radius, self.is_stale = CONTRACTION * self.radius, True
         else:
-            again = evaluate_candidate(
-                compiled, here.candidate, np.concatenate([here.minimisers, there.minimisers]), rng
-            )
-            others = np.concatenate([there.minimisers, here.others])
-            if again.value < (1.0 - MISSED) * begun.value:  # descents had flattered it
-                again, others = begun, np.concatenate([again.minimisers, others])
-            here = replace(again, others=others)
-            radius, stale = SHORTER * min(radius, moved), True
-            refined = replace(refined, point=here)
-    return refined
+            self._compare(step, cuts)
+        return True
+
+    def _is_stationary(self, first: QuadraticStep) -> bool:
+        """Return whether the Lagrangian's gradient hardly changes over a step."""
+        return self.curvature is not None and float(np.max(np.abs(self.curvature @ first.d))) < STATIONARY
+
+    def _renew_curvature(self, linear: Linearisation, cuts: FloatArray, first: QuadraticStep) -> bool:
+        """Recompute the curvature where it is needed, every other round; return whether it was recomputed."""
+        compiled, point = self.compiled, self.result.point
+        predicted = float(first.d[linear.beta])
+        self.is_near = self.is_near or predicted < SMALL_GAIN * point.value * compiled.scaling.beta
+        renewed = self.is_near and (self.is_stale or self.least == 0.0)
+        if renewed:
+            minimisers = np.arange(len(cuts)) < len(point.minimisers)
+            self.curvature = reduced_hessian(linear, cuts, minimisers, first.multipliers)
+        self.is_stale = not renewed if self.is_near else True
+        return renewed
+
+    def _compare(self, step: TrustRegionStep, cuts: FloatArray) -> None:
+        """Evaluate the candidate of a step, and accept or reject it."""
+        compiled, point = self.compiled, self.result.point
+        length = float(np.max(np.abs(_differences(compiled, step.candidate, point.candidate))))
+        self.result = replace(self.result, effort=self.result.effort + step.effort)
+        trial = evaluate_candidate(compiled, step.candidate, point.minimisers, self.rng)
+        self.is_near = self.is_near or trial.value - point.value < FAIR * step.predicted_gain
+        accepted = trial.value >= point.value * (1.0 - NO_LOSS)
+        if trial.value >= (1.0 + self.least) * point.value:
+            self.idle = 0
+        elif accepted or self.least > 0.0:  # the final refinement shortens its steps until one helps
+            self.idle += 1
+        if accepted:
+            self._accept(step, trial, cuts, length)
+        else:
+            self._reject(trial, length)
+
+    def _accept(self, step: TrustRegionStep, trial: RefinementPoint, cuts: FloatArray, length: float) -> None:
+        """Move to the candidate of a step; the cuts that bound the step stay."""
+        point = self.result.point
+        binding = cuts[np.flatnonzero(step.support > ACTIVE)] if len(point.nearby_cuts) else point.nearby_cuts
+        self.radius = min(EXPANSION * self.radius, LARGEST_RADIUS)
+        self.result = replace(
+            self.result,
+            point=replace(trial, nearby_cuts=binding),
+            length=length,
+            multipliers=step.multipliers,
+            history=(*self.result.history, trial.value),
+        )
+
+    def _reject(self, trial: RefinementPoint, length: float) -> None:
+        """Stay, with the minimisers of the rejected candidate as cuts, and shrink the trust region."""
+        point = self.result.point
+        minimisers = np.concatenate([point.minimisers, trial.minimisers])
+        corrected = evaluate_candidate(self.compiled, point.candidate, minimisers, self.rng)
+        cuts = np.concatenate([trial.minimisers, point.nearby_cuts])
+        if corrected.value < (1.0 - MISSED) * self.initial.value:  # descents had overestimated the value
+            corrected, cuts = self.initial, np.concatenate([corrected.minimisers, cuts])
+        self.radius, self.is_stale = CONTRACTION * min(self.radius, length), True
+        self.result = replace(self.result, point=replace(corrected, nearby_cuts=cuts))
 
 
-def _differences(compiled: CompiledProblem, there: GraspCandidate, here: GraspCandidate) -> FloatArray:
+def _differences(compiled: CompiledProblem, moved: GraspCandidate, candidate: GraspCandidate) -> FloatArray:
     """Return the difference of two candidates in the program's variables but beta and forces, solver units."""
     program = compiled.cutting_planes.functions.program
-    moved = pack_variables(compiled, program, there) - pack_variables(compiled, program, here)
-    moved[program.block("beta").range] = 0.0
-    return moved
+    difference = pack_variables(compiled, program, moved) - pack_variables(compiled, program, candidate)
+    difference[program.block("beta").range] = 0.0
+    return difference

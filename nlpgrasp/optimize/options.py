@@ -1,4 +1,4 @@
-"""Options of a solve, checked when they are made."""
+"""Options of a solve, checked at construction."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ ANALYSES = {
     "nu": "nu",
     "phases": "phases of the hand",
     "drawing": "the drawing",
-}  # name to words for messages
-NARROW = 0.2  # share of the requested gap that certificates may take
+}  # from an analysis to its name in messages
+GAP_SHARE = 0.2  # share of the requested gap that certificates may take
 
 
 @dataclass(frozen=True)
 class SolveOptions:
-    """Options of a solve, checked when made.
+    """Options of a solve, checked at construction.
 
     Parameters
     ----------
@@ -37,47 +37,47 @@ class SolveOptions:
     final_rtol : float
         Relative gap of the answer's certificate.
     link_tolerance : float
-        How deep a link of a hand may be in the body, a table or an obstacle, metres, by the link's own collision
+        Largest allowed depth of a hand's link in the body, a table or an obstacle, metres, by the link's own collision
         shapes: a grasp whose links are deeper is not called solved. At most 0.01.
     pregrasp_clearance : float
-        How far the fingers of a hand with a pose open for the pregrasp, metres.
+        Clearance to which the fingers of a hand with a pose open for the pregrasp, metres.
     analyses : sequence of str
-        What to compute of the answer besides, by the names of ``ng.analyse``: ``"prices"``, ``"robustness"``,
-        ``"delta"``, ``"nu"``, ``"phases"``, ``"drawing"``. Each can be added to a solution later.
+        Analyses of the answer, by the names of ``ng.analyse``: ``"prices"``, ``"robustness"``, ``"delta"``, ``"nu"``,
+        ``"phases"``, ``"drawing"``. Each can be added to a solution later.
     extras : bool
-        All of them.
+        Whether to run all analyses.
     robust_offset : float
-        How far contacts may be off in the robustness stated of every solution, metres.
+        Largest displacement of contacts in the robustness stated of every solution, metres.
     robust_friction : float
-        By which share friction may be less there, below 1.
+        Share by which friction may be less in that robustness, below 1.
     rank : {"robust", "mu"}
-        Which start is the answer. ``"mu"``: the one with the best mu. ``"robust"``: the same, but where less than a
-        fifth of that mu is left at the worst placement, the best of the next two grasps that is not so fragile, has at
-        least half its mu and leaves more; where less than half is left, one with 0.95 of its mu. Where the joints of a
-        hand cannot squeeze the best, grasps that they can go before it, with half its mu. With a ``gap`` asked
-        for, with ``maximise_robust``, or with the time limit over, mu alone counts.
+        Selection of the answer among the starts. ``"mu"``: the one with the best mu. ``"robust"``: the same, but where
+        less than a fifth of that mu remains under the worst displacement, the best of the next two grasps that is not
+        so fragile, has at least half its mu and retains more; where less than half remains, one with 0.95 of its mu.
+        Where the joints of a hand cannot squeeze the best, grasps that they can squeeze go before it, with half its
+        mu. With a ``gap``, with ``maximise_robust``, or after the time limit, mu alone counts.
     joint_margin : float
-        How far the joints of a hand with links are to be from their limits, radians, 0 for anywhere in their ranges: a
-        tenth of a joint's range at most, and that of joints that slide. Grasps are refined with the ranges that much
-        narrower. Not with a ``gap`` asked for, where mu alone counts.
+        Margin of the joints of a hand with links from their limits, radians, 0 for none: at most a tenth of a joint's
+        range, and exactly that for prismatic joints. Grasps are refined with the ranges narrowed by it. Not with a
+        ``gap``, where mu alone counts.
     room_price : float
-        The share of mu that may be given for that, below 1; where it costs more, joints stay near their limits, and
+        The share of mu that the margins may cost, below 1; where they cost more, joints stay near their limits, and
         the solution names them.
     maximise_robust : bool
-        Move the contacts to where the worst placement is best (on smooth bodies, without a hand that has a pose), and
-        take the start whose worst placement is best instead of the one with the best mu.
+        Move the contacts to maximise the quality under the worst displacement (on smooth bodies, without a hand that
+        has a pose), and take the start with the best such quality instead of the one with the best mu.
     global_bound : bool
-        Bound mu over all placements, by a branch and bound of up to four seconds after the starts. Without it nothing
-        says how far the answer is from the best.
+        Bound mu over all grasps, by a branch and bound of up to four seconds after the starts. Without it the distance
+        of the answer from the best possible is unknown.
     gap : float, optional
-        Go on after the starts, searching all placements, until the grasp is proved to be this close to the best
+        Continue the search over all grasps after the starts until the answer is proved to be this close to the best
         possible (a share above 0, at most 1), or until the time limit. Without it a short search states a bound.
     edge_margin : float, optional
-        In place of the problem's: how far contacts stay away from sharp edges, metres, 0 for none.
+        In place of the problem's: least distance of contacts from sharp edges, metres, 0 for none.
     time_limit : float, optional
         Seconds of wall time for the whole solve; the best grasp so far is returned.
     workers : int, optional
-        Processes; one a core when left out, 1 for this process only. The result does not depend on it.
+        Number of processes: one for each core if left out, 1 for this process only. The result does not depend on it.
     ipopt : mapping
         Options of IPOPT by their own names, in place of the package's: ``{"linear_solver": "mumps", "max_iter": 50}``.
     """
@@ -147,11 +147,11 @@ class SolveOptions:
 
     def narrow(self) -> SolveOptions:
         """Return the options with certificates narrowed to the requested gap."""
-        gap = inf if self.gap is None else NARROW * self.gap
+        gap = inf if self.gap is None else GAP_SHARE * self.gap
         return replace(self, rtol=min(self.rtol, gap), final_rtol=min(self.final_rtol, gap))
 
     def to_dict(self) -> Json:
-        """Return the options as JSON data, by the names of their fields; IPOPT's where there are some."""
+        """Return the options as JSON data, by the names of their fields; IPOPT's options only where some are set."""
         data = {name: getattr(self, name) for name in self.__dataclass_fields__} | {"analyses": list(self.analyses)}
         return data if self.ipopt else {name: value for name, value in data.items() if name != "ipopt"}
 
@@ -162,7 +162,7 @@ def check_search(starts: int, seed: int, options: SolveOptions | None) -> tuple[
     Raises
     ------
     InputError
-        On numbers out of range, and on other options than a SolveOptions.
+        For numbers out of range, and for options that are not a SolveOptions.
     """
     starts = integer("starts", starts, at_least=1, at_most=10**6)
     seed = integer("seed", seed, at_least=0, at_most=10**15)
@@ -173,7 +173,7 @@ def check_search(starts: int, seed: int, options: SolveOptions | None) -> tuple[
 
 
 def check_analyses(field: str, names: object) -> tuple[str, ...]:
-    """Return names of analyses, each once, or raise ``InputError`` that lists those there are."""
+    """Return names of analyses, each once, or raise an ``InputError`` that lists the allowed ones."""
     allowed = ", ".join(f'"{name}"' for name in ANALYSES)
     if isinstance(names, str) or not isinstance(names, Sequence):
         raise InputError(field, names, f"a sequence of names out of {allowed}")

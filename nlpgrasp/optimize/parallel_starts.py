@@ -13,7 +13,7 @@ from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import islice
-from typing import Generic, Protocol, TypeVar, cast
+from typing import Generic, Protocol, TypeVar
 
 from loky.process_executor import BrokenProcessPool
 
@@ -29,18 +29,17 @@ from nlpgrasp.optimize.warm_starts import KnownGrasp, WarmStart, run_warm_start
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.records import StartRecord, Status
 
-NOT_BEGUN = "not begun"  # message of a start that a stop came before
+NOT_BEGUN = "not begun"  # message of a start that was not run before a stop
 WAITING = 4  # starts per worker that are under way or wait for one
 GRACE = 10.0  # seconds in-flight starts get to finish after a stop
 Item = TypeVar("Item")
-Found = TypeVar("Found")
-Candidates = Iterable[tuple[int, Sequence[GraspCandidate]]]
-"""Numbers of starts with the candidates of each."""
-_kept: list[StartRunner] = []  # the last solve's, at most one, and nobody's while it is here
+Result = TypeVar("Result")
+StartCandidates = Iterable[tuple[int, Sequence[GraspCandidate]]]
+"""Indices of starts with the candidates of each."""
 
 
 class StartRunner:
-    """Runs starts and analyses of one problem, in worker processes that hold its compiled programs or in this one.
+    """Runner of starts and analyses of one problem, in worker processes that hold its programs or in this one.
 
     A worker that dies costs the starts in flight, which are reported as failed.
 
@@ -50,7 +49,7 @@ class StartRunner:
     options : SolveOptions
     starts : int
     compiled : CompiledProblem, optional
-        Of the problem, where it has one already: the starts then run in this process.
+        The problem compiled already: the starts then run in this process.
     """
 
     def __init__(
@@ -58,98 +57,90 @@ class StartRunner:
     ) -> None:
         self.problem, self.options, self.count = problem, options, starts
         self.workers = 1 if compiled is not None else min(options.workers or cores(), starts)
-        self._bench = compiled
-        self._parcel: WorkerPayload[LazyCompiledProblem[_WorkItem]] | None = None
+        self._programs = _ProblemPrograms(problem, options, compiled)
 
     @classmethod
-    def going_on(cls, problem: GraspProblem, options: SolveOptions, starts: int) -> StartRunner:
-        """Return a runner that compiles nothing anew where the runner kept last had the same problem and options."""
-        last = _kept.pop() if _kept else None
-        new = cls(problem, options, starts)
+    def with_kept_programs(cls, problem: GraspProblem, options: SolveOptions, starts: int) -> StartRunner:
+        """Return a runner that compiles nothing where the kept programs are of the same problem and options."""
+        last = _kept_programs.pop() if _kept_programs else None
+        runner = cls(problem, options, starts)
         if last is not None and last.problem is problem and last.options == options:
-            new._bench = last._bench
-            new._parcel = last._parcel if new.workers > 1 else None
-        return new
+            runner._programs = last
+        return runner
 
-    def keep(self) -> None:
-        """Keep what was compiled for the next solve, if that is of the same problem."""
-        _kept[:] = [self]
+    def keep_programs(self) -> None:
+        """Keep the compiled programs for the next solve, in case that is of the same problem."""
+        _kept_programs[:] = [self._programs]
 
     def prepare(self) -> None:
         """Begin to compile the problem in worker processes, where there are any."""
         if self.workers == 1:
             return
-        try:
-            self._parcel = self._parcel or WorkerPayload.of(
-                LazyCompiledProblem(partial(_WorkItem, self.problem, self.options))
-            )
-        except (TypeError, ValueError, AttributeError, pickle.PicklingError) as error:
-            reason = f"{type(error).__name__}: {error}"
-            raise InputError("problem", reason, "parts that can be sent to worker processes, or workers=1") from None
-        processes = Processes(self.workers)
+        payload, processes = self._programs.payload, Processes(self.workers)
         for _ in range(self.workers):
-            processes.submit(_compile, self._parcel)
+            processes.submit(_compile_in_worker, payload)
 
-    def starts(self, candidates: Candidates, seed: int, deadline: Deadline) -> Iterator[StartResult]:
-        """Yield the result of each start, given by its number and candidates, as it is done, in any order."""
+    def starts(self, candidates: StartCandidates, seed: int, deadline: Deadline) -> Iterator[StartResult]:
+        """Yield the result of each start as it completes, in any order, from the starts' indices and candidates."""
         if self.workers == 1:
             yield from self._run_in_process(candidates, seed, deadline)
         else:
-            yield from self._in_processes(candidates, seed, deadline)
+            yield from self._run_in_workers(candidates, seed, deadline)
 
-    def warm_starts(self, known: Sequence[KnownGrasp], first: int, deadline: Deadline) -> Iterator[StartResult]:
-        """Yield the starts from known grasps, as each is and refined, numbered from ``first`` on, two each."""
-        items = [(first + 2 * i, grasp) for i, grasp in enumerate(known)]
-        for found in self.begin(partial(_run_known_grasp, deadline=deadline), items)():
-            yield from found
+    def warm_starts(self, grasps: Sequence[KnownGrasp], first: int, deadline: Deadline) -> Iterator[StartResult]:
+        """Yield the starts from known grasps, two each: unchanged and refined, numbered from ``first`` on."""
+        items = [(first + 2 * i, grasp) for i, grasp in enumerate(grasps)]
+        for results in self.begin(partial(_run_known_grasp, deadline=deadline), items)():
+            yield from results
 
-    def run(self, work: Callable[[CompiledProblem, Item], Found], item: Item) -> Found | None:
-        """Return what a function of some module makes of the workbench and an item; None where a worker ends."""
+    def run(self, work: Callable[[CompiledProblem, Item], Result], item: Item) -> Result | None:
+        """Return the result of a module-level function of the compiled problem and an item; None if a worker ends."""
         return next(iter(self.begin(work, [item])()), None)
 
-    def begin(self, work: Callable[[CompiledProblem, Item], Found], items: Sequence[Item]) -> Callable[[], list[Found]]:
-        """Begin a module-level function of the compiled problem on each item.
+    def begin(
+        self, work: Callable[[CompiledProblem, Item], Result], items: Sequence[Item]
+    ) -> Callable[[], list[Result]]:
+        """Begin a module-level function of the compiled problem on each item, and return a call that waits for it.
 
-        The call that is returned waits for it: nothing where a worker ends. Without workers the work is done then.
+        The call returns the results; none where a worker ends. Without workers the work is done in the call.
         """
-        if self._parcel is None or not items:
+        if self.workers == 1 or not items:
             return lambda: [work(self.compiled, item) for item in items]
-        processes = Processes(self.workers)
+        payload, processes = self._programs.payload, Processes(self.workers)
         try:
-            return partial(_wait_for_results, [processes.submit(_run_part, self._parcel, work, item) for item in items])
+            return partial(_wait_for_results, [processes.submit(_run_in_worker, payload, work, item) for item in items])
         except (BrokenProcessPool, OSError, RuntimeError):
             return list
 
     @property
     def compiled(self) -> CompiledProblem:
         """Compiled problem of this process, built on first use."""
-        if self._bench is None:
-            self._bench = CompiledProblem(self.problem, self.options)
-        return self._bench
+        return self._programs.compiled
 
-    def _run_in_process(self, candidates: Candidates, seed: int, deadline: Deadline) -> Iterator[StartResult]:
-        """Run the starts in this process; after a stop request the running one, or the first, ends with what it has."""
-        for index, own in candidates:
+    def _run_in_process(self, candidates: StartCandidates, seed: int, deadline: Deadline) -> Iterator[StartResult]:
+        """Run the starts in this process; after a stop only the first is still begun."""
+        for index, proposed in candidates:
             if deadline.is_requested() and index:
                 break
-            yield run_start(self.compiled, index, seed, deadline, candidates=own)
+            yield run_start(self.compiled, index, seed, deadline, candidates=proposed)
 
-    def _in_processes(self, candidates: Candidates, seed: int, deadline: Deadline) -> Iterator[StartResult]:
-        parcel, processes = cast("WorkerPayload[LazyCompiledProblem[_WorkItem]]", self._parcel), Processes(self.workers)
+    def _run_in_workers(self, candidates: StartCandidates, seed: int, deadline: Deadline) -> Iterator[StartResult]:
+        """Run the starts in worker processes; after a stop those in flight get a time of grace."""
+        payload, processes = self._programs.payload, Processes(self.workers)
         waiting, pending, give_up = iter(candidates), dict[Future[StartResult], int](), None
         while True:
-            for index, own in islice(waiting, max(0, WAITING * self.workers - len(pending))):
+            for index, proposed in islice(waiting, max(0, WAITING * self.workers - len(pending))):
                 try:
-                    future = processes.submit(_run_start_in_worker, parcel, index, own, seed, deadline)
-                except BrokenProcessPool:  # a worker has died since: the starts still to come have new ones
+                    future = processes.submit(_run_start_in_worker, payload, index, proposed, seed, deadline)
+                except BrokenProcessPool:  # a worker has died: the remaining starts run in new ones
                     processes = Processes(self.workers)
-                    future = processes.submit(_run_start_in_worker, parcel, index, own, seed, deadline)
+                    future = processes.submit(_run_start_in_worker, payload, index, proposed, seed, deadline)
                 pending[future] = index
             if not pending:
                 break
-            done, _ = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
-            for future in done:
-                yield _result(future, pending.pop(future))
+            completed, _ = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
+            for future in completed:
+                yield _result_of(future, pending.pop(future))
             if deadline.is_requested() and pending:
                 give_up = give_up or time.monotonic() + GRACE
                 for future in [f for f in pending if f.cancel()]:
@@ -181,7 +172,7 @@ class LazyCompiledProblem(Generic[Case]):
     Parameters
     ----------
     make : callable
-        Returns what is asked; called once in a process.
+        Returns the problem with its options; called once in a process.
     """
 
     make: Callable[[], Case]
@@ -198,52 +189,86 @@ class LazyCompiledProblem(Generic[Case]):
 
 
 @dataclass(frozen=True)
-class _WorkItem:
+class _ProblemAndOptions:
     """Problem with its solve options."""
 
     problem: GraspProblem
     options: SolveOptions
 
 
-def _compile(parcel: WorkerPayload[LazyCompiledProblem[_WorkItem]]) -> None:
+_Payload = WorkerPayload[LazyCompiledProblem[_ProblemAndOptions]]
+
+
+class _ProblemPrograms:
+    """Compiled programs of a problem: in this process, and as the payload from which each worker builds its own.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+    options : SolveOptions
+    compiled : CompiledProblem, optional
+        The problem compiled already.
+    """
+
+    def __init__(self, problem: GraspProblem, options: SolveOptions, compiled: CompiledProblem | None = None) -> None:
+        self.problem, self.options = problem, options
+        if compiled is not None:
+            self.compiled = compiled
+
+    @cached_property
+    def compiled(self) -> CompiledProblem:
+        """Compiled problem of this process."""
+        return CompiledProblem(self.problem, self.options)
+
+    @cached_property
+    def payload(self) -> _Payload:
+        """Payload for workers; an InputError where a part of the problem cannot be pickled."""
+        try:
+            return WorkerPayload.of(LazyCompiledProblem(partial(_ProblemAndOptions, self.problem, self.options)))
+        except (TypeError, ValueError, AttributeError, pickle.PicklingError) as error:
+            reason = f"{type(error).__name__}: {error}"
+            raise InputError("problem", reason, "parts that can be sent to worker processes, or workers=1") from None
+
+
+_kept_programs: list[_ProblemPrograms] = []
+"""The last solve's, for a second solve of its problem object; one at most, as each may hold a hundred megabytes."""
+
+
+def _compile_in_worker(payload: _Payload) -> None:
     """Compile the problem in a worker."""
-    parcel.unpack().compiled.cutting_planes.functions  # noqa: B018
+    payload.unpack().compiled.cutting_planes.functions  # noqa: B018
 
 
 def _run_start_in_worker(
-    parcel: WorkerPayload[LazyCompiledProblem[_WorkItem]],
-    index: int,
-    candidates: Sequence[GraspCandidate],
-    seed: int,
-    deadline: Deadline,
+    payload: _Payload, index: int, candidates: Sequence[GraspCandidate], seed: int, deadline: Deadline
 ) -> StartResult:
-    """Run one start in a worker, unless it is too late to begin any but the first."""
+    """Return the result of one start; after a stop only the first is still run."""
     if deadline.is_requested() and index:
         return StartResult(StartRecord(index, Status.TIME_LIMIT, message=NOT_BEGUN))
-    return run_start(parcel.unpack().compiled, index, seed, deadline, candidates=candidates)
+    return run_start(payload.unpack().compiled, index, seed, deadline, candidates=candidates)
 
 
 def _run_known_grasp(compiled: CompiledProblem, item: tuple[int, KnownGrasp], deadline: Deadline) -> list[StartGrasp]:
-    """Run the starts from one known grasp."""
-    return run_warm_start(compiled, WarmStart.of(compiled, item[1]), item[0], deadline)
+    """Return the starts from one known grasp, given with the index of the first."""
+    index, grasp = item
+    return run_warm_start(compiled, WarmStart.of(compiled, grasp), index, deadline)
 
 
-def _run_part(
-    parcel: WorkerPayload[LazyCompiledProblem[_WorkItem]], work: Callable[[CompiledProblem, Item], Found], item: Item
-) -> Found:
-    """Run a part of the remaining work in a worker."""
-    return work(parcel.unpack().compiled, item)
+def _run_in_worker(payload: _Payload, work: Callable[[CompiledProblem, Item], Result], item: Item) -> Result:
+    """Return the result of a function of the compiled problem and an item."""
+    return work(payload.unpack().compiled, item)
 
 
-def _wait_for_results(futures: Sequence[Future[Found]]) -> list[Found]:
-    """Wait for parts of the remaining work; none of them where a worker ends."""
+def _wait_for_results(futures: Sequence[Future[Result]]) -> list[Result]:
+    """Return the results of all futures; none where a worker ends."""
     try:
         return [future.result() for future in futures]
     except (BrokenProcessPool, CancelledError, OSError, RuntimeError):
         return []
 
 
-def _result(future: Future[StartResult], index: int) -> StartResult:
+def _result_of(future: Future[StartResult], index: int) -> StartResult:
+    """Return the result of a start, a failed one where its worker ended."""
     try:
         return future.result()
     except (BrokenProcessPool, CancelledError, OSError, SystemExit, ImportError) as error:

@@ -1,4 +1,4 @@
-"""Worker processes with single-threaded linear algebra, and the payload that is pickled for them."""
+"""Worker processes with single-threaded linear algebra, and pickled payloads for them."""
 
 from __future__ import annotations
 
@@ -27,15 +27,17 @@ IDLE = 300.0  # seconds after which idle workers end
 WATCH = 1.0  # seconds between checks that the parent is alive
 # loky renews a worker that has grown by hundreds of megabytes, which is wanted and costs no task
 warnings.filterwarnings("ignore", "A worker was restarted while some jobs", UserWarning)
-_unpacked: dict[str, object] = {}  # in this process: the item of the last parcel
-_kept: list[Processes] = []  # those of the last context that had its own; at most one, and nobody's while it is here
+_unpacked: dict[str, object] = {}
+"""Item of the last payload unpacked in this process, by its token; one at most."""
+_idle_processes: list[Processes] = []
+"""Worker processes of the last ``separate_processes``, for the next context of as many; one pool at most."""
 # the OpenBLAS that CasADi brings for IPOPT, which threadpoolctl does not know by its name
 CasadiOpenBLAS = type("CasadiOpenBLAS", (OpenBLASController,), {"filename_prefixes": ("libcasadi-tp-openblas",)})
 register(CasadiOpenBLAS)
 
 
 class Processes:
-    """Pool of worker processes: shared by all solves of a thread and reused, or a separate one.
+    """Pool of worker processes: the shared one that solves reuse, or a separate one.
 
     loky's workers are fresh interpreters that never import the caller's main module: notebooks and scripts
     without a main guard work. When one dies, all tasks under way fail with ``BrokenProcessPool``, and the next
@@ -44,14 +46,14 @@ class Processes:
     Parameters
     ----------
     count : int
-    own : loky.ProcessPoolExecutor, optional
-        Of as many processes, in place of the shared ones.
+    executor : loky.ProcessPoolExecutor, optional
+        Executor of as many processes, in place of the shared one.
     """
 
-    def __init__(self, count: int, own: Executor | None = None) -> None:
+    def __init__(self, count: int, executor: Executor | None = None) -> None:
         self.count = count
-        self._executor: Executor = own or get_reusable_executor(
-            count, timeout=IDLE, initializer=_prepare, initargs=(os.getpid(),)
+        self._executor: Executor = executor or get_reusable_executor(
+            count, timeout=IDLE, initializer=_prepare_worker, initargs=(os.getpid(),)
         )
 
     def submit(self, task: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> Future[T]:
@@ -63,45 +65,45 @@ class Processes:
             When a worker has died.
         """
         future = self._executor.submit(task, *args, **kwargs)
-        # where idle workers had ended, loky starts new ones only after its watch has looked at who there is: an empty
-        # task makes it look again, or the end of a new worker would go unseen and its task would never be done
+        # where idle workers had ended, loky starts new ones after its manager thread has listed the workers it watches:
+        # an empty task makes it list them again, or the end of a new worker would go unseen and its task never end
         self._executor.submit(_do_nothing)
         return future
 
     def end(self) -> None:
-        """End all workers now, whatever they do."""
-        # loky's has one more argument than the standard library's
+        """End all workers now, also those at work."""
+        # loky's shutdown has one more argument than the standard library's
         shutdown: Callable[..., None] = self._executor.shutdown
         shutdown(wait=True, kill_workers=True)
 
 
 @contextmanager
 def separate_processes(count: int, idle: float) -> Iterator[Processes]:
-    """Return a context with worker processes that nothing else in this process uses: solves meanwhile have others.
+    """Return a context with worker processes that nothing else in this process uses; solves meanwhile use others.
 
-    They are kept for the next context that asks for as many; where a context ends by an error, they end with it.
+    They are kept for the next context of as many processes; where a context ends by an error, they end with it.
 
     Parameters
     ----------
     count : int
     idle : float
-        Seconds after which workers that have nothing to do end.
+        Seconds after which idle workers end.
     """
-    kept = _kept.pop() if _kept else None
-    if kept is not None and kept.count != count:
-        kept.end()
-        kept = None
-    if kept is None:
-        own = ProcessPoolExecutor(count, timeout=idle, initializer=_prepare, initargs=(os.getpid(),))
-        kept = Processes(count, own)
+    processes = _idle_processes.pop() if _idle_processes else None
+    if processes is not None and processes.count != count:
+        processes.end()
+        processes = None
+    if processes is None:
+        executor = ProcessPoolExecutor(count, timeout=idle, initializer=_prepare_worker, initargs=(os.getpid(),))
+        processes = Processes(count, executor)
     try:
-        yield kept
+        yield processes
     except BaseException:
-        kept.end()
+        processes.end()
         raise
-    while _kept:
-        _kept.pop().end()
-    _kept.append(kept)
+    while _idle_processes:
+        _idle_processes.pop().end()
+    _idle_processes.append(processes)
 
 
 @dataclass(frozen=True)
@@ -111,11 +113,11 @@ class WorkerPayload(Generic[Item]):
     Parameters
     ----------
     token : str
-        The same for all parcels of one item: a process unpacks it once, and keeps it until another comes.
+        The same for all payloads of one item: a process unpacks it once, and keeps it until another is unpacked.
     path : tuple of str
         The caller's ``sys.path``.
     content : bytes
-        The item.
+        The pickled item.
     """
 
     token: str
@@ -124,35 +126,35 @@ class WorkerPayload(Generic[Item]):
 
     @classmethod
     def of(cls, item: Item, token: str = "") -> WorkerPayload[Item]:
-        """Pickle an item; errors of its parts are raised."""
+        """Return an item pickled; errors of its parts are raised."""
         return cls(token or uuid.uuid4().hex, tuple(sys.path), bytes(cloudpickle.dumps(item)))
 
     def unpack(self) -> Item:
         """Return the item in this process."""
         if self.token not in _unpacked:
-            _unpacked.clear()  # before the next one is built: each may hold a gigabyte
-            sys.path.extend(entry for entry in self.path if entry not in sys.path)  # before its modules are imported
+            _unpacked.clear()  # before the next item is built: each may hold a gigabyte
+            sys.path.extend(entry for entry in self.path if entry not in sys.path)  # before the item's imports
             _unpacked[self.token] = cloudpickle.loads(self.content)
         return cast("Item", _unpacked[self.token])
 
 
 def single_thread() -> threadpool_limits:
     """Return a context in which numpy, scipy and IPOPT compute on one thread."""
-    ca.has_nlpsol("ipopt")  # loads it: a library that is loaded later would not be limited
+    ca.has_nlpsol("ipopt")  # loads IPOPT's library: one that is loaded later would not be limited
     return threadpool_limits(1)
 
 
 def cores() -> int:
-    """Return the cores this process may use."""
+    """Return the number of cores this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
-def _prepare(parent: int) -> None:
-    """Prepare a worker: Ctrl-C is for the parent, which tells its workers, and a worker whose parent is gone ends."""
+def _prepare_worker(parent: int) -> None:
+    """Let a worker ignore Ctrl-C, which its parent handles, and end when its parent is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.dup2(2, 1)  # what scripts print is not for the parent's standard output
+    os.dup2(2, 1)  # prints of scripts go to standard error: standard output is the parent's
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -163,4 +165,4 @@ def _prepare(parent: int) -> None:
 
 
 def _do_nothing() -> None:
-    """Do nothing, in a worker."""
+    """Do nothing: an empty task."""

@@ -1,8 +1,8 @@
 """Initial candidates of a search: by coordinate exchange of free contacts, or within reach of sampled hand poses.
 
-From a fixed pose of the palm, each fingertip of a hand reaches some surface samples. Fingers have joints of their own,
-so contacts are exchanged one at a time over these as free contacts are over all samples, for many palm poses side by
-side.
+From a fixed pose of the palm, each fingertip of a hand reaches some surface samples. Fingers move independently of each
+other, so contacts are exchanged one at a time over these samples as free contacts are over all, for many palm poses
+side by side.
 """
 
 from __future__ import annotations
@@ -29,92 +29,123 @@ from nlpgrasp.optimize.coordinate_exchange import (
 )
 from nlpgrasp.optimize.cutting_planes import weakest_at
 from nlpgrasp.optimize.hand_workspace import ReachableSamples
-from nlpgrasp.optimize.projection import TOUCHING, touching_on_body
+from nlpgrasp.optimize.projection import TOUCHING, project_onto_body
 from nlpgrasp.quality.weakest_directions import QUICK
 
 POSES, MOST_PALMS, PALMS = 1024, 192, 64  # random poses; palm poses checked for reach; palm poses used for exchanges
-NEAR, EACH = 4, 8  # postures for each assignment of fingers to a placement; those kept of a placement
-DRAWN = 64  # random reachable tuples per palm pose, of which the best starts the exchange
-ROUNDS, LEARN = 3, 16  # rounds of exchanges; tuples whose weak directions are added after each
-FAR = 4.0  # weight of the fingertips' mean distance from the body, over its size, in the score
-BROKEN = 1.0  # weight of violated constraints, such as the palm's direction, in the score
-BLOCKED = 0.4  # weight of link collisions, relative to the share of the best quality
-BLOCKED_MANY = 0.05  # weight of link collisions against the score, with many contacts
-ENOUGH = 3  # touching poses proposed with many contacts; non-touching ones where none touches
+POSTURES, KEPT_POSTURES = 4, 8  # postures fitted for each assignment of fingers to contacts; those kept of a tuple
+RANDOM_TUPLES = 64  # random reachable tuples per palm pose, of which the best starts the exchange
+ROUNDS, LEARNED_TUPLES = 3, 16  # rounds of exchanges; tuples whose weak directions are added after each
+DISTANCE_WEIGHT = 4.0  # weight of the fingertips' mean distance from the body, over its size, in the score
+VIOLATION_WEIGHT = 1.0  # weight of violated constraints, such as the palm's direction, in the score
+COLLISION_WEIGHT = 0.4  # weight of link collisions against the quality as a share of the best
+COLLISION_WEIGHT_MANY = 0.05  # weight of link collisions against the quality, with many contacts
+FEW = 3  # touching poses proposed with many contacts; non-touching poses proposed
 TRIES = 12  # poses per start, moved towards contact
 MANY, MANY_TRIES = 6, 32  # number of contacts from which hands rarely touch with all; poses per start then
 
 
 def propose(
-    compiled: CompiledProblem, rng: np.random.Generator, known: Sequence[FloatArray] = (), starts: int = 1
+    compiled: CompiledProblem, rng: np.random.Generator, known_contacts: Sequence[FloatArray] = (), starts: int = 1
 ) -> list[GraspCandidate]:
     """Return initial candidates for so many starts, the most promising first; also near known contacts (k, space).
 
-    A hand with a pose of its own is near the body: its fingertips need not touch yet. Poses are compared under the
-    paper's budget. There is at least one candidate, the least violated one where none is feasible.
+    The fingertips of a hand with a pose need not touch the body yet. Poses are compared under the L2 budget. There is
+    at least one candidate, the least violated one where none is feasible.
     """
     if compiled.follows_contacts:
-        return exchanged_candidates(compiled, rng, known, starts * PROPOSED)
-    each = TRIES if len(compiled.problem.models) < MANY else MANY_TRIES
-    return reachable_candidates(compiled.with_l2_budget or compiled, rng, starts * each)
+        return exchanged_candidates(compiled, rng, known_contacts, starts * PROPOSED)
+    tries = TRIES if len(compiled.problem.models) < MANY else MANY_TRIES
+    return reachable_candidates(compiled.with_l2_budget or compiled, rng, starts * tries)
 
 
 def shares(candidates: Sequence[GraspCandidate], starts: int) -> list[Sequence[GraspCandidate]]:
-    """Return the candidates of each of so many starts: the best ones are each the first of one."""
+    """Return the candidates of each of so many starts, dealt in turn: the best ones are each the first of a start."""
     return [candidates[i::starts] or candidates[i % len(candidates) :] for i in range(starts)]
 
 
 def reachable_candidates(compiled: CompiledProblem, rng: np.random.Generator, count: int) -> list[GraspCandidate]:
-    """Return the best few of many random poses of a hand around the body, at most ``count``.
+    """Return the best of many sampled poses of a hand around the body, at most ``count``.
 
-    Palms whose fingertips are near the body come first, and those that constraints do not turn away. Contacts are
-    exchanged within reach of their fingers, and compared by the least ratio, less what the links would be in the way
-    of. With many contacts, or no palm from which all fingertips reach the body, they are the nearest samples.
+    Palms whose fingertips are near the body and whose constraints are violated least come first. Contacts are exchanged
+    within reach of their fingers, and ranked by the least support ratio less a weight of link collisions. With many
+    contacts, or no palm from which all fingertips reach the body, contacts are the samples nearest to the fingertips.
     """
-    drawn = _random_hand_poses(compiled, rng)
+    random_poses = _random_hand_poses(compiled, rng)
     if len(compiled.problem.models) < MANY:
         search = CoordinateExchange(compiled.without_hand, compiled.without_hand.sample_tables, rng)
-        palms = (drawn, _fit_poses(compiled, search, rng))
-        orders = zip(*(poses.hands(_pose_violation(compiled, poses))[:MOST_PALMS] for poses in palms), strict=False)
-        found = _exchanged(compiled, search, [hand for pair in orders for hand in pair], rng)
-        if found:
-            return found[:count]
-    blocked = compiled.rows.blocked(drawn.points, drawn.normals, drawn.values)
+        pose_sets = (random_poses, _fit_poses(compiled, search, rng))
+        rankings = zip(
+            *(poses.hands(_pose_penalties(compiled, poses))[:MOST_PALMS] for poses in pose_sets), strict=False
+        )
+        candidates = _exchange_within_reach(compiled, search, [hand for pair in rankings for hand in pair], rng)
+        if candidates:
+            return candidates[:count]
+    blocked = compiled.rows.blocked(random_poses.points, random_poses.normals, random_poses.values)
     merit = (
-        sampled_quality(compiled, drawn.points, drawn.normals)
-        - _pose_violation(compiled, drawn)
-        - BLOCKED_MANY * blocked
+        sampled_quality(compiled, random_poses.points, random_poses.normals)
+        - _pose_penalties(compiled, random_poses)
+        - COLLISION_WEIGHT_MANY * blocked
     )
-    return [drawn.candidate(i) for i in np.argsort(-merit, kind="stable")[:count].tolist()]
+    return [random_poses.candidate(i) for i in np.argsort(-merit, kind="stable")[:count].tolist()]
 
 
 def touch_candidates(
     compiled: CompiledProblem, candidates: Sequence[GraspCandidate], rng: np.random.Generator, deadline: Deadline
 ) -> list[GraspCandidate]:
-    """Return hand poses moved until all fingertips touch the body, best first, and the nearest few of those that fail.
+    """Return hand poses moved until all fingertips touch the body, best first, then the nearest few that fail to.
 
-    Candidates of different kinds come before others. With many contacts, of which a hand hardly ever touches with all,
-    a few that touch are enough.
+    Candidates that no symmetry maps to a better one come first. With many contacts, where a hand rarely touches with
+    all fingertips, a few touching poses are enough.
     """
-    enough = ENOUGH if len(compiled.problem.models) >= MANY else len(candidates)
-    there, others = list[tuple[GraspCandidate, float]](), list[tuple[GraspCandidate, float]]()
+    count = FEW if len(compiled.problem.models) >= MANY else len(candidates)
+    touching, apart = list[tuple[GraspCandidate, float]](), list[tuple[GraspCandidate, float]]()
     for proposed in candidates:
-        if len(there) == enough or (there and deadline.is_requested()):
+        if len(touching) == count or (touching and deadline.is_requested()):
             break
-        own, found, violation = touching_on_body(compiled, proposed)
-        if violation <= TOUCHING and own.violation(found) <= FEASIBLE:
-            there.append((found, -weakest_at(own, found, rng, descents=QUICK).value))
+        on_faces, moved, violation = project_onto_body(compiled, proposed)
+        if violation <= TOUCHING and on_faces.violation(moved) <= FEASIBLE:
+            touching.append((moved, -weakest_at(on_faces, moved, rng, descents=QUICK).value))
         else:
-            others.append((found, violation))
-    best, rest = ([candidate for candidate, _ in sorted(each, key=lambda pair: pair[1])] for each in (there, others))
+            apart.append((moved, violation))
+    best, rest = (
+        [candidate for candidate, _ in sorted(scored, key=lambda pair: pair[1])] for scored in (touching, apart)
+    )
     first = select_incongruent(compiled, np.stack([candidate.points for candidate in best])) if best else []
-    return [best[b] for b in first] + [candidate for b, candidate in enumerate(best) if b not in first] + rest[:ENOUGH]
+    return [best[b] for b in first] + [candidate for b, candidate in enumerate(best) if b not in first] + rest[:FEW]
 
 
-def _exchanged(
+def _exchange_within_reach(
     compiled: CompiledProblem, search: CoordinateExchange, palms: Sequence[Values], rng: np.random.Generator
 ) -> list[GraspCandidate]:
-    """Return placements reachable from the first palm poses with all fingertips, best first."""
+    """Return candidates by coordinate exchange within reach of the first palm poses whose fingertips all reach."""
+    tables = compiled.without_hand.sample_tables
+    hands, reaches = _reachable_palms(compiled, palms)
+    if not hands:
+        return []
+    within = [reach.samples for reach in reaches]
+    tuples = np.stack([_best_random_tuple(search, reach, rng) for reach in reaches])
+    for _ in range(ROUNDS):
+        tuples = search.exchange(tuples, within=within)
+        search.add_weakest_directions(tuples[np.argsort(-search.values(tuples), kind="stable")[:LEARNED_TUPLES]])
+    tuples = search.exchange(tuples, LAST_TIE, within)
+    reached = zip(reaches, tuples, hands, strict=True)
+    joints = np.stack(
+        [compiled.workspace.joints_at(reach, samples, hand["joints"]) for reach, samples, hand in reached]
+    )
+    values = {name: np.stack([hand[name] for hand in hands]) for name in hands[0]} | {"joints": joints}
+    points, normals = tables.places(tuples)
+    blocked = compiled.rows.blocked(points, normals, values)
+    value = search.values(tuples)
+    merit = value / max(float(np.max(value)), 1e-300) - COLLISION_WEIGHT * blocked
+    return [
+        replace(search.candidate(tuples[b]), hand={name: v[b] for name, v in values.items()})
+        for b in np.argsort(-merit, kind="stable").tolist()
+    ]
+
+
+def _reachable_palms(compiled: CompiledProblem, palms: Sequence[Values]) -> tuple[list[Values], list[ReachableSamples]]:
+    """Return the first palm poses from which all fingertips reach the body, and the samples in their reach."""
     tables, space = compiled.without_hand.sample_tables, compiled.workspace
     clouds = [tables.samples(i) for i in range(len(compiled.problem.models))]
     tree, hands, reaches = compiled.hand_points.posed_hand.tree, list[Values](), list[ReachableSamples]()
@@ -125,33 +156,15 @@ def _exchanged(
             reaches.append(reach)
         if len(hands) == PALMS:
             break
-    if not hands:
-        return []
-    within = [reach.samples for reach in reaches]
-    tuples = np.stack([_best_random_tuple(search, reach, rng) for reach in reaches])
-    for _ in range(ROUNDS):
-        tuples = search.exchange(tuples, within=within)
-        search.add_weakest_directions(tuples[np.argsort(-search.values(tuples), kind="stable")[:LEARN]])
-    tuples = search.exchange(tuples, LAST_TIE, within)
-    each = zip(reaches, tuples, hands, strict=True)
-    joints = np.stack([space.joints_at(reach, one, hand["joints"]) for reach, one, hand in each])
-    values = {name: np.stack([hand[name] for hand in hands]) for name in hands[0]} | {"joints": joints}
-    points, normals = tables.places(tuples)
-    blocked = compiled.rows.blocked(points, normals, values)
-    value = search.values(tuples)
-    merit = value / max(float(np.max(value)), 1e-300) - BLOCKED * blocked
-    return [
-        replace(search.candidate(tuples[b]), hand={name: v[b] for name, v in values.items()})
-        for b in np.argsort(-merit, kind="stable").tolist()
-    ]
+    return hands, reaches
 
 
 def _best_random_tuple(
     search: CoordinateExchange, reach: ReachableSamples, rng: np.random.Generator
 ) -> NDArray[np.intp]:
     """Return the best of some random tuples of reachable samples, (k,)."""
-    drawn = np.stack([rng.choice(own, DRAWN) for own in reach.samples], axis=1)
-    return np.asarray(drawn[int(np.argmax(search.values(drawn)))])
+    tuples = np.stack([rng.choice(samples, RANDOM_TUPLES) for samples in reach.samples], axis=1)
+    return np.asarray(tuples[int(np.argmax(search.values(tuples)))])
 
 
 @dataclass(frozen=True)
@@ -163,7 +176,7 @@ class _HandPoses:
     values : dict of str to (b, m) array
     points, normals : (b, k, 3) array
     faces : (b, k) array of str
-    far : (b,) array
+    distances : (b,) array
         The fingertips' mean distance from the body, metres.
     """
 
@@ -171,55 +184,57 @@ class _HandPoses:
     points: FloatArray
     normals: FloatArray
     faces: NDArray[np.object_]
-    far: FloatArray
+    distances: FloatArray
 
     def candidate(self, i: int) -> GraspCandidate:
         """Return pose i as a candidate, its contacts at the samples nearest to the fingertips."""
         return GraspCandidate(tuple(self.faces[i]), self.points[i], {name: v[i] for name, v in self.values.items()})
 
-    def hands(self, against: FloatArray) -> list[Values]:
-        """Return the hand's variables of all poses, those first that least (b,) speaks against."""
-        return [{name: v[i] for name, v in self.values.items()} for i in np.argsort(against, kind="stable").tolist()]
+    def hands(self, penalties: FloatArray) -> list[Values]:
+        """Return the hand's variables of all poses, those with the least penalties (b,) first."""
+        return [{name: v[i] for name, v in self.values.items()} for i in np.argsort(penalties, kind="stable").tolist()]
 
 
 def _random_hand_poses(compiled: CompiledProblem, rng: np.random.Generator) -> _HandPoses:
-    """Return random poses with the fingertips' middle somewhere in the body."""
+    """Return random poses with the fingertips' centre between the body's centroid and its surface."""
     body = compiled.problem.body
-    everything = np.concatenate([compiled.surface.cloud(i).points for i in range(len(compiled.problem.models))])
-    target = everything[rng.integers(len(everything), size=POSES)]
-    around = body.centroid + rng.uniform(0.0, 0.8, (POSES, 1)) * (target - body.centroid)
-    return _nearest_samples(compiled, *compiled.hand_points.posed_hand.draw(POSES, around, rng))
+    samples = np.concatenate([compiled.surface.cloud(i).points for i in range(len(compiled.problem.models))])
+    target = samples[rng.integers(len(samples), size=POSES)]
+    centres = body.centroid + rng.uniform(0.0, 0.8, (POSES, 1)) * (target - body.centroid)
+    return _nearest_samples(compiled, *compiled.hand_points.posed_hand.draw(POSES, centres, rng))
 
 
 def _fit_poses(compiled: CompiledProblem, search: CoordinateExchange, rng: np.random.Generator) -> _HandPoses:
-    """Return poses fitted to the exchanged placements of free contacts, shared among the fingers in several ways."""
+    """Return poses fitted to exchanged tuples of free contacts, in several assignments of fingers to contacts."""
     hand, tables = compiled.hand_points.posed_hand, compiled.without_hand.sample_tables
     points, normals = tables.places(search.exchange(search.draw()))
-    alike = len(set(tables.of_contact)) == 1
-    orders = np.array(list(permutations(range(hand.count))) if alike else [range(hand.count)])
+    interchangeable = len(set(tables.of_contact)) == 1
+    orders = np.array(list(permutations(range(hand.count))) if interchangeable else [range(hand.count)])
     radii = np.asarray(hand.tip_radii)[:, None]
-    places = (points[:, orders] - radii * normals[:, orders]).reshape(-1, *points.shape[1:])
-    values, tips = hand.reach(places, NEAR, rng)
-    missed = np.linalg.norm(tips - np.repeat(places, NEAR, axis=0), axis=2).mean(axis=1).reshape(len(points), -1)
-    kept = np.argsort(missed, axis=1, kind="stable")[:, :EACH] + missed.shape[1] * np.arange(len(points))[:, None]
-    return _nearest_samples(compiled, {name: v[kept.ravel()] for name, v in values.items()}, tips[kept.ravel()])
+    targets = (points[:, orders] - radii * normals[:, orders]).reshape(-1, *points.shape[1:])
+    values, tips = hand.reach(targets, POSTURES, rng)
+    misses = np.linalg.norm(tips - np.repeat(targets, POSTURES, axis=0), axis=2).mean(axis=1).reshape(len(points), -1)
+    nearest = (
+        np.argsort(misses, axis=1, kind="stable")[:, :KEPT_POSTURES] + misses.shape[1] * np.arange(len(points))[:, None]
+    )
+    return _nearest_samples(compiled, {name: v[nearest.ravel()] for name, v in values.items()}, tips[nearest.ravel()])
 
 
 def _nearest_samples(compiled: CompiledProblem, values: Values, tips: FloatArray) -> _HandPoses:
-    """Return poses with the samples nearest to their fingertips, whose centres are (b, k, 3)."""
+    """Return poses with the samples nearest to their fingertips, from the tips' centres (b, k, 3)."""
     points, normals = np.empty_like(tips), np.empty_like(tips)
     faces = np.empty(tips.shape[:2], dtype=object)
-    far = np.zeros(len(tips))
+    mean_distances = np.zeros(len(tips))
     radii = compiled.hand_points.hand.tip_radii
     for i, radius in enumerate(radii):
         cloud = compiled.surface.cloud(i)
-        distance, nearest = cloud.tree.query(tips[:, i])
+        to_sample, nearest = cloud.tree.query(tips[:, i])
         points[:, i], normals[:, i], faces[:, i] = cloud.points[nearest], cloud.normals[nearest], cloud.faces[nearest]
-        far += np.abs(distance - radius) / len(radii)
-    return _HandPoses(values, points, normals, faces, far)
+        mean_distances += np.abs(to_sample - radius) / len(radii)
+    return _HandPoses(values, points, normals, faces, mean_distances)
 
 
-def _pose_violation(compiled: CompiledProblem, poses: _HandPoses) -> FloatArray:
-    """Return the distance of fingertips from the body and violated constraints, weighted, (b,)."""
-    broken = compiled.rows.broken(poses.points, poses.normals, poses.values)
-    return FAR * poses.far / compiled.scaling.length + BROKEN * broken
+def _pose_penalties(compiled: CompiledProblem, poses: _HandPoses) -> FloatArray:
+    """Return the weighted sum of the fingertips' distance from the body and violated constraints, (b,)."""
+    violations = compiled.rows.broken(poses.points, poses.normals, poses.values)
+    return DISTANCE_WEIGHT * poses.distances / compiled.scaling.length + VIOLATION_WEIGHT * violations

@@ -3,8 +3,8 @@
 On a mesh, refinement with each contact on its triangle alternates with coordinate exchange over mesh points nearby
 (``refine_on_body``).
 
-Where joints of a hand are to stay off their limits, their ranges are narrower by the margins (``refine_with_margins``).
-Joints that cannot go inside where the fingertips touch keep their whole range; so do those whose margins take more of
+Where joints of a hand keep a margin from their limits, their ranges are narrowed by it (``refine_with_margins``).
+Joints that cannot keep it while the fingertips touch have their whole range; so have those whose margins cost more of
 mu, to first order by their multipliers, than the price.
 """
 
@@ -29,16 +29,16 @@ from nlpgrasp.optimize.local_search import RefinementResult, advance, refine
 from nlpgrasp.optimize.projection import (
     TOUCHING,
     fix_to_triangles,
+    project_onto_body,
     project_onto_constraints,
     put_on_body,
-    touching_on_body,
 )
 from nlpgrasp.optimize.trust_region import Linearisation
 from nlpgrasp.solution.analysis_records import SMALL, JointMargins
 
 SHARE = 0.1  # share of a joint's range: upper bound on its margin
-NEARBY = 1e-3  # over the body's size: trust-region radius of the linearised program that prices the margins
-PASSES = 4  # refinements on triangles, at most, while contacts come too near to further sharp edges of a mesh
+NEARBY = 1e-3  # trust-region radius over the body's size of the linearised program that prices the margins
+PASSES = 4  # refinements on triangles while contacts come too near to further sharp edges of a mesh, at most
 ROUNDS = 4  # rounds of refinement of a candidate before it is compared with others
 EXCHANGES, GAIN = 4, 2e-3  # coordinate exchanges on a mesh, at most; least relative gain of one
 
@@ -59,19 +59,19 @@ def refine_on_body(
         candidate = _around_smooth_surface(
             compiled, replace(candidate, faces=body.face_names * len(candidate.faces)), deadline
         )
-    found, refined = refine_on_triangles(compiled, candidate, deadline)
+    on_body, result = refine_on_triangles(compiled, candidate, deadline)
     for _ in range(EXCHANGES):
-        value = refined.point.value
+        value = result.point.value
         if deadline.is_requested() or value <= 0.0 or not compiled.options.rounds:
             break
-        moved = _exchanged(compiled, found, refined, deadline)
+        moved = _exchange_contacts(compiled, on_body, result, deadline)
         if moved is None:
             break
-        trial, there = refine_on_triangles(compiled, moved, deadline)
-        if (trial.is_feasible, there.point.value) <= (found.is_feasible, (1.0 + GAIN) * value):
+        trial, improved = refine_on_triangles(compiled, moved, deadline)
+        if (trial.is_feasible, improved.point.value) <= (on_body.is_feasible, (1.0 + GAIN) * value):
             break
-        found, refined = trial, replace(there, history=refined.history + there.history)
-    return found, refined
+        on_body, result = trial, replace(improved, history=result.history + improved.history)
+    return on_body, result
 
 
 def refine_on_triangles(
@@ -79,42 +79,43 @@ def refine_on_triangles(
 ) -> tuple[GraspOnBody, RefinementResult]:
     """Return the local optimum reached from a candidate on the body; contacts on a mesh stay on their triangles.
 
-    Where the smooth distance flatters the clearance of links from the mesh, it has to be larger by what they lack.
-    Contacts that come near to further sharp edges are kept away from these as well.
+    Where the smooth distance overestimates the clearance of links from the mesh, the required clearance is raised by
+    what they lack. Contacts that come near to further sharp edges are kept away from these as well.
     """
-    places, (own, begin) = [candidate.points], fix_to_triangles(compiled, candidate)
-    if own.violation(begin) > FEASIBLE:
-        touched, moved, left = touching_on_body(compiled, candidate)
-        own, begin = (touched, moved) if left <= TOUCHING else (own, begin)
-    short = np.zeros(len(compiled.rows.named))
+    edge_points, (on_faces, snapped) = [candidate.points], fix_to_triangles(compiled, candidate)
+    if on_faces.violation(snapped) > FEASIBLE:
+        touched, moved, violation = project_onto_body(compiled, candidate)
+        on_faces, snapped = (touched, moved) if violation <= TOUCHING else (on_faces, snapped)
+    lacking = np.zeros(len(compiled.rows.named))
     while True:
-        _, refined = refine_with_margins(own.with_clearance(short) if short.any() else own, begin, deadline)
-        found = put_on_body(compiled, own, refined.point.candidate)
-        if own is compiled or found.is_feasible or len(places) == PASSES or deadline.is_requested():
-            return found, refined
-        short += missing_clearance(compiled, found)
-        places.append(refined.point.candidate.points)
-        own, _ = fix_to_triangles(compiled, begin, places)
+        widened = on_faces.with_clearance(lacking) if lacking.any() else on_faces
+        _, result = refine_with_margins(widened, snapped, deadline)
+        on_body = put_on_body(compiled, on_faces, result.point.candidate)
+        if on_faces is compiled or on_body.is_feasible or len(edge_points) == PASSES or deadline.is_requested():
+            return on_body, result
+        lacking += missing_clearance(compiled, on_body)
+        edge_points.append(result.point.candidate.points)
+        on_faces, _ = fix_to_triangles(compiled, snapped, edge_points)
 
 
-def missing_clearance(compiled: CompiledProblem, found: GraspOnBody) -> FloatArray:
+def missing_clearance(compiled: CompiledProblem, on_body: GraspOnBody) -> FloatArray:
     """Return each link's violation of its clearance from the body, (rows,), metres."""
-    short = np.zeros(len(compiled.rows.named))
+    lacking = np.zeros(len(compiled.rows.named))
     rows = compiled.rows.clearances
-    short[rows] = [max(compiled.rows.named[i].lower - found.values[i], 0.0) for i in rows]
-    return short
+    lacking[rows] = [max(compiled.rows.named[i].lower - on_body.values[i], 0.0) for i in rows]
+    return lacking
 
 
-def advanced_on_body(compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline) -> RefinementResult:
-    """Return a candidate after a few rounds of refinement: on the body, a hand around the smooth surface of a mesh."""
+def advance_on_body(compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline) -> RefinementResult:
+    """Return a candidate after a few rounds of refinement on the body; a hand's on the smooth surface of a mesh."""
     body = compiled.problem.body
     if not isinstance(body, Mesh):
         return advance(compiled, compiled.snapped(candidate), deadline, ROUNDS)
     if not compiled.follows_contacts:
-        moved, left = project_onto_constraints(
+        moved, violation = project_onto_constraints(
             compiled, compiled.snapped(replace(candidate, faces=body.face_names * len(candidate.faces)))
         )
-        if left <= TOUCHING:
+        if violation <= TOUCHING:
             return advance(compiled, compiled.snapped(moved), deadline, ROUNDS)
     return advance(
         *fix_to_triangles(compiled, replace(candidate, points=body.closest(candidate.points)[0])), deadline, ROUNDS
@@ -129,7 +130,7 @@ def refine_with_margins(
     Parameters
     ----------
     compiled : CompiledProblem
-        Of a problem whose hand has a pose.
+        For a hand with joints; other problems are refined without margins.
     candidate : GraspCandidate
         Contacts and hand, whose joints may be anywhere in their ranges.
     deadline : Deadline
@@ -138,14 +139,14 @@ def refine_with_margins(
     if not isinstance(hand, URDFHand) or not options.seeks_room:
         return compiled, refine(compiled, candidate, deadline)
     margins = JointLimitMargins.of(hand, options.joint_margin)
-    inside, candidate = _joints_with_margin(compiled, margins, candidate)
-    own = compiled.with_joints(margins.narrow_limits(inside))
-    refined = refine(own, candidate, deadline)
-    dear = _costly_margins(own, refined, inside * margins.wanted)
-    if np.any(dear):
-        own = compiled.with_joints(margins.narrow_limits(inside & ~dear))
-        refined = refine(own, refined.point.candidate, deadline)
-    return own, refined
+    keeps_margin, candidate = _joints_with_margin(compiled, margins, candidate)
+    narrowed = compiled.with_joints(margins.narrow_limits(keeps_margin))
+    result = refine(narrowed, candidate, deadline)
+    costly = _costly_margins(narrowed, result, keeps_margin * margins.wanted)
+    if np.any(costly):
+        narrowed = compiled.with_joints(margins.narrow_limits(keeps_margin & ~costly))
+        result = refine(narrowed, result.point.candidate, deadline)
+    return narrowed, result
 
 
 @dataclass(frozen=True)
@@ -156,9 +157,9 @@ class JointLimitMargins:
     ----------
     names : tuple of m str
     limits : (2, m) array
-        Radians, metres of joints that slide.
+        Lower and upper limits, radians; metres for prismatic joints.
     wanted : (m,) array
-        A tenth of each range at most, and exactly that of joints that slide.
+        Required margins: at most a tenth of a joint's range, exactly that for prismatic joints.
     """
 
     names: tuple[str, ...]
@@ -169,9 +170,9 @@ class JointLimitMargins:
     def of(cls, hand: URDFHand, margin: float) -> JointLimitMargins:
         """Return the margins of a hand's joints, from a margin in radians."""
         limits, joints = hand.tree.joint_limits, hand.robot.free_joints
-        share = SHARE * (limits[1] - limits[0])
-        turns = np.array([joint.is_revolute for joint in joints])
-        wanted = np.where(turns, np.minimum(margin, share), share)
+        largest = SHARE * (limits[1] - limits[0])
+        revolute = np.array([joint.is_revolute for joint in joints])
+        wanted = np.where(revolute, np.minimum(margin, largest), largest)
         return cls(tuple(joint.name for joint in joints), limits, wanted)
 
     def distances_to_limits(self, joints: FloatArray) -> FloatArray:
@@ -183,70 +184,68 @@ class JointLimitMargins:
         return dict(zip(self.names, self.distances_to_limits(joints).tolist(), strict=True))
 
     def margins_record(self, joints: FloatArray, margin: float, price: float) -> JointMargins:
-        """Return the joint-limit margins of joints (m,) as files state them, beside the required ones."""
+        """Return the record of the required margins and of the distances of joints (m,) from their limits."""
         return JointMargins(
             margin, dict(zip(self.names, self.wanted.tolist(), strict=True)), self.distances_by_name(joints), price
         )
 
     def is_below_margin(self, joints: FloatArray) -> NDArray[np.bool_]:
-        """Return the mask of joints (m,) with less than their margin, (m,)."""
+        """Return the mask of joints (m,) nearer to a limit than their margin, (m,)."""
         return np.asarray(self.distances_to_limits(joints) < (1.0 - SMALL) * self.wanted)
 
-    def narrow_limits(self, chosen: NDArray[np.bool_]) -> FloatArray:
-        """Return the limits, (2, m), narrowed by the margins of the chosen joints, (m,) of bool."""
-        inside = np.where(chosen, self.wanted, 0.0)
-        return np.stack([self.limits[0] + inside, self.limits[1] - inside])
+    def narrow_limits(self, joints: NDArray[np.bool_]) -> FloatArray:
+        """Return the limits, (2, m), narrowed by the margins of some joints, (m,) of bool."""
+        margins = np.where(joints, self.wanted, 0.0)
+        return np.stack([self.limits[0] + margins, self.limits[1] - margins])
 
 
 def _around_smooth_surface(compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline) -> GraspCandidate:
     """Return a hand refined around a mesh's smooth surface, where its contacts move farther than on triangles."""
-    moved, left = project_onto_constraints(compiled, compiled.snapped(candidate))
-    return (
-        candidate
-        if left > TOUCHING
-        else refine_with_margins(compiled, compiled.snapped(moved), deadline)[1].point.candidate
-    )
+    moved, violation = project_onto_constraints(compiled, compiled.snapped(candidate))
+    if violation > TOUCHING:
+        return candidate
+    return refine_with_margins(compiled, compiled.snapped(moved), deadline)[1].point.candidate
 
 
-def _exchanged(
-    compiled: CompiledProblem, found: GraspOnBody, refined: RefinementResult, deadline: Deadline
+def _exchange_contacts(
+    compiled: CompiledProblem, on_body: GraspOnBody, result: RefinementResult, deadline: Deadline
 ) -> GraspCandidate | None:
     """Return contacts moved to better mesh points nearby that the hand reaches; None where none are better."""
     if compiled.follows_contacts:
-        return exchange_nearby(compiled, refined.point.candidate, found.grasp, refined.point.cuts)
-    return walked(compiled, found.candidate, found.grasp.normals, np.random.default_rng(0), deadline)
+        return exchange_nearby(compiled, result.point.candidate, on_body.grasp, result.point.cuts)
+    return walked(compiled, on_body.candidate, on_body.grasp.normals, np.random.default_rng(0), deadline)
 
 
 def _joints_with_margin(
     compiled: CompiledProblem, margins: JointLimitMargins, candidate: GraspCandidate
 ) -> tuple[NDArray[np.bool_], GraspCandidate]:
-    """Return the mask of joints that can keep their margins with all fingertips touching, (m,), and the hand there."""
+    """Return the mask of joints that can keep their margins with all fingertips touching, (m,), and the candidate."""
     lacking = margins.is_below_margin(candidate.hand["joints"])
-    for inside in (np.ones_like(lacking), ~lacking) if np.any(lacking) else ():
-        limits = margins.narrow_limits(inside)
+    for keeps_margin in (np.ones_like(lacking), ~lacking) if np.any(lacking) else ():
+        limits = margins.narrow_limits(keeps_margin)
         clipped = np.clip(candidate.hand["joints"], limits[0], limits[1])
-        own = compiled.with_joints(limits)
-        moved, left = project_onto_constraints(own, replace(candidate, hand={**candidate.hand, "joints": clipped}))
-        if left <= TOUCHING:
-            return inside, own.snapped(moved)
+        narrowed = compiled.with_joints(limits)
+        hand = {**candidate.hand, "joints": clipped}
+        moved, violation = project_onto_constraints(narrowed, replace(candidate, hand=hand))
+        if violation <= TOUCHING:
+            return keeps_margin, narrowed.snapped(moved)
     return ~lacking, candidate
 
 
-def _costly_margins(compiled: CompiledProblem, refined: RefinementResult, margins: FloatArray) -> NDArray[np.bool_]:
-    """Return the mask of joints, (m,), whose margins are dropped so that the others cost little enough of mu."""
-    point, program = refined.point, compiled.cutting_planes.functions.program
-    nothing = np.zeros(len(margins), dtype=bool)
+def _costly_margins(compiled: CompiledProblem, result: RefinementResult, margins: FloatArray) -> NDArray[np.bool_]:
+    """Return the mask of joints, (m,), whose margins are dropped so that those of the others cost at most the price."""
+    point, program = result.point, compiled.cutting_planes.functions.program
+    costly = np.zeros(len(margins), dtype=bool)
     if point.value <= 0.0 or not compiled.cutting_planes.linearises:
-        return nothing
+        return costly
     linear = Linearisation(compiled, point.candidate, most_relevant(compiled, point.candidate, point.cuts))
     step = linear.quadratic_step(NEARBY)
     if step is None:
-        return nothing
+        return costly
     joints = next(block for name, block in program.hand_blocks if name == "joints")
-    gain = np.abs(step.bound_multipliers[joints.range]) / (
-        joints.scale * compiled.scaling.beta
-    )  # of mu, a unit of range
-    cost = gain * margins / point.value
-    cheapest = np.argsort(cost)
-    nothing[cheapest] = np.cumsum(cost[cheapest]) > compiled.options.room_price
-    return nothing
+    # decrease of mu per unit of range
+    rates = np.abs(step.bound_multipliers[joints.range]) / (joints.scale * compiled.scaling.beta)
+    costs = rates * margins / point.value
+    cheapest = np.argsort(costs)
+    costly[cheapest] = np.cumsum(costs[cheapest]) > compiled.options.room_price
+    return costly

@@ -1,13 +1,14 @@
 """Robustness: worst-case quality found under contact displacement and friction loss.
 
-Friction that is less makes every cone smaller, so the worst of it is the least friction. A contact that may slip over
-a sharp edge is lost, and with it all that it presses: no other place of it is worse. Where the other contacts are worst
-is searched for: each slides in turn to the place within reach that hurts most, until no slide hurts more. What is
-found is a placement that may happen, with its certified quality: an upper bound on the worst there is.
+Every friction cone shrinks with its friction, so the least friction is the worst. A contact that may slip over a sharp
+edge counts as lost, with all its forces: no other position of it is worse. The worst positions of the other contacts
+are searched by coordinate descent: each contact in turn moves to the position within its displacement that lowers the
+quality most, until no move lowers it. The result is a possible grasp with its certified quality: an upper bound on the
+quality of the worst grasp.
 
-A grasp is made more robust (``maximise_robustness``) by the worst displacements met so far: every contact in turn moves
-to the place near it where the least quality over all of them is largest, and the search for the worst displacement
-begins anew. Only what the certificate confirms is kept.
+A grasp is made more robust (``maximise_robustness``) against the worst displacements found so far: each contact in turn
+moves to the position nearby where the least quality over all of them is largest, and the search for the worst
+displacement begins anew. A move is kept only where the certificate confirms it.
 """
 
 from __future__ import annotations
@@ -31,184 +32,189 @@ from nlpgrasp.quality.screening import sampled_ratios
 from nlpgrasp.quality.weakest_directions import QUICK, weakest_directions
 from nlpgrasp.solution.analysis_records import Robustness
 
-AROUND = 16  # displaced positions per contact
+RING_POINTS = 16  # displaced positions per contact
 SWEEPS, ROUNDS = 6, 3  # sweeps of displacements in turn; searches for weak directions
-BEGINNINGS = 3  # initial displacements, at most
-RTOL, LOOSE = 0.02, 0.1  # relative width of the certificate; of a quick one
-MOVES = (0.04, 0.02, 0.01, 0.005)  # step sizes of ``maximise_robustness``, over the body's size
-MOVES_OF_ONE = 4  # moves with one step size, at most
-GAIN = 1e-3  # relative: a move that gains less is none
+INITIAL_DISPLACEMENTS = 3  # displacements from which the worst one is searched, at most
+RTOL, LOOSE_RTOL = 0.02, 0.1  # relative width of the certificate; of a quick one
+STEP_SIZES = (0.04, 0.02, 0.01, 0.005)  # step sizes of ``maximise_robustness``, over the body's size
+MOVES_PER_SIZE = 4  # moves with one step size, at most
+GAIN = 1e-3  # relative gain below which a move is rejected
 MOST_DIRECTIONS = 400  # directions kept by ``maximise_robustness``
-Places = list[tuple[FloatArray, FloatArray]]  # where each contact may be, and inward normals
-SLIPS = 0.99  # share of the displacement: a contact nearer to an edge may slip over it
-TOO_FAR = 1.5  # times the displacement: a point farther away than that is off the face
+ContactPositions = list[tuple[FloatArray, FloatArray]]  # possible positions of each contact, and inward normals
+SLIP_SHARE = 0.99  # share of the displacement: a contact nearer to an edge may slip over it
+FARTHEST = 1.5  # multiple of the displacement: a point farther away is off the face
 
 
 def robustness(compiled: CompiledProblem, candidate: GraspCandidate, grasp: Grasp, quickly: bool = False) -> Robustness:
-    """Return the certified quality of the worst placement found near a grasp, with the options' displacement.
+    """Return the certified quality of the worst displacement found of a grasp, within the options' displacement.
 
     Parameters
     ----------
     compiled : CompiledProblem
     candidate : GraspCandidate
-        The hand's posture counts as the same.
+        Contacts and hand; the hand's configuration does not change with the contacts.
     grasp : Grasp
         The same contacts with the body's own normals.
     quickly : bool
-        Look from where the contacts are alone, and certify more loosely: a third of the time. The quality stated may
-        then be a few percent above that of the worst placement which a closer look finds.
+        Search from the contacts' own positions alone, and certify more loosely, in a third of the time. The quality
+        may then be a few percent above that of the worst displacement which a thorough search finds.
     """
     offset, share = compiled.options.robust_offset, compiled.options.robust_friction
     models = [model.with_friction(1.0 - share) for model in grasp.contacts]
-    places = displaced_positions(compiled, candidate.faces, grasp.points, grasp.normals)
+    positions = displaced_positions(compiled, candidate.faces, grasp.points, grasp.normals)
     budget, lost = compiled.budget(candidate), _contacts_near_edges(compiled, candidate)
     points, normals = grasp.points.copy(), grasp.normals.copy()
-    rest = [i for i in range(len(models)) if i not in lost]
+    remaining = [i for i in range(len(models)) if i not in lost]
     bounds = Bounds(0.0, 0.0)
-    beginnings, rtol = (1, LOOSE) if quickly else (BEGINNINGS, RTOL)
-    if rest:
-        models, places = [models[i] for i in rest], [places[i] for i in rest]
-        chosen, _ = worst_displacement(compiled, models, places, budget, np.random.default_rng(0), beginnings)
-        found = _displaced_grasp(compiled, models, places, chosen)
-        bounds = mu(found, compiled.problem.task, rtol, force_budget=budget)
-        points[rest], normals[rest] = found.points, found.normals
+    searches, rtol = (1, LOOSE_RTOL) if quickly else (INITIAL_DISPLACEMENTS, RTOL)
+    if remaining:
+        models, positions = [models[i] for i in remaining], [positions[i] for i in remaining]
+        indices, _ = worst_displacement(compiled, models, positions, budget, np.random.default_rng(0), searches)
+        displaced = _displaced_grasp(compiled, models, positions, indices)
+        bounds = mu(displaced, compiled.problem.task, rtol, force_budget=budget)
+        points[remaining], normals[remaining] = displaced.points, displaced.normals
     return Robustness(offset, share, bounds, points, normals, lost)
 
 
-def maximise_robustness(compiled: CompiledProblem, found: GraspOnBody) -> tuple[GraspOnBody, Robustness]:
-    """Return a grasp made more robust, where its contacts move freely over a smooth body."""
-    if found.surface is not None or not compiled.follows_contacts:
-        return found, robustness(compiled, found.candidate, found.grasp)
-    best, robust = found.grasp, robustness(compiled, found.candidate, found.grasp)
-    candidate, ascent = found.candidate, _RobustSearch(compiled, found.candidate)
-    for step in MOVES:
-        for _ in range(MOVES_OF_ONE):
-            ascent.add_weak_directions()
-            if not ascent.move(step * compiled.scaling.length):
+def maximise_robustness(compiled: CompiledProblem, on_body: GraspOnBody) -> tuple[GraspOnBody, Robustness]:
+    """Return a more robust grasp and its robustness; unchanged on meshes and with hands that have a pose."""
+    if on_body.surface is not None or not compiled.follows_contacts:
+        return on_body, robustness(compiled, on_body.candidate, on_body.grasp)
+    best, robust = on_body.grasp, robustness(compiled, on_body.candidate, on_body.grasp)
+    candidate, search = on_body.candidate, _RobustSearch(compiled, on_body.candidate)
+    for step in STEP_SIZES:
+        for _ in range(MOVES_PER_SIZE):
+            search.add_weak_directions()
+            if not search.move(step * compiled.scaling.length):
                 break
-        there = ascent.candidate
-        grasp = compiled.grasp(there)
-        trial = robustness(compiled, there, grasp)
+        moved = search.candidate
+        grasp = compiled.grasp(moved)
+        trial = robustness(compiled, moved, grasp)
         if trial.mu.lower > robust.mu.lower:
-            candidate, best, robust = there, grasp, trial
+            candidate, best, robust = moved, grasp, trial
     return GraspOnBody.of(compiled, candidate, best), robust
 
 
 def worst_displacement(
     compiled: CompiledProblem,
     models: Sequence[ContactModel],
-    places: Places,
+    positions: ContactPositions,
     budget: ForceBudget,
     rng: np.random.Generator,
-    beginnings: int = BEGINNINGS,
+    searches: int = INITIAL_DISPLACEMENTS,
 ) -> tuple[list[int], FloatArray]:
-    """Return each contact's worst displacement found, as an index of its places, and the weak directions, (m, d).
+    """Return the worst displacement found, as an index of each contact's positions, and the weak directions, (m, d).
 
     Parameters
     ----------
     compiled : CompiledProblem
     models : sequence of k ContactModel
-    places : list of k pairs
-        Points and inward normals where each contact may be, itself first.
+    positions : list of k pairs
+        Possible points and inward normals of each contact, its own first.
     budget : ForceBudget
     rng : numpy.random.Generator
-    beginnings : int
-        The contacts where they are, and random places.
+    searches : int
+        Number of initial displacements: one from the contacts' own positions, the others from random ones.
     """
-    least, worst = np.inf, [0] * len(places)
+    least, worst = np.inf, [0] * len(positions)
     y = np.zeros((0, compiled.problem.dimension))
-    for beginning in range(beginnings):
-        chosen = [0 if beginning == 0 else int(rng.integers(len(points))) for points, _ in places]
+    for number in range(searches):
+        indices = [0 if number == 0 else int(rng.integers(len(points))) for points, _ in positions]
         for _ in range(ROUNDS):
-            there = _displaced_grasp(compiled, models, places, chosen)
-            weakest = weakest_directions(there, compiled.problem.task, budget, rng, y, QUICK)
+            displaced = _displaced_grasp(compiled, models, positions, indices)
+            weakest = weakest_directions(displaced, compiled.problem.task, budget, rng, y, QUICK)
             if weakest.value < least:
-                least, worst = weakest.value, list(chosen)
+                least, worst = weakest.value, list(indices)
             if weakest.value <= 0.0:
                 break
             y = np.concatenate([y, weakest.directions])[-300:]
-            if not _slide(compiled, models, places, chosen, y):
+            if not _slide(compiled, models, positions, indices, y):
                 break
     return worst, y
 
 
 def displaced_positions(
     compiled: CompiledProblem, faces: Sequence[str], points: FloatArray, normals: FloatArray
-) -> Places:
-    """Return the possible positions of each contact, itself first, displaced by as much as the options ask for."""
+) -> ContactPositions:
+    """Return the possible positions of each contact within the options' displacement, its own first."""
     offset = compiled.options.robust_offset
-    each = zip(faces, points, normals, strict=True)
-    return [positions_around(compiled, face, p, n, offset) for face, p, n in each]
+    contacts = zip(faces, points, normals, strict=True)
+    return [positions_around(compiled, face, p, n, offset) for face, p, n in contacts]
 
 
 def positions_around(
     compiled: CompiledProblem, face: str, point: FloatArray, normal: FloatArray, offset: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the contact itself and points around it on its face, with inward normals, (m, space) each."""
+    """Return a contact and points around it on its face, with inward normals, (m, space) each."""
     body, space = compiled.problem.body, compiled.problem.body.space
-    across = tangents(normal[None])[0]
+    axes = tangents(normal[None])[0]
     if space == 2:
-        ring = np.concatenate([across, -across])
+        ring = np.concatenate([axes, -axes])
     else:
-        angles = 2.0 * np.pi * np.arange(AROUND) / AROUND
-        ring = np.cos(angles)[:, None] * across[0] + np.sin(angles)[:, None] * across[1]
-    wanted = point + offset * ring
+        angles = 2.0 * np.pi * np.arange(RING_POINTS) / RING_POINTS
+        ring = np.cos(angles)[:, None] * axes[0] + np.sin(angles)[:, None] * axes[1]
+    targets = point + offset * ring
     if isinstance(body, Mesh):
-        points, outward, _ = body.closest(wanted)
+        points, outward, _ = body.closest(targets)
         inward = -outward
-        near = np.linalg.norm(points - point, axis=1) <= TOO_FAR * offset
+        near = np.linalg.norm(points - point, axis=1) <= FARTHEST * offset
     else:
-        points = body.snap(face, wanted)
+        points = body.snap(face, targets)
         _, _, outward, extent = body.evaluate(face, points)
         inward = -outward
-        near = np.linalg.norm(points - point, axis=1) <= TOO_FAR * offset
+        near = np.linalg.norm(points - point, axis=1) <= FARTHEST * offset
         near &= extent <= 1e-9 * body.size
-    good = near & np.all(np.isfinite(points), axis=1) & np.all(np.isfinite(inward), axis=1)
-    return np.concatenate([point[None], points[good]]), np.concatenate([normal[None], inward[good]])
+    usable = near & np.all(np.isfinite(points), axis=1) & np.all(np.isfinite(inward), axis=1)
+    return np.concatenate([point[None], points[usable]]), np.concatenate([normal[None], inward[usable]])
 
 
 def _contacts_near_edges(compiled: CompiledProblem, candidate: GraspCandidate) -> tuple[int, ...]:
     """Return the contacts that may slip over a sharp edge within the options' displacement.
 
-    None where the force budget counts on each contact by its number, as that of a hand's joints does.
+    There are none under a force budget that depends on the contacts' frames, such as a hand's joint torques.
     """
     if compiled.problem.budget.depends_on_frames:
         return ()
-    apart = edge_distances(compiled.problem, candidate)
-    return tuple(np.flatnonzero(apart < SLIPS * compiled.options.robust_offset).tolist())
+    distances = edge_distances(compiled.problem, candidate)
+    return tuple(np.flatnonzero(distances < SLIP_SHARE * compiled.options.robust_offset).tolist())
 
 
 def _slide(
-    compiled: CompiledProblem, models: Sequence[ContactModel], places: Places, chosen: list[int], y: FloatArray
+    compiled: CompiledProblem,
+    models: Sequence[ContactModel],
+    positions: ContactPositions,
+    indices: list[int],
+    y: FloatArray,
 ) -> bool:
-    """Move contacts in turn, in place, to minimise the least ratio; return whether any moved."""
+    """Change the contacts' indices in turn to minimise the least support ratio; return whether any changed."""
     moved = False
     for _ in range(SWEEPS):
-        before = list(chosen)
-        for i, (points, normals) in enumerate(places):
+        previous = list(indices)
+        for i, (points, normals) in enumerate(positions):
             count = len(points)
-            p = np.stack([np.array([places[j][0][c] for j, c in enumerate(chosen)])] * count)
-            n = np.stack([np.array([places[j][1][c] for j, c in enumerate(chosen)])] * count)
+            p = np.stack([np.array([positions[j][0][c] for j, c in enumerate(indices)])] * count)
+            n = np.stack([np.array([positions[j][1][c] for j, c in enumerate(indices)])] * count)
             p[:, i], n[:, i] = points, normals
             stack = GraspStack(p, n, models, compiled.problem.origin)
             ratios = sampled_ratios(stack, compiled.problem.task, y, compiled.screening_budget)
-            chosen[i] = int(np.argmin(np.min(ratios, axis=1)))
-        if chosen == before:
+            indices[i] = int(np.argmin(np.min(ratios, axis=1)))
+        if indices == previous:
             break
         moved = True
     return moved
 
 
 def _displaced_grasp(
-    compiled: CompiledProblem, models: Sequence[ContactModel], places: Places, chosen: Sequence[int]
+    compiled: CompiledProblem, models: Sequence[ContactModel], positions: ContactPositions, indices: Sequence[int]
 ) -> Grasp:
-    points = np.array([p[c] for (p, _), c in zip(places, chosen, strict=True)])
-    normals = np.array([n[c] for (_, n), c in zip(places, chosen, strict=True)])
+    """Return the grasp whose contacts are at these indices of their positions."""
+    points = np.array([p[c] for (p, _), c in zip(positions, indices, strict=True)])
+    normals = np.array([n[c] for (_, n), c in zip(positions, indices, strict=True)])
     return Grasp(points, normals, models, compiled.problem.origin)
 
 
 class _RobustSearch:
-    """State of the search: contacts, worst displacements so far, and the weak directions."""
+    """Search for a robust grasp: its contacts, the worst displacements found so far, and the weak directions."""
 
     def __init__(self, compiled: CompiledProblem, start: GraspCandidate) -> None:
         self.compiled, self.start = compiled, start
@@ -224,41 +230,47 @@ class _RobustSearch:
         return GraspCandidate(self.start.faces, self.points.copy(), self.start.hand)
 
     def add_weak_directions(self) -> None:
-        """Add the worst displacement found of the current contacts, and the weak directions."""
+        """Add the worst displacement found of the current contacts, and its weak directions."""
         compiled, rng = self.compiled, np.random.default_rng(0)
-        here = self.candidate
-        chosen, y = worst_displacement(compiled, self.models, self._places(), compiled.budget(here), rng)
-        nominal = weakest_at(compiled, here, np.random.default_rng(0), y, QUICK)
-        self.directions = np.concatenate([self.directions, y, nominal.directions])[-MOST_DIRECTIONS:]
-        if tuple(chosen) not in self.displacements:
-            self.displacements.append(tuple(chosen))
+        candidate = self.candidate
+        indices, directions = worst_displacement(
+            compiled, self.models, self._positions(), compiled.budget(candidate), rng
+        )
+        nominal = weakest_at(compiled, candidate, np.random.default_rng(0), directions, QUICK)
+        self.directions = np.concatenate([self.directions, directions, nominal.directions])[-MOST_DIRECTIONS:]
+        if tuple(indices) not in self.displacements:
+            self.displacements.append(tuple(indices))
 
     def move(self, step: float) -> bool:
         """Move contacts in turn to maximise the least ratio over the displacements; return whether any moved."""
-        compiled, moved = self.compiled, False
-        normals, now = compiled.inward_normals(self.candidate), self._places()
+        compiled, has_moved = self.compiled, False
+        normals, positions = compiled.inward_normals(self.candidate), self._positions()
         for i, face in enumerate(self.start.faces):
-            tried, inward = positions_around(compiled, face, self.points[i], normals[i], step)
-            others = displaced_positions(compiled, [face] * (len(tried) - 1), tried[1:], inward[1:])
-            around = [now[i], *others]
-            values = np.array([self._least([*now[:i], one, *now[i + 1 :]]) for one in around])
-            trials, trial_normals = (np.repeat(v[None], len(tried), axis=0) for v in (self.points, normals))
-            trials[:, i], trial_normals[:, i] = tried, inward
-            allowed = compiled.rows.violations(trials, trial_normals, self.start.repeated_hand(len(tried))) <= FEASIBLE
+            targets, target_normals = positions_around(compiled, face, self.points[i], normals[i], step)
+            neighbours = displaced_positions(compiled, [face] * (len(targets) - 1), targets[1:], target_normals[1:])
+            around = [positions[i], *neighbours]
+            values = np.array([self._least_ratio([*positions[:i], moved, *positions[i + 1 :]]) for moved in around])
+            trials, trial_normals = (np.repeat(v[None], len(targets), axis=0) for v in (self.points, normals))
+            trials[:, i], trial_normals[:, i] = targets, target_normals
+            allowed = (
+                compiled.rows.violations(trials, trial_normals, self.start.repeated_hand(len(targets))) <= FEASIBLE
+            )
             best = int(np.argmax(np.where(allowed, values, -np.inf)))
             if best > 0 and values[best] > (1.0 + GAIN) * values[0]:
-                self.points[i], normals[i], now[i], moved = tried[best], inward[best], around[best], True
-        return moved
+                self.points[i], normals[i], positions[i] = targets[best], target_normals[best], around[best]
+                has_moved = True
+        return has_moved
 
-    def _least(self, places: Places) -> float:
+    def _least_ratio(self, positions: ContactPositions) -> float:
         """Return the least support ratio over displacements and directions."""
-        chosen = [[min(c, len(places[i][0]) - 1) for i, c in enumerate(one)] for one in self.displacements]
-        p, n = (np.array([[places[i][j][c] for i, c in enumerate(one)] for one in chosen]) for j in (0, 1))
+        displacements = [[min(c, len(positions[i][0]) - 1) for i, c in enumerate(d)] for d in self.displacements]
+        p, n = (np.array([[positions[i][j][c] for i, c in enumerate(d)] for d in displacements]) for j in (0, 1))
         stack = GraspStack(p, n, self.models, self.compiled.problem.origin)
         ratios = sampled_ratios(stack, self.compiled.problem.task, self.directions, self.compiled.screening_budget)
         return float(np.min(ratios))
 
-    def _places(self) -> Places:
+    def _positions(self) -> ContactPositions:
+        """Return the possible positions of the current contacts."""
         return displaced_positions(
             self.compiled, self.start.faces, self.points, self.compiled.inward_normals(self.candidate)
         )

@@ -1,4 +1,4 @@
-"""One start: candidates, of which the more promising one is refined on the body, certified and measured."""
+"""One start of the search: the most promising candidate, refined on the body, certified and measured."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from nlpgrasp.optimize.local_search import RefinementResult, refine
 from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.projection import fix_to_triangles
 from nlpgrasp.optimize.propose import propose, touch_candidates
-from nlpgrasp.optimize.refine import advanced_on_body, refine_on_body
+from nlpgrasp.optimize.refine import advance_on_body, refine_on_body
 from nlpgrasp.optimize.robustness import maximise_robustness
 from nlpgrasp.optimize.start_result import SOLVER_ERRORS, StartGrasp, StartResult, best_of, format_error
 from nlpgrasp.quality import Bounds, mu
@@ -25,7 +25,7 @@ from nlpgrasp.quality.wrench_set import WrenchSet
 from nlpgrasp.solution.records import CandidateOrigin, StartRecord, Status
 
 COMPARED = 2  # candidates compared after a few rounds of refinement; the best one is refined to its end
-MOST_TOUCHING = 2  # candidates that end in link collisions before a start gives up
+MOST_COLLIDING = 2  # candidates that end in link collisions before a start gives up
 
 
 def run_start(
@@ -33,33 +33,33 @@ def run_start(
     index: int,
     seed: int,
     deadline: Deadline,
-    known: Sequence[FloatArray] = (),
+    known_contacts: Sequence[FloatArray] = (),
     candidates: Sequence[GraspCandidate] = (),
 ) -> StartResult:
-    """Run start ``index`` from candidates, or from those that it proposes by index and seed, also near known contacts.
+    """Return the result of start ``index`` from candidates, or from those proposed by its index and seed.
 
     Never raises for a numerical failure: the record carries the status and the message. Bad input does raise.
-    Linear algebra runs on one thread, so that rounding does not depend on how many cores there are.
+    Linear algebra runs on one thread, so that rounding does not depend on the number of cores.
 
     Parameters
     ----------
     compiled : CompiledProblem
     index, seed : int
     deadline : Deadline
-    known : sequence of (k, space) array
-        Contacts that proposals begin from as well, metres.
+    known_contacts : sequence of (k, space) array
+        Contacts near which candidates are proposed as well, metres.
     candidates : sequence of GraspCandidate, optional
         The most promising first.
     """
     clock = Clock()
     with single_thread():
         try:
-            found = _best_of_candidates(
-                compiled, index, np.random.default_rng([seed, index]), deadline, clock, known, candidates
+            result = _best_of_candidates(
+                compiled, index, np.random.default_rng([seed, index]), deadline, clock, known_contacts, candidates
             )
         except SOLVER_ERRORS as error:
             return failed(index, error, clock.seconds)
-    return replace(found, record=replace(found.record, seconds=clock.seconds))
+    return replace(result, record=replace(result.record, seconds=clock.seconds))
 
 
 def failed(index: int, error: Exception, seconds: Mapping[str, float] | None = None) -> StartResult:
@@ -70,12 +70,12 @@ def failed(index: int, error: Exception, seconds: Mapping[str, float] | None = N
 def follow_with_hand(
     compiled: CompiledProblem, candidate: GraspCandidate, normals: FloatArray | None = None
 ) -> GraspCandidate:
-    """Return a candidate with the hand's variables computed from its contacts, where they follow from these.
+    """Return a candidate with the hand's variables computed from its contacts, for hands that follow them.
 
-    Inward normals (k, space) are the body's where none are given.
+    Inward normals (k, space) are the body's if not given.
     """
-    inward = compiled.inward_normals(candidate) if normals is None else normals
-    hand = compiled.hand_points.start(candidate.points[None], inward[None])
+    inward_normals = compiled.inward_normals(candidate) if normals is None else normals
+    hand = compiled.hand_points.start(candidate.points[None], inward_normals[None])
     return GraspCandidate(candidate.faces, candidate.points, {name: value[0] for name, value in hand.items()})
 
 
@@ -85,49 +85,50 @@ def _best_of_candidates(
     rng: np.random.Generator,
     deadline: Deadline,
     clock: Clock,
-    known: Sequence[FloatArray],
+    known_contacts: Sequence[FloatArray],
     candidates: Sequence[GraspCandidate],
 ) -> StartGrasp:
     """Return the best result over a start's candidates, with the total effort."""
-    origin = CandidateOrigin.BOUND if known else CandidateOrigin.RANDOM
-    plain = (
-        None if compiled.follows_contacts else compiled.with_l2_budget
-    )  # poses are compared under the paper's budget
-    proposed = candidates or propose(compiled, rng, known)
+    origin = CandidateOrigin.BOUND if known_contacts else CandidateOrigin.RANDOM
+    # hand poses are compared under the L2 budget
+    comparing = compiled if compiled.follows_contacts else compiled.with_l2_budget or compiled
+    proposed = candidates or propose(compiled, rng, known_contacts)
     if not compiled.follows_contacts:
-        proposed = touch_candidates(plain or compiled, proposed, rng, deadline)
+        proposed = touch_candidates(comparing, proposed, rng, deadline)
     clock.mark("propose")
-    ends, left, programs = list[StartGrasp](), list[InitialGrasp](), Effort()
-    firsts = (solve_initial_nlp(plain or compiled, candidate, rng) for candidate in proposed)
+    results, unpromising, initial_effort = list[StartGrasp](), list[InitialGrasp](), Effort()
+    initial_grasps = (solve_initial_nlp(comparing, candidate, rng) for candidate in proposed)
     batch = list[InitialGrasp]()
-    for number, first in enumerate(firsts, 1):
-        programs += first.effort
+    for count, initial in enumerate(initial_grasps, 1):
+        initial_effort += initial.effort
         clock.mark("first program")
-        (batch if first.score > 0.0 else left).append(first)
-        if len(batch) < COMPARED and number < len(proposed) and not deadline.is_requested():
+        (batch if initial.score > 0.0 else unpromising).append(initial)
+        if len(batch) < COMPARED and count < len(proposed) and not deadline.is_requested():
             continue
-        for one in _by_promise(plain or compiled, batch, deadline):
-            ends.append(_result_of_candidate(compiled, index, one, origin, deadline, clock))
-            if _has_enough(ends):
+        for promising in _sort_by_promise(comparing, batch, deadline):
+            results.append(_result_of_candidate(compiled, index, promising, origin, deadline, clock))
+            if _has_enough(results):
                 break
-        if deadline.is_requested() or _has_enough(ends):
+        if deadline.is_requested() or _has_enough(results):
             break
         batch = []
-    for first in sorted(left, key=lambda one: -one.score) if not ends else ():
-        ends.append(_result_of_candidate(compiled, index, first, origin, deadline, clock))
-        if deadline.is_requested() or ends[-1].record.has_grasp:
+    for initial in sorted(unpromising, key=lambda grasp: -grasp.score) if not results else ():
+        results.append(_result_of_candidate(compiled, index, initial, origin, deadline, clock))
+        if deadline.is_requested() or results[-1].record.has_grasp:
             break
-    best = _best_of_results(ends)
-    return replace(best, spent=best.spent + programs)
+    best = _best_of_results(results)
+    return replace(best, total_effort=best.total_effort + initial_effort)
 
 
-def _by_promise(compiled: CompiledProblem, batch: Sequence[InitialGrasp], deadline: Deadline) -> list[InitialGrasp]:
-    """Return candidates after a few rounds of refinement each, the best first; a single one as it is."""
+def _sort_by_promise(
+    compiled: CompiledProblem, batch: Sequence[InitialGrasp], deadline: Deadline
+) -> list[InitialGrasp]:
+    """Return initial grasps after a few rounds of refinement each, the best first; a single one unchanged."""
     if len(batch) < 2:
         return list(batch)
-    each = [(first, advanced_on_body(compiled, first.candidate, deadline)) for first in batch]
-    each.sort(key=lambda one: -one[1].point.value)
-    return [replace(first, candidate=advanced.point.candidate) for first, advanced in each]
+    advanced_grasps = [(initial, advance_on_body(compiled, initial.candidate, deadline)) for initial in batch]
+    advanced_grasps.sort(key=lambda pair: -pair[1].point.value)
+    return [replace(initial, candidate=advanced.point.candidate) for initial, advanced in advanced_grasps]
 
 
 def _refine_candidates(
@@ -135,66 +136,71 @@ def _refine_candidates(
 ) -> Iterator[tuple[GraspOnBody, RefinementResult]]:
     """Yield refined grasps; under other budgets than L2 some are refined under L2 first.
 
-    The paper's support, a root of a sum of squares over the contacts, is smooth where those of other budgets have
-    edges. Every other start goes that way, and with a hand that has a pose all, from its end as well as to there.
+    The support under L2, a root of a sum of squares over the contacts, is smooth where those of other budgets have
+    edges. Every other start does so, and with a hand that has a pose all; the grasp refined under L2 is then yielded as
+    well.
     """
-    smooth = compiled.with_l2_budget if index % 2 or not compiled.follows_contacts else None
-    if smooth is not None:
-        found, there = refine_on_body(smooth, candidate, deadline)
-        candidate = there.point.candidate
+    under_l2 = compiled.with_l2_budget if index % 2 or not compiled.follows_contacts else None
+    if under_l2 is not None:
+        on_body, result = refine_on_body(under_l2, candidate, deadline)
+        candidate = result.point.candidate
         if not compiled.follows_contacts:
-            yield found, refine(*fix_to_triangles(compiled, candidate), deadline, rounds=0)
+            yield on_body, refine(*fix_to_triangles(compiled, candidate), deadline, rounds=0)
     yield refine_on_body(compiled, candidate, deadline)
 
 
-def _has_enough(ends: Sequence[StartGrasp]) -> bool:
-    """Return whether a candidate led to a feasible grasp, or too many to colliding links."""
-    touching = sum(end.record.status is Status.TOUCHES for end in ends)
-    return any(end.solved for end in ends) or touching >= MOST_TOUCHING
+def _has_enough(results: Sequence[StartGrasp]) -> bool:
+    """Return whether a result is solved, or too many end with colliding links."""
+    colliding = sum(result.record.status is Status.TOUCHES for result in results)
+    return any(result.solved for result in results) or colliding >= MOST_COLLIDING
 
 
 def _result_of_candidate(
     compiled: CompiledProblem,
     index: int,
-    first: InitialGrasp,
+    initial: InitialGrasp,
     origin: CandidateOrigin,
     deadline: Deadline,
     clock: Clock,
 ) -> StartGrasp:
-    """Return the best result of a candidate: refined, on the body, certified and measured."""
-    ends, message = list[StartGrasp](), first.message or origin.value
-    for found, refined in _refine_candidates(compiled, index, first.candidate, deadline):
+    """Return the best result of a candidate: refined on the body, certified and measured."""
+    results, message = list[StartGrasp](), initial.message or origin.value
+    for on_body, refined in _refine_candidates(compiled, index, initial.candidate, deadline):
         clock.mark("refine")
         robust = None
         if compiled.options.maximise_robust:
-            found, robust = maximise_robustness(compiled, found)
+            on_body, robust = maximise_robustness(compiled, on_body)
             clock.mark("robust")
-        bounds = _certify_grasp(compiled, found, refined, deadline)
+        bounds = _certify_grasp(compiled, on_body, refined, deadline)
         clock.mark("certificate")
         state = refined.state()
-        ends.append(StartGrasp.of(compiled, index, found, bounds, state, message, origin=origin, robust=robust))
+        results.append(StartGrasp.of(compiled, index, on_body, bounds, state, message, origin=origin, robust=robust))
         clock.mark("link depth")
-    return _best_of_results(ends)
+    return _best_of_results(results)
 
 
 def _certify_grasp(
-    compiled: CompiledProblem, found: GraspOnBody, refined: RefinementResult, deadline: Deadline
+    compiled: CompiledProblem, on_body: GraspOnBody, result: RefinementResult, deadline: Deadline
 ) -> Bounds:
     """Return the certified bounds of a grasp, the upper one tightened by known weak directions."""
-    budget, limit, rtol = compiled.budget(found.candidate), deadline.certificate_deadline(), compiled.options.rtol
-    begun, weak = refined.certificate, refined.point.minimisers
-    if begun is not None and begun.belongs_to(found.grasp, budget):
-        bounds = begun.bounds(rtol, limit)
+    budget, time_limit, rtol = (
+        compiled.budget(on_body.candidate),
+        deadline.certificate_deadline(),
+        compiled.options.rtol,
+    )
+    certificate, directions = result.certificate, result.point.minimisers
+    if certificate is not None and certificate.belongs_to(on_body.grasp, budget):
+        bounds = certificate.bounds(rtol, time_limit)
     else:
-        bounds = mu(found.grasp, compiled.problem.task, rtol, force_budget=budget, deadline=limit)
-    ratios = WrenchSet.of(found.grasp, budget).support(weak)[0] if len(weak) else np.array([np.inf])
+        bounds = mu(on_body.grasp, compiled.problem.task, rtol, force_budget=budget, deadline=time_limit)
+    ratios = WrenchSet.of(on_body.grasp, budget).support(directions)[0] if len(directions) else np.array([np.inf])
     least = int(np.argmin(ratios))
     if not bounds.lower <= ratios[least] < bounds.upper:
         return bounds
-    return replace(bounds, upper=float(ratios[least]), worst_direction=weak[least])
+    return replace(bounds, upper=float(ratios[least]), worst_direction=directions[least])
 
 
-def _best_of_results(ends: Sequence[StartGrasp]) -> StartGrasp:
+def _best_of_results(results: Sequence[StartGrasp]) -> StartGrasp:
     """Return the best of several results, collision-free ones first, with their total effort."""
-    best = best_of(ends) or max(ends, key=lambda end: end.rank.lower)
-    return replace(best, spent=sum((end.effort for end in ends), Effort()))
+    best = best_of(results) or max(results, key=lambda result: result.rank.lower)
+    return replace(best, total_effort=sum((result.effort for result in results), Effort()))

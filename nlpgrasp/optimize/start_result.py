@@ -22,15 +22,15 @@ from nlpgrasp.solution.kkt import KKT
 from nlpgrasp.solution.obstructions import LinkPenetration
 from nlpgrasp.solution.records import CandidateOrigin, ConstraintReport, StartRecord, Status
 
-CLOSE = 0.03  # relative: lower bounds of starts this close are a tie
+TIE = 0.03  # relative difference up to which the lower bounds of two starts are a tie
 SOLVER_ERRORS = RuntimeError, ArithmeticError, np.linalg.LinAlgError, AlongNormalError
-"""What numerics may raise for some candidates; any other error is one of the program."""
+"""Errors that numerics may raise for some candidates; any other error is a defect of the program."""
 Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
 class StartResult:
-    """Result of one start; on its own, of a start that ended without a grasp.
+    """Result of one start; this base class alone, of a start that ended without a grasp.
 
     Parameters
     ----------
@@ -41,12 +41,12 @@ class StartResult:
 
     @property
     def solved(self) -> bool:
-        """Whether the start ended with a certified grasp that keeps the constraints, and that its hand can take."""
+        """Whether the start ended with a certified, feasible grasp whose links do not collide."""
         return self.record.status is Status.SOLVED
 
     @property
     def effort(self) -> Effort:
-        """What the start cost, in iterations and seconds."""
+        """Solver effort of the start, in iterations and seconds."""
         return Effort()
 
 
@@ -57,30 +57,32 @@ class StartGrasp(StartResult):
     Parameters
     ----------
     record : StartRecord
-    found : GraspOnBody
+    on_body : GraspOnBody
+        The grasp on the body itself.
     constraints : tuple of ConstraintReport
-    spent : Effort
+    total_effort : Effort
+        Solver effort.
     robust : Robustness or None
-        Where the solve goes by it.
-    ascended : GraspCandidate
-        Where the exchange ended, before the contacts went onto a mesh itself.
+        Robustness, where starts are ranked by it.
+    refined_candidate : GraspCandidate
+        Candidate at the end of the local search, before its contacts were projected onto a mesh.
     optimum : LocalOptimum or None
-        Of the answer, where it is at one.
+        Local optimum, where the answer is at one.
     kkt : KKT or None
-        Residuals of the answer.
+        KKT residuals of the answer.
     depth : LinkPenetration or None
         Penetration of the links, with a hand whose links have shapes.
     tip_gaps : tuple of (float or None)
-        How far each contact is from its fingertip's link, metres, with a hand that has links.
+        Distance of each contact from its fingertip's link, metres, with a hand that has links.
     hand : mapping or None
-        The hand with its way in, as files state it, where that was looked at.
+        Record of the hand with its approach and pregrasp, where these were computed.
     """
 
-    found: GraspOnBody
+    on_body: GraspOnBody
     constraints: tuple[ConstraintReport, ...]
-    spent: Effort
+    total_effort: Effort
     robust: Robustness | None
-    ascended: GraspCandidate
+    refined_candidate: GraspCandidate
     optimum: LocalOptimum | None = None
     kkt: KKT | None = None
     depth: LinkPenetration | None = None
@@ -92,7 +94,7 @@ class StartGrasp(StartResult):
         cls,
         compiled: CompiledProblem,
         index: int,
-        found: GraspOnBody,
+        on_body: GraspOnBody,
         bounds: Bounds,
         state: SearchState,
         message: str,
@@ -100,59 +102,61 @@ class StartGrasp(StartResult):
         robust: Robustness | None = None,
         origin: CandidateOrigin | None = None,
     ) -> StartGrasp:
-        """Return the result of a start with its record: solved if the grasp is certified, feasible and free."""
+        """Return the result of a start with its record: solved if certified, feasible and free of collisions."""
         depth, gaps, links = None, list[float | None](), compiled.link_depths
         if links is not None:
-            depth = links.at(found.candidate.hand) if links.has_shapes else None
-            gaps = links.tip_gaps(found.candidate.hand, found.grasp.points)
-        status = Status.SOLVED if bounds.lower > 0.0 and found.is_feasible else Status.NO_GRASP
-        touches = depth is not None and not depth.is_free
-        if touches and status is Status.SOLVED:
+            depth = links.at(on_body.candidate.hand) if links.has_shapes else None
+            gaps = links.tip_gaps(on_body.candidate.hand, on_body.grasp.points)
+        status = Status.SOLVED if bounds.lower > 0.0 and on_body.is_feasible else Status.NO_GRASP
+        collides = depth is not None and not depth.is_free
+        if collides and status is Status.SOLVED:
             status = Status.TOUCHES
         record = StartRecord(
             index,
             status,
-            found.candidate.faces,
+            on_body.candidate.faces,
             bounds,
-            found.violation,
+            on_body.violation,
             state.effort.iterations,
             seconds=seconds or {},
             message=message,
             history=tuple(state.history),
-            obstruction=depth.words if depth is not None and touches else "",
+            obstruction=depth.words if depth is not None and collides else "",
             origin=origin,
         )
-        reports = constraint_reports(compiled, found, state.multipliers)
-        return cls(record, found, reports, state.effort, robust, state.candidate, depth=depth, tip_gaps=tuple(gaps))
+        reports = constraint_reports(compiled, on_body, state.multipliers)
+        return cls(record, on_body, reports, state.effort, robust, state.candidate, depth=depth, tip_gaps=tuple(gaps))
 
     @property
     def effort(self) -> Effort:
-        """What the start cost, in iterations and seconds."""
-        return self.spent
+        """Solver effort of the start, in iterations and seconds."""
+        return self.total_effort
 
     @property
     def rank(self) -> Bounds:
         """Bounds by which starts are ranked: mu, or mu under the worst displacement."""
         return self.record.mu if self.robust is None else self.robust.mu
 
-    def noted(self, message: str) -> StartGrasp:
-        """Return the start with a further remark in its record's message; unchanged for an empty one."""
+    def with_message(self, message: str) -> StartGrasp:
+        """Return the start with a message appended to its record's; unchanged for an empty message."""
         parts = ", ".join(part for part in (self.record.message, message) if part)
         return replace(self, record=replace(self.record, message=parts)) if message else self
 
-    def certified(self, problem: GraspProblem, rtol: float, seed: int = 0, deadline: float | None = None) -> StartGrasp:
-        """Return the start with its certificate narrowed to this relative gap."""
-        known, candidate = self.record.mu, self.found.candidate
-        if known.gap <= rtol:
+    def tighten_bounds(
+        self, problem: GraspProblem, rtol: float, seed: int = 0, deadline: float | None = None
+    ) -> StartGrasp:
+        """Return the start with its certificate tightened to this relative gap."""
+        previous, candidate = self.record.mu, self.on_body.candidate
+        if previous.gap <= rtol:
             return self
         budget = budget_at(problem, candidate)
-        fine = mu(self.found.grasp, problem.task, rtol, force_budget=budget, seed=seed, deadline=deadline)
-        bounds = replace(fine, lower=max(fine.lower, known.lower), upper=min(fine.upper, known.upper))
+        tight = mu(self.on_body.grasp, problem.task, rtol, force_budget=budget, seed=seed, deadline=deadline)
+        bounds = replace(tight, lower=max(tight.lower, previous.lower), upper=min(tight.upper, previous.upper))
         return replace(self, record=replace(self.record, mu=bounds))
 
 
 def attempt(work: Callable[[], Item]) -> tuple[Item | None, str]:
-    """Return the result of some work and an empty message; where numerics fail, None and the error as text."""
+    """Return the result of a call and an empty message; where numerics fail, None and the error as text."""
     try:
         return work(), ""
     except SOLVER_ERRORS as error:
@@ -170,10 +174,10 @@ def best_of(results: Sequence[StartResult]) -> StartGrasp | None:
     The lower bounds of two starts differ by chance within their certificates' gap, while the upper bounds are nearly
     always the values themselves: among the starts whose lower bounds are that close, the largest upper bound wins.
     """
-    ended = [r for r in results if isinstance(r, StartGrasp) and r.record.has_grasp]
-    solved = [r for r in ended if r.solved] or ended
-    if not solved:
+    grasps = [r for r in results if isinstance(r, StartGrasp) and r.record.has_grasp]
+    eligible = [r for r in grasps if r.solved] or grasps
+    if not eligible:
         return None
-    lower = max(r.rank.lower for r in solved)
-    close = [r for r in solved if r.rank.upper >= lower and r.rank.lower >= (1.0 - CLOSE) * lower]
-    return max(close, key=lambda r: (r.rank.upper, -r.record.index))
+    lower = max(r.rank.lower for r in eligible)
+    tied = [r for r in eligible if r.rank.upper >= lower and r.rank.lower >= (1.0 - TIE) * lower]
+    return max(tied, key=lambda r: (r.rank.upper, -r.record.index))

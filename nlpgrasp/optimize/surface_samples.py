@@ -28,16 +28,16 @@ from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.grasp import GraspStack
 from nlpgrasp.quality.screening import spread_directions
 
-CLOUD, LEAST = 2400, 600  # sample points of a body with faces: in all; per face, at least
+BODY_SAMPLES, FACE_SAMPLES = 2400, 600  # sample points of a body with faces: in all; per face, at least
 MESH_SAMPLES = 20000  # sample points of a mesh
-MESH_ANGLE = np.radians(30.0)  # most between mesh normal and smooth normal: avoids sharp edges
-POINTS, BLOCK = 1200, 200  # sample points that are paired across the body; block size of the pairing
+MESH_ANGLE = np.radians(30.0)  # largest angle between mesh normal and smooth normal: avoids sharp edges
+PAIRED_POINTS, PAIRING_BLOCK = 1200, 200  # sample points that are paired across the body; block size of the pairing
 ASIDE = 1.5  # largest distance of a partner from the line along the normal, in spacings of the points
-PARTNERS = 3  # partners per point, at most: those nearest to its line
-SAMPLES = 2400  # samples of a contact in its support table, at most
+PARTNERS = 3  # partners per point, at most: those nearest to the line along its normal
+TABLE_SAMPLES = 2400  # samples of a contact in its support table, at most
 BAND = 0.05  # allowed violation of equations, relative to their scales; samples are projected afterwards
-KEEPS = 1e-5  # violation beyond this band, relative to the constraint's scale, that counts as none
-SHAPED_BY = 256  # random grasps whose wrenches complete the metric of a degenerate task
+NEGLIGIBLE = 1e-5  # violation beyond the band, relative to the constraint's scale, that counts as none
+METRIC_GRASPS = 256  # random grasps whose wrenches complete the metric of a degenerate task
 IntArray = NDArray[np.intp]
 
 
@@ -61,10 +61,10 @@ class SampleCloud:
     normals: FloatArray
     tree: cKDTree
 
-    def subset(self, kept: NDArray[np.intp]) -> SampleCloud:
-        """Return the points with these numbers (m,)."""
-        points = self.points[kept]
-        return SampleCloud(self.faces[kept], points, self.normals[kept], cKDTree(points))
+    def subset(self, indices: NDArray[np.intp]) -> SampleCloud:
+        """Return the points with these indices (m,)."""
+        points = self.points[indices]
+        return SampleCloud(self.faces[indices], points, self.normals[indices], cKDTree(points))
 
 
 class SurfaceSamples:
@@ -85,27 +85,28 @@ class SurfaceSamples:
         problem, k = self._problem, len(self._problem.models)
         names = sorted({n for i in range(k) for n in problem.allowed_faces(i)})
         rng = np.random.default_rng(0)
-        count = max(LEAST, CLOUD // len(names))
-        found = {name: problem.body.sample(name, count, rng, problem.margin) for name in names}
-        found = {name: points for name, points in found.items() if len(points)}
+        count = max(FACE_SAMPLES, BODY_SAMPLES // len(names))
+        samples = {name: problem.body.sample(name, count, rng, problem.margin) for name in names}
+        samples = {name: points for name, points in samples.items() if len(points)}
         if directions := _directions(problem):
-            told = {
-                n: _determines_direction(directions, problem.body.evaluate(n, points)[2]) for n, points in found.items()
+            determined = {
+                name: points[_determines_direction(directions, problem.body.evaluate(name, points)[2])]
+                for name, points in samples.items()
             }
-            found = {name: points[told[name]] for name, points in found.items() if np.any(told[name])}
+            samples = {name: points for name, points in determined.items() if len(points)}
         for i in range(k):
-            if not any(n in found for n in problem.allowed_faces(i)):
+            if not any(n in samples for n in problem.allowed_faces(i)):
                 raise InputError(
                     "GraspProblem.body", f"no point found on {problem.allowed_faces(i)}", "a reachable face"
                 )
-        return found
+        return samples
 
     def usable(self, contact: int) -> tuple[str, ...]:
         """Return the faces that a contact may use and that have points."""
         return tuple(n for n in self._problem.allowed_faces(contact) if n in self.faces)
 
     def cloud(self, contact: int) -> SampleCloud:
-        """Return the points that a contact may use: of a mesh those of the mesh itself."""
+        """Return the points that a contact may use; on a mesh points of the mesh itself."""
         if isinstance(self._problem.body, Mesh):
             return self.mesh_cloud
         names = self.usable(contact)
@@ -126,9 +127,9 @@ class SurfaceSamples:
         """Points of the mesh itself, away from sharp edges, with its triangles' inward normals."""
         body = self.mesh
         points, normals = body.surface_samples(MESH_SAMPLES, np.random.default_rng(0))
-        kept = is_usable(self._problem, points, normals)
-        if kept.any():
-            points, normals = points[kept], normals[kept]
+        usable = is_usable(self._problem, points, normals)
+        if usable.any():
+            points, normals = points[usable], normals[usable]
         return SampleCloud(np.full(len(points), body.face_names[0], dtype=object), points, -normals, cKDTree(points))
 
 
@@ -142,19 +143,19 @@ def mesh_of(problem: GraspProblem) -> Mesh:
 def is_usable(problem: GraspProblem, points: FloatArray, outward: FloatArray) -> NDArray[np.bool_]:
     """Return the mask of mesh points (m, 3), with outward normals (m, 3), that a contact may use.
 
-    They are the margin away from sharp edges, the normals there are near those of the smooth surface, and the largest
-    fingertip that is where its contact is cuts the mesh nowhere.
+    They are at least the margin away from sharp edges, their normals are near those of the smooth surface, and the
+    largest fingertip that follows its contact does not overlap the mesh there.
     """
     body, face, hand = mesh_of(problem), problem.body.face_names[0], problem.hand
-    kept = np.sum(body.evaluate(face, points)[2] * outward, axis=1) >= np.cos(MESH_ANGLE)
+    usable = np.sum(body.evaluate(face, points)[2] * outward, axis=1) >= np.cos(MESH_ANGLE)
     if directions := _directions(problem):
-        kept &= _determines_direction(directions, outward)
+        usable &= _determines_direction(directions, outward)
     if problem.margin > 0.0:
-        kept &= body.edge_distance(face, points) >= problem.margin
+        usable &= body.edge_distance(face, points) >= problem.margin
     radius = 0.0 if hand is None or not hand.follows_contacts else max(hand.tip_radii)
     if radius > 0.0:
-        kept[kept] = body.clearance((points + radius * outward)[kept]) >= FITS * radius
-    return np.asarray(kept)
+        usable[usable] = body.clearance((points + radius * outward)[usable]) >= FITS * radius
+    return np.asarray(usable)
 
 
 class SampleTables:
@@ -177,17 +178,17 @@ class SampleTables:
     power : float
         p of ``phi_G^p = sum_i s_i^p`` for the supports of the contacts; 1 where ``phi_G`` is the largest of them.
     combine : numpy.ufunc
-        That sum, or the maximum.
+        The sum of the powers, or their maximum.
     distinct : list of SampleTable
         Contacts with one model and the same samples share a table.
     of_contact : list of k int
-        The table of each contact.
+        Index of each contact's table.
     directions : (j, d) array
-        Each with ``phi_A = 1``: well spread for the task if not given.
+        Each with ``phi_A = 1``.
     powers : list of (j, m) array
-        ``s^p`` of each table along these.
+        ``s^p`` of each table along the directions.
     coupled : bool
-        Whether constraints are left that have to be checked on all contacts together.
+        Whether some constraints have to be checked on all contacts together.
     """
 
     def __init__(
@@ -217,7 +218,7 @@ class SampleTables:
         on_one_contact = ~rows.dependence[:, -1] & (np.sum(rows.dependence, axis=1) <= 1)
         self.coupled = not (np.all(on_one_contact) and all(mask.any() for mask in allowed))
         if directions is None:
-            grasps = self.places(self.random(SHAPED_BY, np.random.default_rng(0)))
+            grasps = self.places(self.random(METRIC_GRASPS, np.random.default_rng(0)))
             y = spread_directions(GraspStack(*grasps, models, origin), problem.task)
             directions = y / problem.task.support(y)[0][:, None]
         self.directions = directions
@@ -229,23 +230,23 @@ class SampleTables:
 
     @cached_property
     def pairs(self) -> IntArray:
-        """Pairs of opposite samples by number, (b, 2), where jaws have to face each other; else none."""
+        """Index pairs of opposite samples, (b, 2), for parallel jaws; none for other hands."""
         if not (self._jaws and self.of_contact[0] == self.of_contact[1]):
             return np.zeros((0, 2), dtype=np.intp)
         pairs = opposite_pairs(self.samples(0))
         return np.concatenate([pairs, pairs[:, ::-1]])
 
     def random(self, count: int, rng: np.random.Generator) -> IntArray:
-        """Return random tuples of samples, one a contact, by number, (count, k)."""
+        """Return random tuples of sample indices, one for each contact, (count, k)."""
         if len(self.pairs):
             return self.pairs[rng.integers(len(self.pairs), size=count)]
         sizes = [len(self.samples(i).points) for i in range(len(self.of_contact))]
         return np.stack([rng.integers(size, size=count) for size in sizes], axis=1)
 
     def nearest(self, contacts: Sequence[FloatArray]) -> IntArray:
-        """Return the tuples of samples nearest to contacts (k, space) each, (b, k)."""
-        each = [[self.samples(i).tree.query(point)[1] for i, point in enumerate(points)] for points in contacts]
-        return np.array(each, dtype=np.intp).reshape(len(contacts), len(self.of_contact))
+        """Return the tuples of sample indices, (b, k), nearest to the contacts (k, space) of b grasps."""
+        tuples = [[self.samples(i).tree.query(point)[1] for i, point in enumerate(points)] for points in contacts]
+        return np.array(tuples, dtype=np.intp).reshape(len(contacts), len(self.of_contact))
 
     def places(self, tuples: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return points and inward normals of tuples of samples (b, k), (b, k, space) each."""
@@ -256,13 +257,13 @@ class SampleTables:
 
 @dataclass(frozen=True)
 class SampleTable:
-    """Samples feasible for one contact by the constraints on it alone, and its grasp maps there.
+    """Samples at which one contact satisfies the constraints on it alone, with its grasp maps.
 
     Parameters
     ----------
     model : ContactModel
     measure : Measure
-        Of the force budget.
+        Combination of the contacts' supports under the force budget.
     samples : SampleCloud
     maps : (m, d, n) array
     """
@@ -276,42 +277,42 @@ class SampleTable:
         """Return ``s^p``, the power of the support, at all samples along directions (j, d), (j, m)."""
         m, d, n = self.maps.shape
         work = (y @ self.maps.transpose(1, 0, 2).reshape(d, m * n)).reshape(len(y), m, n)
-        found = (self.measure.powers if self.measure.exact else self.measure.support)(self.model, work)
-        return np.asarray(found, dtype=np.float32)
+        powers = (self.measure.powers if self.measure.exact else self.measure.support)(self.model, work)
+        return np.asarray(powers, dtype=np.float32)
 
 
 def opposite_pairs(cloud: SampleCloud) -> NDArray[np.intp]:
-    """Return pairs of opposite points by number, (b, 2): the second is where the first one's normal leads.
+    """Return index pairs of opposite points, (b, 2): the second is near the line along the first one's inward normal.
 
-    A normal may lead out of the body and into it again: each point has up to three partners.
+    The line may leave the body and enter it again: each point has up to three partners.
 
     Parameters
     ----------
     cloud : SampleCloud
-        Of which at most 1200 points are paired, always the same.
+        At most 1200 of its points are paired, always the same.
     """
-    some = np.random.default_rng(0).permutation(len(cloud.points))[:POINTS]
-    p, n = cloud.points[some], cloud.normals[some]
-    nearest = np.asarray(cloud.tree.query(p, k=2)[0])[:, 1]
-    spacing = float(np.median(nearest)) * np.sqrt(len(cloud.points) / len(p))
+    subset = np.random.default_rng(0).permutation(len(cloud.points))[:PAIRED_POINTS]
+    points, normals = cloud.points[subset], cloud.normals[subset]
+    nearest_distances = np.asarray(cloud.tree.query(points, k=2)[0])[:, 1]
+    spacing = float(np.median(nearest_distances)) * np.sqrt(len(cloud.points) / len(points))
     pairs = []
-    for begin in range(0, len(p), BLOCK):
-        here = slice(begin, begin + BLOCK)
-        between = p[None] - p[here, None]
-        along = np.einsum("ijk,ik->ij", between, n[here])
-        beside = np.sqrt(np.maximum(np.sum(between**2, axis=2) - along**2, 0.0))
-        good = (along > 0.0) & (beside <= ASIDE * spacing) & (n[here] @ n.T < 0.0)
-        order = np.argsort(np.where(good, beside, np.inf), axis=1)[:, :PARTNERS]
-        rows, columns = np.nonzero(np.take_along_axis(good, order, axis=1))
-        ends = order[rows, columns]
-        pairs.append(np.stack([some[here][rows], some[ends]], axis=1))
+    for first in range(0, len(points), PAIRING_BLOCK):
+        block = slice(first, first + PAIRING_BLOCK)
+        differences = points[None] - points[block, None]
+        along = np.einsum("ijk,ik->ij", differences, normals[block])
+        aside = np.sqrt(np.maximum(np.sum(differences**2, axis=2) - along**2, 0.0))
+        faces_back = (along > 0.0) & (aside <= ASIDE * spacing) & (normals[block] @ normals.T < 0.0)
+        order = np.argsort(np.where(faces_back, aside, np.inf), axis=1)[:, :PARTNERS]
+        rows, columns = np.nonzero(np.take_along_axis(faces_back, order, axis=1))
+        partners = order[rows, columns]
+        pairs.append(np.stack([subset[block][rows], subset[partners]], axis=1))
     return np.concatenate(pairs)
 
 
 def _directions(problem: GraspProblem) -> list[tuple[float, ...]]:
-    """Return the directions of lines and rectangles among the contacts."""
-    each = (getattr(model, "direction", None) for model in problem.models) if problem.body.space == 3 else ()
-    return [direction for direction in each if direction is not None]
+    """Return the directions of the line and rectangle contacts among the models."""
+    directions = (getattr(model, "direction", None) for model in problem.models) if problem.body.space == 3 else ()
+    return [direction for direction in directions if direction is not None]
 
 
 def _determines_direction(directions: Sequence[tuple[float, ...]], outward: FloatArray) -> NDArray[np.bool_]:
@@ -320,11 +321,11 @@ def _determines_direction(directions: Sequence[tuple[float, ...]], outward: Floa
 
 
 def _subset(cloud: SampleCloud, allowed: NDArray[np.bool_]) -> SampleCloud:
-    """Return at most ``SAMPLES`` feasible points (m,) of a cloud; all are used where none is feasible."""
-    kept = np.flatnonzero(allowed if allowed.any() else ~allowed)
-    if len(kept) > SAMPLES:
-        kept = np.random.default_rng(0).choice(kept, SAMPLES, replace=False)
-    return cloud.subset(kept)
+    """Return at most ``TABLE_SAMPLES`` feasible points (m,) of a cloud; all are used where none is feasible."""
+    indices = np.flatnonzero(allowed if allowed.any() else ~allowed)
+    if len(indices) > TABLE_SAMPLES:
+        indices = np.random.default_rng(0).choice(indices, TABLE_SAMPLES, replace=False)
+    return cloud.subset(indices)
 
 
 def _satisfying_samples(
@@ -332,12 +333,12 @@ def _satisfying_samples(
 ) -> NDArray[np.bool_]:
     """Return the mask of a contact's samples that satisfy the constraints on that contact alone, (m,)."""
     cloud, count = clouds[contact], len(clouds[contact].points)
-    alone = rows.dependence[:, contact] & (np.sum(rows.dependence, axis=1) == 1)
-    if not alone.any():
+    on_contact = rows.dependence[:, contact] & (np.sum(rows.dependence, axis=1) == 1)
+    if not on_contact.any():
         return np.ones(count, dtype=bool)
     points, normals = (
         np.repeat(np.stack([getattr(c, key)[0] for c in clouds])[None], count, axis=0) for key in ("points", "normals")
     )
     points[:, contact], normals[:, contact] = cloud.points, cloud.normals
     values = rows.values(points, normals, hand.start(points, normals))
-    return np.asarray(np.all(rows.each_excess(values, BAND)[:, alone] <= KEEPS, axis=1))
+    return np.asarray(np.all(rows.each_excess(values, BAND)[:, on_contact] <= NEGLIGIBLE, axis=1))

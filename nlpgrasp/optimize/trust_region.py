@@ -1,10 +1,10 @@
 """Trust-region steps, by the program's linearisation with the reduced Hessian or by IPOPT.
 
-Solving the whole program in each round would take tenths of a second, with forces or a hand in it seconds, for a step
-that the trust region cuts short. Instead a round linearises all constraints at the current contacts, maximises beta
-inside the trust region by Clarabel, and returns to the constraints by Newton steps (``Linearisation``). For the least
-of many smooth functions this is the method of Madsen (1975, doi:10.1093/imamat/16.3.321). Only where forces are
-variables does IPOPT solve the program inside the trust region (``program_step``).
+Solving the whole program in each round would take tenths of a second (seconds with forces or a hand) for a step that
+the trust region limits. Instead a round linearises all constraints at the current contacts, maximises beta inside the
+trust region by Clarabel, and returns to the constraints by Newton steps (``Linearisation``). For the minimum of many
+smooth functions this is the method of Madsen (1975, doi:10.1093/imamat/16.3.321). Only where forces are variables does
+IPOPT solve the program inside the trust region (``program_step``).
 
 A cut ``phi_G(y_j; p) >= beta`` touches ``psi_j(p) = min over y near y_j of phi_G(y; p) / phi_A(y)`` from above: the
 two have the same gradient, but not the same curvature, and at most local optima the cuts alone curve the wrong way.
@@ -39,17 +39,17 @@ from nlpgrasp.quality.ratio_minimisation import principal_curvatures
 from nlpgrasp.quality.weakest_directions import to_coordinates
 from nlpgrasp.quality.wrench_set import WrenchSet
 
-DAMPING = 1e-3  # weight of the squared step: keeps irrelevant joints where they are
+DAMPING = 1e-3  # weight of the squared step: keeps joints that do not matter from moving
 CURVED_DAMPING = 1e-6  # the same where the Lagrangian's curvature is in the objective
-OTHERS = {"normal": 4.0, "hand": 3.0}  # trust-region radius of other variables over that of positions
+RELATIVE_RADII = {"normal": 4.0, "hand": 3.0}  # trust-region radius of other variables over that of positions
 CORRECTIONS = NewtonRules(steps=3, enough=1e-7)
 BETA_STEP = 10.0  # solver units, effectively unbounded
-STEP = 1e-5  # step of finite differences, solver units or radians
+DIFFERENCE = 1e-5  # step of finite differences, solver units or radians
 ACTIVE = 1e-7  # multipliers below count as zero
 INDEPENDENT = 1e-9  # relative singular value below which constraints are dependent
-LEAST_REACH = 1e-300  # lower bound on the task's support, against division by zero
+LEAST_SUPPORT = 1e-300  # lower bound on the task's support, against division by zero
 FLAT = 1e-12  # solver units: smaller curvature counts as zero
-LEAST = 1e-4  # solver units, lower bound on curvature in the reduced space, which limits the step there
+LEAST_CURVATURE = 1e-4  # solver units, lower bound on curvature in the reduced space, which limits the step there
 
 
 @dataclass(frozen=True)
@@ -59,17 +59,17 @@ class TrustRegionStep:
     Parameters
     ----------
     candidate : GraspCandidate
-    promised : float
-        The rise of mu that the linearised or nonlinear program promises.
+    predicted_gain : float
+        Increase of mu predicted by the linearised or nonlinear program.
     multipliers : (rows,) array
-        Of the rows of constraints and hand, solver units.
+        Multipliers of the constraints on contacts and hand, solver units.
     effort : Effort
     support : (m,) array
         Multipliers of the cuts, at least zero up to rounding.
     """
 
     candidate: GraspCandidate
-    promised: float
+    predicted_gain: float
     multipliers: FloatArray
     effort: Effort
     support: FloatArray
@@ -99,18 +99,19 @@ class Linearisation:
         self.z = pack_variables(compiled, self.functions.program, candidate)
         self.beta = self.functions.program.block("beta").start
         self.theta = piece_parameters(compiled, candidate, cuts)
-        self.cuts: tuple[FloatArray, FloatArray] | None = None  # those that the program does not hold
+        # supports and gradients of the cuts that the program does not hold
+        self.outside_cuts: tuple[FloatArray, FloatArray] | None = None
         if compiled.problem.budget.follows_hand:
-            reached, slopes = torque_cuts(compiled, candidate, self.z, cuts)
+            support, slopes = torque_cuts(compiled, candidate, self.z, cuts)
             slopes[:, self.beta] = -1.0
-            self.cuts = reached, slopes
+            self.outside_cuts = support, slopes
         else:
-            reached = compiled.scaling.beta * compiled.wrench_set(candidate).support(cuts)[0]
-        self.z[self.beta] = np.min(reached, initial=BETA_STEP)  # all cuts hold at the start: phi_A = 1 along them
-        self.reach = np.ones(len(self.z))
+            support = compiled.scaling.beta * compiled.wrench_set(candidate).support(cuts)[0]
+        self.z[self.beta] = np.min(support, initial=BETA_STEP)  # all cuts hold at the start: phi_A = 1 along them
+        self.relative_radii = np.ones(len(self.z))
         for block in self.functions.program.variables:
-            self.reach[block.range] = OTHERS.get(block.kind, 1.0)
-        self.reach[self.beta] = np.inf
+            self.relative_radii[block.range] = RELATIVE_RADII.get(block.kind, 1.0)
+        self.relative_radii[self.beta] = np.inf
 
     @property
     def cost(self) -> FloatArray:
@@ -124,18 +125,18 @@ class Linearisation:
         return self._with_cuts(self._rows(self.z, np.full(len(self.z), np.inf), slice(0, None)))
 
     def at(self, z: FloatArray, cuts: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return all constraints at nearby variables, with other cuts in place of these, and the Jacobian (rows, n)."""
-        if self.cuts is not None:
-            reached, slopes = torque_cuts(self.compiled, self.placed_at(z), z, cuts)
+        """Return all constraints at nearby variables, with the cuts replaced, and their Jacobian (rows, n)."""
+        if self.outside_cuts is not None:
+            support, slopes = torque_cuts(self.compiled, self.candidate_at(z), z, cuts)
             slopes[:, self.beta] = -1.0
             g, J = self.functions.linearise(z, self.theta)
-            return np.concatenate([g, reached - z[self.beta]]), np.concatenate([J, slopes])
+            return np.concatenate([g, support - z[self.beta]]), np.concatenate([J, slopes])
         theta = self.theta.copy()
         start = self.functions.program.block("directions").start
         theta[start : start + cuts.size] = cuts.ravel()
         return self.functions.linearise(z, theta)
 
-    def placed_at(self, z: FloatArray) -> GraspCandidate:
+    def candidate_at(self, z: FloatArray) -> GraspCandidate:
         """Return the candidate at some variables, without projection onto the faces."""
         program = self.functions.program
         return GraspCandidate(self.faces, contact_points(self.compiled, program, z), hand_of(program, z))
@@ -152,9 +153,9 @@ class Linearisation:
         Parameters
         ----------
         radius : float
-            How far positions may go, over the body's size.
+            Trust-region radius of positions, over the body's size.
         curvature : (n, n) array, optional
-            Of the Lagrangian, no part of it negative.
+            Positive semidefinite curvature of the Lagrangian.
         """
         rows = self._with_cuts(self._rows(self.z, self._size(radius), slice(0, None)))
         return shortest_step(rows, self.cost, DAMPING if curvature is None else CURVED_DAMPING, curvature=curvature)
@@ -162,8 +163,8 @@ class Linearisation:
     def step(self, first: QuadraticStep, radius: float) -> TrustRegionStep | None:
         """Return the step of a quadratic program inside a trust region with restored feasibility; None without one."""
         program, size = self.functions.program, self._size(radius)
-        others = slice(program.contained, None)
-        corrected = restore_feasibility(lambda z: self._rows(z, size, others), self.z + first.d, CORRECTIONS)
+        constraints = slice(program.contained, None)
+        corrected = restore_feasibility(lambda z: self._rows(z, size, constraints), self.z + first.d, CORRECTIONS)
         if corrected.contradicted:
             return None
         return TrustRegionStep(
@@ -178,7 +179,7 @@ class Linearisation:
     def cut_rows(self) -> NDArray[np.intp]:
         """Indices of the cuts among all constraints, (m,)."""
         program = self.functions.program
-        if self.cuts is None:
+        if self.outside_cuts is None:
             return np.array(program.rows_of(SUPPORT)[: self.count], dtype=np.intp)
         return program.limits[0].size + np.arange(self.count)
 
@@ -188,26 +189,26 @@ class Linearisation:
 
     def _size(self, radius: float) -> FloatArray:
         """Return the trust-region bound of each variable, (n,)."""
-        free = np.isinf(self.reach)
-        return np.where(free, BETA_STEP, radius * np.where(free, 1.0, self.reach))
+        unbounded = np.isinf(self.relative_radii)
+        return np.where(unbounded, BETA_STEP, radius * np.where(unbounded, 1.0, self.relative_radii))
 
     def _with_cuts(self, rows: Linearised) -> Linearised:
         """Return the constraints with the cuts appended that the program does not hold."""
-        if self.cuts is None:
+        if self.outside_cuts is None:
             return rows
-        reached, slopes = self.cuts
-        values = np.concatenate([rows.values, reached - self.z[self.beta]])
+        support, slopes = self.outside_cuts
+        values = np.concatenate([rows.values, support - self.z[self.beta]])
         jacobian = np.concatenate([rows.jacobian, slopes])
-        lower = np.concatenate([rows.lower, np.zeros(len(reached))])
-        upper = np.concatenate([rows.upper, np.full(len(reached), np.inf)])
+        lower = np.concatenate([rows.lower, np.zeros(len(support))])
+        upper = np.concatenate([rows.upper, np.full(len(support), np.inf)])
         return Linearised(values, jacobian, lower, upper, rows.least, rows.most)
 
-    def _rows(self, z: FloatArray, size: FloatArray, used: slice) -> Linearised:
+    def _rows(self, z: FloatArray, size: FloatArray, selected: slice) -> Linearised:
         """Return some of the constraints linearised at z, for steps of at most ``size``."""
         g, J = self.functions.linearise(z, self.theta)
         low, high = self.functions.program.limits
         bounds = step_bounds(z, self.functions.program.bounds, size)
-        return Linearised(g[used], J[used], low[used], high[used], *bounds)
+        return Linearised(g[selected], J[selected], low[selected], high[selected], *bounds)
 
 
 def program_step(
@@ -229,65 +230,66 @@ def program_step(
 
 
 def reduced_hessian(
-    here: Linearisation, cuts: FloatArray, minimisers: NDArray[np.bool_], multipliers: FloatArray
+    linear: Linearisation, cuts: FloatArray, minimisers: NDArray[np.bool_], multipliers: FloatArray
 ) -> FloatArray:
     """Return the reduced Hessian of ``-beta + multipliers g``, its negative part removed, (n, n), solver units.
 
     Parameters
     ----------
-    here : Linearisation
-        The program linearised where contacts and hand are.
+    linear : Linearisation
+        The program linearised at the current candidate.
     cuts : (m, d) array
-        Directions that it was linearised with.
+        Directions of the linearisation.
     minimisers : (m,) array of bool
-        Which of them are local minimisers of the support ratio there; others stay as they are.
+        Mask of the cuts that are local minimisers of the support ratio; the others are fixed directions.
     multipliers : (rows,) array
-        Of all rows of ``Linearisation.rows``.
+        Multipliers of all constraints of ``Linearisation.rows``.
     """
-    rows = here.rows()
-    basis = _tangents(rows.jacobian[rows.lower == rows.upper], here.beta)
-    slope = multipliers @ rows.jacobian
-    around = [multipliers @ here.at(here.z + STEP * direction, cuts)[1] for direction in basis.T]
-    second = np.array([(there - slope) @ basis / STEP for there in around]).reshape(basis.shape[1], -1)
-    moving = np.flatnonzero(minimisers & (here.support(multipliers) > ACTIVE))
-    second = 0.5 * (second + second.T) + _moving_minimiser_part(here, cuts, moving, multipliers, basis)
-    values, vectors = np.linalg.eigh(second)
+    rows = linear.rows()
+    basis = _tangents(rows.jacobian[rows.lower == rows.upper], linear.beta)
+    gradient = multipliers @ rows.jacobian
+    displaced = [multipliers @ linear.at(linear.z + DIFFERENCE * direction, cuts)[1] for direction in basis.T]
+    hessian = np.array([(g - gradient) @ basis / DIFFERENCE for g in displaced]).reshape(basis.shape[1], -1)
+    moving = np.flatnonzero(minimisers & (linear.support(multipliers) > ACTIVE))
+    hessian = 0.5 * (hessian + hessian.T) + _moving_minimiser_part(linear, cuts, moving, multipliers, basis)
+    values, vectors = np.linalg.eigh(hessian)
     vectors = basis @ vectors
-    return np.asarray((vectors * np.maximum(values, LEAST)) @ vectors.T)
+    return np.asarray((vectors * np.maximum(values, LEAST_CURVATURE)) @ vectors.T)
 
 
 def _moving_minimiser_part(
-    here: Linearisation, cuts: FloatArray, moving: NDArray[np.intp], multipliers: FloatArray, basis: FloatArray
+    linear: Linearisation, cuts: FloatArray, moving: NDArray[np.intp], multipliers: FloatArray, basis: FloatArray
 ) -> FloatArray:
     """Return the part ``-g_zy g_yy^-1 g_yz`` of the Hessian in a basis (n, s), summed over the moving minimisers."""
-    size, task = basis.shape[1], here.compiled.problem.task
-    budget = here.compiled.budget(here.placed_at(here.z))
-    problem, _ = condition(WrenchSet.of(here.grasp_at(here.z), budget), task)
+    size, task = basis.shape[1], linear.compiled.problem.task
+    budget = linear.compiled.budget(linear.candidate_at(linear.z))
+    problem, _ = condition(WrenchSet.of(linear.grasp_at(linear.z), budget), task)
     if problem is None or not len(moving):
         return np.zeros((size, size))
-    own = here.cut_rows[moving]
+    cut_rows = linear.cut_rows[moving]
 
     def rows_at(y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        other = cuts.copy()
-        other[moving] = y
-        values, jacobian = here.at(here.z, other)
-        return values[own], jacobian[own] @ basis
+        moved_cuts = cuts.copy()
+        moved_cuts[moving] = y
+        values, jacobian = linear.at(linear.z, moved_cuts)
+        return values[cut_rows], jacobian[cut_rows] @ basis
 
     u = to_coordinates(problem, cuts[moving])
     ratio, gradient = problem.ratio(u)
     axes, curvature = principal_curvatures(problem, u, gradient)
     values, slopes = rows_at(cuts[moving])
-    rise = (rows_at((1.0 + STEP) * cuts[moving])[0] - values) / (STEP * ratio)  # of the row, over the ratio's
-    tilted = [(u + STEP * axis) @ problem.matrix for axis in axes.transpose(1, 0, 2)]
-    turned = [rows_at(y / np.maximum(task.support(y)[0], LEAST_REACH)[:, None])[1] for y in tilted]
-    mixed = (np.array(turned) - slopes) / STEP  # g_yz, (r - 1, m, s)
-    steep = rise * curvature.T  # nothing moves along where the row does not change
-    weights = np.where(steep > FLAT, multipliers[own] / np.maximum(steep, FLAT), 0.0)
+    # change of the constraint over that of the ratio
+    increase = (rows_at((1.0 + DIFFERENCE) * cuts[moving])[0] - values) / (DIFFERENCE * ratio)
+    tilted_directions = [(u + DIFFERENCE * axis) @ problem.matrix for axis in axes.transpose(1, 0, 2)]
+    jacobians = [rows_at(y / np.maximum(task.support(y)[0], LEAST_SUPPORT)[:, None])[1] for y in tilted_directions]
+    mixed = (np.array(jacobians) - slopes) / DIFFERENCE  # g_yz, (r - 1, m, s)
+    g_yy = increase * curvature.T  # where it vanishes, the minimiser does not move
+    weights = np.where(g_yy > FLAT, multipliers[cut_rows] / np.maximum(g_yy, FLAT), 0.0)
     return np.asarray(-np.einsum("amr,ams,am->rs", mixed, mixed, weights))
 
 
 def _tangents(equations: FloatArray, beta: int) -> FloatArray:
     """Return an orthonormal basis (n, r) of the directions that preserve linearised equations and beta."""
-    fixed = np.concatenate([equations, np.eye(equations.shape[1])[beta : beta + 1]])
-    _, values, vectors = np.linalg.svd(fixed)
+    preserved = np.concatenate([equations, np.eye(equations.shape[1])[beta : beta + 1]])
+    _, values, vectors = np.linalg.svd(preserved)
     return np.asarray(vectors[int(np.sum(values > INDEPENDENT * values[0])) :].T)

@@ -1,8 +1,8 @@
 """Warm starts: known grasps of the problem's body, each certified unchanged, then refined.
 
-A warm start is a placement of the problem's contacts with what is known of it: normals, a lower bound of mu, an origin.
-It comes from a public grasp (``WarmStart.of``), from a grasp of another problem with fewer or other contacts
-(``adapt_grasp``, ``complete_contacts``), or from any candidate. It leads to two starts (``run_warm_start``).
+A warm start is a candidate with its known normals, lower bound of mu and origin. It comes from a public grasp
+(``WarmStart.of``), from a grasp of another problem with fewer or other contacts (``adapt_grasp``,
+``complete_contacts``), or from any candidate. It leads to two starts (``run_warm_start``).
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ from nlpgrasp.solution.kept_grasps import FoundGrasp
 from nlpgrasp.solution.records import CandidateOrigin
 from nlpgrasp.solution.solution import GraspSolution
 
-ON = 1e-3  # largest distance from the surface, over the body's size, of contacts that are projected onto it
-DRAWN = 128  # random positions compared for each added contact
+SNAP_DISTANCE = 1e-3  # largest distance from the surface, over the body's size, of contacts that are projected onto it
+RANDOM_POSITIONS = 128  # random positions compared for each added contact
 KnownGrasp = Grasp | FoundGrasp | GraspSolution
-"""What users pass as a warm start."""
+"""Kinds of grasps that users pass as warm starts."""
 
 
 @dataclass(frozen=True)
@@ -53,9 +53,9 @@ class WarmStart:
     normals : (k, space) array
         Inward unit normals of the body at the contacts, where known; NaN for a contact whose normal is to be computed.
     floor : float
-        Certified lower bound of the grasp's mu that another problem proves, 0 without one.
+        Certified lower bound of the grasp's mu, proved by another problem; 0 without one.
     origin : str
-        Where it is from, in words, for the starts' messages.
+        Origin of the grasp, for the starts' messages.
     """
 
     candidate: GraspCandidate
@@ -64,14 +64,14 @@ class WarmStart:
     origin: str = ""
 
     @classmethod
-    def of(cls, compiled: CompiledProblem, known: KnownGrasp, normals: FloatArray | None = None) -> WarmStart:
+    def of(cls, compiled: CompiledProblem, source: KnownGrasp, normals: FloatArray | None = None) -> WarmStart:
         """Return a grasp with the problem's contacts as a warm start: on the surface, with its hand.
 
-        Its normals (k, space) are the body's there, whatever it states, unless they are given.
+        The normals (k, space) are the body's if not given; those of the grasp do not count.
         """
-        problem, grasp = compiled.problem, _grasp_of(known)
-        hand, posture = problem.hand, None if isinstance(known, Grasp) else known.hand
-        faces = _faces_of(problem, known, grasp)
+        problem, grasp = compiled.problem, _grasp_of(source)
+        hand, posture = problem.hand, None if isinstance(source, Grasp) else source.hand
+        faces = _faces_of(problem, source, grasp)
         candidate = GraspCandidate(faces, project_contacts(problem, faces, grasp.points))
         if isinstance(hand, PosedHand) and posture is not None:
             values = hand.values_at(posture, grasp.points)
@@ -88,16 +88,16 @@ def check_warm_starts(problem: GraspProblem, warm_starts: object) -> tuple[Known
     Raises
     ------
     InputError
-        On what is no grasp, one of another body or of other contacts, one off the surface, and one without the posture
-        that a hand with a pose needs.
+        For anything but a grasp, a grasp of another body or of other contacts, one off the surface, and one without the
+        configuration of a hand with a pose.
     """
-    wanted = "a sequence of ng.Grasp, ng.FoundGrasp or ng.GraspSolution"
+    expected = "a sequence of ng.Grasp, ng.FoundGrasp or ng.GraspSolution"
     if isinstance(warm_starts, KnownGrasp | str | Mapping) or not isinstance(warm_starts, Sequence):
-        raise InputError("warm_starts", f"a {type(warm_starts).__name__}", wanted)
-    for i, known in enumerate(warm_starts):
-        if not isinstance(known, KnownGrasp):
-            raise InputError(f"warm_starts[{i}]", f"a {type(known).__name__}", wanted)
-        _check_warm_start(problem, known, f"warm_starts[{i}]")
+        raise InputError("warm_starts", f"a {type(warm_starts).__name__}", expected)
+    for i, source in enumerate(warm_starts):
+        if not isinstance(source, KnownGrasp):
+            raise InputError(f"warm_starts[{i}]", f"a {type(source).__name__}", expected)
+        _check_source(problem, source, f"warm_starts[{i}]")
     return tuple(warm_starts)
 
 
@@ -106,57 +106,57 @@ def run_warm_start(
 ) -> list[StartGrasp]:
     """Return the starts ``index`` and ``index + 1`` from a warm start: unchanged and, with ``improve``, refined.
 
-    Each is left out where there is none.
+    A start without a result is left out.
     """
-    as_is = certify_as_is(compiled, warm, index)
-    refined = refine_warm_start(compiled, warm, index + (as_is is not None), deadline) if improve else None
-    return [start for start in (as_is, refined) if start is not None]
+    unchanged = certify_as_is(compiled, warm, index)
+    refined = refine_warm_start(compiled, warm, index + (unchanged is not None), deadline) if improve else None
+    return [start for start in (unchanged, refined) if start is not None]
 
 
 def certify_as_is(compiled: CompiledProblem, warm: WarmStart, index: int) -> StartGrasp | None:
     """Return a warm start certified unchanged, with a mu of at least its floor.
 
-    None where a contact is on a face that it may not use, or where it breaks a constraint or exerts nothing.
+    None where a contact is on a forbidden face, a constraint is violated, or the grasp does not exert the task.
     """
-    begun = time.perf_counter()
+    started = time.perf_counter()
     with single_thread():
         if not _is_on_faces(compiled, warm.candidate):
             return None
         state = SearchState(warm.candidate, multipliers=np.zeros(len(compiled.rows.named)))
-        found = _certify_start(
-            compiled, _unchanged_grasp(compiled, warm), state, index, warm.origin or "as given", begun, warm.floor
+        start = _certify_start(
+            compiled, _unchanged_grasp(compiled, warm), state, index, warm.origin or "as given", started, warm.floor
         )
-    return found if found.solved else None
+    return start if start.solved else None
 
 
 def refine_warm_start(compiled: CompiledProblem, warm: WarmStart, index: int, deadline: Deadline) -> StartGrasp | None:
     """Return a warm start refined and certified.
 
-    None after a stop, without refinement, where numerics fail, or a contact is on a face that it may not use.
+    None after a stop, without rounds of refinement, where numerics fail, or where a contact is on a forbidden face.
     """
-    begun = time.perf_counter()
+    started = time.perf_counter()
     if deadline.is_requested() or not compiled.options.rounds or not _is_on_faces(compiled, warm.candidate):
         return None
     with single_thread():
         try:
-            found, refined = refine_on_body(compiled, warm.candidate, deadline)
+            on_body, result = refine_on_body(compiled, warm.candidate, deadline)
         except (RuntimeError, np.linalg.LinAlgError):
             return None
         message = f"{warm.origin}, improved" if warm.origin else CandidateOrigin.WARM_START.value
-        return _certify_start(compiled, found, refined.state(), index, message, begun)
+        return _certify_start(compiled, on_body, result.state(), index, message, started)
 
 
-def adapt_grasp(compiled: CompiledProblem, known: FoundGrasp, origin: str) -> WarmStart | None:
+def adapt_grasp(compiled: CompiledProblem, source: FoundGrasp, origin: str) -> WarmStart | None:
     """Return a grasp of another problem with the same body as a warm start; None where contacts or hand do not match.
 
-    It may have fewer contacts, or contacts contained in the problem's; of as many contacts any kind, as it is.
+    Its contacts may be fewer, with cones contained in those of the problem's; as many contacts may be of any kind.
     """
-    grasp, posed = known.grasp, isinstance(compiled.problem.hand, PosedHand)
-    warm = None if posed else complete_contacts(compiled, grasp, known.faces)
-    if warm is None and len(grasp) == len(compiled.problem.models) and (known.hand is not None or not posed):
+    grasp, has_pose = source.grasp, isinstance(compiled.problem.hand, PosedHand)
+    warm = None if has_pose else complete_contacts(compiled, grasp, source.faces)
+    if warm is None and len(grasp) == len(compiled.problem.models) and (source.hand is not None or not has_pose):
         try:
-            warm = WarmStart.of(compiled, known, grasp.normals)
-        except InputError:  # the posture of another hand
+            warm = WarmStart.of(compiled, source, grasp.normals)
+        except InputError:  # the configuration of another hand
             return None
     return None if warm is None else replace(warm, origin=origin)
 
@@ -164,9 +164,9 @@ def adapt_grasp(compiled: CompiledProblem, known: FoundGrasp, origin: str) -> Wa
 def complete_contacts(compiled: CompiledProblem, grasp: Grasp, faces: Sequence[str]) -> WarmStart | None:
     """Return a grasp with a subset of the problem's contacts as a warm start, the missing contacts added.
 
-    Of random positions of the missing contacts, the ones that keep the constraints and exert the task best. None where
-    a contact is not contained, or where no position drawn keeps the constraints. For problems whose hand, if any,
-    follows from the contacts.
+    The missing contacts have the feasible positions with the highest sampled quality out of random ones. None where a
+    contact's cone is not contained, or where no random position is feasible. For problems whose hand, if any, follows
+    from the contacts.
 
     Parameters
     ----------
@@ -177,31 +177,35 @@ def complete_contacts(compiled: CompiledProblem, grasp: Grasp, faces: Sequence[s
         The face each is on.
     """
     models, space = compiled.problem.models, grasp.space
-    places = assign_contacts(grasp.contacts, models, space)
-    if places is None:
+    indices = assign_contacts(grasp.contacts, models, space)
+    if indices is None:
         return None
     k = len(models)
-    rng, count = np.random.default_rng(k), DRAWN if k > len(grasp) else 1
-    points, chosen = np.zeros((count, k, space)), np.empty((count, k), dtype=object)
-    points[:, places], chosen[:, places] = grasp.points, list(faces)
+    rng, count = np.random.default_rng(k), RANDOM_POSITIONS if k > len(grasp) else 1
+    points, chosen_faces = np.zeros((count, k, space)), np.empty((count, k), dtype=object)
+    points[:, indices], chosen_faces[:, indices] = grasp.points, list(faces)
     normals = np.zeros_like(points)
-    normals[:, places] = grasp.normals
-    for i in (i for i in range(k) if i not in places):
+    normals[:, indices] = grasp.normals
+    for i in (i for i in range(k) if i not in indices):
         cloud = compiled.surface.cloud(i)
-        drawn = rng.integers(len(cloud.points), size=count)
-        points[:, i], normals[:, i], chosen[:, i] = cloud.points[drawn], cloud.normals[drawn], cloud.faces[drawn]
-    candidate = best_feasible(compiled, points, normals, chosen)
+        samples = rng.integers(len(cloud.points), size=count)
+        points[:, i], normals[:, i], chosen_faces[:, i] = (
+            cloud.points[samples],
+            cloud.normals[samples],
+            cloud.faces[samples],
+        )
+    candidate = best_feasible(compiled, points, normals, chosen_faces)
     if candidate is None:
         return None
-    known = np.full((k, space), np.nan)
-    known[places] = grasp.normals
-    return WarmStart(candidate, known)
+    known_normals = np.full((k, space), np.nan)
+    known_normals[indices] = grasp.normals
+    return WarmStart(candidate, known_normals)
 
 
 def best_feasible(
     compiled: CompiledProblem, points: FloatArray, normals: FloatArray, faces: FloatArray
 ) -> GraspCandidate | None:
-    """Return the feasible placement with the highest sampled quality, of (b, k, space) points; None without one.
+    """Return the feasible candidate with the highest sampled quality; None where none is feasible.
 
     Parameters
     ----------
@@ -211,11 +215,11 @@ def best_feasible(
     faces : (b, k) array of str
     """
     hand = compiled.hand_points.start(points, normals)
-    allowed = compiled.rows.violations(points, normals, hand) <= FEASIBLE
-    if not allowed.any():
+    feasible = compiled.rows.violations(points, normals, hand) <= FEASIBLE
+    if not feasible.any():
         return None
-    rank = np.where(allowed, sampled_quality(compiled, points, normals), -np.inf)
-    best = int(np.argmax(rank))
+    quality = np.where(feasible, sampled_quality(compiled, points, normals), -np.inf)
+    best = int(np.argmax(quality))
     return GraspCandidate(tuple(faces[best]), points[best], {name: v[best] for name, v in hand.items()})
 
 
@@ -227,43 +231,47 @@ def project_contacts(problem: GraspProblem, faces: Sequence[str], points: FloatA
     return np.concatenate([body.snap(face, point[None]) for face, point in zip(faces, points, strict=True)])
 
 
-def _check_warm_start(problem: GraspProblem, known: KnownGrasp, name: str) -> None:
-    grasp = _grasp_of(known, name)
-    if isinstance(known, GraspSolution) and json_round_trip(known.problem["body"]) != json_round_trip(
+def _check_source(problem: GraspProblem, source: KnownGrasp, name: str) -> None:
+    """Raise an InputError unless a known grasp is one of the problem's body, contacts and hand."""
+    grasp = _grasp_of(source, name)
+    if isinstance(source, GraspSolution) and json_round_trip(source.problem["body"]) != json_round_trip(
         problem.to_dict()["body"]
     ):
         raise InputError(name, "a grasp of another body", f"one of the problem's {problem.body.kind}")
     expected, kinds = [m.kind for m in problem.models], [m.kind for m in grasp.contacts]
     if grasp.space != problem.body.space or expected != kinds:
         raise InputError(f"{name}.contacts", ", ".join(kinds), f"the problem's: {', '.join(expected)}")
-    points = project_contacts(problem, _faces_of(problem, known, grasp), grasp.points)
-    apart = np.linalg.norm(points - grasp.points, axis=1)
-    worst = int(np.argmax(apart))
-    if not apart[worst] <= ON * problem.body.size:
-        raise InputError(f"{name}.points[{worst}]", f"{1e3 * apart[worst]:.3g} mm off the surface", "a point on it")
+    points = project_contacts(problem, _faces_of(problem, source, grasp), grasp.points)
+    distances = np.linalg.norm(points - grasp.points, axis=1)
+    farthest = int(np.argmax(distances))
+    if not distances[farthest] <= SNAP_DISTANCE * problem.body.size:
+        raise InputError(
+            f"{name}.points[{farthest}]", f"{1e3 * distances[farthest]:.3g} mm off the surface", "a point on it"
+        )
     if isinstance(problem.hand, PosedHand):
-        posture = None if isinstance(known, Grasp) else known.hand
-        allowed = "a solution of the same hand, which states its posture"
+        posture = None if isinstance(source, Grasp) else source.hand
+        expected_hand = "a solution of the same hand, which states its posture"
         if posture is None:
-            raise InputError(f"{name}.hand", None, allowed)
+            raise InputError(f"{name}.hand", None, expected_hand)
         try:
             problem.hand.values_of(posture)
         except (InputError, KeyError):
-            raise InputError(f"{name}.hand", "the posture of another hand", allowed) from None
+            raise InputError(f"{name}.hand", "the posture of another hand", expected_hand) from None
 
 
-def _grasp_of(known: KnownGrasp, name: str = "") -> Grasp:
-    grasp = known if isinstance(known, Grasp) else known.grasp
+def _grasp_of(source: KnownGrasp, name: str = "") -> Grasp:
+    """Return the grasp of what a user passed, or raise an InputError where there is none."""
+    grasp = source if isinstance(source, Grasp) else source.grasp
     if grasp is None:
         raise InputError(name, "a solution without a grasp", "one with a grasp")
     return grasp
 
 
-def _faces_of(problem: GraspProblem, known: KnownGrasp, grasp: Grasp) -> tuple[str, ...]:
+def _faces_of(problem: GraspProblem, source: KnownGrasp, grasp: Grasp) -> tuple[str, ...]:
     """Return the faces stated by a grasp, or the ones nearest to its contacts."""
-    if not isinstance(known, Grasp) and set(known.faces) <= set(problem.body.face_names):
-        return known.faces
-    return tuple(map(str, nearest_cell_faces(problem.body, grasp.points, grasp.normals, ON)))
+    if not isinstance(source, Grasp) and set(source.faces) <= set(problem.body.face_names):
+        return source.faces
+    return tuple(map(str, nearest_cell_faces(problem.body, grasp.points, grasp.normals, SNAP_DISTANCE)))
 
 
 def _is_on_faces(compiled: CompiledProblem, candidate: GraspCandidate) -> bool:
@@ -286,9 +294,9 @@ def _unchanged_grasp(compiled: CompiledProblem, warm: WarmStart) -> GraspOnBody:
         points, outward, _ = body.closest(candidate.points)
         candidate, normals = GraspCandidate(candidate.faces, points, candidate.hand), -outward
     if warm.normals.shape == normals.shape:
-        known = ~np.any(np.isnan(warm.normals), axis=1)
-        normals = np.where(known.reshape(-1, 1), warm.normals, normals)
-        points = np.where(known.reshape(-1, 1), warm.candidate.points, candidate.points)
+        has_normal = ~np.any(np.isnan(warm.normals), axis=1)
+        normals = np.where(has_normal.reshape(-1, 1), warm.normals, normals)
+        points = np.where(has_normal.reshape(-1, 1), warm.candidate.points, candidate.points)
         candidate = GraspCandidate(candidate.faces, points, candidate.hand)
     grasp = compiled.grasp_at(candidate.points, normals)
     if isinstance(body, Mesh):
@@ -298,17 +306,18 @@ def _unchanged_grasp(compiled: CompiledProblem, warm: WarmStart) -> GraspOnBody:
 
 def _certify_start(
     compiled: CompiledProblem,
-    found: GraspOnBody,
+    on_body: GraspOnBody,
     state: SearchState,
     index: int,
     message: str,
-    begun: float,
+    started: float,
     floor: float = 0.0,
 ) -> StartGrasp:
+    """Return a grasp as a certified start; a feasible one with bounds of at least the floor."""
     bounds = mu(
-        found.grasp, compiled.problem.task, compiled.options.rtol, force_budget=compiled.budget(found.candidate)
+        on_body.grasp, compiled.problem.task, compiled.options.rtol, force_budget=compiled.budget(on_body.candidate)
     )
-    if found.is_feasible:
+    if on_body.is_feasible:
         bounds = Bounds(max(bounds.lower, floor), max(bounds.upper, floor), bounds.worst_direction)
-    seconds = {"warm start": time.perf_counter() - begun}
-    return StartGrasp.of(compiled, index, found, bounds, state, message, seconds, origin=CandidateOrigin.WARM_START)
+    seconds = {"warm start": time.perf_counter() - started}
+    return StartGrasp.of(compiled, index, on_body, bounds, state, message, seconds, origin=CandidateOrigin.WARM_START)

@@ -132,11 +132,11 @@ def pressing_starts(
     Other grasps of a hand with joints hold the task only while it pushes into the fingers. Only starts with at least
     half of the best one's mu count.
     """
-    if not isinstance(hand, PosedHand) or not hand.loaded_joints or can_press(best.found.grasp):
+    if not isinstance(hand, PosedHand) or not hand.loaded_joints or can_press(best.on_body.grasp):
         return best, results
     least = HALF * best.record.mu.upper
     good = [r for r in results if isinstance(r, StartGrasp) and r.solved and r.record.mu.lower >= least]
-    pressing = [r for r in good if can_press(r.found.grasp)]
+    pressing = [r for r in good if can_press(r.on_body.grasp)]
     first = best_of(pressing)
     return (best, results) if first is None else (first, pressing)
 
@@ -145,8 +145,8 @@ def _with_robustness(compiled: CompiledProblem, start: StartGrasp) -> StartGrasp
     """Return a start with its robustness; where that fails numerically, with a remark."""
     if start.robust is not None:
         return start
-    robust, message = attempt(lambda: robustness(compiled, start.found.candidate, start.found.grasp))
-    return replace(start, robust=robust).noted(message and f"no robustness: {message}")
+    robust, message = attempt(lambda: robustness(compiled, start.on_body.candidate, start.on_body.grasp))
+    return replace(start, robust=robust).with_message(message and f"no robustness: {message}")
 
 
 def _next_best(
@@ -167,7 +167,7 @@ def _next_best(
 
 def _hausdorff_distance(a: StartGrasp, b: StartGrasp) -> float:
     """Return the Hausdorff distance between the contacts of two grasps, metres."""
-    p, q = a.found.grasp.points, b.found.grasp.points
+    p, q = a.on_body.grasp.points, b.on_body.grasp.points
     distances = np.linalg.norm(p[:, None] - q[None], axis=2)
     return float(max(np.max(np.min(distances, axis=1)), np.max(np.min(distances, axis=0))))
 
@@ -193,12 +193,12 @@ def _solution_without_grasp(search: SearchRecord, why_not: WhyNot | None) -> Gra
 
 def _measure_best(search: SearchRecord, best: StartGrasp) -> GraspSolution:
     """Return the best start's grasp; where time is short, with mu alone."""
-    problem, found, grasp = search.problem, best.found, best.found.grasp
+    problem, found, grasp = search.problem, best.on_body, best.on_body.grasp
     budget = budget_at(problem, found.candidate)
     rtol, certified = search.options.final_rtol, best.record.mu
     if certified.gap > rtol:
         limit = search.deadline.certificate_deadline(FINAL_GRACE)
-        certified = best.certified(problem, rtol, search.seed, limit).record.mu
+        certified = best.tighten_bounds(problem, rtol, search.seed, limit).record.mu
     search.clock.mark("certificate")
     exerted = least_forces(problem, grasp, budget, certified)
     search.clock.mark("forces")

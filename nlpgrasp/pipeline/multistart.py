@@ -220,7 +220,7 @@ class Multistart:
         """Certify the best start to this relative gap, and whichever then is the best; return it."""
         tight = set[int]()
         while (best := self.best) is not None and best.record.index not in tight:
-            best = best.certified(self.runner.problem, rtol, self.seed)
+            best = best.tighten_bounds(self.runner.problem, rtol, self.seed)
             self.update(best)
             tight.add(best.record.index)
         return best

@@ -106,9 +106,9 @@ def solve(
     keeping = KeepOptions(keep, distinct)
     listener = progress_callback(progress, starts)
     known = check_warm_starts(problem, warm_starts)
-    runner = StartRunner.going_on(problem, options.narrow(), starts)
+    runner = StartRunner.with_kept_programs(problem, options.narrow(), starts)
     solution = _run(runner, seed, keeping, listener, known)
-    runner.keep()
+    runner.keep_programs()
     if throw and not solution.success:
         raise NoGraspError(solution.status.value, solution)
     return solution

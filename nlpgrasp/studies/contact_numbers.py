@@ -296,15 +296,15 @@ class NumberConversion:
         """Return the grasp with the best of some random added contacts that keep the constraints, if any."""
         if not self._fits(small, large):
             return None
-        return complete_contacts(large, start.found.grasp, start.found.candidate.faces)
+        return complete_contacts(large, start.on_body.grasp, start.on_body.candidate.faces)
 
     def reduce_grasp(self, start: StartGrasp, large: CompiledProblem, small: CompiledProblem) -> WarmStart | None:
         """Return the grasp with the best subset of contacts that keeps the constraints, if any."""
-        grasp, subsets = start.found.grasp, _contact_subsets(large, small) if self._fits(small, large) else []
+        grasp, subsets = start.on_body.grasp, _contact_subsets(large, small) if self._fits(small, large) else []
         if not subsets:
             return None
         indices = np.array(subsets)
-        faces = np.array(start.found.candidate.faces, dtype=object)[indices]
+        faces = np.array(start.on_body.candidate.faces, dtype=object)[indices]
         candidate = best_feasible(small, grasp.points[indices], grasp.normals[indices], faces)
         return None if candidate is None else WarmStart(candidate)
 

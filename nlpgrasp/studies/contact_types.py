@@ -442,7 +442,7 @@ class TypeConversion:
 
 def _reorder(start: StartGrasp, order: list[int]) -> WarmStart:
     """Return the grasp with its contacts in another order."""
-    candidate, grasp = start.found.candidate, start.found.grasp
+    candidate, grasp = start.on_body.candidate, start.on_body.grasp
     faces = tuple(candidate.faces[i] for i in order)
     return WarmStart(GraspCandidate(faces, grasp.points[order], candidate.hand), grasp.normals[order])
 

@@ -200,7 +200,7 @@ def _follow(
         search = Multistart(StartRunner(compiled.problem, options, 1, compiled), seed)
         search.begin_bound()
         if current is not None:
-            search.add(WarmStart(current.found.candidate, current.found.grasp.normals))
+            search.add(WarmStart(current.on_body.candidate, current.on_body.grasp.normals))
         rtol, is_lost = min(options.final_rtol, RTOL), search.best is None
         search.run_until_proved(starts if is_lost else 1, rtol, contact_points)
         search.close_gap()
@@ -209,7 +209,7 @@ def _follow(
             search.take_as_answer(answer)
         yield _step(compiled, search, current, parameter, cold=is_lost and current is not None)
         current = search.chosen or current
-        contact_points.extend(r.found.grasp.points for r in search.results if isinstance(r, StartGrasp) and r.solved)
+        contact_points.extend(r.on_body.grasp.points for r in search.results if isinstance(r, StartGrasp) and r.solved)
 
 
 def _select_answer(search: Multistart, rtol: float, gain: float) -> StartGrasp | None:
@@ -220,7 +220,7 @@ def _select_answer(search: Multistart, rtol: float, gain: float) -> StartGrasp |
     required = best.record.mu.lower / (1.0 + gain)
     solved = [r for r in search.results if isinstance(r, StartGrasp) and r.solved and r.record.mu.upper >= required]
     warm = [start for start in solved if start.record.origin is CandidateOrigin.WARM_START]
-    certified = (start.certified(search.runner.problem, rtol, search.seed) for start in warm)
+    certified = (start.tighten_bounds(search.runner.problem, rtol, search.seed) for start in warm)
     return next((start for start in certified if start.record.mu.lower >= required), best)
 
 
@@ -234,11 +234,11 @@ def _step(
     solution, chosen = replace(search.answer(), starts=(), best_start=None), search.chosen
     moved, regrasp, stayed = np.zeros(len(compiled.problem.models)), False, solution.mu.upper
     if previous is not None:
-        previous_grasp, budget = previous.found.grasp, compiled.budget(previous.found.candidate)
+        previous_grasp, budget = previous.on_body.grasp, compiled.budget(previous.on_body.candidate)
         stayed = mu(previous_grasp, compiled.problem.task, compiled.options.rtol, force_budget=budget).upper
         if chosen is not None:
             regrasp = chosen.record.origin is not CandidateOrigin.WARM_START
-            moved = _displacements(previous_grasp, chosen.found.grasp, is_any_order=regrasp)
+            moved = _displacements(previous_grasp, chosen.on_body.grasp, is_any_order=regrasp)
     return DynamicStep(parameter, solution, moved, regrasp, stayed, cold)
 
 

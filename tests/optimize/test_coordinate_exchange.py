@@ -30,7 +30,7 @@ def readme_box():
 @pytest.mark.parametrize("centre", [[0.0, 0.0, 0.0], [0.3, 1.5, 0.2]], ids=["centred", "one-sided"])
 def test_no_tuple_of_few_samples_is_better(monkeypatch, budget, centre):
     """All 1,771 multisets of three of 21 samples; a bound spares certificates of most."""
-    monkeypatch.setattr(sample_tables, "SAMPLES", 21)
+    monkeypatch.setattr(sample_tables, "TABLE_SAMPLES", 21)
     task = ng.TaskEllipsoid([1.0, 0.8, 0.4], center=centre)
     problem = ng.GraspProblem(RECTANGLE, [ng.FrictionContact(0.4)] * 3, task, force_budget=budget)
     tables = CompiledProblem(problem, QUICK).sample_tables

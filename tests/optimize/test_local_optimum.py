@@ -66,7 +66,7 @@ def test_residuals_by_differences(name):
 def test_no_grasp_beside_it_is_better(name, rng):
     """Random steps of the contacts along the surface, a few thousandths of the body's size, gain nothing."""
     compiled, start = started(PROBLEMS[name]())
-    found = local_optimum(compiled, start.found.candidate, Deadline())
+    found = local_optimum(compiled, start.on_body.candidate, Deadline())
     assert found.kkt.is_small
     assert found.value >= start.record.mu.upper * (1.0 - 1e-3)
     size, gains = compiled.problem.body.size, []
@@ -83,7 +83,7 @@ def test_no_grasp_beside_it_is_better(name, rng):
 
 def test_minimisers_by_newton_are_stationary(rng):
     compiled, start = started(PROBLEMS["ellipsoid"]())
-    problem, _ = condition(compiled.wrench_set(start.found.candidate), compiled.problem.task)
+    problem, _ = condition(compiled.wrench_set(start.on_body.candidate), compiled.problem.task)
     begun, before = descend(problem, random_directions(40, problem.rank, rng), 10)
     found, values = newton(problem, begun, 15)
     assert np.all(values <= before * (1.0 + 1e-12))
@@ -100,7 +100,7 @@ def test_reduced_hessian_by_differences_of_values():
     The minimisers of this grasp are apart from each other; where two merge there is no second derivative.
     """
     compiled, start = started(PROBLEMS["one-sided"]())
-    found = local_optimum(compiled, start.found.candidate, Deadline())
+    found = local_optimum(compiled, start.on_body.candidate, Deadline())
     cuts = found.cuts[found.weights > 1e-6]
     here = Linearisation(compiled, found.candidate, cuts)
     step = here.quadratic_step(1e-4)
@@ -110,7 +110,7 @@ def test_reduced_hessian_by_differences_of_values():
     h, weights = 1e-3, here.support(step.multipliers)
 
     def weighted(length):
-        candidate = here.placed_at(here.z + length * way)
+        candidate = here.candidate_at(here.z + length * way)
         there = compiled.snapped(candidate)
         problem, _ = condition(compiled.wrench_set(there), compiled.problem.task)
         u = np.linalg.lstsq(problem.matrix.T, cuts.T, rcond=None)[0].T
@@ -162,10 +162,10 @@ def test_a_loss_keeps_the_grasp_where_it_was(monkeypatch):
     compiled, start = started(PROBLEMS["box"]())
     better = replace(start, record=replace(start.record, mu=ng.Bounds(0.9 * 2.0, 2.0)))
     kept = converge_to_optimum(compiled, better, Deadline())
-    np.testing.assert_array_equal(kept.found.grasp.points, start.found.grasp.points)
+    np.testing.assert_array_equal(kept.on_body.grasp.points, start.on_body.grasp.points)
     assert "the local optimum next to this grasp has less mu" in kept.kkt.reason
 
 
 def test_other_bodies_keep_their_workbench():
     compiled, start = started(PROBLEMS["box"]())
-    assert fix_to_triangles(compiled, start.found.candidate) == (compiled, start.found.candidate)
+    assert fix_to_triangles(compiled, start.on_body.candidate) == (compiled, start.on_body.candidate)

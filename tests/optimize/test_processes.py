@@ -1,4 +1,4 @@
-"""Worker processes: other processes than this one, kept, ended, and new after one has died."""
+"""Worker processes: separate from this one, kept for reuse, ended, and replaced after a death."""
 
 import os
 import signal
@@ -42,19 +42,19 @@ def test_ended_workers_are_gone():
 
 
 @pytest.mark.slow
-def test_own_processes_are_nobody_elses_and_are_kept_for_the_next_that_asks_for_as_many():
+def test_separate_processes_are_not_shared_and_are_kept_for_the_next_context():
     with separate_processes(1, 30.0) as outer:
         first = outer.submit(os.getpid).result()
-        under_way = outer.submit(time.sleep, 0.2)
+        running = outer.submit(time.sleep, 0.2)
         with separate_processes(1, 30.0) as inner:
             assert inner.submit(os.getpid).result() != first
         assert Processes(1).submit(os.getpid).result() != first
-        assert under_way.result() is None
-    with separate_processes(1, 30.0) as again:
-        assert again.submit(os.getpid).result() == first
+        assert running.result() is None
+    with separate_processes(1, 30.0) as later:
+        assert later.submit(os.getpid).result() == first
 
 
-def test_own_processes_end_with_an_error():
+def test_separate_processes_end_with_an_error():
     workers = []
 
     def interrupted():
@@ -68,7 +68,7 @@ def test_own_processes_end_with_an_error():
         os.kill(workers[0], 0)
 
 
-def test_the_end_of_a_worker_is_seen_where_idle_ones_had_ended_before():
+def test_the_death_of_a_worker_is_noticed_after_idle_workers_ended():
     def twice():
         with separate_processes(1, idle=0.2) as processes:
             first = processes.submit(os.getpid).result(30)

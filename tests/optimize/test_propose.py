@@ -1,4 +1,4 @@
-"""Candidates shared among the starts of a search."""
+"""Distribution of candidates among the starts of a search."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ def test_the_best_candidates_are_each_the_first_of_a_start():
     assert shares(["a", "b", "c", "d", "e"], 2) == [["a", "c", "e"], ["b", "d"]]
 
 
-def test_where_there_are_too_few_the_last_starts_take_them_again():
+def test_with_too_few_candidates_the_last_starts_reuse_them():
     assert shares(["a", "b"], 5) == [["a"], ["b"], ["a", "b"], ["b"], ["a", "b"]]
 
 
@@ -24,7 +24,7 @@ def test_more_starts_have_more_candidates_of_different_kinds():
     assert len(one) == 4
     assert len(eight) > 16
     points = np.stack([candidate.points for candidate in eight])
-    across = np.linalg.norm(points[:, :, None] - points[:, None], axis=3).reshape(len(points), -1)
-    shapes = np.concatenate([np.sort(across, axis=1), np.sort(np.linalg.norm(points, axis=2), axis=1)], axis=1)
-    apart = np.max(np.abs(shapes[:, None] - shapes), axis=2)[np.triu_indices(len(shapes), 1)]
-    assert np.min(apart) > 1e-3
+    between = np.linalg.norm(points[:, :, None] - points[:, None], axis=3).reshape(len(points), -1)
+    shapes = np.concatenate([np.sort(between, axis=1), np.sort(np.linalg.norm(points, axis=2), axis=1)], axis=1)
+    differences = np.max(np.abs(shapes[:, None] - shapes), axis=2)[np.triu_indices(len(shapes), 1)]
+    assert np.min(differences) > 1e-3

@@ -12,7 +12,7 @@ from nlpgrasp.optimize import propose as posed
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.finger_exchange import walked
 from nlpgrasp.optimize.grasp_on_body import GraspOnBody
-from nlpgrasp.optimize.projection import TOUCHING, touching_on_body
+from nlpgrasp.optimize.projection import TOUCHING, project_onto_body
 from nlpgrasp.optimize.propose import propose, touch_candidates
 from tests.hands.urdf import FOUR, FOUR_TIPS, four_finger_hand, solution_links
 
@@ -36,7 +36,7 @@ def moved(compiled, seed):
         unexchanged.setattr(posed, "_exchanged", lambda *_: [])
         rng = np.random.default_rng(seed)
         start = touch_candidates(compiled, propose(compiled, rng), rng, Deadline())[0]
-    _, start, left = touching_on_body(compiled, start)
+    _, start, left = project_onto_body(compiled, start)
     assert left <= TOUCHING
     return compiled, start, walked(compiled, start, normals_at(compiled, start), np.random.default_rng(0), Deadline())
 

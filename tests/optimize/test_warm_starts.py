@@ -1,4 +1,4 @@
-"""Warm starts: known grasps that starts begin from, each no loss, and refused where they are of another problem."""
+"""Warm starts: no loss against a known grasp, and refusal of grasps of other problems."""
 
 from dataclasses import replace
 
@@ -25,45 +25,45 @@ def known():
 @pytest.mark.parametrize("kind", ["solution", "found", "grasp"])
 def test_the_answer_is_no_worse_than_a_known_grasp(known, kind):
     warm = {"solution": known, "found": known.grasps[0], "grasp": known.grasp}[kind]
-    found = ng.solve(box(0.55), 1, seed=3, options=OPTIONS, warm_starts=[warm])
-    origins = [start.origin for start in found.starts]
+    solution = ng.solve(box(0.55), 1, seed=3, options=OPTIONS, warm_starts=[warm])
+    origins = [start.origin for start in solution.starts]
     assert origins == [CandidateOrigin.RANDOM, CandidateOrigin.WARM_START, CandidateOrigin.WARM_START]
-    as_it_is = ng.mu(ng.Grasp(known.grasp.points, known.grasp.normals, box(0.55).models), TASK)
-    assert found.starts[1].mu.upper == pytest.approx(as_it_is.upper, rel=0.02)
-    assert found.mu.upper >= as_it_is.lower
+    unchanged = ng.mu(ng.Grasp(known.grasp.points, known.grasp.normals, box(0.55).models), TASK)
+    assert solution.starts[1].mu.upper == pytest.approx(unchanged.upper, rel=0.02)
+    assert solution.mu.upper >= unchanged.lower
 
 
-def test_workers_take_warm_starts_too(known):
+def test_workers_run_warm_starts(known):
     options = replace(OPTIONS, workers=2)
-    found = ng.solve(box(), 2, options=options, warm_starts=[known, known.grasp])
-    assert [start.index for start in found.starts] == [0, 1, 2, 3, 4, 5]
-    assert found.mu.upper >= known.mu.lower
+    solution = ng.solve(box(), 2, options=options, warm_starts=[known, known.grasp])
+    assert [start.index for start in solution.starts] == [0, 1, 2, 3, 4, 5]
+    assert solution.mu.upper >= known.mu.lower
 
 
 def test_a_grasp_that_breaks_a_constraint_is_refined_alone(known):
-    above = box(constraints=[ng.Table(float(np.min(known.grasp.points[:, 2])) + 0.002)])
-    found = ng.solve(above, 1, options=OPTIONS, warm_starts=[known])
-    assert [start.origin for start in found.starts] == [CandidateOrigin.RANDOM, CandidateOrigin.WARM_START]
-    assert found.starts[1].message.startswith(CandidateOrigin.WARM_START.value)
+    with_table = box(constraints=[ng.Table(float(np.min(known.grasp.points[:, 2])) + 0.002)])
+    solution = ng.solve(with_table, 1, options=OPTIONS, warm_starts=[known])
+    assert [start.origin for start in solution.starts] == [CandidateOrigin.RANDOM, CandidateOrigin.WARM_START]
+    assert solution.starts[1].message.startswith(CandidateOrigin.WARM_START.value)
 
 
 def test_normals_are_those_of_the_body(known):
     grasp = ng.Grasp(known.grasp.points, -known.grasp.normals, known.grasp.contacts)
-    found = ng.solve(box(), 1, options=OPTIONS, warm_starts=[grasp])
-    assert found.starts[1].mu.upper == pytest.approx(known.mu.upper, rel=0.02)
+    solution = ng.solve(box(), 1, options=OPTIONS, warm_starts=[grasp])
+    assert solution.starts[1].mu.upper == pytest.approx(known.mu.upper, rel=0.02)
 
 
 @pytest.mark.slow
-def test_a_hand_begins_from_its_posture():
+def test_a_hand_starts_from_its_configuration():
     problem = ng.GraspProblem(ng.Sphere(0.03), ng.FrictionContact(0.7), TASK, hand=three_finger_hand())
     first = ng.solve(problem, 1, options=OPTIONS)
-    found = ng.solve(problem, 1, seed=1, options=OPTIONS, warm_starts=[first])
-    assert found.mu.upper >= first.mu.lower
+    solution = ng.solve(problem, 1, seed=1, options=OPTIONS, warm_starts=[first])
+    assert solution.mu.upper >= first.mu.lower
     with pytest.raises(ng.InputError, match=r"^warm_starts\[0\]\.hand: got None, expected a solution of the same hand"):
         ng.solve(problem, 1, options=OPTIONS, warm_starts=[first.grasp])
 
 
-def test_what_is_no_grasp_of_the_problem_is_refused(known):
+def test_grasps_of_other_problems_are_refused(known):
     def refused(problem, warm, said):
         with pytest.raises(ng.InputError, match=said):
             ng.solve(problem, 1, options=OPTIONS, warm_starts=warm)

@@ -14,14 +14,14 @@ from tests.quick import first
 
 
 @pytest.mark.parametrize("descents", [THOROUGH, QUICK], ids=["thorough", "quick"])
-@pytest.mark.parametrize(("placed", "expected"), [(TWO, BEST_OF_TWO), (THREE, BEST_OF_THREE)], ids=["two", "three"])
+@pytest.mark.parametrize(("candidate", "expected"), [(TWO, BEST_OF_TWO), (THREE, BEST_OF_THREE)], ids=["two", "three"])
 def test_the_least_ratio_is_the_quality(candidate, expected, descents, rng):
     compiled = square_bench(len(candidate.points))
     found = weakest_at(compiled, candidate, rng, descents=descents)
     assert found.value == pytest.approx(expected, abs=1e-5)
 
 
-@pytest.mark.parametrize("placed", [TWO, THREE], ids=["two", "three"])
+@pytest.mark.parametrize("candidate", [TWO, THREE], ids=["two", "three"])
 def test_directions_have_unit_reach_and_come_weakest_first(candidate, rng):
     compiled = square_bench(len(candidate.points))
     found = weakest_at(compiled, candidate, rng)

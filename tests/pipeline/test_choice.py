@@ -69,14 +69,14 @@ def test_the_answer(name, looked):
     found = choice.choose_start(BENCH, results[0], results, Deadline())
     assert found.record.index == expected
     assert len(looked) == count
-    assert (found.robust is None) == (found.found.candidate is None)
+    assert (found.robust is None) == (found.on_body.candidate is None)
 
 
 @pytest.mark.parametrize(("pressing", "expected"), [((0, 1), 0), ((1, 2), 1), ((2,), 2), ((3,), 0), ((), 0)], ids=str)
 def test_a_hand_with_joints_takes_what_it_can_squeeze(pressing, expected, monkeypatch):
     """As long as it has half the best one's mu: the fourth has less."""
     results = [start(0, 1.0, 0.8), start(1, 0.9, 0.8), start(2, 0.6, 0.4), start(3, 0.4, 0.4)]
-    monkeypatch.setattr(choice, "can_press", lambda grasp: any(grasp is results[i].found.grasp for i in pressing))
+    monkeypatch.setattr(choice, "can_press", lambda grasp: any(grasp is results[i].on_body.grasp for i in pressing))
     monkeypatch.setattr(choice, "PosedHand", SimpleNamespace)
     hand = SimpleNamespace(loaded_joints=("joint",))
     best, able = choice.pressing_starts(hand, results[0], results)

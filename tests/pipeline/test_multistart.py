@@ -37,7 +37,7 @@ def test_a_known_grasp_is_certified_as_it_is(compiled):
     (start,) = run_warm_start(compiled, WarmStart(GraspCandidate(FACES, POINTS)), 7, Deadline())
     assert start.record.index == 7
     assert start.record.message == "as given"
-    np.testing.assert_array_equal(start.found.grasp.points, POINTS)
+    np.testing.assert_array_equal(start.on_body.grasp.points, POINTS)
     exact = certified()
     assert start.record.mu.lower <= exact.upper
     assert start.record.mu.upper >= exact.lower
@@ -76,7 +76,7 @@ def test_the_answer_is_never_below_what_was_promised():
     """Also where another grasp ties with it within the certificates' gap."""
     search = Multistart(StartRunner(problem(), QUICK, 1), 0)
     search.run_starts()
-    found = search.best.found
+    found = search.best.on_body
     promise = ng.mu(found.grasp, TASK, 1e-4).lower
     search.add(WarmStart(GraspCandidate(found.candidate.faces, found.grasp.points), found.grasp.normals, promise))
     assert search.floor == promise

@@ -1,4 +1,4 @@
-"""What starts of a hand begin from, and that another budget's answer is no worse under it than the paper's."""
+"""Initial candidates of hands with a pose, and starts under other budgets than L2."""
 
 from itertools import pairwise
 
@@ -8,7 +8,7 @@ import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.common.deadline import Deadline
-from nlpgrasp.optimize import propose as posed
+from nlpgrasp.optimize import propose as propose_module
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
 from nlpgrasp.optimize.propose import propose, touch_candidates
 from nlpgrasp.optimize.start import run_start
@@ -21,14 +21,14 @@ CONTACT = ng.FrictionContact(0.7)
 BOX = ng.Box([0.08, 0.04, 0.04])
 
 
-def bench_of(body=BOX, budget="l2", contacts=CONTACT):
+def compiled_problem(body=BOX, budget="l2", contacts=CONTACT):
     problem = ng.GraspProblem(body, contacts, TASK, hand=four_finger_hand(), force_budget=budget)
     return CompiledProblem(problem, OPTIONS)
 
 
 @pytest.fixture(scope="module")
 def compiled():
-    return bench_of()
+    return compiled_problem()
 
 
 def candidates(compiled, seed):
@@ -41,13 +41,13 @@ def certified(compiled, candidate):
 
 
 @pytest.mark.parametrize("seed", first(1, range(2)))
-def test_the_best_that_touch_come_first(compiled, seed):
-    found = candidates(compiled, seed)
-    touching = [compiled.violation(candidate) <= FEASIBLE for candidate in found]
+def test_touching_candidates_come_first_and_best_first(compiled, seed):
+    proposed = candidates(compiled, seed)
+    touching = [compiled.violation(candidate) <= FEASIBLE for candidate in proposed]
     count = sum(touching)
     assert count >= 3
-    assert touching == [True] * count + [False] * (len(found) - count)
-    values = [certified(compiled, candidate) for candidate in found[:count]]
+    assert touching == [True] * count + [False] * (len(proposed) - count)
+    values = [certified(compiled, candidate) for candidate in proposed[:count]]
     assert values[0].lower > 0.1
     assert all(a.upper >= 0.98 * b.lower for a, b in pairwise(values))
 
@@ -60,33 +60,33 @@ def test_contacts_exchanged_within_reach_hold_better_than_those_nearest_to_rando
         return certified(compiled, candidates(compiled, seed)[0]).upper
 
     reaching = np.median([best(seed) for seed in range(5)])
-    monkeypatch.setattr(posed, "_exchanged", lambda *_: [])
+    monkeypatch.setattr(propose_module, "_exchange_within_reach", lambda *_: [])
     assert reaching > 1.2 * np.median([best(seed) for seed in range(5)])
 
 
 def test_contacts_stay_on_the_faces_that_each_may_use():
-    """Fingers that may use different faces do not take each other's goals."""
+    """Fingers with different allowed faces are not exchanged for each other."""
     faces = [["+x"], ["-x"], ["+y", "-y"], ["+y", "-y"]]
-    compiled = bench_of(contacts=[ng.FrictionContact(0.7, faces=names) for names in faces])
+    compiled = compiled_problem(contacts=[ng.FrictionContact(0.7, faces=names) for names in faces])
     for candidate in propose(compiled, np.random.default_rng(0)):
         assert all(face in names for face, names in zip(candidate.faces, faces, strict=True))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
-def test_palms_that_constraints_turn_away_come_last(seed):
+def test_palms_that_violate_constraints_come_last(seed):
     """One pose in twenty-five faces within 0.4 of straight down: nearly all that are tried do, and touch."""
     down = ng.Approach([0.0, 0.0, -1.0], 0.4)
     problem = ng.GraspProblem(BOX, CONTACT, TASK, hand=four_finger_hand(), constraints=[down, ng.Table(-0.02)])
     compiled = CompiledProblem(problem, OPTIONS)
-    found = candidates(compiled, seed)
-    assert np.mean([compiled.violation(candidate) <= FEASIBLE for candidate in found]) >= 0.5
+    proposed = candidates(compiled, seed)
+    assert np.mean([compiled.violation(candidate) <= FEASIBLE for candidate in proposed]) >= 0.5
 
 
 def test_a_hand_that_holds_the_body_needs_no_first_program(compiled):
-    found = run_start(compiled, 0, 0, Deadline())
-    assert found.effort.calls == 0
-    assert found.found.violation <= FEASIBLE
+    start = run_start(compiled, 0, 0, Deadline())
+    assert start.effort.calls == 0
+    assert start.on_body.violation <= FEASIBLE
     assert compiled._first == {}
 
 
@@ -96,9 +96,9 @@ MESH = ng.Mesh(trimesh.creation.capsule(height=0.05, radius=0.02, count=[16, 16]
 @pytest.mark.slow
 @pytest.mark.parametrize("body", [BOX, MESH, ng.Ellipsoid([0.06, 0.03, 0.03])], ids=["box", "mesh", "ellipsoid"])
 @pytest.mark.parametrize("budget", ["shared", "per_finger"])
-def test_an_answer_is_no_worse_under_its_budget_than_the_papers(body, budget):
-    own, plain = bench_of(body, budget), bench_of(body)
+def test_an_answer_under_its_budget_is_no_worse_than_that_under_l2(body, budget):
+    under_budget, under_l2 = compiled_problem(body, budget), compiled_problem(body)
     for seed in range(3):
-        ours, papers = run_start(own, 0, seed, Deadline()), run_start(plain, 0, seed, Deadline())
-        there = ng.mu(papers.found.grasp, TASK, 1e-3, force_budget=budget)
-        assert ours.record.mu.upper >= there.lower * (1.0 - 1e-6)
+        start, l2_start = run_start(under_budget, 0, seed, Deadline()), run_start(under_l2, 0, seed, Deadline())
+        bounds = ng.mu(l2_start.on_body.grasp, TASK, 1e-3, force_budget=budget)
+        assert start.record.mu.upper >= bounds.lower * (1.0 - 1e-6)

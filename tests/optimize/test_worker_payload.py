@@ -1,4 +1,4 @@
-"""What is sent to workers is unpacked once, with the caller's import path, and makes its programs once."""
+"""Worker payloads: unpacked once, with the caller's import path, and compiled once."""
 
 import importlib
 import pickle
@@ -22,45 +22,45 @@ def test_an_item_is_unpacked_once_until_another_comes():
     assert first.unpack() is not item
 
 
-def test_one_token_stands_for_one_item():
-    one, same = WorkerPayload.of([1.0], "run variation"), WorkerPayload.of([1.0], "run variation")
-    assert one.unpack() is same.unpack()
+def test_payloads_with_one_token_share_an_item():
+    payload, same = WorkerPayload.of([1.0], "run variation"), WorkerPayload.of([1.0], "run variation")
+    assert payload.unpack() is same.unpack()
     assert WorkerPayload.of([1.0]).token != WorkerPayload.of([1.0]).token
 
 
 def test_the_callers_import_path_comes_along(monkeypatch):
     monkeypatch.setattr(sys, "path", [*sys.path, "/somewhere/else"])
-    parcel = WorkerPayload.of("item")
+    payload = WorkerPayload.of("item")
     monkeypatch.setattr(sys, "path", sys.path[:-1])
-    parcel.unpack()
+    payload.unpack()
     assert sys.path[-1] == "/somewhere/else"
-    parcel.unpack()
+    payload.unpack()
     assert sys.path.count("/somewhere/else") == 1
 
 
 @dataclass(frozen=True)
-class Asked:
+class ProblemAndOptions:
     problem: ng.GraspProblem
     options: ng.SolveOptions
 
 
-def test_a_workbench_is_built_once_where_it_is_asked_for():
-    made = []
+def test_a_problem_is_compiled_once_on_first_use():
+    created = []
     square = ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     problem = ng.GraspProblem(square, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1, 1, 1]))
 
     def make():
-        made.append(problem)
-        return Asked(problem, ng.SolveOptions(workers=1))
+        created.append(problem)
+        return ProblemAndOptions(problem, ng.SolveOptions(workers=1))
 
     lazy = LazyCompiledProblem(make)
-    assert made == []
+    assert created == []
     assert lazy.compiled.problem is problem
     assert lazy.compiled is lazy.compiled
-    assert made == [problem]
+    assert created == [problem]
 
 
-def test_what_fails_is_made_again():
+def test_a_failed_construction_is_repeated():
     calls = []
 
     def make():
@@ -70,16 +70,16 @@ def test_what_fails_is_made_again():
     lazy = LazyCompiledProblem(make)
     for _ in range(2):
         with pytest.raises(ValueError, match="not yet"):
-            lazy.compiled  # noqa: B018  (asked for what it raises)
+            lazy.compiled  # noqa: B018  (for the error)
     assert len(calls) == 2
 
 
 def test_an_items_module_is_found_by_the_callers_path(tmp_path, monkeypatch):
-    """A worker unpacks with the caller's path in place already: the item's own module may be beside the script."""
+    """A worker unpacks after it has the caller's path: the item's module may be next to the script."""
     (tmp_path / "beside.py").write_text("def three():\n    return 3\n")
     monkeypatch.syspath_prepend(str(tmp_path))
-    parcel = WorkerPayload.of(importlib.import_module("beside").three)
-    (tmp_path / "parcel").write_bytes(pickle.dumps(parcel))
-    code = f"import pickle; print(pickle.load(open({str(tmp_path / 'parcel')!r}, 'rb')).unpacked()())"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
-    assert (done.returncode, done.stdout) == (0, "3\n"), done.stderr
+    payload = WorkerPayload.of(importlib.import_module("beside").three)
+    (tmp_path / "payload").write_bytes(pickle.dumps(payload))
+    code = f"import pickle; print(pickle.load(open({str(tmp_path / 'payload')!r}, 'rb')).unpack()())"
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (process.returncode, process.stdout) == (0, "3\n"), process.stderr

@@ -1,4 +1,4 @@
-"""Robustness: against brute force over placements, friction in closed form, files, the option to maximise it."""
+"""Robustness: brute force over displacements, closed forms of friction, files, and its maximisation."""
 
 import json
 from dataclasses import replace
@@ -14,7 +14,7 @@ from nlpgrasp.report import write_report
 from nlpgrasp.solution.analysis_records import Robustness
 from tests.once import solve_once
 
-ONE = ng.SolveOptions(workers=1, global_bound=False)
+OPTIONS = ng.SolveOptions(workers=1, global_bound=False)
 TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.05, 0.05, 0.05])
 
 
@@ -24,60 +24,64 @@ def problem(body):
 
 @pytest.fixture(scope="module")
 def ellipsoid():
-    return solve_once(problem(ng.Ellipsoid([0.05, 0.03, 0.02])), 2, options=ONE)
+    return solve_once(problem(ng.Ellipsoid([0.05, 0.03, 0.02])), 2, options=OPTIONS)
 
 
 @pytest.mark.slow
 def test_no_random_placement_is_worse(ellipsoid):
-    """300 placements with every contact 1 mm off, by brute force on the ellipsoid: none below the worst found."""
+    """300 random displacements of every contact by 1 mm on the ellipsoid: none is worse than the worst found."""
     robust, rng = ellipsoid.robust, np.random.default_rng(1)
     radii = np.array([0.05, 0.03, 0.02])
     models = [model.with_friction(0.9) for model in ellipsoid.grasp.contacts]
     least = np.inf
     points, normals = [], []
     for _ in range(300):
-        off = ellipsoid.grasp.points + 1e-3 * (d := rng.standard_normal((4, 3))) / np.linalg.norm(d, axis=1)[:, None]
-        on = off / np.linalg.norm(off / radii, axis=1)[:, None]
-        n = -on / radii**2
-        points.append(on)
-        normals.append(n / np.linalg.norm(n, axis=1)[:, None])
+        displaced = (
+            ellipsoid.grasp.points + 1e-3 * (d := rng.standard_normal((4, 3))) / np.linalg.norm(d, axis=1)[:, None]
+        )
+        on_surface = displaced / np.linalg.norm(displaced / radii, axis=1)[:, None]
+        outward = -on_surface / radii**2
+        points.append(on_surface)
+        normals.append(outward / np.linalg.norm(outward, axis=1)[:, None])
     stack = ng.GraspStack(np.array(points), np.array(normals), models, ellipsoid.grasp.torque_origin)
     least = np.min(ng.screen(stack, TASK))
     assert robust.mu.upper <= least * 1.02
     assert robust.mu.upper < ellipsoid.mu.lower
 
 
-def test_the_placement_found_is_on_the_body_and_within_reach(ellipsoid):
+def test_the_worst_displacement_is_on_the_body_and_within_reach(ellipsoid):
     robust = ellipsoid.robust
     assert np.max(np.linalg.norm(robust.points - ellipsoid.grasp.points, axis=1)) <= 1.5e-3
     np.testing.assert_allclose(np.sum((robust.points / [0.05, 0.03, 0.02]) ** 2, axis=1), 1.0, atol=1e-9)
 
 
 def test_contacts_stay_on_their_faces():
-    found = ng.solve(problem(ng.Box([0.08, 0.05, 0.04])), 1, options=ONE)
+    solution = ng.solve(problem(ng.Box([0.08, 0.05, 0.04])), 1, options=OPTIONS)
     half = np.array([0.04, 0.025, 0.02])
-    assert np.all(np.abs(found.robust.points) <= half * (1.0 + 1e-9))
-    np.testing.assert_allclose(found.robust.normals, found.grasp.normals, atol=1e-12)
+    assert np.all(np.abs(solution.robust.points) <= half * (1.0 + 1e-9))
+    np.testing.assert_allclose(solution.robust.normals, solution.grasp.normals, atol=1e-12)
 
 
 @pytest.mark.slow
 def test_less_friction_alone():
     """No offset: the same contacts with friction 0.6 * 0.8."""
     options = ng.SolveOptions(workers=1, robust_offset=0.0, robust_friction=0.2)
-    found = ng.solve(problem(ng.Sphere(0.04)), 1, options=options)
-    grasp = ng.Grasp(found.grasp.points, found.grasp.normals, ng.FrictionContact(0.48), found.grasp.torque_origin)
+    solution = ng.solve(problem(ng.Sphere(0.04)), 1, options=options)
+    grasp = ng.Grasp(
+        solution.grasp.points, solution.grasp.normals, ng.FrictionContact(0.48), solution.grasp.torque_origin
+    )
     expected = ng.mu(grasp, TASK)
-    assert found.robust.mu.lower <= expected.upper
-    assert expected.lower <= found.robust.mu.upper
-    np.testing.assert_allclose(found.robust.points, found.grasp.points)
+    assert solution.robust.mu.lower <= expected.upper
+    assert expected.lower <= solution.robust.mu.upper
+    np.testing.assert_allclose(solution.robust.points, solution.grasp.points)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1])
-def test_maximising_it_keeps_more(seed):
+def test_maximising_robustness_improves_the_worst_case(seed):
     body = ng.Ellipsoid([0.05, 0.03, 0.02])
     options = ng.SolveOptions(workers=1, maximise_robust=True)
-    plain, best = (ng.solve(problem(body), 2, seed, o) for o in (ONE, options))
+    plain, best = (ng.solve(problem(body), 2, seed, o) for o in (OPTIONS, options))
     assert best.robust.mu.lower > plain.robust.mu.lower
     assert best.robust.mu.upper > plain.robust.mu.upper
     assert best.mu.upper <= plain.mu.upper * 1.02  # at some cost in mu itself
@@ -88,11 +92,11 @@ def test_maximising_it_keeps_more(seed):
 def test_flat_faces_have_nothing_to_gain():
     """On a box a contact that slips keeps its normal: the best grasp stays where it is, and is not lost."""
     options = ng.SolveOptions(workers=1, maximise_robust=True)
-    plain, best = (ng.solve(problem(ng.Box([0.08, 0.05, 0.04])), 1, options=o) for o in (ONE, options))
+    plain, best = (ng.solve(problem(ng.Box([0.08, 0.05, 0.04])), 1, options=o) for o in (OPTIONS, options))
     assert best.robust.mu.upper >= plain.robust.mu.lower
 
 
-def test_the_file_carries_it_and_verify_recomputes_it(ellipsoid, tmp_path):
+def test_files_hold_robustness_and_verify_recomputes_it(ellipsoid, tmp_path):
     path = ellipsoid.save(tmp_path / "robust.json")
     again = ng.GraspSolution.load(path)
     assert again.robust.mu.lower == ellipsoid.robust.mu.lower
@@ -123,26 +127,26 @@ TINY = ng.GraspProblem(ng.Ellipsoid([0.006, 0.003, 0.002]), [ng.FrictionContact(
 
 @pytest.fixture(scope="module")
 def fragile():
-    """A body of a few millimetres: contacts that are 1 mm off hold nothing."""
-    return solve_once(TINY, 1, options=ONE)
+    """Return a grasp of a body of a few millimetres: with contacts displaced by 1 mm it holds nothing."""
+    return solve_once(TINY, 1, options=OPTIONS)
 
 
-def test_fragile_is_said(fragile, ellipsoid, tmp_path):
-    words = "fragile: nothing of mu is left when contacts are 1 mm off and friction 10 % less"
-    assert str(fragile).startswith(f"grasp: Solved, but {words}; a grasp with")
+def test_fragile_grasps_are_stated(fragile, ellipsoid, tmp_path):
+    message = "fragile: nothing of mu is left when contacts are 1 mm off and friction 10 % less"
+    assert str(fragile).startswith(f"grasp: Solved, but {message}; a grasp with")
     data = fragile.to_dict()
     assert (data["quality"]["robust"]["share"], data["quality"]["robust"]["fragile"]) == (0.0, True)
     page = write_report({"f": fragile}, tmp_path / "f.html").read_text().replace("\N{NO-BREAK SPACE}", " ")
-    assert f"F{words[1:]}." in page
+    assert f"F{message[1:]}." in page
     assert not ellipsoid.is_fragile
     assert "fragile" not in str(ellipsoid)
-    stated = ellipsoid.to_dict()["quality"]["robust"]
-    assert stated["share"] == ellipsoid.robust.mu.upper / ellipsoid.mu.upper
-    assert stated["fragile"] is False
+    record = ellipsoid.to_dict()["quality"]["robust"]
+    assert record["share"] == ellipsoid.robust.mu.upper / ellipsoid.mu.upper
+    assert record["fragile"] is False
 
 
 @pytest.mark.parametrize(("left", "words"), [(0.1, "10 %"), (0.0007, "0.07 %"), (1e-6, "less than 0.01 %")])
-def test_the_share_in_words(left, words):
+def test_the_share_in_the_message(left, words):
     worst = Robustness(0.002, 0.25, ng.Bounds(0.0, 0.5 * left), np.zeros((1, 3)), np.zeros((1, 3)))
     expected = f"fragile: {words} of mu-tilde is left when contacts are 2 mm off and friction 25 % less"
     assert worst.fragile_words(ng.Bounds(0.4, 0.5), "mu-tilde") == expected
@@ -156,14 +160,14 @@ def test_less_than_a_fifth_is_fragile(share, fragile):
 
 
 @pytest.mark.parametrize(("key", "value"), [("share", 0.5), ("fragile", False)])
-def test_verify_finds_lies_about_it(fragile, key, value):
+def test_verify_detects_edited_robustness(fragile, key, value):
     data = fragile.to_dict()
     data["quality"]["robust"][key] = value
-    found = ng.verify(ng.GraspSolution.from_dict(data))
-    assert [c.name for c in found.checks if c.failed] == ["robustness"]
+    verification = ng.verify(ng.GraspSolution.from_dict(data))
+    assert [c.name for c in verification.checks if c.failed] == ["robustness"]
 
 
-def test_earlier_files_do_not_say_it(fragile):
+def test_files_without_the_share_load(fragile):
     data = fragile.to_dict()
     del data["quality"]["robust"]["share"], data["quality"]["robust"]["fragile"]
     old = ng.GraspSolution.from_dict(data)
@@ -172,7 +176,7 @@ def test_earlier_files_do_not_say_it(fragile):
 
 
 def test_a_contact_that_may_slip_over_an_edge_is_lost():
-    """Two of three fingers half a millimetre from an edge: what is left is what one finger alone resists, nothing."""
+    """Two of three fingers are half a millimetre from an edge: the third alone resists nothing."""
     square = ng.Polygon([[-0.02, -0.02], [0.02, -0.02], [0.02, 0.02], [-0.02, 0.02]])
     contacts, task = [ng.FrictionContact(0.5)] * 3, ng.TaskEllipsoid([1.0, 1.0, 0.02])
     problem = ng.GraspProblem(square, contacts, task, edge_margin=0.0)
@@ -180,20 +184,20 @@ def test_a_contact_that_may_slip_over_an_edge_is_lost():
     normals = np.array([[0.0, 1.0], [0.0, 1.0], [0.0, -1.0]])
     candidate = GraspCandidate(("edge0", "edge0", "edge2"), points)
     compiled = CompiledProblem(problem, ng.SolveOptions(workers=1))
-    found = robustness(compiled, candidate, ng.Grasp(points, normals, contacts))
-    assert found.lost == (0, 1)
-    assert found.mu.upper == 0.0
-    np.testing.assert_array_equal(found.points[:2], points[:2])
-    assert "2 slip over an edge" in str(found)
-    near = CompiledProblem(problem, ng.SolveOptions(workers=1, robust_offset=4e-4))
-    kept = robustness(near, candidate, ng.Grasp(points, normals, contacts))
-    assert kept.lost == ()
-    assert kept.mu.lower > 0.1
+    worst = robustness(compiled, candidate, ng.Grasp(points, normals, contacts))
+    assert worst.lost == (0, 1)
+    assert worst.mu.upper == 0.0
+    np.testing.assert_array_equal(worst.points[:2], points[:2])
+    assert "2 slip over an edge" in str(worst)
+    small_displacement = CompiledProblem(problem, ng.SolveOptions(workers=1, robust_offset=4e-4))
+    worst_of_three = robustness(small_displacement, candidate, ng.Grasp(points, normals, contacts))
+    assert worst_of_three.lost == ()
+    assert worst_of_three.mu.lower > 0.1
 
 
 @pytest.mark.slow
-def test_a_lost_contact_is_told_and_verified(tmp_path):
-    """With the paper's exact problem contacts are on edges; a solution that hides what slips is a lie."""
+def test_a_lost_contact_is_recorded_and_verified(tmp_path):
+    """Without an edge margin contacts are on edges; a solution that hides lost contacts fails verification."""
     box = ng.GraspProblem(
         ng.Box([0.08, 0.04, 0.04]), [ng.FrictionContact(0.6)] * 3, ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.03])
     )

@@ -1,4 +1,4 @@
-"""A hand that touches a mesh on its triangles, and keeps its links away from it."""
+"""Hands in contact with the triangles of a mesh, and the clearance of their links from it."""
 
 from dataclasses import replace
 from functools import cache
@@ -12,7 +12,7 @@ import nlpgrasp as ng
 from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.constraint_values import HandPoints
-from nlpgrasp.optimize.projection import TOUCHING, project_onto_constraints, touching_on_body
+from nlpgrasp.optimize.projection import TOUCHING, project_onto_body, project_onto_constraints
 from nlpgrasp.optimize.propose import propose
 from nlpgrasp.optimize.refine import refine_on_triangles
 from tests.hands.urdf import four_finger_hand
@@ -30,8 +30,8 @@ def off_mesh(points):
     return the_mesh().closest(points)[2]
 
 
-def own_normals(points):
-    """Inward normals of the triangles that points are on: of a convex body those whose plane is farthest out."""
+def triangle_normals(points):
+    """Return the inward normals of the triangles under points: on a convex body those whose plane is farthest out."""
     outward = the_mesh().mesh.face_normals
     planes = np.sum(outward * the_mesh().mesh.triangles[:, 0], axis=1)
     return -outward[np.argmax(points @ outward.T - planes, axis=1)]
@@ -39,38 +39,38 @@ def own_normals(points):
 
 @pytest.fixture(scope="module")
 def posed():
-    """A hand around the ball, fingertips and clearances as the smooth surface wants them."""
+    """Return a hand around the ball whose fingertips touch the smooth surface."""
     problem = ng.GraspProblem(the_mesh(), ng.FrictionContact(0.7), TASK, hand=four_finger_hand())
     compiled = CompiledProblem(problem, OPTIONS)
     names = compiled.problem.body.face_names * 4
-    drawn = [replace(one, faces=names) for one in propose(compiled, np.random.default_rng(0))]
-    found = (project_onto_constraints(compiled, candidate) for candidate in drawn)
-    return compiled, next(candidate for candidate, violation in found if violation <= TOUCHING)
+    proposed = [replace(candidate, faces=names) for candidate in propose(compiled, np.random.default_rng(0))]
+    projected = (project_onto_constraints(compiled, candidate) for candidate in proposed)
+    return compiled, next(candidate for candidate, violation in projected if violation <= TOUCHING)
 
 
 def test_a_hand_touches_the_mesh(posed):
     compiled, candidate = posed
-    own, found, left = touching_on_body(compiled, candidate)
-    assert left <= 1e-6
-    assert np.max(off_mesh(found.points)) <= 1e-9
-    np.testing.assert_allclose(own.inward_normals(found), own_normals(found.points), atol=1e-9)
-    towards = found.points - compiled.hand_points.tip_centres(found.hand, found.points)
+    on_faces, moved, violation = project_onto_body(compiled, candidate)
+    assert violation <= 1e-6
+    assert np.max(off_mesh(moved.points)) <= 1e-9
+    np.testing.assert_allclose(on_faces.inward_normals(moved), triangle_normals(moved.points), atol=1e-9)
+    towards = moved.points - compiled.hand_points.tip_centres(moved.hand, moved.points)
     distance = np.linalg.norm(towards, axis=1)
     np.testing.assert_allclose(distance, compiled.hand_points.hand.tip_radii, atol=1e-6)
-    np.testing.assert_allclose(own.inward_normals(found), towards / distance[:, None], atol=1e-4)
+    np.testing.assert_allclose(on_faces.inward_normals(moved), towards / distance[:, None], atol=1e-4)
 
 
 def test_links_keep_their_clearance_from_the_mesh_itself(posed):
     compiled, candidate = posed
-    found, _ = refine_on_triangles(compiled, candidate, Deadline())
-    assert found.is_feasible
-    clearances = compiled.hand_points.mesh_clearances(the_mesh(), found.candidate.hand)
+    on_body, _ = refine_on_triangles(compiled, candidate, Deadline())
+    assert on_body.is_feasible
+    clearances = compiled.hand_points.mesh_clearances(the_mesh(), on_body.candidate.hand)
     lower = [compiled.rows.named[i].lower for i in compiled.rows.clearances]
     assert np.all(clearances >= np.array(lower) - 1e-5)
 
 
 def test_links_hardly_inside_a_mesh_are_inside(posed, rng):
-    """The sign is that of the mesh itself: the spline through its distances is some tenths of a millimetre off."""
+    """The sign is that of the mesh itself: the spline through its distances errs by some tenths of a millimetre."""
     half, palm = np.array([0.03, 0.025, 0.004]), posed[1].hand
     brick = ng.Mesh(trimesh.creation.box(2.0 * half))
     problem = ng.GraspProblem(brick, ng.FrictionContact(0.7), TASK, hand=four_finger_hand())

@@ -1,4 +1,4 @@
-"""Candidates moved to where all rows are kept."""
+"""Projection of candidates onto the constraints."""
 
 import numpy as np
 import pytest
@@ -30,24 +30,24 @@ def test_contacts_on_a_sphere_spread(seed):
     spread = compiled(ng.Spread(1.2, 1.9))
     start = close_together(np.random.default_rng(seed))
     assert spread.violation(start) > 0.1
-    found, violation = project_onto_constraints(spread, start)
+    projected, violation = project_onto_constraints(spread, start)
     assert violation <= 1e-6
-    assert spread.violation(found) <= 1e-5
-    np.testing.assert_allclose(np.linalg.norm(found.points, axis=1), 1.0, atol=1e-12)
-    apart = [np.linalg.norm(found.points[i] - found.points[j]) for i, j in ((0, 1), (0, 2), (1, 2))]
-    assert np.min(apart) >= 1.2 - 1e-5
+    assert spread.violation(projected) <= 1e-5
+    np.testing.assert_allclose(np.linalg.norm(projected.points, axis=1), 1.0, atol=1e-12)
+    distances = [np.linalg.norm(projected.points[i] - projected.points[j]) for i, j in ((0, 1), (0, 2), (1, 2))]
+    assert np.min(distances) >= 1.2 - 1e-5
 
 
-def test_what_cannot_be_kept_is_kept_as_well_as_it_can(rng):
+def test_infeasible_constraints_are_violated_least(rng):
     """Three points of a unit sphere are at most sqrt(3) apart: 1.9 squared is 0.61 too much, over the row's scale."""
-    found, violation = project_onto_constraints(compiled(ng.Spread(1.9)), close_together(rng))
+    projected, violation = project_onto_constraints(compiled(ng.Spread(1.9)), close_together(rng))
     assert TOUCHING < violation < 0.62
-    np.testing.assert_allclose(np.linalg.norm(found.points, axis=1), 1.0, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(projected.points, axis=1), 1.0, atol=1e-12)
 
 
 def test_candidates_that_touch_come_first(rng):
     spread = compiled(ng.Spread(1.2, 1.9))
     far = GraspCandidate(FACES, np.array([[1.0, 0.0, 0.0], [-0.5, 0.8, 0.3], [-0.5, -0.8, 0.3]]))
-    given = list(touch_candidates(spread, [close_together(rng), spread.snapped(far)], rng, Deadline()))
-    assert len(given) == 2
-    assert all(spread.violation(one) <= 1e-5 for one in given)
+    moved = list(touch_candidates(spread, [close_together(rng), spread.snapped(far)], rng, Deadline()))
+    assert len(moved) == 2
+    assert all(spread.violation(candidate) <= 1e-5 for candidate in moved)
