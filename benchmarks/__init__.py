@@ -1,1 +1,1 @@
-"""Speed and quality, measured: ``make bench``. Ratios are of times in the same run on the same machine."""
+"""Benchmarks of speed and quality (``make bench``); ratios are of times in the same run on the same machine."""

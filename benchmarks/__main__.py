@@ -1,4 +1,4 @@
-"""Run all benchmarks, or those named: ``python -m benchmarks ellipsoid meshes``; a part of one: ``best:hits``."""
+"""Command line of the benchmarks: ``python -m benchmarks [NAME[:PART] ...]``, all without names."""
 
 import sys
 
@@ -25,7 +25,7 @@ from benchmarks import (
 )
 from nlpgrasp.optimize.processes import single_thread
 
-ALL = {
+BENCHMARKS = {
     "baseline": baseline,
     "calls": calls,
     "ellipsoid": ellipsoid,
@@ -47,8 +47,8 @@ ALL = {
     "hand_simulation": hand_simulation,
 }
 
-for word in sys.argv[1:] or ALL:
-    name, *part = word.split(":")
-    print(f"\n== {word}: {ALL[name].__doc__.splitlines()[0]}")
+for argument in sys.argv[1:] or BENCHMARKS:
+    name, *part = argument.split(":")
+    print(f"\n== {argument}: {BENCHMARKS[name].__doc__.splitlines()[0]}")
     with single_thread():
-        ALL[name].run(*part)
+        BENCHMARKS[name].run(*part)

@@ -1,4 +1,4 @@
-"""The 60 problems of the baseline: bodies, meshes, hands, jaws, budgets, constraints, planar tasks, contact models."""
+"""The 60 problems of the baseline, by group."""
 
 import numpy as np
 
@@ -12,11 +12,11 @@ ANALYTIC, MESHES, HANDS = (*range(7), *range(13, 20)), (*range(7, 13), *range(20
 FRICTION, SOFT = ng.FrictionContact(0.5), ng.SoftContact(0.6, 0.005)
 ELLIPTIC = ng.SoftContact(0.6, 0.005, "elliptic")
 BOX, ELLIPSOID = ng.Box([0.08, 0.05, 0.04]), ng.Ellipsoid([0.04, 0.03, 0.025])
-MEAT_CAN, SCREWDRIVER, STRAWBERRY = 2, 4, 3  # shared meshes by number
+MEAT_CAN, SCREWDRIVER, STRAWBERRY = 2, 4, 3  # numbers of shared meshes
 
 
 def baseline_problems():
-    """Return group, name and problem of each, in an order that stays; a problem that needs a missing mesh is None."""
+    """Yield group, name and problem in a fixed order, None for a problem with a missing mesh."""
     groups = {"analytic": ANALYTIC, "mesh": MESHES, "hand": HANDS}
     for group, numbers in groups.items():
         for number in numbers:
@@ -29,7 +29,7 @@ def baseline_problems():
 
 
 def jaws():
-    """Two soft contacts of a parallel jaw."""
+    """Return problems with two soft contacts of a parallel jaw."""
     bodies = {
         "box": ng.Box([0.06, 0.04, 0.03]),
         "cylinder": ng.Cylinder(0.02, 0.08),
@@ -46,7 +46,7 @@ def jaws():
 
 
 def budgets():
-    """Force budgets other than the paper's, on a box and on a mesh."""
+    """Return problems with force budgets other than the paper's, on an ellipsoid and a mesh."""
     bodies = {"ellipsoid": ELLIPSOID, "strawberry": shared_mesh(STRAWBERRY)}
     return {
         f"{budget}, {name}": problem_of(body, [FRICTION] * 4, force_budget=budget)
@@ -56,7 +56,7 @@ def budgets():
 
 
 def constraints():
-    """Constraints that couple contacts, keep them apart from something, or exclude each other."""
+    """Return problems with constraints that couple contacts or keep them clear of obstacles."""
     lower, upper = ng.BoxRegion([-1.0, -1.0, -1.0], [-0.005, 1.0, 1.0]), ng.BoxRegion([0.005, -1.0, -1.0], [1.0] * 3)
     can = shared_mesh(MEAT_CAN)
     unlike = [ng.PointContact(), ng.FrictionContact(0.5), ng.FrictionContact(0.5), SOFT]
@@ -87,7 +87,7 @@ def constraints():
 
 
 def planar():
-    """Bodies in the plane."""
+    """Return problems with planar bodies."""
     polygon = ng.Polygon([[0.0, 0.0], [0.08, 0.0], [0.1, 0.04], [0.04, 0.08], [-0.01, 0.05]])
     curve = ng.PlanarImplicit(lambda p: (p[0] / 0.04) ** 4 + (p[1] / 0.03) ** 2 - 1.0, [[-0.05, -0.04], [0.05, 0.04]])
     task = ng.TaskEllipsoid([1.0, 1.0, 0.05])
@@ -102,7 +102,7 @@ def planar():
 
 
 def contacts():
-    """Soft contacts, boxed and elliptic."""
+    """Return problems with soft contacts, box and elliptic model."""
     return {
         "soft, box": problem_of(BOX, [SOFT] * 3),
         "elliptic, ellipsoid": problem_of(ELLIPSOID, [ELLIPTIC] * 3),
@@ -110,7 +110,7 @@ def contacts():
 
 
 def problem_of(body, models, **more):
-    """Return a problem with forces from everywhere and torques about the body's size; None without a body."""
+    """Return a problem with a centred task and torques scaled by the body's size; None without a body."""
     if body is None:
         return None
     return ng.GraspProblem(body, models, ng.TaskEllipsoid(np.array([1.0] * 3 + [0.6 * body.size] * 3)), **more)

@@ -1,4 +1,4 @@
-"""The bound over all placements: gap against CPU time; how often default solves meet the best known; the peg's seeds.
+"""Global bound: gap against CPU time, hit rate of default solves, and their spread over seeds.
 
 Parts: ``gaps``, ``meshes``, ``hits``, ``peg``, ``hands``; ``best:hits:0:20`` runs the first 20 problems
 of the hit rate.
@@ -11,15 +11,15 @@ import numpy as np
 import nlpgrasp as ng
 from benchmarks import hand_budgets
 from benchmarks.best_problems import gap_problems, hit_problem
-from benchmarks.outside import MESHES, MISSING
+from benchmarks.outside import MESHES, MISSING, load_mesh
 from problems.peg_in_hole import problem as peg
 from tests.global_bound.brute_force.cases import Case
 from tests.global_bound.brute_force.search import BruteForce
 
 TIMES = (1.0, 3.0, 10.0, 30.0, 60.0)
-FINE = 0.005  # gap at which searches end that look for the best grasp
+FINE = 0.005  # relative gap at which searches for the best known grasp end
 HITS, SEEDS, PEG_SEEDS = 60, 2, 10
-LOOKED = 4.0  # seconds of CPU time that the tree has to find a better grasp
+LOOKED = 4.0  # seconds of wall time of such a search
 NEAR, LOW = 0.98, 0.90
 OPTIONS = ng.SolveOptions(workers=1, rank="mu")
 
@@ -32,18 +32,18 @@ def run(part=None, first=0, last=HITS):
 
 
 def gap_over_time(problem, seconds, gap):
-    """Return the gaps after ``TIMES`` of CPU time, the seconds until the gap asked for was closed, and the bound."""
-    begun = time.process_time()
-    found = []
+    """Return the gaps after ``TIMES`` of CPU time, the seconds until the requested gap, and the bound."""
+    begin = time.process_time()
+    gaps = []
 
     def watch(upper, mu, nodes):
-        spent = time.process_time() - begun
-        while len(found) < len(TIMES) and spent >= TIMES[len(found)]:
-            found.append(_gap(upper, mu.lower))
+        elapsed = time.process_time() - begin
+        while len(gaps) < len(TIMES) and elapsed >= TIMES[len(gaps)]:
+            gaps.append(_gap(upper, mu.lower))
 
     best = ng.best_possible(problem, gap, seconds, watch)
-    found += [_gap(best.upper, best.mu.lower)] * (sum(t <= seconds for t in TIMES) - len(found))
-    return found[: sum(t <= seconds for t in TIMES)], time.process_time() - begun, best
+    gaps += [_gap(best.upper, best.mu.lower)] * (sum(t <= seconds for t in TIMES) - len(gaps))
+    return gaps[: sum(t <= seconds for t in TIMES)], time.process_time() - begin, best
 
 
 def _gap(upper, lower):
@@ -51,69 +51,79 @@ def _gap(upper, lower):
 
 
 def gaps():
+    """Print the gap against CPU time for problems with analytic bodies."""
     print(f"gap after {', '.join(f'{t:g}' for t in TIMES)} s of CPU time, or less where it was closed before")
     missed = 0
     for name, problem, target, seconds in gap_problems():
-        found, spent, search = gap_over_time(problem, seconds, target)
-        missed += found[-1] > target
-        word = "" if found[-1] <= target else "  MISSED"
+        values, seconds_spent, search = gap_over_time(problem, seconds, target)
+        missed += values[-1] > target
+        remark = "" if values[-1] <= target else "  MISSED"
         print(
-            f"{name}: {_shown(found)}; {spent:.1f} s, {search.nodes} nodes, mu {search.mu.lower:.4f}"
-            f" (aim {target:.0%} in {seconds:g} s){word}",
+            f"{name}: {_format_gaps(values)}; {seconds_spent:.1f} s, {search.nodes} nodes, mu {search.mu.lower:.4f}"
+            f" (aim {target:.0%} in {seconds:g} s){remark}",
             flush=True,
         )
     print(f"{missed} missed")
 
 
-def _shown(found):
-    return ", ".join(f"{gap:.2%}" for gap in found)
+def _format_gaps(gaps):
+    return ", ".join(f"{gap:.2%}" for gap in gaps)
 
 
 def meshes():
+    """Print the gap against CPU time for the shared meshes."""
     if not MESHES.is_dir():
         print(f"skipped meshes: {MISSING}")
         return
     for path in sorted(MESHES.glob("*.stl")):
-        body = ng.Mesh.load(path, unit="m" if path.name.startswith("ycb") else "in")
+        body = load_mesh(path)
         task = ng.TaskEllipsoid([1, 1, 1, *[body.size] * 3])
-        found, _, search = gap_over_time(ng.GraspProblem(body, [ng.FrictionContact(0.6)] * 4, task), 60.0, 0.01)
-        print(f"{path.name}: {_shown(found)}; mu {search.mu.lower:.4f} (aim 40 % after 60 s)", flush=True)
+        values, _, search = gap_over_time(ng.GraspProblem(body, [ng.FrictionContact(0.6)] * 4, task), 60.0, 0.01)
+        print(f"{path.name}: {_format_gaps(values)}; mu {search.mu.lower:.4f} (aim 40 % after 60 s)", flush=True)
 
 
 def hits(numbers):
-    """Default solves beside the best known: the better of the tree's grasp, brute force, and all solves."""
-    shares, none, seconds = [], 0, []
+    """Print the quality of default solves relative to the best of branch and bound, brute force and all solves."""
+    ratios, without_grasp, seconds = [], 0, []
     for number in numbers:
         name, problem = hit_problem(number)
-        solved, spent = solves(problem, range(SEEDS))
+        values, cpu_seconds = solves(problem, range(SEEDS))
         _, _, search = gap_over_time(problem, LOOKED, FINE)
         case = Case(problem, lambda i, b=problem.body: b.face_names, lambda i, p: np.ones(len(p), dtype=bool))
-        force = BruteForce(case, np.random.default_rng(number)).certified()[0]
-        known = max(search.mu.lower, force, *solved)
-        shares += [value / known if known > 0.0 else 1.0 for value in solved]
-        none += sum(value <= 0.0 < known for value in solved)
-        seconds.append(spent / SEEDS)
+        brute_force = BruteForce(case, np.random.default_rng(number)).certified()[0]
+        best_known = max(search.mu.lower, brute_force, *values)
+        ratios += [value / best_known if best_known > 0.0 else 1.0 for value in values]
+        without_grasp += sum(value <= 0.0 < best_known for value in values)
+        seconds.append(cpu_seconds / SEEDS)
         print(
-            f"{number} {name}: solves {', '.join(f'{v:.4f}' for v in solved)} ({spent / SEEDS:.1f} s each); tree"
-            f" {search.mu.lower:.4f} of {search.upper:.4f}, brute force {force:.4f}"
-            + "".join(f"  {s:.1%}" for s in shares[-SEEDS:] if s < NEAR),
+            f"{number} {name}: solves {', '.join(f'{v:.4f}' for v in values)} ({cpu_seconds / SEEDS:.1f} s each); tree"
+            f" {search.mu.lower:.4f} of {search.upper:.4f}, brute force {brute_force:.4f}"
+            + "".join(f"  {s:.1%}" for s in ratios[-SEEDS:] if s < NEAR),
             flush=True,
         )
-    within = np.mean(np.array(shares) >= NEAR)
-    low = int(np.sum(np.array(shares) < LOW)) - none
-    print(f"{within:.1%} of {len(shares)} solves within 2 % of the best known (aim 97 %); {low} below 90 % (aim 0);")
-    print(f"{none} without a grasp where there is one (aim 0); {np.median(seconds):.1f} s a solve in the median")
+    within = np.mean(np.array(ratios) >= NEAR)
+    far_below = int(np.sum(np.array(ratios) < LOW)) - without_grasp
+    print(
+        f"{within:.1%} of {len(ratios)} solves within 2 % of the best known (aim 97 %); {far_below} below 90 % (aim 0);"
+    )
+    print(
+        f"{without_grasp} without a grasp where there is one (aim 0); {np.median(seconds):.1f} s a solve in the median"
+    )
 
 
 def solves(problem, seeds):
-    """Return the certified mu of default solves with these seeds, and their CPU seconds together."""
-    begun = time.process_time()
-    found = [ng.solve(problem, seed=seed, options=OPTIONS) for seed in seeds]
-    return [s.mu.lower if s.success else 0.0 for s in found], time.process_time() - begun
+    """Return the certified mu of default solves by seed, and their total CPU seconds."""
+    begin = time.process_time()
+    solutions = [ng.solve(problem, seed=seed, options=OPTIONS) for seed in seeds]
+    return [s.mu.lower if s.success else 0.0 for s in solutions], time.process_time() - begin
 
 
 def pegs():
-    found, spent = solves(peg(), range(PEG_SEEDS))
-    least = min(found) / max(found)
-    print(f"peg in hole, {PEG_SEEDS} seeds: mu {', '.join(f'{v:.4f}' for v in found)}; {spent / PEG_SEEDS:.1f} s each")
-    print(f"the least is {least:.1%} of the best (aim 98 %)")
+    """Print the quality of default solves of the peg in a hole by seed."""
+    values, cpu_seconds = solves(peg(), range(PEG_SEEDS))
+    worst = min(values) / max(values)
+    print(
+        f"peg in hole, {PEG_SEEDS} seeds: mu {', '.join(f'{v:.4f}' for v in values)};"
+        f" {cpu_seconds / PEG_SEEDS:.1f} s each"
+    )
+    print(f"the least is {worst:.1%} of the best (aim 98 %)")

@@ -1,4 +1,4 @@
-"""The problems of the benchmark of the bound."""
+"""Problems of the benchmark of the global bound."""
 
 import numpy as np
 
@@ -17,12 +17,12 @@ def _contacts(count, friction=0.5):
 
 
 def _problem(body, contacts, task, **more):
-    """Return a problem whose contacts may be on edges: what tables of earlier versions are about."""
+    """Return a problem whose contacts may be on edges, as in earlier tables."""
     return ng.GraspProblem(body, contacts, task, edge_margin=0.0, **more)
 
 
 def gap_problems():
-    """Yield name, problem, the gap aimed at, and the seconds of CPU time until then."""
+    """Yield name, problem, target gap, and target seconds of CPU time."""
     square = ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     angles = np.sort(np.random.default_rng(7).uniform(0, 2 * np.pi, 6))
     convex = ng.Polygon(np.stack([np.cos(angles), 0.7 * np.sin(angles)], axis=1))
@@ -70,7 +70,7 @@ TASKS = ("ball", "unequal", "flat", "0 on the edge", "0 outside", "lift")
 
 
 def hit_problem(number):
-    """Return name and problem ``number``: seven bodies, six tasks of which three are one-sided, 3 to 5 contacts."""
+    """Return name and problem ``number``, of seven bodies, six tasks (three one-sided) and 3 to 5 contacts."""
     rng = np.random.default_rng([11, number])
     body_name, task_name = list(BODIES)[number % 7], TASKS[number // 2 % 6]
     body, count, friction = BODIES[body_name], int(rng.integers(3, 6)), float(rng.choice([0.3, 0.6, 0.9]))

@@ -1,8 +1,8 @@
-"""Whole calls, cold, in processes of their own: what a user waits for, and where the time goes.
+"""Wall time of whole calls in new processes, by stage: import, problem, solve, and the command line.
 
 One core, one start, four contacts with friction 0.7. "Cold" is with an empty cache folder, "again" a second process
-with what the first one left there, "second" a second call in the same process with another seed. Parts: ``imports``,
-``free``, ``hand``, ``command``.
+with the same cache folder, "second" a second call in the same process with another seed. All modules are compiled to
+bytecode by an untimed run, as those of an installed package are. Parts: ``imports``, ``free``, ``hand``, ``command``.
 """
 
 import json
@@ -18,69 +18,91 @@ from benchmarks.outside import MISSING
 
 ROOT = Path(__file__).resolve().parents[1]
 MESHES = ("ycb_012_strawberry", "featuretype", "ycb_048_hammer")
-GOALS = {"box": 0.7, "ellipsoid": 1.0, "mesh": 1.5, "ellipsoid, hand": 2.0, "mesh, hand": 3.5}
-INSIDE = ("total", "ipopt", "functions")  # of the stages, those that are sums or parts of others
+GOALS = {"box": 0.7, "ellipsoid": 1.0, "mesh": 1.5, "ellipsoid, hand": 2.0, "mesh, hand": 3.5}  # seconds
+INSIDE = ("total", "ipopt", "functions")  # stages that are sums or parts of others
 REPEATS = 5
 
 
 def run(part=None):
-    parts = {"imports": imports, "free": lambda: _solves(False), "hand": lambda: _solves(True), "command": command}
-    for name in parts if part is None else (part,):
-        parts[name]()
+    parts = {
+        "imports": imports,
+        "free": lambda bytecode: _solves(False, bytecode),
+        "hand": lambda bytecode: _solves(True, bytecode),
+        "command": command,
+    }
+    with tempfile.TemporaryDirectory() as bytecode:
+        for name in parts if part is None else (part,):
+            parts[name](bytecode)
 
 
-def imports():
+def imports(bytecode):
+    """Print the wall time of the import and of the command line's help."""
     program = str(Path(sys.executable).with_name("nlpgrasp"))
     for words, goal in (([sys.executable, "-c", "import nlpgrasp"], 0.35), ([program, "--help"], 0.5)):
+        _timed(words, bytecode)  # compiles to bytecode
         shown = " ".join([Path(words[0]).name, *words[1:]])
-        print(f"{shown}: {min(_timed(words) for _ in range(REPEATS)):.2f} s (goal {goal})", flush=True)
+        print(f"{shown}: {min(_timed(words, bytecode) for _ in range(REPEATS)):.2f} s (goal {goal})", flush=True)
 
 
-def command():
-    """The command line, with two workers."""
+def command(bytecode):
+    """Print the wall time of a solve by the command line, with two workers."""
     with tempfile.TemporaryDirectory() as folder:
         program = str(Path(sys.executable).with_name("nlpgrasp"))
         words = [program, "solve", str(ROOT / "problems" / "screwdriver.py"), "--workers", "2", "--json"]
+        words += ["--out", f"{folder}/screwdriver.json"]
+        _timed(words, bytecode)  # compiles to bytecode
         for cache in ("cold", "again"):
-            seconds = _timed([*words, "--out", f"{folder}/screwdriver.json"], f"{folder}/cache")
+            seconds = _timed(words, bytecode, f"{folder}/cache")
             print(f"nlpgrasp solve problems/screwdriver.py, 8 starts, two workers, {cache}: {seconds:.1f} s (goal 7)")
 
 
-def _solves(with_hand):
+def _solves(with_hand, bytecode):
+    """Print the wall time of solves of a box, an ellipsoid and meshes, by stage."""
     names = ["box", "ellipsoid"]
     if OUTSIDE_MESHES.is_dir():
         names += [str(OUTSIDE_MESHES / f"{name}.stl") for name in MESHES]
     else:
         print(f"skipped meshes: {MISSING}")
     for name in names:
+        _call(name, with_hand, bytecode, "off")  # compiles to bytecode
         with tempfile.TemporaryDirectory() as folder:
-            cold, again = _call(name, with_hand, folder), _call(name, with_hand, folder)
-        kind = (name if name in GOALS else "mesh") + (", hand" if with_hand else "")
-        goal = f" (goal {GOALS[kind]})" if kind in GOALS else ""
-        one, other = cold["took"], again["took"]
-        print(f"{Path(name).stem}{', hand' if with_hand else ''}: mu {cold['mu']:.4f}, {cold['peak']:.0f} MiB")
-        first, warm = one["problem"] + one["solve"], other["problem"] + other["solve"]
-        print(f"  problem and solve, cold {first:.2f} s{goal}, again {warm:.2f} s, second {one['second']:.2f} s")
-        stages = [f"{stage} {one[stage]:.2f}" for stage in ("import", "names", "body", "hand", "problem")]
-        print(f"  {', '.join(stages)}; body again {other['body']:.2f}")
-        stages = {stage: seconds for stage, seconds in cold["stages"].items() if stage not in INSIDE}
-        shown = ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in stages.items() if seconds >= 0.005)
-        print(f"  solve {one['solve']:.2f}: {shown} (together {sum(stages.values()) / one['solve']:.0%})", flush=True)
+            cold, again = (_call(name, with_hand, bytecode, folder) for _ in range(2))
+        _print_call(name, with_hand, cold, again)
 
 
-def _call(name, with_hand, cache):
-    """Return the times of one call in a process of its own."""
+def _print_call(name, with_hand, cold, again):
+    """Print the times of a call with an empty cache folder, and of one after it."""
+    kind = (name if name in GOALS else "mesh") + (", hand" if with_hand else "")
+    goal = f" (goal {GOALS[kind]})" if kind in GOALS else ""
+    first, second = cold["took"], again["took"]
+    print(f"{Path(name).stem}{', hand' if with_hand else ''}: mu {cold['mu']:.4f}, {cold['peak']:.0f} MiB")
+    seconds = [took["problem"] + took["solve"] for took in (first, second)]
+    print(
+        f"  problem and solve, cold {seconds[0]:.2f} s{goal}, again {seconds[1]:.2f} s, second {first['second']:.2f} s"
+    )
+    stages = [f"{stage} {first[stage]:.2f}" for stage in ("import", "names", "body", "hand", "problem")]
+    print(f"  {', '.join(stages)}; body again {second['body']:.2f}")
+    stages = {stage: seconds for stage, seconds in cold["stages"].items() if stage not in INSIDE}
+    shown = ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in stages.items() if seconds >= 0.005)
+    print(f"  solve {first['solve']:.2f}: {shown} (together {sum(stages.values()) / first['solve']:.0%})", flush=True)
+
+
+def _call(name, with_hand, bytecode, cache):
+    """Return the times of one call in a new process."""
     words = [sys.executable, "-m", "benchmarks.one_call", name, *(["hand"] if with_hand else [])]
-    done = subprocess.run(words, capture_output=True, text=True, check=True, env=_environment(cache), cwd=ROOT)
-    return json.loads(done.stdout)
+    environment = _environment(bytecode, cache)
+    completed = subprocess.run(words, capture_output=True, text=True, check=True, env=environment, cwd=ROOT)
+    return json.loads(completed.stdout)
 
 
-def _timed(words, cache="off"):
+def _timed(words, bytecode, cache="off"):
     """Return the wall time of a command."""
-    begun = time.perf_counter()
-    subprocess.run(words, capture_output=True, check=True, env=_environment(cache))
-    return time.perf_counter() - begun
+    begin = time.perf_counter()
+    subprocess.run(words, capture_output=True, check=True, env=_environment(bytecode, cache))
+    return time.perf_counter() - begin
 
 
-def _environment(cache):
-    return {**os.environ, "NLPGRASP_CACHE": cache, "OMP_NUM_THREADS": "1"}
+def _environment(bytecode, cache):
+    """Return the environment of a call: bytecode and cache folders, one thread."""
+    inherited = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    return {**inherited, "PYTHONPYCACHEPREFIX": bytecode, "NLPGRASP_CACHE": cache, "OMP_NUM_THREADS": "1"}

@@ -1,4 +1,4 @@
-"""Default solves under constraints that couple unlike contacts, beside the best known: random problems, one example.
+"""Default solves under constraints that couple contacts of different models, relative to the best known grasp.
 
 Parts: ``random``, ``example``; ``coupled:random:0:10`` runs the first 10 problems.
 """
@@ -11,7 +11,7 @@ import numpy as np
 import nlpgrasp as ng
 
 PROBLEMS, SEEDS, EXAMPLE_SEEDS = 40, 2, 10
-MANY, ANOTHER = 32, 1000  # starts of the search for the best known, and its seed
+MANY, ANOTHER = 32, 1000  # starts and seed of the search for the best known grasp
 NEAR = 0.98
 OPTIONS = ng.SolveOptions(workers=1, rank="mu")
 BODIES = {
@@ -32,7 +32,7 @@ def run(part=None, first=0, last=PROBLEMS):
 
 
 def coupled_problem(number):
-    """Return name and problem ``number``: six bodies, five couplings, three to five contacts of several models."""
+    """Return name and problem ``number``, of six bodies, five couplings and 3 to 5 contacts of several models."""
     rng = np.random.default_rng([5, number])
     body_name, coupling = list(BODIES)[number % 6], COUPLINGS[number % 5]
     body, count = BODIES[body_name], int(rng.integers(3, 6))
@@ -51,20 +51,23 @@ def coupled_problem(number):
 def _coupled(coupling, body, rng):
     lower, upper = np.array(body.bounds)
     size, axis = float(np.min(upper - lower)), int(np.argmax(upper - lower))
-    middle, unit = 0.5 * (lower + upper), np.eye(body.space)[axis]
+    centre, unit = 0.5 * (lower + upper), np.eye(body.space)[axis]
     match coupling:
         case "near":
             return [ng.Spread(max=float(rng.uniform(1.0, 1.4)) * size)]
         case "apart":
             return [ng.Spread(min=float(rng.uniform(0.3, 0.6)) * size)]
         case "mirrored":
-            return [ng.Symmetric((0, 1), unit, float(middle @ unit), 1e-3)]
+            return [ng.Symmetric((0, 1), unit, float(centre @ unit), 1e-3)]
         case "level":
-            off = float(rng.uniform(0.0, 0.1)) * size
-            return [ng.Constraint("level", lambda p, n: p[0][axis] - p[1][axis], -off, off), ng.Spread(min=0.2 * size)]
-    ends = np.quantile([lower[axis], upper[axis]], [0.0, 0.5, 1.0])
+            offset = float(rng.uniform(0.0, 0.1)) * size
+            return [
+                ng.Constraint("level", lambda p, n: p[0][axis] - p[1][axis], -offset, offset),
+                ng.Spread(min=0.2 * size),
+            ]
+    limits = np.quantile([lower[axis], upper[axis]], [0.0, 0.5, 1.0])
     halves = []
-    for a, b in pairwise(ends):
+    for a, b in pairwise(limits):
         corners = lower.copy() - size, upper.copy() + size
         corners[0][axis], corners[1][axis] = a - 0.02 * size, b + 0.02 * size
         halves.append(ng.BoxRegion(*corners))
@@ -72,29 +75,32 @@ def _coupled(coupling, body, rng):
 
 
 def random_problems(numbers):
-    shares = []
+    """Print the quality of default solves of random problems relative to the best known."""
+    ratios = []
     for number in numbers:
         name, problem = coupled_problem(number)
-        begun = time.process_time()
-        solved = [_value(ng.solve(problem, seed=seed, options=OPTIONS)) for seed in range(SEEDS)]
-        spent = (time.process_time() - begun) / SEEDS
-        known = max(*solved, _value(ng.solve(problem, MANY, ANOTHER, OPTIONS)))
-        shares += [value / known if known > 0.0 else 1.0 for value in solved]
-        low = "".join(f"  {share:.1%}" for share in shares[-SEEDS:] if share < NEAR)
+        begin = time.process_time()
+        values = [_value(ng.solve(problem, seed=seed, options=OPTIONS)) for seed in range(SEEDS)]
+        cpu_seconds = (time.process_time() - begin) / SEEDS
+        best_known = max(*values, _value(ng.solve(problem, MANY, ANOTHER, OPTIONS)))
+        ratios += [value / best_known if best_known > 0.0 else 1.0 for value in values]
+        remarks = "".join(f"  {ratio:.1%}" for ratio in ratios[-SEEDS:] if ratio < NEAR)
         print(
-            f"{number} {name}: {', '.join(f'{v:.4f}' for v in solved)} of {known:.4f}, {spent:.1f} s{low}", flush=True
+            f"{number} {name}: {', '.join(f'{v:.4f}' for v in values)} of {best_known:.4f},"
+            f" {cpu_seconds:.1f} s{remarks}",
+            flush=True,
         )
-    print(f"{np.mean(np.array(shares) >= NEAR):.1%} of {len(shares)} within 2 % of the best known (aim 95 %)")
+    print(f"{np.mean(np.array(ratios) >= NEAR):.1%} of {len(ratios)} within 2 % of the best known (aim 95 %)")
 
 
 def example():
-    """A cylinder held within five centimetres by a point, two friction and a soft contact."""
+    """Print mu by seed for a cylinder held within five centimetres by a point, two friction and a soft contact."""
     contacts = [ng.PointContact(), ng.FrictionContact(0.5), ng.FrictionContact(0.5), ng.SoftContact(0.5, 0.005)]
     task = ng.TaskEllipsoid([1, 1, 1, 0.03, 0.03, 0.01])
-    near = [ng.Spread(max=0.05)]
-    problem = ng.GraspProblem(ng.Cylinder(0.02, 0.15), contacts, task, constraints=near, edge_margin=0.001)
-    found = [_value(ng.solve(problem, seed=seed)) for seed in range(EXAMPLE_SEEDS)]
-    print(f"cylinder within 5 cm, {EXAMPLE_SEEDS} seeds: {', '.join(f'{v:.4f}' for v in found)} (aim 0.52 each)")
+    constraints = [ng.Spread(max=0.05)]
+    problem = ng.GraspProblem(ng.Cylinder(0.02, 0.15), contacts, task, constraints=constraints, edge_margin=0.001)
+    values = [_value(ng.solve(problem, seed=seed)) for seed in range(EXAMPLE_SEEDS)]
+    print(f"cylinder within 5 cm, {EXAMPLE_SEEDS} seeds: {', '.join(f'{v:.4f}' for v in values)} (aim 0.52 each)")
 
 
 def _value(solution):

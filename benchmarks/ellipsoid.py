@@ -19,10 +19,13 @@ def run():
         results, seconds = run_starts(problem(k), 8)
         best = best_of(results)
         final = ng.mu(best.on_body.grasp, problem(k).task, 0.01)
-        closed = sum(r.record.mu.lower > 0.0 for r in results)
+        force_closed = sum(r.record.mu.lower > 0.0 for r in results)
         print(f"{k} fingers: best certified {final} (target lower {TARGET[k]}, best known before {BEST_KNOWN[k]})")
-        print(f"  starts force-closed: {closed} of 8; upper bounds {np.round([r.record.mu.upper for r in results], 4)}")
-        shown = f"median {np.median(seconds):.2f}, most {seconds.max():.2f}"
-        print(f"  seconds a start: {shown} (target 3 with a 2 % certificate)")
+        print(
+            f"  starts force-closed: {force_closed} of 8;"
+            f" upper bounds {np.round([r.record.mu.upper for r in results], 4)}"
+        )
+        text = f"median {np.median(seconds):.2f}, most {seconds.max():.2f}"
+        print(f"  seconds a start: {text} (target 3 with a 2 % certificate)")
         print("  stages: " + ", ".join(f"{n} {s:.2f}" for n, s in stage_medians(results).items()))
         print(f"  function evaluations: {function_share(results):.0%} of IPOPT's time (target at most 33 %)")

@@ -1,4 +1,4 @@
-"""Experiments: throughput of two workers against one, of a Dask cluster, overhead a solve, memory over 500 solves."""
+"""Experiments: throughput of one and two workers and of a Dask cluster, overhead per solve, memory."""
 
 import re
 import subprocess
@@ -23,11 +23,11 @@ def square():
 
 
 def timed(experiment, **settings):
-    """Return wall seconds and the sum of the solves' own."""
+    """Return the wall seconds of an experiment, and the sum over its solves."""
     with tempfile.TemporaryDirectory() as folder:
-        begun = time.perf_counter()
+        begin = time.perf_counter()
         result = ng.run_experiment(experiment, Path(folder) / "out", **settings)
-        seconds = time.perf_counter() - begun
+        seconds = time.perf_counter() - begin
     if not result.complete:
         raise RuntimeError(str(result))
     return seconds, sum(s.seconds for s in result.solves)
@@ -35,25 +35,31 @@ def timed(experiment, **settings):
 
 def run():
     sweep = {f"friction {mu}": {"friction": mu} for mu in (0.3, 0.5, 0.7, 0.9)}
-    solves = ng.Experiment(problem(), sweep, seeds=range(SOLVES // 4), starts=1, options=OPTIONS)
-    one, alone = timed(solves, workers=1)
-    two, _ = timed(solves, workers=2)
-    print(f"{SOLVES} solves: {one:.1f} s with one worker, {two:.1f} s with two: {one / two:.2f} times (aim 1.8)")
-    print(f"overhead with one worker: {1e3 * (one - alone) / SOLVES:.0f} ms a solve, start of the workers included")
+    sweep_experiment = ng.Experiment(problem(), sweep, seeds=range(SOLVES // 4), starts=1, options=OPTIONS)
+    one_worker, solve_seconds = timed(sweep_experiment, workers=1)
+    two_workers, _ = timed(sweep_experiment, workers=2)
+    print(
+        f"{SOLVES} solves: {one_worker:.1f} s with one worker, {two_workers:.1f} s with two:"
+        f" {one_worker / two_workers:.2f} times (aim 1.8)"
+    )
+    print(
+        f"overhead with one worker: {1e3 * (one_worker - solve_seconds) / SOLVES:.0f} ms a solve,"
+        " start of the workers included"
+    )
     with tempfile.TemporaryDirectory() as folder:
-        dask, _ = cluster(folder, lambda address: timed(solves, scheduler=address))
-    print(f"Dask with two workers: {dask:.1f} s: {one / dask:.2f} times one worker (aim 1.6)")
-    small = ng.Experiment(square(), {"square": {}}, seeds=range(MANY), starts=1, options=QUICK)
-    memory, done = [], []
+        dask, _ = cluster(folder, lambda address: timed(sweep_experiment, scheduler=address))
+    print(f"Dask with two workers: {dask:.1f} s: {one_worker / dask:.2f} times one worker (aim 1.6)")
+    small_experiment = ng.Experiment(square(), {"square": {}}, seeds=range(MANY), starts=1, options=QUICK)
+    memory, times = [], []
 
     def watch(record):
-        done.append(time.perf_counter())
-        if len(done) % 50 == 0:
+        times.append(time.perf_counter())
+        if len(times) % 50 == 0:
             memory.append([p.memory_info().rss / 2**20 for p in [psutil.Process(), *workers()]])
 
-    _, own = timed(small, workers=1, progress=watch)
-    steady = (done[-1] - done[len(done) // 10]) / (len(done) - 1 - len(done) // 10) - own / MANY
-    print(f"{MANY} solves of {1e3 * own / MANY:.0f} ms: {1e3 * steady:.0f} ms overhead a solve (aim 50)")
+    _, solving = timed(small_experiment, workers=1, progress=watch)
+    overhead = (times[-1] - times[len(times) // 10]) / (len(times) - 1 - len(times) // 10) - solving / MANY
+    print(f"{MANY} solves of {1e3 * solving / MANY:.0f} ms: {1e3 * overhead:.0f} ms overhead a solve (aim 50)")
     print(
         "memory of parent and worker, MiB, every 50 solves:", "; ".join(f"{a:.0f} + {max(b):.0f}" for a, *b in memory)
     )
@@ -64,8 +70,8 @@ def workers():
     return psutil.Process().children(recursive=True) or [psutil.Process()]
 
 
-def cluster(folder, use):
-    """Call ``use`` with the address of a Dask cluster of two workers."""
+def cluster(folder, function):
+    """Call ``function`` with the address of a Dask cluster of two workers."""
     python, quiet = [sys.executable, "-m"], ["--no-dashboard", "--host", "127.0.0.1"]
     settings = {"cwd": Path(__file__).resolve().parents[1], "stderr": subprocess.PIPE, "text": True}
     processes = [subprocess.Popen([*python, "distributed.cli.dask_scheduler", "--port", "0", *quiet], **settings)]
@@ -74,7 +80,7 @@ def cluster(folder, use):
         for _ in range(2):
             line = [*python, "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny", *quiet]
             processes.append(subprocess.Popen([*line, "--local-directory", folder], **settings))
-        return use(address)
+        return function(address)
     finally:
         for process in processes:
             process.kill()

@@ -1,12 +1,12 @@
-"""Random task paths followed against cold solves of their steps: CPU time, quality, steps without a grasp."""
+"""Followed random task paths against cold solves of their steps: CPU time and quality."""
 
 import numpy as np
 
 from tests.studies.random_paths import COUNT, STARTS, STEPS, compared, random_path
 
 SHARE, RATIO = 0.30, 0.97
-FRESH = (30, 31, 33, 34, 36, 37)  # paths that no constant was tuned on
-COLD_IN_SPACE = (0, 3, 7)  # steps of a spatial path that are solved cold: each takes up to a minute
+FRESH = (30, 31, 33, 34, 36, 37)  # paths on which no constant was tuned
+COLD_IN_SPACE = (0, 3, 7)  # steps of a spatial path that are solved cold, up to a minute each
 
 
 def run(numbers=(*range(COUNT), *FRESH)):
@@ -17,22 +17,24 @@ def run(numbers=(*range(COUNT), *FRESH)):
     _run(f"spatial, cold at steps {COLD_IN_SPACE}", [n for n in numbers if n not in planar], COLD_IN_SPACE)
 
 
-def _run(title, numbers, at):
-    found = []
+def _run(title, numbers, steps):
+    results = []
     for number in numbers:
-        path, one = random_path(number), compared(number, at)
-        found.append(one)
+        path, result = random_path(number), compared(number, steps)
+        results.append(result)
         body = f"{type(path.body).__name__}, {path.contacts} contacts"
         print(
             f"path {number:2d}: {body}, turn {abs(np.degrees(path.turn)):3.0f} deg: share of time"
-            f" {one.seconds / one.cold_seconds:.2f} of {one.cold_seconds:.1f} s, least ratio {one.ratio:.3f},"
-            f" without grasp {np.sum(one.followed <= 0.0)} (cold {np.sum(one.cold <= 0.0)}), lost {one.lost}",
+            f" {result.seconds / result.cold_seconds:.2f} of {result.cold_seconds:.1f} s,"
+            f" least ratio {result.ratio:.3f},"
+            f" without grasp {np.sum(result.followed <= 0.0)} (cold {np.sum(result.cold <= 0.0)}), lost {result.lost}",
             flush=True,
         )
-    if not found:
+    if not results:
         return
-    share = sum(one.seconds for one in found) / sum(one.cold_seconds for one in found)
+    share = sum(result.seconds for result in results) / sum(result.cold_seconds for result in results)
     print(
-        f"{title}: share of time {share:.3f} (aim at most {SHARE}), least ratio {min(one.ratio for one in found):.3f}"
+        f"{title}: share of time {share:.3f} (aim at most {SHARE}),"
+        f" least ratio {min(result.ratio for result in results):.3f}"
     )
-    print(f"(aim at least {RATIO}), lost {sum(one.lost for one in found)} steps (aim 0)")
+    print(f"(aim at least {RATIO}), lost {sum(result.lost for result in results)} steps (aim 0)")

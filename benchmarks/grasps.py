@@ -1,4 +1,4 @@
-"""Distinct grasps a second on two cores, body by body, and what keeping many costs over keeping one."""
+"""Distinct grasps per second on two cores by body, and the cost of keeping many over one."""
 
 import os
 import time
@@ -14,15 +14,15 @@ TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
 
 
 def mug():
-    """A mug with a handle, as a mesh."""
-    make = trimesh.creation
-    wall, inside = make.cylinder(0.04, 0.09, sections=96), make.cylinder(0.036, 0.086, sections=96)
-    inside.apply_translation([0.0, 0.0, 0.006])
-    handle = make.torus(0.025, 0.006, major_sections=64, minor_sections=24)
+    """Return the mesh of a mug with a handle."""
+    creation = trimesh.creation
+    wall, cavity = creation.cylinder(0.04, 0.09, sections=96), creation.cylinder(0.036, 0.086, sections=96)
+    cavity.apply_translation([0.0, 0.0, 0.006])
+    handle = creation.torus(0.025, 0.006, major_sections=64, minor_sections=24)
     handle.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2.0, [1.0, 0.0, 0.0]))
     handle.apply_translation([0.05, 0.0, 0.0])
-    handle = handle.difference(make.cylinder(0.039, 0.09, sections=96))
-    return ng.Mesh(wall.difference(inside).union(handle))
+    handle = handle.difference(creation.cylinder(0.039, 0.09, sections=96))
+    return ng.Mesh(wall.difference(cavity).union(handle))
 
 
 BODIES = {
@@ -34,10 +34,10 @@ BODIES = {
 
 
 def solved(problem, keep):
-    """A solution, and the seconds its whole call took."""
-    begun = time.perf_counter()
+    """Return a solution, and the wall seconds of the call."""
+    begin = time.perf_counter()
     solution = ng.solve(problem, starts=STARTS, keep=keep, options=ng.SolveOptions(workers=2))
-    return solution, time.perf_counter() - begun
+    return solution, time.perf_counter() - begin
 
 
 def run(only=None):
@@ -47,17 +47,17 @@ def run(only=None):
     for name in BODIES if only is None else only.split(","):
         problem = ng.GraspProblem(BODIES[name](), [ng.FrictionContact(0.6)] * 4, TASK, name=name)
         solved(problem, 1)  # workers, and what they import
-        one, many = [], []
+        single, multiple = [], []
         for _ in range(TURNS):
-            one.append(solved(problem, 1)[1])
+            single.append(solved(problem, 1)[1])
             solution, seconds = solved(problem, KEEP)
-            many.append(seconds)
-        grasps, alone, seconds = solution.grasps, np.median(one), np.median(many)
-        ends = sum(found.start is not None for found in grasps)
+            multiple.append(seconds)
+        grasps, single_seconds, seconds = solution.grasps, np.median(single), np.median(multiple)
+        optima = sum(grasp_record.start is not None for grasp_record in grasps)
         size = len(solution_json(solution.to_dict())) / 1e6
-        lower = [found.mu.lower for found in grasps]
+        lower = [grasp_record.mu.lower for grasp_record in grasps]
         print(
-            f"{name:10}  {len(grasps):6}  {ends:12}  {max(lower):7.3f}  {min(lower):7.3f}  {alone:9.1f}"
-            f"  {seconds:10.1f}  {seconds / alone - 1.0:5.1%}  {len(grasps) / seconds:8.2f}  {size:.2f} MB",
+            f"{name:10}  {len(grasps):6}  {optima:12}  {max(lower):7.3f}  {min(lower):7.3f}  {single_seconds:9.1f}"
+            f"  {seconds:10.1f}  {seconds / single_seconds - 1.0:5.1%}  {len(grasps) / seconds:8.2f}  {size:.2f} MB",
             flush=True,
         )

@@ -1,9 +1,9 @@
-"""Four preset hands on six bodies, exported and pressed through their joints in MuJoCo: what they hold, beside targets.
+"""Simulated grasps of four preset hands on six bodies in MuJoCo, pressed through their joints.
 
 ``hand_simulation:shadow,panda:box`` takes these hands and bodies alone. The hands' files are those of the tests
-(``make robots``). A grasp that was not found counts as one that held nothing. Fingers press with 1 N, with 2 N, and
-with what mu asks for: k fingers that press with N have the L2 norm N sqrt(k), and a push needs 1 / mu of its force;
-twice that, so that half of it presses on, and 2 N at least. The targets are for the last.
+(``make robots``). A missing grasp counts as lost. Fingers press with 1 N, with 2 N, and with twice the force required
+by mu, at least 2 N: k fingers that press with N have the L2 norm N sqrt(k), and a push needs 1 / mu of its force. The
+targets are for the last.
 """
 
 import time
@@ -41,30 +41,37 @@ BODIES = {
 STARTS, TASK = 4, ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.02, 0.02, 0.02])
 TORSION = 5e-3  # metres: torsional friction of flat pads
 ROUGH, SMOOTH = 0.6, 0.3  # friction
-SQUEEZES, PUSH, MARGIN = (1.0, 2.0), 1.0, 2.0  # newtons, and how many times what mu asks for
+SQUEEZES, PUSH, MARGIN = (1.0, 2.0), 1.0, 2.0  # newtons; newtons; factor on the force required by mu
 MASS = 0.1  # kilograms
 OPTIONS = ng.SolveOptions(global_bound=False, workers=1)
 TARGETS = {"friction 0.6": 0.95, "friction 0.3": 0.85, "off by 5 mm, 5 deg": 0.85}
-STILL = "0.5 mm, 0.5 deg"  # that the squeeze may move the object by, in the median
+STILL = "0.5 mm, 0.5 deg"  # target median motion of the object by the squeeze
 
 
 @dataclass
 class Count:
-    """What was held strictly: hands that closed and held all, and single trials."""
+    """Counts of closings without a lost trial, and of trials held."""
 
     closed: int = 0
     held: int = 0
     trials: int = 0
     strict: int = 0
 
-    def add(self, found, condition):
-        """Count a condition's trials, and say how many were held; none of a grasp that was not found, None."""
+    def add(self, simulation, condition):
+        """Add the trials of a condition, lost for a missing simulation, and return the number held as text."""
         closings = DRAWS if condition == OFF else 1
-        each = len(AXES) * closings + (condition == AS_SOLVED)  # lifted as solved alone
-        tried = np.zeros(each, bool) if found is None else np.array([t.strict for t in found.of(condition)])
-        self.closed, self.held = self.closed + closings, self.held + int(tried.reshape(closings, -1).all(axis=1).sum())
-        self.trials, self.strict = self.trials + each, self.strict + int(tried.sum())
-        return "none" if found is None else f"{tried.sum()}/{each}"
+        trial_count = len(AXES) * closings + (condition == AS_SOLVED)  # lifted as solved alone
+        is_strict = (
+            np.zeros(trial_count, bool)
+            if simulation is None
+            else np.array([t.strict for t in simulation.of(condition)])
+        )
+        self.closed, self.held = (
+            self.closed + closings,
+            self.held + int(is_strict.reshape(closings, -1).all(axis=1).sum()),
+        )
+        self.trials, self.strict = self.trials + trial_count, self.strict + int(is_strict.sum())
+        return "none" if simulation is None else f"{is_strict.sum()}/{trial_count}"
 
     def __str__(self):
         trials = f"{self.strict} of {self.trials} trials, {self.strict / max(self.trials, 1):.1%}"
@@ -78,9 +85,9 @@ def run(hands=None, bodies=None):
     counts = {name: Count() for name in (*TARGETS, *(f"squeeze of {force:g} N" for force in SQUEEZES))}
     moved = []
     for name in HANDS if hands is None else hands.split(","):
-        make, find = HANDS[name]
+        make, locate = HANDS[name]
         try:
-            path = find()
+            path = locate()
         except pytest.skip.Exception as reason:
             print(f"{name}: {reason}")
             continue
@@ -100,22 +107,24 @@ def run(hands=None, bodies=None):
 
 
 def _row(name, path, hand, body, counts, moved):
-    """Solve and press one hand and body; count, and print the row."""
-    begun = time.perf_counter()
+    """Solve and simulate one hand and body, add to the counts, and print the row."""
+    begin = time.perf_counter()
     rough, smooth = (_solved(name, hand, body, friction) for friction in (ROUGH, SMOOTH))
-    cells = [counts[f"squeeze of {force:g} N"].add(_pressed(rough, path, force), AS_SOLVED) for force in SQUEEZES]
-    asked = [_asked(solution) for solution in (rough, smooth)]
-    usual, slippery = (_pressed(s, path, force) for s, force in zip((rough, smooth), asked, strict=True))
-    cells.append(counts["friction 0.6"].add(usual, AS_SOLVED))
-    cells.append(counts["friction 0.3"].add(slippery, AS_SOLVED))
-    cells.append(counts["off by 5 mm, 5 deg"].add(usual, OFF))
-    control, by = "", "none"
-    if usual is not None:
-        moved.append(usual.squeezed)
-        control, by = "lost" if usual.control_lost else "held", str(usual.squeezed)
-    forces = ", ".join("-" if force is None else f"{force:.1f}" for force in asked)
-    shown = f"{''.join(f'{cell:>7}' for cell in cells)}  {forces:17}  {control:7}  {by:20}"
-    print(f"{name:22}{shown}  {time.perf_counter() - begun:.0f}", flush=True)
+    cells = [counts[f"squeeze of {force:g} N"].add(_press(rough, path, force), AS_SOLVED) for force in SQUEEZES]
+    forces_requested = [_requested_force(solution) for solution in (rough, smooth)]
+    rough_simulation, smooth_simulation = (
+        _press(s, path, force) for s, force in zip((rough, smooth), forces_requested, strict=True)
+    )
+    cells.append(counts["friction 0.6"].add(rough_simulation, AS_SOLVED))
+    cells.append(counts["friction 0.3"].add(smooth_simulation, AS_SOLVED))
+    cells.append(counts["off by 5 mm, 5 deg"].add(rough_simulation, OFF))
+    control, movement = "", "none"
+    if rough_simulation is not None:
+        moved.append(rough_simulation.squeezed)
+        control, movement = "lost" if rough_simulation.control_lost else "held", str(rough_simulation.squeezed)
+    forces = ", ".join("-" if force is None else f"{force:.1f}" for force in forces_requested)
+    row = f"{''.join(f'{cell:>7}' for cell in cells)}  {forces:17}  {control:7}  {movement:20}"
+    print(f"{name:22}{row}  {time.perf_counter() - begin:.0f}", flush=True)
 
 
 def _solved(name, hand, body, friction):
@@ -123,18 +132,18 @@ def _solved(name, hand, body, friction):
     return ng.solve(ng.GraspProblem(body, contact, TASK, hand=hand, name=name), starts=STARTS, options=OPTIONS)
 
 
-def _asked(solution):
-    """Return what each finger is to press with, newtons: as mu says of a push, 2 N at least, and within efforts."""
+def _requested_force(solution):
+    """Return the normal force per finger required by mu, newtons, at least 2 N and within joint efforts."""
     squeeze = solution.squeeze
     if squeeze is None:
         return None
-    wanted = max(MARGIN * PUSH / (solution.mu.lower * np.sqrt(len(solution.grasp))), SQUEEZES[-1])
-    worst = squeeze.joints.worst
-    return wanted if worst is None else min(wanted, 0.999 * squeeze.normal_force / max(worst[1], 1e-9))
+    force = max(MARGIN * PUSH / (solution.mu.lower * np.sqrt(len(solution.grasp))), SQUEEZES[-1])
+    worst_joint = squeeze.joints.worst
+    return force if worst_joint is None else min(force, 0.999 * squeeze.normal_force / max(worst_joint[1], 1e-9))
 
 
-def _pressed(solution, path, force):
-    """Return what became of a grasp in its scene; None where none was found."""
+def _press(solution, path, force):
+    """Return the simulation of a grasp; None without a grasp."""
     if solution.squeeze is None:
         return None
     return ng.simulate_hand(solution, path, ng.HandSceneOptions(mass=MASS, normal_force=force), push=PUSH)

@@ -1,4 +1,4 @@
-"""A library's entry updated with 1,000 wrenches: time of the whole call, and volume against a fit of all."""
+"""Update of a task library's entry with 1,000 wrenches: time, and volume against a complete fit."""
 
 import tempfile
 import time
@@ -18,34 +18,34 @@ def volume(task):
     return float(np.prod(np.linalg.svd(task.axes)[1][: np.linalg.matrix_rank(task.axes, 1e-6)]))
 
 
-def one(kind, before, seed, folder):
-    """Return seconds of the last update, of its own work and of a fit of all, the excess of volume, the stated gap."""
+def measure_update(kind, before, seed, folder):
+    """Return wall and CPU seconds of the last update, seconds of a complete fit, excess volume, and stated gap."""
     rng = np.random.default_rng(seed)
     library = ng.TaskLibrary(folder)
-    given = [KINDS[kind](rng, NEW, i * NEW / before) for i in range(before // NEW + 1)]
-    library.add("task", given[0])
-    for rows in given[1:]:
-        begun, worked = time.perf_counter(), time.process_time()
+    batches = [KINDS[kind](rng, NEW, i * NEW / before) for i in range(before // NEW + 1)]
+    library.add("task", batches[0])
+    for rows in batches[1:]:
+        begin, cpu_begin = time.perf_counter(), time.process_time()
         entry = library.update("task", rows)
-        seconds, of_its_own = time.perf_counter() - begun, time.process_time() - worked
-    begun = time.perf_counter()
-    whole = ng.fit_ellipsoid(np.concatenate(given)).task
-    all_at_once = time.perf_counter() - begun
-    return seconds, of_its_own, all_at_once, volume(entry.task) / volume(whole) - 1.0, entry.learnt.gap
+        seconds, cpu_seconds = time.perf_counter() - begin, time.process_time() - cpu_begin
+    begin = time.perf_counter()
+    complete_fit = ng.fit_ellipsoid(np.concatenate(batches)).task
+    fit_seconds = time.perf_counter() - begin
+    return seconds, cpu_seconds, fit_seconds, volume(entry.task) / volume(complete_fit) - 1.0, entry.learnt.gap
 
 
 def run():
     warnings.simplefilter("ignore")  # of flat ellipsoids
     for kind in KINDS:
         for before in BEFORE:
-            found = []
+            results = []
             for seed in range(SEEDS if before < BEFORE[-1] else 3):
                 with tempfile.TemporaryDirectory() as folder:
-                    found.append(one(kind, before, seed, Path(folder) / "library"))
-            seconds, work, whole, excess, gap = np.array(found).T
+                    results.append(measure_update(kind, before, seed, Path(folder) / "library"))
+            seconds, cpu_seconds, fit_seconds, excess, gap = np.array(results).T
             print(
                 f"{kind}, {before} before: {1e3 * np.median(seconds):.0f} ms (most {1e3 * seconds.max():.0f}, aim 50), "
-                f"{1e3 * np.median(work):.0f} ms of work (most {1e3 * work.max():.0f}), "
-                f"a fit of all {1e3 * np.median(whole):.0f} ms, volume at most {excess.max():+.1e} (aim 1e-2), "
+                f"{1e3 * np.median(cpu_seconds):.0f} ms of work (most {1e3 * cpu_seconds.max():.0f}), "
+                f"a fit of all {1e3 * np.median(fit_seconds):.0f} ms, volume at most {excess.max():+.1e} (aim 1e-2), "
                 f"stated {gap.max():.1e}"
             )

@@ -1,4 +1,4 @@
-"""Measures of given grasps: certificates, nu, screening, finger forces against Clarabel, cones against pyramids."""
+"""Quality measures of grasps: certificates, screening, finger forces against Clarabel, cones against pyramids."""
 
 import time
 
@@ -14,9 +14,9 @@ BALL = ng.TaskEllipsoid([1.0] * 6)
 
 
 def timed(function):
-    begun = time.perf_counter()
+    begin = time.perf_counter()
     result = function()
-    return result, time.perf_counter() - begun
+    return result, time.perf_counter() - begin
 
 
 def random_grasps(count=30):
@@ -25,17 +25,17 @@ def random_grasps(count=30):
 
 
 def optimal_grasps():
-    found = []
+    grasps = []
     for k in (3, 4, 5):
         problem = ng.GraspProblem(ng.Ellipsoid([2, 1, 1]), [ng.FrictionContact(0.5)] * k, BALL)
-        found += [r.grasp for r in run_starts(problem, 2, rtol=0.5)[0]]
-    return found
+        grasps += [r.found.grasp for r in run_starts(problem, 2, rtol=0.5)[0]]
+    return grasps
 
 
 def certificates(grasps):
-    for k, some in grasps.items():
+    for k, batch in grasps.items():
         for name, measure in (("mu", lambda g: ng.mu(g, BALL, 0.01)), ("delta", lambda g: ng.delta(g, 0.5))):
-            runs = [timed(lambda g=g, m=measure: m(g)) for g in some]
+            runs = [timed(lambda g=g, m=measure: m(g)) for g in batch]
             seconds = [s for _, s in runs]
             gap = max(b.gap for b, _ in runs)
             print(
@@ -46,7 +46,7 @@ def certificates(grasps):
     for name, measure in (("mu", lambda g: ng.mu(g, BALL, 0.01)), ("nu", lambda g: ng.nu(g))):
         seconds = [timed(lambda g=g, m=measure: m(g))[1] for g in optimal]
         print(f"{name} at optimal grasps, 1 %: median {np.median(seconds):.2f} s, most {max(seconds):.2f} s")
-    seconds = [timed(lambda g=g: ng.nu(g))[1] for some in grasps.values() for g in some[:5]]
+    seconds = [timed(lambda g=g: ng.nu(g))[1] for batch in grasps.values() for g in batch[:5]]
     print(f"nu at random grasps, 1 %: median {np.median(seconds):.2f} s, most {max(seconds):.2f} s")
 
 
@@ -77,33 +77,33 @@ def conic_force(grasp, wrench, settings):
 def forces(grasps):
     settings = clarabel.DefaultSettings()
     settings.verbose = False
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10  # for residuals as small as ours
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10  # for equally small residuals
     wrenches = np.random.default_rng(1).standard_normal((10_000, 6))
     for grasp in grasps[4][:3]:
-        ours, seconds = min(
+        result, seconds = min(
             (timed(lambda g=grasp: ng.finger_forces(g, wrenches)) for _ in range(3)), key=lambda r: r[1]
         )
         conic, loop = timed(lambda g=grasp: np.array([conic_force(g, w, settings) for w in wrenches[:500]]))
         loop *= len(wrenches) / 500
-        residual = np.max(np.linalg.norm(ours.forces @ grasp.G.T - wrenches, axis=1))
-        apart = np.max(np.linalg.norm(conic - ours.forces[:500], axis=1))
+        residual = np.max(np.linalg.norm(result.forces @ grasp.G.T - wrenches, axis=1))
+        difference = np.max(np.linalg.norm(conic - result.forces[:500], axis=1))
         print(
             f"10,000 wrenches: {seconds:.3f} s, worst residual {residual:.1e}; Clarabel {loop:.1f} s (from 500), "
-            f"{loop / seconds:.0f} times as long; forces at most {apart:.1e} apart"
+            f"{loop / seconds:.0f} times as long; forces at most {difference:.1e} apart"
         )
 
 
 def pyramids(grasps):
     def show(budget, rtol, k, edges):
-        ours = [timed(lambda g=g: ng.delta(g, rtol=rtol, force_budget=budget)) for g in grasps[k][:8]]
-        here = np.median([s for _, s in ours])
+        certified = [timed(lambda g=g: ng.delta(g, rtol=rtol, force_budget=budget)) for g in grasps[k][:8]]
+        seconds = np.median([s for _, s in certified])
         for m in edges:
             runs = [timed(lambda g=g, m=m: ng.ferrari_canny(g, m, force_budget=budget)) for g in grasps[k][:8]]
-            there = np.median([s for _, s in runs])
-            low = np.median([1.0 - value / b.upper for (value, _), (b, _) in zip(runs, ours, strict=True)])
+            others = np.median([s for _, s in runs])
+            shortfall = np.median([1.0 - value / b.upper for (value, _), (b, _) in zip(runs, certified, strict=True)])
             print(
-                f"{budget}, {k} contacts: certified to {rtol:.1%} in {1e3 * here:.1f} ms; {m}-edge pyramids "
-                f"{1e3 * there:.1f} ms, {low:.1%} low: {there / here:.1f} times as long"
+                f"{budget}, {k} contacts: certified to {rtol:.1%} in {1e3 * seconds:.1f} ms; {m}-edge pyramids "
+                f"{1e3 * others:.1f} ms, {shortfall:.1%} low: {others / seconds:.1f} times as long"
             )
 
     for k in (3, 4, 5):

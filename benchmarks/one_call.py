@@ -1,4 +1,4 @@
-"""One call in a process of its own: ``python -m benchmarks.one_call BODY [hand]`` writes its times as JSON."""
+"""One timed call: ``python -m benchmarks.one_call BODY [hand]`` prints its stages as JSON."""
 
 import json
 import os

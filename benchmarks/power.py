@@ -20,13 +20,15 @@ def run():
     counts = range(4, 13)
     seconds = []
     for count in counts:
-        results, each = run_starts(held(count), STARTS)
+        results, times = run_starts(held(count), STARTS)
         solved = [r for r in results if r.solved]
-        seconds.append(each)
+        seconds.append(times)
         best = max((r.record.mu.lower for r in solved), default=0.0)
-        share = f"{len(solved)} of {STARTS} starts"
-        print(f"{count:2d} contacts: {share}, median {np.median(each):5.2f} s, most {each.max():5.2f} s; mu {best:.3f}")
-    medians = np.array([np.median(each) for each in seconds])
+        text = f"{len(solved)} of {STARTS} starts"
+        print(
+            f"{count:2d} contacts: {text}, median {np.median(times):5.2f} s, most {times.max():5.2f} s; mu {best:.3f}"
+        )
+    medians = np.array([np.median(times) for times in seconds])
     slope, offset = np.polyfit(counts, medians, 1)
     fitted = slope * np.array(counts) + offset
     explained = 1.0 - np.sum((medians - fitted) ** 2) / np.sum((medians - medians.mean()) ** 2)
@@ -37,12 +39,12 @@ def run():
 
 
 def held(count):
-    """Return the problem with this many contacts: the tips first, then the middle links, then the inner ones."""
+    """Return the power grasp with a number of contacts: first the tips, then the middle and inner links."""
     links = [f"{finger}_{part}" for part in ("tip", "middle", "proximal") for finger in FINGERS][:count]
     tips = {link: _tip(link) for link in links}
     hand = ng.URDFHand.load(HAND, tips, approach=[1.0, 0.0, 0.0])
-    whole = problem(3)
-    return ng.GraspProblem(whole.body, whole.contacts[:count], whole.task, hand=hand)
+    complete = problem(3)
+    return ng.GraspProblem(complete.body, complete.contacts[:count], complete.task, hand=hand)
 
 
 def _tip(link):

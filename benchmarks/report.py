@@ -1,4 +1,4 @@
-"""Reports: seconds to make one of a mesh grasp, its size, and until it can be used in headless chromium."""
+"""Reports of mesh grasps: time to write, size, and time until drawn in headless Chromium."""
 
 import shutil
 import statistics
@@ -23,16 +23,22 @@ def run():
         task = ng.TaskEllipsoid([1, 1, 1, *[body.size] * 3])
         solution = ng.solve(ng.GraspProblem(body, [ng.FrictionContact(0.6)] * 4, task, name=name), starts=1)
         with tempfile.TemporaryDirectory() as folder:
-            begun = time.perf_counter()
+            begin = time.perf_counter()
             page = write_report({name: solution}, Path(folder) / "report.html")
-            seconds, size = time.perf_counter() - begun, page.stat().st_size / 1e6
-            shown = statistics.median(ready(page) for _ in range(REPEATS)) if shutil.which("chromedriver") else None
-        usable = "no chromedriver" if shown is None else f"usable after {1e-3 * shown:.2f} s (aim 2)"
-        print(f"{name}: made in {seconds:.2f} s (aim 3), {size:.1f} MB (aim 6), {usable}")
+            seconds, size = time.perf_counter() - begin, page.stat().st_size / 1e6
+            ready_milliseconds = (
+                statistics.median(ready(page) for _ in range(REPEATS)) if shutil.which("chromedriver") else None
+            )
+        usable_text = (
+            "no chromedriver"
+            if ready_milliseconds is None
+            else f"usable after {1e-3 * ready_milliseconds:.2f} s (aim 2)"
+        )
+        print(f"{name}: made in {seconds:.2f} s (aim 3), {size:.1f} MB (aim 6), {usable_text}")
 
 
 def ready(page):
-    """Return the milliseconds until the scene is drawn, in a browser that has just been started."""
+    """Return the milliseconds until the scene is drawn in a new browser."""
     from selenium import webdriver
     from selenium.webdriver.support.ui import WebDriverWait
 

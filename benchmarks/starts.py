@@ -1,4 +1,4 @@
-"""Starts one after another on one core, with what they cost."""
+"""Sequential starts on one core, with their cost."""
 
 import time
 
@@ -11,14 +11,14 @@ from nlpgrasp.optimize.start import run_start
 
 
 def run_starts(problem, count, seed=0, **options):
-    """Return the results of the starts and the wall time of each; building is not counted."""
+    """Return the results and wall times of starts, without compilation of the problem."""
     compiled = CompiledProblem(problem, ng.SolveOptions(workers=1, **options))
     run_start(compiled, count, seed, Deadline())  # builds the programs
     results, seconds = [], []
     for index in range(count):
-        begun = time.perf_counter()
+        begin = time.perf_counter()
         results.append(run_start(compiled, index, seed, Deadline()))
-        seconds.append(time.perf_counter() - begun)
+        seconds.append(time.perf_counter() - begin)
     return results, np.array(seconds)
 
 
@@ -29,5 +29,6 @@ def stage_medians(results):
 
 
 def function_share(results):
-    """Return the share of IPOPT's time that is function evaluation."""
-    return sum(r.function_seconds for r in results) / sum(r.solver_seconds for r in results)
+    """Return the fraction of IPOPT's time spent on function evaluation; 0 without a call."""
+    solver_seconds = sum(r.effort.solver_seconds for r in results)
+    return sum(r.effort.function_seconds for r in results) / solver_seconds if solver_seconds else 0.0

@@ -27,7 +27,11 @@ class InputError(NlpgraspError, ValueError):
         super().__init__(f"{field}: got {_shorten(given)}, expected {allowed}")
 
     def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str]]:
-        return (InputError, (self.field, _shorten(self.given), self.allowed))
+        return (type(self), (self.field, _shorten(self.given), self.allowed))
+
+
+class NotCoveredError(InputError):
+    """A problem without a global bound: a part of it is not covered, or its constraints leave no placement."""
 
 
 class MissingExtraError(NlpgraspError, ImportError):

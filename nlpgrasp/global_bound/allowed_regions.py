@@ -1,4 +1,4 @@
-"""Allowed region of each contact: faces and cells clipped by the constraints on it alone."""
+"""Allowed region of each contact on the surface, by the constraints on that contact alone."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from nlpgrasp.global_bound.cells.flat_cells import FlatFaceCells, clip
 from nlpgrasp.hands import Fingertips
 from nlpgrasp.problem.problem import GraspProblem
 
-THIN = 1e-9  # relative to a face: thinner pieces are dropped
-EXACT = (Box, Cylinder, Polygon, Prism, Sphere, Torus)  # bodies whose distance is exact, so that it grows at most by 1
+THIN = 1e-9  # relative to the face's size, extent below which a clipped piece is dropped
+EXACT = (Box, Cylinder, Polygon, Prism, Sphere, Torus)  # bodies with an exact distance, of Lipschitz constant 1
 
 
 @dataclass(frozen=True)
@@ -31,32 +31,32 @@ class HalfSpaces:
     b : (m,) array
         Metres, body frame.
     radius : float
-        Of a fingertip that it is about, metres; 0 for the contact point.
+        Fingertip radius, metres; 0 for a limit on the contact point.
     """
 
     A: FloatArray
     b: FloatArray
     radius: float = 0.0
 
-    def at(self, normal: FloatArray) -> FloatArray:
-        """Return the offsets (m,) that hold for the contact point where the inward normal is this one."""
+    def offsets_at(self, normal: FloatArray) -> FloatArray:
+        """Return the offsets (m,) of the limits on contact points with a given inward normal."""
         return np.asarray(self.b + self.radius * self.A @ normal)
 
     def excess(self, points: FloatArray, normals: FloatArray) -> FloatArray:
-        """Return how far each point is beyond each half-space, (k, m), metres."""
+        """Return the signed distances of points from each half-space, (k, m), metres, positive outside."""
         return np.asarray((points - self.radius * normals) @ self.A.T - self.b)
 
 
 @dataclass(frozen=True)
-class Distance:
-    """Least distance of a fingertip's centre from another body.
+class DistanceLimit:
+    """Lower limit on the distance of a fingertip's centre from another body.
 
     Parameters
     ----------
     distance : callable
         Points (m, space) to exact distances (m,), metres.
     least, radius : float
-        Metres: of the centre from the body, and of the fingertip.
+        Least distance of the centre, and fingertip radius, metres.
     """
 
     distance: Callable[[FloatArray], FloatArray]
@@ -70,87 +70,89 @@ class ClippedRegion:
 
     Parameters
     ----------
-    inside : tuple of HalfSpaces
-        All of which hold.
-    outside : tuple of HalfSpaces
-        Open polytopes that the contact point is in none of.
-    away : tuple of Distance
+    half_spaces : tuple of HalfSpaces
+        All of them contain the contact.
+    excluded : tuple of HalfSpaces
+        Open polytopes, none of which contains the contact point.
+    distances : tuple of DistanceLimit
     """
 
-    inside: tuple[HalfSpaces, ...] = ()
-    outside: tuple[HalfSpaces, ...] = ()
-    away: tuple[Distance, ...] = ()
+    half_spaces: tuple[HalfSpaces, ...] = ()
+    excluded: tuple[HalfSpaces, ...] = ()
+    distances: tuple[DistanceLimit, ...] = ()
 
     def __add__(self, other: ClippedRegion) -> ClippedRegion:
         """Return the intersection of both regions."""
-        return ClippedRegion(self.inside + other.inside, self.outside + other.outside, self.away + other.away)
+        return ClippedRegion(
+            self.half_spaces + other.half_spaces, self.excluded + other.excluded, self.distances + other.distances
+        )
 
     @property
-    def is_limited(self) -> bool:
+    def is_restricted(self) -> bool:
         """Whether there is any restriction."""
-        return bool(self.inside or self.outside or self.away)
+        return bool(self.half_spaces or self.excluded or self.distances)
 
-    def clip_face(self, surface: CellFace) -> CellFace | None:
-        """Return the face, a flat one clipped by half-spaces; None where nothing is left."""
-        if not isinstance(surface, FlatFaceCells):
-            return surface
-        size = max(float(np.max(np.ptp(piece, axis=0))) for piece in surface.pieces)
-        pieces = list(surface.pieces)
-        for limits in self.inside:
-            for row, offset in zip(limits.A, limits.at(surface.normal), strict=True):
-                pieces = [clip(piece, row, float(offset)) for piece in pieces if len(piece)]
-        for limits in self.outside:
-            pieces = [part for piece in pieces for part in _subtract_polytope(piece, limits)]
+    def clip_face(self, face: CellFace) -> CellFace | None:
+        """Return the allowed part of a flat face, None if empty; other faces are returned as they are."""
+        if not isinstance(face, FlatFaceCells):
+            return face
+        size = max(float(np.max(np.ptp(piece, axis=0))) for piece in face.pieces)
+        pieces = list(face.pieces)
+        for half_spaces in self.half_spaces:
+            for normal, offset in zip(half_spaces.A, half_spaces.offsets_at(face.normal), strict=True):
+                pieces = [clip(piece, normal, float(offset)) for piece in pieces if len(piece)]
+        for half_spaces in self.excluded:
+            pieces = [part for piece in pieces for part in _subtract_polytope(piece, half_spaces)]
         pieces = [piece for piece in pieces if len(piece) >= 2 and np.max(np.ptp(piece, axis=0)) > THIN * size]
-        return FlatFaceCells(surface.name, pieces, surface.normal) if pieces else None
+        return FlatFaceCells(face.name, pieces, face.normal) if pieces else None
 
     def excludes(self, cell: SurfaceCell) -> bool:
-        """Return whether a cell certainly contains no allowed point."""
+        """Return whether a cell provably contains no allowed point."""
         centre, radius = cell.ball()
-        for limits in self.inside:
-            if np.any(limits.A @ centre - limits.b > radius + limits.radius):
+        for half_spaces in self.half_spaces:
+            if np.any(half_spaces.A @ centre - half_spaces.b > radius + half_spaces.radius):
                 return True
-        if any(np.all(limits.A @ centre - limits.b < -radius) for limits in self.outside):
+        if any(np.all(half_spaces.A @ centre - half_spaces.b < -radius) for half_spaces in self.excluded):
             return True
-        reach = [(d.distance(centre[None])[0] + radius + d.radius, d.least) for d in self.away]
-        return any(most < least for most, least in reach)
+        farthest = [(d.distance(centre[None])[0] + radius + d.radius, d.least) for d in self.distances]
+        return any(distance < least for distance, least in farthest)
 
-    def same_after(self, rotation: FloatArray, translation: FloatArray, tolerance: float) -> bool:
-        """Return whether the region is known to be invariant under a rigid motion or reflection."""
-        if self.outside or self.away:
+    def is_invariant(self, rotation: FloatArray, translation: FloatArray, tolerance: float) -> bool:
+        """Return whether the region is provably invariant under a rigid motion or reflection."""
+        if self.excluded or self.distances:
             return False
-        if not self.inside:
+        if not self.half_spaces:
             return True
-        rows = np.concatenate([np.column_stack([h.A, h.b, np.full(len(h.b), h.radius)]) for h in self.inside])
+        rows = np.concatenate([np.column_stack([h.A, h.b, np.full(len(h.b), h.radius)]) for h in self.half_spaces])
         space = len(translation)
         images = rows.copy()
         images[:, :space] = rows[:, :space] @ rotation.T
         images[:, space] += images[:, :space] @ translation
-        apart = np.max(np.abs(images[:, None] - rows[None]), axis=2)
-        return bool(np.max(apart.min(axis=1)) <= tolerance)
+        differences = np.max(np.abs(images[:, None] - rows[None]), axis=2)
+        return bool(np.max(differences.min(axis=1)) <= tolerance)
 
-    def each(self, points: FloatArray, normals: FloatArray, slack: float = 0.0) -> NDArray[np.bool_]:
-        """Return the mask of allowed points (m, space), up to a slack in metres."""
-        kept = np.ones(len(points), dtype=bool)
-        for limits in self.inside:
-            kept &= np.all(limits.excess(points, normals) <= slack, axis=1)
-        for limits in self.outside:
-            kept &= np.any(limits.excess(points, normals) >= -slack, axis=1)
-        for d in self.away:
-            kept &= d.distance(points - d.radius * normals) >= d.least - slack
-        return kept
+    def contains(self, points: FloatArray, normals: FloatArray) -> NDArray[np.bool_]:
+        """Return the mask of allowed points (m, space), given inward normals."""
+        mask = np.ones(len(points), dtype=bool)
+        for half_spaces in self.half_spaces:
+            mask &= np.all(half_spaces.excess(points, normals) <= 0.0, axis=1)
+        for half_spaces in self.excluded:
+            mask &= np.any(half_spaces.excess(points, normals) >= 0.0, axis=1)
+        for d in self.distances:
+            mask &= d.distance(points - d.radius * normals) >= d.least
+        return mask
 
 
 def _subtract_polytope(piece: FloatArray, hole: HalfSpaces) -> list[FloatArray]:
-    """Return convex pieces that cover a convex piece outside of an open polytope."""
+    """Return convex pieces that cover the part of a convex piece outside an open polytope."""
     result = []
-    for row, offset in zip(hole.A, hole.b, strict=True):
+    for normal, offset in zip(hole.A, hole.b, strict=True):
         if len(piece) < 2:
             break
-        beyond = clip(piece, -row, -float(offset))
-        if len(beyond) >= 2:
-            result.append(beyond)
-        piece = clip(piece, row, float(offset))
+        outside = clip(piece, -normal, -float(offset))
+        if len(outside) >= 2:
+            result.append(outside)
+        piece = clip(piece, normal, float(offset))
     return result
 
 
@@ -161,10 +163,10 @@ class AllowedRegion:
     Parameters
     ----------
     faces : tuple of str
-        Names of the faces it may use.
+        Names of the allowed faces.
     allowed : ClippedRegion
-    key : tuple of int or float
-        The same for contacts with the same places.
+    key : tuple of float
+        Equal for contacts with equal regions.
     """
 
     faces: tuple[str, ...]
@@ -172,63 +174,67 @@ class AllowedRegion:
     key: tuple[float, ...]
 
 
-def places(problem: GraspProblem) -> tuple[list[AllowedRegion], tuple[str, ...], tuple[PlacementConstraint, ...]]:
-    """Return the places of each contact; what is left out, by name; and the constraints that are not.
+def allowed_regions(
+    problem: GraspProblem,
+) -> tuple[list[AllowedRegion], tuple[str, ...], tuple[PlacementConstraint, ...]]:
+    """Return the region of each contact, the names of relaxed parts, and the constraints that are kept.
 
-    Left out are hands, what couples contacts, and unknown expressions.
+    Relaxed are the hand, constraints that couple contacts, and user-defined expressions.
     """
     radii = (0.0,) * len(problem.models) if problem.hand is None else problem.hand.tip_radii
-    found = []
-    known: set[int] = set()
+    regions, kept = list[AllowedRegion](), set[int]()
     for i, radius in enumerate(radii):
-        limits = {j: _region_limits(c, i, float(radius), problem.body.space) for j, c in enumerate(problem.constraints)}
-        used = {j: limit for j, limit in limits.items() if limit is not None}
-        known |= set(used)
-        allowed = sum(used.values(), ClippedRegion())
-        found.append(AllowedRegion(problem.allowed_faces(i), allowed, (float(radius), *map(float, used))))
+        limits = dict[int, ClippedRegion]()
+        for j, constraint in enumerate(problem.constraints):
+            limit = _region_limits(constraint, i, float(radius), problem.body.space)
+            if limit is not None:
+                limits[j] = limit
+        kept |= set(limits)
+        allowed = sum(limits.values(), ClippedRegion())
+        regions.append(AllowedRegion(problem.allowed_faces(i), allowed, (float(radius), *map(float, limits))))
     dropped = [] if problem.hand is None else [f"the hand ({problem.hand.kind})"]
-    kept = []
+    remaining = []
     for j, constraint in enumerate(problem.constraints):
-        if j in known or constraint.forbidden_faces():
-            kept.append(constraint)
+        if j in kept or constraint.forbidden_faces():
+            remaining.append(constraint)
         else:
             dropped.append(getattr(constraint, "name", constraint.kind))
-    return found, tuple(dropped), tuple(kept)
+    return regions, tuple(dropped), tuple(remaining)
 
 
 def relaxed_problem(problem: GraspProblem) -> GraspProblem:
-    """Return a problem without what a bound leaves out; fingertips stay where limits depend on their radii.
+    """Return the problem without its relaxed parts; fingertips stay if limits depend on their radii.
 
-    On a mesh contacts touch the triangles themselves, up to the edges.
+    On a mesh, contacts touch the triangles themselves, up to the edges.
     """
-    kept = places(problem)[2]
+    constraints = allowed_regions(problem)[2]
     radius = 0.0 if problem.hand is None else max(problem.hand.tip_radii)
-    sized = radius > 0.0 and any(isinstance(constraint, Table | Obstacle) for constraint in kept)
+    needs_radius = radius > 0.0 and any(isinstance(constraint, Table | Obstacle) for constraint in constraints)
     margin = 0.0 if isinstance(problem.body, Mesh) else problem.margin
-    hand = Fingertips(len(problem.models), radius) if sized else None
-    return replace(problem, hand=hand, constraints=kept, edge_margin=margin)
+    hand = Fingertips(len(problem.models), radius) if needs_radius else None
+    return replace(problem, hand=hand, constraints=constraints, edge_margin=margin)
 
 
 def _region_limits(constraint: PlacementConstraint, contact: int, radius: float, space: int) -> ClippedRegion | None:
-    """Return what a constraint leaves one contact; None where it says nothing of it alone, or nothing that is known."""
+    """Return the region in which a constraint allows one contact, None if it limits no single contact or is unknown."""
     if isinstance(constraint, Table):
-        least = constraint.height + constraint.clearance + radius
-        return ClippedRegion(inside=(HalfSpaces(-np.eye(space)[-1:], np.array([-least]), radius),))
+        lowest = constraint.height + constraint.clearance + radius
+        return ClippedRegion(half_spaces=(HalfSpaces(-np.eye(space)[-1:], np.array([-lowest]), radius),))
     if isinstance(constraint, Forbid) and constraint.region is not None:
-        limits = _region(constraint.region)
-        return None if limits is None else ClippedRegion(outside=(limits,))
+        half_spaces = _region(constraint.region)
+        return None if half_spaces is None else ClippedRegion(excluded=(half_spaces,))
     if isinstance(constraint, Workspace) and not constraint.palm and isinstance(constraint.region, Region):
-        limits = _region(constraint.region)
-        held = constraint.fingers is None or contact in constraint.fingers
-        return ClippedRegion(inside=(limits,)) if held and limits is not None else None
+        half_spaces = _region(constraint.region)
+        applies = constraint.fingers is None or contact in constraint.fingers
+        return ClippedRegion(half_spaces=(half_spaces,)) if applies and half_spaces is not None else None
     if isinstance(constraint, Obstacle) and isinstance(constraint.body, EXACT):
         distance = _distance_from_obstacle(constraint, constraint.body)
-        return ClippedRegion(away=(Distance(distance, radius + constraint.clearance, radius),))
+        return ClippedRegion(distances=(DistanceLimit(distance, radius + constraint.clearance, radius),))
     return None
 
 
 def _region(region: Region) -> HalfSpaces | None:
-    """Return the region as half-spaces, None where it is given by a function."""
+    """Return a region as half-spaces, None for a user-defined function."""
     if isinstance(region, HalfSpace):
         return HalfSpaces(-np.asarray(region.normal, dtype=float)[None], np.array([-region.offset]))
     if isinstance(region, BoxRegion):
@@ -239,7 +245,7 @@ def _region(region: Region) -> HalfSpaces | None:
 
 
 def _distance_from_obstacle(obstacle: Obstacle, body: Body) -> Callable[[FloatArray], FloatArray]:
-    """Return the distance of points of the held body's frame from an obstacle."""
+    """Return the function of distances from an obstacle, for points in the held body's frame."""
     position = np.zeros(body.space) if obstacle.position is None else np.asarray(obstacle.position, dtype=float)
     rotation = obstacle.rotation
 

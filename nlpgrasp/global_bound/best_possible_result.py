@@ -1,4 +1,4 @@
-"""Result of a global search: a bound on mu over all placements, and the best grasp found."""
+"""Result of a global search: upper bound on mu over all placements, and the incumbent."""
 
 from __future__ import annotations
 
@@ -16,36 +16,36 @@ from nlpgrasp.quality import Bounds
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.solution.quality_record import SCHEMA, is_small, reference, write_bound
 
-LARGEST = 512 * 2**20  # bytes, largest file
+LARGEST = 512 * 2**20  # bytes, largest bound file
 
 
 @dataclass(frozen=True)
 class BestPossible:
-    """A bound on mu over all placements of the contacts, and the best grasp met on the way.
+    """Certified upper bound on mu over all placements of the contacts, and the best grasp found.
 
     Parameters
     ----------
     upper : float
-        No placement has a larger mu. A proof: it holds however early the search was stopped.
+        Upper bound on mu of every placement, valid however early the search was stopped.
     grasp : Grasp or None
-        The best grasp met, of the problem without what was left out; ``None`` where none exerts the task.
+        Best grasp found for the problem without its dropped parts; ``None`` if none exerts the task.
     mu : Bounds
-        Its certified quality; 0 to 0 where there is no grasp.
+        Certified quality of the grasp; 0 to 0 without one.
     faces : tuple of str
-        The faces that its contacts are on.
+        Faces of its contacts.
     closed : bool
-        Whether the gap is as small as was asked for.
+        Whether the requested gap was reached.
     nodes : int
-        Of the tree that was searched.
+        Number of nodes of the tree.
     seconds : float
         Wall time.
     dropped : tuple of str
-        Parts of the problem that were left out because the bound does not cover them, such as a hand or constraints
-        between contacts. They only lower mu: the bound holds for the problem with them as well, the grasp may not.
+        Names of the parts that the bound does not cover, such as a hand or constraints between contacts. They only
+        lower mu: the bound holds for the problem with them as well, but the grasp may violate them.
     certificate : dict
-        What it takes to compute the bound again (docs/how_close.md).
+        Data from which the bound can be recomputed (docs/how_close.md).
     problem : dict
-        What was asked, as JSON data.
+        The problem, as JSON data.
     """
 
     upper: float
@@ -61,13 +61,13 @@ class BestPossible:
 
     @property
     def gap(self) -> float:
-        """``upper / mu.lower - 1``: by how much of its own quality the grasp misses the bound; inf without a grasp."""
+        """Relative optimality gap ``upper / mu.lower - 1``, infinite without a grasp."""
         if self.mu.lower > 0.0:
             return self.upper / self.mu.lower - 1.0
         return 0.0 if self.upper == 0.0 else float("inf")
 
     def save(self, path: str | Path) -> Path:
-        """Write bound and certificate as JSON, whole or not at all, and return the path; ``ng.verify`` checks the file.
+        """Write bound and certificate as JSON for ``ng.verify``, atomically, and return the path.
 
         Raises
         ------
@@ -78,7 +78,7 @@ class BestPossible:
 
     @classmethod
     def load(cls, path: str | Path) -> BestPossible:
-        """Return the bound that ``save`` wrote.
+        """Return a bound saved by ``save``.
 
         Raises
         ------
@@ -91,15 +91,15 @@ class BestPossible:
         except ValueError as error:
             raise InputError(str(path), f"no JSON: {error}", "a bound file") from None
         if not isinstance(data, Mapping) or data.get("schema") != SCHEMA:
-            found = data.get("schema") if isinstance(data, Mapping) else type(data).__name__
-            raise InputError(f"{path}: schema", found, f'"{SCHEMA}"')
+            schema = data.get("schema") if isinstance(data, Mapping) else type(data).__name__
+            raise InputError(f"{path}: schema", schema, f'"{SCHEMA}"')
         try:
             return cls.from_dict(data)
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise InputError(str(path), f"{type(error).__name__}: {error}", "what docs/how_close.md says") from None
 
     def to_dict(self) -> Json:
-        """Return the bound as JSON data; a gap that is infinite as null."""
+        """Return the bound as JSON data, an infinite gap as null."""
         grasp = None
         if self.grasp is not None:
             points, normals = self.grasp.points.tolist(), self.grasp.normals.tolist()
@@ -119,7 +119,7 @@ class BestPossible:
 
     @classmethod
     def from_dict(cls, data: Json) -> BestPossible:
-        """Return the bound that ``to_dict`` wrote."""
+        """Return a bound from the data of ``to_dict``."""
         grasp, mu, faces = None, Bounds(0.0, 0.0), ()
         candidate, certificate, problem = data["grasp"], data["certificate"], data["problem"]
         if candidate is not None:
@@ -141,16 +141,16 @@ class BestPossible:
 
     @property
     def is_small(self) -> bool:
-        """Whether another file may hold the certificate itself."""
+        """Whether the certificate is small enough to be embedded in another file."""
         return is_small(self.certificate)
 
     def kept(self, file: str | Path | None = None) -> Json:
-        """Return the certificate as other files hold it: itself, or the name and digest of the saved bound.
+        """Return the certificate to embed in another file: itself, or name and digest of the saved bound.
 
         Parameters
         ----------
         file : str or Path, optional
-            Where the bound was saved, in the folder of the other file.
+            File of the saved bound, in the folder of the other file.
 
         Raises
         ------
@@ -165,8 +165,8 @@ class BestPossible:
 
     def __str__(self) -> str:
         without = f", without {', '.join(self.dropped)}" if self.dropped else ""
-        told = f"mu at most {at_most(self.upper, 4)} over all placements{without}"
+        bound = f"mu at most {at_most(self.upper, 4)} over all placements{without}"
         if self.grasp is None:
-            return f"{told}; no grasp met ({self.nodes} nodes)"
-        found = f"best met {at_least(self.mu.lower, 4)}; {headroom_words(self.gap, 2)}"
-        return f"{told}; {found} ({self.nodes} nodes)"
+            return f"{bound}; no grasp met ({self.nodes} nodes)"
+        incumbent = f"best met {at_least(self.mu.lower, 4)}; {headroom_words(self.gap, 2)}"
+        return f"{bound}; {incumbent} ({self.nodes} nodes)"

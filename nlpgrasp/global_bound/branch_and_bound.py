@@ -9,7 +9,7 @@ import numpy as np
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.global_bound.certificate import certificate
+from nlpgrasp.global_bound.certificate import build_certificate
 from nlpgrasp.global_bound.node_tree import NodeTree
 from nlpgrasp.global_bound.node_weights import MOST_LEAVES, NodeWeightStrategy
 from nlpgrasp.global_bound.scope import BoundScope, scope_of
@@ -18,12 +18,12 @@ from nlpgrasp.global_bound.weak_twists import normalise_twists
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.quality_record import GlobalBound
 
-SHARE = 0.8  # share of the requested gap that the tree closes; recorded leaves and rounding take the rest
-AS_CLOSE = 0.1  # relative: excess of the bound of a whole mesh over that of its parts that is accepted
+SHARE = 0.8  # share of the requested gap that the tree closes, the rest for recorded leaves and rounding
+ROOT_EXCESS = 0.1  # relative, accepted excess of the root bound of a mesh over the bound of its tree
 
 
 def tree_of(scope: BoundScope) -> NodeTree:
-    """Return a problem's tree before its first node; on a mesh, with its many cells, nodes share dual weights."""
+    """Return an empty branch-and-bound tree; on a mesh, with its many cells, nodes share dual weights."""
     if isinstance(scope.problem.body, Mesh):
         return NodeTree(SharedWeightStrategy(scope), 0)
     return NodeTree(NodeWeightStrategy(scope), MOST_LEAVES)
@@ -36,24 +36,24 @@ class BranchAndBound:
     ----------
     problem : GraspProblem
     gap : float
-        Relative, between the bound and the best grasp known, at which to stop.
+        Relative gap between bound and incumbent at which to stop.
 
     Attributes
     ----------
-    known : float
-        Certified quality of the best grasp known.
+    incumbent : float
+        Certified quality of the best feasible grasp known.
 
     Raises
     ------
-    InputError
+    NotCoveredError
         On a problem that the bound does not cover.
     """
 
     def __init__(self, problem: GraspProblem, gap: float) -> None:
-        self.scope, self.gap, self.known = scope_of(problem), gap, 0.0
+        self.scope, self.gap, self.incumbent = scope_of(problem), gap, 0.0
         self._tree = tree_of(self.scope)
-        self._whole: tuple[float, Json] | None = None  # the certificate of a whole mesh
-        self._begun = False
+        self._root_certificate: tuple[float, Json] | None = None  # on a mesh
+        self._has_roots = False
 
     @property
     def nodes(self) -> int:
@@ -62,23 +62,23 @@ class BranchAndBound:
 
     @property
     def effort(self) -> int:
-        """Supports evaluated inside curved cells so far: most of the time, where faces are curved."""
-        return sum(pieces.supports.looked for pieces in self.scope.pieces)
+        """Number of supports evaluated inside curved cells so far, most of the time on curved faces."""
+        return sum(group.supports.evaluations for group in self.scope.contact_cells)
 
     @property
     def upper(self) -> float:
         """Upper bound on mu over all placements."""
-        return max(self._tree.upper, self.known)
+        return max(self._tree.upper, self.incumbent)
 
     @property
     def is_closed(self) -> bool:
         """Whether the bound is within the gap of the incumbent's quality."""
-        return self._begun and self.upper <= self.known * (1.0 + self.gap)
+        return self._has_roots and self.upper <= self.incumbent * (1.0 + self.gap)
 
     @property
-    def searched(self) -> bool:
-        """Whether the search is over: the gap is closed, or memory is full."""
-        return self.is_closed or (self._begun and (self._tree.top <= self._target or self._full))
+    def is_finished(self) -> bool:
+        """Whether the gap is closed, or memory is full."""
+        return self.is_closed or (self._has_roots and (self._tree.top <= self._target or self._full))
 
     @property
     def _full(self) -> bool:
@@ -87,51 +87,48 @@ class BranchAndBound:
     @property
     def _target(self) -> float:
         """Bound at which a node is closed."""
-        return self.known * (1.0 + SHARE * self.gap)
+        return self.incumbent * (1.0 + SHARE * self.gap)
 
     def update_incumbent(self, mu: float, weak: FloatArray | None = None) -> None:
-        """Update the incumbent's certified quality, if this one is better.
-
-        Directions (m, d) in which it is weak are tried where designs are.
-        """
-        self.known = max(self.known, mu)
+        """Raise the incumbent's certified quality to mu, and add its weak directions (m, d) to the trial directions."""
+        self.incumbent = max(self.incumbent, mu)
         if weak is not None and len(weak):
-            self._tree.bounding.twists.remember(normalise_twists(self.scope.task, weak))
+            self._tree.bounding.twists.remember(normalise_twists(self.scope.problem.task, weak))
 
     def branch(self, nodes: int, stopped: Callable[[], bool] = lambda: False) -> None:
-        """Branch on the loosest nodes until so many more are bounded, the search is over, or ``stopped``.
+        """Branch until a number of further nodes are bounded, the search is finished, or ``stopped``.
 
-        The whole surface is bounded before, if it was not yet.
+        The root nodes are bounded first.
         """
         last = self.nodes + nodes
-        if not self._begun:
+        if not self._has_roots:
             self._tree.begin(self._target)
-            self._begun = True
+            self._has_roots = True
             if isinstance(self.scope.problem.body, Mesh):
-                self._whole = certificate(self._tree)
-        while self.nodes < last and not self.searched and not stopped():
+                self._root_certificate = build_certificate(self._tree)
+        while self.nodes < last and not self.is_finished and not stopped():
             self._tree.branch(self._target)
 
     def relaxed_placements(self, count: int) -> list[FloatArray]:
-        """Return contact positions (k, space) from the latest relaxed placements, of the loosest nodes first."""
-        order, groups = np.argsort(self.scope.slots), self.scope.group_of
+        """Return contact positions (k, space) from the latest fractional placements, the largest bounds first."""
+        order, groups = np.argsort(self.scope.slots), [group for group, _ in self.scope.group_of]
         loosest = sorted(self._tree.bounding.placements, key=lambda placement: -placement.bound)[:count]
-        rows = [zip(groups, placement.heaviest().tolist(), strict=True) for placement in loosest]
-        return [np.stack([pieces.supports.points[row] for (pieces, _), row in each])[order] for each in rows]
+        rows = [zip(groups, placement.heaviest_rows().tolist(), strict=True) for placement in loosest]
+        return [np.stack([group.supports.points[row] for group, row in pairs])[order] for pairs in rows]
 
     def certificate(self) -> tuple[float, Json]:
-        """Return the bound that follows from the recorded search, and the record (docs/how_close.md)."""
-        upper, proof = certificate(self._tree)
+        """Return the bound proven by the recorded tree, and the record (docs/how_close.md)."""
+        upper, proof = build_certificate(self._tree)
         return upper, {"asked": self.gap, **proof}
 
     def bound(self) -> GlobalBound:
         """Return the current bound over all placements, with its certificate.
 
-        The certificate of a mesh whose cells were cut holds the order of all its triangles: where that brings the bound
-        hardly any closer, it is the one of the whole mesh.
+        The certificate of a mesh whose cells were split holds the order of all triangles. Where splits hardly lower the
+        bound, the much smaller certificate of the root is returned.
         """
         upper, proof = self.certificate()
-        if self._whole is not None and self._whole[0] <= upper * (1.0 + AS_CLOSE):
-            upper, proof = self._whole
+        if self._root_certificate is not None and self._root_certificate[0] <= upper * (1.0 + ROOT_EXCESS):
+            upper, proof = self._root_certificate
             return GlobalBound(upper, 1, self.scope.dropped, {"asked": self.gap, **proof})
         return GlobalBound(max(upper, self.upper), self.nodes, self.scope.dropped, proof)

@@ -13,69 +13,73 @@ from nlpgrasp.global_bound.dual_weights import DualWeights
 from nlpgrasp.global_bound.node_tree import NodeTree
 from nlpgrasp.global_bound.scope import BoundScope
 
-TURN_DIGITS = 9  # to which motions are the same
+MOTION_DIGITS = 9  # decimal digits in which equal motions agree
 
 
-def certificate(search: NodeTree) -> tuple[float, Json]:
-    """Return the bound that follows from a recorded search, and the record.
+def build_certificate(tree: NodeTree) -> tuple[float, Json]:
+    """Return the bound proven by a recorded tree, and the record.
 
-    The bound is the largest of the leaves', each computed from its mixture as it is written.
+    The bound is the largest of the leaves, each computed from its dual weights as recorded.
 
     Returns
     -------
     upper : float
-        0 where no node is left.
+        0 without leaves.
     data : mapping
-        As of docs/how_close.md: ``origin`` (metres), ``groups`` of contacts with the cells that they may be in,
+        As in docs/how_close.md: ``origin`` (metres), ``groups`` of identical contacts with their cells,
         ``directions``, ``mixtures``, ``motions``, ``splits``, ``twins`` and ``leaves``.
     """
-    tree = search.bounding.recorded(search)
-    bounding, scope, leaves = tree.bounding, tree.scope, tree.leaves
-    bounds, motions = bounding.recomputed(leaves), _Motions(scope)
-    used, mixture = np.unique(leaves.mixtures, return_inverse=True)
-    mixtures, number = _deduplicate([bounding.mixtures[i].written() for i in used.tolist()])
-    directions = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(own.numbers for own in mixtures)]))
+    recorded = tree.bounding.certified_tree(tree)
+    bounding, scope, leaves = recorded.bounding, recorded.scope, recorded.leaves
+    bounds, motions = bounding.recompute_bounds(leaves), _Motions(scope)
+    indices, positions = np.unique(leaves.dual_index, return_inverse=True)
+    dual_weights, numbers = _deduplicate([bounding.dual_weights[i].rounded() for i in indices.tolist()])
+    directions = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(dual.numbers for dual in dual_weights)]))
     data = {
         "origin": scope.origin.tolist(),
-        "complete": tree.complete,
-        "groups": [_identical_contacts(pieces, _cut_cells(tree, own)) for pieces, own in scope.groups],
+        "complete": recorded.complete,
+        "groups": [_group_data(group, _split_cells(recorded, slots)) for group, slots in scope.groups],
         "directions": bounding.twists[directions].tolist(),
-        "mixtures": [[np.searchsorted(directions, own.numbers).tolist(), own.weights.tolist()] for own in mixtures],
-        "motions": motions.made,
-        "splits": [[*split] for some in tree.splits for split in zip(*(a.tolist() for a in some), strict=True)],
-        "twins": [[list(c), motions.number(t.forward, t.back), list(t.node)] for c, t in tree.twins.items()],
+        "mixtures": [
+            [np.searchsorted(directions, dual.numbers).tolist(), dual.weights.tolist()] for dual in dual_weights
+        ],
+        "motions": motions.data,
+        "splits": [[*split] for batch in recorded.splits for split in zip(*(a.tolist() for a in batch), strict=True)],
+        "twins": [[list(c), motions.number(t.forward, t.back), list(t.node)] for c, t in recorded.copies.items()],
         "leaves": [
-            [*leaf] for leaf in zip(leaves.cells.tolist(), number[mixture].tolist(), bounds.tolist(), strict=True)
+            [*leaf] for leaf in zip(leaves.cells.tolist(), numbers[positions].tolist(), bounds.tolist(), strict=True)
         ],
     }
     return float(np.max(bounds, initial=0.0)), data
 
 
-def _deduplicate(mixtures: Sequence[DualWeights]) -> tuple[list[DualWeights], IntArray]:
-    """Return some dual weights without duplicates, and the index of each among these."""
-    keys = [(own.numbers.tobytes(), own.weights.tobytes()) for own in mixtures]
-    once = dict(zip(keys, mixtures, strict=True))
-    places = {key: i for i, key in enumerate(once)}
-    return list(once.values()), np.array([places[key] for key in keys], dtype=np.int64)
+def _deduplicate(dual_weights: Sequence[DualWeights]) -> tuple[list[DualWeights], IntArray]:
+    """Return dual weights without duplicates, and the index of each among these."""
+    keys = [(dual.numbers.tobytes(), dual.weights.tobytes()) for dual in dual_weights]
+    distinct = dict(zip(keys, dual_weights, strict=True))
+    positions = {key: i for i, key in enumerate(distinct)}
+    return list(distinct.values()), np.array([positions[key] for key in keys], dtype=np.int64)
 
 
-def _cut_cells(tree: NodeTree, group: slice) -> IntArray:
-    """Return the numbers of the split cells of identical contacts, parents before children."""
-    found = [np.zeros(0, dtype=np.int64)]
+def _split_cells(tree: NodeTree, group_slots: slice) -> IntArray:
+    """Return the numbers of the split cells of a group, parents before children."""
+    numbers = [np.zeros(0, dtype=np.int64)]
     for nodes, slots in tree.splits:
-        own = np.flatnonzero((slots >= group.start) & (slots < group.stop))
-        found.append(nodes[own, slots[own]])
-    return np.unique(np.concatenate(found))
+        selected = np.flatnonzero((slots >= group_slots.start) & (slots < group_slots.stop))
+        numbers.append(nodes[selected, slots[selected]])
+    return np.unique(np.concatenate(numbers))
 
 
-def _identical_contacts(pieces: ContactCells, cut: IntArray) -> Json:
-    """Return identical contacts with their cells: the first ones, and how some were split."""
-    parts = [[None if part == NONE else part for part in both] for both in pieces.child_numbers(cut).tolist()]
+def _group_data(group: ContactCells, split_cells: IntArray) -> Json:
+    """Return the data of a group of identical contacts: root cells and splits."""
+    roots = [(i, group.cell(i)) for i in group.roots]
+    pairs = group.child_numbers(split_cells).tolist()
+    children = [[None if child == NONE else child for child in pair] for pair in pairs]
     return {
-        "contacts": list(pieces.slots),
-        "turned": pieces.turned,
-        "roots": [[i, pieces.cell(i).to_dict() if len(cut) else pieces.cell(i).whole_data()] for i in pieces.roots],
-        "cuts": [[i, pieces.cell(i).cut(), *both] for i, both in zip(cut.tolist(), parts, strict=True)],
+        "contacts": list(group.slots),
+        "turned": group.rotated_to,
+        "roots": [[i, root.to_dict() if len(split_cells) else root.unsplit_data()] for i, root in roots],
+        "cuts": [[i, group.cell(i).cut(), *pair] for i, pair in zip(split_cells.tolist(), children, strict=True)],
     }
 
 
@@ -84,25 +88,25 @@ class _Motions:
 
     def __init__(self, scope: BoundScope) -> None:
         space = len(scope.origin)
-        one = np.eye(space), np.zeros(space)
-        self._of = {NONE: one} | {i: (s.rotation, s.translation) for i, s in enumerate(scope.symmetries)}
+        identity = np.eye(space), np.zeros(space)
+        self._motions = {NONE: identity} | {i: (s.rotation, s.translation) for i, s in enumerate(scope.symmetries)}
         self._size = scope.problem.body.size
-        self._known: dict[tuple[int, int], int] = {}
-        self._numbers: dict[bytes, int] = {}
-        self.made: list[Json] = []
+        self._number_of_pair: dict[tuple[int, int], int] = {}
+        self._number_of_motion: dict[bytes, int] = {}
+        self.data: list[Json] = []
 
     def number(self, forward: int, back: int) -> int:
-        """Return the number of a motion: forward by one symmetry and back by another."""
-        if (forward, back) not in self._known:
-            self._known[forward, back] = self._find(forward, back)
-        return self._known[forward, back]
+        """Return the number of the motion forward by one symmetry and back by another."""
+        if (forward, back) not in self._number_of_pair:
+            self._number_of_pair[forward, back] = self._find(forward, back)
+        return self._number_of_pair[forward, back]
 
     def _find(self, forward: int, back: int) -> int:
-        (R, t), (Q, s) = self._of[forward], self._of[back]
+        (R, t), (Q, s) = self._motions[forward], self._motions[back]
         rotation, translation = Q.T @ R, Q.T @ (t - s)
-        whole = np.append(rotation, translation / self._size)
-        key = (np.round(whole, TURN_DIGITS) + 0.0).tobytes()
-        if key not in self._numbers:
-            self._numbers[key] = len(self.made)
-            self.made.append({"rotation": rotation.tolist(), "translation": translation.tolist()})
-        return self._numbers[key]
+        values = np.append(rotation, translation / self._size)
+        key = (np.round(values, MOTION_DIGITS) + 0.0).tobytes()
+        if key not in self._number_of_motion:
+            self._number_of_motion[key] = len(self.data)
+            self.data.append({"rotation": rotation.tolist(), "translation": translation.tolist()})
+        return self._number_of_motion[key]

@@ -14,14 +14,14 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.global_bound.allowed_regions import ClippedRegion
 from nlpgrasp.global_bound.cell_supports import Supports
-from nlpgrasp.global_bound.cells.cell import CellFace, Cut, IntArray, RepresentativeContacts, SurfaceCell
+from nlpgrasp.global_bound.cells.cell import CellFace, IntArray, RepresentativeContacts, SurfaceCell
 from nlpgrasp.global_bound.cells.mesh_cells import ClusterTree, TriangleCluster
 
-NONE = -1  # in place of the number of a cell, a slot or a symmetry, where there is none
+NONE = -1  # number that stands for no cell, slot or symmetry
 
 
 class BundleLevel(IntEnum):
-    """Bundling of first cells: none, by face, or all."""
+    """Union of root cells: none, one per face, or one of all."""
 
     NONE = 0
     FACES = 1
@@ -30,98 +30,89 @@ class BundleLevel(IntEnum):
 
 @dataclass(frozen=True)
 class RootCells:
-    """Root cells of contacts.
+    """Root cells of identical contacts.
 
     Parameters
     ----------
     cells : mapping of CellFace to sequence of SurfaceCell
-        That cover each face, or what of it is enough.
-    turned : str, optional
-        Where every placement can be turned so that the contact is in them: ``"pole"``, ``"meridian"`` or
-        ``"half-plane"``.
-    bundled : BundleLevel
+        Cells that cover each face, or a part of it into which a rotation takes every contact.
+    rotated_to : str, optional
+        That part: ``"pole"``, ``"meridian"`` or ``"half-plane"``.
+    level : BundleLevel
     """
 
     cells: Mapping[CellFace, Sequence[SurfaceCell]]
-    turned: str | None = None
-    bundled: BundleLevel = BundleLevel.NONE
+    rotated_to: str | None = None
+    level: BundleLevel = BundleLevel.NONE
 
 
 class ContactCells:
-    """Numbered cells of the faces that some contacts may use.
+    """Numbered cells of one contact or several identical ones, split on demand.
 
     Parameters
     ----------
     slots : sequence of int
-        The contacts.
+        Indices of the contacts.
     roots : RootCells
     allowed : ClippedRegion
     supports : Supports
     size : float
-        Of the body, metres.
-
-    Attributes
-    ----------
-    parts : dict
-        The numbers of both parts of each cell that was cut so far; ``NONE`` of one that constraints exclude.
+        Size of the body, metres.
     """
 
     def __init__(
         self, slots: Sequence[int], roots: RootCells, allowed: ClippedRegion, supports: Supports, size: float
     ) -> None:
-        self.turned, self.parts = roots.turned, dict[int, tuple[int, ...]]()
-        self.slots, self.allowed, self.supports = tuple(slots), allowed, supports
+        self.slots, self.rotated_to = tuple(slots), roots.rotated_to
+        self.allowed, self.supports = allowed, supports
         self.cells: list[SurfaceCell] = []
-        self.radii: list[float] = []
         self.parents: list[int] = []
         self._children: dict[int, tuple[int, ...]] = {}
-        left = [(s, c) for s, cells in roots.cells.items() for c in cells if not allowed.excludes(c)]
-        self.roots = tuple(self._add(cell, NONE) for cell in _bundles(left, roots.bundled, size))
+        allowed_cells = [(s, c) for s, cells in roots.cells.items() for c in cells if not allowed.excludes(c)]
+        self.roots = tuple(self._add(cell, NONE) for cell in _bundle(allowed_cells, roots.level, size))
 
     def _add(self, cell: SurfaceCell, parent: int) -> int:
         self.cells.append(cell)
-        self.radii.append(cell.ball()[1])
         self.parents.append(parent)
         self.supports.add(cell)
         return len(self.cells) - 1
 
     def children(self, cell: int) -> tuple[int, ...]:
-        """Return the numbers of the parts of a cell that are not excluded; its own where it is a point."""
+        """Return the numbers of both parts of a cell, ``NONE`` of an excluded one; of a point its own alone."""
         if cell not in self._children:
             parts = self.cells[cell].split()
             if len(parts) == 1:
                 self._children[cell] = (cell,)
             else:
-                made = [NONE if self.allowed.excludes(part) else self._add(part, cell) for part in parts]
-                self.parts[cell] = tuple(made)
-                self._children[cell] = tuple(part for part in made if part != NONE)
+                numbers = [NONE if self.allowed.excludes(part) else self._add(part, cell) for part in parts]
+                self._children[cell] = tuple(numbers)
         return self._children[cell]
 
     def cell(self, number: int) -> SurfaceCell:
-        """Return the cell of a number."""
+        """Return a cell by number."""
         return self.cells[number]
 
     def child_numbers(self, cells: IntArray) -> IntArray:
-        """Return the numbers of both parts of cells (n,) that can be cut, ``NONE`` of one that is excluded, (n, 2)."""
-        for cell in cells.tolist():
-            self.children(cell)
-        return np.array([self.parts[cell] for cell in cells.tolist()], dtype=np.int64).reshape(-1, 2)
+        """Return the numbers of both parts of cells (n,) that can be split, ``NONE`` of excluded ones, (n, 2)."""
+        return np.array([self.children(cell) for cell in cells.tolist()], dtype=np.int64).reshape(-1, 2)
 
-    def equal_candidate(self, cell: int, points: np.ndarray, candidates: Sequence[int], tolerance: float) -> int:
-        """Return which candidate has these anchors, in any order, or ``NONE``."""
-        for other in candidates:
-            anchors = self.cells[other].anchors()
+    def find_equal(self, points: FloatArray, candidates: Sequence[int], tolerance: float) -> int:
+        """Return the candidate cell whose anchors are these points in any order, or ``NONE``."""
+        for candidate in candidates:
+            if candidate == NONE:
+                continue
+            anchors = self.cells[candidate].anchors()
             if len(anchors) == len(points):
-                apart = np.max(np.abs(anchors[:, None] - points[None]), axis=2)
-                if np.max(apart.min(axis=0)) <= tolerance and np.max(apart.min(axis=1)) <= tolerance:
-                    return other
+                distances = np.max(np.abs(anchors[:, None] - points[None]), axis=2)
+                if np.max(distances.min(axis=0)) <= tolerance and np.max(distances.min(axis=1)) <= tolerance:
+                    return candidate
         return NONE
 
 
 class ContactClusters(ContactCells):
-    """Numbered clusters of a mesh that some contacts may use.
+    """Numbered triangle clusters of one contact or several identical ones on a mesh.
 
-    Their rows are those of ``supports``: the corners of all pieces of the mesh, in order.
+    Rows of ``supports`` are the corners of all pieces of the mesh, in order.
     """
 
     def __init__(
@@ -133,37 +124,39 @@ class ContactClusters(ContactCells):
     @property
     def clusters(self) -> ClusterTree:
         """Tree of triangle clusters of the mesh that the cells belong to."""
-        whole = self.cells[0]
-        if not isinstance(whole, TriangleCluster):
-            raise TypeError(f"a {whole.kind}, no cell of a mesh")
-        return whole.clusters
+        root = self.cells[0]
+        if not isinstance(root, TriangleCluster):
+            raise TypeError(f"a {root.kind}, no cell of a mesh")
+        return root.clusters
 
     def cell(self, number: int) -> SurfaceCell:
-        """Return a cluster."""
+        """Return a cluster by number."""
         return TriangleCluster(self.clusters, number)
 
     @cached_property
     def _numbers(self) -> IntArray:
-        """The number of each cluster, ``NONE`` of those that constraints leave nothing of."""
+        """Number of each cluster, ``NONE`` of those without an allowed point."""
         numbers = np.arange(self.clusters.count)
-        if self.allowed.is_limited:
+        if self.allowed.is_restricted:
             excluded = [self.allowed.excludes(self.cell(number)) for number in range(1, len(numbers))]
             numbers[1:][excluded] = NONE
         return numbers
 
     def child_numbers(self, cells: IntArray) -> IntArray:
-        """Return the numbers of both halves of clusters (n,), none of the last level."""
+        """Return the numbers of both halves of clusters (n,) above the last level, (n, 2)."""
         return np.asarray(self._numbers[2 * cells[:, None] + np.arange(2)])
 
 
-def _bundles(left: Sequence[tuple[CellFace, SurfaceCell]], bundled: BundleLevel, size: float) -> list[SurfaceCell]:
-    """Return the cells with their faces, or bundles of them."""
-    if bundled is BundleLevel.NONE:
-        return [cell for _, cell in left]
-    together: dict[CellFace | None, list[SurfaceCell]] = {}
-    for surface, cell in left:
-        together.setdefault(surface if bundled is BundleLevel.FACES else None, []).append(cell)
-    return [cells[0] if len(cells) == 1 else CellUnion(cells, size) for cells in together.values()]
+def _bundle(
+    allowed_cells: Sequence[tuple[CellFace, SurfaceCell]], level: BundleLevel, size: float
+) -> list[SurfaceCell]:
+    """Return the cells, or their unions by face or altogether."""
+    if level is BundleLevel.NONE:
+        return [cell for _, cell in allowed_cells]
+    bundles: dict[CellFace | None, list[SurfaceCell]] = {}
+    for face, cell in allowed_cells:
+        bundles.setdefault(face if level is BundleLevel.FACES else None, []).append(cell)
+    return [cells[0] if len(cells) == 1 else CellUnion(cells, size) for cells in bundles.values()]
 
 
 class CellUnion(SurfaceCell):
@@ -174,7 +167,7 @@ class CellUnion(SurfaceCell):
     members : sequence of SurfaceCell
         At least two.
     size : float
-        Of the body, metres: where members are parted, a turn of the normal by a right angle weighs as much as half.
+        Size of the body, metres; in a split a normal turned by a right angle counts as half of it.
     """
 
     kind: ClassVar[str] = "bundle"
@@ -183,53 +176,46 @@ class CellUnion(SurfaceCell):
         self.members, self.size = tuple(members), size
 
     def rows(self) -> RepresentativeContacts:
-        """Return the rows of all members, each once."""
+        """Return the representative contacts of all members, without duplicates where none is curved."""
         parts = [member.rows() for member in self.members]
         points, normals = (np.concatenate([getattr(p, name) for p in parts]) for name in ("points", "normals"))
         if not any(p.curved for p in parts):
             keys = np.round(np.concatenate([points / self.size, normals], axis=1), 10)
-            once = np.unique(keys, axis=0, return_index=True)[1]
-            return RepresentativeContacts(points[once], normals[once])
-        begin = np.cumsum([0, *(len(p.points) for p in parts)]).tolist()
-        curved = [replace(c, rows=c.rows + i) for p, i in zip(parts, begin[:-1], strict=True) for c in p.curved]
+            distinct = np.unique(keys, axis=0, return_index=True)[1]
+            return RepresentativeContacts(points[distinct], normals[distinct])
+        offsets = np.cumsum([0, *(len(p.points) for p in parts)]).tolist()
+        curved = [replace(c, rows=c.rows + i) for p, i in zip(parts, offsets[:-1], strict=True) for c in p.curved]
         return RepresentativeContacts(points, normals, curved=tuple(curved))
 
     def split(self) -> tuple[SurfaceCell, ...]:
-        """Return two bundles; a part of one member is that member."""
-        first, second = ([self.members[i] for i in part] for part in self._parts())
-        return self._of(first), self._of(second)
+        """Return two unions; a part of one member is that member."""
+        parts = [[self.members[i] for i in part] for part in self.cut()]
+        return tuple(part[0] if len(part) == 1 else CellUnion(part, self.size) for part in parts)
 
-    def cut(self) -> Cut:
-        """Return the numbers of the members of both parts."""
-        return self._parts()
-
-    def _parts(self) -> list[list[int]]:
-        """Return members parted across the direction in which points and normals are most spread."""
-        middles = np.stack([member.ball()[0] for member in self.members])
+    def cut(self) -> list[list[int]]:
+        """Return the numbers of the members of both parts, split where points and normals are most spread."""
+        centres = np.stack([member.ball()[0] for member in self.members])
         normals = np.stack([np.mean(member.rows().normals, axis=0) for member in self.members])
-        where = np.concatenate([middles / self.size, 0.5 * normals], axis=1)
-        where -= where.mean(axis=0)
-        spread = np.round(np.var(where, axis=0), 9)
+        features = np.concatenate([centres / self.size, 0.5 * normals], axis=1)
+        features -= features.mean(axis=0)
+        spread = np.round(np.var(features, axis=0), 9)
         axis = int(np.argmax(spread))
-        order = np.argsort(where[:, axis], kind="stable")
-        steps = np.diff(where[order, axis])
+        order = np.argsort(features[:, axis], kind="stable")
+        steps = np.diff(features[order, axis])
         first, last = max(1, len(order) // 4), len(order) - max(1, len(order) // 4)
-        cut = first + int(np.argmax(np.round(steps[first - 1 : last], 9)))
-        return [order[:cut].tolist(), order[cut:].tolist()]
-
-    def _of(self, members: Sequence[SurfaceCell]) -> SurfaceCell:
-        return members[0] if len(members) == 1 else CellUnion(members, self.size)
+        split = first + int(np.argmax(np.round(steps[first - 1 : last], 9)))
+        return [order[:split].tolist(), order[split:].tolist()]
 
     def ball(self) -> tuple[FloatArray, float]:
-        """Return the middle of the members' balls and a radius that holds them all."""
+        """Return the mean of the members' centres, and the radius of a ball around all members."""
         balls = [member.ball() for member in self.members]
-        middle = np.mean([centre for centre, _ in balls], axis=0)
-        return middle, max(float(np.linalg.norm(centre - middle)) + radius for centre, radius in balls)
+        centre = np.mean([member_centre for member_centre, _ in balls], axis=0)
+        return centre, max(float(np.linalg.norm(member_centre - centre)) + radius for member_centre, radius in balls)
 
     def anchors(self) -> FloatArray:
-        """Return those of all members."""
+        """Return the anchors of all members."""
         return np.concatenate([member.anchors() for member in self.members])
 
     def to_dict(self) -> Json:
-        """Return the members."""
+        """Return the data of all members."""
         return {"kind": self.kind, "members": [member.to_dict() for member in self.members]}

@@ -1,4 +1,4 @@
-"""Marginal bound of a contact over the surface: the most that it can add to mu."""
+"""Marginal bound of a contact over the surface: an upper bound on its contribution to mu."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ class MarginalBound:
     """Marginal bound on a contact's contribution to mu of any grasp, by its position.
 
     For directions y with unit work of the task and weights w of sum one, ``mu^p <= sum_i g_i(p_i)`` holds for contacts
-    at any places p, with ``g_i(p) = sum_j w_j s_i(p, y_j)^p`` and the support s_i of contact i alone
+    at any points p_i, with ``g_i(p) = sum_j w_j s_i(p, y_j)^p`` and the support s_i of contact i alone
     (docs/how_close.md). The weights are those of the least such bound over all placements.
 
     Parameters
     ----------
     scope : BoundScope
-        Every contact's places as one cell.
+        With one root cell per contact.
     twists : (j, d) array
         Directions y, about the problem's torque origin.
     weights : (j,) array
@@ -41,42 +41,41 @@ class MarginalBound:
 
         Raises
         ------
-        InputError
+        NotCoveredError
             On a problem that the bound does not cover.
         """
         scope = whole_scope(problem)
         tree = tree_of(scope)
         tree.begin(0.0)
-        numbers, weights = tree.bounding.mixtures[int(tree.leaves.mixtures[0])]
+        numbers, weights = tree.bounding.dual_weights[int(tree.leaves.dual_index[0])]
         return cls(scope, tree.bounding.twists[numbers], weights / np.sum(weights))
 
     def at(self, points: FloatArray, normals: FloatArray) -> FloatArray:
-        """Return the bound at surface points with inward normals, (m, 3) each: the largest of any contact, (m,).
+        """Return the largest marginal bound of any contact, (m,), at surface points with inward normals, (m, 3) each.
 
-        NaN where no contact may be.
+        NaN where no contact is allowed.
         """
-        worth = np.full(len(points), np.nan)
-        near = nearest_cell_faces(self.scope.problem.body, points, normals)
-        for pieces, _ in self.scope.groups:
-            supports, slot = pieces.supports, pieces.slots[0]
-            mine = np.isin(near, self.scope.problem.allowed_faces(slot)) & pieces.allowed.each(points, normals)
-            z = self.twists @ supports.maps_at(points[mine], normals[mine])
-            found = supports.measure.powers(supports.contact, z) @ self.weights
-            worth[mine] = np.fmax(worth[mine], found)
-        return worth
+        bounds = np.full(len(points), np.nan)
+        faces = nearest_cell_faces(self.scope.problem.body, points, normals)
+        for group in self.scope.contact_cells:
+            supports, allowed_faces = group.supports, self.scope.problem.allowed_faces(group.slots[0])
+            allowed = np.isin(faces, allowed_faces) & group.allowed.contains(points, normals)
+            z = self.twists @ supports.maps_at(points[allowed], normals[allowed])
+            bounds[allowed] = np.fmax(bounds[allowed], supports.measure.powers(supports.contact, z) @ self.weights)
+        return bounds
 
 
 def nearest_cell_faces(body: Body, points: FloatArray, normals: FloatArray, weight: float = 1.0) -> NDArray[np.str_]:
     """Return the name of the face nearest to each point (m, 3) with an inward normal.
 
-    A normal that is turned by an angle counts as a distance of ``1 - cos`` of it, times a weight and the body's size.
+    A normal at an angle to the face's counts as a distance of ``1 - cos`` of it, times a weight and the body's size.
     """
     if len(body.face_names) == 1:
         return np.full(len(points), body.face_names[0])
-    apart = []
+    distances = []
     for name in body.face_names:
         h, slope, outward, extent = body.evaluate(name, points)
-        beside = np.maximum(extent, 0.0) + weight * body.size * (1.0 + np.sum(outward * normals, axis=1))
-        apart.append(np.abs(h) / slope + beside)
-    nearest: NDArray[np.str_] = np.take(np.array(body.face_names), np.argmin(apart, axis=0))
+        offset = np.maximum(extent, 0.0) + weight * body.size * (1.0 + np.sum(outward * normals, axis=1))
+        distances.append(np.abs(h) / slope + offset)
+    nearest: NDArray[np.str_] = np.take(np.array(body.face_names), np.argmin(distances, axis=0))
     return nearest

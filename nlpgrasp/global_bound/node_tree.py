@@ -1,8 +1,7 @@
 """Tree of a branch and bound over placements: each node has one surface cell per contact.
 
-The loosest nodes are cut, their parts are bounded, and parts whose bound is low enough are closed. How nodes are
-bounded is left to a strategy (``BoundingStrategy``): a mixture of directions for every node, or mixtures that all nodes
-share.
+The nodes with the largest bounds are split, their children are bounded, and children with low enough bounds are closed.
+A strategy (``BoundingStrategy``) bounds nodes: by dual weights of every node's own, or by weights that all nodes share.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from nlpgrasp.global_bound.dual_weights import DualWeights
 from nlpgrasp.global_bound.scope import BoundScope
 from nlpgrasp.global_bound.weak_twists import WeightedDirections
 
-Cells = tuple[int, ...]  # a node: the number of a cell for each slot
+Cells = tuple[int, ...]  # a node, as the number of a cell for each slot
 Floats = FloatArray | NDArray[np.float32]
 
 
@@ -34,67 +33,67 @@ class NodeArrays:
     Parameters
     ----------
     cells : (n, k) array
-        A cell for each contact, by slot.
+        Number of a cell for each slot.
     bounds : (n,) array
-        The most that mu is over these cells, to the power ``BoundingStrategy.power``.
-    mixtures : (n,) array
-        The number of the mixture of directions from which each bound follows.
+        Upper bounds on mu over these cells, to the power ``BoundingStrategy.power``.
+    dual_index : (n,) array
+        Index of the dual weights from which each bound follows.
     """
 
     cells: IntArray
     bounds: Floats
-    mixtures: IntArray
+    dual_index: IntArray
 
     def __len__(self) -> int:
         return len(self.cells)
 
-    def __getitem__(self, where: NDArray[np.int64] | NDArray[np.bool_]) -> NodeArrays:
-        return NodeArrays(self.cells[where], self.bounds[where], self.mixtures[where])
+    def __getitem__(self, indices: NDArray[np.int64] | NDArray[np.bool_]) -> NodeArrays:
+        return NodeArrays(self.cells[indices], self.bounds[indices], self.dual_index[indices])
 
     @classmethod
-    def none(cls, contacts: int) -> NodeArrays:
+    def none(cls, slots: int) -> NodeArrays:
         """Return an empty set of nodes."""
-        return cls(np.zeros((0, contacts), dtype=np.int64), np.zeros(0), np.zeros(0, dtype=np.int64))
+        return cls(np.zeros((0, slots), dtype=np.int64), np.zeros(0), np.zeros(0, dtype=np.int64))
 
     @classmethod
     def concatenate(cls, parts: Sequence[NodeArrays]) -> NodeArrays:
-        """Return the concatenation of nodes."""
-        return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("cells", "bounds", "mixtures")))
+        """Return the concatenation of several sets of nodes."""
+        return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("cells", "bounds", "dual_index")))
 
 
 @dataclass(frozen=True)
 class FractionalPlacement:
-    """Relaxed placement behind a node's bound: each contact spread over rows of its cell.
+    """Fractional placement dual to a node's bound: each contact spread over rows of its cell.
 
     Parameters
     ----------
     bound : float
-        On mu.
+        Upper bound on mu.
     rows : (k, m) array
-        Numbers of rows.
-    shares : (k, m) array
-        How much of each contact is there, of sum one over the rows.
+        Numbers of the rows.
+    fractions : (k, m) array
+        Fraction of each contact at each row, of sum one.
     """
 
     bound: float
     rows: IntArray
-    shares: FloatArray
+    fractions: FloatArray
 
-    def heaviest(self) -> IntArray:
-        """Return the row of each contact with the largest share, (k,)."""
-        return np.asarray(self.rows[np.arange(len(self.rows)), np.argmax(self.shares, axis=1)])
+    def heaviest_rows(self) -> IntArray:
+        """Return the row of each contact with the largest fraction, (k,)."""
+        return np.asarray(self.rows[np.arange(len(self.rows)), np.argmax(self.fractions, axis=1)])
 
 
 @dataclass(frozen=True)
 class SymmetricCopy:
-    """Symmetric copy of a node that was met before, with the motion between them.
+    """Symmetry between a node and one bounded before.
 
     Parameters
     ----------
     forward, back : int
-        Numbers of symmetries; ``NONE`` of the identity.
+        Numbers of the symmetries to the common representative; ``NONE`` is the identity.
     node : tuple of int
-        Cells of the node met before.
+        Cells of the node bounded before.
     """
 
     forward: int
@@ -109,59 +108,59 @@ class BoundingStrategy(ABC):
     ----------
     scope : BoundScope
     directions : int
-        Of a node for which a mixture is made.
+        Number of directions of a linear program.
 
     Attributes
     ----------
     power : float
-        Of mu: bounds of nodes are on mu to this power.
-    by_parent : bool
-        Whether parts of one node are bounded one after another.
-    most_open : int
-        Nodes beyond which a search ends.
+        Bounds of nodes are on mu to this power.
+    drops_copies : bool
+        Whether symmetric copies of nodes are dropped.
+    max_open : int
+        Largest number of open nodes.
     twists : WeightedDirections
-    mixtures : list of DualWeights
+    dual_weights : list of DualWeights
     placements : list of FractionalPlacement
-        Those that the bounds of the latest nodes rest on.
+        Fractional placements dual to the bounds of the latest nodes.
     """
 
     power: float = 1.0
-    by_parent: ClassVar[bool]
-    most_open: ClassVar[int]
+    drops_copies: ClassVar[bool]
+    max_open: ClassVar[int]
 
     def __init__(self, scope: BoundScope, directions: int) -> None:
-        self.scope, self.twists = scope, WeightedDirections(scope.task, scope.problem.body.size, directions)
-        self.mixtures, self.placements = list[DualWeights](), list[FractionalPlacement]()
+        self.scope, self.twists = scope, WeightedDirections(scope.problem.task, scope.problem.body.size, directions)
+        self.dual_weights, self.placements = list[DualWeights](), list[FractionalPlacement]()
 
     @abstractmethod
     def bound_nodes(self, cells: IntArray, parents: NodeArrays | None, target: float) -> NodeArrays:
-        """Return nodes (n, k) with their bounds, in any order; ``parents`` are the nodes they were split from.
+        """Return nodes (n, k) with their bounds, in any order, given their parents.
 
-        A bound that is at most the target, on mu, need not be the least.
+        Bounds need not be lowered below the target, on mu.
         """
 
     @abstractmethod
-    def loosest(self, nodes: NodeArrays, count: int, target: float) -> IntArray:
-        """Return which open nodes to branch on next, in order, after so many nodes in all."""
+    def select_nodes(self, nodes: NodeArrays, count: int, target: float) -> IntArray:
+        """Return the indices of the open nodes to branch on next, in order, given the number of all nodes so far."""
 
     @abstractmethod
-    def slots(self, nodes: NodeArrays) -> IntArray:
-        """Return the slot of the cell to split, of each node; ``NONE`` where no cell can be."""
+    def select_slots(self, nodes: NodeArrays) -> IntArray:
+        """Return the slot of each node's cell to split, ``NONE`` where no cell can be split."""
 
     @abstractmethod
-    def recomputed(self, nodes: NodeArrays) -> FloatArray:
+    def recompute_bounds(self, nodes: NodeArrays) -> FloatArray:
         """Return bounds on mu recomputed from the recorded dual weights by plain arithmetic, (n,)."""
 
     def improve(self, nodes: NodeArrays, target: float) -> IntArray:
-        """Lower the bounds of some open nodes, in place; return those to close: at most the target, on mu."""
+        """Lower the bounds of some open nodes in place; return the indices of nodes within the target, on mu."""
         return np.flatnonzero(nodes.bounds <= target**self.power)
 
     def is_full(self, count: int) -> bool:
-        """Return whether so many open nodes, or the dual weights, exceed the memory limit."""
-        return count >= self.most_open
+        """Return whether a number of open nodes, or the dual weights, reach the memory limit."""
+        return count >= self.max_open
 
-    def recorded(self, tree: NodeTree) -> NodeTree:
-        """Return the tree that is written as the certificate of a search."""
+    def certified_tree(self, tree: NodeTree) -> NodeTree:
+        """Return the tree that is recorded in the certificate of a search."""
         return tree
 
 
@@ -172,31 +171,31 @@ class NodeTree:
     ----------
     bounding : BoundingStrategy
     most_leaves : int
-        Leaves beyond which nodes are cut without record: the record stays as fine as it was.
+        Largest number of recorded leaves; beyond it, splits are no longer recorded.
 
     Attributes
     ----------
     nodes : int
-        How many there were so far.
+        Number of nodes bounded so far.
     open : NodeArrays
     splits : list of pairs of arrays
-        Recorded nodes that were cut, (n, k), and the slots of the cells that were, (n,).
-    twins : dict
-        Recorded nodes that were not bounded, because a symmetric copy was.
+        Recorded split nodes, (n, k), and the slots of their split cells, (n,).
+    copies : dict
+        Recorded nodes that were dropped as symmetric copies.
     """
 
     def __init__(self, bounding: BoundingStrategy, most_leaves: int) -> None:
         self.bounding, self.scope, self._most_leaves = bounding, bounding.scope, most_leaves
-        self.nodes, self.splits, self.twins = 0, list[tuple[IntArray, IntArray]](), dict[Cells, SymmetricCopy]()
+        self.nodes, self.splits, self.copies = 0, list[tuple[IntArray, IntArray]](), dict[Cells, SymmetricCopy]()
         self.open = NodeArrays.none(len(self.scope.slots))
         self._closed = [self.open]
         self._highest_closed = 0.0
-        self._kept: NodeArrays | None = None
-        self._met: dict[Cells, tuple[Cells, int]] = {}
+        self._recorded_leaves: NodeArrays | None = None
+        self._bounded: dict[Cells, tuple[Cells, int]] = {}
 
     @property
     def top(self) -> float:
-        """Largest bound on mu of an open node; 0 without one."""
+        """Largest bound on mu of an open node, 0 without open nodes."""
         return self._mu(self.open)
 
     @property
@@ -207,7 +206,9 @@ class NodeTree:
     @property
     def leaves(self) -> NodeArrays:
         """Recorded leaves: together with their symmetric copies they cover all placements."""
-        return NodeArrays.concatenate([*self._closed, self.open]) if self._kept is None else self._kept
+        if self._recorded_leaves is not None:
+            return self._recorded_leaves
+        return NodeArrays.concatenate([*self._closed, self.open])
 
     @property
     def size(self) -> int:
@@ -217,60 +218,60 @@ class NodeTree:
     @property
     def complete(self) -> bool:
         """Whether all nodes are recorded."""
-        return self._kept is None
+        return self._recorded_leaves is None
 
     def begin(self, target: float) -> None:
-        """Bound the root nodes: one per choice of first cells, without symmetric copies."""
-        choices = product(*(combinations_with_replacement(p.roots, len(p.slots)) for p in self.scope.pieces))
+        """Bound the root nodes, one per choice of root cells, without symmetric copies."""
+        choices = product(*(combinations_with_replacement(p.roots, len(p.slots)) for p in self.scope.contact_cells))
         roots = np.array([list(chain.from_iterable(choice)) for choice in choices], dtype=np.int64)
-        new, _ = self._distinct(roots, np.arange(len(roots)))
-        self.open = self.bounding.bound_nodes(new, None, target)
+        cells, _ = self._drop_copies(roots, np.arange(len(roots)))
+        self.open = self.bounding.bound_nodes(cells, None, target)
         self.nodes = len(self.open)
         self._close(self._pop_open(np.flatnonzero(self.open.bounds <= target**self.bounding.power)))
 
     def branch(self, target: float) -> None:
-        """Branch on the loosest nodes, and close those whose bound is at most the target."""
+        """Branch on the nodes with the largest bounds, and close those whose bound is at most the target."""
         if len(self.open):
-            self.cut(self.bounding.loosest(self.open, self.nodes, target), target)
+            self.split(self.bounding.select_nodes(self.open, self.nodes, target), target)
             self._close(self._pop_open(self.bounding.improve(self.open, target)))
 
-    def cut(self, where: IntArray, target: float) -> None:
+    def split(self, indices: IntArray, target: float) -> None:
         """Replace some open nodes by their children; close those that cannot be split."""
         if self.complete and self.size >= self._most_leaves:
-            self._kept = self.leaves
-        nodes = self._pop_open(where)
-        slots = self.bounding.slots(nodes)
+            self._recorded_leaves = self.leaves
+        nodes = self._pop_open(indices)
+        slots = self.bounding.select_slots(nodes)
         self._close(nodes[slots == NONE])
         nodes, slots = nodes[slots != NONE], slots[slots != NONE]
         if self.complete:
             self.splits.append((nodes.cells, slots))
-        cells, parent = self._distinct(*children(self.scope.groups, nodes.cells, slots))
-        found = self.bounding.bound_nodes(cells, nodes[parent], target)
-        self.nodes += len(found)
-        self.open = NodeArrays.concatenate([self.open, found])
+        cells, parent = self._drop_copies(*children(self.scope.groups, nodes.cells, slots))
+        new_nodes = self.bounding.bound_nodes(cells, nodes[parent], target)
+        self.nodes += len(new_nodes)
+        self.open = NodeArrays.concatenate([self.open, new_nodes])
 
-    def _pop_open(self, where: IntArray) -> NodeArrays:
+    def _pop_open(self, indices: IntArray) -> NodeArrays:
         """Remove some of the open nodes and return them."""
-        taken = self.open[where]
-        if len(taken):
-            rest = np.ones(len(self.open), dtype=bool)
-            rest[where] = False
-            self.open = self.open[rest]
-        return taken
+        nodes = self.open[indices]
+        if len(nodes):
+            remaining = np.ones(len(self.open), dtype=bool)
+            remaining[indices] = False
+            self.open = self.open[remaining]
+        return nodes
 
     def _close(self, nodes: NodeArrays) -> None:
-        """Close nodes: their bounds hold for good."""
+        """Close nodes: their bounds are final."""
         self._highest_closed = max(self._highest_closed, self._mu(nodes))
         if self.complete and len(nodes):
             self._closed.append(nodes)
 
     def _mu(self, nodes: NodeArrays) -> float:
-        """Return the largest bound of some nodes, on mu."""
+        """Return the largest bound on mu of some nodes."""
         return float(float(np.max(nodes.bounds, initial=0.0)) ** (1.0 / self.bounding.power))
 
-    def _distinct(self, cells: IntArray, parent: IntArray) -> tuple[IntArray, IntArray]:
-        """Return nodes and their parents, without symmetric copies of nodes met before."""
-        if not self.bounding.by_parent:
+    def _drop_copies(self, cells: IntArray, parent: IntArray) -> tuple[IntArray, IntArray]:
+        """Return nodes and their parents without symmetric copies of earlier nodes."""
+        if not self.bounding.drops_copies:
             return cells, parent
         order = np.lexsort((-np.arange(len(parent)), parent))
         if self.scope.symmetries:
@@ -278,22 +279,23 @@ class NodeTree:
         return cells[order], parent[order]
 
     def _is_new(self, cells: Cells) -> bool:
-        """Return whether a node has no symmetric copy met before; remembers it, and records copies."""
-        least, symmetry = min([(cells, NONE), *((image, i) for i, image in self._images(cells))])
-        met = self._met.get(least)
-        if met is None:
-            self._met[least] = cells, symmetry
-        elif met[0] != cells and self.complete:
-            self.twins[cells] = SymmetricCopy(symmetry, met[1], met[0])
-        return met is None
+        """Return whether a node is no symmetric copy of an earlier one; remember the node or record the copy."""
+        representative, symmetry = min([(cells, NONE), *((image, i) for i, image in self._images(cells))])
+        previous = self._bounded.get(representative)
+        if previous is None:
+            self._bounded[representative] = cells, symmetry
+        elif previous[0] != cells and self.complete:
+            self.copies[cells] = SymmetricCopy(symmetry, previous[1], previous[0])
+        return previous is None
 
     def _images(self, cells: Cells) -> Iterator[tuple[int, Cells]]:
-        for number, symmetry in enumerate(self.scope.symmetries):
+        """Yield the images of a node that are nodes, with the numbers of the symmetries."""
+        for index, symmetry in enumerate(self.scope.symmetries):
             image: list[int] = []
-            for i, (pieces, where) in enumerate(self.scope.groups):
-                image += sorted(symmetry.image(i, pieces, cell) for cell in cells[where])
+            for i, (group, slots) in enumerate(self.scope.groups):
+                image += sorted(symmetry.image(i, group, cell) for cell in cells[slots])
             if NONE not in image:
-                yield number, tuple(image)
+                yield index, tuple(image)
 
 
 def children(
@@ -301,12 +303,12 @@ def children(
 ) -> tuple[IntArray, IntArray]:
     """Return the children of nodes, each split at its slot, and their parents' indices.
 
-    All contacts that are alike in that slot's cell go to its halves in every possible way.
+    Identical contacts in the split cell are distributed over its halves in every possible way.
 
     Parameters
     ----------
     groups : sequence of (ContactCells, slice)
-        Contacts that are alike, and their slots.
+        Groups of identical contacts, and their slots.
     nodes : (n, k) array
     slots : (n,) array
 
@@ -315,21 +317,21 @@ def children(
     cells : (m, k) array
     parent : (m,) array
     """
-    parts, parents = [nodes[:0]], [slots[:0]]
-    for pieces, group in groups:
-        here = np.flatnonzero((slots >= group.start) & (slots < group.stop))
-        cell = nodes[here, slots[here]]
-        same = np.zeros((len(here), nodes.shape[1]), dtype=bool)
-        same[:, group] = nodes[here, group] == cell[:, None]
-        rank, times = np.cumsum(same, axis=1), np.sum(same, axis=1)
-        halves = pieces.child_numbers(cell)
-        for lower in range(group.stop - group.start + 1):
-            own = times >= lower
-            chosen = np.where(rank[own] > lower, halves[own, 1:], halves[own, :1])
-            made = np.where(same[own], chosen, nodes[here[own]])
-            made[:, group] = np.sort(made[:, group], axis=1)
-            parts.append(made)
-            parents.append(here[own])
-    every, parent = np.concatenate(parts), np.concatenate(parents)
-    allowed = np.all(every != NONE, axis=1)
-    return every[allowed], parent[allowed]
+    child_cells, parents = [nodes[:0]], [slots[:0]]
+    for group, group_slots in groups:
+        parent_indices = np.flatnonzero((slots >= group_slots.start) & (slots < group_slots.stop))
+        cell = nodes[parent_indices, slots[parent_indices]]
+        is_split = np.zeros((len(parent_indices), nodes.shape[1]), dtype=bool)
+        is_split[:, group_slots] = nodes[parent_indices, group_slots] == cell[:, None]
+        rank, counts = np.cumsum(is_split, axis=1), np.sum(is_split, axis=1)
+        halves = group.child_numbers(cell)
+        for first_count in range(group_slots.stop - group_slots.start + 1):
+            selected = counts >= first_count
+            sides = np.where(rank[selected] > first_count, halves[selected, 1:], halves[selected, :1])
+            child = np.where(is_split[selected], sides, nodes[parent_indices[selected]])
+            child[:, group_slots] = np.sort(child[:, group_slots], axis=1)
+            child_cells.append(child)
+            parents.append(parent_indices[selected])
+    cells, parent = np.concatenate(child_cells), np.concatenate(parents)
+    allowed = np.all(cells != NONE, axis=1)
+    return cells[allowed], parent[allowed]

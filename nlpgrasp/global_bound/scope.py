@@ -1,4 +1,4 @@
-"""Scope of the bound: the relaxed problem that it covers, and what it omits."""
+"""Scope of the bound: the relaxed problem that it covers, and the parts that it drops."""
 
 from __future__ import annotations
 
@@ -13,42 +13,38 @@ import numpy as np
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.scalar_constraints import EDGES
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.errors import InputError
-from nlpgrasp.global_bound.allowed_regions import AllowedRegion, places
+from nlpgrasp.errors import NotCoveredError
+from nlpgrasp.global_bound.allowed_regions import AllowedRegion, allowed_regions
 from nlpgrasp.global_bound.cell_supports import Measure, Supports
 from nlpgrasp.global_bound.cells.cell import CellFace
-from nlpgrasp.global_bound.cells.cell_faces import surfaces
+from nlpgrasp.global_bound.cells.cell_faces import cell_faces
 from nlpgrasp.global_bound.contact_cells import BundleLevel, ContactCells, ContactClusters, RootCells
-from nlpgrasp.global_bound.symmetry import Symmetry, Turned, restrict_by_rotation, symmetries
+from nlpgrasp.global_bound.symmetry import RotatedRoots, Symmetry, restrict_by_rotation, symmetries
 from nlpgrasp.problem.problem import GraspProblem
-from nlpgrasp.tasks import Task
 
-KINDS = ("point", "friction", "soft")  # contacts without a direction along the surface, on which curved cells rest
-MOST_ROOTS = 300  # root nodes, at most: above that first cells are bundled
+KINDS = ("point", "friction", "soft")  # contact models without a tangential direction, as curved cells require
+MOST_ROOTS = 300  # largest number of root nodes; beyond it root cells are united
 
 
 @dataclass(frozen=True)
 class BoundScope:
-    """Relaxed problem of the bound: placements of contacts in their own allowed regions, for the task.
+    """Relaxed problem of the bound: each contact anywhere in its own allowed region.
 
     Parameters
     ----------
     problem : GraspProblem
-    task : Task
-        About the problem's torque origin.
     measure : Measure
-    pieces : tuple of ContactCells
-        Of contacts that are alike; together they have a slot for each contact.
+    contact_cells : tuple of ContactCells
+        One for each group of identical contacts.
     symmetries : tuple of Symmetry
-        But for the identity.
+        Without the identity.
     dropped : tuple of str
-        What only lowers mu and is left out, each in a few words.
+        Names of the relaxed parts, which can only lower mu.
     """
 
     problem: GraspProblem
-    task: Task
     measure: Measure
-    pieces: tuple[ContactCells, ...]
+    contact_cells: tuple[ContactCells, ...]
     symmetries: tuple[Symmetry, ...]
     dropped: tuple[str, ...]
 
@@ -59,109 +55,111 @@ class BoundScope:
 
     @cached_property
     def groups(self) -> tuple[tuple[ContactCells, slice], ...]:
-        """The pieces with the slots of nodes that they have."""
-        ends = np.cumsum([0] + [len(pieces.slots) for pieces in self.pieces]).tolist()
-        return tuple((pieces, slice(*where)) for pieces, where in zip(self.pieces, pairwise(ends), strict=True))
+        """Groups of identical contacts: their cells, and their slots in a node."""
+        ends = np.cumsum([0] + [len(group.slots) for group in self.contact_cells]).tolist()
+        return tuple((group, slice(*limits)) for group, limits in zip(self.contact_cells, pairwise(ends), strict=True))
 
     @cached_property
     def group_of(self) -> tuple[tuple[ContactCells, slice], ...]:
-        """Of each slot of nodes the pieces, and the slots that these have."""
+        """The group of each slot of a node."""
         return tuple(group for group in self.groups for _ in group[0].slots)
 
     @property
     def complete(self) -> bool:
-        """Whether nothing was omitted that couples contacts."""
+        """Whether no constraint that couples contacts was dropped."""
         return set(self.dropped) <= {EDGES}
 
     @property
     def slots(self) -> tuple[int, ...]:
-        """Contacts in the order in which nodes have them."""
-        return tuple(slot for pieces in self.pieces for slot in pieces.slots)
+        """Index of the contact in each slot of a node."""
+        return tuple(slot for group in self.contact_cells for slot in group.slots)
 
 
 def scope_of(problem: GraspProblem) -> BoundScope:
-    """Return what the bound covers of a problem.
+    """Return the relaxed problem that the bound covers, with few enough root nodes.
 
-    A tree begins with a node for each choice of first cells. Where these would be too many, the cells of a face are one
-    to begin with, or all that a contact may touch.
+    There is a root node for each choice of root cells. Where these are too many, the root cells of a face, or of all
+    faces, are united.
 
     Raises
     ------
-    InputError
-        On a body, a contact model or a force budget that the bound does not cover.
+    NotCoveredError
+        On a body, a contact model or a force budget that the bound does not cover, or constraints that leave a contact
+        no place.
     """
     measure, faces = _check_coverage(problem)
-    own, dropped = _relaxed_parts(problem)
-    turned = restrict_by_rotation(problem, faces, own)
-    for bundled in BundleLevel:
-        made = _create_cells(problem, faces, own, measure, bundled, turned)
-        same = symmetries(problem.body, problem.task, problem.origin, made)
-        choices = prod(comb(len(pieces.roots) + len(pieces.slots) - 1, len(pieces.slots)) for pieces in made)
-        if choices <= MOST_ROOTS * (1 + len(same)):
+    regions, dropped = _relax(problem)
+    rotated = restrict_by_rotation(problem, faces, regions)
+    for level in BundleLevel:
+        cells = _create_cells(problem, faces, regions, measure, level, rotated)
+        group = symmetries(problem.body, problem.task, problem.origin, cells)
+        choices = prod(comb(len(own.roots) + len(own.slots) - 1, len(own.slots)) for own in cells)
+        if choices <= MOST_ROOTS * (1 + len(group)):
             break
-    return BoundScope(problem, problem.task, measure, tuple(made), tuple(same), dropped)
+    return BoundScope(problem, measure, tuple(cells), tuple(group), dropped)
 
 
 def whole_scope(problem: GraspProblem) -> BoundScope:
-    """Return what the bound covers of a problem, all places of a contact as one cell, without its symmetries.
+    """Return the relaxed problem with one root cell per contact, without symmetries.
 
     Raises
     ------
-    InputError
+    NotCoveredError
         As ``scope_of``.
     """
     measure, faces = _check_coverage(problem)
-    own, dropped = _relaxed_parts(problem)
-    made = _create_cells(problem, faces, own, measure, BundleLevel.ALL, [])
-    return BoundScope(problem, problem.task, measure, tuple(made), (), dropped)
+    regions, dropped = _relax(problem)
+    cells = _create_cells(problem, faces, regions, measure, BundleLevel.ALL, [])
+    return BoundScope(problem, measure, tuple(cells), (), dropped)
 
 
-def _relaxed_parts(problem: GraspProblem) -> tuple[list[AllowedRegion], tuple[str, ...]]:
-    """Return the places of each contact, and what of the problem the bound leaves out: of a mesh its margin too."""
-    own, dropped, _ = places(problem)
-    near_edges = isinstance(problem.body, Mesh) and problem.margin > 0.0
-    return own, (*dropped, EDGES) if near_edges else dropped
+def _relax(problem: GraspProblem) -> tuple[list[AllowedRegion], tuple[str, ...]]:
+    """Return the region of each contact, and the names of relaxed parts: on a mesh the edge margin too."""
+    regions, dropped, _ = allowed_regions(problem)
+    has_margin = isinstance(problem.body, Mesh) and problem.margin > 0.0
+    return regions, (*dropped, EDGES) if has_margin else dropped
 
 
 def _check_coverage(problem: GraspProblem) -> tuple[Measure, Sequence[CellFace]]:
-    """Return how supports add up, and the faces of the body; refuse what the bound does not cover."""
-    measure, faces = Measure.of(problem.budget), surfaces(problem.body, problem.margin)
+    """Return the measure and the body's faces; raise for a problem that the bound does not cover."""
+    measure, faces = Measure.of(problem.budget), cell_faces(problem.body, problem.margin)
     if faces is None:
-        raise InputError("best_possible.body", problem.body.kind, "a body of flat faces, a round one or a mesh")
+        raise NotCoveredError("best_possible.body", problem.body.kind, "a body of flat faces, a round one or a mesh")
     for i, contact in enumerate(problem.models):
         if contact.kind not in KINDS:
-            raise InputError(f"contacts[{i}]", contact.kind, "point, friction or soft contacts for a global bound")
+            raise NotCoveredError(f"contacts[{i}]", contact.kind, "point, friction or soft contacts for a global bound")
     return measure, faces
 
 
 def _create_cells(
     problem: GraspProblem,
     faces: Sequence[CellFace],
-    own: Sequence[AllowedRegion],
+    regions: Sequence[AllowedRegion],
     measure: Measure,
-    bundled: BundleLevel,
-    turned: Sequence[Turned],
+    level: BundleLevel,
+    rotated: Sequence[RotatedRoots],
 ) -> list[ContactCells]:
-    """Return the pieces of contacts that are alike; each that can be turned to a line has its own."""
-    made, kind = list[ContactCells](), ContactClusters if isinstance(problem.body, Mesh) else ContactCells
-    for slots in alike(problem, own):
-        given = [([slot], RootCells(turned[slot][1], turned[slot][0])) for slot in slots if slot < len(turned)]
-        rest = [slot for slot in slots if slot >= len(turned)]
-        if rest:
-            left = [own[rest[0]].allowed.clip_face(face) for face in faces if face.name in own[rest[0]].faces]
-            given.append((rest, RootCells({face: face.cells() for face in left if face is not None}, None, bundled)))
-        for some, roots in given:
-            supports = Supports(problem.models[some[0]], measure, problem.origin)
-            made.append(kind(some, roots, own[some[0]].allowed, supports, problem.body.size))
-            if not made[-1].roots:
+    """Return the cells of each group of identical contacts; a contact restricted by rotation has its own."""
+    groups, create = list[ContactCells](), ContactClusters if isinstance(problem.body, Mesh) else ContactCells
+    for contacts in identical_contacts(problem, regions):
+        region = regions[contacts[0]]
+        roots = [([i], RootCells(rotated[i][1], rotated[i][0])) for i in contacts if i < len(rotated)]
+        free = [i for i in contacts if i >= len(rotated)]
+        if free:
+            clipped = [region.allowed.clip_face(face) for face in faces if face.name in region.faces]
+            roots.append((free, RootCells({face: face.cells() for face in clipped if face is not None}, None, level)))
+        for slots, root_cells in roots:
+            supports = Supports(problem.models[slots[0]], measure, problem.origin)
+            groups.append(create(slots, root_cells, region.allowed, supports, problem.body.size))
+            if not groups[-1].roots:
                 allowed = "constraints that leave every contact some part of the body"
-                raise InputError("GraspProblem.constraints", f"no place left for contact {some[0]}", allowed)
-    return made
+                raise NotCoveredError("GraspProblem.constraints", f"no place left for contact {slots[0]}", allowed)
+    return groups
 
 
-def alike(problem: GraspProblem, own: Sequence[AllowedRegion]) -> list[list[int]]:
-    """Return contacts of one model that may be in the same places, together."""
+def identical_contacts(problem: GraspProblem, regions: Sequence[AllowedRegion]) -> list[list[int]]:
+    """Return the indices of contacts, grouped by contact model and region."""
     groups: dict[object, list[int]] = {}
-    for i, (contact, places_of) in enumerate(zip(problem.models, own, strict=True)):
-        groups.setdefault((contact, places_of.faces, places_of.key), []).append(i)
+    for i, (contact, region) in enumerate(zip(problem.models, regions, strict=True)):
+        groups.setdefault((contact, region.faces, region.key), []).append(i)
     return list(groups.values())

@@ -1,8 +1,8 @@
 """Bounding strategy for meshes: dual weights shared by all nodes, optimised for a few of the loosest.
 
-A mixture, which is a set of directions with dual weights, bounds every placement. Its largest values over all clusters
-of the mesh are computed once (``ClusterMaxima``), by matrix products over the mesh's corners (``CornerContacts``), so
-that a node is bounded in microseconds by the least of many short sums.
+Any dual weights bound every placement. The maxima of their weighted supports over all clusters of the mesh are computed
+once (``ClusterMaxima``), by matrix products over the mesh's corners (``CornerContacts``), so that a node is bounded in
+microseconds by the least of many short sums.
 """
 
 from __future__ import annotations
@@ -26,98 +26,100 @@ from nlpgrasp.global_bound.weak_twists import WeightedDirections
 Single = NDArray[np.float32]
 Numbers = FloatArray | Single  # double or single precision
 
-CHUNK = 80_000  # corners times directions at a time: what a processor's cache holds
+CHUNK = 80_000  # corners times directions at a time, to fit the processor's cache
 EVERY = slice(0, None)  # all rows
-ROOT_ROUNDS, ROUNDS = 30, 5  # of linear programs, for the whole surface and for a node
-TOP, CUT = 512, 0.5  # nodes that are looked at again at a time, and the share of these that is cut
-LOOKED = 4  # nodes that new mixtures are made for at a time
-APART = 2  # least number of cells in which these nodes differ
-DIRECTIONS = 24  # of a node that a mixture is made for
-ROWS = 24  # of a cell that a linear program sees to begin with
-NEAR = 4  # mixtures whose directions such a node begins with
-MOST_OPEN, MOST_MIXTURES = 2_000_000, 6000  # open nodes, and dual weights, at which a search ends
-MOST_LEAVES = 40_000  # recorded leaves, at most
-BATCH = 512  # nodes of the recorded tree that are cut at a time
-AGAIN = np.float32(1e-6)  # relative: a node of the recorded tree whose bound exceeds the search's by less is not cut
-FIRST = 64  # mixtures that there is room for to begin with
-WORK = 2_000_000  # nodes times mixtures at a time
-ROUNDING = np.float32(3e-5)  # relative: more than what single precision takes from a sum over contacts
+ROOT_ROUNDS, ROUNDS = 30, 5  # rounds of linear programs for the root and for a node
+TOP, CUT = 512, 0.5  # loosest nodes whose bounds are recomputed at a time, and the fraction of these that is split
+LOOKED = 4  # nodes for which dual weights are optimised at a time
+APART = 2  # least number of slots in which these nodes differ
+DIRECTIONS = 24  # directions of a linear program
+ROWS = 24  # initial rows per cell of a linear program
+NEAR = 4  # dual weights from which a linear program takes its initial directions
+MOST_OPEN, MOST_WEIGHTS = 2_000_000, 6000  # largest numbers of open nodes and of dual weights
+MOST_LEAVES = 40_000  # largest number of recorded leaves
+BATCH = 512  # nodes of the recorded tree that are split at a time
+AGAIN = np.float32(1e-6)  # relative excess over the search's bound above which a recorded node is split
+FIRST = 64  # initial capacity for dual weights
+WORK = 2_000_000  # nodes times dual weights at a time
+ROUNDING = np.float32(3e-5)  # relative margin above the rounding of a single-precision sum over contacts
 
 
 class SharedWeightStrategy(BoundingStrategy):
     """Bounding strategy for meshes: a node's bound is the least over shared dual weights.
 
-    Mixtures come from the linear program of ``dual_weights.mixtures``, over the rows that known mixtures point
-    to. The tree that is recorded is grown anew from all of them: it needs a tenth of the nodes.
+    Dual weights are optimal for the maximal rows of earlier weights (``optimal_dual_weights``). The certificate records
+    a new tree, bounded by all of them, with a tenth of the nodes.
 
     Parameters
     ----------
     scope : BoundScope
-        Of contacts that may be on one mesh.
+        On a mesh.
     """
 
-    by_parent, most_open = False, MOST_OPEN
+    drops_copies, max_open = False, MOST_OPEN
 
     def __init__(self, scope: BoundScope) -> None:
         super().__init__(scope, DIRECTIONS)
-        self.power, self.maxima = scope.measure.power, ClusterMaxima(scope, self.twists, self.mixtures)
+        self.power, self.maxima = scope.measure.power, ClusterMaxima(scope, self.twists, self.dual_weights)
 
     def bound_nodes(self, cells: IntArray, parents: NodeArrays | None, target: float) -> NodeArrays:
-        """Return nodes (n, k) with their least bounds over all dual weights; computes the first if there are none."""
+        """Return nodes (n, k) with their least bounds over all dual weights; compute the first ones at the root."""
         del target
-        if not self.mixtures:
-            first = self.twists.first()
-            self.maxima.add(DualWeights(first, np.full(len(first), 1.0 / len(first))))
+        if not self.dual_weights:
+            initial = self.twists.draw_initial()
+            self.maxima.add(DualWeights(initial, np.full(len(initial), 1.0 / len(initial))))
             self.placements = self._improve(cells, ROOT_ROUNDS)
-        bounds, mixture = self.maxima.bounds(cells)
+        bounds, dual_index = self.maxima.bounds(cells)
         if parents is not None:
-            mixture = np.where(bounds <= parents.bounds, mixture, parents.mixtures)
+            dual_index = np.where(bounds <= parents.bounds, dual_index, parents.dual_index)
             bounds = np.minimum(bounds, parents.bounds)
-        return NodeArrays(cells, bounds, mixture)
+        return NodeArrays(cells, bounds, dual_index)
 
-    def loosest(self, nodes: NodeArrays, count: int, target: float) -> IntArray:
-        """Return the looser half of the open nodes with the largest bounds, the largest first."""
+    def select_nodes(self, nodes: NodeArrays, count: int, target: float) -> IntArray:
+        """Return the looser half of the loosest open nodes, the largest bounds first."""
         del count, target
-        where = self._renewed(nodes)
-        bounds = nodes.bounds[where]
-        return where[bounds >= np.quantile(bounds, CUT)]
+        indices = self._refresh_bounds(nodes)
+        bounds = nodes.bounds[indices]
+        return indices[bounds >= np.quantile(bounds, CUT)]
 
-    def _renewed(self, nodes: NodeArrays) -> IntArray:
-        """Return the indices of nodes with the largest bounds, the largest first, by all dual weights known now."""
-        every = np.arange(len(nodes))
-        where = every if len(nodes) <= TOP else np.argpartition(-nodes.bounds, TOP - 1)[:TOP]
-        found, mixture = self.maxima.bounds(nodes.cells[where])
-        lower = found < nodes.bounds[where]
-        nodes.bounds[where[lower]], nodes.mixtures[where[lower]] = found[lower], mixture[lower]
-        return where[np.argsort(-nodes.bounds[where], kind="stable")]
+    def _refresh_bounds(self, nodes: NodeArrays) -> IntArray:
+        """Return the indices of the loosest nodes, the largest bounds first, and update their bounds in place."""
+        indices = np.arange(len(nodes))
+        loosest = indices if len(nodes) <= TOP else np.argpartition(-nodes.bounds, TOP - 1)[:TOP]
+        bounds, dual_index = self.maxima.bounds(nodes.cells[loosest])
+        is_lower = bounds < nodes.bounds[loosest]
+        nodes.bounds[loosest[is_lower]], nodes.dual_index[loosest[is_lower]] = bounds[is_lower], dual_index[is_lower]
+        return loosest[np.argsort(-nodes.bounds[loosest], kind="stable")]
 
-    def slots(self, nodes: NodeArrays) -> IntArray:
-        """Return the slot whose split lowers the children's mean bound most; ``NONE`` where no cell can be split."""
+    def select_slots(self, nodes: NodeArrays) -> IntArray:
+        """Return the slot whose split gives the least mean bound of the children, ``NONE`` where none can be split."""
         chosen, score = np.full(len(nodes), NONE), np.full(len(nodes), np.inf)
         for slot in range(nodes.cells.shape[1]):
-            can = nodes.cells[:, slot] < self.maxima.clusters.last
+            is_splittable = nodes.cells[:, slot] < self.maxima.clusters.last
             if slot and self.scope.group_of[slot] is self.scope.group_of[slot - 1]:
-                can &= nodes.cells[:, slot] != nodes.cells[:, slot - 1]
-            own = np.flatnonzero(can)
-            if not len(own):
+                is_splittable &= nodes.cells[:, slot] != nodes.cells[:, slot - 1]
+            indices = np.flatnonzero(is_splittable)
+            if not len(indices):
                 continue
-            parts, parent = children(self.scope.groups, nodes.cells[own], np.full(len(own), slot))
-            found = np.maximum(np.minimum(self.maxima.bounds(parts)[0], nodes.bounds[own[parent]]), 0.0)
-            mean = np.bincount(parent, found, len(own)) / np.maximum(np.bincount(parent, minlength=len(own)), 1)
-            better = mean < score[own]
-            score[own[better]], chosen[own[better]] = mean[better], slot
+            children_cells, parent = children(self.scope.groups, nodes.cells[indices], np.full(len(indices), slot))
+            bounds = np.maximum(np.minimum(self.maxima.bounds(children_cells)[0], nodes.bounds[indices[parent]]), 0.0)
+            mean_bound = np.bincount(parent, bounds, len(indices)) / np.maximum(
+                np.bincount(parent, minlength=len(indices)), 1
+            )
+            is_better = mean_bound < score[indices]
+            score[indices[is_better]], chosen[indices[is_better]] = mean_bound[is_better], slot
         return chosen
 
     def improve(self, nodes: NodeArrays, target: float) -> IntArray:
-        """Add dual weights for a few of the loosest nodes; return which of the others are at most the target."""
-        where = self._renewed(nodes)
-        low = nodes.bounds[where] <= target**self.power
-        few = self._apart(nodes.cells[where[~low]])
-        self.placements = self._improve(few, ROUNDS) if len(few) else []
-        return np.asarray(where[low])
+        """Add dual weights for a few of the loosest nodes; return the indices of nodes within the target, on mu."""
+        indices = self._refresh_bounds(nodes)
+        is_low = nodes.bounds[indices] <= target**self.power
+        selected = self._select_different(nodes.cells[indices[~is_low]])
+        self.placements = self._improve(selected, ROUNDS) if len(selected) else []
+        return np.asarray(indices[is_low])
 
-    def _apart(self, nodes: IntArray) -> IntArray:
-        """Return a few of some nodes (n, k), the first of them first, none like those before it."""
+    def _select_different(self, nodes: IntArray) -> IntArray:
+        """Return the first few of nodes (n, k) that differ from each other in several slots."""
         chosen = list[IntArray]()
         for node in nodes:
             if len(chosen) < LOOKED and all(np.sum(node != other) >= APART for other in chosen):
@@ -125,194 +127,196 @@ class SharedWeightStrategy(BoundingStrategy):
         return np.array(chosen, dtype=np.int64)
 
     def _improve(self, nodes: IntArray, rounds: int) -> list[FractionalPlacement]:
-        """Add dual weights for nodes (b, k) in some rounds; return the last relaxed placements.
+        """Add dual weights for nodes (b, k) by rounds of linear programs; return the last fractional placements.
 
-        A round's mixture is looked at over the node's own cells alone, and the best of them is kept.
+        The weights of a round are evaluated over the node's own cells, and the best round is kept.
         """
         numbers = np.stack([self._directions(node) for node in nodes])
         rows = np.stack([self._rows(node) for node in nodes])
         best = [(np.inf, DualWeights(numbers[0], np.zeros(0)))] * len(nodes)
-        weights, shares = np.zeros(numbers.shape), np.zeros(rows.shape)
-        for left in reversed(range(rounds)):
+        weights, fractions = np.zeros(numbers.shape), np.zeros(rows.shape)
+        for remaining in reversed(range(rounds)):
             rows = np.sort(rows, axis=2)
-            weights, shares = optimal_dual_weights(self._powers(rows, numbers))
-            found = np.empty((*nodes.shape, 1), dtype=np.int64)
-            for i, (node, own, spread) in enumerate(zip(nodes, numbers, weights, strict=True)):
-                kept = spread > LEAST
-                mixture = DualWeights(own[kept], round_weights(spread[kept]))
-                found[i, :, 0], bound = self.maxima.largest_rows(node, mixture)
+            weights, fractions = optimal_dual_weights(self._powers(rows, numbers))
+            maximal = np.empty((*nodes.shape, 1), dtype=np.int64)
+            for i, (node, node_numbers, node_weights) in enumerate(zip(nodes, numbers, weights, strict=True)):
+                is_used = node_weights > LEAST
+                dual = DualWeights(node_numbers[is_used], round_weights(node_weights[is_used]))
+                maximal[i, :, 0], bound = self.maxima.largest_rows(node, dual)
                 if bound < best[i][0]:
-                    best[i] = bound, mixture
-            if left:
-                numbers = self.twists.renewed(self.scope.groups, numbers, weights, rows, shares)
-                rows = np.concatenate([rows, found], axis=2)
-        for _, mixture in best:
-            self.maxima.add(mixture)
+                    best[i] = bound, dual
+            if remaining:
+                numbers = self.twists.renew(self.scope.groups, numbers, weights, rows, fractions)
+                rows = np.concatenate([rows, maximal], axis=2)
+        for _, dual in best:
+            self.maxima.add(dual)
         bounds = [bound ** (1.0 / self.power) for bound, _ in best]
-        return [FractionalPlacement(*own) for own in zip(bounds, rows, shares, strict=True)]
+        return [FractionalPlacement(*values) for values in zip(bounds, rows, fractions, strict=True)]
 
     def _powers(self, rows: IntArray, numbers: IntArray) -> FloatArray:
-        """Return powers of supports at rows (b, k, m), sorted, (b, k, m, j); zero for one that is there twice."""
+        """Return ``s^p`` at sorted rows (b, k, m), (b, k, m, j), zero for duplicates."""
         parts = []
-        for pieces, where in self.scope.groups:
-            own = rows[:, where]
-            found = pieces.supports.powers(own.reshape(len(own), -1), self.twists[numbers])
-            parts.append(found.reshape(*own.shape, -1))
-        again = np.diff(rows, axis=2, prepend=-1) == 0
-        return np.where(again[..., None], 0.0, np.concatenate(parts, axis=1))
+        for group, slots in self.scope.groups:
+            group_rows = rows[:, slots]
+            powers = group.supports.powers(group_rows.reshape(len(group_rows), -1), self.twists[numbers])
+            parts.append(powers.reshape(*group_rows.shape, -1))
+        is_copy = np.diff(rows, axis=2, prepend=-1) == 0
+        return np.where(is_copy[..., None], 0.0, np.concatenate(parts, axis=1))
 
     def _directions(self, node: IntArray) -> IntArray:
-        """Return the directions of the dual weights that bound a node best, the heaviest first, (DIRECTIONS,)."""
-        near = [self.mixtures[i] for i in np.argsort(self.maxima.each(node))[:NEAR].tolist()]
-        numbers, weights = (np.concatenate(parts) for parts in zip(*near, strict=True))
-        heavy = numbers[np.argsort(-weights, kind="stable")]
-        once = heavy[np.sort(np.unique(heavy, return_index=True)[1])]
-        return np.concatenate([once, self.twists.first()])[:DIRECTIONS]
+        """Return directions of the dual weights with the least bounds on a node, the heaviest first, (DIRECTIONS,)."""
+        tightest = [self.dual_weights[i] for i in np.argsort(self.maxima.bounds_by_weights(node))[:NEAR].tolist()]
+        numbers, weights = (np.concatenate(parts) for parts in zip(*tightest, strict=True))
+        sorted_numbers = numbers[np.argsort(-weights, kind="stable")]
+        distinct = sorted_numbers[np.sort(np.unique(sorted_numbers, return_index=True)[1])]
+        return np.concatenate([distinct, self.twists.draw_initial()])[:DIRECTIONS]
 
     def _rows(self, node: IntArray) -> IntArray:
-        """Return the rows of each cell with the largest weighted supports in a node, (k, ROWS)."""
-        near = np.argsort(self.maxima.each(node))[:ROWS]
-        return self.maxima.rows(node, np.resize(near, ROWS))
+        """Return the maximal rows of each cell by the dual weights with the least bounds on a node, (k, ROWS)."""
+        tightest = np.argsort(self.maxima.bounds_by_weights(node))[:ROWS]
+        return self.maxima.rows(node, np.resize(tightest, ROWS))
 
     def is_full(self, count: int) -> bool:
-        """Return whether so many open nodes, or the dual weights, exceed the memory limit."""
-        return super().is_full(count) or len(self.mixtures) >= MOST_MIXTURES
+        """Return whether a number of open nodes, or the dual weights, reach the memory limit."""
+        return super().is_full(count) or len(self.dual_weights) >= MOST_WEIGHTS
 
-    def recorded(self, tree: NodeTree) -> NodeTree:
-        """Return a new tree, cut until no node's bound exceeds the search's, or there are too many nodes."""
+    def certified_tree(self, tree: NodeTree) -> NodeTree:
+        """Return a new tree, split until no bound exceeds the search's, or until the limit on leaves."""
         result = NodeTree(self, MOST_LEAVES)
         result.begin(0.0)
         goal = np.float32(tree.upper**self.power) * (1 + AGAIN)
         while result.complete and len(loose := np.flatnonzero(result.open.bounds > goal)):
-            left = max(1, MOST_LEAVES - result.size)
-            result.cut(loose[np.argsort(-result.open.bounds[loose], kind="stable")[: min(BATCH, left)]], 0.0)
+            remaining = max(1, MOST_LEAVES - result.size)
+            result.split(loose[np.argsort(-result.open.bounds[loose], kind="stable")[: min(BATCH, remaining)]], 0.0)
         return result
 
-    def recomputed(self, nodes: NodeArrays) -> FloatArray:
-        """Return bounds in double precision from weights as they are written, with a margin for rounding."""
+    def recompute_bounds(self, nodes: NodeArrays) -> FloatArray:
+        """Return bounds in double precision from recorded weights, with a margin for rounding."""
         result = np.empty(len(nodes))
-        for number in np.unique(nodes.mixtures).tolist():
-            own = np.flatnonzero(nodes.mixtures == number)
-            most = self.maxima.largest(self.mixtures[number].written())
-            result[own] = np.sum(most[nodes.cells[own] + self.maxima.offsets], axis=1)
+        for number in np.unique(nodes.dual_index).tolist():
+            indices = np.flatnonzero(nodes.dual_index == number)
+            maxima = self.maxima.maxima_over_clusters(self.dual_weights[number].rounded())
+            result[indices] = np.sum(maxima[nodes.cells[indices] + self.maxima.offsets], axis=1)
         return np.asarray(result ** (1.0 / self.power) * (1.0 + ROUNDING_MARGIN))
 
 
 class ClusterMaxima:
-    """Largest weighted supports over the clusters of a mesh, for all shared dual weights.
+    """Maxima of weighted supports over the clusters of a mesh, for all shared dual weights.
 
-    A mixture w of directions y bounds every placement, ``mu^p <= sum_i g_i(p_i)`` with
-    ``g_i(p) = sum_j w_j s_i(p, y_j)^p``. Kept are the largest g over each cluster, for contacts that are alike. They
-    are in single precision, from above: what is claimed in the end is computed anew.
+    Dual weights w of directions y bound every placement, ``mu^p <= sum_i g_i(p_i)`` with
+    ``g_i(p) = sum_j w_j s_i(p, y_j)^p``. The maxima of g over each cluster are stored for each group of identical
+    contacts, in single precision and rounded up; final bounds are recomputed in double precision.
 
     Parameters
     ----------
     scope : BoundScope
-        Of which every contact has the same clusters.
+        On a mesh, with the same clusters for every contact.
     twists : WeightedDirections
-    mixtures : list of DualWeights
-        Grows by those that are added.
+    dual_weights : list of DualWeights
+        Extended by ``add``.
 
     Attributes
     ----------
     offsets : (k,) array
-        To be added to the cells of nodes: the clusters of contacts that are alike come one group after another.
+        Offsets of the slots' groups in the stored maxima, added to the cells of nodes.
     """
 
-    def __init__(self, scope: BoundScope, twists: WeightedDirections, mixtures: list[DualWeights]) -> None:
-        self._scope, self._twists, self._mixtures = scope, twists, mixtures
-        first = scope.pieces[0]
-        if not isinstance(first, ContactClusters):
-            raise TypeError("mixtures are shared over the clusters of a mesh alone")
-        self.clusters = clusters = first.clusters
+    def __init__(self, scope: BoundScope, twists: WeightedDirections, dual_weights: list[DualWeights]) -> None:
+        self._scope, self._twists, self._dual_weights = scope, twists, dual_weights
+        first_group = scope.contact_cells[0]
+        if not isinstance(first_group, ContactClusters):
+            raise TypeError("dual weights are shared over the clusters of a mesh alone")
+        self.clusters = clusters = first_group.clusters
         self._single = self._corners(single=True)
-        self._group = np.array([i for i, pieces in enumerate(scope.pieces) for _ in pieces.slots], dtype=np.int64)
+        self._group = np.array([i for i, group in enumerate(scope.contact_cells) for _ in group.slots], dtype=np.int64)
         self.offsets = clusters.count * self._group
-        self._most = np.zeros((clusters.count * len(scope.pieces), FIRST), dtype=np.float32)
-        self._where = np.zeros((clusters.last * len(scope.pieces), FIRST), dtype=np.int32)
+        self._maxima = np.zeros((clusters.count * len(scope.contact_cells), FIRST), dtype=np.float32)
+        self._maximal_rows = np.zeros((clusters.last * len(scope.contact_cells), FIRST), dtype=np.int32)
         self._cluster = np.repeat(np.arange(clusters.last), np.diff(clusters.begin))
 
-    def add(self, mixture: DualWeights) -> None:
+    def add(self, dual: DualWeights) -> None:
         """Add dual weights."""
-        k, last = len(self._mixtures), self.clusters.last
-        if k == self._most.shape[1]:
-            self._most, self._where = (np.concatenate([a, np.zeros_like(a)], axis=1) for a in (self._most, self._where))
+        k, last = len(self._dual_weights), self.clusters.last
+        if k == self._maxima.shape[1]:
+            self._maxima, self._maximal_rows = (
+                np.concatenate([a, np.zeros_like(a)], axis=1) for a in (self._maxima, self._maximal_rows)
+            )
         for i, corners in enumerate(self._single):
-            mixed = self._mixed(corners, mixture)
-            most = self._over_clusters(mixed)
-            hit = np.flatnonzero(mixed == most[last:][self._cluster])
-            self._where[last * i + self._cluster[hit], k] = hit
-            with np.errstate(over="ignore"):  # inf is a bound too
-                self._most[2 * last * i : 2 * last * (i + 1), k] = most.astype(np.float32) * (1 + ROUNDING)
-        self._mixtures.append(mixture)
+            values = self._weighted_powers(corners, dual)
+            maxima = self._over_clusters(values)
+            attained = np.flatnonzero(values == maxima[last:][self._cluster])
+            self._maximal_rows[last * i + self._cluster[attained], k] = attained
+            with np.errstate(over="ignore"):  # infinity is a valid bound
+                self._maxima[2 * last * i : 2 * last * (i + 1), k] = maxima.astype(np.float32) * (1 + ROUNDING)
+        self._dual_weights.append(dual)
 
-    def largest(self, mixture: DualWeights) -> FloatArray:
-        """Return the largest g of a mixture over every cluster, for one group of contacts after another."""
-        return np.concatenate([self._over_clusters(self._mixed(corners, mixture)) for corners in self._double])
+    def maxima_over_clusters(self, dual: DualWeights) -> FloatArray:
+        """Return the maxima of g over every cluster, group by group, in double precision."""
+        return np.concatenate([self._over_clusters(self._weighted_powers(corners, dual)) for corners in self._double])
 
-    def largest_rows(self, node: IntArray, mixture: DualWeights) -> tuple[IntArray, float]:
-        """Return the row of each cell of a node (k,) that has most of a mixture, (k,), and the bound that it gives."""
-        found: dict[tuple[int, int], tuple[int, float]] = {}
-        places = list(zip(node.tolist(), self._group.tolist(), strict=True))
-        for cell, group in places:
-            if (cell, group) not in found:
-                part = self.clusters.rows_of(cell)
-                mixed = self._mixed(self._single[group], mixture, part)
-                best = int(np.argmax(mixed))
-                found[cell, group] = part.start + best, float(mixed[best])
-        return np.array([found[place][0] for place in places]), sum(found[place][1] for place in places)
+    def largest_rows(self, node: IntArray, dual: DualWeights) -> tuple[IntArray, float]:
+        """Return the maximal row of each cell of a node (k,), (k,), and the bound by given dual weights."""
+        maxima: dict[tuple[int, int], tuple[int, float]] = {}
+        pairs = list(zip(node.tolist(), self._group.tolist(), strict=True))
+        for cell, group in pairs:
+            if (cell, group) not in maxima:
+                rows = self.clusters.rows_of(cell)
+                values = self._weighted_powers(self._single[group], dual, rows)
+                row = int(np.argmax(values))
+                maxima[cell, group] = rows.start + row, float(values[row])
+        return np.array([maxima[pair][0] for pair in pairs]), sum(maxima[pair][1] for pair in pairs)
 
     @cached_property
     def _double(self) -> list[CornerContacts]:
         return self._corners(single=False)
 
     def _corners(self, single: bool) -> list[CornerContacts]:
-        every = slice(0, len(self.clusters.rows.points))
-        return [CornerContacts(pieces.supports, every, single) for pieces in self._scope.pieces]
+        rows = slice(0, len(self.clusters.rows.points))
+        return [CornerContacts(group.supports, rows, single) for group in self._scope.contact_cells]
 
-    def _mixed(self, corners: CornerContacts, mixture: DualWeights, part: slice = EVERY) -> FloatArray:
-        shares = mixture.weights / np.sum(mixture.weights)
-        return corners.mixed(self._twists[mixture.numbers], shares, part)
+    def _weighted_powers(self, corners: CornerContacts, dual: DualWeights, rows: slice = EVERY) -> FloatArray:
+        shares = dual.weights / np.sum(dual.weights)
+        return corners.weighted_powers(self._twists[dual.numbers], shares, rows)
 
-    def _over_clusters(self, mixed: FloatArray) -> FloatArray:
-        """Return the largest of a value at every row over every cluster."""
+    def _over_clusters(self, values: FloatArray) -> FloatArray:
+        """Return the maxima over every cluster of values at all rows."""
         first = self.clusters.last
-        most = np.zeros(2 * first)
-        most[first:] = np.maximum.reduceat(mixed, self.clusters.begin[:-1])
+        maxima = np.zeros(2 * first)
+        maxima[first:] = np.maximum.reduceat(values, self.clusters.begin[:-1])
         while first > 1:
             first //= 2
-            halves = most[2 * first : 4 * first]
-            most[first : 2 * first] = np.maximum(halves[::2], halves[1::2])
-        return most
+            halves = maxima[2 * first : 4 * first]
+            maxima[first : 2 * first] = np.maximum(halves[::2], halves[1::2])
+        return maxima
 
-    def each(self, node: IntArray) -> Single:
-        """Return what every mixture bounds mu to the measure's power by over a node (k,)."""
-        return np.asarray(np.sum(self._most[node + self.offsets, : len(self._mixtures)], axis=0))
+    def bounds_by_weights(self, node: IntArray) -> Single:
+        """Return the bounds on a node (k,) by all dual weights, on mu to the measure's power."""
+        return np.asarray(np.sum(self._maxima[node + self.offsets, : len(self._dual_weights)], axis=0))
 
     def bounds(self, nodes: IntArray) -> tuple[Single, IntArray]:
-        """Return the least bounds over nodes (n, k), (n,), on mu to the measure's power, and of which mixtures."""
+        """Return the least bounds on nodes (n, k), (n,), on mu to the measure's power, and the weights' indices."""
         least, best = np.empty(len(nodes), dtype=np.float32), np.empty(len(nodes), dtype=np.int64)
-        most, own = self._most[:, : len(self._mixtures)], nodes + self.offsets
-        step = max(1, WORK // len(self._mixtures))
+        maxima, indices = self._maxima[:, : len(self._dual_weights)], nodes + self.offsets
+        step = max(1, WORK // len(self._dual_weights))
         for begin in range(0, len(nodes), step):
-            some = own[begin : begin + step]
-            total = most[some[:, 0]]
-            for slot in range(1, some.shape[1]):
-                total += most[some[:, slot]]
-            best[begin : begin + step] = chosen = np.argmin(total, axis=1)
-            least[begin : begin + step] = total[np.arange(len(some)), chosen]
+            batch = indices[begin : begin + step]
+            total = maxima[batch[:, 0]]
+            for slot in range(1, batch.shape[1]):
+                total += maxima[batch[:, slot]]
+            best[begin : begin + step] = smallest = np.argmin(total, axis=1)
+            least[begin : begin + step] = total[np.arange(len(batch)), smallest]
         return least, best
 
-    def rows(self, node: IntArray, mixtures: IntArray) -> IntArray:
-        """Return the rows of a node's cells (k,) that have most of some mixtures (n,), (k, n)."""
-        result = np.empty((len(node), len(mixtures)), dtype=np.int64)
+    def rows(self, node: IntArray, dual_indices: IntArray) -> IntArray:
+        """Return the maximal rows of a node's cells (k,) by dual weights (n,), (k, n)."""
+        result = np.empty((len(node), len(dual_indices)), dtype=np.int64)
         last, count = self.clusters.last, self.clusters.count
         for slot, (cell, offset) in enumerate(zip(node.tolist(), self.offsets.tolist(), strict=True)):
-            at = np.full(len(mixtures), cell)
-            while at[0] < last:
-                left, right = (self._most[offset + 2 * at + i, mixtures] for i in (0, 1))
-                at = 2 * at + (right > left)
-            result[slot] = self._where[at - last + offset // count * last, mixtures]
+            clusters = np.full(len(dual_indices), cell)
+            while clusters[0] < last:
+                left, right = (self._maxima[offset + 2 * clusters + i, dual_indices] for i in (0, 1))
+                clusters = 2 * clusters + (right > left)
+            result[slot] = self._maximal_rows[clusters - last + offset // count * last, dual_indices]
         return result
 
 
@@ -321,67 +325,71 @@ class CornerContacts:
 
     With the arm a from the middle of all rows and the inward normal n, the twist's force part taken about that middle,
     the work along the normal is ``n . f + (a x n) . tau``, and the squared velocity ``|f + tau x a|^2`` is linear in 1,
-    a and the products of a's components. The rest is across the normal.
+    a and the products of a's components. The rest is tangential.
 
     Parameters
     ----------
     supports : Supports
-        Of which these rows are.
     rows : slice or (m,) array
+        Rows of the supports.
     single : bool
-        Whether single precision is enough.
+        Whether to use single precision.
     """
 
     def __init__(self, supports: Supports, rows: slice | IntArray, single: bool = False) -> None:
         self.supports, self._type = supports, np.dtype(np.float32 if single else np.float64)
         points, normals = supports.points[rows], supports.normals[rows]
-        middle = points.mean(axis=0)
-        self._arm, arms = middle - supports.origin, points - middle
+        centre = points.mean(axis=0)
+        self._arm, arms = centre - supports.origin, points - centre
         x, y, z = arms.T
-        self._along = self._made(np.concatenate([normals, np.cross(arms, normals)], axis=1).T)
-        self._products = self._made(np.stack([np.ones_like(x), x, y, z, x * x, y * y, z * z, x * y, y * z, z * x]))
-        self._normals = self._made(normals.T)
-        self._maps = self._made(supports.maps_at(points - self._arm, normals).transpose(1, 0, 2))
+        self._along = self._convert(np.concatenate([normals, np.cross(arms, normals)], axis=1).T)
+        self._products = self._convert(np.stack([np.ones_like(x), x, y, z, x * x, y * y, z * z, x * y, y * z, z * x]))
+        self._normals = self._convert(normals.T)
+        self._maps = self._convert(supports.maps_at(points - self._arm, normals).transpose(1, 0, 2))
         self.torsion = TORSION in supports.contact.axes(3)
 
     def __len__(self) -> int:
-        """Return how many rows there are."""
+        """Return the number of rows."""
         return int(self._along.shape[1])
 
-    def _made(self, values: FloatArray) -> Numbers:
+    def _convert(self, values: FloatArray) -> Numbers:
         return np.ascontiguousarray(values, dtype=self._type)
 
-    def mixed(self, twists: FloatArray, weights: FloatArray, part: slice = EVERY) -> FloatArray:
+    def weighted_powers(self, twists: FloatArray, weights: FloatArray, rows: slice = EVERY) -> FloatArray:
         """Return ``sum over j of w_j s^p`` at rows, (m,), for twists (j, 6) and weights (j,)."""
-        first, last, _ = part.indices(len(self))
+        first, last, _ = rows.indices(len(self))
         result = np.empty(last - first)
-        moved = np.concatenate([twists[:, :3] + np.cross(twists[:, 3:], self._arm), twists[:, 3:]], axis=1)
-        own, squares, shares = self._made(moved), self._made(_squares(moved)), self._made(weights)
+        shifted = np.concatenate([twists[:, :3] + np.cross(twists[:, 3:], self._arm), twists[:, 3:]], axis=1)
+        converted, squares, single_weights = (
+            self._convert(shifted),
+            self._convert(_squares(shifted)),
+            self._convert(weights),
+        )
         step = max(1, CHUNK // len(twists))
         for begin in range(first, last, step):
             end = min(last, begin + step)
-            result[begin - first : end - first] = shares @ self._powers(own, squares, slice(begin, end))
+            result[begin - first : end - first] = single_weights @ self._powers(converted, squares, slice(begin, end))
         return result
 
-    def _powers(self, twists: Numbers, squares: Numbers, part: slice) -> Numbers:
-        """Return ``s^p`` at some rows along twists, (j, m)."""
+    def _powers(self, twists: Numbers, squares: Numbers, rows: slice) -> Numbers:
+        """Return ``s^p`` at rows along twists, (j, m)."""
         contact, measure = self.supports.contact, self.supports.measure
-        if measure.lengths:  # the square is as exact as its parts, though what is across the normal may not be
-            along = twists @ self._along[:, part]
-            across = squares @ self._products[:, part]
+        if measure.lengths:  # the square is accurate, though the tangential part may not be
+            along = twists @ self._along[:, rows]
+            across = squares @ self._products[:, rows]
             across -= along**2
             across = np.sqrt(np.maximum(across, 0.0, out=across), out=across)
-            square = contact.squared_support(self._work(along, across, twists, part), np)
+            square = contact.squared_support(self._work(along, across, twists, rows), np)
             if square is not None:
                 return np.asarray(square if measure.power == 2.0 else square ** (0.5 * measure.power))
-        maps = self._maps[:, part]
+        maps = self._maps[:, rows]
         z = (twists @ maps.reshape(6, -1)).reshape(len(twists), -1, maps.shape[2])
         return np.asarray(measure.support(contact, np.asarray(z, dtype=float)) ** measure.power)
 
-    def _work(self, along: Numbers, across: Numbers, twists: Numbers, part: slice) -> Work:
+    def _work(self, along: Numbers, across: Numbers, twists: Numbers, rows: slice) -> Work:
         if not self.torsion:
             return Work(along, across, np.zeros(1))
-        return Work(along, across, np.abs(twists[:, 3:] @ self._normals[:, part]))
+        return Work(along, across, np.abs(twists[:, 3:] @ self._normals[:, rows]))
 
 
 def _squares(twists: FloatArray) -> FloatArray:
@@ -389,5 +397,5 @@ def _squares(twists: FloatArray) -> FloatArray:
     force, (x, y, z) = twists[:, :3], twists[:, 3:].T
     square = x * x + y * y + z * z
     parts = [square - x * x, square - y * y, square - z * z, -2.0 * x * y, -2.0 * y * z, -2.0 * z * x]
-    once = 2.0 * np.cross(force, twists[:, 3:])
-    return np.column_stack([np.sum(force**2, axis=1), once, *parts])
+    linear = 2.0 * np.cross(force, twists[:, 3:])
+    return np.column_stack([np.sum(force**2, axis=1), linear, *parts])

@@ -1,18 +1,18 @@
 """Support tables over the cells of many nodes, curved cells by adaptive subdivision.
 
-A table holds ``s^p`` of every contact at the rows of its cell, along the directions of each node: linear programs for
-dual weights choose among these rows, and bounds follow from the largest weighted sums. Over flat cells the rows attain
-them; over curved cells ``mixed_supports`` bounds what lies between.
+A table holds ``s^p`` of every contact at the rows of its cell, along the directions of each node. Linear programs for
+dual weights use a selection of these rows, and bounds follow from the largest weighted sums. Over flat cells a row is
+the maximum; over curved cells ``weighted_supports`` bounds the excess between rows.
 
-Between the corners of a part of a curved cell the work z of a contact is off a linear interpolation of theirs by at
-most Z, and off any corner's by at most X (``cells.cell.Patches``). ``s^p`` is convex in z, and steep by at most
+Inside a part of a curved cell the work z of a contact deviates from a linear interpolation of the corners' by at most
+Z, and from any corner's by at most X (``CurvedFace.deviations``). ``s^p`` is convex in z, with Lipschitz constant
 ``p M^(p-1) L`` where no support exceeds M, with L the length of the largest force of one unit. So over a part
 
     s^p  <=  max over corners of  min(s^p + p (s + L X)^(p-1) L Z, (s + L X)^p) .
 
-Z falls with the square of a part's size: parts that could exceed the largest support met by more than a tolerance are
-quartered. Optimal dual weights make the largest supports as even as they can, so the parts that matter may be all of a
-cell: the tolerance falls with the square of the cell's size, and their number stays the same.
+Z falls with the square of a part's size: parts that could exceed the largest known support by more than a tolerance are
+quartered. Optimal dual weights level the largest supports, so that all parts of a cell may need it: the tolerance falls
+with the square of the cell's size, and the number of quartered parts stays the same.
 """
 
 from __future__ import annotations
@@ -23,40 +23,40 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.global_bound.cell_supports import CurvedParts, Supports
-from nlpgrasp.global_bound.cells.cell import CurvedFace, IntArray
+from nlpgrasp.global_bound.cell_supports import Supports
+from nlpgrasp.global_bound.cells.cell import CurvedFace, CurvedParts, IntArray
 from nlpgrasp.global_bound.contact_cells import ContactCells
 
-ENOUGH, COARSE = 3e-3, 0.1  # relative tolerance: at least; for cells as large as the first ones
-ROUNDS = 3  # subdivisions, at most
+ENOUGH, COARSE = 3e-3, 0.1  # relative tolerance, least and for the largest cell
+ROUNDS = 3  # largest number of subdivisions
 BLOCK = 256  # parts subdivided at a time, to fit the processor's cache
-ARITHMETIC_MARGIN = 0.3  # share of the tolerance kept for other arithmetic of the same accuracy (``verify.bound``)
-FEW = 8  # rows per cell up to which linear programs use all
-ROUNDING_MARGIN = 1e-9  # relative, for rounding in a bound
+ARITHMETIC_MARGIN = 0.3  # fraction of the tolerance left for independent arithmetic (``verify.bound``)
+FEW = 8  # largest number of rows per cell that linear programs use without selection
+ROUNDING_MARGIN = 1e-9  # relative margin for rounding in a bound
 
 
 class SupportTable:
-    """Support table of several nodes: powers by slot, row of its cell, and direction.
+    """Supports of several nodes, to the measure's power, by slot, row of its cell, and direction.
 
     Parameters
     ----------
     groups : sequence of (ContactCells, slice)
-        And the slots of each.
+        Groups of identical contacts, and their slots.
     cells : (b, k) array
-        Of each node.
+        Cells of each node.
     twists : (b, j, d) array
     """
 
     def __init__(self, groups: Sequence[tuple[ContactCells, slice]], cells: IntArray, twists: FloatArray) -> None:
         self._measure = groups[0][0].supports.measure
-        self._parts = [GroupTable.powers_of(pieces, cells[:, where], twists) for pieces, where in groups]
+        self._parts = [GroupTable.over_cells(group, cells[:, slots], twists) for group, slots in groups]
         self.rows = np.zeros((0, 0, 0), dtype=np.int64)
-        self.chosen = np.zeros((0, 0, 0, 0))
+        self.powers = np.zeros((0, 0, 0, 0))
 
     def maxima(self, weights: FloatArray | None) -> FloatArray:
-        """Return the largest mixed power over the rows of each slot, (b, k); of each direction, (b, k, j), for None."""
+        """Return the maxima over each slot's cell, weighted, (b, k), or for None along each direction, (b, k, j)."""
         if weights is None:
-            return np.concatenate([part.along() for part in self._parts], axis=1)
+            return np.concatenate([part.single_maxima() for part in self._parts], axis=1)
         return np.concatenate([part.maxima(weights) for part in self._parts], axis=1)
 
     def bounds(self, weights: FloatArray) -> FloatArray:
@@ -65,105 +65,107 @@ class SupportTable:
         return np.asarray(np.sum(self.maxima(weights), axis=1) ** (1.0 / power) * (1.0 + ROUNDING_MARGIN))
 
     def tighten(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return bounds and mixtures; one direction alone where the budget's own sum along it is better."""
+        """Return bounds and dual weights: a single direction where the budget's exact sum along it is lower."""
         bounds, measure = self.bounds(weights), self._measure
         if measure.exact:
             return bounds, weights
-        single = measure.combined(self.maxima(None) ** (1.0 / measure.power), 1) * (1.0 + ROUNDING_MARGIN)
-        best = np.argmin(single, axis=1)
-        least = single[np.arange(len(best)), best]
-        alone = np.eye(weights.shape[1])[best]
-        return np.minimum(bounds, least), np.where((least < bounds)[:, None], alone, weights)
+        single = measure.combine(self.maxima(None) ** (1.0 / measure.power), 1) * (1.0 + ROUNDING_MARGIN)
+        direction = np.argmin(single, axis=1)
+        best_single = single[np.arange(len(direction)), direction]
+        unit_weights = np.eye(weights.shape[1])[direction]
+        return np.minimum(bounds, best_single), np.where((best_single < bounds)[:, None], unit_weights, weights)
 
     def choose(self, weights: FloatArray | None) -> None:
-        """Choose the rows that mixtures see: all of few, else the largest along each direction and under a mixture."""
-        most = max(part.powers.shape[1] for part in self._parts)
+        """Select rows for a linear program: all of few, else the maximal ones by direction and by the weights."""
+        max_rows = max(part.powers.shape[1] for part in self._parts)
         rows, tables = [], []
         for part in self._parts:
-            once, its = part.largest(weights, most)
-            chosen, powers = once[part.back], its[part.back]
-            again = np.diff(chosen, axis=2, prepend=-1) == 0  # one row counts once: no designs spread over copies
-            rows.append(chosen)
-            tables.append(np.where(again[..., None], 0.0, powers))
-        self.rows, self.chosen = (np.concatenate(_pad_rows(parts), axis=1) for parts in (rows, tables))
+            selected, selected_powers = part.select_rows(weights, max_rows)
+            rows_by_slot, powers = selected[part.pair_of], selected_powers[part.pair_of]
+            is_copy = np.diff(rows_by_slot, axis=2, prepend=-1) == 0  # duplicates count once
+            rows.append(rows_by_slot)
+            tables.append(np.where(is_copy[..., None], 0.0, powers))
+        self.rows, self.powers = (np.concatenate(_pad_rows(parts), axis=1) for parts in (rows, tables))
 
 
 def _pad_rows(parts: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Return arrays (b, s, m, ...) with as many rows each, zeros in place of rows."""
-    most = max(part.shape[2] for part in parts)
-    return [np.pad(part, [(0, 0), (0, 0), (0, most - part.shape[2])] + [(0, 0)] * (part.ndim - 3)) for part in parts]
+    """Return arrays (b, s, m, ...) padded with zero rows to equal m."""
+    max_rows = max(part.shape[2] for part in parts)
+    return [
+        np.pad(part, [(0, 0), (0, 0), (0, max_rows - part.shape[2])] + [(0, 0)] * (part.ndim - 3)) for part in parts
+    ]
 
 
 @dataclass(frozen=True)
 class GroupTable:
-    """Support table of identical contacts over the cells of nodes, without duplicate pairs of node and cell.
+    """Supports of identical contacts over the distinct pairs of node and cell.
 
     Parameters
     ----------
-    pieces : ContactCells
+    group : ContactCells
     cells : (c,) array
-        Of each pair.
+        Cell of each pair.
     rows : (c, m) array
-        Of each pair's cell.
+        Rows of each pair's cell.
     twists : (c, j, d) array
     powers : (c, m, j) array
     owner : (c,) array
         The node of each pair.
-    back : (b, s) array
+    pair_of : (b, s) array
         The pair of each node and slot.
     """
 
-    pieces: ContactCells
+    group: ContactCells
     cells: IntArray
     rows: IntArray
     twists: FloatArray
     powers: FloatArray
     owner: IntArray
-    back: IntArray
+    pair_of: IntArray
 
     @classmethod
-    def powers_of(cls, pieces: ContactCells, cells: IntArray, twists: FloatArray) -> GroupTable:
-        """Return the powers over cells (b, s) along each node's twists (b, j, d)."""
-        pairs = np.arange(len(cells))[:, None] * len(pieces.cells) + cells
-        once, back = np.unique(pairs, return_inverse=True)
-        owner, own = np.divmod(once, len(pieces.cells))
-        rows = pieces.supports.rows_of(own)
-        powers = pieces.supports.powers(rows, twists[owner])
-        return cls(pieces, own, rows, twists[owner], powers, owner, back.reshape(cells.shape))
+    def over_cells(cls, group: ContactCells, cells: IntArray, twists: FloatArray) -> GroupTable:
+        """Return the table over cells (b, s) along each node's twists (b, j, d)."""
+        pairs = np.arange(len(cells))[:, None] * len(group.cells) + cells
+        distinct, pair_of = np.unique(pairs, return_inverse=True)
+        owner, pair_cells = np.divmod(distinct, len(group.cells))
+        rows = group.supports.rows_of(pair_cells)
+        powers = group.supports.powers(rows, twists[owner])
+        return cls(group, pair_cells, rows, twists[owner], powers, owner, pair_of.reshape(cells.shape))
 
-    def mixed(self, weights: FloatArray) -> FloatArray:
-        """Return powers under each node's mixture (b, j), by pair and row."""
+    def weighted(self, weights: FloatArray) -> FloatArray:
+        """Return powers weighted by each node's dual weights (b, j), by pair and row."""
         return np.asarray((self.powers @ weights[self.owner][:, :, None])[:, :, 0])
 
-    def largest(self, weights: FloatArray | None, most: int) -> tuple[IntArray, FloatArray]:
-        """Return the rows that mixtures see, sorted, and their powers: (c, m) and (c, m, j)."""
+    def select_rows(self, weights: FloatArray | None, max_rows: int) -> tuple[IntArray, FloatArray]:
+        """Return the selected rows, sorted, and their powers: (c, m) and (c, m, j)."""
         c, m, _ = self.powers.shape
-        if most <= FEW:
-            where = np.broadcast_to(np.minimum(np.arange(most), m - 1), (c, most))
+        if max_rows <= FEW:
+            indices = np.broadcast_to(np.minimum(np.arange(max_rows), m - 1), (c, max_rows))
         else:
-            mixed = np.mean(self.powers, axis=2) if weights is None else self.mixed(weights)
+            weighted = np.mean(self.powers, axis=2) if weights is None else self.weighted(weights)
             along = np.argmax(self.powers, axis=1)
-            where = np.sort(np.concatenate([along, np.argmax(mixed, axis=1)[:, None]], axis=1), axis=1)
-        rows = np.take_along_axis(self.rows, where, axis=1)
-        return rows, np.take_along_axis(self.powers, where[..., None], axis=1)
+            indices = np.sort(np.concatenate([along, np.argmax(weighted, axis=1)[:, None]], axis=1), axis=1)
+        rows = np.take_along_axis(self.rows, indices, axis=1)
+        return rows, np.take_along_axis(self.powers, indices[..., None], axis=1)
 
     def maxima(self, weights: FloatArray) -> FloatArray:
         """Return upper bounds under each node's dual weights, (b, s)."""
-        supports = self.pieces.supports
-        if supports.bent:
-            found = mixed_supports(supports, self.cells, self.powers, self.twists, weights[self.owner])
-            return np.asarray(found[self.back])
-        return np.asarray(np.max(self.mixed(weights), axis=1)[self.back])
+        supports = self.group.supports
+        if supports.is_curved:
+            maxima = weighted_supports(supports, self.cells, self.powers, self.twists, weights[self.owner])
+            return np.asarray(maxima[self.pair_of])
+        return np.asarray(np.max(self.weighted(weights), axis=1)[self.pair_of])
 
-    def along(self) -> FloatArray:
+    def single_maxima(self) -> FloatArray:
         """Return upper bounds along each direction alone, (b, s, j)."""
-        return single_supports(self.pieces.supports, self.cells, self.powers, self.twists)[self.back]
+        return single_supports(self.group.supports, self.cells, self.powers, self.twists)[self.pair_of]
 
 
-def mixed_supports(
+def weighted_supports(
     supports: Supports, cells: IntArray, powers: FloatArray, twists: FloatArray, weights: FloatArray
 ) -> FloatArray:
-    """Return upper bounds on the weighted supports of contacts in some cells, (c,).
+    """Return upper bounds on the weighted supports of contacts in cells, (c,).
 
     Parameters
     ----------
@@ -174,82 +176,85 @@ def mixed_supports(
         ``s^p`` of each cell's rows along its directions.
     twists : (c, j, d) array
     weights : (c, j) array
-        Of each cell's mixture.
+        Dual weights of each cell's node.
     """
-    mixed = (powers @ weights[:, :, None])[:, :, 0]
+    weighted = (powers @ weights[:, :, None])[:, :, 0]
     largest = np.max(powers, axis=1) ** (1.0 / supports.measure.power)
-    speed, turning = supports.speeds(cells, twists)
-    look = _SupportInterval(
-        supports, np.max(mixed, axis=1), excess_tolerance(supports, cells), *_weighted_directions(twists, weights)
+    speed, turning = supports.speed_bounds(cells, twists)
+    interval = _SupportInterval(
+        supports, np.max(weighted, axis=1), excess_tolerance(supports, cells), *_weighted_directions(twists, weights)
     )
-    for patches, parts, rows, bends, owner in _parts_by_face(supports, cells):
-        more = excess_inside_parts(supports, bends, largest[owner], speed[owner], turning[owner])
-        upper = np.max(mixed[owner[:, None], rows], axis=1) + np.sum(weights[owner] * more, axis=1)
-        look.at(patches, parts, owner, upper)
-    return look.result()
+    for surface, parts, rows, deviations, owner in _parts_by_face(supports, cells):
+        excess = excess_inside_parts(supports, deviations, largest[owner], speed[owner], turning[owner])
+        upper = np.max(weighted[owner[:, None], rows], axis=1) + np.sum(weights[owner] * excess, axis=1)
+        interval.refine(surface, parts, owner, upper)
+    return interval.upper_bounds()
 
 
 def single_supports(supports: Supports, cells: IntArray, powers: FloatArray, twists: FloatArray) -> FloatArray:
-    """Return upper bounds on the support in some cells along each direction, (c, j); see ``mixed_supports``."""
-    most = np.max(powers, axis=1)
-    own = [supports.curved[c] for c in cells.tolist()]
-    if not any(own):
-        return np.asarray(most)
-    bends = np.stack([np.max([b.most for b in some], axis=0) if some else np.zeros((2, 3)) for some in own])
-    largest = most ** (1.0 / supports.measure.power)
-    more = excess_inside_parts(supports, bends, largest, *supports.speeds(cells, twists))
-    return np.asarray((most + more) * (1.0 + ARITHMETIC_MARGIN * excess_tolerance(supports, cells))[:, None])
+    """Return upper bounds on the supports in cells along each direction, (c, j); see ``weighted_supports``."""
+    maxima = np.max(powers, axis=1)
+    curved = [supports.curved[c] for c in cells.tolist()]
+    if not any(curved):
+        return np.asarray(maxima)
+    none = np.zeros((2, 3))
+    deviations = np.stack([np.max([p.max_deviations for p in parts], axis=0) if parts else none for parts in curved])
+    largest = maxima ** (1.0 / supports.measure.power)
+    excess = excess_inside_parts(supports, deviations, largest, *supports.speed_bounds(cells, twists))
+    return np.asarray((maxima + excess) * (1.0 + ARITHMETIC_MARGIN * excess_tolerance(supports, cells))[:, None])
 
 
 def excess_tolerance(supports: Supports, cells: IntArray) -> FloatArray:
-    """Return the accepted relative excess over the largest support met, (c,)."""
+    """Return the accepted relative excess over the largest known support, (c,)."""
     radii = supports.radii(cells)
-    return np.asarray(np.maximum(ENOUGH, COARSE * (radii / max(supports.widest, 1e-300)) ** 2))
+    return np.asarray(np.maximum(ENOUGH, COARSE * (radii / max(supports.largest_radius, 1e-300)) ** 2))
 
 
 def excess_inside_parts(
-    supports: Supports, bends: FloatArray, largest: FloatArray, speed: FloatArray, turning: FloatArray
+    supports: Supports, deviations: FloatArray, largest: FloatArray, speed: FloatArray, turning: FloatArray
 ) -> FloatArray:
-    """Return a bound on the excess of ``s^p`` inside parts over corners whose s and ``|v|`` are no larger than these.
+    """Return a bound on the excess of ``s^p`` inside parts over the corners' values.
 
     Parameters
     ----------
     supports : Supports
-    bends : (..., 2, 3) array
-        Of each part.
+    deviations : (..., 2, 3) array
+        Coefficients of each part; see ``CurvedFace.deviations``.
     largest, speed, turning : (..., j) arrays
-        s, ``|v|`` and ``|tau|`` along each direction.
+        Upper bounds on s, ``|v|`` and ``|tau|`` at the corners along each direction.
     """
-    p, L = supports.measure.power, supports.steepness
-    linear = bends[..., 1] + supports.turns * bends[..., 2]
-    off, apart = (bends[..., i, 0, None] * speed + linear[..., i, None] * turning for i in (0, 1))
-    most = largest + L * apart
-    return np.asarray(np.minimum(p * most ** (p - 1.0) * L * off, most**p - largest**p))
+    p, L = supports.measure.power, supports.lipschitz
+    linear = deviations[..., 1] + supports.torsion_factor * deviations[..., 2]
+    deviation, corner_deviation = (deviations[..., i, 0, None] * speed + linear[..., i, None] * turning for i in (0, 1))
+    largest_inside = largest + L * corner_deviation
+    return np.asarray(np.minimum(p * largest_inside ** (p - 1.0) * L * deviation, largest_inside**p - largest**p))
 
 
 def _weighted_directions(twists: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the directions with weights, (b, j, d), padded to the same number, and the weights, (b, j)."""
-    most = int(np.max(np.count_nonzero(weights, axis=1)))
-    if most == weights.shape[1]:
+    count = int(np.max(np.count_nonzero(weights, axis=1)))
+    if count == weights.shape[1]:
         return twists, weights
-    used = np.argpartition(-weights, most, axis=1)[:, :most]
-    return np.take_along_axis(twists, used[..., None], axis=1), np.take_along_axis(weights, used, axis=1)
+    heaviest = np.argpartition(-weights, count, axis=1)[:, :count]
+    return np.take_along_axis(twists, heaviest[..., None], axis=1), np.take_along_axis(weights, heaviest, axis=1)
 
 
 def _parts_by_face(
     supports: Supports, cells: IntArray
 ) -> list[tuple[CurvedFace, FloatArray, IntArray, FloatArray, IntArray]]:
-    """Return the parts of cells by kind of face: patches, corners (n, c, q), rows (n, c), bends, and cells."""
+    """Return the parts of cells by surface: surface, corners (n, c, q), rows (n, c), deviations, and cells' indices."""
     kinds: dict[tuple[int, int], list[tuple[CurvedParts, int]]] = {}
-    for i, cell in enumerate(cells.tolist()):
-        for one in supports.curved[cell]:
-            kinds.setdefault((id(one.patches), one.rows.shape[1]), []).append((one, i))
-    found = []
-    for some in kinds.values():
-        parts, rows, bends = (np.concatenate([getattr(b, n) for b, _ in some]) for n in ("parts", "rows", "bends"))
-        owner = np.repeat([i for _, i in some], [len(b.parts) for b, _ in some])
-        found.append((some[0][0].patches, parts, rows, bends, owner))
-    return found
+    for pair, cell in enumerate(cells.tolist()):
+        for curved in supports.curved[cell]:
+            kinds.setdefault((id(curved.surface), curved.rows.shape[1]), []).append((curved, pair))
+    result = []
+    for members in kinds.values():
+        parts, rows, deviations = (
+            np.concatenate([getattr(curved, name) for curved, _ in members]) for name in ("parts", "rows", "deviations")
+        )
+        owner = np.repeat([pair for _, pair in members], [len(curved.parts) for curved, _ in members])
+        result.append((members[0][0].surface, parts, rows, deviations, owner))
+    return result
 
 
 class _SupportInterval:
@@ -258,50 +263,51 @@ class _SupportInterval:
     Parameters
     ----------
     supports : Supports
-    met : (c,) array
-        The largest of the rows.
-    enough : (c,) array
+    lower : (c,) array
+        Largest weighted support at the rows.
+    tolerance : (c,) array
         Relative tolerance.
     twists : (c, j, d) array
     weights : (c, j) array
     """
 
     def __init__(
-        self, supports: Supports, met: FloatArray, enough: FloatArray, twists: FloatArray, weights: FloatArray
+        self, supports: Supports, lower: FloatArray, tolerance: FloatArray, twists: FloatArray, weights: FloatArray
     ) -> None:
-        self._supports, self._enough, self._twists, self._weights = supports, enough, twists, weights
-        self._met, self._upper = met, met.copy()
+        self._supports, self._tolerance, self._twists, self._weights = supports, tolerance, twists, weights
+        self._lower, self._upper = lower, lower.copy()
 
-    def at(self, patches: CurvedFace, parts: FloatArray, owner: IntArray, upper: FloatArray) -> None:
-        """Bound parts (n, c, q) of some cells, and subdivide those that may hold the maximum."""
+    def refine(self, surface: CurvedFace, parts: FloatArray, owner: IntArray, upper: FloatArray) -> None:
+        """Bound parts (n, c, q) of cells, and subdivide those that may contain the maximum."""
         for _ in range(ROUNDS):
-            open_ = upper > (1.0 + self._enough[owner]) * self._met[owner]
-            np.maximum.at(self._upper, owner[~open_], upper[~open_])
-            if not np.any(open_):
+            is_open = upper > (1.0 + self._tolerance[owner]) * self._lower[owner]
+            np.maximum.at(self._upper, owner[~is_open], upper[~is_open])
+            if not np.any(is_open):
                 return
-            blocks = np.array_split(np.flatnonzero(open_), -(-np.count_nonzero(open_) // BLOCK))
-            found = [self._quarters(patches, parts[block], owner[block]) for block in blocks]
-            parts, owner, upper = (np.concatenate([one[i] for one in found]) for i in range(3))
+            blocks = np.array_split(np.flatnonzero(is_open), -(-np.count_nonzero(is_open) // BLOCK))
+            results = [self._subdivide(surface, parts[block], owner[block]) for block in blocks]
+            parts, owner, upper = (np.concatenate([result[i] for result in results]) for i in range(3))
         np.maximum.at(self._upper, owner, upper)
 
-    def _quarters(
-        self, patches: CurvedFace, parts: FloatArray, owner: IntArray
+    def _subdivide(
+        self, surface: CurvedFace, parts: FloatArray, owner: IntArray
     ) -> tuple[FloatArray, IntArray, FloatArray]:
-        """Return the quarters (n r, c, q) of parts (n, c, q), their cells, and upper bounds on them, (n r,)."""
-        vertices, into = patches.subdivide(parts)
+        """Return the quarters (n r, c, q) of parts (n, c, q), their cells' indices, and upper bounds, (n r,)."""
+        vertices, corner_indices = surface.subdivide(parts)
         n, v, q = vertices.shape
         supports, weights = self._supports, self._weights[owner][:, None]
-        points, normals = (x.reshape(n, v, 3) for x in patches.contacts(vertices.reshape(n * v, q)))
-        powers, speed, turning = supports.at(points, normals, self._twists[owner])
-        supports.looked += powers.size
-        np.maximum.at(self._met, owner, np.max(np.sum(powers * weights, axis=2), axis=1))
-        quarters = vertices[:, into].reshape(-1, into.shape[1], q)
-        bends = patches.bends(quarters).reshape(n, len(into), 1, 2, 3)
-        largest = powers ** (1.0 / supports.measure.power)
-        more = excess_inside_parts(supports, bends, largest[:, into], speed[:, into], turning[:, None, None])
-        upper = np.sum((powers[:, into] + more) * weights[:, None], axis=3)
-        return quarters, np.repeat(owner, len(into)), np.max(upper, axis=2).ravel()
+        points, normals = (x.reshape(n, v, 3) for x in surface.contacts(vertices.reshape(n * v, q)))
+        powers, speed, turning = supports.evaluate(points, normals, self._twists[owner])
+        supports.evaluations += powers.size
+        np.maximum.at(self._lower, owner, np.max(np.sum(powers * weights, axis=2), axis=1))
+        quarters = vertices[:, corner_indices].reshape(-1, corner_indices.shape[1], q)
+        deviations = surface.deviations(quarters).reshape(n, len(corner_indices), 1, 2, 3)
+        supports_at = powers ** (1.0 / supports.measure.power)
+        at_corners = (supports_at[:, corner_indices], speed[:, corner_indices], turning[:, None, None])
+        excess = excess_inside_parts(supports, deviations, *at_corners)
+        upper = np.sum((powers[:, corner_indices] + excess) * weights[:, None], axis=3)
+        return quarters, np.repeat(owner, len(corner_indices)), np.max(upper, axis=2).ravel()
 
-    def result(self) -> FloatArray:
+    def upper_bounds(self) -> FloatArray:
         """Return the upper bounds, (c,), with a margin for rounding."""
-        return np.asarray(np.maximum(self._upper, self._met) * (1.0 + ARITHMETIC_MARGIN * self._enough))
+        return np.asarray(np.maximum(self._upper, self._lower) * (1.0 + ARITHMETIC_MARGIN * self._tolerance))

@@ -1,7 +1,7 @@
-"""Directions of wrench space for dual weights: weakest of fractional placements, numbered.
+"""Directions of wrench space in which fractional placements are weakest.
 
 ``WeightedDirections`` numbers all directions of a search. New ones minimise the support ratio of the fractional
-placements that bounds rest on (``FractionalContacts``), by inverse iteration.
+placements dual to the bounds (``FractionalContacts``), by inverse iteration.
 """
 
 from __future__ import annotations
@@ -21,28 +21,28 @@ from nlpgrasp.global_bound.contact_cells import ContactCells
 from nlpgrasp.quality.ratio_minimisation import iterate_inverse
 from nlpgrasp.tasks import Task
 
-STEPS = 5  # of inverse iteration
+STEPS = 5  # steps of inverse iteration
 REGULAR = 1e-6  # relative increase of the Hessian's diagonal
-LEAST = 1e-2  # weight of a contact in the quadratic model, relative to the largest
-RANDOM, RECENT = 200, 60  # random directions beside the lattice; recent ones kept
-TRIED = 300  # directions along which a fractional placement is tried
-FLAT = 1e-9  # share of the task's second moment that fills the directions in which a task is flat
-FRESH = 4  # directions of a node that are replaced: one of so many
-STARTS = 3  # of the node's own directions that descents begin from, or between, beside the weakest of those tried
-ALIKE = 0.999  # cosine above which directions count as the same
-DIGITS, ABOVE, UNIT = 11, 5e-10, 9e-10  # of directions; how far a unit of work is exceeded, about and at most
+LEAST = 1e-2  # least weight of a contact in the quadratic model, relative to the largest
+RANDOM, RECENT = 200, 60  # numbers of random directions added to the lattice, and of recent ones kept
+TRIED = 300  # number of trial directions
+FLAT = 1e-9  # relative to the trace of the task's second moment, added to the moment of flat tasks
+FRESH = 4  # number of a node's directions per replaced direction
+STARTS = 3  # number of the node's own directions among the starts of the minimisation
+ALIKE = 0.999  # cosine above which directions count as equal
+DIGITS, ABOVE, UNIT = 11, 5e-10, 9e-10  # significant digits of directions; excess over unit work, mean and largest
 
 
 class WeightedDirections:
-    """A growing list of directions y with unit work of the task, ``phi_A(y) = 1``.
+    """Numbered list of directions y with unit work of the task, ``phi_A(y) = 1``, that grows in a search.
 
     Parameters
     ----------
     task : Task
     size : float
-        Of the body, metres: what turns torques into forces where the task does not say.
+        Size of the body, metres, which relates torques to forces in directions where the task is flat.
     per_node : int
-        Directions of a node.
+        Number of directions of a node.
     """
 
     def __init__(self, task: Task, size: float, per_node: int) -> None:
@@ -51,21 +51,24 @@ class WeightedDirections:
         d = task.dimension
         lattice = np.concatenate([directions(d, 2), self._rng.standard_normal((RANDOM, d))])
         space = 2 if d == 3 else 3
-        own = np.diag([1.0] * space + [size**2] * (d - space))
+        unit_moment = np.diag([1.0] * space + [size**2] * (d - space))
         moment = task.second_moment()
-        filled = moment + FLAT * own * np.trace(moment) + 0.05 * np.mean(np.diag(moment) / np.diag(own)) * own
-        found = normalise_twists(task, lattice @ np.linalg.inv(np.linalg.cholesky(filled)))
-        self.lattice = found[np.any(found != 0.0, axis=1)]
+        regularised = (
+            moment
+            + FLAT * unit_moment * np.trace(moment)
+            + 0.05 * np.mean(np.diag(moment) / np.diag(unit_moment)) * unit_moment
+        )
+        normalised = normalise_twists(task, lattice @ np.linalg.inv(np.linalg.cholesky(regularised)))
+        self.lattice = normalised[np.any(normalised != 0.0, axis=1)]
         self._all = np.zeros((1024, d))
         self._count = 0
         self.add(self.lattice)
         self._recent = self.lattice[:0]
 
     def add(self, twists: FloatArray) -> IntArray:
-        """Add directions (m, d), with few digits, and return their numbers, (m,).
+        """Add directions (m, d), rounded to few digits, and return their numbers, (m,).
 
-        In place of a zero row, along which the task does no work and every bound would be zero, stands one of the
-        lattice.
+        A zero direction, along which the task does no work, is replaced by one of the lattice.
         """
         twists = _short_directions(
             self.task, np.where(np.any(twists != 0.0, axis=1, keepdims=True), twists, self.lattice[:1])
@@ -80,86 +83,87 @@ class WeightedDirections:
     def __getitem__(self, numbers: IntArray) -> FloatArray:
         return self._all[numbers]
 
-    def first(self) -> IntArray:
-        """Return the directions that a search begins with, (per_node,)."""
+    def draw_initial(self) -> IntArray:
+        """Return the numbers of random lattice directions, with which a search begins, (per_node,)."""
         chosen = self._rng.permutation(len(self.lattice))[: self.per_node]
         return np.resize(chosen, self.per_node)
 
     def trial_directions(self) -> FloatArray:
-        """Return directions along which relaxed placements may be weak: well-spread, random and recent ones."""
+        """Return trial directions, (m, d): well-spread, random and recent weak ones."""
         chosen = self._rng.permutation(len(self.lattice))[: TRIED - len(self._recent)]
         return np.concatenate([self.lattice[chosen], self._recent])
 
     def remember(self, twists: FloatArray) -> None:
-        """Keep some of the directions (m, d) that were found weak."""
-        some = twists[self._rng.permutation(len(twists))[: RECENT // 4]]
-        self._recent = np.concatenate([some, self._recent])[:RECENT]
+        """Add some weak directions (m, d) to the trial directions."""
+        selected = twists[self._rng.permutation(len(twists))[: RECENT // 4]]
+        self._recent = np.concatenate([selected, self._recent])[:RECENT]
 
-    def renewed(
+    def renew(
         self,
         groups: Sequence[tuple[ContactCells, slice]],
         numbers: IntArray,
         weights: FloatArray,
         rows: IntArray,
-        shares: FloatArray,
+        fractions: FloatArray,
     ) -> IntArray:
-        """Return directions of some nodes, the least useful replaced by the weakest ones of relaxed placements.
+        """Return directions of nodes, the least useful replaced by the weakest of their fractional placements.
 
         Parameters
         ----------
         groups : sequence of (ContactCells, slice)
-            Contacts that are alike, and their slots.
+            Groups of identical contacts, and their slots.
         numbers, weights : (b, j) arrays
-            Of each node's directions.
-        rows, shares : (b, k, m) arrays
-            Where each contact is spread, and how much of it is there.
+            Numbers and dual weights of each node's directions.
+        rows, fractions : (b, k, m) arrays
+            Fractional placement: rows of each contact, and its fraction at each.
         """
-        designs = []
-        for pieces, where in groups:
-            b, c, m = rows[:, where].shape
-            places, spread = rows[:, where].reshape(b, c * m), shares[:, where].reshape(b, c * m)
-            designs.append(FractionalContacts.over(pieces.supports, places, spread, 3 * c))
-        few = numbers.shape[1] // FRESH
-        copied = _is_repeated(self[numbers], -weights)
-        heavy = np.argsort(np.where(copied, 0.0, -weights), axis=1)[:, :STARTS]
-        own = self[np.take_along_axis(numbers, heavy, axis=1)]
-        between = normalise_twists(self.task, own + np.roll(own, 1, axis=1))  # what descents that stay at corners miss
-        stuck = np.any(copied & (weights > 0.0), axis=1)[:, None, None]
-        begin = np.where(stuck & np.any(between != 0.0, axis=2, keepdims=True), between, own)
-        tried = self.trial_directions()
-        every = np.broadcast_to(tried, (len(weights), *tried.shape))
-        value = sum(d.value(every) for d in designs)
-        weakest = tried[np.argsort(value, axis=1)[:, :few]]
-        found, ratios = minimise_ratio(designs, self.task, np.concatenate([begin, weakest], axis=1))
-        order = np.argsort(np.where(_is_repeated(found, ratios), np.inf, ratios), axis=1)[:, :few]
-        fresh = np.take_along_axis(found, order[..., None], axis=1)
-        added = self.add(fresh.reshape(-1, fresh.shape[2])).reshape(fresh.shape[:2])
-        self.remember(fresh[:, 0])
+        fractional = []
+        for group, slots in groups:
+            b, c, m = rows[:, slots].shape
+            group_rows, group_fractions = rows[:, slots].reshape(b, c * m), fractions[:, slots].reshape(b, c * m)
+            fractional.append(FractionalContacts.at_rows(group.supports, group_rows, group_fractions, 3 * c))
+        count = numbers.shape[1] // FRESH
+        is_copy = _is_repeated(self[numbers], -weights)
+        heaviest = np.argsort(np.where(is_copy, 0.0, -weights), axis=1)[:, :STARTS]
+        heaviest_twists = self[np.take_along_axis(numbers, heaviest, axis=1)]
+        midpoints = normalise_twists(self.task, heaviest_twists + np.roll(heaviest_twists, 1, axis=1))
+        # where the minimisation returned copies it is stuck at nonsmooth points, so it starts between directions
+        is_stuck = np.any(is_copy & (weights > 0.0), axis=1)[:, None, None]
+        starts = np.where(is_stuck & np.any(midpoints != 0.0, axis=2, keepdims=True), midpoints, heaviest_twists)
+        trials = self.trial_directions()
+        all_trials = np.broadcast_to(trials, (len(weights), *trials.shape))
+        values = sum(contacts.value(all_trials) for contacts in fractional)
+        weakest = trials[np.argsort(values, axis=1)[:, :count]]
+        minimisers, ratios = minimise_ratio(fractional, self.task, np.concatenate([starts, weakest], axis=1))
+        order = np.argsort(np.where(_is_repeated(minimisers, ratios), np.inf, ratios), axis=1)[:, :count]
+        new = np.take_along_axis(minimisers, order[..., None], axis=1)
+        new_numbers = self.add(new.reshape(-1, new.shape[2])).reshape(new.shape[:2])
+        self.remember(new[:, 0])
         result = numbers.copy()
-        least = np.where(copied, -1.0, weights)  # copies share the weight of one of them
-        np.put_along_axis(result, np.argsort(least, axis=1)[:, :few], added, axis=1)
+        usefulness = np.where(is_copy, -1.0, weights)  # copies are replaced first
+        np.put_along_axis(result, np.argsort(usefulness, axis=1)[:, :count], new_numbers, axis=1)
         return result
 
 
 def _is_repeated(twists: FloatArray, ratios: FloatArray) -> NDArray[np.bool_]:
-    """Return which directions (b, m, d) are nearly those of others with smaller ratios (b, m)."""
+    """Return the mask of directions (b, m, d) that nearly equal others with smaller ratios (b, m)."""
     unit = twists / np.maximum(np.max(np.abs(twists), axis=1, keepdims=True), 1e-300)
     unit /= np.maximum(np.linalg.norm(unit, axis=2, keepdims=True), 1e-300)
-    near = unit @ unit.transpose(0, 2, 1) > ALIKE
-    first = np.argsort(np.argsort(ratios, axis=1), axis=1)
-    return np.asarray(np.any(near & (first[:, None] < first[:, :, None]), axis=2))
+    is_near = unit @ unit.transpose(0, 2, 1) > ALIKE
+    rank = np.argsort(np.argsort(ratios, axis=1), axis=1)
+    return np.asarray(np.any(is_near & (rank[:, None] < rank[:, :, None]), axis=2))
 
 
 def _short_directions(task: Task, twists: FloatArray) -> FloatArray:
-    """Return directions (m, d) with few digits along which the task does hardly more than unit work, and no less.
+    """Return directions (m, d) rounded to few digits, along which the task does slightly more than unit work.
 
-    Bounds that take the work for 1 are then no lower than they should be. One that would have to be off by more stays.
+    Bounds that assume unit work then remain valid. Directions for which this fails are not rounded.
     """
     largest = np.max(np.abs(twists), axis=1, keepdims=True)
     scale = 10.0 ** (DIGITS - 1 - np.floor(np.log10(largest)))
-    short = np.round(twists * (1.0 + ABOVE) * scale) / scale
-    work = task.support(short)[0]
-    return np.where(((work >= 1.0) & (work <= 1.0 + UNIT))[:, None], short, twists)
+    rounded = np.round(twists * (1.0 + ABOVE) * scale) / scale
+    work = task.support(rounded)[0]
+    return np.where(((work >= 1.0) & (work <= 1.0 + UNIT))[:, None], rounded, twists)
 
 
 @dataclass(frozen=True)
@@ -171,9 +175,9 @@ class FractionalContacts:
     contact : ContactModel
     measure : Measure
     maps : (b, m, d, n_i) array
-        Grasp maps of the contact at each place.
+        Grasp maps of the contact at each row.
     weights : (b, m) array
-        At least zero.
+        Fractions, at least zero.
     """
 
     contact: ContactModel
@@ -182,37 +186,33 @@ class FractionalContacts:
     weights: FloatArray
 
     @classmethod
-    def over(cls, supports: Supports, rows: IntArray, weights: FloatArray, most: int) -> FractionalContacts:
-        """Return the fractional placements of a batch over rows (b, m), of the heaviest alone where there are many."""
-        if rows.shape[1] > most:
-            heavy = np.argpartition(-weights, most, axis=1)[:, :most]
+    def at_rows(cls, supports: Supports, rows: IntArray, weights: FloatArray, count: int) -> FractionalContacts:
+        """Return fractional contacts at rows (b, m), reduced to the ``count`` heaviest."""
+        if rows.shape[1] > count:
+            heaviest = np.argpartition(-weights, count, axis=1)[:, :count]
             total = np.sum(weights, axis=1, keepdims=True)
-            rows = np.take_along_axis(rows, heavy, axis=1)
-            weights = np.take_along_axis(weights, heavy, axis=1)
+            rows = np.take_along_axis(rows, heaviest, axis=1)
+            weights = np.take_along_axis(weights, heaviest, axis=1)
             weights = weights * (total / np.sum(weights, axis=1, keepdims=True))
         return cls(supports.contact, supports.measure, supports.maps[rows], weights)
 
     def value(self, twists: FloatArray) -> FloatArray:
         """Return ``sum of w s^p`` along twists (b, m, d), (b, m)."""
-        s = self.supports(twists)
+        s = self._work(twists)[1]
         return np.asarray(np.sum(s**self.measure.power * self.weights[:, None], axis=2))
 
-    def supports(self, twists: FloatArray) -> FloatArray:
-        """Return the support of each contact along twists (b, m, d), (b, m, r)."""
-        return self._work(twists)[1]
-
     def model(self, twists: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the value, (b, m), and the Hessian of a quadratic model of it, (b, m, d, d)."""
+        """Return the value, (b, m), and the Hessian of its quadratic model, (b, m, d, d)."""
         p, maps = self.measure.power, self.maps
         z, s = self._work(twists)
-        shares = np.broadcast_to(self.weights[:, None], s.shape)
+        scaled = np.broadcast_to(self.weights[:, None], s.shape)
         if p != 2.0:  # sum of w s^(p-2) |P z|^2 / 2, as in ``quality.screening``
             relative = np.maximum(s / np.maximum(np.max(s, axis=2, keepdims=True), 1e-300), LEAST)
-            shares = shares * relative ** (p - 2.0)
-        bent = self.contact.derivative(z) * shares[..., None, None]
+            scaled = scaled * relative ** (p - 2.0)
+        derivative = self.contact.derivative(z) * scaled[..., None, None]
         b, m, r, n = z.shape
         d = maps.shape[2]
-        left = (maps[:, None] @ bent).transpose(0, 1, 3, 2, 4).reshape(b, m, d, r * n)
+        left = (maps[:, None] @ derivative).transpose(0, 1, 3, 2, 4).reshape(b, m, d, r * n)
         right = maps.transpose(0, 1, 3, 2).reshape(b, 1, r * n, d)
         return np.sum(s**p * self.weights[:, None], axis=2), left @ right
 
@@ -224,29 +224,29 @@ class FractionalContacts:
 
 
 def normalise_twists(task: Task, twists: FloatArray) -> FloatArray:
-    """Return twists (..., d) scaled so that the task does unit work along them; zero where it does none."""
+    """Return twists (..., d) scaled to unit work of the task, zero without work."""
     reach = task.support(twists.reshape(-1, twists.shape[-1]))[0].reshape(twists.shape[:-1])
     size = np.linalg.norm(twists, axis=-1)
-    does = (reach > 1e-12 * size) & np.isfinite(size)
-    return np.where(does[..., None], twists / np.where(does, reach, 1.0)[..., None], 0.0)
+    has_work = (reach > 1e-12 * size) & np.isfinite(size)
+    return np.where(has_work[..., None], twists / np.where(has_work, reach, 1.0)[..., None], 0.0)
 
 
 def minimise_ratio(
-    designs: Sequence[FractionalContacts], task: Task, twists: FloatArray, steps: int = STEPS
+    fractional: Sequence[FractionalContacts], task: Task, twists: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Minimise ``phi_G / phi_A`` of fractional placements from twists (b, m, d), by inverse iteration.
 
     Returns
     -------
     twists : (b, m, d) array
-        Along which the task does unit work.
+        Directions of unit work.
     ratios : (b, m) array
         ``phi_G / phi_A`` there.
     """
-    power = designs[0].measure.power
+    power = fractional[0].measure.power
 
     def model(u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        parts = [design.model(u) for design in designs]
+        parts = [contacts.model(u) for contacts in fractional]
         value, H = (np.sum([part[i] for part in parts], axis=0) for i in (0, 1))
         diagonal = np.arange(u.shape[2])
         scale = np.max(H[..., diagonal, diagonal], axis=1, keepdims=True)
@@ -256,5 +256,5 @@ def minimise_ratio(
         ratio = np.maximum(value, 0.0) ** (1.0 / power) / np.where(reach > 0.0, reach, 1.0)
         return np.where(reach > 0.0, ratio, np.inf), wrench.reshape(u.shape), H
 
-    u, value = iterate_inverse(model, twists, steps)
+    u, value = iterate_inverse(model, twists, STEPS)
     return normalise_twists(task, u), value

@@ -1,4 +1,4 @@
-"""Nonlinear program of optimal grasping: formulation (``formulation.py``), named blocks, derivatives, IPOPT."""
+"""Nonlinear program of optimal grasping: formulation (read ``formulation.py`` first), derivatives and solver."""
 
 from nlpgrasp.nlp.blocks import HAND, Block
 from nlpgrasp.nlp.formulate import Formulation, FormulationResult, formulate

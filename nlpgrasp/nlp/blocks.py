@@ -125,7 +125,7 @@ class FacePart:
 
 @dataclass
 class DistancePart:
-    """Clearance constraints ``distance(point(z)) / scale`` through a body's distance, separate for the same reason."""
+    """Clearance constraints ``distance(point(z)) / scale``, separate as the distance of a mesh is ``MX``."""
 
     function: ca.Function  # point (space,) metres -> metres
     points: list[ca.SX]  # columns of the variables

@@ -22,7 +22,7 @@ from nlpgrasp.nlp.program import Program
 
 UPPER = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # upper triangle of a 3 x 3 matrix, column by column
 
-Places = NDArray[np.intp]  # indices of variables or constraints
+Indices = NDArray[np.intp]  # indices of variables or constraints
 
 
 class ProgramFunctions:
@@ -73,21 +73,22 @@ class ProgramFunctions:
         z, theta = self.program.z, self.program.theta
         if self.is_scalar:
             g = self._scalar_rows()
-            whole = ca.vertcat(self._smooth_jacobian(), ca.jacobian(g[self._smooth :], z))
-            return ca.Function("jac_g", [z, theta], [g, whole], *names)
-        points, near = self.program.points, self.program.distances
+            jacobian = ca.vertcat(self._smooth_jacobian(), ca.jacobian(g[self._smooth :], z))
+            return ca.Function("jac_g", [z, theta], [g, jacobian], *names)
+        points, distances = self.program.points, self.program.distances
         slopes = ca.SX.sym("slopes", points.shape[0])
-        first = [self._smooth_jacobian(), chain_first(ca.jacobian(points, z), slopes, near)]
-        first.append(ca.jacobian(self._linear, z))
-        smooth = ca.Function("rows_jac", [z, theta, slopes], [ca.vertcat(*first)])
+        blocks = [self._smooth_jacobian(), chain_first(ca.jacobian(points, z), slopes, distances)]
+        blocks.append(ca.jacobian(self._linear, z))
+        smooth = ca.Function("rows_jac", [z, theta, slopes], [ca.vertcat(*blocks)])
         faces = [
-            _embed(_slope(part)(self._x[part.position.range]), part, z.shape[0]) for part in self.program.face_parts
+            _embed(_face_jacobian(part)(self._x[part.position.range]), part, z.shape[0])
+            for part in self.program.face_parts
         ]
-        jac = smooth(self._x, self._p, self._distances.first()[1])
-        jac = jac + ca.vertcat(ca.MX(self._smooth + near, z.shape[0]), *faces)
+        matrix = smooth(self._x, self._p, self._distances.first()[1])
+        matrix = matrix + ca.vertcat(ca.MX(self._smooth + distances, z.shape[0]), *faces)
         if self.program.slots is not None:
-            jac = ca.vertcat(self.program.slots.jacobian(self._x, self._p), jac)
-        return ca.Function("jac_g", [self._x, self._p], [self._rows, jac], *names)
+            matrix = ca.vertcat(self.program.slots.jacobian(self._x, self._p), matrix)
+        return ca.Function("jac_g", [self._x, self._p], [self._rows, matrix], *names)
 
     @cached_property
     def hessian(self) -> ca.Function:
@@ -95,35 +96,38 @@ class ProgramFunctions:
         names = (["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"])
         if self.is_scalar:
             return self._scalar_hessian(*names)
-        program, near = self.program, self.program.distances
-        z, theta = program.z, program.theta
-        lam_f, lam_g = ca.SX.sym("lam_f"), ca.SX.sym("lam_g", self._smooth)
-        points = program.points
-        slopes, bends = ca.SX.sym("slopes", points.shape[0]), ca.SX.sym("bends", 6 * near)
-        rest = -lam_f * program.objective + ca.dot(slopes, points)
-        second = self._smooth_hessian(rest, lam_g) + chain_second(ca.jacobian(points, z), bends, near)
-        inputs = [z, theta, lam_f, lam_g, slopes, bends]
-        smooth = ca.Function("rows_hess", inputs, [ca.triu(second)])
-        count = self._linear.shape[0]
-        slots = 0 if program.slots is None else program.slots.count
-        every, sigma = ca.MX.sym("lam_g", slots + self._smooth + near + count), ca.MX.sym("lam_f")
-        lam = every[slots:]
-        weighted, curvature = self._distances.second(lam[self._smooth : self._smooth + near])
-        hess = smooth(self._x, self._p, sigma, lam[: self._smooth], weighted, curvature)
-        done = self._smooth + near
+        program, distances = self.program, self.program.distances
+        slot_rows = 0 if program.slots is None else program.slots.count
+        total = slot_rows + self._smooth + distances + self._linear.shape[0]
+        lam_g, sigma = ca.MX.sym("lam_g", total), ca.MX.sym("lam_f")
+        lam = lam_g[slot_rows:]
+        slopes, bends = self._distances.second(lam[self._smooth : self._smooth + distances])
+        matrix = self._expression_hessian()(self._x, self._p, sigma, lam[: self._smooth], slopes, bends)
+        begin = self._smooth + distances
         for part in program.face_parts:
             rows = part.linear.shape[0]
-            local = _bend(part)(self._x[part.position.range], lam[done : done + rows])
-            hess = hess + _embed_square(local, part, z.shape[0])
-            done += rows
+            block = _face_hessian(part)(self._x[part.position.range], lam[begin : begin + rows])
+            matrix = matrix + _embed_square(block, part, program.z.shape[0])
+            begin += rows
         if program.slots is not None:
-            hess = hess + program.slots.hessian(self._x, self._p, every[:slots])
-        return ca.Function("hess_lag", [self._x, self._p, sigma, every], [ca.triu(hess)], *names)
+            matrix = matrix + program.slots.hessian(self._x, self._p, lam_g[:slot_rows])
+        return ca.Function("hess_lag", [self._x, self._p, sigma, lam_g], [ca.triu(matrix)], *names)
+
+    def _expression_hessian(self) -> ca.Function:
+        """Return the upper triangle of the Hessian of objective, SX constraints and weighted distances."""
+        program, distances = self.program, self.program.distances
+        z, points = program.z, program.points
+        lam_f, lam_g = ca.SX.sym("lam_f"), ca.SX.sym("lam_g", self._smooth)
+        slopes, bends = ca.SX.sym("slopes", points.shape[0]), ca.SX.sym("bends", 6 * distances)
+        weighted = -lam_f * program.objective + ca.dot(slopes, points)
+        matrix = self._smooth_hessian(weighted, lam_g) + chain_second(ca.jacobian(points, z), bends, distances)
+        return ca.Function("rows_hess", [z, program.theta, lam_f, lam_g, slopes, bends], [ca.triu(matrix)])
 
     @cached_property
     def _distances(self) -> DistanceConstraints:
-        places = ca.Function("points", [self.program.z], [self.program.points], {"cse": True})
-        return DistanceConstraints(self.program, places(self._x))
+        """Clearance constraints at the points of ``x``."""
+        points = ca.Function("points", [self.program.z], [self.program.points], {"cse": True})
+        return DistanceConstraints(self.program, points(self._x))
 
     @cached_property
     def _rows(self) -> ca.MX:
@@ -131,8 +135,8 @@ class ProgramFunctions:
         smooth = ca.Function("rows", [self.program.z, self.program.theta], [self.program.g, self._linear])
         rows, linear = smooth(self._x, self._p)
         faces = [part.function(self._x[part.position.range]) for part in self.program.face_parts]
-        first = ca.MX(0, 1) if self.program.slots is None else self.program.slots.rows(self._x, self._p)
-        return ca.vertcat(first, rows, self._distances.first()[0], linear + ca.vertcat(*faces))
+        slots = ca.MX(0, 1) if self.program.slots is None else self.program.slots.rows(self._x, self._p)
+        return ca.vertcat(slots, rows, self._distances.first()[0], linear + ca.vertcat(*faces))
 
     @cached_property
     def _repeats(self) -> Repeats:
@@ -140,14 +144,14 @@ class ProgramFunctions:
 
     def _smooth_jacobian(self) -> ca.SX:
         """Return the Jacobian of the SX constraints."""
-        z, g, done = self.program.z, self.program.g, self._repeated
-        return ca.jacobian(g, z) if not done else ca.vertcat(self._repeats.jacobian(), ca.jacobian(g[done:], z))
+        z, g, repeated = self.program.z, self.program.g, self._repeated
+        return ca.jacobian(g, z) if not repeated else ca.vertcat(self._repeats.jacobian(), ca.jacobian(g[repeated:], z))
 
-    def _smooth_hessian(self, rest: ca.SX, lam: ca.SX) -> ca.SX:
-        """Return the Hessian of ``rest`` plus the weighted SX constraints."""
-        z, g, done = self.program.z, self.program.g, self._repeated
-        second = ca.hessian(rest + ca.dot(lam[done:], g[done:]), z)[0]
-        return second if not done else second + self._repeats.hessian(lam)
+    def _smooth_hessian(self, expression: ca.SX, lam: ca.SX) -> ca.SX:
+        """Return the Hessian of ``expression`` plus the weighted SX constraints."""
+        z, g, repeated = self.program.z, self.program.g, self._repeated
+        rest_hessian = ca.hessian(expression + ca.dot(lam[repeated:], g[repeated:]), z)[0]
+        return rest_hessian if not repeated else rest_hessian + self._repeats.hessian(lam)
 
     @property
     def _repeated(self) -> int:
@@ -157,9 +161,9 @@ class ProgramFunctions:
     def _scalar_hessian(self, inputs: list[str], outputs: list[str]) -> ca.Function:
         z, theta, rows = self.program.z, self.program.theta, self._scalar_rows()
         lam_f, lam = ca.SX.sym("lam_f"), ca.SX.sym("lam_g", rows.shape[0])
-        rest = -lam_f * self.program.objective + ca.dot(lam[self._smooth :], rows[self._smooth :])
-        hess = ca.triu(self._smooth_hessian(rest, lam[: self._smooth]))
-        return ca.Function("hess_lag", [z, theta, lam_f, lam], [hess], inputs, outputs)
+        expression = -lam_f * self.program.objective + ca.dot(lam[self._smooth :], rows[self._smooth :])
+        matrix = ca.triu(self._smooth_hessian(expression, lam[: self._smooth]))
+        return ca.Function("hess_lag", [z, theta, lam_f, lam], [matrix], inputs, outputs)
 
     def _scalar_rows(self) -> ca.SX:
         z = self.program.z
@@ -167,13 +171,13 @@ class ProgramFunctions:
         return ca.vertcat(self.program.g, *faces)
 
 
-def _slope(part: FacePart) -> ca.Function:
+def _face_jacobian(part: FacePart) -> ca.Function:
     """Return the Jacobian of surface constraints with respect to the position."""
     q = ca.MX.sym("q", part.position.stop - part.position.start)
     return ca.Function("face_jac", [q], [ca.jacobian(part.function(q), q)])
 
 
-def _bend(part: FacePart) -> ca.Function:
+def _face_hessian(part: FacePart) -> ca.Function:
     """Return the upper triangle of the Hessian of a weighted sum of surface constraints."""
     q = ca.MX.sym("q", part.position.stop - part.position.start)
     weight = ca.MX.sym("w", part.linear.shape[0])
@@ -182,14 +186,14 @@ def _bend(part: FacePart) -> ca.Function:
 
 def _embed(block: ca.MX, part: FacePart, width: int) -> ca.MX:
     """Embed a block (rows, space) at the position's columns of a sparse (rows, width) matrix."""
-    rows, where = block.shape[0], part.position
-    return ca.horzcat(ca.MX(rows, where.start), block, ca.MX(rows, width - where.stop))
+    rows, columns = block.shape[0], part.position
+    return ca.horzcat(ca.MX(rows, columns.start), block, ca.MX(rows, width - columns.stop))
 
 
 def _embed_square(block: ca.MX, part: FacePart, width: int) -> ca.MX:
     """Embed a block as a diagonal block of a sparse (width, width) matrix."""
-    where = part.position
-    return ca.diagcat(ca.MX(where.start, where.start), block, ca.MX(width - where.stop, width - where.stop))
+    columns = part.position
+    return ca.diagcat(ca.MX(columns.start, columns.start), block, ca.MX(width - columns.stop, width - columns.stop))
 
 
 class DistanceConstraints:
@@ -204,12 +208,12 @@ class DistanceConstraints:
 
     def __init__(self, program: Program, points: ca.MX) -> None:
         self._parts = []
-        done = 0
+        begin = 0
         for part in program.distance_parts:
             count = len(part.points)
-            here = ca.reshape(points[3 * done : 3 * (done + count)], 3, count)
-            self._parts.append((part.function, here, ca.DM(part.scales).T))
-            done += count
+            columns = ca.reshape(points[3 * begin : 3 * (begin + count)], 3, count)
+            self._parts.append((part.function, columns, ca.DM(part.scales).T))
+            begin += count
 
     def first(self) -> tuple[ca.MX, ca.MX]:
         """Return the constraint values (m,) and their gradients with respect to the points (3 m,)."""
@@ -217,8 +221,8 @@ class DistanceConstraints:
         for function, points, scales in self._parts:
             q = ca.MX.sym("q", 3)
             d = function(q)
-            both = ca.Function("distance_jac", [q], [d, ca.gradient(d, q)]).map(points.shape[1])
-            value, slope = both(points)
+            value_and_slope = ca.Function("distance_jac", [q], [d, ca.gradient(d, q)]).map(points.shape[1])
+            value, slope = value_and_slope(points)
             values.append((value / scales).T)
             slopes.append(ca.vec(slope / ca.repmat(scales, 3, 1)))
         return ca.vertcat(*values), ca.vertcat(*slopes)
@@ -226,17 +230,17 @@ class DistanceConstraints:
     def second(self, multipliers: ca.MX) -> tuple[ca.MX, ca.MX]:
         """Return gradients (3 m,) and upper triangles of the Hessians (6 m,), weighted by multipliers."""
         slopes, bends = [ca.MX(0, 1)], [ca.MX(0, 1)]
-        done = 0
+        begin = 0
         for function, points, scales in self._parts:
             count = points.shape[1]
             q = ca.MX.sym("q", 3)
             H, gradient = ca.hessian(function(q), q)
             upper = ca.vertcat(*[H[a, b] for a, b in UPPER])
-            weight = multipliers[done : done + count].T / scales
+            weight = multipliers[begin : begin + count].T / scales
             slope, bend = ca.Function("distance_hess", [q], [gradient, upper]).map(count)(points)
             slopes.append(ca.vec(slope * ca.repmat(weight, 3, 1)))
             bends.append(ca.vec(bend * ca.repmat(weight, 6, 1)))
-            done += count
+            begin += count
         return ca.vertcat(*slopes), ca.vertcat(*bends)
 
 
@@ -252,12 +256,12 @@ def chain_second(along: ca.SX, bends: ca.SX, count: int) -> ca.SX:
     total = ca.SX(along.shape[1], along.shape[1])
     for i in range(count):
         J, h = along[3 * i : 3 * i + 3, :], bends[6 * i : 6 * i + 6]
-        used = sorted(set(J.sparsity().get_triplet()[1]))
-        local = J[:, used]
+        dependent = sorted(set(J.sparsity().get_triplet()[1]))
+        J_dependent = J[:, dependent]
         H = ca.vertcat(ca.horzcat(h[0], h[1], h[3]), ca.horzcat(h[1], h[2], h[4]), ca.horzcat(h[3], h[4], h[5]))
-        product = ca.mtimes([local.T, H, local])
-        rows = [r for _ in used for r in used]
-        columns = [c for c in used for _ in used]
+        product = ca.mtimes([J_dependent.T, H, J_dependent])
+        rows = [r for _ in dependent for r in dependent]
+        columns = [c for c in dependent for _ in dependent]
         shape = ca.Sparsity.triplet(along.shape[1], along.shape[1], rows, columns)
         total = total + ca.SX(shape, ca.vec(ca.densify(product)))
     return total
@@ -280,8 +284,8 @@ class Repeats:
 
     def __init__(self, z: ca.SX, g: ca.SX, copies: list[ConstraintCopy]) -> None:
         self._z, self._g, self._copies = z, g, copies
-        own = {i for copy in copies for i in range(copy.variables.start, copy.variables.stop)}
-        self._shared = [i for i in range(z.shape[0]) if i not in own]
+        copied = {i for copy in copies for i in range(copy.variables.start, copy.variables.stop)}
+        self._shared = [i for i in range(z.shape[0]) if i not in copied]
 
     @cached_property
     def _first(self) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -293,13 +297,13 @@ class Repeats:
         """Return the Jacobian (m, n) of the copies' constraints."""
         x, g, theta = self._first
         function = ca.Function("copy_jac", [x, theta], [ca.jacobian(g, x)], {"cse": True})
-        found = _SparseEntries(self._copies[-1].rows.stop, self._z.shape[0])
+        entries = _SparseEntries(self._copies[-1].rows.stop, self._z.shape[0])
         for copy in self._copies:
-            where = self._places(copy)
-            found.add(
-                function(self._columns_of(copy), copy.parameters), np.arange(copy.rows.start, copy.rows.stop), where
+            columns = self._indices(copy)
+            entries.add(
+                function(self._columns_of(copy), copy.parameters), np.arange(copy.rows.start, copy.rows.stop), columns
             )
-        return found.matrix()
+        return entries.matrix()
 
     def hessian(self, lam: ca.SX) -> ca.SX:
         """Return the Hessian (n, n) of the copies' constraints weighted by ``lam`` (m,)."""
@@ -307,17 +311,17 @@ class Repeats:
         weight = ca.SX.sym("weight", g.shape[0])
         second = ca.hessian(ca.dot(weight, g), x)[0]
         function = ca.Function("copy_hess", [x, theta, weight], [second], {"cse": True})
-        found = _SparseEntries(self._z.shape[0], self._z.shape[0])
+        entries = _SparseEntries(self._z.shape[0], self._z.shape[0])
         for copy in self._copies:
-            where = self._places(copy)
+            columns = self._indices(copy)
             rows = lam[copy.rows.start : copy.rows.stop]
-            found.add(function(self._columns_of(copy), copy.parameters, rows), where, where)
-        return found.matrix()
+            entries.add(function(self._columns_of(copy), copy.parameters, rows), columns, columns)
+        return entries.matrix()
 
     def _columns_of(self, copy: ConstraintCopy) -> ca.SX:
-        return self._z[[int(i) for i in self._places(copy)]]
+        return self._z[[int(i) for i in self._indices(copy)]]
 
-    def _places(self, copy: ConstraintCopy) -> Places:
+    def _indices(self, copy: ConstraintCopy) -> Indices:
         return np.array([*self._shared, *range(copy.variables.start, copy.variables.stop)])
 
 
@@ -328,16 +332,16 @@ class _SparseEntries:
         self._shape = rows, columns
         self._sums: dict[tuple[int, int], ca.SX] = {}
 
-    def add(self, block: ca.SX, rows: Places, columns: Places) -> None:
+    def add(self, block: ca.SX, rows: Indices, columns: Indices) -> None:
         """Add a sparse block at given rows and columns."""
         r, c = block.sparsity().get_triplet()
         entries = ca.vertsplit(block.nz[:])
         for i, j, entry in zip(rows[r].tolist(), columns[c].tolist(), entries, strict=True):
-            before = self._sums.get((i, j))
-            self._sums[i, j] = entry if before is None else before + entry
+            previous = self._sums.get((i, j))
+            self._sums[i, j] = entry if previous is None else previous + entry
 
     def matrix(self) -> ca.SX:
         """Return the assembled sparse matrix."""
-        places = sorted(self._sums, key=lambda place: (place[1], place[0]))
-        sparsity = ca.Sparsity.triplet(*self._shape, [i for i, _ in places], [j for _, j in places])
-        return ca.SX(sparsity, ca.vertcat(*[self._sums[place] for place in places]))
+        positions = sorted(self._sums, key=lambda position: (position[1], position[0]))
+        sparsity = ca.Sparsity.triplet(*self._shape, [i for i, _ in positions], [j for _, j in positions])
+        return ca.SX(sparsity, ca.vertcat(*[self._sums[position] for position in positions]))

@@ -41,8 +41,8 @@ from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.solution.kkt import KKT, kkt_residuals
 from nlpgrasp.solution.solution import GraspSolution
 
-FORM = "{:<38} {:>9}  {:<22} {:<5} {}".format  # line of the table
-EQUATIONS = {  # of the paper, by the kind of variables
+LINE = "{:<38} {:>9}  {:<22} {:<5} {}".format  # line of the table
+EQUATIONS = {  # equations of the paper, by kind of variables or parameters
     "position": "p_i of (3.5-1)",
     "normal": "n_i of (3.5-2)",
     HAND: "q of (3.5-16)",
@@ -54,7 +54,7 @@ EQUATIONS = {  # of the paper, by the kind of variables
     "face": "which h of (3.5-1)",
 }
 FIRST_BETA = 0.1  # solver units, initial beta
-KEPT = 1e-6  # relative constraint violation within which a random start is feasible
+FEASIBLE = 1e-6  # relative constraint violation within which a random start is feasible
 
 Limits = tuple[FloatArray, FloatArray]  # lower and upper
 
@@ -123,8 +123,8 @@ class Formulation:
 
     def __init__(self, problem: GraspProblem, transcription: str, directions: ArrayLike | None, forces: bool) -> None:
         self.problem, self.transcription = problem, transcription
-        given = _given_parameters(problem, transcription, directions)
-        count = len(next(iter(given.values())))
+        parameters = _containment_parameters(problem, transcription, directions)
+        count = len(next(iter(parameters.values())))
         program = optimal_grasp_program(problem, transcription, count, eliminated=not forces, scaled=False)
         self._program, self.count, symbol = program, count, problem.body.symbol
         self._variables = {block.public_name: block for block in program.variables}
@@ -138,12 +138,12 @@ class Formulation:
         nlp: dict[str, Any] = dict(ProgramFunctions(program).nlp)
         function = ca.Function("program", [nlp["x"], nlp["p"]], [nlp["f"], nlp["g"]])
         expanded = function.expand() if symbol is ca.SX else function
-        whole: list[Expression] = list(expanded(self.x, self.p))
-        self.f, self._g = whole
+        outputs: list[Expression] = list(expanded(self.x, self.p))
+        self.f, self._g = outputs
         self.lbx, self.ubx = program.bounds
         self._added: list[_UserConstraint] = []
         self.p0 = np.zeros(self.p.shape[0])
-        for name, values in given.items():
+        for name, values in parameters.items():
             self.p0[self._parameters[name].range] = values.ravel()
         self.p0 = self._with_faces(tuple(problem.allowed_faces(i)[0] for i in range(len(problem.models))))
 
@@ -161,9 +161,9 @@ class Formulation:
         """
         kind = {"positions": "position", "normals": "normal"}.get(name, name)
         pattern = re.compile(rf"{re.escape(kind)} \d+")
-        every: list[Expression] = [symbol for key, symbol in self._symbols.items() if pattern.fullmatch(key)]
-        if every:
-            return ca.horzcat(*every)
+        columns: list[Expression] = [symbol for key, symbol in self._symbols.items() if pattern.fullmatch(key)]
+        if columns:
+            return ca.horzcat(*columns)
         if name not in self._symbols:
             raise InputError(
                 "Formulation", repr(name), f"a name of the program: {format_known_names([name], self.names)}"
@@ -173,17 +173,17 @@ class Formulation:
     @property
     def g(self) -> Expression:
         """All constraints in one column, added ones last."""
-        return ca.vertcat(self._g, *[own.expression for own in self._added])
+        return ca.vertcat(self._g, *[constraint.expression for constraint in self._added])
 
     @property
     def lbg(self) -> FloatArray:
         """Lower limits of the constraints, (m,)."""
-        return np.concatenate([self._program.limits[0], *[own.lower for own in self._added]])
+        return np.concatenate([self._program.limits[0], *[constraint.lower for constraint in self._added]])
 
     @property
     def ubg(self) -> FloatArray:
         """Upper limits of the constraints, (m,)."""
-        return np.concatenate([self._program.limits[1], *[own.upper for own in self._added]])
+        return np.concatenate([self._program.limits[1], *[constraint.upper for constraint in self._added]])
 
     def sparsity(self) -> tuple[NDArray[np.bool_], tuple[str, ...], tuple[str, ...]]:
         """Return the sparsity pattern (m, n) of the constraints' Jacobian, and the names of its rows and columns."""
@@ -192,7 +192,7 @@ class Formulation:
         entries = np.zeros(pattern.shape, dtype=bool)
         entries[pattern.get_triplet()] = True
         rows = [row.name for row in self._program.rows for _ in range(row.size)]
-        names = [*rows, *(own.name for own in self._added for _ in range(len(own.lower)))]
+        names = [*rows, *(constraint.name for constraint in self._added for _ in range(len(constraint.lower)))]
         columns = [name for name, block in self._variables.items() for _ in range(block.size)]
         return entries, tuple(names), tuple(columns)
 
@@ -213,15 +213,15 @@ class Formulation:
         InputError
             On foreign symbols, invalid limits, or an existing name.
         """
-        taken = {row.name for row in self._program.rows} | {own.name for own in self._added}
-        if not isinstance(name, str) or not name.strip() or name in taken:
+        existing = {row.name for row in self._program.rows} | {constraint.name for constraint in self._added}
+        if not isinstance(name, str) or not name.strip() or name in existing:
             raise InputError("Formulation.add name", repr(name), "a name that no constraint has yet")
-        column = ca.vec(self._checked(f"constraint {name!r}", expression))
-        low = _check_limits(f"lower limit of {name!r}", lower, column.numel())
-        high = _check_limits(f"upper limit of {name!r}", upper, column.numel())
-        if np.any(low > high):
+        column = ca.vec(self._convert(f"constraint {name!r}", expression))
+        lower_limits = _check_limits(f"lower limit of {name!r}", lower, column.numel())
+        upper_limits = _check_limits(f"upper limit of {name!r}", upper, column.numel())
+        if np.any(lower_limits > upper_limits):
             raise InputError(f"limits of {name!r}", f"lower {lower!s} above upper {upper!s}", "lower <= upper")
-        self._added.append(_UserConstraint(name, column, low, high))
+        self._added.append(_UserConstraint(name, column, lower_limits, upper_limits))
 
     def maximise(self, expression: Expression) -> None:
         """Replace the objective beta by a scalar expression to maximise.
@@ -231,7 +231,7 @@ class Formulation:
         InputError
             On foreign symbols, or an expression that is no scalar.
         """
-        objective = self._checked("objective", expression)
+        objective = self._convert("objective", expression)
         if objective.numel() != 1:
             raise InputError("objective", f"{objective.numel()} entries", "a scalar")
         self.f = -objective
@@ -265,9 +265,9 @@ class Formulation:
         InputError
             On an unknown solver or option, or an incompatible start.
         """
-        begun, faces = self._start(start)
+        values, faces = self._start(start)
         p = self._with_faces(faces)
-        x0 = self._vector(begun)
+        x0 = self._vector(values)
         scales = self._scales()
         z = type(self.x).sym("z", len(x0))
         inputs: list[Expression] = [self.x, self.p]
@@ -284,38 +284,38 @@ class Formulation:
         }
         if isinstance(start, FormulationResult):
             arguments |= self._warm_multipliers(start, scales)
-        run = nlpsol(solver, nlp, options)
+        solver_function = nlpsol(solver, nlp, options)
         try:
-            found, stats = run(**arguments), run.stats()
+            solution, stats = solver_function(**arguments), solver_function.stats()
         except RuntimeError as error:
             reason = str(error).strip().splitlines()[-1].split(": ", 1)[-1]
             raise InputError("solver", f"{solver!r}: {reason}", "a solver that can take this program") from None
         if stats.get("return_status") == "Invalid_Option":
-            given = ", ".join(f"{key}={value!r}" for key, value in options.items())
-            raise InputError("options", given, f"options and values that {solver} takes")
-        return self._result(nlp, arguments, found, stats, scales, faces)
+            text = ", ".join(f"{key}={value!r}" for key, value in options.items())
+            raise InputError("options", text, f"options and values that {solver} takes")
+        return self._result(nlp, arguments, solution, stats, scales, faces)
 
-    def _checked(self, what: str, expression: Expression) -> Expression:
+    def _convert(self, field: str, expression: Expression) -> Expression:
         """Return an expression of the program's CasADi type; raise for foreign symbols."""
         symbol = self.problem.body.symbol
         try:
-            found = symbol(expression)
+            converted = symbol(expression)
         except (NotImplementedError, TypeError):
             wanted = f"an expression of the program's casadi.{symbol.__name__} symbols"
-            raise InputError(what, type(expression).__name__, wanted) from None
-        known = {_symbol_hash(own) for own in ca.symvar(ca.vertcat(self.x, self.p))}
-        foreign = [own.name() for own in ca.symvar(found) if _symbol_hash(own) not in known]
+            raise InputError(field, type(expression).__name__, wanted) from None
+        program_symbols = {_symbol_hash(variable) for variable in ca.symvar(ca.vertcat(self.x, self.p))}
+        foreign = [v.name() for v in ca.symvar(converted) if _symbol_hash(v) not in program_symbols]
         if foreign:
             allowed = 'symbols of this program, such as program["beta"]'
-            raise InputError(what, f"foreign symbols {', '.join(foreign[:3])}", allowed)
-        return found
+            raise InputError(field, f"foreign symbols {', '.join(foreign[:3])}", allowed)
+        return converted
 
     def _with_faces(self, faces: tuple[str, ...]) -> FloatArray:
         """Return the parameter values for contacts on given faces."""
         p = self.p0.copy()
-        where = [block.range for block in self._program.blocks("face", self._program.parameters)]
-        if where:
-            p[where[0].start : where[-1].stop] = face_parameters(self.problem, faces)
+        ranges = [block.range for block in self._program.blocks("face", self._program.parameters)]
+        if ranges:
+            p[ranges[0].start : ranges[-1].stop] = face_parameters(self.problem, faces)
         return p
 
     def _scales(self) -> _Scales:
@@ -326,7 +326,7 @@ class Formulation:
         return _Scales(
             variables,
             offset,
-            np.concatenate([*rows, *[np.ones(len(own.lower)) for own in self._added]]),
+            np.concatenate([*rows, *[np.ones(len(constraint.lower)) for constraint in self._added]]),
             1.0 / Scaling.of(self.problem).beta,
         )
 
@@ -338,8 +338,8 @@ class Formulation:
         if isinstance(start, FormulationResult):
             contacts = StartContacts(_points(start.values, k, problem.body.space), start.faces)
             sizes = {name: block.size for name, block in self._variables.items()}
-            known = {name: value for name, value in start.values.items() if sizes.get(name) == len(value)}
-            return self._initial_values(contacts) | known, contacts.faces
+            compatible = {name: value for name, value in start.values.items() if sizes.get(name) == len(value)}
+            return self._initial_values(contacts) | compatible, contacts.faces
         if isinstance(start, Mapping):
             unknown = [name for name in start if name not in names]
             if unknown:
@@ -355,23 +355,23 @@ class Formulation:
 
     def _random(self, rng: np.random.Generator) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
         """Return the first feasible of many random starts, or the one with the least constraint violation."""
-        where, scales = self._program.placement, self._scales().constraints
+        placement, scales = self._program.placement, self._scales().constraints
         inputs: list[Expression] = [self.x, self.p]
-        g = ca.Function("placement", inputs, [self._g[where]])
-        low, high = self.lbg[where], self.ubg[where]
-        nearest: tuple[dict[str, FloatArray], tuple[str, ...]] | None = None
+        g = ca.Function("placement", inputs, [self._g[placement]])
+        low, high = self.lbg[placement], self.ubg[placement]
+        best: tuple[dict[str, FloatArray], tuple[str, ...]] | None = None
         least = np.inf
         for contacts in random_contacts(self.problem, rng):
             values = self._initial_values(contacts)
             rows = np.ravel(g(self._vector(values), self._with_faces(contacts.faces)).full())
-            violation = float(np.max(np.maximum(low - rows, rows - high) / scales[where], initial=0.0))
-            if nearest is None or violation < least:
-                nearest, least = (values, contacts.faces), violation
-            if least <= KEPT:
+            violation = float(np.max(np.maximum(low - rows, rows - high) / scales[placement], initial=0.0))
+            if best is None or violation < least:
+                best, least = (values, contacts.faces), violation
+            if least <= FEASIBLE:
                 break
-        if nearest is None:
+        if best is None:
             raise InputError("GraspProblem.body", self.problem.body, "faces with room for the contacts")
-        return nearest
+        return best
 
     def _vector(self, values: Mapping[str, FloatArray]) -> FloatArray:
         """Return all variables, (n,), from values by name."""
@@ -408,84 +408,72 @@ class Formulation:
         hand = {**hand_from_contacts(problem, contacts.points, normals), **contacts.hand}
         return values | {hand_name(name): np.ravel(value) for name, value in hand.items()}
 
-    def _warm_multipliers(self, before: FormulationResult, scales: _Scales) -> dict[str, FloatArray]:
+    def _warm_multipliers(self, previous: FormulationResult, scales: _Scales) -> dict[str, FloatArray]:
         """Return the multipliers of an earlier result in solver units, zero where it has none."""
         rows, bounds = np.zeros(len(scales.constraints)), np.zeros(len(scales.variables))
-        for name, where in self._row_places().items():
-            if len(before.multipliers.get(name, ())) == len(where):
-                rows[where] = before.multipliers[name]
+        for name, indices in self._constraint_indices().items():
+            if len(previous.multipliers.get(name, ())) == len(indices):
+                rows[indices] = previous.multipliers[name]
         for name, block in self._variables.items():
-            if len(before.bound_multipliers.get(name, ())) == block.size:
-                bounds[block.range] = before.bound_multipliers[name]
+            if len(previous.bound_multipliers.get(name, ())) == block.size:
+                bounds[block.range] = previous.bound_multipliers[name]
         return {
             "lam_g0": rows * scales.constraints / scales.objective,
             "lam_x0": bounds * scales.variables / scales.objective,
         }
 
-    def _row_places(self) -> dict[str, list[int]]:
+    def _constraint_indices(self) -> dict[str, list[int]]:
         """Return the indices of the constraints by name."""
-        places: dict[str, list[int]] = {}
+        indices: dict[str, list[int]] = {}
         for row in self._program.rows:
-            places.setdefault(row.name, []).extend(range(row.start, row.stop))
-        done = self._program.rows[-1].stop
-        for own in self._added:
-            places[own.name] = list(range(done, done + len(own.lower)))
-            done += len(own.lower)
-        return places
+            indices.setdefault(row.name, []).extend(range(row.start, row.stop))
+        end = self._program.rows[-1].stop
+        for constraint in self._added:
+            indices[constraint.name] = list(range(end, end + len(constraint.lower)))
+            end += len(constraint.lower)
+        return indices
 
     def _result(
         self,
         nlp: dict[str, Expression],
         arguments: dict[str, FloatArray],
-        found: dict[str, ca.DM],
+        solution: dict[str, ca.DM],
         stats: dict[str, Any],
         scales: _Scales,
         faces: tuple[str, ...],
     ) -> FormulationResult:
         """Return the result of a solver's output, in SI units."""
-        z, rows, bounds = (np.asarray(found[key].full()).ravel() for key in ("x", "lam_g", "lam_x"))
-        first = [nlp["f"], nlp["g"], ca.jacobian(nlp["f"], nlp["x"]), ca.jacobian(nlp["g"], nlp["x"])]
-        f, g, slope, J = (
-            np.asarray(v.full()) for v in ca.Function("first", [nlp["x"], nlp["p"]], first)(z, arguments["p"])
-        )
-        size = max(abs(float(f.item())), TINY)
-        residuals = kkt_residuals(
-            -slope.ravel() / size,
-            J,
-            (g.ravel(), arguments["lbg"], arguments["ubg"]),
-            (z, arguments["lbx"], arguments["ubx"]),
-            rows / size,
-            bounds / size,
-        )
+        z, rows, bounds = (np.asarray(solution[key].full()).ravel() for key in ("x", "lam_g", "lam_x"))
+        objective, kkt = _recomputed_kkt(nlp, arguments, z, rows, bounds)
         x = scales.offset + scales.variables * z
         values = {name: x[block.range] for name, block in self._variables.items()}
         prices = rows * scales.objective / scales.constraints
-        of_bounds = bounds * scales.objective / scales.variables
+        bound_prices = bounds * scales.objective / scales.variables
         points = _points(values, len(faces), self.problem.body.space)
         body = self.problem.body
-        on = np.concatenate([body.snap(face, p[None]) for face, p in zip(faces, points, strict=True)])
-        normals = np.concatenate([-body.evaluate(face, p[None])[2] for face, p in zip(faces, on, strict=True)])
+        snapped = np.concatenate([body.snap(face, p[None]) for face, p in zip(faces, points, strict=True)])
+        normals = np.concatenate([-body.evaluate(face, p[None])[2] for face, p in zip(faces, snapped, strict=True)])
         return FormulationResult(
             values,
-            {name: prices[where] for name, where in self._row_places().items()},
-            {name: of_bounds[block.range] for name, block in self._variables.items()},
-            -float(f.item()) * scales.objective,
+            {name: prices[indices] for name, indices in self._constraint_indices().items()},
+            {name: bound_prices[block.range] for name, block in self._variables.items()},
+            -objective * scales.objective,
             str(stats.get("return_status", stats.get("success", ""))),
             bool(stats.get("success", False)),
             stats,
-            KKT(*residuals),
-            Grasp(on, normals, self.problem.models, self.problem.origin),
+            kkt,
+            Grasp(snapped, normals, self.problem.models, self.problem.origin),
             faces,
         )
 
     def __repr__(self) -> str:
         """Return the table of the program."""
-        inner = self.transcription == "vertex"
-        containment = f"{self.count} wrenches (inner)" if inner else f"{self.count} directions (outer)"
-        added = [(own.name, (own.lower, own.upper)) for own in self._added]
-        head = f"Program (3.5-4) of {self.problem.name!r}: maximise beta, containment of the task at {containment}"
-        last = f"{len(self.lbx)} variables, {len(self.lbg)} constraints, {len(self.p0)} parameters"
-        return "\n".join([head, "", *program_table(self._program, added), "", last])
+        is_inner = self.transcription == "vertex"
+        containment = f"{self.count} wrenches (inner)" if is_inner else f"{self.count} directions (outer)"
+        user_constraints = [(constraint.name, (constraint.lower, constraint.upper)) for constraint in self._added]
+        heading = f"Program (3.5-4) of {self.problem.name!r}: maximise beta, containment of the task at {containment}"
+        totals = f"{len(self.lbx)} variables, {len(self.lbg)} constraints, {len(self.p0)} parameters"
+        return "\n".join([heading, "", *program_table(self._program, user_constraints), "", totals])
 
 
 @dataclass(frozen=True)
@@ -508,7 +496,28 @@ class _Scales:
     objective: float
 
 
-def _given_parameters(problem: GraspProblem, transcription: str, directions: ArrayLike | None) -> dict[str, FloatArray]:
+def _recomputed_kkt(
+    nlp: dict[str, Expression], arguments: dict[str, FloatArray], z: FloatArray, rows: FloatArray, bounds: FloatArray
+) -> tuple[float, KKT]:
+    """Return the objective f and the KKT residuals at z with multipliers of constraints and bounds, solver units."""
+    derivatives = [nlp["f"], nlp["g"], ca.jacobian(nlp["f"], nlp["x"]), ca.jacobian(nlp["g"], nlp["x"])]
+    function = ca.Function("first", [nlp["x"], nlp["p"]], derivatives)
+    f, g, slope, J = (np.asarray(v.full()) for v in function(z, arguments["p"]))
+    size = max(abs(float(f.item())), TINY)
+    residuals = kkt_residuals(
+        -slope.ravel() / size,
+        J,
+        (g.ravel(), arguments["lbg"], arguments["ubg"]),
+        (z, arguments["lbx"], arguments["ubx"]),
+        rows / size,
+        bounds / size,
+    )
+    return float(f.item()), KKT(*residuals)
+
+
+def _containment_parameters(
+    problem: GraspProblem, transcription: str, directions: ArrayLike | None
+) -> dict[str, FloatArray]:
     """Return the parameter values of containment, SI units, (m, d) and (m,)."""
     if directions is None:
         samples = TaskSamples(problem.task, Scaling.of(problem).wrench, 1)
@@ -519,8 +528,8 @@ def _given_parameters(problem: GraspProblem, transcription: str, directions: Arr
     else:
         y = array("directions", directions, (None, problem.dimension))
         if not len(y) or not np.all(np.any(y != 0.0, axis=1)):
-            given = "a direction of length 0" if len(y) else "none"
-            raise InputError("directions", given, "directions of wrench space, none of them zero")
+            text = "a direction of length 0" if len(y) else "none"
+            raise InputError("directions", text, "directions of wrench space, none of them zero")
     reach, wrenches = problem.task.support(y)
     if transcription == "vertex":
         return {"wrenches": wrenches}
@@ -533,21 +542,21 @@ def _symbol_hash(symbol: Expression) -> int:
     return int(symbol.element_hash() if isinstance(symbol, ca.SX) else symbol.__hash__())
 
 
-def _check_limits(what: str, value: ArrayLike, size: int) -> FloatArray:
+def _check_limits(field: str, value: ArrayLike, size: int) -> FloatArray:
     """Return validated limits (size,), from one value or one per entry."""
-    given = np.asarray(value, dtype=float)
-    if given.ndim > 1 or (given.ndim == 1 and given.size != size) or np.any(np.isnan(given)):
-        raise InputError(what, value, f"a number, or {size} of them")
-    return np.array(np.broadcast_to(given, size))
+    limits = np.asarray(value, dtype=float)
+    if limits.ndim > 1 or (limits.ndim == 1 and limits.size != size) or np.any(np.isnan(limits)):
+        raise InputError(field, value, f"a number, or {size} of them")
+    return np.array(np.broadcast_to(limits, size))
 
 
 def _points(values: Mapping[str, FloatArray], count: int, space: int) -> FloatArray:
     """Return the validated positions (k, space) from values by name."""
     missing = [f"position {i}" for i in range(count) if f"position {i}" not in values]
-    wanted = {f"position {i}" for i in range(count)}
-    more = [name for name in values if name.startswith("position ") and name not in wanted]
-    if missing or more:
-        raise InputError("start", f"without {missing[0]!r}" if missing else f"{more[0]!r}", f"{count} positions")
+    expected = {f"position {i}" for i in range(count)}
+    unexpected = [name for name in values if name.startswith("position ") and name not in expected]
+    if missing or unexpected:
+        raise InputError("start", f"without {missing[0]!r}" if missing else f"{unexpected[0]!r}", f"{count} positions")
     return np.stack([array(f"position {i}", values[f"position {i}"], (space,)) for i in range(count)])
 
 
@@ -614,18 +623,18 @@ def program_table(program: Program, added: Iterable[tuple[str, Limits]] = ()) ->
     added : iterable of (str, pair of arrays)
         Names and limits of user-defined constraints.
     """
-    lines = [FORM("variables", "size", "bounds", "unit", "in the paper")]
-    lines += [FORM(*row) for row in _block_rows(program.variables, program.bounds)]
-    lines += ["", FORM("parameters", "size", "", "", "in the paper")]
-    lines += [FORM(*row) for row in _block_rows(program.parameters, None)]
-    lines += ["", FORM("constraints", "size", "limits", "", "in the paper")]
+    lines = [LINE("variables", "size", "bounds", "unit", "in the paper")]
+    lines += [LINE(*row) for row in _block_rows(program.variables, program.bounds)]
+    lines += ["", LINE("parameters", "size", "", "", "in the paper")]
+    lines += [LINE(*row) for row in _block_rows(program.parameters, None)]
+    lines += ["", LINE("constraints", "size", "limits", "", "in the paper")]
     groups: dict[tuple[str, str], list[int]] = {}
     for row in program.rows:
         groups.setdefault((row.kind, row.equation), []).extend(range(row.start, row.stop))
-    for (kind, equation), places in groups.items():
-        lines.append(FORM(kind, len(places), _interval(program.limits, places), "", equation))
+    for (kind, equation), indices in groups.items():
+        lines.append(LINE(kind, len(indices), _interval(program.limits, indices), "", equation))
     for name, limits in added:
-        lines.append(FORM(name, len(limits[0]), _interval(limits, range(len(limits[0]))), "", "added"))
+        lines.append(LINE(name, len(limits[0]), _interval(limits, range(len(limits[0]))), "", "added"))
     return [line.rstrip() for line in lines]
 
 
@@ -639,18 +648,18 @@ def _block_rows(
     rows = []
     for (name, size), members in groups.items():
         first = members[0]
-        several = len(members) > 1
-        label = f"{name} {first.index} ... {members[-1].index}" if several else first.public_name
-        places = [i for block in members for i in range(block.start, block.stop)]
-        limits = "" if bounds is None else _interval(bounds, places)
-        shape = f"{len(members)} x {size}" if several else str(size)
+        is_group = len(members) > 1
+        label = f"{name} {first.index} ... {members[-1].index}" if is_group else first.public_name
+        indices = [i for block in members for i in range(block.start, block.stop)]
+        limits = "" if bounds is None else _interval(bounds, indices)
+        shape = f"{len(members)} x {size}" if is_group else str(size)
         rows.append((label, shape, limits, first.unit, EQUATIONS.get(first.kind, "")))
     return rows
 
 
-def _interval(limits: tuple[FloatArray, FloatArray], places: Sequence[int] | range) -> str:
+def _interval(limits: tuple[FloatArray, FloatArray], indices: Sequence[int] | range) -> str:
     """Return the range of limits over given entries as text."""
-    low, high = float(np.min(limits[0][places], initial=np.inf)), float(np.max(limits[1][places], initial=-np.inf))
+    low, high = float(np.min(limits[0][indices], initial=np.inf)), float(np.max(limits[1][indices], initial=-np.inf))
     if low == high:
         return f"= {low:g}"
     if np.isinf(low) or np.isinf(high):

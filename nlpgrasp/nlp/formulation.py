@@ -1,4 +1,4 @@
-"""Formulation of optimal grasping, (3.5-4), as a nonlinear program, to be read beside the paper.
+"""Optimal grasping (3.5-4) as a nonlinear program, to be read beside Section 3.5 of the paper.
 
     maximise    beta
     over        p_i, n_i    contact points and inward unit normals, i = 1 ... k
@@ -42,7 +42,7 @@ ON_SURFACE, EXTENT, NORMAL = "on the surface", "extent of the face", "normal"  #
 SMOOTHING = 1e-12  # solver units, under square roots, which makes them differentiable at zero
 SUPPORT, BALANCE = "support", "wrench balance"  # kinds of containment constraints
 TRANSCRIPTIONS = ("support", "vertex")  # of the containment: outer, inner
-BOX_MARGIN = 0.03  # of the body's size: margin of contact points beyond the bounding box during iterations
+BOX_MARGIN = 0.03  # of the body's size, margin of contact points beyond the bounding box during iterations
 MOST_BETA = 100.0  # solver units, upper bound of beta
 
 
@@ -74,9 +74,8 @@ def optimal_grasp_program(
     check_transcription(transcription)
     program, scaling = Program(scaled=scaled), Scaling.of(problem)
     contacts = _add_contacts(program, problem, scaling)
-    _hand_variables(program, problem)
-    beta = program.variable("beta", 1, 0.0, MOST_BETA / scaling.beta, 1.0 / scaling.beta)
-    program.maximise(beta, 1.0 / scaling.beta)
+    _add_hand_variables(program, problem)
+    beta = _maximise_beta(program, scaling)
     if transcription == "vertex":
         _add_wrench_equations(program, problem, scaling, contacts, beta, count)
     elif not (eliminated and _add_closed_form_supports(program, problem, scaling, contacts, beta, count, pieces)):
@@ -85,7 +84,7 @@ def optimal_grasp_program(
     surfaces = SurfaceConstraints(problem)
     if not surfaces.are_splines:
         surfaces.constrain(program, contacts.positions, contacts.normals)
-    _reachability_and_hand(program, problem, contacts)
+    _add_reachability_and_hand(program, problem, contacts)
     if surfaces.are_splines:
         surfaces.constrain(program, contacts.positions, contacts.normals)
     return program
@@ -104,14 +103,14 @@ def check_transcription(transcription: str) -> None:
 
 @dataclass(frozen=True)
 class ContactSymbols:
-    """Contact points, metres, and inward unit normals, as CasADi columns (space,)."""
+    """Symbols of the contact points p_i, metres, and inward unit normals n_i: columns (space,)."""
 
     positions: list[ca.SX]
     normals: list[ca.SX]
 
 
 def _add_contacts(program: Program, problem: GraspProblem, scaling: Scaling) -> ContactSymbols:
-    """Add variables ``p_i`` and ``n_i``; with normals as variables all but the surface is polynomial."""
+    """Add the variables p_i and n_i; with normals as variables all constraints but the surface are polynomial."""
     space, k = problem.body.space, len(problem.models)
     lower, upper = problem.body.bounds + BOX_MARGIN * scaling.length * np.array([[-1.0], [1.0]])
     size, origin = scaling.length, scaling.origin
@@ -120,14 +119,97 @@ def _add_contacts(program: Program, problem: GraspProblem, scaling: Scaling) -> 
     return ContactSymbols(positions, normals)
 
 
-def _hand_variables(program: Program, problem: GraspProblem) -> None:
+def _add_hand_variables(program: Program, problem: GraspProblem) -> None:
     """Add the hand's variables q: joint angles in radians (metres of sliding joints), palm position and quaternion."""
     for v in problem.hand.variables(problem.body.bounds) if problem.hand is not None else ():
         program.variable(HAND, len(v.lower), v.lower, v.upper, v.scale, index=v.name)
 
 
+def _maximise_beta(program: Program, scaling: Scaling) -> ca.SX:
+    """Add the scale beta of the task, the objective, and return its symbol."""
+    beta = program.variable("beta", 1, 0.0, MOST_BETA / scaling.beta, 1.0 / scaling.beta)
+    program.maximise(beta, 1.0 / scaling.beta)
+    return beta
+
+
+class SurfaceConstraints:
+    """Surface constraints of all contacts: ``h(p) = 0`` within the face's extent, ``n = -grad h / |grad h|``.
+
+    The choice among several faces is a parameter, ``face i``, which is one for the contact's face, or the geometry of
+    that face, so one program serves all assignments of contacts to faces.
+
+    Parameters
+    ----------
+    problem : GraspProblem
+    """
+
+    def __init__(self, problem: GraspProblem) -> None:
+        self.problem = problem
+
+    @property
+    def are_splines(self) -> bool:
+        """Whether surfaces are splines, which exist only as ``MX``; their constraints then come last in a program."""
+        return self.problem.body.symbol is ca.MX
+
+    def constrain(self, program: Program, positions: Sequence[ca.SX], normals: Sequence[ca.SX]) -> None:
+        """Add the surface constraints of all contacts to a program."""
+        body = self.problem.body
+        for i, (p, n) in enumerate(zip(positions, normals, strict=True)):
+            program.equation = "(3.5-1)"
+            if self.are_splines:
+                self._add_spline(program, i, n)
+                continue
+            h, extent, outward = self._selected_face(program, i, p)
+            program.constrain(ScalarConstraint(ON_SURFACE, h, 0.0, 0.0, scale=body.size, fingers=(i,)))
+            if extent.numel():
+                program.constrain(ScalarConstraint(EXTENT, extent, upper=0.0, scale=body.size, fingers=(i,)))
+            program.equation = "(3.5-2)"
+            program.constrain(ScalarConstraint(NORMAL, n + outward, 0.0, 0.0, fingers=(i,)))
+
+    def _selected_face(self, program: Program, i: int, p: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Return h (metres), extents (metres, at most zero on the face) and outward normal of the contact's face."""
+        problem = self.problem
+        shared = problem.body.shared_surface(problem.margin)
+        if shared is not None:
+            h, outward, extent = shared(p, program.parameter("face", shared.size1_in(1), i))
+            return h, extent, outward
+        names = problem.allowed_faces(i)
+        surfaces = [problem.body.surface_function(name, problem.margin)(p) for name in names]
+        extents = max(extent.numel() for *_, extent in surfaces)
+        selection = program.parameter("face", len(names), i) if len(names) > 1 else ca.SX(1)
+        total = ca.SX(0.0)
+        for j, (h, _, outward, extent) in enumerate(surfaces):
+            padded = ca.vertcat(h, extent, -problem.body.size * ca.SX.ones(extents - extent.numel()), outward)
+            total = total + ca.if_else(selection[j] > 0.5, padded, 0.0)
+        parts: list[ca.SX] = ca.vertsplit(total, [0, 1, 1 + extents, total.numel()])
+        return parts[0], parts[1], parts[2]
+
+    def _add_spline(self, program: Program, i: int, n: ca.SX) -> None:
+        """Add the constraints of a contact on a mesh's smooth surface, a spline, which exists only as ``MX``."""
+        problem, block = self.problem, program.block("position", i)
+        p, size = problem.body.point(), problem.body.size
+        point, unit = (ca.DM(block.offset) + block.scale * p, size) if program.scaled else (p, 1.0)
+        h, _, outward, extent = problem.body.surface_function(problem.allowed_faces(i)[0], problem.margin)(point)
+        rows = [FaceConstraints(Label(ON_SURFACE, fingers=(i,)), 1, size)]
+        if extent.shape[0]:
+            rows.append(FaceConstraints(Label(EXTENT, fingers=(i,)), extent.shape[0], size, -np.inf))
+        rows.append(FaceConstraints(Label(NORMAL, fingers=(i,)), problem.body.space, 1.0))
+        function = ca.Function("face", [p], [ca.vertcat(h / unit, extent / unit, outward)])
+        program.constrain_face(rows, function, block, ca.vertcat(ca.SX.zeros(1 + extent.shape[0]), n))
+
+
+def face_parameters(problem: GraspProblem, faces: Sequence[str]) -> FloatArray:
+    """Return the parameters (q,) that select each contact's face, or state its geometry."""
+    if problem.body.symbol is ca.MX:
+        return np.zeros(0)
+    if problem.body.shared_surface(problem.margin) is not None:
+        return np.concatenate([problem.body.geometry(face) for face in faces])
+    choices = [(face, problem.allowed_faces(i)) for i, face in enumerate(faces)]
+    return np.array([float(name == face) for face, names in choices if len(names) > 1 for name in names])
+
+
 def _add_forces(program: Program, problem: GraspProblem, scaling: Scaling, contacts: ContactSymbols) -> ForceCopy:
-    """Return ``x_j``, newtons (moments newton-metres), in the friction cones (2.4-1) and the force budget (2.5-2)."""
+    """Return the forces x_j, newtons (moments newton-metres), in friction cones (2.4-1) and force budget (2.5-2)."""
     sizes = [m.variables(problem.body.space) for m in problem.models]
     most = problem.budget.largest * scaling.force
     copy = ForceCopy(ca.SX.sym("x", sum(sizes)), -most, most, scaling.force, sizes)
@@ -147,22 +229,25 @@ def wrench(problem: GraspProblem, contacts: ContactSymbols, forces: Sequence[ca.
     total = ca.SX(0.0)
     origin = ca.DM(problem.origin)
     for model, p, n, x in zip(problem.models, contacts.positions, contacts.normals, forces, strict=True):
-        f, own = model.split(x, n)
+        f, m = model.split(x, n)
         arm = p - origin
         moment = arm[0] * f[1] - arm[1] * f[0] if p.shape[0] == 2 else ca.cross(arm, f)
-        total = total + ca.vertcat(f, moment if own is None else moment + own)
+        total = total + ca.vertcat(f, moment if m is None else moment + m)
     return total
 
 
 def _add_support_inequalities(
     program: Program, problem: GraspProblem, scaling: Scaling, contacts: ContactSymbols, beta: ca.SX, count: int
 ) -> None:
-    """Add (3.4-3), outer: ``<y_j, G(p) x_j> >= beta phi(y_j | A)``, parameters y_j (1/N, 1/(N m)), ``phi(y_j | A)``."""
+    """Add the outer containment (3.4-3): ``<y_j, G(p) x_j> >= beta phi(y_j | A)``.
+
+    Parameters are the directions y_j, 1/N and 1/(N m), and ``phi(y_j | A)``, dimensionless.
+    """
     y, reach = ca.SX.sym("y", problem.dimension), ca.SX.sym("reach")
     copy = _add_forces(program, problem, scaling, contacts)
     work = ca.dot(y, wrench(problem, contacts, copy.of_contacts))
     copy.rows.append(("(3.4-3)", ScalarConstraint(SUPPORT, work - beta * reach, 0.0, scale=1.0 / scaling.beta)))
-    program.constrain_copies(copy, {"directions": y, "reach": reach}, count, _has_many_forces(problem))
+    program.constrain_copies(copy, {"directions": y, "reach": reach}, count, _has_distributed_forces(problem))
 
 
 def _add_closed_form_supports(
@@ -174,136 +259,60 @@ def _add_closed_form_supports(
     count: int,
     pieces: bool,
 ) -> bool:
-    """Add (3.4-3) without forces: ``phi(y_j | G(B n K)) >= beta phi(y_j | A)``; return False without closed form."""
-    closed = support_function(problem, scaling) or (piece_function(problem, scaling) if pieces else None)
-    if closed is None:
+    """Add (3.4-3) without forces, ``phi(y_j | G(B n K)) >= beta phi(y_j | A)``; return False without closed form."""
+    closed_form = support_function(problem, scaling) or (piece_function(problem, scaling) if pieces else None)
+    if closed_form is None:
         return False
-    support, power = closed
-    own = {"directions": ca.SX.sym("y", problem.dimension), "reach": ca.SX.sym("reach")}
-    value = support(own["directions"], *contacts.positions, *contacts.normals)
-    if value.numel() > 1:
-        own["pieces"] = ca.SX.sym("weights", value.numel())
-        value = ca.dot(own["pieces"], value)
-    row = ScalarConstraint(
-        SUPPORT, value - (beta * own["reach"]) ** power, 0.0, scale=scaling.beta**-power, part="direction"
-    )
+    support, power = closed_form
+    y, reach = ca.SX.sym("y", problem.dimension), ca.SX.sym("reach")
+    parameters = {"directions": y, "reach": reach}
+    phi = support(y, *contacts.positions, *contacts.normals)
+    if phi.numel() > 1:
+        parameters["pieces"] = ca.SX.sym("weights", phi.numel())
+        phi = ca.dot(parameters["pieces"], phi)
+    row = ScalarConstraint(SUPPORT, phi - (beta * reach) ** power, 0.0, scale=scaling.beta**-power, part="direction")
     program.equation = "(3.4-3)"
-    program.constrain_each(row, own, count)
+    program.constrain_each(row, parameters, count)
     return True
 
 
 def _add_wrench_equations(
     program: Program, problem: GraspProblem, scaling: Scaling, contacts: ContactSymbols, beta: ca.SX, count: int
 ) -> None:
-    """Add (3.3-4), inner: ``G(p) x_j = beta w_j``, moments divided by the body's size, parameters w_j (N, N m)."""
+    """Add the inner containment (3.3-4): ``G(p) x_j = beta w_j``, moments divided by the body's size.
+
+    Parameters are the wrenches w_j, N and N m.
+    """
     w = ca.SX.sym("w", problem.dimension)
     copy = _add_forces(program, problem, scaling, contacts)
     balance = ca.DM(scaling.wrench) * (wrench(problem, contacts, copy.of_contacts) - beta * w)
     copy.rows.append(("(3.3-4)", ScalarConstraint(BALANCE, balance, 0.0, 0.0, scale=scaling.force)))
-    program.constrain_copies(copy, {"wrenches": w}, count, _has_many_forces(problem))
+    program.constrain_copies(copy, {"wrenches": w}, count, _has_distributed_forces(problem))
 
 
-def _has_many_forces(problem: GraspProblem) -> bool:
+def _has_distributed_forces(problem: GraspProblem) -> bool:
     """Return whether some contact has forces at several points, so that derivatives of one copy are reused."""
     space = problem.body.space
     return any(m.generators(space).shape[1] != m.components(space) for m in problem.models)
 
 
-def _reachability_and_hand(program: Program, problem: GraspProblem, contacts: ContactSymbols) -> None:
-    """Add the problem's constraints (3.5-15), the hand's (3.5-16), and its links' clearance from the body."""
+def _add_reachability_and_hand(program: Program, problem: GraspProblem, contacts: ContactSymbols) -> None:
+    """Add the constraints of reachability (3.5-15) and hand (3.5-16), with its links' clearance from the body."""
     p, n = contacts.positions, contacts.normals
-    stated = placement_rows(problem.body, problem.constraints, problem.hand, p, n, program.hand_symbols)
-    program.constrain_placement(stated, len(problem.constraints))
-
-
-class SurfaceConstraints:
-    """Surface constraints of all contacts: ``h(p) = 0`` within the face's extent, ``n = -grad h / |grad h|``.
-
-    The choice among several faces is a parameter, ``face i``, which is one for the contact's face, or the geometry of
-    that face, so one program serves all assignments of contacts to faces.
-
-    Parameters
-    ----------
-    problem : GraspProblem
-    """
-
-    def __init__(self, problem: GraspProblem) -> None:
-        self.problem = problem
-
-    @property
-    def are_splines(self) -> bool:
-        """Whether they exist only as ``MX``; their constraints then come last in a program."""
-        return self.problem.body.symbol is ca.MX
-
-    def constrain(self, program: Program, positions: Sequence[ca.SX], normals: Sequence[ca.SX]) -> None:
-        """Add the surface constraints of all contacts to a program."""
-        body = self.problem.body
-        for i, (p, n) in enumerate(zip(positions, normals, strict=True)):
-            program.equation = "(3.5-1)"
-            if self.are_splines:
-                self._on_spline(program, i, n)
-                continue
-            h, extent, outward = self._chosen(program, i, p)
-            program.constrain(ScalarConstraint(ON_SURFACE, h, 0.0, 0.0, scale=body.size, fingers=(i,)))
-            if extent.numel():
-                program.constrain(ScalarConstraint(EXTENT, extent, upper=0.0, scale=body.size, fingers=(i,)))
-            program.equation = "(3.5-2)"
-            program.constrain(ScalarConstraint(NORMAL, n + outward, 0.0, 0.0, fingers=(i,)))
-
-    def _chosen(self, program: Program, i: int, p: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Return surface (metres), extents (metres, at most zero on the face) and outward normal of the chosen face."""
-        problem = self.problem
-        shared = problem.body.shared_surface(problem.margin)
-        if shared is not None:
-            h, normal, limits = shared(p, program.parameter("face", shared.size1_in(1), i))
-            return h, limits, normal
-        names = problem.allowed_faces(i)
-        values = [problem.body.surface_function(name, problem.margin)(p) for name in names]
-        most = max(extent.numel() for *_, extent in values)
-        chosen = program.parameter("face", len(names), i) if len(names) > 1 else ca.SX(1)
-        total = ca.SX(0.0)
-        for j, (h, _, outward, extent) in enumerate(values):
-            padded = ca.vertcat(h, extent, -problem.body.size * ca.SX.ones(most - extent.numel()), outward)
-            total = total + ca.if_else(chosen[j] > 0.5, padded, 0.0)
-        parts: list[ca.SX] = ca.vertsplit(total, [0, 1, 1 + most, total.numel()])
-        return parts[0], parts[1], parts[2]
-
-    def _on_spline(self, program: Program, i: int, n: ca.SX) -> None:
-        """Add the constraints on a mesh's smooth surface, a spline, which exists only as ``MX``."""
-        problem, block = self.problem, program.block("position", i)
-        p, size = problem.body.point(), problem.body.size
-        point, unit = (ca.DM(block.offset) + block.scale * p, size) if program.scaled else (p, 1.0)
-        h, _, outward, extent = problem.body.surface_function(problem.allowed_faces(i)[0], problem.margin)(point)
-        rows = [FaceConstraints(Label(ON_SURFACE, fingers=(i,)), 1, size)]
-        rows += (
-            [FaceConstraints(Label(EXTENT, fingers=(i,)), extent.shape[0], size, -np.inf)] if extent.shape[0] else []
-        )
-        rows += [FaceConstraints(Label(NORMAL, fingers=(i,)), problem.body.space, 1.0)]
-        function = ca.Function("face", [p], [ca.vertcat(h / unit, extent / unit, outward)])
-        program.constrain_face(rows, function, block, ca.vertcat(ca.SX.zeros(1 + extent.shape[0]), n))
-
-
-def face_parameters(problem: GraspProblem, faces: Sequence[str]) -> FloatArray:
-    """Return the parameters (q,) that select each contact's face, or state its geometry."""
-    if problem.body.symbol is ca.MX:
-        return np.zeros(0)
-    if problem.body.shared_surface(problem.margin) is not None:
-        return np.concatenate([problem.body.geometry(face) for face in faces])
-    choices = [problem.allowed_faces(i) for i in range(len(faces))]
-    pairs = zip(choices, faces, strict=True)
-    return np.array([float(n == name) for names, name in pairs if len(names) > 1 for n in names])
+    constraints = placement_rows(problem.body, problem.constraints, problem.hand, p, n, program.hand_symbols)
+    program.constrain_placement(constraints, len(problem.constraints))
 
 
 def has_closed_form(problem: GraspProblem) -> bool:
     """Return whether the grasp's support function has a smooth closed form."""
-    nothing = [Work(0.0, 0.0, 0.0)] * len(problem.models)
-    return problem.budget.closed_form(problem.models, nothing, np) is not None
+    zero_work = [Work(0.0, 0.0, 0.0)] * len(problem.models)
+    return problem.budget.closed_form(problem.models, zero_work, np) is not None
 
 
 def has_pieces(problem: GraspProblem) -> bool:
     """Return whether the grasp's support function is the maximum of smooth pieces, one per contact."""
-    nothing = [Work(0.0, 0.0, 0.0)] * len(problem.models)
-    return problem.budget.pieces(problem.models, nothing, np) is not None
+    zero_work = [Work(0.0, 0.0, 0.0)] * len(problem.models)
+    return problem.budget.pieces(problem.models, zero_work, np) is not None
 
 
 def support_function(problem: GraspProblem, scaling: Scaling) -> tuple[ca.Function, int] | None:

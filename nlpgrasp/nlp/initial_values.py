@@ -17,9 +17,9 @@ from nlpgrasp.nlp.scaling import Scaling
 from nlpgrasp.nlp.task_samples import TaskSamples
 from nlpgrasp.problem.problem import GraspProblem
 
-DRAWN = 256  # random candidates
-PRESSING = 0.6  # of the unit of force: initial normal forces, shared by the contacts
-TINY = 1e-9  # support of a task that counts as zero
+CANDIDATES = 256  # number of random candidates
+PRESSING = 0.6  # units of force, L2 norm of the initial normal forces
+TINY = 1e-9  # support of a task below which it counts as zero
 
 
 @dataclass(frozen=True)
@@ -47,11 +47,11 @@ def nearest_faces(problem: GraspProblem, points: FloatArray) -> tuple[str, ...]:
         h, slope, _, extent = problem.body.evaluate(name, p[None])
         return float(abs(h[0]) / max(slope[0], TINY) + max(extent[0], 0.0))
 
-    found = []
+    faces = []
     for i, p in enumerate(points):
         names = problem.allowed_faces(i)
-        found.append(names[int(np.argmin([distance(name, p) for name in names]))])
-    return tuple(found)
+        faces.append(names[int(np.argmin([distance(name, p) for name in names]))])
+    return tuple(faces)
 
 
 def inward_normals(problem: GraspProblem, points: FloatArray, faces: Sequence[str]) -> FloatArray:
@@ -84,20 +84,20 @@ def random_contacts(problem: GraspProblem, rng: np.random.Generator) -> list[Sta
     """
     body, count = problem.body, len(problem.models)
     allowed = [problem.allowed_faces(i) for i in range(count)]
-    every = dict.fromkeys(name for names in allowed for name in names)
-    clouds = {name: body.sample(name, DRAWN, rng, problem.margin) for name in every}
-    usable = [[name for name in names if len(clouds[name])] for names in allowed]
-    faces = [tuple(str(rng.choice(names)) for names in usable) for _ in range(DRAWN)]
+    face_names = dict.fromkeys(name for names in allowed for name in names)
+    samples = {name: body.sample(name, CANDIDATES, rng, problem.margin) for name in face_names}
+    sampled_faces = [[name for name in names if len(samples[name])] for names in allowed]
+    faces = [tuple(str(rng.choice(names)) for names in sampled_faces) for _ in range(CANDIDATES)]
     hand: Values = {}
     if isinstance(problem.hand, PosedHand):
-        hand, tips = problem.hand.draw(DRAWN, np.repeat(body.centroid[None], DRAWN, axis=0), rng)
-        each = zip(faces, tips, strict=True)
-        points = np.array([[_nearest(clouds[n], tip) for n, tip in zip(*pair, strict=True)] for pair in each])
-        far = np.sum(np.linalg.norm(points - tips, axis=2), axis=1) / body.size
+        hand, tips = problem.hand.draw(CANDIDATES, np.repeat(body.centroid[None], CANDIDATES, axis=0), rng)
+        pairs = zip(faces, tips, strict=True)
+        points = np.array([[_nearest(samples[n], tip) for n, tip in zip(*pair, strict=True)] for pair in pairs])
+        distances = np.sum(np.linalg.norm(points - tips, axis=2), axis=1) / body.size
     else:
-        points = np.array([[clouds[n][rng.integers(len(clouds[n]))] for n in chosen] for chosen in faces])
-        far = np.zeros(DRAWN)
-    order = np.argsort(far - _least_supports(problem, points, faces), kind="stable")
+        points = np.array([[samples[n][rng.integers(len(samples[n]))] for n in chosen] for chosen in faces])
+        distances = np.zeros(CANDIDATES)
+    order = np.argsort(distances - _least_supports(problem, points, faces), kind="stable")
     return [StartContacts(points[i], faces[i], {name: np.ravel(v[i]) for name, v in hand.items()}) for i in order]
 
 
@@ -107,35 +107,32 @@ def _nearest(cloud: FloatArray, point: FloatArray) -> FloatArray:
 
 
 def _closed_form_problem(problem: GraspProblem) -> GraspProblem:
-    """Return a problem with a closed-form support function for ranking: friction contacts, L2 budget.
-
-    The problem itself if it has one.
-    """
+    """Return a similar problem with a closed-form support function: L2 budget, and friction contacts if need be."""
     if has_closed_form(problem):
         return problem
-    plain = problem.unchecked(force_budget=L2Budget())
-    if has_closed_form(plain):
-        return plain
+    l2_problem = problem.unchecked(force_budget=L2Budget())
+    if has_closed_form(l2_problem):
+        return l2_problem
     coefficients = [model.coefficients.get("friction") for model in problem.models]
-    points = [PointContact() if friction is None else FrictionContact(friction) for friction in coefficients]
-    return plain.unchecked(contacts=points)
+    contacts = [PointContact() if friction is None else FrictionContact(friction) for friction in coefficients]
+    return l2_problem.unchecked(contacts=contacts)
 
 
 def _least_supports(problem: GraspProblem, points: FloatArray, faces: Sequence[tuple[str, ...]]) -> FloatArray:
-    """Return the least sampled support (b,) of candidates (b, k, space), solver units, or of similar contacts."""
-    scaling, ranking = Scaling.of(problem), _closed_form_problem(problem)
-    closed = support_function(ranking, scaling)
-    if closed is None:
+    """Return the least sampled support (b,) of candidates (b, k, space), solver units, or an estimate of it."""
+    scaling, ranked_problem = Scaling.of(problem), _closed_form_problem(problem)
+    closed_form = support_function(ranked_problem, scaling)
+    if closed_form is None:
         return np.zeros(len(points))
     normals, names = np.empty_like(points), np.array(faces)
     for name in np.unique(names):
-        where = names == name
-        normals[where] = -problem.body.evaluate(str(name), points[where])[2]
+        on_face = names == name
+        normals[on_face] = -problem.body.evaluate(str(name), points[on_face])[2]
     y = TaskSamples(problem.task, scaling.wrench, 1).directions()
     reach = problem.task.support(y)[0]
     y = y[reach > TINY] / reach[reach > TINY, None]
-    places = [np.repeat(v[:, i], len(y), axis=0).T for v in (points, normals) for i in range(points.shape[1])]
-    phi, power = closed
-    values = np.asarray(phi.map(len(points) * len(y))(np.tile(y, (len(points), 1)).T, *places).full())
+    contact_columns = [np.repeat(v[:, i], len(y), axis=0).T for v in (points, normals) for i in range(points.shape[1])]
+    phi, power = closed_form
+    values = np.asarray(phi.map(len(points) * len(y))(np.tile(y, (len(points), 1)).T, *contact_columns).full())
     least = np.min(np.maximum(values, 0.0).reshape(len(points), len(y)), axis=1)
     return np.asarray(scaling.beta * least ** (1.0 / power))

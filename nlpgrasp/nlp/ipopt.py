@@ -99,16 +99,16 @@ class CompiledProgram:
     def with_hand_bounds(self, name: str, lower: FloatArray, upper: FloatArray) -> CompiledProgram:
         """Return a copy with other bounds of one of the hand's variables, without recompilation.
 
-        Arguments are those of ``Program.within``.
+        Arguments as of ``Program.with_hand_bounds``.
         """
         result = copy(self)
         result.program = self.program.with_hand_bounds(name, lower, upper)
         return result
 
-    def with_lower_limits(self, more: FloatArray) -> CompiledProgram:
-        """Return a copy with other limits, without recompilation; see ``Program.with_lower_limits``."""
+    def with_lower_limits(self, increase: FloatArray) -> CompiledProgram:
+        """Return a copy with raised lower limits, without recompilation; see ``Program.with_lower_limits``."""
         result = copy(self)
-        result.program = self.program.with_lower_limits(more)
+        result.program = self.program.with_lower_limits(increase)
         return result
 
     def with_options(self, ipopt: dict[str, Option]) -> CompiledProgram:
@@ -138,24 +138,25 @@ class CompiledProgram:
         """
         lower, upper = self.program.bounds if bounds is None else bounds
         low, high = self.program.limits
-        equal = low == high
-        if np.count_nonzero(equal) > np.count_nonzero(lower < upper):  # IPOPT refuses more equations than unknowns
-            low, high = np.where(equal, low - LOOSE, low), np.where(equal, high + LOOSE, high)
-        begun = time.perf_counter()
-        warm = {} if multipliers is None else {"lam_g0": multipliers[0], "lam_x0": multipliers[1]}
+        is_equation = low == high
+        unknowns = np.count_nonzero(lower < upper)
+        if np.count_nonzero(is_equation) > unknowns:  # IPOPT refuses more equations than unknowns
+            low, high = np.where(is_equation, low - LOOSE, low), np.where(is_equation, high + LOOSE, high)
+        begin = time.perf_counter()
+        dual_start = {} if multipliers is None else {"lam_g0": multipliers[0], "lam_x0": multipliers[1]}
         try:
-            found = self._solver(x0=start, p=parameters, lbx=lower, ubx=upper, lbg=low, ubg=high, **warm)
+            solution = self._solver(x0=start, p=parameters, lbx=lower, ubx=upper, lbg=low, ubg=high, **dual_start)
             stats = self._solver.stats()
         except RuntimeError as error:
-            return _failed_call(start, len(low), _reason(error), time.perf_counter() - begun)
+            return _failed_call(start, len(low), _reason(error), time.perf_counter() - begin)
         status = str(stats["return_status"])
         if status in NOT_RUN:
             return _failed_call(start, len(low), status, float(stats["t_wall_total"]))
         return NlpResult(
-            z=np.asarray(found["x"].full()).ravel(),
-            multipliers=np.asarray(found["lam_g"].full()).ravel(),
-            bound_multipliers=np.asarray(found["lam_x"].full()).ravel(),
-            objective=-float(found["f"]),
+            z=np.asarray(solution["x"].full()).ravel(),
+            multipliers=np.asarray(solution["lam_g"].full()).ravel(),
+            bound_multipliers=np.asarray(solution["lam_x"].full()).ravel(),
+            objective=-float(solution["f"]),
             status=status,
             ran=True,
             success=bool(stats["success"]),
@@ -236,22 +237,22 @@ class Evaluator:
             buffer.set_arg(i, array.data)
         for i, array in enumerate(self._outputs):
             buffer.set_res(i, array.data)
-        self._places = [_places(function.sparsity_out(i)) for i in range(function.n_out())]
+        self._nonzero_indices = [_nonzero_indices(function.sparsity_out(i)) for i in range(function.n_out())]
 
     def __call__(self, *values: FloatArray) -> list[FloatArray]:
         """Evaluate the function and return its outputs, (rows, columns) each."""
         for array, value in zip(self._inputs, values, strict=True):
             array[:] = value
         self._evaluate()
-        found = []
-        for (shape, rows, columns), nonzeros in zip(self._places, self._outputs, strict=True):
+        outputs = []
+        for (shape, rows, columns), nonzeros in zip(self._nonzero_indices, self._outputs, strict=True):
             full = np.zeros(shape)
             full[rows, columns] = nonzeros
-            found.append(full)
-        return found
+            outputs.append(full)
+        return outputs
 
 
-def _places(sparsity: ca.Sparsity) -> tuple[tuple[int, int], NDArray[np.intp], NDArray[np.intp]]:
+def _nonzero_indices(sparsity: ca.Sparsity) -> tuple[tuple[int, int], NDArray[np.intp], NDArray[np.intp]]:
     """Return shape, row indices and column indices of an output's nonzeros."""
     rows, columns = sparsity.get_triplet()
     return sparsity.shape, np.array(rows, dtype=np.intp), np.array(columns, dtype=np.intp)
@@ -267,36 +268,36 @@ def check_ipopt_options(name: str, options: object) -> dict[str, bool | int | fl
     """
     if not isinstance(options, Mapping) or not all(isinstance(key, str) for key in options):
         raise InputError(name, options, 'options of IPOPT by name, such as {"linear_solver": "mumps", "tol": 1e-9}')
-    given = {key.removeprefix("ipopt."): value for key, value in options.items()}
-    for key, value in given.items():
+    values = {key.removeprefix("ipopt."): value for key, value in options.items()}
+    for key, value in values.items():
         if not isinstance(value, bool | int | float | str) or value != value:
             raise InputError(f"{name}[{key!r}]", value, "True or False, a number or a word")
     x = ca.SX.sym("x")
     try:
-        solver = nlpsol("ipopt", {"x": x, "f": x**2}, given)
+        solver = nlpsol("ipopt", {"x": x, "f": x**2}, values)
         solver(x0=0.0)
     except InputError as error:
-        raise InputError(name, given, error.allowed) from None
+        raise InputError(name, values, error.allowed) from None
     if solver.stats()["return_status"] == "Invalid_Option":
-        raise InputError(name, given, "values that IPOPT takes")
-    return given
+        raise InputError(name, values, "values that IPOPT takes")
+    return values
 
 
 def nlpsol(solver: str, nlp: dict[str, Expression], options: Mapping[str, Any]) -> ca.Function:
     """Return a CasADi solver of a program, silent unless the options say otherwise."""
     if not isinstance(solver, str) or not solver.isidentifier() or not ca.has_nlpsol(solver):
-        there = [name for name in SOLVERS if ca.has_nlpsol(name)]
-        raise InputError(
-            "solver", repr(solver), f"a nonlinear solver that CasADi has: {format_known_names([str(solver)], there)}"
-        )
-    own = dict(options)
+        available = [name for name in SOLVERS if ca.has_nlpsol(name)]
+        allowed = f"a nonlinear solver that CasADi has: {format_known_names([str(solver)], available)}"
+        raise InputError("solver", repr(solver), allowed)
+    solver_options = dict(options)
     if solver == "ipopt":
-        known = {*ca.nlpsol_options(solver), *OF_CASADI}
-        own = {key if key in known or key.startswith("ipopt.") else f"ipopt.{key}": v for key, v in options.items()}
+        casadi_names = {*ca.nlpsol_options(solver), *OF_CASADI}
+        is_plain = {key: key in casadi_names or key.startswith("ipopt.") for key in options}
+        solver_options = {key if is_plain[key] else f"ipopt.{key}": value for key, value in options.items()}
     try:
-        return ca.nlpsol("grasp", solver, nlp, {"print_time": False, **QUIET.get(solver, {}), **own})
+        return ca.nlpsol("grasp", solver, nlp, {"print_time": False, **QUIET.get(solver, {}), **solver_options})
     except (RuntimeError, NotImplementedError, TypeError) as error:
         lines = [line for line in str(error).strip().splitlines() if line.strip()]
-        given = ", ".join(f"{key}={value!r}" for key, value in options.items()) or repr(solver)
+        text = ", ".join(f"{key}={value!r}" for key, value in options.items()) or repr(solver)
         allowed = f"options of {solver} as CasADi takes them ({lines[-1].split(': ', 1)[-1].strip()})"
-        raise InputError("solver options", given, allowed) from None
+        raise InputError("solver options", text, allowed) from None

@@ -84,13 +84,13 @@ class Program:
     ) -> ca.SX:
         """Add variables, with bounds, scale and offset in SI units, and return them in SI units, (size,)."""
         symbol, start = ca.SX.sym(block_name(kind, index).replace(" ", "_"), size), _next_index(self.variables)
-        zero = _broadcast(offset, size)
-        block = Block(start, start + size, scale, kind=kind, index=index, offset=tuple(zero.tolist()), unit=unit)
+        offsets = _broadcast(offset, size)
+        block = Block(start, start + size, scale, kind=kind, index=index, offset=tuple(offsets.tolist()), unit=unit)
         self.variables.append(block)
         self._z.append(symbol)
         low, high = _broadcast(lower, size), _broadcast(upper, size)
-        self._bounds.append(((low - zero) / scale, (high - zero) / scale) if self.scaled else (low, high))
-        value: ca.SX = ca.DM(zero) + scale * symbol if self.scaled else symbol
+        self._bounds.append(((low - offsets) / scale, (high - offsets) / scale) if self.scaled else (low, high))
+        value: ca.SX = ca.DM(offsets) + scale * symbol if self.scaled else symbol
         self._values.append(value)
         return value
 
@@ -106,102 +106,109 @@ class Program:
         self._theta.append(symbol)
         return symbol
 
-    def constrain(self, row: ScalarConstraint) -> None:
+    def constrain(self, constraint: ScalarConstraint) -> None:
         """Add a scalar constraint or a column with common limits; call before ``constrain_distance``."""
         if self.distance_parts or self.face_parts:
-            raise RuntimeError(f"{row.name}: an SX expression after rows through distances, whose limits it would get")
-        expression: ca.SX = row.expression
-        self._g.append(ca.vec(expression / self._applied(row.scale)))
-        self._add_rows(row, row.expression.numel(), (row.lower, row.upper), row.scale)
+            raise RuntimeError(
+                f"{constraint.name}: an SX expression after rows through distances, whose limits it would get"
+            )
+        expression: ca.SX = constraint.expression
+        self._g.append(ca.vec(expression / self._applied(constraint.scale)))
+        self._add_rows(
+            constraint, constraint.expression.numel(), (constraint.lower, constraint.upper), constraint.scale
+        )
 
-    def constrain_each(self, row: ScalarConstraint, own: dict[str, ca.SX], count: int) -> None:
-        """Add a scalar constraint (at least ``row.lower``) for each of ``count`` values of its parameters.
+    def constrain_each(self, constraint: ScalarConstraint, symbols: dict[str, ca.SX], count: int) -> None:
+        """Add a scalar constraint (at least ``constraint.lower``) for each of ``count`` values of its parameters.
 
         Call this first; these constraints are the slots and not in ``g``.
 
         Parameters
         ----------
-        row : ScalarConstraint
-            On the program's variables and the symbols ``own``; its part is followed by the index.
-        own : dict
+        constraint : ScalarConstraint
+            On the program's variables and these ``symbols``; its part is followed by the index.
+        symbols : dict
             Symbols (columns) by parameter name; the program gets ``count`` values of each.
         count : int
         """
         z = self.z
         begin = _next_index(self.parameters)
-        where = []
-        for name, symbol in own.items():
+        indices = []
+        for name, symbol in symbols.items():
             self.parameter(name, symbol.numel() * count)
-            where.append(np.arange(begin, _next_index(self.parameters)).reshape(count, -1).T)
+            indices.append(np.arange(begin, _next_index(self.parameters)).reshape(count, -1).T)
             begin = _next_index(self.parameters)
         if not count:
             return
-        used = np.flatnonzero(ca.which_depends(row.expression, z, 1, False))
-        inputs = [z[used.tolist()], ca.vertcat(*own.values())]
-        function = ca.Function("slot", inputs, [row.expression / self._applied(row.scale)])
+        columns = np.flatnonzero(ca.which_depends(constraint.expression, z, 1, False))
+        inputs = [z[columns.tolist()], ca.vertcat(*symbols.values())]
+        function = ca.Function("slot", inputs, [constraint.expression / self._applied(constraint.scale)])
         for j in range(count):
-            label = replace(row.label, part=f"{row.part} {j}")
-            self._add_rows(label, 1, (row.lower, np.inf), row.scale)
-        self.slots = ConstraintSlots(function, used, np.concatenate(where))
+            label = replace(constraint.label, part=f"{constraint.part} {j}")
+            self._add_rows(label, 1, (constraint.lower, np.inf), constraint.scale)
+        self.slots = ConstraintSlots(function, columns, np.concatenate(indices))
 
-    def constrain_copies(self, copy: ForceCopy, own: dict[str, ca.SX], count: int, differentiated: bool) -> None:
+    def constrain_copies(self, copy: ForceCopy, symbols: dict[str, ca.SX], count: int, differentiated: bool) -> None:
         """Add ``count`` copies of the variables and constraints of a ``ForceCopy``; call before ``constrain``.
 
         Parameters
         ----------
         copy : ForceCopy
-        own : dict
+        symbols : dict
             Symbols (columns) by name of the parameters that differ between copies.
         count : int
         differentiated : bool
             Whether derivatives of one copy are reused for the others; else CasADi differentiates all.
         """
-        where = {}
-        for name, symbol in own.items():
-            where[name] = ca.reshape(self.parameter(name, symbol.numel() * count), symbol.numel(), count)
+        parameters = {}
+        for name, symbol in symbols.items():
+            parameters[name] = ca.reshape(self.parameter(name, symbol.numel() * count), symbol.numel(), count)
         rows = [ca.vec(row.expression / self._applied(row.scale)) for _, row in copy.rows]
         shared = self.z
-        one = ca.Function("copy", [shared, copy.values, *own.values()], [ca.vertcat(*rows)])
+        function = ca.Function("copy", [shared, copy.values, *symbols.values()], [ca.vertcat(*rows)])
         for j in range(count):
             x = self.variable("forces", sum(copy.sizes), copy.lower, copy.upper, copy.scale, index=j, unit="N")
-            parameters = [values[:, j] for values in where.values()]
-            self._g.append(one(shared, x, *parameters))
+            copy_parameters = [values[:, j] for values in parameters.values()]
+            self._g.append(function(shared, x, *copy_parameters))
             begin = _next_index(self.rows)
             for self.equation, row in copy.rows:
                 part = ", ".join(filter(None, (row.part, f"direction {j}")))
                 self._add_rows(replace(row.label, part=part), row.expression.numel(), (row.lower, row.upper), row.scale)
             if differentiated:
                 self.copies.append(
-                    ConstraintCopy(self.variables[-1], Range(begin, _next_index(self.rows)), ca.vertcat(*parameters))
+                    ConstraintCopy(
+                        self.variables[-1], Range(begin, _next_index(self.rows)), ca.vertcat(*copy_parameters)
+                    )
                 )
 
     def end_containment(self) -> None:
         """Mark all constraints so far as containment constraints."""
         self.contained = _next_index(self.rows)
 
-    def constrain_placement(self, stated: CandidateConstraints, constraints: int) -> None:
+    def constrain_placement(self, constraints: CandidateConstraints, reachability_sources: int) -> None:
         """Add the constraints of reachability and hand, with those on spline distances last.
 
-        Those from the first ``constraints`` sources are reachability constraints.
+        Those from the first ``reachability_sources`` sources are reachability constraints.
         """
-        begin, reachability = _next_index(self.rows), {i for rows in stated.sources[:constraints] for i in rows}
-        items: tuple[ScalarConstraint | Clearance, ...] = (*stated.rows, *stated.clearances)
-        for i, item in enumerate(items):
+        begin = _next_index(self.rows)
+        reachability = {i for rows in constraints.sources[:reachability_sources] for i in rows}
+        items: tuple[ScalarConstraint | Clearance, ...] = (*constraints.rows, *constraints.clearances)
+        for i, constraint in enumerate(items):
             self.equation = REACHABILITY if i in reachability else HAND_CONSTRAINTS
-            if isinstance(item, ScalarConstraint):
-                self.constrain(item)
+            if isinstance(constraint, ScalarConstraint):
+                self.constrain(constraint)
             else:
-                self.constrain_distance(item)
-        self.placement = slice(begin, begin + len(stated.named))
+                self.constrain_distance(constraint)
+        self.placement = slice(begin, begin + len(constraints.named))
 
-    def constrain_distance(self, item: Clearance) -> None:
+    def constrain_distance(self, clearance: Clearance) -> None:
         """Add a clearance constraint on a spline distance; call after ``constrain``."""
-        if not self.distance_parts or self.distance_parts[-1].function is not item.distance:
-            self.distance_parts.append(DistancePart(item.distance, [], []))
+        if not self.distance_parts or self.distance_parts[-1].function is not clearance.distance:
+            self.distance_parts.append(DistancePart(clearance.distance, [], []))
         part = self.distance_parts[-1]
-        part.points.append(item.point)
-        part.scales.append(self._applied(item.scale))
-        self._add_rows(item, 1, (item.lower, np.inf), item.scale)
+        part.points.append(clearance.point)
+        part.scales.append(self._applied(clearance.scale))
+        self._add_rows(clearance, 1, (clearance.lower, np.inf), clearance.scale)
 
     def constrain_face(
         self, rows: Sequence[FaceConstraints], function: ca.Function, position: Block, linear: ca.SX
@@ -279,7 +286,7 @@ class Program:
         return _stacked(self._bounds)
 
     def trust_region_bounds(self, z: FloatArray, radius: float) -> tuple[FloatArray, FloatArray]:
-        """Return trust-region bounds (n,) that keep contact positions within a radius of z, solver units."""
+        """Return bounds (n,) of a trust region that keeps contact positions within a radius of z, solver units."""
         lower, upper = self.bounds
         for block in self.blocks("position"):
             lower[block.range] = np.maximum(lower[block.range], z[block.range] - radius)
@@ -294,11 +301,11 @@ class Program:
         result._bounds[self.variables.index(block)] = lower / block.scale, upper / block.scale
         return result
 
-    def with_lower_limits(self, more: FloatArray) -> Program:
+    def with_lower_limits(self, increase: FloatArray) -> Program:
         """Return a copy with raised lower limits of the constraints of problem and hand, (rows,), scaled."""
         low, high = self.limits
         result, low = copy(self), low.copy()
-        low[self.placement] += more
+        low[self.placement] += increase
         result._limits = [(low, high)]
         return result
 
@@ -371,8 +378,8 @@ class ConstraintSlots:
         """Return the constraints' Jacobian (m, n) with respect to all variables."""
         x, t, row = self._symbols
         gradient = ca.Function("slot_jac", [x, t], [ca.gradient(row, x)], {"cse": True})
-        found = self._mapped(gradient)(*self._parameters_of(z, theta))
-        return ca.MX(self._sparsity(np.arange(self.count), self.count, z.shape[0]), ca.vec(found.T))
+        values = self._mapped(gradient)(*self._parameters_of(z, theta))
+        return ca.MX(self._sparsity(np.arange(self.count), self.count, z.shape[0]), ca.vec(values.T))
 
     def hessian(self, z: ca.MX, theta: ca.MX, lam: ca.MX) -> ca.MX:
         """Return the Hessian (n, n) of the constraints' sum weighted by ``lam`` (m,)."""
@@ -380,8 +387,8 @@ class ConstraintSlots:
         weight = ca.SX.sym("weight")
         second = ca.densify(ca.hessian(weight * row, x)[0])
         function = ca.Function("slot_hess", [x, t, weight], [second], {"cse": True})
-        found = self._mapped(function, [0])(*self._parameters_of(z, theta), lam.T)
-        return ca.MX(self._sparsity(self.variables, z.shape[0], z.shape[0]), ca.vec(found))
+        values = self._mapped(function, [0])(*self._parameters_of(z, theta), lam.T)
+        return ca.MX(self._sparsity(self.variables, z.shape[0], z.shape[0]), ca.vec(values))
 
     @cached_property
     def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -394,13 +401,13 @@ class ConstraintSlots:
         return function.map(f"{function.name()}s", "serial", self.count, [0], summed or [], {})
 
     def _parameters_of(self, z: ca.MX, theta: ca.MX) -> tuple[ca.MX, ca.MX]:
-        own = ca.reshape(theta[self.parameters.ravel(order="F").tolist()], *self.parameters.shape)
-        return z[self.variables.tolist()], own
+        parameters = ca.reshape(theta[self.parameters.ravel(order="F").tolist()], *self.parameters.shape)
+        return z[self.variables.tolist()], parameters
 
     def _sparsity(self, rows: IntArray, height: int, width: int) -> ca.Sparsity:
         """Return the sparsity pattern of given rows and the columns of x."""
-        down, across = np.tile(rows, len(self.variables)), np.repeat(self.variables, len(rows))
-        return ca.Sparsity.triplet(height, width, down.tolist(), across.tolist())
+        row_indices, column_indices = np.tile(rows, len(self.variables)), np.repeat(self.variables, len(rows))
+        return ca.Sparsity.triplet(height, width, row_indices.tolist(), column_indices.tolist())
 
 
 def _next_index(blocks: Sequence[Range]) -> int:

@@ -25,22 +25,22 @@ class TaskSamples:
 
     def __init__(self, task: Task, unit: FloatArray, shells: int) -> None:
         self.task, self.unit = task, unit
-        self._all: FloatArray | None = None  # the wrenches of a small polytope
+        self._all_wrenches: FloatArray | None = None  # the wrenches of a small polytope
         if isinstance(task, TaskPolytope) and len(task.wrenches) <= MOST_WRENCHES:
-            self._all = task.wrenches
+            self._all_wrenches = task.wrenches
         if isinstance(task, TaskEllipsoid):
             self._axes = task.axes * unit
         else:
             values, vectors = np.linalg.eigh(task.second_moment() * np.outer(unit, unit))
             self._axes = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
         size = np.linalg.norm(self._axes, axis=1)
-        self._used = size > 1e-9 * size.max()
-        self._local, self._shells = directions(int(self._used.sum()), shells), shells
+        self._spanned = size > 1e-9 * size.max()
+        self._local, self._shells = directions(int(self._spanned.sum()), shells), shells
 
     @property
     def count(self) -> int:
         """Number of samples per draw."""
-        return len(self._local) if self._all is None else len(self._all)
+        return len(self._local) if self._all_wrenches is None else len(self._all_wrenches)
 
     @property
     def factors(self) -> tuple[float, ...]:
@@ -50,7 +50,7 @@ class TaskSamples:
         forces of other directions, which scaling does not provide. Samples whose hull contains the task are therefore
         tried first, and those on its boundary if the former are infeasible.
         """
-        if self._all is not None or self.task.is_centred:
+        if self._all_wrenches is not None or self.task.is_centred:
             return (1.0,)
         return (1.0 / directions_inradius(self._local.shape[1], self._shells), 1.0)
 
@@ -64,14 +64,14 @@ class TaskSamples:
         factor : float
             On their distance from the task's centre.
         """
-        if self._all is not None:
-            return self._all
+        if self._all_wrenches is not None:
+            return self._all_wrenches
         local = self._rotated_directions(rng)
         if isinstance(self.task, TaskEllipsoid):
             return self.task.boundary(factor * local)
-        found = self._farthest(local)
-        middle = found.mean(axis=0)
-        return np.asarray(middle + factor * (found - middle))
+        wrenches = self._farthest(local)
+        centre = wrenches.mean(axis=0)
+        return np.asarray(centre + factor * (wrenches - centre))
 
     def directions(self, rng: np.random.Generator | None = None) -> FloatArray:
         """Return directions of wrench space (m, d), as many as wrenches."""
@@ -83,10 +83,10 @@ class TaskSamples:
 
     def _rotated_directions(self, rng: np.random.Generator | None) -> FloatArray:
         """Return randomly rotated unit directions in the task's axes, (m, axes)."""
-        n = int(self._used.sum())
-        turn = np.eye(n) if rng is None else np.linalg.qr(rng.standard_normal((n, n)))[0]
+        n = int(self._spanned.sum())
+        rotation = np.eye(n) if rng is None else np.linalg.qr(rng.standard_normal((n, n)))[0]
         result = np.zeros((len(self._local), len(self._axes)))
-        result[:, self._used] = self._local @ turn
+        result[:, self._spanned] = self._local @ rotation
         return result
 
     def _y(self, local: FloatArray) -> FloatArray:

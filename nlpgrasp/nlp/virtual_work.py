@@ -43,19 +43,19 @@ class VirtualWork:
             raise InputError("GraspProblem.hand", problem.hand, "a hand with joints")
         k, z = len(problem.models), program.z
         y, rates = ca.SX.sym("y", 6), ca.SX.sym("rates", len(problem.hand.loaded_joints))
-        forces, moments, before = (ca.SX.sym(name, 3, k) for name in ("f", "m", "n"))
+        forces, moments, initial_normals = (ca.SX.sym(name, 3, k) for name in ("f", "m", "n"))
         points = [ca.DM(scaling.origin) + scaling.length * z[program.block("position", i).range] for i in range(k)]
-        moved = problem.hand.contact_motion(program.hand_symbols, rates, points)
+        motions = problem.hand.contact_motion(program.hand_symbols, rates, points)
         work = ca.SX(0)
-        for i, (velocity, angular) in enumerate(moved):
-            turn = ca.cross(before[:, i], z[program.block("normal", i).range])
-            force = forces[:, i] + ca.cross(turn, forces[:, i])
-            moment = moments[:, i] + ca.cross(turn, moments[:, i])
-            of_body = y[:3] + ca.cross(y[3:], points[i] - ca.DM(scaling.origin))
-            work += ca.dot(of_body - velocity, force) + ca.dot(y[3:] - angular, moment)
+        for i, (velocity, angular) in enumerate(motions):
+            rotation = ca.cross(initial_normals[:, i], z[program.block("normal", i).range])
+            force = forces[:, i] + ca.cross(rotation, forces[:, i])
+            moment = moments[:, i] + ca.cross(rotation, moments[:, i])
+            body_velocity = y[:3] + ca.cross(y[3:], points[i] - ca.DM(scaling.origin))
+            work += ca.dot(body_velocity - velocity, force) + ca.dot(y[3:] - angular, moment)
         slope = ca.gradient(scaling.beta * work, z)
-        inputs = [z, before, y, forces, moments, rates]
-        self._slope = ca.Function("slope", inputs, [ca.densify(slope)], {"cse": True})
+        arguments = [z, initial_normals, y, forces, moments, rates]
+        self._slope = ca.Function("slope", arguments, [ca.densify(slope)], {"cse": True})
         self._k = k
 
     def slopes(
@@ -84,10 +84,10 @@ class VirtualWork:
         m = len(y)
         if not m:
             return np.zeros((0, len(z)))
-        wide = [np.transpose(v, (2, 0, 1)).reshape(3, m * self._k) for v in (forces, moments)]
-        everywhere = [np.repeat(z[:, None], m, axis=1), np.tile(normals.T, (1, m))]
-        found = self._slope.map(m)(*everywhere, y.T, *wide, rates.T)
-        return np.asarray(found.full()).T
+        columns = [np.transpose(v, (2, 0, 1)).reshape(3, m * self._k) for v in (forces, moments)]
+        repeated = [np.repeat(z[:, None], m, axis=1), np.tile(normals.T, (1, m))]
+        slopes = self._slope.map(m)(*repeated, y.T, *columns, rates.T)
+        return np.asarray(slopes.full()).T
 
 
 def joint_torque_rows(
@@ -97,7 +97,7 @@ def joint_torque_rows(
     normals: Sequence[ca.SX],
     forces: Sequence[ca.SX],
 ) -> list[ScalarConstraint]:
-    """Return the constraints of ``HandTorques``: ``-1 <= (sum_i J_i(q)^T f_i) / tau <= 1``, ``f_n <= F``.
+    """Return the joint-torque limits ``-1 <= (sum_i J_i(q)^T f_i) / tau <= 1`` and force limits ``f_n <= F``.
 
     Parameters
     ----------
@@ -119,17 +119,17 @@ def joint_torque_rows(
         raise InputError("GraspProblem.hand", hand, "a hand with joints")
     rates = ca.SX.sym("rates", len(hand.loaded_joints))
     motion = hand.contact_motion(dict(variables), rates, positions)
-    power, pressing = ca.SX(0), list[ScalarConstraint]()
-    each = enumerate(zip(problem.models, normals, forces, motion, strict=True))
-    for i, (model, n, x, (velocity, angular)) in each:
+    power, normal_forces = ca.SX(0), list[ScalarConstraint]()
+    contacts = enumerate(zip(problem.models, normals, forces, motion, strict=True))
+    for i, (model, n, x, (velocity, angular)) in contacts:
         f, m = model.split(x, n)
         power += ca.dot(velocity, f) + (0.0 if m is None else ca.dot(angular, m))
         force = model.normal_force(x, n) / budget.force_limit
-        pressing.append(ScalarConstraint("force limit", force, upper=1.0, fingers=(i,)))
+        normal_forces.append(ScalarConstraint("force limit", force, upper=1.0, fingers=(i,)))
     torques = ca.gradient(power, rates)
     limits = [hand.torque_limits[name] for name in hand.loaded_joints]
-    of_joints = [
+    torque_constraints = [
         ScalarConstraint("torque limit", torques[j] / limit, -1.0, 1.0, part=f"joint {name}")
         for j, (name, limit) in enumerate(zip(hand.loaded_joints, limits, strict=True))
     ]
-    return of_joints + pressing
+    return torque_constraints + normal_forces

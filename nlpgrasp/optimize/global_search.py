@@ -15,7 +15,7 @@ from nlpgrasp.bodies import Box, Mesh, Prism
 from nlpgrasp.budgets import L2Budget
 from nlpgrasp.common.deadline import Deadline, InterruptHandler
 from nlpgrasp.common.validation import number, share
-from nlpgrasp.errors import InputError
+from nlpgrasp.errors import InputError, NotCoveredError
 from nlpgrasp.global_bound.allowed_regions import relaxed_problem
 from nlpgrasp.global_bound.best_possible_result import BestPossible
 from nlpgrasp.global_bound.branch_and_bound import BranchAndBound
@@ -96,7 +96,7 @@ def best_possible(
             tree.branch(0)
             compiled = CompiledProblem(relaxed_problem(problem), SolveOptions(workers=1, rtol=min(ROUGH, gap)))
             starts, due = 0, 0
-            while not (tree.searched or deadline.is_requested()):
+            while not (tree.is_finished or deadline.is_requested()):
                 if tree.nodes >= due or starts < FIRST:
                     found = run_start(compiled, starts, 0, deadline, tree.relaxed_placements(OFFERED))
                     best, starts, due = (
@@ -145,7 +145,7 @@ def start_bound(problem: GraspProblem, options: SolveOptions) -> BranchAndBound 
         return None
     try:
         return BranchAndBound(problem, GAP if options.gap is None else SHARE * options.gap)
-    except InputError:
+    except NotCoveredError:
         return None
 
 
@@ -174,6 +174,6 @@ def missing_bound_reason(problem: GraspProblem) -> str:
     """Return the reason why there is no global bound for a problem, as text."""
     try:
         scope_of(problem)
-    except InputError as error:
+    except NotCoveredError as error:
         return f"there is no bound over all placements of this problem ({error.field}: {error.given})"
     return "no bound over all placements was looked for"

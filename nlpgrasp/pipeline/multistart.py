@@ -256,7 +256,7 @@ class Multistart:
         self._tree.update_incumbent(0.0 if best is None else best.record.mu.lower)
         self._tree.branch(nodes, self.deadline.is_requested)
         self._nodes += nodes
-        return self._tree.searched
+        return self._tree.is_finished
 
     def choose(self) -> None:
         """Choose the answer among the starts, at the local optimum next to it, and with a free way of its hand."""

@@ -1,13 +1,13 @@
-"""Cells of every kind, and random points of them by other means than rows."""
+"""Random cells of every kind, and random points in them by independent formulas."""
 
 import numpy as np
 import trimesh
 
 from nlpgrasp.common.spatial import tangents
-from nlpgrasp.global_bound.cells.ellipsoid_cells import EllipsoidCell, Spherical
+from nlpgrasp.global_bound.cells.ellipsoid_cells import EllipsoidCell, EllipsoidSurface
 from nlpgrasp.global_bound.cells.flat_cells import PolygonCell
 from nlpgrasp.global_bound.cells.mesh_cells import ClusterTree, TriangleCluster
-from nlpgrasp.global_bound.cells.revolved_cells import RevolvedCell, RevolvedPatches, SectorCell
+from nlpgrasp.global_bound.cells.revolved_cells import RevolvedCell, RevolvedSurface, SectorCell
 
 
 def polygon_cell(rng):
@@ -15,14 +15,14 @@ def polygon_cell(rng):
     normal /= np.linalg.norm(normal)
     axes = tangents(normal[None])[0]
     angles = np.sort(rng.uniform(0, 2 * np.pi, 5))
-    flat = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    return PolygonCell(rng.standard_normal(3) + flat @ axes, normal, axes)
+    polygon = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return PolygonCell(rng.standard_normal(3) + polygon @ axes, normal, axes)
 
 
 def ellipsoid_cell(rng):
     corners = np.diag(rng.choice([-1.0, 1.0], 3))
     axes = rng.uniform(0.5, 2.0, 3) if rng.random() < 0.7 else np.full(3, 1.3)
-    cell = EllipsoidCell(corners, Spherical(axes))
+    cell = EllipsoidCell(corners, EllipsoidSurface(axes))
     for _ in range(rng.integers(0, 8)):
         cell = cell.split()[rng.integers(2)]
     return cell
@@ -37,7 +37,7 @@ def sector_cell(rng):
 
 def side_cell(rng):
     cell = RevolvedCell(
-        RevolvedPatches(np.array([0.0, rng.uniform(0.3, 2.0)])), np.array([0.0, 1.6]), np.array([-0.5, 1.0])
+        RevolvedSurface(np.array([0.0, rng.uniform(0.3, 2.0)])), np.array([0.0, 1.6]), np.array([-0.5, 1.0])
     )
     for _ in range(rng.integers(0, 6)):
         cell = cell.split()[rng.integers(2)]
@@ -46,7 +46,7 @@ def side_cell(rng):
 
 def torus_cell(rng):
     cell = RevolvedCell(
-        RevolvedPatches(np.array([2.0, rng.uniform(0.3, 1.5)])), np.array([0.0, 1.6]), np.array([-1.5, 0.0])
+        RevolvedSurface(np.array([2.0, rng.uniform(0.3, 1.5)])), np.array([0.0, 1.6]), np.array([-1.5, 0.0])
     )
     for _ in range(rng.integers(0, 6)):
         cell = cell.split()[rng.integers(2)]
@@ -54,26 +54,26 @@ def torus_cell(rng):
 
 
 def rough_triangles(rng, subdivisions=3):
-    """Corners and inward normals of a bumpy ball's triangles."""
+    """Return corners and inward normals of the triangles of a rough ball."""
     ball = trimesh.creation.icosphere(subdivisions, 1.3)
     ball.vertices += 0.05 * rng.standard_normal(ball.vertices.shape) * 0.6**subdivisions
     return np.asarray(ball.triangles), -np.asarray(ball.face_normals)
 
 
 def random_hull(rng):
-    """The convex hull of some random points."""
+    """Return the convex hull of random points."""
     return trimesh.convex.convex_hull(rng.standard_normal((14, 3)) * [1.0, 0.7, 0.5])
 
 
 def bent_bar(rng):
-    """A bar around a corner, turned at random."""
+    """Return an L-shaped bar in a random orientation."""
     outline = np.array([[0, 0], [2, 0], [2, 0.5], [0.5, 0.5], [0.5, 1.6], [0, 1.6]]) - [0.7, 0.5]
     caps = np.array([[0, 1, 3], [1, 2, 3], [0, 3, 4], [0, 4, 5]])
     sides = [f for i in range(6) for f in ([i, (i + 1) % 6, i + 6], [(i + 1) % 6, (i + 1) % 6 + 6, i + 6])]
     vertices = np.concatenate([np.column_stack([outline, np.full(6, z)]) for z in (-0.25, 0.25)])
     faces = np.concatenate([caps[:, ::-1], caps + 6, np.array(sides)])
-    turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
-    return trimesh.Trimesh(vertices @ (turn * np.sign(np.linalg.det(turn))).T, faces, process=False)
+    rotation, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    return trimesh.Trimesh(vertices @ (rotation * np.sign(np.linalg.det(rotation))).T, faces, process=False)
 
 
 def mesh_cell(rng):
@@ -94,27 +94,27 @@ CELLS = {
 
 
 def points_of(cell, count, rng):
-    """Random points of a cell and the inward normals there."""
+    """Return random points of a cell with inward normals."""
     if isinstance(cell, PolygonCell):
-        shares = rng.dirichlet(np.full(len(cell.vertices), 0.5), count)
-        return shares @ cell.vertices, np.tile(cell.normal, (count, 1))
+        weights = rng.dirichlet(np.full(len(cell.vertices), 0.5), count)
+        return weights @ cell.vertices, np.tile(cell.normal, (count, 1))
     if isinstance(cell, TriangleCluster):
-        which = rng.choice(cell.clusters.members(cell.node), count)
-        shares = rng.dirichlet(np.full(3, 0.5), count)
-        return np.sum(shares[:, :, None] * cell.clusters.pieces[which], axis=1), cell.clusters.normals[which]
+        pieces = rng.choice(cell.clusters.members(cell.node), count)
+        weights = rng.dirichlet(np.full(3, 0.5), count)
+        return np.sum(weights[:, :, None] * cell.clusters.pieces[pieces], axis=1), cell.clusters.normals[pieces]
     if isinstance(cell, EllipsoidCell):
         u = rng.dirichlet(np.full(len(cell.corners), 0.7), count) @ cell.corners
         points = u / np.linalg.norm(u, axis=1, keepdims=True) * cell.a
         inward = -points / cell.a**2
         return points, inward / np.linalg.norm(inward, axis=1, keepdims=True)
-    first = rng.uniform(*(cell.radii if isinstance(cell, SectorCell) else cell.along), count)
+    parameter = rng.uniform(*(cell.radii if isinstance(cell, SectorCell) else cell.along), count)
     phi = rng.uniform(*cell.angles, count)
-    out = np.stack([np.cos(phi), np.sin(phi), np.zeros(count)], axis=1)
+    radial = np.stack([np.cos(phi), np.sin(phi), np.zeros(count)], axis=1)
     up = np.array([0.0, 0.0, 1.0])
     if isinstance(cell, SectorCell):
-        return first[:, None] * out + cell.height * up, np.tile(cell.normal, (count, 1))
+        return parameter[:, None] * radial + cell.height * up, np.tile(cell.normal, (count, 1))
     major, minor = cell.radii
     if major == 0.0:
-        return minor * out + first[:, None] * up, -out
-    outward = np.cos(first)[:, None] * out + np.sin(first)[:, None] * up
-    return major * out + minor * outward, -outward
+        return minor * radial + parameter[:, None] * up, -radial
+    outward = np.cos(parameter)[:, None] * radial + np.sin(parameter)[:, None] * up
+    return major * radial + minor * outward, -outward

@@ -1,5 +1,6 @@
-"""The global bound against known optima, brute force and bad input."""
+"""Tests of the global bound against known optima, random placements and invalid input."""
 
+import copy
 import time
 
 import numpy as np
@@ -7,7 +8,9 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
+from nlpgrasp.errors import NotCoveredError
 from nlpgrasp.global_bound.scope import scope_of
+from nlpgrasp.optimize.global_search import missing_bound_reason, start_bound
 from tests.quick import first
 from tests.studies.random_paths import random_path
 
@@ -48,14 +51,14 @@ def test_no_placement_is_above_the_bound(budget):
 
 
 def test_a_gap_is_closed_though_a_grasp_seemed_better_than_it_is():
-    """Its nodes were closed by what mu seemed to be, and the search ended 1.2 % below the bound."""
+    """Nodes are closed by certified quality, not by the estimate of mu."""
     triangle = ng.Polygon([[-1.0, -0.6], [1.0, -0.6], [0.3, 0.9]])
     problem = ng.GraspProblem(triangle, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1.0] * 3))
     assert ng.best_possible(problem, gap=0.01, time_limit=None).closed
 
 
 def test_directions_that_certificates_find_are_learned():
-    """Descents miss a narrow cone in which this task is not resisted at all: searches ended there at 15 % less."""
+    """Weak directions of certificates are learned, which descents miss in a narrow cone."""
     problem = random_path(13).at(3.0 / 7.0)
     best = ng.best_possible(problem, gap=0.01, time_limit=None)
     found = ng.mu(best.grasp, problem.task, rtol=1e-3)
@@ -96,10 +99,10 @@ def test_an_easy_grasp_that_starts_used_to_miss():
     ],
 )
 def test_contacts_that_all_differ_begin_with_few_nodes(body, roots):
-    """Of a cell for each part of each face there would be 160,000 and 1,296."""
+    """Root cells are united where one per part of each face gives 160,000 and 1,296 root nodes."""
     contacts = [ng.FrictionContact(0.1 * i) for i in range(5, 9)]
     problem = ng.GraspProblem(body, contacts, ng.TaskEllipsoid(np.linspace(0.5, 1.0, 6), center=0.1 * np.ones(6)))
-    assert [len(pieces.roots) for pieces in scope_of(problem).pieces] == roots
+    assert [len(group.roots) for group in scope_of(problem).contact_cells] == roots
     begun = time.process_time()
     best = ng.best_possible(problem, gap=0.1, time_limit=1.5)
     assert time.process_time() - begun < 10.0
@@ -140,5 +143,23 @@ def test_problems_that_are_not_covered():
     with pytest.raises(ng.InputError, match="a GraspProblem"):
         ng.best_possible("box")
     implicit = ng.PlanarImplicit(lambda p: p[0] ** 2 + p[1] ** 2 - 1, [[-2, -2], [2, 2]])
-    with pytest.raises(ng.InputError, match=r"best_possible.body"):
-        ng.best_possible(ng.GraspProblem(implicit, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1.0, 1.0, 1.0])))
+    problem = ng.GraspProblem(implicit, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1.0, 1.0, 1.0]))
+    with pytest.raises(NotCoveredError, match=r"best_possible.body") as error:
+        ng.best_possible(problem)
+    assert isinstance(copy.copy(error.value), NotCoveredError)
+    assert start_bound(problem, ng.SolveOptions()) is None
+    assert "best_possible.body: planar_implicit" in missing_bound_reason(problem)
+
+
+class RejectingTask(ng.TaskEllipsoid):
+    """Task whose support function rejects its own data."""
+
+    def support(self, y):
+        raise ng.InputError("task", "a damaged file", "wrenches")
+
+
+def test_an_error_of_the_input_is_not_a_problem_without_a_bound():
+    problem = square(2).unchecked(task=RejectingTask([1.0, 1.0, 1.0]))
+    with pytest.raises(ng.InputError, match="a damaged file") as error:
+        start_bound(problem, ng.SolveOptions())
+    assert not isinstance(error.value, NotCoveredError)

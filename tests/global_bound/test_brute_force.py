@@ -1,4 +1,4 @@
-"""No grasp that brute force finds is above a bound, in random problems of all that the bound covers."""
+"""Tests of the global bound against brute-force search in random problems."""
 
 import json
 
@@ -7,35 +7,37 @@ import pytest
 
 import nlpgrasp as ng
 from tests.global_bound.brute_force.cases import Case, random_case
-from tests.global_bound.brute_force.compare import compared, described
+from tests.global_bound.brute_force.compare import compare, format_comparison
 from tests.global_bound.brute_force.places import faces_of
 from tests.global_bound.brute_force.search import BruteForce
 
 MANY = 2000
-SPATIAL = (10_004, 10_016, 10_024, 10_033)  # quick ones
+SPATIAL = (10_004, 10_016, 10_024, 10_033)  # quick spatial problems
 NEAR, SHARE = 0.05, 0.25  # brute force comes within 5 % of the bound in a third of the problems
 
 
 def violations(numbers, **effort):
-    """Return the problems in which a grasp is above the bound, in words, and the share where brute force is near."""
-    found = [one for one in (compared(number, **effort) for number in numbers) if one is not None]
-    near = np.mean([one.near(NEAR) for one in found])
-    return [described(one) for one in found if not one.holds], near
+    """Return the problems with a grasp above the bound as text, and the fraction with a tight bound."""
+    comparisons = [
+        comparison for comparison in (compare(number, **effort) for number in numbers) if comparison is not None
+    ]
+    near_share = np.mean([comparison.near(NEAR) for comparison in comparisons])
+    return [format_comparison(comparison) for comparison in comparisons if not comparison.holds], near_share
 
 
 def test_no_grasp_of_brute_force_is_above_the_bound():
     planar = [number for number in range(10_010, 10_020) if random_case(number).problem.body.space == 2]
-    wrong, near = violations([*planar, *SPATIAL], rounds=4)
-    assert wrong == []
-    assert near >= SHARE
+    violating, near_share = violations([*planar, *SPATIAL], rounds=4)
+    assert violating == []
+    assert near_share >= SHARE
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:Grasp.normals", "ignore:the mesh. the smooth surface")
 def test_no_grasp_of_brute_force_is_above_the_bound_in_many_problems():
-    wrong, near = violations(range(MANY))
-    assert wrong == []
-    assert near >= SHARE
+    violating, near_share = violations(range(MANY))
+    assert violating == []
+    assert near_share >= SHARE
 
 
 def square():
@@ -48,11 +50,11 @@ def test_brute_force_and_verify_see_a_bound_that_is_a_thousandth_too_low(tmp_pat
     best = ng.best_possible(problem, gap=5e-4, time_limit=None)
     assert best.gap <= 5e-4
     case = Case(problem, lambda i: problem.body.face_names, lambda i, points: np.ones(len(points), dtype=bool))
-    found = BruteForce(case, np.random.default_rng(0)).certified(rtol=1e-4, rounds=25)[0]
-    assert 0.999 * best.upper < found <= best.upper
-    for low in (_with_upper, _with_leaves):
+    lower = BruteForce(case, np.random.default_rng(0)).certified(rtol=1e-4, rounds=25)[0]
+    assert 0.999 * best.upper < lower <= best.upper
+    for edit in (_with_upper, _with_leaves):
         data = json.loads(best.save(tmp_path / "bound.json").read_text())
-        low(data, 0.999)
+        edit(data, 0.999)
         path = tmp_path / "low.json"
         path.write_text(json.dumps(data))
         assert not ng.verify(path).passed
@@ -70,14 +72,14 @@ def _with_leaves(data, factor):
 
 @pytest.mark.parametrize("number", range(12))
 def test_places_of_brute_force_are_on_the_body(number):
-    """And so are steps from them; normals are those that the body itself has."""
+    """Points of independent formulas lie on the body's faces, with its normals."""
     rng = np.random.default_rng(number)
     case = random_case(number)
     body = case.problem.body
     if body.kind == "mesh":
         return
     for name, face in faces_of(body):
-        points = face.nearest(face.drawn(20, rng) + 0.3 * rng.standard_normal((20, body.space)))
+        points = face.nearest(face.draw(20, rng) + 0.3 * rng.standard_normal((20, body.space)))
         h, _, outward, extent = body.evaluate(name, points)
         assert np.all(np.abs(h) <= 1e-9 * body.size**2)
         assert np.all(extent <= 1e-9 * body.size)

@@ -1,4 +1,4 @@
-"""What rows bound, they bound for every point of their cell; both parts of a cell cover it."""
+"""Tests of surface cells: bounds over all points of a cell, and coverage by its parts."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.budgets import force_budget
 from nlpgrasp.global_bound.cell_supports import Measure, Supports
-from nlpgrasp.global_bound.support_table import mixed_supports, single_supports
+from nlpgrasp.global_bound.support_table import single_supports, weighted_supports
 from tests.global_bound.samples import CELLS, points_of
 from tests.quick import every, first
 
@@ -20,12 +20,12 @@ BUDGETS = ("l2", "per_finger", "per_finger_size", "shared")
 
 
 def powers_at(contact, budget, points, normals, origin, twists):
-    """The support of a contact to the measure's power, from the grasp map of one contact at a time."""
+    """Return ``s^p`` of single contacts by their grasp maps."""
     power = {"l2": 2.0, "shared": 8.0}.get(budget, 1.0)
     grasp = ng.Grasp(points, normals, contact, torque_origin=origin)
     force_set = force_budget(budget).at(grasp.frames[:1], grasp.contacts[:1])
-    of_each = np.split(twists @ grasp.G, len(points), axis=1)
-    return force_set.support(np.concatenate(of_each))[0].reshape(len(points), -1) ** power
+    work = np.split(twists @ grasp.G, len(points), axis=1)
+    return force_set.support(np.concatenate(work))[0].reshape(len(points), -1) ** power
 
 
 @pytest.mark.parametrize("budget", BUDGETS)
@@ -39,43 +39,43 @@ def test_rows_bound_all_points_of_the_cell(kind, contact, budget):
         twists = rng.standard_normal((12, 6)) * np.where(np.arange(6) < 3, 1.0, rng.choice([0.1, 1.0, 10.0]))
         supports = Supports(contact, Measure.of(force_budget(budget)), origin)
         supports.add(cell)
-        number = np.zeros(1, dtype=np.int64)
-        powers = supports.powers(supports.rows_of(number), twists[None])
-        true = powers_at(contact, budget, *points_of(cell, 60, rng), origin, twists)
-        assert np.all(true <= single_supports(supports, number, powers, twists[None])[0] * (1 + 1e-9) + 1e-12)
-        for mixture in rng.dirichlet(np.full(12, 0.3), 5):
-            bound = mixed_supports(supports, number, powers, twists[None], mixture[None])[0]
-            assert np.all(true @ mixture <= bound * (1 + 1e-9) + 1e-12)
+        cell_numbers = np.zeros(1, dtype=np.int64)
+        powers = supports.powers(supports.rows_of(cell_numbers), twists[None])
+        expected = powers_at(contact, budget, *points_of(cell, 60, rng), origin, twists)
+        assert np.all(expected <= single_supports(supports, cell_numbers, powers, twists[None])[0] * (1 + 1e-9) + 1e-12)
+        for weights in rng.dirichlet(np.full(12, 0.3), 5):
+            bound = weighted_supports(supports, cell_numbers, powers, twists[None], weights[None])[0]
+            assert np.all(expected @ weights <= bound * (1 + 1e-9) + 1e-12)
 
 
 @pytest.mark.parametrize("budget", first(1, ["l2", "per_finger"]))
 @pytest.mark.parametrize("kind", ["ellipsoid", "side", "torus"])
-def test_a_closer_look_is_close(kind, budget):
-    """The bound over a small curved cell is near the largest of many points."""
+def test_refined_bounds_are_tight(kind, budget):
+    """The bound over a small curved cell is near the maximum over many points."""
     rng = np.random.default_rng(5)
     for _ in range(6):
         cell = CELLS[kind](rng)
         supports = Supports(CONTACTS["friction"], Measure.of(force_budget(budget)), np.zeros(3))
         supports.add(CELLS[kind](rng))
-        supports.widest = 1.0
+        supports.largest_radius = 1.0
         while cell.ball()[1] > 0.1:
             cell = cell.split()[0]
         supports.add(cell)
-        twists, mixture = rng.standard_normal((1, 8, 6)), rng.dirichlet(np.ones(8))
-        number = np.ones(1, dtype=np.int64)
-        powers = supports.powers(supports.rows_of(number), twists)
-        bound = mixed_supports(supports, number, powers, twists, mixture[None])[0]
-        true = powers_at(CONTACTS["friction"], budget, *points_of(cell, 800, rng), np.zeros(3), twists[0]) @ mixture
-        assert true.max() <= bound <= 1.012 * true.max()
+        twists, weights = rng.standard_normal((1, 8, 6)), rng.dirichlet(np.ones(8))
+        cell_numbers = np.ones(1, dtype=np.int64)
+        powers = supports.powers(supports.rows_of(cell_numbers), twists)
+        bound = weighted_supports(supports, cell_numbers, powers, twists, weights[None])[0]
+        expected = powers_at(CONTACTS["friction"], budget, *points_of(cell, 800, rng), np.zeros(3), twists[0]) @ weights
+        assert expected.max() <= bound <= 1.012 * expected.max()
 
 
-def bends_of(cell):
+def deviations_of(cell):
     curved = cell.rows().curved[0]
-    return np.max(curved.patches.bends(curved.parts)[:, 0], axis=0)
+    return np.max(curved.surface.deviations(curved.parts)[:, 0], axis=0)
 
 
 @pytest.mark.parametrize("kind", ["ellipsoid", "side", "torus"])
-def test_what_bends_add_falls_with_the_square_of_the_cell(kind):
+def test_deviations_fall_with_the_square_of_the_cell(kind):
     rng = np.random.default_rng(3)
     cell = CELLS[kind](rng)
     while cell.ball()[1] > 0.1:
@@ -83,7 +83,7 @@ def test_what_bends_add_falls_with_the_square_of_the_cell(kind):
     small = cell
     for _ in range(6):
         small = small.split()[1]
-    shares = bends_of(cell) / bends_of(small)
+    shares = deviations_of(cell) / deviations_of(small)
     assert np.all(shares[[0, 1]] > 0.5 * (cell.ball()[1] / small.ball()[1]) ** 2)
 
 

@@ -1,4 +1,4 @@
-"""The certificate of a bound: kept in files as it is, and no finer than what is claimed."""
+"""Tests of the global bound's certificate: files, leaves, and recorded digits."""
 
 import hashlib
 import json

@@ -1,4 +1,4 @@
-"""The tree of branch and bound: parts of nodes, and records that end before the search does."""
+"""Tests of the branch-and-bound tree: children of nodes, and incomplete records."""
 
 import json
 from itertools import combinations_with_replacement, product
@@ -9,8 +9,7 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.global_bound import branch_and_bound
-from nlpgrasp.global_bound import shared_weights as shared_mixtures
+from nlpgrasp.global_bound import branch_and_bound, shared_weights
 from nlpgrasp.global_bound.contact_cells import NONE
 from nlpgrasp.global_bound.node_tree import children
 
@@ -18,37 +17,42 @@ TASK = ng.TaskEllipsoid([1.0] * 6)
 
 
 def halves(cells):
-    """Every cell c falls into 2 c and 2 c + 1; of 3 the second is excluded."""
-    both = 2 * cells[:, None] + np.arange(2)
-    return np.where(both == 7, NONE, both)
+    """Return the parts 2 c and 2 c + 1 of cells c; part 7 is excluded."""
+    children = 2 * cells[:, None] + np.arange(2)
+    return np.where(children == 7, NONE, children)
 
 
 @pytest.mark.parametrize("slot", range(5))
-def test_alike_contacts_of_a_cut_cell_go_to_its_halves_in_every_way(slot):
-    groups = [(SimpleNamespace(halves=halves), slice(0, 3)), (SimpleNamespace(halves=halves), slice(3, 5))]
+def test_identical_contacts_of_a_split_cell_go_to_its_halves_in_every_way(slot):
+    groups = [
+        (SimpleNamespace(child_numbers=halves), slice(0, 3)),
+        (SimpleNamespace(child_numbers=halves), slice(3, 5)),
+    ]
     nodes = np.array([[1, 1, 1, 1, 1], [2, 3, 3, 3, 3], [2, 2, 3, 4, 6], [4, 5, 6, 2, 2]])
     cells, parent = children(groups, nodes, np.full(len(nodes), slot))
     for i, node in enumerate(nodes.tolist()):
-        where = slice(0, 3) if slot < 3 else slice(3, 5)
-        group, cell = node[where], node[slot]
+        slots = slice(0, 3) if slot < 3 else slice(3, 5)
+        group, cell = node[slots], node[slot]
         parts = [part for part in (2 * cell, 2 * cell + 1) if part != 7]
         rest = [c for c in group if c != cell]
         ways = combinations_with_replacement(parts, group.count(cell))
-        expected = [node[: where.start] + sorted([*rest, *way]) + node[where.stop :] for way in ways]
+        expected = [node[: slots.start] + sorted([*rest, *way]) + node[slots.stop :] for way in ways]
         assert sorted(cells[parent == i].tolist()) == sorted(expected)
 
 
 def test_no_nodes_have_no_parts():
     cells, parent = children(
-        [(SimpleNamespace(halves=halves), slice(0, 2))], np.ones((0, 2), dtype=np.int64), np.zeros(0, dtype=np.int64)
+        [(SimpleNamespace(child_numbers=halves), slice(0, 2))],
+        np.ones((0, 2), dtype=np.int64),
+        np.zeros(0, dtype=np.int64),
     )
     assert cells.shape == (0, 2)
     assert parent.shape == (0,)
 
 
 def test_parts_cover_their_node():
-    """Whichever places two contacts have in a node's cells, these are in one of its parts."""
-    groups = [(SimpleNamespace(halves=lambda c: 2 * c[:, None] + np.arange(2)), slice(0, 2))]
+    """Every placement of two contacts in a node's cells is in one of its children."""
+    groups = [(SimpleNamespace(child_numbers=lambda c: 2 * c[:, None] + np.arange(2)), slice(0, 2))]
     cells, _ = children(groups, np.array([[1, 1]]), np.array([0]))
     for places in product((2, 3), repeat=2):
         assert sorted(places) in cells.tolist()
@@ -57,7 +61,7 @@ def test_parts_cover_their_node():
 @pytest.mark.parametrize(("body", "nodes"), [("box", 400), ("mesh", 4000)])
 def test_a_record_that_ends_before_the_search_is_verified(body, nodes, tmp_path, monkeypatch):
     monkeypatch.setattr(branch_and_bound, "MOST_LEAVES", 30)
-    monkeypatch.setattr(shared_mixtures, "MOST_LEAVES", 30)
+    monkeypatch.setattr(shared_weights, "MOST_LEAVES", 30)
     trimesh.creation.box([2, 1, 1]).export(tmp_path / "box.stl")
     shape = ng.Box([2, 1, 1]) if body == "box" else ng.Mesh.load(tmp_path / "box.stl", unit="m", resolution=8)
     problem = ng.GraspProblem(shape, [ng.FrictionContact(0.5)] * 3, TASK)

@@ -1,4 +1,4 @@
-"""``ng.formulate``: the paper's program against the quality layer, finite differences and other solvers."""
+"""Tests of ``ng.formulate`` against certified quality, finite differences and other solvers."""
 
 import re
 
@@ -34,7 +34,7 @@ def box_problem(friction=0.6, **changes):
 
 @pytest.fixture(scope="module")
 def compact():
-    """The program without forces, and its solution from contacts on the right faces."""
+    """Return the program without forces, and its solution from contacts on the right faces."""
     program = ng.formulate(box_problem(), forces=False)
     return program, program.solve(START, tol=1e-10)
 
@@ -54,7 +54,7 @@ def test_table_names_blocks_sizes_and_equations():
 
 
 def test_beta_is_the_least_support_ratio_of_the_quality_layer(compact):
-    """phi(y_j) of another code at the solution's contacts: no smaller than beta, and equal somewhere."""
+    """The least ``phi(y_j)`` of independent code at the solution's contacts is beta."""
     program, result = compact
     y = program.p0[: 6 * program.count].reshape(-1, 6)
     np.testing.assert_allclose(TASK.support(y)[0], 1.0)
@@ -64,10 +64,10 @@ def test_beta_is_the_least_support_ratio_of_the_quality_layer(compact):
 
 
 def test_forces_as_variables_give_the_same_beta(compact):
-    whole = ng.formulate(box_problem()).solve(START)
-    assert compact[0].solve(whole).beta == pytest.approx(whole.beta, rel=1e-5)
-    x = whole.values["forces 7"].reshape(4, 3)
-    normal = np.sum(x * whole.grasp.normals, axis=1)
+    result = ng.formulate(box_problem()).solve(START)
+    assert compact[0].solve(result).beta == pytest.approx(result.beta, rel=1e-5)
+    x = result.values["forces 7"].reshape(4, 3)
+    normal = np.sum(x * result.grasp.normals, axis=1)
     assert np.all(np.linalg.norm(x, axis=1) <= np.sqrt(1 + 0.36) * normal + 1e-3)
     assert np.linalg.norm(x) <= 1.0 + 1e-6
 
@@ -115,14 +115,14 @@ def test_multiplier_is_the_difference_of_solved_problems(compact):
     program, result = ng.formulate(box_problem(), forces=False), compact[1]
     width = program["position 0"][1] - program["position 1"][1]
     program.add("width", width, 0.02, 0.02)
-    here = program.solve(result, tol=1e-10)
-    assert here.values["position 0"][1] - here.values["position 1"][1] == pytest.approx(0.02, abs=1e-9)
+    solution = program.solve(result, tol=1e-10)
+    assert solution.values["position 0"][1] - solution.values["position 1"][1] == pytest.approx(0.02, abs=1e-9)
     betas = []
     for w in (0.0198, 0.0202):
         other = ng.formulate(box_problem(), forces=False)
         other.add("width", other["position 0"][1] - other["position 1"][1], w, w)
-        betas.append(other.solve(here, tol=1e-10).beta)
-    assert here.multipliers["width"][0] == pytest.approx((betas[1] - betas[0]) / 4e-4, rel=0.05)
+        betas.append(other.solve(solution, tol=1e-10).beta)
+    assert solution.multipliers["width"][0] == pytest.approx((betas[1] - betas[0]) / 4e-4, rel=0.05)
 
 
 def test_constraints_of_one_name_keep_all_their_multipliers():
@@ -187,14 +187,14 @@ def test_constraints_of_the_problem_name_joints_and_palm():
 )
 def test_constraints_on_variables_that_there_are_not(hand, name, words):
     contacts = ng.FrictionContact(0.6) if hand else [ng.FrictionContact(0.6)] * 3
-    given = {"hand": four_finger_hand()} if hand else {}
+    hand_options = {"hand": four_finger_hand()} if hand else {}
     constraint = ng.Constraint("own", lambda p, n, hand: hand[name][0], 0.0)
     with pytest.raises(InputError, match=words):
-        ng.GraspProblem(ng.Sphere(0.04), contacts, HELD, constraints=[constraint], **given)
+        ng.GraspProblem(ng.Sphere(0.04), contacts, HELD, constraints=[constraint], **hand_options)
 
 
 def test_joint_torques_are_those_of_the_posed_budget(rng):
-    """The rows of ``"hand_torques"`` at random postures and forces against Jacobians of the hand."""
+    """Joint torques at random postures and forces equal those by Jacobians of the hand."""
     hand, body = four_finger_hand(), ng.Ellipsoid([0.06, 0.03, 0.03])
     problem = ng.GraspProblem(body, ng.FrictionContact(0.6), HELD, hand=hand, force_budget="hand_torques")
     program = ng.formulate(problem, directions=np.eye(6)[:1])
@@ -215,7 +215,7 @@ def test_joint_torques_are_those_of_the_posed_budget(rng):
 
 
 def refusals():
-    """Calls that are refused, with what their message says."""
+    """Return invalid calls by a part of their error message."""
     program = ng.formulate(box_problem(), forces=False)
     beta, p = program["beta"], program["position 0"]
     three = ng.Grasp([[1, 0, 0], [-1, 0, 0], [0, 1, 0]], [[-1, 0, 0], [1, 0, 0], [0, -1, 0]], ng.FrictionContact(0.6))
@@ -260,7 +260,7 @@ def test_options_of_ipopt_reach_the_solver():
 
 
 @pytest.mark.parametrize(
-    ("given", "words"),
+    ("options", "words"),
     [
         ({"tolerance": 1}, "No such IPOPT option: tolerance"),
         ({"linear_solver": "abacus"}, "got {'linear_solver': 'abacus'}"),
@@ -268,20 +268,20 @@ def test_options_of_ipopt_reach_the_solver():
         (["tol"], "options of IPOPT by name"),
     ],
 )
-def test_options_that_ipopt_refuses(given, words):
+def test_options_that_ipopt_refuses(options, words):
     with pytest.raises(InputError, match=r"^SolveOptions\.ipopt") as caught:
-        ng.SolveOptions(ipopt=given)
+        ng.SolveOptions(ipopt=options)
     assert words in str(caught.value)
 
 
 def test_command_prints_the_table_and_draws_the_jacobian(tmp_path):
     (tmp_path / "square.py").write_text(SMALL)
-    done = run_here("program", "square.py", "--no-forces", "--spy", "jacobian.png", cwd=tmp_path)
-    assert done.returncode == 0
-    assert "beta of (3.5-4)" in done.stdout
+    completed = run_here("program", "square.py", "--no-forces", "--spy", "jacobian.png", cwd=tmp_path)
+    assert completed.returncode == 0
+    assert "beta of (3.5-4)" in completed.stdout
     assert (tmp_path / "jacobian.png").stat().st_size > 5000
-    wrong = run_here("program", "square.py", "--transcription", "corner", cwd=tmp_path)
-    assert "'support' or 'vertex'" in refused(wrong)
+    refusal = run_here("program", "square.py", "--transcription", "corner", cwd=tmp_path)
+    assert "'support' or 'vertex'" in refused(refusal)
 
 
 @pytest.mark.parametrize("budget", ["l2", "shared"])
@@ -297,10 +297,10 @@ def test_limits_are_those_of_their_constraints_beside_an_obstacle():
     program = ng.formulate(
         ng.GraspProblem(box_problem().body, ng.FrictionContact(0.6), TASK, hand=hand, constraints=[shelf]), forces=False
     )
-    found = program.solve(1)
-    assert found.success
-    assert found.kkt.is_small
-    points = np.stack([found.values[f"position {i}"] for i in range(4)])
+    result = program.solve(1)
+    assert result.success
+    assert result.kkt.is_small
+    points = np.stack([result.values[f"position {i}"] for i in range(4)])
     assert max(abs(program.problem.body.signed_distance(points))) < 1e-8
-    tips = points - 0.005 * np.stack([found.values[f"normal {i}"] for i in range(4)])
+    tips = points - 0.005 * np.stack([result.values[f"normal {i}"] for i in range(4)])
     assert min(shelf.body.signed_distance(tips - [0, 0, 0.06])) >= 0.005 - 1e-8

@@ -1,4 +1,4 @@
-"""The built program, without solving: names, sizes, derivatives, and what its constraints mean."""
+"""Tests of the nonlinear program: names, sizes, derivatives and bounds on mu."""
 
 import casadi as ca
 import numpy as np
@@ -52,7 +52,7 @@ def test_sizes():
 
 @pytest.mark.parametrize("transcription", ["vertex", "support"])
 def test_mesh_derivatives_agree_with_casadi(mesh_problem, transcription, rng):
-    """The hand-assembled Jacobian and Hessian against automatic differentiation of the same graph."""
+    """Assembled Jacobian and Hessian equal CasADi's of the whole graph."""
     program = optimal_grasp_program(mesh_problem, transcription, 4, eliminated=True)
     functions = ProgramFunctions(program)
     nlp, derivatives = functions.nlp, functions.derivatives
@@ -77,7 +77,7 @@ def test_mesh_derivatives_agree_with_casadi(mesh_problem, transcription, rng):
 @pytest.mark.parametrize("name", ["point", "friction", "soft box"])
 @pytest.mark.parametrize("budget", ["l2", "per_finger", "per_finger_size"])
 def test_symbolic_support_is_the_numeric_one(name, budget, rng):
-    """phi(y) of the program against the quality layer, in the solver's units."""
+    """The program's ``phi(y)`` equals that of ``quality``, in solver units."""
     contact = CONTACTS[name]
     problem = ellipsoid_problem(contact, k=4, force_budget=budget)
     scaling = Scaling.of(problem)
@@ -121,7 +121,7 @@ def test_vertex_program_bounds_the_measure_from_below():
 
 
 def test_support_program_bounds_the_measure_from_above():
-    """Fixed contacts: maximising beta alone gives the least ratio over the directions."""
+    """With fixed contacts the largest beta is the least ratio over the directions."""
     problem = ellipsoid_problem(k=4)
     scaling = Scaling.of(problem)
     program = optimal_grasp_program(problem, "support", 10, eliminated=True)
@@ -141,7 +141,7 @@ def test_support_program_bounds_the_measure_from_above():
 
 
 def test_both_forms_of_the_support_program_agree():
-    """With the forces eliminated and with a copy of them per direction, the same optimum."""
+    """Optima with forces as variables and in closed form are equal."""
     problem = ellipsoid_problem(k=4)
     scaling = Scaling.of(problem)
     grasp = closed_ellipsoid_grasp(np.random.default_rng(1))

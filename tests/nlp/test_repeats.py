@@ -1,4 +1,4 @@
-"""Derivatives of rows that repeat, against CasADi's of the whole program at once."""
+"""Tests of the derivatives of repeated constraints against CasADi's of the whole program."""
 
 import casadi as ca
 import numpy as np
@@ -14,7 +14,7 @@ RECTANGLE = ng.PlaneContact(extents=[0.2, 0.3], friction=0.5, direction=[1, 2, 3
 
 
 def program_of(transcription, contacts):
-    """Return a program with three copies, and where z, theta and multipliers are drawn."""
+    """Return a program with three copies of the forces."""
     problem = ng.GraspProblem(ng.Box([1, 2, 3]), contacts, ng.TaskEllipsoid([1, 1, 1, 0.2, 0.2, 0.2]))
     return optimal_grasp_program(problem, transcription, 3)
 
@@ -27,15 +27,15 @@ def test_derivatives_are_those_of_the_whole_program(transcription, contacts, rng
     functions = ProgramFunctions(program)
     z, theta, g = program.z, program.theta, functions.nlp["g"]
     lam_f, lam = ca.SX.sym("lam_f"), ca.SX.sym("lam", g.shape[0])
-    whole = ca.hessian(-lam_f * program.objective + ca.dot(lam, g), z)[0]
+    hessian = ca.hessian(-lam_f * program.objective + ca.dot(lam, g), z)[0]
     values = [rng.standard_normal(size.shape[0]) for size in (z, theta, lam_f, lam)]
     expected = ca.Function("J", [z, theta], [g, ca.jacobian(g, z)])(*values[:2])
-    for one, other in zip(functions.derivatives["jac_g"](*values[:2]), expected, strict=True):
-        np.testing.assert_allclose(one.full(), other.full(), rtol=0.0, atol=1e-11)
-    expected = ca.Function("H", [z, theta, lam_f, lam], [ca.triu(whole)])(*values)
-    found = functions.derivatives["hess_lag"](*values)
-    assert found.nnz() == expected.nnz()
-    np.testing.assert_allclose(found.full(), expected.full(), rtol=0.0, atol=1e-10)
+    for actual, reference in zip(functions.derivatives["jac_g"](*values[:2]), expected, strict=True):
+        np.testing.assert_allclose(actual.full(), reference.full(), rtol=0.0, atol=1e-11)
+    expected = ca.Function("H", [z, theta, lam_f, lam], [ca.triu(hessian)])(*values)
+    actual = functions.derivatives["hess_lag"](*values)
+    assert actual.nnz() == expected.nnz()
+    np.testing.assert_allclose(actual.full(), expected.full(), rtol=0.0, atol=1e-10)
 
 
 @pytest.mark.parametrize("contact", [ng.FrictionContact(0.5), ng.PlaneContact(0.1, friction=0.5)])
@@ -46,7 +46,7 @@ def test_forces_that_are_components_are_left_to_casadi(contact):
 
 
 def test_a_program_on_a_mesh_has_the_same_rows(rng):
-    """Where the surface is a part of its own: rows that repeat, by finite differences of the rows themselves."""
+    """On a mesh the derivatives of repeated constraints equal finite differences."""
     body = ng.Mesh(trimesh.creation.icosphere(subdivisions=3, radius=0.05))
     line = ng.LineContact(0.01, friction=0.5, direction=[1, 2, 3])
     problem = ng.GraspProblem(body, [line] * 2, ng.TaskEllipsoid([1, 1, 1, 0.02, 0.02, 0.02]))

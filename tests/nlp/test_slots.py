@@ -1,4 +1,4 @@
-"""Rows of one function in many slots, against CasADi's derivatives of the same rows written out."""
+"""Tests of constraint slots against CasADi's derivatives of the same constraints as one graph."""
 
 import casadi as ca
 import numpy as np
@@ -24,8 +24,8 @@ PROBLEMS = {
 }
 
 
-def written_out(slots, z, theta):
-    """Return the rows as one SX graph."""
+def expand_slots(slots, z, theta):
+    """Return the constraints as one SX graph."""
     x = z[slots.variables.tolist()]
     return ca.vertcat(*[slots.function(x, theta[column.tolist()]) for column in slots.parameters.T])
 
@@ -39,21 +39,21 @@ def test_rows_and_derivatives(name, rng):
     assert slots.count == SLOTS == len(program.rows_of("support"))
     z, theta = program.z, program.theta
     lower, upper = (np.clip(b, -1.0, 1.0) for b in program.bounds)
-    at = rng.uniform(lower, upper), rng.standard_normal(theta.shape[0])
-    rows = written_out(slots, z, theta)
-    g, jacobian = functions.jacobian(*at)
+    point = rng.uniform(lower, upper), rng.standard_normal(theta.shape[0])
+    rows = expand_slots(slots, z, theta)
+    g, jacobian = functions.jacobian(*point)
     plain = ca.Function("plain", [z, theta], [rows, ca.jacobian(rows, z)])
-    np.testing.assert_allclose(np.ravel(g.full())[:SLOTS], np.ravel(plain(*at)[0].full()), rtol=1e-13, atol=1e-13)
-    np.testing.assert_allclose(jacobian.full()[:SLOTS], plain(*at)[1].full(), rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(np.ravel(g.full())[:SLOTS], np.ravel(plain(*point)[0].full()), rtol=1e-13, atol=1e-13)
+    np.testing.assert_allclose(jacobian.full()[:SLOTS], plain(*point)[1].full(), rtol=1e-10, atol=1e-10)
     multipliers = np.zeros(program.limits[0].size)
     multipliers[:SLOTS] = rng.standard_normal(SLOTS)
     second = ca.hessian(ca.dot(ca.DM(multipliers[:SLOTS]), rows), z)[0]
-    expected = np.triu(ca.Function("second", [z, theta], [second])(*at).full())
-    np.testing.assert_allclose(functions.hessian(*at, 0.0, multipliers).full(), expected, rtol=1e-9, atol=1e-9)
+    expected = np.triu(ca.Function("second", [z, theta], [second])(*point).full())
+    np.testing.assert_allclose(functions.hessian(*point, 0.0, multipliers).full(), expected, rtol=1e-9, atol=1e-9)
 
 
 def test_all_slots_are_one_expression():
-    """What is differentiated is one row: as many instructions for 5 slots as for 500."""
+    """The differentiated function has as many instructions for 5 slots as for 500."""
     problem = PROBLEMS["l2"]()
     few, many = (optimal_grasp_program(problem, "support", count, eliminated=True) for count in (5, 500))
     assert few.slots.function.n_instructions() == many.slots.function.n_instructions()

@@ -1,10 +1,11 @@
-"""Interfaces of cells, of faces made of cells, and of the small parts of curved cells."""
+"""Interfaces of surface cells, of faces made of cells, and of curved surfaces."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -17,69 +18,77 @@ IntArray = NDArray[np.int64]
 
 
 class CurvedFace(Protocol):
-    """Interface of a curved face whose parts have corners (c, q): c coordinates of q numbers."""
+    """Interface of a curved surface whose small parts have c corners, of q coordinates each."""
 
     def contacts(self, coordinates: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return points, metres, and inward unit normals at coordinates (m, q), (m, 3) each."""
 
-    def bends(self, parts: FloatArray) -> FloatArray:
-        """Return two sets of weights for each part (n, c, q), (n, 2, 3).
+    def deviations(self, parts: FloatArray) -> FloatArray:
+        """Return coefficients of two bounds on a contact's work z inside each part (n, c, q), (n, 2, 3).
 
-        Weights are of ``|v|``, ``|tau|`` and, for a contact with a moment about its normal, of ``|tau|`` once more;
-        ``v = f + tau x (p - o)`` is the twist's velocity at any corner. With the first set, the most that the work z of
-        a contact in the part is off a linear interpolation of its corners'; with the second, the most that it differs
-        from a corner's.
+        The first bounds the deviation of z from a linear interpolation between the corners, the second that from any
+        corner. Coefficients are of ``|v|``, ``|tau|`` and, for a contact with a moment about its normal, of ``|tau|``
+        once more, where ``v = f + tau x (p - o)`` is the twist's velocity at any corner.
         """
 
     def subdivide(self, parts: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
-        """Return smaller parts that together are each part (n, c, q): their corners (n, v, q), and which, (r, c)."""
+        """Subdivide parts (n, c, q); return vertices (n, v, q) and the r smaller parts as indices of these, (r, c)."""
 
 
 @dataclass(frozen=True)
-class SmallCurvedParts:
-    """Small parts of a cell on a curved face.
+class CurvedParts:
+    """Small parts of a cell on one curved surface, between the cell's representative contacts.
 
     Parameters
     ----------
-    patches : CurvedFace
-        Of the face.
+    surface : CurvedFace
     parts : (n, c, q) array
-        Coordinates of each part's corners; together they are the cell.
+        Coordinates of each part's corners; together the parts cover the cell.
     rows : (n, c) array of int
-        Which of the cell's rows is at each corner.
+        Index of the representative contact at each corner.
     """
 
-    patches: CurvedFace
+    surface: CurvedFace
     parts: FloatArray
     rows: NDArray[np.int64]
+
+    @cached_property
+    def deviations(self) -> FloatArray:
+        """Coefficients of each part's bounds on the work inside, (n, 2, 3); see ``CurvedFace.deviations``."""
+        return self.surface.deviations(self.parts)
+
+    @cached_property
+    def max_deviations(self) -> FloatArray:
+        """Largest coefficients over all parts, (2, 3)."""
+        return np.asarray(np.max(self.deviations, axis=0))
 
 
 @dataclass(frozen=True)
 class RepresentativeContacts:
-    """Representative contacts of a cell: bounds on all of them bound the cell.
+    """Representative contacts of a cell (its rows): bounds on all of them bound the cell.
 
     Parameters
     ----------
     points, normals : (m, space) array
         Metres, and unit, into the body; body frame.
-    curved : tuple of SmallCurvedParts
-        What lies between those rows that are on curved faces: small parts with the rows at their corners.
+    curved : tuple of CurvedParts
+        Parts of curved faces between the representative contacts.
     """
 
     points: FloatArray
     normals: FloatArray
-    curved: tuple[SmallCurvedParts, ...] = ()
+    curved: tuple[CurvedParts, ...] = ()
 
 
 Cut = int | list[list[int]]
-"""Which side, interval or direction a cell is cut across; of a union its parts, as numbers of members."""
+"""Number of the side, interval or direction that a cell is cut across; of a union both parts, as lists of members."""
 
 
 class SurfaceCell(ABC):
-    """Interface of a cell: a piece of a face.
+    """Interface of a surface cell: a piece of a face.
 
     A convex function of the work z of a contact anywhere in the cell is at most its largest value over the rows plus,
-    where the cell is curved, what its parts' bends allow for (docs/how_close.md).
+    where the cell is curved, an excess bounded by the deviations of its parts (docs/how_close.md).
     """
 
     kind: ClassVar[str]
@@ -94,7 +103,7 @@ class SurfaceCell(ABC):
 
     @abstractmethod
     def cut(self) -> Cut:
-        """Return how ``split`` divides the cell, for a certificate; the meaning depends on the kind of cell."""
+        """Return the cut of ``split`` as recorded in a certificate; its meaning depends on the kind of cell."""
 
     @abstractmethod
     def ball(self) -> tuple[FloatArray, float]:
@@ -108,13 +117,13 @@ class SurfaceCell(ABC):
     def to_dict(self) -> Json:
         """Return ``kind`` and the numbers that determine the rows."""
 
-    def whole_data(self) -> Json:
-        """Return the data of a cell of which no part is needed."""
+    def unsplit_data(self) -> Json:
+        """Return the data of a cell that is never split."""
         return self.to_dict()
 
 
 class CellFace(ABC):
-    """Interface of a body's face as a union of cells.
+    """Interface of a body's face as a union of surface cells.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Faces of each kind of body as unions of cells."""
+"""Faces of each kind of body as unions of surface cells."""
 
 from __future__ import annotations
 
@@ -18,20 +18,17 @@ from nlpgrasp.global_bound.cells.revolved_cells import DiscFace, RevolvedFace
 Faces = list[CellFace]
 
 
-def surfaces(body: Body, margin: float = 0.0) -> Faces | None:
-    """Return the faces of a body in the order of their names, or None for a kind that no cells are known for.
+def cell_faces(body: Body, margin: float) -> Faces | None:
+    """Return the faces of a body in the order of their names, None for a kind of body without cells.
 
     Parameters
     ----------
     body : Body
     margin : float
-        From sharp edges, metres: a face without room for it is left out. A mesh's one face is the whole surface all the
-        same.
+        Distance from sharp edges, metres; faces smaller than it are omitted. Ignored for a mesh.
     """
-    for kind, make in MAKERS:
-        if type(body) is kind:
-            return make(body, margin)
-    return None
+    make = MAKERS.get(type(body))
+    return None if make is None else make(body, margin)
 
 
 def _box_faces(body: Box, margin: float) -> Faces:
@@ -39,20 +36,20 @@ def _box_faces(body: Box, margin: float) -> Faces:
     result: Faces = []
     for name in body.face_names:
         axis, sign = "xyz".index(name[1]), 1.0 if name[0] == "+" else -1.0
-        beside, across = (i for i in range(3) if i != axis)
-        if min(half[beside], half[across]) <= margin:
+        first, second = (i for i in range(3) if i != axis)
+        if min(half[first], half[second]) <= margin:
             continue
         corners = np.zeros((4, 3))
         corners[:, axis] = sign * half[axis]
-        corners[:, beside] = (half[beside] - margin) * np.array([1.0, -1.0, -1.0, 1.0])
-        corners[:, across] = (half[across] - margin) * np.array([1.0, 1.0, -1.0, -1.0])
+        corners[:, first] = (half[first] - margin) * np.array([1.0, -1.0, -1.0, 1.0])
+        corners[:, second] = (half[second] - margin) * np.array([1.0, 1.0, -1.0, -1.0])
         result.append(FlatFaceCells(name, [corners], -sign * np.eye(3)[axis]))
     return result
 
 
 def _polygon_faces(body: Polygon, margin: float) -> Faces:
-    each = enumerate(_polygon_edges(body.corners, margin))
-    return [FlatFaceCells(f"edge{i}", [ends], normal) for i, (ends, normal) in each if ends is not None]
+    edges = enumerate(_polygon_edges(body.corners, margin))
+    return [FlatFaceCells(f"edge{i}", [ends], normal) for i, (ends, normal) in edges if ends is not None]
 
 
 def _prism_faces(body: Prism, margin: float) -> Faces:
@@ -62,46 +59,37 @@ def _prism_faces(body: Prism, margin: float) -> Faces:
         if ends is not None and half > margin:
             low, high = (np.column_stack([ends, np.full(2, z)]) for z in (margin - half, half - margin))
             result.append(FlatFaceCells(f"side{i}", [np.concatenate([low, high[::-1]])], np.append(normal, 0.0)))
-    flat = _inset_polygon(body.corners, margin)
-    for name, z in (("top", half), ("bottom", -half)) if len(flat) else ():
-        corners = np.column_stack([flat, np.full(len(flat), z)])
+    inset = _inset_polygon(body.corners, margin)
+    for name, z in (("top", half), ("bottom", -half)) if len(inset) else ():
+        corners = np.column_stack([inset, np.full(len(inset), z)])
         result.append(FlatFaceCells(name, [corners], np.array([0.0, 0.0, -np.sign(z)])))
     return result
 
 
 def _polygon_edges(corners: FloatArray, margin: float) -> list[tuple[FloatArray | None, FloatArray]]:
-    """Return both ends, None without room, and the inward unit normal of each edge of a polygon, counter-clockwise."""
+    """Return the ends, None of a short edge, and the inward unit normal of each edge, counter-clockwise."""
     result: list[tuple[FloatArray | None, FloatArray]] = []
-    back = margin * (np.abs(exterior_angles(corners)) > SHARP)
-    following = zip(np.roll(corners, -1, axis=0), np.roll(back, -1), strict=True)
-    for start, here, (end, there) in zip(corners, back, following, strict=True):
+    setbacks = margin * (np.abs(exterior_angles(corners)) > SHARP)
+    next_corners = zip(np.roll(corners, -1, axis=0), np.roll(setbacks, -1), strict=True)
+    for start, start_setback, (end, end_setback) in zip(corners, setbacks, next_corners, strict=True):
         length = np.linalg.norm(end - start)
         along = (end - start) / length
-        ends = np.stack([start + here * along, end - there * along]) if here + there < length else None
+        is_long = start_setback + end_setback < length
+        ends = np.stack([start + start_setback * along, end - end_setback * along]) if is_long else None
         result.append((ends, np.array([-along[1], along[0]])))
     return result
 
 
 def _inset_polygon(corners: FloatArray, margin: float) -> FloatArray:
-    """Return the part of a convex polygon (m, 2), counter-clockwise, that is a margin away from all its edges."""
-    inside = corners
+    """Return the part of a convex polygon (m, 2), counter-clockwise, at a margin from all edges."""
+    inset = corners
     for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True) if margin > 0.0 else ():
         along = (end - start) / np.linalg.norm(end - start)
         outward = np.array([along[1], -along[0]])
-        inside = clip(inside, outward, float(outward @ start) - margin)
-        if len(inside) < 3:
+        inset = clip(inset, outward, float(outward @ start) - margin)
+        if len(inset) < 3:
             return np.zeros((0, 2))
-    return inside
-
-
-def _sphere_faces(body: Sphere, margin: float) -> Faces:
-    del margin
-    return [EllipsoidFace("surface", np.full(3, float(body.radius)))]
-
-
-def _ellipsoid_faces(body: Ellipsoid, margin: float) -> Faces:
-    del margin
-    return [EllipsoidFace("surface", body.half_size)]
+    return inset
 
 
 def _cylinder_faces(body: Cylinder, margin: float) -> Faces:
@@ -111,23 +99,15 @@ def _cylinder_faces(body: Cylinder, margin: float) -> Faces:
     return [*([side] if half > margin else []), *(ends if radius > 0.0 else [])]
 
 
-def _torus_faces(body: Torus, margin: float) -> Faces:
-    del margin
-    return [RevolvedFace("surface", np.array([body.major_radius, body.minor_radius]), np.array([-np.pi, np.pi]))]
-
-
-def _mesh_faces(body: Mesh, margin: float) -> Faces:
-    del margin
-    return [MeshFace("surface", body)]
-
-
-MAKERS: list[tuple[type, Callable[..., Faces]]] = [
-    (Box, _box_faces),
-    (Polygon, _polygon_faces),
-    (Prism, _prism_faces),
-    (Sphere, _sphere_faces),
-    (Ellipsoid, _ellipsoid_faces),
-    (Cylinder, _cylinder_faces),
-    (Torus, _torus_faces),
-    (Mesh, _mesh_faces),
-]
+MAKERS: dict[type[Body], Callable[..., Faces]] = {
+    Box: _box_faces,
+    Polygon: _polygon_faces,
+    Prism: _prism_faces,
+    Sphere: lambda body, _: [EllipsoidFace("surface", np.full(3, float(body.radius)))],
+    Ellipsoid: lambda body, _: [EllipsoidFace("surface", body.half_size)],
+    Cylinder: _cylinder_faces,
+    Torus: lambda body, _: [
+        RevolvedFace("surface", np.array([body.major_radius, body.minor_radius]), np.array([-np.pi, np.pi]))
+    ],
+    Mesh: lambda body, _: [MeshFace("surface", body)],
+}

@@ -1,6 +1,6 @@
 """Cells of ellipsoids and spheres: spherical triangles, arcs and points, mapped onto the surface.
 
-``Spherical`` bounds how far a contact's work in a small part is off that at the part's corners.
+``EllipsoidSurface`` bounds the deviation of a contact's work inside a small part from that at its corners.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ import numpy as np
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.global_bound.cells.cell import CellFace, IntArray, RepresentativeContacts, SmallCurvedParts, SurfaceCell
+from nlpgrasp.global_bound.cells.cell import CellFace, CurvedParts, IntArray, RepresentativeContacts, SurfaceCell
 
-FINE = 0.2  # radians between rows
-LEVELS = (1, 4)  # times that the sides of a cell are halved for its rows
+FINE = 0.2  # radians, largest angle between rows
+LEVELS = (1, 4)  # least and largest number of halvings of a cell's sides for its rows
 
 
 class EllipsoidCell(SurfaceCell):
@@ -26,51 +26,50 @@ class EllipsoidCell(SurfaceCell):
     Parameters
     ----------
     corners : (m, 3) array
-        Unit; three of a triangle, two of an arc, one of a point.
-    patches : Spherical
-        Of the ellipsoid.
+        Unit vectors: three of a triangle, two of an arc, one of a point.
+    surface : EllipsoidSurface
     """
 
     kind: ClassVar[str] = "ellipsoid"
 
-    def __init__(self, corners: FloatArray, patches: Spherical) -> None:
-        self.corners, self.patches, self.a = corners, patches, patches.a
+    def __init__(self, corners: FloatArray, surface: EllipsoidSurface) -> None:
+        self.corners, self.surface, self.a = corners, surface, surface.a
 
     def rows(self) -> RepresentativeContacts:
-        """Return the corners of small triangles, or arcs, and these."""
-        longest = float(np.max(angles_along(self.corners, np.roll(self.corners, -1, axis=0))))
-        levels = int(np.clip(np.ceil(np.log2(max(longest / FINE, 1e-9))), *LEVELS)) if longest > 0.0 else 0
-        pairs, parts = grid(len(self.corners), levels)
+        """Return the corners of small triangles or arcs that cover the cell."""
+        longest_side = float(np.max(angles_along(self.corners, np.roll(self.corners, -1, axis=0))))
+        levels = int(np.clip(np.ceil(np.log2(max(longest_side / FINE, 1e-9))), *LEVELS)) if longest_side > 0.0 else 0
+        pairs, parts = subdivision_grid(len(self.corners), levels)
         u = self.corners
         for first, second in pairs:
-            middle = u[first] + u[second]
-            u = np.concatenate([u, middle / np.linalg.norm(middle, axis=1, keepdims=True)])
-        curved = SmallCurvedParts(self.patches, u[parts], parts)
-        return RepresentativeContacts(*self.patches.contacts(u), curved=(curved,) if len(self.corners) > 1 else ())
+            midpoints = u[first] + u[second]
+            u = np.concatenate([u, midpoints / np.linalg.norm(midpoints, axis=1, keepdims=True)])
+        curved = CurvedParts(self.surface, u[parts], parts)
+        return RepresentativeContacts(*self.surface.contacts(u), curved=(curved,) if len(self.corners) > 1 else ())
 
     def split(self) -> tuple[EllipsoidCell, ...]:
-        """Return both halves, cut at the middle of the side that is longest on the ellipsoid; a point as it is."""
+        """Return both halves, cut at the midpoint of the side that is longest on the ellipsoid; of a point itself."""
         if len(self.corners) == 1:
             return (self,)
         i = self.cut()
         j = (i + 1) % len(self.corners)
-        middle = self.corners[i] + self.corners[j]
-        middle /= np.linalg.norm(middle)
+        midpoint = self.corners[i] + self.corners[j]
+        midpoint /= np.linalg.norm(midpoint)
         first, second = self.corners.copy(), self.corners.copy()
-        first[j], second[i] = middle, middle
-        return EllipsoidCell(first, self.patches), EllipsoidCell(second, self.patches)
+        first[j], second[i] = midpoint, midpoint
+        return EllipsoidCell(first, self.surface), EllipsoidCell(second, self.surface)
 
     def cut(self) -> int:
-        """Return the number i of the side from corner i to the next; the part with corner i comes first."""
-        following = np.roll(self.corners, -1, axis=0)
-        longest = np.round(np.linalg.norm((self.corners - following) * self.a, axis=1) / np.max(self.a), 9)
-        return int(np.argmax(longest))
+        """Return the number i of the side from corner i to the next; the half with corner i comes first."""
+        next_corners = np.roll(self.corners, -1, axis=0)
+        lengths = np.round(np.linalg.norm((self.corners - next_corners) * self.a, axis=1) / np.max(self.a), 9)
+        return int(np.argmax(lengths))
 
     def ball(self) -> tuple[FloatArray, float]:
-        """Return the point in the middle, and the largest semi-axis times the angle to the farthest corner."""
-        middle = self.corners.mean(axis=0)
-        middle /= np.linalg.norm(middle)
-        return middle * self.a, float(np.max(self.a) * np.max(angles_along(self.corners, middle[None])))
+        """Return the central point, and the largest semi-axis times the angle to the farthest corner."""
+        centre = self.corners.mean(axis=0)
+        centre /= np.linalg.norm(centre)
+        return centre * self.a, float(np.max(self.a) * np.max(angles_along(self.corners, centre[None])))
 
     def anchors(self) -> FloatArray:
         """Return the corners."""
@@ -93,19 +92,19 @@ class EllipsoidFace(CellFace):
 
     def __init__(self, name: str, semi_axes: FloatArray) -> None:
         super().__init__(name)
-        self.a, self.patches = semi_axes, Spherical(semi_axes)
+        self.a, self.surface = semi_axes, EllipsoidSurface(semi_axes)
 
     def cells(self) -> Sequence[SurfaceCell]:
         """Return the eight octants."""
-        return [EllipsoidCell(np.diag(signs).astype(float), self.patches) for signs in product((1, -1), repeat=3)]
+        return [EllipsoidCell(np.diag(signs).astype(float), self.surface) for signs in product((1, -1), repeat=3)]
 
     def half_plane(self, axis: FloatArray, side: FloatArray) -> Sequence[SurfaceCell]:
-        """Return arcs over the half-plane through an axis, unit, on the side of another unit vector across it."""
-        return [EllipsoidCell(np.stack([end, side]), self.patches) for end in (axis, -axis)]
+        """Return the two arcs in the half-plane bounded by a unit axis, on the side of an orthogonal unit vector."""
+        return [EllipsoidCell(np.stack([end, side]), self.surface) for end in (axis, -axis)]
 
 
-class Spherical:
-    """Parts of an ellipsoid about the origin: triangles, arcs and points u of the unit sphere, ``p = A u``.
+class EllipsoidSurface:
+    """Surface of an ellipsoid about the origin: triangles, arcs and points u of the unit sphere, ``p = A u``.
 
     With ``A = diag(a)`` the outward normal is ``A^-1 u / g`` with ``g = |A^-1 u|``. Along a great circle of unit speed
     it turns at ``w = |n'| <= |A^-1| / g``, and in a frame that does not turn about it ``w' <= 2 w |g'| / g`` with
@@ -134,37 +133,39 @@ class Spherical:
         points = coordinates * self.a
         return points, ellipsoid_inward_normals(points, self.a)
 
-    def bends(self, parts: FloatArray) -> FloatArray:
-        """Return the bends of small triangles or arcs (n, c, 3), (n, 2, 3)."""
+    def deviations(self, parts: FloatArray) -> FloatArray:
+        """Return the deviations of small triangles or arcs (n, c, 3), (n, 2, 3)."""
         large, small = float(np.max(self.a)), float(np.min(self.a))
         a = self.a[:, None]
         corners = np.ascontiguousarray(parts.transpose(1, 2, 0))  # (c, 3, n): rows of n run fast
         sides = angles_along(corners, np.roll(corners, -1, axis=0), axis=1)
         side = np.max(sides, axis=0)
-        steps = _circumradius(sides) ** 2 / 2.0
-        middle = np.mean(corners, axis=0)
-        middle /= _vector_lengths(middle)
-        radius = np.max(angles_along(corners, middle, axis=1), axis=0)
-        g = np.maximum(_vector_lengths(middle / a) - radius / small, 1.0 / large)
-        turn = 1.0 / (small * g)
-        stretched = middle / a**2
-        off = _vector_lengths(stretched - np.sum(stretched * middle, axis=0) * middle)
-        half = 0.5 * (1.0 / small**2 - 1.0 / large**2)
-        rate = turn**2 + 2.0 * turn * np.minimum(half, off + 3.0 * half * radius) / g**2
-        reach = np.minimum(large, _vector_lengths(middle * a) + large * radius)
-        swept = np.full(len(parts), 2.0 * large) if large == small else reach + (large / small + small / large) / g
-        apart = large * side  # from a corner to anywhere in the part
-        second = np.stack([rate, swept + rate * apart, rate], axis=1)
-        first = np.stack([turn, large + turn * apart, turn], axis=1)
-        return np.stack([steps[:, None] * second, side[:, None] * first], axis=1)
+        quadratic = _circumradius(sides) ** 2 / 2.0
+        centre = np.mean(corners, axis=0)
+        centre /= _vector_lengths(centre)
+        radius = np.max(angles_along(corners, centre, axis=1), axis=0)
+        g = np.maximum(_vector_lengths(centre / a) - radius / small, 1.0 / large)
+        turn_rate = 1.0 / (small * g)
+        stretched = centre / a**2
+        tangential = _vector_lengths(stretched - np.sum(stretched * centre, axis=0) * centre)
+        largest_tangential = 0.5 * (1.0 / small**2 - 1.0 / large**2)
+        tangential = np.minimum(largest_tangential, tangential + 3.0 * largest_tangential * radius)
+        rate = turn_rate**2 + 2.0 * turn_rate * tangential / g**2
+        largest_distance = np.minimum(large, _vector_lengths(centre * a) + large * radius)
+        ratio = large / small + small / large
+        torque_rate = np.full(len(parts), 2.0 * large) if large == small else largest_distance + ratio / g
+        distance = large * side  # from a corner to anywhere in the part
+        second_order = np.stack([rate, torque_rate + rate * distance, rate], axis=1)
+        first_order = np.stack([turn_rate, large + turn_rate * distance, turn_rate], axis=1)
+        return np.stack([quadratic[:, None] * second_order, side[:, None] * first_order], axis=1)
 
     def subdivide(self, parts: FloatArray) -> tuple[FloatArray, IntArray]:
-        """Return the quarters of triangles (n, 3, 3), the halves of arcs (n, 2, 3), as corners and which."""
-        pairs, into = grid(parts.shape[1], 1)
+        """Return the quarters of triangles (n, 3, 3), or halves of arcs (n, 2, 3), as vertices and indices of these."""
+        pairs, corner_indices = subdivision_grid(parts.shape[1], 1)
         (first, second), *_ = pairs
-        middle = parts[:, first] + parts[:, second]
-        middle /= np.linalg.norm(middle, axis=2, keepdims=True)
-        return np.concatenate([parts, middle], axis=1), into
+        midpoints = parts[:, first] + parts[:, second]
+        midpoints /= np.linalg.norm(midpoints, axis=2, keepdims=True)
+        return np.concatenate([parts, midpoints], axis=1), corner_indices
 
 
 def ellipsoid_inward_normals(points: FloatArray, semi_axes: FloatArray) -> FloatArray:
@@ -174,39 +175,39 @@ def ellipsoid_inward_normals(points: FloatArray, semi_axes: FloatArray) -> Float
 
 
 @cache
-def grid(corners: int, levels: int) -> tuple[tuple[tuple[IntArray, IntArray], ...], IntArray]:
-    """Return how a triangle, an arc or a point is cut into quarters, or halves, time and again.
+def subdivision_grid(corners: int, levels: int) -> tuple[tuple[tuple[IntArray, IntArray], ...], IntArray]:
+    """Return the repeated subdivision of a triangle into quarters, or an arc into halves.
 
     Returns
     -------
     pairs : tuple of pairs of (s,) arrays
-        Of each level, the vertices between which new ones are; vertices are numbered in the order in which they appear.
+        For each level, the vertices whose midpoints are the new vertices, numbered in order of appearance.
     parts : (n, corners) array
         The vertices of each part of the last level.
     """
     parts = [tuple(range(corners))]
-    pairs, count = [], corners
+    pairs, vertex_count = [], corners
     for _ in range(levels if corners > 1 else 0):
-        new: dict[tuple[int, int], int] = {}
-        finer: list[tuple[int, ...]] = []
+        midpoints: dict[tuple[int, int], int] = {}
+        smaller_parts: list[tuple[int, ...]] = []
         for part in parts:
             sides = [tuple(sorted((a, b))) for a, b in zip(part, (*part[1:], part[0]), strict=True)]
-            middles = [new.setdefault((a, b), count + len(new)) for a, b in sides]
+            indices = [midpoints.setdefault((a, b), vertex_count + len(midpoints)) for a, b in sides]
             if corners == 2:
-                finer += [(part[0], middles[0]), (middles[0], part[1])]
+                smaller_parts += [(part[0], indices[0]), (indices[0], part[1])]
             else:
-                finer += [(part[i], middles[i], middles[i - 1]) for i in range(3)]
-                finer.append(tuple(middles))
-        ends = np.array(list(new))
-        pairs.append((ends[:, 0], ends[:, 1]))
-        parts, count = finer, count + len(new)
+                smaller_parts += [(part[i], indices[i], indices[i - 1]) for i in range(3)]
+                smaller_parts.append(tuple(indices))
+        pair_array = np.array(list(midpoints))
+        pairs.append((pair_array[:, 0], pair_array[:, 1]))
+        parts, vertex_count = smaller_parts, vertex_count + len(midpoints)
     return tuple(pairs), np.array(parts)
 
 
 def angles_along(u: FloatArray, v: FloatArray, axis: int = -1) -> FloatArray:
     """Return angles between unit vectors along an axis, exact for small ones, radians."""
-    apart = np.sqrt(np.sum((u - v) ** 2, axis=axis))
-    return np.asarray(2.0 * np.arcsin(np.minimum(0.5 * apart, 1.0)))
+    chords = np.sqrt(np.sum((u - v) ** 2, axis=axis))
+    return np.asarray(2.0 * np.arcsin(np.minimum(0.5 * chords, 1.0)))
 
 
 def _vector_lengths(v: FloatArray) -> FloatArray:
@@ -225,6 +226,6 @@ def _circumradius(sides: FloatArray) -> FloatArray:
     a, b, c = sides * (longest / np.sin(longest))
     squares = a**2 + b**2 + c**2 - 2.0 * np.maximum(np.maximum(a, b), c) ** 2
     area = 0.25 * np.sqrt(np.maximum((a + b + c) * (b + c - a) * (a + c - b) * (a + b - c), 0.0))
-    acute = (squares > 0.0) & (area > 0.0)
-    round_ = a * b * c / (4.0 * np.where(acute, area, 1.0))
-    return np.asarray(np.where(acute, round_, 0.5 * np.maximum(np.maximum(a, b), c)))
+    is_acute = (squares > 0.0) & (area > 0.0)
+    circumradius = a * b * c / (4.0 * np.where(is_acute, area, 1.0))
+    return np.asarray(np.where(is_acute, circumradius, 0.5 * np.maximum(np.maximum(a, b), c)))

@@ -12,7 +12,7 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.global_bound.cells.cell import CellFace, RepresentativeContacts, SurfaceCell
 
-ROUNDING = 1e-9  # relative: extents that differ by less are equal, so that mirror images are cut alike
+ROUNDING = 1e-9  # relative difference of equal extents, so that mirror images are cut equally
 
 
 class PolygonCell(SurfaceCell):
@@ -27,7 +27,7 @@ class PolygonCell(SurfaceCell):
     normal : (space,) array
         Unit, into the body.
     axes : (space - 1, space) array
-        Unit, along which it is cut.
+        Unit tangents across which the polygon is cut.
     """
 
     kind: ClassVar[str] = "polygon"
@@ -40,11 +40,11 @@ class PolygonCell(SurfaceCell):
         return RepresentativeContacts(self.vertices, np.broadcast_to(self.normal, self.vertices.shape))
 
     def split(self) -> tuple[PolygonCell, PolygonCell]:
-        """Return both halves of the longer extent along the axes."""
+        """Return both halves, cut across the axis of the longer extent."""
         i = self.cut()
-        along = self.axes[i] @ self.vertices.T
-        middle = 0.5 * float(np.max(along) + np.min(along))
-        low, high = (clip(self.vertices, s * self.axes[i], s * middle) for s in (1.0, -1.0))
+        coordinates = self.axes[i] @ self.vertices.T
+        midpoint = 0.5 * float(np.max(coordinates) + np.min(coordinates))
+        low, high = (clip(self.vertices, s * self.axes[i], s * midpoint) for s in (1.0, -1.0))
         return PolygonCell(low, self.normal, self.axes), PolygonCell(high, self.normal, self.axes)
 
     def cut(self) -> int:
@@ -54,8 +54,8 @@ class PolygonCell(SurfaceCell):
 
     def ball(self) -> tuple[FloatArray, float]:
         """Return the mean of the vertices and the distance to the farthest."""
-        middle = self.vertices.mean(axis=0)
-        return middle, float(np.max(np.linalg.norm(self.vertices - middle, axis=1)))
+        centre = self.vertices.mean(axis=0)
+        return centre, float(np.max(np.linalg.norm(self.vertices - centre, axis=1)))
 
     def anchors(self) -> FloatArray:
         """Return the corners."""
@@ -68,7 +68,7 @@ class PolygonCell(SurfaceCell):
 
 
 class FlatFaceCells(CellFace):
-    """Flat face, or what constraints leave of it, as convex polygons.
+    """Flat face, or its allowed part, as convex polygons.
 
     Parameters
     ----------
@@ -90,14 +90,14 @@ class FlatFaceCells(CellFace):
 
 
 def clip(vertices: FloatArray, direction: FloatArray, offset: float) -> FloatArray:
-    """Return what a half-space ``direction . p <= offset`` leaves of a convex polygon or a segment, perhaps nothing."""
-    beyond = vertices @ direction - offset
-    kept: list[FloatArray] = []
+    """Return the part of a convex polygon or segment in the half-space ``direction . p <= offset``, possibly empty."""
+    excess = vertices @ direction - offset
+    clipped: list[FloatArray] = []
     pairs = len(vertices) if len(vertices) > 2 else 1
     for i in range(len(vertices)):
         j = (i + 1) % len(vertices)
-        if beyond[i] <= 0.0:
-            kept.append(vertices[i])
-        if i < pairs and beyond[i] * beyond[j] < 0.0:
-            kept.append(vertices[i] + (vertices[j] - vertices[i]) * (beyond[i] / (beyond[i] - beyond[j])))
-    return np.array(kept).reshape(-1, vertices.shape[1])
+        if excess[i] <= 0.0:
+            clipped.append(vertices[i])
+        if i < pairs and excess[i] * excess[j] < 0.0:
+            clipped.append(vertices[i] + (vertices[j] - vertices[i]) * (excess[i] / (excess[i] - excess[j])))
+    return np.array(clipped).reshape(-1, vertices.shape[1])

@@ -1,4 +1,4 @@
-"""Cells of a mesh: a binary tree of triangle clusters (``ClusterTree``), each node of which is a cell."""
+"""Cells of a mesh: the nodes of a binary tree of triangle clusters (``ClusterTree``)."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.global_bound.cells.cell import CellFace, IntArray, RepresentativeContacts, SurfaceCell
 
-LEVELS = 12  # of clusters below the whole surface
-ENOUGH, MOST = 4096, 40_000  # pieces: so many that large triangles are halved, and where that ends
-LONGEST = 2.2  # longest side of a piece, over the root of its share of the surface
-TURN = 0.5  # what a turn of the normal by a radian weighs, in sizes of the body
-SMALLEST = 1e-300  # twice the area of a triangle that has a normal
+LEVELS = 12  # levels of the cluster tree below the root
+ENOUGH, MOST = 4096, 40_000  # number of pieces that sets their largest size, and largest number
+LONGEST = 2.2  # longest side of a piece, relative to the square root of its share of the surface
+TURN = 0.5  # weight of one radian between normals, in sizes of the body
+SMALLEST = 1e-300  # least twice the area of a triangle with a normal
 
 
 class TriangleCluster(SurfaceCell):
-    """A cluster of triangles, or of pieces of them.
+    """Cell of a mesh: a cluster of triangles or pieces of them.
 
     Parameters
     ----------
     clusters : ClusterTree
     node : int
-        Of the tree.
+        Number of the node in the tree.
     """
 
     kind: ClassVar[str] = "mesh"
@@ -37,36 +37,36 @@ class TriangleCluster(SurfaceCell):
 
     def rows(self) -> RepresentativeContacts:
         """Return the corners of all pieces with the normal of each."""
-        own = self.clusters.rows_of(self.node)
-        return RepresentativeContacts(self.clusters.rows.points[own], self.clusters.rows.normals[own])
+        rows = self.clusters.rows_of(self.node)
+        return RepresentativeContacts(self.clusters.rows.points[rows], self.clusters.rows.normals[rows])
 
     def split(self) -> tuple[SurfaceCell, ...]:
-        """Return both halves of the cluster; of one of the last level itself."""
+        """Return both halves of the cluster; itself at the last level."""
         if self.node >= self.clusters.last:
             return (self,)
         return tuple(TriangleCluster(self.clusters, 2 * self.node + i) for i in (0, 1))
 
     def cut(self) -> int:
-        """Return how many pieces, in the order in which they are stated, are in the first part."""
+        """Return the number of pieces in the first half, in the tree's order."""
         return len(self.clusters.members(2 * self.node))
 
     def ball(self) -> tuple[FloatArray, float]:
-        """Return the middle of the cluster's box and the distance to the farthest corner of a piece."""
+        """Return the centre of the bounding box and the distance to the farthest corner of a piece."""
         corners = self.anchors()
-        middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
-        return middle, float(np.max(np.linalg.norm(corners - middle, axis=1)))
+        centre = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+        return centre, float(np.max(np.linalg.norm(corners - centre, axis=1)))
 
     def anchors(self) -> FloatArray:
         """Return the corners of all pieces."""
         return self.clusters.pieces[self.clusters.members(self.node)].reshape(-1, 3)
 
     def to_dict(self) -> Json:
-        """Return how the mesh's triangles are halved, and the numbers of the cell's pieces in order."""
+        """Return the halvings of the mesh's triangles, and the numbers of the cell's pieces in order."""
         order = self.clusters.members(self.node).tolist()
         return {"kind": self.kind, "halved": list(self.clusters.halved), "order": order}
 
-    def whole_data(self) -> Json:
-        """Return the data of the whole mesh, whose triangles stay as they are."""
+    def unsplit_data(self) -> Json:
+        """Return the data of the whole mesh, without halvings of its triangles."""
         return {"kind": self.kind, "halved": [], "order": None}
 
 
@@ -85,7 +85,7 @@ class MeshFace(CellFace):
 
     @cached_property
     def clusters(self) -> ClusterTree:
-        """The triangles, halved until they are small."""
+        """Cluster tree of the triangles, halved until they are small."""
         corners = np.asarray(self.body.mesh.triangles, dtype=float)
         sides = corners[:, 1:] - corners[:, :1]
         inward = np.cross(sides[:, 1], sides[:, 0])
@@ -115,18 +115,18 @@ class ClusterTree:
     Attributes
     ----------
     halved : tuple of str
-        How triangles became pieces: each a character for every piece so far, ``-`` where it stayed as it was and else
-        the side, from corner 0, 1 or 2 on, across whose middle it was halved. The half with that corner takes the
-        piece's number, the others get the next ones in order.
+        Halvings of triangles into pieces, round by round: one character per piece, ``-`` if it was not halved, else the
+        first corner 0, 1 or 2 of the side that was cut at its midpoint. The half with that corner keeps the piece's
+        number, the other halves get the next numbers in order.
     pieces : (m, 3, 3) array
         Corners, metres.
     normals : (m, 3) array
     order : (m,) array
-        In which all clusters are ranges.
+        Order of the pieces in which all clusters are ranges.
     rows : RepresentativeContacts
-        Of all clusters of the last level, one after another.
+        Rows of all clusters of the last level in order.
     begin : (2^levels + 1,) array
-        Where the rows of each of these begin, and the end.
+        First row of each of these clusters, and the number of rows.
     """
 
     def __init__(self, corners: FloatArray, normals: FloatArray, size: float) -> None:
@@ -139,80 +139,75 @@ class ClusterTree:
 
     @property
     def count(self) -> int:
-        """Clusters, and one that is none."""
+        """Number of clusters plus one, as there is no node 0."""
         return int(2 ** (self.levels + 1))
 
     @property
     def last(self) -> int:
-        """The first cluster of the last level."""
+        """Number of the first cluster of the last level."""
         return int(2**self.levels)
-
-    def range(self, node: int) -> tuple[int, int]:
-        """Return where in the order a cluster's pieces begin and end."""
-        level = node.bit_length() - 1
-        ends = (i * len(self.order) // 2**level for i in (node - 2**level, node - 2**level + 1))
-        low, high = ends
-        return low, high
 
     def members(self, node: int) -> IntArray:
         """Return the numbers of a cluster's pieces."""
-        return self.order[slice(*self.range(node))]
+        level, count = node.bit_length() - 1, len(self.order)
+        first = node - 2**level
+        return self.order[first * count // 2**level : (first + 1) * count // 2**level]
 
     def rows_of(self, node: int) -> slice:
-        """Return which rows are a cluster's."""
+        """Return the range of a cluster's rows."""
         below = self.levels - node.bit_length() + 1
         first = (node << below) - self.last
         return slice(int(self.begin[first]), int(self.begin[first + 2**below]))
 
     def _rows(self) -> tuple[RepresentativeContacts, IntArray]:
-        """Return the corners of all pieces in order, within each last cluster once, and where clusters begin."""
+        """Return the corners of all pieces in order, distinct per cluster of the last level, and each's first."""
         points = self.pieces[self.order].reshape(-1, 3)
         normals = np.repeat(self.normals[self.order], 3, axis=0)
-        ends = 3 * _level_ranges(len(self.order), self.levels)
-        cluster = np.repeat(np.arange(self.last), np.diff(ends))
-        once = np.unique(np.column_stack([cluster, points, normals]), axis=0, return_index=True)[1]
-        begin = np.searchsorted(cluster[np.sort(once)], np.arange(self.last + 1))
-        return RepresentativeContacts(points[np.sort(once)], normals[np.sort(once)]), begin
+        offsets = 3 * _level_ranges(len(self.order), self.levels)
+        cluster = np.repeat(np.arange(self.last), np.diff(offsets))
+        first_indices = np.unique(np.column_stack([cluster, points, normals]), axis=0, return_index=True)[1]
+        begin = np.searchsorted(cluster[np.sort(first_indices)], np.arange(self.last + 1))
+        return RepresentativeContacts(points[np.sort(first_indices)], normals[np.sort(first_indices)]), begin
 
 
 def _halve_triangles(corners: FloatArray) -> tuple[tuple[str, ...], FloatArray, IntArray]:
-    """Return how triangles are halved across their longest sides, the pieces, and the triangle each is part of."""
+    """Return the halvings of triangles across their longest sides, the pieces, and each piece's triangle."""
     owner, pieces, rounds = np.arange(len(corners)), corners, list[str]()
     sides = corners[:, 1:] - corners[:, :1]
     area = 0.5 * float(np.sum(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)))
     longest = LONGEST * float(np.sqrt(area / ENOUGH))
     while len(pieces) < MOST:
         sides = np.linalg.norm(np.roll(pieces, -1, axis=1) - pieces, axis=2)
-        long = np.flatnonzero(np.max(sides, axis=1) > longest)
-        if not len(long):
+        long_pieces = np.flatnonzero(np.max(sides, axis=1) > longest)
+        if not len(long_pieces):
             break
-        side = np.argmax(sides[long], axis=1)
+        side = np.argmax(sides[long_pieces], axis=1)
         characters = np.full(len(pieces), "-")
-        characters[long] = side.astype(str)
+        characters[long_pieces] = side.astype(str)
         rounds.append("".join(characters))
-        start, end = pieces[long, side], pieces[long, (side + 1) % 3]
-        across, middle = pieces[long, (side + 2) % 3], 0.5 * (start + end)
-        pieces = np.concatenate([pieces, np.stack([middle, end, across], axis=1)])
-        pieces[long] = np.stack([start, middle, across], axis=1)
-        owner = np.concatenate([owner, owner[long]])
+        start, end = pieces[long_pieces, side], pieces[long_pieces, (side + 1) % 3]
+        opposite, midpoint = pieces[long_pieces, (side + 2) % 3], 0.5 * (start + end)
+        pieces = np.concatenate([pieces, np.stack([midpoint, end, opposite], axis=1)])
+        pieces[long_pieces] = np.stack([start, midpoint, opposite], axis=1)
+        owner = np.concatenate([owner, owner[long_pieces]])
     return tuple(rounds), pieces, owner
 
 
 def _ordered(features: FloatArray, levels: int) -> IntArray:
-    """Return an order in which all clusters are ranges: halved again and again where they are most spread."""
+    """Return the order of pieces in which all clusters are ranges, halved repeatedly across the largest spread."""
     order = np.arange(len(features))
     for level in range(levels):
-        ends = _level_ranges(len(order), level)
-        owner = np.repeat(np.arange(2**level), np.diff(ends))
-        own = features[order]
-        number = np.diff(ends)[:, None]
-        mean = np.add.reduceat(own, ends[:-1]) / number
-        spread = np.add.reduceat((own - mean[owner]) ** 2, ends[:-1])
+        offsets = _level_ranges(len(order), level)
+        owner = np.repeat(np.arange(2**level), np.diff(offsets))
+        sorted_features = features[order]
+        counts = np.diff(offsets)[:, None]
+        means = np.add.reduceat(sorted_features, offsets[:-1]) / counts
+        spread = np.add.reduceat((sorted_features - means[owner]) ** 2, offsets[:-1])
         axis = np.argmax(spread, axis=1)
-        order = order[np.lexsort((own[np.arange(len(own)), axis[owner]], owner))]
+        order = order[np.lexsort((sorted_features[np.arange(len(sorted_features)), axis[owner]], owner))]
     return order
 
 
 def _level_ranges(count: int, level: int) -> IntArray:
-    """Return where the clusters of a level begin and end in the order, (2^level + 1,)."""
+    """Return the limits of a level's clusters in the order, (2^level + 1,)."""
     return np.asarray(np.arange(2**level + 1) * count // 2**level)

@@ -1,6 +1,6 @@
 """Cells of discs, cylinders and tori: sectors of discs and patches of surfaces of revolution about the z axis.
 
-``RevolvedPatches`` bounds how far a contact's work in a small patch is off that at the patch's corners.
+``RevolvedSurface`` bounds the deviation of a contact's work inside a small patch from that at its corners.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ import numpy as np
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.global_bound.cells.cell import CellFace, IntArray, RepresentativeContacts, SmallCurvedParts, SurfaceCell
+from nlpgrasp.global_bound.cells.cell import CellFace, CurvedParts, IntArray, RepresentativeContacts, SurfaceCell
 
-SECTORS = 8  # of a disc: angles that differ by less than half a turn are needed
-FINE = 0.2  # radians between rows
-MOST = 16  # steps between rows, either way
-PARTS = 4  # of a whole turn, to begin with
+SECTORS = 8  # number of root cells of a disc, each less than half a turn
+FINE = 0.2  # radians, largest angle between rows
+MOST = 16  # largest number of intervals between rows, each way
+PARTS = 4  # number of root cells per turn
 
 
 class SectorCell(SurfaceCell):
@@ -31,7 +31,7 @@ class SectorCell(SurfaceCell):
     radii : (2,) array
         Metres, from 0.
     angles : (2,) array
-        Radians, less than pi apart; equal for a radius alone.
+        Radians, less than pi apart; equal for a single radius.
     height : float
         z of the disc, metres.
     normal : (3,) array
@@ -44,7 +44,7 @@ class SectorCell(SurfaceCell):
         self.radii, self.angles, self.height, self.normal = radii, angles, height, normal
 
     def rows(self) -> RepresentativeContacts:
-        """Return the corners and where the outer tangents meet."""
+        """Return the corners and the intersection of the outer tangents."""
         low, high = self.angles
         polar = [(r, phi) for r in self.radii for phi in (low, high)]
         if high > low:
@@ -53,7 +53,7 @@ class SectorCell(SurfaceCell):
         return RepresentativeContacts(points, np.broadcast_to(self.normal, points.shape))
 
     def split(self) -> tuple[SectorCell, SectorCell]:
-        """Return both halves, of the radii or of the angles, whichever are further apart."""
+        """Return both halves, cut across the longer of radii and angles."""
         if self.cut() == 0:
             first, second = halve(self.radii)
             return self._with(first, self.angles), self._with(second, self.angles)
@@ -70,8 +70,8 @@ class SectorCell(SurfaceCell):
     def ball(self) -> tuple[FloatArray, float]:
         """Return the mean of the rows and the distance to the farthest."""
         points = self.rows().points
-        middle = points.mean(axis=0)
-        return middle, float(np.max(np.linalg.norm(points - middle, axis=1)))
+        centre = points.mean(axis=0)
+        return centre, float(np.max(np.linalg.norm(points - centre, axis=1)))
 
     def anchors(self) -> FloatArray:
         """Return the corners."""
@@ -112,19 +112,18 @@ class DiscFace(CellFace):
         return [SectorCell(radii, ends[i : i + 2], self.height, self.normal) for i in range(SECTORS)]
 
     def meridian_cells(self) -> Sequence[SurfaceCell]:
-        """Return the radius at angle 0: where every contact of the disc can be turned to."""
+        """Return the radius at angle 0, to which every contact of the disc can be rotated."""
         return [SectorCell(np.array([0.0, self.radius]), np.zeros(2), self.height, self.normal)]
 
 
 class RevolvedCell(SurfaceCell):
-    """A patch ``phi_0 <= phi <= phi_1``, ``t_0 <= t <= t_1`` of a surface that turns about the z axis.
+    """A patch ``phi_0 <= phi <= phi_1``, ``t_0 <= t <= t_1`` of a surface of revolution about the z axis.
 
     On a cylinder's side t is the height z; on a torus it is the angle around the tube.
 
     Parameters
     ----------
-    patches : RevolvedPatches
-        Of the surface.
+    surface : RevolvedSurface
     angles : (2,) array
         phi, radians.
     along : (2,) array
@@ -133,45 +132,45 @@ class RevolvedCell(SurfaceCell):
 
     kind: ClassVar[str] = "revolved"
 
-    def __init__(self, patches: RevolvedPatches, angles: FloatArray, along: FloatArray) -> None:
-        self.patches, self.angles, self.along = patches, angles, along
-        self.radii, self.round = patches.radii, patches.round
+    def __init__(self, surface: RevolvedSurface, angles: FloatArray, along: FloatArray) -> None:
+        self.surface, self.angles, self.along, self.radii = surface, angles, along, surface.radii
 
     def rows(self) -> RepresentativeContacts:
-        """Return a grid of points and the patches between them."""
-        turns, steps = (
-            _part_count(self.angles),
-            _part_count(self.along) if self.round else int(np.ptp(self.along) > 0.0),
-        )
+        """Return a grid of contacts and the patches between them."""
+        turns = _part_count(self.angles)
+        steps = _part_count(self.along) if self.surface.is_torus else int(np.ptp(self.along) > 0.0)
         corners, parts = rectangles(_interval_grid(self.angles, turns), _interval_grid(self.along, steps))
-        curved = SmallCurvedParts(self.patches, corners[parts], parts)
-        return RepresentativeContacts(*self.patches.contacts(corners), curved=(curved,) if parts.shape[1] > 1 else ())
+        curved = CurvedParts(self.surface, corners[parts], parts)
+        return RepresentativeContacts(*self.surface.contacts(corners), curved=(curved,) if parts.shape[1] > 1 else ())
 
     def split(self) -> tuple[RevolvedCell, RevolvedCell]:
         """Return both halves of the longer side in metres."""
         if self.cut() == 0:
             first, second = halve(self.angles)
-            return RevolvedCell(self.patches, first, self.along), RevolvedCell(self.patches, second, self.along)
+            return RevolvedCell(self.surface, first, self.along), RevolvedCell(self.surface, second, self.along)
         first, second = halve(self.along)
-        return RevolvedCell(self.patches, self.angles, first), RevolvedCell(self.patches, self.angles, second)
+        return RevolvedCell(self.surface, self.angles, first), RevolvedCell(self.surface, self.angles, second)
 
     def cut(self) -> int:
         """Return 0 for a cut of phi, 1 for one of t, each in the middle, the lower part first."""
+        around, across = self._side_lengths()
+        return int(around <= across)
+
+    def _side_lengths(self) -> tuple[float, float]:
+        """Return the lengths of the patch's sides along phi and t, metres."""
         around = float(np.sum(self.radii) * np.ptp(self.angles))
-        beside = float(np.ptp(self.along)) * (float(self.radii[1]) if self.round else 1.0)
-        return int(around <= beside)
+        return around, float(np.ptp(self.along)) * (float(self.radii[1]) if self.surface.is_torus else 1.0)
 
     def ball(self) -> tuple[FloatArray, float]:
-        """Return the point in the middle and the longest way over the surface to a corner."""
-        middle = at(self.radii, np.mean(self.angles, keepdims=True), np.mean(self.along, keepdims=True))[0][0]
-        around = float(np.sum(self.radii) * np.ptp(self.angles))
-        beside = float(np.ptp(self.along)) * (float(self.radii[1]) if self.round else 1.0)
-        return middle, 0.5 * (around + beside)
+        """Return the central point and the largest distance along the surface to a corner."""
+        centre = contacts_at(self.radii, np.mean(self.angles, keepdims=True), np.mean(self.along, keepdims=True))[0][0]
+        around, across = self._side_lengths()
+        return centre, 0.5 * (around + across)
 
     def anchors(self) -> FloatArray:
-        """Return the corners and the middle of both intervals."""
+        """Return a grid of 3 by 3 points: corners, midpoints of the sides, and centre."""
         grids = np.meshgrid(*(_interval_grid(interval, 2) for interval in (self.angles, self.along)), indexing="ij")
-        return at(self.radii, np.ravel(grids[0]), np.ravel(grids[1]))[0]
+        return contacts_at(self.radii, np.ravel(grids[0]), np.ravel(grids[1]))[0]
 
     def to_dict(self) -> Json:
         """Return radii, angles and the interval of t."""
@@ -188,12 +187,12 @@ class RevolvedFace(CellFace):
     radii : (2,) array
         As of ``RevolvedCell``, metres.
     along : (2,) array
-        The whole interval of t: heights, or a turn.
+        Interval of t: heights in metres, or a full turn.
     """
 
     def __init__(self, name: str, radii: FloatArray, along: FloatArray) -> None:
         super().__init__(name)
-        self.radii, self.along, self.patches = radii, along, RevolvedPatches(radii)
+        self.radii, self.along, self.surface = radii, along, RevolvedSurface(radii)
 
     def _parts(self) -> list[FloatArray]:
         if self.radii[0] == 0.0:
@@ -202,13 +201,13 @@ class RevolvedFace(CellFace):
         return [ends[i : i + 2] for i in range(PARTS)]
 
     def cells(self) -> Sequence[SurfaceCell]:
-        """Return quarter turns, of a torus quarters of them around the tube."""
+        """Return quarter turns, on a torus each in quarters around the tube."""
         ends = 2.0 * np.pi * np.arange(PARTS + 1) / PARTS
-        return [RevolvedCell(self.patches, ends[i : i + 2], t) for i in range(PARTS) for t in self._parts()]
+        return [RevolvedCell(self.surface, ends[i : i + 2], t) for i in range(PARTS) for t in self._parts()]
 
     def meridian_cells(self) -> Sequence[SurfaceCell]:
-        """Return the lines at angle 0: where every contact can be turned to."""
-        return [RevolvedCell(self.patches, np.zeros(2), t) for t in self._parts()]
+        """Return the lines at angle 0, to which every contact can be rotated."""
+        return [RevolvedCell(self.surface, np.zeros(2), t) for t in self._parts()]
 
 
 def _part_count(interval: FloatArray) -> int:
@@ -220,8 +219,8 @@ def _interval_grid(interval: FloatArray, steps: int) -> FloatArray:
     return np.linspace(float(interval[0]), float(interval[1]), steps + 1)
 
 
-class RevolvedPatches:
-    """Parts ``phi_0 <= phi <= phi_1``, ``t_0 <= t <= t_1`` of a cylinder's side or a torus about the z axis.
+class RevolvedSurface:
+    """Surface of a cylinder's side or a torus about the z axis, with coordinates phi and t.
 
     On a cylinder's side t is the height z; on a torus it is the angle around the tube. Turning by phi turns point and
     normal alike, ``z = R_0^T (R_z^T f + R_z^T tau x p_0)``: ``|z''| <= |f_c| + |tau| |p_0|`` about any point c of the
@@ -238,38 +237,46 @@ class RevolvedPatches:
         self.radii = radii
 
     @property
-    def round(self) -> bool:
+    def is_torus(self) -> bool:
         """Whether t is an angle."""
         return bool(self.radii[0] > 0.0)
 
     def contacts(self, coordinates: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return points and inward normals at (phi, t), (m, 2)."""
-        return at(self.radii, coordinates[:, 0], coordinates[:, 1])
+        return contacts_at(self.radii, coordinates[:, 0], coordinates[:, 1])
 
-    def bends(self, parts: FloatArray) -> FloatArray:
-        """Return the bends of parts (n, c, 2), (n, 2, 3)."""
-        d, e = np.ptp(parts, axis=1).T
+    def deviations(self, parts: FloatArray) -> FloatArray:
+        """Return the deviations of parts (n, c, 2), (n, 2, 3)."""
+        turn, extent = np.ptp(parts, axis=1).T
         outer, zero = float(np.sum(self.radii)), np.zeros(len(parts))
         # about the point of the axis at the corner's own height: |f_c| <= |v| + |tau| rho
-        rise = np.minimum(e, 2.0 * self.radii[1]) if self.round else e
-        out = np.hypot(outer, rise)
-        second = np.stack([d**2, d**2 * (outer + out), d**2], axis=1) / 8.0
-        first = np.stack([d, d * (out + outer), d], axis=1)
-        if self.round:  # about the tube's middle, r from the corner
+        rise = np.minimum(extent, 2.0 * self.radii[1]) if self.is_torus else extent
+        arm = np.hypot(outer, rise)
+        second_order = np.stack([turn**2, turn**2 * (outer + arm), turn**2], axis=1) / 8.0
+        first_order = np.stack([turn, turn * (arm + outer), turn], axis=1)
+        if self.is_torus:  # about the tube's centre line, r from the corner
             r = float(self.radii[1])
-            second += np.stack([e**2, 2.0 * e**2 * r + e**2 * outer * d, e**2], axis=1) / 8.0
-            first += np.stack([e, 2.0 * e * r + e * outer * d, e], axis=1)
+            torque = 2.0 * extent**2 * r + extent**2 * outer * turn
+            second_order += np.stack([extent**2, torque, extent**2], axis=1) / 8.0
+            first_order += np.stack([extent, 2.0 * extent * r + extent * outer * turn, extent], axis=1)
         else:
-            second += np.stack([zero, d**2 * e, zero], axis=1) / 8.0
-            first += np.stack([zero, e, zero], axis=1)
-        return np.stack([second, first], axis=1)
+            second_order += np.stack([zero, turn**2 * extent, zero], axis=1) / 8.0
+            first_order += np.stack([zero, extent, zero], axis=1)
+        return np.stack([second_order, first_order], axis=1)
 
     def subdivide(self, parts: FloatArray) -> tuple[FloatArray, IntArray]:
-        """Return the quarters of parts (n, 4, 2), the halves of lines (n, 2, 2), as corners and which."""
-        return quarters(parts)
+        """Return the quarters of rectangles (n, 4, 2), or halves of lines (n, 2, 2), as vertices and indices of these.
+
+        Corners are ordered as by ``rectangles``.
+        """
+        ends = np.stack([parts[:, 0], 0.5 * (parts[:, 0] + parts[:, -1]), parts[:, -1]], axis=1)
+        if parts.shape[1] == 2:
+            return ends, np.array([[0, 1], [1, 2]])
+        phi, t = np.repeat(ends[..., 0], 3, axis=1), np.tile(ends[..., 1], 3)
+        return np.stack([phi, t], axis=2), rectangles(np.arange(3.0), np.arange(3.0))[1]
 
 
-def at(radii: FloatArray, phi: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+def contacts_at(radii: FloatArray, phi: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return points and inward normals at angles phi (m,) and t (m,), (m, 3) each."""
     cos, sin = np.cos(phi), np.sin(phi)
     if radii[0] == 0.0:
@@ -280,22 +287,6 @@ def at(radii: FloatArray, phi: FloatArray, t: FloatArray) -> tuple[FloatArray, F
     return points, -np.stack([np.cos(t) * cos, np.cos(t) * sin, np.sin(t)], axis=1)
 
 
-def quarters(parts: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Return rectangles (n, 4, 2), corners ordered as of ``rectangles``, or lines (n, 2, 2), cut in the middle.
-
-    Returns
-    -------
-    vertices : (n, v, 2) array
-    into : (r, c) array of int
-        The vertices of each smaller part.
-    """
-    ends = np.stack([parts[:, 0], 0.5 * (parts[:, 0] + parts[:, -1]), parts[:, -1]], axis=1)
-    if parts.shape[1] == 2:
-        return ends, np.array([[0, 1], [1, 2]])
-    first, second = np.repeat(ends[..., 0], 3, axis=1), np.tile(ends[..., 1], 3)
-    return np.stack([first, second], axis=2), rectangles(np.arange(3.0), np.arange(3.0))[1]
-
-
 def rectangles(first: FloatArray, second: FloatArray) -> tuple[FloatArray, IntArray]:
     """Return the points of a grid over two coordinates, and the rectangles or lines between them.
 
@@ -304,14 +295,14 @@ def rectangles(first: FloatArray, second: FloatArray) -> tuple[FloatArray, IntAr
     corners : (m, 2) array
         The second coordinate runs fastest.
     parts : (n, c) array of int
-        Numbers of corners: (low, low), (low, high), (high, low), (high, high) of both coordinates; of lines both ends.
+        Indices of corners: (low, low), (low, high), (high, low), (high, high) of both coordinates; of lines both ends.
     """
     corners = np.stack(np.meshgrid(first, second, indexing="ij"), axis=2).reshape(-1, 2)
     number = np.arange(len(corners)).reshape(len(first), len(second))
-    ways = [slice(None, -1), slice(1, None)]
-    every = slice(None)
-    one, other = ways if len(first) > 1 else [every], ways if len(second) > 1 else [every]
-    return corners, np.stack([number[a, b].ravel() for a in one for b in other], axis=1)
+    sides = [slice(None, -1), slice(1, None)]
+    whole_range = slice(None)
+    first_sides, second_sides = sides if len(first) > 1 else [whole_range], sides if len(second) > 1 else [whole_range]
+    return corners, np.stack([number[a, b].ravel() for a in first_sides for b in second_sides], axis=1)
 
 
 def halve(interval: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -1,1 +1,1 @@
-"""Random problems, random placements of theirs and the best that chance and small moves find among these."""
+"""Brute-force search over placements of random problems."""

@@ -1,4 +1,4 @@
-"""Small random problems of all that the bound covers, with what their constraints allow in plain arithmetic."""
+"""Small random problems that the bound covers, with independent tests of their constraints."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,12 +11,12 @@ import nlpgrasp as ng
 from nlpgrasp.bodies import Body
 
 PLANAR_SHARE = 0.65
-MARGIN = 0.06  # of the shortest extent, in a third of the problems
+MARGIN = 0.06  # edge margin relative to the shortest extent, in a third of the problems
 
 
 @dataclass(frozen=True)
 class Case:
-    """A problem, and what it allows each contact: names of faces, and where points (m, space) may be."""
+    """A problem with the faces and the points (m, space) that it allows each contact."""
 
     problem: ng.GraspProblem
     usable: Callable[[int], tuple[str, ...]]
@@ -24,7 +24,7 @@ class Case:
 
 
 def random_case(number):
-    """Return problem ``number``."""
+    """Return random problem ``number`` as a case."""
     rng = np.random.default_rng([2026, number])
     body = _planar(rng) if rng.random() < PLANAR_SHARE else _spatial(rng)
     contacts = _contacts(body, rng)
@@ -47,8 +47,8 @@ def random_case(number):
         tests.append(lambda i, points: INSIDE[type(body)](body, points) >= margin)
 
     def usable(i):
-        own = body.face_names if contacts[i].faces is None else contacts[i].faces
-        return tuple(name for name in own if name not in forbidden)
+        names = body.face_names if contacts[i].faces is None else contacts[i].faces
+        return tuple(name for name in names if name not in forbidden)
 
     def allowed(i, points):
         return np.all([np.ones(len(points), dtype=bool), *(test(i, points) for test in tests)], axis=0)
@@ -57,12 +57,12 @@ def random_case(number):
 
 
 def _from_corners(body, points):
-    """Return distances of points (m, 2) of a polygon from the corners at which it turns by more than 30 degrees."""
+    """Return distances of points (m, 2) of a polygon from corners of more than 30 degrees."""
     v = body.corners
-    before, after = v - np.roll(v, 1, axis=0), np.roll(v, -1, axis=0) - v
-    cosines = np.sum(before * after, axis=1) / np.linalg.norm(before, axis=1) / np.linalg.norm(after, axis=1)
-    apart = np.linalg.norm(points[:, None] - v[None], axis=2)[:, cosines < np.cos(np.pi / 6)]
-    return np.min(apart, axis=1, initial=np.inf)
+    incoming, outgoing = v - np.roll(v, 1, axis=0), np.roll(v, -1, axis=0) - v
+    cosines = np.sum(incoming * outgoing, axis=1) / np.linalg.norm(incoming, axis=1) / np.linalg.norm(outgoing, axis=1)
+    distances = np.linalg.norm(points[:, None] - v[None], axis=2)[:, cosines < np.cos(np.pi / 6)]
+    return np.min(distances, axis=1, initial=np.inf)
 
 
 INSIDE = {
@@ -72,7 +72,7 @@ INSIDE = {
         body.height / 2.0 - np.abs(points[:, 2]), body.radius - np.hypot(points[:, 0], points[:, 1])
     ),
 }
-"""Of points of a body how far they are from its sharp edges."""
+"""Distances of a body's points from its sharp edges, by kind of body."""
 
 
 def _planar(rng) -> Body:
@@ -121,7 +121,7 @@ def _spatial(rng) -> Body:
 
 @cache
 def mesh(number):
-    """Return a mesh of few triangles: a box, a coarse ball, a dented one."""
+    """Return a mesh of few triangles: a box, a coarse ball or a dented one."""
     if number == 0:
         return ng.Mesh(trimesh.creation.box([2, 1, 1]), resolution=8)
     ball = trimesh.creation.icosphere(1, 1.0)
@@ -140,16 +140,16 @@ def _contacts(body, rng):
 
 def _contact(body, rng):
     friction = rng.uniform(0.2, 1.0)
-    many = len(body.face_names) > 2
-    faces = rng.choice(body.face_names, len(body.face_names) - 1, replace=False).tolist() if many else None
-    more = {"faces": faces} if many and rng.random() < 0.2 else {}
+    has_faces = len(body.face_names) > 2
+    faces = rng.choice(body.face_names, len(body.face_names) - 1, replace=False).tolist() if has_faces else None
+    options = {"faces": faces} if has_faces and rng.random() < 0.2 else {}
     kind = rng.integers(8)
     if kind == 0:
-        return ng.PointContact(**more)
+        return ng.PointContact(**options)
     if body.space == 2 or kind < 4:
-        return ng.FrictionContact(friction, **more)
+        return ng.FrictionContact(friction, **options)
     torsion = rng.uniform(0.05, 0.5)
-    return ng.SoftContact(friction, torsion, model="box" if kind < 6 else "elliptic", **more)
+    return ng.SoftContact(friction, torsion, model="box" if kind < 6 else "elliptic", **options)
 
 
 def _task(body, rng):
@@ -185,39 +185,39 @@ def _unit(v):
 
 
 def _constraints(body, count, rng):
-    """Return constraints, what they say of a contact's points, and faces that they forbid."""
-    kept, tests, forbidden = [], [], ()
+    """Return constraints, tests of a contact's points, and forbidden faces."""
+    constraints, tests, forbidden = [], [], ()
     if rng.random() < 0.4:
-        return kept, tests, forbidden
-    low, high = body.bounds
-    space, extent = body.space, high - low
+        return constraints, tests, forbidden
+    lower, upper = body.bounds
+    space, extent = body.space, upper - lower
     kind = rng.integers(6)
     if kind == 0:
-        height, clearance = low[-1] + rng.uniform(0.0, 0.4) * extent[-1], rng.choice([0.0, 0.01])
-        kept.append(ng.Table(height, clearance))
+        height, clearance = lower[-1] + rng.uniform(0.0, 0.4) * extent[-1], rng.choice([0.0, 0.01])
+        constraints.append(ng.Table(height, clearance))
         tests.append(lambda i, p: p[:, -1] >= height + clearance)
     if kind == 1 and len(body.face_names) > 2:
         forbidden = (str(rng.choice(body.face_names)),)
-        kept.append(ng.Forbid(forbidden[0]))
+        constraints.append(ng.Forbid(forbidden[0]))
     if kind == 2:
         a = body.centroid + rng.uniform(-0.4, 0.2, space) * extent
         b = a + rng.uniform(0.2, 0.8, space) * extent
-        kept.append(ng.Forbid(ng.BoxRegion(a, b)))
+        constraints.append(ng.Forbid(ng.BoxRegion(a, b)))
         tests.append(lambda i, p: np.any((p <= a) | (p >= b), axis=1))
     if kind == 3:
         normal = _unit(rng.standard_normal(space))
         offset = normal @ body.centroid + rng.uniform(0.1, 0.4) * np.min(extent)
-        kept.append(ng.Forbid(ng.HalfSpace(normal, offset)))
+        constraints.append(ng.Forbid(ng.HalfSpace(normal, offset)))
         tests.append(lambda i, p: p @ normal <= offset)
     if kind == 4:
-        a = low - rng.uniform(-0.2, 0.1, space) * extent
-        b = high + rng.uniform(-0.2, 0.1, space) * extent
+        a = lower - rng.uniform(-0.2, 0.1, space) * extent
+        b = upper + rng.uniform(-0.2, 0.1, space) * extent
         fingers = None if rng.random() < 0.5 else [int(rng.integers(count))]
-        kept.append(ng.Workspace(ng.BoxRegion(a, b), fingers=fingers))
+        constraints.append(ng.Workspace(ng.BoxRegion(a, b), fingers=fingers))
         tests.append(lambda i, p: (fingers is not None and i not in fingers) | np.all((p >= a) & (p <= b), axis=1))
     if kind == 5 and space == 3:
-        where = body.centroid + _unit(rng.standard_normal(3)) * 0.5 * np.max(extent)
+        centre = body.centroid + _unit(rng.standard_normal(3)) * 0.5 * np.max(extent)
         radius, clearance = rng.uniform(0.1, 0.4) * np.max(extent), rng.choice([0.0, 0.05])
-        kept.append(ng.Obstacle(ng.Sphere(radius), clearance, position=where))
-        tests.append(lambda i, p: np.linalg.norm(p - where, axis=1) >= radius + clearance)
-    return kept, tests, forbidden
+        constraints.append(ng.Obstacle(ng.Sphere(radius), clearance, position=centre))
+        tests.append(lambda i, p: np.linalg.norm(p - centre, axis=1) >= radius + clearance)
+    return constraints, tests, forbidden

@@ -1,4 +1,4 @@
-"""A bound beside what brute force and the bound's own search find."""
+"""Comparison of the global bound with brute force and local search."""
 
 from dataclasses import dataclass
 
@@ -11,14 +11,14 @@ from tests.global_bound.brute_force.cases import random_case
 from tests.global_bound.brute_force.search import BruteForce
 
 PLANAR, SPATIAL = 200, 40  # nodes of a tree
-WITH_SEARCH = 5  # one of so many trees knows the grasp of a start, the others that of brute force
+WITH_SEARCH = 5  # number of trees per tree with the grasp of a start as incumbent
 ROUNDING = 1e-9
 OPTIONS = ng.SolveOptions(workers=1, global_bound=False, rank="mu")
 
 
 @dataclass(frozen=True)
-class Compared:
-    """A problem's bound, and the certified mu of the best grasp of brute force and of the search, 0 without one."""
+class Comparison:
+    """Bound of a problem, and certified mu of the best grasps of brute force and local search, 0 without one."""
 
     number: int
     kind: str
@@ -33,32 +33,32 @@ class Compared:
         return max(self.brute, self.search) <= self.bound * (1.0 + ROUNDING)
 
     def near(self, share):
-        """Whether brute force comes within a share of the bound, or there is nothing to find."""
+        """Return whether brute force is within a relative distance of the bound, or the bound is zero."""
         return self.brute >= (1.0 - share) * self.bound or self.bound <= 1e-6
 
 
-def compared(number, **effort):
-    """Return random problem ``number`` compared with a short tree; None where it has no placement."""
+def compare(number, **effort):
+    """Return the comparison for random problem ``number``, None without any placement."""
     case = random_case(number)
-    force = BruteForce(case, np.random.default_rng([3, number]))
-    if not force.possible:
+    brute_force = BruteForce(case, np.random.default_rng([3, number]))
+    if not brute_force.is_possible:
         return None
-    brute = force.certified(**effort)[0]
+    brute_force_mu = brute_force.certified(**effort)[0]
     problem = case.problem
     nodes = PLANAR if problem.body.space == 2 else SPATIAL
-    search = 0.0
+    search_mu = 0.0
     if number % WITH_SEARCH == 0:
-        search = ng.solve(relaxed_problem(problem), 1, options=OPTIONS).mu.lower
+        search_mu = ng.solve(relaxed_problem(problem), 1, options=OPTIONS).mu.lower
     tree = BranchAndBound(problem, 0.01)
-    tree.update_incumbent(max(brute, search))
+    tree.update_incumbent(max(brute_force_mu, search_mu))
     tree.branch(nodes)
-    return Compared(number, problem.body.kind, problem.budget.kind, tree.certificate()[0], brute, search)
+    return Comparison(number, problem.body.kind, problem.budget.kind, tree.certificate()[0], brute_force_mu, search_mu)
 
 
-def described(found):
-    """Return one line on a comparison."""
-    word = "" if found.holds else "  ABOVE THE BOUND"
+def format_comparison(result):
+    """Return a comparison as a line of text."""
+    remark = "" if result.holds else "  ABOVE THE BOUND"
     return (
-        f"{found.number} {found.kind} {found.budget}: bound {found.bound:.6g}, brute force {found.brute:.6g},"
-        f" search {found.search:.6g}{word}"
+        f"{result.number} {result.kind} {result.budget}: bound {result.bound:.6g}, brute force {result.brute:.6g},"
+        f" search {result.search:.6g}{remark}"
     )

@@ -1,8 +1,7 @@
-"""Points all over bodies, and the nearest to any point: closed forms that know nothing of cells.
+"""Random points and projections on faces of bodies, independent of surface cells.
 
-Of each face ``drawn(count, rng)`` returns random points, edges and corners more often than chance would have them,
-``nearest(points)`` the points of it that are nearest to some, or near these, and ``inward(points)`` the inward unit
-normals there.
+For each face ``draw(count, rng)`` returns random points, concentrated at edges and corners, ``nearest(points)`` nearest
+or nearby points of the face, and ``inward(points)`` inward unit normals.
 """
 
 from dataclasses import dataclass
@@ -13,13 +12,13 @@ import nlpgrasp as ng
 
 
 @dataclass(frozen=True)
-class Flat:
-    """Convex polygons of one plane, in coordinates along its axes."""
+class FlatFace:
+    """Convex polygon in a plane, or segment."""
 
     corners: np.ndarray  # (m, space), in order
     normal: np.ndarray
 
-    def drawn(self, count, rng):
+    def draw(self, count, rng):
         concentrated = rng.choice([0.05, 0.3, 1.0], count)
         shares = np.array([rng.dirichlet(np.full(len(self.corners), c)) for c in concentrated])
         return shares @ self.corners
@@ -41,17 +40,17 @@ class Flat:
 def _on_segments(points, begin, end):
     along = end - begin
     t = np.einsum("mes,es->me", points[:, None] - begin, along) / np.sum(along**2, axis=1)
-    on = begin + np.clip(t, 0.0, 1.0)[..., None] * along
-    return on[np.arange(len(points)), np.argmin(np.linalg.norm(on - points[:, None], axis=2), axis=1)]
+    projections = begin + np.clip(t, 0.0, 1.0)[..., None] * along
+    return projections[np.arange(len(points)), np.argmin(np.linalg.norm(projections - points[:, None], axis=2), axis=1)]
 
 
 @dataclass(frozen=True)
-class Round:
-    """An ellipsoid's surface, by central projection."""
+class EllipsoidSurface:
+    """Surface of an ellipsoid, with central projection."""
 
     a: np.ndarray
 
-    def drawn(self, count, rng):
+    def draw(self, count, rng):
         u = rng.standard_normal((count, 3)) * rng.choice([1.0, 1.0, 0.1], (count, 3))
         return self.nearest(u * self.a)
 
@@ -63,13 +62,13 @@ class Round:
 
 
 @dataclass(frozen=True)
-class Side:
-    """A cylinder's side."""
+class CylinderSide:
+    """Side of a cylinder."""
 
     radius: float
     half: float
 
-    def drawn(self, count, rng):
+    def draw(self, count, rng):
         phi = rng.uniform(-np.pi, np.pi, count)
         z = np.clip(rng.uniform(-1.3, 1.3, count), -1.0, 1.0) * self.half
         return np.stack([self.radius * np.cos(phi), self.radius * np.sin(phi), z], axis=1)
@@ -83,13 +82,13 @@ class Side:
 
 
 @dataclass(frozen=True)
-class End:
-    """A cylinder's top or bottom."""
+class CylinderEnd:
+    """Top or bottom of a cylinder."""
 
     radius: float
     z: float
 
-    def drawn(self, count, rng):
+    def draw(self, count, rng):
         phi, r = rng.uniform(-np.pi, np.pi, count), self.radius * np.sqrt(np.minimum(1.0, rng.uniform(0, 1.5, count)))
         return np.stack([r * np.cos(phi), r * np.sin(phi), np.full(count, self.z)], axis=1)
 
@@ -103,13 +102,13 @@ class End:
 
 
 @dataclass(frozen=True)
-class Ring:
-    """A torus' surface."""
+class TorusSurface:
+    """Surface of a torus."""
 
     major: float
     minor: float
 
-    def drawn(self, count, rng):
+    def draw(self, count, rng):
         phi, psi = rng.uniform(-np.pi, np.pi, (2, count))
         r = self.major + self.minor * np.cos(psi)
         return np.stack([r * np.cos(phi), r * np.sin(phi), self.minor * np.sin(psi)], axis=1)
@@ -130,36 +129,38 @@ def _unit(v):
 
 
 def faces_of(body):
-    """Return names and faces of a body; of a mesh a face for each triangle, all of the same name."""
+    """Return names and faces of a body; of a mesh one face per triangle, all of the same name."""
     if isinstance(body, ng.Sphere):
-        return [("surface", Round(np.full(3, float(body.radius))))]
+        return [("surface", EllipsoidSurface(np.full(3, float(body.radius))))]
     if isinstance(body, ng.Ellipsoid):
-        return [("surface", Round(np.array(body.semi_axes, dtype=float)))]
+        return [("surface", EllipsoidSurface(np.array(body.semi_axes, dtype=float)))]
     if isinstance(body, ng.Torus):
-        return [("surface", Ring(body.major_radius, body.minor_radius))]
+        return [("surface", TorusSurface(body.major_radius, body.minor_radius))]
     if isinstance(body, ng.Cylinder):
         half = body.height / 2.0
         return [
-            ("side", Side(body.radius, half)),
-            ("top", End(body.radius, half)),
-            ("bottom", End(body.radius, -half)),
+            ("side", CylinderSide(body.radius, half)),
+            ("top", CylinderEnd(body.radius, half)),
+            ("bottom", CylinderEnd(body.radius, -half)),
         ]
     if isinstance(body, ng.Mesh):
         pairs = zip(body.mesh.triangles, body.mesh.face_normals, strict=True)
-        return [("surface", Flat(np.asarray(corners), -np.asarray(normal))) for corners, normal in pairs]
+        return [("surface", FlatFace(np.asarray(corners), -np.asarray(normal))) for corners, normal in pairs]
     if isinstance(body, ng.Polygon):
-        return [(f"edge{i}", Flat(ends, n)) for i, (ends, n) in enumerate(_edges(np.array(body.vertices, dtype=float)))]
+        return [
+            (f"edge{i}", FlatFace(ends, n)) for i, (ends, n) in enumerate(_edges(np.array(body.vertices, dtype=float)))
+        ]
     return _box(body) if isinstance(body, ng.Box) else _prism(body)
 
 
 def _edges(corners):
-    """Ends and inward normals of a polygon's edges, in the order given."""
+    """Return ends and inward normals of a polygon's edges, in order."""
     x, y = corners.T
-    turn = np.sign(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+    orientation = np.sign(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
     result = []
     for begin, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         along = (end - begin) / np.linalg.norm(end - begin)
-        result.append((np.array([begin, end]), turn * np.array([-along[1], along[0]])))
+        result.append((np.array([begin, end]), orientation * np.array([-along[1], along[0]])))
     return result
 
 
@@ -167,20 +168,20 @@ def _box(body):
     half, result = np.array(body.extents, dtype=float) / 2.0, []
     for axis in range(3):
         for sign in (1.0, -1.0):
-            beside = [i for i in range(3) if i != axis]
+            other_axes = [i for i in range(3) if i != axis]
             corners = np.zeros((4, 3))
             corners[:, axis] = sign * half[axis]
-            corners[:, beside] = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * half[beside]
-            result.append((("+" if sign > 0 else "-") + "xyz"[axis], Flat(corners, -sign * np.eye(3)[axis])))
+            corners[:, other_axes] = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * half[other_axes]
+            result.append((("+" if sign > 0 else "-") + "xyz"[axis], FlatFace(corners, -sign * np.eye(3)[axis])))
     return result
 
 
 def _prism(body):
-    flat, half, result = np.array(body.polygon, dtype=float), body.height / 2.0, []
-    for i, (ends, normal) in enumerate(_edges(flat)):
+    outline, half, result = np.array(body.polygon, dtype=float), body.height / 2.0, []
+    for i, (ends, normal) in enumerate(_edges(outline)):
         corners = np.array([[*ends[0], -half], [*ends[1], -half], [*ends[1], half], [*ends[0], half]])
-        result.append((f"side{i}", Flat(corners, np.append(normal, 0.0))))
+        result.append((f"side{i}", FlatFace(corners, np.append(normal, 0.0))))
     for name, z in (("top", half), ("bottom", -half)):
-        corners = np.column_stack([flat, np.full(len(flat), z)])
-        result.append((name, Flat(corners, np.array([0.0, 0.0, -np.sign(z)]))))
+        corners = np.column_stack([outline, np.full(len(outline), z)])
+        result.append((name, FlatFace(corners, np.array([0.0, 0.0, -np.sign(z)]))))
     return result

@@ -1,4 +1,4 @@
-"""Mixtures that all nodes of a mesh share: against grasp maps, brute force, and every placement in some leaf."""
+"""Tests of shared dual weights on meshes against grasp maps, random placements and leaves."""
 
 from itertools import permutations
 
@@ -8,7 +8,7 @@ import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.budgets import force_budget
-from nlpgrasp.global_bound import shared_weights as shared_mixtures
+from nlpgrasp.global_bound import shared_weights
 from nlpgrasp.global_bound.allowed_regions import relaxed_problem
 from nlpgrasp.global_bound.branch_and_bound import BranchAndBound
 from nlpgrasp.global_bound.cell_supports import Measure, Supports
@@ -22,31 +22,33 @@ pytestmark = pytest.mark.filterwarnings("ignore:the mesh. the smooth surface:Use
 TASK = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
 
 
-def problem(mesh, contacts, **more):
+def mesh_problem(mesh, contacts, **more):
     return ng.GraspProblem(ng.Mesh(mesh, resolution=8), contacts, TASK, **more)
 
 
-def searched(asked, nodes):
-    """Return a search of so many nodes that knows the grasp of a start."""
-    search = BranchAndBound(asked, 0.01)
-    search.update_incumbent(ng.solve(relaxed_problem(asked), 1, options=OPTIONS).mu.lower)
+def run_search(problem, nodes):
+    """Return a search of a number of nodes with the grasp of a start as incumbent."""
+    search = BranchAndBound(problem, 0.01)
+    search.update_incumbent(ng.solve(relaxed_problem(problem), 1, options=OPTIONS).mu.lower)
     search.branch(nodes)
     return search
 
 
 @pytest.mark.parametrize("budget", BUDGETS)
 @pytest.mark.parametrize("contact", CONTACTS.values(), ids=CONTACTS)
-def test_mixed_supports_of_all_corners_are_those_of_grasp_maps(contact, budget):
+def test_weighted_supports_of_corners_are_those_of_grasp_maps(contact, budget):
     rng = np.random.default_rng(len(contact.kind) + 7 * len(budget))
     corners, normals = rough_triangles(rng, 1)
     clusters, origin = ClusterTree(corners, normals, 1.3), rng.standard_normal(3)
     supports = Supports(contact, Measure.of(force_budget(budget)), origin)
     supports.add(TriangleCluster(clusters, 1))
-    some = rng.choice(len(clusters.rows.points), 60, replace=False)
+    rows = rng.choice(len(clusters.rows.points), 60, replace=False)
     twists, weights = rng.standard_normal((7, 6)), rng.dirichlet(np.full(7, 0.3))
-    found = CornerContacts(supports, some).mixed(twists, weights)
-    true = powers_at(contact, budget, clusters.rows.points[some], clusters.rows.normals[some], origin, twists) @ weights
-    np.testing.assert_allclose(found, true, rtol=1e-9, atol=1e-12 * np.max(true))
+    actual = CornerContacts(supports, rows).weighted_powers(twists, weights)
+    expected = (
+        powers_at(contact, budget, clusters.rows.points[rows], clusters.rows.normals[rows], origin, twists) @ weights
+    )
+    np.testing.assert_allclose(actual, expected, rtol=1e-9, atol=1e-12 * np.max(expected))
 
 
 def test_halved_triangles_are_the_surface_again():
@@ -86,62 +88,62 @@ def test_halved_triangles_are_the_surface_again():
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 6))])
 def test_no_placement_is_above_the_bound_of_a_mesh(make, contacts, more, seed):
     rng = np.random.default_rng(seed)
-    asked = problem(make(rng), contacts, **more)
-    search = searched(asked, 80)
+    problem = mesh_problem(make(rng), contacts, **more)
+    search = run_search(problem, 80)
     upper, data = search.certificate()
     assert upper <= search.upper * (1 + 1e-5)
     assert upper == max(leaf[2] for leaf in data["leaves"])
-    rows, values = best_of_many(asked, search._tree.bounding.maxima.clusters, rng)
-    assert np.max(values) > 0.5 * search.known > 0.0
+    rows, values = best_of_many(problem, search._tree.bounding.maxima.clusters, rng)
+    assert np.max(values) > 0.5 * search.incumbent > 0.0
     assert np.max(values) <= upper
     for placement, value in zip(rows, values, strict=True):
         assert leaf_bound(data, search._tree.bounding.maxima.clusters, placement) >= value
 
 
-def best_of_many(asked, clusters, rng, count=2000, kept=3):
-    """Rows of the best of many random placements at corners, after rounds of exchanging one contact, and their mu."""
+def best_of_many(problem, clusters, rng, count=2000, count_kept=3):
+    """Return the rows and mu of the best random placements at corners after coordinate exchange."""
     points, normals = clusters.rows.points, clusters.rows.normals
-    allowed = np.flatnonzero(points[:, 2] >= -0.1) if asked.constraints else np.arange(len(points))
+    allowed = np.flatnonzero(points[:, 2] >= -0.1) if problem.constraints else np.arange(len(points))
 
-    def screened(rows):
-        stack = ng.GraspStack(points[rows], normals[rows], asked.models, asked.origin)
-        return ng.screen(stack, asked.task, force_budget=asked.budget)
+    def screen(rows):
+        stack = ng.GraspStack(points[rows], normals[rows], problem.models, problem.origin)
+        return ng.screen(stack, problem.task, force_budget=problem.budget)
 
-    rows = rng.choice(allowed, (count, len(asked.models)))
-    rows = rows[np.argsort(-screened(rows))[:kept]]
+    rows = rng.choice(allowed, (count, len(problem.models)))
+    rows = rows[np.argsort(-screen(rows))[:count_kept]]
     for i in [*range(rows.shape[1])] * 2:
-        tried = np.repeat(rows, 100, axis=0)
-        tried[:, i] = rng.choice(allowed, len(tried))
-        every = np.concatenate([rows[:, None], tried.reshape(len(rows), 100, -1)], axis=1)
-        found = screened(every.reshape(-1, rows.shape[1])).reshape(len(rows), -1)
-        rows = every[np.arange(len(rows)), np.argmax(found, axis=1)]
-    grasps = [ng.Grasp(points[own], normals[own], asked.models, asked.origin) for own in rows]
-    return rows, [ng.mu(grasp, asked.task, 0.05, force_budget=asked.budget).lower for grasp in grasps]
+        trials = np.repeat(rows, 100, axis=0)
+        trials[:, i] = rng.choice(allowed, len(trials))
+        candidates = np.concatenate([rows[:, None], trials.reshape(len(rows), 100, -1)], axis=1)
+        values = screen(candidates.reshape(-1, rows.shape[1])).reshape(len(rows), -1)
+        rows = candidates[np.arange(len(rows)), np.argmax(values, axis=1)]
+    grasps = [ng.Grasp(points[row], normals[row], problem.models, problem.origin) for row in rows]
+    return rows, [ng.mu(grasp, problem.task, 0.05, force_budget=problem.budget).lower for grasp in grasps]
 
 
 def leaf_bound(data, clusters, placement):
-    """The least bound of the leaves that a placement is in, with contacts that are alike in any order."""
+    """Return the least bound of the leaves that contain a placement, with identical contacts in any order."""
     cluster = clusters.last + np.searchsorted(clusters.begin, placement, side="right") - 1
-    places = [{int(c) >> shift for shift in range(clusters.levels + 1)} for c in cluster]
+    clusters_above = [{int(c) >> shift for shift in range(clusters.levels + 1)} for c in cluster]
     groups = [group["contacts"] for group in data["groups"]]
-    ways = [[]]
+    orders = [[]]
     for contacts in groups:
-        ways = [[*way, *own] for way in ways for own in permutations(contacts)]
-    found = [
+        orders = [[*order, *permutation] for order in orders for permutation in permutations(contacts)]
+    bounds = [
         bound
         for cells, _, bound in data["leaves"]
-        if any(all(cell in places[i] for cell, i in zip(cells, way, strict=True)) for way in ways)
+        if any(all(cell in clusters_above[i] for cell, i in zip(cells, order, strict=True)) for order in orders)
     ]
-    assert found
-    return min(found)
+    assert bounds
+    return min(bounds)
 
 
 @pytest.mark.slow
 def test_more_search_and_more_room_bring_the_bound_down(monkeypatch):
-    asked = problem(random_hull(np.random.default_rng(4)), [ng.FrictionContact(0.5)] * 3)
-    short, long = searched(asked, 50), searched(asked, 1500)
+    problem = mesh_problem(random_hull(np.random.default_rng(4)), [ng.FrictionContact(0.5)] * 3)
+    short, long = run_search(problem, 50), run_search(problem, 1500)
     assert long.certificate()[0] < short.certificate()[0]
-    monkeypatch.setattr(shared_mixtures, "MOST_LEAVES", 40)
+    monkeypatch.setattr(shared_weights, "MOST_LEAVES", 40)
     upper, data = long.certificate()
     assert not data["complete"]
     assert long.upper < upper
@@ -151,7 +153,7 @@ def test_more_search_and_more_room_bring_the_bound_down(monkeypatch):
 @pytest.mark.slow
 def test_an_icosphere_is_bounded_as_its_sphere_is():
     mesh = trimesh.creation.icosphere(4, 1.0)
-    asked = ng.GraspProblem(ng.Mesh(mesh, resolution=8), [ng.FrictionContact(0.5)] * 3, ng.TaskEllipsoid([1.0] * 6))
-    search = searched(asked, 300)
+    problem = ng.GraspProblem(ng.Mesh(mesh, resolution=8), [ng.FrictionContact(0.5)] * 3, ng.TaskEllipsoid([1.0] * 6))
+    search = run_search(problem, 300)
     known = 0.4516  # of the sphere; normals of triangles are up to 3 degrees off, for better or worse
-    assert 0.9 * known < search.known < 1.1 * known < search.upper < 1.6 * known
+    assert 0.9 * known < search.incumbent < 1.1 * known < search.upper < 1.6 * known
