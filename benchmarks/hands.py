@@ -48,7 +48,7 @@ def _mesh(path, hand):
 def _penetration(body, hand, values):
     """Return the largest penetration of collision shapes and mesh, metres, at vertices of both."""
     poses = np.asarray(hand.tree.link_function(values["joints"]).full())
-    q = ng.hands.kinematics.rotation_of(values["palm_quaternion"])
+    q = ng.hands.kinematics.rotation_matrix(values["palm_quaternion"])
     rotation = np.array([[float(q[i, j]) for j in range(3)] for i in range(3)])
     deepest = 0.0
     for i, link in enumerate(hand.tree.used_links):

@@ -92,18 +92,17 @@ def _load_hand(
         for option, value in (("--fingertip", ", ".join(fingertip)), ("--approach", approach)):
             if value:
                 raise InputError(option, value, f"none with the preset {name}, which has its own")
-        from nlpgrasp.hands.presets import PRESETS
+        from nlpgrasp.hands.presets import load_preset
 
-        make_hand = PRESETS[name]
         if palm is None:
-            return make_hand(path)
-        return make_hand(path, palm=palm if path is None else check_link(path, palm, "--palm"))
+            return load_preset(name, path)
+        return load_preset(name, path, palm=palm if path is None else check_link(path, palm, "--palm"))
     palm_link = None if palm is None else check_link(source, palm, "--palm")
     direction = parse_palm_direction(approach)
     if not fingertip:
-        from nlpgrasp.hands.inspection import without_fingertips
+        from nlpgrasp.hands.inspection import inspect_without_tips
 
-        return without_fingertips(source, palm_link, direction)
+        return inspect_without_tips(source, palm_link, direction)
     from nlpgrasp import URDFHand
 
     return URDFHand.load(source, parse_fingertips(source, palm_link, fingertip), palm=palm_link, approach=direction)
@@ -175,7 +174,7 @@ def parse_fingertips(source: Path, palm: str | None, texts: Sequence[str]) -> Ma
     """
     from nlpgrasp.common.validation import number
     from nlpgrasp.hands.robot_file import read_robot
-    from nlpgrasp.hands.suggested_tips import sphere_about, tip_of
+    from nlpgrasp.hands.suggested_tips import central_sphere, tip_from_shapes
 
     robot = read_robot(source, palm)
     tips: dict[str, float | Tip | Sequence[Tip]] = {}
@@ -188,7 +187,7 @@ def parse_fingertips(source: Path, palm: str | None, texts: Sequence[str]) -> Ma
             tips[link] = number(f"--fingertip {link}", _parse_number(link, radius), above=0.0)
             continue
         shapes = robot.shapes.get(link, ())
-        tip = tip_of(shapes) or sphere_about(shapes)
+        tip = tip_from_shapes(shapes) or central_sphere(shapes)
         if tip is None:
             problem = f"{link}, which has no collision shape"
             raise InputError("--fingertip", problem, f"its radius: {link}=0.01 (metres)")

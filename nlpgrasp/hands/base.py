@@ -43,7 +43,7 @@ class HandVariable:
 
 
 class Hand(JsonPart):
-    """Base class of hands: their reach, with fingertip i at contact i.
+    """Base class of hands: variables and constraints of the program, with fingertip i at contact i.
 
     A hand either follows its contacts (``start``), or has a pose of its own from which a search begins: then it is
     a ``PosedHand``.
@@ -114,7 +114,7 @@ class Hand(JsonPart):
         return None
 
     def closing(self, positions: Sequence[Expression]) -> Expression | None:
-        """Return the line between the jaws, metres, of a gripper that may turn about it; else None."""
+        """Return the vector between the jaws, metres, of a gripper; None for other hands."""
         return None
 
     def at_contacts(
@@ -169,7 +169,7 @@ class Hand(JsonPart):
 
 
 class PosedHand(Hand):
-    """A hand whose pose and posture are variables with random starting values."""
+    """A hand whose pose and posture are variables of the program, with random initial values."""
 
     @property
     def follows_contacts(self) -> bool:
@@ -190,7 +190,7 @@ class PosedHand(Hand):
 
     @abstractmethod
     def reach(self, places: FloatArray, near: int, rng: np.random.Generator) -> tuple[Values, FloatArray]:
-        """Return values of the variables with the fingertips near some places, and the fingertips' centres.
+        """Return values of the variables with the fingertips near goal points, and the fingertips' centres.
 
         Parameters
         ----------
@@ -240,6 +240,6 @@ class PosedHand(Hand):
         """
 
     def values_at(self, posture: Json, points: FloatArray) -> Values:
-        """Return the same with the fingertips' patch coordinates, if any, at contacts (k, 3), metres."""
+        """Return the variables' values in a posture, patch coordinates included, at contacts (k, 3), metres."""
         del points
         return self.values_of(posture)

@@ -25,7 +25,7 @@ class MeshFile(NamedTuple):
 
     @classmethod
     def of(cls, name: str, path: Path) -> MeshFile:
-        """Return the file at a path."""
+        """Return the record of the file at a path."""
         return cls(name, hashlib.sha256(path.read_bytes()).hexdigest())
 
 
@@ -73,8 +73,8 @@ class CollisionShape:
 
         sides = 32
         mesh = trimesh.creation.cylinder(1.0, 1.0, sections=sides)  # of unit size: trimesh merges close vertices
-        around = radius / np.cos(np.pi / sides)
-        mesh.apply_scale([around, around, length])
+        circumradius = radius / np.cos(np.pi / sides)
+        mesh.apply_scale([circumradius, circumradius, length])
         mesh.apply_transform(pose)
         return cls("cylinder", mesh, size=(radius, length), pose=pose)
 
@@ -94,8 +94,8 @@ class CollisionShape:
         import trimesh
 
         mesh = trimesh.creation.icosphere(subdivisions=3)
-        inner = np.min(np.einsum("ij,ij->i", mesh.face_normals, mesh.triangles[:, 0]))  # radius of its inner ball
-        mesh.apply_scale(semi_axes / inner)
+        inradius = np.min(np.einsum("ij,ij->i", mesh.face_normals, mesh.triangles[:, 0]))  # radius of its inner ball
+        mesh.apply_scale(semi_axes / inradius)
         mesh.apply_transform(pose)
         return cls("ellipsoid", mesh)
 
@@ -117,8 +117,9 @@ class CollisionShape:
     @property
     def content(self) -> bytes:
         """Bytes that determine the shape."""
-        own = [self.mesh.vertices, self.mesh.faces, np.zeros(0) if self.centre is None else self.centre, [self.radius]]
-        return self.kind.encode() + b"".join(np.asarray(part, dtype=float).tobytes() for part in own)
+        centre = np.zeros(0) if self.centre is None else self.centre
+        arrays = [self.mesh.vertices, self.mesh.faces, centre, [self.radius]]
+        return self.kind.encode() + b"".join(np.asarray(values, dtype=float).tobytes() for values in arrays)
 
     @property
     def fingerprint(self) -> bytes:

@@ -1,4 +1,4 @@
-"""Fingers as kinematic chains from the palm, and their mean direction."""
+"""Fingers as kinematic chains: their joints, first links and mean direction."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from nlpgrasp.hands.kinematics import LinkTree, link_poses
 from nlpgrasp.hands.robot import Joint, Robot
 
 POSTURES = 512  # random postures, uniform over the joint ranges
-ALIKE = 0.2  # share of the mean finger length below which the mean direction is not used
-ASKEW, NEARER = 45.0, 15.0  # degrees: least angle of a doubtful palm direction, least gain of another axis
+MIN_MEAN_SHARE = 0.2  # share of the mean finger length below which the mean direction is not used
+DOUBTFUL_ANGLE, LEAST_GAIN = 45.0, 15.0  # degrees: least angle of a doubtful palm direction, least gain of another axis
 
 
 @dataclass(frozen=True)
 class Finger:
-    """Joints of one finger's kinematic chain.
+    """A finger's kinematic chain: its free joints and contacts.
 
     Parameters
     ----------
@@ -37,32 +37,32 @@ class Finger:
 
 
 def fingers(tree: LinkTree) -> tuple[Finger, ...]:
-    """Return the free joints by finger: those with fingertips first, in the contacts' order; shared joints last."""
+    """Return the fingers: those with fingertips first, in the contacts' order; shared joints last."""
     robot = tree.robot
-    hub, shared = _trunk(robot)
+    branching_link, shared = _trunk(robot)
     groups: dict[str, list[int]] = {}
     for i, joint in enumerate(robot.free_joints):
-        groups.setdefault("" if joint.name in shared else _branch(robot, joint, hub), []).append(i)
-    found = []
+        groups.setdefault("" if joint.name in shared else _branch(robot, joint, branching_link), []).append(i)
+    result = []
     for branch, numbers in groups.items():
         names = {robot.free_joints[i].name for i in numbers}
         tips = tuple(i for i, (link, _) in enumerate(tree.tips) if branch and names & _drivers(robot, link))
         last = robot.free_joints[numbers[-1]].child
         name = ", ".join(dict.fromkeys(tree.tips[i][0] for i in tips)) or last
-        found.append(Finger(name if branch else f"{robot.root} to {last}", tips, tuple(numbers)))
-    return tuple(sorted(found, key=lambda finger: finger.tips[0] if finger.tips else len(tree.tips)))
+        result.append(Finger(name if branch else f"{robot.root} to {last}", tips, tuple(numbers)))
+    return tuple(sorted(result, key=lambda finger: finger.tips[0] if finger.tips else len(tree.tips)))
 
 
 def first_finger_links(tree: LinkTree) -> tuple[str, ...]:
     """Return the first link of each fingertip's finger, in the contacts' order; the palm for a tip on no finger."""
     robot = tree.robot
-    hub, _ = _trunk(robot)
+    branching_link, _ = _trunk(robot)
     groups = robot.rigid_groups
-    found = []
+    result = []
     for link, _ in tree.tips:
         chain = [joint for joint in robot.chain(link) if joint.moves]
-        found.append(next((joint.child for joint in chain if groups[joint.parent] == hub), robot.root))
-    return tuple(found)
+        result.append(next((joint.child for joint in chain if groups[joint.parent] == branching_link), robot.root))
+    return tuple(result)
 
 
 def _trunk(robot: Robot) -> tuple[str, set[str]]:
@@ -70,20 +70,20 @@ def _trunk(robot: Robot) -> tuple[str, set[str]]:
 
     A hand without branches is one finger that begins at the root.
     """
-    groups, here = robot.rigid_groups, robot.root
+    groups, link = robot.rigid_groups, robot.root
     joints: set[str] = set()
     while True:
-        out = [j for j in robot.joints if j.moves and groups[j.parent] == here]
-        if len(out) != 1:
-            return (here, joints) if out else (robot.root, set())
-        joints.add(robot.driving_joint(out[0])[0])
-        here = out[0].child
+        outgoing = [j for j in robot.joints if j.moves and groups[j.parent] == link]
+        if len(outgoing) != 1:
+            return (link, joints) if outgoing else (robot.root, set())
+        joints.add(robot.driving_joint(outgoing[0])[0])
+        link = outgoing[0].child
 
 
-def _branch(robot: Robot, joint: Joint, hub: str) -> str:
+def _branch(robot: Robot, joint: Joint, branching_link: str) -> str:
     """Return the name of the first moving joint of a joint's finger, beyond the link at which fingers branch."""
     chain = [j for j in robot.chain(joint.child) if j.moves]
-    return next((j.name for j in chain if robot.rigid_groups[j.parent] == hub), chain[0].name)
+    return next((j.name for j in chain if robot.rigid_groups[j.parent] == branching_link), chain[0].name)
 
 
 def _drivers(robot: Robot, link: str) -> set[str]:
@@ -91,7 +91,7 @@ def _drivers(robot: Robot, link: str) -> set[str]:
     return {robot.driving_joint(joint)[0] for joint in robot.chain(link) if joint.moves}
 
 
-def fingers_lie(tree: LinkTree) -> FloatArray | None:
+def mean_finger_direction(tree: LinkTree) -> FloatArray | None:
     """Return the mean direction, over random postures, of the fingertips from their fingers' first joints.
 
     Fingers bend towards the side that the palm faces, so this direction lies between the palm's direction and that of
@@ -109,12 +109,12 @@ def fingers_lie(tree: LinkTree) -> FloatArray | None:
     joints = np.random.default_rng(0).uniform(lower, upper, (POSTURES, len(lower)))
     q = ca.SX.sym("q", len(lower))
     poses = link_poses(tree.robot, set(links), q)
-    first = ca.Function("knuckles", [q], [ca.vertcat(*[poses[link][:3, 3] for link in links])])
-    begin = np.asarray(first.map(POSTURES)(joints.T).full()).T.reshape(POSTURES, len(links), 3)
-    ways = tree.palm_tips(joints) - begin
-    mean, length = ways.mean(axis=(0, 1)), float(np.mean(np.linalg.norm(ways, axis=2)))
-    size = float(np.linalg.norm(mean))
-    return None if size <= ALIKE * length else mean / size
+    base_function = ca.Function("knuckles", [q], [ca.vertcat(*[poses[link][:3, 3] for link in links])])
+    bases = np.asarray(base_function.map(POSTURES)(joints.T).full()).T.reshape(POSTURES, len(links), 3)
+    spans = tree.palm_tips(joints) - bases
+    mean, length = spans.mean(axis=(0, 1)), float(np.mean(np.linalg.norm(spans, axis=2)))
+    norm = float(np.linalg.norm(mean))
+    return None if norm <= MIN_MEAN_SHARE * length else mean / norm
 
 
 def suggested_approach(tree: LinkTree) -> FloatArray | None:
@@ -125,21 +125,22 @@ def suggested_approach(tree: LinkTree) -> FloatArray | None:
     tree : LinkTree
         With fingertips and the stated direction.
     """
-    lie = fingers_lie(tree)
-    if lie is None:
+    mean = mean_finger_direction(tree)
+    if mean is None:
         return None
-    most = int(np.argmax(np.abs(lie)))
+    index = int(np.argmax(np.abs(mean)))
     axis = np.zeros(3)
-    axis[most] = np.sign(lie[most])
-    off, near = (float(np.degrees(np.arccos(np.clip(lie @ way, -1.0, 1.0)))) for way in (tree.approach, axis))
-    return axis if off > ASKEW and off - near >= NEARER else None
+    axis[index] = np.sign(mean[index])
+    cosines = np.clip([mean @ tree.approach, mean @ axis], -1.0, 1.0)
+    stated_angle, axis_angle = (float(np.degrees(np.arccos(cosine))) for cosine in cosines)
+    return axis if stated_angle > DOUBTFUL_ANGLE and stated_angle - axis_angle >= LEAST_GAIN else None
 
 
 def format_direction(direction: FloatArray) -> str:
     """Return a unit direction (3,) as text: ``+z`` along an axis, else three numbers."""
-    most = int(np.argmax(np.abs(direction)))
-    if abs(direction[most]) > 1.0 - 1e-9:
-        return f"{'+' if direction[most] > 0.0 else '-'}{'xyz'[most]}"
+    index = int(np.argmax(np.abs(direction)))
+    if abs(direction[index]) > 1.0 - 1e-9:
+        return f"{'+' if direction[index] > 0.0 else '-'}{'xyz'[index]}"
     return format_as_list(direction)
 
 

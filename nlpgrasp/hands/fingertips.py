@@ -45,12 +45,12 @@ class Fingertips(Hand):
         radius = hand_length("Fingertips.radius", number("Fingertips.radius", self.radius, at_least=0.0), LARGEST_TIP)
         object.__setattr__(self, "radius", radius)
         if self.spread is not None:
-            given = self.spread
-            pair = tuple(given) if isinstance(given, Iterable) and np.ndim(given) else (0.0, given)
-            if len(pair) != 2:
+            spread = self.spread
+            ends = tuple(spread) if isinstance(spread, Iterable) and np.ndim(spread) else (0.0, spread)
+            if len(ends) != 2:
                 raise InputError("Fingertips.spread", self.spread, "one distance, or a least and a greatest one")
-            low = number("Fingertips.spread", pair[0], at_least=0.0)
-            high = hand_length("Fingertips.spread", number("Fingertips.spread", pair[1], above=low))
+            low = number("Fingertips.spread", ends[0], at_least=0.0)
+            high = hand_length("Fingertips.spread", number("Fingertips.spread", ends[1], above=low))
             object.__setattr__(self, "spread", (low, high))
         if self.reach is not None:
             reach = hand_length("Fingertips.reach", number("Fingertips.reach", self.reach, above=0.0))

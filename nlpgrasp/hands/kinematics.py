@@ -22,7 +22,7 @@ from nlpgrasp.hands.tips import Tip
 
 ROUNDING = 1e-15  # smaller constants of a rotation are zero
 COMPILED = ("link_function", "contact_function", "_tip_function")  # attributes that hold CasADi functions
-MIDDLE = (0.1, 0.7)  # shares of the joint ranges between which random starts are drawn
+DRAWN_SHARES = (0.1, 0.7)  # part of the joint ranges, as shares, from which random postures are drawn
 
 
 class LinkTree:
@@ -65,15 +65,15 @@ class LinkTree:
 
     def palm(self, variables: dict[str, Expression]) -> PalmPose:
         """Return the palm's pose in the body's frame."""
-        rotation = rotation_of(variables["palm_quaternion"])
+        rotation = rotation_matrix(variables["palm_quaternion"])
         return PalmPose(variables["palm_position"], rotation, ca.mtimes(rotation, ca.DM(self.approach)))
 
     def poses(self, variables: dict[str, Expression]) -> dict[str, Expression]:
         """Return the links' poses in the body's frame."""
         palm = self.palm(variables)
         base = ca.vertcat(ca.horzcat(palm.rotation, palm.position), ca.SX([[0.0, 0.0, 0.0, 1.0]]))
-        found = self.link_function(variables["joints"])
-        return {name: ca.mtimes(base, pose) for name, pose in zip(self.used_links, ca.horzsplit(found, 4), strict=True)}
+        poses = ca.horzsplit(self.link_function(variables["joints"]), 4)
+        return {name: ca.mtimes(base, pose) for name, pose in zip(self.used_links, poses, strict=True)}
 
     def palm_frame(self, values: Mapping[str, FloatArray]) -> FloatArray:
         """Return the palm's frame in the body's, (4, 4), for values of the hand's variables."""
@@ -85,8 +85,8 @@ class LinkTree:
     def body_poses(self, values: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         """Return the used links' poses in the body's frame, (4, 4), for values of the hand's variables."""
         base = self.palm_frame(values)
-        found = np.asarray(self.link_function(values["joints"]).full())
-        return {name: base @ found[:, 4 * i : 4 * i + 4] for i, name in enumerate(self.used_links)}
+        stacked = np.asarray(self.link_function(values["joints"]).full())
+        return {name: base @ stacked[:, 4 * i : 4 * i + 4] for i, name in enumerate(self.used_links)}
 
     def tips_with_slides(self, variables: dict[str, Expression]) -> list[tuple[str, Tip, Expression]]:
         """Return link, patch and sliding coordinate, if any, of each contact."""
@@ -101,13 +101,13 @@ class LinkTree:
     def tip_places(self, variables: dict[str, Expression]) -> list[Expression]:
         """Return the fingertips' centres in the body's frame."""
         poses = self.poses(variables)
-        found = zip(self.tips, self.tip_centres(variables), strict=True)
+        tips = zip(self.tips, self.tip_centres(variables), strict=True)
         return [
             poses[link][:3, 3] + ca.mtimes(poses[link][:3, :3], ca.DM(tip.centre)) if centre is None else centre
-            for (link, tip), centre in found
+            for (link, tip), centre in tips
         ]
 
-    def rigid(self, link: str, other: str) -> FloatArray | None:
+    def rigid_transform(self, link: str, other: str) -> FloatArray | None:
         """Return the transform (4, 4) from a link's frame to another's if both are rigidly connected, else None."""
         poses = np.asarray(self.link_function(np.zeros(len(self.robot.free_joints))).full())
         groups = self.robot.rigid_groups
@@ -131,19 +131,19 @@ class LinkTree:
         Arguments are those of ``PosedHand.contact_motion``.
         """
         palm, q = self.palm(variables), variables["joints"]
-        every = ca.SX(len(self.robot.free_joints), 1)
+        joint_rates = ca.SX(len(self.robot.free_joints), 1)
         for j, joint in enumerate(self.robot.free_joints):
             if joint.name in self.loaded_joints:
-                every[j] = rates[self.loaded_joints.index(joint.name)]
-        found = self.link_function(q)
-        poses, changes = (ca.horzsplit(m, 4) for m in (found, ca.jtimes(found, q, every)))
+                joint_rates[j] = rates[self.loaded_joints.index(joint.name)]
+        stacked = self.link_function(q)
+        poses, pose_rates = (ca.horzsplit(m, 4) for m in (stacked, ca.jtimes(stacked, q, joint_rates)))
         result = []
         for (link, _), point in zip(self.tips, points, strict=True):
-            where = self.used_links.index(link)
-            pose, change = poses[where], changes[where]
+            index = self.used_links.index(link)
+            pose, pose_rate = poses[index], pose_rates[index]
             local = ca.mtimes(pose[:3, :3].T, ca.mtimes(palm.rotation.T, point - palm.position) - pose[:3, 3])
-            spin = ca.mtimes(change[:3, :3], pose[:3, :3].T)
-            velocity = ca.mtimes(change[:3, :3], local) + change[:3, 3]
+            spin = ca.mtimes(pose_rate[:3, :3], pose[:3, :3].T)
+            velocity = ca.mtimes(pose_rate[:3, :3], local) + pose_rate[:3, 3]
             angular = ca.vertcat(spin[2, 1], spin[0, 2], spin[1, 0])
             result.append((ca.mtimes(palm.rotation, velocity), ca.mtimes(palm.rotation, angular)))
         return result
@@ -155,8 +155,8 @@ class LinkTree:
         variables["joints"] = ca.SX.sym("q", len(self.robot.free_joints))
         rates, points = ca.SX.sym("rates", len(self.loaded_joints)), ca.SX.sym("p", 3, len(self.tips))
         motion = self.contact_motion(variables, rates, ca.horzsplit(points))
-        both = ca.vertcat(*[part for pair in motion for part in pair])
-        return ca.Function("contacts", [*variables.values(), points], [ca.jacobian(both, rates)], {"cse": True})
+        velocities = ca.vertcat(*[part for pair in motion for part in pair])
+        return ca.Function("contacts", [*variables.values(), points], [ca.jacobian(velocities, rates)], {"cse": True})
 
     @cached_property
     def span(self) -> float:
@@ -168,16 +168,16 @@ class LinkTree:
 
     def palm_tips(self, joints: FloatArray) -> FloatArray:
         """Return the fingertip centres (b, k, 3) in the palm's frame for joint positions (b, m)."""
-        return self._of_tips(joints)[0]
+        return self._tip_centres_and_normals(joints)[0]
 
     def palm_normals(self, joints: FloatArray) -> FloatArray:
         """Return the outward normals of flat fingertips (b, k, 3) in the palm's frame, zero for curved ones."""
-        return self._of_tips(joints)[1]
+        return self._tip_centres_and_normals(joints)[1]
 
-    def _of_tips(self, joints: FloatArray) -> list[FloatArray]:
+    def _tip_centres_and_normals(self, joints: FloatArray) -> list[FloatArray]:
         """Return centres and normals of the fingertips, (b, k, 3) each, palm frame."""
-        found = self._tip_function.map(len(joints))(joints.T)
-        return [np.asarray(each.full()).T.reshape(len(joints), len(self.tips), 3) for each in found]
+        outputs = self._tip_function.map(len(joints))(joints.T)
+        return [np.asarray(output.full()).T.reshape(len(joints), len(self.tips), 3) for output in outputs]
 
     def draw(
         self, count: int, around: FloatArray, rng: np.random.Generator
@@ -187,7 +187,7 @@ class LinkTree:
         The fingertips' centroid is at the given points, (count, 3).
         """
         lower, upper = self.joint_limits
-        shares = rng.uniform(*MIDDLE, (count, len(lower)))
+        shares = rng.uniform(*DRAWN_SHARES, (count, len(lower)))
         joints = lower + shares * (upper - lower)
         rotations = Rotation.random(count, rng=rng)
         tips = np.einsum("bij,bkj->bki", rotations.as_matrix(), self.palm_tips(joints))
@@ -230,7 +230,7 @@ class LinkTree:
         return {k: v for k, v in self.__dict__.items() if k not in COMPILED}
 
 
-def rotation_of(quaternion: Expression) -> Expression:
+def rotation_matrix(quaternion: Expression) -> Expression:
     """Return the rotation matrix of a unit quaternion (w, x, y, z), as a polynomial."""
     w, x, y, z = (quaternion[i] for i in range(4))
     return ca.vertcat(
@@ -267,9 +267,9 @@ def link_poses(robot: Robot, links: Iterable[str], joints: Expression) -> dict[s
     for joint in moving:
         driver, multiplier, offset = robot.driving_joint(joint)
         values.append(multiplier * joints[index[driver]] + offset)
-    model = KinDynComputations(_urdf(robot), [j.name for j in moving])
-    everything = ca.vertcat(*values)
-    poses = {name: model.forward_kinematics(name, np.eye(4), everything) for name in links if name != robot.root}
+    model = KinDynComputations(_kinematic_urdf(robot), [j.name for j in moving])
+    positions = ca.vertcat(*values)
+    poses = {name: model.forward_kinematics(name, np.eye(4), positions) for name in links if name != robot.root}
     poses[robot.root] = ca.SX.eye(4)
     return {name: ca.SX(ca.sparsify(pose, ROUNDING)) for name, pose in poses.items()}
 
@@ -277,14 +277,14 @@ def link_poses(robot: Robot, links: Iterable[str], joints: Expression) -> dict[s
 def require_kinematics() -> None:
     """Raise ``MissingExtraError`` when adam-robotics is not installed."""
     try:
-        found = find_spec("adam.casadi")
+        spec = find_spec("adam.casadi")
     except ImportError:
-        found = None
-    if found is None:
+        spec = None
+    if spec is None:
         raise MissingExtraError("URDFHand", "hands")
 
 
-def _urdf(robot: Robot) -> str:
+def _kinematic_urdf(robot: Robot) -> str:
     """Return a URDF with the robot's kinematics alone."""
     root = ET.Element("robot", name=robot.name)
     for link in robot.links:
@@ -297,7 +297,7 @@ def _urdf(robot: Robot) -> str:
             element = _joint_element(root, replace(joint, parent=between, xyz=np.zeros(3), rpy=np.zeros(3)))
         else:
             element = _joint_element(root, joint)
-        ET.SubElement(element, "axis", xyz=_text(joint.axis))
+        ET.SubElement(element, "axis", xyz=_format_numbers(joint.axis))
         if joint.kind in ("revolute", "prismatic"):
             ET.SubElement(element, "limit", lower="-1", upper="1", effort="1", velocity="1")
     return ET.tostring(root, encoding="unicode")
@@ -314,9 +314,9 @@ def _joint_element(root: ET.Element, joint: Joint) -> ET.Element:
     element = ET.SubElement(root, "joint", name=joint.name, type=joint.kind)
     ET.SubElement(element, "parent", link=joint.parent)
     ET.SubElement(element, "child", link=joint.child)
-    ET.SubElement(element, "origin", xyz=_text(joint.xyz), rpy=_text(joint.rpy))
+    ET.SubElement(element, "origin", xyz=_format_numbers(joint.xyz), rpy=_format_numbers(joint.rpy))
     return element
 
 
-def _text(values: Iterable[float]) -> str:
+def _format_numbers(values: Iterable[float]) -> str:
     return " ".join(repr(float(v)) for v in values)

@@ -27,11 +27,11 @@ if TYPE_CHECKING:
     import trimesh
 
 
-SURFACE, INSIDE = 900, 400  # samples per link
-SWEEPS = 30  # most moves of all spheres to better places
+SURFACE_SAMPLES, INNER_SAMPLES = 900, 400  # samples per link
+SWEEPS = 30  # largest number of refinements of all spheres
 INSETS = (1.0, 1.3, 1.7, 2.2)  # distances of the outer spheres from the ends, in half cells
 FIRST_ERROR, GROWTH = 0.05, 1.25  # first error as a share of the link's size; growth factor
-MARGIN = 0.25  # share of the sample spacing added to distances, for the surface between samples
+SPACING_MARGIN = 0.25  # share of the sample spacing added to distances, for the surface between samples
 WORTH_A_WARNING = 6e-4  # metres: possible penetration of a link that is warned of
 PALM_SHARE = 5  # spheres of the palm over those of a finger's link
 
@@ -67,41 +67,41 @@ class SphereFit:
     def limit_radii(self, most: FloatArray, inside: BoolArray) -> SphereFit:
         """Return the spheres with radii limited to ``most`` (m,), without those ``inside`` (m,) a fingertip."""
         radii = np.minimum(self.radii, most)
-        kept = (radii > 0.0) & ~inside
-        return SphereFit(self.centres[kept], radii[kept], self.error, self.uncovered)
+        is_used = (radii > 0.0) & ~inside
+        return SphereFit(self.centres[is_used], radii[is_used], self.error, self.uncovered)
 
 
 def fit_hand(robot: Robot, per_link: int) -> dict[str, SphereFit]:
     """Return spheres for each link that has a collision shape, at most ``per_link`` (more for the palm)."""
     result = {}
-    known: dict[tuple[bytes, int], SphereFit] = {}
+    fits: dict[tuple[bytes, int], SphereFit] = {}
     for link, shapes in robot.shapes.items():
         most = (PALM_SHARE if link == robot.root else 1) * per_link
         key = (b"".join(shape.fingerprint for shape in shapes), most)  # fingers are often alike
-        if key not in known:
-            known[key] = fit_spheres(shapes, most)
-        result[link] = known[key]
+        if key not in fits:
+            fits[key] = fit_spheres(shapes, most)
+        result[link] = fits[key]
     return result
 
 
-def fit_around_tips(whole: Mapping[str, SphereFit], tree: LinkTree, clearance: float) -> dict[str, SphereFit]:
-    """Return the spheres with those rigidly connected to a fingertip shrunk or removed so that it can touch."""
+def fit_around_tips(fits: Mapping[str, SphereFit], tree: LinkTree, clearance: float) -> dict[str, SphereFit]:
+    """Return the spheres of each link, shrunk or removed next to fingertips so that these can touch."""
     result = {}
-    for link, fit in whole.items():
-        beside: list[tuple[FloatArray, Tip]] = []
-        for other, tip in tree.tips:
-            transform = tree.rigid(link, other)
+    for link, fit in fits.items():
+        fixed_tips: list[tuple[FloatArray, Tip]] = []
+        for tip_link, tip in tree.tips:
+            transform = tree.rigid_transform(link, tip_link)
             if transform is not None:
-                there = fit.centres @ transform[:3, :3].T + transform[:3, 3]
+                centres = fit.centres @ transform[:3, :3].T + transform[:3, 3]
                 ball = 0.0 if tip.slides else tip.standoff  # a sliding tip's ball is not fixed to the link
-                inside = np.linalg.norm(there - tip.centre, axis=1) + fit.radii <= ball * (1.0 + 1e-6)
-                fit = fit.limit_radii(tip.most_radius(there) - clearance, inside)
-                beside.append((transform, tip))
-        if beside:
-            fit = replace(fit, uncovered=_uncovered_depth(tree.robot.shapes[link], fit, beside))
+                inside = np.linalg.norm(centres - tip.centre, axis=1) + fit.radii <= ball * (1.0 + 1e-6)
+                fit = fit.limit_radii(tip.most_radius(centres) - clearance, inside)
+                fixed_tips.append((transform, tip))
+        if fixed_tips:
+            fit = replace(fit, uncovered=_uncovered_depth(tree.robot.shapes[link], fit, fixed_tips))
             if fit.uncovered > WORTH_A_WARNING:
-                deep = f"{1e3 * fit.uncovered:.1f} mm"
-                text = f"link {link} is thicker than its fingertip: beside a contact it may reach {deep} into the body"
+                depth = f"{1e3 * fit.uncovered:.1f} mm"
+                text = f"link {link} is thicker than its fingertip: beside a contact it may reach {depth} into the body"
                 warn(text)
         if len(fit.radii):
             result[link] = fit
@@ -109,11 +109,11 @@ def fit_around_tips(whole: Mapping[str, SphereFit], tree: LinkTree, clearance: f
 
 
 def _uncovered_depth(
-    shapes: Sequence[CollisionShape], fit: SphereFit, beside: Sequence[tuple[FloatArray, Tip]]
+    shapes: Sequence[CollisionShape], fit: SphereFit, fixed_tips: Sequence[tuple[FloatArray, Tip]]
 ) -> float:
-    """Return how far the shapes stick out of the spheres and the fingertip solids, metres."""
+    """Return the largest distance of the shapes outside the spheres and the fingertip solids, metres."""
     points, _ = surface_points(shapes, np.random.default_rng(0))
-    gaps = [tip.beyond(points @ T[:3, :3].T + T[:3, 3]) for T, tip in beside]
+    gaps = [tip.beyond(points @ transform[:3, :3].T + transform[:3, 3]) for transform, tip in fixed_tips]
     if len(fit.radii):
         gaps.append(np.min(np.linalg.norm(points[:, None] - fit.centres, axis=2) - fit.radii, axis=1))
     return max(0.0, float(np.max(np.min(gaps, axis=0))))
@@ -123,10 +123,10 @@ def fit_spheres(shapes: Sequence[CollisionShape], most: int) -> SphereFit:
     """Return at most ``most`` spheres that cover the shapes of one link (one per shape if all are spheres)."""
     if all(s.centre is not None for s in shapes):
         return SphereFit(np.array([s.centre for s in shapes]), np.array([s.radius for s in shapes]), 0.0)
-    found = kept(
+    arrays = kept(
         "spheres", [str(most).encode(), *(shape.content for shape in shapes)], lambda: _fit_cover(shapes, most)
     )
-    return SphereFit(found["centres"], found["radii"], float(found["error"]))
+    return SphereFit(arrays["centres"], arrays["radii"], float(arrays["error"]))
 
 
 def _fit_cover(shapes: Sequence[CollisionShape], most: int) -> dict[str, FloatArray]:
@@ -143,73 +143,74 @@ def _greedy_cover(shapes: Sequence[CollisionShape], most: int) -> SphereFit:
     if not len(inner):
         return SphereFit(np.zeros((0, 3)), np.zeros(0), np.inf)  # a flat shape: the regular arrangement will do
     size = float(np.linalg.norm(np.ptp(surface, axis=0)))
-    margin = MARGIN * spacing
-    apart = cdist(inner, surface) + margin
+    margin = SPACING_MARGIN * spacing
+    distances = cdist(inner, surface) + margin
     error = FIRST_ERROR * size
     while True:
-        chosen = _cover(apart <= (depth + error)[:, None], most)
+        chosen = _cover(distances <= (depth + error)[:, None], most)
         if chosen is not None:
             break
         error *= GROWTH
-    best, reach = _refine_cover(apart, depth, chosen)
-    kept = reach > 0.0
-    return SphereFit(inner[best][kept], reach[kept], float(np.max((reach - depth[best])[kept], initial=0.0)))
+    best, reach = _refine_cover(distances, depth, chosen)
+    is_used = reach > 0.0
+    return SphereFit(inner[best][is_used], reach[is_used], float(np.max((reach - depth[best])[is_used], initial=0.0)))
 
 
-def _cover(covers: BoolArray, most: int) -> list[int] | None:
+def _cover(coverage: BoolArray, most: int) -> list[int] | None:
     """Return a greedy set cover of all columns by at most ``most`` rows; None where it needs more."""
     chosen: list[int] = []
-    left = np.ones(covers.shape[1], dtype=bool)
-    while left.any():
+    uncovered = np.ones(coverage.shape[1], dtype=bool)
+    while uncovered.any():
         if len(chosen) == most:
             return None
-        gains = covers[:, left].sum(axis=1)
+        gains = coverage[:, uncovered].sum(axis=1)
         best = int(np.argmax(gains))
         if gains[best] == 0:
             return None
         chosen.append(best)
-        left &= ~covers[best]
+        uncovered &= ~coverage[best]
     return chosen
 
 
-def _refine_cover(apart: FloatArray, depth: FloatArray, chosen: list[int]) -> tuple[IntArray, FloatArray]:
+def _refine_cover(distances: FloatArray, depth: FloatArray, chosen: list[int]) -> tuple[IntArray, FloatArray]:
     """Move each sphere to cover its own samples with the least error; return indices of centres, and radii."""
-    best = np.array(chosen)
-    radii = np.zeros(len(best))
+    indices = np.array(chosen)
+    radii = np.zeros(len(indices))
     least = np.inf
-    centres = best
+    centres = indices
     for _ in range(SWEEPS):
-        owner = np.argmin(apart[centres] - depth[centres][:, None], axis=0)
-        moved, reach = centres.copy(), np.zeros(len(centres))
+        owner = np.argmin(distances[centres] - depth[centres][:, None], axis=0)
+        candidates, candidate_radii = centres.copy(), np.zeros(len(centres))
         for i in range(len(centres)):
-            own = owner == i
-            if own.any():
-                farthest = np.max(apart[:, own], axis=1)
-                moved[i] = int(np.argmin(farthest - depth))
-                reach[i] = farthest[moved[i]]
-        error = float(np.max(np.where(reach > 0.0, reach - depth[moved], -np.inf)))
+            samples = owner == i
+            if samples.any():
+                farthest = np.max(distances[:, samples], axis=1)
+                candidates[i] = int(np.argmin(farthest - depth))
+                candidate_radii[i] = farthest[candidates[i]]
+        error = float(np.max(np.where(candidate_radii > 0.0, candidate_radii - depth[candidates], -np.inf)))
         if error >= least:
             break
-        best, radii, least, centres = moved, reach, error, moved
-    return best, radii
+        indices, radii, least, centres = candidates, candidate_radii, error, candidates
+    return indices, radii
 
 
 def _regular_cover(shapes: Sequence[CollisionShape], most: int) -> SphereFit:
-    """Return the best regular arrangement of spheres in the shapes' bounding box: best for boxes and fingers."""
+    """Return the best regular arrangement of spheres in the shapes' bounding box."""
     surface, spacing = surface_points(shapes, np.random.default_rng(0))
     low, high = surface.min(axis=0), surface.max(axis=0)
     best: SphereFit | None = None
     for counts in _arrangements(most):
         for inset in INSETS:
-            half = (high - low) / 2.0 / np.array(counts)
-            ends = np.minimum((high - low) / 2.0, np.where(np.array(counts) > 1, inset * half, (high - low) / 2.0))
-            axes = [np.linspace(low[a] + ends[a], high[a] - ends[a], counts[a]) for a in range(3)]
+            half = (high - low) / 2.0
+            half_cell = half / np.array(counts)
+            margins = np.minimum(half, np.where(np.array(counts) > 1, inset * half_cell, half))
+            axes = [np.linspace(low[a] + margins[a], high[a] - margins[a], counts[a]) for a in range(3)]
             centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-            apart = cdist(centres, surface) + MARGIN * spacing
-            radius = float(np.max(np.min(apart, axis=0)))  # the largest of the spheres'
+            distances = cdist(centres, surface) + SPACING_MARGIN * spacing
+            radius = float(np.max(np.min(distances, axis=0)))  # the largest of the spheres'
             if best is None or radius < float(np.max(best.radii)):
-                owner = np.argmin(apart, axis=0)
-                radii = np.array([np.max(apart[i][owner == i], initial=0.0) for i in range(len(centres))])
+                owner = np.argmin(distances, axis=0)
+                radii = np.array([np.max(distances[i][owner == i], initial=0.0) for i in range(len(centres))])
                 best = SphereFit(centres[radii > 0.0], radii[radii > 0.0], 0.0)
     if best is None:
         return SphereFit(np.zeros((0, 3)), np.zeros(0), np.inf)
@@ -235,40 +236,41 @@ def surface_points(shapes: Sequence[CollisionShape], rng: np.random.Generator) -
     area = sum(float(s.mesh.area) for s in shapes)
     points = []
     for shape in shapes:
-        count = max(int(SURFACE * shape.mesh.area / area), 20)
-        own = np.concatenate([trimesh.sample.sample_surface(shape.mesh, count, seed=rng)[0], shape.mesh.vertices[:200]])
-        inside = np.zeros(len(own), dtype=bool)
+        count = max(int(SURFACE_SAMPLES * shape.mesh.area / area), 20)
+        drawn = trimesh.sample.sample_surface(shape.mesh, count, seed=rng)[0]
+        samples = np.concatenate([drawn, shape.mesh.vertices[:200]])
+        inside = np.zeros(len(samples), dtype=bool)
         for other in shapes:
             if other is not shape:
-                inside |= other.depth(own) > 1e-9
-        points.append(own[~inside])
-    return np.concatenate(points), float(np.sqrt(area / SURFACE))
+                inside |= other.depth(samples) > 1e-9
+        points.append(samples[~inside])
+    return np.concatenate(points), float(np.sqrt(area / SURFACE_SAMPLES))
 
 
 def _interior_points(shapes: Sequence[CollisionShape], rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     """Return points inside the union and their depths, medial points among them."""
     import trimesh
 
-    points = []
+    parts = []
     for shape in shapes:
         mesh = shape.mesh
         low, high = mesh.bounds
-        box = rng.uniform(low, high, (INSIDE, 3))
-        start, triangles = trimesh.sample.sample_surface(mesh, INSIDE // 2, seed=rng)
+        box = rng.uniform(low, high, (INNER_SAMPLES, 3))
+        start, triangles = trimesh.sample.sample_surface(mesh, INNER_SAMPLES // 2, seed=rng)
         inward = -mesh.face_normals[triangles]
-        thick = np.linspace(0.05, 1.0, 12) * np.max(high - low) / 2.0
-        deep = start[:, None] + thick[None, :, None] * inward[:, None]
-        depths = shape.depth(deep.reshape(-1, 3)).reshape(len(start), -1)
-        middle = deep[np.arange(len(start)), np.argmax(depths, axis=1)]
-        points += [box, middle]
-        points.append(mesh.bounds.mean(axis=0)[None] if shape.centre is None else shape.centre[None])
-        points.append(_axis_points(mesh))
-    every = np.concatenate(points)
-    depth = np.max([s.depth(every) for s in shapes], axis=0)
-    good = depth > 0.0
-    every, depth = every[good], depth[good]
-    order = np.argsort(-depth)[: 2 * INSIDE]
-    return every[order], depth[order]
+        depths_below = np.linspace(0.05, 1.0, 12) * np.max(high - low) / 2.0
+        probes = start[:, None] + depths_below[None, :, None] * inward[:, None]
+        depths = shape.depth(probes.reshape(-1, 3)).reshape(len(start), -1)
+        middle = probes[np.arange(len(start)), np.argmax(depths, axis=1)]
+        parts += [box, middle]
+        parts.append(mesh.bounds.mean(axis=0)[None] if shape.centre is None else shape.centre[None])
+        parts.append(_axis_points(mesh))
+    points = np.concatenate(parts)
+    depth = np.max([s.depth(points) for s in shapes], axis=0)
+    is_inside = depth > 0.0
+    points, depth = points[is_inside], depth[is_inside]
+    order = np.argsort(-depth)[: 2 * INNER_SAMPLES]
+    return points[order], depth[order]
 
 
 def _axis_points(mesh: trimesh.Trimesh) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Hand with a kinematic tree: pose, posture, inverse kinematics by random postures."""
+"""Hand with a kinematic tree: palm pose, posture, and inverse kinematics by random postures."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.hands.base import PosedHand, Values
 from nlpgrasp.hands.kinematics import LinkTree
 
-POSTURES = 4096  # random postures among which a search chooses
-SHARES = (0.02, 0.9)  # of the joint ranges: ends between which random postures are drawn
+POSTURES = 4096  # random postures of the inverse kinematics
+DRAWN_SHARES = (0.02, 0.9)  # part of the joint ranges, as shares, from which random postures are drawn
 # function that writes the notebook's card
 CARD = ("nlpgrasp.report.hand_page", "hand_card")
-NAMED = 6  # most fingertips named in a line
+MAX_NAMED = 6  # largest number of fingertips named in a line
 
 
 class LinkedHand(InNotebook, PosedHand):
@@ -42,9 +42,9 @@ class LinkedHand(InNotebook, PosedHand):
 
     def __repr__(self) -> str:
         robot, tips = self.tree.robot, [link for link, _ in self.tree.tips]
-        more = [f"{len(tips) - NAMED} more"] if len(tips) > NAMED else []
-        known = ", ".join([*tips[:NAMED], *more])
-        return f"{type(self).__name__}({robot.name!r}, {len(robot.free_joints)} joints, fingertips on {known})"
+        rest = [f"{len(tips) - MAX_NAMED} more"] if len(tips) > MAX_NAMED else []
+        names = ", ".join([*tips[:MAX_NAMED], *rest])
+        return f"{type(self).__name__}({robot.name!r}, {len(robot.free_joints)} joints, fingertips on {names})"
 
     def palm(self, variables: dict[str, Expression]) -> PalmPose:
         """Return the palm's pose in the body's frame."""
@@ -78,8 +78,8 @@ class LinkedHand(InNotebook, PosedHand):
     def contact_jacobians(self, values: Mapping[str, FloatArray], points: FloatArray) -> FloatArray:
         """Return contact Jacobians (k, 6, m): velocities of points (k, 3), metres, per rate of the loaded joints."""
         quaternion = values["palm_quaternion"] / np.linalg.norm(values["palm_quaternion"])
-        found = self.tree.contact_function(values["palm_position"], quaternion, values["joints"], points.T)
-        return np.asarray(found.full()).reshape(self.count, 6, len(self.loaded_joints))
+        jacobians = self.tree.contact_function(values["palm_position"], quaternion, values["joints"], points.T)
+        return np.asarray(jacobians.full()).reshape(self.count, 6, len(self.loaded_joints))
 
     def draw(self, count: int, around: FloatArray, rng: np.random.Generator) -> tuple[Values, FloatArray]:
         """Return random palm orientations and joints, with the fingertips' centroid at ``around`` (count, space).
@@ -94,7 +94,7 @@ class LinkedHand(InNotebook, PosedHand):
         return self.tree.draw(count, around, rng)
 
     def reach(self, places: FloatArray, near: int, rng: np.random.Generator) -> tuple[Values, FloatArray]:
-        """Return palm poses and joints with the fingertips near places (g, k, 3), and their centres, (g near, k, 3).
+        """Return palm poses and joints with the fingertips near goals (g, k, 3), and their centres, (g near, k, 3).
 
         Parameters
         ----------
@@ -104,7 +104,7 @@ class LinkedHand(InNotebook, PosedHand):
             Poses for each goal.
         rng : numpy.random.Generator
         """
-        return reach(self.tree, places, near, rng)
+        return fit_postures(self.tree, places, near, rng)
 
     def describe(self, values: Values) -> Json:
         """Return joint positions by name (mimic joints included) and the palm's pose."""
@@ -131,14 +131,14 @@ class LinkedHand(InNotebook, PosedHand):
                 "joints": np.array([float(positions[j.name]) for j in self.tree.robot.free_joints]),
             }
         except (KeyError, TypeError, ValueError) as error:
-            given = f"{type(error).__name__}: {error}"
-            raise InputError("posture", given, "joint_positions and palm_pose as in GraspSolution.hand") from None
+            message = f"{type(error).__name__}: {error}"
+            raise InputError("posture", message, "joint_positions and palm_pose as in GraspSolution.hand") from None
 
 
-def reach(
+def fit_postures(
     tree: LinkTree, places: FloatArray, near: int, rng: np.random.Generator
 ) -> tuple[dict[str, FloatArray], FloatArray]:
-    """Return palm poses and joints, (g near, m) each, and the fingertips' centres, (g near, k, 3), body frame.
+    """Return palm poses and joints by inverse kinematics, and the fingertips' centres, (g near, k, 3), body frame.
 
     The distances between the fingertips do not depend on the palm's pose: for each goal, the postures whose distances
     are nearest to the goal's are taken, and the palm is where the least-squares fit puts the fingertips.
@@ -147,28 +147,28 @@ def reach(
     ----------
     tree : LinkTree
     places : (g, k, 3) array
-        Goals: where the centre of each fingertip is to be, metres, body frame.
+        Goals for the centre of each fingertip, metres, body frame.
     near : int
         Postures for each goal.
     rng : numpy.random.Generator
     """
     lower, upper = tree.joint_limits
-    joints = lower + rng.uniform(*SHARES, (POSTURES, len(lower))) * (upper - lower)
+    joints = lower + rng.uniform(*DRAWN_SHARES, (POSTURES, len(lower))) * (upper - lower)
     tips = tree.palm_tips(joints)
-    chosen = cKDTree(_pair_distances(tips)).query(_pair_distances(places), near)[1].ravel()
-    rotations, positions = fit_rigid_transforms(tips[chosen], np.repeat(places, near, axis=0))
+    nearest = cKDTree(_pair_distances(tips)).query(_pair_distances(places), near)[1].ravel()
+    rotations, positions = fit_rigid_transforms(tips[nearest], np.repeat(places, near, axis=0))
     values = {
         "palm_position": positions,
         "palm_quaternion": Rotation.from_matrix(rotations).as_quat(scalar_first=True),
-        "joints": joints[chosen],
-    } | tree.initial_slides(len(chosen))
-    return values, tips[chosen] @ rotations.transpose(0, 2, 1) + positions[:, None]
+        "joints": joints[nearest],
+    } | tree.initial_slides(len(nearest))
+    return values, tips[nearest] @ rotations.transpose(0, 2, 1) + positions[:, None]
 
 
 def fit_rigid_transforms(points: FloatArray, places: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the rotations (b, 3, 3) and translations (b, 3) that bring points (b, k, 3) nearest to places.
 
-    In the sense of least squares (Kabsch 1976, doi:10.1107/S0567739476001873); reflections are none of them.
+    Least squares without reflections (Kabsch 1976, doi:10.1107/S0567739476001873).
     """
     middle, goal = points.mean(axis=1), places.mean(axis=1)
     spread = (points - middle[:, None]).transpose(0, 2, 1) @ (places - goal[:, None])

@@ -52,22 +52,23 @@ def read_mjcf(path: Path, palm: str | None = None) -> Robot:
         Without MuJoCo (extra ``sim``).
     """
     model = _compile_model(path)
-    start = _start(path, model, palm)
-    bodies = [start]
-    for body in range(start + 1, model.nbody):
+    root = _palm_body(path, model, palm)
+    bodies = [root]
+    for body in range(root + 1, model.nbody):
         if model.body_parentid[body] in bodies:
             bodies.append(body)
-    joints, links = [], [body_name(model, start)]
+    joints, links = [], [body_name(model, root)]
     for body in bodies[1:]:
-        found = joints_to(path, model, body)
-        joints += found
-        links += [joint.child for joint in found]
-    shapes, missing, bare = read_geoms(model, bodies)
+        chain = read_joints(path, model, body)
+        joints += chain
+        links += [joint.child for joint in chain]
+    shapes, missing, shapeless = read_geoms(model, bodies)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     name = str(model.names[: model.names.index(b"\0")], "utf-8") or path.stem
-    robot = Robot(name, links[0], tuple(links), tuple(joints), shapes, missing, path.name, digest, bare)
+    robot = Robot(name, links[0], tuple(links), tuple(joints), shapes, missing, path.name, digest, shapeless)
     robot = add_couplings(path, model, robot)
-    robot = add_effort_limits(model, replace(robot, joints=tuple(closed(path, joint) for joint in robot.joints)))
+    robot = replace(robot, joints=tuple(with_finite_limits(path, joint) for joint in robot.joints))
+    robot = add_effort_limits(model, robot)
     check_ranges(path, robot)
     return robot
 
@@ -107,6 +108,7 @@ def mjcf_inertials(path: Path) -> dict[str, Inertial]:
 
 
 def _compile_model(path: Path) -> MjModel:
+    """Return MuJoCo's model of a file, with every body a link of its own."""
     mujoco = import_mujoco(f"{path.name}: reading MJCF")
     try:
         spec = mujoco.MjSpec.from_file(str(path))
@@ -116,7 +118,8 @@ def _compile_model(path: Path) -> MjModel:
         raise_invalid(path, " ".join(str(error).split()), "an MJCF file that MuJoCo reads, with its meshes")
 
 
-def _start(path: Path, model: MjModel, palm: str | None) -> int:
+def _palm_body(path: Path, model: MjModel, palm: str | None) -> int:
+    """Return the number of the palm's body: the one with that name, or the world's only one."""
     names = [body_name(model, body) for body in range(model.nbody)]
     if palm is not None:
         if palm not in names[1:]:
@@ -132,7 +135,7 @@ def _start(path: Path, model: MjModel, palm: str | None) -> int:
     return roots[0]
 
 
-def joints_to(path: Path, model: MjModel, body: int) -> list[Joint]:
+def read_joints(path: Path, model: MjModel, body: int) -> list[Joint]:
     """Return the joints from a body's parent to the body; several are chained by links without shapes.
 
     With anchor a and axis u in the body's frame a hinge moves what is below it by ``T(a) R(u, q - q0) T(-a)``, after
@@ -144,45 +147,40 @@ def joints_to(path: Path, model: MjModel, body: int) -> list[Joint]:
         On ball and free joints.
     """
     name, parent = body_name(model, body), body_name(model, int(model.body_parentid[body]))
-    here = transform(model.body_pos[body], model.body_quat[body])
+    frame = transform(model.body_pos[body], model.body_quat[body])
     first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
     result: list[Joint] = []
     for j in range(first, first + count):
         kind, label = int(model.jnt_type[j]), joint_name(model, j)
         if kind in (FREE, BALL):
-            cure = (
-                f"hinges and slides below the palm, or palm={name!r}" if kind == FREE else "three hinges in its place"
-            )
-            raise_invalid(path, f"joint {label} of body {name}, of type {('free', 'ball')[kind]}", cure)
-        anchor, axis, reference = (
-            model.jnt_pos[j],
-            np.array(model.jnt_axis[j]),
-            float(model.qpos0[model.jnt_qposadr[j]]),
-        )
-        back = transform(-anchor)
-        here = here @ transform(anchor) @ joint_motion(kind == SLIDE, axis, -reference)
+            remedy = "three hinges in its place"
+            if kind == FREE:
+                remedy = f"hinges and slides below the palm, or palm={name!r}"
+            raise_invalid(path, f"joint {label} of body {name}, of type {('free', 'ball')[kind]}", remedy)
+        anchor, axis = model.jnt_pos[j], np.array(model.jnt_axis[j])
+        reference = float(model.qpos0[model.jnt_qposadr[j]])
+        next_frame = transform(-anchor)
+        frame = frame @ transform(anchor) @ joint_motion(kind == SLIDE, axis, -reference)
         last = j == first + count - 1 and not np.any(anchor)
         child = name if last else f"{name}/{label}"
         lower, upper = (float(v) for v in model.jnt_range[j]) if model.jnt_limited[j] else (-np.inf, np.inf)
-        xyz, rpy = here[:3, 3].copy(), euler_angles(here[:3, :3])
-        what = "prismatic" if kind == SLIDE else "revolute"
-        result.append(Joint(label, what, parent, child, xyz, rpy, axis, lower, upper))
-        here, parent = back, child
+        xyz, rpy = frame[:3, 3].copy(), euler_angles(frame[:3, :3])
+        joint_kind = "prismatic" if kind == SLIDE else "revolute"
+        result.append(Joint(label, joint_kind, parent, child, xyz, rpy, axis, lower, upper))
+        frame, parent = next_frame, child
     if parent != name:
-        xyz, rpy, axis = here[:3, 3].copy(), euler_angles(here[:3, :3]), np.array([1.0, 0.0, 0.0])
+        xyz, rpy, axis = frame[:3, 3].copy(), euler_angles(frame[:3, :3]), np.array([1.0, 0.0, 0.0])
         result.append(Joint(f"{name}/fixed", "fixed", parent, name, xyz, rpy, axis, 0.0, 0.0))
     return result
 
 
 def fix_joint(joint: Joint, position: float) -> Joint:
     """Return the joint fixed at a position, radians or metres."""
-    here = transform(joint.xyz)
-    here[:3, :3] = Rotation.from_euler("xyz", joint.rpy).as_matrix()
-    there = here @ joint_motion(joint.kind == "prismatic", joint.axis, position)
-    return replace(joint, kind="fixed", xyz=there[:3, 3].copy(), rpy=euler_angles(there[:3, :3]), lower=0.0, upper=0.0)
+    moved = joint.frame @ joint_motion(joint.kind == "prismatic", joint.axis, position)
+    return replace(joint, kind="fixed", xyz=moved[:3, 3].copy(), rpy=euler_angles(moved[:3, :3]), lower=0.0, upper=0.0)
 
 
-def closed(path: Path, joint: Joint) -> Joint:
+def with_finite_limits(path: Path, joint: Joint) -> Joint:
     """Return the joint with finite limits: a hinge without a range turns half a turn either way.
 
     Raises
@@ -206,25 +204,27 @@ def read_geoms(
     as they are, not as the convex hulls that MuJoCo collides.
     """
     shapes: dict[str, tuple[CollisionShape, ...]] = {}
-    missing, bare = [], []
+    missing, shapeless = [], []
     for body in bodies:
         first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
-        every, name = range(first, first + count), body_name(model, body)
-        solid = [g for g in every if model.geom_contype[g] or model.geom_conaffinity[g] or _is_collision_geom(model, g)]
-        found = [(g, _mjcf_shape(model, g)) for g in solid]
-        missing += [f"{geom_name(model, g)} (link {name}: no solid)" for g, shape in found if shape is None]
-        if kept := tuple(shape for _, shape in found if shape is not None):
-            shapes[name] = kept
+        geoms, name = range(first, first + count), body_name(model, body)
+        solid = [g for g in geoms if model.geom_contype[g] or model.geom_conaffinity[g] or _is_collision_geom(model, g)]
+        geom_shapes = [(g, _mjcf_shape(model, g)) for g in solid]
+        missing += [f"{geom_name(model, g)} (link {name}: no solid)" for g, shape in geom_shapes if shape is None]
+        if solids := tuple(shape for _, shape in geom_shapes if shape is not None):
+            shapes[name] = solids
         elif count:
-            bare.append(name)
-    return shapes, tuple(missing), tuple(bare)
+            shapeless.append(name)
+    return shapes, tuple(missing), tuple(shapeless)
 
 
 def _is_collision_geom(model: MjModel, geom: int) -> bool:
+    """Return whether a geometry is in the group of collision shapes."""
     return int(model.geom_group[geom]) == COLLISION_GROUP
 
 
 def _mjcf_shape(model: MjModel, geom: int) -> CollisionShape | None:
+    """Return a geometry's shape in its body's frame; None for kinds that are no solid."""
     kind, size = int(model.geom_type[geom]), np.array(model.geom_size[geom])
     pose = transform(model.geom_pos[geom], model.geom_quat[geom])
     if kind == SPHERE:
@@ -241,6 +241,7 @@ def _mjcf_shape(model: MjModel, geom: int) -> CollisionShape | None:
 
 
 def _mjcf_mesh_shape(model: MjModel, mesh: int, pose: FloatArray) -> CollisionShape:
+    """Return a mesh of the model as a shape at a pose (4, 4)."""
     import trimesh
 
     first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
@@ -274,20 +275,20 @@ def add_couplings(path: Path, model: MjModel, robot: Robot) -> Robot:
         if int(model.eq_type[e]) == JOINT:
             robot = _couple_joint(path, model, robot, e)
     check_mimics(path, robot.joints)
-    tendons = tendons_of(model, robot)
-    taken = set()
+    tendons = read_tendons(model, robot)
+    coupled = set()
     for e in active:
         number = int(model.eq_obj1id[e])
         if int(model.eq_type[e]) == TENDON and number in tendons and int(model.eq_obj2id[e]) < 0:
-            after = _couple_by_tendon(robot, tendons[number], float(model.eq_data[e][0]))
-            if after is not None:
-                robot = after
-                taken.add(number)
-    equal = {
+            coupled_robot = _couple_by_tendon(robot, tendons[number], float(model.eq_data[e][0]))
+            if coupled_robot is not None:
+                robot = coupled_robot
+                coupled.add(number)
+    constrained = {
         int(i) for e in active if int(model.eq_type[e]) == TENDON for i in (model.eq_obj1id[e], model.eq_obj2id[e])
     }
-    left = [t.describe() for i, t in tendons.items() if i not in taken and (i in equal or t.couples(robot))]
-    return replace(robot, unmodelled=(*left, *_describe_loops(model, robot, active)))
+    phrases = [t.describe() for i, t in tendons.items() if i not in coupled and (i in constrained or t.couples(robot))]
+    return replace(robot, unmodelled_couplings=(*phrases, *_describe_loops(model, robot, active)))
 
 
 def _couple_joint(path: Path, model: MjModel, robot: Robot, equality: int) -> Robot:
@@ -304,13 +305,13 @@ def _couple_joint(path: Path, model: MjModel, robot: Robot, equality: int) -> Ro
     a = np.array(model.eq_data[equality][:5])
     start = float(model.qpos0[model.jnt_qposadr[first]])
     if not other:
-        return _with(robot, fix_joint(joints[name], start + float(a[0])))
+        return _replace_joint(robot, fix_joint(joints[name], start + float(a[0])))
     if np.any(a[2:]):
         raise_invalid(
             path, f"joint {name} that follows {other} by polycoef {a.tolist()}", "a straight line: a0 and a1 alone"
         )
     offset = start + float(a[0] - a[1] * model.qpos0[model.jnt_qposadr[second]])
-    return _with(robot, replace(joints[name], mimic=Mimic(other, float(a[1]), offset)))
+    return _replace_joint(robot, replace(joints[name], mimic=Mimic(other, float(a[1]), offset)))
 
 
 def _couple_by_tendon(robot: Robot, tendon: Tendon, longer: float) -> Robot | None:
@@ -323,28 +324,29 @@ def _couple_by_tendon(robot: Robot, tendon: Tendon, longer: float) -> Robot | No
     for other, name in (pair, pair[::-1]):
         if joints[name].mimic is None and joints[name].moves and robot.driving_joint(joints[other])[0] != name:
             ratio = -tendon.arms[other] / tendon.arms[name]
-            after = _with(robot, replace(joints[name], mimic=Mimic(other, ratio, total / tendon.arms[name])))
-            return after if all(lower < upper for lower, upper, _ in after.ranges.values()) else None
+            result = _replace_joint(robot, replace(joints[name], mimic=Mimic(other, ratio, total / tendon.arms[name])))
+            return result if all(lower < upper for lower, upper, _ in result.ranges.values()) else None
     return None
 
 
-def _with(robot: Robot, joint: Joint) -> Robot:
+def _replace_joint(robot: Robot, joint: Joint) -> Robot:
+    """Return the robot with another joint in place of that with its name."""
     return replace(robot, joints=tuple(joint if j.name == joint.name else j for j in robot.joints))
 
 
 def _describe_loops(model: MjModel, robot: Robot, active: list[int]) -> list[str]:
     """Return a phrase for each closed loop: a connect or weld constraint between bodies of the hand."""
-    found = []
+    phrases = []
     for e in active:
         if int(model.eq_type[e]) in (CONNECT, WELD):
-            ends = [int(model.eq_obj1id[e]), int(model.eq_obj2id[e])]
+            bodies = [int(model.eq_obj1id[e]), int(model.eq_obj2id[e])]
             if int(model.eq_objtype[e]) == SITE:
-                ends = [int(model.site_bodyid[end]) for end in ends]
-            names = [body_name(model, end) for end in ends]
+                bodies = [int(model.site_bodyid[end]) for end in bodies]
+            names = [body_name(model, end) for end in bodies]
             if any(name in robot.links and name != robot.root for name in names):
-                what = "weld" if int(model.eq_type[e]) == WELD else "connect"
-                found.append(f"<{what}> of bodies {names[0]} and {names[1]}")
-    return found
+                element = "weld" if int(model.eq_type[e]) == WELD else "connect"
+                phrases.append(f"<{element}> of bodies {names[0]} and {names[1]}")
+    return phrases
 
 
 @dataclass(frozen=True)
@@ -376,10 +378,10 @@ class Tendon:
         if not self.arms:
             return self.pulls or np.isfinite(self.upper)
         joints = {joint.name: joint for joint in robot.joints}
-        here = [joints[name] for name in self.arms if name in joints]
-        ends = [sorted((self.arms[j.name] * j.lower, self.arms[j.name] * j.upper)) for j in here]
+        own_joints = [joints[name] for name in self.arms if name in joints]
+        ends = [sorted((self.arms[j.name] * j.lower, self.arms[j.name] * j.upper)) for j in own_joints]
         low, high = sum(low for low, _ in ends), sum(high for _, high in ends)
-        drivers = {robot.driving_joint(joint)[0] for joint in here if joint.moves}
+        drivers = {robot.driving_joint(joint)[0] for joint in own_joints if joint.moves}
         return (self.pulls and len(drivers) > 1) or low < self.lower - 1e-9 or high > self.upper + 1e-9
 
     def describe(self) -> str:
@@ -387,7 +389,7 @@ class Tendon:
         return f"tendon {self.name}" + (f" of joints {' and '.join(self.arms)}" if self.arms else "")
 
 
-def tendons_of(model: MjModel, robot: Robot) -> dict[int, Tendon]:
+def read_tendons(model: MjModel, robot: Robot) -> dict[int, Tendon]:
     """Return the fixed tendons that act on the robot's joints, and the spatial ones, by number."""
     driven = {
         int(i)
@@ -397,7 +399,7 @@ def tendons_of(model: MjModel, robot: Robot) -> dict[int, Tendon]:
     moving = {joint.name for joint in robot.joints}
     result = {}
     for t in range(model.ntendon):
-        arms, rest = arms_of(model, t), 0.0
+        arms, rest = tendon_moment_arms(model, t), 0.0
         if arms and not moving & set(arms):
             continue
         rest = float(sum(arm * model.qpos0[model.joint(name).qposadr[0]] for name, arm in arms.items()))
@@ -407,7 +409,7 @@ def tendons_of(model: MjModel, robot: Robot) -> dict[int, Tendon]:
     return result
 
 
-def arms_of(model: MjModel, tendon: int) -> dict[str, float]:
+def tendon_moment_arms(model: MjModel, tendon: int) -> dict[str, float]:
     """Return a fixed tendon's moment arms, change of length per change of each joint; none for spatial ones."""
     first, count = int(model.tendon_adr[tendon]), int(model.tendon_num[tendon])
     wraps = [w for w in range(first, first + count) if int(model.wrap_type[w]) == WRAP_JOINT]
@@ -423,45 +425,47 @@ def add_effort_limits(model: MjModel, robot: Robot) -> Robot:
     """
     joints = {joint.name: joint for joint in robot.joints}
     efforts: dict[str, float] = {}
-    unknown = set()
+    undetermined = set()
     for a in range(model.nu):
         arms: dict[str, float] = {}
-        for name, arm in _arms(model, a).items():
+        for name, arm in _actuator_moment_arms(model, a).items():
             if name in joints and joints[name].moves:
                 driver, ratio, _ = robot.driving_joint(joints[name])
                 arms[driver] = arms.get(driver, 0.0) + ratio * arm
-        force = _force(model, a)
+        force = _actuator_force(model, a)
         for driver, arm in arms.items():
             if force is None or len(arms) > 1:
-                unknown.add(driver)
+                undetermined.add(driver)
             else:
                 efforts[driver] = efforts.get(driver, 0.0) + abs(arm) * force
     for j in range(model.njnt):
         name = joint_name(model, j)
         if name in joints and model.jnt_actfrclimited[j]:
-            most = float(np.min(np.abs(model.jnt_actfrcrange[j])))
-            efforts[name] = min(efforts.get(name, np.inf), most)
-            unknown.discard(name)
-    free = {joint.name for joint in robot.free_joints} - unknown
-    stated = {name: effort for name, effort in efforts.items() if name in free}
-    return replace(robot, joints=tuple(replace(j, effort=stated.get(j.name)) for j in robot.joints))
+            largest = float(np.min(np.abs(model.jnt_actfrcrange[j])))
+            efforts[name] = min(efforts.get(name, np.inf), largest)
+            undetermined.discard(name)
+    determined = {joint.name for joint in robot.free_joints} - undetermined
+    known_efforts = {name: effort for name, effort in efforts.items() if name in determined}
+    return replace(robot, joints=tuple(replace(j, effort=known_efforts.get(j.name)) for j in robot.joints))
 
 
-def _arms(model: MjModel, actuator: int) -> dict[str, float]:
+def _actuator_moment_arms(model: MjModel, actuator: int) -> dict[str, float]:
     """Return the moment arm of an actuator at each joint: generalised force per unit of its force."""
     kind, target = int(model.actuator_trntype[actuator]), int(model.actuator_trnid[actuator][0])
     gear = float(model.actuator_gear[actuator][0])
     if kind in JOINT_DRIVEN:
         return {joint_name(model, target): gear}
-    return {name: gear * arm for name, arm in arms_of(model, target).items()} if kind == TENDON_DRIVEN else {}
+    if kind == TENDON_DRIVEN:
+        return {name: gear * arm for name, arm in tendon_moment_arms(model, target).items()}
+    return {}
 
 
-def _force(model: MjModel, actuator: int) -> float | None:
+def _actuator_force(model: MjModel, actuator: int) -> float | None:
     """Return the force that an actuator has in both directions; None where the file does not state it."""
     if model.actuator_forcelimited[actuator]:
         return float(np.min(np.abs(model.actuator_forcerange[actuator])))
-    plain = int(model.actuator_gaintype[actuator]) == FIXED_GAIN and int(model.actuator_biastype[actuator]) == NO_BIAS
-    if plain and model.actuator_ctrllimited[actuator]:
+    gain_type, bias_type = int(model.actuator_gaintype[actuator]), int(model.actuator_biastype[actuator])
+    if gain_type == FIXED_GAIN and bias_type == NO_BIAS and model.actuator_ctrllimited[actuator]:
         gain = abs(float(model.actuator_gainprm[actuator][0]))
         return gain * float(np.min(np.abs(model.actuator_ctrlrange[actuator])))
     return None

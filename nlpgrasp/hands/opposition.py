@@ -1,7 +1,7 @@
-"""Fingertip opposition: which fingertips meet face to face, searched over the joint ranges.
+"""Fingertip opposition: least distances between fingertips over the joint ranges.
 
-The search samples postures densely and narrows about the best: its least distances are upper bounds, in practice close.
-Collisions between links are ignored, so other links may prevent a meeting.
+A random search with shrinking steps: its least distances are upper bounds, in practice close. Collisions between links
+are ignored, so other links may prevent a meeting.
 """
 
 from __future__ import annotations
@@ -18,40 +18,41 @@ from nlpgrasp.hands.kinematics import LinkTree
 from nlpgrasp.hands.tips import Tip
 
 SIDES = 9  # sides of the triangulation of a patch that is not round
-ASKEW = np.cos(np.radians(30.0))  # cosine of the largest angle at which patches count as facing each other
-CLOSE = 2e-3  # metres: the direction between nearer points is not used
-AT_ONCE = 2_000_000  # pairs of points in a batch
+FACING_COSINE = np.cos(np.radians(30.0))  # cosine of the largest angle at which patches count as facing each other
+MIN_LENGTH = 2e-3  # metres: the direction between nearer points is not used
+BATCH_PAIRS = 2_000_000  # pairs of points in a batch
 TOUCH = 1e-3  # metres between fingertips that count as touching
-TOGETHER = 0.01  # metres between fingertips that meet in a set; twice the largest radius if that is more
-MOST_TIPS = 6  # most fingertips of which all sets are checked
-SAMPLES, KEPT, ROUNDS, SHRINK = 1024, 24, 16, 0.6  # random postures, those kept, rounds about them, narrowing per round
-WIDTH = 0.25  # share of the joint ranges: standard deviation about a posture in the first round
+MEETING_DISTANCE = 0.01  # metres between fingertips that meet in a set; twice the largest radius if that is more
+MAX_TIPS = 6  # largest number of fingertips of which all sets are checked
+SAMPLES, KEPT_SAMPLES = 1024, 24  # random postures, and the best of them that are refined
+ROUNDS, SHRINK = 16, 0.6  # rounds of refinement, and the factor of the step in each
+FIRST_WIDTH = 0.25  # share of the joint ranges: standard deviation about a posture in the first round
 
 
-def opposition(tree: LinkTree, at_rest: FloatArray) -> Opposition:
+def opposition(tree: LinkTree, rest_posture: FloatArray) -> Opposition:
     """Return the opposition of a hand's fingertips: least distances of pairs, and sets that cannot meet.
 
     Parameters
     ----------
     tree : LinkTree
-    at_rest : (m,) array
+    rest_posture : (m,) array
         Positions of the free joints, kept for those that do not move the fingertips in question.
     """
-    gaps = TipDistances(tree)
+    distances = TipDistances(tree)
     count = len(tree.tips)
-    pairs = tuple(_meeting(gaps, pair, at_rest) for pair in combinations(range(count), 2))
-    together = max(TOGETHER, 2.0 * max((tip.standoff for _, tip in tree.tips), default=0.0))
-    good = {p.fingers for p in pairs if p.opposed <= together}
-    apart = []
-    for size in range(3, count + 1 if count <= MOST_TIPS else 0):
+    pairs = tuple(_least_distances(distances, pair, rest_posture) for pair in combinations(range(count), 2))
+    meeting_distance = max(MEETING_DISTANCE, 2.0 * max((tip.standoff for _, tip in tree.tips), default=0.0))
+    meeting_sets = {p.fingers for p in pairs if p.opposed <= meeting_distance}
+    separated = []
+    for size in range(3, count + 1 if count <= MAX_TIPS else 0):
         for fingers in combinations(range(count), size):
-            if all(part in good for part in combinations(fingers, size - 1)):
-                met = _meeting(gaps, fingers, at_rest)
-                if met.opposed <= together:
-                    good.add(fingers)
+            if all(part in meeting_sets for part in combinations(fingers, size - 1)):
+                meeting = _least_distances(distances, fingers, rest_posture)
+                if meeting.opposed <= meeting_distance:
+                    meeting_sets.add(fingers)
                 else:
-                    apart.append(met)
-    return Opposition(pairs, tuple(apart), together)
+                    separated.append(meeting)
+    return Opposition(pairs, tuple(separated), meeting_distance)
 
 
 @dataclass(frozen=True)
@@ -62,21 +63,21 @@ class Opposition:
     ----------
     pairs : tuple of TipMeeting
         All pairs of fingertips.
-    apart : tuple of TipMeeting
+    separated : tuple of TipMeeting
         Minimal sets of more than two fingertips that do not meet at once, although all smaller sets do.
-    together : float
+    meeting_distance : float
         Largest distance of fingertips that count as meeting, metres.
     """
 
     pairs: tuple[TipMeeting, ...]
-    apart: tuple[TipMeeting, ...]
-    together: float
+    separated: tuple[TipMeeting, ...]
+    meeting_distance: float
 
     @property
-    def alone(self) -> tuple[int, ...]:
+    def unopposed(self) -> tuple[int, ...]:
         """Fingertips that touch no other fingertip face to face."""
-        every = sorted({i for pair in self.pairs for i in pair.fingers})
-        return tuple(i for i in every if not any(p.touches for p in self.pairs if i in p.fingers))
+        fingers = sorted({i for pair in self.pairs for i in pair.fingers})
+        return tuple(i for i in fingers if not any(p.touches for p in self.pairs if i in p.fingers))
 
 
 @dataclass(frozen=True)
@@ -112,44 +113,44 @@ class TipMeeting:
         return self.opposed <= TOUCH
 
 
-def _meeting(gaps: TipDistances, fingers: tuple[int, ...], at_rest: FloatArray) -> TipMeeting:
+def _least_distances(distances: TipDistances, fingers: tuple[int, ...], rest_posture: FloatArray) -> TipMeeting:
     """Return the least distances between some fingertips."""
     if len(fingers) > 2:
-        joints, value = _closest_posture(gaps, fingers, at_rest, facing=False)
+        joints, value = _closest_posture(distances, fingers, rest_posture, facing=False)
         return TipMeeting(fingers, value, value, joints)
-    joints, value = _closest_posture(gaps, fingers, at_rest, facing=True)
-    opposed = value if np.all(gaps.largest_misalignment(fingers, joints[None]) <= 0.0) else np.inf
-    if gaps.round(fingers) or value <= TOUCH:
+    joints, value = _closest_posture(distances, fingers, rest_posture, facing=True)
+    opposed = value if np.all(distances.largest_misalignment(fingers, joints[None]) <= 0.0) else np.inf
+    if distances.round(fingers) or value <= TOUCH:
         return TipMeeting(fingers, opposed, opposed, joints)
-    other, nearest = _closest_posture(gaps, fingers, at_rest, facing=False)
+    unfacing_joints, nearest = _closest_posture(distances, fingers, rest_posture, facing=False)
     nearest = min(nearest, opposed)
-    return TipMeeting(fingers, nearest, opposed, joints if np.isfinite(opposed) else other)
+    return TipMeeting(fingers, nearest, opposed, joints if np.isfinite(opposed) else unfacing_joints)
 
 
 def _closest_posture(
-    gaps: TipDistances, fingers: Sequence[int], at_rest: FloatArray, *, facing: bool
+    distances: TipDistances, fingers: Sequence[int], rest_posture: FloatArray, *, facing: bool
 ) -> tuple[FloatArray, float]:
-    """Return the joints (m,) with the least distance, and it: random search, then refinement about the best."""
+    """Return the joints (m,) with the least distance, and the distance: random search, then refinement."""
     rng = np.random.default_rng(0)
-    lower, upper = gaps.tree.joint_limits
-    moving = gaps.moving(fingers)
-    joints = np.repeat(at_rest[None], SAMPLES, axis=0)
+    lower, upper = distances.tree.joint_limits
+    moving = distances.moving(fingers)
+    joints = np.repeat(rest_posture[None], SAMPLES, axis=0)
     joints[:, moving] = rng.uniform(lower[moving], upper[moving], (SAMPLES, len(moving)))
-    values = gaps.distances(fingers, joints, facing=facing)
-    width = WIDTH
+    values = distances.distances(fingers, joints, facing=facing)
+    width = FIRST_WIDTH
     for _ in range(ROUNDS if len(moving) else 0):
-        best = np.argsort(values, kind="stable")[:KEPT]
+        best = np.argsort(values, kind="stable")[:KEPT_SAMPLES]
         joints, values = joints[best], values[best]
         if values[0] <= 0.0:
             break
-        around = np.repeat(joints, SAMPLES // KEPT // 2, axis=0)
-        steps = width * (upper - lower)[moving] * rng.standard_normal((len(around), len(moving)))
-        around[:, moving] = np.clip(around[:, moving] + steps, lower[moving], upper[moving])
-        joints = np.concatenate([joints, around])
-        values = np.concatenate([values, gaps.distances(fingers, around, facing=facing)])
+        perturbed = np.repeat(joints, SAMPLES // KEPT_SAMPLES // 2, axis=0)
+        steps = width * (upper - lower)[moving] * rng.standard_normal((len(perturbed), len(moving)))
+        perturbed[:, moving] = np.clip(perturbed[:, moving] + steps, lower[moving], upper[moving])
+        joints = np.concatenate([joints, perturbed])
+        values = np.concatenate([values, distances.distances(fingers, perturbed, facing=facing)])
         width *= SHRINK
-    first = int(np.argmin(values))
-    return joints[first], max(0.0, float(gaps.distances(fingers, joints[first][None], facing=facing)[0]))
+    index = int(np.argmin(values))
+    return joints[index], max(0.0, float(distances.distances(fingers, joints[index][None], facing=facing)[0]))
 
 
 class TipDistances:
@@ -197,18 +198,22 @@ class TipDistances:
     def _largest(self, fingers: Sequence[int], joints: FloatArray, weight: float) -> tuple[FloatArray, FloatArray]:
         """Return the largest distance and the largest misalignment over the pairs, (b,) each."""
         sizes = sorted(len(self._samples[i].points) for i in fingers)
-        parts = np.array_split(joints, max(1, -(-len(joints) * sizes[-1] * sizes[-2] // AT_ONCE)))
-        found = [self._of_part(fingers, part, weight) for part in parts]
-        return np.concatenate([f[0] for f in found]), np.concatenate([f[1] for f in found])
+        chunks = np.array_split(joints, max(1, -(-len(joints) * sizes[-1] * sizes[-2] // BATCH_PAIRS)))
+        batches = [self._chunk_distances(fingers, chunk, weight) for chunk in chunks]
+        return np.concatenate([batch[0] for batch in batches]), np.concatenate([batch[1] for batch in batches])
 
-    def _of_part(self, fingers: Sequence[int], joints: FloatArray, weight: float) -> tuple[FloatArray, FloatArray]:
+    def _chunk_distances(
+        self, fingers: Sequence[int], joints: FloatArray, weight: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the largest distance and misalignment over the pairs, (b,) each, for a batch of joint positions."""
         count = len(joints)
         poses = np.asarray(self.tree.link_function.map(count)(joints.T).full()).reshape(4, count, -1, 4)[:3]
-        placed = [self._placed(i, poses) for i in fingers]
-        found = [_between(a, b, weight) for a, b in combinations(placed, 2)]
-        return np.max([f[0] for f in found], axis=0), np.max([f[1] for f in found], axis=0)
+        placed = [self._samples_at(i, poses) for i in fingers]
+        pair_distances = [_closest_points(a, b, weight) for a, b in combinations(placed, 2)]
+        lengths, misalignments = zip(*pair_distances, strict=True)
+        return np.max(lengths, axis=0), np.max(misalignments, axis=0)
 
-    def _placed(self, i: int, poses: FloatArray) -> _PatchSamples:
+    def _samples_at(self, i: int, poses: FloatArray) -> _PatchSamples:
         """Return a fingertip's samples for poses (3, b, links, 4) of the used links."""
         pose = poses[:, :, self.tree.used_links.index(self.tree.tips[i][0])]
         samples = self._samples[i]
@@ -242,20 +247,20 @@ def _patch_samples(tip: Tip) -> _PatchSamples:
     return _PatchSamples(shape.vertices, 0.0, normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
 
-def _between(a: _PatchSamples, b: _PatchSamples, weight: float) -> tuple[FloatArray, FloatArray]:
+def _closest_points(a: _PatchSamples, b: _PatchSamples, weight: float) -> tuple[FloatArray, FloatArray]:
     """Return distance and misalignment, (b,) each, of two fingertips at their best pair of points."""
-    between = b.points[:, None] - a.points[:, :, None]  # (b, points of a, points of b, 3)
-    length = np.linalg.norm(between, axis=3)
-    lack = np.zeros_like(length)
+    differences = b.points[:, None] - a.points[:, :, None]  # (b, points of a, points of b, 3)
+    lengths = np.linalg.norm(differences, axis=3)
+    misalignments = np.zeros_like(lengths)
     if weight:
-        way = between / np.maximum(length, 1e-12)[..., None]
+        directions = differences / np.maximum(lengths, 1e-12)[..., None]
         for normals, axes, sign in ((a.normals, "bix", -1.0), (b.normals, "bjx", 1.0)):
             if normals is not None:
-                askew = ASKEW + sign * np.einsum(f"bijx,{axes}->bij", way, normals)
-                lack = np.maximum(lack, np.where(length > CLOSE, askew, 0.0))
+                misaligned = FACING_COSINE + sign * np.einsum(f"bijx,{axes}->bij", directions, normals)
+                misalignments = np.maximum(misalignments, np.where(lengths > MIN_LENGTH, misaligned, 0.0))
         if a.normals is not None and b.normals is not None:
-            lack = np.maximum(lack, ASKEW + np.einsum("bix,bjx->bij", a.normals, b.normals))
-    count, rows = len(length), np.arange(len(length))
-    scores = (length - a.radius - b.radius + weight * lack).reshape(count, -1)
+            misalignments = np.maximum(misalignments, FACING_COSINE + np.einsum("bix,bjx->bij", a.normals, b.normals))
+    count, postures = len(lengths), np.arange(len(lengths))
+    scores = (lengths - a.radius - b.radius + weight * misalignments).reshape(count, -1)
     best = np.argmin(scores, axis=1)
-    return scores[rows, best], lack.reshape(count, -1)[rows, best]
+    return scores[postures, best], misalignments.reshape(count, -1)[postures, best]

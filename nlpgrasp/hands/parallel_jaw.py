@@ -1,4 +1,4 @@
-"""Parallel-jaw gripper, and its pose about the closing line.
+"""Parallel-jaw gripper: constraints of its jaws, and its pose about the closing line.
 
 The closing direction points from contact 0 to contact 1. The approach, in which the gripper moves to the body, is the
 clearest direction at right angles to it within the cones of the problem. The pose is that of the gripper's own frame,
@@ -29,19 +29,19 @@ from nlpgrasp.hands.base import Hand, HandVariable
 
 CLOSING_AXIS, APPROACH_AXIS = "x", "z"  # defaults, gripper frame
 # unit directions of the axes
-LETTERS = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 DIGITS = 1e-4  # tolerance on unit length and right angles: directions are written with few digits
 TURNS = 36  # approach directions tried about the closing line
-APART = 2e-3  # metres: largest distance between two lines
-WAY = 2.0  # length of the approach path, in body sizes
-NEAR = 0.02  # share of the body's size: tolerated depth, for example of pads on tilted faces
-ALONG = 1e-9  # least part across the closing line of a cone's axis that is tried as an approach
-WALK, FINE = 2.5e-4, 2e-5  # metres: least steps along pads or inside an obstacle, and elsewhere
-STEEP = 0.5  # fall of the distance over a step, as a share of it, where a line enters an obstacle
-NEARLY = 0.1  # share of the largest mean distance that the steepest approach may lack
+LINE_SPACING = 2e-3  # metres: largest distance between two lines
+PATH_SIZES = 2.0  # length of the approach path, in body sizes
+DEPTH_TOLERANCE = 0.02  # share of the body's size: tolerated depth, for example of pads on tilted faces
+MIN_ACROSS = 1e-9  # least part across the closing line of a cone's axis that is tried as an approach
+COARSE_STEP, FINE_STEP = 2.5e-4, 2e-5  # metres: least steps along pads or inside an obstacle, and elsewhere
+STEEP_FALL = 0.5  # fall of the distance over a step, as a share of it, where a line enters an obstacle
+MEAN_TOLERANCE = 0.1  # share of the largest mean distance that the steepest approach may lack
 ROUNDING = 1e-9  # rounding tolerance of a number of lines
-SAME = 1e-6  # share of the body's size: clearances this close are ties
-MOST_TILT = 0.5 * np.pi * (1.0 - 1e-9)  # radians: largest angle of a contact's normal to the closing line
+TIE_TOLERANCE = 1e-6  # share of the body's size: clearances this close are ties
+MAX_TILT = 0.5 * np.pi * (1.0 - 1e-9)  # radians: largest angle of a contact's normal to the closing line
 LARGEST_PART = 2.0  # metres: largest dimension of a gripper's finger
 
 
@@ -96,14 +96,14 @@ class ParallelJaw(Hand):
         if opening <= self.closed:
             raise InputError("ParallelJaw.opening", f"{opening:g} m", f"more than closed, {self.closed:g} m")
         object.__setattr__(self, "opening", opening)
-        object.__setattr__(self, "tilt", angle("ParallelJaw.tilt", self.tilt, MOST_TILT, "less than a right angle"))
+        object.__setattr__(self, "tilt", angle("ParallelJaw.tilt", self.tilt, MAX_TILT, "less than a right angle"))
         for name in ("finger_length", "finger_thickness"):
             length = number(f"ParallelJaw.{name}", getattr(self, name), at_least=0.0)
             object.__setattr__(self, name, hand_length(f"ParallelJaw.{name}", length, LARGEST_PART))
         with prefix_errors("ParallelJaw."):
             axes = gripper_rotation(self.closing_axis, self.approach_axis)
-        object.__setattr__(self, "closing_axis", named(axes[:, 0]))
-        object.__setattr__(self, "approach_axis", named(axes[:, 2]))
+        object.__setattr__(self, "closing_axis", axis_name(axes[:, 0]))
+        object.__setattr__(self, "approach_axis", axis_name(axes[:, 2]))
 
     @property
     def tip_radii(self) -> tuple[float, ...]:
@@ -195,53 +195,59 @@ class Jaws:
 
         Only those within all cones are returned, or those nearest to them; each cone's axis is tried too.
         """
-        found = self._around()
+        directions = self._perpendicular_directions()
         if not self.cones:
-            return found
-        middles = [direction - (direction @ self.closing) * self.closing for direction, _ in self.cones]
-        lengths = [float(np.linalg.norm(middle)) for middle in middles]
-        found = np.concatenate([found, *(m[None] / n for m, n in zip(middles, lengths, strict=True) if n > ALONG)])
-        excess = [np.arccos(np.clip(found @ direction, -1.0, 1.0)) - angle for direction, angle in self.cones]
-        beyond = np.maximum(np.max(excess, axis=0), 0.0)
-        return np.asarray(found[beyond <= float(beyond.min()) + 1e-9])
+            return directions
+        projections = [axis - (axis @ self.closing) * self.closing for axis, _ in self.cones]
+        lengths = [float(np.linalg.norm(projection)) for projection in projections]
+        units = (p[None] / length for p, length in zip(projections, lengths, strict=True) if length > MIN_ACROSS)
+        directions = np.concatenate([directions, *units])
+        excess = [np.arccos(np.clip(directions @ axis, -1.0, 1.0)) - angle for axis, angle in self.cones]
+        violation = np.maximum(np.max(excess, axis=0), 0.0)
+        return np.asarray(directions[violation <= float(violation.min()) + 1e-9])
 
-    def _around(self) -> FloatArray:
-        line, space = self.closing, self.points.shape[1]
+    def _perpendicular_directions(self) -> FloatArray:
+        """Return unit directions at right angles to the closing line, (m, space), steepest downwards first."""
+        closing, space = self.closing, self.points.shape[1]
         if space == 2:
-            across = np.array([[-line[1], line[0]], [line[1], -line[0]]])
+            across = np.array([[-closing[1], closing[0]], [closing[1], -closing[0]]])
             return across[np.argsort(across[:, 1])]
-        down = -np.eye(3)[2] if abs(line[2]) < 1.0 - 1e-9 else np.eye(3)[0]
-        first = down - (down @ line) * line
-        first /= np.linalg.norm(first)
+        down = -np.eye(3)[2] if abs(closing[2]) < 1.0 - 1e-9 else np.eye(3)[0]
+        steepest = down - (down @ closing) * closing
+        steepest /= np.linalg.norm(steepest)
         angles = np.arange(TURNS) * 2.0 * np.pi / TURNS
-        return np.asarray(np.outer(np.cos(angles), first) + np.outer(np.sin(angles), np.cross(line, first)))
+        return np.asarray(np.outer(np.cos(angles), steepest) + np.outer(np.sin(angles), np.cross(closing, steepest)))
 
     def clearest(self, size: float, distance: Distance) -> tuple[FloatArray, float, bool]:
-        """Return the clearest approach, (space,), its penetration depth, metres, and if it passes through anything.
+        """Return the clearest approach, (space,), its penetration depth, metres, and whether it crosses a solid.
 
-        Among the directions of least depth, to ``NEAR`` of the body's size, it has the largest mean distance; of equals
-        it is the steepest down the last axis. The steepest of all is taken where it lacks at most a tenth of that mean.
-        Directions that pass through something thin are taken only where all do.
+        Among the directions of least depth, to ``DEPTH_TOLERANCE`` of the body's size, it has the largest mean
+        distance; of equals it is the steepest down the last axis. The steepest of all is taken where it lacks at most a
+        tenth of that mean. Directions that pass through something thin are taken only where all do.
         """
         directions = self.approaches()
         depth, mean, through = self.march_outwards(directions, size, distance)
-        free = depth <= max(float(depth.min()), NEAR * size)
-        best = float(mean[free].max())
-        steepest = np.where(free & (mean >= best - SAME * size), -directions[:, -1], -np.inf)
-        down = int(np.argmin(directions[:, -1]))
-        chosen = down if free[down] and mean[down] >= (1.0 - NEARLY) * best > 0.0 else int(np.argmax(steepest))
-        if through[chosen] and not np.all(through[free]):
-            chosen = int(np.argmax(np.where(free & ~through, mean, -np.inf)))
-        return directions[chosen], float(depth[chosen]), bool(through[chosen])
+        is_shallow = depth <= max(float(depth.min()), DEPTH_TOLERANCE * size)
+        best = float(mean[is_shallow].max())
+        steepest = np.where(is_shallow & (mean >= best - TIE_TOLERANCE * size), -directions[:, -1], -np.inf)
+        lowest = int(np.argmin(directions[:, -1]))
+        index = int(np.argmax(steepest))
+        if is_shallow[lowest] and mean[lowest] >= (1.0 - MEAN_TOLERANCE) * best > 0.0:
+            index = lowest
+        if through[index] and not np.all(through[is_shallow]):
+            index = int(np.argmax(np.where(is_shallow & ~through, mean, -np.inf)))
+        return directions[index], float(depth[index]), bool(through[index])
 
     def march_outwards(
         self, directions: FloatArray, size: float, distance: Distance
     ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-        """March along the lines of fingers and palm from the grasp outwards, the approach path backwards.
+        """Return penetration depth and mean distance of the fingers and the palm along straight approach paths.
 
-        Outside, a step exceeds the signed distance by ``FINE`` alone, so that nothing thicker is between two points;
-        inside, it is the least that can get deeper than the deepest point so far. There, and along pads, no step is
-        shorter than ``WALK``.
+        The lines of fingers and palm are followed from the grasp outwards by steps that depend on the distance.
+
+        Outside, a step exceeds the signed distance by ``FINE_STEP`` alone, so that nothing thicker is between two
+        points; inside, it is the least that can get deeper than the deepest point so far. There, and along pads, no
+        step is shorter than ``COARSE_STEP``.
 
         Parameters
         ----------
@@ -263,36 +269,39 @@ class Jaws:
             thick fingers are left out, as they slide along the body.
         """
         starts, firsts, on_pads = self._lines()
-        count, far = len(starts), self.length + WAY * size
-        start, back = np.tile(starts, (len(directions), 1)), np.repeat(-directions, count, axis=0)
-        along = np.tile(firsts, len(directions))
-        clear, area = distance(start + along[:, None] * back), np.zeros(len(start))
-        least = np.minimum(clear, distance(start + far * back)).reshape(-1, count).min(axis=1)
-        least, enters = np.minimum(least, 0.0), np.zeros(len(start), dtype=bool)
-        while (left := np.flatnonzero(along < far)).size:
-            now, before = clear[left], along[left]
-            reach = np.where(now > 0.0, now + FINE, now - least[left // count])
-            coarse = (now <= 0.0) | on_pads[left % count]
-            along[left] = np.minimum(before + np.where(coarse, np.maximum(reach, WALK), reach), far)
-            step, then = along[left] - before, distance(start[left] + along[left, None] * back[left])
-            enters[left] |= (now > 0.0) & (then <= 0.0) & (then - now < -STEEP * step)
-            np.minimum.at(least, left // count, then)
-            area[left] += 0.5 * step * (now + then)
-            clear[left] = then
-        lines = (len(directions), count)
-        mean = (area.reshape(lines) / (far - firsts)).mean(axis=1)
-        return 0.0 - least, mean, np.any(enters.reshape(lines) & ~(on_pads & (self.thickness > 0.0)), axis=1)
+        line_count, path_length = len(starts), self.length + PATH_SIZES * size
+        start, outward = np.tile(starts, (len(directions), 1)), np.repeat(-directions, line_count, axis=0)
+        travelled = np.tile(firsts, len(directions))
+        gaps, area = distance(start + travelled[:, None] * outward), np.zeros(len(start))
+        least_gap = np.minimum(gaps, distance(start + path_length * outward)).reshape(-1, line_count).min(axis=1)
+        least_gap, enters = np.minimum(least_gap, 0.0), np.zeros(len(start), dtype=bool)
+        while (active := np.flatnonzero(travelled < path_length)).size:
+            gap, position = gaps[active], travelled[active]
+            advance = np.where(gap > 0.0, gap + FINE_STEP, gap - least_gap[active // line_count])
+            coarse = (gap <= 0.0) | on_pads[active % line_count]
+            travelled[active] = np.minimum(
+                position + np.where(coarse, np.maximum(advance, COARSE_STEP), advance), path_length
+            )
+            step = travelled[active] - position
+            next_gap = distance(start[active] + travelled[active, None] * outward[active])
+            enters[active] |= (gap > 0.0) & (next_gap <= 0.0) & (next_gap - gap < -STEEP_FALL * step)
+            np.minimum.at(least_gap, active // line_count, next_gap)
+            area[active] += 0.5 * step * (gap + next_gap)
+            gaps[active] = next_gap
+        lines = (len(directions), line_count)
+        mean = (area.reshape(lines) / (path_length - firsts)).mean(axis=1)
+        return 0.0 - least_gap, mean, np.any(enters.reshape(lines) & ~(on_pads & (self.thickness > 0.0)), axis=1)
 
     def _lines(self) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
         """Return points (n, space) of lines along the approach, their initial setback, and which lie along pads.
 
         Finger lines begin at the pads, palm lines between them, a finger's length behind; metres.
         """
-        (one, other), closing = self.points, self.closing
+        (first, second), closing = self.points, self.closing
         across = _evenly_spaced(self.thickness)
         palm = _evenly_spaced(self.opening)[1:-1] if self.length > 0.0 else np.zeros(0)
-        fingers = [one - across[:, None] * closing, other + across[:, None] * closing]
-        starts = np.concatenate([*fingers, one + palm[:, None] * closing])
+        fingers = [first - across[:, None] * closing, second + across[:, None] * closing]
+        starts = np.concatenate([*fingers, first + palm[:, None] * closing])
         firsts = np.concatenate([np.zeros(2 * len(across)), np.full(len(palm), self.length)])
         on_pads = np.isin(np.arange(len(starts)), [0, len(across)])
         return starts, firsts, on_pads
@@ -300,22 +309,22 @@ class Jaws:
     def posture(self, size: float, distance: Distance) -> Json:
         """Return opening, approach, depth and, in space, the pose of the gripper's frame, as JSON data."""
         approach, depth, through = self.clearest(size, distance)
-        way: dict[str, object] = {"direction": approach.tolist(), "depth": depth}
+        approach_data: dict[str, object] = {"direction": approach.tolist(), "depth": depth}
         if through:
-            way["passes_through"] = True
-        told: dict[str, object] = {"opening": self.opening, "approach": way}
+            approach_data["passes_through"] = True
+        data: dict[str, object] = {"opening": self.opening, "approach": approach_data}
         if len(approach) == 2:
-            return told
-        there = np.stack([self.closing, np.cross(approach, self.closing), approach], axis=1)
-        turn = Rotation.from_matrix(there @ gripper_rotation(self.closing_axis, self.approach_axis).T)
+            return data
+        grasp_axes = np.stack([self.closing, np.cross(approach, self.closing), approach], axis=1)
+        rotation = Rotation.from_matrix(grasp_axes @ gripper_rotation(self.closing_axis, self.approach_axis).T)
         position = self.points.mean(axis=0) - self.length * approach
-        quaternion = turn.as_quat(canonical=True, scalar_first=True).tolist()
-        return {"palm_pose": {"position": position.tolist(), "quaternion_wxyz": quaternion}, **told}
+        quaternion = rotation.as_quat(canonical=True, scalar_first=True).tolist()
+        return {"palm_pose": {"position": position.tolist(), "quaternion_wxyz": quaternion}, **data}
 
 
 def _evenly_spaced(width: float) -> FloatArray:
-    """Return offsets evenly across a width, both ends included, at most ``APART`` from each other, metres."""
-    return np.linspace(0.0, width, 1 + int(np.ceil(width / APART - ROUNDING)))
+    """Return offsets evenly across a width, both ends included, at most ``LINE_SPACING`` from each other, metres."""
+    return np.linspace(0.0, width, 1 + int(np.ceil(width / LINE_SPACING - ROUNDING)))
 
 
 def gripper_rotation(closing: str | Sequence[float], approach: str | Sequence[float]) -> FloatArray:
@@ -326,13 +335,13 @@ def gripper_rotation(closing: str | Sequence[float], approach: str | Sequence[fl
     InputError
         On axes that are no unit directions, or not at right angles to each other.
     """
-    along, towards = axis_direction("closing_axis", closing), axis_direction("approach_axis", approach)
-    if not abs(float(along @ towards)) <= DIGITS:
-        angle = np.degrees(np.arccos(np.clip(along @ towards, -1.0, 1.0)))
+    x, z = axis_direction("closing_axis", closing), axis_direction("approach_axis", approach)
+    if not abs(float(x @ z)) <= DIGITS:
+        angle = np.degrees(np.arccos(np.clip(x @ z, -1.0, 1.0)))
         raise InputError("approach_axis", f"{angle:.4g} degrees off closing_axis", "a direction at right angles to it")
-    towards = towards - (along @ towards) * along
-    towards /= np.linalg.norm(towards)
-    return np.stack([along, np.cross(towards, along), towards], axis=1) + 0.0  # no -0
+    z = z - (x @ z) * x
+    z /= np.linalg.norm(z)
+    return np.stack([x, np.cross(z, x), z], axis=1) + 0.0  # no -0
 
 
 def axis_direction(field: str, axis: str | Sequence[float]) -> FloatArray:
@@ -353,9 +362,9 @@ def axis_direction(field: str, axis: str | Sequence[float]) -> FloatArray:
     allowed = '"x", "y", "z", with a sign such as "-x", or a unit direction of three numbers'
     if isinstance(axis, str):
         letter = axis.removeprefix("-").removeprefix("+")
-        if letter not in LETTERS or len(axis) > len(letter) + 1:
+        if letter not in AXES or len(axis) > len(letter) + 1:
             raise InputError(field, axis, allowed)
-        return (-1.0 if axis.startswith("-") else 1.0) * np.array(LETTERS[letter]) + 0.0
+        return (-1.0 if axis.startswith("-") else 1.0) * np.array(AXES[letter]) + 0.0
     direction = array(field, axis, (3,))
     length = float(np.linalg.norm(direction))
     if not abs(length - 1.0) <= DIGITS:
@@ -363,9 +372,9 @@ def axis_direction(field: str, axis: str | Sequence[float]) -> FloatArray:
     return np.asarray(direction / length)
 
 
-def named(direction: FloatArray) -> str | tuple[float, float, float]:
-    """Return the signed letter of a unit direction along a coordinate axis; three numbers for any other."""
-    for letter, unit in LETTERS.items():
+def axis_name(direction: FloatArray) -> str | tuple[float, float, float]:
+    """Return a unit direction as a signed letter where it is a coordinate axis, else as three numbers."""
+    for letter, unit in AXES.items():
         for sign, mark in ((1.0, ""), (-1.0, "-")):
             if np.array_equal(sign * direction, unit):
                 return f"{mark}{letter}"

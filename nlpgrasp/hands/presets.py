@@ -1,12 +1,13 @@
-"""Presets of common hands: fingertips, approach and effort limits for their URDFs.
+"""Presets of common hands: fingertips, approach and effort limits for their robot files.
 
-Each hand has a function of its name, which documents its data, and a ``Preset`` that holds them.
+``PRESETS`` is the table of their data, and ``load_preset`` reads a robot file with a row of it. Each hand has a
+function of its name, which documents its data.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import NoReturn, TypedDict, Unpack
@@ -14,18 +15,121 @@ from typing import NoReturn, TypedDict, Unpack
 import numpy as np
 
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands.robot import Joint, Robot
+from nlpgrasp.hands.robot import Robot
 from nlpgrasp.hands.robot_file import read_robot, robot_links
-from nlpgrasp.hands.suggested_tips import tip_of
+from nlpgrasp.hands.suggested_tips import tip_from_shapes
 from nlpgrasp.hands.tips import CapsuleTip, FlatTip, SphereTip, Tip
 from nlpgrasp.hands.urdf_hand import URDFHand
 
 CLEARANCE = 2e-3  # metres between links and body, for the positioning error of an arm
 QUARTER = np.pi / 2.0  # radians, a quarter turn
-PANDA_FORCE = 70.0  # newtons on each finger
-ROBOTIQ_PAD = FlatTip((0.022, 0.0375), (0.0, -0.003175, 0.0), (QUARTER, 0.0, 0.0))
 
 Direction = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Preset:
+    """Fixed data of a hand model: palm, fingertips, approach and limits.
+
+    Parameters
+    ----------
+    palms : tuple of str
+        Names of the palm's link, with any prefix: the first that all fingertips hang from.
+    tips : mapping
+        Link (with any prefix) to its fingertip; or to two, for a joint above the link that has an axis along +y, and
+        for any other.
+    approach : (3,) tuple
+        Direction in which the palm faces, palm frame.
+    limits : mapping of str to float
+        Ending of a joint's name to its torque limit, newton-metres; to newtons on each finger for sliding joints. The
+        other joints have the file's efforts.
+    description : str
+        Module of ``robot_descriptions`` that holds its URDF, empty where there is none.
+    """
+
+    palms: tuple[str, ...]
+    tips: Mapping[str, Tip | tuple[Tip, Tip]]
+    approach: Direction
+    limits: Mapping[str, float] = field(default_factory=dict)
+    description: str = ""
+
+
+PRESETS = {
+    "allegro": Preset(
+        palms=("palm_link", "palm", "base_link"),
+        tips={f"link_{number}.0_tip": SphereTip(0.012) for number in (3, 7, 11, 15)},
+        approach=(1.0, 0.0, 0.0),
+        limits={"": 0.7},
+        description="allegro_hand_description",
+    ),
+    "barrett": Preset(
+        palms=("base_link",),
+        tips={f"finger_{number}_dist_link": SphereTip(0.007, (-0.038, 0.034, 0.0)) for number in (1, 2, 3)},
+        approach=(0.0, 0.0, 1.0),
+        limits={"prox_joint": 1.7, "med_joint": 1.7, "dist_joint": 0.77},
+        description="barrett_hand_description",
+    ),
+    "leap": Preset(
+        palms=("palm_lower",),
+        tips={
+            **dict.fromkeys(("fingertip", "fingertip_2", "fingertip_3"), SphereTip(0.012, (0.0, -0.036, 0.015))),
+            "thumb_fingertip": SphereTip(0.012, (0.0, -0.048, -0.015)),
+        },
+        approach=(0.0, 0.0, -1.0),
+        limits={"": 0.93},
+        description="leap_hand_v1_description",
+    ),
+    "panda": Preset(
+        palms=("panda_hand", "hand"),
+        tips=dict.fromkeys(  # a pad faces against its joint's axis
+            ("leftfinger", "rightfinger"),
+            (
+                FlatTip((0.0175, 0.0185), (0.0, 0.0, 0.04525), (QUARTER, 0.0, 0.0)),
+                FlatTip((0.0175, 0.0185), (0.0, 0.0, 0.04525), (-QUARTER, 0.0, 0.0)),
+            ),
+        ),
+        approach=(0.0, 0.0, 1.0),
+        limits={"": 70.0},
+        description="panda_description",
+    ),
+    "robotiq_2f85": Preset(
+        palms=("robotiq_arg2f_base_link", "robotiq_85_base_link"),
+        tips=dict.fromkeys(
+            ("left_inner_finger_pad", "right_inner_finger_pad"),
+            FlatTip((0.022, 0.0375), (0.0, -0.003175, 0.0), (QUARTER, 0.0, 0.0)),
+        ),
+        approach=(0.0, 0.0, 1.0),
+        limits={"finger_joint": 25.0},
+        description="robotiq_2f85_description",
+    ),
+    "robotiq_3f": Preset(
+        palms=("palm",),
+        tips={f"finger_{name}_link_3": SphereTip(0.011, (0.0205, 0.016, 0.0)) for name in ("1", "2", "middle")},
+        approach=(0.0, 1.0, 0.0),
+        limits={"joint_1": 7.0, "joint_2": 4.0, "joint_3": 1.6},
+    ),
+    "shadow": Preset(
+        palms=("palm",),
+        tips={
+            **{f"{finger}distal": SphereTip(0.007, (0.0, 0.0, 0.024)) for finger in ("ff", "mf", "rf", "lf")},
+            "thdistal": SphereTip(0.009, (0.0, 0.0, 0.026)),
+        },
+        approach=(0.0, -1.0, 0.0),
+    ),
+}
+
+
+class Options(TypedDict, total=False):
+    """Keyword arguments of a preset, with the meaning of those of ``URDFHand.load``.
+
+    ``palm`` selects one of two hands in a URDF; ``torque_limits`` and ``clearance`` replace the preset's.
+    """
+
+    palm: str
+    torque_limits: Mapping[str, float] | float
+    clearance: float
+    spheres_per_link: int
+    self_collision: bool
 
 
 def allegro(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
@@ -50,7 +154,7 @@ def allegro(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFH
     InputError
         When there is no URDF, or it lacks one of these links.
     """
-    return ALLEGRO.hand(urdf, **options)
+    return load_preset("allegro", urdf, **options)
 
 
 def barrett(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
@@ -76,7 +180,7 @@ def barrett(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFH
     InputError
         When there is no URDF, or it lacks one of these links.
     """
-    return BARRETT.hand(urdf, **options)
+    return load_preset("barrett", urdf, **options)
 
 
 def leap(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
@@ -102,7 +206,7 @@ def leap(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand
     InputError
         When there is no URDF, or it lacks one of these links.
     """
-    return LEAP.hand(urdf, **options)
+    return load_preset("leap", urdf, **options)
 
 
 def panda(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
@@ -127,7 +231,7 @@ def panda(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHan
     InputError
         When there is no URDF, or it lacks one of these links.
     """
-    return PANDA.hand(urdf, **options)
+    return load_preset("panda", urdf, **options)
 
 
 def robotiq_2f85(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
@@ -151,7 +255,7 @@ def robotiq_2f85(urdf: str | Path | None = None, **options: Unpack[Options]) -> 
     InputError
         When there is no URDF, or it lacks one of these links.
     """
-    return ROBOTIQ_2F85.hand(urdf, **options)
+    return load_preset("robotiq_2f85", urdf, **options)
 
 
 def robotiq_3f(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
@@ -176,7 +280,7 @@ def robotiq_3f(urdf: str | Path | None = None, **options: Unpack[Options]) -> UR
     InputError
         When there is no URDF, or it lacks one of these links.
     """
-    return ROBOTIQ_3F.hand(urdf, **options)
+    return load_preset("robotiq_3f", urdf, **options)
 
 
 def shadow(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
@@ -203,163 +307,163 @@ def shadow(urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHa
     InputError
         When there is no URDF, or it lacks one of these links.
     """
-    return SHADOW.hand(urdf, **options)
+    return load_preset("shadow", urdf, **options)
 
 
-class Options(TypedDict, total=False):
-    """Keyword arguments of a preset, with the meaning of those of ``URDFHand.load``.
+def load_preset(name: str, urdf: str | Path | None = None, **options: Unpack[Options]) -> URDFHand:
+    """Return the hand of a preset in a URDF or MJCF file.
 
-    ``palm`` selects one of two hands in a URDF; ``torque_limits`` and ``clearance`` replace the preset's.
-    """
-
-    palm: str
-    torque_limits: Mapping[str, float] | float
-    clearance: float
-    spheres_per_link: int
-    self_collision: bool
-
-
-@dataclass(frozen=True)
-class Preset:
-    """Fixed data of a hand model: palm, fingertips, approach and limits.
+    A spherical tip is the capsule instead where that is the collision shape of the link in the file.
 
     Parameters
     ----------
     name : str
-        Of the function that makes it.
-    palms : tuple of str
-        Names of the palm's link, with any prefix: the first that all fingertips hang from.
-    tips : mapping
-        Link (with any prefix) to its fingertip, or to a function of the joint above the link that returns it.
-    approach : (3,) tuple
-        Direction in which the palm faces, palm frame.
-    limits : function
-        Of the robot, to torque limits by joint.
-    description : str
-        Module of ``robot_descriptions`` that holds its URDF, empty where there is none.
+        Of a preset in ``PRESETS``.
+    urdf : str or Path, optional
+        Found through the package ``robot_descriptions`` when left out.
+    **options
+        Of ``Options``.
+
+    Raises
+    ------
+    InputError
+        When there is no URDF, or it lacks a link of this hand.
+    """
+    return _PresetReader(name, PRESETS[name], described_urdf(name) if urdf is None else urdf).load(options)
+
+
+@dataclass(frozen=True)
+class _PresetReader:
+    """Reader of a robot file with a preset's data.
+
+    Parameters
+    ----------
+    name : str
+        Of the preset, for messages.
+    preset : Preset
+    path : str or Path
+        Of the URDF or MJCF file.
     """
 
     name: str
-    palms: tuple[str, ...]
-    tips: Mapping[str, Tip | Callable[[Joint], Tip]]
-    approach: Direction
-    limits: Callable[[Robot], Mapping[str, float]]
-    description: str = ""
+    preset: Preset
+    path: str | Path
 
-    def hand(self, urdf: str | Path | None, **options: Unpack[Options]) -> URDFHand:
-        """Return the hand of a URDF or MJCF file.
-
-        A spherical tip is the capsule instead where that is the collision shape of the link in the file.
-
-        Parameters
-        ----------
-        urdf : str or Path, optional
-            Found through the package ``robot_descriptions`` when left out.
-        **options
-            Of ``Options``.
-
-        Raises
-        ------
-        InputError
-            When there is no URDF, or it lacks a link of this hand.
-        """
-        path = self._described() if urdf is None else urdf
-        robot = read_robot(path, options["palm"]) if "palm" in options else self._robot_below_palm(path)
-        self._check_tips(path, [robot])
+    def load(self, options: Options) -> URDFHand:
+        """Return the hand, with the preset's data where the options leave them open."""
+        robot = read_robot(self.path, options["palm"]) if "palm" in options else self._robot_below_palm()
+        self._check_tips([robot])
         options["palm"] = robot.root
-        above = {joint.child: joint for joint in robot.joints}
-        tips: dict[str, float | Tip | Sequence[Tip]] = {}
-        for name, tip in self.tips.items():
-            link = self._tip(path, robot, name)
-            own = tip_of(robot.shapes.get(link, ()))
-            stated = tip if isinstance(tip, Tip) else tip(above[link])
-            tips[link] = own if isinstance(own, CapsuleTip) and isinstance(stated, SphereTip) else stated
-        options.setdefault("torque_limits", self.limits(robot))
+        options.setdefault("torque_limits", effort_limits(robot, self.preset.limits))
         options.setdefault("clearance", CLEARANCE)
-        return URDFHand.load(path, tips, approach=self.approach, **options)
+        return URDFHand.load(self.path, self._tips(robot), approach=self.preset.approach, **options)
 
-    def _robot_below_palm(self, path: str | Path) -> Robot:
+    def _tips(self, robot: Robot) -> dict[str, float | Tip | Sequence[Tip]]:
+        """Return the fingertips by link: the preset's, or the link's own capsule in place of a sphere."""
+        joints = {joint.child: joint for joint in robot.joints}
+        result: dict[str, float | Tip | Sequence[Tip]] = {}
+        for name, tip in self.preset.tips.items():
+            link = self._tip_link(robot, name)
+            if not isinstance(tip, Tip):
+                tip = tip[0 if joints[link].axis[1] > 0.0 else 1]
+            capsule = tip_from_shapes(robot.shapes.get(link, ()))
+            result[link] = capsule if isinstance(capsule, CapsuleTip) and isinstance(tip, SphereTip) else tip
+        return result
+
+    def _robot_below_palm(self) -> Robot:
         """Return the robot below the palm: a link with one of its names that all fingertips hang from.
 
         A frame of that name without fingers is no palm. Among nested links with the same name but for prefixes, such as
         the bases of an arm and of its hand, it is the innermost.
         """
-        links = robot_links(path)
+        links = robot_links(self.path)
         candidates: list[Robot] = []
-        broken: list[InputError] = []
-        for name in self.palms:
-            holding: list[Robot] = []
-            for link in self._matches(links, name):
+        errors: list[InputError] = []
+        for name in self.preset.palms:
+            complete: list[Robot] = []
+            for link in self._matching_links(links, name):
                 try:
-                    robot = read_robot(path, link)
+                    robot = read_robot(self.path, link)
                 except InputError as error:  # an arm's joint of an unsupported kind below a link of this name
-                    broken.append(error)
+                    errors.append(error)
                     continue
                 candidates.append(robot)
-                holding += [] if self._without(robot) else [robot]
-            inner = [r for r in holding if not any(o.root in r.links for o in holding if o is not r)]
-            exact = [r for r in inner if r.root == name]
-            if len(inner) > 1 and not exact:
-                given = f"{Path(path).name} with links {', '.join(r.root for r in inner)}"
-                raise InputError(f"hands.{self.name}.palm", given, "which of the hands it is, by its palm's link")
-            if inner:
-                return (exact or inner)[0]
-        if broken:
-            raise broken[0]
+                complete += [] if self._missing_tips(robot) else [robot]
+            innermost = [r for r in complete if not any(o.root in r.links for o in complete if o is not r)]
+            exact = [r for r in innermost if r.root == name]
+            if len(innermost) > 1 and not exact:
+                self._refuse_ambiguous([r.root for r in innermost])
+            if innermost:
+                return (exact or innermost)[0]
+        if errors:
+            raise errors[0]
         if not candidates:
-            self._refuse(f"{Path(path).name} without a link {' or '.join(self.palms)}")
-        self._check_tips(path, candidates)
+            self._refuse(f"without a link {' or '.join(self.preset.palms)}")
+        self._check_tips(candidates)
         return candidates[0]
 
-    def _check_tips(self, path: str | Path, robots: Sequence[Robot]) -> None:
+    def _check_tips(self, robots: Sequence[Robot]) -> None:
         """Refuse a file in which no palm carries all fingertips; the message names what is missing."""
-        lacking = {robot.root: self._without(robot) for robot in robots}
-        if not all(lacking.values()):
+        missing = {robot.root: self._missing_tips(robot) for robot in robots}
+        if not all(missing.values()):
             return
-        links = robot_links(path)
-        absent = [tip for tip in self.tips if not self._matches(links, tip)]
+        links = robot_links(self.path)
+        absent = [tip for tip in self.preset.tips if not self._matching_links(links, tip)]
         if absent:
-            self._refuse(f"{Path(path).name} without a link {absent[0]}")
-        apart = "; ".join(f"{', '.join(tips)} not below {palm}" for palm, tips in lacking.items())
-        self._refuse(f"{Path(path).name} with {apart}")
+            self._refuse(f"without a link {absent[0]}")
+        self._refuse("with " + "; ".join(f"{', '.join(tips)} not below {palm}" for palm, tips in missing.items()))
 
-    def _without(self, robot: Robot) -> list[str]:
+    def _missing_tips(self, robot: Robot) -> list[str]:
         """Return the fingertips that do not hang from a robot's root, by their names in the preset."""
-        return [tip for tip in self.tips if not self._matches(robot.links, tip)]
+        return [tip for tip in self.preset.tips if not self._matching_links(robot.links, tip)]
 
-    def _matches(self, links: Sequence[str], name: str) -> list[str]:
+    def _matching_links(self, links: Sequence[str], name: str) -> list[str]:
         """Return the links with a name, whatever their prefix."""
-        longer = [other for other in self.tips if other.endswith(f"_{name}")]  # thumb_fingertip is not a fingertip
-        return [link for link in links if _has_name(link, name) and not any(_has_name(link, other) for other in longer)]
+        longer = [tip for tip in self.preset.tips if tip.endswith(f"_{name}")]  # thumb_fingertip is not a fingertip
+        return [link for link in links if _has_name(link, name) and not any(_has_name(link, tip) for tip in longer)]
 
-    def _tip(self, path: str | Path, robot: Robot, name: str) -> str:
+    def _tip_link(self, robot: Robot, name: str) -> str:
         """Return a fingertip's link: the one with exactly this name, or the only one with a prefix."""
-        matches = [name] if name in robot.links else self._matches(robot.links, name)
+        matches = [name] if name in robot.links else self._matching_links(robot.links, name)
         if len(matches) > 1:
-            given = f"{Path(path).name} with links {', '.join(matches)}"
-            raise InputError(f"hands.{self.name}.palm", given, "which of the hands it is, by its palm's link")
+            self._refuse_ambiguous(matches)
         return matches[0]
 
-    def _refuse(self, given: str) -> NoReturn:
-        raise InputError(f"hands.{self.name}.urdf", given, "the URDF of this hand; ng.URDFHand.load takes any other")
+    def _refuse(self, reason: str) -> NoReturn:
+        """Raise ``InputError`` for a file that is not of this hand."""
+        given, allowed = f"{Path(self.path).name} {reason}", "the URDF of this hand; ng.URDFHand.load takes any other"
+        raise InputError(f"hands.{self.name}.urdf", given, allowed)
 
-    def _described(self) -> str:
-        field = f"hands.{self.name}.urdf"
-        if not self.description:
-            raise InputError(field, "nothing", "the path of its URDF (robot_descriptions has none of this hand)")
-        try:
-            module = import_module(f"robot_descriptions.{self.description}")
-        except ModuleNotFoundError:
-            install = 'pip install "nlpgrasp[descriptions]"'
-            raise InputError(field, "nothing", f"the path of its URDF, or robot_descriptions: {install}") from None
-        except Exception as error:  # robot_descriptions clones a repository: any error of git or the network
-            given = f"{self.description}, which robot_descriptions cannot fetch ({type(error).__name__}: {error})"
-            raise InputError(field, given, "the path of its URDF") from None
-        path = getattr(module, "URDF_PATH", None)
-        if path is None:
-            given = f"{self.description}, of which robot_descriptions has no plain URDF"
-            raise InputError(field, given, "the path of its URDF")
-        return str(path)
+    def _refuse_ambiguous(self, links: Sequence[str]) -> NoReturn:
+        """Raise ``InputError`` for a file with several hands of this model."""
+        given = f"{Path(self.path).name} with links {', '.join(links)}"
+        raise InputError(f"hands.{self.name}.palm", given, "which of the hands it is, by its palm's link")
+
+
+def described_urdf(name: str) -> str:
+    """Return the path of a preset's URDF from the package ``robot_descriptions``.
+
+    Raises
+    ------
+    InputError
+        When the package is not installed, has no URDF of this hand, or cannot fetch it.
+    """
+    field, description = f"hands.{name}.urdf", PRESETS[name].description
+    if not description:
+        raise InputError(field, "nothing", "the path of its URDF (robot_descriptions has none of this hand)")
+    try:
+        module = import_module(f"robot_descriptions.{description}")
+    except ModuleNotFoundError:
+        install = 'pip install "nlpgrasp[descriptions]"'
+        raise InputError(field, "nothing", f"the path of its URDF, or robot_descriptions: {install}") from None
+    except Exception as error:  # robot_descriptions clones a repository: any error of git or the network
+        given = f"{description}, which robot_descriptions cannot fetch ({type(error).__name__}: {error})"
+        raise InputError(field, given, "the path of its URDF") from None
+    path = getattr(module, "URDF_PATH", None)
+    if path is None:
+        given = f"{description}, of which robot_descriptions has no plain URDF"
+        raise InputError(field, given, "the path of its URDF")
+    return str(path)
 
 
 def _has_name(link: str, name: str) -> bool:
@@ -367,110 +471,20 @@ def _has_name(link: str, name: str) -> bool:
     return link == name or link.endswith(tuple(f"{mark}{name}" for mark in "_:/"))
 
 
-def equal_efforts(torque: float) -> Callable[[Robot], Mapping[str, float]]:
-    """Return equal limits for all joints, newton-metres, as a function of the robot."""
-    return lambda robot: {joint.name: torque for joint in robot.free_joints}
+def effort_limits(robot: Robot, limits: Mapping[str, float]) -> dict[str, float]:
+    """Return effort limits of the free joints by the endings of their names; the file's efforts for the others.
 
-
-def efforts_by_name(limits: Mapping[str, float]) -> Callable[[Robot], Mapping[str, float]]:
-    """Return limits by the endings of joint names; the URDF's efforts for the other joints."""
-
-    def of(robot: Robot) -> Mapping[str, float]:
-        efforts = {joint.name: joint.effort for joint in robot.free_joints if joint.effort}
-        ends = {j.name: t for j in robot.free_joints for end, t in limits.items() if j.name.endswith(end)}
-        return {**efforts, **ends}
-
-    return of
-
-
-def efforts_of_file(robot: Robot) -> Mapping[str, float]:
-    """Return the efforts that the URDF states."""
-    return {joint.name: joint.effort for joint in robot.free_joints if joint.effort}
-
-
-def _panda_pad(joint: Joint) -> FlatTip:
-    """Return a finger's pad, which faces where the finger closes to: against its joint's axis (y or -y)."""
-    side = 1.0 if joint.axis[1] > 0.0 else -1.0
-    return FlatTip((0.0175, 0.0185), (0.0, 0.0, 0.04525), (side * QUARTER, 0.0, 0.0))
-
-
-def _panda_limits(robot: Robot) -> Mapping[str, float]:
-    """Return the continuous force of each finger, times the fingers that a joint drives, newtons."""
-    driven = [robot.driving_joint(joint)[0] for joint in robot.joints if joint.kind == "prismatic"]
-    return {joint.name: PANDA_FORCE * driven.count(joint.name) for joint in robot.free_joints}
-
-
-ALLEGRO = Preset(
-    "allegro",
-    ("palm_link", "palm", "base_link"),
-    {f"link_{last}.0_tip": SphereTip(0.012) for last in (3, 7, 11, 15)},
-    (1.0, 0.0, 0.0),
-    equal_efforts(0.7),
-    "allegro_hand_description",
-)
-
-
-BARRETT = Preset(
-    "barrett",
-    ("base_link",),
-    {f"finger_{i}_dist_link": SphereTip(0.007, (-0.038, 0.034, 0.0)) for i in (1, 2, 3)},
-    (0.0, 0.0, 1.0),
-    efforts_by_name({"prox_joint": 1.7, "med_joint": 1.7, "dist_joint": 0.77}),
-    "barrett_hand_description",
-)
-
-
-LEAP = Preset(
-    "leap",
-    ("palm_lower",),
-    {name: SphereTip(0.012, (0.0, -0.036, 0.015)) for name in ("fingertip", "fingertip_2", "fingertip_3")}
-    | {"thumb_fingertip": SphereTip(0.012, (0.0, -0.048, -0.015))},
-    (0.0, 0.0, -1.0),
-    equal_efforts(0.93),
-    "leap_hand_v1_description",
-)
-
-
-PANDA = Preset(
-    "panda",
-    ("panda_hand", "hand"),
-    {"leftfinger": _panda_pad, "rightfinger": _panda_pad},
-    (0.0, 0.0, 1.0),
-    _panda_limits,
-    "panda_description",
-)
-
-
-ROBOTIQ_2F85 = Preset(
-    "robotiq_2f85",
-    ("robotiq_arg2f_base_link", "robotiq_85_base_link"),
-    {"left_inner_finger_pad": ROBOTIQ_PAD, "right_inner_finger_pad": ROBOTIQ_PAD},
-    (0.0, 0.0, 1.0),
-    efforts_by_name({"finger_joint": 25.0}),
-    "robotiq_2f85_description",
-)
-
-
-ROBOTIQ_3F = Preset(
-    "robotiq_3f",
-    ("palm",),
-    {f"finger_{name}_link_3": SphereTip(0.011, (0.0205, 0.016, 0.0)) for name in ("1", "2", "middle")},
-    (0.0, 1.0, 0.0),
-    efforts_by_name({"joint_1": 7.0, "joint_2": 4.0, "joint_3": 1.6}),
-)
-
-
-SHADOW = Preset(
-    "shadow",
-    ("palm",),
-    {f"{finger}distal": SphereTip(0.007, (0.0, 0.0, 0.024)) for finger in ("ff", "mf", "rf", "lf")}
-    | {"thdistal": SphereTip(0.009, (0.0, 0.0, 0.026))},
-    (0.0, -1.0, 0.0),
-    efforts_of_file,
-)
-
-
-PRESETS = {make.__name__: make for make in (allegro, barrett, leap, panda, robotiq_2f85, robotiq_3f, shadow)}
+    The limit of a sliding joint counts once for each finger that the joint drives.
+    """
+    sliders = [robot.driving_joint(joint)[0] for joint in robot.joints if joint.kind == "prismatic"]
+    result = {}
+    for joint in robot.free_joints:
+        if joint.effort:
+            result[joint.name] = joint.effort
+        for ending, limit in limits.items():
+            if joint.name.endswith(ending):
+                result[joint.name] = limit * (sliders.count(joint.name) if joint.kind == "prismatic" else 1)
+    return result
 
 
 __all__ = ["allegro", "barrett", "leap", "panda", "robotiq_2f85", "robotiq_3f", "shadow"]

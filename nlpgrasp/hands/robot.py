@@ -68,6 +68,14 @@ class Joint:
         """Whether the joint is not fixed."""
         return self.kind in MOVABLE
 
+    @property
+    def frame(self) -> FloatArray:
+        """Pose (4, 4) of the child's frame in the parent's at position zero."""
+        pose = np.eye(4)
+        pose[:3, :3] = Rotation.from_euler("xyz", self.rpy).as_matrix()
+        pose[:3, 3] = self.xyz
+        return pose
+
 
 @dataclass(frozen=True)
 class Robot:
@@ -90,11 +98,11 @@ class Robot:
         Name of the file it was read from.
     sha256 : str
         Of that file's bytes, hexadecimal.
-    bare : tuple of str
+    shapeless : tuple of str
         Visible links without a collision shape.
-    turned : tuple of str
-        Followers whose limits were taken with the other sign (``urdf_reader.with_signs``).
-    unmodelled : tuple of str
+    negated_limits : tuple of str
+        Mimic joints whose limits were taken with the other sign (``urdf_reader.orient_mimics``).
+    unmodelled_couplings : tuple of str
         Couplings of joints in the file that are left out, a phrase each.
     """
 
@@ -106,9 +114,9 @@ class Robot:
     missing: tuple[str, ...] = ()
     source: str = ""
     sha256: str = ""
-    bare: tuple[str, ...] = ()
-    turned: tuple[str, ...] = ()
-    unmodelled: tuple[str, ...] = ()
+    shapeless: tuple[str, ...] = ()
+    negated_limits: tuple[str, ...] = ()
+    unmodelled_couplings: tuple[str, ...] = ()
 
     @cached_property
     def free_joints(self) -> tuple[Joint, ...]:
@@ -118,8 +126,8 @@ class Robot:
     @property
     def mesh_files(self) -> dict[str, str]:
         """SHA-256 of each mesh file of the collision shapes, by its name in the robot file."""
-        every = (shape.file for shapes in self.shapes.values() for shape in shapes)
-        return {file.name: file.sha256 for file in every if file is not None}
+        files = (shape.file for shapes in self.shapes.values() for shape in shapes)
+        return {file.name: file.sha256 for file in files if file is not None}
 
     @cached_property
     def parents(self) -> dict[str, str]:
@@ -149,10 +157,7 @@ class Robot:
         for joint in reversed(self.chain(link)):
             if joint.child == top:
                 break
-            step = np.eye(4)
-            step[:3, :3] = Rotation.from_euler("xyz", joint.rpy).as_matrix()
-            step[:3, 3] = joint.xyz
-            pose = step @ pose
+            pose = joint.frame @ pose
         return pose
 
     def adjacent(self, a: str, b: str) -> bool:
@@ -219,27 +224,27 @@ def check_mimics(source: Path, joints: tuple[Joint, ...]) -> None:
     """Refuse joints that follow missing joints, or each other."""
     by_name = {j.name: j for j in joints if j.moves}
     for joint in by_name.values():
-        seen, here = [joint.name], joint
-        while here.mimic is not None:
-            wanted = here.mimic.joint
-            if wanted not in by_name:
-                others = [name for name in by_name if name != here.name]
-                like = [name for name in others if wanted and name.endswith(wanted)]
-                raise_invalid(
-                    source, f"joint {here.name} that mimics {wanted!r}", "a moving joint: " + ", ".join(like or others)
-                )
-            here = by_name[wanted]
-            if here.name in seen:
-                raise_invalid(source, f"joints that mimic each other: {', '.join(seen)}", "a joint to follow")
-            seen.append(here.name)
+        visited, current = [joint.name], joint
+        while current.mimic is not None:
+            target = current.mimic.joint
+            if target not in by_name:
+                others = [name for name in by_name if name != current.name]
+                similar = [name for name in others if target and name.endswith(target)]
+                allowed = "a moving joint: " + ", ".join(similar or others)
+                raise_invalid(source, f"joint {current.name} that mimics {target!r}", allowed)
+            current = by_name[target]
+            if current.name in visited:
+                raise_invalid(source, f"joints that mimic each other: {', '.join(visited)}", "a joint to follow")
+            visited.append(current.name)
 
 
 def check_ranges(source: Path, robot: Robot) -> None:
     """Refuse joints whose mimic joints leave them an empty range."""
     for joint in robot.free_joints:
-        lower, upper, why = robot.ranges[joint.name]
+        lower, upper, follower = robot.ranges[joint.name]
         if lower > upper or (lower == upper and joint.lower < joint.upper):
-            raise_invalid(source, f"joint {joint.name} with joint {why} that follows it", "limits that both can keep")
+            given = f"joint {joint.name} with joint {follower} that follows it"
+            raise_invalid(source, given, "limits that both can keep")
 
 
 def raise_invalid(source: Path, given: str, allowed: str) -> NoReturn:

@@ -63,11 +63,11 @@ def _is_mjcf(path: object) -> bool:
         return False
     try:
         with Path(path).open("rb") as file:
-            _, first = next(iter(ET.iterparse(file, events=("start",))))  # noqa: S314  (the user's own file)
+            _, root = next(iter(ET.iterparse(file, events=("start",))))  # noqa: S314  (the user's own file)
     except (OSError, ValueError, LookupError, StopIteration, ET.ParseError):
         return False
-    if first.tag == "mujocoinclude":
+    if root.tag == "mujocoinclude":
         raise_invalid(
             Path(path), "<mujocoinclude> at the top, a part that other files include", "the file that includes it"
         )
-    return bool(first.tag == "mujoco")
+    return bool(root.tag == "mujoco")

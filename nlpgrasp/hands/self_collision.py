@@ -1,4 +1,4 @@
-"""Self-collision pairs of links and fingertips, with the overlap that each pair may have.
+"""Self-collision constraints of links and fingertips, with an allowed overlap for each pair of links.
 
 Spheres around a link reach beyond it: hardly any random posture keeps all spheres of a hand apart, while a quarter of
 them keep the links apart. So each pair of links has an allowed overlap, from random postures: the least overlap of
@@ -26,17 +26,17 @@ from nlpgrasp.hands.kinematics import LinkTree
 from nlpgrasp.hands.link_spheres import SphereFit
 
 SAMPLES = 1500  # random postures
-LOOKED_AT = 300  # most postures per pair whose hulls are compared
-ALWAYS = 0.95  # share of postures: links that collide more often do so by construction
-SURE = 20  # postures with meeting spheres and disjoint hulls after which a pair is not constrained
+MAX_POSTURES = 300  # largest number of postures per pair whose hulls are compared
+ALWAYS_SHARE = 0.95  # share of postures: links that collide more often do so by construction
+MIN_POSTURES = 20  # postures with meeting spheres and disjoint hulls after which a pair is not constrained
 # penetration of hulls
-DEEP = 1e-3  # metres of penetration above which hulls count as colliding
-MOST = 64  # most corners, and normals, of a hull
-BETWEEN = 60  # further directions: for contact of edges with edges
-UP = np.array([0.0, 0.0, 1.0])  # first of the directions
+HULL_DEPTH = 1e-3  # metres of penetration above which hulls count as colliding
+MAX_CORNERS = 64  # largest number of corners, and of normals, of a hull
+EDGE_DIRECTIONS = 60  # separating directions beside the normals, for contact of edges with edges
+FIRST_DIRECTION = np.array([0.0, 0.0, 1.0])  # unit, the first separating direction
 
 
-def watched_links(tree: LinkTree, fits: Mapping[str, SphereFit]) -> tuple[LinkPair, ...]:
+def find_colliding_pairs(tree: LinkTree, fits: Mapping[str, SphereFit]) -> tuple[LinkPair, ...]:
     """Return the pairs of links with self-collision constraints: those that collide in some, not all, postures.
 
     Neighbours in the chain are left out, as are links that overlap in nearly all positions.
@@ -46,15 +46,15 @@ def watched_links(tree: LinkTree, fits: Mapping[str, SphereFit]) -> tuple[LinkPa
         link: np.einsum("bij,mj->bmi", poses[link][:, :3, :3], fit.centres) + poses[link][:, None, :3, 3]
         for link, fit in fits.items()
     }
-    couples = list(_separated_pairs(tree, fits))
-    overlaps = _overlaps(tree, fits, poses, centres, couples)
-    found = []
-    for (a, b), overlap in zip(couples, overlaps, strict=True):
-        meets = _gaps(centres, fits, a, b) < -overlap
-        if np.isfinite(overlap) and np.mean(meets.any(axis=(1, 2))) <= ALWAYS:
-            often = zip(*np.nonzero(meets.any(axis=0)), strict=True)
-            found.append(LinkPair((a, b), float(overlap), tuple((int(i), int(j)) for i, j in often)))
-    return tuple(found)
+    link_pairs = list(_separated_pairs(tree, fits))
+    overlaps = _overlaps(tree, fits, poses, centres, link_pairs)
+    result = []
+    for (a, b), overlap in zip(link_pairs, overlaps, strict=True):
+        overlapping = _gaps(centres, fits, a, b) < -overlap
+        if np.isfinite(overlap) and np.mean(overlapping.any(axis=(1, 2))) <= ALWAYS_SHARE:
+            sphere_pairs = zip(*np.nonzero(overlapping.any(axis=0)), strict=True)
+            result.append(LinkPair((a, b), float(overlap), tuple((int(i), int(j)) for i, j in sphere_pairs)))
+    return tuple(result)
 
 
 @dataclass(frozen=True)
@@ -94,8 +94,8 @@ def _separated_pairs(tree: LinkTree, fits: Mapping[str, SphereFit]) -> Iterator[
 
 def _gaps(centres: Mapping[str, FloatArray], fits: Mapping[str, SphereFit], a: str, b: str) -> FloatArray:
     """Return signed distances between spheres of two links, (samples, m, n), metres, negative where they overlap."""
-    apart = np.linalg.norm(centres[a][:, :, None] - centres[b][:, None], axis=3)
-    return np.asarray(apart - fits[a].radii[:, None] - fits[b].radii)
+    distances = np.linalg.norm(centres[a][:, :, None] - centres[b][:, None], axis=3)
+    return np.asarray(distances - fits[a].radii[:, None] - fits[b].radii)
 
 
 def _overlaps(
@@ -103,35 +103,39 @@ def _overlaps(
     fits: Mapping[str, SphereFit],
     poses: Mapping[str, FloatArray],
     centres: Mapping[str, FloatArray],
-    couples: Sequence[tuple[str, str]],
+    link_pairs: Sequence[tuple[str, str]],
 ) -> FloatArray:
     """Return the allowed overlap of each pair of links, (c,), metres: infinite for those that never collide."""
 
     def make() -> dict[str, FloatArray]:
         hulls = {link: [ShapeHull.of(shape) for shape in tree.robot.shapes.get(link, ())] for link in fits}
-        found = [_overlap(hulls[a], hulls[b], poses[a], poses[b], _gaps(centres, fits, a, b)) for a, b in couples]
-        return {"overlaps": np.array(found)}
+        values = [_overlap(hulls[a], hulls[b], poses[a], poses[b], _gaps(centres, fits, a, b)) for a, b in link_pairs]
+        return {"overlaps": np.array(values)}
 
-    every = [np.concatenate([poses[link].ravel(), fit.centres.ravel(), fit.radii]) for link, fit in fits.items()]
+    numbers = [np.concatenate([poses[link].ravel(), fit.centres.ravel(), fit.radii]) for link, fit in fits.items()]
     shapes = [shape.content for link in fits for shape in tree.robot.shapes.get(link, ())]
-    return kept("overlaps", ["\n".join(fits).encode(), *shapes, *every], make)["overlaps"]
+    return kept("overlaps", ["\n".join(fits).encode(), *shapes, *numbers], make)["overlaps"]
 
 
 def _overlap(
-    one: Sequence[ShapeHull], other: Sequence[ShapeHull], frames: FloatArray, others: FloatArray, gaps: FloatArray
+    hulls: Sequence[ShapeHull],
+    other_hulls: Sequence[ShapeHull],
+    frames: FloatArray,
+    other_frames: FloatArray,
+    gaps: FloatArray,
 ) -> float:
     """Return the allowed overlap of two links, metres, from postures with sphere distances (b, m, n)."""
     overlap = -gaps.min(axis=(1, 2), initial=np.inf)
-    where = np.flatnonzero(overlap > 0.0)
-    where = where[:: max(1, len(where) // LOOKED_AT)]
-    if not len(where) or not one or not other:
+    indices = np.flatnonzero(overlap > 0.0)
+    indices = indices[:: max(1, len(indices) // MAX_POSTURES)]
+    if not len(indices) or not hulls or not other_hulls:
         return 0.0
-    deep = meet(one, other, np.linalg.inv(frames[where]) @ others[where])
-    met = overlap[where][deep > DEEP]
-    if not len(met):
-        return np.inf if len(where) >= SURE else 0.0
-    missed = (np.max(overlap) - np.min(met)) / len(met)
-    return max(0.0, float(np.min(met) - missed))
+    depths = hull_penetration(hulls, other_hulls, np.linalg.inv(frames[indices]) @ other_frames[indices])
+    deep_overlaps = overlap[indices][depths > HULL_DEPTH]
+    if not len(deep_overlaps):
+        return np.inf if len(indices) >= MIN_POSTURES else 0.0
+    bias = (np.max(overlap) - np.min(deep_overlaps)) / len(deep_overlaps)
+    return max(0.0, float(np.min(deep_overlaps) - bias))
 
 
 @dataclass(frozen=True)
@@ -141,9 +145,9 @@ class ShapeHull:
     Parameters
     ----------
     corners : (v, 3) array
-        Metres, link frame; of a hull with many, the extreme points in ``MOST`` directions.
+        Metres, link frame; of a hull with many, the extreme points in ``MAX_CORNERS`` directions.
     normals : (d, 3) array
-        Unit; of a hull with many, ``MOST`` directions all around.
+        Unit; of a hull with many, ``MAX_CORNERS`` directions all around.
     """
 
     corners: FloatArray
@@ -154,13 +158,13 @@ class ShapeHull:
         """Return the hull of a shape."""
         hull = shape.mesh.convex_hull
         corners, normals = np.asarray(hull.vertices), np.unique(np.asarray(hull.face_normals).round(6), axis=0)
-        around = directions_around(UP, MOST)
-        if len(corners) > MOST:
-            corners = corners[np.unique(np.argmax(corners @ around.T, axis=0))]
-        return cls(corners, normals if len(normals) <= MOST else around)
+        directions = directions_around(FIRST_DIRECTION, MAX_CORNERS)
+        if len(corners) > MAX_CORNERS:
+            corners = corners[np.unique(np.argmax(corners @ directions.T, axis=0))]
+        return cls(corners, normals if len(normals) <= MAX_CORNERS else directions)
 
 
-def meet(one: Sequence[ShapeHull], other: Sequence[ShapeHull], frames: FloatArray) -> FloatArray:
+def hull_penetration(hulls: Sequence[ShapeHull], other_hulls: Sequence[ShapeHull], frames: FloatArray) -> FloatArray:
     """Return the largest penetration depth of the hulls of two links, (b,), metres; negative where they are apart.
 
     Two convex sets are disjoint if, in some direction, one's support function plus the other's in the opposite
@@ -168,26 +172,29 @@ def meet(one: Sequence[ShapeHull], other: Sequence[ShapeHull], frames: FloatArra
 
     Parameters
     ----------
-    one, other : sequence of ShapeHull
+    hulls, other_hulls : sequence of ShapeHull
         Of each link.
     frames : (b, 4, 4) array
         Of the other link in the first one's.
     """
-    turns, moves = frames[:, :3, :3], frames[:, :3, 3]
-    return np.asarray(np.max([_hull_depth(a, b, turns, moves) for a in one for b in other], axis=0, initial=-np.inf))
+    rotations, translations = frames[:, :3, :3], frames[:, :3, 3]
+    depths = [_hull_depth(a, b, rotations, translations) for a in hulls for b in other_hulls]
+    return np.asarray(np.max(depths, axis=0, initial=-np.inf))
 
 
-def _hull_depth(a: ShapeHull, b: ShapeHull, turns: FloatArray, moves: FloatArray) -> FloatArray:
-    there = b.corners @ turns.transpose(0, 2, 1) + moves[:, None]  # (b, v, 3), the first one's frame
-    fixed = np.concatenate([a.normals, directions_around(UP, BETWEEN)])
-    own = np.max(a.corners @ fixed.T, axis=0) - np.min(there @ fixed.T, axis=1)
-    turned = b.normals @ turns.transpose(0, 2, 1)  # (b, d, 3); these point out of b
-    swapped = turned.transpose(0, 2, 1)
-    across = np.max(there @ swapped, axis=1) - np.min(a.corners @ swapped, axis=1)
-    return np.asarray(np.minimum(own.min(axis=1), across.min(axis=1)))
+def _hull_depth(a: ShapeHull, b: ShapeHull, rotations: FloatArray, translations: FloatArray) -> FloatArray:
+    corners = b.corners @ rotations.transpose(0, 2, 1) + translations[:, None]  # (b, v, 3), the first one's frame
+    normals = np.concatenate([a.normals, directions_around(FIRST_DIRECTION, EDGE_DIRECTIONS)])
+    gaps = np.max(a.corners @ normals.T, axis=0) - np.min(corners @ normals.T, axis=1)
+    other_normals = b.normals @ rotations.transpose(0, 2, 1)  # (b, d, 3); these point out of b
+    directions = other_normals.transpose(0, 2, 1)
+    other_gaps = np.max(corners @ directions, axis=1) - np.min(a.corners @ directions, axis=1)
+    return np.asarray(np.minimum(gaps.min(axis=1), other_gaps.min(axis=1)))
 
 
-def apart(watched: Sequence[LinkPair], spheres: Sequence[LinkSphere], span: float) -> list[ScalarConstraint]:
+def self_collision_constraints(
+    watched: Sequence[LinkPair], spheres: Sequence[LinkSphere], span: float
+) -> list[ScalarConstraint]:
     """Return one constraint per pair of spheres: their overlap is at most the allowed one.
 
     Parameters
@@ -199,14 +206,14 @@ def apart(watched: Sequence[LinkPair], spheres: Sequence[LinkSphere], span: floa
         The hand's size, metres, for scaling.
     """
     by_name = {s.link: s for s in spheres if not s.is_tip}
-    rows = []
-    for both in watched:
-        for i, j in both.pairs:
-            a, b = by_name[f"{both.links[0]}/{i}"], by_name[f"{both.links[1]}/{j}"]
-            squared, least = ca.sumsqr(a.centre - b.centre), (a.radius + b.radius - both.overlap) ** 2
+    result = []
+    for pair in watched:
+        for i, j in pair.pairs:
+            a, b = by_name[f"{pair.links[0]}/{i}"], by_name[f"{pair.links[1]}/{j}"]
+            squared, least = ca.sumsqr(a.centre - b.centre), (a.radius + b.radius - pair.overlap) ** 2
             part = f"{a.link} and {b.link}"
-            rows.append(ScalarConstraint(SELF_COLLISION, squared, least, scale=span**2, unit="m2", part=part))
-    return rows
+            result.append(ScalarConstraint(SELF_COLLISION, squared, least, scale=span**2, unit="m2", part=part))
+    return result
 
 
 def colliding_tips(tree: LinkTree) -> tuple[tuple[int, int], ...]:
@@ -228,10 +235,10 @@ def tip_clearance_constraints(tree: LinkTree, variables: dict[str, Expression]) 
         Symbols of the hand's variables, by name.
     """
     centres, radii = tree.tip_centres(variables), [tip.standoff for _, tip in tree.tips]
-    rows = []
+    result = []
     for i, j in colliding_tips(tree):
         a, b = centres[i], centres[j]
         if a is not None and b is not None:
             squared, least = ca.sumsqr(a - b), (radii[i] + radii[j]) ** 2
-            rows.append(ScalarConstraint(TIPS_APART, squared, least, scale=tree.span**2, unit="m2", fingers=(i, j)))
-    return rows
+            result.append(ScalarConstraint(TIPS_APART, squared, least, scale=tree.span**2, unit="m2", fingers=(i, j)))
+    return result

@@ -1,4 +1,4 @@
-"""Fingertips suggested by the collision shapes of a robot's leaf links."""
+"""Suggestion of fingertips from the collision shapes of a robot's leaf links."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from nlpgrasp.hands.tips import CapsuleTip, SphereTip, Tip
 
 GUESS = 0.01  # metres: radius of a fingertip whose link has no shape
 DIGITS = 4  # significant digits of a radius
-NOTHING = 5e-5  # metres: smaller coordinates count as 0
+ZERO_LENGTH = 5e-5  # metres: smaller coordinates count as 0
 
 
-def tip_of(shapes: Sequence[CollisionShape]) -> Tip | None:
+def tip_from_shapes(shapes: Sequence[CollisionShape]) -> Tip | None:
     """Return the patch of a link's only sphere or capsule; None where there is not exactly one.
 
     A capsule's end is the one farther from the link's origin.
     """
-    round_ones = [shape for shape in shapes if shape.kind in ("sphere", "capsule")]
-    if len(round_ones) != 1:
+    round_shapes = [shape for shape in shapes if shape.kind in ("sphere", "capsule")]
+    if len(round_shapes) != 1:
         return None
-    shape = round_ones[0]
+    shape = round_shapes[0]
     if shape.ends is not None and np.ptp(shape.ends, axis=0).any():
         start, end = sorted(shape.ends, key=lambda point: float(np.linalg.norm(point)))
         return CapsuleTip(shape.radius, start, end)
@@ -33,7 +33,7 @@ def tip_of(shapes: Sequence[CollisionShape]) -> Tip | None:
 
 
 def overhang(tip: Tip, link: str, robot: Robot) -> float | None:
-    """Return how far a fingertip's patch reaches beyond the shapes of its rigid group of links, metres.
+    """Return the largest distance of a fingertip's patch outside the shapes of its rigid group of links, metres.
 
     Where the patch is beyond them, the finger itself does not touch. None if none of these links has a shape. Links of
     a rigid group do not move against each other, so the result holds in every posture.
@@ -48,7 +48,7 @@ def overhang(tip: Tip, link: str, robot: Robot) -> float | None:
     return max(0.0, float(np.max(np.min(outside, axis=0)))) if outside else None
 
 
-def sphere_about(shapes: Sequence[CollisionShape]) -> SphereTip | None:
+def central_sphere(shapes: Sequence[CollisionShape]) -> SphereTip | None:
     """Return a sphere about the centre of a link's shapes, as thick as they are; None without shapes."""
     if not shapes:
         return None
@@ -58,8 +58,8 @@ def sphere_about(shapes: Sequence[CollisionShape]) -> SphereTip | None:
 
 
 @dataclass(frozen=True)
-class End:
-    """A leaf link as a possible fingertip.
+class SuggestedTip:
+    """A leaf link suggested as a fingertip, with the text that states it.
 
     Parameters
     ----------
@@ -78,33 +78,33 @@ class End:
     guessed: bool = False
 
 
-def leaves(robot: Robot) -> tuple[str, ...]:
+def leaf_links(robot: Robot) -> tuple[str, ...]:
     """Return the leaf links, one per rigid group; only those that move against the palm, where any do.
 
     Of several links fixed to each other, it is the first with a collision shape.
     """
     parents, groups = set(robot.parents.values()), robot.rigid_groups
-    last = [link for link in robot.links if link not in parents]
-    moving = [link for link in last if groups[link] != robot.root]
+    leaves = [link for link in robot.links if link not in parents]
+    moving = [link for link in leaves if groups[link] != robot.root]
     if not moving:
-        return tuple(last)
+        return tuple(leaves)
     chosen: dict[str, str] = {}
     for link in sorted(moving, key=lambda link: not robot.shapes.get(link)):
         chosen.setdefault(groups[link], link)
     return tuple(link for link in moving if chosen[groups[link]] == link)
 
 
-def end(robot: Robot, link: str) -> End:
+def suggest_tip(robot: Robot, link: str) -> SuggestedTip:
     """Return the fingertip that a leaf link's shapes suggest, as command and code."""
     shapes = robot.shapes.get(link, ())
-    own = tip_of(shapes)
-    tip = own or sphere_about(shapes)
+    exact = tip_from_shapes(shapes)
+    tip = exact or central_sphere(shapes)
     if tip is None:
-        return End(link, f"{link}={GUESS:g}", f"{GUESS:g}", guessed=True)
+        return SuggestedTip(link, f"{link}={GUESS:g}", f"{GUESS:g}", guessed=True)
     if not isinstance(tip, SphereTip):
-        return End(link, link, "None")
+        return SuggestedTip(link, link, "None")
     radius = format_number(tip.radius, DIGITS)
     if not np.any(tip.centre):
-        return End(link, f"{link}={radius}", radius)
-    centre = ", ".join(format_number(v, DIGITS, NOTHING) for v in tip.centre)
-    return End(link, link, "None" if own is not None else f"ng.SphereTip({radius}, [{centre}])")
+        return SuggestedTip(link, f"{link}={radius}", radius)
+    centre = ", ".join(format_number(v, DIGITS, ZERO_LENGTH) for v in tip.centre)
+    return SuggestedTip(link, link, "None" if exact is not None else f"ng.SphereTip({radius}, [{centre}])")

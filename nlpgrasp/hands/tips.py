@@ -20,10 +20,10 @@ from nlpgrasp.common.validation import FloatArray, angle, array, check_angles, n
 from nlpgrasp.errors import InputError
 
 FINE = 28  # sides of a round patch in pictures
-DOT = 2e-3  # metres: radius of the ball drawn for a patch of unknown shape
+DOT_RADIUS = 2e-3  # metres: radius of the ball drawn for a patch of unknown shape
 SLACK = 2e-4  # metres that a touching link's spheres stay behind its patch
-TILT = np.sin(np.radians(20.0))  # sine of the largest tilt of a finger without collision of its link
-ROUNDING = 1e-4  # largest depth of a contact inside the capsule, as a share of the axis' length
+TILT_SINE = np.sin(np.radians(20.0))  # sine of the largest tilt of a finger without collision of its link
+CAPSULE_DEPTH = 1e-4  # largest depth of a contact inside the capsule, as a share of the axis' length
 
 
 class Tip(ABC):
@@ -95,7 +95,7 @@ class Tip(ABC):
             Of what is round.
         """
         ball = dome(np.array([0.0, 0.0, 1.0]), np.pi, sides)
-        return Triangles(self.centre + (self.standoff or DOT) * ball.vertices, ball.faces)
+        return Triangles(self.centre + (self.standoff or DOT_RADIUS) * ball.vertices, ball.faces)
 
     @abstractmethod
     def to_dict(self) -> Json:
@@ -176,7 +176,7 @@ class SphereTip(Tip):
 
     def rows(self, touch: SymbolicTouch) -> list[ScalarConstraint]:
         """Return the constraints ``c = p - r n``."""
-        return equal(touch, self.ball_centre(touch.pose, None), touch.p - self.radius * touch.n)
+        return equality_constraints(touch, self.ball_centre(touch.pose, None), touch.p - self.radius * touch.n)
 
     def beyond(self, points: FloatArray) -> FloatArray:
         """Return the distance of points (m, 3) outside the sphere, (m,), metres."""
@@ -184,7 +184,7 @@ class SphereTip(Tip):
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
         """Return radii for points (m, 3), (m,), metres, within a cone of 20 degrees around the sphere."""
-        return np.asarray(self.radius + TILT * np.linalg.norm(centres - self.centre, axis=1))
+        return np.asarray(self.radius + TILT_SINE * np.linalg.norm(centres - self.centre, axis=1))
 
     def to_dict(self) -> Json:
         """Return radius and offset as JSON data."""
@@ -252,22 +252,23 @@ class CylinderTip(Tip):
         a, b = self.ends
         along = ca.mtimes(touch.pose[:3, :3], ca.DM((b - a) / np.linalg.norm(b - a)))
         return [
-            *equal(touch, self.ball_centre(touch.pose, touch.slide), touch.p - self.radius * touch.n),
+            *equality_constraints(touch, self.ball_centre(touch.pose, touch.slide), touch.p - self.radius * touch.n),
             touch.row("across", ca.dot(along, touch.n), 0.0, 0.0),
         ]
 
     def beyond(self, points: FloatArray) -> FloatArray:
         """Return the distance of points (m, 3) outside the cylinder with round ends, (m,), metres."""
-        a, b = self.ends
-        t = np.clip((points - a) @ (b - a) / np.sum((b - a) ** 2), 0.0, 1.0)
-        return np.asarray(np.linalg.norm(points - a - t[:, None] * (b - a), axis=1) - self.radius)
+        return self._axis_distances(points, 0.0) - self.radius
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
         """Return the largest radii of spheres about points (m, 3) within the cylinder's own radius, (m,), metres."""
+        return np.asarray(np.maximum(self.radius - self._axis_distances(centres, 0.0) - SLACK, 0.0))
+
+    def _axis_distances(self, points: FloatArray, first: float) -> FloatArray:
+        """Return the distances of points (m, 3) from the axis between a share ``first`` of it and its end, metres."""
         a, b = self.ends
-        t = np.clip((centres - a) @ (b - a) / np.sum((b - a) ** 2), 0.0, 1.0)
-        off = np.linalg.norm(centres - a - t[:, None] * (b - a), axis=1)
-        return np.asarray(np.maximum(self.radius - off - SLACK, 0.0))
+        t = np.clip((points - a) @ (b - a) / np.sum((b - a) ** 2), first, 1.0)
+        return np.asarray(np.linalg.norm(points - a - t[:, None] * (b - a), axis=1))
 
     @property
     def backbone(self) -> FloatArray:
@@ -331,10 +332,7 @@ class CapsuleTip(CylinderTip):
 
         Behind the start, the finger may continue as thick as the capsule.
         """
-        a, b = self.ends
-        t = np.minimum((centres - a) @ (b - a) / np.sum((b - a) ** 2), 1.0)
-        off = np.linalg.norm(centres - a - t[:, None] * (b - a), axis=1)
-        return np.asarray(np.maximum(self.radius - off - SLACK, 0.0))
+        return np.asarray(np.maximum(self.radius - self._axis_distances(centres, -np.inf) - SLACK, 0.0))
 
     def rows(self, touch: SymbolicTouch) -> list[ScalarConstraint]:
         """Return ``a + s (b - a) = p - r n``, and that n tilts beyond the side only at the ends."""
@@ -342,9 +340,9 @@ class CapsuleTip(CylinderTip):
         along = ca.mtimes(touch.pose[:3, :3], ca.DM((b - a) / np.linalg.norm(b - a)))
         leans = ca.dot(along, touch.n)
         return [
-            *equal(touch, self.ball_centre(touch.pose, touch.slide), touch.p - self.radius * touch.n),
-            touch.row("over the end", (1.0 - touch.slide) * leans, -np.inf, ROUNDING),
-            touch.row("over the start", -touch.slide * leans, -np.inf, ROUNDING),
+            *equality_constraints(touch, self.ball_centre(touch.pose, touch.slide), touch.p - self.radius * touch.n),
+            touch.row("over the end", (1.0 - touch.slide) * leans, -np.inf, CAPSULE_DEPTH),
+            touch.row("over the start", -touch.slide * leans, -np.inf, CAPSULE_DEPTH),
         ]
 
 
@@ -400,11 +398,11 @@ class EllipsoidTip(Tip):
 
     def rows(self, touch: SymbolicTouch) -> list[ScalarConstraint]:
         """Return the constraint ``p = t + R A^2 m / |A m|`` with ``m = R^T n``, and the patch's limit."""
-        here = ca.mtimes(touch.pose, ca.DM(frame_of("EllipsoidTip", self.offset, self.rpy)))
-        m = ca.mtimes(here[:3, :3].T, touch.n)
+        frame = ca.mtimes(touch.pose, ca.DM(tip_frame("EllipsoidTip", self.offset, self.rpy)))
+        m = ca.mtimes(frame[:3, :3].T, touch.n)
         scaled = ca.DM(np.asarray(self.semi_axes)) * m
-        point = here[:3, 3] + ca.mtimes(here[:3, :3], ca.DM(np.asarray(self.semi_axes)) * scaled) / ca.norm_2(scaled)
-        rows = equal(touch, point, touch.p)
+        point = frame[:3, 3] + ca.mtimes(frame[:3, :3], ca.DM(np.asarray(self.semi_axes)) * scaled) / ca.norm_2(scaled)
+        rows = equality_constraints(touch, point, touch.p)
         if self.facing is not None:
             towards = ca.dot(ca.DM(np.asarray(self.facing)), m)
             rows.append(touch.row("within the patch", towards, float(np.cos(self.angle))))
@@ -412,7 +410,7 @@ class EllipsoidTip(Tip):
 
     def beyond(self, points: FloatArray) -> FloatArray:
         """Return an upper bound on the distance of points (m, 3) outside the ellipsoid, (m,), metres."""
-        frame = frame_of("EllipsoidTip", self.offset, self.rpy)
+        frame = tip_frame("EllipsoidTip", self.offset, self.rpy)
         axes = np.asarray(self.semi_axes, dtype=float)
         gauge = np.linalg.norm((points - frame[:3, 3]) @ frame[:3, :3] / axes, axis=1)
         return np.asarray((gauge - 1.0) * np.max(axes))
@@ -420,16 +418,16 @@ class EllipsoidTip(Tip):
     def most_radius(self, centres: FloatArray) -> FloatArray:
         """Return radii for points (m, 3), (m,), metres, within a cone of 20 degrees around the smallest semi-axis."""
         smallest = float(np.min(self.semi_axes))
-        return np.asarray(smallest + TILT * np.linalg.norm(centres - self.centre, axis=1))
+        return np.asarray(smallest + TILT_SINE * np.linalg.norm(centres - self.centre, axis=1))
 
     def surface(self, sides: int = FINE) -> Triangles:
         """Return the patch as triangles, sampled by outward normals."""
-        frame, axes = frame_of("EllipsoidTip", self.offset, self.rpy), np.asarray(self.semi_axes, dtype=float)
+        frame, axes = tip_frame("EllipsoidTip", self.offset, self.rpy), np.asarray(self.semi_axes, dtype=float)
         facing = np.array([0.0, 0.0, 1.0]) if self.facing is None else np.asarray(self.facing, dtype=float)
-        found = dome(facing, np.pi if self.facing is None else self.angle, sides)
-        scaled = axes * found.vertices
+        unit_dome = dome(facing, np.pi if self.facing is None else self.angle, sides)
+        scaled = axes * unit_dome.vertices
         points = axes * scaled / np.linalg.norm(scaled, axis=1, keepdims=True)
-        return Triangles(points @ frame[:3, :3].T + frame[:3, 3], found.faces)
+        return Triangles(points @ frame[:3, :3].T + frame[:3, 3], unit_dome.faces)
 
     def to_dict(self) -> Json:
         """Return shape, pose and extent as JSON data."""
@@ -475,7 +473,7 @@ class FlatTip(Tip):
     @property
     def frame(self) -> FloatArray:
         """Pose of the rectangle in the link's frame, (4, 4)."""
-        return frame_of("FlatTip", self.offset, self.rpy)
+        return tip_frame("FlatTip", self.offset, self.rpy)
 
     @property
     def centre(self) -> FloatArray:
@@ -489,9 +487,9 @@ class FlatTip(Tip):
 
     def rows(self, touch: SymbolicTouch) -> list[ScalarConstraint]:
         """Return constraints: equal normals, and the contact in the plane and within the rectangle."""
-        here = ca.mtimes(touch.pose, ca.DM(self.frame))
-        local = ca.mtimes(here[:3, :3].T, touch.p - here[:3, 3])
-        m = ca.mtimes(here[:3, :3].T, touch.n)
+        frame = ca.mtimes(touch.pose, ca.DM(self.frame))
+        local = ca.mtimes(frame[:3, :3].T, touch.p - frame[:3, 3])
+        m = ca.mtimes(frame[:3, :3].T, touch.n)
         half = np.asarray(self.extents, dtype=float) / 2.0
         return [
             touch.row("normal x", m[0], 0.0, 0.0),
@@ -526,12 +524,12 @@ class FlatTip(Tip):
         }
 
 
-def equal(touch: SymbolicTouch, left: Expression, right: Expression) -> list[ScalarConstraint]:
+def equality_constraints(touch: SymbolicTouch, left: Expression, right: Expression) -> list[ScalarConstraint]:
     """Return constraints ``left = right`` for columns of 3."""
     return [touch.row(axis, left[i] - right[i], 0.0, 0.0, length=True) for i, axis in enumerate("xyz")]
 
 
-def frame_of(field: str, offset: ArrayLike, rpy: ArrayLike) -> FloatArray:
+def tip_frame(field: str, offset: ArrayLike, rpy: ArrayLike) -> FloatArray:
     """Return the (4, 4) transform of an offset and roll, pitch, yaw, checked."""
     pose = np.eye(4)
     pose[:3, 3] = array(f"{field}.offset", offset, (3,))
@@ -551,7 +549,7 @@ def check_offset(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # roll and yaw are not unique at a pitch of a right angle
             offset, rpy = frame[:3, 3], Rotation.from_matrix(frame[:3, :3]).as_euler("xyz")
-    frame_of(field, offset, rpy)
+    tip_frame(field, offset, rpy)
     return tuple(np.asarray(offset, float).tolist()), tuple(np.asarray(rpy, float).tolist())
 
 
@@ -570,8 +568,8 @@ def dome(facing: FloatArray, angle: float, sides: int) -> Triangles:
     rings = max(2, round(sides * angle / (2.0 * np.pi)))
     polar, turn = np.linspace(0.0, angle, rings + 1), 2.0 * np.pi * np.arange(sides) / sides
     first, second = tangents(facing[None])[0]
-    around = np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second
-    points = np.cos(polar)[:, None, None] * facing + np.sin(polar)[:, None, None] * around
+    ring = np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second
+    points = np.cos(polar)[:, None, None] * facing + np.sin(polar)[:, None, None] * ring
     return Triangles(points.reshape(-1, 3), _ring_triangles(rings, sides))
 
 
@@ -581,9 +579,9 @@ def tube(radius: float, start: FloatArray, end: FloatArray, sides: int) -> Trian
     along = (end - start) / np.linalg.norm(end - start)
     first, second = tangents(along[None])[0]
     turn = 2.0 * np.pi * np.arange(sides) / sides
-    around = radius * (np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second)
+    ring = radius * (np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second)
     axis = start + np.linspace(1.0, 0.0, steps + 1)[:, None] * (end - start)  # the far end first: outward triangles
-    return Triangles((axis[:, None] + around).reshape(-1, 3), _ring_triangles(steps, sides))
+    return Triangles((axis[:, None] + ring).reshape(-1, 3), _ring_triangles(steps, sides))
 
 
 def rectangle(extents: FloatArray, frame: FloatArray, steps: int) -> Triangles:

@@ -33,8 +33,14 @@ from nlpgrasp.hands.link_spheres import SphereFit, fit_around_tips, fit_hand
 from nlpgrasp.hands.linked_hand import LinkedHand
 from nlpgrasp.hands.robot import Robot
 from nlpgrasp.hands.robot_file import read_robot
-from nlpgrasp.hands.self_collision import LinkPair, apart, colliding_tips, tip_clearance_constraints, watched_links
-from nlpgrasp.hands.suggested_tips import end, leaves, tip_of
+from nlpgrasp.hands.self_collision import (
+    LinkPair,
+    colliding_tips,
+    find_colliding_pairs,
+    self_collision_constraints,
+    tip_clearance_constraints,
+)
+from nlpgrasp.hands.suggested_tips import leaf_links, suggest_tip, tip_from_shapes
 from nlpgrasp.hands.tips import SphereTip, SymbolicTouch, Tip
 
 MEANT_AS_RADIANS = float(np.radians(2.0 * np.pi))  # radians: a full turn in radians, misread as degrees
@@ -145,13 +151,13 @@ class URDFHand(LinkedHand):
             may be radians without stating so.
         """
         robot = read_robot(path, palm)
-        tips = tips_of(robot, fingertips)
+        tips = resolve_tips(robot, fingertips)
         require_kinematics()
         for text in file_warnings(robot):
             warn(f"{robot.source}: {text}")
         return cls(
-            LinkTree(robot, tips, approach_of(approach)),
-            torque_limits_of(robot, torque_limits),
+            LinkTree(robot, tips, unit_approach(approach)),
+            resolve_torque_limits(robot, torque_limits),
             clearance=clearance,
             spheres_per_link=spheres_per_link,
             self_collision=self_collision,
@@ -214,7 +220,7 @@ class URDFHand(LinkedHand):
             rows += tip.rows(SymbolicTouch(link, i, poses[link], p, n, slide, placement.size))
         if self.self_collision:
             rows += tip_clearance_constraints(self.tree, variables)
-        return rows + apart(self.self_collision_pairs, placement.spheres, self.tree.span)
+        return rows + self_collision_constraints(self.self_collision_pairs, placement.spheres, self.tree.span)
 
     def spheres(self, variables: dict[str, Expression]) -> list[LinkSphere]:
         """Return the links' collision spheres in the body's frame."""
@@ -223,8 +229,8 @@ class URDFHand(LinkedHand):
         for link, fit in self.fits.items():
             pose = poses[link]
             for i, (centre, radius) in enumerate(zip(fit.centres, fit.radii, strict=True)):
-                where = pose[:3, 3] + ca.mtimes(pose[:3, :3], ca.DM(centre))
-                result.append(LinkSphere(f"{link}/{i}", where, float(radius), self.clearance))
+                position = pose[:3, 3] + ca.mtimes(pose[:3, :3], ca.DM(centre))
+                result.append(LinkSphere(f"{link}/{i}", position, float(radius), self.clearance))
         for i, (centre, (link, tip)) in enumerate(zip(self.tip_centres(variables), self.tips, strict=True)):
             if centre is not None:
                 depth = -TIP_DEPTH * tip.standoff
@@ -239,7 +245,7 @@ class URDFHand(LinkedHand):
     @cached_property
     def self_collision_pairs(self) -> tuple[LinkPair, ...]:
         """Pairs of links with self-collision constraints, and their allowed sphere overlap."""
-        return watched_links(self.tree, self.fits) if self.self_collision else ()
+        return find_colliding_pairs(self.tree, self.fits) if self.self_collision else ()
 
     @cached_property
     def unshrunk_spheres(self) -> dict[str, SphereFit]:
@@ -261,8 +267,8 @@ class URDFHand(LinkedHand):
             "torque_limits": dict(self.torque_limits),
             "approach": self.tree.approach.tolist(),
             "link_spheres": {link: np.column_stack([f.centres, f.radii]).tolist() for link, f in self.fits.items()},
-            "watched_pairs": sum(len(both.pairs) for both in self.self_collision_pairs),
-            "overlaps": [[*both.links, both.overlap] for both in self.self_collision_pairs if both.overlap > 0.0],
+            "watched_pairs": sum(len(pair.pairs) for pair in self.self_collision_pairs),
+            "overlaps": [[*pair.links, pair.overlap] for pair in self.self_collision_pairs if pair.overlap > 0.0],
             "tips_apart": [list(pair) for pair in colliding_tips(self.tree) if self.self_collision],
         }
 
@@ -274,7 +280,7 @@ class URDFHand(LinkedHand):
         )
 
 
-def tips_of(robot: Robot, fingertips: Fingertips | None) -> list[tuple[str, Tip]]:
+def resolve_tips(robot: Robot, fingertips: Fingertips | None) -> list[tuple[str, Tip]]:
     """Return link and patch of each contact, in the given order."""
     if fingertips is None:
         raise InputError("URDFHand.fingertips", "nothing", f"links with their radii, such as {_suggest_tips(robot)}")
@@ -288,38 +294,38 @@ def tips_of(robot: Robot, fingertips: Fingertips | None) -> list[tuple[str, Tip]
             "URDFHand.fingertips", ", ".join(map(str, unknown)), f"links: {format_known_names(unknown, robot.links)}"
         )
     result: list[tuple[str, Tip]] = []
-    for link, said in fingertips.items():
-        given = _tip_of_link(robot, link) if said is None else said
-        several = list(given) if isinstance(given, list | tuple) else [given]
-        if not several:
-            raise InputError(f"URDFHand.fingertips[{link!r}]", given, "a radius, a tip, or several tips")
-        for one in several:
-            tip = one if isinstance(one, Tip) else SphereTip(_check_radius(f"URDFHand.fingertips[{link!r}]", one))
+    for link, patch in fingertips.items():
+        patches = _tip_of_link(robot, link) if patch is None else patch
+        patch_list = list(patches) if isinstance(patches, list | tuple) else [patches]
+        if not patch_list:
+            raise InputError(f"URDFHand.fingertips[{link!r}]", patches, "a radius, a tip, or several tips")
+        for item in patch_list:
+            tip = item if isinstance(item, Tip) else SphereTip(_check_radius(f"URDFHand.fingertips[{link!r}]", item))
             if (link, tip) in result:
-                raise InputError(f"URDFHand.fingertips[{link!r}]", given, "tips that are not the same")
+                raise InputError(f"URDFHand.fingertips[{link!r}]", patches, "tips that are not the same")
             result.append((link, tip))
     if not result:
         raise InputError("URDFHand.fingertips", fingertips, "at least one tip")
     return result
 
 
-def _check_radius(field: str, given: object) -> float:
+def _check_radius(field: str, radius: object) -> float:
     """Return a fingertip's radius, checked, metres."""
-    return hand_length(field, number(field, given, above=0.0), LARGEST_TIP)
+    return hand_length(field, number(field, radius, above=0.0), LARGEST_TIP)
 
 
 def _suggest_tips(robot: Robot) -> str:
     """Return the fingertips that the leaf links suggest, as Python code."""
-    names = leaves(robot)
-    each = ", ".join(f'"{link}": {end(robot, link).code}' for link in names[:MOST])
-    more = f" ({len(names) - MOST} more links are at ends)" if len(names) > MOST else ""
-    return f"{{{each}}}{more}"
+    names = leaf_links(robot)
+    examples = ", ".join(f'"{link}": {suggest_tip(robot, link).code}' for link in names[:MOST])
+    ending = f" ({len(names) - MOST} more links are at ends)" if len(names) > MOST else ""
+    return f"{{{examples}}}{ending}"
 
 
 def _tip_of_link(robot: Robot, link: str) -> Tip:
     """Return the fingertip given by a link's collision shape."""
     shapes = robot.shapes.get(link, ())
-    tip = tip_of(shapes)
+    tip = tip_from_shapes(shapes)
     if tip is None:
         kinds = ", ".join(shape.kind for shape in shapes) or "none"
         allowed = "a radius or a tip: its collision shapes are no single sphere or capsule"
@@ -327,48 +333,48 @@ def _tip_of_link(robot: Robot, link: str) -> Tip:
     return tip
 
 
-def approach_of(given: ArrayLike) -> FloatArray:
+def unit_approach(approach: ArrayLike) -> FloatArray:
     """Return the palm's facing direction as a unit vector (3,)."""
-    direction = array("URDFHand.approach", given, (3,))
+    direction = array("URDFHand.approach", approach, (3,))
     if np.linalg.norm(direction) == 0.0:
-        raise InputError("URDFHand.approach", given, "a direction in the palm's frame")
+        raise InputError("URDFHand.approach", approach, "a direction in the palm's frame")
     return direction / np.linalg.norm(direction)
 
 
-def torque_limits_of(robot: Robot, given: Mapping[str, float] | float | None) -> dict[str, float]:
+def resolve_torque_limits(robot: Robot, limits: Mapping[str, float] | float | None) -> dict[str, float]:
     """Return the torque limits by joint: those given, or the URDF's efforts."""
     names = [j.name for j in robot.free_joints]
-    if given is None:
+    if limits is None:
         return {j.name: j.effort for j in robot.free_joints if j.effort}
-    if isinstance(given, Mapping):
-        unknown = [name for name in given if name not in names]
+    if isinstance(limits, Mapping):
+        unknown = [name for name in limits if name not in names]
         if unknown:
             allowed = f"joints: {format_known_names(unknown, names)}"
             raise InputError("URDFHand.torque_limits", ", ".join(map(str, unknown)), allowed)
-        return {k: number(f"URDFHand.torque_limits[{k!r}]", v, above=0.0) for k, v in given.items()}
-    return dict.fromkeys(names, number("URDFHand.torque_limits", given, above=0.0))
+        return {k: number(f"URDFHand.torque_limits[{k!r}]", v, above=0.0) for k, v in limits.items()}
+    return dict.fromkeys(names, number("URDFHand.torque_limits", limits, above=0.0))
 
 
 def file_warnings(robot: Robot) -> list[str]:
     """Return the warnings about a file that is accepted, a sentence each."""
-    found = []
+    result = []
     if robot.missing:
-        found.append(f"left out {'; '.join(robot.missing)}")
-    if robot.bare:
-        found.append(f"nothing keeps links without a collision shape off the body: {', '.join(robot.bare)}")
-    return found + joint_remarks(robot)
+        result.append(f"left out {'; '.join(robot.missing)}")
+    if robot.shapeless:
+        result.append(f"nothing keeps links without a collision shape off the body: {', '.join(robot.shapeless)}")
+    return result + modelling_warnings(robot)
 
 
-def joint_remarks(robot: Robot) -> list[str]:
+def modelling_warnings(robot: Robot) -> list[str]:
     """Return the warnings about joints that are modelled otherwise than in the file, a sentence each."""
-    found = []
-    if robot.turned:
-        found.append(f"taken with the other sign: {'; '.join(robot.turned)}")
-    if robot.unmodelled:
-        found.append(f"joints move on their own where the file couples them: {'; '.join(robot.unmodelled)}")
+    result = []
+    if robot.negated_limits:
+        result.append(f"taken with the other sign: {'; '.join(robot.negated_limits)}")
+    if robot.unmodelled_couplings:
+        result.append(f"joints move on their own where the file couples them: {'; '.join(robot.unmodelled_couplings)}")
     turning = [joint for joint in robot.free_joints if joint.kind == "revolute"]
     widest = max((max(abs(j.lower), abs(j.upper)) for j in turning), default=0.0)
     if robot.source.endswith(".xml") and 0.0 < widest < MEANT_AS_RADIANS:
-        said = '<compiler angle="radian"/>, without which MuJoCo reads degrees'
-        found.append(f"no joint turns by more than {np.degrees(widest):.3g} degrees: the file may lack {said}")
-    return found
+        element = '<compiler angle="radian"/>, without which MuJoCo reads degrees'
+        result.append(f"no joint turns by more than {np.degrees(widest):.3g} degrees: the file may lack {element}")
+    return result

@@ -42,23 +42,24 @@ def read_urdf(path: str | Path, palm: str | None = None) -> Robot:
     MissingExtraError
         When a collision mesh needs a package that is not installed.
     """
-    source, root, links = _opened(path)
+    source, root, links = _read_links(path)
     edges = [_read_edge(source, e, links) for e in root.findall("joint")]
     _check_duplicates(source, "joint", [e.name for e in edges])
-    base = _base(source, links, edges)
+    base = _root_link(source, links, edges)
     if palm is not None and palm not in links:
         raise InputError("URDFHand.palm", palm, "a link of the URDF: " + ", ".join(links))
     start = base if palm is None else palm
-    order, used = _subtree(start, edges)
-    joints = tuple(_read_joint(source, edge) for edge in used)
+    order, joint_edges = _subtree(start, edges)
+    joints = tuple(_read_joint(source, edge) for edge in joint_edges)
     check_mimics(source, joints)
-    joints, turned = orient_mimics(joints)
+    joints, negated = orient_mimics(joints)
     elements = {e.get("name", ""): e for e in root.findall("link")}
     shapes, missing = read_shapes(source, elements, order)
-    bare = tuple(n for n in order if elements[n].find("visual") is not None and elements[n].find("collision") is None)
+    visible = [name for name in order if elements[name].find("visual") is not None]
+    shapeless = tuple(name for name in visible if elements[name].find("collision") is None)
     digest = hashlib.sha256(source.read_bytes()).hexdigest()
     name = root.get("name", source.stem)
-    robot = Robot(name, start, order, joints, shapes, missing, source.name, digest, bare, turned)
+    robot = Robot(name, start, order, joints, shapes, missing, source.name, digest, shapeless, negated)
     check_ranges(source, robot)
     return robot
 
@@ -71,7 +72,7 @@ def link_names(path: str | Path) -> tuple[str, ...]:
     InputError
         When the file is missing, or is not a URDF.
     """
-    return tuple(_opened(path)[2])
+    return tuple(_read_links(path)[2])
 
 
 def urdf_inertials(path: str | Path) -> Mapping[str, Inertial]:
@@ -84,20 +85,22 @@ def urdf_inertials(path: str | Path) -> Mapping[str, Inertial]:
     """
     source, result = Path(path), {}
     for link in urdf_root(source).findall("link"):
-        name, stated = link.get("name", ""), link.find("inertial")
-        if stated is None:
+        name, inertial = link.get("name", ""), link.find("inertial")
+        if inertial is None:
             continue
-        label, origin = f"inertial of link {name}", stated.find("origin")
-        weight, moments = stated.find("mass"), stated.find("inertia")
+        label, origin = f"inertial of link {name}", inertial.find("origin")
+        mass_element, inertia_element = inertial.find("mass"), inertial.find("inertia")
         mass = float(
-            attribute_numbers(source, f"{label}, mass", None if weight is None else weight.get("value"), [0.0])[0]
+            attribute_numbers(
+                source, f"{label}, mass", None if mass_element is None else mass_element.get("value"), [0.0]
+            )[0]
         )
         if mass <= 0.0:
             continue
         pose = [None if origin is None else origin.get(key) for key in ("xyz", "rpy")]
         center, rpy = (attribute_numbers(source, f"{label}, origin", value, np.zeros(3)) for value in pose)
-        told = [None if moments is None else moments.get(key) for key in MOMENTS]
-        values = [float(attribute_numbers(source, f"{label}, inertia", value, [0.0])[0]) for value in told]
+        components = [None if inertia_element is None else inertia_element.get(key) for key in MOMENTS]
+        values = [float(attribute_numbers(source, f"{label}, inertia", value, [0.0])[0]) for value in components]
         turn = Rotation.from_euler("xyz", rpy).as_matrix()
         tensor = np.diag(values[:3])
         tensor[[0, 0, 1], [1, 2, 2]] = tensor[[1, 2, 2], [0, 0, 1]] = values[3:]
@@ -129,7 +132,7 @@ def urdf_root(source: Path) -> ET.Element:
     return root
 
 
-def _opened(path: str | Path) -> tuple[Path, ET.Element, list[str]]:
+def _read_links(path: str | Path) -> tuple[Path, ET.Element, list[str]]:
     """Return the file's path, its root element and the names of its links."""
     if not isinstance(path, str | Path):
         raise InputError("URDFHand.path", path, "the path of a URDF file")
@@ -143,6 +146,7 @@ def _opened(path: str | Path) -> tuple[Path, ET.Element, list[str]]:
 
 
 def _read_name(source: Path, element: ET.Element, tag: str) -> str:
+    """Return the name of a link or joint; refuse one without."""
     name = element.get("name")
     if not name:
         raise_invalid(source, f"a <{tag}> without name", "a name on every link and joint")
@@ -150,9 +154,10 @@ def _read_name(source: Path, element: ET.Element, tag: str) -> str:
 
 
 def _check_duplicates(source: Path, tag: str, names: list[str]) -> None:
-    twins = sorted({n for n in names if names.count(n) > 1})
-    if twins:
-        raise_invalid(source, f"two {tag}s named {', '.join(twins)}", "one of each name")
+    """Refuse links or joints of the same name."""
+    duplicates = sorted({n for n in names if names.count(n) > 1})
+    if duplicates:
+        raise_invalid(source, f"two {tag}s named {', '.join(duplicates)}", "one of each name")
 
 
 class Edge(NamedTuple):
@@ -165,18 +170,19 @@ class Edge(NamedTuple):
 
 
 def _read_edge(source: Path, element: ET.Element, links: list[str]) -> Edge:
+    """Return a joint element with its links; refuse links that are missing."""
     name = _read_name(source, element, "joint")
     ends = []
     for tag in ("parent", "child"):
-        found = element.find(tag)
-        link = None if found is None else found.get("link")
+        end = element.find(tag)
+        link = None if end is None else end.get("link")
         if link not in links:
             raise_invalid(source, f"joint {name} with {tag} {link!r}", "a link of the URDF: " + ", ".join(links))
         ends.append(link)
     return Edge(name, ends[0], ends[1], element)
 
 
-def _base(source: Path, links: list[str], joints: Sequence[Edge]) -> str:
+def _root_link(source: Path, links: list[str], joints: Sequence[Edge]) -> str:
     """Return the root link; refuse anything but a tree."""
     children = [j.child for j in joints]
     twice = sorted({c for c in children if children.count(c) > 1})
@@ -193,16 +199,17 @@ def _base(source: Path, links: list[str], joints: Sequence[Edge]) -> str:
 
 def _subtree(start: str, joints: Sequence[Edge]) -> tuple[tuple[str, ...], tuple[Edge, ...]]:
     """Return the links below a link, itself first, and the joints that lead to them."""
-    links, used = [start], []
+    links, edges = [start], []
     for link in links:
         for joint in joints:
             if joint.parent == link:
                 links.append(joint.child)
-                used.append(joint)
-    return tuple(links), tuple(used)
+                edges.append(joint)
+    return tuple(links), tuple(edges)
 
 
 def _read_joint(source: Path, edge: Edge) -> Joint:
+    """Return a joint with its frame, unit axis, limits and mimic relation."""
     name, parent, child, element = edge
     label = f"joint {name}"
     kind = element.get("type", "")
@@ -211,16 +218,19 @@ def _read_joint(source: Path, edge: Edge) -> Joint:
     origin, axis = element.find("origin"), element.find("axis")
     xyz = attribute_numbers(source, f"{label}, xyz", None if origin is None else origin.get("xyz"), np.zeros(3))
     rpy = attribute_numbers(source, f"{label}, rpy", None if origin is None else origin.get("rpy"), np.zeros(3))
-    along = attribute_numbers(source, f"{label}, axis", None if axis is None else axis.get("xyz"), [1.0, 0.0, 0.0])
-    if kind in MOVABLE and np.linalg.norm(along) < 1e-9:
+    direction = attribute_numbers(source, f"{label}, axis", None if axis is None else axis.get("xyz"), [1.0, 0.0, 0.0])
+    if kind in MOVABLE and np.linalg.norm(direction) < 1e-9:
         raise_invalid(source, f"{label} with axis zero", "a direction")
-    along = along / max(float(np.max(np.abs(along))), 1e-300)  # scaled first: the square of a large number overflows
-    along = along / max(float(np.linalg.norm(along)), 1e-300)
+    direction = direction / max(float(np.max(np.abs(direction))), 1e-300)  # the square of a large number overflows
+    direction = direction / max(float(np.linalg.norm(direction)), 1e-300)
     lower, upper, effort = _read_limits(source, element, kind, label)
-    return Joint(name, kind, parent, child, xyz, rpy, along, lower, upper, effort, _mimic(source, element, label))
+    return Joint(
+        name, kind, parent, child, xyz, rpy, direction, lower, upper, effort, _read_mimic(source, element, label)
+    )
 
 
 def _read_limits(source: Path, element: ET.Element, kind: str, label: str) -> tuple[float, float, float | None]:
+    """Return lower limit, upper limit and effort of a joint; infinite limits for mimic joints without."""
     limit = element.find("limit")
     if kind == "fixed":
         return 0.0, 0.0, None
@@ -232,9 +242,9 @@ def _read_limits(source: Path, element: ET.Element, kind: str, label: str) -> tu
         return -FULL_TURN / 2.0, FULL_TURN / 2.0, torque
     if limit is None or (limit.get("lower") is None and limit.get("upper") is None):
         if element.find("mimic") is None:
-            what = "<limit>" if limit is None else "lower and upper in its <limit>"
+            missing = "<limit>" if limit is None else "lower and upper in its <limit>"
             raise_invalid(
-                source, f"{label} without {what}", "limits on every revolute and prismatic joint, or type continuous"
+                source, f"{label} without {missing}", "limits on every revolute and prismatic joint, or type continuous"
             )
         return -np.inf, np.inf, torque
     lower = float(attribute_numbers(source, f"{label}, lower", limit.get("lower"), [0.0])[0])
@@ -244,13 +254,14 @@ def _read_limits(source: Path, element: ET.Element, kind: str, label: str) -> tu
     return lower, upper, torque
 
 
-def _mimic(source: Path, element: ET.Element, label: str) -> Mimic | None:
-    found = element.find("mimic")
-    if found is None:
+def _read_mimic(source: Path, element: ET.Element, label: str) -> Mimic | None:
+    """Return a joint's mimic relation; None where it follows no other."""
+    mimic = element.find("mimic")
+    if mimic is None:
         return None
-    multiplier = float(attribute_numbers(source, f"{label}, multiplier", found.get("multiplier"), [1.0])[0])
-    offset = float(attribute_numbers(source, f"{label}, offset", found.get("offset"), [0.0])[0])
-    return Mimic(found.get("joint", ""), multiplier, offset)
+    multiplier = float(attribute_numbers(source, f"{label}, multiplier", mimic.get("multiplier"), [1.0])[0])
+    offset = float(attribute_numbers(source, f"{label}, offset", mimic.get("offset"), [0.0])[0])
+    return Mimic(mimic.get("joint", ""), multiplier, offset)
 
 
 def orient_mimics(joints: tuple[Joint, ...]) -> tuple[tuple[Joint, ...], tuple[str, ...]]:
@@ -262,24 +273,24 @@ def orient_mimics(joints: tuple[Joint, ...]) -> tuple[tuple[Joint, ...], tuple[s
     Returns
     -------
     joints : tuple of Joint
-    turned : tuple of str
+    negated : tuple of str
         Each joint whose limits were taken with the other sign, with what it follows and its limits.
     """
     by_name = {j.name: j for j in joints}
-    result, turned = [], []
+    result, negated = [], []
     for joint in joints:
         mimic = joint.mimic
         if joint.moves and mimic is not None and mimic.multiplier < 0.0:
-            other = by_name[mimic.joint]
-            ends = [mimic.multiplier * end + mimic.offset for end in (other.upper, other.lower)]
-            stated = min(ends[1], joint.upper) - max(ends[0], joint.lower)
-            signed = min(ends[1], -joint.lower) - max(ends[0], -joint.upper)
-            if stated <= 0.0 < signed:
+            driver = by_name[mimic.joint]
+            ends = [mimic.multiplier * end + mimic.offset for end in (driver.upper, driver.lower)]
+            width = min(ends[1], joint.upper) - max(ends[0], joint.lower)
+            negated_width = min(ends[1], -joint.lower) - max(ends[0], -joint.upper)
+            if width <= 0.0 < negated_width:
                 text = f"limits {joint.lower:g} to {joint.upper:g} of joint {joint.name}, which follows joint"
-                turned.append(f"{text} {other.name} with multiplier {mimic.multiplier:g}")
+                negated.append(f"{text} {driver.name} with multiplier {mimic.multiplier:g}")
                 joint = replace(joint, lower=0.0 - joint.upper, upper=0.0 - joint.lower)
         result.append(joint)
-    return tuple(result), tuple(turned)
+    return tuple(result), tuple(negated)
 
 
 def read_shapes(
@@ -297,13 +308,13 @@ def read_shapes(
     shapes: dict[str, tuple[CollisionShape, ...]] = {}
     missing: list[str] = []
     for name in names:
-        found = []
+        link_shapes = []
         for element in links[name].findall("collision"):
             shape = _urdf_shape(source, name, element, missing)
             if shape is not None:
-                found.append(shape)
-        if found:
-            shapes[name] = tuple(found)
+                link_shapes.append(shape)
+        if link_shapes:
+            shapes[name] = tuple(link_shapes)
     if missing and not shapes:
         raise InputError(f"URDFHand.path: {source.name}", "missing " + "; ".join(missing), "mesh files that exist")
     return shapes, tuple(missing)
@@ -375,15 +386,15 @@ def _urdf_mesh_shape(
     return CollisionShape("mesh", mesh, file=MeshFile.of(name, path))
 
 
-def attribute_numbers(source: Path, where: str, text: str | None, default: Iterable[float]) -> FloatArray:
+def attribute_numbers(source: Path, label: str, text: str | None, default: Iterable[float]) -> FloatArray:
     """Return the numbers of an attribute, (m,), or the default where it is missing."""
-    wanted = np.array(list(default), dtype=float)
+    expected = np.array(list(default), dtype=float)
     if text is None:
-        return wanted
+        return expected
     try:
         values = np.array([float(v) for v in text.split()])
     except ValueError:
         values = np.array([np.nan])
-    if values.shape != wanted.shape or not np.all(np.isfinite(values)):
-        raise_invalid(source, f"{where} {text!r}", f"{wanted.size} finite number{'s' if wanted.size > 1 else ''}")
+    if values.shape != expected.shape or not np.all(np.isfinite(values)):
+        raise_invalid(source, f"{label} {text!r}", f"{expected.size} finite number{'s' if expected.size > 1 else ''}")
     return values

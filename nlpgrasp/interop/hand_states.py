@@ -13,7 +13,7 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.common.validation import UNITS, FloatArray, prefix_errors
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands.parallel_jaw import APPROACH_AXIS, CLOSING_AXIS, axis_direction, gripper_rotation, named
+from nlpgrasp.hands.parallel_jaw import APPROACH_AXIS, CLOSING_AXIS, axis_direction, axis_name, gripper_rotation
 from nlpgrasp.interop.base import ExportOptions
 from nlpgrasp.solution.obstructions import approach_obstructions, grasp_obstructions
 from nlpgrasp.solution.solution import GraspSolution
@@ -226,7 +226,7 @@ def warn_of_axes(hand: HandStates, options: ExportOptions) -> None:
         for part, axis in CLOSING_AXES.items():
             cosine = abs(float(axis_direction("axis", axis) @ hand.closing))
             if part in name.lower() and not cosine >= 1.0 - PARALLEL_TOLERANCE:
-                pose_axis = f"{named(hand.closing)} of the gripper's frame"
+                pose_axis = f"{axis_name(hand.closing)} of the gripper's frame"
                 text = f"{name} closes along its {axis} axis, the exported pose along {pose_axis}"
                 warn(f'{text}: solve with ng.ParallelJaw(..., closing_axis="{axis}")')
                 return

@@ -1,7 +1,7 @@
-"""Straight approach of the palm with an open hand: a collision-free direction and opening.
+"""Straight approach of the palm with an open hand: search of a collision-free direction and opening.
 
-The fingers open from the grasp towards the pregrasp or wider (``opened``). From there the palm leaves in the first
-direction that is free (``free_approach``); the approach is that path in reverse.
+The fingers open from the grasp towards the pregrasp or wider (``open_fingers``). From there the palm leaves in the
+first direction that is free (``find_free_approach``); the approach is that path in reverse.
 """
 
 from __future__ import annotations
@@ -18,52 +18,53 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.motion.link_clearance import BoolArray, CollisionModel
-from nlpgrasp.motion.straight_path import PathPosture, StraightPath, straight_way
+from nlpgrasp.motion.straight_path import PathPosture, StraightPath, follow_straight_path
 
-WIDER = (1.0, 2.0, 4.0)  # openings tried, times the pregrasp's
-CLOSER, BESIDE = np.radians([13.0, 6.5, 3.2, 1.6]), 6  # angles from the direction free longest; directions at each
-SAME = 1e-9  # difference of a cosine from 1 below which two directions count as one
+OPENING_FACTORS = (1.0, 2.0, 4.0)  # openings tried, times the pregrasp's
+CLOSER_ANGLES = np.radians([13.0, 6.5, 3.2, 1.6])  # radians from the direction that is free longest
+CLOSER_COUNT = 6  # directions at each of these angles
+DIRECTION_TOLERANCE = 1e-9  # difference of a cosine from 1 below which two directions count as one
 
 
-def free_approach(
-    around: CollisionModel,
+def find_free_approach(
+    model: CollisionModel,
     open_hand: Callable[[float], OpeningPath],
-    ways: Sequence[FloatArray],
+    directions: Sequence[FloatArray],
     distance: Callable[[Values, FloatArray], float],
     locate: bool = True,
 ) -> ApproachPath:
     """Return the first collision-free approach direction of the open hand, opened wider where none is free.
 
-    Where none of several is, others are looked at about the one that is free longest, nearer and nearer to it: the way
-    out of a narrow place lies between the directions of any list.
+    Where none of several is free, others are tried about the one that is free longest, nearer and nearer to it: the
+    path out of a narrow place lies between the directions of any list.
 
     Parameters
     ----------
-    around : CollisionModel
+    model : CollisionModel
     open_hand : callable
-        How wide, times the pregrasp's opening, to the opened hand.
-    ways : sequence of (3,) arrays
-        Directions of the palm towards the grasp, unit, body frame, those that are liked best first.
+        Opening, as a multiple of the pregrasp's, to the path of the opening hand.
+    directions : sequence of (3,) arrays
+        Directions of the palm towards the grasp, unit, body frame, in order of preference.
     distance : callable
-        The open hand and a direction to how far the palm moves, metres.
+        The open hand's values and a direction to the distance that the palm moves, metres.
     locate : bool
-        Whether ``BlockedDirection.free`` is to be found to the tolerance.
+        Whether ``BlockedDirection.free`` is computed to the tolerance.
     """
     blocked = list[BlockedDirection]()
-    fingers, longest = None, 0.0
-    for times in WIDER:
-        opened = open_hand(times)
-        if opened.blocked_by:
-            return ApproachPath(f"the fingers cannot open: {opened.blocked_by}", (), fingers)
-        fingers = fingers or opened
-        for way in _closer_directions(ways, blocked):
-            longest = distance(opened.values, way)
-            found = _free_part(around, opened.values, way, longest, locate)
-            if not found.blocked_by:
-                return ApproachPath("", tuple(blocked), opened, way, longest, found.places)
-            blocked.append(BlockedDirection(way, found.free * longest, times, found.blocked_by))
-    count = sum(b.times == WIDER[0] for b in blocked)
-    return ApproachPath(_blocking_reason(blocked, count, longest), tuple(blocked), fingers)
+    opening, length = None, 0.0
+    for factor in OPENING_FACTORS:
+        path = open_hand(factor)
+        if path.blocked_by:
+            return ApproachPath(f"the fingers cannot open: {path.blocked_by}", (), opening)
+        opening = opening or path
+        for direction in _closer_directions(directions, blocked):
+            length = distance(path.values, direction)
+            section = _free_section(model, path.values, direction, length, locate)
+            if not section.blocked_by:
+                return ApproachPath("", tuple(blocked), path, direction, length, section.postures)
+            blocked.append(BlockedDirection(direction, section.free * length, factor, section.blocked_by))
+    count = sum(b.times == OPENING_FACTORS[0] for b in blocked)
+    return ApproachPath(_blocking_reason(blocked, count, length), tuple(blocked), opening)
 
 
 @dataclass(frozen=True)
@@ -75,15 +76,15 @@ class ApproachPath:
     reason : str
         Why no direction is free; empty where one is.
     blocked : tuple of BlockedDirection
-        Those that were looked at before.
+        The blocked directions that were tried before.
     fingers : OpeningPath or None
-        The hand as wide open as at the last look; None where it does not open.
+        Opening of the fingers; None where they do not open.
     direction : (3,) array or None
-        In which the palm moves towards the grasp, unit, body frame.
+        Direction of the palm's motion towards the grasp, unit, body frame.
     distance : float
-        How far, metres.
+        Length of the path, metres.
     outside : tuple of PathPosture
-        From the open hand at the grasp on, away from it.
+        Postures from the open hand at the grasp on, away from it.
     """
 
     reason: str
@@ -126,7 +127,7 @@ class BlockedDirection:
 
 
 def approach_candidates(hand: URDFHand, values: Values, count: int) -> list[FloatArray]:
-    """Return candidate approach directions of the palm, the one in which it faces first, the nearest to it next.
+    """Return candidate approach directions of the palm, by increasing angle from the one in which it faces.
 
     Parameters
     ----------
@@ -134,24 +135,24 @@ def approach_candidates(hand: URDFHand, values: Values, count: int) -> list[Floa
     values : dict
         Of its variables in the grasp.
     count : int
-        How many are spread over the sphere; beside them are the axes of palm and body, both ways. One is that in which
-        the palm faces alone.
+        Number of directions spread over the sphere, to which the axes of palm and body are added, both ways; 1 for the
+        palm's facing direction alone.
 
     Returns
     -------
     list of (3,) arrays
         Unit, body frame.
     """
-    first = palm_direction(hand, values)
-    ways = directions_around(first, count)
+    facing = palm_direction(hand, values)
+    directions = directions_around(facing, count)
     if count > 1:
         axes = np.concatenate([hand.tree.palm_frame(values)[:3, :3].T, np.eye(3)])
-        ways = np.concatenate([ways, axes, -axes])
-    kept: list[FloatArray] = []
-    for way in ways[np.argsort(-(ways @ first), kind="stable")]:
-        if all(way @ other < 1.0 - SAME for other in kept):
-            kept.append(way)
-    return kept
+        directions = np.concatenate([directions, axes, -axes])
+    result: list[FloatArray] = []
+    for direction in directions[np.argsort(-(directions @ facing), kind="stable")]:
+        if all(direction @ other < 1.0 - DIRECTION_TOLERANCE for other in result):
+            result.append(direction)
+    return result
 
 
 def palm_direction(hand: URDFHand, values: Values) -> FloatArray:
@@ -159,52 +160,52 @@ def palm_direction(hand: URDFHand, values: Values) -> FloatArray:
     return np.asarray(hand.tree.palm_frame(values)[:3, :3] @ hand.tree.approach)
 
 
-def opened(around: CollisionModel, grasp: Values, pregrasp: Values, times: float) -> OpeningPath:
+def open_fingers(model: CollisionModel, grasp: Values, pregrasp: Values, factor: float) -> OpeningPath:
     """Return the hand opened from its grasp towards a multiple of its pregrasp, within the joint limits.
 
-    All go on together; what is blocked stays where it is, and the others go on without. Fingertips may be as near the
-    body as in the program (``CollisionModel.allowed``): they touch it in the end. Balls of links that overlap in
-    the grasp, which the program allows where they hardly ever do, may go on doing so, no deeper.
+    All joints move together; those that are blocked stop, and the others continue. Fingertips may be as near the body
+    as in the program (``CollisionModel.least_clearances``), because they touch it in the end. Link spheres that overlap
+    in the grasp may overlap on the path too, no deeper.
 
     Parameters
     ----------
-    around : CollisionModel
+    model : CollisionModel
     grasp, pregrasp : dict
         Values of the hand's variables.
-    times : float
+    factor : float
         1 for the pregrasp itself.
     """
-    lower, upper = around.hand.tree.joint_limits
-    joints = grasp["joints"] + times * (pregrasp["joints"] - grasp["joints"])
-    aim = {**grasp, "joints": np.clip(joints, lower, upper), "palm_position": pregrasp["palm_position"]}
-    places, free, blocked, legs = list[PathPosture](), np.ones(len(lower), bool), "", 0
-    while not places or free.any():
-        here = places[-1].values if places else grasp
-        way = straight_way(around, _towards(here, aim, free), partial(_least_clearances, around))
-        if not way.places:
-            return OpeningPath((), way.blocked_by)
-        legs += len(way.places) > 1
-        places += way.places[1:] if places else way.places
-        while len(places) > 1 and _least_clearance(around, places[-1]) < min(0.0, _least_clearance(around, places[0])):
-            places.pop()  # open, the fingers stay out of everything, also by less than the tolerance
-        blocked = blocked or way.blocked_by
-        if not np.any(free & way.moved_by):  # nothing is in the way, or nothing that a joint moves
+    lower, upper = model.hand.tree.joint_limits
+    joints = grasp["joints"] + factor * (pregrasp["joints"] - grasp["joints"])
+    goal = {**grasp, "joints": np.clip(joints, lower, upper), "palm_position": pregrasp["palm_position"]}
+    limits = partial(_clearance_limits, model, model.pair_mask())
+    postures, is_free, blocked_by, leg_count = list[PathPosture](), np.ones(len(lower), bool), "", 0
+    while not postures or is_free.any():
+        start = postures[-1].values if postures else grasp
+        leg = follow_straight_path(model, _straight_motion(start, goal, is_free), limits)
+        if not leg.postures:
+            return OpeningPath((), leg.blocked_by)
+        leg_count += len(leg.postures) > 1
+        postures += leg.postures[1:] if postures else leg.postures
+        _drop_penetrating(model, postures)
+        blocked_by = blocked_by or leg.blocked_by
+        if not np.any(is_free & leg.moving_joints):  # no obstruction, or none that a free joint moves
             break
-        free &= ~way.moved_by
-    return OpeningPath(tuple(places), "" if len(places) > 1 else blocked, legs <= 1)
+        is_free &= ~leg.moving_joints
+    return OpeningPath(tuple(postures), "" if len(postures) > 1 else blocked_by, leg_count <= 1)
 
 
-def open_hand_straight(around: CollisionModel, grasp: Values, pregrasp: Values, times: float) -> OpeningPath:
-    """Return the hand opened as by ``opened``, or less, along one straight joint path."""
-    found = opened(around, grasp, pregrasp, times)
-    if found.blocked_by or found.straight:
-        return found
-    ends, free = found.values, np.ones(len(grasp["joints"]), bool)
-    way = straight_way(around, _towards(grasp, ends, free), partial(_least_clearances, around))
-    places = list(way.places)
-    while len(places) > 1 and _least_clearance(around, places[-1]) < min(0.0, _least_clearance(around, places[0])):
-        places.pop()
-    return OpeningPath(tuple(places), "" if len(places) > 1 else way.blocked_by)
+def open_hand_straight(model: CollisionModel, grasp: Values, pregrasp: Values, factor: float) -> OpeningPath:
+    """Return the hand opened as by ``open_fingers``, or less, along one straight joint path."""
+    opening = open_fingers(model, grasp, pregrasp, factor)
+    if opening.blocked_by or opening.straight:
+        return opening
+    goal, is_free = opening.values, np.ones(len(grasp["joints"]), bool)
+    limits = partial(_clearance_limits, model, model.pair_mask())
+    path = follow_straight_path(model, _straight_motion(grasp, goal, is_free), limits)
+    postures = list(path.postures)
+    _drop_penetrating(model, postures)
+    return OpeningPath(tuple(postures), "" if len(postures) > 1 else path.blocked_by)
 
 
 @dataclass(frozen=True)
@@ -213,84 +214,88 @@ class OpeningPath:
 
     Parameters
     ----------
-    places : tuple of PathPosture
+    postures : tuple of PathPosture
         The grasp first.
     blocked_by : str
-        What is in the way where no finger opens at all; empty otherwise.
+        The obstruction where no finger opens at all; empty otherwise.
     straight : bool
-        Whether all joints go on one straight line.
+        Whether the path is one straight line in joint space.
     """
 
-    places: tuple[PathPosture, ...]
+    postures: tuple[PathPosture, ...]
     blocked_by: str
     straight: bool = True
 
     @property
     def values(self) -> Values:
         """Values of the hand's variables when it is open."""
-        return self.places[-1].values
+        return self.postures[-1].values
 
 
-def opening_distances(around: CollisionModel, values: Values, grasp: Values) -> FloatArray:
+def opening_distances(model: CollisionModel, values: Values, grasp: Values) -> FloatArray:
     """Return each fingertip's distance from its position in the grasp, palm frame, (k,), metres."""
-    there, here = around.hand.tree.palm_tips(np.stack([values["joints"], grasp["joints"]]))
-    return np.asarray(np.linalg.norm(there - here, axis=1))
+    open_tips, grasp_tips = model.hand.tree.palm_tips(np.stack([values["joints"], grasp["joints"]]))
+    return np.asarray(np.linalg.norm(open_tips - grasp_tips, axis=1))
 
 
-def _closer_directions(ways: Sequence[FloatArray], blocked: Sequence[BlockedDirection]) -> Iterator[FloatArray]:
-    """Yield directions, then ones ever nearer to the longest free one; ``blocked`` grows by all but the last."""
-    before = len(blocked)
-    yield from ways
-    if len(ways) == 1:
+def _closer_directions(directions: Sequence[FloatArray], blocked: Sequence[BlockedDirection]) -> Iterator[FloatArray]:
+    """Yield the directions, then others ever nearer to the longest free one; the caller extends ``blocked``."""
+    count = len(blocked)
+    yield from directions
+    if len(directions) == 1:
         return
-    for angle in CLOSER:
-        best = max(blocked[before:], key=lambda b: b.free)
+    for angle in CLOSER_ANGLES:
+        best = max(blocked[count:], key=lambda b: b.free)
         if best.free <= 0.0:
             return
-        yield from directions_beside(best.direction, angle, BESIDE)
+        yield from directions_beside(best.direction, angle, CLOSER_COUNT)
 
 
-def _free_part(around: CollisionModel, start: Values, way: FloatArray, distance: float, locate: bool) -> StraightPath:
+def _free_section(
+    model: CollisionModel, start: Values, direction: FloatArray, distance: float, locate: bool
+) -> StraightPath:
     """Return the collision-free part of the path out along a direction, from the open hand at the grasp."""
 
-    def away(share: float) -> Values:
-        return {**start, "palm_position": start["palm_position"] - share * distance * way}
+    def posture(share: float) -> Values:
+        return {**start, "palm_position": start["palm_position"] - share * distance * direction}
 
-    def allowed(first: PathPosture) -> FloatArray:
-        least = around.least_clearances()
-        as_there = around.of_tips() | around.is_of_pair()
-        least[as_there] = np.minimum(first.clearances[as_there], 0.0)
-        return least
-
-    return straight_way(around, away, allowed, locate)
+    limits = partial(_clearance_limits, model, model.tip_mask() | model.pair_mask())
+    return follow_straight_path(model, posture, limits, locate)
 
 
 def _blocking_reason(blocked: list[BlockedDirection], count: int, distance: float) -> str:
     """Return the reason why every direction is blocked: that of the longest free one."""
     best = max(blocked, key=lambda b: b.free)
-    which = np.array2string(best.direction, precision=2, suppress_small=True)
-    said = f"the longest, along {which}, is free for {1e3 * best.free:.0f} mm: {best.reason}"
-    one = "the direction is not" if count == 1 else f"none of {count} directions is"
-    return f"{one} free for {1e3 * distance:.0f} mm; {said}"
+    direction = np.array2string(best.direction, precision=2, suppress_small=True)
+    longest = f"the longest, along {direction}, is free for {1e3 * best.free:.0f} mm: {best.reason}"
+    subject = "the direction is not" if count == 1 else f"none of {count} directions is"
+    return f"{subject} free for {1e3 * distance:.0f} mm; {longest}"
 
 
-def _least_clearances(around: CollisionModel, first: PathPosture) -> FloatArray:
-    """Return the least clearances, (n,), metres; links that overlap in the grasp may do so, no deeper."""
-    least, pairs = around.least_clearances(), around.is_of_pair()
-    least[pairs] = np.minimum(first.clearances[pairs], 0.0)
-    return least
+def _clearance_limits(model: CollisionModel, relaxed: BoolArray, first: PathPosture) -> FloatArray:
+    """Return the least admissible clearances, (n,), metres; those of a mask may stay as they are at first."""
+    limits = model.least_clearances()
+    limits[relaxed] = np.minimum(first.clearances[relaxed], 0.0)
+    return limits
 
 
-def _towards(here: Values, aim: Values, free: BoolArray) -> Callable[[float], Values]:
+def _straight_motion(start: Values, goal: Values, is_free: BoolArray) -> Callable[[float], Values]:
     """Return the straight path of the free joints to their goal; the palm moves along while all are free."""
-    ends = {"joints": np.where(free, aim["joints"], here["joints"])}
-    ends["palm_position"] = aim["palm_position"] if free.all() else here["palm_position"]
+    targets = {"joints": np.where(is_free, goal["joints"], start["joints"])}
+    targets["palm_position"] = goal["palm_position"] if is_free.all() else start["palm_position"]
 
     def posture(share: float) -> Values:
-        return {**here, **{name: here[name] + share * (end - here[name]) for name, end in ends.items()}}
+        return {**start, **{name: start[name] + share * (end - start[name]) for name, end in targets.items()}}
 
     return posture
 
 
-def _least_clearance(around: CollisionModel, place: PathPosture) -> float:
-    return float(np.min(place.clearances - around.least_clearances(), initial=np.inf))
+def _drop_penetrating(model: CollisionModel, postures: list[PathPosture]) -> None:
+    """Remove the last postures as long as they penetrate anything, also by less than the tolerance."""
+    while len(postures) > 1 and _least_clearance(model, postures[-1]) < min(0.0, _least_clearance(model, postures[0])):
+        postures.pop()
+
+
+def _least_clearance(model: CollisionModel, posture: PathPosture) -> float:
+    """Return the least slack of a posture's clearances, metres."""
+    return float(np.min(posture.clearances - model.least_clearances(), initial=np.inf))

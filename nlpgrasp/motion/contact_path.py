@@ -1,4 +1,4 @@
-"""Contact paths over a body's surface: shortest paths, stations, and full motions of a finger.
+"""Contact paths over a body's surface: shortest paths, their refinement, and the transfer of a finger.
 
 A shortest path in a graph of surface samples gives the first stations (``SurfaceGraph``). ``ContactPath`` refines them;
 ``FingerTransfer`` adds lifting off and setting down.
@@ -6,7 +6,7 @@ A shortest path in a graph of surface samples gives the first stations (``Surfac
 Between two stations the contact moves on the chord. On a surface with radius of curvature rho, a chord of length h is
 off the surface by at most ``h^2 / (8 rho)``. Instead of estimating rho, the chord's middle is projected onto the
 surface; chords whose middle is off by more than a share of the tolerance, or over which the normal turns by more than
-``MOST_TURN``, are halved, which quarters the error. At an edge between two faces the contact stops, and its normal
+``MAX_TURN``, are halved, which quarters the error. At an edge between two faces the contact stops, and its normal
 turns from one face's to the other's: the fingertip rolls over the edge.
 """
 
@@ -25,18 +25,18 @@ from scipy.spatial import cKDTree
 from nlpgrasp.bodies import Body
 from nlpgrasp.common.validation import FloatArray
 
-MOST_TURN = np.radians(10.0)  # largest turn of the normal over a chord
-LEVELS = 8  # halvings of a chord, at most
-SHARE = 0.25  # share of the tolerance allowed at a chord's middle
-NEWTON_STEPS = 20  # to the point of an edge, at most
-SLIDING, LIFTING_OFF, OVER, DOWN = "sliding", "lifting off", "lifted", "setting down"  # phases
+MAX_TURN = np.radians(10.0)  # largest turn of the normal over a chord
+LEVELS = 8  # largest number of halvings of a chord
+MIDDLE_SHARE = 0.25  # share of the tolerance allowed at a chord's middle
+NEWTON_STEPS = 20  # largest number of Newton steps to the point of an edge
+SLIDING, LIFTING_OFF, LIFTED, SETTING_DOWN = "sliding", "lifting off", "lifted", "setting down"  # phases
 SAMPLES, NEIGHBOURS = 3000, 14  # samples in the graph, in all; edges from each
 LARGEST_GAP = 0.3  # share of a graph edge's length: largest distance of its middle from the surface
 
 
 @dataclass(frozen=True)
 class PathStation:
-    """A point of the path: position, inward unit normal and face."""
+    """Point of a contact path: position, inward unit normal and face."""
 
     point: FloatArray
     normal: FloatArray
@@ -53,20 +53,20 @@ class SurfaceGraph:
 
     def __init__(self, body: Body) -> None:
         rng = np.random.default_rng(0)
-        each = max(SAMPLES // len(body.faces), 60)
-        samples = {name: body.sample(name, each, rng) for name in body.face_names}
+        count = max(SAMPLES // len(body.faces), 60)
+        samples = {name: body.sample(name, count, rng) for name in body.face_names}
         self.points = np.concatenate(list(samples.values()))
         self.normals = np.concatenate([-body.evaluate(name, p)[2] for name, p in samples.items()])
         self.faces = np.repeat(list(samples), [len(p) for p in samples.values()])
         self._tree: Any = cKDTree(self.points)
-        found: Any = self._tree.query(self.points, NEIGHBOURS + 1)
-        rows = np.repeat(np.arange(len(self.points)), NEIGHBOURS)
-        lengths, columns = (part[:, 1:].ravel() for part in found)
-        middle = (self.points[rows] + self.points[columns]) / 2.0
-        off = np.abs(np.asarray(body.distance_function.map(len(middle))(middle.T).full()).ravel())
-        good = off <= LARGEST_GAP * lengths
+        neighbours: Any = self._tree.query(self.points, NEIGHBOURS + 1)
+        starts = np.repeat(np.arange(len(self.points)), NEIGHBOURS)
+        lengths, ends = (result[:, 1:].ravel() for result in neighbours)
+        middle = (self.points[starts] + self.points[ends]) / 2.0
+        offsets = np.abs(np.asarray(body.distance_function.map(len(middle))(middle.T).full()).ravel())
+        is_near = offsets <= LARGEST_GAP * lengths
         shape = (len(self.points), len(self.points))
-        self._edges: Any = sparse.csr_matrix((lengths[good], (rows[good], columns[good])), shape)
+        self._edges: Any = sparse.csr_matrix((lengths[is_near], (starts[is_near], ends[is_near])), shape)
 
     def distances(self, start: FloatArray, ends: FloatArray) -> FloatArray:
         """Return the lengths of the shortest paths from a point to others, (m,), metres; inf without a path."""
@@ -74,17 +74,17 @@ class SurfaceGraph:
         return np.asarray(lengths[self._tree.query(ends)[1]])
 
     def stations(self, start: PathStation, end: PathStation) -> list[PathStation]:
-        """Return the shortest path between two stations: these and the sample points between."""
-        between = self._nodes(start.point, end.point)[1:-1]
-        return [start, *(PathStation(self.points[i], self.normals[i], str(self.faces[i])) for i in between), end]
+        """Return the stations of the shortest path between two: these and the sample points between."""
+        numbers = self._nodes(start.point, end.point)[1:-1]
+        return [start, *(PathStation(self.points[i], self.normals[i], str(self.faces[i])) for i in numbers), end]
 
     def _nodes(self, start: FloatArray, end: FloatArray) -> list[int]:
         """Return the sample points of the path, those nearest to its ends included."""
         a, b = self._nearest(start), self._nearest(end)
-        _, before = dijkstra(self._edges, False, a, True)
+        _, predecessors = dijkstra(self._edges, False, a, True)
         nodes = [b]
-        while nodes[-1] != a and before[nodes[-1]] >= 0:
-            nodes.append(int(before[nodes[-1]]))
+        while nodes[-1] != a and predecessors[nodes[-1]] >= 0:
+            nodes.append(int(predecessors[nodes[-1]]))
         return nodes[::-1] if len(nodes) > 1 else [a, b]
 
     def _nearest(self, p: FloatArray) -> Any:
@@ -92,7 +92,7 @@ class SurfaceGraph:
 
 
 class ContactPath:
-    """Path of a contact over a body.
+    """Path of a contact over a body's surface, refined to a tolerance.
 
     Parameters
     ----------
@@ -114,13 +114,13 @@ class ContactPath:
     """
 
     def __init__(self, body: Body, stations: Sequence[PathStation], arm: float, tolerance: float) -> None:
-        found = _refine_stations(body, _add_edge_stations(body, stations), SHARE * tolerance)
-        self.points = np.array([s.point for s in found])
-        self.normals = np.array([s.normal for s in found])
-        along = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
+        refined = _refine_stations(body, _add_edge_stations(body, stations), MIDDLE_SHARE * tolerance)
+        self.points = np.array([s.point for s in refined])
+        self.normals = np.array([s.normal for s in refined])
+        chords = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
         cosines = np.clip(np.sum(self.normals[1:] * self.normals[:-1], axis=1), -1.0, 1.0)
-        self.lengths = np.concatenate([[0.0], np.cumsum(along)])
-        self.steps = np.concatenate([[0.0], np.cumsum(along + arm * np.arccos(cosines))])
+        self.lengths = np.concatenate([[0.0], np.cumsum(chords)])
+        self.steps = np.concatenate([[0.0], np.cumsum(chords + arm * np.arccos(cosines))])
 
     @property
     def total(self) -> float:
@@ -133,48 +133,48 @@ class ContactPath:
         rolls = np.concatenate([[False], (np.diff(self.lengths) == 0.0) & (np.diff(self.steps) > 0.0), [False]])
         return np.asarray(self.steps[rolls[1:] != rolls[:-1]])
 
-    def at(self, way: float) -> tuple[FloatArray, FloatArray, float]:
+    def at(self, path_length: float) -> tuple[FloatArray, FloatArray, float]:
         """Return point, inward unit normal and arc length on the surface at a path length."""
-        i = int(np.clip(np.searchsorted(self.steps, way, side="right") - 1, 0, len(self.steps) - 2))
+        i = int(np.clip(np.searchsorted(self.steps, path_length, side="right") - 1, 0, len(self.steps) - 2))
         span = self.steps[i + 1] - self.steps[i]
-        share = float(np.clip((way - self.steps[i]) / span, 0.0, 1.0)) if span > 0.0 else 1.0
+        share = float(np.clip((path_length - self.steps[i]) / span, 0.0, 1.0)) if span > 0.0 else 1.0
         p, n, length = ((1.0 - share) * a[i] + share * a[i + 1] for a in (self.points, self.normals, self.lengths))
         return p, n / np.linalg.norm(n), float(length)
 
 
 @dataclass(frozen=True)
 class FingerTransfer:
-    """Full path of a finger to its new contact.
+    """Transfer of a finger to its new contact: lifting off, moving over the surface, setting down.
 
     Parameters
     ----------
-    footpath : ContactPath
+    path : ContactPath
     lift : float
         Height of the fingertip above the surface, metres; 0 for sliding.
     """
 
-    footpath: ContactPath
+    path: ContactPath
     lift: float
 
     @property
     def total(self) -> float:
         """Total path length, metres, lifting and setting down included."""
-        return self.footpath.total + 2.0 * self.lift
+        return self.path.total + 2.0 * self.lift
 
     @property
     def phase_changes(self) -> tuple[float, ...]:
         """Path lengths at which phases change, which are waypoints."""
-        ends = (self.lift, self.lift + self.footpath.total) if self.lift else ()
-        return (*ends, self.total)
+        changes = (self.lift, self.lift + self.path.total) if self.lift else ()
+        return (*changes, self.total)
 
-    def at(self, way: float) -> TargetContact:
-        """Return the foothold at a path length, metres."""
-        over = self.footpath.total
-        point, normal, along = self.footpath.at(min(max(way - self.lift, 0.0), over))
+    def at(self, path_length: float) -> TargetContact:
+        """Return the target contact at a path length, metres."""
+        length = self.path.total
+        point, normal, along = self.path.at(min(max(path_length - self.lift, 0.0), length))
         if not self.lift:
             return TargetContact(point, normal, along, SLIDING)
-        height = max(min(way, self.lift, self.total - way), 0.0)
-        phase = LIFTING_OFF if way < self.lift else DOWN if way > self.lift + over else OVER
+        height = max(min(path_length, self.lift, self.total - path_length), 0.0)
+        phase = LIFTING_OFF if path_length < self.lift else SETTING_DOWN if path_length > self.lift + length else LIFTED
         return TargetContact(point - height * normal, normal, along, phase, height)
 
 
@@ -211,8 +211,8 @@ def _add_edge_stations(body: Body, stations: Sequence[PathStation]) -> list[Path
 
 
 def _edge_point(body: Body, a: PathStation, b: PathStation) -> list[PathStation]:
-    """Return the point near two stations that lies on both faces, by Newton's method; none where there is none."""
-    p, far = (a.point + b.point) / 2.0, float(np.linalg.norm(a.point - b.point))
+    """Return the edge point of two faces, with each face's normal, by Newton's method; empty where it fails."""
+    p, distance = (a.point + b.point) / 2.0, float(np.linalg.norm(a.point - b.point))
     start = p
     for _ in range(NEWTON_STEPS):
         h, normals = _face_distances(body, (a.face, b.face), p)
@@ -221,55 +221,54 @@ def _edge_point(body: Body, a: PathStation, b: PathStation) -> list[PathStation]
         if np.linalg.norm(step) < 1e-12 * body.size:
             break
     h, normals = _face_distances(body, (a.face, b.face), p)
-    if np.max(np.abs(h)) > 1e-6 * body.size or np.linalg.norm(p - start) > 2.0 * far:
+    if np.max(np.abs(h)) > 1e-6 * body.size or np.linalg.norm(p - start) > 2.0 * distance:
         return []
     return [PathStation(p, -n, s.face) for n, s in zip(normals, (a, b), strict=True)]
 
 
 def _face_distances(body: Body, faces: Sequence[str], p: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return first-order distance and outward normal of each face at a point."""
-    found = [body.evaluate(face, p[None]) for face in faces]
-    return np.array([h[0] / max(slope[0], 1e-12) for h, slope, _, _ in found]), np.array([n[0] for _, _, n, _ in found])
+    evaluations = [body.evaluate(face, p[None]) for face in faces]
+    distances = [h[0] / max(slope[0], 1e-12) for h, slope, _, _ in evaluations]
+    return np.array(distances), np.array([normal[0] for _, _, normal, _ in evaluations])
 
 
-def _refine_stations(body: Body, stations: list[PathStation], enough: float) -> list[PathStation]:
+def _refine_stations(body: Body, stations: list[PathStation], tolerance: float) -> list[PathStation]:
     """Return the stations refined until chords are near the surface and normals turn little."""
-    done = [False] * (len(stations) - 1)
+    is_fine = [False] * (len(stations) - 1)
     for _ in range(LEVELS):
-        open_ones = [i for i, known in enumerate(done) if not known]
-        if not open_ones:
+        coarse = [i for i, fine in enumerate(is_fine) if not fine]
+        if not coarse:
             break
-        middles = _middles(body, [(stations[i], stations[i + 1]) for i in open_ones])
-        longer, known = [stations[0]], []
-        for i, finished in enumerate(done):
+        middles = _middle_stations(body, [(stations[i], stations[i + 1]) for i in coarse])
+        refined, flags = [stations[0]], []
+        for i, fine in enumerate(is_fine):
             a, b = stations[i], stations[i + 1]
-            if not finished:
-                middle = middles[open_ones.index(i)]
-                off = float(np.linalg.norm(middle.point - (a.point + b.point) / 2.0))
-                turned = float(np.arccos(np.clip(a.normal @ b.normal, -1.0, 1.0)))
-                straight = off <= enough and turned <= MOST_TURN
-                if not straight:
-                    longer.append(middle)
-                    known.append(False)
-                known.append(straight)
-            else:
-                known.append(True)
-            longer.append(b)
-        stations, done = longer, known
+            if not fine:
+                middle = middles[coarse.index(i)]
+                offset = float(np.linalg.norm(middle.point - (a.point + b.point) / 2.0))
+                turn = float(np.arccos(np.clip(a.normal @ b.normal, -1.0, 1.0)))
+                fine = offset <= tolerance and turn <= MAX_TURN
+                if not fine:
+                    refined.append(middle)
+                    flags.append(False)
+            flags.append(fine)
+            refined.append(b)
+        stations, is_fine = refined, flags
     return stations
 
 
-def _middles(body: Body, pairs: Sequence[tuple[PathStation, PathStation]]) -> list[PathStation]:
-    """Return the station half way between two: on the surface, or with the mean normal at one point."""
+def _middle_stations(body: Body, pairs: Sequence[tuple[PathStation, PathStation]]) -> list[PathStation]:
+    """Return the station half way between each pair: on the surface, or with the mean normal at one point."""
     middles = np.array([(a.point + b.point) / 2.0 for a, b in pairs])
-    apart = np.array([np.linalg.norm(a.point - b.point) for a, b in pairs])
+    lengths = np.array([np.linalg.norm(a.point - b.point) for a, b in pairs])
     normals = np.array([a.normal + b.normal for a, b in pairs])
     normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
     faces = [a.face for a, _ in pairs]
-    same = np.array([a.face == b.face for a, b in pairs]) & (apart > 1e-9 * body.size)
+    on_one_face = np.array([a.face == b.face for a, b in pairs]) & (lengths > 1e-9 * body.size)
     for face in set(faces):
-        own = np.flatnonzero(same & np.array([f == face for f in faces]))
-        if len(own):
-            middles[own] = body.snap(face, middles[own])
-            normals[own] = -body.evaluate(face, middles[own])[2]
+        indices = np.flatnonzero(on_one_face & np.array([f == face for f in faces]))
+        if len(indices):
+            middles[indices] = body.snap(face, middles[indices])
+            normals[indices] = -body.evaluate(face, middles[indices])[2]
     return [PathStation(p, n, face) for p, n, face in zip(middles, normals, faces, strict=True)]

@@ -19,7 +19,7 @@ Distance = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
-class Field:
+class DistanceField:
     """A distance field of the body or an obstacle, less its required clearance.
 
     Parameters
@@ -34,59 +34,57 @@ class Field:
     distance: Distance
 
 
-def fields_of(body: Body, constraints: Sequence[PlacementConstraint], contacts: int) -> list[Field]:
-    """Return the body's distance field, then that of each constraint that keeps links away from something.
+def build_distance_fields(body: Body, constraints: Sequence[PlacementConstraint], contacts: int) -> list[DistanceField]:
+    """Return the distance fields of the body and of each constraint that keeps links away from something.
 
     Each constraint is evaluated for a probe, a link sphere of zero radius, so that its scalar constraints are
     distances of the centre; a ball of radius r satisfies them where they are at least r. Constraints that do not
     involve links, such as ``Spread``, apply to grasps only, not to the hand's motion.
     """
-    fields = [Field("the body", body.signed_distance)]
-    names = count(1)
+    fields = [DistanceField("the body", body.signed_distance)]
+    numbers = count(1)
     for constraint in constraints:
         distances = list(_probe_distances(constraint, contacts, body))
         if distances:
-            kind, which = constraint.kind, next(names)
+            kind, number = constraint.kind, next(numbers)
             label = getattr(constraint, "name", kind) if kind == "obstacle" else kind
-            taken = {f.name for f in fields}
-            fields.append(Field(f"{label} {which}" if label in taken else str(label), _least_of(distances)))
+            names = {f.name for f in fields}
+            fields.append(DistanceField(f"{label} {number}" if label in names else str(label), _least_of(distances)))
     return fields
 
 
-def distance_to_all(fields: Sequence[Field]) -> Distance:
+def distance_to_all(fields: Sequence[DistanceField]) -> Distance:
     """Return the minimum of several distance fields."""
     return _least_of([field.distance for field in fields])
 
 
 def _probe_distances(constraint: PlacementConstraint, contacts: int, body: Body) -> Iterator[Distance]:
     """Yield a constraint's distances of a probe as functions of its position."""
-    where = ca.SX.sym("probe", body.space)
+    position = ca.SX.sym("probe", body.space)
     positions, normals = ([ca.SX.sym(name, body.space) for _ in range(contacts)] for name in "pn")
     palm = None
     if body.space == 3:
         palm = PalmPose(*(ca.SX.sym(name, *size) for name, size in zip("tRa", ((3,), (3, 3), (3,)), strict=True)))
-    probe = LinkSphere(PROBE, where, 0.0)
+    probe = LinkSphere(PROBE, position, 0.0)
     placement = SymbolicCandidate(positions, normals, (0.0,) * contacts, body.size, [probe], palm)
     for row in constraint.rows(placement):
         if row.link != PROBE:
             continue
         if isinstance(row, Clearance):
-            yield _clearance_distance(row, where)
+            yield _clearance_distance(row, position)
         elif row.unit == "m":
-            yield from _constraint_distances(row, where)
+            yield from _constraint_distances(row, position)
 
 
-def _clearance_distance(row: Clearance, where: ca.SX) -> Distance:
-    local, distance, lower = (
-        _MappedFunction(ca.Function("local", [where], [row.point])),
-        _MappedFunction(row.distance),
-        row.lower,
-    )
+def _clearance_distance(row: Clearance, position: ca.SX) -> Distance:
+    """Return the distance of a clearance constraint, less its required clearance, as a function of the position."""
+    local = _MappedFunction(ca.Function("local", [position], [row.point]))
+    distance, lower = _MappedFunction(row.distance), row.lower
     return lambda points: distance(local(points).T)[0] - lower
 
 
-def _constraint_distances(row: ScalarConstraint, where: ca.SX) -> Iterator[Distance]:
-    value = _MappedFunction(ca.Function("row", [where], [row.expression]))
+def _constraint_distances(row: ScalarConstraint, position: ca.SX) -> Iterator[Distance]:
+    value = _MappedFunction(ca.Function("row", [position], [row.expression]))
     lower, upper = row.lower, row.upper
     if np.isfinite(lower):
         yield lambda points: value(points)[0] - lower
@@ -102,9 +100,9 @@ class _MappedFunction:
     """A compiled function of a point, mapped over many points, with a cache by number of points."""
 
     def __init__(self, function: ca.Function) -> None:
-        self.function, self.known = function, dict[int, ca.Function]()
+        self.function, self._mapped = function, dict[int, ca.Function]()
 
     def __call__(self, points: FloatArray) -> FloatArray:
         """Return the values, one column per point."""
-        many = self.known.setdefault(len(points), self.function.map(len(points)))
-        return np.asarray(many(points.T).full())
+        mapped = self._mapped.setdefault(len(points), self.function.map(len(points)))
+        return np.asarray(mapped(points.T).full())

@@ -1,17 +1,17 @@
-"""Motion of a single finger along its contact path: of a hand with links, of free fingertips and jaws.
+"""Motion of a single finger along its contact path, for hands with links and for hands without.
 
 A hand with links (``LinkedMotions``): from each waypoint a step is tried, and halved until four conditions hold. The
-finger's joints reach the waypoint within joint limits and clearances. No joint turns by more than ``MOST_JOINT``, so
-that the posture does not jump between branches of the inverse kinematics. At the middle of the joint motion, where a
+finger's joints reach the waypoint within joint limits and clearances. No joint turns by more than ``MAX_JOINT_STEP``,
+so that the posture does not jump between branches of the inverse kinematics. At the middle of the joint motion, where a
 chord deviates most to second order, the fingertip is off the path by less than the tolerance. No sphere can have
-penetrated anything by more than the tolerance (``CollisionModel.between``). Where a step of ``FINEST`` fails, the
-finger stops.
+penetrated anything by more than the tolerance (``CollisionModel.clearance_bounds``). Where a step of ``LEAST_STEP``
+fails, the finger stops.
 
 A hand that is given by its contacts alone (``ContactMotions``), such as free fingertips or jaws, constrains these
-jointly. Its constraints are evaluated at waypoints ``STEP`` apart: between two, no distance of two contacts or from an
-obstacle differs by more than half of it from those at both ends. The palm point may move: any point that all fingertips
-reach is allowed, and the set of these points is convex and changes continuously with the fingertips, so that the palm
-can follow.
+jointly. Its constraints are evaluated at waypoints ``WAYPOINT_STEP`` apart: between two, no distance of two contacts or
+from an obstacle differs by more than half of it from those at both ends. The palm point may move: any point that all
+fingertips reach is allowed, and the set of these points is convex and changes continuously with the fingertips, so that
+the palm can follow.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import Hand, Values
-from nlpgrasp.motion.contact_path import OVER, SLIDING, ContactPath, FingerTransfer, PathStation, TargetContact
-from nlpgrasp.motion.distance_fields import fields_of
-from nlpgrasp.motion.finger_kinematics import FingerJoints, obstruction_text, place
+from nlpgrasp.motion.contact_path import LIFTED, SLIDING, ContactPath, FingerTransfer, PathStation, TargetContact
+from nlpgrasp.motion.distance_fields import build_distance_fields
+from nlpgrasp.motion.finger_kinematics import FingerJoints, describe_obstruction, format_path_position
 from nlpgrasp.motion.link_clearance import CollisionModel
 from nlpgrasp.problem.problem import GraspProblem
 
-FINEST, LARGEST = 1.0 / 16.0, 16.0  # least and largest steps, in tolerances
-MOST_JOINT = 0.1  # radians between waypoints; share of the span for sliding joints
-SLIDES = np.linspace(0.0, 1.0, 201)  # candidate sliding coordinates, which a solution does not state
-INSIDE = 1e-12  # relative tolerance of a point in a ball
-STEP = 5e-3  # distance of waypoints of hands without links, over the body's size
-ENOUGH = 1e-6  # feasibility tolerance, relative to the constraint's scale
+LEAST_STEP, LARGEST_STEP = 1.0 / 16.0, 16.0  # least and largest steps, in tolerances
+MAX_JOINT_STEP = 0.1  # radians between waypoints; share of the span for sliding joints
+SLIDE_CANDIDATES = np.linspace(0.0, 1.0, 201)  # candidate sliding coordinates, which a solution does not state
+BALL_TOLERANCE = 1e-12  # relative tolerance of a point in a ball
+WAYPOINT_STEP = 5e-3  # distance of waypoints of hands without links, over the body's size
+CONSTRAINT_TOLERANCE = 1e-6  # feasibility tolerance, relative to the constraint's scale
 PALM = "palm"  # name of the variable for the palm point
 Contacts = tuple[FloatArray, FloatArray]  # points and inward unit normals
 
@@ -113,7 +113,7 @@ class FingerPath:
 
 
 class LinkedMotions:
-    """Finger motions of a URDF hand.
+    """Finger motions of a hand with links, within its joint limits and clearances.
 
     Parameters
     ----------
@@ -132,10 +132,10 @@ class LinkedMotions:
         self, problem: GraspProblem, hand: URDFHand, values: Values, paths: Sequence[Sequence[PathStation]], lift: float
     ) -> None:
         self.body, self.hand, self.paths, self.lift = problem.body, hand, paths, lift
-        self.around = CollisionModel(problem, hand)
-        self.fingers = [FingerJoints(hand, i, self.around, problem.body.size) for i in range(hand.count)]
+        self.model = CollisionModel(problem, hand)
+        self.fingers = [FingerJoints(hand, i, self.model, problem.body.size) for i in range(hand.count)]
         self._first = self._with_slides(values)
-        self._footpaths: dict[tuple[int, float], ContactPath] = {}
+        self._contact_paths: dict[tuple[int, float], ContactPath] = {}
 
     def start(self) -> Values:
         """Return the values of the hand's variables in the first grasp."""
@@ -144,10 +144,11 @@ class LinkedMotions:
     def move(self, posture: Values, finger: int, slides: bool) -> tuple[FingerPath, Values]:
         """Return the path of a finger from a posture to its new contact, and the final posture."""
         lift = 0.0 if slides else self.lift
-        if (finger, lift) not in self._footpaths:
+        if (finger, lift) not in self._contact_paths:
             arm = self.hand.tips[finger][1].standoff + lift
-            self._footpaths[finger, lift] = ContactPath(self.body, self.paths[finger], arm, self.around.tolerance)
-        return FingerStepping(self.fingers[finger], FingerTransfer(self._footpaths[finger, lift], lift)).move(posture)
+            self._contact_paths[finger, lift] = ContactPath(self.body, self.paths[finger], arm, self.model.tolerance)
+        transfer = FingerTransfer(self._contact_paths[finger, lift], lift)
+        return FingerStepper(self.fingers[finger], transfer).move(posture)
 
     def _with_slides(self, values: Values) -> Values:
         """Return the values with the sliding coordinates of tips nearest to their contacts."""
@@ -157,106 +158,110 @@ class LinkedMotions:
         result = {**values, "slides": np.full(count, 0.5)}
         for joints, path in zip(self.fingers, self.paths, strict=True):
             if joints.slide is not None:
-                hold = TargetContact(path[0].point, path[0].normal, 0.0, SLIDING)
-                off = []
-                for share in SLIDES:
+                target = TargetContact(path[0].point, path[0].normal, 0.0, SLIDING)
+                residuals = []
+                for share in SLIDE_CANDIDATES:
                     result["slides"][joints.slide] = share
-                    off.append(joints.off(result, hold))
-                result["slides"][joints.slide] = SLIDES[int(np.argmin(off))]
+                    residuals.append(joints.residual(result, target))
+                result["slides"][joints.slide] = SLIDE_CANDIDATES[int(np.argmin(residuals))]
         return result
 
 
-class FingerStepping:
-    """Motion of one finger along its path.
+class FingerStepper:
+    """Stepwise motion of one finger of a hand with links along its path.
 
     Parameters
     ----------
     joints : FingerJoints
-    stride : FingerTransfer
+    transfer : FingerTransfer
     """
 
-    def __init__(self, joints: FingerJoints, stride: FingerTransfer) -> None:
-        self.joints, self.stride, self.around = joints, stride, joints.around
-        self._tip = self.around.of_tips()
+    def __init__(self, joints: FingerJoints, transfer: FingerTransfer) -> None:
+        self.joints, self.transfer, self.model = joints, transfer, joints.model
+        self._tip = self.model.tip_mask()
 
-    def allowed(self, way: float) -> FloatArray:
+    def clearance_limits(self, path_length: float) -> FloatArray:
         """Return the lower limits of the clearances, (n,): a lifted fingertip stays off the body."""
-        least = self.around.least_clearances()
-        if self.stride.at(way).phase == OVER:
-            least[self._tip] = 0.0
-        return least - self.around.tolerance / 2.0
+        limits = self.model.least_clearances()
+        if self.transfer.at(path_length).phase == LIFTED:
+            limits[self._tip] = 0.0
+        return limits - self.model.tolerance / 2.0
 
     def move(self, values: Values) -> tuple[FingerPath, Values]:
         """Return the waypoints from a posture, and the final posture."""
-        tolerance = self.around.tolerance
-        first = self._waypoint(values, 0.0, self.allowed(0.0)) if len(self.joints.own) else None
+        tolerance, limits = self.model.tolerance, self.clearance_limits(0.0)
+        first = self._waypoint(values, 0.0, limits) if len(self.joints.joint_indices) else None
         if first is None:
-            return self._path([], obstruction_text(self.joints, values, self.stride.at(0.0), self.allowed(0.0))), values
-        done, step = [first], LARGEST * tolerance
-        for end in self.stride.phase_changes:
-            while done[-1].way < end:
-                way = min(done[-1].way + step, end)
-                found = self._step(done[-1], way)
-                if found is not None:
-                    done.append(found)
-                    step = min(2.0 * step, LARGEST * tolerance)
-                elif way - done[-1].way <= FINEST * tolerance:
-                    hold, allowed = self.stride.at(way), self.allowed((way + done[-1].way) / 2.0)
-                    return self._path(done, obstruction_text(self.joints, done[-1].values, hold, allowed)), done[
-                        -1
-                    ].values
+            reason = describe_obstruction(self.joints, values, self.transfer.at(0.0), limits)
+            return self._record([], reason), values
+        waypoints, step = [first], LARGEST_STEP * tolerance
+        for end in self.transfer.phase_changes:
+            while waypoints[-1].path_length < end:
+                path_length = min(waypoints[-1].path_length + step, end)
+                waypoint = self._step(waypoints[-1], path_length)
+                if waypoint is not None:
+                    waypoints.append(waypoint)
+                    step = min(2.0 * step, LARGEST_STEP * tolerance)
+                elif path_length - waypoints[-1].path_length <= LEAST_STEP * tolerance:
+                    last, target = waypoints[-1], self.transfer.at(path_length)
+                    limits = self.clearance_limits((path_length + last.path_length) / 2.0)
+                    reason = describe_obstruction(self.joints, last.values, target, limits)
+                    return self._record(waypoints, reason), last.values
                 else:
-                    step = (way - done[-1].way) / 2.0
-        return self._path(done, ""), done[-1].values
+                    step = (path_length - waypoints[-1].path_length) / 2.0
+        return self._record(waypoints, ""), waypoints[-1].values
 
-    def _waypoint(self, values: Values, way: float, allowed: FloatArray) -> Waypoint | None:
-        hold = self.stride.at(way)
-        found = self.joints.reach(values, hold, allowed)
-        return Waypoint(way, hold, found.values, self.around.clearances(found.values)) if found.is_reached else None
+    def _waypoint(self, values: Values, path_length: float, limits: FloatArray) -> Waypoint | None:
+        """Return the waypoint at a path length; None where the finger does not reach it."""
+        target = self.transfer.at(path_length)
+        result = self.joints.reach(values, target, limits)
+        if not result.is_reached:
+            return None
+        return Waypoint(path_length, target, result.values, self.model.clearances(result.values))
 
-    def _step(self, here: Waypoint, way: float) -> Waypoint | None:
+    def _step(self, start: Waypoint, path_length: float) -> Waypoint | None:
         """Return the waypoint after a step; None where the step is too long."""
-        middle = (here.way + way) / 2.0
-        allowed = self.allowed(middle)
-        there = self._waypoint(here.values, way, allowed)
-        if there is None:
+        middle = (start.path_length + path_length) / 2.0
+        limits = self.clearance_limits(middle)
+        end = self._waypoint(start.values, path_length, limits)
+        if end is None:
             return None
         robot = self.joints.hand.robot
         scales = np.array([1.0 if j.is_revolute else self.joints.hand.tree.span for j in robot.free_joints])
-        if np.max(np.abs(there.values["joints"] - here.values["joints"]) / scales) > MOST_JOINT:
+        if np.max(np.abs(end.values["joints"] - start.values["joints"]) / scales) > MAX_JOINT_STEP:
             return None
-        between = {name: (here.values[name] + there.values[name]) / 2.0 for name in here.values}
-        if self.joints.off(between, self.stride.at(middle)) * self.joints.size > self.around.tolerance:
+        middle_values = {name: (start.values[name] + end.values[name]) / 2.0 for name in start.values}
+        if self.joints.residual(middle_values, self.transfer.at(middle)) * self.joints.size > self.model.tolerance:
             return None
-        least = self.around.between(here.values, there.values, (here.clearances, there.clearances))
-        return there if np.all(least >= allowed - self.around.tolerance / 2.0) else None
+        bounds = self.model.clearance_bounds(start.values, end.values, (start.clearances, end.clearances))
+        return end if np.all(bounds >= limits - self.model.tolerance / 2.0) else None
 
-    def _path(self, done: list[Waypoint], reason: str) -> FingerPath:
-        """Return the record of the waypoints."""
-        last = done[-1].way if done else 0.0
-        holds = [w.hold for w in done]
+    def _record(self, waypoints: list[Waypoint], reason: str) -> FingerPath:
+        """Return the finger's path through the waypoints, infeasible where there is a reason."""
+        path_length = waypoints[-1].path_length if waypoints else 0.0
+        targets = [w.target for w in waypoints]
         return FingerPath(
             feasible=not reason,
             reason=reason,
-            points=np.array([h.point for h in holds]).reshape(-1, 3),
-            along=np.array([h.along for h in holds]),
-            phases=tuple(h.phase for h in holds),
-            clearances=np.array([np.min(w.clearances[~self._tip], initial=np.inf) for w in done]),
+            points=np.array([h.point for h in targets]).reshape(-1, 3),
+            along=np.array([h.along for h in targets]),
+            phases=tuple(h.phase for h in targets),
+            clearances=np.array([np.min(w.clearances[~self._tip], initial=np.inf) for w in waypoints]),
             joint_names=self.joints.names,
-            joints=np.array([w.values["joints"][self.joints.own] for w in done]).reshape(
-                len(done), len(self.joints.own)
+            joints=np.array([w.values["joints"][self.joints.joint_indices] for w in waypoints]).reshape(
+                len(waypoints), len(self.joints.joint_indices)
             ),
-            stopped_at=self.stride.at(last).along if reason else None,
-            tolerance=self.around.tolerance,
+            stopped_at=self.transfer.at(path_length).along if reason else None,
+            tolerance=self.model.tolerance,
         )
 
 
 @dataclass(frozen=True)
 class Waypoint:
-    """One posture on the path, with all clearances (n,)."""
+    """Posture at a path length, with its target contact and all clearances (n,)."""
 
-    way: float
-    hold: TargetContact
+    path_length: float
+    target: TargetContact
     values: Values
     clearances: FloatArray
 
@@ -268,13 +273,14 @@ class ContactMotions:
         self, problem: GraspProblem, hand: Hand, contacts: Contacts, paths: Sequence[Sequence[PathStation]], lift: float
     ) -> None:
         self.body, self.hand, self.paths, self.lift, self._first = problem.body, hand, paths, lift, contacts
-        self.fields = fields_of(problem.body, problem.constraints, hand.count)[1:]
+        self.fields = build_distance_fields(problem.body, problem.constraints, hand.count)[1:]
         size, space, k = problem.body.size, problem.body.space, hand.count
         p, n = ([ca.SX.sym(f"{name}{i}", space) for i in range(k)] for name in "pn")
         variables = hand.symbols(problem.body.bounds)
         self.rows = list(hand.rows(SymbolicCandidate(p, n, hand.tip_radii, size), variables))
         inputs = [ca.horzcat(*p), ca.horzcat(*n), ca.vertcat(ca.SX(0, 1), *variables.values())]
-        self._values = ca.Function("rows", inputs, [ca.vertcat(ca.SX(0, 1), *[row.expression for row in self.rows])])
+        expressions = [constraint.expression for constraint in self.rows]
+        self._values = ca.Function("rows", inputs, [ca.vertcat(ca.SX(0, 1), *expressions)])
         self.variables = tuple(variables)
 
     def start(self) -> Contacts:
@@ -283,48 +289,48 @@ class ContactMotions:
 
     def move(self, posture: Contacts, finger: int, slides: bool) -> tuple[FingerPath, Contacts]:
         """Return the path of a finger to its new contact, and all contacts at its end."""
-        lift, step = 0.0 if slides else self.lift, STEP * self.body.size
+        lift, step = 0.0 if slides else self.lift, WAYPOINT_STEP * self.body.size
         radius = self.hand.tip_radii[finger]
-        stride = FingerTransfer(ContactPath(self.body, self.paths[finger], radius + lift, step), lift)
-        edges = np.unique([0.0, *stride.phase_changes])
+        transfer = FingerTransfer(ContactPath(self.body, self.paths[finger], radius + lift, step), lift)
+        edges = np.unique([0.0, *transfer.phase_changes])
         counts = [max(int(np.ceil((b - a) / step)), 1) for a, b in itertools.pairwise(edges)]
-        ways = [np.linspace(a, b, c + 1)[1:] for a, b, c in zip(edges[:-1], edges[1:], counts, strict=True)]
-        holds, clearances, reason = list[TargetContact](), list[float](), ""
-        for way in np.concatenate([[0.0], *ways]):
-            hold = stride.at(float(way))
-            clear, reason = self._broken(posture, finger, hold)
+        path_lengths = [np.linspace(a, b, c + 1)[1:] for a, b, c in zip(edges[:-1], edges[1:], counts, strict=True)]
+        targets, clearances, reason = list[TargetContact](), list[float](), ""
+        for path_length in np.concatenate([[0.0], *path_lengths]):
+            target = transfer.at(float(path_length))
+            clearance, reason = self._violation(posture, finger, target)
             if reason:
-                reason = f"{reason}, {place(hold)}"
+                reason = f"{reason}, {format_path_position(target)}"
                 break
-            holds.append(hold)
-            clearances.append(clear)
-        points = np.array([h.point for h in holds]).reshape(len(holds), -1)
-        along, phases = np.array([h.along for h in holds]), tuple(h.phase for h in holds)
-        stopped = (holds[-1].along if holds else 0.0) if reason else None
+            targets.append(target)
+            clearances.append(clearance)
+        points = np.array([h.point for h in targets]).reshape(len(targets), -1)
+        along, phases = np.array([h.along for h in targets]), tuple(h.phase for h in targets)
+        stopped = (targets[-1].along if targets else 0.0) if reason else None
         path = FingerPath(
             not reason, reason, points, along, phases, np.array(clearances), stopped_at=stopped, tolerance=step / 2.0
         )
-        return path, posture if reason else self._with(posture, finger, hold)
+        return path, posture if reason else self._with_finger_at(posture, finger, target)
 
-    def _with(self, posture: Contacts, finger: int, hold: TargetContact) -> Contacts:
-        """Return the contacts with one finger at a foothold."""
+    def _with_finger_at(self, posture: Contacts, finger: int, target: TargetContact) -> Contacts:
+        """Return the contacts with one finger at its target."""
         points, normals = (part.copy() for part in posture)
-        points[finger], normals[finger] = hold.point, hold.normal
+        points[finger], normals[finger] = target.point, target.normal
         return points, normals
 
-    def _broken(self, posture: Contacts, finger: int, hold: TargetContact) -> tuple[float, str]:
-        """Return the fingertip's clearance, and the violated constraint at a foothold, as text."""
-        points, normals = self._with(posture, finger, hold)
+    def _violation(self, posture: Contacts, finger: int, target: TargetContact) -> tuple[float, str]:
+        """Return the fingertip's clearance at a target, metres, and the violated constraint, as text."""
+        points, normals = self._with_finger_at(posture, finger, target)
         radii = np.asarray(self.hand.tip_radii)
         tips = points - radii[:, None] * normals
         clearances = [float(field.distance(tips[finger][None])[0] - radii[finger]) for field in self.fields]
-        for field, clear in zip(self.fields, clearances, strict=True):
-            if clear < -ENOUGH * self.body.size:
-                return clear, f"fingertip {finger} against {field.name}"
+        for field, clearance in zip(self.fields, clearances, strict=True):
+            if clearance < -CONSTRAINT_TOLERANCE * self.body.size:
+                return clearance, f"fingertip {finger} against {field.name}"
         values = np.asarray(self._values(points.T, normals.T, self._hand_values(tips)).full()).ravel()
-        for row, value in zip(self.rows, values, strict=True):
-            if max(row.lower - value, value - row.upper) > ENOUGH * row.scale:
-                return min(clearances, default=np.inf), _violation_text(row, float(value))
+        for constraint, value in zip(self.rows, values, strict=True):
+            if max(constraint.lower - value, value - constraint.upper) > CONSTRAINT_TOLERANCE * constraint.scale:
+                return min(clearances, default=np.inf), _violation_text(constraint, float(value))
         return min(clearances, default=np.inf), ""
 
     def _hand_values(self, tips: FloatArray) -> FloatArray:
@@ -335,36 +341,36 @@ class ContactMotions:
         return np.concatenate([np.zeros(0), *[start[name] for name in self.variables]])
 
 
-def _violation_text(row: ScalarConstraint, value: float) -> str:
+def _violation_text(constraint: ScalarConstraint, value: float) -> str:
     """Return the violation of a constraint, as text."""
-    low = value < row.lower
-    limit, side = (row.lower, "at least") if low else (row.upper, "at most")
-    if row.unit == "m2":
-        return f"{row.name} would be {1e3 * np.sqrt(value):.1f} mm, {side} {1e3 * np.sqrt(limit):.1f} mm"
-    return f"{row.name} would be {value:.4g}, {side} {limit:.4g}"
+    is_low = value < constraint.lower
+    limit, side = (constraint.lower, "at least") if is_low else (constraint.upper, "at most")
+    if constraint.unit == "m2":
+        return f"{constraint.name} would be {1e3 * np.sqrt(value):.1f} mm, {side} {1e3 * np.sqrt(limit):.1f} mm"
+    return f"{constraint.name} would be {value:.4g}, {side} {limit:.4g}"
 
 
 def smallest_ball(points: FloatArray) -> tuple[FloatArray, float]:
     """Return centre (space,) and radius of the smallest ball around points (k, space), metres, by Welzl's algorithm."""
-    return _around(list(points), [], points.shape[1])
+    return _ball_around(list(points), [], points.shape[1])
 
 
-def _around(points: Sequence[FloatArray], on: Sequence[FloatArray], space: int) -> tuple[FloatArray, float]:
-    """Return the smallest ball around ``points`` with the points of ``on`` on its surface."""
-    if not points or len(on) == space + 1:
-        return _ball_through(on, space)
+def _ball_around(points: Sequence[FloatArray], boundary: Sequence[FloatArray], space: int) -> tuple[FloatArray, float]:
+    """Return the smallest ball around ``points`` with the points of ``boundary`` on its surface."""
+    if not points or len(boundary) == space + 1:
+        return _ball_through(boundary, space)
     first, rest = points[0], points[1:]
-    centre, radius = _around(rest, on, space)
-    if np.linalg.norm(first - centre) <= radius * (1.0 + INSIDE):
+    centre, radius = _ball_around(rest, boundary, space)
+    if np.linalg.norm(first - centre) <= radius * (1.0 + BALL_TOLERANCE):
         return centre, radius
-    return _around(rest, [*on, first], space)
+    return _ball_around(rest, [*boundary, first], space)
 
 
-def _ball_through(on: Sequence[FloatArray], space: int) -> tuple[FloatArray, float]:
+def _ball_through(boundary: Sequence[FloatArray], space: int) -> tuple[FloatArray, float]:
     """Return the smallest ball through points; one of radius -1 for none."""
-    if not on:
+    if not boundary:
         return np.zeros(space), -1.0
-    sides = np.array(on[1:]).reshape(-1, space) - on[0]
+    sides = np.array(boundary[1:]).reshape(-1, space) - boundary[0]
     shares = np.linalg.lstsq(sides @ sides.T, np.sum(sides**2, axis=1) / 2.0, rcond=None)[0]
-    out = sides.T @ shares
-    return on[0] + out, float(np.linalg.norm(out))
+    offset = sides.T @ shares
+    return boundary[0] + offset, float(np.linalg.norm(offset))

@@ -12,8 +12,8 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.constraints import Table
 from nlpgrasp.hands import URDFHand
 from nlpgrasp.hands.base import PosedHand, Values
-from nlpgrasp.motion.approach_path import approach_candidates, free_approach, open_hand_straight
-from nlpgrasp.motion.distance_fields import Field, fields_of
+from nlpgrasp.motion.approach_path import approach_candidates, find_free_approach, open_hand_straight
+from nlpgrasp.motion.distance_fields import DistanceField, build_distance_fields
 from nlpgrasp.motion.link_clearance import CollisionModel
 from nlpgrasp.motion.penetration import PenetrationModel
 from nlpgrasp.motion.straight_path import certified_clearance
@@ -22,19 +22,19 @@ from nlpgrasp.solution.phase_record import APPROACH, GRASP, LIFT, PREGRASP, SQUE
 
 LIFT_HEIGHT = 0.2  # metres
 STEP = 2e-3  # metres, least step of the lift's collision check
-SAMPLES = 4000  # of the body's surface, for this check
-AWAY = 0.1  # metres between hand and body at the start of the approach
-DIRECTIONS = 60  # of the approach, spread over the sphere
+SAMPLES = 4000  # samples of the body's surface for this check
+START_DISTANCE = 0.1  # metres between hand and body at the start of the approach
+DIRECTIONS = 60  # approach directions, spread over the sphere
 NO_PREGRASP = "the hand has no pregrasp"
 
 
 def plan_keyframes(
     problem: GraspProblem, hand: URDFHand, grasp: Values, pregrasp: Values | None, links: PenetrationModel | None = None
 ) -> Json:
-    """Return the phases up to the grasp, as JSON data beside the pregrasp.
+    """Return the phases up to the grasp, with approach and lift, as JSON data.
 
-    The palm keeps its orientation. It comes straight, in the first free one of many directions, that in which it faces
-    before all others, from where a plane across the direction is between hand and body with 0.1 m on the hand's side.
+    The palm keeps its orientation. It moves straight, in the first free one of many directions, of which its facing
+    direction is the first, from where a plane across the direction separates hand and body, 0.1 m from the hand.
 
     Parameters
     ----------
@@ -43,46 +43,50 @@ def plan_keyframes(
     grasp, pregrasp : dict
         Values of the hand's variables; None where there is no pregrasp.
     links : PenetrationModel, optional
-        Of the same problem and hand, where they are known.
+        Of the same problem and hand, where it exists already.
 
     Returns
     -------
     dict
-        ``approach`` (``direction`` and ``distance``, or the ``reason`` why there is none), ``way_in`` (how deep the
-        links themselves are in anything on that way and while the fingers close), ``phases`` and ``lift``.
+        ``approach`` (``direction`` and ``distance``, or the ``reason`` why there is none), ``way_in`` (penetration of
+        the links' own shapes on that path and while the fingers close), ``phases`` and ``lift``.
     """
-    around = CollisionModel(problem, hand)
-    last = Phase.of(GRASP, hand.describe(grasp))
-    rest: dict[str, Json | list[Json]] = {"phases": [last.to_dict()], "lift": lift_distance(around, problem, grasp)}
+    model = CollisionModel(problem, hand)
+    grasp_phase = Phase.of(GRASP, hand.describe(grasp))
+    entries: dict[str, Json | list[Json]] = {
+        "phases": [grasp_phase.to_dict()],
+        "lift": lift_distance(model, problem, grasp),
+    }
     if pregrasp is None:
-        return {"approach": _without_phases(NO_PREGRASP), **rest}
-    before = pregrasp  # by another name, for the closure
-    rigid = around.of_palm()
-    found = free_approach(
-        rigid,
-        lambda times: open_hand_straight(around, grasp, before, times),
+        return {"approach": _without_phases(NO_PREGRASP), **entries}
+    open_posture = pregrasp  # narrowed type for the closure
+    palm_model = model.for_palm_motion()
+    path = find_free_approach(
+        palm_model,
+        lambda factor: open_hand_straight(model, grasp, open_posture, factor),
         approach_candidates(hand, grasp, DIRECTIONS),
-        lambda values, way: _retraction_length(around, problem.body.bounds, values, way),
+        lambda values, direction: _retraction_length(model, problem.body.bounds, values, direction),
         locate=False,
     )
-    if found.fingers is None:
-        return {"approach": _without_phases(found.reason), **rest}
-    open_hand = hand.describe(found.fingers.values)
-    turns = [found.fingers.values] if found.direction is None else [found.outside[-1].values, found.fingers.values]
+    if path.fingers is None:
+        return {"approach": _without_phases(path.reason), **entries}
+    corners = [*(posture.values for posture in path.outside[-1:]), path.fingers.values]
     links = links or PenetrationModel(problem, hand)
     if links.has_shapes:
-        rest["way_in"] = links.on_approach(turns, grasp).to_dict()
-    if found.direction is None:
-        phases = [Phase.of(PREGRASP, open_hand), last]
-        return {"approach": _without_phases(found.reason), **rest, "phases": [phase.to_dict() for phase in phases]}
-    afar = Phase.of(APPROACH, hand.describe(found.outside[-1].values))
-    phases = [afar, Phase.of(PREGRASP, open_hand, certified_clearance(rigid, found.outside)), last]
-    approach = {"direction": found.direction.tolist(), "distance": found.distance}
-    return {"approach": approach, **rest, "phases": [phase.to_dict() for phase in phases]}
+        entries["way_in"] = links.on_approach(corners, grasp).to_dict()
+    open_hand = hand.describe(path.fingers.values)
+    if path.direction is None:
+        approach = _without_phases(path.reason)
+        phases = [Phase.of(PREGRASP, open_hand), grasp_phase]
+    else:
+        approach = {"direction": path.direction.tolist(), "distance": path.distance}
+        pregrasp_phase = Phase.of(PREGRASP, open_hand, certified_clearance(palm_model, path.outside))
+        phases = [Phase.of(APPROACH, hand.describe(path.outside[-1].values)), pregrasp_phase, grasp_phase]
+    return {"approach": approach, **entries, "phases": [phase.to_dict() for phase in phases]}
 
 
 def add_squeeze_and_lift(hand: PosedHand, posture: Json, positions: Mapping[str, float]) -> Json:
-    """Return a hand's entry with the phases after the grasp: squeeze and lift.
+    """Return a hand's JSON data with the phases after the grasp: squeeze and lift.
 
     Parameters
     ----------
@@ -90,29 +94,29 @@ def add_squeeze_and_lift(hand: PosedHand, posture: Json, positions: Mapping[str,
     posture : mapping
         ``hand`` of a file; without ``phases`` it is returned as it is.
     positions : mapping of str to float
-        That joints are commanded to.
+        Commanded positions, by joint.
     """
     if not posture.get("phases"):
         return posture
     grasp = posture["phases"][-1]
-    told = {**posture, "joint_positions": {**posture["joint_positions"], **positions}}
-    joints = hand.describe(hand.values_of(told))["joint_positions"]  # those that follow others too
+    commanded = {**posture, "joint_positions": {**posture["joint_positions"], **positions}}
+    joints = hand.describe(hand.values_of(commanded))["joint_positions"]  # mimic joints included
     squeezed = Phase.of(SQUEEZE, {**grasp, "joint_positions": joints})
-    up = posture["lift"]
-    raised = squeezed.palm_position + up["distance"] * np.asarray(up["direction"])
+    lift_entry = posture["lift"]
+    raised = squeezed.palm_position + lift_entry["distance"] * np.asarray(lift_entry["direction"])
     lift = Phase(LIFT, raised, squeezed.palm_quaternion, squeezed.joints)
     return {**posture, "phases": [*posture["phases"], squeezed.to_dict(), lift.to_dict()]}
 
 
-def lift_distance(around: CollisionModel, problem: GraspProblem, values: Values) -> Json:
-    """Return direction and distance of a lift: along the table's normal, the last axis, as far as that is free.
+def lift_distance(model: CollisionModel, problem: GraspProblem, values: Values) -> Json:
+    """Return direction and collision-free distance of a lift along the last axis, the table's normal, as JSON data.
 
-    The links' balls and samples of the body's surface are looked at, at steps as long as their distance from obstacles
+    The links' spheres and samples of the body's surface are checked, at steps as long as their distance from obstacles
     or of two millimetres; they may stay as near as they are in the grasp. From a table they all move away.
 
     Parameters
     ----------
-    around : CollisionModel
+    model : CollisionModel
     problem : GraspProblem
     values : dict
         Of the hand's variables in the grasp.
@@ -122,17 +126,17 @@ def lift_distance(around: CollisionModel, problem: GraspProblem, values: Values)
     dict
         ``direction``, ``distance`` in metres, and, where it is less than 0.2 m, the ``reason``.
     """
-    up, body = np.eye(3)[-1], problem.body
-    above = [constraint for constraint in problem.constraints if not isinstance(constraint, Table)]
-    others = fields_of(body, above, around.hand.count)[1:] if above else []
+    direction, body = np.eye(3)[-1], problem.body
+    constraints = [constraint for constraint in problem.constraints if not isinstance(constraint, Table)]
+    fields = build_distance_fields(body, constraints, model.hand.count)[1:] if constraints else []
     height, reason = LIFT_HEIGHT, ""
-    if others:
+    if fields:
         samples = body_samples(body, np.random.default_rng(0))
-        points = np.concatenate([around.balls.places(values), samples])
-        radii = np.concatenate([around.balls.radii, np.zeros(len(samples))])
-        height, blocked_by = _free_height(others, points, radii, around.tolerance)
+        points = np.concatenate([model.spheres.centres(values), samples])
+        radii = np.concatenate([model.spheres.radii, np.zeros(len(samples))])
+        height, blocked_by = _free_height(fields, points, radii, model.tolerance)
         reason = f"{blocked_by} is in the way of a lift by {1e3 * LIFT_HEIGHT:.0f} mm" if blocked_by else ""
-    return {"direction": up.tolist(), "distance": height, **({"reason": reason} if reason else {})}
+    return {"direction": direction.tolist(), "distance": height, **({"reason": reason} if reason else {})}
 
 
 def body_samples(body: Body, rng: np.random.Generator) -> FloatArray:
@@ -140,31 +144,34 @@ def body_samples(body: Body, rng: np.random.Generator) -> FloatArray:
     if isinstance(body, Mesh):
         vertices = np.asarray(body.mesh.vertices, dtype=float)
         return np.concatenate([vertices, body.surface_samples(SAMPLES, rng)[0]])
-    each = max(SAMPLES // len(body.face_names), 50)
-    return np.concatenate([body.sample(name, each, rng) for name in body.face_names])
+    count = max(SAMPLES // len(body.face_names), 50)
+    return np.concatenate([body.sample(name, count, rng) for name in body.face_names])
 
 
-def _retraction_length(around: CollisionModel, bounds: FloatArray, values: Values, way: FloatArray) -> float:
-    """Return how far the palm retracts along a direction until the hand is clear of the body's bounding box."""
-    box = np.where(way > 0.0, bounds[0], bounds[1]) @ way  # the box's end that the hand comes to first
-    reached = np.max(around.balls.places(values) @ way + around.balls.radii)
-    return float(max(reached - box, 0.0) + AWAY)
+def _retraction_length(model: CollisionModel, bounds: FloatArray, values: Values, direction: FloatArray) -> float:
+    """Return the length of the palm's retraction to a distance from the body's bounding box, metres."""
+    box_end = np.where(direction > 0.0, bounds[0], bounds[1]) @ direction  # the end of the box on the hand's side
+    hand_end = np.max(model.spheres.centres(values) @ direction + model.spheres.radii)
+    return float(max(hand_end - box_end, 0.0) + START_DISTANCE)
 
 
-def _free_height(fields: Sequence[Field], points: FloatArray, radii: FloatArray, tolerance: float) -> tuple[float, str]:
+def _free_height(
+    fields: Sequence[DistanceField], points: FloatArray, radii: FloatArray, tolerance: float
+) -> tuple[float, str]:
     """Return the collision-free height of spheres (m, 3), metres, and the obstacle where it is less than the lift."""
-    first = [field.distance(points) - radii for field in fields]
-    least, height, rooms, up = [np.minimum(room, 0.0) for room in first], 0.0, first, np.eye(3)[-1]
+    initial = [field.distance(points) - radii for field in fields]
+    limits, height, clearances, up = [np.minimum(clearance, 0.0) for clearance in initial], 0.0, initial, np.eye(3)[-1]
     while height < LIFT_HEIGHT:
-        near = min(float(np.min(room - start)) for room, start in zip(rooms, least, strict=True))
-        above = min(height + max(STEP, near), LIFT_HEIGHT)
-        rooms = [field.distance(points + above * up) - radii for field in fields]
-        for field, room, start in zip(fields, rooms, least, strict=True):
-            if np.any(room < start - tolerance):
+        advance = min(float(np.min(clearance - limit)) for clearance, limit in zip(clearances, limits, strict=True))
+        next_height = min(height + max(STEP, advance), LIFT_HEIGHT)
+        clearances = [field.distance(points + next_height * up) - radii for field in fields]
+        for field, clearance, limit in zip(fields, clearances, limits, strict=True):
+            if np.any(clearance < limit - tolerance):
                 return height, field.name
-        height = above
+        height = next_height
     return LIFT_HEIGHT, ""
 
 
 def _without_phases(reason: str) -> Json:
+    """Return the record of a missing approach, as JSON data."""
     return {"direction": None, "distance": None, "reason": reason}

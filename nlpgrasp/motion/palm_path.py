@@ -1,4 +1,4 @@
-"""Collision-free palm path to a grasp (Section 1.2): straight approach with open fingers, then closing."""
+"""Collision-free palm path to a grasp (Section 1.2): straight approach with open fingers, then closure."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from nlpgrasp.motion.approach_path import (
     BlockedDirection,
     OpeningPath,
     approach_candidates,
-    free_approach,
-    opened,
+    find_free_approach,
+    open_fingers,
     opening_distances,
 )
 from nlpgrasp.motion.link_clearance import CollisionModel
@@ -33,7 +33,7 @@ LIMIT_ROUNDING = 1e-6  # radians or metres: tolerance of joint limits
 
 @dataclass(frozen=True)
 class PalmPath:
-    """Waypoints of a hand from a distance to its grasp.
+    """Palm path to a grasp: waypoints of the hand from a distance on, or the reason why there is none.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class PalmPath:
     direction : (3,) array or None
         Unit direction of the palm's motion, body frame; None where no direction is free.
     distance : float
-        How far it moves straight, metres.
+        Length of the straight approach, metres.
     openings : (k,) array
         Distance of each fingertip on the approach from its position in the grasp, palm frame, metres; empty without a
         path.
@@ -107,12 +107,12 @@ class PalmPath:
         }
 
     def __str__(self) -> str:
-        first = f"{self.touching}\n" if self.touching else ""
+        prefix = f"{self.touching}\n" if self.touching else ""
         if not self.success or self.direction is None:
-            return f"{first}no way of the palm: {self.reason}"
-        along = np.array2string(self.direction, precision=3, suppress_small=True)
-        way = f"{first}{1e3 * self.distance:.0f} mm along {along}, then closing"
-        return f"{way}: {len(self.phases)} waypoints, least clearance at them {1e3 * self.clearance:.1f} mm"
+            return f"{prefix}no way of the palm: {self.reason}"
+        direction = np.array2string(self.direction, precision=3, suppress_small=True)
+        summary = f"{prefix}{1e3 * self.distance:.0f} mm along {direction}, then closing"
+        return f"{summary}: {len(self.phases)} waypoints, least clearance at them {1e3 * self.clearance:.1f} mm"
 
 
 def palm_path(
@@ -159,19 +159,20 @@ def palm_path(
     distance = number("distance", distance, above=0.0)
     directions = integer("directions", directions, at_least=1, at_most=10_000)
     grasp, pregrasp = hand.values_of(solution.hand or {}), hand.values_of((solution.hand or {})["pregrasp"])
-    around, touching = CollisionModel(problem, hand), warn_of_touching(solution.name, solution.hand)
+    model, touching = CollisionModel(problem, hand), warn_of_touching(solution.name, solution.hand)
     reason = _exceeded_joint(hand, grasp, pregrasp)
     if reason:
-        return _failure_record(around, distance, reason, (), touching)
-    ways = (
-        [_check_approach_direction(direction)]
-        if direction is not None
-        else approach_candidates(hand, grasp, directions)
+        return _failure_record(model, distance, reason, (), touching)
+    if direction is None:
+        candidates = approach_candidates(hand, grasp, directions)
+    else:
+        candidates = [_check_approach_direction(direction)]
+    approach = find_free_approach(
+        model, lambda times: open_fingers(model, grasp, pregrasp, times), candidates, lambda *_: distance
     )
-    found = free_approach(around, lambda times: opened(around, grasp, pregrasp, times), ways, lambda *_: distance)
-    if found.fingers is None or found.direction is None:
-        return _failure_record(around, distance, found.reason, found.blocked, touching)
-    return _path_record(around, found.fingers, found.direction, found, touching)
+    if approach.fingers is None or approach.direction is None:
+        return _failure_record(model, distance, approach.reason, approach.blocked, touching)
+    return _path_record(model, approach.fingers, approach.direction, approach, touching)
 
 
 def _check_hand(solution: GraspSolution, problem: GraspProblem) -> URDFHand:
@@ -193,54 +194,54 @@ def _check_hand(solution: GraspSolution, problem: GraspProblem) -> URDFHand:
 def _check_approach_direction(direction: ArrayLike) -> FloatArray:
     """Return the given direction as a unit vector."""
     vector = array("direction", direction, (3,))
-    size = float(np.linalg.norm(vector))
-    if size == 0.0:
+    length = float(np.linalg.norm(vector))
+    if length == 0.0:
         raise InputError("direction", vector.tolist(), "a direction that is not zero")
-    return vector / size
+    return vector / length
 
 
 def _exceeded_joint(hand: URDFHand, *postures: Values) -> str:
-    """Return the joint that exceeds its limits in any of the postures; those between are within if these are."""
+    """Return the joint that exceeds its limits in any of the postures, as text; empty if none does."""
     lower, upper = hand.tree.joint_limits
     for values in postures:
-        over = np.maximum(lower - values["joints"], values["joints"] - upper)
-        if np.max(over) > LIMIT_ROUNDING:
-            return f"joint {hand.robot.free_joints[int(np.argmax(over))].name} is beyond its limits"
+        excess = np.maximum(lower - values["joints"], values["joints"] - upper)
+        if np.max(excess) > LIMIT_ROUNDING:
+            return f"joint {hand.robot.free_joints[int(np.argmax(excess))].name} is beyond its limits"
     return ""
 
 
 def _path_record(
-    around: CollisionModel, fingers: OpeningPath, direction: FloatArray, found: ApproachPath, touching: str
+    model: CollisionModel, fingers: OpeningPath, direction: FloatArray, approach: ApproachPath, touching: str
 ) -> PalmPath:
     """Return the record of a path, from its start to the grasp."""
-    tree, others = around.hand.tree, ~around.of_tips()
-    outside, inside = list(reversed(found.outside)), list(reversed(fingers.places))[1:]
-    values = [place.values for place in (*outside, *inside)]
+    tree, is_other = model.hand.tree, ~model.tip_mask()
+    approaching, closing = list(reversed(approach.outside)), list(reversed(fingers.postures))[1:]
+    values = [posture.values for posture in (*approaching, *closing)]
     positions = [tree.joint_positions(v["joints"]) for v in values]
-    clear = [float(np.min(p.clearances, initial=np.inf)) for p in outside]
-    clear += [float(np.min(p.clearances[others], initial=np.inf)) for p in inside]
+    clearances = [float(np.min(p.clearances, initial=np.inf)) for p in approaching]
+    clearances += [float(np.min(p.clearances[is_other], initial=np.inf)) for p in closing]
     return PalmPath(
         reason="",
         direction=direction,
-        distance=found.distance,
-        openings=opening_distances(around, fingers.values, fingers.places[0].values),
-        phases=(APPROACHING,) * len(outside) + (CLOSING,) * len(inside),
+        distance=approach.distance,
+        openings=opening_distances(model, fingers.values, fingers.postures[0].values),
+        phases=(APPROACHING,) * len(approaching) + (CLOSING,) * len(closing),
         poses=np.array([tree.palm_frame(v) for v in values]),
         joint_names=tuple(positions[0]),
         joints=np.array([list(p.values()) for p in positions]),
-        clearances=np.array(clear),
-        blocked=found.blocked,
-        tolerance=around.tolerance,
+        clearances=np.array(clearances),
+        blocked=approach.blocked,
+        tolerance=model.tolerance,
         touching=touching,
     )
 
 
 def _failure_record(
-    around: CollisionModel, distance: float, reason: str, blocked: tuple[BlockedDirection, ...], touching: str
+    model: CollisionModel, distance: float, reason: str, blocked: tuple[BlockedDirection, ...], touching: str
 ) -> PalmPath:
     """Return the record of a failed search."""
-    names = tuple(around.hand.tree.joint_positions(np.zeros(len(around.hand.robot.free_joints))))
-    nothing = np.zeros((0, len(names)))
+    names = tuple(model.hand.tree.joint_positions(np.zeros(len(model.hand.robot.free_joints))))
+    no_joints = np.zeros((0, len(names)))
     return PalmPath(
         reason,
         None,
@@ -249,9 +250,9 @@ def _failure_record(
         (),
         np.zeros((0, 4, 4)),
         names,
-        nothing,
+        no_joints,
         np.zeros(0),
         blocked,
-        around.tolerance,
+        model.tolerance,
         touching,
     )

@@ -1,12 +1,12 @@
 """Penetration depth of a hand's links in the body and its surroundings, by the links' own collision shapes.
 
-Two measures of depth are taken, and the larger counts:
+The depth is the larger of two measures:
 
-- ``max over x of d_L(x) + d_T(x)`` for a link L and a thing T (the body, a table, an obstacle), where ``d`` is how far
-  a point of a solid is from the solid's surface. It is at least the depth of any point of one surface inside the other
-  solid, and at most the shortest translation that parts the two: balls of radius ``d_L(x)`` and ``d_T(x)`` about x lie
-  inside them, and a translation that parts two balls with one centre is as long as the sum of their radii.
-- Of convex solids that meet, the shortest translation itself: thin plates that cross are parted by a long one only.
+- ``max over x of d_L(x) + d_T(x)`` for a link L and an obstacle T (the body, a table, an obstacle), where ``d`` is the
+  distance of a point of a solid from the solid's surface. It is at least the depth of any point of one surface inside
+  the other solid, and at most the shortest separating translation: balls of radius ``d_L(x)`` and ``d_T(x)`` about x
+  lie inside them, and a translation that separates two balls with one centre is as long as the sum of their radii.
+- For convex solids that intersect, the shortest separating translation itself: for thin plates that cross it is long.
 """
 
 from __future__ import annotations
@@ -32,24 +32,27 @@ from nlpgrasp.hands.collision_shapes import CollisionShape
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.obstructions import BODY, TOLERANCE, LinkPenetration
 
-FINE = (1e-4, 0.05)  # metres and share: triangles are subdivided until the depth is known to this accuracy
-MOST = 1000  # triangles subdivided together; of more the most promising ones
-IMPLIED = 20_000  # triangles approximating an implicit body, at most
-SAMPLES = 400  # per curved face, for the distance of its triangles from the surface
-FEW = 64  # corners of a mesh up to which its convexity is tested
-BEGINNINGS = 6  # starting points of the pattern search, per surface
-BULGE = 0.02  # share by which a thing may be larger than the points of its surface that are known
-SHEET = 0.05  # of its hull's volume: a surface that encloses less is none of a solid
-CONVEX, PLANES = 0.999, 500  # of its hull's volume: a surface that counts as convex; planes that stand for its faces
-SAME = 6  # digits to which normals of coplanar triangles agree
-AROUND, BESIDE = 200, 12  # directions all around, and about the best one, for the shortest separating translation
+DEPTH_ACCURACY = (1e-4, 0.05)  # metres and share: triangles are subdivided until the depth is known to this accuracy
+BATCH = 1000  # largest number of triangles subdivided in a round, the most promising ones
+IMPLICIT_TRIANGLES = 20_000  # largest number of triangles approximating an implicit body
+SAMPLES = 400  # samples per curved face, for the distance of its triangles from the surface
+CONVEX_TEST_CORNERS = 64  # corners of a mesh up to which its convexity is tested
+SEARCH_STARTS = 6  # starting points of the pattern search, per surface
+BULGE = 0.02  # share by which an obstacle may be larger than the samples of its surface
+SHEET_VOLUME = 0.05  # share of its hull's volume below which a surface is a sheet and no solid
+CONVEX_VOLUME = 0.999  # share of its hull's volume above which a solid counts as convex
+MAX_PLANES = 500  # largest number of planes that approximate a convex solid's faces
+NORMAL_DIGITS = 6  # digits to which normals of coplanar triangles agree
+ALL_DIRECTIONS = 200  # directions over the sphere for the shortest separating translation
+CLOSER_DIRECTIONS = 12  # directions about the best one
 ANGLES = (0.1, 1e-4)  # radians: first and last angle about the best one
-STEPS = (1e-3, 1e-5)  # metres: first and last step of the pattern search for the deepest point
-ON = 1e-7  # metres: how far outside a solid a point of its surface may be by rounding
-STATION, MOST_STATIONS = 2e-3, 50  # metres that a link's middle moves between two postures; postures of a leg
+SEARCH_STEPS = (1e-3, 1e-5)  # metres: first and last step of the pattern search for the deepest point
+SURFACE_TOLERANCE = 1e-7  # metres: distance outside a solid of a point of its surface, by rounding
+POSTURE_SPACING = 2e-3  # metres that a link's centre moves between two postures
+MAX_POSTURES = 50  # largest number of postures of a leg
 _axes = np.concatenate([np.eye(3), -np.eye(3)])
 _corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) / np.sqrt(3.0)
-DIRECTIONS = np.concatenate([_axes, _corners])  # of the pattern search
+DIRECTIONS = np.concatenate([_axes, _corners])  # directions of the pattern search
 Distance = Callable[[FloatArray], FloatArray]
 IntArray = NDArray[np.integer]
 
@@ -61,76 +64,78 @@ class PenetrationModel:
     ----------
     problem : GraspProblem
     hand : URDFHand
-        That has the links; links without a collision shape count as free.
+        The links without a collision shape do not penetrate anything.
     tolerance : float
         Metres.
     """
 
     def __init__(self, problem: GraspProblem, hand: URDFHand, tolerance: float = TOLERANCE) -> None:
         self.hand, self.tolerance = hand, tolerance
-        self.things = [_solid_body(BODY, problem.body), *_obstacles(problem.constraints)]
-        every = {shape.fingerprint: shape for shapes in hand.robot.shapes.values() for shape in shapes}
-        solids = {key: _solid_of_shape(shape) for key, shape in every.items()}  # fingers are often alike
+        self.obstacles = [_solid_body(BODY, problem.body), *_obstacles(problem.constraints)]
+        shapes = {shape.fingerprint: shape for shapes in hand.robot.shapes.values() for shape in shapes}
+        solids = {key: _solid_of_shape(shape) for key, shape in shapes.items()}  # fingers are often alike
         self._links = {
-            link: _LinkSolid.of([solids[shape.fingerprint] for shape in shapes])
+            link: _LinkShape.of([solids[shape.fingerprint] for shape in shapes])
             for link, shapes in hand.robot.shapes.items()
             if shapes
         }
 
     @property
     def has_shapes(self) -> bool:
-        """Whether any link has a collision shape; without one no penetration is known."""
+        """Whether any link has a collision shape."""
         return bool(self._links)
 
     def at(self, values: Values) -> LinkPenetration:
         """Return the deepest penetration in a posture, given by values of the hand's variables."""
         worst = LinkPenetration(tolerance=self.tolerance)
-        poses, middles = self._middles(values)
+        poses, centres = self._link_centres(values)
         if not poses:
             return worst
         names, radii = list(poses), np.array([self._links[link].radius for link in poses])
-        for thing in self.things:
-            near = thing.fast(middles) < radii
-            for name in (name for name, is_near in zip(names, near, strict=True) if is_near):
-                depth = self._links[name].depth_in(thing.seen_from(poses[name]))
+        for obstacle in self.obstacles:
+            reaching = obstacle.fast_distance(centres) < radii
+            for name in (name for name, is_near in zip(names, reaching, strict=True) if is_near):
+                depth = self._links[name].depth_in(obstacle.in_frame(poses[name]))
                 if depth > worst.depth:
-                    worst = LinkPenetration(depth, name, thing.name, self.tolerance)
+                    worst = LinkPenetration(depth, name, obstacle.name, self.tolerance)
         return worst
 
     def along(self, postures: Iterable[Values]) -> LinkPenetration:
         """Return the deepest penetration over several postures."""
-        every = [self.at(values) for values in postures]
-        deepest = max(every, key=lambda found: found.depth, default=LinkPenetration(tolerance=self.tolerance))
-        return replace(deepest, postures=len(every))
+        penetrations = [self.at(values) for values in postures]
+        deepest = max(
+            penetrations, key=lambda penetration: penetration.depth, default=LinkPenetration(tolerance=self.tolerance)
+        )
+        return replace(deepest, postures=len(penetrations))
 
-    def on_approach(self, before: Sequence[Values], grasp: Values) -> LinkPenetration:
+    def on_approach(self, waypoints: Sequence[Values], grasp: Values) -> LinkPenetration:
         """Return the deepest penetration along a path of postures to a grasp.
 
-        Postures every two millimetres are looked at, or a fiftieth of a leg; nothing is known between them. The grasp
+        Postures every two millimetres are checked, or a fiftieth of a leg; nothing is certified between them. The grasp
         itself is left out.
 
         Parameters
         ----------
-        before : sequence of dict
-            Values of the hand's variables where the way turns, from afar on; straight in between.
+        waypoints : sequence of dict
+            Values of the hand's variables at the corners of the path, from the start on; straight in between.
         grasp : dict
-            Where it ends.
+            Values of the hand's variables at its end.
         """
-        ends = [*before, grasp]
-        stations = []
-        for here, there in pairwise(ends):
-            moved = np.linalg.norm(self._middles(there)[1] - self._middles(here)[1], axis=1)
-            count = min(max(int(np.ceil(float(np.max(moved, initial=0.0)) / STATION)), 1), MOST_STATIONS)
+        corners = [*waypoints, grasp]
+        samples = []
+        for start, end in pairwise(corners):
+            distances = np.linalg.norm(self._link_centres(end)[1] - self._link_centres(start)[1], axis=1)
+            count = min(max(int(np.ceil(float(np.max(distances, initial=0.0)) / POSTURE_SPACING)), 1), MAX_POSTURES)
             shares = np.arange(count) / count
-            stations += [{n: here[n] + s * (there[n] - here[n]) for n in here} for s in shares.tolist()]
-        return self.along(stations)
+            samples += [{n: start[n] + s * (end[n] - start[n]) for n in start} for s in shares.tolist()]
+        return self.along(samples)
 
-    def _middles(self, values: Values) -> tuple[dict[str, FloatArray], FloatArray]:
-        """Return the poses of the links that have shapes, and the middles of these, (m, 3), metres, body frame."""
+    def _link_centres(self, values: Values) -> tuple[dict[str, FloatArray], FloatArray]:
+        """Return the poses of the links that have shapes, and the centres of these, (m, 3), metres, body frame."""
         poses = self.hand.tree.body_poses(values)
-        found = {link: poses[link] for link in self._links if link in poses}
-        middles = [pose[:3, :3] @ self._links[link].centre + pose[:3, 3] for link, pose in found.items()]
-        return found, np.array(middles).reshape(-1, 3)
+        link_poses = {link: poses[link] for link in self._links if link in poses}
+        centres = [pose[:3, :3] @ self._links[link].centre + pose[:3, 3] for link, pose in link_poses.items()]
+        return link_poses, np.array(centres).reshape(-1, 3)
 
     def tip_gaps(self, values: Values, points: FloatArray) -> list[float | None]:
         """Return the distance of each contact from the shapes of its fingertip's link and of links fixed to it.
@@ -159,12 +164,12 @@ class PenetrationModel:
 
 @dataclass(frozen=True)
 class LinkObstacle:
-    """Solid obstacle to the links: body, table or obstacle.
+    """Solid that the links can penetrate: the body, a table or an obstacle.
 
     Parameters
     ----------
     name : str
-    fast, fine : callable
+    fast_distance, exact_distance : callable
         Points (m, 3), body frame, to signed distances (m,), metres, negative inside: one that is quick and never more
         than the true one near the surface, and one that is as exact as the body states it.
     points : (n, 3) array
@@ -175,28 +180,28 @@ class LinkObstacle:
     """
 
     name: str
-    fast: Distance
-    fine: Distance
+    fast_distance: Distance
+    exact_distance: Distance
     points: FloatArray
     convex: _Convex | None = None
 
-    def seen_from(self, pose: FloatArray) -> LinkObstacle:
-        """Return the same obstacle for points in a frame that has this pose (4, 4)."""
-        fast, fine, turn, shift = self.fast, self.fine, pose[:3, :3].T, pose[:3, 3]
+    def in_frame(self, pose: FloatArray) -> LinkObstacle:
+        """Return the obstacle in the coordinates of a frame with this pose (4, 4)."""
+        fast, exact, rotation, shift = self.fast_distance, self.exact_distance, pose[:3, :3].T, pose[:3, 3]
         points = (self.points - shift) @ pose[:3, :3]
         convex = None if self.convex is None else self.convex.in_frame(pose)
         return LinkObstacle(
-            self.name, lambda p: fast(p @ turn + shift), lambda p: fine(p @ turn + shift), points, convex
+            self.name, lambda p: fast(p @ rotation + shift), lambda p: exact(p @ rotation + shift), points, convex
         )
 
 
 @dataclass(frozen=True)
-class _LinkSolid:
+class _LinkShape:
     """Union of a link's collision shapes.
 
     Parameters
     ----------
-    parts : sequence of _LinkObstacleSolid
+    parts : sequence of _Solid
         Of each shape, in the link's frame.
     corners : (m, 3, 3) array
         Of the triangles of all their surfaces, metres, link frame.
@@ -204,45 +209,48 @@ class _LinkSolid:
         Of a ball around all of them.
     """
 
-    parts: Sequence[_LinkObstacleSolid]
+    parts: Sequence[_Solid]
     corners: FloatArray
     centre: FloatArray
     radius: float
 
     @classmethod
-    def of(cls, solids: Sequence[_LinkObstacleSolid]) -> _LinkSolid:
+    def of(cls, solids: Sequence[_Solid]) -> _LinkShape:
         """Return the union of some solids."""
         corners = np.concatenate([solid.corners for solid in solids])
-        every = corners.reshape(-1, 3)
-        centre = (every.min(axis=0) + every.max(axis=0)) / 2.0
-        radius = float(np.max(np.linalg.norm(every - centre, axis=1)))
+        points = corners.reshape(-1, 3)
+        centre = (points.min(axis=0) + points.max(axis=0)) / 2.0
+        radius = float(np.max(np.linalg.norm(points - centre, axis=1)))
         return cls(tuple(solids), corners, centre, radius)
 
-    def depth_in(self, thing: LinkObstacle) -> float:
+    def depth_in(self, obstacle: LinkObstacle) -> float:
         """Return the link's penetration depth in an obstacle given in the link's frame, metres, at least zero."""
-        points = _deepest_points(thing.fast, self._near(thing))[:BEGINNINGS]
-        there = thing.points[np.linalg.norm(thing.points - self.centre, axis=1) < self.radius]
-        if len(there):
-            found = self._distance(there)
-            order = np.argsort(found, kind="stable")[:BEGINNINGS]
-            points = np.concatenate([points, there[order[found[order] < 0.0]]])
+        points = _deepest_points(obstacle.fast_distance, self._reaching_triangles(obstacle))[:SEARCH_STARTS]
+        inside_candidates = obstacle.points[np.linalg.norm(obstacle.points - self.centre, axis=1) < self.radius]
+        if len(inside_candidates):
+            distances = self._distance(inside_candidates)
+            order = np.argsort(distances, kind="stable")[:SEARCH_STARTS]
+            points = np.concatenate([points, inside_candidates[order[distances[order] < 0.0]]])
         if not len(points):
             return 0.0
-        inside = _deepest_inside(thing.fine, self._distance, points)
-        return max(inside, *self._penetration_depths(thing)) if inside > 0.0 else 0.0
+        depth = _deepest_inside(obstacle.exact_distance, self._distance, points)
+        return max(depth, *self._penetration_depths(obstacle)) if depth > 0.0 else 0.0
 
-    def _penetration_depths(self, thing: LinkObstacle) -> list[float]:
+    def _penetration_depths(self, obstacle: LinkObstacle) -> list[float]:
         """Return the penetration depth of each convex part in a convex obstacle, metres."""
-        if thing.convex is None:
+        if obstacle.convex is None:
             return [0.0]
-        return [0.0, *(_penetration_depth(part.convex, thing.convex) for part in self.parts if part.convex is not None)]
+        return [
+            0.0,
+            *(_penetration_depth(part.convex, obstacle.convex) for part in self.parts if part.convex is not None),
+        ]
 
-    def _near(self, thing: LinkObstacle) -> FloatArray:
+    def _reaching_triangles(self, obstacle: LinkObstacle) -> FloatArray:
         """Return the corners (m, 3, 3) of the triangles that may reach a bounding sphere of an obstacle."""
-        if not len(thing.points):
+        if not len(obstacle.points):
             return self.corners
-        middle = (thing.points.min(axis=0) + thing.points.max(axis=0)) / 2.0
-        reach = float(np.max(np.linalg.norm(thing.points - middle, axis=1))) * (1.0 + BULGE)
+        middle = (obstacle.points.min(axis=0) + obstacle.points.max(axis=0)) / 2.0
+        reach = float(np.max(np.linalg.norm(obstacle.points - middle, axis=1))) * (1.0 + BULGE)
         centres = self.corners.mean(axis=1)
         radii = np.max(np.linalg.norm(self.corners - centres[:, None], axis=2), axis=1)
         return np.asarray(self.corners[np.linalg.norm(centres - middle, axis=1) - radii < reach])
@@ -253,7 +261,7 @@ class _LinkSolid:
 
 
 @dataclass(frozen=True)
-class _LinkObstacleSolid:
+class _Solid:
     """Closed surface with its signed distance.
 
     Parameters
@@ -271,28 +279,28 @@ class _LinkObstacleSolid:
     convex: _Convex | None = None
 
     @classmethod
-    def of(cls, vertices: FloatArray, faces: IntArray) -> _LinkObstacleSolid:
-        """Return the solid of triangles; of sheets, which enclose next to nothing, their convex hull, as MuJoCo does.
+    def of(cls, vertices: FloatArray, faces: IntArray) -> _Solid:
+        """Return the solid of a triangulated surface; of a sheet, which encloses no volume, its convex hull, as MuJoCo.
 
         Inside a convex polyhedron the nearest point of its surface is on the nearest of its faces' planes. One with
-        many faces is taken as the hull of its outermost vertices in ``PLANES`` directions, within the planes that touch
-        it across them: wrong by less than a hundredth of a round one's radius. Any other surface is searched.
+        many faces is approximated by the hull of its outermost vertices in ``MAX_PLANES`` directions, within the planes
+        that support it: the error is below a hundredth of the radius of a ball. Any other surface is searched.
         """
         corners = vertices[faces]
         volume = float(np.sum(np.linalg.det(corners - corners.mean(axis=(0, 1))))) / 6.0
         hull = _convex_hull(vertices)
-        if hull is None or SHEET * hull.volume <= abs(volume) < CONVEX * hull.volume:
+        if hull is None or SHEET_VOLUME * hull.volume <= abs(volume) < CONVEX_VOLUME * hull.volume:
             return cls(corners, SearchTree(vertices, faces).clearance)
-        if abs(volume) < SHEET * hull.volume:
+        if abs(volume) < SHEET_VOLUME * hull.volume:
             corners = vertices[hull.simplices]
-        normals, ends = np.unique(hull.equations[:, :3].round(SAME), axis=0), vertices[hull.vertices]
-        offsets = np.max(normals @ ends.T, axis=1)[:, None]
-        if len(normals) > PLANES:
-            normals = directions_around(np.eye(3)[2], PLANES)
-            offsets = np.max(normals @ ends.T, axis=1)[:, None]
-            ends = ends[np.unique(np.argmax(normals @ ends.T, axis=1))]
-            corners = ends[ConvexHull(ends).simplices]
-        shape = _Convex(ends, normals)
+        normals, corner_points = np.unique(hull.equations[:, :3].round(NORMAL_DIGITS), axis=0), vertices[hull.vertices]
+        offsets = np.max(normals @ corner_points.T, axis=1)[:, None]
+        if len(normals) > MAX_PLANES:
+            normals = directions_around(np.eye(3)[2], MAX_PLANES)
+            offsets = np.max(normals @ corner_points.T, axis=1)[:, None]
+            corner_points = corner_points[np.unique(np.argmax(normals @ corner_points.T, axis=1))]
+            corners = corner_points[ConvexHull(corner_points).simplices]
+        shape = _Convex(corner_points, normals)
         return cls(corners, lambda points: np.asarray(np.max(normals @ points.T - offsets, axis=0)), shape)
 
 
@@ -304,27 +312,27 @@ class _Convex:
     normals: FloatArray
 
     def in_frame(self, pose: FloatArray) -> _Convex:
-        """Return the same solid for points in a frame that has this pose (4, 4)."""
+        """Return the solid in the coordinates of a frame with this pose (4, 4)."""
         return _Convex((self.corners - pose[:3, 3]) @ pose[:3, :3], self.normals @ pose[:3, :3])
 
 
-def _solid_of_shape(shape: CollisionShape) -> _LinkObstacleSolid:
+def _solid_of_shape(shape: CollisionShape) -> _Solid:
     """Return the solid of a collision shape."""
-    return _LinkObstacleSolid.of(np.asarray(shape.mesh.vertices, dtype=float), np.asarray(shape.mesh.faces))
+    return _Solid.of(np.asarray(shape.mesh.vertices, dtype=float), np.asarray(shape.mesh.faces))
 
 
 def _obstacles(constraints: Sequence[PlacementConstraint]) -> Iterator[LinkObstacle]:
     """Yield the tables and obstacles among some constraints, without the required clearance."""
     for constraint in constraints:
         if isinstance(constraint, Table):
-            above = partial(_height_above, constraint.height)
-            yield LinkObstacle("the table", above, above, np.zeros((0, 3)))
+            distance = partial(_height_above, constraint.height)
+            yield LinkObstacle("the table", distance, distance, np.zeros((0, 3)))
         elif isinstance(constraint, Obstacle) and isinstance(constraint.body, Body):
             pose = np.eye(4)
             pose[:3, :3] = constraint.rotation
             pose[:3, 3] = 0.0 if constraint.position is None else np.asarray(constraint.position, dtype=float)
-            outside = np.asarray(np.linalg.inv(pose), dtype=float)
-            yield _solid_body(constraint.name, constraint.body).seen_from(outside)
+            inverse = np.asarray(np.linalg.inv(pose), dtype=float)
+            yield _solid_body(constraint.name, constraint.body).in_frame(inverse)
 
 
 def _height_above(height: float, points: FloatArray) -> FloatArray:
@@ -333,36 +341,36 @@ def _height_above(height: float, points: FloatArray) -> FloatArray:
 
 
 def _solid_body(name: str, body: Body) -> LinkObstacle:
-    """Return a body with a fast and a fine signed distance.
+    """Return a body as an obstacle, with a fast and an exact signed distance.
 
     The first-order distance ``h / |grad h|`` of a curved body is exact near its surface and too deep inside; that from
     its triangles is too small by their distance from the surface, anywhere. Both are lower bounds, so the larger holds.
     """
     if isinstance(body, Mesh):
         corners, faces = np.asarray(body.mesh.vertices, dtype=float), np.asarray(body.mesh.faces)
-        convex = _LinkObstacleSolid.of(corners, faces).convex if len(corners) <= FEW else None
+        convex = _Solid.of(corners, faces).convex if len(corners) <= CONVEX_TEST_CORNERS else None
         return LinkObstacle(name, body.clearance, body.clearance, _thin_out(corners), convex)
     rng = np.random.default_rng(0)
     sampled = np.concatenate([body.sample(face, SAMPLES, rng) for face in body.face_names])
     surface = body.triangles()
-    solid = _LinkObstacleSolid.of(*(triangles(body, IMPLIED) if surface is None else surface))
-    within = solid.distance
-    off = max(0.0, float(np.max(within(sampled), initial=0.0)))
+    solid = _Solid.of(*(triangles(body, IMPLICIT_TRIANGLES) if surface is None else surface))
+    distance = solid.distance
+    error = max(0.0, float(np.max(distance(sampled), initial=0.0)))
 
     def fast(points: FloatArray) -> FloatArray:
-        return within(points) - off
+        return distance(points) - error
 
     points = _thin_out(solid.corners.reshape(-1, 3))
-    if surface is None:  # nothing is known of how an implicit function grows away from its surface
+    if surface is None:  # the growth of an implicit function away from its surface is unknown
         return LinkObstacle(name, fast, fast, points, solid.convex)
     return LinkObstacle(name, fast, lambda p: np.maximum(body.signed_distance(p), fast(p)), points, solid.convex)
 
 
 def _thin_out(points: FloatArray) -> FloatArray:
-    """Return about ``MOST`` of some points (n, 3), evenly chosen, including the outermost ones."""
-    around = directions_around(np.eye(3)[2], AROUND)
-    outermost = points[np.unique(np.argmax(points @ around.T, axis=0))]
-    return np.concatenate([points[:: max(1, len(points) // MOST)], outermost])
+    """Return about ``BATCH`` of some points (n, 3), evenly chosen, including the outermost ones."""
+    directions = directions_around(np.eye(3)[2], ALL_DIRECTIONS)
+    outermost = points[np.unique(np.argmax(points @ directions.T, axis=0))]
+    return np.concatenate([points[:: max(1, len(points) // BATCH)], outermost])
 
 
 def _convex_hull(vertices: FloatArray) -> ConvexHull | None:
@@ -373,72 +381,73 @@ def _convex_hull(vertices: FloatArray) -> ConvexHull | None:
         return None
 
 
-def _penetration_depth(one: _Convex, other: _Convex) -> float:
+def _penetration_depth(solid: _Convex, other: _Convex) -> float:
     """Return the penetration depth of two convex solids (shortest separating translation), metres; 0 if apart.
 
-    That is the least sum over directions of how far one reaches along it and the other against it: among the normals of
-    both, then near the best of them.
+    That is the least overlap of their extents over directions: among the normals of both, then near the best of them.
     """
 
     def overlap(directions: FloatArray) -> FloatArray:
-        return np.asarray(np.max(one.corners @ directions.T, axis=0) - np.min(other.corners @ directions.T, axis=0))
+        return np.asarray(np.max(solid.corners @ directions.T, axis=0) - np.min(other.corners @ directions.T, axis=0))
 
-    directions = np.concatenate([one.normals, -other.normals, directions_around(np.eye(3)[2], AROUND)])
+    directions = np.concatenate([solid.normals, -other.normals, directions_around(np.eye(3)[2], ALL_DIRECTIONS)])
     values = overlap(directions)
     best, least, angle = directions[int(np.argmin(values))], float(np.min(values)), ANGLES[0]
     while angle >= ANGLES[1] and least > 0.0:
-        beside = directions_beside(best, angle, BESIDE)
-        values = overlap(beside)
+        closer = directions_beside(best, angle, CLOSER_DIRECTIONS)
+        values = overlap(closer)
         if np.min(values) < least:
-            best, least = beside[int(np.argmin(values))], float(np.min(values))
+            best, least = closer[int(np.argmin(values))], float(np.min(values))
         else:
             angle /= 2.0
     return max(0.0, least)
 
 
 def _deepest_points(distance: Distance, corners: FloatArray) -> FloatArray:
-    """Return points (m, 3) of a surface inside an obstacle, the deepest first; none where the surface is outside.
+    """Return points (m, 3) of a surface inside an obstacle, the deepest first; empty where the surface is outside.
 
     Triangles (m, 3, 3) are divided as long as they can hold a point that is deeper than the deepest known one: a
     signed distance changes by no more than a point moves.
     """
-    best, known = 0.0, [np.zeros((0, 4))]
+    best, records = 0.0, [np.zeros((0, 4))]
     while len(corners):
         centres = corners.mean(axis=1)
         reach = np.max(np.linalg.norm(corners - centres[:, None], axis=2), axis=1)
         depth = -distance(centres)
-        known.append(np.column_stack([depth, centres])[depth > 0.0])
+        records.append(np.column_stack([depth, centres])[depth > 0.0])
         best = max(best, float(np.max(depth)))
         promise = depth + reach
-        kept = np.flatnonzero((promise > best + max(FINE[0], FINE[1] * best)) & (promise > 0.0))
-        corners = _divided(corners[kept[np.argsort(-promise[kept], kind="stable")][:MOST]])
-    found = np.concatenate(known)
-    return found[np.argsort(-found[:, 0], kind="stable"), 1:]
+        promising = np.flatnonzero(
+            (promise > best + max(DEPTH_ACCURACY[0], DEPTH_ACCURACY[1] * best)) & (promise > 0.0)
+        )
+        corners = _subdivide(corners[promising[np.argsort(-promise[promising], kind="stable")][:BATCH]])
+    points = np.concatenate(records)
+    return points[np.argsort(-points[:, 0], kind="stable"), 1:]
 
 
-def _divided(corners: FloatArray) -> FloatArray:
-    """Return triangles (m, 3, 3) subdivided into four each."""
+def _subdivide(corners: FloatArray) -> FloatArray:
+    """Return triangles (m, 3, 3), each subdivided into four."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     ab, bc, ca = (a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0
     return np.concatenate([np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
 
 
-def _deepest_inside(one: Distance, other: Distance, points: FloatArray) -> float:
+def _deepest_inside(first_distance: Distance, second_distance: Distance, points: FloatArray) -> float:
     """Return the largest sum of depths in two solids, metres, by pattern search from some points (m, 3)."""
 
-    def both(points: FloatArray) -> FloatArray:
-        a, b = one(points), other(points)
-        return np.where(np.maximum(a, b) <= ON, a + b, 0.0)
+    def depth_sum(points: FloatArray) -> FloatArray:
+        a, b = first_distance(points), second_distance(points)
+        return np.where(np.maximum(a, b) <= SURFACE_TOLERANCE, a + b, 0.0)
 
-    here = points
-    value, step = both(here), STEPS[0]
-    while step >= STEPS[1]:
-        tried = here[:, None] + step * DIRECTIONS
-        values = both(tried.reshape(-1, 3)).reshape(tried.shape[:2])
-        which = np.argmin(values, axis=1)
-        rows = np.arange(len(here))
-        better = values[rows, which] < value
-        here = np.where(better[:, None], tried[rows, which], here)
-        value = np.where(better, values[rows, which], value)
-        step = step if np.any(better) else step / 2.0
+    best = points
+    value, step = depth_sum(best), SEARCH_STEPS[0]
+    while step >= SEARCH_STEPS[1]:
+        trial = best[:, None] + step * DIRECTIONS
+        values = depth_sum(trial.reshape(-1, 3)).reshape(trial.shape[:2])
+        index = np.argmin(values, axis=1)
+        rows = np.arange(len(best))
+        is_better = values[rows, index] < value
+        best = np.where(is_better[:, None], trial[rows, index], best)
+        value = np.where(is_better, values[rows, index], value)
+        step = step if np.any(is_better) else step / 2.0
     return max(0.0, float(-np.min(value)))

@@ -11,9 +11,9 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.base import Values
 from nlpgrasp.motion.link_clearance import BoolArray, CollisionModel
 
-LARGEST = 1.0 / 8.0  # of the whole path: the first step
-FINE = 1e-4  # metres, accuracy of the clearance
-MOST = 24  # further postures computed, at most
+LARGEST_STEP = 1.0 / 8.0  # first and largest step, as a share of the path
+CLEARANCE_ACCURACY = 1e-4  # metres, accuracy of the certified clearance
+MAX_REFINEMENTS = 24  # largest number of further postures for the certified clearance
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class PathPosture:
     Parameters
     ----------
     share : float
-        Of the way, from 0 to 1.
+        Share of the path, from 0 to 1.
     values : dict
         Of the hand's variables.
     clearances : (n,) array
@@ -41,107 +41,109 @@ class StraightPath:
 
     Parameters
     ----------
-    places : tuple of PathPosture
+    postures : tuple of PathPosture
         From the start on; empty where the start is not free.
     blocked_by : str
-        What is in the way after the last place; empty where the way is free to its end.
-    moved_by : (m,) bool array
-        The free joints that move what is in the way.
+        The obstruction after the last posture; empty where the path is free to its end.
+    moving_joints : (m,) bool array
+        The free joints that move the obstructed spheres.
     """
 
-    places: tuple[PathPosture, ...]
+    postures: tuple[PathPosture, ...]
     blocked_by: str
-    moved_by: BoolArray
+    moving_joints: BoolArray
 
     @property
     def free(self) -> float:
         """Share of the path that is collision-free."""
-        return self.places[-1].share if self.places else 0.0
+        return self.postures[-1].share if self.postures else 0.0
 
 
-def straight_way(
-    around: CollisionModel,
+def follow_straight_path(
+    model: CollisionModel,
     posture: Callable[[float], Values],
-    allowed: Callable[[PathPosture], FloatArray],
+    clearance_limits: Callable[[PathPosture], FloatArray],
     locate: bool = True,
 ) -> StraightPath:
-    """Return the postures of a straight path, close enough to certify that nothing lies between them.
+    """Return the collision-free part of a straight path, with postures close enough to certify it.
 
     Parameters
     ----------
-    around : CollisionModel
+    model : CollisionModel
     posture : callable
-        Share of the way, from 0 to 1, to values of the hand's variables, linear in it; the palm does not turn.
-    allowed : callable
-        The first place to the least of each clearance, (n,), metres.
+        Share of the path, from 0 to 1, to values of the hand's variables, linear in it; the palm does not turn.
+    clearance_limits : callable
+        First posture to the least admissible clearances, (n,), metres.
     locate : bool
-        Whether to find out how far a blocked way is free, to the tolerance; else it ends where that is seen.
+        Whether to locate the end of the free part to the tolerance; else the search ends once a collision is known.
     """
 
     def at(share: float) -> PathPosture:
         values = posture(share)
-        return PathPosture(share, values, around.clearances(values))
+        return PathPosture(share, values, model.clearances(values))
 
     first = at(0.0)
-    least = allowed(first)
-    if np.any(first.clearances < least - around.tolerance / 2.0):
-        worst = int(np.argmin(first.clearances - least))
-        return StraightPath((), around.describe_clearance(worst), around.moved_by(worst))
-    done, step = [first], LARGEST
-    while done[-1].share < 1.0:
-        here = done[-1]
-        there = at(min(here.share + step, 1.0))
-        swept = around.clearance_change_bounds(here.values, there.values)
-        bound = around.between(here.values, there.values, (here.clearances, there.clearances)) - least
-        ends = there.clearances - least + around.tolerance / 2.0
-        spare = np.where(swept > 0.0, np.minimum(bound + around.tolerance, ends), np.inf)
+    limits = clearance_limits(first)
+    if np.any(first.clearances < limits - model.tolerance / 2.0):
+        worst = int(np.argmin(first.clearances - limits))
+        return StraightPath((), model.describe_clearance(worst), model.moving_joints(worst))
+    postures, step = [first], LARGEST_STEP
+    while postures[-1].share < 1.0:
+        start = postures[-1]
+        end = at(min(start.share + step, 1.0))
+        change_bounds = model.clearance_change_bounds(start.values, end.values)
+        bound = model.clearance_bounds(start.values, end.values, (start.clearances, end.clearances)) - limits
+        slack = end.clearances - limits + model.tolerance / 2.0
+        spare = np.where(change_bounds > 0.0, np.minimum(bound + model.tolerance, slack), np.inf)
         if np.all(spare >= 0.0):
-            done.append(there)
-            step = min(2.0 * step, LARGEST)
-        elif np.max(swept) <= around.tolerance / 2.0 or (not locate and np.any(ends < 0.0)):
-            # within half the tolerance the bound holds where both ends do: it is the end that does not
-            worst = int(np.argmin(ends if np.any(ends < 0.0) else spare))
-            return StraightPath(tuple(done), around.describe_clearance(worst), around.moved_by(worst))
+            postures.append(end)
+            step = min(2.0 * step, LARGEST_STEP)
+        elif np.max(change_bounds) <= model.tolerance / 2.0 or (not locate and np.any(slack < 0.0)):
+            # a step within half the tolerance is free where both of its ends are: its end is not
+            worst = int(np.argmin(slack if np.any(slack < 0.0) else spare))
+            return StraightPath(tuple(postures), model.describe_clearance(worst), model.moving_joints(worst))
         else:
-            step = (there.share - here.share) / 2.0
-    return StraightPath(tuple(done), "", np.zeros(around.balls.reach.shape[1], bool))
+            step = (end.share - start.share) / 2.0
+    return StraightPath(tuple(postures), "", np.zeros(model.spheres.motion_bounds.shape[1], bool))
 
 
-def certified_clearance(around: CollisionModel, places: Sequence[PathPosture]) -> float:
+def certified_clearance(model: CollisionModel, postures: Sequence[PathPosture]) -> float:
     """Return a certified least clearance of links and fingertips, metres, from the body and obstacles along a path.
 
-    To a tenth of a millimetre what the balls have anywhere on the straight ways from place to place, by the bound of
-    ``CollisionModel.between``; where it takes more than a few places to see that, less than they have. From tables and
-    obstacles it counts beyond the clearance asked for.
+    A lower bound on the clearance of the spheres anywhere on the straight paths between the postures, by
+    ``CollisionModel.clearance_bounds``: within a tenth of a millimetre of the true value, or less accurate after
+    ``MAX_REFINEMENTS`` further postures. From tables and obstacles it counts beyond the required clearance.
 
     Parameters
     ----------
-    around : CollisionModel
-    places : sequence of PathPosture
-        Free ones, such as ``straight_way`` returns; the palm does not turn.
+    model : CollisionModel
+    postures : sequence of PathPosture
+        Free ones, such as ``follow_straight_path`` returns; the palm does not turn.
     """
-    things = len(around.fields) * len(around.seen)
-    asked = np.zeros(things)
-    asked[: len(around.seen)] = np.where(around.balls.fingers[around.seen] < 0, around.hand.clearance, 0.0)
-    known = list(places)
-    rooms = [place.clearances[:things] + asked for place in known]
+    count = len(model.fields) * len(model.sphere_indices)
+    required = np.zeros(count)
+    required[: len(model.sphere_indices)] = np.where(
+        model.spheres.fingers[model.sphere_indices] < 0, model.hand.clearance, 0.0
+    )
+    samples = list(postures)
+    clearances = [sample.clearances[:count] + required for sample in samples]
 
-    def proved(i: int) -> float:
-        ways = around.clearance_change_bounds(known[i].values, known[i + 1].values)[:things]
-        return float(np.min((rooms[i] + rooms[i + 1] - ways) / 2.0))
+    def bound(i: int) -> float:
+        changes = model.clearance_change_bounds(samples[i].values, samples[i + 1].values)[:count]
+        return float(np.min((clearances[i] + clearances[i + 1] - changes) / 2.0))
 
-    bounds = [proved(i) for i in range(len(known) - 1)]
-    for _ in range(MOST):
+    bounds = [bound(i) for i in range(len(samples) - 1)]
+    for _ in range(MAX_REFINEMENTS):
         i = int(np.argmin(bounds)) if bounds else 0
-        if not bounds or bounds[i] >= _least_value(rooms) - FINE:
-            return _least_value(rooms)
-        values = {name: (v + known[i + 1].values[name]) / 2.0 for name, v in known[i].values.items()}
-        share = (known[i].share + known[i + 1].share) / 2.0
-        known.insert(i + 1, PathPosture(share, values, around.clearances(values)))
-        rooms.insert(i + 1, known[i + 1].clearances[:things] + asked)
-        bounds[i : i + 1] = [proved(i), proved(i + 1)]
+        if not bounds or bounds[i] >= _least_value(clearances) - CLEARANCE_ACCURACY:
+            return _least_value(clearances)
+        values = {name: (v + samples[i + 1].values[name]) / 2.0 for name, v in samples[i].values.items()}
+        share = (samples[i].share + samples[i + 1].share) / 2.0
+        samples.insert(i + 1, PathPosture(share, values, model.clearances(values)))
+        clearances.insert(i + 1, samples[i + 1].clearances[:count] + required)
+        bounds[i : i + 1] = [bound(i), bound(i + 1)]
     return min(bounds)
 
 
-def _least_value(rooms: Sequence[FloatArray]) -> float:
-    return min(float(np.min(room)) for room in rooms)
+def _least_value(clearances: Sequence[FloatArray]) -> float:
+    return min(float(np.min(values)) for values in clearances)

@@ -19,7 +19,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Hand, URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.hands.linked_hand import LinkedHand
-from nlpgrasp.motion.distance_fields import Distance, distance_to_all, fields_of
+from nlpgrasp.motion.distance_fields import Distance, build_distance_fields, distance_to_all
 from nlpgrasp.problem.candidate_constraints import CandidateConstraints, placement_rows
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.obstructions import jaws_depth
@@ -203,7 +203,7 @@ class HandPoints:
     def _distance(self) -> Distance:
         """Distance to the body and to the surroundings that constraints keep a hand away from."""
         problem = self._problem
-        return distance_to_all(fields_of(problem.body, problem.constraints, len(problem.models)))
+        return distance_to_all(build_distance_fields(problem.body, problem.constraints, len(problem.models)))
 
     def tip_centres(self, values: Values, otherwise: FloatArray) -> FloatArray:
         """Return the centres of round fingertips (k, 3), and the given points for the others."""

@@ -40,8 +40,8 @@ def warning_list(inspection: Inspection) -> str:
     """Return the warnings as an HTML list."""
     no_remark = (f"{GOOD[0].upper()}{GOOD[1:]}", "good")
     # code to paste keeps its minus signs
-    remarks = [(f.text if f.command else typeset(f.text), "grave" if f.grave else "some") for f in inspection.sentences]
-    code = escape("\n".join(inspection.to_paste))  # belongs to the first remark
+    remarks = [(f.text if f.command else typeset(f.text), "grave" if f.grave else "some") for f in inspection.notices]
+    code = escape("\n".join(inspection.usage_lines))  # belongs to the first remark
     paste = f"<pre>{code}</pre>" if code else ""
     entries = "".join(
         f'<li class="{kind}">{escape(text)}{paste if i == 0 else ""}</li>'
@@ -97,15 +97,15 @@ def opposition_table(opposition: Opposition | None) -> str:
 
 def _separate_tips(opposition: Opposition) -> str:
     """Return the sets of fingertips that do not meet, with buttons."""
-    if not opposition.apart:
+    if not opposition.separated:
         return ""
     buttons = "".join(
         posture_button(
             posture_name(meeting.fingers), f"{', '.join(map(str, meeting.fingers))}: {_format_opposition(meeting)}"
         )
-        for meeting in opposition.apart
+        for meeting in opposition.separated
     )
-    distance = millimetres(opposition.together)
+    distance = millimetres(opposition.meeting_distance)
     text = f"These never come within {distance} of each other all at once, although smaller sets do."
     return f'<p class="note">{escape(typeset(text))}</p><div class="postures apart">{buttons}</div>'
 
@@ -163,7 +163,7 @@ def link_table(hand: InspectedHand) -> str:
         kinds = [shape.kind for shape in robot.shapes.get(link, ())]
         counts = [f"{kinds.count(k)} {k}{_plural(k, kinds.count(k))}" for k in dict.fromkeys(kinds)]
         fit = hand.fits.get(link)
-        shapes = ", ".join(counts) or ("none, although the link is visible" if link in robot.bare else "none")
+        shapes = ", ".join(counts) or ("none, although the link is visible" if link in robot.shapeless else "none")
         sphere_cells = ["", ""] if fit is None else [str(len(fit.radii)), typeset(millimetres(fit.error))]
         rows.append([link, shapes, *sphere_cells])
     heads = ["Link", "Collision shape", "Spheres", "Spheres reach beyond it"]
@@ -191,7 +191,7 @@ def write_hand(hand: Hand | InspectedHand | Inspection, path: str | Path) -> Pat
         On a hand without links, or a path that cannot be written.
     """
     inspection = hand if isinstance(hand, Inspection) else inspect(hand)
-    inspected, opposition = inspection.hand, inspection.met
+    inspected, opposition = inspection.hand, inspection.opposition
     robot = inspected.tree.robot
     colours = "".join(f'<span><b style="background:var(--{name})"></b>{text}</span>' for name, text in COLOUR_KEY)
     stage = hand_stage(inspected, f'<p class="key">{colours}</p>')

@@ -114,7 +114,7 @@ def hand_scene(hand: InspectedHand, triangle_limit: int = HAND_TRIANGLES) -> Jso
     surfaces = _DistinctSurfaces()
     parts, corners = _link_parts(hand, surfaces, triangle_limit)
     tips, tip_corners = _tip_parts(hand, surfaces)
-    leaves = [] if tips else [index[link] for link in hand.leaves]
+    leaves = [] if tips else [index[link] for link in hand.leaf_links]
     corners += [*tip_corners, *({"link": i, "at": [[0.0, 0.0, 0.0]]} for i in leaves)]
     if not corners:
         corners = [{"link": i, "at": [[0.0, 0.0, 0.0]]} for i in range(len(links))]
@@ -208,7 +208,7 @@ def _relaxed_link_poses(hand: InspectedHand) -> dict[str, FloatArray]:
     names = hand.tree.used_links
     if not names:
         return {}
-    poses = np.asarray(hand.tree.link_function(hand.at_rest).full()).reshape(4, len(names), 4)
+    poses = np.asarray(hand.tree.link_function(hand.rest_posture).full()).reshape(4, len(names), 4)
     return {name: poses[:, i] for i, name in enumerate(names)}
 
 
@@ -250,7 +250,7 @@ def _hand_view(points: FloatArray, hand: InspectedHand) -> list[float]:
 
 def postures(hand: InspectedHand, opposition: Opposition | None) -> Json:
     """Return positions of the free joints for each posture button; radians or metres."""
-    positions = {"relaxed": rounded_list(hand.at_rest)}
+    positions = {"relaxed": rounded_list(hand.rest_posture)}
     if hand.tree.robot.free_joints:
         lower, upper = hand.tree.joint_limits
         zero = np.clip(0.0, lower, upper)
@@ -259,7 +259,7 @@ def postures(hand: InspectedHand, opposition: Opposition | None) -> Json:
             "lower limits": rounded_list(lower),
             "upper limits": rounded_list(upper),
         }
-    for meeting in () if opposition is None else (*opposition.pairs, *opposition.apart):
+    for meeting in () if opposition is None else (*opposition.pairs, *opposition.separated):
         positions[posture_name(meeting.fingers)] = rounded_list(meeting.joints)
     return positions
 
@@ -302,7 +302,7 @@ def _joint_slider(hand: InspectedHand, number: int) -> str:
     robot = hand.tree.robot
     joint = robot.free_joints[number]
     lower, upper, _ = robot.ranges[joint.name]
-    start = float(hand.at_rest[number])
+    start = float(hand.rest_posture[number])
     followers = "".join(
         f'<div class="follower"><span title="{escape(other.name)}">{escape(other.name)} follows</span>'
         f'<output data-joint="{i}"></output></div>'

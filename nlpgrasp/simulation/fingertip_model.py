@@ -17,8 +17,8 @@ from nlpgrasp.errors import InputError, NlpgraspError
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.simulation.fingertip_scene import DAMPING, DynamicScales, force_indices
 
-MOST_SLIP, MOST_TURN = 2e-3, float(np.radians(3.0))  # metres and radians: limits beyond which a grasp is lost
-GIVE = 0.02  # radians of rotation at which a contact's moment reaches its friction limit
+MAX_SLIP, MAX_TURN = 2e-3, float(np.radians(3.0))  # metres and radians: largest motions of a held object
+MOMENT_ROTATION = 0.02  # radians of rotation at which a contact's moment reaches its friction limit
 
 
 Course = Callable[[float], tuple[FloatArray, FloatArray]]  # time to wrench (d,) and finger forces (n,)
@@ -64,37 +64,37 @@ class FingertipModel:
         self.data = self.mujoco.MjData(self.model)
         self.body = self.model.body("object").id
         self.tips = [self.model.body(f"tip_{i}").id for i in range(len(grasp))]
-        self.tip_of = {self.model.geom(f"tip_{i}").id: i for i in range(len(grasp))}
+        self.tip_of_geom = {self.model.geom(f"tip_{i}").id: i for i in range(len(grasp))}
         self.points = in_space(grasp.points)
         self.arm = in_space(grasp.torque_origin[None])[0] - self.model.body_ipos[self.body]
         self.forces, self.moments = components(grasp)
         self.moment_indices = [index for m in self.moments for index in m.indices]
         self.turning = np.concatenate([m.directions for m in self.moments] or [np.zeros((0, 3))])
-        self.stiffness, self.damping = self._against_turning()
+        self.stiffness, self.damping = self._moment_gains()
         self.pull = slice(0, grasp.space)  # force part of a wrench
         self.turn = slice(3, 6) if grasp.space == 3 else slice(5, 6)
-        self.normal, self.rubbing = np.zeros(len(grasp)), np.zeros(len(grasp))  # contact forces of the last step
+        self.normal, self.tangential = np.zeros(len(grasp)), np.zeros(len(grasp))  # contact forces of the last step
 
     def run(
-        self, course: Course, seconds: float, rise: float, looks: int, lost: Callable[[Snapshot], bool]
+        self, course: Course, seconds: float, rise: float, count: int, is_lost: Callable[[Snapshot], bool]
     ) -> list[Snapshot]:
-        """Return ``looks`` evenly spaced snapshots of a run from rest, which ends when the grasp is lost.
+        """Return ``count`` evenly spaced snapshots of a run from rest, which ends when the grasp is lost.
 
         Gravity rises from zero over the first ``rise`` seconds, as the course's forces should.
         """
         self.mujoco.mj_resetData(self.model, self.data)
         self.mujoco.mj_forward(self.model, self.data)
-        self.normal[:], self.rubbing[:] = 0.0, 0.0
-        steps = max(looks, round(seconds / self.model.opt.timestep))
+        self.normal[:], self.tangential[:] = 0.0, 0.0
+        steps = max(count, round(seconds / self.model.opt.timestep))
         rest = np.array(self.data.xpos[self.tips])
         snapshots: list[Snapshot] = []
         for step in range(1, steps + 1):
             time = step * seconds / steps
             self.model.opt.gravity[:] = min(time / rise, 1.0) * self.gravity
             used = self._step(*course(time))
-            if step % (steps // looks) == 0 or step == steps:
-                snapshots.append(self._seen(time, used, rest))
-                if lost(snapshots[-1]):
+            if step % (steps // count) == 0 or step == steps:
+                snapshots.append(self._snapshot(time, used, rest))
+                if is_lost(snapshots[-1]):
                     break
         if any(warning.number for warning in self.data.warning):
             raise NlpgraspError("simulation: MuJoCo became unstable; try another --mass")
@@ -106,8 +106,8 @@ class FingertipModel:
         command = forces.copy()
         command[self.forces] -= self.unit.stiffness * data.qpos[-len(self.forces) :]
         if self.moments:
-            give = self.stiffness * (self.turning @ self._rotation())
-            command[self.moment_indices] -= give + self.damping * (self.turning @ self._angular_velocity())
+            restoring = self.stiffness * (self.turning @ self._rotation())
+            command[self.moment_indices] -= restoring + self.damping * (self.turning @ self._angular_velocity())
         used = float(self.allowed.used(command[None])[0]) / self.effort
         if used > 1.0:
             command /= used
@@ -117,8 +117,8 @@ class FingertipModel:
         load[self.turn] = -wrench[self.grasp.space :]
         load[3:] += _cross_product(data.xmat[self.body].reshape(3, 3) @ self.arm, load[:3])
         for m in self.moments:
-            wanted = command[list(m.indices)]
-            load[3:] += m.cut(wanted, self.normal[m.contact], self.rubbing[m.contact]) @ m.directions
+            moment = command[list(m.indices)]
+            load[3:] += m.limit(moment, self.normal[m.contact], self.tangential[m.contact]) @ m.directions
         data.xfrc_applied[self.body] = load
         self.mujoco.mj_step(self.model, data)
         if self.moments:
@@ -127,20 +127,20 @@ class FingertipModel:
 
     def _contact_forces(self) -> None:
         """Store the normal and tangential force of each fingertip."""
-        self.normal[:], self.rubbing[:] = 0.0, 0.0
+        self.normal[:], self.tangential[:] = 0.0, 0.0
         force = np.zeros(6)
         for c, geoms in enumerate(self.data.contact.geom.tolist()):
-            i = self.tip_of.get(geoms[0], self.tip_of.get(geoms[1], -1))
+            i = self.tip_of_geom.get(geoms[0], self.tip_of_geom.get(geoms[1], -1))
             if i >= 0:
                 self.mujoco.mj_contactForce(self.model, self.data, c, force)
-                self.normal[i], self.rubbing[i] = force[0], (force[1] ** 2 + force[2] ** 2) ** 0.5
+                self.normal[i], self.tangential[i] = force[0], (force[1] ** 2 + force[2] ** 2) ** 0.5
 
-    def _seen(self, time: float, used: float, rest: FloatArray) -> Snapshot:
+    def _snapshot(self, time: float, used: float, rest: FloatArray) -> Snapshot:
         attitude = np.array(self.data.xmat[self.body]).reshape(3, 3)
         position = np.array(self.data.xpos[self.body])
         tips = np.array(self.data.xpos[self.tips]) - rest
-        way = self.points @ attitude.T + position - self.points - tips
-        slip = float(np.max(np.linalg.norm(way, axis=1)))
+        displacements = self.points @ attitude.T + position - self.points - tips
+        slip = float(np.max(np.linalg.norm(displacements, axis=1)))
         return Snapshot(time, slip, float(np.linalg.norm(self._rotation())), used, attitude, position, tips)
 
     def _rotation(self) -> FloatArray:
@@ -156,16 +156,16 @@ class FingertipModel:
         """Return the body's angular velocity, body frame."""
         return np.array([0.0, 0.0, self.data.qvel[2]]) if self.grasp.space == 2 else self.data.qvel[3:6]
 
-    def _against_turning(self) -> tuple[FloatArray, FloatArray]:
-        """Return stiffness and near-critical damping of the moments: the friction limit at ``GIVE``."""
-        turned = np.zeros(9)
-        self.mujoco.mju_quat2Mat(turned, self.model.body_iquat[self.body])
-        axes = turned.reshape(3, 3)
+    def _moment_gains(self) -> tuple[FloatArray, FloatArray]:
+        """Return stiffness and near-critical damping of the moments, with their limit at ``MOMENT_ROTATION``."""
+        matrix = np.zeros(9)
+        self.mujoco.mju_quat2Mat(matrix, self.model.body_iquat[self.body])
+        axes = matrix.reshape(3, 3)
         inertia = axes @ np.diag(self.model.body_inertia[self.body]) @ axes.T
-        about = np.einsum("ij,jk,ik->i", self.turning, inertia, self.turning)
-        most = np.array([m.share for m in self.moments for _ in m.indices])
-        stiffness = self.unit.force * most / GIVE
-        return stiffness, DAMPING * np.sqrt(stiffness * about)
+        inertias = np.einsum("ij,jk,ik->i", self.turning, inertia, self.turning)
+        limits = np.array([m.share for m in self.moments for _ in m.indices])
+        stiffness = self.unit.force * limits / MOMENT_ROTATION
+        return stiffness, DAMPING * np.sqrt(stiffness * inertias)
 
 
 @dataclass(frozen=True)
@@ -203,12 +203,12 @@ class Snapshot:
 
     def beyond(self, share: float) -> bool:
         """Return whether slip or turn has reached a share of its limit."""
-        return self.slip >= share * MOST_SLIP or self.turn >= share * MOST_TURN
+        return self.slip >= share * MAX_SLIP or self.turn >= share * MAX_TURN
 
 
 @dataclass(frozen=True)
 class ContactMoment:
-    """Moment components of a contact with one common limit.
+    """Moment components of a contact with a common limit.
 
     Parameters
     ----------
@@ -228,14 +228,14 @@ class ContactMoment:
     indices: tuple[int, ...]
     directions: FloatArray
 
-    def most(self, normal: float, rubbing: float) -> float:
+    def largest(self, normal: float, tangential: float) -> float:
         """Return the largest moment transmitted at this normal and tangential force (newtons)."""
-        return self.share * self.model.left_for_moments(normal, rubbing)
+        return self.share * self.model.left_for_moments(normal, tangential)
 
-    def cut(self, moment: FloatArray, normal: float, rubbing: float) -> FloatArray:
+    def limit(self, moment: FloatArray, normal: float, tangential: float) -> FloatArray:
         """Return a moment (b,) limited to what is transmitted."""
-        size, most = float(np.linalg.norm(moment)), self.most(normal, rubbing)
-        return moment if size <= most else moment * (most / size)
+        magnitude, largest = float(np.linalg.norm(moment)), self.largest(normal, tangential)
+        return moment if magnitude <= largest else moment * (largest / magnitude)
 
 
 def components(grasp: Grasp) -> tuple[list[int], list[ContactMoment]]:
@@ -244,11 +244,11 @@ def components(grasp: Grasp) -> tuple[list[int], list[ContactMoment]]:
     moments: list[ContactMoment] = []
     for i, (model, part) in enumerate(zip(grasp.contacts, component_slices(grasp.contacts, grasp.space), strict=True)):
         axes = model.axes(grasp.space)
-        for where, share in model.blocks(model.components(grasp.space)):
-            parts = [j for j in range(where.start, where.stop) if axes[j] >= grasp.space]
+        for block, share in model.blocks(model.components(grasp.space)):
+            parts = [j for j in range(block.start, block.stop) if axes[j] >= grasp.space]
             if parts:
-                about = np.array([_moment_axis(grasp, i, axes[j]) for j in parts])
-                moments.append(ContactMoment(i, model, share, tuple(part.start + j for j in parts), about))
+                directions = np.array([_moment_axis(grasp, i, axes[j]) for j in parts])
+                moments.append(ContactMoment(i, model, share, tuple(part.start + j for j in parts), directions))
     return forces, moments
 
 

@@ -1,4 +1,4 @@
-"""Outcome of a simulation with free fingertips."""
+"""Outcome of a simulation with free fingertips: trials, comparison with the certified bounds, text."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlpgrasp.simulation.fingertip_model import MOST_SLIP, MOST_TURN, Snapshot
+from nlpgrasp.simulation.fingertip_model import MAX_SLIP, MAX_TURN, Snapshot
 
-EARLY = 0.08  # tolerance below the lower bound: simulated friction creeps at its limit
-LATE = 0.05  # tolerance above the upper bound: motion takes time to show
+LOWER_TOLERANCE = 0.08  # tolerance below the lower bound: simulated friction creeps at its limit
+UPPER_TOLERANCE = 0.05  # tolerance above the upper bound: motion takes time to show
 
 
 @dataclass(frozen=True)
@@ -105,27 +105,31 @@ class Simulation:
 
         Near means between 0.92 of the lower bound and 1.05 of the upper one; ``verdict`` says where.
         """
-        return self.held and self.lost_at is not None and 1.0 - EARLY <= self.lost_at <= self.gap * (1.0 + LATE)
+        return (
+            self.held
+            and self.lost_at is not None
+            and 1.0 - LOWER_TOLERANCE <= self.lost_at <= self.gap * (1.0 + UPPER_TOLERANCE)
+        )
 
     @property
     def verdict(self) -> str:
-        """The verdict in a sentence: the share of the certified bound up to which the hardest wrench was held."""
+        """Comparison with the certified bounds, as a sentence."""
         if not self.held:
             return "NOT confirmed: lost a wrench that the certificate says can be held"
-        if self.lost_at is None or self.lost_at > self.gap * (1.0 + LATE):
+        if self.lost_at is None or self.lost_at > self.gap * (1.0 + UPPER_TOLERANCE):
             return "NOT confirmed: held more than the certificate says is possible"
         if self.lost_at >= 1.0:
             return "confirmed: the grasp as solved holds what is certified, and loses what is more"
         share = f"{np.floor(1e3 * self.lost_at) / 1e3:.3f} of the certified share"
-        least = f"simulated friction creeps: {1.0 - EARLY:g} is enough"
+        creep = f"simulated friction creeps: {1.0 - LOWER_TOLERANCE:g} is enough"
         if self.confirmed:
-            return f"confirmed to {share}: there the grasp as solved loses the hardest wrench ({least})"
-        return f"NOT confirmed: loses the hardest wrench at {share} ({least})"
+            return f"confirmed to {share}: there the grasp as solved loses the hardest wrench ({creep})"
+        return f"NOT confirmed: loses the hardest wrench at {share} ({creep})"
 
     def __str__(self) -> str:
-        first = f"{self.name}: wrenches up to {self.share:g} of certified mu, effort {self.effort:.4g}"
+        summary = f"{self.name}: wrenches up to {self.share:g} of certified mu, effort {self.effort:.4g}"
         lines = [f"{self.name}: {self.touching}"] if self.touching else []
-        lines.append(f"{first}, mass {self.mass:.3g} kg")
+        lines.append(f"{summary}, mass {self.mass:.3g} kg")
         lines += [describe_trials(condition, self.of(condition)) for condition in self.conditions]
         lost = "never lost" if self.lost_at is None else f"lost at {self.lost_at:.3f}"
         lines.append(f"  hardest wrench, growing  {lost}; certified in [1, {self.gap:.3f}] of the lower bound")
@@ -135,8 +139,8 @@ class Simulation:
 def describe_trials(condition: str, trials: Sequence[Trial]) -> str:
     """Return the outcome of a condition's trials in a line."""
     count = sum(t.held for t in trials)
-    worst = max(trials, key=lambda t: max(t.slip / MOST_SLIP, t.turn / MOST_TURN))
+    worst = max(trials, key=lambda t: max(t.slip / MAX_SLIP, t.turn / MAX_TURN))
     verdict = "held" if count == len(trials) else "LOST" if not count else "PARTLY LOST"
-    seen = f"at most {1e3 * worst.slip:.2g} mm and {np.degrees(worst.turn):.2g} degrees"
-    where = "" if worst.held else f", at {worst.label}"
-    return f"  {condition:24} {verdict}, {count} of {len(trials)} wrenches, {seen}{where}"
+    motion = f"at most {1e3 * worst.slip:.2g} mm and {np.degrees(worst.turn):.2g} degrees"
+    location = "" if worst.held else f", at {worst.label}"
+    return f"  {condition:24} {verdict}, {count} of {len(trials)} wrenches, {motion}{location}"

@@ -24,17 +24,17 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.solution.solution import GraspSolution
 
-STIFFNESS, DAMPING = 20.0, 1.0  # of a fingertip, in characteristic units
-LEAST_SIZE, MOST_SIZE, FLAT = 1e-6, 1e6, 1e-12  # m, accepted sizes; volume over size cubed that counts as zero
-THIN = 1e-3  # least principal moment over the largest: simulators refuse bodies without thickness
-TIP, PATCH = 0.3, 0.6  # fingertip radius and patch half side, of the contacts' spread
+STIFFNESS, DAMPING = 20.0, 1.0  # gains of a fingertip's joints, in characteristic units
+LEAST_SIZE, MAX_SIZE, FLAT_VOLUME = 1e-6, 1e6, 1e-12  # m, accepted sizes; volume over size cubed that counts as zero
+MIN_MOMENT_RATIO = 1e-3  # least principal moment over the largest: simulators refuse bodies without thickness
+TIP, PATCH = 0.3, 0.6  # fingertip radius and half side of a patch, as shares of the contacts' spread
 LEAST_INERTIA = 1e-12  # kg m^2, added to moments of inertia, as MuJoCo requires
-TIP_MASS = 0.2  # of the object's mass
+TIP_MASS = 0.2  # mass of a fingertip, as a share of the object's
 FORCE_NAMES = ("normal", "tangent_1", "tangent_2")
-UNTOUCHED = {"contype": "0", "conaffinity": "0"}  # collides only in explicit contact pairs
+NO_COLLISION = {"contype": "0", "conaffinity": "0"}  # collides only in explicit contact pairs
 DENSITY = 1000.0  # kg / m^3, of an object whose mass is not given
-STEP = 0.005  # time step, of the characteristic time
-STIFF = 4.0  # time constant of contacts in time steps: smaller ones bounce
+STEP = 0.005  # time step, as a share of the characteristic time
+CONTACT_STEPS = 4.0  # time constant of contacts in time steps: smaller ones bounce
 SOLVER = {
     "integrator": "implicitfast",
     "cone": "elliptic",
@@ -60,22 +60,22 @@ def mjcf(solution: GraspSolution, options: SceneOptions | None = None) -> str:
     InputError
         Without a grasp or a drawing, or with bilateral contacts.
     """
-    given = SceneOptions() if options is None else options
-    drawing, held = solution.require_drawing(), _check_grasp_presses(solution, given.grasp)
-    mass = mass_of(drawing.body, DENSITY) if given.mass is None else given.mass
-    x = unit_normal_forces(held) if given.forces is None else given.forces
-    unit = scales(held, float(np.linalg.norm(x)), mass.mass) if given.unit is None else given.unit
-    root, asset, world = _empty_scene(solution, held, unit)
+    settings = SceneOptions() if options is None else options
+    drawing, grasp = solution.require_drawing(), _check_grasp_presses(solution, settings.grasp)
+    mass = solid_mass(drawing.body, DENSITY) if settings.mass is None else settings.mass
+    x = unit_normal_forces(grasp) if settings.forces is None else settings.forces
+    unit = dynamic_scales(grasp, float(np.linalg.norm(x)), mass.mass) if settings.unit is None else settings.unit
+    root, asset, world = _empty_scene(solution, grasp, unit)
     root.insert(0, Comment(" fingertips touch the object's tangent plane at their contacts, and nothing else "))
-    add_patches(add_object(asset, world, held, drawing, mass), held, unit)
+    add_patches(add_object(asset, world, grasp, drawing, mass), grasp, unit)
     add_links(asset, world, drawing)
     contact, actuator = SubElement(root, "contact"), SubElement(root, "actuator")
-    for i, model in enumerate(held.contacts):
-        add_fingertip(world, held, i, unit, given.stiffness)
+    for i, model in enumerate(grasp.contacts):
+        add_fingertip(world, grasp, i, unit, settings.stiffness)
         add_contact(contact, i, model)
-        for joint in joint_names(i, model, held.space):
+        for joint in joint_names(i, model, grasp.space):
             SubElement(actuator, "motor", name=f"{joint}_motor", joint=joint)
-    SubElement(SubElement(root, "keyframe"), "key", name="grasp", ctrl=format_numbers(x[force_indices(held)]))
+    SubElement(SubElement(root, "keyframe"), "key", name="grasp", ctrl=format_numbers(x[force_indices(grasp)]))
     return xml_text(root)
 
 
@@ -105,26 +105,26 @@ class SceneOptions:
 
 
 def _check_grasp_presses(solution: GraspSolution, grasp: Grasp | None) -> Grasp:
-    """Return the given or the solution's grasp; raise for bilateral contacts."""
-    held = solution.require_grasp() if grasp is None else grasp
-    require_pressing(held)
-    return held
+    """Return the grasp of the options or the solution; raise for bilateral contacts."""
+    checked = solution.require_grasp() if grasp is None else grasp
+    require_pressing(checked)
+    return checked
 
 
-def require_pressing(held: Grasp) -> None:
+def require_pressing(grasp: Grasp) -> None:
     """Raise for bilateral contacts."""
-    for given in held.contacts:
-        if not given.unilateral:
-            raise InputError("contacts", given, "contacts that press: a simulator's fingertips cannot pull")
+    for model in grasp.contacts:
+        if not model.unilateral:
+            raise InputError("contacts", model, "contacts that press: a simulator's fingertips cannot pull")
 
 
-def _empty_scene(solution: GraspSolution, held: Grasp, unit: DynamicScales) -> tuple[Element, Element, Element]:
+def _empty_scene(solution: GraspSolution, grasp: Grasp, unit: DynamicScales) -> tuple[Element, Element, Element]:
     """Return an empty scene with a light and time step, its assets, and its world."""
-    step, size = STEP * unit.time, drawing_size(solution.drawn(), held.points)
+    step, size = STEP * unit.time, drawing_size(solution.drawn(), grasp.points)
     root = Element("mujoco", model="".join(c for c in solution.name if c.isprintable()))
     SubElement(root, "compiler", angle="radian", autolimits="true")
     SubElement(root, "option", SOLVER, timestep=f"{step:.6g}", gravity="0 0 0")
-    SubElement(SubElement(root, "default"), "pair", solref=f"{STIFF * step:.6g} 1", solimp="0.95 0.99 1e-6")
+    SubElement(SubElement(root, "default"), "pair", solref=f"{CONTACT_STEPS * step:.6g} 1", solimp="0.95 0.99 1e-6")
     asset, world = SubElement(root, "asset"), SubElement(root, "worldbody")
     SubElement(world, "light", pos=format_numbers([0.0, 0.0, 4.0 * size]), dir="0 0 -1")
     return root, asset, world
@@ -153,18 +153,19 @@ def add_free_body(world: Element, mass: Mass, space: int = 3) -> Element:
 
 
 def _add_mesh(asset: Element, name: str, shape: Triangles) -> None:
+    """Add a mesh to the assets, as a surface without volume."""
     faces = " ".join(map(str, shape.faces.ravel().tolist()))
     SubElement(asset, "mesh", name=name, inertia="shell", vertex=format_numbers(shape.vertices.ravel()), face=faces)
 
 
 def add_patches(body: Element, grasp: Grasp, unit: DynamicScales) -> None:
     """Add a patch of the tangent plane at each contact to the object's body."""
-    thick = TIP * unit.length
-    half = format_numbers([thick, PATCH * unit.length, PATCH * unit.length])
+    thickness = TIP * unit.length
+    half = format_numbers([thickness, PATCH * unit.length, PATCH * unit.length])
     for i, (p, n) in enumerate(zip(in_space(grasp.points), in_space(grasp.normals), strict=True)):
-        place = {"pos": format_numbers(p + thick * n), "xyaxes": _format_axes(grasp, i), "size": half}
-        look = {"group": "4", "rgba": "0 0 0 0"}
-        SubElement(body, "geom", {"name": f"patch_{i}", "type": "box", **place, **look, **UNTOUCHED})
+        pose = {"pos": format_numbers(p + thickness * n), "xyaxes": _format_axes(grasp, i), "size": half}
+        appearance = {"group": "4", "rgba": "0 0 0 0"}
+        SubElement(body, "geom", {"name": f"patch_{i}", "type": "box", **pose, **appearance, **NO_COLLISION})
 
 
 def add_links(asset: Element, world: Element, drawing: Drawing) -> None:
@@ -174,24 +175,26 @@ def add_links(asset: Element, world: Element, drawing: Drawing) -> None:
     hand = SubElement(world, "body", name="hand")
     for i, (_, shape) in enumerate(drawing.links):
         _add_mesh(asset, f"link_{i}", shape)
-        look = {"group": "2", "rgba": "0.71 0.61 0.48 0.6"}
-        SubElement(hand, "geom", {"name": f"link_{i}", "type": "mesh", "mesh": f"link_{i}", **look, **UNTOUCHED})
+        appearance = {"group": "2", "rgba": "0.71 0.61 0.48 0.6"}
+        SubElement(
+            hand, "geom", {"name": f"link_{i}", "type": "mesh", "mesh": f"link_{i}", **appearance, **NO_COLLISION}
+        )
 
 
 def add_fingertip(world: Element, grasp: Grasp, i: int, unit: DynamicScales, stiffness: bool) -> None:
     """Add a fingertip: a small ball with sliding joints along its contact's force components."""
     p, n, model = in_space(grasp.points)[i], in_space(grasp.normals)[i], grasp.contacts[i]
     radius = TIP * unit.length
-    place = {"pos": format_numbers(p - radius * n), "xyaxes": _format_axes(grasp, i)}
-    tip = SubElement(world, "body", place, name=f"tip_{i}", gravcomp="1")  # the hand carries its own weight
-    held = {"stiffness": f"{unit.stiffness if stiffness else 0.0:.9g}", "damping": f"{unit.damping:.9g}"}
+    pose = {"pos": format_numbers(p - radius * n), "xyaxes": _format_axes(grasp, i)}
+    tip = SubElement(world, "body", pose, name=f"tip_{i}", gravcomp="1")  # the hand carries its own weight
+    spring = {"stiffness": f"{unit.stiffness if stiffness else 0.0:.9g}", "damping": f"{unit.damping:.9g}"}
     axes = [axis for axis in model.axes(grasp.space) if axis < grasp.space]
     for joint, axis in zip(joint_names(i, model, grasp.space), axes, strict=True):
-        SubElement(tip, "joint", {"name": joint, "type": "slide", "axis": format_numbers(np.eye(3)[axis]), **held})
-    own = format_numbers([0.4 * TIP_MASS * unit.mass * radius**2 + LEAST_INERTIA] * 3)
-    SubElement(tip, "inertial", pos="0 0 0", mass=f"{TIP_MASS * unit.mass:.9g}", diaginertia=own)
-    look = {"name": f"tip_{i}", "type": "sphere", "rgba": "0.1 0.1 0.1 1", "size": f"{radius:.9g}"}
-    SubElement(tip, "geom", {**look, **UNTOUCHED})
+        SubElement(tip, "joint", {"name": joint, "type": "slide", "axis": format_numbers(np.eye(3)[axis]), **spring})
+    inertia = format_numbers([0.4 * TIP_MASS * unit.mass * radius**2 + LEAST_INERTIA] * 3)
+    SubElement(tip, "inertial", pos="0 0 0", mass=f"{TIP_MASS * unit.mass:.9g}", diaginertia=inertia)
+    appearance = {"name": f"tip_{i}", "type": "sphere", "rgba": "0.1 0.1 0.1 1", "size": f"{radius:.9g}"}
+    SubElement(tip, "geom", {**appearance, **NO_COLLISION})
 
 
 def add_contact(contact: Element, i: int, model: ContactModel) -> None:
@@ -231,7 +234,7 @@ class DynamicScales:
 
     @property
     def time(self) -> float:
-        """Characteristic time, seconds: that in which the force moves the object by the length."""
+        """Characteristic time, seconds, in which the force moves the object by the length."""
         return float(np.sqrt(self.mass * self.length / self.force))
 
     @property
@@ -245,10 +248,10 @@ class DynamicScales:
         return DAMPING * float(np.sqrt(STIFFNESS)) * self.mass / self.time
 
 
-def scales(grasp: Grasp, force: float, mass: float) -> DynamicScales:
+def dynamic_scales(grasp: Grasp, force: float, mass: float) -> DynamicScales:
     """Return the characteristic units of a grasp."""
-    spread = float(np.sqrt(np.mean(np.sum((grasp.points - grasp.points.mean(axis=0)) ** 2, axis=1))))
-    return DynamicScales(spread or grasp.mean_arm, force, mass)
+    length = float(np.sqrt(np.mean(np.sum((grasp.points - grasp.points.mean(axis=0)) ** 2, axis=1))))
+    return DynamicScales(length or grasp.mean_arm, force, mass)
 
 
 @dataclass(frozen=True)
@@ -274,7 +277,7 @@ class Mass:
         return Mass(mass, self.center, self.inertia * (mass / self.mass))
 
 
-def mass_of(shape: Triangles, density: float) -> Mass:
+def solid_mass(shape: Triangles, density: float) -> Mass:
     """Return mass and inertia of a homogeneous triangulated body, or of its convex hull if it is not closed.
 
     Raises
@@ -287,7 +290,7 @@ def mass_of(shape: Triangles, density: float) -> Mass:
     size = float(np.max(np.ptp(shape.vertices, axis=0), initial=0.0))
     mesh = trimesh.Trimesh(shape.vertices, shape.faces)
     volume = 0.0
-    if LEAST_SIZE <= size <= MOST_SIZE:
+    if LEAST_SIZE <= size <= MAX_SIZE:
         try:
             with np.errstate(all="ignore"):  # of triangles in a plane
                 if not mesh.is_watertight or mesh.volume <= 0.0:
@@ -295,12 +298,12 @@ def mass_of(shape: Triangles, density: float) -> Mass:
                 volume = float(mesh.volume)
         except (QhullError, ValueError, IndexError):
             volume = 0.0
-    if not volume > FLAT * size**3:
+    if not volume > FLAT_VOLUME * size**3:
         raise InputError("drawing.body", f"{len(shape.faces)} triangles that enclose no volume", "a solid body")
-    found = volume_integrals(mesh)
-    moments, axes = np.linalg.eigh(density * found.inertia)
-    moments = np.maximum(moments, THIN * moments[-1])
-    return Mass(density * found.volume, found.centre, axes @ np.diag(moments) @ axes.T)
+    integrals = volume_integrals(mesh)
+    moments, axes = np.linalg.eigh(density * integrals.inertia)
+    moments = np.maximum(moments, MIN_MOMENT_RATIO * moments[-1])
+    return Mass(density * integrals.volume, integrals.centre, axes @ np.diag(moments) @ axes.T)
 
 
 def unit_normal_forces(grasp: Grasp) -> FloatArray:
@@ -322,7 +325,7 @@ def joint_names(i: int, model: ContactModel, space: int) -> list[str]:
 
 
 def format_numbers(values: Iterable[float]) -> str:
-    """Format numbers for MJCF."""
+    """Return numbers as text for MJCF."""
     return " ".join(f"{float(v):.9g}" for v in values)
 
 

@@ -1,4 +1,4 @@
-"""Outcome of a simulation with the hand's joints, as trials and a table."""
+"""Outcome of a simulation with the hand's joints: trials, verdict and table."""
 
 from __future__ import annotations
 
@@ -61,12 +61,12 @@ class HandTrial:
         return self.whole.within(LOOSE)
 
 
-def name_of(condition: str) -> str:
-    """Return a condition's printed name, without the colon that follows it."""
+def condition_name(condition: str) -> str:
+    """Return a condition's printed name, without a colon."""
     return condition.replace(": ", ", ")
 
 
-def result(trials: Sequence[HandTrial]) -> str:
+def format_outcome(trials: Sequence[HandTrial]) -> str:
     """Return the number of held trials of a condition, or of lost ones of the control, as text.
 
     Parameters
@@ -76,33 +76,33 @@ def result(trials: Sequence[HandTrial]) -> str:
     """
     count, strict, loose = len(trials), sum(t.strict for t in trials), sum(t.loose for t in trials)
     if trials[0].condition == CONTROL:
-        should = "as it should be" if strict < count else "although it should be"
-        return f"lost in {count - strict} of {count}, {should}"
+        expectation = "as it should be" if strict < count else "although it should be"
+        return f"lost in {count - strict} of {count}, {expectation}"
     pushes, lifts = [t for t in trials if not t.is_lift], [t for t in trials if t.is_lift]
     pushed = f"{sum(t.strict for t in pushes)} of {len(pushes)} pushes"
     if not lifts:
-        told = f"{pushed} held (no lift)"
+        text = f"{pushed} held (no lift)"
     elif strict == count:
-        told = f"{pushed} and the lift held"
+        text = f"{pushed} and the lift held"
     else:
-        told = f"{pushed} held, the lift {'held' if all(t.strict for t in lifts) else 'lost'}"
-    return told if loose == strict else f"{told}, loosely {loose} of {count}"
+        text = f"{pushed} held, the lift {'held' if all(t.strict for t in lifts) else 'lost'}"
+    return text if loose == strict else f"{text}, loosely {loose} of {count}"
 
 
-def row(trials: Sequence[HandTrial]) -> str:
+def format_row(trials: Sequence[HandTrial]) -> str:
     """Return the table row of a condition: number of held trials, and largest motion of the object."""
     condition = trials[0].condition
-    squeezed, after = Motion.largest(t.squeezed for t in trials), Motion.largest(t.motion for t in trials)
-    told = f"  {name_of(condition):28} {result(trials)}"
+    squeezed, motion = Motion.largest(t.squeezed for t in trials), Motion.largest(t.motion for t in trials)
+    text = f"  {condition_name(condition):28} {format_outcome(trials)}"
     if condition == CONTROL:
-        return told if after.gone else f"{told}; at most {after}"
+        return text if motion.gone else f"{text}; at most {motion}"
     if squeezed.gone:
-        return f"{told}; the squeeze itself loses it"
-    return f"{told}; the squeeze moves it by {squeezed}, then {'it is lost' if after.gone else f'at most {after}'}"
+        return f"{text}; the squeeze itself loses it"
+    return f"{text}; the squeeze moves it by {squeezed}, then {'it is lost' if motion.gone else f'at most {motion}'}"
 
 
 def trial_legend(trials: Sequence[HandTrial], push: float) -> list[str]:
-    """Return what the trials do and what counts as held; loosely too if that number differs.
+    """Return the lines that explain the trials and the motion limits of a held object.
 
     Parameters
     ----------
@@ -111,12 +111,12 @@ def trial_legend(trials: Sequence[HandTrial], push: float) -> list[str]:
     push : float
         Newtons.
     """
-    done = (
+    protocol = (
         f"  six pushes of {push:g} N without gravity; as solved and in the control also lifted by 20 cm, with gravity"
     )
-    held = f"  held: moved in the hand by at most {_format_motion_limits(STRICT)}"
-    loosely = any(t.loose != t.strict for t in trials if t.condition != CONTROL)
-    return [done, f"{held}; loosely: {_format_motion_limits(LOOSE)}" if loosely else held]
+    limits = f"  held: moved in the hand by at most {_format_motion_limits(STRICT)}"
+    is_loose_listed = any(t.loose != t.strict for t in trials if t.condition != CONTROL)
+    return [protocol, f"{limits}; loosely: {_format_motion_limits(LOOSE)}" if is_loose_listed else limits]
 
 
 def format_normal_forces(normal_force: float, forces: Sequence[float]) -> str:
@@ -129,9 +129,9 @@ def format_normal_forces(normal_force: float, forces: Sequence[float]) -> str:
     forces : sequence of float
         Normal force of each finger, newtons; may be empty.
     """
-    told = f"each finger presses with at least {format_number(normal_force)} N"
-    ends = [format_number(end(forces)) for end in (min, max)] if forces else []
-    return told if len(set(ends)) < 2 else f"{told} ({ends[0]} to {ends[1]} N)"
+    text = f"each finger presses with at least {format_number(normal_force)} N"
+    extremes = [format_number(end(forces)) for end in (min, max)] if forces else []
+    return text if len(set(extremes)) < 2 else f"{text} ({extremes[0]} to {extremes[1]} N)"
 
 
 def _format_motion_limits(limits: tuple[float, float]) -> str:
@@ -186,8 +186,8 @@ class HandSimulation:
 
     def share(self, condition: str) -> float:
         """Return the share of a condition's trials that were held strictly."""
-        tried = self.of(condition)
-        return sum(t.strict for t in tried) / len(tried)
+        trials = self.of(condition)
+        return sum(t.strict for t in trials) / len(trials)
 
     @property
     def squeezed(self) -> Motion:
@@ -211,11 +211,11 @@ class HandSimulation:
 
     @property
     def verdict(self) -> str:
-        """The verdict in a sentence."""
+        """Verdict on the grasp as solved and the control, as a sentence."""
         if not self.held:
             lost = next(t for t in self.of(AS_SOLVED) if not t.strict)
-            moved = "" if lost.whole.gone else f" ({lost.whole})"
-            return f"NOT confirmed: lost {'when' if lost.is_lift else 'at'} {lost.label}{moved}"
+            motion = "" if lost.whole.gone else f" ({lost.whole})"
+            return f"NOT confirmed: lost {'when' if lost.is_lift else 'at'} {lost.label}{motion}"
         if not self.control_lost:
             return "NOT confirmed: held without a squeeze as well, so that nothing is said about the squeeze"
         return "confirmed: held as solved, lost without the squeeze"
@@ -249,7 +249,7 @@ class HandSimulation:
 
     def __str__(self) -> str:
         source = f", {self.mass_source}" if self.mass_source else ""
-        pressed = format_normal_forces(self.normal_force, self.normal_forces)
+        forces = format_normal_forces(self.normal_force, self.normal_forces)
         lines = [f"{self.name}: {self.touching}"] if self.touching else []
-        lines += [f"{self.name}: {self.mass:.3g} kg{source}; {pressed}", *trial_legend(self.trials, self.push)]
-        return "\n".join([*lines, *(row(self.of(condition)) for condition in self.conditions)])
+        lines += [f"{self.name}: {self.mass:.3g} kg{source}; {forces}", *trial_legend(self.trials, self.push)]
+        return "\n".join([*lines, *(format_row(self.of(condition)) for condition in self.conditions)])

@@ -1,8 +1,8 @@
-"""Simulation protocol with a hand: six pushes under several conditions, a lift, and a control without squeeze."""
+"""Simulation protocol of a robot hand: six pushes under several conditions, a lift, a control without squeeze."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +11,15 @@ import numpy as np
 from nlpgrasp.common.optional_packages import import_mujoco
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError
-from nlpgrasp.simulation.hand_outcome import AS_SOLVED, CONTROL, LIFTED, HandSimulation, HandTrial, name_of, result
+from nlpgrasp.simulation.hand_outcome import (
+    AS_SOLVED,
+    CONTROL,
+    LIFTED,
+    HandSimulation,
+    HandTrial,
+    condition_name,
+    format_outcome,
+)
 from nlpgrasp.simulation.hand_world import SETTLE, TRAVEL, HandSnapshot, HandWorld, Motion
 from nlpgrasp.simulation.robot_hand_scene import HandSceneOptions, mjcf_with_hand
 from nlpgrasp.simulation.scene_object import ObjectMass, object_mass
@@ -20,12 +28,12 @@ from nlpgrasp.solution.obstructions import warn_of_touching
 from nlpgrasp.solution.solution import GraspSolution, require_solution
 
 PUSH, SECONDS = 1.0, 2.0  # newtons; seconds of each push
-LIGHT = ObjectMass(0.1, "as the task carries no weight upwards")  # kilograms: default mass
+DEFAULT_MASS = ObjectMass(0.1, "as the task carries no weight upwards")  # kilograms: default mass
 TORQUES, SLIPPERY, OFF = "torques, a fifth of the gain", "half the friction", "object 5 mm, 5 deg off"
-LESS, SOFT = 0.5, 0.2  # shares of the friction and of the gain
-MOVED, TURNED, DRAWS, SEED = 5e-3, float(np.radians(5.0)), 3, 0  # metres and radians of displacement; draws
+FRICTION_SHARE, GAIN_SHARE = 0.5, 0.2  # shares of the friction and of the gain
+OFFSET, TILT, DRAWS, SEED = 5e-3, float(np.radians(5.0)), 3, 0  # metres and radians of displacement; draws
 AXES = {"+x": (1, 0, 0), "-x": (-1, 0, 0), "+y": (0, 1, 0), "-y": (0, -1, 0), "+z": (0, 0, 1), "-z": (0, 0, -1)}
-Told = Callable[[str], None]
+Progress = Callable[[str], None]
 
 
 def simulate_hand(
@@ -33,7 +41,7 @@ def simulate_hand(
     urdf: str | Path,
     options: HandSceneOptions | None = None,
     push: float = PUSH,
-    progress: Told | None = None,
+    progress: Progress | None = None,
 ) -> HandSimulation:
     """Simulate a grasp in MuJoCo by its own hand's joints, and try to take the object out of it.
 
@@ -75,36 +83,54 @@ def simulate_hand(
     import_mujoco("a simulation")
     touching = warn_of_touching(solution.name, solution.hand)
     size = number("push", push, above=0.0)
-    given = HandSceneOptions() if options is None else options
-    mass = object_mass(solution, given.mass, LIGHT)
-    given = replace(given, mass=mass.kilograms)
-    scene = mjcf_with_hand(solution, urdf, given, progress)
+    settings = HandSceneOptions() if options is None else options
+    mass = object_mass(solution, settings.mass, DEFAULT_MASS)
+    settings = replace(settings, mass=mass.kilograms)
+    scene = mjcf_with_hand(solution, urdf, settings, progress)
     squeeze = solution.squeeze
     if squeeze is None:
         raise InputError("solution", "a hand without a squeeze", "one whose contacts can press")
     trials: list[HandTrial] = []
-
-    def add(condition: str, found: list[HandTrial]) -> None:
-        trials.extend(found)
+    less_friction = replace(settings, friction=FRICTION_SHARE * settings.friction)
+    for outcomes in _run_conditions(scene, lambda: mjcf_with_hand(solution, urdf, less_friction), size):
+        trials += outcomes
         if progress is not None:
-            progress(f"{name_of(condition)}: {result(found)}")
+            progress(f"{condition_name(outcomes[0].condition)}: {format_outcome(outcomes)}")
+    normal_force = settings.normal_force or squeeze.normal_force
+    forces = tuple((squeeze.normal * (normal_force / squeeze.normal_force)).tolist())
+    return HandSimulation(
+        name=solution.name,
+        mass=mass.kilograms,
+        push=size,
+        normal_force=normal_force,
+        trials=tuple(trials),
+        grasp=_initial_snapshot(scene),
+        mass_source=mass.source,
+        normal_forces=forces,
+        touching=touching,
+    )
 
-    add(AS_SOLVED, [*_push_trials(AS_SOLVED, HandWorld(scene), size), _lifted(AS_SOLVED, HandWorld(scene))])
-    add(TORQUES, _push_trials(TORQUES, HandWorld(scene), size, torques=True))
-    slippery = HandWorld(mjcf_with_hand(solution, urdf, replace(given, friction=LESS * given.friction)))
-    add(SLIPPERY, _push_trials(SLIPPERY, slippery, size))
+
+def _run_conditions(scene: str, slippery_scene: Callable[[], str], size: float) -> Iterator[list[HandTrial]]:
+    """Yield the trials of each condition; the scene with less friction is built when it is needed.
+
+    Parameters
+    ----------
+    scene : str
+        MJCF text.
+    slippery_scene : callable
+        To MJCF text of the scene with less friction.
+    size : float
+        Of the pushes, newtons.
+    """
+    yield [*_push_trials(AS_SOLVED, HandWorld(scene), size), _lift_trial(AS_SOLVED, HandWorld(scene))]
+    yield _push_trials(TORQUES, HandWorld(scene), size, torques=True)
+    yield _push_trials(SLIPPERY, HandWorld(slippery_scene()), size)
     rng = np.random.default_rng(SEED)
-    add(
-        OFF, [t for _ in range(DRAWS) for t in _push_trials(OFF, HandWorld(scene), size, off=_random_displacement(rng))]
-    )
-    add(
-        CONTROL,
-        [*_push_trials(CONTROL, HandWorld(scene), size, squeeze=False), _lifted(CONTROL, HandWorld(scene), False)],
-    )
-    pressed = given.normal_force or squeeze.normal_force
-    forces = tuple((squeeze.normal * (pressed / squeeze.normal_force)).tolist())
-    grasp, done = _initial_snapshot(scene), tuple(trials)
-    return HandSimulation(solution.name, mass.kilograms, size, pressed, done, grasp, mass.source, forces, touching)
+    draws = [_random_displacement(rng) for _ in range(DRAWS)]
+    yield [trial for draw in draws for trial in _push_trials(OFF, HandWorld(scene), size, displacement=draw)]
+    pushes = _push_trials(CONTROL, HandWorld(scene), size, squeeze=False)
+    yield [*pushes, _lift_trial(CONTROL, HandWorld(scene), squeeze=False)]
 
 
 def _push_trials(
@@ -114,51 +140,54 @@ def _push_trials(
     *,
     squeeze: bool = True,
     torques: bool = False,
-    off: tuple[FloatArray, FloatArray] | None = None,
+    displacement: tuple[FloatArray, FloatArray] | None = None,
 ) -> list[HandTrial]:
-    """Return six pushed trials of a grasp, each from the same closed state."""
-    squeezed = _close_hand(world, squeeze, off)
+    """Return six trials with a push, each from the same closed state."""
+    squeezed = _close_hand(world, squeeze, displacement)
     if torques:
-        world.soften(SOFT)
+        world.soften(GAIN_SHARE)
     result, closed = [], world.state()
     for name, axis in AXES.items():
-        world.go_back(closed)
-        motion, seen = world.push(size * np.array(axis, float), SECONDS)
-        result.append(HandTrial(condition, f"a push along {name}", squeezed, motion, seen, off is not None))
+        world.restore(closed)
+        motion, snapshots = world.push(size * np.array(axis, float), SECONDS)
+        result.append(
+            HandTrial(condition, f"a push along {name}", squeezed, motion, snapshots, displacement is not None)
+        )
     return result
 
 
-def _lifted(condition: str, world: HandWorld, squeeze: bool = True) -> HandTrial:
-    """Return the trial of a lift by the palm, after gravity has risen."""
+def _lift_trial(condition: str, world: HandWorld, squeeze: bool = True) -> HandTrial:
+    """Return the trial with a lift by the palm under gravity."""
     squeezed = _close_hand(world, squeeze, None)
     target = world.controls("lift")
     if not squeeze:
         target = target - world.controls("squeeze") + world.controls("grasp")
-    motion, seen = world.watched(2.0 * TRAVEL, target, EARTH)
-    return HandTrial(condition, LIFTED, squeezed, motion, seen)
+    motion, snapshots = world.run_recorded(2.0 * TRAVEL, target, EARTH)
+    return HandTrial(condition, LIFTED, squeezed, motion, snapshots)
 
 
-def _close_hand(world: HandWorld, squeeze: bool, off: tuple[FloatArray, FloatArray] | None) -> Motion:
-    """Move the hand through its phases up to the squeeze; return the object's motion by it."""
+def _close_hand(world: HandWorld, squeeze: bool, displacement: tuple[FloatArray, FloatArray] | None) -> Motion:
+    """Move the hand through its phases up to the squeeze, and return the object's motion by the squeeze."""
     keys = [key for key in world.keys if key not in ("lift", "squeeze")]
-    world.begin(keys[0], off)
+    world.begin(keys[0], displacement)
     for key in keys[1:]:
         world.run(TRAVEL, world.controls(key))
     before = world.pose()
     if squeeze:
         world.run(TRAVEL, world.controls("squeeze"))
     world.run(SETTLE)
-    return world.pose().from_(before)
+    return world.pose().motion_from(before)
 
 
 def _initial_snapshot(scene: str) -> HandSnapshot:
+    """Return the state of object and links in the grasp."""
     world = HandWorld(scene)
     world.begin("grasp")
-    return world.seen()
+    return world.snapshot()
 
 
 def _random_displacement(rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     """Return a translation and a rotation vector of the stated magnitudes, in random directions."""
-    both = rng.standard_normal((2, 3))
-    both /= np.linalg.norm(both, axis=1, keepdims=True)
-    return MOVED * both[0], TURNED * both[1]
+    vectors = rng.standard_normal((2, 3))
+    vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
+    return OFFSET * vectors[0], TILT * vectors[1]

@@ -1,4 +1,4 @@
-"""MuJoCo simulation of a scene with a hand, driven through keyframes, and the object's motion in it."""
+"""MuJoCo simulation of a scene with a hand, driven through keyframes, with the object's motion in the hand."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import NlpgraspError
 
 STRICT, LOOSE = (0.01, float(np.radians(10.0))), (0.05, float(np.radians(15.0)))  # metres and radians of a held object
-GONE = 1.0  # metres: an object this far away is lost, and its motion not reported
-NONE = 0.005  # millimetres and degrees: smaller motions are reported as none
+LOST_DISTANCE = 1.0  # metres: an object this far away is lost, and its motion not reported
+REPORTED_MOTION = 0.005  # millimetres and degrees: smaller motions are reported as none
 TRAVEL, SETTLE = 1.0, 0.5  # seconds between keyframes, and of rest after the squeeze
-LOOKS = 25  # recorded states per second
+SNAPSHOT_RATE = 25  # recorded states per second
 
 
 @dataclass(frozen=True)
@@ -42,16 +42,16 @@ class Motion:
     @property
     def gone(self) -> bool:
         """Whether the object is so far away that its motion is not reported."""
-        return not self.slip < GONE
+        return not self.slip < LOST_DISTANCE
 
-    def __add__(self, after: Motion) -> Motion:
+    def __add__(self, other: Motion) -> Motion:
         """Return an upper bound on this motion followed by another."""
-        return Motion(self.slip + after.slip, self.turn + after.turn)
+        return Motion(self.slip + other.slip, self.turn + other.turn)
 
     @classmethod
-    def largest(cls, all_of: Iterable[Motion]) -> Motion:
+    def largest(cls, motions: Iterable[Motion]) -> Motion:
         """Return the largest slip and the largest turn; zero for no motions."""
-        return reduce(lambda a, b: cls(max(a.slip, b.slip), max(a.turn, b.turn)), all_of, cls())
+        return reduce(lambda a, b: cls(max(a.slip, b.slip), max(a.turn, b.turn)), motions, cls())
 
     def __str__(self) -> str:
         if self.gone:
@@ -61,7 +61,7 @@ class Motion:
 
 def _format_significant(number: float) -> str:
     """Return a number as text with two significant figures, or all digits before the point."""
-    return "0" if number < NONE else f"{number:.0f}" if number >= 10.0 else f"{number:.2g}"
+    return "0" if number < REPORTED_MOTION else f"{number:.0f}" if number >= 10.0 else f"{number:.2g}"
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class Pose:
     position: FloatArray
     rotation: FloatArray
 
-    def from_(self, before: Pose) -> Motion:
+    def motion_from(self, before: Pose) -> Motion:
         """Return the motion from an earlier pose."""
         cosine = (np.trace(self.rotation @ before.rotation.T) - 1.0) / 2.0
         return Motion(
@@ -87,7 +87,8 @@ class Pose:
         )
 
 
-PREFIX, STILL = "hand_", Motion()  # of the names of the hand's bodies; no motion
+PREFIX = "hand_"  # prefix of the names of the hand's bodies
+STILL = Motion()  # no motion
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,7 @@ class HandSnapshot:
 
 
 class HandWorld:
-    """A running scene of ``mjcf_with_hand``.
+    """MuJoCo simulation of a scene of ``mjcf_with_hand``.
 
     Parameters
     ----------
@@ -131,78 +132,80 @@ class HandWorld:
         names = [self.model.body(i).name for i in range(self.model.nbody)]
         self._links = {n.removeprefix(PREFIX): i for i, n in enumerate(names) if n.startswith(PREFIX)}
 
-    def begin(self, key: str, off: tuple[FloatArray, FloatArray] | None = None) -> None:
+    def begin(self, key: str, displacement: tuple[FloatArray, FloatArray] | None = None) -> None:
         """Reset to a keyframe, with the object displaced by a translation and a rotation vector, (3,) each."""
         self._mujoco.mj_resetDataKeyframe(self.model, self.data, self.keys.index(key))
-        if off is not None:
+        if displacement is not None:
             start = self.model.joint("object").qposadr[0]
-            turn = Rotation.from_rotvec(off[1])
+            rotation = Rotation.from_rotvec(displacement[1])
             centre = self.model.body_ipos[self._object]
-            self.data.qpos[start : start + 3] += off[0] + centre - turn.apply(centre)
-            self.data.qpos[start + 3 : start + 7] = turn.as_quat(scalar_first=True)
+            self.data.qpos[start : start + 3] += displacement[0] + centre - rotation.apply(centre)
+            self.data.qpos[start + 3 : start + 7] = rotation.as_quat(scalar_first=True)
         self._mujoco.mj_forward(self.model, self.data)
 
     def controls(self, key: str) -> FloatArray:
         """Return the servo commands of a keyframe, (nu,)."""
         return np.array(self.model.key_ctrl[self.keys.index(key)])
 
-    def run(self, seconds: float, to: FloatArray | None = None, each: Callable[[float], None] | None = None) -> None:
-        """Step while the controls move linearly to ``to``; ``each`` is called with the elapsed share of the time."""
+    def run(
+        self, seconds: float, target: FloatArray | None = None, callback: Callable[[float], None] | None = None
+    ) -> None:
+        """Run while the controls move linearly to a target, with a callback on the elapsed share of the time."""
         steps = max(round(seconds / self.model.opt.timestep), 1)
-        begin = np.array(self.data.ctrl)
-        look = max(round(1.0 / (LOOKS * self.model.opt.timestep)), 1)
+        start = np.array(self.data.ctrl)
+        interval = max(round(1.0 / (SNAPSHOT_RATE * self.model.opt.timestep)), 1)
         for step in range(1, steps + 1):
-            if to is not None:
-                self.data.ctrl[:] = begin + (to - begin) * (step / steps)
+            if target is not None:
+                self.data.ctrl[:] = start + (target - start) * (step / steps)
             self._mujoco.mj_step(self.model, self.data)
-            if each is not None and step % look == 0:
-                each(step / steps)
+            if callback is not None and step % interval == 0:
+                callback(step / steps)
         if any(warning.number for warning in self.data.warning):
             raise NlpgraspError("simulation: MuJoCo became unstable; try another --gain or --damping")
 
     def soften(self, share: float) -> None:
         """Scale the gain of the squeezing joints by a share, and add their squeeze torques as feedforward."""
-        more = self.controls("squeeze") - self.controls("grasp")
-        for motor in np.flatnonzero(more):
+        offsets = self.controls("squeeze") - self.controls("grasp")
+        for motor in np.flatnonzero(offsets):
             self.model.actuator_gainprm[motor, 0] *= share
             self.model.actuator_biasprm[motor, 1] *= share
-            self.data.ctrl[motor] += (1.0 / share - 1.0) * more[motor]
+            self.data.ctrl[motor] += (1.0 / share - 1.0) * offsets[motor]
 
     def push(self, force: FloatArray, seconds: float) -> tuple[Motion, tuple[HandSnapshot, ...]]:
         """Push the object's centre of mass with a force (3,), newtons; return its largest motion, and the run."""
         self.data.xfrc_applied[self._object, :3] = force
-        found = self.watched(seconds, None)
+        outcome = self.run_recorded(seconds, None)
         self.data.xfrc_applied[:] = 0.0
-        return found
+        return outcome
 
-    def watched(
-        self, seconds: float, to: FloatArray | None, gravity: float = 0.0
+    def run_recorded(
+        self, seconds: float, target: FloatArray | None, gravity: float = 0.0
     ) -> tuple[Motion, tuple[HandSnapshot, ...]]:
-        """Run as in ``run`` with gravity (m / s^2, along -z) rising before; return the object's largest motion."""
-        before, motions, pictures = self.pose(), [STILL], [self.seen()]
+        """Run as in ``run`` after gravity (m / s^2, along -z) has risen; return the largest motion, and the run."""
+        before, motions, snapshots = self.pose(), [STILL], [self.snapshot()]
 
-        def look(_: float) -> None:
-            motions.append(self.pose().from_(before))
-            pictures.append(self.seen(motions[-1]))
+        def record(_: float) -> None:
+            motions.append(self.pose().motion_from(before))
+            snapshots.append(self.snapshot(motions[-1]))
 
-        def heavier(share: float) -> None:
+        def raise_gravity(share: float) -> None:
             self.model.opt.gravity[2] = -share * gravity
-            look(share)
+            record(share)
 
         if gravity:
-            self.run(TRAVEL, None, heavier)
-        self.run(seconds, to, look)
+            self.run(TRAVEL, None, raise_gravity)
+        self.run(seconds, target, record)
         self.model.opt.gravity[2] = 0.0
-        return Motion.largest(motions), tuple(pictures)
+        return Motion.largest(motions), tuple(snapshots)
 
     def state(self) -> tuple[FloatArray, FloatArray]:
         """Return MuJoCo's integration state, and the controls."""
         kind = self._mujoco.mjtState.mjSTATE_INTEGRATION
-        found = np.zeros(self._mujoco.mj_stateSize(self.model, kind))
-        self._mujoco.mj_getState(self.model, self.data, found, kind)
-        return found, np.array(self.data.ctrl)
+        state = np.zeros(self._mujoco.mj_stateSize(self.model, kind))
+        self._mujoco.mj_getState(self.model, self.data, state, kind)
+        return state, np.array(self.data.ctrl)
 
-    def go_back(self, state: tuple[FloatArray, FloatArray]) -> None:
+    def restore(self, state: tuple[FloatArray, FloatArray]) -> None:
         """Restore a state."""
         self._mujoco.mj_setState(self.model, self.data, state[0], self._mujoco.mjtState.mjSTATE_INTEGRATION)
         self.data.ctrl[:] = state[1]
@@ -211,11 +214,11 @@ class HandWorld:
     def pose(self) -> Pose:
         """Return the object's pose in the hand."""
         palm = self.data.xmat[self._palm].reshape(3, 3)
-        here = self.data.xmat[self._object].reshape(3, 3)
-        way = self.data.xipos[self._object] - self.data.xpos[self._palm]
-        return Pose(palm.T @ way, palm.T @ here)
+        rotation = self.data.xmat[self._object].reshape(3, 3)
+        offset = self.data.xipos[self._object] - self.data.xpos[self._palm]
+        return Pose(palm.T @ offset, palm.T @ rotation)
 
-    def seen(self, motion: Motion = STILL) -> HandSnapshot:
+    def snapshot(self, motion: Motion = STILL) -> HandSnapshot:
         """Return the current state of object and links."""
         links = {name: self._frame(body) for name, body in self._links.items()}
         return HandSnapshot(float(self.data.time), self._frame(self._object), links, motion)

@@ -1,4 +1,4 @@
-"""Picture strips of simulations."""
+"""Picture strips of simulations: rows of snapshots of a held and a lost object."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from nlpgrasp.common.spatial import in_space
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.simulation.fingertip_model import Snapshot
 from nlpgrasp.simulation.fingertip_outcome import Simulation
-from nlpgrasp.simulation.fingertip_scene import TIP, scales
-from nlpgrasp.simulation.hand_outcome import AS_SOLVED, CONTROL, HandSimulation, HandTrial, name_of
+from nlpgrasp.simulation.fingertip_scene import TIP, dynamic_scales
+from nlpgrasp.simulation.hand_outcome import AS_SOLVED, CONTROL, HandSimulation, HandTrial, condition_name
 from nlpgrasp.simulation.hand_world import LOOSE, HandSnapshot
 from nlpgrasp.solution.solution import GraspSolution
 
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
 
 # free fingertips
-FRAMES = 4  # pictures of each run
-MAGNIFIED = 0.2  # share of the body's size: least drawn slip at the end
-# the hand's own joints
-PICTURES = 5  # pictures of each run
-FAR = 3.0  # motion at which the pictures end, in motions that count as lost
+FRAMES = 4  # pictures in a row
+LEAST_DRAWN_SLIP = 0.2  # share of the body's size: least drawn slip at the end
+# robot hand
+PICTURES = 5  # pictures in a row
+LAST_MOTION = 3.0  # motion at which the pictures end, in motions that count as lost
 
 
 def write_strip(simulation: Simulation, solution: GraspSolution, path: str | Path) -> Path:
@@ -44,7 +44,7 @@ def write_strip(simulation: Simulation, solution: GraspSolution, path: str | Pat
     """
     plt = pyplot("a strip of pictures")
     held, growing = simulation.trials[0], simulation.growing
-    factor = max(MAGNIFIED * drawing_size(solution.drawn(), None) / max(growing.slip, 1e-12), 1.0)
+    factor = max(LEAST_DRAWN_SLIP * drawing_size(solution.drawn(), None) / max(growing.slip, 1e-12), 1.0)
     figure = plt.figure(figsize=(3.0 * FRAMES, 6.4), layout="constrained")
     share = "never" if simulation.lost_at is None else f"at {simulation.lost_at:.3f}"
     figure.suptitle(
@@ -67,14 +67,14 @@ def _draw_fingertips(ax: Axes3D, solution: GraspSolution, snapshot: Snapshot, fa
     """Draw body, contacts and fingertips at one time."""
     drawing, grasp = solution.require_drawing(), solution.require_grasp()
     turn = np.eye(3) + factor * (snapshot.rotation - np.eye(3))
-    moved = Triangles(drawing.body.vertices @ turn.T + factor * snapshot.position, drawing.body.faces)
-    draw_triangles(ax, moved, COLOURS["body"], 0.35)
+    body = Triangles(drawing.body.vertices @ turn.T + factor * snapshot.position, drawing.body.faces)
+    draw_triangles(ax, body, COLOURS["body"], 0.35)
     points = in_space(grasp.points)
-    marks = points @ turn.T + factor * snapshot.position
-    radius = TIP * scales(grasp, 1.0, 1.0).length
+    contacts = points @ turn.T + factor * snapshot.position
+    radius = TIP * dynamic_scales(grasp, 1.0, 1.0).length
     tips = points - radius * in_space(grasp.normals) + factor * snapshot.tips
     ends = points + factor * snapshot.tips
-    ax.scatter(*marks.T, color=COLOURS["force"], s=12)
+    ax.scatter(*contacts.T, color=COLOURS["force"], s=12)
     ax.scatter(*tips.T, color="black", s=60)
     for tip, end in zip(tips, ends, strict=True):
         ax.plot(*np.stack([tip, end]).T, color="black", linewidth=1.5)
@@ -98,46 +98,47 @@ def write_hand_strip(simulation: HandSimulation, solution: GraspSolution, path: 
     figure = plt.figure(figsize=(3.0 * PICTURES, 6.8), layout="constrained")
     figure.suptitle(f"{simulation.name}: {simulation.verdict}", fontsize=10)
     for part, condition in zip(figure.subfigures(2, 1), (AS_SOLVED, CONTROL), strict=True):
-        trial = _worst(simulation, condition)
+        trial = _worst_trial(simulation, condition)
         part.suptitle(_caption(trial), fontsize=9)
-        for column, seen in enumerate(_pictures(trial)):
+        for column, snapshot in enumerate(_select_snapshots(trial)):
             ax = part.add_subplot(1, PICTURES, column + 1, projection="3d")
-            _draw_hand(ax, drawing, simulation.grasp, seen)
-            lost = "" if seen.motion.within(LOOSE) else ", lost"
-            ax.set_title(f"{seen.time:.2f} s: {seen.motion}{lost}", fontsize=8)
+            _draw_hand(ax, drawing, simulation.grasp, snapshot)
+            lost = "" if snapshot.motion.within(LOOSE) else ", lost"
+            ax.set_title(f"{snapshot.time:.2f} s: {snapshot.motion}{lost}", fontsize=8)
     return write_figure(figure, path, dpi=110)
 
 
 def _caption(trial: HandTrial) -> str:
     """Return the caption of a row of pictures, with the trial's outcome."""
     held = "held" if trial.strict else "lost"
-    moved = "" if trial.motion.gone else f", the object moves in the hand by at most {trial.motion}"
-    seen = " (the pictures rise with the palm)" if trial.is_lift else ""
-    return f"{name_of(trial.condition)}, {trial.label}: {held}{moved}{seen}"
+    motion = "" if trial.motion.gone else f", the object moves in the hand by at most {trial.motion}"
+    note = " (the pictures rise with the palm)" if trial.is_lift else ""
+    return f"{condition_name(trial.condition)}, {trial.label}: {held}{motion}{note}"
 
 
-def _worst(simulation: HandSimulation, condition: str) -> HandTrial:
+def _worst_trial(simulation: HandSimulation, condition: str) -> HandTrial:
+    """Return the trial of a condition with the largest motion, in motions that count as lost."""
     return max(simulation.of(condition), key=lambda t: max(t.motion.slip / LOOSE[0], t.motion.turn / LOOSE[1]))
 
 
-def _pictures(trial: HandTrial) -> list[HandSnapshot]:
-    """Return a few evenly spaced times of a run, until the object is far away."""
-    near = [seen for seen in trial.seen if seen.motion.within((FAR * LOOSE[0], np.inf))]
-    return [near[i] for i in np.linspace(0, len(near) - 1, PICTURES).round().astype(int)]
+def _select_snapshots(trial: HandTrial) -> list[HandSnapshot]:
+    """Return a few evenly spaced snapshots of a run, until the object is far away."""
+    candidates = [snapshot for snapshot in trial.seen if snapshot.motion.within((LAST_MOTION * LOOSE[0], np.inf))]
+    return [candidates[i] for i in np.linspace(0, len(candidates) - 1, PICTURES).round().astype(int)]
 
 
-def _draw_hand(ax: Axes3D, drawing: Drawing, grasp: HandSnapshot, seen: HandSnapshot) -> None:
+def _draw_hand(ax: Axes3D, drawing: Drawing, grasp: HandSnapshot, snapshot: HandSnapshot) -> None:
     """Draw the body and the hand's links at one time."""
-    palm = next(iter(seen.links.values()))[:3, 3] - next(iter(grasp.links.values()))[:3, 3]
+    palm = next(iter(snapshot.links.values()))[:3, 3] - next(iter(grasp.links.values()))[:3, 3]
     shift = np.eye(4)
     shift[:3, 3] = -palm  # the view follows the palm
-    draw_triangles(ax, _transform_triangles(drawing.body, shift @ seen.object), COLOURS["body"], 0.9)
+    draw_triangles(ax, _transform_triangles(drawing.body, shift @ snapshot.object), COLOURS["body"], 0.9)
     for name, shape in drawing.links:
-        if name in seen.links:
-            step = shift @ seen.links[name] @ np.linalg.inv(grasp.links[name])
+        if name in snapshot.links:
+            step = shift @ snapshot.links[name] @ np.linalg.inv(grasp.links[name])
             draw_triangles(ax, _transform_triangles(shape, step), COLOURS["link"], 0.35)
-    every = [drawing.body.vertices, *(shape.vertices for _, shape in drawing.links)]
-    show_at_one_scale(ax, np.vstack(every))
+    vertices = [drawing.body.vertices, *(shape.vertices for _, shape in drawing.links)]
+    show_at_one_scale(ax, np.vstack(vertices))
 
 
 def _transform_triangles(shape: Triangles, pose: FloatArray) -> Triangles:

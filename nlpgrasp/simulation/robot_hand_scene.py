@@ -22,28 +22,28 @@ from nlpgrasp.simulation.fingertip_scene import (
     DENSITY,
     add_free_body,
     format_numbers,
-    mass_of,
     require_pressing,
+    solid_mass,
     xml_text,
 )
-from nlpgrasp.simulation.scene_object import Told, add_object_geoms, object_mass
+from nlpgrasp.simulation.scene_object import Progress, add_object_geoms, object_mass
 from nlpgrasp.solution.obstructions import tip_deviations
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solution.squeeze_record import LEVER, Squeeze
 
-PAD = 1e-3  # m, half the thickness of a flat fingertip's geom, behind its face
+PAD_HALF_THICKNESS = 1e-3  # m, half the thickness of a flat fingertip's geom, behind its face
 ARM_STIFFNESS = 2e4  # N / m, of the arm that carries the palm
 PREFIX = "hand_"
 ARM = ("palm_x", "palm_y", "palm_z")  # sliding joints that carry the palm, along the axes of the body frame
 LEAST_MASS, LEAST_MOMENT = 1e-3, 1e-7  # kg and kg m^2, least mass and moment of a link, as MuJoCo requires
 ARMATURE = {True: 1e-3, False: 0.1}  # armature of revolute joints, kg m^2, and of prismatic ones, kg
-LOOK = {"rgba": "0.71 0.61 0.48 1"}
+APPEARANCE = {"rgba": "0.71 0.61 0.48 1"}
 # hand and object collide, links of the hand do not: the NLP excludes self-collision by spheres
-TOUCHES = {"contype": "1", "conaffinity": "0"}
+OBJECT_CONTACT = {"contype": "1", "conaffinity": "0"}
 LIFT = 0.2  # m, along z, if the file has no phases
-HELD = ("squeeze", "lift")  # phases in which set-points differ from joint positions, to exert torques
+SQUEEZING_PHASES = ("squeeze", "lift")  # phases in which set-points differ from joint positions, to exert torques
 STEP = 1e-3  # s, time step
-EFFORT = 1e-9  # relative tolerance of joint efforts
+EFFORT_TOLERANCE = 1e-9  # relative tolerance of joint efforts
 CONTACT = {"solref": "0.004 1", "solimp": "0.95 0.99 0.001"}  # of all geoms and mimic-joint equalities
 SOLVER = {
     "timestep": f"{STEP:g}",
@@ -53,13 +53,13 @@ SOLVER = {
     "impratio": "20",
     "iterations": "50",
 }
-SAID = """ Keyframes: {names}. Servos hold every joint where its control is: go from one
+USAGE = """ Keyframes: {names}. Servos hold every joint where its control is: go from one
      keyframe to the next by moving the controls from those of the one to those of the other, over a second or so.
      No gravity; once the object is squeezed, switch it on. Links of the hand do not touch each other. """
 
 
 def mjcf_with_hand(
-    solution: GraspSolution, urdf: str | Path, options: HandSceneOptions | None = None, progress: Told | None = None
+    solution: GraspSolution, urdf: str | Path, options: HandSceneOptions | None = None, progress: Progress | None = None
 ) -> str:
     """Return the scene with the articulated hand as MJCF text; metres, newtons, world frame = body frame.
 
@@ -86,19 +86,47 @@ def mjcf_with_hand(
     MissingExtraError
         Without MuJoCo, or without coacd for a body that is not convex (extra ``sim``).
     """
-    given = HandSceneOptions() if options is None else options
-    mujoco = import_mujoco("a scene with the hand")
+    settings = HandSceneOptions() if options is None else options
+    import_mujoco("a scene with the hand")
     solution.require_grasp()
-    hand = solution.hand or {}
-    if "palm_pose" not in hand or "joint_positions" not in hand:
-        raise InputError("solution", "no hand with a palm pose and joints", "a grasp found with an ng.URDFHand")
+    hand = _require_posture(solution)
     squeeze = solution.require_squeeze()
     grasp, robot = solution.require_grasp(), _robot(urdf, solution.palm, hand["joint_positions"])
     drawing = solution.require_drawing()
     require_pressing(grasp)
-    mass = mass_of(drawing.body, DENSITY).scaled(object_mass(solution, given.mass).kilograms)
-    surfaces = [_contact_attributes(model, given.friction) for model in grasp.contacts]
-    root = Element("mujoco", model="".join(c for c in solution.name if c.isprintable()))
+    mass = solid_mass(drawing.body, DENSITY).scaled(object_mass(solution, settings.mass).kilograms)
+    surfaces = [_contact_attributes(model, settings.friction) for model in grasp.contacts]
+    root, asset, world = _empty_scene(solution.name)
+    slipperiest = min(surfaces, key=lambda s: float(s["friction"].split()[0]))
+    object_surface = {"friction": slipperiest["friction"], "condim": "3"}
+    add_object_geoms(asset, add_free_body(world, mass), solution.body, drawing.body, object_surface, progress)
+    gains = position_gains(robot, squeeze, settings.gain)
+    limits = _effort_limits(solution)
+    tips = tuple(solution.problem["hand"]["fingertips"])
+    floating = tip_deviations(solution.hand)
+    posed = PosedRobot(robot, robot_inertials(urdf), hand["palm_pose"], tips, gains, limits, floating)
+    add_hand(root, posed, surfaces, settings)
+    scale = _squeeze_scale(squeeze, settings.normal_force)
+    _require_effort(squeeze, scale)
+    keyframes = scene_keyframes(hand, robot, squeeze, gains, scale)
+    root.insert(0, Comment(USAGE.format(names=", ".join(frame.name for frame in keyframes))))
+    add_keyframes(root, keyframes)
+    text = xml_text(root)
+    _check_compiles(text, urdf)
+    return text
+
+
+def _require_posture(solution: GraspSolution) -> Json:
+    """Return the hand's data; raise where they lack a palm pose or joint positions."""
+    hand = solution.hand or {}
+    if "palm_pose" not in hand or "joint_positions" not in hand:
+        raise InputError("solution", "no hand with a palm pose and joints", "a grasp found with an ng.URDFHand")
+    return hand
+
+
+def _empty_scene(name: str) -> tuple[Element, Element, Element]:
+    """Return an empty scene with a light and defaults, its assets, and its world."""
+    root = Element("mujoco", model="".join(c for c in name if c.isprintable()))
     SubElement(root, "compiler", angle="radian", autolimits="true", balanceinertia="true")
     SubElement(root, "option", SOLVER)
     default = SubElement(root, "default")
@@ -106,26 +134,16 @@ def mjcf_with_hand(
     SubElement(default, "equality", {name: CONTACT[name] for name in ("solref",)})
     asset, world = SubElement(root, "asset"), SubElement(root, "worldbody")
     SubElement(world, "light", pos=format_numbers([0.0, 0.0, 1.0]), dir="0 0 -1")
-    slipperiest = min(surfaces, key=lambda s: float(s["friction"].split()[0]))
-    others = {"friction": slipperiest["friction"], "condim": "3"}
-    add_object_geoms(asset, add_free_body(world, mass), solution.body, drawing.body, others, progress)
-    gains = gains_of(robot, squeeze, given.gain)
-    limits = _effort_limits(solution)
-    tips = tuple(solution.problem["hand"]["fingertips"])
-    floating = tip_deviations(solution.hand)
-    placed = PosedRobot(robot, robot_inertials(urdf), hand["palm_pose"], tips, gains, limits, floating)
-    add_hand(root, placed, surfaces, given)
-    scale = _squeeze_scale(squeeze, given.normal_force)
-    _require_effort(squeeze, scale)
-    frames = scene_keyframes(hand, robot, squeeze, gains, scale)
-    root.insert(0, Comment(SAID.format(names=", ".join(frame.name for frame in frames))))
-    add_keyframes(root, frames)
-    told = xml_text(root)
+    return root, asset, world
+
+
+def _check_compiles(scene: str, urdf: str | Path) -> None:
+    """Raise where MuJoCo rejects a scene."""
+    mujoco = import_mujoco("a scene with the hand")
     try:
-        mujoco.MjModel.from_xml_string(told)
+        mujoco.MjModel.from_xml_string(scene)
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(str(urdf), " ".join(str(error).split()), "a hand that MuJoCo can simulate") from None
-    return told
 
 
 @dataclass(frozen=True)
@@ -187,8 +205,9 @@ def _contact_attributes(model: ContactModel, share: float) -> dict[str, str]:
 
 
 def _effort_limits(solution: GraspSolution) -> dict[str, float]:
-    stated = solution.problem["hand"].get("torque_limits") or {}
-    return {str(name): float(value) for name, value in stated.items()}
+    """Return the problem's torque limits by joint, newton-metres (newtons for sliding joints)."""
+    limits = solution.problem["hand"].get("torque_limits") or {}
+    return {str(name): float(value) for name, value in limits.items()}
 
 
 def _squeeze_scale(squeeze: Squeeze, normal_force: float | None) -> float:
@@ -203,17 +222,17 @@ def _squeeze_scale(squeeze: Squeeze, normal_force: float | None) -> float:
 def _require_effort(squeeze: Squeeze, scale: float) -> None:
     """Raise for torques above the hand's limits, with which the forces would not be balanced."""
     joints = squeeze.joints
-    if joints is None or joints.worst is None or scale * joints.worst[1] <= 1.0 + EFFORT:
+    if joints is None or joints.worst is None or scale * joints.worst[1] <= 1.0 + EFFORT_TOLERANCE:
         return
     name, share = joints.worst
-    force, lacking = scale * squeeze.normal_force, (scale * share - 1.0) * joints.limits[name]
-    given = f"{force:.3g} N, {lacking:.3g} N m more than the effort of joint {name}"
+    force, excess = scale * squeeze.normal_force, (scale * share - 1.0) * joints.limits[name]
+    given = f"{force:.3g} N, {excess:.3g} N m more than the effort of joint {name}"
     raise InputError("normal_force", given, f"at most {squeeze.normal_force / share:.3g} N")
 
 
 @dataclass(frozen=True)
 class PosedRobot:
-    """A robot hand placed at its palm pose in the grasp.
+    """A robot hand at its palm pose in the grasp, with masses, fingertips, gains and limits.
 
     Parameters
     ----------
@@ -241,14 +260,14 @@ class PosedRobot:
     floating: Collection[int] = ()
 
 
-def add_hand(root: Element, placed: PosedRobot, surfaces: list[dict[str, str]], options: HandSceneOptions) -> None:
+def add_hand(root: Element, posed: PosedRobot, surfaces: list[dict[str, str]], options: HandSceneOptions) -> None:
     """Add the hand to a scene: three sliding joints that carry the palm, links, actuators, mimic joints.
 
     Parameters
     ----------
     root : Element
         Of the scene, with ``asset`` and ``worldbody``.
-    placed : PosedRobot
+    posed : PosedRobot
     surfaces : list of mappings
         Attributes of each fingertip's geoms: friction of its contact model.
     options : HandSceneOptions
@@ -256,47 +275,64 @@ def add_hand(root: Element, placed: PosedRobot, surfaces: list[dict[str, str]], 
     asset, world = root.find("asset"), root.find("worldbody")
     if asset is None or world is None:
         raise ValueError("a scene has an asset and a worldbody")
-    robot = placed.robot
-    carried = SubElement(world, "body", name="hand", pos=format_numbers(placed.palm["position"]), gravcomp="1")
-    weight = sum(placed.inertials[link].mass for link in robot.links if link in placed.inertials) or 1.0
-    critical = 2.0 * np.sqrt(ARM_STIFFNESS * 2.0 * weight)  # of an arm as heavy as the hand that it carries
-    for name, axis in zip(ARM, np.eye(3), strict=True):
-        SubElement(carried, "joint", name=name, type="slide", axis=format_numbers(axis), damping=f"{critical:.9g}")
-    SubElement(carried, "inertial", pos="0 0 0", mass=f"{weight:.9g}", diaginertia=format_numbers([weight * 1e-3] * 3))
+    robot, palm = posed.robot, _add_palm(world, posed)
     bodies: dict[str, Element] = {}
-    above = {joint.child: joint for joint in robot.joints}
-    own = {str(tip["link"]): surface for tip, surface in zip(placed.tips, surfaces, strict=True)}
-    for i in placed.floating:
-        group = robot.rigid_groups[str(placed.tips[i]["link"])]
-        for link in (link for link in robot.links if robot.rigid_groups[link] == group):
-            own.setdefault(link, surfaces[i])
+    joints = {joint.child: joint for joint in robot.joints}
+    link_surfaces = _surfaces_by_link(posed, surfaces)
     for link in robot.links:
-        joint = above.get(link)
-        parent = carried if joint is None else bodies[joint.parent]
-        pose = {"quat": format_numbers(placed.palm["quaternion_wxyz"])} if joint is None else _joint_pose(joint)
+        joint = joints.get(link)
+        parent = palm if joint is None else bodies[joint.parent]
+        pose = {"quat": format_numbers(posed.palm["quaternion_wxyz"])} if joint is None else _joint_pose(joint)
         body = SubElement(parent, "body", {"name": PREFIX + link, "gravcomp": "1", **pose})
         bodies[link] = body
         if joint is not None and joint.moves:
             _add_joint(body, joint, options)
-        _add_inertial(body, placed.inertials.get(link))
+        _add_inertial(body, posed.inertials.get(link))
         for i, shape in enumerate(robot.shapes.get(link, ())):
-            _add_shape(asset, body, f"{PREFIX}{link}_{i}", shape, own.get(link, {}))
-    for i, (tip, surface) in enumerate(zip(placed.tips, surfaces, strict=True)):
+            _add_shape(asset, body, f"{PREFIX}{link}_{i}", shape, link_surfaces.get(link, {}))
+    for i, (tip, surface) in enumerate(zip(posed.tips, surfaces, strict=True)):
         geom = tip_geom(tip)
-        if geom is not None and i not in placed.floating:
+        if geom is not None and i not in posed.floating:
             name = f"fingertip_{i}"
-            SubElement(bodies[str(tip["link"])], "geom", {"name": name, "mass": "0", **geom, **TOUCHES, **surface})
-    _add_actuators(root, placed)
+            SubElement(
+                bodies[str(tip["link"])], "geom", {"name": name, "mass": "0", **geom, **OBJECT_CONTACT, **surface}
+            )
+    _add_actuators(root, posed)
+
+
+def _add_palm(world: Element, posed: PosedRobot) -> Element:
+    """Add the body that carries the palm on three sliding joints, and return it."""
+    robot = posed.robot
+    palm = SubElement(world, "body", name="hand", pos=format_numbers(posed.palm["position"]), gravcomp="1")
+    mass = sum(posed.inertials[link].mass for link in robot.links if link in posed.inertials) or 1.0
+    damping = 2.0 * np.sqrt(ARM_STIFFNESS * 2.0 * mass)  # critical for an arm as heavy as the hand that it carries
+    for name, axis in zip(ARM, np.eye(3), strict=True):
+        SubElement(palm, "joint", name=name, type="slide", axis=format_numbers(axis), damping=f"{damping:.9g}")
+    SubElement(palm, "inertial", pos="0 0 0", mass=f"{mass:.9g}", diaginertia=format_numbers([mass * 1e-3] * 3))
+    return palm
+
+
+def _surfaces_by_link(posed: PosedRobot, surfaces: list[dict[str, str]]) -> dict[str, dict[str, str]]:
+    """Return the geom attributes of the links with fingertips, and of links fixed to those that tips are off."""
+    groups = posed.robot.rigid_groups
+    result = {str(tip["link"]): surface for tip, surface in zip(posed.tips, surfaces, strict=True)}
+    for i in posed.floating:
+        group = groups[str(posed.tips[i]["link"])]
+        for link in (link for link in posed.robot.links if groups[link] == group):
+            result.setdefault(link, surfaces[i])
+    return result
 
 
 def _joint_pose(joint: Joint) -> dict[str, str]:
-    turn = Rotation.from_euler("xyz", joint.rpy).as_matrix()
-    return {"pos": format_numbers(joint.xyz), "quat": quaternion(turn)}
+    """Return the attributes of a joint's frame in its parent's."""
+    rotation = Rotation.from_euler("xyz", joint.rpy).as_matrix()
+    return {"pos": format_numbers(joint.xyz), "quat": quaternion(rotation)}
 
 
 def _add_joint(body: Element, joint: Joint, options: HandSceneOptions) -> None:
+    """Add a joint with its damping, dry friction, armature and limits."""
     arm = 1.0 if joint.is_revolute else LEVER  # a prismatic joint counts as a revolute one on such a lever
-    given = {
+    attributes = {
         "name": PREFIX + joint.name,
         "type": "hinge" if joint.is_revolute else "slide",
         "axis": format_numbers(joint.axis),
@@ -304,29 +340,31 @@ def _add_joint(body: Element, joint: Joint, options: HandSceneOptions) -> None:
         "frictionloss": f"{options.frictionloss / arm:.9g}",
         "armature": f"{ARMATURE[joint.is_revolute]:.9g}",
     }
-    limited = joint.kind != "continuous" and np.isfinite(joint.lower) and joint.lower < joint.upper
-    SubElement(body, "joint", {**given, "range": format_numbers([joint.lower, joint.upper])} if limited else given)
+    is_limited = joint.kind != "continuous" and np.isfinite(joint.lower) and joint.lower < joint.upper
+    SubElement(
+        body, "joint", {**attributes, "range": format_numbers([joint.lower, joint.upper])} if is_limited else attributes
+    )
 
 
-def _add_inertial(body: Element, stated: Inertial | None) -> None:
+def _add_inertial(body: Element, inertial: Inertial | None) -> None:
     """Add mass and inertia of a link, at least the smallest that MuJoCo accepts."""
-    mass = LEAST_MASS if stated is None else max(stated.mass, LEAST_MASS)
-    center = np.zeros(3) if stated is None else stated.center
-    moments, axes = np.linalg.eigh(np.zeros((3, 3)) if stated is None else stated.inertia)
+    mass = LEAST_MASS if inertial is None else max(inertial.mass, LEAST_MASS)
+    center = np.zeros(3) if inertial is None else inertial.center
+    moments, axes = np.linalg.eigh(np.zeros((3, 3)) if inertial is None else inertial.inertia)
     tensor = axes @ np.diag(np.maximum(moments, LEAST_MOMENT)) @ axes.T
-    full = format_numbers(tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
-    SubElement(body, "inertial", pos=format_numbers(center), mass=f"{mass:.9g}", fullinertia=full)
+    components = format_numbers(tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+    SubElement(body, "inertial", pos=format_numbers(center), mass=f"{mass:.9g}", fullinertia=components)
 
 
 def _add_shape(asset: Element, body: Element, name: str, shape: CollisionShape, surface: dict[str, str]) -> None:
     """Add a collision shape: a MuJoCo primitive if possible, else the convex hull of its mesh."""
-    geom = {"name": name, **LOOK, **TOUCHES, **surface}
+    geom = {"name": name, **APPEARANCE, **OBJECT_CONTACT, **surface}
     if shape.centre is not None:
         geom |= {"type": "sphere", "size": format_numbers([shape.radius]), "pos": format_numbers(shape.centre)}
     elif shape.pose is not None:
         half = [shape.size[0], shape.size[1] / 2.0] if shape.kind != "box" else [s / 2.0 for s in shape.size]
-        place = {"pos": format_numbers(shape.pose[:3, 3]), "quat": quaternion(shape.pose[:3, :3])}
-        geom |= {"type": shape.kind, "size": format_numbers(half), **place}
+        pose = {"pos": format_numbers(shape.pose[:3, 3]), "quat": quaternion(shape.pose[:3, :3])}
+        geom |= {"type": shape.kind, "size": format_numbers(half), **pose}
     else:
         hull: FloatArray = np.asarray(shape.mesh.convex_hull.vertices)
         SubElement(asset, "mesh", name=name, vertex=format_numbers(hull.ravel()))
@@ -334,27 +372,28 @@ def _add_shape(asset: Element, body: Element, name: str, shape: CollisionShape, 
     SubElement(body, "geom", geom)
 
 
-def _add_actuators(root: Element, placed: PosedRobot) -> None:
+def _add_actuators(root: Element, posed: PosedRobot) -> None:
     """Add position servos for free joints and the arm, and equality constraints for mimic joints."""
     actuator, equality = SubElement(root, "actuator"), SubElement(root, "equality")
     for name in ARM:
         _add_servo(actuator, name, ARM_STIFFNESS, None)
-    for joint in placed.robot.free_joints:
-        _add_servo(actuator, PREFIX + joint.name, placed.gains[joint.name], placed.limits.get(joint.name))
-    for joint in placed.robot.joints:
+    for joint in posed.robot.free_joints:
+        _add_servo(actuator, PREFIX + joint.name, posed.gains[joint.name], posed.limits.get(joint.name))
+    for joint in posed.robot.joints:
         if joint.moves and joint.mimic is not None:
-            driver, multiplier, offset = placed.robot.driving_joint(joint)
+            driver, multiplier, offset = posed.robot.driving_joint(joint)
             names = {"joint1": PREFIX + joint.name, "joint2": PREFIX + driver}
             SubElement(equality, "joint", {**names, "polycoef": format_numbers([offset, multiplier, 0.0, 0.0, 0.0])})
 
 
 def _add_servo(actuator: Element, joint: str, gain: float, limit: float | None) -> None:
-    given = {"name": joint, "joint": joint, "kp": f"{gain:.9g}"}
-    bounded = {} if limit is None else {"forcerange": format_numbers([-limit, limit])}
-    SubElement(actuator, "position", {**given, **bounded})
+    """Add the position servo of a joint, with its force limit if there is one."""
+    attributes = {"name": joint, "joint": joint, "kp": f"{gain:.9g}"}
+    force_range = {} if limit is None else {"forcerange": format_numbers([-limit, limit])}
+    SubElement(actuator, "position", {**attributes, **force_range})
 
 
-def gains_of(robot: Robot, squeeze: Squeeze, gain: float | None) -> dict[str, float]:
+def position_gains(robot: Robot, squeeze: Squeeze, gain: float | None) -> dict[str, float]:
     """Return the position gain of each free joint: the squeeze's, or a given one for revolute joints.
 
     Raises
@@ -362,15 +401,15 @@ def gains_of(robot: Robot, squeeze: Squeeze, gain: float | None) -> dict[str, fl
     InputError
         If the squeeze states none.
     """
-    stated = None if squeeze.joints is None else squeeze.joints.gain
-    if stated is None:
+    gains = None if squeeze.joints is None else squeeze.joints.gain
+    if gains is None:
         raise InputError("hand.squeeze.gain", None, "a squeeze with the gain of the joints' position control")
-    by_joint = stated if isinstance(stated, Mapping) else {}
-    usual = max(by_joint.values(), default=0.0) if isinstance(stated, Mapping) else stated
+    by_joint = gains if isinstance(gains, Mapping) else {}
+    default = max(by_joint.values(), default=0.0) if isinstance(gains, Mapping) else gains
     result = {}
     for joint in robot.free_joints:
-        own = by_joint.get(joint.name, usual)
-        result[joint.name] = gain if gain is not None and joint.is_revolute else own
+        joint_gain = by_joint.get(joint.name, default)
+        result[joint.name] = gain if gain is not None and joint.is_revolute else joint_gain
     return result
 
 
@@ -381,18 +420,18 @@ class Keyframe:
     Parameters
     ----------
     name : str
-    moved : (3,) array
+    displacement : (3,) array
         Displacement of the palm from the grasp, metres, body frame.
     joints : mapping of str to float
         Positions of all moving joints, radians or metres.
-    told : mapping of str to float
+    set_points : mapping of str to float
         Set-points of the free joints' servos.
     """
 
     name: str
-    moved: FloatArray
+    displacement: FloatArray
     joints: Mapping[str, float]
-    told: Mapping[str, float]
+    set_points: Mapping[str, float]
 
 
 def scene_keyframes(
@@ -411,15 +450,15 @@ def scene_keyframes(
     scale : float
         Factor on the squeeze: 2 presses twice as hard.
     """
-    here, free = hand["joint_positions"], [joint.name for joint in robot.free_joints]
-    pressed = {name: here[name] + scale * tau / gains[name] for name, tau in squeeze.torques.items()}
+    positions, free_joints = hand["joint_positions"], [joint.name for joint in robot.free_joints]
+    set_points = {name: positions[name] + scale * tau / gains[name] for name, tau in squeeze.torques.items()}
     result = []
     for phase in _phases(hand):
-        moved = np.asarray(phase["palm_pose"]["position"], float) - hand["palm_pose"]["position"]
-        held = phase["name"] in HELD
-        joints = here if held else phase["joint_positions"]
-        told = {name: joints[name] for name in free} | (pressed if held else {})
-        result.append(Keyframe(str(phase["name"]), moved, joints, told))
+        displacement = np.asarray(phase["palm_pose"]["position"], float) - hand["palm_pose"]["position"]
+        squeezes = phase["name"] in SQUEEZING_PHASES
+        joints = positions if squeezes else phase["joint_positions"]
+        commands = {name: joints[name] for name in free_joints} | (set_points if squeezes else {})
+        result.append(Keyframe(str(phase["name"]), displacement, joints, commands))
     return result
 
 
@@ -429,12 +468,12 @@ def add_keyframes(root: Element, frames: Sequence[Keyframe]) -> None:
     motors = [motor.get("name", "") for motor in root.iter("position")]
     keyframe = SubElement(root, "keyframe")
     for frame in frames:
-        arm = dict(zip(ARM, frame.moved, strict=True))
-        carried = frame.moved if frame.name == "lift" else np.zeros(3)
-        where = arm | {PREFIX + name: value for name, value in frame.joints.items()}
-        told = arm | {PREFIX + name: value for name, value in frame.told.items()}
-        state = [*carried, 1.0, 0.0, 0.0, 0.0, *(where[name] for name in order if name in where)]
-        controls = format_numbers(told[name] for name in motors)
+        arm = dict(zip(ARM, frame.displacement, strict=True))
+        object_position = frame.displacement if frame.name == "lift" else np.zeros(3)
+        joint_values = arm | {PREFIX + name: value for name, value in frame.joints.items()}
+        commands = arm | {PREFIX + name: value for name, value in frame.set_points.items()}
+        state = [*object_position, 1.0, 0.0, 0.0, 0.0, *(joint_values[name] for name in order if name in joint_values)]
+        controls = format_numbers(commands[name] for name in motors)
         SubElement(keyframe, "key", name=frame.name, qpos=format_numbers(state), ctrl=controls)
 
 
@@ -442,12 +481,12 @@ def _phases(hand: Json) -> list[Json]:
     """Return the phases of a file; for earlier versions, phases derived from its data."""
     if hand.get("phases"):
         return list(hand["phases"])
-    here = {"palm_pose": hand["palm_pose"], "joint_positions": hand["joint_positions"]}
+    grasp = {"palm_pose": hand["palm_pose"], "joint_positions": hand["joint_positions"]}
     x, y, z = hand["palm_pose"]["position"]
-    raised = {**here, "palm_pose": {**hand["palm_pose"], "position": [x, y, z + LIFT]}}
-    before = hand.get("pregrasp")
-    opened = [] if before is None else [{**before, "name": "pregrasp"}]
-    return [*opened, {**here, "name": "grasp"}, {**here, "name": "squeeze"}, {**raised, "name": "lift"}]
+    lifted = {**grasp, "palm_pose": {**hand["palm_pose"], "position": [x, y, z + LIFT]}}
+    pregrasp = hand.get("pregrasp")
+    initial = [] if pregrasp is None else [{**pregrasp, "name": "pregrasp"}]
+    return [*initial, {**grasp, "name": "grasp"}, {**grasp, "name": "squeeze"}, {**lifted, "name": "lift"}]
 
 
 def tip_geom(tip: Json) -> dict[str, str] | None:
@@ -458,8 +497,8 @@ def tip_geom(tip: Json) -> dict[str, str] | None:
     tip : mapping
         A fingertip as JSON data.
     """
-    known = KINDS.get(str(tip["type"]))
-    return None if known is None else known(tip)
+    make = KINDS.get(str(tip["type"]))
+    return None if make is None else make(tip)
 
 
 def quaternion(rotation: FloatArray) -> str:
@@ -471,8 +510,8 @@ def _sphere_geom(tip: Json) -> dict[str, str]:
     return {"type": "sphere", "size": format_numbers([tip["radius"]]), "pos": format_numbers(tip["offset"])}
 
 
-def _along(tip: Json) -> dict[str, str]:
-    """Return a capsule for cylindrical and capsule fingertips, with rounded ends for both."""
+def _capsule_geom(tip: Json) -> dict[str, str]:
+    """Return the capsule of a cylindrical or capsule fingertip, with rounded ends for both."""
     return {
         "type": "capsule",
         "size": format_numbers([tip["radius"]]),
@@ -481,26 +520,26 @@ def _along(tip: Json) -> dict[str, str]:
 
 
 def _ellipsoid_geom(tip: Json) -> dict[str, str]:
-    turn = Rotation.from_euler("xyz", tip["rpy"]).as_matrix()
+    rotation = Rotation.from_euler("xyz", tip["rpy"]).as_matrix()
     return {
         "type": "ellipsoid",
         "size": format_numbers(tip["semi_axes"]),
         "pos": format_numbers(tip["offset"]),
-        "quat": quaternion(turn),
+        "quat": quaternion(rotation),
     }
 
 
 def _flat_geom(tip: Json) -> dict[str, str]:
-    turn = Rotation.from_euler("xyz", tip["rpy"]).as_matrix()
-    middle = np.asarray(tip["offset"], float) - PAD * turn[:, 2]
-    half = [*(np.asarray(tip["extents"], float) / 2.0), PAD]
-    return {"type": "box", "size": format_numbers(half), "pos": format_numbers(middle), "quat": quaternion(turn)}
+    rotation = Rotation.from_euler("xyz", tip["rpy"]).as_matrix()
+    middle = np.asarray(tip["offset"], float) - PAD_HALF_THICKNESS * rotation[:, 2]
+    half = [*(np.asarray(tip["extents"], float) / 2.0), PAD_HALF_THICKNESS]
+    return {"type": "box", "size": format_numbers(half), "pos": format_numbers(middle), "quat": quaternion(rotation)}
 
 
 KINDS: dict[str, Callable[[Json], dict[str, str]]] = {
     "sphere": _sphere_geom,
-    "cylinder": _along,
-    "capsule": _along,
+    "cylinder": _capsule_geom,
+    "capsule": _capsule_geom,
     "ellipsoid": _ellipsoid_geom,
     "flat": _flat_geom,
 }

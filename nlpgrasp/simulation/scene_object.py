@@ -1,4 +1,4 @@
-"""Object of a scene: collision geoms by convex decomposition, mass from the task."""
+"""Object of a simulated scene: collision geoms by convex decomposition, mass from the task."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from nlpgrasp.common.drawing import Triangles, drawing_size
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import MissingExtraError
-from nlpgrasp.simulation.fingertip_scene import DENSITY, format_numbers, mass_of
+from nlpgrasp.simulation.fingertip_scene import DENSITY, format_numbers, solid_mass
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import Task, TaskEllipsoid
 from nlpgrasp.tasks.base import parts_of
 from nlpgrasp.tasks.tools import WEIGHT
 
-CONVEX = 0.999  # of its hull's volume: volume above which a body counts as convex
-CONCAVITY, PIECES, SEED = 0.02, 64, 0  # coacd: concavity threshold (relative), most pieces, seed
-LOOK = {"rgba": "0.56 0.64 0.71 1"}
+CONVEX_VOLUME = 0.999  # share of its hull's volume above which a body counts as convex
+CONCAVITY, PIECES, SEED = 0.02, 64, 0  # coacd: relative concavity threshold, largest number of pieces, seed
+APPEARANCE = {"rgba": "0.56 0.64 0.71 1"}
 
 DECOMPOSING = "decomposing the body into convex pieces ..."
-ACROSS = 0.1  # of the upward force: largest lateral force of a weight
-NOTHING = 0.01  # of the same: a force range that starts below this is a tool's push, no weight
-ROUND = 1e-6  # relative tolerance of isotropic forces at one point
-NEAR = 0.5  # of half the body's diagonal: largest distance of a weight from the drawn centre of mass
+MAX_LATERAL = 0.1  # largest lateral force of a weight, as a share of the upward force
+PUSH_START = 0.01  # share of the upward force below which the least force is that of a tool's push, no weight
+ISOTROPY = 1e-6  # relative tolerance of isotropic forces at one point
+CENTRE_DISTANCE = 0.5  # largest distance of a weight from the centre of mass, as a share of half the body's diagonal
 STATED, UPRIGHT = "as stated", "the weight that the task carries"
 ANY_WAY, OF_WATER = "the weight that the task carries in any orientation", "as if of water"
 
 
 _last: dict[bytes, list[FloatArray]] = {}  # cache of the last body's pieces, which a simulation needs twice
 
-Told = Callable[[str], None]
+Progress = Callable[[str], None]
 Size = Callable[[Json], Iterable[float]]
 PRIMITIVES: dict[str, tuple[str, Size]] = {
     "box": ("box", lambda body: np.asarray(body["extents"], float) / 2.0),
@@ -47,10 +47,10 @@ PRIMITIVES: dict[str, tuple[str, Size]] = {
 def add_object_geoms(
     asset: Element,
     body: Element,
-    stated: Json,
+    shape_data: Json,
     drawn: Triangles,
     surface: dict[str, str],
-    progress: Told | None = None,
+    progress: Progress | None = None,
 ) -> int:
     """Add the collision geoms to the object's MJCF body, and return their number.
 
@@ -60,7 +60,7 @@ def add_object_geoms(
     Parameters
     ----------
     asset, body : Element
-    stated : mapping
+    shape_data : mapping
         The body as JSON data.
     drawn : Triangles
         Its surface.
@@ -74,22 +74,24 @@ def add_object_geoms(
     MissingExtraError
         When a body has to be decomposed and coacd (extra ``sim``) is not installed.
     """
-    known = PRIMITIVES.get(str(stated.get("type")))
-    if known is not None:
-        kind, size = known
+    primitive = PRIMITIVES.get(str(shape_data.get("type")))
+    if primitive is not None:
+        kind, size = primitive
         SubElement(
-            body, "geom", {"name": "object", "type": kind, "size": format_numbers(size(stated)), **LOOK, **surface}
+            body,
+            "geom",
+            {"name": "object", "type": kind, "size": format_numbers(size(shape_data)), **APPEARANCE, **surface},
         )
         return 1
     pieces = convex_pieces(drawn, progress)
     for i, vertices in enumerate(pieces):
         name = f"object_{i}"
         SubElement(asset, "mesh", name=name, vertex=format_numbers(vertices.ravel()))
-        SubElement(body, "geom", {"name": name, "type": "mesh", "mesh": name, **LOOK, **surface})
+        SubElement(body, "geom", {"name": name, "type": "mesh", "mesh": name, **APPEARANCE, **surface})
     return len(pieces)
 
 
-def convex_pieces(shape: Triangles, progress: Told | None = None) -> list[FloatArray]:
+def convex_pieces(shape: Triangles, progress: Progress | None = None) -> list[FloatArray]:
     """Return the vertices (m, 3), metres, of the pieces of a convex decomposition of a triangulated body.
 
     Parameters
@@ -107,7 +109,7 @@ def convex_pieces(shape: Triangles, progress: Told | None = None) -> list[FloatA
 
     mesh = trimesh.Trimesh(shape.vertices, shape.faces)
     hull = mesh.convex_hull
-    if mesh.is_watertight and mesh.volume > CONVEX * hull.volume:
+    if mesh.is_watertight and mesh.volume > CONVEX_VOLUME * hull.volume:
         return [np.asarray(hull.vertices)]
     try:
         coacd = import_module("coacd")
@@ -120,9 +122,9 @@ def convex_pieces(shape: Triangles, progress: Told | None = None) -> list[FloatA
         if progress is not None:
             progress(DECOMPOSING)
         coacd.set_log_level("error")
-        given = coacd.Mesh(vertices, faces)
-        found = coacd.run_coacd(given, threshold=CONCAVITY, max_convex_hull=PIECES, seed=SEED)
-        pieces = [np.asarray(corners, dtype=float) for corners, _ in found]
+        mesh_input = coacd.Mesh(vertices, faces)
+        parts = coacd.run_coacd(mesh_input, threshold=CONCAVITY, max_convex_hull=PIECES, seed=SEED)
+        pieces = [np.asarray(corners, dtype=float) for corners, _ in parts]
         _last.clear()
         _last[key] = pieces
     return list(pieces)
@@ -143,8 +145,8 @@ class ObjectMass:
     source: str
 
 
-def object_mass(solution: GraspSolution, stated: float | None, otherwise: ObjectMass | None = None) -> ObjectMass:
-    """Return the mass of a solution's object: given, else from the weight in its task, else a default.
+def object_mass(solution: GraspSolution, mass: float | None, otherwise: ObjectMass | None = None) -> ObjectMass:
+    """Return the mass of a solution's object: as stated, else from the weight in its task, else a default.
 
     A task carries a weight if the centre of one of its parts is a force along the last axis of the body frame, as in
     ``ng.lift``. A part of isotropic forces at one point near the centre of mass is a weight in any orientation, as in
@@ -154,7 +156,7 @@ def object_mass(solution: GraspSolution, stated: float | None, otherwise: Object
     ----------
     solution : GraspSolution
         One with a grasp and a drawing.
-    stated : float or None
+    mass : float or None
         Kilograms.
     otherwise : ObjectMass, optional
         If the task carries no weight; by default the mass for the density of water.
@@ -164,27 +166,27 @@ def object_mass(solution: GraspSolution, stated: float | None, otherwise: Object
     InputError
         Without a grasp or a drawing, or if the density of water is used and the drawing has no volume.
     """
-    if stated is not None:
-        return ObjectMass(stated, STATED)
+    if mass is not None:
+        return ObjectMass(mass, STATED)
     parts = parts_of(solution.task) if solution.task.dimension == 6 else ()
-    upwards = sum(_upwards(part) for part in parts)
-    if upwards > 0.0:
-        return ObjectMass(upwards / WEIGHT, UPRIGHT)
-    any_way = max((_isotropic_force(part, solution) for part in parts), default=0.0)
-    if any_way > 0.0:
-        return ObjectMass(any_way / WEIGHT, ANY_WAY)
-    return otherwise or ObjectMass(mass_of(solution.require_drawing().body, DENSITY).mass, OF_WATER)
+    carried = sum(_carried_weight(part) for part in parts)
+    if carried > 0.0:
+        return ObjectMass(carried / WEIGHT, UPRIGHT)
+    isotropic = max((_isotropic_force(part, solution) for part in parts), default=0.0)
+    if isotropic > 0.0:
+        return ObjectMass(isotropic / WEIGHT, ANY_WAY)
+    return otherwise or ObjectMass(solid_mass(solution.require_drawing().body, DENSITY).mass, OF_WATER)
 
 
-def _upwards(part: Task) -> float:
+def _carried_weight(part: Task) -> float:
     """Return the upward force at the centre of a task's part, newtons; 0 for pushes from zero, or without one."""
-    along = np.eye(3, 6)
-    most, least = part.support(along)[0], -part.support(-along)[0]
-    middle = 0.5 * (most + least)
-    up = float(middle[2])
-    if up <= 0.0 or np.hypot(*middle[:2]) > ACROSS * up or abs(least[2]) <= NOTHING * up:
+    axes = np.eye(3, 6)
+    largest, least = part.support(axes)[0], -part.support(-axes)[0]
+    centre = 0.5 * (largest + least)
+    weight = float(centre[2])
+    if weight <= 0.0 or np.hypot(*centre[:2]) > MAX_LATERAL * weight or abs(least[2]) <= PUSH_START * weight:
         return 0.0
-    return up
+    return weight
 
 
 def _isotropic_force(part: Task, solution: GraspSolution) -> float:
@@ -194,16 +196,16 @@ def _isotropic_force(part: Task, solution: GraspSolution) -> float:
     forces, moments = part.axes[:, :3], part.axes[:, 3:]
     squares = forces.T @ forces
     square, drawing = float(np.trace(squares)) / 3.0, solution.require_drawing()
-    if square == 0.0 or np.max(np.abs(squares - square * np.eye(3))) > ROUND * square:
+    if square == 0.0 or np.max(np.abs(squares - square * np.eye(3))) > ISOTROPY * square:
         return 0.0
-    point, size = _point_of(moments.T @ forces / square), drawing_size(drawing, None)
-    if np.max(np.abs(moments - np.cross(point, forces))) > ROUND * np.sqrt(square) * size:
+    point, diagonal = _skew_vector(moments.T @ forces / square), drawing_size(drawing, None)
+    if np.max(np.abs(moments - np.cross(point, forces))) > ISOTROPY * np.sqrt(square) * diagonal:
         return 0.0
-    center = mass_of(drawing.body, DENSITY).center - solution.require_grasp().torque_origin
-    return float(np.sqrt(square)) if np.linalg.norm(point - center) <= NEAR * size else 0.0
+    center = solid_mass(drawing.body, DENSITY).center - solution.require_grasp().torque_origin
+    return float(np.sqrt(square)) if np.linalg.norm(point - center) <= CENTRE_DISTANCE * diagonal else 0.0
 
 
-def _point_of(turning: FloatArray) -> FloatArray:
+def _skew_vector(turning: FloatArray) -> FloatArray:
     """Return the point (3,) whose cross-product matrix is nearest to a given matrix (3, 3)."""
     skew = 0.5 * (turning - turning.T)
     return np.array([skew[2, 1], skew[0, 2], skew[1, 0]])

@@ -1,4 +1,4 @@
-"""Initial data of a simulation: grasp, effort of the hand, mass of the object, and wrenches."""
+"""Input of a simulation: grasp, effort of the hand, mass of the object, and wrenches."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.quality import FingerForces, finger_forces, mu
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.simulation.fingertip_model import FingertipModel
-from nlpgrasp.simulation.fingertip_scene import DENSITY, Mass, SceneOptions, mass_of, mjcf, scales
+from nlpgrasp.simulation.fingertip_scene import DENSITY, Mass, SceneOptions, dynamic_scales, mjcf, solid_mass
 from nlpgrasp.solution.solution import GraspSolution
 
 EARTH = 9.81  # m / s^2, gravitational acceleration
-LIGHTEST = 1e-6  # kilograms: least mass
+LEAST_MASS = 1e-6  # kilograms: least mass
 RTOL = 0.05  # relative gap of the certificate that finds the hardest wrench, if the file lacks it
-WIDEST = 1.5  # largest ratio of upper to lower bound for a conclusive simulation
-WEIGHT = 0.25  # share of the remaining effort that the default weight takes at most
+MAX_BOUND_RATIO = 1.5  # largest ratio of upper to lower bound for a conclusive simulation
+WEIGHT_EFFORT = 0.25  # share of the remaining effort that the default weight takes at most
 
 
 @dataclass(frozen=True)
 class SimulationInput:
-    """Initial data of a simulation.
+    """Input of a simulation: grasp, budget, effort, mass and wrenches.
 
     Parameters
     ----------
@@ -60,19 +60,21 @@ class SimulationInput:
         """The least finger forces for the hardest wrench."""
         return finger_forces(self.grasp, self.wrenches[:1], force_budget=self.budget)
 
-    def press(self, there: Grasp, gravity: float) -> FingertipModel:
+    def fingertip_model(self, actual: Grasp, gravity: float) -> FingertipModel:
         """Return the MuJoCo model of the grasp, with the actual contacts."""
-        unit = scales(self.grasp, float(np.linalg.norm(self.least.forces)), self.mass.mass)
-        scene = mjcf(self.solution, SceneOptions(there, self.mass, unit=unit, stiffness=False))
-        allowed = self.budget.at(there.frames, there.contacts)
-        return FingertipModel(scene, there, allowed, self.effort, unit, gravity)
+        unit = dynamic_scales(self.grasp, float(np.linalg.norm(self.least.forces)), self.mass.mass)
+        scene = mjcf(self.solution, SceneOptions(actual, self.mass, unit=unit, stiffness=False))
+        allowed = self.budget.at(actual.frames, actual.contacts)
+        return FingertipModel(scene, actual, allowed, self.effort, unit, gravity)
 
 
-def given(solution: GraspSolution, share: float, mass: float | None, count: int) -> SimulationInput:
-    """Return the initial data of a simulation; arguments as in ``simulate``."""
+def build_simulation_input(solution: GraspSolution, share: float, mass: float | None, count: int) -> SimulationInput:
+    """Return the input of a simulation; arguments as in ``simulate``."""
     drawing, grasp = solution.require_drawing(), solution.require_grasp()
-    if not solution.is_certified or solution.mu.upper > WIDEST * solution.mu.lower:
-        raise InputError("quality.mu", str(solution.mu), f"bounds within a factor of {WIDEST:g}: solve it again")
+    if not solution.is_certified or solution.mu.upper > MAX_BOUND_RATIO * solution.mu.lower:
+        raise InputError(
+            "quality.mu", str(solution.mu), f"bounds within a factor of {MAX_BOUND_RATIO:g}: solve it again"
+        )
     budget, task = solution.budget, solution.task
     effort = 1.0 if budget.absolute else 1.0 / solution.mu.lower
     hardest = solution.mu.worst_direction
@@ -80,18 +82,18 @@ def given(solution: GraspSolution, share: float, mass: float | None, count: int)
         hardest = mu(grasp, task, RTOL, force_budget=budget).worst_direction
     ends = [] if hardest is None else [task.support(hardest[None, :])[1][0]]
     wrenches = effort * solution.mu.lower * np.array([*ends, *task.ends()[:count]])
-    whole = mass_of(drawing.body, DENSITY)
-    carrying = _weight_wrench(grasp, whole)
-    found = finger_forces(grasp, carrying, force_budget=budget)
+    water_mass = solid_mass(drawing.body, DENSITY)
+    unit_weight = _weight_wrench(grasp, water_mass)
+    unit_forces = finger_forces(grasp, unit_weight, force_budget=budget)
     if mass is not None:
-        kilograms = number("mass", mass, at_least=LIGHTEST)
-    elif found.feasible[0]:
-        kilograms = min(whole.mass, WEIGHT * (1.0 - share) * effort / float(found.used[0]) / EARTH)
+        kilograms = number("mass", mass, at_least=LEAST_MASS)
+    elif unit_forces.feasible[0]:
+        kilograms = min(water_mass.mass, WEIGHT_EFFORT * (1.0 - share) * effort / float(unit_forces.used[0]) / EARTH)
     else:
         raise InputError("solution", "a grasp that cannot carry the body upwards", "one that bears its weight too")
     labels = tuple(wrench_words(share * w) for w in wrenches)
-    weight = kilograms * EARTH * carrying
-    return SimulationInput(solution, grasp, budget, effort, whole.scaled(kilograms), wrenches, labels, weight)
+    weight = kilograms * EARTH * unit_weight
+    return SimulationInput(solution, grasp, budget, effort, water_mass.scaled(kilograms), wrenches, labels, weight)
 
 
 def _weight_wrench(grasp: Grasp, mass: Mass) -> FloatArray:

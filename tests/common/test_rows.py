@@ -119,7 +119,7 @@ def test_a_hand_with_links():
     assert found == {"palm quaternion of unit length", ON_FINGERTIP, "self-collision", CLEARANCE, TIPS_APART}
     tips = [r.name for r in rows if r.kind == CLEARANCE and r.fingers]
     assert tips == [f"clearance from the body, {link}, finger {i}" for i, (link, _) in enumerate(hand.tips)]
-    both = next(both for both in hand.watched if both.pairs)
+    both = next(both for both in hand.self_collision_pairs if both.pairs)
     first, second = (f"{link}/{i}" for link, i in zip(both.links, both.pairs[0], strict=True))
     assert f"self-collision, {first} and {second}" in [r.name for r in rows]
 

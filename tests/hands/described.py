@@ -1,4 +1,4 @@
-"""URDFs of two-finger grippers, well and badly described."""
+"""Robot files of two-finger grippers, with and without defects."""
 
 import trimesh
 

@@ -1,4 +1,4 @@
-"""MJCF hands of the tests, and where MuJoCo has their bodies."""
+"""Link trees of MJCF hands, and MuJoCo's frames of their bodies."""
 
 import mujoco
 import numpy as np
@@ -20,10 +20,10 @@ def frames(path, positions, palm):
     for name, value in positions.items():
         data.qpos[model.joint(name).qposadr[0]] = value
     mujoco.mj_kinematics(model, data)
-    found = {}
+    result = {}
     for body in range(1, model.nbody):
         frame = np.eye(4)
         frame[:3, :3], frame[:3, 3] = data.xmat[body].reshape(3, 3), data.xpos[body]
-        found[model.body(body).name or f"body_{body}"] = frame
-    back = np.linalg.inv(found[palm])
-    return {name: back @ frame for name, frame in found.items()}
+        result[model.body(body).name or f"body_{body}"] = frame
+    inverse = np.linalg.inv(result[palm])
+    return {name: inverse @ frame for name, frame in result.items()}

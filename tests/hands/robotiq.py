@@ -1,4 +1,4 @@
-"""The Robotiq 2F-85 with the joints of the ROS-Industrial description, and the meshes of it that robosuite ships."""
+"""URDF of the Robotiq 2F-85 with the joints of the ROS-Industrial description and the meshes of robosuite."""
 
 import math
 

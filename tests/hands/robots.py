@@ -1,4 +1,4 @@
-"""Robots as they are in the wild: packages that hold their files, or folders of the same files."""
+"""Paths of public robot files: installed packages, or folders of the same files."""
 
 import importlib.metadata
 import os
@@ -12,9 +12,9 @@ INSTALL = f'no robots: pip install "{PACKAGE}" (or make robots), or set {VARIABL
 
 def folder():
     """Return the folder of the robots' descriptions; skip the test where there is none."""
-    given = os.environ.get(VARIABLE)
-    if given:
-        return Path(given)
+    path = os.environ.get(VARIABLE)
+    if path:
+        return Path(path)
     try:
         package = importlib.metadata.distribution(PACKAGE)
     except importlib.metadata.PackageNotFoundError:
@@ -24,10 +24,10 @@ def folder():
 
 def robot(path):
     """Return the path of a robot's URDF; skip the test where it is not there."""
-    found = folder() / path
-    if not found.is_file():
-        pytest.skip(f"{found} is not there; {INSTALL}")
-    return found
+    file = folder() / path
+    if not file.is_file():
+        pytest.skip(f"{file} is not there; {INSTALL}")
+    return file
 
 
 MODELS, MODELS_VARIABLE = ("gymnasium-robotics", "robosuite"), "NLPGRASP_MJCF"
@@ -41,15 +41,15 @@ GRIPPERS = "robosuite/models/assets/grippers"
 
 def model(path):
     """Return the path of an MJCF file of the two packages; skip the test where it is not there."""
-    given = os.environ.get(MODELS_VARIABLE)
-    if given:
-        found = Path(given) / path
+    root = os.environ.get(MODELS_VARIABLE)
+    if root:
+        file = Path(root) / path
     else:
         package = path.split("/")[0].replace("_", "-")
         try:
-            found = Path(importlib.metadata.distribution(package).locate_file(path))
+            file = Path(importlib.metadata.distribution(package).locate_file(path))
         except importlib.metadata.PackageNotFoundError:
             pytest.skip(MODELS_INSTALL)
-    if not found.is_file():
-        pytest.skip(f"{found} is not there; {MODELS_INSTALL}")
-    return found
+    if not file.is_file():
+        pytest.skip(f"{file} is not there; {MODELS_INSTALL}")
+    return file

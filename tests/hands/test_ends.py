@@ -1,4 +1,4 @@
-"""Links at the ends, the fingertips that their shapes make, and the lines that state them."""
+"""Leaf links, their suggested fingertips, and the command and code that state them."""
 
 import re
 import shlex
@@ -6,9 +6,9 @@ import shlex
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.hands.inspection import inspect, without_fingertips
+from nlpgrasp.hands.inspection import inspect, inspect_without_tips
 from nlpgrasp.hands.robot_file import read_robot
-from nlpgrasp.hands.suggested_tips import End, end, leaves
+from nlpgrasp.hands.suggested_tips import SuggestedTip, leaf_links, suggest_tip
 from tests.hands.urdf import FOUR, FOUR_TIPS
 
 SPHERE = '<collision><origin xyz="{}"/><geometry><sphere radius="0.008"/></geometry></collision>'
@@ -17,7 +17,7 @@ CAPSULE = '<collision><geometry><capsule radius="0.005" length="0.02"/></geometr
 SHAPES = {"ball": SPHERE.format("0 0 0"), "off": SPHERE.format("0 0 0.02"), "block": BOX, "rod": CAPSULE, "bare": ""}
 
 
-def written(folder):
+def write_hand(folder):
     """Write a hand with one finger of each shape, a camera fixed to the palm and a sensor fixed to a fingertip."""
     joint = '<joint name="{0}_{1}" type="{2}"><parent link="{1}"/><child link="{0}"/>{3}</joint>'
     limits = '<axis xyz="0 1 0"/><limit lower="0" upper="1" effort="1" velocity="1"/>'
@@ -33,30 +33,30 @@ def written(folder):
 
 
 def test_one_link_each_of_those_that_move(tmp_path):
-    robot = read_robot(written(tmp_path))
-    assert leaves(robot) == ("ball", "off", "block", "rod", "pad")  # no camera; of sensor and pad the one with a shape
+    robot = read_robot(write_hand(tmp_path))
+    assert leaf_links(robot) == ("ball", "off", "block", "rod", "pad")  # no camera; of sensor and pad that with a shape
 
 
 def test_all_ends_of_a_robot_that_never_moves(tmp_path):
     path = tmp_path / "fist.urdf"
     path.write_text('<robot name="fist"><link name="palm"/></robot>')
-    assert leaves(read_robot(path)) == ("palm",)
+    assert leaf_links(read_robot(path)) == ("palm",)
 
 
 def test_fingertips_are_those_of_the_shapes(tmp_path):
-    robot = read_robot(written(tmp_path))
-    assert [end(robot, link) for link in SHAPES] == [
-        End("ball", "ball=0.008", "0.008"),
-        End("off", "off", "None"),  # its own sphere, where it is
-        End("block", "block", "ng.SphereTip(0.006, [0, 0, 0.01])"),
-        End("rod", "rod", "None"),
-        End("bare", "bare=0.01", "0.01", guessed=True),
+    robot = read_robot(write_hand(tmp_path))
+    assert [suggest_tip(robot, link) for link in SHAPES] == [
+        SuggestedTip("ball", "ball=0.008", "0.008"),
+        SuggestedTip("off", "off", "None"),  # its own sphere, where it is
+        SuggestedTip("block", "block", "ng.SphereTip(0.006, [0, 0, 0.01])"),
+        SuggestedTip("rod", "rod", "None"),
+        SuggestedTip("bare", "bare=0.01", "0.01", guessed=True),
     ]
 
 
 def test_the_lines_to_paste_state_the_same_hand(tmp_path):
-    found = inspect(without_fingertips(written(tmp_path), "palm", [0.0, -1.0, 0.0]))
-    command, line = found.to_paste
+    inspection = inspect(inspect_without_tips(write_hand(tmp_path), "palm", [0.0, -1.0, 0.0]))
+    command, line = inspection.usage_lines
     hand = eval(line, {"ng": ng})  # noqa: S307
     assert [link for link, _ in hand.tips] == ["ball", "off", "block", "rod", "pad"]
     assert hand.tree.approach.tolist() == [0.0, -1.0, 0.0]
@@ -80,6 +80,6 @@ def test_the_lines_to_paste_state_the_same_hand(tmp_path):
 
 def test_without_fingertips_the_error_names_those_at_the_ends():
     expected = ", ".join(f'"{link}": {radius}' for link, radius in FOUR_TIPS.items())
-    said = f"URDFHand.fingertips: got nothing, expected links with their radii, such as {{{expected}}}"
-    with pytest.raises(ng.InputError, match=f"^{re.escape(said)}$"):
+    message = f"URDFHand.fingertips: got nothing, expected links with their radii, such as {{{expected}}}"
+    with pytest.raises(ng.InputError, match=f"^{re.escape(message)}$"):
         ng.URDFHand.load(FOUR)

@@ -1,10 +1,10 @@
-"""Whether a palm faces where it is said to, by where its fingers lie: no question where it does."""
+"""Suggested palm directions from the mean direction of the fingers."""
 
 import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.hands.finger_chains import fingers_lie, first_finger_links, format_direction, suggested_approach
+from nlpgrasp.hands.finger_chains import first_finger_links, format_direction, mean_finger_direction, suggested_approach
 from nlpgrasp.hands.inspection import findings, inspection_data
 from tests.hands.robots import SHADOW, model, robot
 from tests.hands.urdf import FOUR, FOUR_TIPS, GRIPPER, PADS, THREE, THREE_TIPS, four_finger_hand, gripper
@@ -17,7 +17,7 @@ AXES = [list(sign * axis) for axis in np.eye(3) for sign in (1.0, -1.0)]
 
 
 def degrees(tree, direction):
-    return np.degrees(np.arccos(np.clip(fingers_lie(tree) @ np.array(direction), -1.0, 1.0)))
+    return np.degrees(np.arccos(np.clip(mean_finger_direction(tree) @ np.array(direction), -1.0, 1.0)))
 
 
 @pytest.mark.parametrize("hand", [four_finger_hand, three, gripper], ids=["four", "three", "gripper"])
@@ -27,7 +27,7 @@ def test_hands_that_face_where_they_are_said_to_are_not_asked_about(hand):
 
 
 def test_a_grippers_fingers_lie_where_it_faces():
-    assert fingers_lie(gripper().tree) == pytest.approx([0.0, 0.0, 1.0], abs=1e-9)
+    assert mean_finger_direction(gripper().tree) == pytest.approx([0.0, 0.0, 1.0], abs=1e-9)
 
 
 @pytest.mark.parametrize("wrong", AXES)
@@ -37,8 +37,8 @@ def test_a_grippers_fingers_lie_where_it_faces():
     ids=["four", "three", "gripper"],
 )
 def test_every_other_axis_is_asked_about(path, tips, right, wrong):
-    found = suggested_approach(ng.URDFHand.load(path, tips, approach=wrong).tree)
-    assert (found is None) if wrong == right else (found.tolist() == right)
+    suggestion = suggested_approach(ng.URDFHand.load(path, tips, approach=wrong).tree)
+    assert (suggestion is None) if wrong == right else (suggestion.tolist() == right)
 
 
 @pytest.mark.filterwarnings("ignore:link .* is thicker")
@@ -73,10 +73,10 @@ def test_a_panda_is_not_asked_about():
 
 def test_the_question_is_one_for_python_and_one_for_the_command_line():
     shown = inspection_data(ng.URDFHand.load(FOUR, FOUR_TIPS))
-    (found,) = findings(shown, None)
-    said = "The palm is said to face +z, but its fingertips lie towards +x:"
-    assert (found.text, found.command) == (f"{said} approach=[1, 0, 0]?", f"{said} --approach 1,0,0?")
-    assert not found.grave
+    (warning,) = findings(shown, None)
+    message = "The palm is said to face +z, but its fingertips lie towards +x:"
+    assert (warning.text, warning.command) == (f"{message} approach=[1, 0, 0]?", f"{message} --approach 1,0,0?")
+    assert not warning.grave
 
 
 def test_directions_in_words():

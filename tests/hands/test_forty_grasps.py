@@ -1,4 +1,4 @@
-"""Forty grasps of six hands, two of them badly described, against MuJoCo's own distances between links and bodies."""
+"""Forty grasps of six hands, two of them badly described, against MuJoCo's distances between links and bodies."""
 
 import math
 import warnings
@@ -53,19 +53,19 @@ class Described:
 @pytest.fixture(scope="module")
 def hands(tmp_path_factory):
     folder = tmp_path_factory.mktemp("hands")
-    known = {}
+    cache = {}
 
-    def made(name):
-        if name not in known:
+    def build(name):
+        if name not in cache:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", UserWarning)
-                known[name] = _made(name, folder)
-        return known[name]
+                cache[name] = _build_hand(name, folder)
+        return cache[name]
 
-    return made
+    return build
 
 
-def _made(name, folder):
+def _build_hand(name, folder):
     if name in ("leap", "barrett"):
         path = LEAP if name == "leap" else BARRETT
         if not path.exists():
@@ -100,16 +100,16 @@ def mujoco_depth(described, solution, kind, size):
     if described.hand.robot.root in names:
         b = names.index(described.hand.robot.root)
         palm[:3, :3], palm[:3, 3] = data.xmat[b].reshape(3, 3), data.xpos[b]
-    stated = np.eye(4)
+    palm_frame = np.eye(4)
     pose = solution.hand["palm_pose"]
-    stated[:3, :3] = Rotation.from_quat(pose["quaternion_wxyz"], scalar_first=True).as_matrix()
-    stated[:3, 3] = pose["position"]
-    body = palm @ np.linalg.inv(stated)
+    palm_frame[:3, :3] = Rotation.from_quat(pose["quaternion_wxyz"], scalar_first=True).as_matrix()
+    palm_frame[:3, 3] = pose["position"]
+    body = palm @ np.linalg.inv(palm_frame)
     data.mocap_pos[0], data.mocap_quat[0] = body[:3, 3], Rotation.from_matrix(body[:3, :3]).as_quat(scalar_first=True)
     mujoco.mj_forward(model, data)
     held_geom, between = model.geom("held").id, np.zeros(6)
-    others = [g for g in range(model.ngeom) if g != held_geom]
-    return max(0.0, *(-mujoco.mj_geomDistance(model, data, g, held_geom, 0.05, between) for g in others))
+    geoms = [g for g in range(model.ngeom) if g != held_geom]
+    return max(0.0, *(-mujoco.mj_geomDistance(model, data, g, held_geom, 0.05, between) for g in geoms))
 
 
 def test_there_are_forty():
@@ -142,5 +142,5 @@ def test_no_grasp_is_called_solved_with_a_link_inside_or_a_tip_off_its_link(hand
         if gap > 1e-3:
             assert f"contact {i} is " in solution.title
             assert "mm off its fingertip's link" in solution.title
-    found = ng.verify(solution.save(tmp_path / "grasp.json"), folders=[described.path.parent])
-    assert bool(found) <= (depth <= ALLOWED)
+    verification = ng.verify(solution.save(tmp_path / "grasp.json"), folders=[described.path.parent])
+    assert bool(verification) <= (depth <= ALLOWED)

@@ -1,4 +1,4 @@
-"""Grasps with real hands, checked from the solution's JSON data by MuJoCo's kinematics."""
+"""Grasps with robot hands: solution files checked by MuJoCo's kinematics."""
 
 import json
 
@@ -26,7 +26,7 @@ def task(body):
     return ng.TaskEllipsoid([1.0, 1.0, 1.0, *[body.size] * 3])
 
 
-def solved(body, hand, contact=None, starts=1, seed=0, **fields):
+def solve_grasp(body, hand, contact=None, starts=1, seed=0, **fields):
     contact = ng.FrictionContact(0.7) if contact is None else contact
     problem = ng.GraspProblem(body, contact, task(body), hand=hand, **{"edge_margin": 0.0, **fields})
     return solve_once(problem, starts, OPTIONS, seed=seed)
@@ -56,7 +56,7 @@ SAME = 5e-3  # relative: what rounding of another machine may change; a better g
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in FAST else [pytest.mark.slow]) for n in BODIES])
 def test_four_fingers_touch_where_the_grasp_says(name, tmp_path):
     body = BODIES[name]
-    solution = solved(body, four_finger_hand(), starts=STARTS.get(name, 1))
+    solution = solve_grasp(body, four_finger_hand(), starts=STARTS.get(name, 1))
     assert solution.mu.upper >= (1.0 - SAME) * (1.0 - ng.SolveOptions().room_price) * QUALITY[name]
     solution.save(tmp_path / "grasp.json")
     assert ng.verify(tmp_path / "grasp.json")
@@ -74,29 +74,29 @@ def test_four_fingers_touch_where_the_grasp_says(name, tmp_path):
 def test_links_stay_off_the_body_and_off_each_other():
     hand = four_finger_hand(clearance=0.001)
     body = BODIES["ellipsoid"]
-    solution = solved(body, hand)
+    solution = solve_grasp(body, hand)
     links = solution_links(FOUR, solution.hand)
-    where = {}
+    spheres = {}
     for link, fit in hand.fits.items():
         centres = fit.centres @ links[link][:3, :3].T + links[link][:3, 3]
-        where[link] = centres, fit.radii
+        spheres[link] = centres, fit.radii
         distance = np.asarray(body.distance_function.map(len(centres))(centres.T).full()).ravel()
         assert np.min(distance - fit.radii) > 0.001 - 1e-6
-    for both in hand.watched:
-        (a, r), (b, s) = (where[link] for link in both.links)
-        for i, j in both.pairs:
-            assert np.linalg.norm(a[i] - b[j]) > r[i] + s[j] - both.overlap - 1e-6
+    for link_pair in hand.self_collision_pairs:
+        (a, r), (b, s) = (spheres[link] for link in link_pair.links)
+        for i, j in link_pair.pairs:
+            assert np.linalg.norm(a[i] - b[j]) > r[i] + s[j] - link_pair.overlap - 1e-6
 
 
 @pytest.mark.slow
 def test_pregrasp_is_open_by_the_clearance_and_free(tmp_path):
     hand, body = four_finger_hand(), BODIES["box"]
-    solution = solved(body, hand)
+    solution = solve_grasp(body, hand)
     opened = solution.hand["pregrasp"]
     assert opened["clearance"] == 0.01
-    _, before = tip_gaps(solution, FOUR, FOUR_TIPS)
-    _, after = tip_gaps(solution, FOUR, FOUR_TIPS, "pregrasp")
-    gone = np.sum((after - before) * -solution.grasp.normals, axis=1)
+    _, grasp_points = tip_gaps(solution, FOUR, FOUR_TIPS)
+    _, open_points = tip_gaps(solution, FOUR, FOUR_TIPS, "pregrasp")
+    gone = np.sum((open_points - grasp_points) * -solution.grasp.normals, axis=1)
     np.testing.assert_allclose(gone, 0.01, atol=1e-5)
     links = solution_links(FOUR, opened)
     for link, fit in hand.fits.items():
@@ -113,7 +113,7 @@ def test_pregrasp_is_open_by_the_clearance_and_free(tmp_path):
 def test_the_phases_of_a_solve_are_free_and_verified(tmp_path):
     """The palm's way to the pregrasp, by the same links' kinematics as the pregrasp's own test."""
     hand, body = four_finger_hand(), BODIES["box"]
-    solution = solved(body, hand)
+    solution = solve_grasp(body, hand)
     assert [phase.name for phase in solution.phases] == ["approach", "pregrasp", "grasp", "squeeze", "lift"]
     afar, opened = solution.phases[:2]
     links = solution_links(FOUR, opened.to_dict())
@@ -121,13 +121,15 @@ def test_the_phases_of_a_solve_are_free_and_verified(tmp_path):
     for link, fit in hand.fits.items():
         centres = fit.centres @ links[link][:3, :3].T + links[link][:3, 3]
         for share in np.linspace(0.0, 1.0, 100):
-            there = centres + share * (afar.palm_position - opened.palm_position)
-            distance = np.asarray(body.distance_function.map(len(there))(there.T).full()).ravel()
+            shifted = centres + share * (afar.palm_position - opened.palm_position)
+            distance = np.asarray(body.distance_function.map(len(shifted))(shifted.T).full()).ravel()
             least = min(least, np.min(distance - fit.radii))
     assert least > opened.clearance - 1e-4
-    found = {check.name: check for check in ng.verify(solution.save(tmp_path / "f.json"), folders=[FOUR.parent]).checks}
-    assert found["phases"].passed, found["phases"]
-    assert found["approach"].passed, found["approach"]
+    checks = {
+        check.name: check for check in ng.verify(solution.save(tmp_path / "f.json"), folders=[FOUR.parent]).checks
+    }
+    assert checks["phases"].passed, checks["phases"]
+    assert checks["approach"].passed, checks["approach"]
 
 
 @pytest.mark.slow
@@ -135,7 +137,7 @@ def test_table_and_approach_hold_for_the_whole_hand():
     hand = three_finger_hand()
     body = BODIES["cylinder"]
     direction, angle = np.array([0.0, 0.0, -1.0]), 0.4
-    solution = solved(
+    solution = solve_grasp(
         body, hand, ng.FrictionContact(0.6), starts=2, constraints=[ng.Table(-0.05), ng.Approach(direction, angle)]
     )
     assert solution.mu.upper >= (1.0 - SAME) * 0.2533
@@ -155,7 +157,7 @@ def test_table_and_approach_hold_for_the_whole_hand():
 @pytest.mark.slow
 def test_flat_pads_of_a_gripper_with_a_mimic_joint_touch_flat():
     body = ng.Box([0.05, 0.03, 0.08])
-    solution = solved(body, gripper(), ng.SoftContact(0.6, 0.005), starts=3)
+    solution = solve_grasp(body, gripper(), ng.SoftContact(0.6, 0.005), starts=3)
     assert solution.mu.upper == pytest.approx(0.1428, rel=SAME)
     joints = solution.hand["joint_positions"]
     assert joints["left_slide"] == pytest.approx(joints["right_slide"], abs=1e-9)
@@ -171,7 +173,7 @@ def test_flat_pads_of_a_gripper_with_a_mimic_joint_touch_flat():
 def test_parallel_jaw_is_no_wider_than_it_opens():
     body = ng.Box([0.08, 0.04, 0.06])
     contact = ng.SoftContact(0.6, 0.005)
-    solution = solved(body, ng.ParallelJaw(0.05), contact, starts=2)
+    solution = solve_grasp(body, ng.ParallelJaw(0.05), contact, starts=2)
     p, q = solution.grasp.points
     assert set(solution.faces) == {"+y", "-y"}
     assert np.linalg.norm(p - q) <= 0.05 + 1e-6
@@ -185,7 +187,7 @@ def test_hand_on_a_mesh_touches_the_mesh_itself(name, quality, outside_meshes):
     """Recomputed from the JSON data: contacts on tip and mesh within 0.1 mm, links in the mesh by at most 0.5 mm."""
     body = ng.Mesh.load(outside_meshes / f"{name}.stl", unit="m" if name.startswith("ycb") else "in")
     hand = four_finger_hand()
-    solution = solved(body, hand, starts=2)
+    solution = solve_grasp(body, hand, starts=2)
     best = max(start.mu.upper for start in solution.starts)  # the answer may be a less fragile one
     assert best >= (1.0 - SAME) * quality
     assert solution.mu.upper >= 0.9 * best
@@ -205,10 +207,10 @@ def test_same_seed_same_hand_with_any_number_of_workers():
     problem = ng.GraspProblem(
         BODIES["sphere"], ng.FrictionContact(0.7), task(BODIES["sphere"]), hand=three_finger_hand()
     )
-    one, two = (ng.solve(problem, 2, 3, ng.SolveOptions(workers=w, analyses=["prices"])) for w in (1, 2))
-    assert json.dumps(one.hand) == json.dumps(two.hand)
-    np.testing.assert_array_equal(one.grasp.points, two.grasp.points)
-    assert [str(p) for p in one.prices] == [str(p) for p in two.prices]
+    first, second = (ng.solve(problem, 2, 3, ng.SolveOptions(workers=w, analyses=["prices"])) for w in (1, 2))
+    assert json.dumps(first.hand) == json.dumps(second.hand)
+    np.testing.assert_array_equal(first.grasp.points, second.grasp.points)
+    assert [str(p) for p in first.prices] == [str(p) for p in second.prices]
 
 
 def test_number_of_contacts_must_fit_the_hand():

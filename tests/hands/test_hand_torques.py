@@ -1,4 +1,4 @@
-"""A hand's torque limits in the program: derivatives by finite differences, gains, files, bad input."""
+"""Joint-torque budget in the program: derivatives by finite differences, gains, files, bad input."""
 
 import numpy as np
 import pytest
@@ -32,9 +32,9 @@ def solved():
     "hand", [four_finger_hand(), ng.URDFHand.load(FOUR, INNER, 0.7)], ids=["tips", "shared joints"]
 )
 def test_slopes_of_supports_by_central_differences(hand, contact, rng):
-    given = problem(hand, contact)
-    compiled, faces = CompiledProblem(given, ONE), ("surface",) * hand.count
-    points = given.body.sample("surface", hand.count, rng)
+    stated_problem = problem(hand, contact)
+    compiled, faces = CompiledProblem(stated_problem, ONE), ("surface",) * hand.count
+    points = stated_problem.body.sample("surface", hand.count, rng)
     values = {name: v[0] for name, v in hand.draw(1, np.zeros((1, 3)), rng)[0].items()}
     program, candidate = compiled.cutting_planes.functions.program, GraspCandidate(faces, points, values)
     z = pack_variables(compiled, program, candidate)
@@ -43,11 +43,11 @@ def test_slopes_of_supports_by_central_differences(hand, contact, rng):
 
     def support(z):
         """From the definition: contacts and normals as the variables say, wherever that is."""
-        where = contact_points(compiled, program, z)
+        contacts = contact_points(compiled, program, z)
         normals = np.array([z[program.block("normal", i).range] for i in range(hand.count)])
         normals /= np.linalg.norm(normals, axis=1)[:, None]
-        budget = given.budget.posed(hand, hand_of(program, z), where)
-        grasp = Grasp(where, normals, given.models, given.origin)
+        budget = stated_problem.budget.posed(hand, hand_of(program, z), contacts)
+        grasp = Grasp(contacts, normals, stated_problem.models, stated_problem.origin)
         return compiled.scaling.beta * WrenchSet.of(grasp, budget).support(cuts)[0]
 
     np.testing.assert_allclose(value, support(z), rtol=1e-7)
@@ -62,19 +62,19 @@ def test_slopes_of_supports_by_central_differences(hand, contact, rng):
 
 @pytest.mark.slow
 def test_the_program_finds_postures_that_its_motors_hold_better(solved):
-    other = ng.solve(problem(four_finger_hand(), budget="l2"), 1, options=ONE)
-    budget = ng.hand_torque_limits(four_finger_hand(), other.hand, other.grasp.points)
-    assert solved.mu.lower > 1.2 * ng.mu(other.grasp, TASK, force_budget=budget).upper
+    reference = ng.solve(problem(four_finger_hand(), budget="l2"), 1, options=ONE)
+    budget = ng.hand_torque_limits(four_finger_hand(), reference.hand, reference.grasp.points)
+    assert solved.mu.lower > 1.2 * ng.mu(reference.grasp, TASK, force_budget=budget).upper
 
 
 @pytest.mark.slow
 def test_the_file_carries_the_limits_in_the_posture_found(solved, tmp_path):
     solved.save(tmp_path / "torques.json")
     again = ng.GraspSolution.load(tmp_path / "torques.json")
-    stated = again.problem["force_budget"]
-    assert stated["type"] == "shared_joint_torques"
+    budget_data = again.problem["force_budget"]
+    assert budget_data["type"] == "shared_joint_torques"
     expected = ng.hand_torque_limits(four_finger_hand(), again.hand, again.grasp.points)
-    np.testing.assert_allclose(stated["jacobians"], expected.jacobians, atol=1e-9)
+    np.testing.assert_allclose(budget_data["jacobians"], expected.jacobians, atol=1e-9)
     assert ng.verify(tmp_path / "torques.json").passed
 
 

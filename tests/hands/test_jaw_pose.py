@@ -1,4 +1,4 @@
-"""Where the gripper of parallel jaws is: pads on the contacts, the approach clear of body, tables and obstacles."""
+"""Pose and approach of a parallel-jaw gripper: pads on the contacts, clear of body, tables and obstacles."""
 
 import json
 
@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 import nlpgrasp as ng
 from nlpgrasp.hands import hand_from_dict
 from nlpgrasp.hands.parallel_jaw import Jaws
-from nlpgrasp.motion.distance_fields import distance_to_all, fields_of
+from nlpgrasp.motion.distance_fields import build_distance_fields, distance_to_all
 
 BODY = ng.Box([0.08, 0.04, 0.06])
 PADS = np.array([[0.0, 0.02, 0.0], [0.0, -0.02, 0.0]])
@@ -18,20 +18,20 @@ ABOVE = ng.Obstacle(ng.Box([0.2, 0.2, 0.02]), 0.0, [0.0, 0.0, 0.06], name="shelf
 
 def posture(hand=None, constraints=(), body=BODY, points=PADS, cones=()):
     """The pose of a gripper whose pads are at some points of a body."""
-    distance = distance_to_all(fields_of(body, constraints, 2))
+    distance = distance_to_all(build_distance_fields(body, constraints, 2))
     return (hand or ng.ParallelJaw(0.05)).at_contacts(np.asarray(points), body.size, distance, cones)
 
 
 @pytest.mark.parametrize("turn", [[0.0, 0.0, 0.0], [0.4, -0.3, 0.7], [0.0, np.pi, 0.0]])
 def test_the_pads_are_on_the_contacts_in_the_grippers_frame(turn):
     points = Rotation.from_rotvec(turn).apply(PADS) + np.array([0.01, 0.0, 0.02])
-    found = posture(ng.ParallelJaw(0.05, finger_length=0.07), body=ng.Sphere(0.025), points=points)
-    pose = found["palm_pose"]
+    hand_data = posture(ng.ParallelJaw(0.05, finger_length=0.07), body=ng.Sphere(0.025), points=points)
+    pose = hand_data["palm_pose"]
     turned = Rotation.from_quat(pose["quaternion_wxyz"], scalar_first=True)
     local = turned.inv().apply(points - np.array(pose["position"]))
     np.testing.assert_allclose(local, [[-0.02, 0.0, 0.07], [0.02, 0.0, 0.07]], atol=1e-12)
-    np.testing.assert_allclose(turned.apply([0.0, 0.0, 1.0]), found["approach"]["direction"], atol=1e-12)
-    assert found["opening"] == pytest.approx(0.04)
+    np.testing.assert_allclose(turned.apply([0.0, 0.0, 1.0]), hand_data["approach"]["direction"], atol=1e-12)
+    assert hand_data["opening"] == pytest.approx(0.04)
 
 
 def test_the_approach_is_the_shortest_way_over_the_body():
@@ -46,24 +46,24 @@ def test_the_approach_is_the_shortest_way_over_the_body():
 def test_straight_down_is_taken_where_it_is_nearly_as_clear(height, down):
     """From aside a gripper is soon clear of a slender box; of one that is a little lower it comes from above."""
     body = ng.Box([0.04, 0.04, height])
-    found = posture(constraints=[ng.Table.under(body)], body=body, points=[[0.02, 0, 0], [-0.02, 0, 0]])
-    assert (found["approach"]["direction"][2] < -0.999) is down
+    hand_data = posture(constraints=[ng.Table.under(body)], body=body, points=[[0.02, 0, 0], [-0.02, 0, 0]])
+    assert (hand_data["approach"]["direction"][2] < -0.999) is down
 
 
 @pytest.mark.parametrize("height", [-0.031, -0.05])
 def test_a_table_is_approached_from_its_free_side(height):
-    found = posture(constraints=[ng.Table(height), ng.Spread(0.0, 1.0)])
-    assert found["approach"]["direction"][2] < 0.0
-    assert found["approach"]["depth"] == pytest.approx(0.0, abs=1e-12)
+    hand_data = posture(constraints=[ng.Table(height), ng.Spread(0.0, 1.0)])
+    assert hand_data["approach"]["direction"][2] < 0.0
+    assert hand_data["approach"]["depth"] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_between_a_table_and_a_shelf_the_gripper_comes_from_the_side():
     hand = ng.ParallelJaw(0.05, finger_length=0.08, finger_thickness=0.008)
-    found = posture(hand, [ng.Table(-0.031), ABOVE])
-    assert abs(found["approach"]["direction"][2]) < 0.3
-    assert found["approach"]["depth"] < 0.02 * BODY.size
+    hand_data = posture(hand, [ng.Table(-0.031), ABOVE])
+    assert abs(hand_data["approach"]["direction"][2]) < 0.3
+    assert hand_data["approach"]["depth"] < 0.02 * BODY.size
     shelf, floor = 0.05, -0.0315  # lower face of the shelf, the table and a thin finger's room
-    ends = np.array(PADS) - np.outer([1.0, 1.0], found["approach"]["direction"]) * 0.08
+    ends = np.array(PADS) - np.outer([1.0, 1.0], hand_data["approach"]["direction"]) * 0.08
     assert np.all((ends[:, 2] < shelf) & (ends[:, 2] > floor))
 
 
@@ -77,11 +77,11 @@ def test_what_is_in_the_way_on_all_sides_is_told():
     assert posture(constraints=walls)["approach"]["depth"] > 0.005
 
 
-def corners(jaws, approach, far):
+def corners(jaws, approach, path_length):
     """Corners of both fingers, flat boxes from the pads back."""
     (p, q), closing = jaws.points, jaws.closing
     faces = (p, p - jaws.thickness * closing, q, q + jaws.thickness * closing)
-    return np.array([face - back * approach for face in faces for back in (0.0, far)])
+    return np.array([face - back * approach for face in faces for back in (0.0, path_length)])
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -93,7 +93,7 @@ def test_depth_in_a_table_is_that_of_the_fingers_corners(seed):
     closing /= np.linalg.norm(closing)
     jaws = Jaws(-0.02 * np.outer([1, -1], closing), *rng.uniform([0.03, 0.004], [0.09, 0.03]))
     height, clearance = rng.uniform([-0.06, 0.0], [-0.005, 0.02])
-    distance = distance_to_all(fields_of(ball, [ng.Table(height, clearance)], 2))
+    distance = distance_to_all(build_distance_fields(ball, [ng.Table(height, clearance)], 2))
     directions = jaws.approaches()
     depth, _, through = jaws.march_outwards(directions, ball.size, distance)
     low = [corners(jaws, d, jaws.length + 2.0 * ball.size)[:, 2].min() for d in directions]
@@ -107,9 +107,9 @@ def test_a_gripper_that_has_the_room_asked_for_is_not_in_the_tables_way(above, d
     """Fingers 20 mm thick beside the part, as far above a table as contacts are to be: no half finger counts there."""
     points, hand = PADS - [0.0, 0.0, 0.025], ng.ParallelJaw(0.05, finger_length=0.06, finger_thickness=0.02)
     table = ng.Table(-0.025 - above, clearance=4.5e-3)
-    found = posture(hand, [table], points=points)["approach"]
-    assert found["depth"] == pytest.approx(depth, abs=1e-9)
-    assert found["direction"][2] < 0.0
+    approach = posture(hand, [table], points=points)["approach"]
+    assert approach["depth"] == pytest.approx(depth, abs=1e-9)
+    assert approach["direction"][2] < 0.0
 
 
 def plate(thickness, height):
@@ -121,7 +121,7 @@ def test_one_walk_finds_depth_and_what_is_passed_through(thickness):
     """Plates on the way from above, at any height: half of them deep, entered however thin; beside them all is free."""
     jaws = Jaws(PADS, 0.05, 0.01)
     for height in np.linspace(0.06, 0.14, 7):
-        distance = distance_to_all(fields_of(BODY, [plate(thickness, height)], 2))
+        distance = distance_to_all(build_distance_fields(BODY, [plate(thickness, height)], 2))
         directions = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
         depth, mean, through = jaws.march_outwards(directions, BODY.size, distance)
         np.testing.assert_allclose(depth, [0.5 * thickness, 0.0], atol=1.3e-4)
@@ -134,34 +134,34 @@ def test_depth_is_that_of_a_dense_walk():
     rng = np.random.default_rng(1)
     radii, centres = rng.uniform(4e-3, 0.02, 12), 0.06 * rng.normal(size=(12, 3))
     balls = [ng.Obstacle(ng.Sphere(r), 0.0, centre) for r, centre in zip(radii, centres, strict=True)]
-    distance = distance_to_all(fields_of(BODY, balls, 2))
+    distance = distance_to_all(build_distance_fields(BODY, balls, 2))
     jaws = Jaws(PADS, 0.05, 0.01)
     directions = jaws.approaches()[::6]
-    far = jaws.length + 2.0 * BODY.size
+    path_length = jaws.length + 2.0 * BODY.size
     for direction, depth in zip(directions, jaws.march_outwards(directions, BODY.size, distance)[0], strict=True):
-        fingers = (np.arange(0.02, 0.0301, 5e-4), np.arange(0.0, far, 1e-4))
-        palm = (np.arange(0.0, 0.02, 5e-4), np.arange(jaws.length, far, 1e-4))
+        fingers = (np.arange(0.02, 0.0301, 5e-4), np.arange(0.0, path_length, 1e-4))
+        palm = (np.arange(0.0, 0.02, 5e-4), np.arange(jaws.length, path_length, 1e-4))
         grids = [np.stack(np.meshgrid(*places), axis=-1).reshape(-1, 2) for places in (fingers, palm)]
         across, back = np.concatenate(grids).T
-        both = [s * across[:, None] * jaws.closing - back[:, None] * direction for s in (-1.0, 1.0)]
-        true = max(0.0, -float(min(distance(points).min() for points in both)))
+        lines = [s * across[:, None] * jaws.closing - back[:, None] * direction for s in (-1.0, 1.0)]
+        true = max(0.0, -float(min(distance(points).min() for points in lines)))
         assert true - 1e-3 <= depth <= true + 1e-4
 
 
 def test_the_palm_does_not_go_through_the_body():
     """Fingers shorter than the body is deep: across its short side there is no room for the palm, along it there is."""
     tall = ng.Box([0.03, 0.04, 0.2])
-    found = posture(ng.ParallelJaw(0.05, finger_length=0.03), body=tall)
-    np.testing.assert_allclose(np.abs(found["approach"]["direction"]), [1.0, 0.0, 0.0], atol=1e-12)
+    hand_data = posture(ng.ParallelJaw(0.05, finger_length=0.03), body=tall)
+    np.testing.assert_allclose(np.abs(hand_data["approach"]["direction"]), [1.0, 0.0, 0.0], atol=1e-12)
     deep = posture(ng.ParallelJaw(0.05, finger_length=0.03), body=ng.Box([0.2, 0.04, 0.2]))
     assert deep["approach"]["depth"] == pytest.approx(0.02, abs=2e-3)  # the palm's line is in the middle of 0.04 m
 
 
 def test_a_planar_body_has_two_sides_to_come_from():
     square = ng.Polygon([[-0.02, -0.02], [0.02, -0.02], [0.02, 0.02], [-0.02, 0.02]])
-    found = posture(constraints=[ng.Table(-0.021)], body=square, points=[[0.02, 0.0], [-0.02, 0.0]])
-    np.testing.assert_allclose(found["approach"]["direction"], [0.0, -1.0], atol=1e-15)
-    assert "palm_pose" not in found
+    hand_data = posture(constraints=[ng.Table(-0.021)], body=square, points=[[0.02, 0.0], [-0.02, 0.0]])
+    np.testing.assert_allclose(hand_data["approach"]["direction"], [0.0, -1.0], atol=1e-15)
+    assert "palm_pose" not in hand_data
 
 
 def test_files_of_jaws_without_fingers_still_load():
@@ -178,11 +178,11 @@ def test_a_solution_states_the_pose_of_its_grasps(tmp_path):
     options = ng.SolveOptions(workers=1, rounds=0, final_rtol=0.05)
     solution = ng.solve(problem, starts=1, options=options, keep=3)
     assert solution.success
-    for found in solution.grasps:
-        p, q = found.grasp.points
-        assert found.hand["opening"] == pytest.approx(float(np.linalg.norm(p - q)))
-        approach = np.array(found.hand["approach"]["direction"])
-        np.testing.assert_allclose(found.hand["palm_pose"]["position"], (p + q) / 2 - 0.04 * approach, atol=1e-12)
+    for candidate in solution.grasps:
+        p, q = candidate.grasp.points
+        assert candidate.hand["opening"] == pytest.approx(float(np.linalg.norm(p - q)))
+        approach = np.array(candidate.hand["approach"]["direction"])
+        np.testing.assert_allclose(candidate.hand["palm_pose"]["position"], (p + q) / 2 - 0.04 * approach, atol=1e-12)
         assert approach[2] < 1e-9
     again = ng.GraspSolution.load(solution.save(tmp_path / "jaws.json"))
     assert again.hand == json.loads(json.dumps(solution.hand))
@@ -195,10 +195,10 @@ def test_a_solution_states_the_pose_of_its_grasps(tmp_path):
 def test_the_way_in_is_within_the_cone_that_is_asked_for(wanted):
     """However narrow: of a direction that leans along the closing line the nearest across it."""
     for angle in (0.01, 0.2, 1.0):
-        found = np.array(posture(cones=[(np.array(wanted), angle)])["approach"]["direction"])
-        assert abs(found[1]) < 1e-9
-        off = np.arccos(np.clip(found @ wanted, -1.0, 1.0))
-        assert off <= max(angle, np.arcsin(abs(wanted[1]))) + 1e-6
+        direction = np.array(posture(cones=[(np.array(wanted), angle)])["approach"]["direction"])
+        assert abs(direction[1]) < 1e-9
+        tilt = np.arccos(np.clip(direction @ wanted, -1.0, 1.0))
+        assert tilt <= max(angle, np.arcsin(abs(wanted[1]))) + 1e-6
 
 
 OPTIONS = ng.SolveOptions(workers=1, global_bound=False)
@@ -209,16 +209,18 @@ def test_contacts_leave_room_for_a_gripper_from_above():
     """Flat, the box is best held by top and bottom; jaws that come down can hold its sides alone."""
     body = ng.Box([0.06, 0.06, 0.04])
     task = ng.TaskEllipsoid([1.0, 1.0, 0.2, 0.03, 0.03, 0.03])
-    free, above = (
-        ng.solve(ng.GraspProblem(body, SOFT, task, hand=ng.ParallelJaw(0.08), constraints=more), 4, options=OPTIONS)
-        for more in ([], [ng.Approach([0, 0, -1], 0.3)])
+    unconstrained, above = (
+        ng.solve(
+            ng.GraspProblem(body, SOFT, task, hand=ng.ParallelJaw(0.08), constraints=constraints), 4, options=OPTIONS
+        )
+        for constraints in ([], [ng.Approach([0, 0, -1], 0.3)])
     )
     closing = np.diff(above.grasp.points, axis=0)[0]
     assert abs(closing[2]) <= np.sin(0.3) * np.linalg.norm(closing) + 1e-6
     assert above.hand["approach"]["direction"][2] <= -np.cos(0.3) + 1e-6
-    assert free.mu.upper >= above.mu.lower
-    found = ng.verify(above)
-    assert found.passed, str(found)
+    assert unconstrained.mu.upper >= above.mu.lower
+    verification = ng.verify(above)
+    assert verification.passed, str(verification)
     data = json.loads(json.dumps(above.to_dict()))
     data["hand"]["approach"]["direction"] = (-np.array(data["hand"]["approach"]["direction"])).tolist()
     lied = ng.verify(ng.GraspSolution.from_dict(data))
@@ -230,19 +232,19 @@ def test_a_cone_about_the_closing_line_allows_no_way_in_but_half_a_turn_does():
     task, hand = ng.TaskEllipsoid([1.0] * 3 + [0.03] * 3), ng.ParallelJaw(0.08)
     body = ng.Box([0.06, 0.2, 0.2])  # two sides alone are near enough to each other
     for angle, success in ((1.6, True), (0.3, False)):
-        asked = ng.GraspProblem(body, SOFT, task, hand=hand, constraints=[ng.Approach([1, 0, 0], angle)])
-        assert ng.solve(asked, 2, options=OPTIONS).success is success
+        problem = ng.GraspProblem(body, SOFT, task, hand=hand, constraints=[ng.Approach([1, 0, 0], angle)])
+        assert ng.solve(problem, 2, options=OPTIONS).success is success
 
 
 def test_how_the_gripper_comes_is_said_and_first_of_all_a_way_that_is_not_free():
     body, task = ng.Box([0.06, 0.04, 0.06]), ng.TaskEllipsoid([1.0] * 3 + [0.02] * 3)
     hand = ng.ParallelJaw(0.05, finger_length=0.06, finger_thickness=0.02)
-    free, stuck = (
-        ng.solve(ng.GraspProblem(body, SOFT, task, hand=hand, constraints=more), 1, options=OPTIONS)
-        for more in ([], [ABOVE, ng.Approach([0, 0, -1], 0.3)])
+    unobstructed, stuck = (
+        ng.solve(ng.GraspProblem(body, SOFT, task, hand=hand, constraints=constraints), 1, options=OPTIONS)
+        for constraints in ([], [ABOVE, ng.Approach([0, 0, -1], 0.3)])
     )
-    assert "the jaws are 40 mm apart and come in along [" in str(free)
-    assert "way in" not in free.title
+    assert "the jaws are 40 mm apart and come in along [" in str(unobstructed)
+    assert "way in" not in unobstructed.title
     assert "but the gripper's way in leads " in stuck.title
     assert " mm deep into the body, a table or an obstacle" in str(stuck)
 
@@ -257,16 +259,18 @@ def test_the_pose_is_that_of_the_grippers_own_frame(closing, approach):
     """The closing axis of the gripper's model lies along the contacts, its approach axis along the way in."""
     hand = ng.ParallelJaw(0.05, finger_length=0.07, closing_axis=closing, approach_axis=approach)
     points = Rotation.from_rotvec([0.4, -0.3, 0.7]).apply(PADS) + np.array([0.01, 0.0, 0.02])
-    found, usual = (
+    hand_data, usual = (
         posture(h, body=ng.Sphere(0.025), points=points) for h in (hand, ng.ParallelJaw(0.05, 0.0, 0.05, 0.07))
     )
-    assert {k: v for k, v in found.items() if k != "palm_pose"} == {k: v for k, v in usual.items() if k != "palm_pose"}
+    assert {k: v for k, v in hand_data.items() if k != "palm_pose"} == {
+        k: v for k, v in usual.items() if k != "palm_pose"
+    }
     along, towards = (np.array(LETTERS.get(axis, axis), dtype=float) for axis in (closing, approach))
-    pose = found["palm_pose"]
+    pose = hand_data["palm_pose"]
     local = Rotation.from_quat(pose["quaternion_wxyz"], scalar_first=True).inv().apply(points - pose["position"])
     np.testing.assert_allclose(local, [-0.02 * along + 0.07 * towards, 0.02 * along + 0.07 * towards], atol=1e-12)
     again = hand_from_dict(json.loads(json.dumps(hand.to_dict())))
-    assert posture(again, body=ng.Sphere(0.025), points=points) == found
+    assert posture(again, body=ng.Sphere(0.025), points=points) == hand_data
 
 
 def test_axes_are_stated_only_where_they_are_others():
@@ -296,8 +300,8 @@ BAD_AXES = {
 
 @pytest.mark.parametrize("name", BAD_AXES)
 def test_axes_that_are_none_are_refused(name):
-    given, said = BAD_AXES[name]
+    arguments, message = BAD_AXES[name]
     with pytest.raises(ng.InputError) as caught:
-        ng.ParallelJaw(0.05, **given)
-    assert said in str(caught.value)
+        ng.ParallelJaw(0.05, **arguments)
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)

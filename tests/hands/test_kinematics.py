@@ -1,4 +1,4 @@
-"""Kinematics against MuJoCo; spheres against the shapes they enclose."""
+"""Forward kinematics against MuJoCo; link spheres against the shapes they enclose."""
 
 import re
 
@@ -17,15 +17,15 @@ HANDS = {"four": (four_finger_hand, FOUR), "three": (three_finger_hand, THREE), 
 @pytest.mark.parametrize("name", HANDS)
 def test_links_are_where_mujoco_says(name, rng):
     make, path = HANDS[name]
-    hand, other = make(), Mujoco(path)
+    hand, simulator = make(), Mujoco(path)
     lower, upper = hand.tree.joint_limits
     for _ in range(10):
         q = rng.uniform(lower, upper)
-        expected = other.link_poses(hand.tree.joint_positions(q))
-        found = np.asarray(hand.tree.link_function(q).full())
+        expected = simulator.link_poses(hand.tree.joint_positions(q))
+        stacked = np.asarray(hand.tree.link_function(q).full())
         for i, link in enumerate(hand.tree.used_links):
             if link != hand.robot.root:
-                np.testing.assert_allclose(found[:, 4 * i : 4 * i + 4], expected[link], atol=1e-9)
+                np.testing.assert_allclose(stacked[:, 4 * i : 4 * i + 4], expected[link], atol=1e-9)
 
 
 def test_axes_that_are_not_unit_and_joints_without_one(tmp_path, rng):
@@ -146,11 +146,11 @@ def test_missing_extra_names_the_command(monkeypatch):
 def test_quaternion_is_the_rotation_it_says(rng):
     from scipy.spatial.transform import Rotation
 
-    from nlpgrasp.hands.kinematics import rotation_of
+    from nlpgrasp.hands.kinematics import rotation_matrix
 
     rotation = Rotation.random(rng=rng)
-    found = ca.DM(rotation_of(ca.DM(rotation.as_quat(scalar_first=True))))
-    np.testing.assert_allclose(found.full(), rotation.as_matrix(), atol=1e-12)
+    matrix = ca.DM(rotation_matrix(ca.DM(rotation.as_quat(scalar_first=True))))
+    np.testing.assert_allclose(matrix.full(), rotation.as_matrix(), atol=1e-12)
 
 
 CHAIN = """<robot name="chain"><link name="palm"/><link name="a"/><link name="tip">
@@ -171,9 +171,9 @@ def test_every_kind_of_joint_with_every_origin_and_axis(tmp_path, kind, other, r
     hand = ng.URDFHand.load(path, {"tip": 0.01})
     q = rng.uniform(-1.0, 1.0, 2)
     expected = Mujoco(path).link_poses(hand.tree.joint_positions(q))
-    found = np.asarray(hand.tree.link_function(q).full())
+    stacked = np.asarray(hand.tree.link_function(q).full())
     for i, link in enumerate(hand.tree.used_links):
-        np.testing.assert_allclose(found[:, 4 * i : 4 * i + 4], expected[link], atol=1e-12)
+        np.testing.assert_allclose(stacked[:, 4 * i : 4 * i + 4], expected[link], atol=1e-12)
 
 
 SPHERE_AT_A = '<collision><geometry><sphere radius="0.01"/></geometry></collision>'

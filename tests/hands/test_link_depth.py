@@ -1,4 +1,4 @@
-"""Penetration of links, against MuJoCo's distances between geoms."""
+"""Penetration depth of links against MuJoCo's distances between geoms."""
 
 import mujoco
 import numpy as np
@@ -43,8 +43,8 @@ def mujoco_depth(hand, values, kind, size):
     mujoco.mj_forward(model, data)
     held = model.geom("held").id
     between = np.zeros(6)
-    others = [g for g in range(model.ngeom) if g != held]
-    return max(0.0, *(-mujoco.mj_geomDistance(model, data, g, held, 0.5, between) for g in others))
+    geoms = [g for g in range(model.ngeom) if g != held]
+    return max(0.0, *(-mujoco.mj_geomDistance(model, data, g, held, 0.5, between) for g in geoms))
 
 
 @pytest.mark.parametrize("name", BODIES)
@@ -53,15 +53,17 @@ def test_depth_is_mujocos(name, seed):
     body, kind, size = BODIES[name]
     hand = four_finger_hand()
     values = posture(hand, seed)
-    found = depths(hand, body).at(values)
+    penetration = depths(hand, body).at(values)
     expected = mujoco_depth(hand, values, kind, size)
-    assert found.depth <= expected + 3e-4
-    assert found.depth >= 0.7 * expected - 3e-4  # of edges that cross MuJoCo's way out is longer, by up to 1 / 0.7
-    assert (found.link is None) == (found.depth == 0.0)
+    assert penetration.depth <= expected + 3e-4
+    assert (
+        penetration.depth >= 0.7 * expected - 3e-4
+    )  # of edges that cross MuJoCo's way out is longer, by up to 1 / 0.7
+    assert (penetration.link is None) == (penetration.depth == 0.0)
 
 
 def test_a_hand_far_away_is_not_deep():
     hand = four_finger_hand()
     values = {name: v[0] for name, v in hand.draw(1, np.array([[0.6, 0, 0]]), np.random.default_rng(0))[0].items()}
-    found = depths(hand, ng.Box([0.05, 0.05, 0.05])).at(values)
-    assert (found.depth, found.link, found.is_free) == (0.0, None, True)
+    penetration = depths(hand, ng.Box([0.05, 0.05, 0.05])).at(values)
+    assert (penetration.depth, penetration.link, penetration.is_free) == (0.0, None, True)

@@ -1,4 +1,4 @@
-"""Hands from MJCF: MuJoCo's own kinematics of the same file, couplings, efforts, shapes, and what is refused."""
+"""MJCF reader: MuJoCo's kinematics of the same file, couplings, efforts, shapes and errors."""
 
 import importlib
 import importlib.util
@@ -34,14 +34,14 @@ HAND = """<mujoco model="pincer"><compiler angle="radian" autolimits="true"/>
 </mujoco>"""
 
 
-def written(folder, more="", change=("", "")):
+def write_hand(folder, more="", change=("", "")):
     path = folder / "pincer.xml"
     path.write_text(HAND.replace("{more}", more).replace(*change))
     return path
 
 
 def test_bodies_are_where_mujoco_has_them(tmp_path, rng):
-    path = written(tmp_path)
+    path = write_hand(tmp_path)
     tree = tree_of(read_robot(path))
     assert [j.name for j in tree.robot.free_joints] == ["spread", "bend", "reach", "turn", "last"]
     lower, upper = tree.joint_limits
@@ -50,11 +50,11 @@ def test_bodies_are_where_mujoco_has_them(tmp_path, rng):
     for q in rng.uniform(lower, upper, (20, 5)):
         positions = tree.joint_positions(q)
         expected = frames(path, positions, "palm")
-        found = np.asarray(tree.link_function(q))
-        own = poses(links_in(path, "palm"), "palm", np.eye(4), positions)
+        stacked = np.asarray(tree.link_function(q))
+        numeric_poses = poses(links_in(path, "palm"), "palm", np.eye(4), positions)
         for i, link in enumerate(tree.used_links):
-            np.testing.assert_allclose(found[:, 4 * i : 4 * i + 4], expected[link], atol=1e-12)
-            np.testing.assert_allclose(own[link], expected[link], atol=1e-12)
+            np.testing.assert_allclose(stacked[:, 4 * i : 4 * i + 4], expected[link], atol=1e-12)
+            np.testing.assert_allclose(numeric_poses[link], expected[link], atol=1e-12)
 
 
 def test_angles_to_all_digits_where_they_are_not_unique(rng):
@@ -67,7 +67,7 @@ def test_angles_to_all_digits_where_they_are_not_unique(rng):
 
 
 def test_shapes_that_collide_are_taken(tmp_path):
-    robot = read_robot(written(tmp_path))
+    robot = read_robot(write_hand(tmp_path))
     kinds = {link: [shape.kind for shape in shapes] for link, shapes in robot.shapes.items()}
     assert kinds == {
         "palm": ["box"],
@@ -80,12 +80,12 @@ def test_shapes_that_collide_are_taken(tmp_path):
     solid = robot.shapes["left_tip"][0].mesh
     gauge = np.linalg.norm(solid.triangles_center / [0.006, 0.008, 0.01], axis=1)
     assert 1.0 - 1e-12 <= gauge.min() <= gauge.max() < 1.02  # around the ellipsoid
-    assert robot.bare == ()
+    assert robot.shapeless == ()
 
 
 def test_joints_that_follow_in_a_line(tmp_path):
-    more = '<equality><joint joint1="last" joint2="spread" polycoef="0.05 -0.5 0 0 0"/></equality>'
-    path = written(tmp_path, more)
+    equality = '<equality><joint joint1="last" joint2="spread" polycoef="0.05 -0.5 0 0 0"/></equality>'
+    path = write_hand(tmp_path, equality)
     tree = tree_of(read_robot(path))
     assert [j.name for j in tree.robot.free_joints] == ["spread", "bend", "reach", "turn"]
     positions = tree.joint_positions(np.array([0.3, 0.0, 0.0, 0.0]))
@@ -112,9 +112,9 @@ TENDON = (
 
 
 def test_a_tendon_of_fixed_length_makes_the_later_joint_follow(tmp_path):
-    path = written(tmp_path, TENDON + '<equality><tendon tendon1="cord" polycoef="0.01 1 0 0 0"/></equality>')
+    path = write_hand(tmp_path, TENDON + '<equality><tendon tendon1="cord" polycoef="0.01 1 0 0 0"/></equality>')
     robot = read_robot(path)
-    assert robot.unmodelled == ()
+    assert robot.unmodelled_couplings == ()
     positions = tree_of(robot).joint_positions(np.array([0.4, 0.0, 0.0, 0.0]))
     assert residual(path, positions) < 1e-12
     follow = next(link.follow for link in links_in(path, "palm") if link.joint == "bend")
@@ -124,27 +124,27 @@ def test_a_tendon_of_fixed_length_makes_the_later_joint_follow(tmp_path):
 
 def test_what_couples_joints_and_is_not_modelled_is_said(tmp_path):
     pulled = TENDON + '<actuator><motor tendon="cord" ctrlrange="-1 1" ctrllimited="true"/></actuator>'
-    path = written(tmp_path, pulled)
-    said = (
+    path = write_hand(tmp_path, pulled)
+    message = (
         "joints move on their own where the file couples them: tendon cord of joints (bend and spread|spread and bend)"
     )
-    with pytest.warns(UserWarning, match=said):
+    with pytest.warns(UserWarning, match=message):
         hand = ng.URDFHand.load(path, {"left_tip": 0.006, "right": 0.006})
     assert hand.torque_limits == {}
     loop = '<equality><connect body1="left_tip" body2="right" anchor="0 0 0"/></equality>'
-    assert read_robot(written(tmp_path, loop)).unmodelled == ("<connect> of bodies left_tip and right",)
+    assert read_robot(write_hand(tmp_path, loop)).unmodelled_couplings == ("<connect> of bodies left_tip and right",)
     stiff = TENDON.replace('"cord"', '"cord" range="-1 1"')
-    assert read_robot(written(tmp_path, stiff)).unmodelled == ()  # the joints' ranges keep it
+    assert read_robot(write_hand(tmp_path, stiff)).unmodelled_couplings == ()  # the joints' ranges keep it
     short = TENDON.replace('"cord"', '"cord" range="-0.1 0.1"')
-    assert len(read_robot(written(tmp_path, short)).unmodelled) == 1
+    assert len(read_robot(write_hand(tmp_path, short)).unmodelled_couplings) == 1
 
 
 def test_efforts_are_what_the_actuators_hold_both_ways(tmp_path):
-    more = """<equality><joint joint1="last" joint2="turn" polycoef="0 2 0 0 0"/></equality><actuator>
+    elements = """<equality><joint joint1="last" joint2="turn" polycoef="0 2 0 0 0"/></equality><actuator>
       <position joint="spread" kp="5" forcerange="-2 3"/><motor joint="bend" gear="4" ctrlrange="-0.5 0.5"/>
       <motor joint="last" gear="-3" forcerange="-1 1"/><motor joint="turn" forcerange="-1 1"/>
       <position joint="reach" kp="5"/></actuator>"""
-    robot = read_robot(written(tmp_path, more))
+    robot = read_robot(write_hand(tmp_path, elements))
     assert {j.name: j.effort for j in robot.free_joints} == {"spread": 2.0, "bend": 2.0, "reach": None, "turn": 7.0}
 
 
@@ -183,21 +183,21 @@ def test_files_that_cannot_be_used(tmp_path, more, change, match):
 
 def test_palm_that_is_no_body(tmp_path):
     with pytest.raises(ng.InputError, match="palm 'thumb', expected a body of the file: palm, left, left_tip"):
-        read_robot(written(tmp_path), "thumb")
+        read_robot(write_hand(tmp_path), "thumb")
 
 
 def test_limits_that_may_be_radians_are_named(tmp_path):
-    path = written(tmp_path, change=(' angle="radian"', ""))
-    said = r'pincer.xml: no joint turns by more than 1.2 degrees: the file may lack <compiler angle="radian"/>'
-    with pytest.warns(UserWarning, match=said):
+    path = write_hand(tmp_path, change=(' angle="radian"', ""))
+    message = r'pincer.xml: no joint turns by more than 1.2 degrees: the file may lack <compiler angle="radian"/>'
+    with pytest.warns(UserWarning, match=message):
         ng.URDFHand.load(path, {"left_tip": 0.01})
-    ng.URDFHand.load(written(tmp_path), {"left_tip": 0.01})
+    ng.URDFHand.load(write_hand(tmp_path), {"left_tip": 0.01})
 
 
 def test_without_mujoco_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(ng.errors.MissingExtraError, match=r'reading MJCF needs the extra "sim"'):
-        read_robot(written(tmp_path))
+        read_robot(write_hand(tmp_path))
 
 
 XACRO = """<robot name="one" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property name="far" value="0.1"/>

@@ -1,4 +1,4 @@
-"""Hands from gymnasium-robotics and robosuite (MJCF): each loads, or is refused in one sentence that names the cure."""
+"""MJCF models of gymnasium-robotics and robosuite: each loads, or the error names the remedy."""
 
 import numpy as np
 import pytest
@@ -31,20 +31,20 @@ HANDS = {
 
 @pytest.mark.parametrize("name", HANDS)
 def test_bodies_are_where_mujoco_has_them(name, rng):
-    file, palm, free, following = HANDS[name]
+    file, palm, free_count, following = HANDS[name]
     path = model(file)
     robot = read_robot(path, palm)
     tree = tree_of(robot)
-    assert (len(robot.free_joints), sum(j.mimic is not None for j in robot.joints)) == (free, following)
+    assert (len(robot.free_joints), sum(j.mimic is not None for j in robot.joints)) == (free_count, following)
     lower, upper = tree.joint_limits
     links = links_in(path, robot.root)
-    for q in rng.uniform(lower, upper, (5, free)):
+    for q in rng.uniform(lower, upper, (5, free_count)):
         positions = tree.joint_positions(q)
-        expected, found = frames(path, positions, robot.root), np.asarray(tree.link_function(q))
-        own = poses(links, robot.root, np.eye(4), positions)
+        expected, stacked = frames(path, positions, robot.root), np.asarray(tree.link_function(q))
+        numeric_poses = poses(links, robot.root, np.eye(4), positions)
         for i, link in enumerate(tree.used_links):
-            np.testing.assert_allclose(found[:, 4 * i : 4 * i + 4], expected[link], atol=1e-12)
-            np.testing.assert_allclose(own[link], expected[link], atol=1e-12)
+            np.testing.assert_allclose(stacked[:, 4 * i : 4 * i + 4], expected[link], atol=1e-12)
+            np.testing.assert_allclose(numeric_poses[link], expected[link], atol=1e-12)
 
 
 @pytest.mark.parametrize(

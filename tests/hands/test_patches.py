@@ -1,4 +1,4 @@
-"""Fingertips as triangles: on their patch, outward, of the patch's area."""
+"""Triangulation of fingertip patches: on the patch, outward, with the area of the patch."""
 
 import numpy as np
 import pytest

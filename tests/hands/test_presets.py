@@ -1,4 +1,4 @@
-"""Presets of hands: where their fingertips are, what their motors give, and what is said of another URDF."""
+"""Hand presets: fingertips, motor limits, and errors on other robot files."""
 
 import re
 import sys
@@ -9,20 +9,13 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.hands import presets as fingers
-from nlpgrasp.hands import presets as grippers
+from nlpgrasp.hands.presets import PRESETS
 from tests.hands.robotiq import robotiq_2f85
 from tests.hands.robots import robot
 
 ALLEGRO = "allegro_hand_description/urdf/allegro_{}_hand.urdf"
 PANDA = "panda_description/urdf/panda.urdf"
 QUICK = ng.SolveOptions(workers=1)
-PRESETS = {
-    preset.name: preset
-    for room in (fingers, grippers)
-    for preset in vars(room).values()
-    if type(preset).__name__ == "Preset"
-}
 ENDING = {"robotiq_2f85": "finger_joint", "robotiq_3f": "joint_{}", "barrett": "med_joint"}
 LIMITS = {"allegro": 0.7, "leap": 0.93, "shadow": 2.0, "robotiq_2f85": 25.0, "barrett": 1.7}
 
@@ -31,24 +24,20 @@ def link(name):
     return f'<link name="{name}"><collision><geometry><sphere radius="0.002"/></geometry></collision></link>'
 
 
-def star(path, preset, prefix="", without=()):
+def write_star(path, name, prefix="", without=()):
     """Write a URDF with the links that a preset names, each on a joint of its own below the palm."""
-    kind = "prismatic" if preset.name == "panda" else "revolute"
-    palm, text = prefix + preset.palms[0], ""
-    for i, name in enumerate(preset.tips):
-        if name not in without:
-            joint = f"{prefix}{i}_{ENDING.get(preset.name, 'joint').format(i % 3 + 1)}"
+    kind = "prismatic" if name == "panda" else "revolute"
+    palm, text = prefix + PRESETS[name].palms[0], ""
+    for i, tip in enumerate(PRESETS[name].tips):
+        if tip not in without:
+            joint = f"{prefix}{i}_{ENDING.get(name, 'joint').format(i % 3 + 1)}"
             text += (
-                f'{link(prefix + name)}<joint name="{joint}" type="{kind}"><parent link="{palm}"/><child '
-                f'link="{prefix + name}"/><origin xyz="{0.05 * i} 0 0.1"/><axis xyz="0 {1 - 2 * (i % 2)} 0"/>'
+                f'{link(prefix + tip)}<joint name="{joint}" type="{kind}"><parent link="{palm}"/><child '
+                f'link="{prefix + tip}"/><origin xyz="{0.05 * i} 0 0.1"/><axis xyz="0 {1 - 2 * (i % 2)} 0"/>'
                 '<limit lower="0" upper="0.04" effort="2"/></joint>'
             )
     path.write_text(f"<robot name='r'>{link(palm)}{text}</robot>")
     return path
-
-
-def made(preset, *args, **options):
-    return getattr(ng.hands, preset.name)(*args, **options)
 
 
 def test_all_presets_are_public():
@@ -86,10 +75,12 @@ def test_panda_touches_with_its_rubber_tips():
     for name, tip in hand.tips:
         rubber = hand.robot.shapes[name][-1].mesh
         corners = [[x, y, 0.0] for x in (-0.00875, 0.00875) for y in (-0.00925, 0.00925)]
-        there = trimesh.transform_points(np.array(corners), tip.frame)
+        pad_corners = trimesh.transform_points(np.array(corners), tip.frame)
         lower, upper = rubber.bounds
-        np.testing.assert_allclose(there[:, 1], lower[1] if name == "panda_leftfinger" else upper[1], atol=1e-4)
-        np.testing.assert_allclose([there.min(axis=0)[[0, 2]], there.max(axis=0)[[0, 2]]], rubber.bounds[:, [0, 2]])
+        np.testing.assert_allclose(pad_corners[:, 1], lower[1] if name == "panda_leftfinger" else upper[1], atol=1e-4)
+        np.testing.assert_allclose(
+            [pad_corners.min(axis=0)[[0, 2]], pad_corners.max(axis=0)[[0, 2]]], rubber.bounds[:, [0, 2]]
+        )
         middles.append((links[name] @ [*tip.centre, 1.0])[:3])
         normals.append(links[name][:3, :3] @ tip.frame[:3, 2])
     np.testing.assert_allclose(middles[0] - middles[1], [0.0, 0.04, 0.0], atol=1e-9)  # open by twice the joint
@@ -124,8 +115,8 @@ def test_robotiq_pads_face_each_other_and_meet(tmp_path):
     assert hand.torque_limits == {"finger_joint": 25.0}
     gaps = []
     for position in (0.0, 0.8):
-        found = hand.tree.link_function([position]).full()
-        poses = {name: found[:, 4 * i : 4 * i + 4] for i, name in enumerate(hand.tree.used_links)}
+        stacked = hand.tree.link_function([position]).full()
+        poses = {name: stacked[:, 4 * i : 4 * i + 4] for i, name in enumerate(hand.tree.used_links)}
         left, right = (poses[name] @ tip.frame for name, tip in hand.tips)
         np.testing.assert_allclose(left[:3, 2], [0.0, 1.0, 0.0], atol=1e-9)
         np.testing.assert_allclose(right[:3, 2], [0.0, -1.0, 0.0], atol=1e-9)
@@ -140,7 +131,7 @@ def test_robotiq_pads_face_each_other_and_meet(tmp_path):
 @pytest.mark.parametrize("prefix", ["", "rh_"])
 def test_links_are_found_with_any_prefix(name, prefix, tmp_path):
     preset = PRESETS[name]
-    hand = made(preset, star(tmp_path / "hand.urdf", preset, prefix))
+    hand = getattr(ng.hands, name)(write_star(tmp_path / "hand.urdf", name, prefix))
     assert [link for link, _ in hand.tips] == [prefix + link for link in preset.tips]
     assert hand.tree.approach.tolist() == list(preset.approach)
     if name == "panda":  # two fingers, each with a joint of its own
@@ -153,32 +144,31 @@ def test_links_are_found_with_any_prefix(name, prefix, tmp_path):
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_a_link_that_is_not_there_is_named(name, tmp_path):
-    preset = PRESETS[name]
-    missing = list(preset.tips)[-1]
-    path = star(tmp_path / "other.urdf", preset, without=[missing])
-    said = f"hands.{name}.urdf: got other.urdf without a link {missing}, expected the URDF of this hand"
-    with pytest.raises(ng.InputError, match=re.escape(said)):
-        made(preset, path)
+    missing = list(PRESETS[name].tips)[-1]
+    path = write_star(tmp_path / "other.urdf", name, without=[missing])
+    message = f"hands.{name}.urdf: got other.urdf without a link {missing}, expected the URDF of this hand"
+    with pytest.raises(ng.InputError, match=re.escape(message)):
+        getattr(ng.hands, name)(path)
 
 
 def test_options_of_the_loader(tmp_path):
-    path = star(tmp_path / "hand.urdf", PRESETS["leap"])
+    path = write_star(tmp_path / "hand.urdf", "leap")
     hand = ng.hands.leap(path, torque_limits=0.3, clearance=0.001, palm="palm_lower")
     assert (set(hand.torque_limits.values()), hand.clearance) == ({0.3}, 0.001)
 
 
 def test_two_hands_in_one_urdf(tmp_path):
     texts = [
-        star(tmp_path / f"{side}.urdf", PRESETS["shadow"], f"{side}_").read_text().split(">", 1)[1]
+        write_star(tmp_path / f"{side}.urdf", "shadow", f"{side}_").read_text().split(">", 1)[1]
         for side in ("rh", "lh")
     ]
-    both = "".join(text.removesuffix("</robot>") for text in texts)
+    hands = "".join(text.removesuffix("</robot>") for text in texts)
     arms = "".join(
         f'<joint name="{side}" type="fixed"><parent link="body"/><child link="{side}_palm"/></joint>'
         for side in ("rh", "lh")
     )
     path = tmp_path / "both.urdf"
-    path.write_text(f"<robot name='r'><link name='body'/>{both}{arms}</robot>")
+    path.write_text(f"<robot name='r'><link name='body'/>{hands}{arms}</robot>")
     with pytest.raises(ng.InputError, match=r"hands.shadow.palm: got both.urdf with links rh_palm, lh_palm, expected"):
         ng.hands.shadow(path)
     assert ng.hands.shadow(path, palm="lh_palm").tips[0][0] == "lh_ffdistal"
@@ -203,13 +193,15 @@ def test_through_robot_descriptions(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, module.__name__, module)
     with pytest.raises(ng.InputError, match="of which robot_descriptions has no plain URDF"):
         ng.hands.leap()
-    module.URDF_PATH = str(star(tmp_path / "leap.urdf", PRESETS["leap"]))
+    module.URDF_PATH = str(write_star(tmp_path / "leap.urdf", "leap"))
     assert ng.hands.leap().robot.source == "leap.urdf"
 
 
-def framed(path, preset, fingers_from, frame, prefix=""):
+def write_framed(path, name, fingers_from, frame, prefix=""):
     """Write a URDF whose fingers hang from one link, with a link without fingers that has another palm's name."""
-    text = star(path, preset, prefix).read_text().replace(f'"{prefix}{preset.palms[0]}"', f'"{fingers_from}"')
+    text = (
+        write_star(path, name, prefix).read_text().replace(f'"{prefix}{PRESETS[name].palms[0]}"', f'"{fingers_from}"')
+    )
     fixed = f'<joint name="f" type="fixed"><parent link="{fingers_from}"/><child link="{frame}"/></joint>'
     path.write_text(text.replace("</robot>", f'<link name="{frame}"/>{fixed}</robot>'))
     return path
@@ -217,32 +209,32 @@ def framed(path, preset, fingers_from, frame, prefix=""):
 
 @pytest.mark.parametrize("prefix", ["", "right_"])
 def test_a_frame_that_is_named_as_a_palm_hides_no_palm(prefix, tmp_path):
-    path = framed(tmp_path / "a.urdf", PRESETS["allegro"], f"{prefix}base_link", f"{prefix}palm", prefix)
+    path = write_framed(tmp_path / "a.urdf", "allegro", f"{prefix}base_link", f"{prefix}palm", prefix)
     hand = ng.hands.allegro(path)
     assert hand.robot.root == f"{prefix}base_link"
     assert len(hand.robot.free_joints) == 4
 
 
 def test_a_frame_with_a_prefix_is_no_second_hand(tmp_path):
-    path = framed(tmp_path / "s.urdf", PRESETS["shadow"], "rh_palm", "camera_palm", "rh_")
+    path = write_framed(tmp_path / "s.urdf", "shadow", "rh_palm", "camera_palm", "rh_")
     assert ng.hands.shadow(path).robot.root == "rh_palm"
-    path = framed(tmp_path / "t.urdf", PRESETS["shadow"], "rh_palm", "palm", "rh_")
+    path = write_framed(tmp_path / "t.urdf", "shadow", "rh_palm", "palm", "rh_")
     assert ng.hands.shadow(path).robot.root == "rh_palm"
 
 
 def test_the_base_of_an_arm_is_not_the_palm_of_its_hand(tmp_path):
-    path = star(tmp_path / "arm.urdf", PRESETS["barrett"], "bhand_")
+    path = write_star(tmp_path / "arm.urdf", "barrett", "bhand_")
     wrist = '<joint name="a" type="fixed"><parent link="base_link"/><child link="bhand_base_link"/></joint>'
     path.write_text(path.read_text().replace("</robot>", f'<link name="base_link"/>{wrist}</robot>'))
     assert ng.hands.barrett(path).robot.root == "bhand_base_link"
 
 
 def test_fingertips_that_hang_from_no_palm_are_named(tmp_path):
-    path = framed(tmp_path / "a.urdf", PRESETS["leap"], "wrist", "palm_lower")
-    said = (
+    path = write_framed(tmp_path / "a.urdf", "leap", "wrist", "palm_lower")
+    message = (
         "hands.leap.urdf: got a.urdf with fingertip, fingertip_2, fingertip_3, thumb_fingertip not below palm_lower, "
         "expected the URDF of this hand"
     )
     for options in ({}, {"palm": "palm_lower"}):
-        with pytest.raises(ng.InputError, match=re.escape(said)):
+        with pytest.raises(ng.InputError, match=re.escape(message)):
             ng.hands.leap(path, **options)

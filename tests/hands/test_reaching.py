@@ -1,4 +1,4 @@
-"""Postures that reach for places: rigid fits against known motions, fingertips against MuJoCo's kinematics."""
+"""Inverse kinematics: rigid fits against known motions, fingertips against MuJoCo's kinematics."""
 
 import numpy as np
 import pytest

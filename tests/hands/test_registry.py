@@ -1,4 +1,4 @@
-"""Hands from their JSON data and back, and kinds from outside the package."""
+"""Registry of hands: JSON round trips and kinds of other packages."""
 
 import json
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Robots from PyPI's example-robot-data: each loads, or is refused in one sentence that names the cure."""
+"""Robot files of example-robot-data: each loads, or the error names the remedy."""
 
 import importlib.util
 import re
@@ -97,7 +97,7 @@ SAID = {
 }
 
 
-def loaded(name):
+def load_robot(name):
     path, palm, tips, _, _ = HANDS[name]
     return ng.URDFHand.load(robot(path), tips, palm=palm)
 
@@ -105,7 +105,7 @@ def loaded(name):
 @pytest.mark.filterwarnings("ignore:pr2.urdf", "ignore:so100.urdf")
 @pytest.mark.parametrize("name", HANDS)
 def test_hands_load(name):
-    hand = loaded(name)
+    hand = load_robot(name)
     lower, upper = hand.tree.joint_limits
     assert len(lower) == HANDS[name][4]
     assert np.all(lower < upper)
@@ -114,9 +114,9 @@ def test_hands_load(name):
 
 @pytest.mark.parametrize("name", SAID)
 def test_what_is_wrong_with_a_file_is_said(name):
-    with pytest.warns(UserWarning, match=r"urdf: (taken|nothing)") as found:
-        loaded(name)
-    assert SAID[name] in [str(warning.message) for warning in found]
+    with pytest.warns(UserWarning, match=r"urdf: (taken|nothing)") as caught:
+        load_robot(name)
+    assert SAID[name] in [str(warning.message) for warning in caught]
 
 
 @pytest.mark.filterwarnings(THICKER, "ignore:pr2.urdf", "ignore:so100.urdf")
@@ -125,7 +125,7 @@ def test_hands_hold_a_sphere(name, tmp_path):
     path, _, tips, radius, _ = HANDS[name]
     contact = ng.SoftContact(0.7, 0.3) if len(tips) == 2 else ng.FrictionContact(0.7)
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, radius, radius, radius])
-    problem = ng.GraspProblem(ng.Sphere(radius), contact, task, hand=loaded(name), edge_margin=0.0)
+    problem = ng.GraspProblem(ng.Sphere(radius), contact, task, hand=load_robot(name), edge_margin=0.0)
     solution = ng.solve(problem, starts=1, options=QUICK)
     assert solution.status is (ng.Status.TOUCHES if name in TOUCHING else ng.Status.SOLVED)
     assert solution.mu.lower > 0.3

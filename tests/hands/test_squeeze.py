@@ -1,4 +1,4 @@
-"""The squeeze by a hand: torques against virtual work and MuJoCo, commands, limits, files."""
+"""Squeeze by a hand: torques against virtual work and MuJoCo, commands, limits, files."""
 
 from copy import copy
 from dataclasses import replace
@@ -32,10 +32,10 @@ def squeezed():
 
 def test_torques_do_the_forces_work():
     """Central differences of the contacts' places, which are fixed to links that MuJoCo poses."""
-    solution, found = grasped(), ng.squeeze(grasped(), 2.0, 0.2, hand=three_finger_hand())
+    solution, squeeze = grasped(), ng.squeeze(grasped(), 2.0, 0.2, hand=three_finger_hand())
     links = [t["link"] for t in solution.problem["hand"]["fingertips"]]
-    there = solution_links(THREE, solution.hand)
-    fixed = [np.linalg.inv(there[link]) @ [*p, 1.0] for link, p in zip(links, solution.grasp.points, strict=True)]
+    link_frames = solution_links(THREE, solution.hand)
+    fixed = [np.linalg.inv(link_frames[link]) @ [*p, 1.0] for link, p in zip(links, solution.grasp.points, strict=True)]
 
     def places(joint, step):
         moved = {**solution.hand["joint_positions"]}
@@ -43,56 +43,63 @@ def test_torques_do_the_forces_work():
         poses = solution_links(THREE, {**solution.hand, "joint_positions": moved})
         return np.array([(poses[link] @ p)[:3] for link, p in zip(links, fixed, strict=True)])
 
-    for joint, tau in found.torques.items():
-        work = np.sum(found.forces * (places(joint, 1e-6) - places(joint, -1e-6)) / 2e-6)
+    for joint, tau in squeeze.torques.items():
+        work = np.sum(squeeze.forces * (places(joint, 1e-6) - places(joint, -1e-6)) / 2e-6)
         assert tau == pytest.approx(work, abs=1e-7)
-    assert max(map(abs, found.torques.values())) > 0.01
+    assert max(map(abs, squeeze.torques.values())) > 0.01
 
 
 def test_torques_are_those_of_mujocos_jacobians():
-    solution, found = grasped(), ng.squeeze(grasped(), 2.0, hand=three_finger_hand())
-    other = Mujoco(THREE)
-    other.link_poses(solution.hand["joint_positions"])
-    mujoco.mj_comPos(other.model, other.data)
+    solution, squeeze = grasped(), ng.squeeze(grasped(), 2.0, hand=three_finger_hand())
+    simulator = Mujoco(THREE)
+    simulator.link_poses(solution.hand["joint_positions"])
+    mujoco.mj_comPos(simulator.model, simulator.data)
     base = np.linalg.inv(body_frame(solution.hand["palm_pose"]))
-    total = np.zeros(other.model.nv)
-    for tip, p, f in zip(solution.hand["fingertips"], solution.grasp.points, found.forces, strict=True):
-        jacobian = np.zeros((3, other.model.nv))
-        mujoco.mj_jac(other.model, other.data, jacobian, None, base[:3, :3] @ p + base[:3, 3], other.model.body(tip).id)
+    total = np.zeros(simulator.model.nv)
+    for tip, p, f in zip(solution.hand["fingertips"], solution.grasp.points, squeeze.forces, strict=True):
+        jacobian = np.zeros((3, simulator.model.nv))
+        mujoco.mj_jac(
+            simulator.model,
+            simulator.data,
+            jacobian,
+            None,
+            base[:3, :3] @ p + base[:3, 3],
+            simulator.model.body(tip).id,
+        )
         total += jacobian.T @ (base[:3, :3] @ f)
-    expected = {joint: total[other.model.joint(joint).dofadr[0]] for joint in found.torques}
-    assert found.torques == pytest.approx(expected, abs=1e-9)
+    expected = {joint: total[simulator.model.joint(joint).dofadr[0]] for joint in squeeze.torques}
+    assert squeeze.torques == pytest.approx(expected, abs=1e-9)
 
 
 def test_grasps_kept_beside_the_answer_have_their_own():
-    other = replace(grasped().grasps[0], grasp=copy(grasped().grasp))
-    found = add_squeezes(replace(squeezed(), others=(other,)), three_finger_hand())
-    assert found.others[0].hand["squeeze"]["torques"] == pytest.approx(squeezed().squeeze.torques)
-    assert found.hand == squeezed().hand
+    alternative = replace(grasped().grasps[0], grasp=copy(grasped().grasp))
+    result = add_squeezes(replace(squeezed(), others=(alternative,)), three_finger_hand())
+    assert result.others[0].hand["squeeze"]["torques"] == pytest.approx(squeezed().squeeze.torques)
+    assert result.hand == squeezed().hand
 
 
 def test_commands_are_ahead_of_the_grasp_by_torque_over_gain():
-    found = ng.squeeze(grasped(), 2.0, gain=4.0, hand=three_finger_hand())
+    squeeze = ng.squeeze(grasped(), 2.0, gain=4.0, hand=three_finger_hand())
     grasp = grasped().hand["joint_positions"]
-    joint, tau = next(iter(found.torques.items()))
-    assert found.positions()[joint] == pytest.approx(grasp[joint] + tau / 4.0)
-    assert found.positions(1.0)[joint] == pytest.approx(grasp[joint] + tau)
-    each = dict.fromkeys(found.torques, 2.0) | {joint: 8.0}
-    assert found.positions(each)[joint] == pytest.approx(grasp[joint] + tau / 8.0)
+    joint, tau = next(iter(squeeze.torques.items()))
+    assert squeeze.positions()[joint] == pytest.approx(grasp[joint] + tau / 4.0)
+    assert squeeze.positions(1.0)[joint] == pytest.approx(grasp[joint] + tau)
+    gains = dict.fromkeys(squeeze.torques, 2.0) | {joint: 8.0}
+    assert squeeze.positions(gains)[joint] == pytest.approx(grasp[joint] + tau / 8.0)
 
 
 def test_efforts_that_are_too_small_are_named():
     weak = edited(honest.fingers(), put(("problem", "hand", "torque_limits", "finger_1_proximal_flexion"), 1e-3))
-    found = ng.squeeze(ng.GraspSolution.from_dict(weak, "f.json"), 2.0)
-    assert found.joints is None  # the file holds no Jacobians
+    squeeze = ng.squeeze(ng.GraspSolution.from_dict(weak, "f.json"), 2.0)
+    assert squeeze.joints is None  # the file holds no Jacobians
     data = edited(weak, put(("hand",), dict(squeezed().hand)))
-    stated = ng.GraspSolution.from_dict(data, "f.json")
-    found = ng.squeeze(stated, 2.0)
-    name, share = found.joints.worst
+    solution = ng.GraspSolution.from_dict(data, "f.json")
+    squeeze = ng.squeeze(solution, 2.0)
+    name, share = squeeze.joints.worst
     assert name == "finger_1_proximal_flexion"
-    assert share == pytest.approx(abs(found.torques[name]) / 1e-3)
-    assert found.joints.exceeded == {name: pytest.approx(abs(found.torques[name]) - 1e-3)}
-    assert f"MORE than the effort of {name} (" in found.line()
+    assert share == pytest.approx(abs(squeeze.torques[name]) / 1e-3)
+    assert squeeze.joints.exceeded == {name: pytest.approx(abs(squeeze.torques[name]) - 1e-3)}
+    assert f"MORE than the effort of {name} (" in squeeze.line()
 
 
 def test_a_solution_states_no_more_than_weak_joints_can_exert():
@@ -101,22 +108,22 @@ def test_a_solution_states_no_more_than_weak_joints_can_exert():
     effort = abs(usual.torques[name]) / 2.0
     data = edited(honest.fingers(), put(("problem", "hand", "torque_limits"), dict.fromkeys(usual.torques, effort)))
     weak = three_finger_hand(torque_limits=effort)
-    found = add_squeeze(ng.GraspSolution.from_dict(data, "f.json"), weak).squeeze
-    assert found.joints.worst == (name, pytest.approx(0.98, rel=1e-6))
-    assert found.normal_force == pytest.approx(0.98, rel=1e-6)  # half of 2 N, and a little less
-    assert found.joints.exceeded == {}
+    squeeze = add_squeeze(ng.GraspSolution.from_dict(data, "f.json"), weak).squeeze
+    assert squeeze.joints.worst == (name, pytest.approx(0.98, rel=1e-6))
+    assert squeeze.normal_force == pytest.approx(0.98, rel=1e-6)  # half of 2 N, and a little less
+    assert squeeze.joints.exceeded == {}
     assert usual.normal_force == 2.0
 
 
 def test_a_solution_states_no_squeeze_above_max_force():
     usual = squeezed().squeeze
     limit = 0.5 * usual.largest
-    found = add_squeeze(ng.GraspSolution.from_dict(at_most(limit), "f.json"), three_finger_hand())
-    assert found.squeeze.largest == pytest.approx(limit, rel=1e-6)
-    assert found.squeeze.normal_force == pytest.approx(1.0, rel=1e-6)
-    assert "max_force" not in found.squeeze_line()
-    told = ng.GraspSolution.from_dict({**at_most(limit), "hand": dict(squeezed().hand)}, "f.json").squeeze_line()
-    assert told.endswith(f"; ABOVE max_force = {format_number(limit)} N")
+    solution = add_squeeze(ng.GraspSolution.from_dict(at_most(limit), "f.json"), three_finger_hand())
+    assert solution.squeeze.largest == pytest.approx(limit, rel=1e-6)
+    assert solution.squeeze.normal_force == pytest.approx(1.0, rel=1e-6)
+    assert "max_force" not in solution.squeeze_line()
+    line = ng.GraspSolution.from_dict({**at_most(limit), "hand": dict(squeezed().hand)}, "f.json").squeeze_line()
+    assert line.endswith(f"; ABOVE max_force = {format_number(limit)} N")
 
 
 def at_most(limit):
@@ -126,15 +133,15 @@ def at_most(limit):
 def test_print_names_fingers_what_each_presses_and_what_the_task_takes_of_the_joints():
     forces = grasped().grasp.normals * [[3.0], [2.0], [1.0]]
     needed = ForcesNeeded.of(grasped().grasp, np.zeros(6), forces, None, [], ng.Bounds(1.0, 1.0))
-    found = replace(squeezed(), needed=needed)
-    text = str(found)
-    pressed = ", ".join(map(format_number, found.squeeze.normal))
+    solution = replace(squeezed(), needed=needed)
+    text = str(solution)
+    pressed = ", ".join(map(format_number, solution.squeeze.normal))
     assert f"a squeeze with at least 2 N a finger (normal forces {pressed} N) needs friction " in text
-    for i, tip in enumerate(found.hand["fingertips"]):
+    for i, tip in enumerate(solution.hand["fingertips"]):
         assert f"contact {i} ({tip}) on " in text
-    jacobians = found.squeeze.joints.jacobians  # MuJoCo's, as another test shows
+    jacobians = solution.squeeze.joints.jacobians  # MuJoCo's, as another test shows
     torques = sum(jacobians[i, :3].T @ force for i, force in enumerate(forces))
-    names, limits = list(found.squeeze.torques), found.squeeze.joints.limits
+    names, limits = list(solution.squeeze.torques), solution.squeeze.joints.limits
     share, name = max((abs(tau) / limits[joint], joint) for tau, joint in zip(torques, names, strict=True))
     assert f"these forces take at most {100.0 * share:.3g} % of a joint's effort ({name})\n" in text
 
@@ -160,15 +167,15 @@ def test_contacts_that_cannot_press_are_told_everywhere(tmp_path):
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     slippery = [ng.FrictionContact(0.2)] * 3
     open_grasp = ng.Grasp(grasped().grasp.points, normals, slippery, grasped().grasp.torque_origin)
-    found = add_squeeze(replace(grasped(), grasp=open_grasp), three_finger_hand())
-    stated = found.hand["no_squeeze"]
-    assert stated["reason"].startswith("contacts 0, 1, 2 cannot press with friction 0.2")
-    assert found.squeeze is None
-    assert f"the hand cannot squeeze the body: {stated['reason']}" in str(found)
-    assert "disturbance(force, torque, point)" in found.squeeze_line()
+    solution = add_squeeze(replace(grasped(), grasp=open_grasp), three_finger_hand())
+    reason_data = solution.hand["no_squeeze"]
+    assert reason_data["reason"].startswith("contacts 0, 1, 2 cannot press with friction 0.2")
+    assert solution.squeeze is None
+    assert f"the hand cannot squeeze the body: {reason_data['reason']}" in str(solution)
+    assert "disturbance(force, torque, point)" in solution.squeeze_line()
     with pytest.raises(ng.InputError, match="contacts 0, 1, 2 cannot press"):
-        found.require_squeeze()
-    rough = [ng.FrictionContact(1.01 * stated["friction"])] * 3
+        solution.require_squeeze()
+    rough = [ng.FrictionContact(1.01 * reason_data["friction"])] * 3
     grown = ng.Grasp(grasped().grasp.points, normals, rough, grasped().grasp.torque_origin)
     assert ng.squeeze(grown).share == pytest.approx(1.0 / 1.01, rel=1e-4)
 
@@ -229,9 +236,9 @@ def test_joints_that_slide_have_forces_and_those_that_turn_torques():
     jacobians[0, :, 1] = [0.0, 0.05, 0.0, 0.0, 0.0, 1.0]  # turns about z, 50 mm away
     wrenches = np.array([[3.0, 2.0, 0, 0, 0, 0], [-3.0, 0, 0, 0, 0, 0]])
     limits, positions = {"slide": 4.0, "turn": 0.01}, {"slide": 0.0, "turn": 0.0}
-    found = JointSqueeze.of(("slide", "turn"), wrenches, jacobians, limits, positions, None)
-    assert found.torques == pytest.approx({"slide": 6.0, "turn": 0.1})
-    assert found.words() == "MORE than the effort of slide (by 2 N), turn (by 0.09 N m)"
+    squeeze = JointSqueeze.of(("slide", "turn"), wrenches, jacobians, limits, positions, None)
+    assert squeeze.torques == pytest.approx({"slide": 6.0, "turn": 0.1})
+    assert squeeze.words() == "MORE than the effort of slide (by 2 N), turn (by 0.09 N m)"
 
 
 def test_a_task_beyond_the_joints_effort_is_said_first():
@@ -239,6 +246,6 @@ def test_a_task_beyond_the_joints_effort_is_said_first():
     grasp, forces = grasped().grasp, grasped().grasp.normals * [[3.0], [2.0], [1.0]]
     for times, beyond in ((1.0, False), (300.0, True)):
         needed = ForcesNeeded.of(grasp, np.zeros(6), times * forces, None, [], ng.Bounds(1.0, 1.0))
-        found = replace(squeezed(), needed=needed)
-        assert ("but the task takes MORE than the effort of " in found.title) is beyond
-        assert (" N m)" in found.title) is beyond
+        solution = replace(squeezed(), needed=needed)
+        assert ("but the task takes MORE than the effort of " in solution.title) is beyond
+        assert (" N m)" in solution.title) is beyond

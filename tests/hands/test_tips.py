@@ -1,4 +1,4 @@
-"""Fingertips: the rows put the contact where an independent computation says the patch is touched."""
+"""Fingertip constraints against an independent computation of the touched point."""
 
 import casadi as ca
 import numpy as np
@@ -7,7 +7,7 @@ from scipy.optimize import minimize
 
 import nlpgrasp as ng
 from nlpgrasp.hands.collision_shapes import CollisionShape
-from nlpgrasp.hands.suggested_tips import tip_of
+from nlpgrasp.hands.suggested_tips import tip_from_shapes
 from nlpgrasp.hands.tips import SymbolicTouch
 from nlpgrasp.verify.numeric_urdf_hand import StatedTouch, touching_rows
 from tests.hands.urdf import FOUR
@@ -34,9 +34,9 @@ def random_pose(rng):
     return pose
 
 
-def broken(tip, pose, p, n, slide=0.0):
-    found, rows = values(tip, pose, p, n, slide)
-    excess = [max(row.lower - v, v - row.upper, 0.0) for row, v in zip(rows, found.values(), strict=True)]
+def violation(tip, pose, p, n, slide=0.0):
+    constraint_values, rows = values(tip, pose, p, n, slide)
+    excess = [max(row.lower - v, v - row.upper, 0.0) for row, v in zip(rows, constraint_values.values(), strict=True)]
     return max(excess)
 
 
@@ -45,8 +45,8 @@ def test_a_spheres_point_is_its_radius_from_the_centre(rng):
     n = rng.standard_normal(3)
     n /= np.linalg.norm(n)
     p = pose[:3, :3] @ np.array(tip.offset) + pose[:3, 3] + 0.01 * n
-    assert broken(tip, pose, p, n) < 1e-12
-    assert broken(tip, pose, p + 0.001, n) > 5e-4
+    assert violation(tip, pose, p, n) < 1e-12
+    assert violation(tip, pose, p + 0.001, n) > 5e-4
 
 
 def test_an_ellipsoids_point_is_the_farthest_along_the_normal(rng):
@@ -67,15 +67,15 @@ def test_an_ellipsoids_point_is_the_farthest_along_the_normal(rng):
         (minimize(lambda x: -n @ point(x), start, tol=1e-14) for start in rng.uniform(-1.5, 1.5, (8, 2))),
         key=lambda r: r.fun,
     )
-    assert broken(tip, pose, point(best.x), n) < 1e-7
-    assert broken(tip, pose, point(best.x + 0.2), n) > 1e-4
+    assert violation(tip, pose, point(best.x), n) < 1e-7
+    assert violation(tip, pose, point(best.x + 0.2), n) > 1e-4
 
 
 def test_an_ellipsoids_patch_ends_at_its_angle():
     tip = ng.EllipsoidTip([0.01] * 3, facing=[0.0, 0.0, 1.0], angle=np.pi / 4.0)
     inside, outside = np.array([0.0, 0.5, np.sqrt(0.75)]), np.array([0.0, np.sqrt(0.75), 0.5])
-    assert broken(tip, np.eye(4), 0.01 * inside, inside) < 1e-12
-    assert broken(tip, np.eye(4), 0.01 * outside, outside) > 0.1
+    assert violation(tip, np.eye(4), 0.01 * inside, inside) < 1e-12
+    assert violation(tip, np.eye(4), 0.01 * outside, outside) > 0.1
 
 
 def test_a_flat_patch_touches_with_its_face_and_inside_its_rectangle(rng):
@@ -83,10 +83,10 @@ def test_a_flat_patch_touches_with_its_face_and_inside_its_rectangle(rng):
     frame = pose @ tip.frame
     n = frame[:3, 2]
     p = frame[:3, 3] + frame[:3, :2] @ [0.009, -0.014]
-    assert broken(tip, pose, p, n) < 1e-12
-    assert broken(tip, pose, frame[:3, 3] + frame[:3, :2] @ [0.011, 0.0], n) == pytest.approx(0.001)
-    assert broken(tip, pose, p, -n) > 0.9
-    assert broken(tip, pose, p + 0.001 * n, n) == pytest.approx(0.001)
+    assert violation(tip, pose, p, n) < 1e-12
+    assert violation(tip, pose, frame[:3, 3] + frame[:3, :2] @ [0.011, 0.0], n) == pytest.approx(0.001)
+    assert violation(tip, pose, p, -n) > 0.9
+    assert violation(tip, pose, p + 0.001 * n, n) == pytest.approx(0.001)
 
 
 def test_a_cylinders_side(rng):
@@ -94,19 +94,19 @@ def test_a_cylinders_side(rng):
     a, b = (pose[:3, :3] @ e + pose[:3, 3] for e in tip.ends)
     across = np.cross(b - a, rng.standard_normal(3))
     n = across / np.linalg.norm(across)
-    assert broken(tip, pose, a + 0.3 * (b - a) + 0.009 * n, n, 0.3) < 1e-12
+    assert violation(tip, pose, a + 0.3 * (b - a) + 0.009 * n, n, 0.3) < 1e-12
     tilted = n + 0.3 * (b - a) / np.linalg.norm(b - a)
     tilted /= np.linalg.norm(tilted)
-    assert broken(tip, pose, a + 0.3 * (b - a) + 0.009 * tilted, tilted, 0.3) > 0.2
+    assert violation(tip, pose, a + 0.3 * (b - a) + 0.009 * tilted, tilted, 0.3) > 0.2
 
 
 def inside(p, tip, pose):
     """How deep a point is inside a capsule, by many points of its axis, and the outward normal there."""
     a, b = (pose[:3, :3] @ e + pose[:3, 3] for e in tip.ends)
     axis = a + np.linspace(0.0, 1.0, 200001)[:, None] * (b - a)
-    apart = np.linalg.norm(axis - p, axis=1)
-    nearest = np.argmin(apart)
-    return tip.radius - apart[nearest], (p - axis[nearest]) / apart[nearest]
+    distances = np.linalg.norm(axis - p, axis=1)
+    nearest = np.argmin(distances)
+    return tip.radius - distances[nearest], (p - axis[nearest]) / distances[nearest]
 
 
 def over(tip, pose, rng, share, leans):
@@ -126,11 +126,11 @@ def test_a_capsule_is_touched_at_its_side_and_both_ends(rng):
             depth, outward = inside(p, tip, pose)
             assert abs(depth) < 1e-9
             assert outward @ n > 1.0 - 1e-8
-            assert broken(tip, pose, p, n, share) < 1e-9
-            assert broken(tip, pose, p + 1e-4 * n, n, share) > 5e-5
-            assert broken(tip, pose, p, -n, share) > 1e-3
+            assert violation(tip, pose, p, n, share) < 1e-9
+            assert violation(tip, pose, p + 1e-4 * n, n, share) > 5e-5
+            assert violation(tip, pose, p, -n, share) > 1e-3
     for share, leans in ((0.0, 0.1), (1.0, -0.1), (0.5, 0.1), (0.5, -0.1)):  # balls whose contact the rest covers
-        assert broken(tip, pose, *over(tip, pose, rng, share, leans), share) > 0.04
+        assert violation(tip, pose, *over(tip, pose, rng, share, leans), share) > 0.04
 
 
 def test_what_rounding_a_capsules_corner_gives_away(rng):
@@ -140,7 +140,7 @@ def test_what_rounding_a_capsules_corner_gives_away(rng):
     for share in 1.0 - np.geomspace(1e-5, 0.5, 60):
         leans = min(1e-4 / (1.0 - share), 1.0)
         p, n = over(tip, pose, rng, share, leans)
-        assert broken(tip, pose, p, n, share) < 1e-12
+        assert violation(tip, pose, p, n, share) < 1e-12
         depths.append(inside(p, tip, pose)[0])
     assert min(depths) > -1e-9
     assert 0.2e-4 * length < max(depths) <= 1e-4 * length
@@ -150,23 +150,23 @@ def test_verify_has_the_same_rows_for_a_capsule(rng):
     tip, pose = TIPS["capsule"], random_pose(rng)
     for share, leans in ((0.0, -0.4), (1.0, 0.3), (0.6, 0.0), (0.6, 0.2), (0.3, -0.2)):
         p, n = over(tip, pose, rng, share, leans)
-        own, _ = values(tip, pose, p, n, share)
-        found = {
+        constraint_values, _ = values(tip, pose, p, n, share)
+        recomputed = {
             row.name: row.value for row in touching_rows(tip.to_dict(), StatedTouch("tip", pose, p, n, 1.0, 0.0, 0.0))
         }
-        assert {name.split(", ")[-1] for name in found} == {name.split(", ")[-1] for name in own}
-        np.testing.assert_allclose(list(found.values()), list(own.values()), atol=1e-12)
+        assert {name.split(", ")[-1] for name in recomputed} == {name.split(", ")[-1] for name in constraint_values}
+        np.testing.assert_allclose(list(recomputed.values()), list(constraint_values.values()), atol=1e-12)
 
 
 def test_a_links_own_shape_is_its_fingertip():
     pose = np.eye(4)
     pose[:3, 3] = [0.0, 0.0, -0.02]
-    capsule = tip_of([CollisionShape.box(np.ones(3), pose), CollisionShape.capsule(0.007, 0.03, pose)])
+    capsule = tip_from_shapes([CollisionShape.box(np.ones(3), pose), CollisionShape.capsule(0.007, 0.03, pose)])
     assert (capsule.kind, capsule.radius) == ("capsule", 0.007)
     np.testing.assert_allclose(capsule.ends[:, 2], [-0.005, -0.035])  # the end is the far one
-    assert tip_of([CollisionShape.sphere(0.01, pose)]) == ng.SphereTip(0.01, [0.0, 0.0, -0.02])
-    assert tip_of([CollisionShape.box(np.ones(3), pose)]) is None
-    assert tip_of([CollisionShape.sphere(0.01, pose), CollisionShape.sphere(0.02, pose)]) is None
+    assert tip_from_shapes([CollisionShape.sphere(0.01, pose)]) == ng.SphereTip(0.01, [0.0, 0.0, -0.02])
+    assert tip_from_shapes([CollisionShape.box(np.ones(3), pose)]) is None
+    assert tip_from_shapes([CollisionShape.sphere(0.01, pose), CollisionShape.sphere(0.02, pose)]) is None
     hand = ng.URDFHand.load(FOUR, ["index_tip", "thumb_tip"])
     assert hand.tips == (("index_tip", ng.SphereTip(0.011)), ("thumb_tip", ng.SphereTip(0.011)))
     assert ng.URDFHand.load(FOUR, {"index_tip": None, "thumb_tip": 0.01}).tips[1][1].radius == 0.01
@@ -183,13 +183,13 @@ def test_a_links_own_shape_is_its_fingertip():
 def test_capsules_hold_no_less_than_their_ends(body, tmp_path):
     """A hand of capsules finds a grasp that verify confirms, about as good at least as with spheres at their ends."""
     links = [f"{finger}_tip" for finger in ("index", "middle", "thumb")]
-    found = []
+    solutions = []
     for tip in (ng.SphereTip(0.011), ng.CapsuleTip(0.011, [0.0, 0.0, -0.01], [0.0, 0.0, 0.0])):
         hand = ng.URDFHand.load(FOUR, dict.fromkeys(links, tip), approach=[1.0, 0.0, 0.0])
         task = ng.TaskEllipsoid([1.0] * 3 + [0.03] * 3)
         problem = ng.GraspProblem(body, ng.FrictionContact(0.7), task, hand=hand, edge_margin=0.0)
-        found.append(ng.solve(problem, starts=2, options=ng.SolveOptions(workers=1)))
-    spheres, capsules = found
+        solutions.append(ng.solve(problem, starts=2, options=ng.SolveOptions(workers=1)))
+    spheres, capsules = solutions
     assert capsules.mu.upper > 0.95 * spheres.mu.lower
     capsules.save(tmp_path / "grasp.json")
     checked = ng.verify(tmp_path / "grasp.json", folders=[FOUR.parent])

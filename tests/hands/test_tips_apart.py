@@ -1,4 +1,4 @@
-"""Round fingertips do not overlap: rows against MuJoCo's kinematics, a small body held, and what verify says."""
+"""Distances of round fingertips: constraints against MuJoCo's kinematics, a small body, verification."""
 
 from itertools import combinations
 
@@ -45,8 +45,8 @@ def test_a_small_ball_is_held_by_tips_beside_each_other():
     options = ng.SolveOptions(workers=1, global_bound=False)
     problem = ng.GraspProblem(ng.Sphere(0.012), ng.FrictionContact(0.6), task, hand=four_finger_hand())
     solution = ng.solve(problem, starts=2, keep=3, options=options)
-    for found in solution.grasps:
-        centres = found.grasp.points - 0.011 * found.grasp.normals
+    for candidate in solution.grasps:
+        centres = candidate.grasp.points - 0.011 * candidate.grasp.normals
         assert min(np.linalg.norm(a - b) for a, b in combinations(centres, 2)) > 0.022 - 1e-5
     assert sum(c.kind == TIPS_APART for c in solution.constraints) == 6
     assert ng.verify(solution)

@@ -1,11 +1,11 @@
-"""Joint-torque limits of a hand in a grasp: against MuJoCo's Jacobians and a linear program."""
+"""Joint-torque limits in a grasp against MuJoCo's Jacobians and a linear program."""
 
 import mujoco
 import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from tests.hands.test_grasps import solved
+from tests.hands.test_grasps import solve_grasp
 from tests.hands.urdf import FOUR, FOUR_TIPS, Mujoco, body_frame, four_finger_hand
 
 LINKS = list(FOUR_TIPS)
@@ -13,22 +13,22 @@ LINKS = list(FOUR_TIPS)
 
 @pytest.fixture(scope="module")
 def solution():
-    return solved(ng.Box([0.08, 0.04, 0.04]), four_finger_hand())
+    return solve_grasp(ng.Box([0.08, 0.04, 0.04]), four_finger_hand())
 
 
 def mujoco_jacobians(solution):
     """Return velocity per joint rate of each contact, body frame, by joint name."""
-    other = Mujoco(FOUR)
-    other.link_poses(solution.hand["joint_positions"])
-    mujoco.mj_comPos(other.model, other.data)
+    simulator = Mujoco(FOUR)
+    simulator.link_poses(solution.hand["joint_positions"])
+    mujoco.mj_comPos(simulator.model, simulator.data)
     base = body_frame(solution.hand["palm_pose"])
-    names = [mujoco.mj_id2name(other.model, mujoco.mjtObj.mjOBJ_JOINT, j) for j in range(other.model.njnt)]
+    names = [mujoco.mj_id2name(simulator.model, mujoco.mjtObj.mjOBJ_JOINT, j) for j in range(simulator.model.njnt)]
     result = []
     for link, point in zip(LINKS, solution.grasp.points, strict=True):
         local = base[:3, :3].T @ (point - base[:3, 3])
-        jacobian = np.zeros((3, other.model.nv))
-        body = mujoco.mj_name2id(other.model, mujoco.mjtObj.mjOBJ_BODY, link)
-        mujoco.mj_jac(other.model, other.data, jacobian, None, local, body)
+        jacobian = np.zeros((3, simulator.model.nv))
+        body = mujoco.mj_name2id(simulator.model, mujoco.mjtObj.mjOBJ_BODY, link)
+        mujoco.mj_jac(simulator.model, simulator.data, jacobian, None, local, body)
         result.append(base[:3, :3] @ jacobian)
     return names, result
 
@@ -37,9 +37,9 @@ def test_jacobians_are_mujocos(solution):
     hand = four_finger_hand()
     budget = ng.hand_torque_limits(hand, solution.hand, solution.grasp.points)
     names, expected = mujoco_jacobians(solution)
-    own = [names.index(joint) for joint in hand.loaded_joints]
+    columns = [names.index(joint) for joint in hand.loaded_joints]
     for i in range(len(LINKS)):
-        np.testing.assert_allclose(budget.jacobians[i][:3], expected[i][:, own], atol=1e-9)
+        np.testing.assert_allclose(budget.jacobians[i][:3], expected[i][:, columns], atol=1e-9)
     np.testing.assert_allclose(budget.limits, 0.7)
 
 
@@ -68,10 +68,10 @@ def test_joints_without_limits_are_refused(solution):
 
 
 def test_a_joint_that_moves_two_contacts_feels_both(solution):
-    both = ng.URDFHand.load(FOUR, {"index_tip": 0.011, "index_middle": 0.009})
-    budget = ng.hand_torque_limits(both, solution.hand, solution.grasp.points[:2])
+    hand = ng.URDFHand.load(FOUR, {"index_tip": 0.011, "index_middle": 0.009})
+    budget = ng.hand_torque_limits(hand, solution.hand, solution.grasp.points[:2])
     moved = [np.any(J != 0.0, axis=0) for J in budget.jacobians]
     joints = ("index_abduction", "index_proximal_flexion", "index_middle_flexion", "index_distal_flexion")
-    assert both.loaded_joints == joints
+    assert hand.loaded_joints == joints
     assert moved[0].tolist() == [True] * 4
     assert moved[1].tolist() == [True, True, True, False]  # the distal joint is beyond the inner contact

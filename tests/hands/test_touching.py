@@ -1,4 +1,4 @@
-"""Grasps whose links are inside something, or whose fingertips are off their links, are not called solved."""
+"""Status of grasps with penetrating links, or with contacts off their links."""
 
 import io
 import json
@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 import nlpgrasp as ng
 from nlpgrasp.cli.main import command_line
-from nlpgrasp.hands.inspection import inspect, without_fingertips
+from nlpgrasp.hands.inspection import inspect, inspect_without_tips
 from nlpgrasp.interop.registry import formats
 from nlpgrasp.motion.penetration import PenetrationModel
 from nlpgrasp.report.key_figures import solution_figures
@@ -39,7 +39,7 @@ def pads(behind):
 FLUSH, DEEP = pads(0.0), pads(0.004)
 
 
-def solved(path, tips, options=QUICK, **more):
+def solve_grasp(path, tips, options=QUICK, **more):
     hand = ng.URDFHand.load(path, tips)
     problem = ng.GraspProblem(BODY, ng.SoftContact(0.7, 0.005), TASK, hand=hand, name="two", **more)
     return problem, ng.solve(problem, starts=1, options=options)
@@ -51,7 +51,7 @@ def deep(tmp_path_factory):
     folder = tmp_path_factory.mktemp("deep")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
-        problem, solution = solved(two_fingers(folder, tip_frames=False), DEEP)
+        problem, solution = solve_grasp(two_fingers(folder, tip_frames=False), DEEP)
     return folder, problem, solution
 
 
@@ -71,9 +71,9 @@ def test_links_inside_the_body_are_said_first(deep):
 
 def test_verify_finds_the_links_there_and_does_not_pass(deep):
     folder, _, solution = deep
-    found = ng.verify(solution.save(folder / "deep.json"))
-    assert [check.name for check in found.checks if check.failed] == ["links inside something"]
-    assert found.verdict.startswith("NOT verified")
+    verification = ng.verify(solution.save(folder / "deep.json"))
+    assert [check.name for check in verification.checks if check.failed] == ["links inside something"]
+    assert verification.verdict.startswith("NOT verified")
 
 
 @pytest.mark.parametrize(
@@ -90,8 +90,10 @@ def test_lies_about_the_links_are_found(deep, lie):
     folder, _, solution = deep
     data = json.loads(json.dumps(solution.to_dict()))
     lie(data)
-    found = ng.verify(ng.GraspSolution.from_dict(data), folders=[folder])
-    assert not found or "is 4" in found.verdict  # a larger tolerance is an option: then the verdict says how deep
+    verification = ng.verify(ng.GraspSolution.from_dict(data), folders=[folder])
+    assert (
+        not verification or "is 4" in verification.verdict
+    )  # a larger tolerance is an option: then the verdict says how deep
 
 
 def test_the_report_leads_with_it(deep):
@@ -102,16 +104,16 @@ def test_the_report_leads_with_it(deep):
 
 
 @pytest.mark.filterwarnings("ignore:the straight way in:UserWarning")
-@pytest.mark.parametrize("name", [known.name for known in formats()])
+@pytest.mark.parametrize("name", [export_format.name for export_format in formats()])
 def test_every_export_of_it_says_so(deep, name):
-    export = next(known for known in formats() if known.name == name).export
+    export = next(export_format for export_format in formats() if export_format.name == name).export
     with pytest.warns(UserWarning, match="exported though link f. is 4 mm inside the body"), suppress(ng.InputError):
         export(deep[2])
 
 
 @pytest.mark.filterwarnings("ignore:two. exported though:UserWarning")
 def test_arrays_of_it_flag_it(deep):
-    npz = next(known for known in formats() if known.name == "npz")
+    npz = next(export_format for export_format in formats() if export_format.name == "npz")
     arrays = np.load(io.BytesIO(npz.export(deep[2])))
     assert not arrays["way_in_free"][0]
 
@@ -133,11 +135,11 @@ def test_a_way_of_the_palm_says_so_first(deep):
 def test_simulations_say_so_first(deep):
     folder, _, solution = deep
     file, hand = ng.analyse(solution).save(folder / "whole.json"), ["--hand", str(folder / "two.urdf")]
-    for more in (["--wrenches", "1"], hand):
-        words = ["simulate", str(file), *more]
+    for options in (["--wrenches", "1"], hand):
+        words = ["simulate", str(file), *options]
         with pytest.warns(UserWarning, match=f"^two: {SAID}$"):
-            done = CliRunner().invoke(command_line(words), words)
-        assert re.fullmatch(f"two: {SAID}", done.stdout.splitlines()[0]), done.output
+            result = CliRunner().invoke(command_line(words), words)
+        assert re.fullmatch(f"two: {SAID}", result.stdout.splitlines()[0]), result.output
 
 
 @pytest.mark.filterwarnings(THICKER)
@@ -153,17 +155,17 @@ def test_the_command_line_ends_with_1(tmp_path):
         "    task = ng.TaskEllipsoid([1, 1, 1, 0.01, 0.01, 0.01])\n"
         "    return ng.GraspProblem(ng.Cylinder(0.02, 0.1), ng.SoftContact(0.7, 0.005), task, hand=hand)\n"
     )
-    out = tmp_path / "deep.json"
-    words = ["solve", str(script), "--out", str(out), "--starts", "1", "--workers", "1", "--quick"]
-    done = CliRunner().invoke(command_line(words), words)
-    assert done.exit_code == 1
-    assert "Touches: link" in done.output
-    assert json.loads(out.read_text())["status"] == "touches"  # the result is not lost
+    file = tmp_path / "deep.json"
+    words = ["solve", str(script), "--out", str(file), "--starts", "1", "--workers", "1", "--quick"]
+    result = CliRunner().invoke(command_line(words), words)
+    assert result.exit_code == 1
+    assert "Touches: link" in result.output
+    assert json.loads(file.read_text())["status"] == "touches"  # the result is not lost
 
 
 @pytest.mark.filterwarnings(THICKER)
 def test_a_fingertip_flush_with_its_link_is_solved(tmp_path):
-    _, solution = solved(two_fingers(tmp_path, tip_frames=False), FLUSH)
+    _, solution = solve_grasp(two_fingers(tmp_path, tip_frames=False), FLUSH)
     assert solution.status is ng.Status.SOLVED
     assert solution.link_depth.depth < 2e-4
     assert max(solution.hand["tip_gaps"]) < 2e-4
@@ -174,23 +176,23 @@ def test_a_fingertip_flush_with_its_link_is_solved(tmp_path):
 @pytest.mark.filterwarnings(THICKER)
 def test_a_tolerance_is_an_option_and_is_told(tmp_path):
     options = ng.SolveOptions(workers=1, global_bound=False, link_tolerance=0.006)
-    _, solution = solved(two_fingers(tmp_path, tip_frames=False), DEEP, options)
+    _, solution = solve_grasp(two_fingers(tmp_path, tip_frames=False), DEEP, options)
     assert solution.success
     assert solution.to_dict()["solver"]["options"]["link_tolerance"] == 0.006
     assert "inside the body" in solution.title  # a word all the same
-    found = ng.verify(solution.save(tmp_path / "two.json"))
-    assert found
-    assert "inside the body" in found.verdict
+    verification = ng.verify(solution.save(tmp_path / "two.json"))
+    assert verification
+    assert "inside the body" in verification.verdict
 
 
 def test_fingertips_off_their_links_are_said(tmp_path):
     path = two_fingers(tmp_path)
-    _, solution = solved(path, FLOATING)
+    _, solution = solve_grasp(path, FLOATING)
     gaps = solution.hand["tip_gaps"]
     assert max(gaps) == pytest.approx(0.01, abs=1e-3)
     assert "mm off its fingertip's link t" in solution.title
-    found = ng.verify(solution.save(tmp_path / "two.json"))
-    assert "mm off its fingertip's link t" in found.verdict
+    verification = ng.verify(solution.save(tmp_path / "two.json"))
+    assert "mm off its fingertip's link t" in verification.verdict
     data = json.loads((tmp_path / "two.json").read_text())
     data["hand"]["tip_gaps"] = [0.0, 0.0]
     lie = ng.verify(ng.GraspSolution.from_dict(data), folders=[tmp_path])
@@ -199,25 +201,27 @@ def test_fingertips_off_their_links_are_said(tmp_path):
 
 def test_proposals_of_floating_fingertips_say_so(tmp_path):
     path = two_fingers(tmp_path)
-    said = inspect(without_fingertips(path, None, (0, 0, 1))).lines[1]
-    assert "floats beyond the finger's own shapes at t1 by up to 10 mm, t2 by up to 10 mm" in said
-    stated = inspect(ng.URDFHand.load(path, FLOATING))
-    assert any("Fingertip 0 (t1) reaches up to 10 mm beyond the shapes of its link" in f.text for f in stated.findings)
+    line = inspect(inspect_without_tips(path, None, (0, 0, 1))).lines[1]
+    assert "floats beyond the finger's own shapes at t1 by up to 10 mm, t2 by up to 10 mm" in line
+    inspection = inspect(ng.URDFHand.load(path, FLOATING))
+    assert any(
+        "Fingertip 0 (t1) reaches up to 10 mm beyond the shapes of its link" in f.text for f in inspection.findings
+    )
 
 
 def test_scenes_leave_out_fingertips_that_are_not_there(tmp_path):
     path = two_fingers(tmp_path)
-    _, solution = solved(path, FLOATING)
+    _, solution = solve_grasp(path, FLOATING)
     scene = mjcf_with_hand(solution, path)
     assert "fingertip_0" not in scene
-    near = replace(solution, hand={**solution.hand, "tip_gaps": [0.0, 0.0]})
-    assert "fingertip_0" in mjcf_with_hand(near, path)
+    without_gaps = replace(solution, hand={**solution.hand, "tip_gaps": [0.0, 0.0]})
+    assert "fingertip_0" in mjcf_with_hand(without_gaps, path)
 
 
 @pytest.mark.filterwarnings(THICKER)
 def test_millimetres_for_metres_are_not_solved(tmp_path):
     tips = {f"f{i}": ng.SphereTip(0.01, [0, 0, 0.06]) for i in (1, 2)}
-    _, solution = solved(in_millimetres(tmp_path), tips)
+    _, solution = solve_grasp(in_millimetres(tmp_path), tips)
     assert solution.status is not ng.Status.SOLVED
     if solution.grasp is not None:
         assert solution.link_depth.depth > 1.0
@@ -230,12 +234,12 @@ def test_a_hand_without_shapes_claims_nothing_of_its_links(tmp_path):
         start, rest = text.split("<collision>", 1)
         text = start + rest.split("</collision>", 1)[1]
     bare.write_text(text)
-    _, solution = solved(bare, FLOATING)
+    _, solution = solve_grasp(bare, FLOATING)
     assert solution.link_depth is None
     assert solution.hand["tip_gaps"] == [None, None]
     assert "what they run into is not known" in str(solution)
-    found = ng.verify(solution.save(tmp_path / "bare.json"))
-    assert "what they run into is not known" in str(found)
+    verification = ng.verify(solution.save(tmp_path / "bare.json"))
+    assert "what they run into is not known" in str(verification)
 
 
 @pytest.mark.filterwarnings(THICKER)

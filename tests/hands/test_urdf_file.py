@@ -1,4 +1,4 @@
-"""Bad URDF files are refused in one sentence that says what and where."""
+"""Errors on invalid URDF files."""
 
 import re
 
@@ -18,7 +18,7 @@ def load(tmp_path, text, tips=TIP, **options):
     return ng.URDFHand.load(path, tips, **options)
 
 
-def refused(tmp_path, old, new, match, tips=TIP):
+def check_refusal(tmp_path, old, new, match, tips=TIP):
     text = FOUR.read_text()
     assert old in text
     with pytest.raises(ng.InputError, match=match):
@@ -72,8 +72,8 @@ def test_fingertip_radius(radius):
 
 def test_limits_upside_down(tmp_path):
     match = "joint index_abduction with limits 0.5 to -0.45, expected a lower limit below the upper one"
-    refused(tmp_path, 'lower="-0.45"', 'lower="0.5" upper="-0.45" note="', "broken XML")
-    refused(tmp_path, 'lower="-0.45" upper="0.45"', 'lower="0.5" upper="-0.45"', match)
+    check_refusal(tmp_path, 'lower="-0.45"', 'lower="0.5" upper="-0.45" note="', "broken XML")
+    check_refusal(tmp_path, 'lower="-0.45" upper="0.45"', 'lower="0.5" upper="-0.45"', match)
 
 
 @pytest.mark.parametrize(
@@ -92,12 +92,12 @@ def test_limits_upside_down(tmp_path):
     ],
 )
 def test_broken_parts(tmp_path, old, new, match):
-    refused(tmp_path, old, new, re.escape(match))
+    check_refusal(tmp_path, old, new, re.escape(match))
 
 
 def test_joint_without_limits(tmp_path):
     limit = '    <limit lower="-0.45" upper="0.45" effort="0.7" velocity="6"/>\n'
-    refused(tmp_path, limit, "", "joint index_abduction without <limit>")
+    check_refusal(tmp_path, limit, "", "joint index_abduction without <limit>")
 
 
 def test_mimic_of_a_joint_there_is_not(tmp_path):

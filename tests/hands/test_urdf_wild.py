@@ -1,4 +1,4 @@
-"""What URDFs of robots in the wild do: signs left out, shapes left out, other formats, arms above the palm."""
+"""Irregular URDFs: missing signs and shapes, xacro and COLLADA, arms above the palm."""
 
 import sys
 import warnings
@@ -18,7 +18,7 @@ SPHERE = '<collision><origin xyz="0 0 0"/><geometry><sphere radius="0.009"/></ge
 MESH = '<collision><geometry><mesh filename="{}" scale="{}"/></geometry></collision>'
 
 
-def written(tmp_path, text, name="hand.urdf"):
+def write_hand(tmp_path, text, name="hand.urdf"):
     path = tmp_path / name
     path.write_text(text)
     return path
@@ -27,11 +27,11 @@ def written(tmp_path, text, name="hand.urdf"):
 def with_mimic(tmp_path, mimic):
     text = GRIPPER.read_text()
     assert MIMIC in text
-    return written(tmp_path, text.replace(MIMIC, f'<mimic joint="left_slide" {mimic}/>'))
+    return write_hand(tmp_path, text.replace(MIMIC, f'<mimic joint="left_slide" {mimic}/>'))
 
 
 def with_mesh(tmp_path, name, scale="1 1 1"):
-    return written(tmp_path, FOUR.read_text().replace(SPHERE, MESH.format(name, scale), 1))
+    return write_hand(tmp_path, FOUR.read_text().replace(SPHERE, MESH.format(name, scale), 1))
 
 
 def test_limits_without_the_sign_are_taken_with_it(tmp_path):
@@ -48,20 +48,20 @@ def test_limits_without_the_sign_are_taken_with_it(tmp_path):
 def test_who_checks_a_grasp_takes_the_same_limits(tmp_path, mimic):
     path = with_mimic(tmp_path, mimic)
     robot = read_urdf(path)
-    stated = {j.name: (j.lower, j.upper) for j in robot.joints if j.moves}
+    limits = {j.name: (j.lower, j.upper) for j in robot.joints if j.moves}
     links = links_below(path.read_bytes(), robot.root)
-    assert {link.joint: (link.lower, link.upper) for link in links if link.moves} == stated
+    assert {link.joint: (link.lower, link.upper) for link in links if link.moves} == limits
 
 
 def test_limits_that_keep_their_sign(tmp_path):
     """With an offset there is a range as the file states it."""
-    assert not read_urdf(with_mimic(tmp_path, 'multiplier="-1" offset="0.01"')).turned
+    assert not read_urdf(with_mimic(tmp_path, 'multiplier="-1" offset="0.01"')).negated_limits
 
 
 def test_follower_without_limits_follows_everywhere(tmp_path):
     text = GRIPPER.read_text()
     at = text.index("<limit", text.index('name="right_slide"'))
-    path = written(tmp_path, text[:at] + '<limit effort="1"/>' + text[text.index("/>", at) + 2 :])
+    path = write_hand(tmp_path, text[:at] + '<limit effort="1"/>' + text[text.index("/>", at) + 2 :])
     np.testing.assert_array_equal(
         ng.URDFHand.load(path, PAD).tree.joint_limits, ng.URDFHand.load(GRIPPER, PAD).tree.joint_limits
     )
@@ -80,28 +80,28 @@ def test_an_arm_above_the_palm_may_have_joints_of_any_type(tmp_path):
         '<link name="wheel"/><joint name="axle" type="planar"><parent link="world"/><child link="wheel"/></joint>'
         "</robot>"
     )
-    path = written(tmp_path, FOUR.read_text().replace("</robot>", arm))
+    path = write_hand(tmp_path, FOUR.read_text().replace("</robot>", arm))
     assert ng.URDFHand.load(path, FOUR_TIPS, palm="palm").count == 4
     with pytest.raises(ng.InputError, match="joint base of type 'floating'"):
         ng.URDFHand.load(path, FOUR_TIPS)
 
 
 def test_links_without_a_collision_shape_are_named_once(tmp_path):
-    path = written(tmp_path, FOUR.read_text().replace("collision>", "visual>"))
-    with warnings.catch_warnings(record=True) as found:
+    path = write_hand(tmp_path, FOUR.read_text().replace("collision>", "visual>"))
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         ng.URDFHand.load(path, FOUR_TIPS)
     links = ", ".join(name for name in read_urdf(FOUR).links if name in read_urdf(FOUR).shapes)
-    said = f"hand.urdf: nothing keeps links without a collision shape off the body: {links}"
-    assert [str(warning.message) for warning in found] == [said]
+    message = f"hand.urdf: nothing keeps links without a collision shape off the body: {links}"
+    assert [str(warning.message) for warning in caught] == [message]
 
 
 def test_xacro(tmp_path):
     text = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include filename="a"/></robot>'
     with pytest.raises(ng.InputError, match=r"a xacro file.*expected the URDF that it makes: .*hand.xacro > hand.urdf"):
-        ng.URDFHand.load(written(tmp_path, text, "hand.xacro"), PAD)
-    made = FOUR.read_text().replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ', 1)
-    assert ng.URDFHand.load(written(tmp_path, made), FOUR_TIPS).count == 4  # what xacro makes keeps the name alone
+        ng.URDFHand.load(write_hand(tmp_path, text, "hand.xacro"), PAD)
+    source = FOUR.read_text().replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ', 1)
+    assert ng.URDFHand.load(write_hand(tmp_path, source), FOUR_TIPS).count == 4  # what xacro makes keeps the name alone
 
 
 def test_collada_without_its_reader(tmp_path, monkeypatch):
@@ -142,7 +142,7 @@ def test_meshes_of_packages_elsewhere(tmp_path, monkeypatch, variable, inside):
 
 
 def test_effort_of_zero_is_none(tmp_path):
-    path = written(tmp_path, FOUR.read_text().replace('effort="0.7"', 'effort="0"', 1))
+    path = write_hand(tmp_path, FOUR.read_text().replace('effort="0.7"', 'effort="0"', 1))
     hand = ng.URDFHand.load(path, FOUR_TIPS)
     assert "index_abduction" not in hand.torque_limits
     with pytest.raises(ng.InputError, match=r"none for index_abduction, .* where the URDF states no effort or 0"):

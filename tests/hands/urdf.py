@@ -1,4 +1,4 @@
-"""Hands of the tests, and forward kinematics by MuJoCo."""
+"""Hands of the repository for tests, and forward kinematics by MuJoCo."""
 
 from functools import cache
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Hands without links along paths, against distances on dense paths."""
+"""Motion of hands without links along paths, against distances on dense paths."""
 
 import re
 
@@ -7,7 +7,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.motion.contact_path import PathStation
-from nlpgrasp.motion.finger_motion import STEP, ContactMotions, smallest_ball
+from nlpgrasp.motion.finger_motion import WAYPOINT_STEP, ContactMotions, smallest_ball
 
 BODY = ng.Box([0.1, 0.1, 0.04])
 UP = np.array([0.0, 0.0, -1.0])
@@ -21,8 +21,8 @@ def path_of(hand, constraints=(), slides=True, contacts=CONTACTS):
         BODY, [ng.FrictionContact(0.5)] * k, ng.TaskEllipsoid([1.0] * 6), hand=hand, constraints=constraints
     )
     ends = [[PathStation(p, UP, "+z"), PathStation(END, UP, "+z")] for p in contacts]
-    made = ContactMotions(problem, hand, (contacts, np.tile(UP, (k, 1))), ends, 0.01)
-    return made.move(made.start(), 0, slides)
+    motions = ContactMotions(problem, hand, (contacts, np.tile(UP, (k, 1))), ends, 0.01)
+    return motions.move(motions.start(), 0, slides)
 
 
 def along_to(value):
@@ -37,12 +37,12 @@ def dense(function):
 
 
 def check(path, first, words):
-    step = STEP * BODY.size
+    step = WAYPOINT_STEP * BODY.size
     assert not path.feasible
     assert words in path.reason
     assert first - step - 1e-9 <= path.stopped_at <= first + 1e-9
-    said = float(re.search(r"([0-9.]+) mm along the path", path.reason)[1])
-    assert 1e3 * first - 0.051 <= said <= 1e3 * (first + step) + 0.051
+    distance = float(re.search(r"([0-9.]+) mm along the path", path.reason)[1])
+    assert 1e3 * first - 0.051 <= distance <= 1e3 * (first + step) + 0.051
 
 
 def test_free_fingertips_get_there():
@@ -108,8 +108,8 @@ def test_a_jaw_does_not_leave_its_line():
         [PathStation(p, n, f), PathStation(p + np.array([0.05, 0.0, 0.0]), n, f)]
         for p, n, f in zip(pair, normals, ("+z", "-z"), strict=False)
     ]
-    made = ContactMotions(problem, problem.hand, (pair, normals), ends, 0.01)
-    path, _ = made.move(made.start(), 0, True)
+    motions = ContactMotions(problem, problem.hand, (pair, normals), ends, 0.01)
+    path, _ = motions.move(motions.start(), 0, True)
     check(path, 0.04 * np.tan(0.05), "facing, jaw 0")
 
 
@@ -122,6 +122,6 @@ def test_the_smallest_ball_is_no_larger_than_any_other(space, count):
         points = rng.normal(size=(count, space))
         centre, radius = smallest_ball(points)
         assert np.max(np.linalg.norm(points - centre, axis=1)) == pytest.approx(radius, rel=1e-9)
-        others = centre + rng.normal(size=(2000, space)) * radius * 10.0 ** rng.uniform(-4, 0, (2000, 1))
-        farthest = np.max(np.linalg.norm(others[:, None] - points, axis=2), axis=1)
+        centres = centre + rng.normal(size=(2000, space)) * radius * 10.0 ** rng.uniform(-4, 0, (2000, 1))
+        farthest = np.max(np.linalg.norm(centres[:, None] - points, axis=2), axis=1)
         assert np.min(farthest) >= radius * (1.0 - 1e-12)

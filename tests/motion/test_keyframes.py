@@ -1,4 +1,4 @@
-"""The phases of a grasp, against balls placed by hand."""
+"""Keyframes of a grasp, against link spheres computed independently."""
 
 import re
 
@@ -7,8 +7,8 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.analysis.squeeze import add_squeeze
-from nlpgrasp.motion.approach_path import opened
-from nlpgrasp.motion.keyframes import AWAY, NO_PREGRASP, plan_keyframes
+from nlpgrasp.motion.approach_path import open_fingers
+from nlpgrasp.motion.keyframes import NO_PREGRASP, START_DISTANCE, plan_keyframes
 from nlpgrasp.motion.link_clearance import CollisionModel
 from tests.studies.held_box import HALF, PALM, grasped
 from tests.studies.two_fingers import DOWN, PALM_BALL, TIP, box_distance, chain, in_body
@@ -17,7 +17,7 @@ UP = np.eye(3)[2]
 RADII = np.array([PALM_BALL, *[0.004, 0.004, 0.004, TIP] * 2])
 
 
-def phased(folder, constraints=(), opening=0.01):
+def solve_phases(folder, constraints=(), opening=0.01):
     """The solution with its phases, up to the grasp and whole."""
     solution, problem = grasped(folder, constraints, opening)
     hand = problem.hand
@@ -33,7 +33,7 @@ def balls(phase):
 
 
 def test_the_phases_of_a_grasp_from_above(tmp_path):
-    solution, _ = phased(tmp_path)
+    solution, _ = solve_phases(tmp_path)
     phases = {phase.name: phase for phase in solution.phases}
     assert list(phases) == ["approach", "pregrasp", "grasp", "squeeze", "lift"]
     for phase in phases.values():
@@ -50,20 +50,20 @@ def test_the_phases_of_a_grasp_from_above(tmp_path):
 
 
 def test_the_approach_begins_well_before_the_body(tmp_path):
-    solution, _ = phased(tmp_path)
+    solution, _ = solve_phases(tmp_path)
     afar, opened = solution.phases[:2]
-    way = solution.hand["approach"]
-    np.testing.assert_allclose(way["direction"], [0.0, 0.0, -1.0], atol=1e-12)
-    np.testing.assert_allclose(afar.palm_position, opened.palm_position + way["distance"] * UP, atol=1e-12)
+    approach = solution.hand["approach"]
+    np.testing.assert_allclose(approach["direction"], [0.0, 0.0, -1.0], atol=1e-12)
+    np.testing.assert_allclose(afar.palm_position, opened.palm_position + approach["distance"] * UP, atol=1e-12)
     lowest = np.min(balls(afar)[:, 2] - RADII)
-    assert lowest == pytest.approx(HALF[2] + AWAY, abs=1e-9)
+    assert lowest == pytest.approx(HALF[2] + START_DISTANCE, abs=1e-9)
 
 
 def test_the_clearance_is_the_least_of_a_dense_path(tmp_path):
-    solution, _ = phased(tmp_path, [ng.Table(-0.03, clearance=0.004)])
+    solution, _ = solve_phases(tmp_path, [ng.Table(-0.03, clearance=0.004)])
     afar, opened = solution.phases[:2]
-    way = np.linspace(0.0, 1.0, 2000)[:, None, None] * (afar.palm_position - opened.palm_position)
-    centres = balls(opened) + way
+    shifts = np.linspace(0.0, 1.0, 2000)[:, None, None] * (afar.palm_position - opened.palm_position)
+    centres = balls(opened) + shifts
     room = np.minimum(box_distance(centres, HALF) - RADII, centres[..., 2] - RADII + 0.03 - 0.004)
     assert np.min(room) - 1e-3 <= opened.clearance <= np.min(room) + 1e-4
 
@@ -71,9 +71,9 @@ def test_the_clearance_is_the_least_of_a_dense_path(tmp_path):
 def test_a_lid_turns_the_approach_and_ends_the_lift(tmp_path):
     """A plate 40 mm above the palm: the hand comes from the side, and is raised until it is there."""
     plate = ng.Obstacle(ng.Box([0.3, 0.3, 1e-6]), position=[0.0, 0.0, 0.14], name="plate")
-    solution, _ = phased(tmp_path, [plate])
-    way, lift = solution.hand["approach"], solution.hand["lift"]
-    assert way["direction"][2] > -0.9
+    solution, _ = solve_phases(tmp_path, [plate])
+    approach, lift = solution.hand["approach"], solution.hand["lift"]
+    assert approach["direction"][2] > -0.9
     afar, opened = solution.phases[:2]
     centres = balls(opened) + np.linspace(0.0, 1.0, 2000)[:, None, None] * (afar.palm_position - opened.palm_position)
     assert np.min(box_distance(centres - [0.0, 0.0, 0.14], [0.15, 0.15, 5e-7]) - RADII) >= -2e-4
@@ -88,7 +88,7 @@ def test_without_a_free_direction_the_solution_says_so(tmp_path):
         for axis in range(3)
         for side in (-1.0, 1.0)
     ]
-    solution, _ = phased(tmp_path, walls)
+    solution, _ = solve_phases(tmp_path, walls)
     assert [phase.name for phase in solution.phases] == ["pregrasp", "grasp", "squeeze", "lift"]
     assert solution.hand["approach"]["direction"] is None
     assert re.match(r"none of 88 directions is free for \d+ mm; the longest", solution.hand["approach"]["reason"])
@@ -100,14 +100,14 @@ def test_fingers_that_cannot_open_leave_the_grasp(tmp_path):
         ng.Obstacle(ng.Box([0.1, 0.002, 0.01]), position=[0.0, s * (0.03 + 2 * TIP + 0.0005), 0.005], name="wall")
         for s in (-1.0, 1.0)
     ]
-    solution, _ = phased(tmp_path, walls)
+    solution, _ = solve_phases(tmp_path, walls)
     assert [phase.name for phase in solution.phases] == ["grasp", "squeeze", "lift"]
     assert "the fingers cannot open: fingertip a_tip against wall" in solution.hand["approach"]["reason"]
 
 
 def test_fingers_that_open_one_by_one_stop_where_the_straight_way_ends(tmp_path):
     wall = ng.Obstacle(ng.Box([0.1, 0.002, 0.01]), position=[0.0, -0.03 - 2 * TIP - 0.005, 0.005], name="wall")
-    solution, _ = phased(tmp_path, [wall])
+    solution, _ = solve_phases(tmp_path, [wall])
     _, opened, grasp = solution.phases[:3]
     centres = balls(opened) + np.linspace(0.0, 1.0, 500)[:, None, None] * (balls(grasp) - balls(opened))
     gap = box_distance(centres - np.array(wall.position), [0.05, 0.001, 0.005]) - RADII
@@ -117,9 +117,9 @@ def test_fingers_that_open_one_by_one_stop_where_the_straight_way_ends(tmp_path)
 
 def test_without_a_pregrasp_there_is_no_approach(tmp_path):
     solution, problem = grasped(tmp_path)
-    found = plan_keyframes(problem, problem.hand, problem.hand.values_of(solution.hand), None)
-    assert found["approach"] == {"direction": None, "distance": None, "reason": NO_PREGRASP}
-    assert [phase["name"] for phase in found["phases"]] == ["grasp"]
+    keyframes = plan_keyframes(problem, problem.hand, problem.hand.values_of(solution.hand), None)
+    assert keyframes["approach"] == {"direction": None, "distance": None, "reason": NO_PREGRASP}
+    assert [phase["name"] for phase in keyframes["phases"]] == ["grasp"]
 
 
 def test_balls_of_links_that_overlap_in_the_grasp_may_do_so_on_the_way(tmp_path):
@@ -127,16 +127,16 @@ def test_balls_of_links_that_overlap_in_the_grasp_may_do_so_on_the_way(tmp_path)
     solution, problem = grasped(tmp_path)
     hand = problem.hand
     postures = [hand.values_of(solution.hand[key] if key else solution.hand) for key in ("", "pregrasp")]
-    around = CollisionModel(problem, hand)
-    large = [i for i, link in enumerate(around.balls.links) if link in ("a0", "b0")]
-    places = around.balls.places(postures[0])
-    both = np.all(np.isin(around.balls.pairs, large), axis=1)
-    assert np.sum(both) == 1
-    around.balls.apart[both] = np.linalg.norm(places[large[0]] - places[large[1]]) + 4e-3
-    first = around.clearances(postures[0])[around.is_of_pair()]
+    model = CollisionModel(problem, hand)
+    large = [i for i, link in enumerate(model.spheres.links) if link in ("a0", "b0")]
+    centres = model.spheres.centres(postures[0])
+    is_pair = np.all(np.isin(model.spheres.pairs, large), axis=1)
+    assert np.sum(is_pair) == 1
+    model.spheres.pair_distances[is_pair] = np.linalg.norm(centres[large[0]] - centres[large[1]]) + 4e-3
+    first = model.clearances(postures[0])[model.pair_mask()]
     assert np.min(first) < -1e-3
-    found = opened(around, *postures, 1.0)
-    assert found.blocked_by == ""
-    assert len(found.places) > 1
-    for place in found.places:
-        assert np.all(place.clearances[around.is_of_pair()] >= np.minimum(first, 0.0) - around.tolerance)
+    opening = open_fingers(model, *postures, 1.0)
+    assert opening.blocked_by == ""
+    assert len(opening.postures) > 1
+    for posture in opening.postures:
+        assert np.all(posture.clearances[model.pair_mask()] >= np.minimum(first, 0.0) - model.tolerance)

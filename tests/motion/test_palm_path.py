@@ -1,4 +1,4 @@
-"""A palm's way to a grasp, against balls placed by hand on a dense path."""
+"""Palm path to a grasp, against link spheres computed independently on a dense path."""
 
 import itertools
 
@@ -7,13 +7,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
-from nlpgrasp.motion.approach_path import BESIDE, CLOSER
+from nlpgrasp.motion.approach_path import CLOSER_ANGLES, CLOSER_COUNT
 from tests.quick import first
 from tests.studies.held_box import BODY, HALF, PALM, grasped
 from tests.studies.two_fingers import DOWN, PALM_BALL, TIP, box_distance, chain, in_body
 
 
-def balls_of(path, parts=12):
+def sphere_positions(path, parts=12):
     """All balls on straight lines from waypoint to waypoint: centres (m, 9, 3) and radii."""
     t = np.linspace(0.0, 1.0, parts, endpoint=False)[:, None]
     origins, joints = (
@@ -41,7 +41,7 @@ def test_the_palm_comes_along_its_approach_axis(tmp_path):
         np.testing.assert_allclose(row, [posture["joint_positions"][name] for name in path.joint_names], atol=1e-12)
     np.testing.assert_allclose(path.openings, 0.01, atol=1e-9)
     assert list(dict.fromkeys(path.phases)) == ["approaching", "closing"]
-    centres, radii = balls_of(path)
+    centres, radii = sphere_positions(path)
     outside = box_distance(centres, HALF) - radii
     assert np.min(outside[:, radii < TIP]) >= -path.tolerance
     assert np.min(outside[:, radii == TIP]) >= -0.2 * TIP - path.tolerance
@@ -50,18 +50,18 @@ def test_the_palm_comes_along_its_approach_axis(tmp_path):
 
 def test_clearances_are_those_of_the_balls(tmp_path):
     path = ng.palm_path(*grasped(tmp_path))
-    centres, radii = balls_of(path, 1)
+    centres, radii = sphere_positions(path, 1)
     gaps = box_distance(centres, HALF) - radii
     tips = radii == TIP
     closing = np.array(path.phases) == "closing"
     gaps[np.ix_(closing, tips)] = np.inf
-    apart = np.linalg.norm(centres[:, :, None] - centres[:, None], axis=3) - radii - radii[:, None]
+    sphere_gaps = np.linalg.norm(centres[:, :, None] - centres[:, None], axis=3) - radii - radii[:, None]
     allowed = np.ones((9, 9), bool)
-    near = [(0, 1), (0, 5), (2, 4), (6, 8), *((i, i + 1) for i in (1, 2, 3, 5, 6, 7))]
-    for i, j in near:
+    neighbours = [(0, 1), (0, 5), (2, 4), (6, 8), *((i, i + 1) for i in (1, 2, 3, 5, 6, 7))]
+    for i, j in neighbours:
         allowed[i, j] = allowed[j, i] = False
     np.fill_diagonal(allowed, False)
-    between = np.min(np.where(allowed, apart, np.inf), axis=(1, 2))
+    between = np.min(np.where(allowed, sphere_gaps, np.inf), axis=(1, 2))
     least = np.minimum(np.min(gaps, axis=1), between)
     np.testing.assert_allclose(path.clearances, least, atol=1e-6)
 
@@ -74,17 +74,17 @@ def test_a_thin_plate_in_the_way_is_found_and_gone_around(tmp_path):
     assert not straight.success
     assert "against plate" in straight.reason
     assert straight.poses.shape == (0, 4, 4)
-    free = straight.blocked[0].free
-    assert 0.12 - PALM_BALL - PALM[2] - 1e-3 <= free <= 0.12 - PALM_BALL - PALM[2] + 1e-3
-    around = ng.palm_path(solution, problem)
-    assert around.success
-    assert "against plate" in around.blocked[0].reason
-    angles = [np.arccos(b.direction @ [0.0, 0.0, -1.0]) for b in around.blocked]
+    free_length = straight.blocked[0].free
+    assert 0.12 - PALM_BALL - PALM[2] - 1e-3 <= free_length <= 0.12 - PALM_BALL - PALM[2] + 1e-3
+    path = ng.palm_path(solution, problem)
+    assert path.success
+    assert "against plate" in path.blocked[0].reason
+    angles = [np.arccos(b.direction @ [0.0, 0.0, -1.0]) for b in path.blocked]
     assert np.all(np.diff(angles) >= -1e-9)
-    assert np.arccos(around.direction @ [0.0, 0.0, -1.0]) >= angles[-1] - 1e-9
-    centres, radii = balls_of(around)
+    assert np.arccos(path.direction @ [0.0, 0.0, -1.0]) >= angles[-1] - 1e-9
+    centres, radii = sphere_positions(path)
     gap = box_distance(centres - [0.0, 0.0, 0.12], [0.15, 0.15, 5e-7]) - radii
-    assert np.min(gap) >= -around.tolerance
+    assert np.min(gap) >= -path.tolerance
 
 
 def test_where_no_direction_is_free_it_says_so(tmp_path):
@@ -96,18 +96,21 @@ def test_where_no_direction_is_free_it_says_so(tmp_path):
     path = ng.palm_path(*grasped(tmp_path, walls), distance=0.5, directions=10)
     assert not path.success
     count = sum(b.times == 1.0 for b in path.blocked)
-    assert count > 10 + len(CLOSER) * BESIDE
+    assert count > 10 + len(CLOSER_ANGLES) * CLOSER_COUNT
     assert f"none of {count} directions is free for 500 mm" in path.reason
     assert [b.times for b in path.blocked] == [1.0] * count + [2.0] * count + [4.0] * count
     assert all(b.free < 0.4 for b in path.blocked)
     assert path.reason in str(path)
-    listed, closer = path.blocked[: count - len(CLOSER) * BESIDE], path.blocked[count - len(CLOSER) * BESIDE : count]
+    listed, closer = (
+        path.blocked[: count - len(CLOSER_ANGLES) * CLOSER_COUNT],
+        path.blocked[count - len(CLOSER_ANGLES) * CLOSER_COUNT : count],
+    )
     assert max(b.free for b in closer) > max(b.free for b in listed)
 
 
-def shaft(way, centres, radii, room):
+def shaft(direction, centres, radii, room):
     """Four walls along a direction around balls (m, 3), as far from them as ``room``: frame and bounds across."""
-    turn = np.column_stack([*np.linalg.svd(way[None])[2][1:], way])
+    turn = np.column_stack([*np.linalg.svd(direction[None])[2][1:], direction])
     if np.linalg.det(turn) < 0.0:
         turn[:, 0] *= -1.0
     across = centres @ turn[:, :2]
@@ -125,18 +128,18 @@ def shaft(way, centres, radii, room):
 @pytest.mark.parametrize("tilt", first(1, [(0.35, 0.25), (-0.5, 0.1), (0.2, -0.6), (-0.15, -0.4)]))
 def test_the_way_out_of_a_narrow_shaft_is_found_between_the_directions_of_the_list(tmp_path, tilt):
     """A hand in a shaft with 4 mm of room leaves it along the shaft, to within two degrees, and in no other way."""
-    way = np.array([*tilt, 1.0]) / np.linalg.norm([*tilt, 1.0])
-    free = ng.palm_path(*grasped(tmp_path))
-    centres, radii = balls_of(free, 1)
-    opened = np.array(free.phases) == "approaching"
-    around = np.concatenate([c - (c[0] - PALM) for c in centres[opened]] + list(centres[~opened]))
-    walls, turn, bounds = shaft(way, around, np.tile(radii, len(centres)), 0.004)
+    axis = np.array([*tilt, 1.0]) / np.linalg.norm([*tilt, 1.0])
+    unobstructed = ng.palm_path(*grasped(tmp_path))
+    centres, radii = sphere_positions(unobstructed, 1)
+    opened = np.array(unobstructed.phases) == "approaching"
+    path_centres = np.concatenate([c - (c[0] - PALM) for c in centres[opened]] + list(centres[~opened]))
+    walls, turn, bounds = shaft(axis, path_centres, np.tile(radii, len(centres)), 0.004)
     path = ng.palm_path(*grasped(tmp_path, [*walls, ng.Table(-0.02)]), distance=0.1)
     assert path.success, path.reason
-    assert np.degrees(np.arccos(-path.direction @ way)) < 2.5
+    assert np.degrees(np.arccos(-path.direction @ axis)) < 2.5
     tried = [b for b in path.blocked if b.times == 1.0]
     assert len(tried) > 100  # all of the list, and then some
-    centres, radii = balls_of(path)
+    centres, radii = sphere_positions(path)
     across = centres @ turn[:, :2]
     assert np.min(across - radii[:, None] - bounds[0]) >= -path.tolerance
     assert np.min(bounds[1] - across - radii[:, None]) >= -path.tolerance
@@ -150,8 +153,8 @@ def test_fingers_open_as_far_as_there_is_room(tmp_path):
     assert 0.003 < path.openings[0] <= 0.00401
     assert path.openings[1] == pytest.approx(0.01, abs=1e-6)
     tight = ng.Obstacle(ng.Box([0.1, 0.002, 0.01]), position=[0.0, -0.03 - 2 * TIP - 0.0005, 0.005], name="wall")
-    other = ng.Obstacle(ng.Box([0.1, 0.002, 0.01]), position=[0.0, 0.03 + 2 * TIP + 0.0005, 0.005], name="wall")
-    shut = ng.palm_path(*grasped(tmp_path, [tight, other]))
+    second_wall = ng.Obstacle(ng.Box([0.1, 0.002, 0.01]), position=[0.0, 0.03 + 2 * TIP + 0.0005, 0.005], name="wall")
+    shut = ng.palm_path(*grasped(tmp_path, [tight, second_wall]))
     assert "the fingers cannot open: fingertip a_tip against wall" in shut.reason
 
 
@@ -164,7 +167,7 @@ def test_an_enclosing_hand_opens_wider(tmp_path):
     assert path.success, path.reason
     assert [b.times for b in path.blocked] == [1.0, 2.0]
     assert np.all(path.openings > 0.012)
-    centres, radii = balls_of(path)
+    centres, radii = sphere_positions(path)
     for lid in lids:
         gap = box_distance(centres - np.array(lid.position), [0.03, 0.005, 0.002]) - radii
         assert np.min(gap) >= -path.tolerance
@@ -194,9 +197,9 @@ def test_bad_input_is_refused_in_a_sentence(tmp_path):
         ng.palm_path(solution, problem, distance=0.0)
     with pytest.raises(ng.InputError, match="the problem of the solution"):
         ng.palm_path(solution, grasped(tmp_path, [ng.Table(-1.0)])[1])
-    free = ng.GraspProblem(BODY, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1.0] * 6))
+    other_problem = ng.GraspProblem(BODY, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1.0] * 6))
     with pytest.raises(ng.InputError, match="a URDFHand"):
-        ng.palm_path(solution, free)
+        ng.palm_path(solution, other_problem)
     with pytest.raises(ng.InputError, match="a GraspSolution"):
         ng.palm_path("grasp.json", problem)
     del solution.hand["pregrasp"]

@@ -1,10 +1,10 @@
-"""What is certain between two postures, against dense sampling; distances against closed forms."""
+"""Clearance bounds between postures against dense sampling; distance fields against closed forms."""
 
 import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.motion.distance_fields import fields_of
+from nlpgrasp.motion.distance_fields import build_distance_fields
 from nlpgrasp.motion.link_clearance import CollisionModel
 from tests.hands.urdf import GRIPPER, PADS
 from tests.studies.two_fingers import DOWN, TIP, box_distance, chain, in_body, two_fingers
@@ -12,7 +12,7 @@ from tests.studies.two_fingers import DOWN, TIP, box_distance, chain, in_body, t
 BODY = ng.Box([0.06, 0.2, 0.06])
 
 
-def around(hand, constraints=()):
+def collision_model(hand, constraints=()):
     contacts = [ng.FrictionContact(0.5)] * hand.count
     return CollisionModel(ng.GraspProblem(BODY, contacts, ng.TaskEllipsoid([1.0] * 6), hand, constraints), hand)
 
@@ -30,30 +30,30 @@ def values(rng, hand):
 def test_no_clearance_between_two_postures_is_below_its_bound(tmp_path, seed):
     hand, rng = two_fingers(tmp_path), np.random.default_rng(seed)
     post = ng.Obstacle(ng.Sphere(0.01), position=[0.02, 0.0, 0.1])
-    made = around(hand, [ng.Table(-0.05), post])
+    model = collision_model(hand, [ng.Table(-0.05), post])
     a = values(rng, hand)
     size = 10.0 ** rng.uniform(-3, 0)
     b = {k: v + (0.0 if k == "palm_quaternion" else size * rng.normal(size=len(v))) for k, v in a.items()}
     b["palm_position"] = a["palm_position"] + 0.02 * size * rng.normal(size=3)
-    bound = made.between(a, b, (made.clearances(a), made.clearances(b)))
+    bound = model.clearance_bounds(a, b, (model.clearances(a), model.clearances(b)))
     for t in np.linspace(0.0, 1.0, 60):
         between = {k: a[k] + t * (b[k] - a[k]) for k in a}
-        assert np.min(made.clearances(between) - bound) > -1e-9
-    places = [made.balls.places({k: a[k] + t * (b[k] - a[k]) for k in a}) for t in np.linspace(0.0, 1.0, 200)]
-    lengths = np.sum(np.linalg.norm(np.diff(places, axis=0), axis=2), axis=0)
-    assert np.all(lengths <= made.balls.swept(a, b) + 1e-12)
+        assert np.min(model.clearances(between) - bound) > -1e-9
+    centres = [model.spheres.centres({k: a[k] + t * (b[k] - a[k]) for k in a}) for t in np.linspace(0.0, 1.0, 200)]
+    lengths = np.sum(np.linalg.norm(np.diff(centres, axis=0), axis=2), axis=0)
+    assert np.all(lengths <= model.spheres.path_length_bounds(a, b) + 1e-12)
 
 
 def test_sliding_joints_and_joints_that_follow_count(tmp_path):
     hand = ng.URDFHand.load(GRIPPER, PADS)
-    balls = around(hand).balls
+    spheres = collision_model(hand).spheres
     rng = np.random.default_rng(0)
     for _ in range(5):
         a, b = values(rng, hand), values(rng, hand)
         b["palm_position"] = a["palm_position"]
-        places = [balls.places({k: a[k] + t * (b[k] - a[k]) for k in a}) for t in np.linspace(0.0, 1.0, 100)]
-        lengths = np.sum(np.linalg.norm(np.diff(places, axis=0), axis=2), axis=0)
-        assert np.all(lengths <= balls.swept(a, b) + 1e-12)
+        centres = [spheres.centres({k: a[k] + t * (b[k] - a[k]) for k in a}) for t in np.linspace(0.0, 1.0, 100)]
+        lengths = np.sum(np.linalg.norm(np.diff(centres, axis=0), axis=2), axis=0)
+        assert np.all(lengths <= spheres.path_length_bounds(a, b) + 1e-12)
         assert np.max(lengths) > 0.0
 
 
@@ -62,41 +62,43 @@ def test_clearances_are_those_of_balls_that_are_placed_by_hand(tmp_path):
     table = ng.Table(-0.05, clearance=0.002)
     turn = [np.cos(0.3), 0.0, 0.0, np.sin(0.3)]
     slab = ng.Obstacle(ng.Box([0.02, 0.03, 0.04]), 0.003, [0.1, 0.02, 0.0], turn, name="slab")
-    made = around(hand, [ng.Spread(max=0.3), table, slab])
-    assert [f.name for f in made.fields] == ["the body", "table", "slab"]
-    here = values(rng, hand)
-    q = dict(zip([j.name for j in hand.robot.free_joints], here["joints"], strict=True))
-    where = {"palm": in_body(np.zeros(3), here["palm_position"])}
+    model = collision_model(hand, [ng.Spread(max=0.3), table, slab])
+    assert [f.name for f in model.fields] == ["the body", "table", "slab"]
+    posture = values(rng, hand)
+    q = dict(zip([j.name for j in hand.robot.free_joints], posture["joints"], strict=True))
+    positions = {"palm": in_body(np.zeros(3), posture["palm_position"])}
     for name in "ab":
-        found = in_body(chain(name, [q[f"{name}{i}_joint"] for i in range(3)]), here["palm_position"])
-        where |= {f"{name}{i}": p for i, p in enumerate(found[:3])} | {f"{name}_tip": found[3]}
-    radius = {link: 0.012 if link == "palm" else TIP if link.endswith("tip") else 0.004 for link in where}
+        chain_points = in_body(chain(name, [q[f"{name}{i}_joint"] for i in range(3)]), posture["palm_position"])
+        positions |= {f"{name}{i}": p for i, p in enumerate(chain_points[:3])} | {f"{name}_tip": chain_points[3]}
+    radius = {link: 0.012 if link == "palm" else TIP if link.endswith("tip") else 0.004 for link in positions}
     c, s = np.cos(0.6), np.sin(0.6)
     local = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    said = {made.describe_clearance(i): value for i, value in enumerate(made.clearances(here))}
-    for link, p in where.items():
+    clearances = {model.describe_clearance(i): value for i, value in enumerate(model.clearances(posture))}
+    for link, p in positions.items():
         name = f"fingertip {link}" if link.endswith("tip") else f"link {link}"
         r = radius[link]
-        assert said[f"{name} against table"] == pytest.approx(p[2] - r - (-0.05 + 0.002), abs=1e-9)
+        assert clearances[f"{name} against table"] == pytest.approx(p[2] - r - (-0.05 + 0.002), abs=1e-9)
         gap = box_distance(p, np.array([0.03, 0.1, 0.03])) - r
-        assert said[f"{name} against the body"] == pytest.approx(gap, abs=1e-9)
+        assert clearances[f"{name} against the body"] == pytest.approx(gap, abs=1e-9)
         inside = local @ (p - [0.1, 0.02, 0.0])
         gap = box_distance(inside, np.array([0.01, 0.015, 0.02])) - r - 0.003
-        assert said[f"{name} against slab"] == pytest.approx(gap, abs=1e-9)
-    apart = np.linalg.norm(where["a2"] - where["b_tip"]) - radius["a2"] - radius["b_tip"]
-    assert said["link a2 against fingertip b_tip"] == pytest.approx(apart, abs=1e-9)
-    assert not any("link a0 against link a1" in words for words in said)
+        assert clearances[f"{name} against slab"] == pytest.approx(gap, abs=1e-9)
+    gap_between = np.linalg.norm(positions["a2"] - positions["b_tip"]) - radius["a2"] - radius["b_tip"]
+    assert clearances["link a2 against fingertip b_tip"] == pytest.approx(gap_between, abs=1e-9)
+    assert not any("link a0 against link a1" in words for words in clearances)
 
 
 def test_constraints_on_grasps_are_in_nobodys_way():
-    given = [ng.Spread(max=0.1), ng.Workspace(ng.BoxRegion([-1.0] * 3, [1.0] * 3)), ng.Forbid("+z")]
-    assert [f.name for f in fields_of(BODY, given, 3)] == ["the body"]
+    constraints = [ng.Spread(max=0.1), ng.Workspace(ng.BoxRegion([-1.0] * 3, [1.0] * 3)), ng.Forbid("+z")]
+    assert [f.name for f in build_distance_fields(BODY, constraints, 3)] == ["the body"]
     two = [ng.Obstacle(ng.Sphere(0.1)), ng.Obstacle(ng.Sphere(0.2)), ng.Table(0.0)]
-    assert [f.name for f in fields_of(BODY, two, 3)] == ["the body", "obstacle", "obstacle 2", "table"]
-    np.testing.assert_allclose(fields_of(BODY, two, 3)[2].distance(np.array([[0.5, 0.0, 0.0]])), 0.3, atol=1e-9)
+    assert [f.name for f in build_distance_fields(BODY, two, 3)] == ["the body", "obstacle", "obstacle 2", "table"]
+    np.testing.assert_allclose(
+        build_distance_fields(BODY, two, 3)[2].distance(np.array([[0.5, 0.0, 0.0]])), 0.3, atol=1e-9
+    )
 
 
 def test_planar_obstacles():
     square = ng.Polygon([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-    fields = fields_of(square, [ng.Table(-0.5, clearance=0.0)], 2)
+    fields = build_distance_fields(square, [ng.Table(-0.5, clearance=0.0)], 2)
     np.testing.assert_allclose(fields[1].distance(np.array([[0.3, 0.0], [0.0, -1.0]])), [0.5, -0.5])

@@ -1,4 +1,4 @@
-"""A finger along its path, against kinematics and distances written once more."""
+"""Motion of one finger along its path, against an independent computation of kinematics and distances."""
 
 import itertools
 import re
@@ -11,7 +11,7 @@ from nlpgrasp.motion.contact_path import PathStation
 from nlpgrasp.motion.finger_kinematics import FingerJoints
 from nlpgrasp.motion.finger_motion import LinkedMotions
 from nlpgrasp.motion.link_clearance import CollisionModel
-from nlpgrasp.motion.straight_path import straight_way
+from nlpgrasp.motion.straight_path import follow_straight_path
 from tests.studies.two_fingers import DOWN, TIP, box_distance, chain, in_body, inverse, two_fingers, urdf
 
 BODY = ng.Box([0.06, 0.2, 0.06])
@@ -39,8 +39,8 @@ def motions(folder, there=(0.01, -0.045, 0.03), constraints=(), other=(0.0, 0.04
     return LinkedMotions(problem, hand, values, paths, lift)
 
 
-def taken(made, slides=True):
-    return made.move(made.start(), 0, slides)[0]
+def move_finger(moves, slides=True):
+    return moves.move(moves.start(), 0, slides)[0]
 
 
 def between(joints, parts=20):
@@ -49,19 +49,19 @@ def between(joints, parts=20):
     return np.concatenate([a + t * (b - a) for a, b in itertools.pairwise(joints)] + [joints[-1:]])
 
 
-def ways(start, end, count=601):
+def joint_path(start, end, count=601):
     """The joints along a slide by another solver, and the metres along it."""
-    q, found = start, []
+    q, joint_positions = start, []
     shares = np.linspace(0.0, 1.0, count)
     for s in shares:
         q = inverse("a", HERE + s * (end - HERE) - TIP * INWARD, PALM, q)
-        found.append(q)
-    return np.array(found), shares * np.linalg.norm(end - HERE)
+        joint_positions.append(q)
+    return np.array(joint_positions), shares * np.linalg.norm(end - HERE)
 
 
 @pytest.mark.parametrize("slides", [True, False])
 def test_the_fingertip_follows_the_path_and_links_stay_out(tmp_path, slides):
-    path = taken(motions(tmp_path), slides)
+    path = move_finger(motions(tmp_path), slides)
     assert path.feasible, path.reason
     assert path.reason == ""
     for q, p in zip(path.joints, path.points, strict=True):
@@ -86,29 +86,29 @@ def test_the_fingertip_follows_the_path_and_links_stay_out(tmp_path, slides):
 
 def test_clearances_are_those_of_balls_and_box(tmp_path):
     """The balls of the links from the box, from the palm but for its neighbour, and from the other finger."""
-    made = motions(tmp_path)
-    path, other = taken(made), made.start()["joints"][made.fingers[1].own]
-    still = np.array([*in_body(chain("b", other), PALM), PALM])
-    far = np.array([0.004, 0.004, 0.004, TIP, 0.012])
+    moves = motions(tmp_path)
+    path, other_joints = move_finger(moves), moves.start()["joints"][moves.fingers[1].joint_indices]
+    still = np.array([*in_body(chain("b", other_joints), PALM), PALM])
+    other_radii = np.array([0.004, 0.004, 0.004, TIP, 0.012])
     for q, least in zip(path.joints, path.clearances, strict=True):
-        own = in_body(chain("a", q), PALM)
+        centres = in_body(chain("a", q), PALM)
         radii = np.array([0.004, 0.004, 0.004, TIP])
-        apart = np.linalg.norm(own[:, None] - still, axis=2) - radii[:, None] - far
-        apart[0, -1] = np.inf  # neighbours in the chain
-        chained = np.linalg.norm(own[0] - own[2]) - 0.008, np.linalg.norm(own[0] - own[3]) - 0.004 - TIP
-        wanted = min(np.min(box_distance(own[:3], HALF) - 0.004), np.min(apart), *chained)
+        gaps = np.linalg.norm(centres[:, None] - still, axis=2) - radii[:, None] - other_radii
+        gaps[0, -1] = np.inf  # neighbours in the chain
+        chained = np.linalg.norm(centres[0] - centres[2]) - 0.008, np.linalg.norm(centres[0] - centres[3]) - 0.004 - TIP
+        wanted = min(np.min(box_distance(centres[:3], HALF) - 0.004), np.min(gaps), *chained)
         assert least == pytest.approx(wanted, abs=1e-6)
 
 
 @pytest.mark.parametrize(("joint", "share"), [(1, 0.5), (2, 0.3), (2, 0.8)])
 def test_a_narrowed_limit_stops_the_finger_where_a_dense_search_says(tmp_path, joint, share):
-    there = np.array([0.01, -0.045, 0.03])
-    q, along = ways(inverse("a", HERE - TIP * INWARD, PALM, BENT), there)
+    end = np.array([0.01, -0.045, 0.03])
+    q, along = joint_path(inverse("a", HERE - TIP * INWARD, PALM, BENT), end)
     limit = q[int(share * len(q)), joint]
     rising = limit > q[0, joint]
     bounds = [-1.0, -1.5, -2.5], [1.0, 1.5, 2.5]
     bounds[int(rising)][joint] = float(limit)
-    path = taken(motions(tmp_path, lower=bounds[0], upper=bounds[1]))
+    path = move_finger(motions(tmp_path, lower=bounds[0], upper=bounds[1]))
     beyond = q[:, joint] > limit if rising else q[:, joint] < limit
     first = along[np.flatnonzero(beyond)[0]]
     assert not path.feasible
@@ -122,18 +122,18 @@ def test_a_narrowed_limit_stops_the_finger_where_a_dense_search_says(tmp_path, j
 def test_an_obstacle_stops_the_finger_where_a_dense_search_says(tmp_path, link):
     """A ball in the way of the middle link; and a plate of 1 um, which steps of 16 tolerances would jump over."""
     thick = link == 0.004
-    where = np.array([-0.002, -0.046, 0.053] if thick else [-0.012, -0.046, 0.055])
+    position = np.array([-0.002, -0.046, 0.053] if thick else [-0.012, -0.046, 0.055])
     body = ng.Sphere(0.006) if thick else ng.Box([1e-6, 0.02, 0.02])
-    blocker = ng.Obstacle(body, position=where, name="post")
-    made = motions(tmp_path, constraints=[blocker], ball=link)
-    assert 16.0 * made.around.tolerance > 2.0 * link or thick
-    path = taken(made)
-    q, along = ways(made.start()["joints"][made.fingers[0].own], np.array([0.01, -0.045, 0.03]))
-    places = np.array([in_body(chain("a", each), PALM)[:3] for each in q])
+    blocker = ng.Obstacle(body, position=position, name="post")
+    moves = motions(tmp_path, constraints=[blocker], ball=link)
+    assert 16.0 * moves.model.tolerance > 2.0 * link or thick
+    path = move_finger(moves)
+    q, along = joint_path(moves.start()["joints"][moves.fingers[0].joint_indices], np.array([0.01, -0.045, 0.03]))
+    places = np.array([in_body(chain("a", joints), PALM)[:3] for joints in q])
     if thick:
-        clear = np.min(np.linalg.norm(places - where, axis=2) - 0.006 - link, axis=1)
+        clear = np.min(np.linalg.norm(places - position, axis=2) - 0.006 - link, axis=1)
     else:
-        clear = np.min(box_distance(places - where, np.array([5e-7, 0.01, 0.01])) - link, axis=1)
+        clear = np.min(box_distance(places - position, np.array([5e-7, 0.01, 0.01])) - link, axis=1)
     assert np.min(clear) < -path.tolerance
     assert not path.feasible
     assert "against post" in path.reason
@@ -143,29 +143,29 @@ def test_an_obstacle_stops_the_finger_where_a_dense_search_says(tmp_path, link):
 
 def test_a_finger_is_lifted_over_what_it_cannot_slide_through(tmp_path):
     step = ng.Obstacle(ng.Box([0.004, 0.02, 0.008]), position=[-0.005, -0.045, 0.03], name="step")
-    for lift, free in ((None, False), (0.002, False), (0.006, True)):
-        made = motions(tmp_path, constraints=[step], lift=lift or 0.005)
-        path = taken(made, slides=lift is None)
-        assert path.feasible == free
-        assert free or "fingertip a_tip against step" in path.reason
-        assert free or path.stopped_at < 0.0131
+    for lift, is_free in ((None, False), (0.002, False), (0.006, True)):
+        moves = motions(tmp_path, constraints=[step], lift=lift or 0.005)
+        path = move_finger(moves, slides=lift is None)
+        assert path.feasible == is_free
+        assert is_free or "fingertip a_tip against step" in path.reason
+        assert is_free or path.stopped_at < 0.0131
 
 
 def test_other_fingers_are_in_the_way(tmp_path):
     """Fingertips of 6 mm meet where their centres are 12 mm apart; nothing else is as near."""
     there, other = np.array([0.0, 0.018, 0.03]), np.array([0.0, 0.02, 0.03])
-    path = taken(motions(tmp_path, there=there, other=other))
+    path = move_finger(motions(tmp_path, there=there, other=other))
     assert not path.feasible
     assert "fingertip a_tip against fingertip b_tip" in path.reason
     points = HERE + np.linspace(0.0, 1.0, 20001)[:, None] * (there - HERE)
-    apart = np.linalg.norm(points - other, axis=1)
-    first, last = (np.linalg.norm(points[np.argmax(apart < d)] - HERE) for d in (0.012, 0.012 - path.tolerance))
+    distances = np.linalg.norm(points - other, axis=1)
+    first, last = (np.linalg.norm(points[np.argmax(distances < d)] - HERE) for d in (0.012, 0.012 - path.tolerance))
     assert first - 1e-5 <= path.stopped_at <= last + 1e-5
 
 
 def test_a_grasp_that_is_in_the_way_itself_has_no_waypoint(tmp_path):
     ball = ng.Obstacle(ng.Sphere(0.004), position=HERE - (TIP + 0.002) * INWARD, name="pea")
-    path = taken(motions(tmp_path, constraints=[ball]))
+    path = move_finger(motions(tmp_path, constraints=[ball]))
     assert not path.feasible
     assert path.reason == "fingertip a_tip against pea, 0.0 mm along the path"
     assert path.joints.shape == (0, 3)
@@ -175,12 +175,12 @@ def test_a_grasp_that_is_in_the_way_itself_has_no_waypoint(tmp_path):
 
 def test_out_of_reach(tmp_path):
     """The straight finger's 80 mm after the second joint, which its first turn carries 20 mm out."""
-    far = taken(motions(tmp_path, there=(0.03, 0.1, 0.03), lower=[-3.0] * 3, upper=[3.0] * 3))
-    assert "out of the finger's reach" in far.reason
+    path = move_finger(motions(tmp_path, there=(0.03, 0.1, 0.03), lower=[-3.0] * 3, upper=[3.0] * 3))
+    assert "out of the finger's reach" in path.reason
     straight = np.linspace(0.0, 1.0, 20001)[:, None] * (np.array([0.03, 0.1, 0.03]) - HERE)
     aside = in_body(np.array([[0.0, 0.05, 0.0]]), PALM)[0] - (HERE + straight - TIP * INWARD)
     beyond = np.hypot(aside[:, 0], np.hypot(aside[:, 1], aside[:, 2]) - 0.02) > 0.08
-    assert abs(far.stopped_at - np.linalg.norm(straight[np.argmax(beyond)])) < 1e-4
+    assert abs(path.stopped_at - np.linalg.norm(straight[np.argmax(beyond)])) < 1e-4
 
 
 def test_a_joint_that_two_fingers_share_is_neither_ones(tmp_path):
@@ -206,8 +206,8 @@ def test_a_finger_that_only_follows_others_does_not_move_alone(tmp_path):
     q = inverse("a", HERE - TIP * INWARD, PALM, BENT)
     values = {"palm_position": PALM, "palm_quaternion": DOWN, "joints": q}
     ends = [[PathStation(HERE, INWARD, "+z"), PathStation(HERE + np.array([0.01, 0.0, 0.0]), INWARD, "+z")]] * 2
-    made = LinkedMotions(problem, hand, values, ends, 0.005)
-    path = taken(made)
+    moves = LinkedMotions(problem, hand, values, ends, 0.005)
+    path = move_finger(moves)
     assert path.reason == "no joint moves this finger alone, 0.0 mm along the path"
     assert path.joint_names == ()
 
@@ -225,10 +225,10 @@ def test_a_hand_without_shapes_moves_all_the_same(tmp_path):
     pads = {f"{name}_tip": ng.FlatTip([0.1, 0.1], rpy=[0.0, 0.0, 0.0]) for name in "ab"}
     hand = ng.URDFHand.load(tmp_path / "bare.urdf", pads)
     problem = ng.GraspProblem(BODY, ng.FrictionContact(0.5), ng.TaskEllipsoid([1.0] * 6), hand=hand)
-    around = CollisionModel(problem, hand)
+    model = CollisionModel(problem, hand)
     values = {"palm_position": PALM, "palm_quaternion": DOWN, "joints": np.zeros(6)}
-    assert len(around.clearances(values)) == 0
-    way = straight_way(
-        around, lambda share: {**values, "joints": np.full(6, share)}, lambda _: around.least_clearances()
+    assert len(model.clearances(values)) == 0
+    path = follow_straight_path(
+        model, lambda share: {**values, "joints": np.full(6, share)}, lambda _: model.least_clearances()
     )
-    assert way.free == 1.0
+    assert path.free == 1.0

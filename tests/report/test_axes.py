@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.hands.inspection import without_fingertips
+from nlpgrasp.hands.inspection import inspect_without_tips
 from nlpgrasp.report import write_hand
 from nlpgrasp.report.body_page import write_body
 from tests.hands.urdf import FOUR
@@ -69,7 +69,7 @@ def test_axes_are_in_the_picture_from_all_around(browser, mug):
 
 
 def test_long_names_are_whole_and_do_not_cover_each_other_on_a_phone(browser, tmp_path):
-    page = write_hand(without_fingertips(FOUR, None, [1, 0, 0]), tmp_path / "hand.html")
+    page = write_hand(inspect_without_tips(FOUR, None, [1, 0, 0]), tmp_path / "hand.html")
     size = {"width": 400, "height": 900, "deviceScaleFactor": 1, "mobile": False}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
     try:

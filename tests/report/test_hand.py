@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 import nlpgrasp as ng
 from nlpgrasp.common import display as face
 from nlpgrasp.errors import InputError
-from nlpgrasp.hands.inspection import without_fingertips
+from nlpgrasp.hands.inspection import inspect_without_tips
 from nlpgrasp.report import write_hand
 from tests.hands.urdf import FOUR, THREE_TIPS, four_finger_hand, gripper, three_finger_hand
 from tests.report.test_body import page_in_frame
@@ -100,7 +100,7 @@ def test_what_the_page_says(tmp_path):
 
 
 def test_a_hand_without_fingertips_lists_the_links_at_the_ends(tmp_path):
-    page = write_hand(without_fingertips(FOUR, None, [1, 0, 0]), tmp_path / "hand.html")
+    page = write_hand(inspect_without_tips(FOUR, None, [1, 0, 0]), tmp_path / "hand.html")
     text, drawn = page.read_text(encoding="utf-8"), page_data(page)["drawn"]
     assert "no fingertips stated" in text
     assert "Links at the ends: index_tip, middle_tip, ring_tip, thumb_tip." in text
@@ -111,7 +111,7 @@ def test_a_hand_without_fingertips_lists_the_links_at_the_ends(tmp_path):
 
 
 def test_where_the_palm_faces_is_said_and_drawn(tmp_path):
-    page = write_hand(without_fingertips(FOUR, None, [-1, 0, 0]), tmp_path / "hand.html")
+    page = write_hand(inspect_without_tips(FOUR, None, [-1, 0, 0]), tmp_path / "hand.html")
     text, drawn = page.read_text(encoding="utf-8"), page_data(page)["drawn"]
     assert "four_finger_hand.urdf: palm faces [-1, 0, 0] of link palm" in text  # as Python has it
     assert '<input type="checkbox" data-show="triad" checked><span>Palm axes</span>' in text
@@ -140,7 +140,7 @@ def test_hands_without_links_are_a_line_in_a_notebook(hand):
 def test_a_hand_that_never_moves_is_shown(tmp_path):
     path = tmp_path / "fist.urdf"
     path.write_text('<robot name="fist"><link name="palm"/></robot>')
-    text = write_hand(without_fingertips(path, None, [0, 0, 1]), tmp_path / "fist.html").read_text(encoding="utf-8")
+    text = write_hand(inspect_without_tips(path, None, [0, 0, 1]), tmp_path / "fist.html").read_text(encoding="utf-8")
     assert "No joint below palm moves" in text
     assert "No link has a collision shape" in text
 

@@ -1,4 +1,4 @@
-"""A grasp pressed through its own joints: held as solved, lost without the squeeze, poses checked by hand."""
+"""Simulation with a robot hand: held as solved, lost without the squeeze."""
 
 import json
 import re
@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
 from nlpgrasp.errors import InputError
-from nlpgrasp.simulation.hand_outcome import result, row
+from nlpgrasp.simulation.hand_outcome import format_outcome, format_row
 from nlpgrasp.simulation.hand_world import HandWorld, Motion, Pose
 from nlpgrasp.simulation.robot_hand_scene import mjcf_with_hand
 from tests.hands.urdf import three_finger_hand
@@ -32,69 +32,74 @@ def held():
 
 @pytest.fixture(scope="module")
 def simulated(held):
-    told = []
-    return ng.simulate_hand(held, HAND, progress=told.append), told
+    messages = []
+    return ng.simulate_hand(held, HAND, progress=messages.append), messages
 
 
 def test_held_as_solved_and_lost_without_the_squeeze(simulated, held):
-    found, told = simulated
-    assert found.confirmed
-    assert found.verdict == "confirmed: held as solved, lost without the squeeze"
-    assert [t.label for t in found.of("as solved")] == [
+    simulation, messages = simulated
+    assert simulation.confirmed
+    assert simulation.verdict == "confirmed: held as solved, lost without the squeeze"
+    assert [t.label for t in simulation.of("as solved")] == [
         *(f"a push along {axis}" for axis in ("+x", "-x", "+y", "-y", "+z", "-z")),
         "lifted 20 cm",
     ]
-    assert found.share("as solved") == found.share("half the friction") == 1.0
-    assert found.squeezed.within((5e-4, np.radians(0.5)))
-    assert found.share("control: no squeeze") < 1.0
-    assert len(found.of("object 5 mm, 5 deg off")) == 18
-    lost = sum(not t.strict for t in found.of("control: no squeeze"))
-    assert told[0] == "as solved: 6 of 6 pushes and the lift held"
-    assert told[2:] == [
+    assert simulation.share("as solved") == simulation.share("half the friction") == 1.0
+    assert simulation.squeezed.within((5e-4, np.radians(0.5)))
+    assert simulation.share("control: no squeeze") < 1.0
+    assert len(simulation.of("object 5 mm, 5 deg off")) == 18
+    lost = sum(not t.strict for t in simulation.of("control: no squeeze"))
+    assert messages[0] == "as solved: 6 of 6 pushes and the lift held"
+    assert messages[2:] == [
         "half the friction: 6 of 6 pushes held (no lift)",
         "object 5 mm, 5 deg off: 18 of 18 pushes held (no lift)",
         f"control, no squeeze: lost in {lost} of 7, as it should be",
     ]
-    data = found.to_dict()
+    data = simulation.to_dict()
     assert data["normal_forces"] == pytest.approx(held.squeeze.normal)
     assert data["confirmed"] is True
-    assert len(data["trials"]) == len(found.trials)
+    assert len(data["trials"]) == len(simulation.trials)
     json.dumps(data)
 
 
 def test_what_the_verdict_says(simulated):
-    found, _ = simulated
-    lost = replace(found.trials[0], squeezed=Motion(), motion=Motion(0.02, 0.0))
+    simulation, _ = simulated
+    lost = replace(simulation.trials[0], squeezed=Motion(), motion=Motion(0.02, 0.0))
     assert not lost.strict
     assert lost.loose
-    assert replace(found, trials=(lost, *found.trials[1:])).verdict == (
+    assert replace(simulation, trials=(lost, *simulation.trials[1:])).verdict == (
         "NOT confirmed: lost at a push along +x (20 mm, 0 deg)"
     )
-    caged = tuple(replace(t, squeezed=Motion(), motion=Motion()) for t in found.trials)
-    assert "held without a squeeze as well" in replace(found, trials=caged).verdict
-    assert not replace(found, trials=caged).confirmed
+    caged = tuple(replace(t, squeezed=Motion(), motion=Motion()) for t in simulation.trials)
+    assert "held without a squeeze as well" in replace(simulation, trials=caged).verdict
+    assert not replace(simulation, trials=caged).confirmed
 
 
 def test_what_the_squeeze_moves_counts_but_not_where_the_object_stood_elsewhere(simulated):
-    found, _ = simulated
-    moved = replace(found.trials[0], squeezed=Motion(0.006, np.radians(8.0)), motion=Motion(0.005, np.radians(1.0)))
+    simulation, _ = simulated
+    moved = replace(
+        simulation.trials[0], squeezed=Motion(0.006, np.radians(8.0)), motion=Motion(0.005, np.radians(1.0))
+    )
     assert moved.whole.slip == pytest.approx(0.011)
     assert (moved.strict, moved.loose) == (False, True)
     assert replace(moved, placed_off=True).strict
-    assert [t.placed_off for t in found.trials] == [t.condition == "object 5 mm, 5 deg off" for t in found.trials]
+    assert [t.placed_off for t in simulation.trials] == [
+        t.condition == "object 5 mm, 5 deg off" for t in simulation.trials
+    ]
     for condition in ("half the friction", "object 5 mm, 5 deg off"):
-        (line,) = (line for line in str(found).splitlines() if line.startswith(f"  {condition}"))
+        (line,) = (line for line in str(simulation).splitlines() if line.startswith(f"  {condition}"))
         assert "; the squeeze moves it by " in line
         assert ", then at most " in line
 
 
 def test_what_is_printed_says_what_was_done(simulated):
     """Which rows are lifted, what held means, where the mass comes from, what the control is for."""
-    found, _ = simulated
-    first, done, means, *rows = str(found).splitlines()
+    simulation, _ = simulated
+    first, protocol, means, *rows = str(simulation).splitlines()
     assert first.startswith("a <hand> & more: 0.1 kg, as the task carries no weight upwards; each finger presses with ")
     assert (
-        done == "  six pushes of 1 N without gravity; as solved and in the control also lifted by 20 cm, with gravity"
+        protocol
+        == "  six pushes of 1 N without gravity; as solved and in the control also lifted by 20 cm, with gravity"
     )
     assert means == "  held: moved in the hand by at most 1 cm and 10 degrees"
     assert rows[0].startswith(
@@ -102,39 +107,42 @@ def test_what_is_printed_says_what_was_done(simulated):
     )
     assert rows[2].startswith("  half the friction            6 of 6 pushes held (no lift); the squeeze moves it by ")
     assert re.match(r"  control, no squeeze          lost in \d of 7, as it should be", rows[4])
-    assert "loose" not in str(found)
-    uneven = replace(found, normal_force=2.0, normal_forces=(2.08, 5.86, 2.0, 6.01))
+    assert "loose" not in str(simulation)
+    uneven = replace(simulation, normal_force=2.0, normal_forces=(2.08, 5.86, 2.0, 6.01))
     assert "; each finger presses with at least 2 N (2 to 6.01 N)" in str(uneven)
     assert str(replace(uneven, normal_forces=(2.0, 2.0004))).splitlines()[0].endswith("at least 2 N")
 
 
 def test_rows_of_what_was_lost(simulated):
-    found, _ = simulated
-    seven = found.of("as solved")
-    moved, far = Motion(0.02, np.radians(1.0)), Motion(2.0, 0.0)
-    told = result((replace(seven[0], motion=moved), replace(seven[1], motion=far), *seven[2:]))
-    assert told == "4 of 6 pushes held, the lift held, loosely 6 of 7"
-    dropped = (*seven[:6], replace(seven[6], motion=far))
-    assert result(dropped) == "6 of 6 pushes held, the lift lost"
-    assert row(dropped).endswith(", then it is lost")
-    assert replace(found, trials=(*dropped, *found.trials[7:])).verdict == "NOT confirmed: lost when lifted 20 cm"
-    slack = replace(found, trials=(replace(seven[0], motion=moved), *found.trials[1:]))
+    simulation, _ = simulated
+    seven = simulation.of("as solved")
+    moved, lost_motion = Motion(0.02, np.radians(1.0)), Motion(2.0, 0.0)
+    text = format_outcome((replace(seven[0], motion=moved), replace(seven[1], motion=lost_motion), *seven[2:]))
+    assert text == "4 of 6 pushes held, the lift held, loosely 6 of 7"
+    dropped = (*seven[:6], replace(seven[6], motion=lost_motion))
+    assert format_outcome(dropped) == "6 of 6 pushes held, the lift lost"
+    assert format_row(dropped).endswith(", then it is lost")
+    assert (
+        replace(simulation, trials=(*dropped, *simulation.trials[7:])).verdict
+        == "NOT confirmed: lost when lifted 20 cm"
+    )
+    slack = replace(simulation, trials=(replace(seven[0], motion=moved), *simulation.trials[1:]))
     assert "held: moved in the hand by at most 1 cm and 10 degrees; loosely: 5 cm and 15 degrees" in str(slack)
-    assert row([replace(t, squeezed=far) for t in seven]).endswith("; the squeeze itself loses it")
-    kept = [replace(t, condition="control: no squeeze", squeezed=Motion(), motion=Motion()) for t in seven]
-    assert result(kept) == "lost in 0 of 7, although it should be"
+    assert format_row([replace(t, squeezed=lost_motion) for t in seven]).endswith("; the squeeze itself loses it")
+    held_trials = [replace(t, condition="control: no squeeze", squeezed=Motion(), motion=Motion()) for t in seven]
+    assert format_outcome(held_trials) == "lost in 0 of 7, although it should be"
 
 
 @pytest.mark.slow
 def test_the_object_weighs_what_the_task_carries(held):
     """Of a lift of 0.4 kg about the torque origin: the mass simulated, and the line that says where it comes from."""
     carrying = replace(held, problem={**held.problem, "task": ng.lift([0.0, 0.0, 0.0], 0.4).to_dict()})
-    told = []
-    found = ng.simulate_hand(carrying, HAND, progress=told.append)
-    assert found.mass == pytest.approx(0.4)
-    assert "0.4 kg, the weight that the task carries; " in str(found)
-    assert found.to_dict()["mass_source"] == "the weight that the task carries"
-    assert len(told) == 5
+    messages = []
+    simulation = ng.simulate_hand(carrying, HAND, progress=messages.append)
+    assert simulation.mass == pytest.approx(0.4)
+    assert "0.4 kg, the weight that the task carries; " in str(simulation)
+    assert simulation.to_dict()["mass_source"] == "the weight that the task carries"
+    assert len(messages) == 5
 
 
 @pytest.mark.parametrize(
@@ -153,8 +161,8 @@ def test_motions_in_words(motion, words):
 
 def test_motion_is_measured_in_the_hand():
     turn = Rotation.from_rotvec([0.0, 0.0, 0.3]).as_matrix()
-    here, there = Pose(np.zeros(3), np.eye(3)), Pose(np.array([0.003, 0.004, 0.0]), turn)
-    motion = there.from_(here)
+    start, end = Pose(np.zeros(3), np.eye(3)), Pose(np.array([0.003, 0.004, 0.0]), turn)
+    motion = end.motion_from(start)
     assert motion.slip == pytest.approx(0.005)
     assert motion.turn == pytest.approx(0.3)
     assert not Motion(float("nan"), 0.0).within((1.0, 1.0))
@@ -164,10 +172,10 @@ def test_motion_is_measured_in_the_hand():
 def test_the_object_begins_where_it_is_put(held):
     world = HandWorld(mjcf_with_hand(held, HAND))
     world.begin("pregrasp")
-    before = world.pose()
-    way, turn = np.array([0.003, 0.0, 0.004]), np.array([0.0, 0.1, 0.0])
-    world.begin("pregrasp", (way, turn))
-    moved = world.pose().from_(before)
+    undisturbed = world.pose()
+    translation, turn = np.array([0.003, 0.0, 0.004]), np.array([0.0, 0.1, 0.0])
+    world.begin("pregrasp", (translation, turn))
+    moved = world.pose().motion_from(undisturbed)
     assert moved.slip == pytest.approx(0.005, rel=1e-6)
     assert moved.turn == pytest.approx(0.1, rel=1e-6)
 
@@ -176,14 +184,14 @@ def test_a_push_is_newtons_times_time(held):
     """Far from the hand a free object of 0.1 kg under 1 N for 0.2 s goes 0.2 m: F t^2 / 2 m."""
     world = HandWorld(mjcf_with_hand(held, HAND, ng.HandSceneOptions(mass=0.1)))
     world.begin("pregrasp", (np.array([2.0, 0.0, 0.0]), np.zeros(3)))
-    motion, seen = world.push(np.array([1.0, 0.0, 0.0]), 0.2)
+    motion, snapshots = world.push(np.array([1.0, 0.0, 0.0]), 0.2)
     assert motion.slip == pytest.approx(0.2, rel=0.01)
-    assert len(seen) == 6
+    assert len(snapshots) == 6
     closed = world.state()
     world.push(np.array([0.0, 1.0, 0.0]), 0.1)
-    after = world.pose()
-    world.go_back(closed)
-    assert world.pose().from_(after).slip > 0.03
+    pushed = world.pose()
+    world.restore(closed)
+    assert world.pose().motion_from(pushed).slip > 0.03
 
 
 def test_torques_of_the_squeeze_are_those_of_static_equilibrium(held):
@@ -213,15 +221,15 @@ def test_from_the_command_line(held, tmp_path):
         command = [sys.executable, "-m", "nlpgrasp", "simulate", tmp_path / "held.json", *arguments]
         return subprocess.run([*map(str, command)], capture_output=True, text=True, timeout=300)
 
-    done = run("--hand", HAND)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert "confirmed: held as solved, lost without the squeeze" in done.stdout
+    result = run("--hand", HAND)
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert "confirmed: held as solved, lost without the squeeze" in result.stdout
     assert min(panels_drawn(tmp_path / "held-simulation-hand.png", 5)) > 0.02
-    assert "half the friction: 6 of 6 pushes held (no lift)\n" in done.stderr
-    assert "control, no squeeze          lost in " in done.stdout
-    done = run("--hand", HAND, "--push", 50, "--json")
-    assert done.returncode == 1
-    assert json.loads(done.stdout)["verdict"].startswith("NOT confirmed: lost at a push along")
-    done = run("--push", 2)
-    assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == "nlpgrasp: --push: got 2.0, expected only with --hand, a hand's own joints\n"
+    assert "half the friction: 6 of 6 pushes held (no lift)\n" in result.stderr
+    assert "control, no squeeze          lost in " in result.stdout
+    result = run("--hand", HAND, "--push", 50, "--json")
+    assert result.returncode == 1
+    assert json.loads(result.stdout)["verdict"].startswith("NOT confirmed: lost at a push along")
+    result = run("--push", 2)
+    assert (result.returncode, result.stdout) == (2, "")
+    assert result.stderr == "nlpgrasp: --push: got 2.0, expected only with --hand, a hand's own joints\n"

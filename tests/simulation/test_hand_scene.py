@@ -1,4 +1,4 @@
-"""The scene with the hand's own model: masses, poses and servos read back from MuJoCo, and all phases run."""
+"""MJCF scene with a robot hand: masses, poses and servos read back from MuJoCo; a run of all phases."""
 
 import subprocess
 import sys
@@ -39,7 +39,7 @@ def held():
     return solve_once(problem, starts=1, options=GRASP)
 
 
-def loaded(text, key):
+def load_model(text, key):
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key(key).id)
@@ -48,7 +48,7 @@ def loaded(text, key):
 
 
 def test_links_are_where_the_grasp_has_them(held):
-    model, data = loaded(mjcf_with_hand(held, HAND), "grasp")
+    model, data = load_model(mjcf_with_hand(held, HAND), "grasp")
     np.testing.assert_allclose(data.body("hand_palm").xpos, held.hand["palm_pose"]["position"], atol=1e-6)
     turned = np.abs(data.body("hand_palm").xquat @ held.hand["palm_pose"]["quaternion_wxyz"])
     assert turned == pytest.approx(1.0, abs=1e-6)
@@ -66,36 +66,36 @@ def test_links_are_where_the_grasp_has_them(held):
 
 
 def test_keyframes_follow_from_the_file(held):
-    model, _ = loaded(mjcf_with_hand(held, HAND), "grasp")
+    model, _ = load_model(mjcf_with_hand(held, HAND), "grasp")
     assert [model.key(i).name for i in range(model.nkey)][-4:] == ["pregrasp", "grasp", "squeeze", "lift"]
-    told = held.squeeze.positions()
+    commands = held.squeeze.positions()
     servos = [model.actuator(i).name.removeprefix("hand_") for i in range(model.nu)]
     squeezed = dict(zip(servos, model.key("squeeze").ctrl, strict=True))
-    for joint, command in told.items():
+    for joint, command in commands.items():
         assert squeezed[joint] == pytest.approx(command, abs=1e-8)
     lifted = dict(zip(servos, model.key("lift").ctrl, strict=True))
     assert lifted["palm_z"] == pytest.approx(0.2)
-    assert {name: lifted[name] for name in told} == pytest.approx(told)
+    assert {name: lifted[name] for name in commands} == pytest.approx(commands)
     assert model.key("lift").qpos[2] == pytest.approx(0.2)
     softer = mujoco.MjModel.from_xml_string(mjcf_with_hand(held, HAND, ng.HandSceneOptions(gain=1.0, normal_force=4.0)))
-    there = dict(zip(servos, softer.key("squeeze").ctrl, strict=True))
+    softer_commands = dict(zip(servos, softer.key("squeeze").ctrl, strict=True))
     for joint, torque in held.squeeze.torques.items():
-        assert there[joint] == pytest.approx(held.hand["joint_positions"][joint] + 2.0 * torque, abs=1e-7)
+        assert softer_commands[joint] == pytest.approx(held.hand["joint_positions"][joint] + 2.0 * torque, abs=1e-7)
 
 
 def test_all_phases_run_as_exported(held):
     """Nothing pushes itself apart, the squeeze hardly moves the object, and contacts press as stated."""
-    model, data = loaded(mjcf_with_hand(held, HAND, ng.HandSceneOptions(mass=0.1)), "pregrasp")
+    model, data = load_model(mjcf_with_hand(held, HAND, ng.HandSceneOptions(mass=0.1)), "pregrasp")
     assert data.ncon == 0
-    way = {}
+    distances = {}
     for key in ("grasp", "squeeze"):
         start, end = np.array(data.ctrl), model.key(key).ctrl
         for step in range(1, 1501):
             data.ctrl[:] = start + (end - start) * min(step / 1000, 1.0)
             mujoco.mj_step(model, data)
-        way[key] = np.linalg.norm(data.qpos[:3])
-    assert way["grasp"] < 1e-4
-    assert way["squeeze"] < 5e-4
+        distances[key] = np.linalg.norm(data.qpos[:3])
+    assert distances["grasp"] < 1e-4
+    assert distances["squeeze"] < 5e-4
     pressed, force = np.zeros(3), np.zeros(6)
     tips = {model.body(f"hand_{link}").id: i for i, link in enumerate(held.hand["fingertips"])}
     for c, contact in enumerate(data.contact[: data.ncon]):
@@ -106,14 +106,14 @@ def test_all_phases_run_as_exported(held):
 
 
 def test_masses_are_those_of_the_urdf(held):
-    stated = urdf_inertials(HAND)
-    model, _ = loaded(mjcf_with_hand(held, HAND, ng.HandSceneOptions(mass=0.25)), "grasp")
+    inertials = urdf_inertials(HAND)
+    model, _ = load_model(mjcf_with_hand(held, HAND, ng.HandSceneOptions(mass=0.25)), "grasp")
     assert model.body("object").mass[0] == pytest.approx(0.25)
-    for link, inertial in stated.items():
+    for link, inertial in inertials.items():
         assert model.body(f"hand_{link}").mass[0] == pytest.approx(max(inertial.mass, 1e-3))
 
 
-def carrying(solution, task):
+def with_task(solution, task):
     """Return the solution as if it had been found for another task."""
     return replace(solution, problem={**solution.problem, "task": task.at(solution.grasp.torque_origin).to_dict()})
 
@@ -140,19 +140,19 @@ CENTRE, HEAD, UP = [0.0, 0.0, 0.0], [0.0, 0.0, 0.1], [0.0, 0.0, 1.0]
 )
 def test_the_object_weighs_what_the_task_carries(held, task, kilograms, source):
     """By hand: newtons over 9.81; where the task carries no weight, the volume of the ellipsoid in water."""
-    found = object_mass(carrying(held, task), None)
+    weighed = object_mass(with_task(held, task), None)
     water = 1000.0 * 4.0 / 3.0 * np.pi * 0.05 * 0.03 * 0.03
-    assert found.kilograms == pytest.approx(
+    assert weighed.kilograms == pytest.approx(
         water if kilograms is None else kilograms, rel=0.02 if kilograms is None else 1e-9
     )
-    assert found.source == source
-    assert object_mass(carrying(held, task), 0.7) == ObjectMass(0.7, "as stated")
+    assert weighed.source == source
+    assert object_mass(with_task(held, task), 0.7) == ObjectMass(0.7, "as stated")
     light = ObjectMass(0.1, "light")
-    assert (object_mass(carrying(held, task), None, light) == light) == (kilograms is None)
+    assert (object_mass(with_task(held, task), None, light) == light) == (kilograms is None)
 
 
 def test_the_scene_has_the_mass_that_the_task_carries(held):
-    model, _ = loaded(mjcf_with_hand(carrying(held, ng.lift(CENTRE, 0.25)), HAND), "grasp")
+    model, _ = load_model(mjcf_with_hand(with_task(held, ng.lift(CENTRE, 0.25)), HAND), "grasp")
     assert model.body("object").mass[0] == pytest.approx(0.25)
 
 
@@ -165,7 +165,7 @@ def test_an_arm_above_the_palm_weighs_nothing_and_the_palm_does_not_swing(held, 
     )
     text = Path(HAND).read_text().replace('<link name="palm">', arm + weight)
     (tmp_path / "arm.urdf").write_text(text)
-    model, data = loaded(mjcf_with_hand(held, tmp_path / "arm.urdf"), "pregrasp")
+    model, data = load_model(mjcf_with_hand(held, tmp_path / "arm.urdf"), "pregrasp")
     moved = model.body("hand").subtreemass[0]
     links = sum(model.body(i).mass[0] for i in range(model.nbody) if model.body(i).name.startswith("hand_"))
     assert links == pytest.approx(0.5, rel=0.1)
@@ -184,13 +184,13 @@ def test_an_arm_above_the_palm_weighs_nothing_and_the_palm_does_not_swing(held, 
 @pytest.mark.slow
 def test_convex_pieces():
     ball = trimesh.creation.icosphere(subdivisions=3)
-    told = []
-    assert len(convex_pieces(Triangles(ball.vertices, ball.faces), told.append)) == 1
-    assert told == []
+    messages = []
+    assert len(convex_pieces(Triangles(ball.vertices, ball.faces), messages.append)) == 1
+    assert messages == []
     ring = trimesh.creation.torus(0.04, 0.01)
-    pieces = convex_pieces(Triangles(ring.vertices, ring.faces), told.append)
-    again = convex_pieces(Triangles(ring.vertices, ring.faces), told.append)
-    assert told == [DECOMPOSING]  # said once, and done once
+    pieces = convex_pieces(Triangles(ring.vertices, ring.faces), messages.append)
+    again = convex_pieces(Triangles(ring.vertices, ring.faces), messages.append)
+    assert messages == [DECOMPOSING]  # said once, and done once
     assert all(np.array_equal(a, b) for a, b in zip(pieces, again, strict=True))
     assert len(pieces) > 4
     volume = sum(trimesh.convex.convex_hull(p).volume for p in pieces)
@@ -261,8 +261,8 @@ def test_joints_that_are_too_weak_are_named(held):
     most = 2.0 / share
     mjcf_with_hand(held, HAND, ng.HandSceneOptions(normal_force=most))
     lacking = held.squeeze.joints.limits[name] / 2.0
-    said = f"normal_force: got {1.5 * most:.3g} N, {lacking:.3g} N m more than the effort of joint {name}"
-    with pytest.raises(InputError, match=f"{said}, expected at most {most:.3g} N"):
+    message = f"normal_force: got {1.5 * most:.3g} N, {lacking:.3g} N m more than the effort of joint {name}"
+    with pytest.raises(InputError, match=f"{message}, expected at most {most:.3g} N"):
         mjcf_with_hand(held, HAND, ng.HandSceneOptions(normal_force=1.5 * most))
 
 
@@ -273,19 +273,19 @@ def test_from_the_command_line(held, tmp_path):
         return run_here(*arguments, cwd=Path.cwd())
 
     scene = tmp_path / "hand.xml"
-    done = run("export", tmp_path / "held.json", "--to", "mjcf", "--hand", HAND, "--mass", 0.3, "--out", scene)
-    assert done.returncode == 0, done.stderr
+    result = run("export", tmp_path / "held.json", "--to", "mjcf", "--hand", HAND, "--mass", 0.3, "--out", scene)
+    assert result.returncode == 0, result.stderr
     assert mujoco.MjModel.from_xml_path(str(scene)).body("object").mass[0] == pytest.approx(0.3)
-    assert "--mass" not in done.stdout
-    done = run("export", tmp_path / "held.json", "--to", "mjcf", "--hand", HAND, "--out", scene)
+    assert "--mass" not in result.stdout
+    result = run("export", tmp_path / "held.json", "--to", "mjcf", "--hand", HAND, "--out", scene)
     weighs = mujoco.MjModel.from_xml_path(str(scene)).body("object").mass[0]
-    assert f"the object weighs {weighs:.3g} kg there, as if of water: --mass states another" in done.stdout
-    carrying(held, ng.lift([0.0, 0.0, 0.0], 0.25)).save(tmp_path / "lifted.json")
-    done = run("export", tmp_path / "lifted.json", "--to", "mjcf", "--hand", HAND, "--out", scene)
+    assert f"the object weighs {weighs:.3g} kg there, as if of water: --mass states another" in result.stdout
+    with_task(held, ng.lift([0.0, 0.0, 0.0], 0.25)).save(tmp_path / "lifted.json")
+    result = run("export", tmp_path / "lifted.json", "--to", "mjcf", "--hand", HAND, "--out", scene)
     assert mujoco.MjModel.from_xml_path(str(scene)).body("object").mass[0] == pytest.approx(0.25)
-    assert "the object weighs 0.25 kg there, the weight that the task carries: --mass states another" in done.stdout
-    done = run("export", tmp_path / "held.json", "--to", "mjcf", "--gain", 3)
-    assert (done.returncode, done.stderr) == (2, "nlpgrasp: --gain: got 3.0, expected only with --hand, of mjcf\n")
+    assert "the object weighs 0.25 kg there, the weight that the task carries: --mass states another" in result.stdout
+    result = run("export", tmp_path / "held.json", "--to", "mjcf", "--gain", 3)
+    assert (result.returncode, result.stderr) == (2, "nlpgrasp: --gain: got 3.0, expected only with --hand, of mjcf\n")
 
 
 @pytest.mark.slow
@@ -296,6 +296,6 @@ def test_the_command_line_says_that_a_body_is_decomposed(held, tmp_path):
     body = ng.Torus(0.04, 0.01).to_dict()
     replace(held, drawing=drawing, problem={**held.problem, "body": body}).save(tmp_path / "ring.json")
     command = [sys.executable, "-m", "nlpgrasp", "export", tmp_path / "ring.json", "--to", "mjcf", "--hand", HAND]
-    done = subprocess.run([*map(str, command)], capture_output=True, text=True, timeout=120)
-    assert (done.returncode, done.stderr) == (0, f"{DECOMPOSING}\n")
-    assert done.stdout.startswith("written to ")
+    result = subprocess.run([*map(str, command)], capture_output=True, text=True, timeout=120)
+    assert (result.returncode, result.stderr) == (0, f"{DECOMPOSING}\n")
+    assert result.stdout.startswith("written to ")

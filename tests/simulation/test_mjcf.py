@@ -1,4 +1,4 @@
-"""The MuJoCo scene is the grasp: geometry, masses, friction and forces read back from MuJoCo."""
+"""MJCF scene of free fingertips: geometry, masses, friction and forces read back from MuJoCo."""
 
 import subprocess
 import sys
@@ -10,7 +10,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.errors import InputError
-from nlpgrasp.simulation.fingertip_scene import SceneOptions, mass_of, mjcf
+from nlpgrasp.simulation.fingertip_scene import SceneOptions, mjcf, solid_mass
 from tests.hands.urdf import three_finger_hand
 from tests.images import panels_drawn
 from tests.once import GRASP, solve_once
@@ -37,7 +37,7 @@ def held():
     return solve_once(problem, starts=1, options=GRASP)
 
 
-def loaded(text):
+def load_model(text):
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
@@ -46,7 +46,7 @@ def loaded(text):
 
 
 def test_fingertips_touch_where_the_contacts_are(box):
-    model, data = loaded(mjcf(box))
+    model, data = load_model(mjcf(box))
     for i, (p, n) in enumerate(zip(box.grasp.points, box.grasp.normals, strict=True)):
         segment = np.zeros(6)
         gap = mujoco.mj_geomDistance(model, data, model.geom(f"tip_{i}").id, model.geom(f"patch_{i}").id, 1.0, segment)
@@ -67,27 +67,27 @@ def test_the_keyframe_presses_with_the_forces_given(box):
     from nlpgrasp.simulation.simulate import grip_forces
 
     grip = grip_forces(box.grasp, L2Budget())
-    model, data = loaded(mjcf(box, SceneOptions(forces=grip)))
+    model, data = load_model(mjcf(box, SceneOptions(forces=grip)))
     for _ in range(4000):
         mujoco.mj_step(model, data)
-    force, found = np.zeros(6), {}
+    force, normal_forces = np.zeros(6), {}
     for c in range(data.ncon):
         mujoco.mj_contactForce(model, data, c, force)
         geoms = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_GEOM, g) for g in data.contact[c].geom]
-        found[next(int(g[4:]) for g in geoms if g.startswith("tip"))] = force[0]
+        normal_forces[next(int(g[4:]) for g in geoms if g.startswith("tip"))] = force[0]
     starts = np.cumsum([0, *[c.components(3) for c in box.grasp.contacts[:-1]]])
-    assert sorted(found) == [0, 1, 2, 3]
+    assert sorted(normal_forces) == [0, 1, 2, 3]
     for i, start in enumerate(starts):
-        assert found[i] == pytest.approx(grip[start], rel=0.02)
+        assert normal_forces[i] == pytest.approx(grip[start], rel=0.02)
     assert np.linalg.norm(data.qpos[:3]) < 1e-4
 
 
 def test_mass_and_inertia_of_a_box(box):
-    mass = mass_of(box.require_drawing().body, 1000.0)
+    mass = solid_mass(box.require_drawing().body, 1000.0)
     assert mass.mass == pytest.approx(0.128, rel=0.02)
     exact = mass.mass / 12 * np.array([0.04**2 + 0.04**2, 0.08**2 + 0.04**2, 0.08**2 + 0.04**2])
     np.testing.assert_allclose(np.diag(mass.inertia), exact, rtol=0.03)
-    model, _ = loaded(mjcf(box))
+    model, _ = load_model(mjcf(box))
     assert model.body("object").mass[0] == pytest.approx(mass.mass, rel=1e-6)
     assert mass.scaled(1.0).inertia[0, 0] == pytest.approx(mass.inertia[0, 0] / mass.mass)
 
@@ -95,7 +95,7 @@ def test_mass_and_inertia_of_a_box(box):
 def test_a_planar_grasp_stays_in_its_plane():
     square = ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     problem = ng.GraspProblem(square, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([1, 1, 1], center=[0, 0.5, 0]))
-    model, data = loaded(mjcf(ng.solve(problem, starts=1, options=ng.SolveOptions(workers=1))))
+    model, data = load_model(mjcf(ng.solve(problem, starts=1, options=ng.SolveOptions(workers=1))))
     assert model.nv == 3 + 2 * 2
     assert {model.joint(i).name for i in range(3)} == {"object_x", "object_y", "object_turn"}
     for _ in range(100):
@@ -121,19 +121,19 @@ def test_from_the_command_line(held, tmp_path):
         command = [sys.executable, "-m", "nlpgrasp", *map(str, arguments)]
         return subprocess.run(command, capture_output=True, text=True, timeout=120)
 
-    done = run("export", tmp_path / "held.json", "--to", "mjcf")
-    assert done.returncode == 0, done.stderr
+    result = run("export", tmp_path / "held.json", "--to", "mjcf")
+    assert result.returncode == 0, result.stderr
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "held.xml")).nu == 9
-    done = run("export", tmp_path / "held.json", "--to", "mjcf", "--hand", HAND, "--out", tmp_path / "hand.xml")
-    assert done.returncode == 0, done.stderr
+    result = run("export", tmp_path / "held.json", "--to", "mjcf", "--hand", HAND, "--out", tmp_path / "hand.xml")
+    assert result.returncode == 0, result.stderr
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "hand.xml")).nkey >= 4
-    done = run("export", tmp_path / "held.json", "--to", "csv", "--hand", HAND)
-    assert done.returncode == 2
-    assert "--hand" in done.stderr
-    done = run("simulate", tmp_path / "held.json", "--wrenches", 1)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert "confirmed: the grasp as solved holds what is certified, and loses what is more" in done.stdout
+    result = run("export", tmp_path / "held.json", "--to", "csv", "--hand", HAND)
+    assert result.returncode == 2
+    assert "--hand" in result.stderr
+    result = run("simulate", tmp_path / "held.json", "--wrenches", 1)
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert "confirmed: the grasp as solved holds what is certified, and loses what is more" in result.stdout
     assert min(panels_drawn(tmp_path / "held-simulation.png", 3)) > 0.02
-    done = run("simulate", tmp_path / "held.json", "--share", 2)
-    assert done.returncode == 2
-    assert done.stderr.startswith("nlpgrasp: share: got 2.0")
+    result = run("simulate", tmp_path / "held.json", "--share", 2)
+    assert result.returncode == 2
+    assert result.stderr.startswith("nlpgrasp: share: got 2.0")

@@ -1,4 +1,4 @@
-"""A grasp in MuJoCo holds what the certificate says it can, and no more; a certificate that is wrong is found out."""
+"""Simulation with free fingertips against the certified bounds, also for a wrong certificate."""
 
 import sys
 from dataclasses import replace
@@ -16,8 +16,8 @@ from nlpgrasp.simulation import simulate
 from nlpgrasp.simulation.fingertip_model import Snapshot, components
 from nlpgrasp.simulation.fingertip_outcome import Simulation, Trial
 from nlpgrasp.simulation.picture_strips import write_strip
-from nlpgrasp.simulation.simulate import answer_wrenches, displace_contacts, forces_in_actual_frames, grip_forces
-from nlpgrasp.simulation.simulation_input import given
+from nlpgrasp.simulation.simulate import displace_contacts, forces_for_wrenches, forces_in_actual_frames, grip_forces
+from nlpgrasp.simulation.simulation_input import build_simulation_input
 from tests.images import panels_drawn, size
 from tests.once import solve_once
 from tests.test_problems import VALUES
@@ -25,8 +25,8 @@ from tests.test_problems import VALUES
 
 def outcome(lost_at, slip=0.0, touching=""):
     """A simulation that slipped so far as solved, and lost the hardest wrench at a share of what is certified."""
-    seen = Snapshot(1.0, slip, 0.0, 0.5, np.eye(3), np.zeros(3), np.zeros((2, 3)))
-    trials = tuple(Trial(condition, "f_x 1 N", (seen,)) for condition in ("as solved", "without gravity"))
+    snapshot = Snapshot(1.0, slip, 0.0, 0.5, np.eye(3), np.zeros(3), np.zeros((2, 3)))
+    trials = tuple(Trial(condition, "f_x 1 N", (snapshot,)) for condition in ("as solved", "without gravity"))
     return Simulation("box", 0.8, 1.0, 0.1, trials, 1.01, lost_at, trials[0], touching=touching)
 
 
@@ -43,10 +43,10 @@ def outcome(lost_at, slip=0.0, touching=""):
     ],
 )
 def test_the_verdict_says_up_to_which_share_it_is_confirmed(lost_at, confirmed, said):
-    found = outcome(lost_at)
-    assert found.confirmed is confirmed
+    simulation = outcome(lost_at)
+    assert simulation.confirmed is confirmed
     creeps = " (simulated friction creeps: 0.92 is enough)" if lost_at and lost_at < 1.0 else ""
-    assert found.verdict == said + creeps
+    assert simulation.verdict == said + creeps
     assert outcome(lost_at, slip=0.01).verdict == "NOT confirmed: lost a wrench that the certificate says can be held"
 
 
@@ -99,10 +99,10 @@ def test_both_ends_of_the_certificate(simulated):
 
 @pytest.mark.slow
 def test_a_planar_grasp(square):
-    found = simulate(square, wrenches=3)
-    assert found.confirmed, str(found)
-    assert found.lost_at <= 1.1 * found.gap
-    assert all(t.held for t in found.trials)
+    simulation = simulate(square, wrenches=3)
+    assert simulation.confirmed, str(simulation)
+    assert simulation.lost_at <= 1.1 * simulation.gap
+    assert all(t.held for t in simulation.trials)
 
 
 SLOW = pytest.mark.slow
@@ -113,14 +113,14 @@ SLOW = pytest.mark.slow
 def test_a_wrong_certificate_is_found_out(box, factor):
     """The verdict can be no: bounds that are too high or too low are refuted."""
     claimed = replace(box, mu=Bounds(factor * box.mu.lower, factor * box.mu.upper, box.mu.worst_direction))
-    found = simulate(claimed, wrenches=1)
-    assert not found.confirmed
-    assert found.held == (factor < 1.25)  # 0.8 of what is claimed is more than there is
+    simulation = simulate(claimed, wrenches=1)
+    assert not simulation.confirmed
+    assert simulation.held == (factor < 1.25)  # 0.8 of what is claimed is more than there is
     if factor == 0.6:
-        assert found.lost_at is None
-        assert "never lost" in str(found)
+        assert simulation.lost_at is None
+        assert "never lost" in str(simulation)
     else:
-        assert found.lost_at == pytest.approx(1.0 / factor, rel=0.04)
+        assert simulation.lost_at == pytest.approx(1.0 / factor, rel=0.04)
 
 
 QUICK, LONG = ("per_finger", "torques"), ("shared", "per_finger_size", "shared torques")
@@ -138,19 +138,19 @@ def test_every_force_budget(budget):
     grasp = ng.Grasp(0.03 * corners, -corners, ng.FrictionContact(0.6), torque_origin=[0, 0, 0])
     task = ng.TaskEllipsoid([1, 1, 1, 0.02, 0.02, 0.02])
     bounds = ng.mu(grasp, task, force_budget=budget)
-    given = budget if isinstance(budget, str) else budget.to_dict()
+    budget_data = budget if isinstance(budget, str) else budget.to_dict()
     solution = ng.GraspSolution(
         ng.Status.SOLVED,
         "ball",
-        {"task": task.to_dict(), "force_budget": given},
+        {"task": task.to_dict(), "force_budget": budget_data},
         grasp,
         ("surface",) * 4,
         bounds,
         drawing=Drawing(Triangles(*triangles(ng.Sphere(0.03)))),
     )
-    found = simulate(solution, wrenches=1)
-    assert found.confirmed, str(found)
-    assert found.effort == pytest.approx(1.0 if not isinstance(budget, str) else 1.0 / bounds.lower)
+    simulation = simulate(solution, wrenches=1)
+    assert simulation.confirmed, str(simulation)
+    assert simulation.effort == pytest.approx(1.0 if not isinstance(budget, str) else 1.0 / bounds.lower)
 
 
 @pytest.mark.slow
@@ -159,30 +159,30 @@ def test_the_heaviest_body_is_carried(box):
     with pytest.raises(InputError, match="mass"):
         simulate(box, share=0.3, mass=10.0)
     heaviest = next(m for m in np.linspace(2.0, 0.1, 20) if _can_carry(box, 0.3, m))
-    found = simulate(box, share=0.3, mass=0.9 * heaviest, wrenches=2)
-    assert all(t.held for t in found.of("as solved")), str(found)
+    simulation = simulate(box, share=0.3, mass=0.9 * heaviest, wrenches=2)
+    assert all(t.held for t in simulation.of("as solved")), str(simulation)
 
 
 def _can_carry(solution, share, mass):
-    start = given(solution, share, mass, 2)
+    start = build_simulation_input(solution, share, mass, 2)
     loads = share * start.wrenches + start.weight
-    return np.all(answer_wrenches(start.grasp, start.labels, loads, start.budget, start.effort).margins >= 0.0)
+    return np.all(forces_for_wrenches(start.grasp, start.labels, loads, start.budget, start.effort).margins >= 0.0)
 
 
 @pytest.mark.slow
 def test_much_less_friction_loses_the_grasp(box, monkeypatch):
     monkeypatch.setattr(sys.modules["nlpgrasp.simulation.simulate"], "LESS_FRICTION", 0.7)
-    found = simulate(box, wrenches=1)
-    assert not any(t.held for t in found.of("friction 10% lower"))
-    assert all(t.held for t in found.of("as solved"))
-    assert found.confirmed  # of the grasp as solved
+    simulation = simulate(box, wrenches=1)
+    assert not any(t.held for t in simulation.of("friction 10% lower"))
+    assert all(t.held for t in simulation.of("as solved"))
+    assert simulation.confirmed  # of the grasp as solved
 
 
 @pytest.mark.slow
 def test_the_answers_produce_the_wrenches_within_the_effort(box):
     grasp, effort = box.grasp, 1.0 / box.mu.lower
     wrenches = 0.8 * np.array([[5, 0, 0, 0, 0, 0], [0, 0, 0, 0, -0.2, 0], [0, 0, 10, 0, 0, 0]], float)
-    loads = answer_wrenches(grasp, ("a", "b", "c"), wrenches, ng.budgets.L2Budget(), effort)
+    loads = forces_for_wrenches(grasp, ("a", "b", "c"), wrenches, ng.budgets.L2Budget(), effort)
     np.testing.assert_allclose(loads.forces @ grasp.G.T, wrenches, atol=1e-6)
     assert np.all(np.linalg.norm(loads.forces, axis=1) <= 0.95001 * effort)
     assert np.all(loads.margins >= 0.0)
@@ -203,31 +203,33 @@ def test_moments_are_cut_to_the_contact_model():
     assert forces == [0, 1, 2, 4, 5, 6, 8, 9, 10]
     assert [m.indices for m in moments] == [(3,), (7,), (11,), (12, 13)]
     box, elliptic, torsion, tilt = moments
-    assert box.most(10.0, 5.0) == pytest.approx(0.04)
-    assert elliptic.most(10.0, 0.0) == pytest.approx(0.04)
-    assert elliptic.most(10.0, 3.0) == pytest.approx(0.032)  # (3 / 5)^2 + (tau / 0.04)^2 = 1
-    assert elliptic.most(10.0, 6.0) == 0.0
-    assert torsion.most(1.0, 0.0) == pytest.approx(0.4 * 2 / 3 * 0.01)
-    np.testing.assert_allclose(tilt.cut(np.array([3.0, -4.0]), 1.0, 0.0), [0.006, -0.008])  # a disc, not a square
-    np.testing.assert_allclose(tilt.cut(np.array([0.003, 0.004]), 1.0, 0.0), [0.003, 0.004])
+    assert box.largest(10.0, 5.0) == pytest.approx(0.04)
+    assert elliptic.largest(10.0, 0.0) == pytest.approx(0.04)
+    assert elliptic.largest(10.0, 3.0) == pytest.approx(0.032)  # (3 / 5)^2 + (tau / 0.04)^2 = 1
+    assert elliptic.largest(10.0, 6.0) == 0.0
+    assert torsion.largest(1.0, 0.0) == pytest.approx(0.4 * 2 / 3 * 0.01)
+    np.testing.assert_allclose(tilt.limit(np.array([3.0, -4.0]), 1.0, 0.0), [0.006, -0.008])  # a disc, not a square
+    np.testing.assert_allclose(tilt.limit(np.array([0.003, 0.004]), 1.0, 0.0), [0.003, 0.004])
     np.testing.assert_allclose(box.directions, [[1, 0, 0]])
     np.testing.assert_allclose(torsion.directions, [[0, 0, -1]])
 
 
 @pytest.mark.slow
 def test_contacts_are_put_off_by_what_is_said(box):
-    off = displace_contacts(box, 2e-3)
-    moved = np.linalg.norm(off.points - box.grasp.points, axis=1)
+    displaced = displace_contacts(box, 2e-3)
+    moved = np.linalg.norm(displaced.points - box.grasp.points, axis=1)
     assert np.max(moved) == pytest.approx(2e-3, rel=0.05)
-    np.testing.assert_allclose(np.linalg.norm(off.normals, axis=1), 1.0, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(displaced.normals, axis=1), 1.0, atol=1e-12)
     x = np.arange(float(box.grasp.G.shape[1]))[None]
-    felt = forces_in_actual_frames(box.grasp, off, x)
-    for known, there in zip(box.grasp.contact_wrenches(x[0]), off.contact_wrenches(felt[0]), strict=True):
-        np.testing.assert_allclose(there[:3], known[:3], atol=1e-12)
+    felt = forces_in_actual_frames(box.grasp, displaced, x)
+    for solved_wrench, actual_wrench in zip(
+        box.grasp.contact_wrenches(x[0]), displaced.contact_wrenches(felt[0]), strict=True
+    ):
+        np.testing.assert_allclose(actual_wrench[:3], solved_wrench[:3], atol=1e-12)
     assert displace_contacts(replace(box, robust=None), 2e-3) is None
-    found = simulate(replace(box, robust=None), wrenches=1)
-    assert len(found.conditions) == 3
-    assert "not tried" in found.notes[0]
+    simulation = simulate(replace(box, robust=None), wrenches=1)
+    assert len(simulation.conditions) == 3
+    assert "not tried" in simulation.notes[0]
 
 
 @pytest.mark.slow
@@ -237,16 +239,16 @@ def test_pads_and_lines_are_held_too():
     box = ng.Box([0.05, 0.04, 0.03])
     problem = ng.GraspProblem(box, [pad] * 2, task, name="pads")
     options = ng.SolveOptions(workers=1)
-    found = simulate(ng.solve(problem, starts=1, options=options), wrenches=1)
-    assert found.confirmed, str(found)
-    assert found.lost_at <= 1.1 * found.gap
+    simulation = simulate(ng.solve(problem, starts=1, options=options), wrenches=1)
+    assert simulation.confirmed, str(simulation)
+    assert simulation.lost_at <= 1.1 * simulation.gap
 
 
 @pytest.mark.slow
 def test_the_hardest_wrench_is_found_where_the_file_does_not_say_it(box):
     silent = replace(box, mu=Bounds(box.mu.lower, box.mu.upper))
-    found = simulate(silent, wrenches=1)
-    assert found.confirmed, str(found)
+    simulation = simulate(silent, wrenches=1)
+    assert simulation.confirmed, str(simulation)
 
 
 @pytest.mark.slow
@@ -291,6 +293,6 @@ def test_the_problems_of_this_repository_are_confirmed(problems_folder, name):
     """Every task wrench up to 0.8 of certified mu within 2 mm and 3 degrees; lost above the upper bound."""
     starts = VALUES[name][0]
     problem = load_problem(problems_folder / f"{name}.py")
-    found = simulate(ng.solve(problem, starts, options=ng.SolveOptions()), wrenches=6)
-    assert found.confirmed, str(found)
-    assert found.lost_at < 1.3
+    simulation = simulate(ng.solve(problem, starts, options=ng.SolveOptions()), wrenches=6)
+    assert simulation.confirmed, str(simulation)
+    assert simulation.lost_at < 1.3

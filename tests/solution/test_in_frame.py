@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
-from tests.motion.test_keyframes import phased
+from tests.motion.test_keyframes import solve_phases
 
 FILES = Path(__file__).parent / "files"
 TURN, WHERE = Rotation.from_rotvec([0.5, -1.1, 0.7]), np.array([0.6, -0.2, 0.9])
@@ -21,7 +21,7 @@ def box():
 
 @pytest.fixture(scope="module")
 def hand_solution(tmp_path_factory):
-    return phased(tmp_path_factory.mktemp("hand"))[0]
+    return solve_phases(tmp_path_factory.mktemp("hand"))[0]
 
 
 def test_contacts_are_where_the_body_stands(box):

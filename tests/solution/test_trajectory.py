@@ -10,13 +10,13 @@ import pytest
 import nlpgrasp as ng
 from nlpgrasp.interop.registry import format_named
 from nlpgrasp.solution.phase_record import read_phases
-from tests.motion.test_keyframes import phased
+from tests.motion.test_keyframes import solve_phases
 from tests.studies.held_box import grasped
 
 
 @pytest.fixture(scope="module")
 def solution(tmp_path_factory):
-    return phased(tmp_path_factory.mktemp("hand"))[0]
+    return solve_phases(tmp_path_factory.mktemp("hand"))[0]
 
 
 def test_every_keyframe_is_a_sample_and_speeds_are_kept(solution):

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
-from nlpgrasp.motion.distance_fields import distance_to_all, fields_of
+from nlpgrasp.motion.distance_fields import build_distance_fields, distance_to_all
 from tests.verify.stated import edited, problem_of, recomputed_file, stated_file
 
 BODY = ng.Box([0.08, 0.04, 0.06])
@@ -21,7 +21,10 @@ def stated_by(constraints=CONSTRAINTS, **axes):
     points, normals = np.array([[0.01, 0.02, 0.0], [0.01, -0.02, 0.0]]), [[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]]
     problem = problem_of(BODY, 2, hand=hand, constraints=constraints)
     found = stated_file(problem, ["+y", "-y"], points, normals)
-    return {**found, "hand": hand.at_contacts(points, BODY.size, distance_to_all(fields_of(BODY, constraints, 2)))}
+    return {
+        **found,
+        "hand": hand.at_contacts(points, BODY.size, distance_to_all(build_distance_fields(BODY, constraints, 2))),
+    }
 
 
 @pytest.fixture(scope="module")
