@@ -6,8 +6,8 @@ Every number is the paper's, a standard's, or comes from the reasoning that stan
 from pathlib import Path
 
 import nlpgrasp as ng
-from nlpgrasp.tasks.growing_ellipsoids import LeastVolume
-from nlpgrasp.tasks.library.entry import Frame, Origin, entry_json
+from nlpgrasp.tasks.library.entry import Frame, ProvenanceRecord, entry_json
+from nlpgrasp.tasks.library.updatable_fits import MinVolumeFit
 
 READY = Path(__file__).resolve().parents[1] / "nlpgrasp" / "tasks" / "library" / "ready"
 PAPER = "Li and Sastry 1986"
@@ -153,9 +153,9 @@ def made():
     """Return file names and texts of all entries."""
     result = {}
     for name, task, tags, description, frame, source in entries():
-        origin = Origin("added", source, 0)
+        origin = ProvenanceRecord("added", source, 0)
         words = Frame(frame, task.about)
-        entry = ng.TaskEntry(name, LeastVolume.of_task(task), words, description, tags, (origin,))
+        entry = ng.TaskEntry(name, MinVolumeFit.of_task(task), words, description, tags, (origin,))
         result[name.replace(" ", "-").replace(".", "-") + ".json"] = entry_json(entry)
     return result
 

@@ -10,7 +10,7 @@ from typing import Any
 from nlpgrasp.analysis.shadow_prices import shadow_prices
 from nlpgrasp.analysis.squeeze import add_squeeze, add_squeezes
 from nlpgrasp.budgets import ForceBudget
-from nlpgrasp.common.deadline import Clock, Deadline
+from nlpgrasp.common.deadline import Deadline, Stopwatch
 from nlpgrasp.common.files import json_round_trip
 from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.errors import InputError, NlpgraspError
@@ -114,7 +114,7 @@ def analyses_of(
 
     A numerical failure, or a stop, leaves one out.
     """
-    clock, values, messages = Clock(), dict[str, Any](), list[str]()
+    clock, values, messages = Stopwatch(), dict[str, Any](), list[str]()
     with single_thread():
         for name in names:
             if deadline.is_requested():

@@ -24,7 +24,7 @@ SHARP = np.radians(30.0)  # rad, angle between the normals on both sides of an e
 # functions that write the HTML page and the notebook's card
 PAGE, CARD = ("nlpgrasp.report.body_page", "write_body"), ("nlpgrasp.report.body_page", "body_card")
 TINY = 1e-24  # m^2 under a square root, which makes it differentiable at zero
-ON = 1e-6  # of the body's size: distance within which a point counts as on a face
+ON_FACE = 1e-6  # of the body's size: distance within which a point counts as on a face
 
 
 @dataclass(frozen=True, repr=False)
@@ -62,8 +62,8 @@ class Face:
         """Return expressions that are at most zero where p is on the face, a margin, metres, off its sharp edges."""
         extents = list(self.extent(p))
         sharp = [True] * len(extents) if self.sharp is None else list(self.sharp)
-        own = [e + margin * s for e, s in zip(extents, sharp, strict=True)]
-        return own + [margin - distance for distance in self.edges(p)] if margin > 0.0 else own
+        limits = [e + margin * s for e, s in zip(extents, sharp, strict=True)]
+        return limits + [margin - distance for distance in self.edges(p)] if margin > 0.0 else limits
 
     def compiled(self, p: Expression, margin: float) -> ca.Function:
         """Return the compiled surface function, gradient norm, unit outward normal and limits at a symbolic point."""
@@ -80,12 +80,12 @@ class Face:
 
 def exterior_angles(corners: FloatArray) -> FloatArray:
     """Return the exterior angles (m,), radians, positive to the left, at the vertices (m, 2) of a polygon."""
-    before, after = corners - np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0) - corners
-    cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-    return np.asarray(np.arctan2(cross, np.sum(before * after, axis=1)))
+    incoming, outgoing = corners - np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0) - corners
+    cross = incoming[:, 0] * outgoing[:, 1] - incoming[:, 1] * outgoing[:, 0]
+    return np.asarray(np.arctan2(cross, np.sum(incoming * outgoing, axis=1)))
 
 
-class Seen(InNotebook, JsonPart):
+class DisplayedBody(InNotebook, JsonPart):
     """Mixin that displays a body."""
 
     _card: ClassVar[tuple[str, str]] = CARD
@@ -114,7 +114,7 @@ class Seen(InNotebook, JsonPart):
         return show(self, self.shown_name, PAGE, path)
 
 
-class Body(Seen):
+class Body(DisplayedBody):
     """A rigid body bounded by smooth faces ``h(p) = 0``, metres, in the body frame.
 
     Each surface is stated once, as a CasADi expression; numerical values come from its compiled function.
@@ -213,23 +213,23 @@ class Body(Seen):
         """Return the given face names, or all if None; raise for names that the body does not have."""
         if names is None:
             return self.face_names
-        chosen = tuple(names)
-        unknown = [n for n in chosen if n not in self.face_names]
+        selected = tuple(names)
+        unknown = [n for n in selected if n not in self.face_names]
         if unknown:
             raise InputError(
                 field, ", ".join(unknown), f"faces of the body: {format_known_names(unknown, self.face_names)}"
             )
-        return chosen
+        return selected
 
     def surface_function(self, name: str, margin: float = 0.0) -> ca.Function:
         """Return the compiled ``p -> (h, gradient norm, unit outward normal, extents)`` of a face.
 
         Extents are at most zero at points of the face at least a margin, metres, away from its sharp edges.
         """
-        made = self._functions
-        if (name, margin) not in made:
-            made[name, margin] = self.face(name).compiled(self.point(), margin)
-        return made[name, margin]
+        functions = self._functions
+        if (name, margin) not in functions:
+            functions[name, margin] = self.face(name).compiled(self.point(), margin)
+        return functions[name, margin]
 
     def shared_surface(self, margin: float) -> ca.Function | None:
         """Return ``(p, geometry) -> (h, unit outward normal, extents)`` of all faces; None where these differ."""
@@ -287,7 +287,7 @@ class Body(Seen):
     def is_on(self, name: str, points: FloatArray, margin: float = 0.0) -> NDArray[np.bool_]:
         """Return whether points (m, space) are on a face and at least a margin, metres, from its sharp edges, (m,)."""
         h, slope, _, extent = self.evaluate(name, points, margin)
-        return (np.abs(h) <= ON * self.size * slope) & (extent <= ON * self.size)
+        return (np.abs(h) <= ON_FACE * self.size * slope) & (extent <= ON_FACE * self.size)
 
     def snap(self, name: str, points: FloatArray, iterations: int = 12) -> FloatArray:
         """Project points (m, space) onto ``h = 0`` by Newton steps along the normal, and return them, (m, space)."""
@@ -312,21 +312,23 @@ class Body(Seen):
             Fewer than ``count`` rows only if the face is hard to sample; none if it is empty.
         """
         lower, upper = self.bounds
-        found: list[FloatArray] = []
+        samples: list[FloatArray] = []
         total = 0
         for _ in range(8):
-            p = self.snap(name, self._around(count, rng))
+            p = self.snap(name, self._surrounding_points(count, rng))
             h, slope, _, extent = self.evaluate(name, p, margin)
-            inside = np.all((p >= lower - 1e-9 * self.size) & (p <= upper + 1e-9 * self.size), axis=1)
-            good = (np.abs(h) <= 1e-9 * self.size * np.maximum(slope, 1e-12)) & (extent <= 1e-9 * self.size) & inside
-            good &= slope > 1e-9
-            found.append(p[good])
-            total += int(good.sum())
+            in_bounds = np.all((p >= lower - 1e-9 * self.size) & (p <= upper + 1e-9 * self.size), axis=1)
+            is_valid = (
+                (np.abs(h) <= 1e-9 * self.size * np.maximum(slope, 1e-12)) & (extent <= 1e-9 * self.size) & in_bounds
+            )
+            is_valid &= slope > 1e-9
+            samples.append(p[is_valid])
+            total += int(is_valid.sum())
             if total >= count:
                 break
-        return np.concatenate(found)[:count]
+        return np.concatenate(samples)[:count]
 
-    def _around(self, count: int, rng: np.random.Generator) -> FloatArray:
+    def _surrounding_points(self, count: int, rng: np.random.Generator) -> FloatArray:
         """Return random points (m, space) whose projections cover the surface, some ``count`` of each face."""
         lower, upper = self.bounds
         return rng.uniform(lower, upper, (4 * count + 16, self.space))
@@ -337,8 +339,8 @@ class Body(Seen):
 
     def __getstate__(self) -> dict[str, object]:
         """Return the state without compiled functions, which are rebuilt after unpickling."""
-        made = ("faces", "_functions", "centroid", "distance_function", "_tree", "_edges")
-        return {k: v for k, v in self.__dict__.items() if k not in made}
+        derived = ("faces", "_functions", "centroid", "distance_function", "_tree", "_edges")
+        return {k: v for k, v in self.__dict__.items() if k not in derived}
 
     def __setstate__(self, state: dict[str, object]) -> None:
         self.__dict__.update(state)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.bodies.base import CentredBody, Face, intersection
-from nlpgrasp.bodies.triangulation import IntArray, extruded
+from nlpgrasp.bodies.triangulation import IntArray, extrude
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, in_metres, number
 
@@ -53,7 +53,7 @@ class Box(CentredBody):
     def triangles(self) -> tuple[FloatArray, IntArray]:
         """Return a triangulation of the surface: vertices (n, 3), metres, and triangles (m, 3)."""
         x, y, z = self.half_size
-        return extruded(np.array([[-x, -y], [x, -y], [x, y], [-x, y]]), -z, z)
+        return extrude(np.array([[-x, -y], [x, -y], [x, y], [-x, y]]), -z, z)
 
     def to_dict(self) -> Json:
         """Return the extents as JSON data."""
@@ -61,10 +61,10 @@ class Box(CentredBody):
 
 
 def _side(axis: int, sign: float, half: FloatArray) -> Face:
-    others = [i for i in range(3) if i != axis]
+    transverse = [i for i in range(3) if i != axis]
 
     def extent(p: Expression) -> list[Expression]:
-        return [s * p[i] - half[i] for i in others for s in (1.0, -1.0)]
+        return [s * p[i] - half[i] for i in transverse for s in (1.0, -1.0)]
 
-    name, room = ("+" if sign > 0 else "-") + "xyz"[axis], float(min(half[i] for i in others))
+    name, room = ("+" if sign > 0 else "-") + "xyz"[axis], float(min(half[i] for i in transverse))
     return Face(name, lambda p: sign * p[axis] - half[axis], extent, room=room)

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from nlpgrasp.bodies.base import TINY, CentredBody, Face, intersection
-from nlpgrasp.bodies.triangulation import IntArray, circle_points, extruded
+from nlpgrasp.bodies.triangulation import IntArray, circle_points, extrude
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, length_in_metres
 
@@ -46,26 +46,26 @@ class Cylinder(CentredBody):
         """Return the side, the top and the bottom."""
         half, radius = self.height / 2.0, self.radius
 
-        def round_part(p: Expression) -> Expression:
+        def lateral_surface(p: Expression) -> Expression:
             return ((p[0] ** 2 + p[1] ** 2) / radius - radius) / 2.0
 
-        def within(p: Expression) -> list[Expression]:
+        def disc(p: Expression) -> list[Expression]:
             return [ca.sqrt(p[0] ** 2 + p[1] ** 2 + TINY) - radius]
 
         return (
-            Face("side", round_part, lambda p: [p[2] - half, -p[2] - half], room=half),
-            Face("top", lambda p: p[2] - half, within, room=radius),
-            Face("bottom", lambda p: -p[2] - half, within, room=radius),
+            Face("side", lateral_surface, lambda p: [p[2] - half, -p[2] - half], room=half),
+            Face("top", lambda p: p[2] - half, disc, room=radius),
+            Face("bottom", lambda p: -p[2] - half, disc, room=radius),
         )
 
     def distance(self, p: Expression) -> Expression:
         """Return the exact signed distance of a CasADi point, metres, negative inside."""
-        around = ca.sqrt(p[0] ** 2 + p[1] ** 2 + TINY) - self.radius
-        return intersection([around, ca.fabs(p[2]) - self.height / 2.0])
+        radial = ca.sqrt(p[0] ** 2 + p[1] ** 2 + TINY) - self.radius
+        return intersection([radial, ca.fabs(p[2]) - self.height / 2.0])
 
     def triangles(self) -> tuple[FloatArray, IntArray]:
         """Return a triangulation of an inscribed prism: vertices (n, 3), metres, and triangles (m, 3)."""
-        return extruded(circle_points(self.radius, ROUND), -self.height / 2.0, self.height / 2.0)
+        return extrude(circle_points(self.radius, ROUND), -self.height / 2.0, self.height / 2.0)
 
     def to_dict(self) -> Json:
         """Return radius and height as JSON data."""

@@ -131,7 +131,7 @@ def _grid_centroid(body: Body, resolution: int = 60) -> FloatArray:
     ]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, body.space)
     h = body.evaluate(body.face_names[0], points)[0]
-    inside = points[h <= 0.0]
-    if not len(inside):
+    interior = points[h <= 0.0]
+    if not len(interior):
         raise InputError(f"{type(body).__name__}.h", "no point of the bounds with h <= 0", "h negative inside the body")
-    return np.asarray(inside.mean(axis=0))
+    return np.asarray(interior.mean(axis=0))

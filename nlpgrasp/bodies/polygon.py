@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlpgrasp.bodies.base import SHARP, TINY, Body, Face, exterior_angles
-from nlpgrasp.bodies.triangulation import PLATE, IntArray, extruded
+from nlpgrasp.bodies.triangulation import PLATE, IntArray, extrude
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, array, in_metres
 from nlpgrasp.errors import InputError
@@ -73,7 +73,7 @@ class Polygon(Body):
     def triangles(self) -> tuple[FloatArray, IntArray]:
         """Return a triangulation of a thin plate: vertices (n, 3), metres, and triangles (m, 3)."""
         half = PLATE / 2.0 * self.size
-        return extruded(self.corners, -half, half)
+        return extrude(self.corners, -half, half)
 
     def to_dict(self) -> Json:
         """Return the vertices as JSON data."""
@@ -85,20 +85,23 @@ def simple_polygon(field: str, vertices: ArrayLike, unit: str = "m") -> tuple[tu
     v = in_metres(f"{field.split('.')[0]}.unit", array(field, vertices, (None, 2)), unit)
     if len(v) < 3:
         raise InputError(field, f"{len(v)} vertices", "at least 3 vertices")
-    following = np.roll(v, -1, axis=0)
+    successors = np.roll(v, -1, axis=0)
     area = _area(v - v[0])
     extent = float(np.max(np.ptp(v, axis=0)))
     if abs(area) <= 1e-12 * extent**2:
         raise InputError(field, f"area {area:.3g}", "a polygon of non-zero area")
-    if np.min(np.linalg.norm(following - v, axis=1)) <= 1e-9 * extent:
+    if np.min(np.linalg.norm(successors - v, axis=1)) <= 1e-9 * extent:
         raise InputError(field, "two equal neighbouring vertices", "distinct vertices")
     m = len(v)
     for i in range(m):
         for j in range(i + 2, m):
-            if (i, j) != (0, m - 1) and _touch(v[i], following[i], v[j], following[j], 1e-9 * extent):
+            if (i, j) != (0, m - 1) and _segments_touch(v[i], successors[i], v[j], successors[j], 1e-9 * extent):
                 raise InputError(field, f"edges {i} and {j} that meet", "a simple polygon")
-        back, ahead = v[i] - following[i], np.roll(v, -2, axis=0)[i] - following[i]
-        if back @ ahead > 0.0 and abs(back[0] * ahead[1] - back[1] * ahead[0]) <= 1e-9 * back @ ahead:
+        backward, forward = v[i] - successors[i], np.roll(v, -2, axis=0)[i] - successors[i]
+        if (
+            backward @ forward > 0.0
+            and abs(backward[0] * forward[1] - backward[1] * forward[0]) <= 1e-9 * backward @ forward
+        ):
             raise InputError(field, f"edge {(i + 1) % m} that runs back over edge {i}", "a simple polygon")
     if area < 0.0:
         v = np.concatenate([v[:1], v[:0:-1]])
@@ -108,14 +111,14 @@ def simple_polygon(field: str, vertices: ArrayLike, unit: str = "m") -> tuple[tu
 def polygon_centroid(v: FloatArray) -> FloatArray:
     """Return the centroid (2,) of a polygon's area."""
     local = v - v[0]  # far from the origin, products of coordinates would lose the digits that matter
-    following = np.roll(local, -1, axis=0)
-    cross = local[:, 0] * following[:, 1] - local[:, 1] * following[:, 0]
-    return np.asarray(v[0] + ((local + following) * cross[:, None]).sum(axis=0) / (3.0 * cross.sum()))
+    successors = np.roll(local, -1, axis=0)
+    cross = local[:, 0] * successors[:, 1] - local[:, 1] * successors[:, 0]
+    return np.asarray(v[0] + ((local + successors) * cross[:, None]).sum(axis=0) / (3.0 * cross.sum()))
 
 
 def _area(v: FloatArray) -> float:
-    following = np.roll(v, -1, axis=0)
-    return 0.5 * float(np.sum(v[:, 0] * following[:, 1] - v[:, 1] * following[:, 0]))
+    successors = np.roll(v, -1, axis=0)
+    return 0.5 * float(np.sum(v[:, 0] * successors[:, 1] - v[:, 1] * successors[:, 0]))
 
 
 def polygon_distance(v: FloatArray, p: Expression) -> Expression:
@@ -123,13 +126,13 @@ def polygon_distance(v: FloatArray, p: Expression) -> Expression:
     nearest: Expression = np.inf
     sign: Expression = 1.0
     for a, b in zip(v, np.roll(v, -1, axis=0), strict=True):
-        along, x, y = b - a, p[0] - a[0], p[1] - a[1]
-        t = ca.fmax(ca.fmin((x * along[0] + y * along[1]) / float(along @ along), 1.0), 0.0)
-        nearest = ca.fmin(nearest, (x - t * along[0]) ** 2 + (y - t * along[1]) ** 2)
-        if along[1] != 0.0:  # a ray along +x crosses the edge: one side becomes the other
-            beside = (p[1] >= min(a[1], b[1])) * (p[1] < max(a[1], b[1]))
-            crossed = beside * (x < y * (along[0] / along[1]))
-            sign = sign * (1.0 - 2.0 * crossed)
+        edge, x, y = b - a, p[0] - a[0], p[1] - a[1]
+        t = ca.fmax(ca.fmin((x * edge[0] + y * edge[1]) / float(edge @ edge), 1.0), 0.0)
+        nearest = ca.fmin(nearest, (x - t * edge[0]) ** 2 + (y - t * edge[1]) ** 2)
+        if edge[1] != 0.0:  # a ray along +x crosses the edge: one side becomes the other
+            is_level = (p[1] >= min(a[1], b[1])) * (p[1] < max(a[1], b[1]))
+            is_crossed = is_level * (x < y * (edge[0] / edge[1]))
+            sign = sign * (1.0 - 2.0 * is_crossed)
     return sign * ca.sqrt(nearest + TINY)
 
 
@@ -137,14 +140,14 @@ def edge_face(name: str, v: FloatArray, i: int, height: float | None = None) -> 
     """Return the face of edge i: a segment, or a rectangle of the given height about z = 0."""
     start, end = v[i], v[(i + 1) % len(v)]
     length = float(np.linalg.norm(end - start))
-    along = (end - start) / length
-    outward = np.array([along[1], -along[0]])
+    direction = (end - start) / length
+    outward = np.array([direction[1], -direction[0]])
 
     def surface(p: Expression) -> Expression:
         return outward[0] * (p[0] - start[0]) + outward[1] * (p[1] - start[1])
 
     def extent(p: Expression) -> list[Expression]:
-        position = along[0] * (p[0] - start[0]) + along[1] * (p[1] - start[1])
+        position = direction[0] * (p[0] - start[0]) + direction[1] * (p[1] - start[1])
         limits = [-position, position - length]
         return limits if height is None else [*limits, p[2] - height / 2.0, -p[2] - height / 2.0]
 
@@ -159,24 +162,24 @@ def polygon_inradius(v: FloatArray) -> float:
     """Return the radius, metres, of the largest circle in a convex polygon (m, 2), counter-clockwise."""
     from scipy.optimize import linprog
 
-    along = np.roll(v, -1, axis=0) - v
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
-    outward = np.column_stack([along[:, 1], -along[:, 0]])
+    directions = np.roll(v, -1, axis=0) - v
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    outward = np.column_stack([directions[:, 1], -directions[:, 0]])
     middle = v.mean(axis=0)
     sides = np.sum(outward * (v - middle), axis=1)
-    found = linprog([0.0, 0.0, -1.0], np.column_stack([outward, np.ones(len(v))]), sides, bounds=[(None, None)] * 3)
-    return float(-np.asarray(found.fun))
+    solution = linprog([0.0, 0.0, -1.0], np.column_stack([outward, np.ones(len(v))]), sides, bounds=[(None, None)] * 3)
+    return float(-np.asarray(solution.fun))
 
 
-def _touch(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray, tolerance: float) -> bool:
+def _segments_touch(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray, tolerance: float) -> bool:
     """Return whether the segments ab and cd are within a tolerance of each other."""
 
     def side(o: FloatArray, p: FloatArray, q: FloatArray) -> float:
         return float((p[0] - o[0]) * (q[1] - o[1]) - (p[1] - o[1]) * (q[0] - o[0]))
 
     def distance(p: FloatArray, o: FloatArray, e: FloatArray) -> float:
-        along = np.clip((p - o) @ (e - o) / ((e - o) @ (e - o)), 0.0, 1.0)
-        return float(np.linalg.norm(p - o - along * (e - o)))
+        share = np.clip((p - o) @ (e - o) / ((e - o) @ (e - o)), 0.0, 1.0)
+        return float(np.linalg.norm(p - o - share * (e - o)))
 
     if side(a, b, c) * side(a, b, d) < 0.0 and side(c, d, a) * side(c, d, b) < 0.0:
         return True

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from nlpgrasp.bodies.base import Body, Face, intersection
 from nlpgrasp.bodies.polygon import edge_face, polygon_centroid, polygon_distance, polygon_inradius, simple_polygon
-from nlpgrasp.bodies.triangulation import IntArray, extruded
+from nlpgrasp.bodies.triangulation import IntArray, extrude
 from nlpgrasp.common.types import Expression, Json
 from nlpgrasp.common.validation import FloatArray, length_in_metres
 from nlpgrasp.errors import InputError
@@ -40,9 +40,9 @@ class Prism(Body):
         object.__setattr__(self, "polygon", simple_polygon("Prism.polygon", self.polygon, unit))
         object.__setattr__(self, "height", length_in_metres("Prism", "height", self.height, unit))
         edges = np.roll(self.corners, -1, axis=0) - self.corners
-        following = np.roll(edges, -1, axis=0)
+        successors = np.roll(edges, -1, axis=0)
         if np.any(
-            edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0]
+            edges[:, 0] * successors[:, 1] - edges[:, 1] * successors[:, 0]
             < -1e-9 * np.max(np.ptp(self.corners, axis=0)) ** 2
         ):
             raise InputError("Prism.polygon", "a non-convex polygon", "a convex polygon")
@@ -70,12 +70,12 @@ class Prism(Body):
         count = len(self.corners)
         sides = [edge_face(f"side{i}", self.corners, i, self.height) for i in range(count)]
 
-        def inside(p: Expression) -> list[Expression]:
+        def cross_section(p: Expression) -> list[Expression]:
             return [side.surface(p) for side in sides]
 
         room = polygon_inradius(self.corners)
-        top = Face("top", lambda p: p[2] - half, inside, room=room)
-        return (*sides, top, Face("bottom", lambda p: -p[2] - half, inside, room=room))
+        top = Face("top", lambda p: p[2] - half, cross_section, room=room)
+        return (*sides, top, Face("bottom", lambda p: -p[2] - half, cross_section, room=room))
 
     def distance(self, p: Expression) -> Expression:
         """Return the exact signed distance of a CasADi point, metres, negative inside."""
@@ -83,7 +83,7 @@ class Prism(Body):
 
     def triangles(self) -> tuple[FloatArray, IntArray]:
         """Return a triangulation of the surface: vertices (n, 3), metres, and triangles (m, 3)."""
-        return extruded(self.corners, -self.height / 2.0, self.height / 2.0)
+        return extrude(self.corners, -self.height / 2.0, self.height / 2.0)
 
     def to_dict(self) -> Json:
         """Return polygon and height as JSON data."""

@@ -46,10 +46,10 @@ def body_from_dict(data: Json) -> Body:
     InputError
         When the type is unknown, or the data are invalid or incomplete.
     """
-    found = solid_from_dict(data)
-    if not isinstance(found, Body):
+    body = solid_from_dict(data)
+    if not isinstance(body, Body):
         raise SOLIDS.unknown(data.get("type"))
-    return found
+    return body
 
 
 register(Box)

@@ -15,7 +15,7 @@ FINE = 4000  # points for a curve's arc length and turning angle
 IntArray = NDArray[np.int64]
 
 
-def extruded(outline: FloatArray, low: float, high: float) -> tuple[FloatArray, IntArray]:
+def extrude(outline: FloatArray, low: float, high: float) -> tuple[FloatArray, IntArray]:
     """Return the closed surface of an extruded polygon, its triangles counter-clockwise from outside.
 
     Parameters
@@ -33,16 +33,19 @@ def extruded(outline: FloatArray, low: float, high: float) -> tuple[FloatArray, 
     """
     m = len(outline)
     ends = [np.column_stack([outline, np.full(m, z)]) for z in (low, high)]
-    here = np.arange(m)
-    following = np.roll(here, -1)
-    sides = [np.stack([here, following, m + following], axis=1), np.stack([here, m + following, m + here], axis=1)]
+    indices = np.arange(m)
+    successors = np.roll(indices, -1)
+    sides = [
+        np.stack([indices, successors, m + successors], axis=1),
+        np.stack([indices, m + successors, m + indices], axis=1),
+    ]
     if _is_convex(outline):
         middle = np.tile(outline.mean(axis=0), (2, 1))
         ends.append(np.column_stack([middle, [low, high]]))
-        bottom = np.stack([following, here, np.full(m, 2 * m)], axis=1)
-        top = np.stack([m + here, m + following, np.full(m, 2 * m + 1)], axis=1)
+        bottom = np.stack([successors, indices, np.full(m, 2 * m)], axis=1)
+        top = np.stack([m + indices, m + successors, np.full(m, 2 * m + 1)], axis=1)
     else:
-        top = m + ears(outline)
+        top = m + clip_ears(outline)
         bottom = (top - m)[:, ::-1]
     return np.concatenate(ends), np.concatenate([*sides, bottom, top])
 
@@ -53,7 +56,7 @@ def circle_points(radius: float, count: int) -> FloatArray:
     return radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
 
 
-def ears(outline: FloatArray) -> IntArray:
+def clip_ears(outline: FloatArray) -> IntArray:
     """Triangulate a simple polygon by ear clipping, and return the triangles (m - 2, 3), counter-clockwise.
 
     Parameters
@@ -61,34 +64,34 @@ def ears(outline: FloatArray) -> IntArray:
     outline : (m, 2) array
         Counter-clockwise. Meisters, "Polygons have ears" (1975, doi:10.1080/00029890.1975.11993898).
     """
-    left, found = list(range(len(outline))), []
-    while len(left) > 3:
-        corner = next((i for i in range(len(left)) if _is_ear(outline, left, i)), None)
+    remaining, triangles = list(range(len(outline))), []
+    while len(remaining) > 3:
+        corner = next((i for i in range(len(remaining)) if _is_ear(outline, remaining, i)), None)
         if corner is None:  # rounding has closed the last ones: what is left is flat
             corner = int(
                 np.argmax(
                     [
-                        _signed_area(*outline[[left[i - 1], left[i], left[(i + 1) % len(left)]]])
-                        for i in range(len(left))
+                        _signed_area(*outline[[remaining[i - 1], remaining[i], remaining[(i + 1) % len(remaining)]]])
+                        for i in range(len(remaining))
                     ]
                 )
             )
-        found.append([left[corner - 1], left[corner], left[(corner + 1) % len(left)]])
-        del left[corner]
-    return np.array([*found, left], dtype=np.int64)
+        triangles.append([remaining[corner - 1], remaining[corner], remaining[(corner + 1) % len(remaining)]])
+        del remaining[corner]
+    return np.array([*triangles, remaining], dtype=np.int64)
 
 
-def _is_ear(outline: FloatArray, left: list[int], i: int) -> bool:
+def _is_ear(outline: FloatArray, remaining: list[int], i: int) -> bool:
     """Return whether a corner is an ear: convex, with no other vertex in its triangle."""
-    names = [left[i - 1], left[i], left[(i + 1) % len(left)]]
-    a, b, c = outline[names]
+    corners = [remaining[i - 1], remaining[i], remaining[(i + 1) % len(remaining)]]
+    a, b, c = outline[corners]
     if _signed_area(a, b, c) <= STRAIGHT * float(np.max(np.ptp(outline, axis=0))) ** 2:
         return False
-    others = outline[[v for v in left if v not in names]]
-    inside = (
-        (_signed_area(a, b, others) >= 0.0) & (_signed_area(b, c, others) >= 0.0) & (_signed_area(c, a, others) >= 0.0)
+    points = outline[[v for v in remaining if v not in corners]]
+    is_inside = (
+        (_signed_area(a, b, points) >= 0.0) & (_signed_area(b, c, points) >= 0.0) & (_signed_area(c, a, points) >= 0.0)
     )
-    return not np.any(inside)
+    return not np.any(is_inside)
 
 
 def _signed_area(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
@@ -97,8 +100,8 @@ def _signed_area(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
 
 
 def _is_convex(outline: FloatArray) -> bool:
-    ahead, back = np.roll(outline, -1, axis=0) - outline, outline - np.roll(outline, 1, axis=0)
-    return bool(np.all(back[:, 0] * ahead[:, 1] - back[:, 1] * ahead[:, 0] >= 0.0))
+    forward, backward = np.roll(outline, -1, axis=0) - outline, outline - np.roll(outline, 1, axis=0)
+    return bool(np.all(backward[:, 0] * forward[:, 1] - backward[:, 1] * forward[:, 0] >= 0.0))
 
 
 def triangulate_sphere(rows: int) -> tuple[FloatArray, IntArray]:
@@ -109,18 +112,18 @@ def triangulate_sphere(rows: int) -> tuple[FloatArray, IntArray]:
     polar = np.pi / 2.0 * np.concatenate([np.repeat(i, max(4 * i, 1)) for i in range(rows + 1)]) / rows
     turn = np.concatenate([np.arange(max(4 * i, 1)) * (np.pi / 2.0 / max(i, 1)) for i in range(rows + 1)])
     north = np.stack([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], axis=1)
-    begin = [0, *np.cumsum([max(4 * i, 1) for i in range(rows + 1)]).tolist()]
+    starts = [0, *np.cumsum([max(4 * i, 1) for i in range(rows + 1)]).tolist()]
     faces = []
     for i in range(rows):
-        here, below = max(4 * i, 1), 4 * (i + 1)
+        count, next_count = max(4 * i, 1), 4 * (i + 1)
         for quarter in range(4):
             for j in range(i + 1):
-                a = begin[i] + (quarter * i + j) % here
-                b, c = (begin[i + 1] + (quarter * (i + 1) + j + s) % below for s in (0, 1))
+                a = starts[i] + (quarter * i + j) % count
+                b, c = (starts[i + 1] + (quarter * (i + 1) + j + s) % next_count for s in (0, 1))
                 faces.append([a, b, c])
                 if j < i:
-                    faces.append([a, c, begin[i] + (quarter * i + j + 1) % here])
-    equator = begin[rows]
+                    faces.append([a, c, starts[i] + (quarter * i + j + 1) % count])
+    equator = starts[rows]
     to_south = np.concatenate([len(north) + np.arange(equator), np.arange(equator, len(north))])
     upper = np.array(faces, dtype=np.int64)
     return np.concatenate([north, north[:equator] * [1.0, 1.0, -1.0]]), np.concatenate(
@@ -133,10 +136,10 @@ def triangulate_torus(major: float, minor: float, around: int, across: int) -> t
     u = np.repeat(np.linspace(0.0, 2.0 * np.pi, around, endpoint=False), across)
     v = np.tile(np.linspace(0.0, 2.0 * np.pi, across, endpoint=False), around)
     ring = major + minor * np.cos(v)
-    here = np.arange(around * across).reshape(around, across)
-    right, up = np.roll(here, -1, axis=0), np.roll(here, -1, axis=1)
+    indices = np.arange(around * across).reshape(around, across)
+    right, up = np.roll(indices, -1, axis=0), np.roll(indices, -1, axis=1)
     return np.stack([ring * np.cos(u), ring * np.sin(u), minor * np.sin(v)], axis=1), _split_quadrilaterals(
-        here, right, np.roll(right, -1, axis=1), up
+        indices, right, np.roll(right, -1, axis=1), up
     )
 
 
@@ -152,19 +155,19 @@ def triangulate_superquadric(semi_axes: FloatArray, exponents: FloatArray, quart
     quarter : int
         Parts of a quarter of each curve.
     """
-    rise, round_ = (
+    meridian, parallel = (
         superellipse_quarter(float(exponents[0]), quarter),
         superellipse_quarter(float(exponents[1]), quarter),
     )
-    ways = [[1, 1], [-1, 1], [-1, -1], [1, -1]]
-    turns = np.concatenate([(round_ if k % 2 == 0 else round_[::-1])[:-1] * way for k, way in enumerate(ways)])
-    climb = np.concatenate([rise[:0:-1] * [1, -1], rise])[1:-1]  # from pole to pole, without the poles
-    points = np.stack([np.append(cut * turns, np.full((len(turns), 1), z), axis=1) for cut, z in climb])
+    signs = [[1, 1], [-1, 1], [-1, -1], [1, -1]]
+    turns = np.concatenate([(parallel if k % 2 == 0 else parallel[::-1])[:-1] * sign for k, sign in enumerate(signs)])
+    profile = np.concatenate([meridian[:0:-1] * [1, -1], meridian])[1:-1]  # from pole to pole, without the poles
+    points = np.stack([np.append(cut * turns, np.full((len(turns), 1), z), axis=1) for cut, z in profile])
     poles = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])
-    here = np.arange(points.shape[0] * len(turns)).reshape(points.shape[0], -1)
-    right, low = np.roll(here, -1, axis=1), np.full(len(turns), here.size)
-    sides = _split_quadrilaterals(here[:-1], right[:-1], right[1:], here[1:])
-    ends = [np.stack([low, right[0], here[0]], axis=1), np.stack([low + 1, here[-1], right[-1]], axis=1)]
+    indices = np.arange(points.shape[0] * len(turns)).reshape(points.shape[0], -1)
+    right, low = np.roll(indices, -1, axis=1), np.full(len(turns), indices.size)
+    sides = _split_quadrilaterals(indices[:-1], right[:-1], right[1:], indices[1:])
+    ends = [np.stack([low, right[0], indices[0]], axis=1), np.stack([low + 1, indices[-1], right[-1]], axis=1)]
     return np.concatenate([points.reshape(-1, 3), poles]) * semi_axes, np.concatenate([sides, *ends])
 
 
@@ -174,16 +177,16 @@ def superellipse_quarter(exponent: float, count: int) -> FloatArray:
     Half of them are spread by arc length and half by turning angle, to resolve both flat sides and tight corners.
     """
     angle = np.linspace(0.0, np.pi / 2.0, FINE)
-    both = np.stack([np.cos(angle), np.sin(angle)], axis=1).clip(0.0)
-    curve = both / np.sum(both ** (2.0 / exponent), axis=1, keepdims=True) ** (exponent / 2.0)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1).clip(0.0)
+    curve = circle / np.sum(circle ** (2.0 / exponent), axis=1, keepdims=True) ** (exponent / 2.0)
     steps = np.diff(curve, axis=0)
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=1))])
     headings = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
-    turned = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(headings))), [0.0]])
-    turned[-1] = turned[-2]
-    share = length / length[-1] + turned / max(float(turned[-1]), 1e-12)
-    at = np.searchsorted(share, np.linspace(0.0, share[-1], count + 1)[1:-1])
-    return np.concatenate([[[1.0, 0.0]], curve[at], [[0.0, 1.0]]])
+    turning = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(headings))), [0.0]])
+    turning[-1] = turning[-2]
+    share = length / length[-1] + turning / max(float(turning[-1]), 1e-12)
+    chosen = np.searchsorted(share, np.linspace(0.0, share[-1], count + 1)[1:-1])
+    return np.concatenate([[[1.0, 0.0]], curve[chosen], [[0.0, 1.0]]])
 
 
 def _split_quadrilaterals(a: IntArray, b: IntArray, c: IntArray, d: IntArray) -> IntArray:

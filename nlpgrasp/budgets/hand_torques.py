@@ -48,8 +48,8 @@ class HandTorques(ForceBudget):
             raise InputError("GraspProblem.force_budget", '"hand_torques"', "a hand with joints, such as ng.URDFHand")
         missing = [name for name in hand.loaded_joints if name not in hand.torque_limits]
         if missing:
-            allowed = "one for each joint that moves a contact, where the URDF states no effort or 0"
-            raise InputError("URDFHand.torque_limits", f"none for {', '.join(missing)}", allowed)
+            expected = "one for each joint that moves a contact, where the URDF states no effort or 0"
+            raise InputError("URDFHand.torque_limits", f"none for {', '.join(missing)}", expected)
 
     def posed(
         self, hand: HandWithJacobians | None, values: Mapping[str, FloatArray], points: FloatArray
@@ -104,10 +104,10 @@ def hand_torque_limits(
     InputError
         When joints without a limit move a contact.
     """
-    places = array("points", points, (hand.count, 3))
+    positions = array("points", points, (hand.count, 3))
     values = hand.values_of(posture)
     HandTorques(force_limit).check_hand(hand)
-    return SharedJointTorqueLimits(*_loads(hand, values, places), force_limit)
+    return SharedJointTorqueLimits(*_loads(hand, values, positions), force_limit)
 
 
 def _loads(

@@ -46,25 +46,27 @@ class JointTorqueLimits(ForceBudget):
 
     def __init__(self, jacobians: Sequence[ArrayLike], limits: ArrayLike | Sequence[ArrayLike]) -> None:
         try:
-            given = list(jacobians)
+            matrices = list(jacobians)
         except TypeError:
-            given = []
-        if not given:
+            matrices = []
+        if not matrices:
             raise InputError("JointTorqueLimits.jacobians", jacobians, "one Jacobian a contact")
         self.jacobians = tuple(
-            read_only(array(f"JointTorqueLimits.jacobians[{i}]", J, (None, None))) for i, J in enumerate(given)
+            read_only(array(f"JointTorqueLimits.jacobians[{i}]", J, (None, None))) for i, J in enumerate(matrices)
         )
         for i, J in enumerate(self.jacobians):
             if not J.size:
                 raise InputError(f"JointTorqueLimits.jacobians[{i}]", f"shape {J.shape}", "at least one joint")
-        several: list[object] = [limits] * len(given)
+        per_contact: list[object] = [limits] * len(matrices)
         if isinstance(limits, list | tuple) or (isinstance(limits, np.ndarray) and limits.ndim > 0):
-            several = list(limits)
-        if len(several) != len(given):
-            raise InputError("JointTorqueLimits.limits", f"{len(several)} entries", f"{len(given)}, one a contact")
+            per_contact = list(limits)
+        if len(per_contact) != len(matrices):
+            raise InputError(
+                "JointTorqueLimits.limits", f"{len(per_contact)} entries", f"{len(matrices)}, one a contact"
+            )
         self.limits = tuple(
             _check_torque_limits(i, tau, J.shape[1])
-            for i, (tau, J) in enumerate(zip(several, self.jacobians, strict=True))
+            for i, (tau, J) in enumerate(zip(per_contact, self.jacobians, strict=True))
         )
 
     def check(self, contacts: Sequence[ContactModel], space: int) -> None:
@@ -80,8 +82,8 @@ class JointTorqueLimits(ForceBudget):
         """Return the force set for given contact frames."""
         space = frames.shape[1]
         self.check(contacts, space)
-        each = torque_rows(self.jacobians, self.limits, frames, contacts)
-        return TorqueSet(block_diag(*each), contacts, space, "JointTorqueLimits")
+        blocks = torque_rows(self.jacobians, self.limits, frames, contacts)
+        return TorqueSet(block_diag(*blocks), contacts, space, "JointTorqueLimits")
 
     def force_scale(self) -> float:
         """Return the mean over contacts of the least force that takes a joint to its limit, newtons."""

@@ -24,10 +24,10 @@ class PerFingerSizeSet(ForceSet):
         """Return the support, the sum of the contacts' ``|P_Ki(z_i)|``, (m,), and maximisers (m, n)."""
         x = project(z, self.contacts, self.space)
         total = np.zeros(len(z))
-        for where in self.ranges:
-            size = np.linalg.norm(x[:, where], axis=1)
+        for block in self.ranges:
+            size = np.linalg.norm(x[:, block], axis=1)
             total += size
-            x[:, where] /= np.where(size > 0.0, size, 1.0)[:, None]
+            x[:, block] /= np.where(size > 0.0, size, 1.0)[:, None]
         return total, x
 
     def used(self, x: FloatArray) -> FloatArray:

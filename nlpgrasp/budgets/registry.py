@@ -57,7 +57,7 @@ def force_budget(value: str | ForceBudget, field: str = "force_budget") -> Force
     raise InputError(field, value, "one of " + ", ".join(NAMED) + ", or ng.JointTorqueLimits(...)")
 
 
-def names_for_any_frames() -> list[str]:
+def frame_independent_names() -> list[str]:
     """Return the names of budgets that do not depend on contact frames."""
     return [name for name, budget in NAMED.items() if not budget.depends_on_frames]
 

@@ -27,10 +27,10 @@ class SharedSet(ForceSet):
         """
         values, forces = contact_supports(z, self.contacts, self.space)
         best = np.argmax(values, axis=1)
-        chosen = np.zeros_like(forces)
-        for i, where in enumerate(self.ranges):
-            chosen[best == i, where] = forces[best == i, where]
-        return values[np.arange(len(z)), best], chosen
+        result = np.zeros_like(forces)
+        for i, block in enumerate(self.ranges):
+            result[best == i, block] = forces[best == i, block]
+        return values[np.arange(len(z)), best], result
 
     def used(self, x: FloatArray) -> FloatArray:
         """Return the sums of normal forces (m,) of forces (m, n)."""

@@ -50,12 +50,14 @@ class SharedJointTorqueLimits(ForceBudget):
     def __init__(self, jacobians: Sequence[ArrayLike], limits: ArrayLike, force_limit: float | None = None) -> None:
         name = "SharedJointTorqueLimits"
         try:
-            given = list(jacobians)
+            matrices = list(jacobians)
         except TypeError:
-            given = []
-        if not given:
+            matrices = []
+        if not matrices:
             raise InputError(f"{name}.jacobians", jacobians, "one Jacobian a contact")
-        self.jacobians = tuple(read_only(array(f"{name}.jacobians[{i}]", J, (None, None))) for i, J in enumerate(given))
+        self.jacobians = tuple(
+            read_only(array(f"{name}.jacobians[{i}]", J, (None, None))) for i, J in enumerate(matrices)
+        )
         joints = self.jacobians[0].shape[1]
         if any(J.shape[1] != joints for J in self.jacobians):
             shapes = [J.shape for J in self.jacobians]
@@ -68,8 +70,8 @@ class SharedJointTorqueLimits(ForceBudget):
         """Raise for bilateral contacts, or a number of contacts or a dimension other than the Jacobians'."""
         super().check(contacts, space)
         if len(contacts) != len(self.jacobians):
-            given = f"{len(self.jacobians)} of them"
-            raise InputError("SharedJointTorqueLimits.jacobians", given, f"{len(contacts)}")
+            count = f"{len(self.jacobians)} of them"
+            raise InputError("SharedJointTorqueLimits.jacobians", count, f"{len(contacts)}")
         for i, J in enumerate(self.jacobians):
             check_jacobian(f"SharedJointTorqueLimits.jacobians[{i}]", J, space, wrench_dimension(space))
 
@@ -81,8 +83,8 @@ class SharedJointTorqueLimits(ForceBudget):
         torques = np.concatenate(torque_rows(self.jacobians, limits, frames, contacts), axis=1)
         if self.force_limit is not None:
             pressing = np.zeros((len(contacts), torques.shape[1]))
-            for i, where in enumerate(component_slices(contacts, space)):
-                pressing[i, where.start] = 1.0 / self.force_limit
+            for i, block in enumerate(component_slices(contacts, space)):
+                pressing[i, block.start] = 1.0 / self.force_limit
             torques = np.concatenate([torques, pressing])
         return TorqueSet(torques, contacts, space, "SharedJointTorqueLimits")
 

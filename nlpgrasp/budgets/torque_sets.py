@@ -64,18 +64,18 @@ class TorqueSet(ForceSet):
     def __init__(self, torques: FloatArray, contacts: Sequence[ContactModel], space: int, name: str) -> None:
         super().__init__(contacts, space)
         self.torques, self._name = torques, name
-        self._groups = [self._group(own) for own in _independent_groups(torques, self.ranges)]
+        self._groups = [self._group(members) for members in _independent_groups(torques, self.ranges)]
 
     @property
     def costly(self) -> bool:
         """Whether some group of contacts needs a conic program per support evaluation."""
-        return any(isinstance(one, TorqueCone) for _, one in self._groups)
+        return any(isinstance(force_set, TorqueCone) for _, force_set in self._groups)
 
     def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the support function (m,) along z (m, n), a sum over the groups, and maximisers (m, n)."""
         total, forces = np.zeros(len(z)), np.zeros_like(z)
-        for where, one in self._groups:
-            value, forces[:, where] = one.support(z[:, where])
+        for columns, force_set in self._groups:
+            value, forces[:, columns] = force_set.support(z[:, columns])
             total += value
         return total, forces
 
@@ -85,8 +85,8 @@ class TorqueSet(ForceSet):
         Prices are positive at upper limits and negative at lower ones.
         """
         forces, prices = np.zeros_like(z), np.zeros((len(z), len(self.torques)))
-        for where, rows, cone in self._cones:
-            forces[:, where], prices[:, rows] = cone.maximise_with_prices(z[:, where])
+        for columns, rows, cone in self._cones:
+            forces[:, columns], prices[:, rows] = cone.maximise_with_prices(z[:, columns])
         return forces, prices
 
     def used(self, x: FloatArray) -> FloatArray:
@@ -98,36 +98,38 @@ class TorqueSet(ForceSet):
         signed = [sign * row for row in self.torques for sign in (1.0, -1.0)]
         return [np.append(row, 1.0)[None, :] for row in signed]
 
-    def _group(self, own: list[int]) -> tuple[NDArray[np.intp], TorquePolytope | TorqueCone]:
+    def _group(self, members: list[int]) -> tuple[NDArray[np.intp], TorquePolytope | TorqueCone]:
         """Return component indices and force set of a group of coupled contacts."""
-        where, rows = self._part(own)
-        models = [self.contacts[i] for i in own]
-        T = self.torques[np.ix_(rows, where)]
-        name = f"{self._name}, contact{'s' * (len(own) > 1)} {', '.join(map(str, own))}"
-        single = len(own) == 1 and T.shape[1] <= MOST_LISTED
+        columns, rows = self._part(members)
+        models = [self.contacts[i] for i in members]
+        T = self.torques[np.ix_(rows, columns)]
+        name = f"{self._name}, contact{'s' * (len(members) > 1)} {', '.join(map(str, members))}"
+        single = len(members) == 1 and T.shape[1] <= MOST_LISTED
         if single and sum(len(M) > 1 for M in models[0].cones(self.space)) <= 1:
-            return where, TorquePolytope(models[0], T, self.space, name)
-        return where, TorqueCone(models, T, self.space, name)
+            return columns, TorquePolytope(models[0], T, self.space, name)
+        return columns, TorqueCone(models, T, self.space, name)
 
-    def _part(self, own: list[int]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def _part(self, members: list[int]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return the component indices of contacts, and the rows of T that involve them."""
-        where = np.concatenate([np.arange(self.ranges[i].start, self.ranges[i].stop) for i in own])
-        return where, np.flatnonzero(np.any(self.torques[:, where] != 0.0, axis=1))
+        columns = np.concatenate([np.arange(self.ranges[i].start, self.ranges[i].stop) for i in members])
+        return columns, np.flatnonzero(np.any(self.torques[:, columns] != 0.0, axis=1))
 
     @cached_property
     def _cones(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp], TorqueCone]]:
         result = []
-        for own in _independent_groups(self.torques, self.ranges):
-            where, rows = self._part(own)
-            models = [self.contacts[i] for i in own]
-            result.append((where, rows, TorqueCone(models, self.torques[np.ix_(rows, where)], self.space, self._name)))
+        for members in _independent_groups(self.torques, self.ranges):
+            columns, rows = self._part(members)
+            models = [self.contacts[i] for i in members]
+            result.append(
+                (columns, rows, TorqueCone(models, self.torques[np.ix_(rows, columns)], self.space, self._name))
+            )
         return result
 
 
 def _independent_groups(torques: FloatArray, parts: Sequence[slice]) -> list[list[int]]:
     """Return the groups of contacts without common limits."""
-    seen = np.stack([np.any(torques[:, r] != 0.0, axis=1) for r in parts]).astype(float)  # (k, rows)
-    count, labels = connected_components(sparse.csr_matrix(seen @ seen.T), directed=False)
+    loads = np.stack([np.any(torques[:, r] != 0.0, axis=1) for r in parts]).astype(float)  # (k, rows)
+    count, labels = connected_components(sparse.csr_matrix(loads @ loads.T), directed=False)
     return [np.flatnonzero(labels == g).tolist() for g in range(count)]
 
 
@@ -170,12 +172,12 @@ class TorquePolytope:
         sections: list[Section] = []
         for count in range(1, n + 1):
             for rows in combinations(range(len(self._linear)), count):
-                self._collect(list(rows), n, points, sections)
-        found = np.array(points)
-        self._points = found[self._inside(found)]
-        sizes = sorted({across.shape[1] for _, across, *_ in sections})
-        same = [[one for one in sections if one[1].shape[1] == size] for size in sizes]
-        self._sections: list[Sections] = [tuple(map(np.array, zip(*some, strict=True))) for some in same]
+                self._add_extreme_points(list(rows), n, points, sections)
+        extreme_points = np.array(points)
+        self._points = extreme_points[self._is_admissible(extreme_points)]
+        sizes = sorted({basis.shape[1] for _, basis, *_ in sections})
+        by_dimension = [[section for section in sections if section[1].shape[1] == size] for size in sizes]
+        self._sections: list[Sections] = [tuple(map(np.array, zip(*group, strict=True))) for group in by_dimension]
 
     def support(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the support function (m,) along z (m, n), and maximisers (m, n)."""
@@ -183,29 +185,29 @@ class TorquePolytope:
         work = z @ self._points.T
         best = np.argmax(work, axis=1)
         value, force = work[np.arange(len(z)), best], self._points[best]
-        for some in self._sections:
-            reach, x = self._stationary(some, z, value)
-            better = reach > value
-            value, force = np.where(better, reach, value), np.where(better[:, None], x, force)
+        for group in self._sections:
+            section_value, x = self._stationary(group, z, value)
+            is_better = section_value > value
+            value, force = np.where(is_better, section_value, value), np.where(is_better[:, None], x, force)
         return value, force * self._units
 
-    def _stationary(self, sections: Sections, z: FloatArray, known: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the largest values above known ones, (m,), at stationary points of the sections, and the forces."""
-        origin, across, inverse, pull, level = sections
-        g = np.einsum("mn,snd->msd", z, across)
-        towards = np.einsum("msd,sde->mse", g, inverse)
+    def _stationary(self, sections: Sections, z: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the largest values above given ones, (m,), at stationary points of the sections, and the forces."""
+        origin, basis, inverse, offsets, level = sections
+        g = np.einsum("mn,snd->msd", z, basis)
+        directions = np.einsum("msd,sde->mse", g, inverse)
         with np.errstate(invalid="ignore", divide="ignore"):
-            factor = np.sqrt(level / np.sum(g * towards, axis=2))[:, :, None]
-        w = np.concatenate([factor * towards, -factor * towards], axis=1) - np.tile(pull, (2, 1))
-        x = np.tile(origin, (2, 1)) + np.einsum("msd,snd->msn", w, np.tile(across, (2, 1, 1)))
+            factor = np.sqrt(level / np.sum(g * directions, axis=2))[:, :, None]
+        w = np.concatenate([factor * directions, -factor * directions], axis=1) - np.tile(offsets, (2, 1))
+        x = np.tile(origin, (2, 1)) + np.einsum("msd,snd->msn", w, np.tile(basis, (2, 1, 1)))
         work = np.einsum("mn,msn->ms", z, x)
-        hopeful = np.nonzero((work > known[:, None]) & np.all(np.isfinite(x), axis=2))
-        inside = np.full(work.shape, -np.inf)
-        inside[hopeful] = np.where(self._inside(x[hopeful]), work[hopeful], -np.inf)
-        best, every = np.argmax(inside, axis=1), np.arange(len(z))
-        return inside[every, best], x[every, best]
+        candidates = np.nonzero((work > values[:, None]) & np.all(np.isfinite(x), axis=2))
+        admissible = np.full(work.shape, -np.inf)
+        admissible[candidates] = np.where(self._is_admissible(x[candidates]), work[candidates], -np.inf)
+        best, rows = np.argmax(admissible, axis=1), np.arange(len(z))
+        return admissible[rows, best], x[rows, best]
 
-    def _collect(self, rows: list[int], n: int, points: list[FloatArray], sections: list[Section]) -> None:
+    def _add_extreme_points(self, rows: list[int], n: int, points: list[FloatArray], sections: list[Section]) -> None:
         """Add the extreme points or the conic section with the given linear conditions active."""
         A, b = self._linear[rows] / self._scale[rows, None], self._limits[rows] / self._scale[rows]
         if not np.any(b):
@@ -219,33 +221,33 @@ class TorquePolytope:
             return
         if self._cone is None:
             return
-        across = vt[len(rows) :].T
+        basis = vt[len(rows) :].T
         sign = np.diag([1.0] + [-1.0] * (len(self._cone) - 1))
         Q = self._cone.T @ sign @ self._cone
-        curve, slope, rest = across.T @ Q @ across, across.T @ Q @ origin, float(origin @ Q @ origin)
+        curve, slope, constant = basis.T @ Q @ basis, basis.T @ Q @ origin, float(origin @ Q @ origin)
         if len(rows) == n - 1:
-            points.extend(origin + w * across[:, 0] for w in _roots(float(curve[0, 0]), float(slope[0]), rest))
+            points.extend(origin + w * basis[:, 0] for w in _roots(float(curve[0, 0]), float(slope[0]), constant))
             return
         values, vectors = np.linalg.eigh(curve)
         size = max(float(np.max(np.abs(values))), 1e-300)
         least = int(np.argmin(np.abs(values)))
         if abs(values[least]) <= 1e-9 * size:
-            if np.linalg.norm(Q @ across @ vectors[:, least]) <= 1e-7 * size:
+            if np.linalg.norm(Q @ basis @ vectors[:, least]) <= 1e-7 * size:
                 return  # ruled: its extreme points have more active conditions
             curve = curve + 1e-9 * size * np.eye(len(curve))  # a parabola, as a very long ellipse
         inverse = np.linalg.inv(curve)
-        pull = inverse @ slope
-        sections.append((origin, across, inverse, pull, float(slope @ pull) - rest))
+        offset = inverse @ slope
+        sections.append((origin, basis, inverse, offset, float(slope @ offset) - constant))
 
-    def _inside(self, x: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+    def _is_admissible(self, x: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
         """Return which forces (m, n) satisfy all conditions within tolerance."""
         size = np.linalg.norm(x, axis=1) + 1e-300
         excess = np.max((x @ self._linear.T - self._limits) / (self._limits + self._scale * size[:, None]), axis=1)
-        good = excess <= CONDITION_TOLERANCE
+        is_inside = excess <= CONDITION_TOLERANCE
         if self._cone is not None:
             y = x @ self._cone.T
-            good &= np.linalg.norm(y[:, 1:], axis=1) <= y[:, 0] + 1e-7 * np.linalg.norm(y, axis=1)
-        return np.asarray(good)
+            is_inside &= np.linalg.norm(y[:, 1:], axis=1) <= y[:, 0] + 1e-7 * np.linalg.norm(y, axis=1)
+        return np.asarray(is_inside)
 
 
 def _roots(a: float, b: float, c: float) -> list[float]:
@@ -304,10 +306,10 @@ class TorqueCone:
             if size == 0.0:
                 continue
             cost = -(row / size) @ self._lift
-            found = clarabel.DefaultSolver(self._none, cost, self._A, self._b, self._cones, self._options).solve()
-            x = project((self._lift @ np.array(found.x))[None, :], self._contacts, self._space)[0]
+            solution = clarabel.DefaultSolver(self._none, cost, self._A, self._b, self._cones, self._options).solve()
+            x = project((self._lift @ np.array(solution.x))[None, :], self._contacts, self._space)[0]
             force[i] = x * SCALE_INSIDE / max(1.0, float(np.max(np.abs(self._torques @ x), initial=0.0)))
-            dual = np.array(found.z)
+            dual = np.array(solution.z)
             prices[i] = size * (dual[:m] - dual[m : 2 * m])
         return force, prices
 
@@ -315,15 +317,15 @@ class TorqueCone:
 def check_bounded(contacts: Sequence[ContactModel], torques: FloatArray, space: int, name: str) -> None:
     """Raise if some force of the cones loads no joint."""
     rng = np.random.default_rng(0)
-    every = []
-    for contact, where in zip(contacts, component_slices(contacts, space), strict=True):
+    parts = []
+    for contact, block in zip(contacts, component_slices(contacts, space), strict=True):
         n = contact.components(space)
-        tried = np.concatenate([np.eye(n) * 1e3, -np.eye(n) * 1e3, rng.standard_normal((RAYS, n)) * 1e3])
-        rays = contact.extreme(tried)[1]
+        directions = np.concatenate([np.eye(n) * 1e3, -np.eye(n) * 1e3, rng.standard_normal((RAYS, n)) * 1e3])
+        rays = contact.extreme(directions)[1]
         rays = rays[rays[:, 0] > 0.0]
         rays[:, 1:] *= WIDER
-        every.append(torques[:, where] @ rays.T)
-    produced = np.concatenate(every, axis=1)
+        parts.append(torques[:, block] @ rays.T)
+    produced = np.concatenate(parts, axis=1)
     scale = max(float(np.max(np.abs(produced), initial=0.0)), 1e-300)
     system = np.concatenate([produced / scale, np.ones((1, produced.shape[1]))])
     residual = nnls(system, np.append(np.zeros(len(torques)), 1.0))[1]

@@ -13,7 +13,7 @@ import typer
 import nlpgrasp as ng
 from nlpgrasp.cli.console import AsJson, Script, bounds_pair, writable, write_json_line
 from nlpgrasp.cli.problem_script import load_problem
-from nlpgrasp.common.formatting import at_least, at_most, headroom_words
+from nlpgrasp.common.formatting import format_headroom, format_lower, format_upper
 
 if TYPE_CHECKING:
     from nlpgrasp.report.pictures import Moment
@@ -82,18 +82,18 @@ class _Progress:
         if self._is_written and now - self._last >= PROGRESS_INTERVAL:
             self._last = now
             seconds = now - self._start_time
-            incumbent = f"best met {at_least(mu.lower, 4)}" if mu.lower > 0.0 else "no grasp met"
-            sys.stderr.write(f"{seconds:6.1f} s  mu at most {at_most(upper, 4)}, {incumbent}, {nodes} nodes\n")
+            incumbent = f"best met {format_lower(mu.lower, 4)}" if mu.lower > 0.0 else "no grasp met"
+            sys.stderr.write(f"{seconds:6.1f} s  mu at most {format_upper(upper, 4)}, {incumbent}, {nodes} nodes\n")
             sys.stderr.flush()
 
 
 def _print_bound(name: str, bound: ng.BestPossible, out: Path | None) -> None:
-    typer.echo(f"{name}: mu at most {at_most(bound.upper, 6)} over all placements")
+    typer.echo(f"{name}: mu at most {format_upper(bound.upper, 6)} over all placements")
     if bound.grasp is None:
         typer.echo("  no grasp met that exerts the task's wrenches")
     else:
         closure = "as close as asked for" if bound.closed else "not as close as asked for"
-        typer.echo(f"  best grasp met: mu certified in {bound.mu}; {headroom_words(bound.gap)} ({closure})")
+        typer.echo(f"  best grasp met: mu certified in {bound.mu}; {format_headroom(bound.gap)} ({closure})")
         for i, (face, point) in enumerate(zip(bound.faces, bound.grasp.points.tolist(), strict=True)):
             typer.echo(f"  contact {i} on {face} at {', '.join(f'{x:.4g}' for x in point)}")
     for part in bound.dropped:

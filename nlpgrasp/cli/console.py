@@ -18,7 +18,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 
 import nlpgrasp as ng
 from nlpgrasp.common.files import writable_place
-from nlpgrasp.common.formatting import measure_word
+from nlpgrasp.common.formatting import format_measure
 from nlpgrasp.errors import InputError
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ class Reporter:
     def start_done(self, record: StartRecord, best: ng.Bounds) -> None:
         """Report one start and the best certified bounds so far."""
         if self._bar is not None:
-            text = f"best {measure_word(best.kind)} in {best}" if math.isfinite(best.upper) else "no grasp yet"
+            text = f"best {format_measure(best.kind)} in {best}" if math.isfinite(best.upper) else "no grasp yet"
             self._bar.update(self._task, advance=1, best=text)
             return
         write_json_line(

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from nlpgrasp.cli.console import writable
-from nlpgrasp.common.display import opened
-from nlpgrasp.common.validation import NEAREST, format_known_names, near
+from nlpgrasp.common.display import open_page
+from nlpgrasp.common.validation import NEAREST, format_known_names, similar_names
 from nlpgrasp.errors import InputError
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def hand_command(
     typer.echo("\n".join(inspection.lines))
     typer.echo(f"written to {page}")
     if show:
-        opened(page)
+        open_page(page)
 
 
 def _load_hand(
@@ -145,7 +145,7 @@ def check_link(source: Path, name: str, option: str, allowed: Sequence[str] | No
 
     names = list(robot_links(source)) if allowed is None else list(allowed)
     if name not in names:
-        examples = ", ".join((near(name, names) or names)[:NEAREST])
+        examples = ", ".join((similar_names(name, names) or names)[:NEAREST])
         raise InputError(option, name, f"a link of {source.name}, such as {examples}")
     return name
 

@@ -39,7 +39,7 @@ from nlpgrasp.cli.quality_command import quality_command
 from nlpgrasp.cli.report_command import report_command
 from nlpgrasp.cli.simulate_command import simulate_command
 from nlpgrasp.cli.task_command import task_app
-from nlpgrasp.common.display import opened
+from nlpgrasp.common.display import open_page
 from nlpgrasp.common.validation import integer, share
 from nlpgrasp.errors import InputError, NlpgraspError
 from nlpgrasp.version import __version__
@@ -173,7 +173,7 @@ def demo_command(
     write_report({out.name: solution}, page)
     typer.echo(f"\nwritten to {out} and {page}")
     if show:
-        opened(page)
+        open_page(page)
     if not (solution.success and verification):
         raise typer.Exit(1)
 

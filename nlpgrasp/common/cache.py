@@ -46,7 +46,7 @@ def folder() -> Path | None:
     return Path(setting) if setting else Path(platformdirs.user_cache_dir("nlpgrasp", appauthor=False))
 
 
-def kept(kind: str, made_from: Sequence[bytes | NDArray[np.generic]], make: Callable[[], Arrays]) -> Arrays:
+def cached_arrays(kind: str, made_from: Sequence[bytes | NDArray[np.generic]], make: Callable[[], Arrays]) -> Arrays:
     """Return arrays from the cache, or compute and store them.
 
     If the cache cannot be read or written, or an entry is corrupt, the arrays are computed, with a single warning.
@@ -60,22 +60,22 @@ def kept(kind: str, made_from: Sequence[bytes | NDArray[np.generic]], make: Call
     make : callable
         Returns the arrays by name; the source of its module is part of the key.
     """
-    where = folder()
-    if where is None:
+    cache_folder = folder()
+    if cache_folder is None:
         return make()
-    file = where / f"{kind}-{_key(kind, [_code_of(make), *map(_bytes, made_from)])}"
-    found = _read_entry(file)
-    if found is None:
-        found = dict(make())
-        _write(file, found)
-    return found
+    file = cache_folder / f"{kind}-{_key(kind, [_source_of(make), *map(_bytes, made_from)])}"
+    arrays = _read_entry(file)
+    if arrays is None:
+        arrays = dict(make())
+        _write_entry(file, arrays)
+    return arrays
 
 
 def _key(kind: str, made_from: Sequence[bytes]) -> str:
     """Return the key of an entry, a SHA-256 in hexadecimal digits."""
     digest = hashlib.sha256()
-    stated = [kind, __version__, *(version(library) for library in LIBRARIES)]
-    for part in [*(text.encode() for text in stated), *made_from]:
+    versions = [kind, __version__, *(version(library) for library in LIBRARIES)]
+    for part in [*(text.encode() for text in versions), *made_from]:
         digest.update(len(part).to_bytes(8, "big"))
         digest.update(part)
     return digest.hexdigest()
@@ -86,7 +86,7 @@ def _bytes(part: bytes | NDArray[np.generic]) -> bytes:
     return part if isinstance(part, bytes) else np.ascontiguousarray(part).tobytes()
 
 
-def _code_of(make: Callable[[], Arrays]) -> bytes:
+def _source_of(make: Callable[[], Arrays]) -> bytes:
     """Return the source of a function's module; empty without a file."""
     path = getattr(sys.modules.get(make.__module__), "__file__", None)
     return b"" if path is None else Path(path).read_bytes()
@@ -111,7 +111,7 @@ def _read_entry(file: Path) -> dict[str, FloatArray] | None:
     return None
 
 
-def _write(file: Path, arrays: Arrays) -> None:
+def _write_entry(file: Path, arrays: Arrays) -> None:
     """Write an entry and limit the cache's size; warn if that is not possible."""
     buffer = io.BytesIO()
     np.savez(buffer, allow_pickle=False, **{name: np.asarray(array) for name, array in arrays.items()})
@@ -119,21 +119,21 @@ def _write(file: Path, arrays: Arrays) -> None:
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         write_bytes(file, hashlib.sha256(content).digest() + content)
-        _make_room(file.parent)
+        _remove_oldest(file.parent)
     except (OSError, InputError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         warn_once(f"the cache folder {file.parent} cannot be written ({reason}): going on without it")
 
 
-def _make_room(where: Path) -> None:
+def _remove_oldest(cache_folder: Path) -> None:
     """Remove the oldest entries beyond the cache's maximal size, and no other files."""
-    found = []
-    for file in where.iterdir():
+    entries = []
+    for file in cache_folder.iterdir():
         if ENTRY.fullmatch(file.name):
             with contextlib.suppress(FileNotFoundError):  # another process made room as well
-                found.append((file.stat().st_mtime, file.stat().st_size, file))
+                entries.append((file.stat().st_mtime, file.stat().st_size, file))
     total = 0
-    for _, size, file in sorted(found, reverse=True):
+    for _, size, file in sorted(entries, reverse=True):
         total += size
         if total > MOST:
             file.unlink(missing_ok=True)

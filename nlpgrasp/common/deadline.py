@@ -32,9 +32,9 @@ class Deadline:
         """Return whether the deadline has passed or the user has interrupted the solve."""
         if self.deadline is not None and time.monotonic() >= self.deadline:
             return True
-        return self.interrupted()
+        return self.is_interrupted()
 
-    def interrupted(self) -> bool:
+    def is_interrupted(self) -> bool:
         """Return whether the user has interrupted the solve."""
         return self.flag is not None and self.flag.exists()
 
@@ -52,8 +52,8 @@ class InterruptHandler:
     Pressing it again has no effect; a stopped solve returns within seconds.
     """
 
-    def __init__(self, stop: Deadline) -> None:
-        self.stop = stop
+    def __init__(self, deadline: Deadline) -> None:
+        self._deadline = deadline
         self._previous: Callable[[int, FrameType | None], object] | int | None = None
 
     def __enter__(self) -> InterruptHandler:
@@ -67,11 +67,11 @@ class InterruptHandler:
             signal.signal(signal.SIGINT, self._previous)
 
     def _handle(self, *_: object) -> None:
-        if self.stop.flag is not None:
-            self.stop.flag.touch()
+        if self._deadline.flag is not None:
+            self._deadline.flag.touch()
 
 
-class Clock:
+class Stopwatch:
     """Stopwatch that adds wall time to stages, from one mark to the next.
 
     Attributes

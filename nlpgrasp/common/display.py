@@ -22,14 +22,14 @@ Card = Callable[[object], str]
 Serve = Callable[..., str | None]
 
 
-def show(thing: object, name: str, writer: tuple[str, str], path: str | Path | None = None) -> Path:
+def show(item: object, name: str, writer: tuple[str, str], path: str | Path | None = None) -> Path:
     """Write an object's HTML page, open it in a browser if possible, and return its path.
 
     The writer is imported by name on demand, since it belongs to a higher layer.
 
     Parameters
     ----------
-    thing : object
+    item : object
     name : str
         Name of the file if no path is given.
     writer : (str, str) tuple
@@ -46,49 +46,49 @@ def show(thing: object, name: str, writer: tuple[str, str], path: str | Path | N
         writable_place("show.path", Path(path))
     write = cast(Write, _import_function(writer))
     if path is not None:
-        return opened(write(thing, Path(path)))
+        return open_page(write(item, Path(path)))
     folder = Path(tempfile.mkdtemp(prefix="nlpgrasp-"))
     try:
-        page = write(thing, folder / f"{file_name(name) or 'page'}.html")
+        page = write(item, folder / f"{file_name(name) or 'page'}.html")
     except BaseException:
         folder.rmdir()
         raise
-    return opened(page)
+    return open_page(page)
 
 
-def live(thing: object, server: tuple[str, str], *more: object) -> str | None:
+def live(item: object, server: tuple[str, str], *arguments: object) -> str | None:
     """Serve an object's page and return its address, or None if that is not possible.
 
     Parameters
     ----------
-    thing : object
+    item : object
     server : (str, str) tuple
-        Module and function of the server, which takes the object and ``more``.
+        Module and function of the server, which takes the object and ``arguments``.
     """
-    return cast(Serve, _import_function(server))(thing, *more)
+    return cast(Serve, _import_function(server))(item, *arguments)
 
 
-def inline(thing: object, card: tuple[str, str]) -> str:
+def inline(item: object, card: tuple[str, str]) -> str:
     """Return an object's small page as HTML for a notebook, isolated in an iframe.
 
     Parameters
     ----------
-    thing : object
+    item : object
     card : (str, str) tuple
         Module and function that takes the object and returns a page.
     """
-    page = cast(Card, _import_function(card))(thing)
+    page = cast(Card, _import_function(card))(item)
     return (
-        f'<iframe srcdoc="{escape(page)}" title="{escape(repr(thing))}" loading="lazy" '
+        f'<iframe srcdoc="{escape(page)}" title="{escape(repr(item))}" loading="lazy" '
         f'style="border:0;border-radius:8px;height:{TALL}px;max-width:60rem;width:100%"></iframe>'
     )
 
 
-def opened(page: Path) -> Path:
+def open_page(page: Path) -> Path:
     """Open a page in a browser, or print its path if that is not possible; return the path."""
-    place = page.resolve()
-    if not (has_display() and open_browser(place.as_uri())):
-        sys.stdout.write(f"No browser was opened; the page is {place}\n")
+    path = page.resolve()
+    if not (has_display() and open_browser(path.as_uri())):
+        sys.stdout.write(f"No browser was opened; the page is {path}\n")
     return page
 
 

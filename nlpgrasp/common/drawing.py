@@ -99,5 +99,5 @@ def drawing_size(drawing: Drawing | None, points: FloatArray | None) -> float:
     """
     if drawing is not None and len(drawing.body.vertices):
         return 0.5 * float(np.linalg.norm(np.ptp(drawing.body.vertices, axis=0)))
-    seen = np.zeros((1, 3)) if points is None else in_space(points)
-    return 0.5 * float(np.linalg.norm(np.ptp(seen, axis=0))) or 1.0
+    corners = np.zeros((1, 3)) if points is None else in_space(points)
+    return 0.5 * float(np.linalg.norm(np.ptp(corners, axis=0))) or 1.0

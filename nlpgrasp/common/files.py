@@ -33,7 +33,7 @@ KINDS = {
     "a table": (".csv",),
 }
 SOURCES = ("a mesh", "a CAD file", "a hand's file", "a Python script")  # never overwritten
-WAIT, AGAIN = 60.0, 0.005  # s, time-out and interval of attempts
+WAIT, RETRY = 60.0, 0.005  # s, time-out and interval of attempts
 
 
 def file_kind(path: str | Path) -> str | None:
@@ -108,26 +108,26 @@ def writable_place(field: str, target: Path, ending: str = "") -> Path:
     InputError
         Naming the field, when the file cannot be written.
     """
-    place = target.resolve()
-    if place.is_dir():
+    path = target.resolve()
+    if path.is_dir():
         raise InputError(field, f"{target} (a folder)", "a file name")
-    if not place.parent.is_dir():
+    if not path.parent.is_dir():
         raise InputError(field, f"{target} (no folder {target.parent})", "a file in a folder that exists")
-    if place.exists() and not place.is_file():
+    if path.exists() and not path.is_file():
         raise InputError(field, f"{target} (not a regular file)", "a file name")
     spare_sources(field, target, ending)
-    if not os.access(place.parent, os.W_OK) or (place.exists() and not os.access(place, os.W_OK)):
+    if not os.access(path.parent, os.W_OK) or (path.exists() and not os.access(path, os.W_OK)):
         raise InputError(field, f"{target} (not writable)", "a file that can be written")
-    return place
+    return path
 
 
-def read_text(path: str | Path, what: str, largest: int) -> str:
+def read_text(path: str | Path, content: str, largest: int) -> str:
     """Read a text file of limited size.
 
     Parameters
     ----------
     path : str or Path
-    what : str
+    content : str
         Expected content, for messages: ``"a solution file"``.
     largest : int
         Largest size, bytes; whole mebibytes.
@@ -141,17 +141,17 @@ def read_text(path: str | Path, what: str, largest: int) -> str:
     try:
         size = file.stat().st_size
         if not file.is_file():
-            raise InputError(str(path), "not a regular file", what)
+            raise InputError(str(path), "not a regular file", content)
         if (kind := file_kind(file)) is not None:
-            raise InputError(str(path), kind, f"{what} (JSON)")
+            raise InputError(str(path), kind, f"{content} (JSON)")
         if size > largest:
             raise InputError(str(path), f"{size / 2**20:.0f} MiB", f"at most {largest // 2**20} MiB")
         return file.read_text(encoding="utf-8")
     except OSError as error:
-        given = "no file of that name" if isinstance(error, FileNotFoundError) else error.strerror or "unreadable"
-        raise InputError(str(path), given, f"{what} that exists") from None
+        reason = "no file of that name" if isinstance(error, FileNotFoundError) else error.strerror or "unreadable"
+        raise InputError(str(path), reason, f"{content} that exists") from None
     except UnicodeDecodeError:
-        raise InputError(str(path), "bytes that are not UTF-8", f"{what} (JSON)") from None
+        raise InputError(str(path), "bytes that are not UTF-8", f"{content} (JSON)") from None
 
 
 def file_name(name: str) -> str:
@@ -170,14 +170,14 @@ def _umask() -> int:
 
 if sys.platform == "win32":
 
-    def take(file: TextIO) -> bool:
+    def try_lock(file: TextIO) -> bool:
         """Return True without locking, which is not supported on Windows."""
         return True
 
 else:
     import fcntl
 
-    def take(file: TextIO) -> bool:
+    def try_lock(file: TextIO) -> bool:
         """Lock a file until it is closed or the process ends; return False if another holds it."""
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -187,7 +187,7 @@ else:
 
 
 @contextmanager
-def held(path: Path) -> Iterator[None]:
+def hold_lock(path: Path) -> Iterator[None]:
     """Hold an exclusive lock file, created if needed, against other processes and threads.
 
     Raises
@@ -200,11 +200,11 @@ def held(path: Path) -> Iterator[None]:
     except OSError as error:
         raise InputError(str(path.parent), error.strerror or "no lock", "a folder that can be written") from None
     with file:
-        given_up = time.monotonic() + WAIT
-        while not take(file):
-            if time.monotonic() > given_up:
+        time_limit = time.monotonic() + WAIT
+        while not try_lock(file):
+            if time.monotonic() > time_limit:
                 raise InputError(str(path.parent), f"in use by another process for {WAIT:.0f} s", "a folder let go")
-            time.sleep(AGAIN)
+            time.sleep(RETRY)
         yield
 
 
@@ -246,13 +246,13 @@ def check_schema(data: Json, validator: jsonschema.Draft202012Validator, name: s
         Reference to what is allowed, for messages.
     """
     try:
-        _refuse_infinite(data, name)
+        _check_finite(data, name)
         errors = sorted(validator.iter_errors(data), key=lambda e: list(map(str, e.absolute_path)))
     except RecursionError:
         raise InputError(name, "nesting without end", expected) from None
     if errors:
-        where = ".".join(str(part) for part in errors[0].absolute_path) or "top level"
-        raise InputError(f"{name}: {where}", errors[0].message, expected)
+        location = ".".join(str(part) for part in errors[0].absolute_path) or "top level"
+        raise InputError(f"{name}: {location}", errors[0].message, expected)
 
 
 def _refuse_constant(text: str) -> NoReturn:
@@ -265,13 +265,13 @@ def _bounded_int(text: str) -> int:
     return int(text)
 
 
-def _refuse_infinite(value: object, name: str, where: str = "") -> None:
+def _check_finite(value: object, name: str, location: str = "") -> None:
     """Raise for numbers too large for a float, which JSON parses as infinity."""
     if isinstance(value, float) and not math.isfinite(value):
-        raise InputError(f"{name}: {where or 'top level'}", "a number too large for a float", "finite numbers")
+        raise InputError(f"{name}: {location or 'top level'}", "a number too large for a float", "finite numbers")
     if isinstance(value, Mapping):
         for key, item in value.items():
-            _refuse_infinite(item, name, f"{where}.{key}".lstrip("."))
+            _check_finite(item, name, f"{location}.{key}".lstrip("."))
     elif isinstance(value, Sequence) and not isinstance(value, str):
         for index, item in enumerate(value):
-            _refuse_infinite(item, name, f"{where}.{index}".lstrip("."))
+            _check_finite(item, name, f"{location}.{index}".lstrip("."))

@@ -26,7 +26,7 @@ DIRECTIONS = {
 }
 SMALL = 0.02  # of the largest force or moment: components below are omitted
 SHORT, LONG = 1e-4, 1e3  # m, moment arms beyond which moments (shorter) and forces (longer) are omitted
-NOTHING = 1e-6  # of the largest component: components below are zero
+NEGLIGIBLE = 1e-6  # of the largest component: components below are zero
 MINOR = 0.3  # of a direction's largest component: components below are omitted
 
 
@@ -66,20 +66,20 @@ def format_interval(lower: float, upper: float, digits: int = DIGITS) -> tuple[s
         digits : int
         Least number of significant digits.
     """
-    for more in range(digits, MOST + 1):
-        ends = _round_towards(lower, more, ROUND_FLOOR), _round_towards(upper, more, ROUND_CEILING)
-        between = _round_towards(upper, more, ROUND_FLOOR)
-        if lower == upper or ends[0] != between:
+    for precision in range(digits, MOST + 1):
+        ends = _round_towards(lower, precision, ROUND_FLOOR), _round_towards(upper, precision, ROUND_CEILING)
+        lower_of_upper = _round_towards(upper, precision, ROUND_FLOOR)
+        if lower == upper or ends[0] != lower_of_upper:
             break
     return ends
 
 
-def at_least(value: float, digits: int = DIGITS) -> str:
+def format_lower(value: float, digits: int = DIGITS) -> str:
     """Format a lower bound with few digits, rounded down."""
     return _round_towards(value, digits, ROUND_FLOOR)
 
 
-def at_most(value: float, digits: int = DIGITS) -> str:
+def format_upper(value: float, digits: int = DIGITS) -> str:
     """Format an upper bound with few digits, rounded up."""
     return _round_towards(value, digits, ROUND_CEILING)
 
@@ -91,17 +91,17 @@ def format_percent(share: float, digits: int = 2) -> str:
 
 def typeset(text: str) -> str:
     """Return a text with typographic minus signs, superscript exponents and no-break spaces before units."""
-    raised = re.sub(r"(?<=\d)e(-?\d+)\b", lambda found: f"×10{found[1].translate(RAISED)}", text)  # noqa: RUF001
-    whole = re.sub(r"(?<=\d) (?=(?:%|N|mm|m)\b|%)", "\N{NO-BREAK SPACE}", raised)
-    return re.sub(r"(?<![\w-])-(?=\.?\d|[xyz]\b)", "\N{MINUS SIGN}", whole)
+    raised = re.sub(r"(?<=\d)e(-?\d+)\b", lambda match: f"×10{match[1].translate(RAISED)}", text)  # noqa: RUF001
+    spaced = re.sub(r"(?<=\d) (?=(?:%|N|mm|m)\b|%)", "\N{NO-BREAK SPACE}", raised)
+    return re.sub(r"(?<![\w-])-(?=\.?\d|[xyz]\b)", "\N{MINUS SIGN}", spaced)
 
 
-def _round_towards(value: float, digits: int, way: str) -> str:
+def _round_towards(value: float, digits: int, rounding: str) -> str:
     """Format a number with significant digits, rounded down or up."""
     if not math.isfinite(value) or value == 0.0:
         return format_number(value)
     exact = Decimal(f"{value:.12g}")  # 0.3 is meant to be 0.3
-    return _plain_decimal(exact.quantize(Decimal((0, (1,), exact.adjusted() - digits + 1)), rounding=way))
+    return _plain_decimal(exact.quantize(Decimal((0, (1,), exact.adjusted() - digits + 1)), rounding=rounding))
 
 
 def _plain_decimal(value: Decimal) -> str:
@@ -114,21 +114,21 @@ def _plain_decimal(value: Decimal) -> str:
     return f"{mantissa}e{int(exponent)}"
 
 
-def one_line(error: BaseException) -> str:
+def error_line(error: BaseException) -> str:
     """Return an error's message as one nonempty line of printable characters."""
     text = str(error)
     if not isinstance(error, NlpgraspError) or not text.strip():
         text = f"{type(error).__name__}: {text}" if text.strip() else type(error).__name__
-    return one_line_of_text(text)
+    return single_line(text)
 
 
-def one_line_of_text(text: str) -> str:
+def single_line(text: str) -> str:
     """Return a text as one line of printable characters, truncated if very long."""
     words = " ".join(text.split())
     return "".join(c if c.isprintable() else "?" for c in words)[:LONGEST]
 
 
-def capital(text: str) -> str:
+def capitalise(text: str) -> str:
     """Return a text with its first letter capitalised."""
     return f"{text[:1].upper()}{text[1:]}"
 
@@ -136,21 +136,21 @@ def capital(text: str) -> str:
 def columns(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     """Return lines with aligned columns; long entries are truncated, empty columns omitted."""
     table = [list(heads), *([_shorten_entry(entry) for entry in row] for row in rows)]
-    used = [i for i in range(len(heads)) if any(row[i] for row in table[1:])]
-    widths = [max(len(row[i]) for row in table) for i in used]
-    return ["  ".join(row[i].ljust(w) for i, w in zip(used, widths, strict=True)).rstrip() for row in table]
+    filled = [i for i in range(len(heads)) if any(row[i] for row in table[1:])]
+    widths = [max(len(row[i]) for row in table) for i in filled]
+    return ["  ".join(row[i].ljust(w) for i, w in zip(filled, widths, strict=True)).rstrip() for row in table]
 
 
 def _shorten_entry(entry: str) -> str:
     return entry if len(entry) <= WIDEST else entry[: WIDEST - 3] + "..."
 
 
-def measure_word(kind: str) -> str:
+def format_measure(kind: str) -> str:
     """Return the displayed name of a quality measure."""
     return "mu-tilde" if kind == "mu_tilde" else kind or "mu"
 
 
-def headroom_words(gap: float, digits: int = DIGITS) -> str:
+def format_headroom(gap: float, digits: int = DIGITS) -> str:
     """Return a text on the largest possible improvement over a grasp, rounded up.
 
     Parameters
@@ -163,8 +163,8 @@ def headroom_words(gap: float, digits: int = DIGITS) -> str:
     if not math.isfinite(gap):
         return "nothing is known of how much better the best possible is"
     if gap > 1.0:
-        return f"the best possible is at most {at_most(1.0 + gap, digits)} times as good"
-    return f"no placement is more than {at_most(100.0 * gap, digits)}% better"
+        return f"the best possible is at most {format_upper(1.0 + gap, digits)} times as good"
+    return f"no placement is more than {format_upper(100.0 * gap, digits)}% better"
 
 
 def unit_of(component: str) -> str:
@@ -177,16 +177,18 @@ def axis_labels(dimension: int) -> list[str]:
     return [f"{name} [{unit_of(name)}]" for name in COMPONENTS[dimension]]
 
 
-def wrench_words(wrench: FloatArray) -> str:
+def format_wrench(wrench: FloatArray) -> str:
     """Return the significant components of a wrench (d,) as text, with units."""
-    named = list(zip(COMPONENTS[len(wrench)], map(float, wrench), strict=True))
-    force, moment = (max(abs(value) for name, value in named if unit_of(name) == u) for u in (FORCE_UNIT, MOMENT_UNIT))
+    components = list(zip(COMPONENTS[len(wrench)], map(float, wrench), strict=True))
+    force, moment = (
+        max(abs(value) for name, value in components if unit_of(name) == u) for u in (FORCE_UNIT, MOMENT_UNIT)
+    )
     least = {FORCE_UNIT: max(SMALL * force, moment / LONG), MOMENT_UNIT: max(SMALL * moment, SHORT * force)}
-    parts = [f"{name} {value:.3g} {unit_of(name)}" for name, value in named if abs(value) > least[unit_of(name)]]
+    parts = [f"{name} {value:.3g} {unit_of(name)}" for name, value in components if abs(value) > least[unit_of(name)]]
     return ", ".join(parts) or "zero"
 
 
-def range_words(low: FloatArray, high: FloatArray) -> str:
+def format_ranges(low: FloatArray, high: FloatArray) -> str:
     """Return the ranges of wrench components as text with units, from smallest (d,) and largest values (d,).
 
     Components with equal ranges are combined: ``"f_x, f_y ±5 N; f_z 2.1 to 5.7 N"``; those that are always zero are
@@ -195,13 +197,13 @@ def range_words(low: FloatArray, high: FloatArray) -> str:
     names = COMPONENTS[len(low)]
     groups: dict[tuple[str, str], list[str]] = {}
     for unit in (FORCE_UNIT, MOMENT_UNIT):
-        alike = [i for i, name in enumerate(names) if unit_of(name) == unit]
-        least = NOTHING * max(float(np.max(np.abs([low[alike], high[alike]]))), 0.0)
-        for i in alike:
+        indices = [i for i, name in enumerate(names) if unit_of(name) == unit]
+        least = NEGLIGIBLE * max(float(np.max(np.abs([low[indices], high[indices]]))), 0.0)
+        for i in indices:
             ends = (format_number(float(low[i]), least=least), format_number(float(high[i]), least=least))
             groups.setdefault((_range(*ends), unit), []).append(names[i])
-    told = [f"{', '.join(named)} {ends} {unit}" for (ends, unit), named in groups.items() if ends != "0"]
-    return "; ".join(told) or "zero"
+    texts = [f"{', '.join(labels)} {ends} {unit}" for (ends, unit), labels in groups.items() if ends != "0"]
+    return "; ".join(texts) or "zero"
 
 
 def _range(low: str, high: str) -> str:

@@ -52,7 +52,7 @@ def solve_columns(entries: Mapping[tuple[int, int], FloatArray], shift: FloatArr
     return np.array(s)
 
 
-def solve_some(entries: Mapping[tuple[int, int], FloatArray], shift: FloatArray, right: FloatArray) -> FloatArray:
+def solve_batch(entries: Mapping[tuple[int, int], FloatArray], shift: FloatArray, right: FloatArray) -> FloatArray:
     """Solve as ``solve_columns``, by LAPACK if there are few systems, which then is faster and rounds differently."""
     d, m = right.shape
     if m > FEW:
@@ -66,7 +66,7 @@ def solve_some(entries: Mapping[tuple[int, int], FloatArray], shift: FloatArray,
 
 
 def solve_matrices(matrix: FloatArray, shift: float, right: FloatArray) -> FloatArray:
-    """Solve as ``solve_some`` for full matrices (d, d, m) with one common shift."""
+    """Solve as ``solve_batch`` for full matrices (d, d, m) with one common shift."""
     d, m = right.shape
     if m <= FEW:
         shifted = matrix.transpose(2, 0, 1).copy()

@@ -25,41 +25,41 @@ LIGHT = np.array([0.4, 0.3, 0.85])  # direction to the light of pictures
 ZOOM = 1.4  # matplotlib leaves wide margins
 
 
-def import_mujoco(what: str) -> ModuleType:
+def import_mujoco(feature: str) -> ModuleType:
     """Import the package ``mujoco``.
 
     Raises
     ------
     MissingExtraError
-        When it is not installed; ``what`` names the feature that needs it.
+        When it is not installed; ``feature`` names the feature that needs it.
     """
     try:
         return import_module("mujoco")
     except ImportError:
-        raise MissingExtraError(what, "sim") from None
+        raise MissingExtraError(feature, "sim") from None
 
 
-def import_viser(what: str) -> ModuleType:
+def import_viser(feature: str) -> ModuleType:
     """Import the package ``viser``.
 
     Raises
     ------
     MissingExtraError
-        When it is not installed; ``what`` names the feature that needs it.
+        When it is not installed; ``feature`` names the feature that needs it.
     """
     try:
         return import_module("viser")
     except ImportError:
-        raise MissingExtraError(what, "view") from None
+        raise MissingExtraError(feature, "view") from None
 
 
-def pyplot(what: str) -> ModuleType:
+def pyplot(feature: str) -> ModuleType:
     """Import matplotlib's pyplot with a file-only backend.
 
     Raises
     ------
     MissingExtraError
-        When matplotlib is not installed; ``what`` names the feature that needs it.
+        When matplotlib is not installed; ``feature`` names the feature that needs it.
     InputError
         When the environment names an unknown backend.
     """
@@ -67,7 +67,7 @@ def pyplot(what: str) -> ModuleType:
         import_module("matplotlib").use("Agg")
         return import_module("matplotlib.pyplot")
     except ImportError:
-        raise MissingExtraError(what, "viz") from None
+        raise MissingExtraError(feature, "viz") from None
     except ValueError as error:
         raise InputError("MPLBACKEND", os.environ.get("MPLBACKEND"), f"a backend of matplotlib ({error})") from None
 

@@ -196,29 +196,29 @@ def shortest_step(
     g, J = rows.values, rows.jacobian
     square = damping * np.eye(J.shape[1]) + (0.0 if curvature is None else curvature)
     reach = STEP_SHARE * np.abs(J) @ np.maximum(-rows.least, rows.most)
-    seen = (rows.lower == rows.upper) | (g - reach < rows.lower) | (g + reach > rows.upper)
+    included = (rows.lower == rows.upper) | (g - reach < rows.lower) | (g + reach > rows.upper)
     while True:
-        found = _solve_subset(rows, seen, np.zeros(J.shape[1]) if cost is None else cost, square, slack)
-        if found is None:
+        step = _solve_subset(rows, included, np.zeros(J.shape[1]) if cost is None else cost, square, slack)
+        if step is None:
             return None
-        there = g + J @ found.d
-        broken = ~seen & ((there < rows.lower - BROKEN) | (there > rows.upper + BROKEN))
-        if not np.any(broken):
-            return found
-        seen |= broken
+        trial = g + J @ step.d
+        violated = ~included & ((trial < rows.lower - BROKEN) | (trial > rows.upper + BROKEN))
+        if not np.any(violated):
+            return step
+        included |= violated
 
 
 def _solve_subset(
-    rows: Linearised, seen: NDArray[np.bool_], cost: FloatArray, square: FloatArray, slack: Slack
+    rows: Linearised, included: NDArray[np.bool_], cost: FloatArray, square: FloatArray, slack: Slack
 ) -> QuadraticStep | None:
     """Return the solution with a subset of the constraints; None if infeasible."""
     g, J = rows.values, rows.jacobian
     n = J.shape[1]
-    equal = seen & (rows.lower == rows.upper) & slack.keeps_equations
-    below, above = seen & ~equal & np.isfinite(rows.lower), seen & ~equal & np.isfinite(rows.upper)
-    used = [np.flatnonzero(mask) for mask in (equal, below, above)]
-    count = sum(map(len, used))
-    columns = slack.columns(np.concatenate(used))
+    equal = included & (rows.lower == rows.upper) & slack.keeps_equations
+    below, above = included & ~equal & np.isfinite(rows.lower), included & ~equal & np.isfinite(rows.upper)
+    indices = [np.flatnonzero(mask) for mask in (equal, below, above)]
+    count = sum(map(len, indices))
+    columns = slack.columns(np.concatenate(indices))
     m = columns.shape[1]
     A = np.zeros((count + 2 * n + m * slack.at_least_zero, n + m))
     A[:count, :n] = np.concatenate([J[equal], -J[below], J[above]])
@@ -230,20 +230,20 @@ def _solve_subset(
         A[count + 2 * n :, n:] = -np.eye(m)
         b.append(np.zeros(m))
     linear, quadratic = slack.prices(m)
-    right = np.concatenate(b)
-    cones = [clarabel.ZeroConeT(len(used[0])), clarabel.NonnegativeConeT(len(right) - len(used[0]))]
+    rhs = np.concatenate(b)
+    cones = [clarabel.ZeroConeT(len(indices[0])), clarabel.NonnegativeConeT(len(rhs) - len(indices[0]))]
     P = np.zeros((n + m, n + m))
     P[:n, :n] = np.triu(square)
     P[np.arange(n, n + m), np.arange(n, n + m)] = quadratic
     q = np.concatenate([cost, linear])
-    found = clarabel.DefaultSolver(_sparse(P), q, _sparse(A), right, cones, quiet_settings(slack.tolerance)).solve()
-    if "Solved" not in str(found.status):
+    solution = clarabel.DefaultSolver(_sparse(P), q, _sparse(A), rhs, cones, quiet_settings(slack.tolerance)).solve()
+    if "Solved" not in str(solution.status):
         return None
     multipliers = np.zeros(len(g))
-    duals = np.split(np.array(found.z), np.cumsum([*(len(mask) for mask in used), n, n]))
-    for where, sign, dual in zip(used, (1.0, -1.0, 1.0), duals, strict=False):
-        multipliers[where] += sign * dual
-    return QuadraticStep(np.array(found.x)[:n], multipliers, duals[3] - duals[4])
+    duals = np.split(np.array(solution.z), np.cumsum([*(len(mask) for mask in indices), n, n]))
+    for index, sign, dual in zip(indices, (1.0, -1.0, 1.0), duals, strict=False):
+        multipliers[index] += sign * dual
+    return QuadraticStep(np.array(solution.x)[:n], multipliers, duals[3] - duals[4])
 
 
 def _sparse(matrix: FloatArray) -> sparse.csc_matrix:
@@ -330,18 +330,18 @@ def restore_feasibility(linearise: Callable[[FloatArray], R], z: FloatArray, rul
     rules : NewtonRules
     """
     rows = linearise(z)
-    best, least, waited, contradicted = z, rows, 0, False
-    for left in reversed(range(rules.steps)):
-        if rows.violation <= rules.enough or waited > rules.patience:
+    best, best_rows, stalled, contradicted = z, rows, 0, False
+    for remaining in reversed(range(rules.steps)):
+        if rows.violation <= rules.enough or stalled > rules.patience:
             break
         step = shortest_step(rows, slack=rules.slack)
         if step is None:
             contradicted = True
             break
         z = z + step.d
-        if left:
+        if remaining:
             rows = linearise(z)
-            waited = 0 if rows.violation < STALLED * least.violation else waited + 1
-            if rows.violation < least.violation:
-                best, least = z, rows
-    return NewtonResult(best, least, z, contradicted)
+            stalled = 0 if rows.violation < STALLED * best_rows.violation else stalled + 1
+            if rows.violation < best_rows.violation:
+                best, best_rows = z, rows
+    return NewtonResult(best, best_rows, z, contradicted)

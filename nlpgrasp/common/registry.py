@@ -78,18 +78,21 @@ class Registry(Generic[Kind]):
         """
         if not isinstance(name, str) or not name:
             raise InputError(f"{kind.__name__}.kind", name, "the name that stands for it in a file")
-        taken = self._kinds.get(name)
-        if taken is not None and (taken.__module__, taken.__qualname__) != (kind.__module__, kind.__qualname__):
-            raise InputError(f"{kind.__name__}.kind", name, f"another name: that one is {taken.__name__}'s")
+        registered = self._kinds.get(name)
+        if registered is not None and (registered.__module__, registered.__qualname__) != (
+            kind.__module__,
+            kind.__qualname__,
+        ):
+            raise InputError(f"{kind.__name__}.kind", name, f"another name: that one is {registered.__name__}'s")
         self._kinds[name] = kind
 
     def find(self, name: object) -> type[Kind] | None:
         """Return the class with a name, or ``None``."""
         return self._kinds.get(name) if isinstance(name, str) else None
 
-    def unknown(self, name: object, more: str = "") -> InputError:
-        """Return the error for an unknown name, with the known names and ``more``."""
-        return InputError(self._field, name, "one of " + ", ".join([*self._kinds]) + more)
+    def unknown(self, name: object, addition: str = "") -> InputError:
+        """Return the error for an unknown name, with the known names and ``addition``."""
+        return InputError(self._field, name, "one of " + ", ".join([*self._kinds]) + addition)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -97,13 +100,13 @@ class Registry(Generic[Kind]):
         return tuple(self._kinds)
 
 
-def from_registered(registry: Registry[StatedKind], what: str, data: object) -> StatedKind:
+def from_registered(registry: Registry[StatedKind], part: str, data: object) -> StatedKind:
     """Return an object of the registered class given by the data's ``type``.
 
     Parameters
     ----------
     registry : Registry
-    what : str
+    part : str
         For messages: ``"body"``.
     data : mapping
 
@@ -120,7 +123,7 @@ def from_registered(registry: Registry[StatedKind], what: str, data: object) -> 
         return kind.from_dict(data)
     except (KeyError, TypeError) as error:
         raise InputError(
-            f"{what} of type {name}", f"{type(error).__name__}: {error}", "what its to_dict says"
+            f"{part} of type {name}", f"{type(error).__name__}: {error}", "what its to_dict says"
         ) from None
 
 
@@ -136,14 +139,14 @@ def from_fields(kind: type[Kind], data: Json) -> Kind:
     """
     if not is_dataclass(kind):
         raise incomplete_data(kind.__name__, "a from_dict of its own")
-    needed = [f.name for f in fields(kind) if f.init and f.default is MISSING and f.default_factory is MISSING]
-    given = {f.name: data[f.name] for f in fields(kind) if f.init and (f.name in data or f.name in needed)}
-    return kind(**given)
+    required = [f.name for f in fields(kind) if f.init and f.default is MISSING and f.default_factory is MISSING]
+    values = {f.name: data[f.name] for f in fields(kind) if f.init and (f.name in data or f.name in required)}
+    return kind(**values)
 
 
-def incomplete_data(what: str, lacking: str) -> InputError:
+def incomplete_data(part: str, missing: str) -> InputError:
     """Return the error for JSON data that are not sufficient to construct an object."""
-    return InputError(what, "JSON data alone", lacking)
+    return InputError(part, "JSON data alone", missing)
 
 
 @runtime_checkable

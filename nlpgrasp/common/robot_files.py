@@ -26,8 +26,8 @@ def expand_xacro(source: Path) -> bytes:
     try:
         return bytes(import_module("xacro").process_file(str(source)).toxml(encoding="utf-8"))
     except Exception as error:  # whatever its macros, packages and arguments raise
-        given = f"a xacro file that xacro cannot process ({type(error).__name__}: {error})"
-        raise InputError(field, given, by_hand) from None
+        problem = f"a xacro file that xacro cannot process ({type(error).__name__}: {error})"
+        raise InputError(field, problem, by_hand) from None
 
 
 def find_mesh(source: Path, name: str) -> Path | None:
@@ -40,14 +40,14 @@ def find_mesh(source: Path, name: str) -> Path | None:
         return None
     plain = name.removeprefix("file://")
     folder = source.resolve().parent
-    inside = plain.removeprefix("package://").removeprefix("model://")
-    if inside == plain:
+    relative = plain.removeprefix("package://").removeprefix("model://")
+    if relative == plain:
         candidates = [Path(plain), folder / plain]
     else:
-        below = inside.split("/", 1)[-1]
-        above = [folder, *folder.parents]
-        candidates = [place / part for place in above for part in (inside, below)]
-        candidates += [place / inside for place in _packages()]
+        below = relative.split("/", 1)[-1]
+        parents = [folder, *folder.parents]
+        candidates = [parent / part for parent in parents for part in (relative, below)]
+        candidates += [parent / relative for parent in _packages()]
     try:
         return next((c for c in candidates if c.is_file()), None)
     except (OSError, ValueError):  # a name that no file can have
@@ -57,5 +57,5 @@ def find_mesh(source: Path, name: str) -> Path | None:
 def _packages() -> list[Path]:
     """Return the folders of ROS packages."""
     first, second = (os.environ.get(name, "") for name in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"))
-    found = [Path(place) for place in first.split(os.pathsep) if place]
-    return found + [Path(place) / "share" for place in second.split(os.pathsep) if place]
+    folders = [Path(folder) for folder in first.split(os.pathsep) if folder]
+    return folders + [Path(folder) / "share" for folder in second.split(os.pathsep) if folder]

@@ -53,10 +53,12 @@ class Label:
         """Label as text: ``"table, finger 2"``, ``"spread, fingers 0 and 1"``, ``"level[0]"``."""
         first = f"{self.kind} {self.link}" if self.kind == ON_FINGERTIP else self.kind
         link = "" if self.kind == ON_FINGERTIP else self.link
-        which = f"finger{'s' * (len(self.fingers) > 1)} {' and '.join(map(str, self.fingers))}" if self.fingers else ""
+        fingers = (
+            f"finger{'s' * (len(self.fingers) > 1)} {' and '.join(map(str, self.fingers))}" if self.fingers else ""
+        )
         if self.part.startswith("["):
-            return ", ".join(filter(None, (first, link, which))) + self.part
-        return ", ".join(filter(None, (first, link, which, self.part)))
+            return ", ".join(filter(None, (first, link, fingers))) + self.part
+        return ", ".join(filter(None, (first, link, fingers, self.part)))
 
     @property
     def label(self) -> Label:

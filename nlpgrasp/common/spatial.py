@@ -210,10 +210,7 @@ def rigid_transform(field: str, value: Pose, space: int) -> tuple[FloatArray, Fl
     if isinstance(value, Mapping):
         if space != 3 or set(value) not in ({"position", WXYZ}, {"position", XYZW}):
             raise InputError(field, f"a mapping with {', '.join(map(str, value)) or 'nothing'}", spellings)
-        own = WXYZ if WXYZ in value else XYZW
-        four = array(f"{field}.{own}", value[own], (4,))
-        turn = rotation_matrices(f"{field}.{own}", four[None], own == WXYZ)[0]
-        return turn, array(f"{field}.position", value["position"], (3,))
+        return _pose_from_mapping(field, value)
     if _array_shape(value) in ((4,), (7,)):
         raise InputError(field, f"{len(np.asarray(value))} numbers, which do not say where the scalar is", spellings)
     try:
@@ -227,6 +224,14 @@ def rigid_transform(field: str, value: Pose, space: int) -> tuple[FloatArray, Fl
     except InputError:
         allowed = f"a rigid transform, {size}: a rotation and a translation in the last column"
         raise InputError(field, pose.tolist(), allowed) from None
+
+
+def _pose_from_mapping(field: str, value: Mapping[str, ArrayLike]) -> tuple[FloatArray, FloatArray]:
+    """Return rotation (3, 3) and translation (3,) of a mapping with position and quaternion."""
+    key = WXYZ if WXYZ in value else XYZW
+    quaternion = array(f"{field}.{key}", value[key], (4,))
+    rotation = rotation_matrices(f"{field}.{key}", quaternion[None], key == WXYZ)[0]
+    return rotation, array(f"{field}.position", value["position"], (3,))
 
 
 def pose_matrix(field: str, value: Pose) -> FloatArray:
@@ -245,16 +250,21 @@ def rotation_matrices(field: str, rotations: ArrayLike, scalar_first: bool = Tru
         Naming a row that is no rotation.
     """
     if len(_array_shape(rotations)) == 3:
-        given = array(field, rotations, (None, 3, 3))
-        return np.array([_rotation(f"{field}[{i}]" if len(given) > 1 else field, one) for i, one in enumerate(given)])
-    four = array(field, rotations, (None, 4))
-    lengths = np.linalg.norm(four, axis=1)
-    far = np.abs(lengths - 1.0)
-    if np.any(far > UNIT):
-        i = int(np.argmax(far))
-        where, order = f" at row {i}" if len(four) > 1 else "", "(w, x, y, z)" if scalar_first else "(x, y, z, w)"
-        raise InputError(field, f"length {lengths[i]:g}{where}", f"unit quaternions {order}")
-    return np.asarray(Rotation.from_quat(four, scalar_first=scalar_first).as_matrix())
+        matrices = array(field, rotations, (None, 3, 3))
+        return np.array(
+            [_rotation(f"{field}[{i}]" if len(matrices) > 1 else field, matrix) for i, matrix in enumerate(matrices)]
+        )
+    quaternions = array(field, rotations, (None, 4))
+    lengths = np.linalg.norm(quaternions, axis=1)
+    deviations = np.abs(lengths - 1.0)
+    if np.any(deviations > UNIT):
+        i = int(np.argmax(deviations))
+        location, order = (
+            f" at row {i}" if len(quaternions) > 1 else "",
+            "(w, x, y, z)" if scalar_first else "(x, y, z, w)",
+        )
+        raise InputError(field, f"length {lengths[i]:g}{location}", f"unit quaternions {order}")
+    return np.asarray(Rotation.from_quat(quaternions, scalar_first=scalar_first).as_matrix())
 
 
 def _rotation(field: str, matrix: FloatArray) -> FloatArray:

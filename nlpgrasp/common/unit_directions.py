@@ -78,13 +78,13 @@ def directions_beside(first: FloatArray, angle: float, count: int) -> FloatArray
     return _polar_directions(first, np.full(count, angle), 2.0 * np.pi * np.arange(count) / count)
 
 
-def _polar_directions(first: FloatArray, away: FloatArray, turn: FloatArray) -> FloatArray:
+def _polar_directions(first: FloatArray, polar: FloatArray, azimuth: FloatArray) -> FloatArray:
     """Return directions (m, 3) at polar angles (m,) and azimuths (m,) about a given direction."""
     least = np.eye(3)[int(np.argmin(np.abs(first)))]
     u = np.cross(first, least) / np.linalg.norm(np.cross(first, least))
     v = np.cross(first, u)
-    around = np.cos(turn)[:, None] * u + np.sin(turn)[:, None] * v
-    return np.asarray(np.cos(away)[:, None] * first + np.sin(away)[:, None] * around)
+    radial = np.cos(azimuth)[:, None] * u + np.sin(azimuth)[:, None] * v
+    return np.asarray(np.cos(polar)[:, None] * first + np.sin(polar)[:, None] * radial)
 
 
 @lru_cache

@@ -7,7 +7,7 @@ import sys
 import warnings
 
 PACKAGE = __name__.split(".")[0]
-BETWEEN = (PACKAGE, "contextlib", "functools", "dataclasses")  # modules whose frames are skipped
+SKIPPED = (PACKAGE, "contextlib", "functools", "dataclasses")  # modules whose frames are skipped
 
 
 def warn(text: str) -> None:
@@ -24,7 +24,7 @@ def warn(text: str) -> None:
 def _package_frames() -> int:
     """Return the number of consecutive package frames, from the caller of ``warn`` upwards."""
     frame, level = sys._getframe(2), 1
-    while frame.f_back is not None and str(frame.f_globals.get("__name__", "")).split(".")[0] in BETWEEN:
+    while frame.f_back is not None and str(frame.f_globals.get("__name__", "")).split(".")[0] in SKIPPED:
         frame, level = frame.f_back, level + 1
     return level
 
@@ -34,7 +34,7 @@ def is_called_by_user() -> bool:
     return str(sys._getframe(2).f_globals.get("__name__", "")).split(".")[0] != PACKAGE
 
 
-_said: set[str] = set()
+_issued: set[str] = set()
 
 
 def warn_once(text: str) -> None:
@@ -45,6 +45,6 @@ def warn_once(text: str) -> None:
     text : str
         Warning text.
     """
-    if text not in _said and multiprocessing.parent_process() is None:
-        _said.add(text)
+    if text not in _issued and multiprocessing.parent_process() is None:
+        _issued.add(text)
         warn(text)

@@ -60,37 +60,37 @@ def number(field: str, value: object, *, above: float | None = None, at_least: f
     return result
 
 
-def check_body_size(field: str, what: str, longest: float, wrong: str, has_unit: bool = True) -> None:
+def check_body_size(field: str, quantity: str, longest: float, mistake: str, has_unit: bool = True) -> None:
     """Raise for a body whose size is implausible for grasping.
 
     Parameters
     ----------
     field : str
-    what : str
+    quantity : str
         Name of the length, for messages.
     longest : float
         Longest side of its bounding box, metres.
-    wrong : str
+    mistake : str
         Message about the likely mistake, with ``{}`` for "smaller" or "larger".
     has_unit : bool
         Whether the body takes a ``unit``.
     """
     if not SHORTEST_BODY <= longest <= LONGEST_BODY:
-        told, large = wrong.format("smaller" if longest > 1.0 else "larger"), has_unit and longest > 1.0
+        message, large = mistake.format("smaller" if longest > 1.0 else "larger"), has_unit and longest > 1.0
         cure = ': unit="mm" says that they are millimetres' if large else ""
-        allowed = f"{SHORTEST_BODY:g} m to {LONGEST_BODY:g} m: {told}{cure}"
-        raise InputError(field, f"{what} of {longest:.3g} m", allowed)
+        allowed = f"{SHORTEST_BODY:g} m to {LONGEST_BODY:g} m: {message}{cure}"
+        raise InputError(field, f"{quantity} of {longest:.3g} m", allowed)
 
 
 def share(field: str, value: object) -> float:
     """Return a share above 0, at most 1, or raise ``InputError``."""
     try:
-        found = number(field, value, above=0.0)
+        result = number(field, value, above=0.0)
     except InputError as error:
         raise InputError(field, error.given, SHARE) from None
-    if found > 1.0:
+    if result > 1.0:
         raise InputError(field, value, SHARE)
-    return found
+    return result
 
 
 def integer(field: str, value: object, *, at_least: int, at_most: int = 10**9) -> int:
@@ -109,16 +109,16 @@ def array(field: str, value: object, shape: tuple[int | None, ...]) -> FloatArra
     InputError
         When the shape differs, an entry is not a number, or an entry is NaN, infinite or above 1e100.
     """
-    wanted = "(" + ", ".join("any" if s is None else str(s) for s in shape) + ("," if len(shape) == 1 else "") + ")"
+    required = "(" + ", ".join("any" if s is None else str(s) for s in shape) + ("," if len(shape) == 1 else "") + ")"
     try:
-        given = np.asarray(value)
-        if isinstance(value, np.ma.MaskedArray) or (given.size and given.dtype.kind not in "iuf"):
+        values = np.asarray(value)
+        if isinstance(value, np.ma.MaskedArray) or (values.size and values.dtype.kind not in "iuf"):
             raise TypeError
-        result = np.array(given, dtype=np.float64)
+        result = np.array(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        raise InputError(field, value, f"real numbers of shape {wanted}") from None
+        raise InputError(field, value, f"real numbers of shape {required}") from None
     if result.ndim != len(shape) or any(s is not None and s != n for s, n in zip(shape, result.shape, strict=True)):
-        raise InputError(field, f"shape {result.shape}", f"shape {wanted}")
+        raise InputError(field, f"shape {result.shape}", f"shape {required}")
     if not np.all(np.abs(result) <= LARGEST):  # false for NaN
         raise InputError(field, value, f"finite numbers (no NaN, no infinity, at most {LARGEST:g})")
     return result
@@ -130,7 +130,7 @@ def read_only(values: FloatArray) -> FloatArray:
     return values
 
 
-def names(field: str, value: str | Iterable[str] | None) -> tuple[str, ...] | None:
+def face_names(field: str, value: str | Iterable[str] | None) -> tuple[str, ...] | None:
     """Return a tuple of names from one or several names, or ``None`` (all)."""
     if value is None:
         return None
@@ -144,12 +144,12 @@ def names(field: str, value: str | Iterable[str] | None) -> tuple[str, ...] | No
 
 
 @contextmanager
-def prefix_errors(place: str) -> Iterator[None]:
+def prefix_errors(prefix: str) -> Iterator[None]:
     """Prefix the field of an ``InputError`` raised inside with a place, such as a file's name."""
     try:
         yield
     except InputError as error:
-        raise InputError(f"{place}{error.field}", error.given, error.allowed) from None
+        raise InputError(f"{prefix}{error.field}", error.given, error.allowed) from None
 
 
 def replace_unchecked(item: Item, **fields: object) -> Item:
@@ -184,10 +184,10 @@ def angle(field: str, value: object, at_most: float, limit: str) -> float:
     limit : str
         The same as text: ``"pi"``.
     """
-    found = number(field, value, above=0.0)
-    if found > at_most:
-        raise InputError(field, found, f"radians, at most {limit}{_degree_hint(found)}")
-    return found
+    result = number(field, value, above=0.0)
+    if result > at_most:
+        raise InputError(field, result, f"radians, at most {limit}{_degree_hint(result)}")
+    return result
 
 
 def check_angles(field: str, values: FloatArray) -> FloatArray:
@@ -234,8 +234,8 @@ def in_metres(field: str, lengths: FloatArray, unit: object) -> FloatArray:
 
 def length_in_metres(field: str, name: str, length: object, unit: object) -> float:
     """Return a validated length above zero in metres; errors name ``field.name`` or ``field.unit``."""
-    stated = number(f"{field}.{name}", length, above=0.0)
-    return number(f"{field}.{name}", float(in_metres(f"{field}.unit", np.asarray(stated), unit)), above=0.0)
+    value = number(f"{field}.{name}", length, above=0.0)
+    return number(f"{field}.{name}", float(in_metres(f"{field}.unit", np.asarray(value), unit)), above=0.0)
 
 
 def hand_length(field: str, length: float, most: float = LONGEST_BODY) -> float:
@@ -260,13 +260,13 @@ def kilograms(mass: object) -> float:
     InputError
         On anything but a number above zero.
     """
-    found = number("mass", mass, above=0.0)
-    if found > HEAVY:
-        warn_once(f"mass: {found:g} kg; if grams were meant, {found / 1e3:g}")
-    return found
+    result = number("mass", mass, above=0.0)
+    if result > HEAVY:
+        warn_once(f"mass: {result:g} kg; if grams were meant, {result / 1e3:g}")
+    return result
 
 
-def near(name: str, names: Iterable[str]) -> list[str]:
+def similar_names(name: str, names: Iterable[str]) -> list[str]:
     """Return names similar to an unknown one, most similar first, ignoring case.
 
     Parameters
@@ -276,25 +276,29 @@ def near(name: str, names: Iterable[str]) -> list[str]:
         names : iterable of str
         Known names.
     """
-    by_case = {one.casefold(): one for one in names}
-    close = [by_case[one] for one in get_close_matches(name.casefold(), by_case, NEAREST, CLOSE)]
+    by_case = {folded.casefold(): folded for folded in names}
+    similar = [by_case[folded] for folded in get_close_matches(name.casefold(), by_case, NEAREST, CLOSE)]
     words = [word for word in name.casefold().replace("_", " ").split() if len(word) >= LONG]
-    shared = [own for one, own in by_case.items() if own not in close and any(word in one for word in words)]
-    return [*close, *shared][:NEAREST]
+    shared = [
+        spelling
+        for folded, spelling in by_case.items()
+        if spelling not in similar and any(word in folded for word in words)
+    ]
+    return [*similar, *shared][:NEAREST]
 
 
-def format_known_names(given: Iterable[object], names: Iterable[str]) -> str:
+def format_known_names(unknown: Iterable[object], names: Iterable[str]) -> str:
     """Return a list of at most a dozen known names as text, with suggestions for unknown ones.
 
     Parameters
     ----------
-    given : iterable
+    unknown : iterable
         Unknown names.
     names : iterable of str
         Known names.
     """
-    known = list(names)
-    more = f" and {len(known) - MOST} more" if len(known) > MOST else ""
-    meant = dict.fromkeys(nearest[0] for one in given if (nearest := near(str(one), known)))
-    question = f"; did you mean {' and '.join(meant)}?" if meant else ""
-    return f"{', '.join(known[:MOST])}{more}{question}"
+    listed = list(names)
+    remainder = f" and {len(listed) - MOST} more" if len(listed) > MOST else ""
+    suggestions = dict.fromkeys(similar[0] for name in unknown if (similar := similar_names(str(name), listed)))
+    question = f"; did you mean {' and '.join(suggestions)}?" if suggestions else ""
+    return f"{', '.join(listed[:MOST])}{remainder}{question}"

@@ -51,19 +51,19 @@ class Approach(PlacementConstraint):
     def rows(self, placement: SymbolicCandidate) -> list[ScalarConstraint]:
         """Return the constraint ``a . d >= cos(angle)`` on the palm's direction a, or that of parallel jaws."""
         if placement.palm is None and placement.closing is not None:
-            return self._across(placement.closing, placement.size)
+            return self._jaw_constraint(placement.closing, placement.size)
         if placement.palm is None:
             raise InputError("Approach", "no palm", "a hand with a palm, such as ng.URDFHand, or ng.ParallelJaw")
-        along = ca.dot(placement.palm.approach, ca.DM(np.asarray(self.direction)))
-        return [ScalarConstraint("approach", along, float(np.cos(self.angle)), unit="cos", link="palm")]
+        cosine = ca.dot(placement.palm.approach, ca.DM(np.asarray(self.direction)))
+        return [ScalarConstraint("approach", cosine, float(np.cos(self.angle)), unit="cos", link="palm")]
 
-    def _across(self, closing: Expression, size: float) -> list[ScalarConstraint]:
+    def _jaw_constraint(self, closing: Expression, size: float) -> list[ScalarConstraint]:
         """Return the constraint that some direction across the closing line is within the cone."""
         if self.angle >= np.pi / 2.0:
             return []
-        along = ca.dot(closing, ca.DM(np.asarray(self.direction)))
-        beyond = along**2 - float(np.sin(self.angle)) ** 2 * ca.sumsqr(closing)
-        return [ScalarConstraint("approach", beyond, upper=0.0, scale=size**2, unit="m2", link="palm")]
+        component = ca.dot(closing, ca.DM(np.asarray(self.direction)))
+        excess = component**2 - float(np.sin(self.angle)) ** 2 * ca.sumsqr(closing)
+        return [ScalarConstraint("approach", excess, upper=0.0, scale=size**2, unit="m2", link="palm")]
 
     def to_dict(self) -> Json:
         """Return direction and angle as JSON data."""

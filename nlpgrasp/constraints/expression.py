@@ -21,14 +21,14 @@ from nlpgrasp.errors import InputError
 SEES_HAND = 3  # number of arguments of an expression that uses the hand's variables
 
 
-class _Named(dict[str, Expression]):
+class _HandVariables(dict[str, Expression]):
     """The hand's variables by name; unknown names raise an InputError."""
 
     def __missing__(self, name: str) -> NoReturn:
-        allowed = (
+        expected = (
             f"a variable of the hand: {format_known_names([name], self)}" if self else "a hand with joints or a palm"
         )
-        raise InputError("Constraint.expression hand", repr(name), allowed)
+        raise InputError("Constraint.expression hand", repr(name), expected)
 
 
 @dataclass(frozen=True)
@@ -72,8 +72,8 @@ class Constraint(PlacementConstraint):
         object.__setattr__(self, "lower", low)
         object.__setattr__(self, "upper", high)
         if np.any(np.isnan(low)) or np.any(np.isnan(high)) or np.any(low > high):
-            given = f"{low.tolist()} to {high.tolist()}"
-            raise InputError(f"Constraint {self.name!r}", given, "lower limits below upper limits")
+            limits = f"{low.tolist()} to {high.tolist()}"
+            raise InputError(f"Constraint {self.name!r}", limits, "lower limits below upper limits")
 
     def _limit(self, value: ArrayLike) -> FloatArray:
         try:
@@ -96,7 +96,7 @@ class Constraint(PlacementConstraint):
         field = f"Constraint {self.name!r}.expression"
         if self._uses_hand and placement.hand is None:
             return []
-        hand = [_Named(placement.hand or {})] if self._uses_hand else []
+        hand = [_HandVariables(placement.hand or {})] if self._uses_hand else []
         try:
             value = self.expression(list(placement.positions), list(placement.normals), *hand)
             value = ca.vec(ca.vertcat(*value) if isinstance(value, list | tuple) else ca.SX(value))

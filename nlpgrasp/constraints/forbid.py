@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 
 from nlpgrasp.common.scalar_constraints import ScalarConstraint, SymbolicCandidate
 from nlpgrasp.common.types import Expression, Json
-from nlpgrasp.common.validation import names
+from nlpgrasp.common.validation import face_names
 from nlpgrasp.constraints.base import PlacementConstraint
 from nlpgrasp.constraints.regions import ExpressionRegion, Region, region_from_dict
 from nlpgrasp.errors import InputError
@@ -29,13 +29,13 @@ class Forbid(PlacementConstraint):
     faces_or_region: str | Iterable[str] | Region | Callable[[Expression], Expression]
 
     def __post_init__(self) -> None:
-        what = self.faces_or_region
-        if isinstance(what, Region):
+        value = self.faces_or_region
+        if isinstance(value, Region):
             return
-        if callable(what):
-            object.__setattr__(self, "faces_or_region", ExpressionRegion(what))
+        if callable(value):
+            object.__setattr__(self, "faces_or_region", ExpressionRegion(value))
         else:
-            object.__setattr__(self, "faces_or_region", names("Forbid.faces_or_region", what) or ())
+            object.__setattr__(self, "faces_or_region", face_names("Forbid.faces_or_region", value) or ())
 
     @property
     def region(self) -> Region | None:

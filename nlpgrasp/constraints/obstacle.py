@@ -71,13 +71,13 @@ class Obstacle(PlacementConstraint):
     def _set_pose(self, pose: Pose) -> None:
         if self.position is not None or self.quaternion is not None:
             raise InputError("Obstacle.pose", "a pose beside position or quaternion", "one of them")
-        turn, shift = rigid_transform("Obstacle.pose", pose, self.body.space)
+        rotation, translation = rigid_transform("Obstacle.pose", pose, self.body.space)
         if self.body.space == 3:
-            turned = Rotation.from_matrix(turn).as_quat(canonical=True, scalar_first=True)
-            object.__setattr__(self, "quaternion", turned.tolist())
-        elif not np.array_equal(turn, np.eye(2)):
+            quaternion = Rotation.from_matrix(rotation).as_quat(canonical=True, scalar_first=True)
+            object.__setattr__(self, "quaternion", quaternion.tolist())
+        elif not np.array_equal(rotation, np.eye(2)):
             raise InputError("Obstacle.pose", "a planar body that is turned", "a translation alone: turn its polygon")
-        object.__setattr__(self, "position", shift.tolist())
+        object.__setattr__(self, "position", translation.tolist())
 
     @property
     def rotation(self) -> FloatArray:
@@ -94,10 +94,14 @@ class Obstacle(PlacementConstraint):
     def rows(self, placement: SymbolicCandidate) -> Sequence[ScalarConstraint | Clearance]:
         """Return one clearance constraint per fingertip and per collision sphere of a link."""
         tips = zip(placement.tips, placement.radii, strict=True)
-        of_tips = [self._off(tip, radius, placement.size, fingers=(i,)) for i, (tip, radius) in enumerate(tips)]
-        return of_tips + [self._off(s.centre, s.radius, placement.size, link=s.link) for s in placement.links]
+        tip_clearances = [
+            self._sphere_clearance(tip, radius, placement.size, fingers=(i,)) for i, (tip, radius) in enumerate(tips)
+        ]
+        return tip_clearances + [
+            self._sphere_clearance(s.centre, s.radius, placement.size, link=s.link) for s in placement.links
+        ]
 
-    def _off(
+    def _sphere_clearance(
         self, point: Expression, radius: float, size: float, fingers: tuple[int, ...] = (), link: str = ""
     ) -> Clearance:
         """Return the clearance constraint of a sphere of the hand."""
@@ -124,9 +128,13 @@ class Obstacle(PlacementConstraint):
     @classmethod
     def from_dict(cls, data: Json) -> Self:
         """Return the constraint from its data, keeping a unit quaternion unchanged."""
-        body, turn = solid_from_dict(data["body"]), data.get("quaternion_wxyz")
-        result = cls(body, data.get("clearance", 0.0), data.get("position"), turn, data.get("name", "obstacle"))
-        return replace_unchecked(result, quaternion=tuple(turn)) if turn is not None and is_unit(turn) else result
+        body, quaternion = solid_from_dict(data["body"]), data.get("quaternion_wxyz")
+        result = cls(body, data.get("clearance", 0.0), data.get("position"), quaternion, data.get("name", "obstacle"))
+        return (
+            replace_unchecked(result, quaternion=tuple(quaternion))
+            if quaternion is not None and is_unit(quaternion)
+            else result
+        )
 
 
 def _check_tuple(field: str, value: ArrayLike, size: int) -> tuple[float, ...]:

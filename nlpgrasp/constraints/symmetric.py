@@ -64,11 +64,13 @@ class Symmetric(PlacementConstraint):
         """Return one scalar constraint per coordinate: image less contact, within the tolerance."""
         a, b = (placement.positions[i] for i in self.fingers)
         n = ca.DM(np.asarray(self.normal))
-        apart = a - 2.0 * (ca.dot(n, a) - self.offset) * n - b
-        fingers, near = tuple(self.fingers), self.tolerance
+        difference = a - 2.0 * (ca.dot(n, a) - self.offset) * n - b
+        fingers, tolerance = tuple(self.fingers), self.tolerance
         return [
-            ScalarConstraint("symmetric", apart[c], -near, near, placement.size, "m", fingers=fingers, part=axis)
-            for c, axis in zip(range(apart.shape[0]), "xyz", strict=False)
+            ScalarConstraint(
+                "symmetric", difference[c], -tolerance, tolerance, placement.size, "m", fingers=fingers, part=axis
+            )
+            for c, axis in zip(range(difference.shape[0]), "xyz", strict=False)
         ]
 
     def to_dict(self) -> Json:

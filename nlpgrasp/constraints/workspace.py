@@ -62,13 +62,15 @@ class Workspace(PlacementConstraint):
         if self.palm:
             if placement.palm is None:
                 raise InputError("Workspace.palm", True, "a hand with a palm")
-            return self._inside(Label("workspace", link="palm"), placement.palm.position, placement.size)
-        used = range(len(placement.positions)) if self.fingers is None else self.fingers
-        labels = [Label("workspace", fingers=(i,)) for i in used]
-        pairs = zip(used, labels, strict=True)
-        return [row for i, label in pairs for row in self._inside(label, placement.positions[i], placement.size)]
+            return self._region_constraints(Label("workspace", link="palm"), placement.palm.position, placement.size)
+        indices = range(len(placement.positions)) if self.fingers is None else self.fingers
+        labels = [Label("workspace", fingers=(i,)) for i in indices]
+        pairs = zip(indices, labels, strict=True)
+        return [
+            row for i, label in pairs for row in self._region_constraints(label, placement.positions[i], placement.size)
+        ]
 
-    def _inside(self, label: Label, p: Expression, size: float) -> list[ScalarConstraint]:
+    def _region_constraints(self, label: Label, p: Expression, size: float) -> list[ScalarConstraint]:
         kind, fingers, link = label.kind, label.fingers, label.link
         region = self._region
         if isinstance(region, BoxRegion):
@@ -92,10 +94,10 @@ class Workspace(PlacementConstraint):
 
 def finger_numbers(field: str, fingers: Sequence[int]) -> tuple[int, ...]:
     """Return validated finger indices: nonnegative and distinct."""
-    given = tuple(fingers) if isinstance(fingers, list | tuple | np.ndarray | range) else ()
-    good = all(isinstance(i, int | np.integer) and not isinstance(i, bool) for i in given)
-    numbers = tuple(int(i) for i in given) if good else ()
-    if not good or not numbers or min(numbers) < 0 or len(set(numbers)) != len(numbers):
+    values = tuple(fingers) if isinstance(fingers, list | tuple | np.ndarray | range) else ()
+    is_valid = all(isinstance(i, int | np.integer) and not isinstance(i, bool) for i in values)
+    numbers = tuple(int(i) for i in values) if is_valid else ()
+    if not is_valid or not numbers or min(numbers) < 0 or len(set(numbers)) != len(numbers):
         raise InputError(field, fingers, "different numbers of fingers, from 0")
     return numbers
 

@@ -12,7 +12,7 @@ import numpy as np
 from nlpgrasp.common.registry import Registry
 from nlpgrasp.common.spatial import tangents as any_tangents
 from nlpgrasp.common.types import Expression, Json, Ops
-from nlpgrasp.common.validation import FloatArray, names
+from nlpgrasp.common.validation import FloatArray, face_names
 from nlpgrasp.errors import InputError
 
 MISSING = float("nan")  # stands for a coefficient missing in a file: every model that needs it raises
@@ -40,7 +40,7 @@ class ContactModel(ABC):
     faces: str | Iterable[str] | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "faces", names(f"{type(self).__name__}.faces", self.faces))
+        object.__setattr__(self, "faces", face_names(f"{type(self).__name__}.faces", self.faces))
 
     @property
     def label(self) -> str:
@@ -268,8 +268,8 @@ def contact_from_dict(data: Json) -> ContactModel:
     InputError
         When the model is unknown or a coefficient is missing or out of range.
     """
-    given = data.get("model") if isinstance(data, Mapping) else data
-    model = CONTACTS.find(given) if isinstance(data, Mapping) else None
+    name = data.get("model") if isinstance(data, Mapping) else data
+    model = CONTACTS.find(name) if isinstance(data, Mapping) else None
     if model is None:
-        raise CONTACTS.unknown(given)
+        raise CONTACTS.unknown(name)
     return model.from_dict(data)

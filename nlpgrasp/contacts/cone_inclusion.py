@@ -39,7 +39,7 @@ def contains(wider: ContactModel, other: ContactModel, space: int) -> bool:
     if wider == other:
         return True
     try:
-        mine, theirs = _ranges(wider, space), _ranges(other, space)
+        wider_ranges, other_ranges = _ranges(wider, space), _ranges(other, space)
     except InputError:
         return False
     if not set(other.axes(space)) <= set(wider.axes(space)):
@@ -49,10 +49,10 @@ def contains(wider: ContactModel, other: ContactModel, space: int) -> bool:
     if isinstance(wider, PadContact) and wider.points(wider.components(space)) is not None:
         return _acts_within(other, wider)
     if _elliptic(wider):
-        shares = [_largest_norm(theirs, axes) / c for axes, c in mine]
-        together = max(shares) if _elliptic(other) else float(np.linalg.norm(shares))
-        return together <= 1.0 + ROUNDING
-    return all(_largest_norm(theirs, axes) <= c * (1.0 + ROUNDING) for axes, c in mine)
+        shares = [_largest_norm(other_ranges, axes) / c for axes, c in wider_ranges]
+        combined = max(shares) if _elliptic(other) else float(np.linalg.norm(shares))
+        return combined <= 1.0 + ROUNDING
+    return all(_largest_norm(other_ranges, axes) <= c * (1.0 + ROUNDING) for axes, c in wider_ranges)
 
 
 def assign_contacts(
@@ -95,9 +95,9 @@ def _acts_within(other: ContactModel, pad: PadContact) -> bool:
         arms = other.arms
     elif not isinstance(other, PointContact | FrictionContact):
         return False
-    within = np.all(np.max(np.abs(arms), axis=0) <= np.max(np.abs(pad.arms), axis=0) * (1.0 + ROUNDING))
+    is_between = np.all(np.max(np.abs(arms), axis=0) <= np.max(np.abs(pad.arms), axis=0) * (1.0 + ROUNDING))
     friction = other.coefficients.get("friction", 0.0)
-    return bool(within and friction <= pad.coefficients["friction"] * (1.0 + ROUNDING))
+    return bool(is_between and friction <= pad.coefficients["friction"] * (1.0 + ROUNDING))
 
 
 def _elliptic(model: ContactModel) -> bool:
@@ -106,21 +106,21 @@ def _elliptic(model: ContactModel) -> bool:
 
 def _ranges(model: ContactModel, space: int) -> Ranges:
     axes = model.axes(space)
-    return [(frozenset(axes[where]), float(c)) for where, c in model.blocks(len(axes))]
+    return [(frozenset(axes[block]), float(c)) for block, c in model.blocks(len(axes))]
 
 
 def _largest_norm(ranges: Ranges, axes: frozenset[int]) -> float:
     """Return the largest norm of components with unit normal force."""
-    return float(np.sqrt(sum(c**2 for own, c in ranges if own & axes)))
+    return float(np.sqrt(sum(c**2 for block_axes, c in ranges if block_axes & axes)))
 
 
-def _same_frames(one: ContactModel, other: ContactModel, space: int) -> bool:
+def _same_frames(first: ContactModel, second: ContactModel, space: int) -> bool:
     """Return whether both have the same tangents, or one is rotationally symmetric."""
-    if space == 2 or _is_round(one) or _is_round(other):
+    if space == 2 or _is_round(first) or _is_round(second):
         return True
     normals = np.random.default_rng(0).standard_normal((4, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return bool(np.allclose(one.tangents(normals), other.tangents(normals), rtol=0.0, atol=1e-9))
+    return bool(np.allclose(first.tangents(normals), second.tangents(normals), rtol=0.0, atol=1e-9))
 
 
 def _is_round(model: ContactModel) -> bool:

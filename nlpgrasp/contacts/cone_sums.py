@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from nlpgrasp.common.ldl import solve_matrices, solve_some
+from nlpgrasp.common.ldl import solve_batch, solve_matrices
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts.base import upper_triangle
 
@@ -48,13 +48,13 @@ SETTLED = 1e-8  # length of the last step, for projections of about unit length:
 EXACT = 4e-14  # tolerance of the KKT conditions, relative to the point
 REGULARISATION = 1e-15  # added to the multipliers' matrix, singular where four gradients are dependent
 ORDER = [0, 4, 5, 1, 2, 3]  # components reordered: those of normal forces first, then those of tangential forces
-BACK = [0, 3, 4, 5, 1, 2]  # inverse of ORDER
+INVERSE_ORDER = [0, 3, 4, 5, 1, 2]  # inverse of ORDER
 # method of multipliers
 FIRST, FACTOR, LAST, MOST = 100.0, 10.0, 1e8, 1e11  # penalty r: first, growth, last for arms of 1 m, largest
-ROUGHLY, FINELY = 1e-4, 1e-12  # gradient norms, for unit points, that end a stage, and those at the last r
-AGAIN = 8  # most updates of the multipliers at the last r
+COARSE, FINE = 1e-4, 1e-12  # gradient norms, for unit points, that end a stage, and those at the last r
+LAST_UPDATES = 8  # most updates of the multipliers at the last r
 FAR = 1e-2  # gradient norm above which a stage has failed and its multipliers are not used
-MOVED = 1e-14  # change by the last update, relative to the point
+STATIONARY = 1e-14  # change by the last update, relative to the point
 NEWTON_STEPS, SHORTER = 30, 12  # most Newton steps per stage and backtracking steps
 
 
@@ -99,39 +99,39 @@ class FrictionPoints:
         forces = np.ones_like(v)
         forces[..., 1:] = v[..., 1:] * (self.friction / np.where(size > 0.0, size, 1.0))[..., None]
         value = np.take_along_axis(work, best, axis=-1)[..., 0]
-        alone = forces * ((np.arange(len(self.arms)) == best) & (value > 0.0)[..., None])[..., None]
-        return np.maximum(value, 0.0), alone.reshape(*z.shape[:-1], -1) @ self.generators.T
+        single = forces * ((np.arange(len(self.arms)) == best) & (value > 0.0)[..., None])[..., None]
+        return np.maximum(value, 0.0), single.reshape(*z.shape[:-1], -1) @ self.generators.T
 
     def project(self, z: FloatArray) -> FloatArray:
         """Return the projection of ``z`` (..., n) onto the cone."""
         flat, size = _unit_columns(z)
-        one, share = self._scaled(flat)
-        result = (one - self._nearest(one).q) * (share * size)
+        unit, share = self._normalised(flat)
+        result = (unit - self._project_polar(unit).q) * (share * size)
         result[0] = np.maximum(result[0], 0.0)
         return np.asarray(result.T.reshape(z.shape))
 
     def projection_methods(self, z: FloatArray) -> NDArray[np.intp]:
         """Return the methods (m,) that project ``z`` (m, n): ``SLIPS``, ``INSIDE``, ..., or the index of a map."""
-        return self._nearest(self._scaled(_unit_columns(z)[0])[0]).how
+        return self._project_polar(self._normalised(_unit_columns(z)[0])[0]).methods
 
     def derivative_entries(self, z: FloatArray) -> FloatArray:
         """Return the upper triangle of the projection's Jacobian, entries first, (n (n + 1) / 2, ...)."""
         flat, _ = _unit_columns(z)
-        one, _ = self._scaled(flat)
-        near, n = self._nearest(one), len(flat)
+        unit, _ = self._normalised(flat)
+        projections, n = self._project_polar(unit), len(flat)
         matrix = np.zeros((n, n, flat.shape[1]))
-        matrix[..., near.how == INSIDE] = np.eye(n)[..., None]
-        sticks = near.how >= 0
-        matrix[..., sticks] = self._sticking.maps[near.how[sticks]].transpose(1, 2, 0)
-        slips, other = np.flatnonzero(near.how == SLIPS), np.flatnonzero(near.how == OTHER)
+        matrix[..., projections.methods == INSIDE] = np.eye(n)[..., None]
+        sticks = projections.methods >= 0
+        matrix[..., sticks] = self._sticking.maps[projections.methods[sticks]].transpose(1, 2, 0)
+        slips, rest = np.flatnonzero(projections.methods == SLIPS), np.flatnonzero(projections.methods == OTHER)
         if slips.size:
-            six = np.zeros((6, slips.size))
-            six[list(self.axes)] = near.q[:, slips]
-            full = self._newton.derivative(six, near.weights[:, slips])
+            padded = np.zeros((6, slips.size))
+            padded[list(self.axes)] = projections.q[:, slips]
+            full = self._newton.derivative(padded, projections.weights[:, slips])
             matrix[..., slips] = full[np.ix_(self.axes, self.axes)]
-        if other.size:
-            matrix[..., other] = self._method.derivative(one[:, other], near.q[:, other], near.forces)
-        return np.array([matrix[place].reshape(z.shape[:-1]) for place in upper_triangle(n)])
+        if rest.size:
+            matrix[..., rest] = self._method.derivative(unit[:, rest], projections.q[:, rest], projections.forces)
+        return np.array([matrix[index].reshape(z.shape[:-1]) for index in upper_triangle(n)])
 
     @cached_property
     def _newton(self) -> EdgeNewton:
@@ -146,7 +146,7 @@ class FrictionPoints:
         return StickingProjection(self.generators, np.array(self.arms), self.friction)
 
     @cached_property
-    def _sharing(self) -> ConeSumMembership:
+    def _membership(self) -> ConeSumMembership:
         return ConeSumMembership(self.generators, self.friction)
 
     @cached_property
@@ -154,59 +154,59 @@ class FrictionPoints:
         """Cache of the last projections, whose derivative is often needed next."""
         return []
 
-    def _most_work(self, v: FloatArray) -> FloatArray:
+    def _largest_work(self, v: FloatArray) -> FloatArray:
         """Return the largest ``v_n + mu |v_t|`` over the points, (m,), for velocities (3 N, m)."""
         v = v.reshape(len(self.arms), 3, -1)
         return np.asarray(np.max(v[:, 0] + self.friction * np.hypot(v[:, 1], v[:, 2]), axis=0, initial=-np.inf))
 
-    def _scaled(self, flat: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _normalised(self, flat: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Scale points outside the polar cone to projections of about unit length; return them and the scale (m,)."""
-        work = self._most_work(self.generators.T @ flat)
+        work = self._largest_work(self.generators.T @ flat)
         share = np.where(work > 0.0, np.maximum(work, LEAST_WORK), 1.0)
         return flat / share, share
 
-    def _nearest(self, z: FloatArray) -> _ConeProjection:
+    def _project_polar(self, z: FloatArray) -> _ConeProjection:
         """Project ``z`` (n, m) onto the polar cone, with caching and in batches."""
         if self._last and np.array_equal(self._last[0][0], z):
             return self._last[0][1]
-        parts = [self._some(z[:, a : a + CHUNK]) for a in range(0, max(1, z.shape[1]), CHUNK)]
-        found = _ConeProjection(*(np.concatenate(part, axis=-1) for part in zip(*parts, strict=True)))
-        self._last[:] = [(z, found)]
-        return found
+        parts = [self._project_batch(z[:, a : a + CHUNK]) for a in range(0, max(1, z.shape[1]), CHUNK)]
+        projections = _ConeProjection(*(np.concatenate(part, axis=-1) for part in zip(*parts, strict=True)))
+        self._last[:] = [(z, projections)]
+        return projections
 
-    def _some(self, z: FloatArray) -> _ConeProjection:
+    def _project_batch(self, z: FloatArray) -> _ConeProjection:
         """Project one batch of points ``z`` (n, m) onto the polar cone."""
         q, weights = z.copy(), np.zeros((len(self.arms), z.shape[1]))
-        how = np.where(self._most_work(self.generators.T @ z) > 0.0, SLIPS, POLAR)
-        left = np.flatnonzero(how == SLIPS)
-        which = self._sticking.find(z[:, left])
-        sticks = left[which >= 0]
-        how[sticks] = which[which >= 0]
-        q[:, sticks] -= np.matmul(self._sticking.maps[how[sticks]], z[:, sticks].T[..., None])[..., 0].T
-        left = left[which < 0]
+        methods = np.where(self._largest_work(self.generators.T @ z) > 0.0, SLIPS, POLAR)
+        remaining = np.flatnonzero(methods == SLIPS)
+        maps = self._sticking.find(z[:, remaining])
+        sticks = remaining[maps >= 0]
+        methods[sticks] = maps[maps >= 0]
+        q[:, sticks] -= np.matmul(self._sticking.maps[methods[sticks]], z[:, sticks].T[..., None])[..., 0].T
+        remaining = remaining[maps < 0]
         if len(self.arms) > 2:
-            inside = self._sharing.inside(z[:, left])
-            q[:, left[inside]] = 0.0
-            how[left[inside]] = INSIDE
-            left = left[~inside]
-        if left.size:
-            six = np.zeros((6, left.size))
-            six[list(self.axes)] = z[:, left]
-            found, weights[:, left], good = self._newton.solve(six)
-            q[:, left] = found[list(self.axes)]
-            left = left[~good]
-        forces = np.zeros((len(self.arms), 3, left.size))
-        if left.size:
-            how[left] = OTHER
-            q[:, left], forces = self._method.solve(z[:, left])
-        return _ConeProjection(q, how, weights, forces)
+            is_inside = self._membership.inside(z[:, remaining])
+            q[:, remaining[is_inside]] = 0.0
+            methods[remaining[is_inside]] = INSIDE
+            remaining = remaining[~is_inside]
+        if remaining.size:
+            padded = np.zeros((6, remaining.size))
+            padded[list(self.axes)] = z[:, remaining]
+            slipping, weights[:, remaining], is_solved = self._newton.solve(padded)
+            q[:, remaining] = slipping[list(self.axes)]
+            remaining = remaining[~is_solved]
+        forces = np.zeros((len(self.arms), 3, remaining.size))
+        if remaining.size:
+            methods[remaining] = OTHER
+            q[:, remaining], forces = self._method.solve(z[:, remaining])
+        return _ConeProjection(q, methods, weights, forces)
 
 
 class _ConeProjection(NamedTuple):
     """Projections onto the polar cone (n, m), their methods (m,), and multipliers."""
 
     q: FloatArray
-    how: NDArray[np.intp]
+    methods: NDArray[np.intp]
     weights: FloatArray  # (N, m), where points slip
     forces: FloatArray  # (N, 3, number solved by the method of multipliers)
 
@@ -214,11 +214,11 @@ class _ConeProjection(NamedTuple):
 def _unit_columns(z: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return points (..., n) as columns of unit length (or zero), (n, m), and their lengths (m,)."""
     flat = z.reshape(-1, z.shape[-1]).T
-    most = np.max(np.abs(flat), axis=0, initial=0.0)
-    most = np.where(most > 0.0, most, 1.0)
-    length = np.linalg.norm(flat / most, axis=0)
+    largest = np.max(np.abs(flat), axis=0, initial=0.0)
+    largest = np.where(largest > 0.0, largest, 1.0)
+    length = np.linalg.norm(flat / largest, axis=0)
     length = np.where(length > 0.0, length, 1.0)
-    return flat / most / length, most * length
+    return flat / largest / length, largest * length
 
 
 class StickingProjection:
@@ -239,53 +239,54 @@ class StickingProjection:
 
     def __init__(self, generators: FloatArray, arms: FloatArray, friction: float) -> None:
         self._generators, self._arms, self._friction = generators, arms, friction
-        one = [self._maps_of_one_point(i, sign, others) for i, sign, others in self._patterns()]
-        two = [
-            found
-            for pair in combinations(range(len(arms)), 2)
-            if (found := self._maps_of_two_points(*pair)) is not None
+        single = [self._maps_of_one_point(i, sign, slipping) for i, sign, slipping in self._patterns()]
+        double = [
+            maps for pair in combinations(range(len(arms)), 2) if (maps := self._maps_of_two_points(*pair)) is not None
         ]
-        rows = max(len(force) for force, _ in one)
-        padded = [np.pad(force, [(0, rows - len(force)), (0, 0)]) for force, _ in one]
-        self._alone, self._pairs = np.stack(padded), np.stack([force for force, _ in two])
-        self.maps = np.stack([kept for _, kept in (*one, *two)])  # z to z - q, each (n, n)
+        rows = max(len(force) for force, _ in single)
+        padded = [np.pad(force, [(0, rows - len(force)), (0, 0)]) for force, _ in single]
+        self._alone, self._pairs = np.stack(padded), np.stack([force for force, _ in double])
+        self.maps = np.stack([projection for _, projection in (*single, *double)])  # z to z - q, each (n, n)
 
     def find(self, z: FloatArray) -> NDArray[np.intp]:
         """Return the indices (m,) of the ``maps`` that project points (n, m); ``NONE`` if none does."""
         mu, count = self._friction, z.shape[1]
         force = (self._alone.reshape(-1, len(z)) @ z).reshape(*self._alone.shape[:2], count)
-        good = np.all(force[:, [0, *range(3, force.shape[1])]] >= 0.0, axis=1)
-        good &= force[:, 1] ** 2 + force[:, 2] ** 2 <= (mu * force[:, 0]) ** 2
+        is_valid = np.all(force[:, [0, *range(3, force.shape[1])]] >= 0.0, axis=1)
+        is_valid &= force[:, 1] ** 2 + force[:, 2] ** 2 <= (mu * force[:, 0]) ** 2
         force = (self._pairs.reshape(-1, len(z)) @ z).reshape(len(self._pairs), 5, count)
-        room, across = mu * force[:, :2], np.abs(force[:, 2:4])
-        along = np.sqrt(np.maximum((room - across) * (room + across), 0.0)).sum(axis=1)
-        both = np.all(room >= across, axis=1) & (np.abs(force[:, 4]) <= along)
-        which, where = np.nonzero(np.concatenate([good, both]))
-        some = z[:, where]
-        q = some - np.matmul(self.maps[which], some.T[..., None])[..., 0].T
+        normal_limits, transverse = mu * force[:, :2], np.abs(force[:, 2:4])
+        capacity = np.sqrt(np.maximum((normal_limits - transverse) * (normal_limits + transverse), 0.0)).sum(axis=1)
+        is_pair_valid = np.all(normal_limits >= transverse, axis=1) & (np.abs(force[:, 4]) <= capacity)
+        maps, columns = np.nonzero(np.concatenate([is_valid, is_pair_valid]))
+        points = z[:, columns]
+        q = points - np.matmul(self.maps[maps], points.T[..., None])[..., 0].T
         v = (self._generators.T @ q).reshape(len(self._arms), 3, -1)
         work = np.max(v[:, 0] + mu * np.hypot(v[:, 1], v[:, 2]), axis=0)
-        meets = work <= ROUNDING * (1.0 + np.sqrt(np.sum(some**2, axis=0)))
+        is_polar = work <= ROUNDING * (1.0 + np.sqrt(np.sum(points**2, axis=0)))
         result = np.full(count, NONE)
-        result[where[meets]] = which[meets]
+        result[columns[is_polar]] = maps[is_polar]
         return result
 
     def _patterns(self) -> list[tuple[int, float, tuple[int, ...]]]:
         """Return all patterns: the sticking point, the sign of the turn about it, and the slipping points."""
-        every, count = range(len(self._arms)), self._generators.shape[0] - 3
+        indices, count = range(len(self._arms)), self._generators.shape[0] - 3
         result: list[tuple[int, float, tuple[int, ...]]] = []
-        for i in every:
-            others = [j for j in every if j != i]
+        for i in indices:
+            others = [j for j in indices if j != i]
             result.append((i, 1.0, ()))
             result += [
-                (i, sign, some) for sign in (1.0, -1.0) for m in range(1, count) for some in combinations(others, m)
+                (i, sign, slipping)
+                for sign in (1.0, -1.0)
+                for m in range(1, count)
+                for slipping in combinations(others, m)
             ]
         return result
 
-    def _maps_of_one_point(self, i: int, sign: float, others: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+    def _maps_of_one_point(self, i: int, sign: float, slipping: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
         """Return the matrices that map z to ``(u_i, l_S)`` and to ``z - q`` for one sticking point."""
         columns = [self._part(i)]
-        for j in others:
+        for j in slipping:
             first, second = self._arms[j] - self._arms[i]
             slip = sign * self._friction / np.hypot(first, second)
             columns.append(self._part(j) @ np.array([[1.0], [-slip * second], [slip * first]]))
@@ -300,9 +301,9 @@ class StickingProjection:
         both sides of the line, about which the body then cannot turn.
         """
         middle = 0.5 * (self._arms[i] + self._arms[j])
-        apart = self._arms[j] - self._arms[i]
-        length = float(np.hypot(*apart))
-        e = apart / length
+        difference = self._arms[j] - self._arms[i]
+        length = float(np.hypot(*difference))
+        e = difference / length
         side = (self._arms - middle) @ np.array([-e[1], e[0]])
         if np.min(side) < -RANK * length and np.max(side) > RANK * length:
             return None
@@ -339,18 +340,18 @@ class ConeSumMembership:
 
     def inside(self, z: FloatArray) -> NDArray[np.bool_]:
         """Return where wrenches (n, m) were found to be sums of forces in the friction cones, (m,)."""
-        found = np.zeros(z.shape[1], dtype=bool)
-        left = np.flatnonzero(np.all(np.abs(z) <= self._most[:, None] * z[0], axis=0))
-        u = (self._least @ z[:, left]).reshape(self._count, 3, -1)
-        for count in range(MEMBERSHIP_STEPS):
-            if count:
+        is_member = np.zeros(z.shape[1], dtype=bool)
+        remaining = np.flatnonzero(np.all(np.abs(z) <= self._most[:, None] * z[0], axis=0))
+        u = (self._least @ z[:, remaining]).reshape(self._count, 3, -1)
+        for step in range(MEMBERSHIP_STEPS):
+            if step:
                 u = u + self._step(u)
-            good = self._allowed(u)
-            found[left[good]] = True
-            left, u = left[~good], u[..., ~good]
-            if not left.size:
+            is_allowed = self._allowed(u)
+            is_member[remaining[is_allowed]] = True
+            remaining, u = remaining[~is_allowed], u[..., ~is_allowed]
+            if not remaining.size:
                 break
-        return found
+        return is_member
 
     def _allowed(self, u: FloatArray) -> NDArray[np.bool_]:
         return np.asarray(np.all(np.hypot(u[:, 1], u[:, 2]) <= self._friction * u[:, 0], axis=0))
@@ -366,22 +367,22 @@ class ConeSumMembership:
         inverse = 1.0 / np.where(size > FLAT, size, 1.0)
         shrink = np.where(size > mu * pressing, mu * pressing * inverse, 1.0)
         direction = u[:, 1:] * inverse[:, None]
-        off = u.copy()
-        off[:, 0] -= pressing
-        off[:, 1:] *= (1.0 - shrink)[:, None]
+        residual = u.copy()
+        residual[:, 0] -= pressing
+        residual[:, 1:] *= (1.0 - shrink)[:, None]
         share = edge / (1.0 + mu**2)
-        bend = np.zeros((self._count, 3, 3, u.shape[2]))  # 1 - P_F'
-        outside = (size > mu * pressing).astype(float)
-        bend[:, 0, 0] = np.where(edge, 1.0 - share, outside)
-        bend[:, 0, 1:] = bend[:, 1:, 0] = -mu * share[:, None] * direction
-        both = direction[:, :, None] * direction[:, None]
-        bend[:, 1:, 1:] = (shrink * outside - mu**2 * share)[:, None, None] * both
-        bend[:, 1, 1] += outside * (1.0 - shrink)
-        bend[:, 2, 2] += outside * (1.0 - shrink)
+        curvature = np.zeros((self._count, 3, 3, u.shape[2]))  # 1 - P_F'
+        is_outside = (size > mu * pressing).astype(float)
+        curvature[:, 0, 0] = np.where(edge, 1.0 - share, is_outside)
+        curvature[:, 0, 1:] = curvature[:, 1:, 0] = -mu * share[:, None] * direction
+        outer = direction[:, :, None] * direction[:, None]
+        curvature[:, 1:, 1:] = (shrink * is_outside - mu**2 * share)[:, None, None] * outer
+        curvature[:, 1, 1] += is_outside * (1.0 - shrink)
+        curvature[:, 2, 2] += is_outside * (1.0 - shrink)
         d = self._free.shape[1]
-        H = (self._squares.T @ bend.reshape(9 * self._count, -1)).T.reshape(-1, d, d)
+        H = (self._squares.T @ curvature.reshape(9 * self._count, -1)).T.reshape(-1, d, d)
         H[:, range(d), range(d)] += REGULAR
-        slope = self._free.T @ off.reshape(3 * self._count, -1)
+        slope = self._free.T @ residual.reshape(3 * self._count, -1)
         x = np.linalg.solve(H, -slope.T[..., None])[..., 0].T
         return (self._free @ x).reshape(u.shape)
 
@@ -410,57 +411,67 @@ class EdgeNewton:
     def solve(self, z: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
         """Return projections q (6, m) of ``z`` (6, m), multipliers l (N, m), and where KKT conditions hold, (m,)."""
         z = z[ORDER]
-        q, lam, good = z.copy(), np.zeros((len(self._a), z.shape[1])), np.zeros(z.shape[1], dtype=bool)
-        for one in TRIES:
-            left = np.flatnonzero(~good)
-            if not left.size:
+        q, lam, is_solved = z.copy(), np.zeros((len(self._a), z.shape[1])), np.zeros(z.shape[1], dtype=bool)
+        for settings in TRIES:
+            remaining = np.flatnonzero(~is_solved)
+            if not remaining.size:
                 break
-            begin, pressed = q[:, left], lam[:, left]
-            if one.aside is not None:
-                begin, pressed = z[:, left], np.zeros_like(pressed)
-                begin[3:] += one.aside * np.array([[1.0], [0.7], [0.4]])
-            q[:, left], lam[:, left], good[left] = self._iterate(z[:, left], begin, pressed, one)
-        return q[BACK], lam, good
+            start, multipliers = q[:, remaining], lam[:, remaining]
+            if settings.offset is not None:
+                start, multipliers = z[:, remaining], np.zeros_like(multipliers)
+                start[3:] += settings.offset * np.array([[1.0], [0.7], [0.4]])
+            q[:, remaining], lam[:, remaining], is_solved[remaining] = self._iterate(
+                z[:, remaining], start, multipliers, settings
+            )
+        return q[INVERSE_ORDER], lam, is_solved
 
     def derivative(self, q: FloatArray, lam: FloatArray) -> FloatArray:
         """Return the Jacobian ``1 - H^-1 + H^-1 a (a^T H^-1 a)^-1 a^T H^-1`` of ``z - q``, (6, 6, m)."""
-        local = self._at(q[ORDER], lam)
+        local = self._local_model(q[ORDER], lam)
         matrix = np.where((lam[:, None] > 0.0) & (lam[None] > 0.0), self._products(local), 0.0).transpose(2, 0, 1)
         matrix += np.eye(len(lam)) * np.where(lam > 0.0, REGULARISATION, 1.0).T[:, None, :]
         a = np.zeros((6, *lam.shape))
-        a[:3], a[3:] = self._normal.T[..., None], local.moved
+        a[:3], a[3:] = self._normal.T[..., None], local.weighted_gradients
         a *= lam > 0.0
         result = np.asarray(np.einsum("aim,mij,bjm->abm", a, np.linalg.inv(matrix), a, optimize=True))
         result[3:, 3:] += np.eye(3)[..., None] - local.inverse
-        return np.asarray(result[np.ix_(BACK, BACK)])
+        return np.asarray(result[np.ix_(INVERSE_ORDER, INVERSE_ORDER)])
 
     def _iterate(
-        self, z: FloatArray, q: FloatArray, lam: FloatArray, one: _NewtonSettings
+        self, z: FloatArray, q: FloatArray, lam: FloatArray, settings: _NewtonSettings
     ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
         """Run Newton's method as in ``solve`` from given q and multipliers."""
         size = 1.0 + np.sqrt(np.sum(z**2, axis=0))
         q_all, lam_all = q.copy(), lam.copy()
-        going, some, limit = np.arange(z.shape[1]), z, size
-        for _ in range(one.steps):
-            local = self._at(q, lam)
-            step, pressed = self._step(some, local, lam, REGULARISATION * limit)
+        active, points, limit = np.arange(z.shape[1]), z, size
+        for _ in range(settings.steps):
+            local = self._local_model(q, lam)
+            step, multipliers = self._step(points, local, lam, REGULARISATION * limit)
             step -= q
-            length = self._length(local, step, pressed, one.keeps)
-            q, lam = q + length * step, lam + length * (pressed - lam)
-            q_all[:, going], lam_all[:, going] = q, lam
-            still = np.max(np.abs(step), axis=0) > SETTLED + 0.5 * EXACT * limit
-            if not still.any():
+            length = self._length(local, step, multipliers, settings.kept_share)
+            q, lam = q + length * step, lam + length * (multipliers - lam)
+            q_all[:, active], lam_all[:, active] = q, lam
+            is_moving = np.max(np.abs(step), axis=0) > SETTLED + 0.5 * EXACT * limit
+            if not is_moving.any():
                 break
-            if not still.all():
-                kept = np.flatnonzero(still)
-                going, q, lam, some, limit = going[kept], q[:, kept], lam[:, kept], some[:, kept], limit[kept]
-        return q_all, lam_all, self._meets(z, q_all, lam_all, EXACT * size)
+            if not is_moving.all():
+                indices = np.flatnonzero(is_moving)
+                active, q, lam, points, limit = (
+                    active[indices],
+                    q[:, indices],
+                    lam[:, indices],
+                    points[:, indices],
+                    limit[indices],
+                )
+        return q_all, lam_all, self._satisfies_kkt(z, q_all, lam_all, EXACT * size)
 
-    def _length(self, local: _LocalModel, step: FloatArray, pressed: FloatArray, keeps: float) -> FloatArray:
+    def _length(self, local: _LocalModel, step: FloatArray, multipliers: FloatArray, kept_share: float) -> FloatArray:
         """Return the step lengths (m,) at which every loaded point keeps a share of its speed along its slip."""
         loss = -local.slip[0] * (step[3] - self._b * step[5]) - local.slip[1] * (step[4] + self._a * step[5])
-        room = (1.0 - keeps) * local.speed**2
-        return np.asarray(np.min(room / np.where(pressed > 0.0, np.maximum(loss, room), room).clip(FLAT), axis=0))
+        allowance = (1.0 - kept_share) * local.speed**2
+        return np.asarray(
+            np.min(allowance / np.where(multipliers > 0.0, np.maximum(loss, allowance), allowance).clip(FLAT), axis=0)
+        )
 
     def _step(
         self, z: FloatArray, local: _LocalModel, lam: FloatArray, least: FloatArray
@@ -471,12 +482,12 @@ class EdgeNewton:
         lam = least_nonnegative(self._products(local), right, active, least, REGULARISATION)
         q = np.empty_like(z)
         q[:3] = z[:3] - self._normal.T @ lam
-        q[3:] = z_t - np.einsum("aim,im->am", local.moved, lam)
+        q[3:] = z_t - np.einsum("aim,im->am", local.weighted_gradients, lam)
         return q, lam
 
-    def _at(self, q: FloatArray, lam: FloatArray) -> _LocalModel:
+    def _local_model(self, q: FloatArray, lam: FloatArray) -> _LocalModel:
         a, b, mu = self._a, self._b, self._mu
-        slip, gradients, across = np.empty((2, *lam.shape)), np.empty((3, *lam.shape)), np.empty((3, *lam.shape))
+        slip, gradients, transverse = np.empty((2, *lam.shape)), np.empty((3, *lam.shape)), np.empty((3, *lam.shape))
         slip[0], slip[1] = q[3] - b * q[5], q[4] + a * q[5]
         speed = np.sqrt(slip[0] * slip[0] + slip[1] * slip[1])
         values = self._normal @ q[:3] + mu * speed
@@ -484,31 +495,31 @@ class EdgeNewton:
         first, second = slip * inverse
         gradients[0], gradients[1], gradients[2] = first, second, a * second - b * first
         gradients *= mu
-        across[0], across[1], across[2] = -second, first, a * first + b * second
-        H = np.einsum("aim,bim->abm", across * (mu * lam * inverse), across)
+        transverse[0], transverse[1], transverse[2] = -second, first, a * first + b * second
+        H = np.einsum("aim,bim->abm", transverse * (mu * lam * inverse), transverse)
         inverted = _inverse_of_one_plus(H)
         return _LocalModel(slip, speed, values, gradients, inverted, np.einsum("abm,bim->aim", inverted, gradients))
 
     def _products(self, local: _LocalModel) -> FloatArray:
         """Return ``a^T H^-1 a``, (N, N, m)."""
-        return np.asarray(self._gram + np.einsum("aim,ajm->ijm", local.gradients, local.moved))
+        return np.asarray(self._gram + np.einsum("aim,ajm->ijm", local.gradients, local.weighted_gradients))
 
-    def _meets(self, z: FloatArray, q: FloatArray, lam: FloatArray, limit: FloatArray) -> NDArray[np.bool_]:
+    def _satisfies_kkt(self, z: FloatArray, q: FloatArray, lam: FloatArray, limit: FloatArray) -> NDArray[np.bool_]:
         """Return where the KKT conditions hold: feasibility, complementarity, stationarity."""
-        local = self._at(q, lam)
-        off = q - z
-        off[:3] += self._normal.T @ lam
-        off[3:] += np.einsum("aim,im->am", local.gradients, lam)
-        most = np.maximum(np.max(local.values, axis=0), np.max(np.abs(local.values * lam), axis=0))
-        return np.asarray((most <= limit) & (np.max(np.abs(off), axis=0) <= limit))
+        local = self._local_model(q, lam)
+        residual = q - z
+        residual[:3] += self._normal.T @ lam
+        residual[3:] += np.einsum("aim,im->am", local.gradients, lam)
+        largest = np.maximum(np.max(local.values, axis=0), np.max(np.abs(local.values * lam), axis=0))
+        return np.asarray((largest <= limit) & (np.max(np.abs(residual), axis=0) <= limit))
 
 
 class _NewtonSettings(NamedTuple):
     """Settings of a Newton run: least share of speed kept, steps, offset of the start (None: continue)."""
 
-    keeps: float
+    kept_share: float
     steps: int
-    aside: float | None
+    offset: float | None
 
 
 TRIES = (
@@ -529,7 +540,7 @@ class _LocalModel(NamedTuple):
     values: FloatArray
     gradients: FloatArray
     inverse: FloatArray
-    moved: FloatArray
+    weighted_gradients: FloatArray
 
 
 def _inverse_of_one_plus(H: FloatArray) -> FloatArray:
@@ -537,9 +548,9 @@ def _inverse_of_one_plus(H: FloatArray) -> FloatArray:
     first = 1.0 / (1.0 + H[0, 0])
     a, b = H[0, 1] * first, H[0, 2] * first
     second = 1.0 / np.maximum(1.0 + H[1, 1] - a * H[0, 1], 1.0)
-    rest = H[1, 2] - a * H[0, 2]
-    c = rest * second
-    third = 1.0 / np.maximum(1.0 + H[2, 2] - b * H[0, 2] - c * rest, 1.0)
+    complement = H[1, 2] - a * H[0, 2]
+    c = complement * second
+    third = 1.0 / np.maximum(1.0 + H[2, 2] - b * H[0, 2] - c * complement, 1.0)
     b = a * c - b
     result = np.empty_like(H)
     result[2, 2] = third
@@ -574,26 +585,26 @@ def least_nonnegative(
         Result of the last active set tried: nearly always the minimiser.
     """
     result = _minimise_free(matrix, right, active, shift)
-    lam, going = result, np.arange(right.shape[1])
+    lam, unsettled = result, np.arange(right.shape[1])
     for _ in range(SETS - 1):
-        pays = right - np.einsum("ijm,jm->im", matrix, lam) > least
-        chosen = np.where(active, lam > 0.0, pays)
-        wrong = np.flatnonzero((chosen != active).any(axis=0))
-        if not wrong.size:
+        is_ascent = right - np.einsum("ijm,jm->im", matrix, lam) > least
+        guess = np.where(active, lam > 0.0, is_ascent)
+        changed = np.flatnonzero((guess != active).any(axis=0))
+        if not changed.size:
             break
-        going, active, least = going[wrong], chosen[:, wrong], least[wrong]
-        matrix, right = matrix[:, :, wrong], right[:, wrong]
+        unsettled, active, least = unsettled[changed], guess[:, changed], least[changed]
+        matrix, right = matrix[:, :, changed], right[:, changed]
         lam = _minimise_free(matrix, right, active, shift)
-        result[:, going] = lam
+        result[:, unsettled] = lam
     return np.maximum(result, 0.0)
 
 
 def _minimise_free(matrix: FloatArray, right: FloatArray, active: NDArray[np.bool_], shift: float) -> FloatArray:
     """Return the minimisers (N, m) with all inactive l fixed at zero."""
-    both = matrix * (active[:, None] & active)
-    for i, one in enumerate(active):
-        both[i, i] += np.where(one, 0.0, 1.0)
-    return solve_matrices(both, shift, np.where(active, right, 0.0))
+    restricted = matrix * (active[:, None] & active)
+    for i, is_active in enumerate(active):
+        restricted[i, i] += np.where(is_active, 0.0, 1.0)
+    return solve_matrices(restricted, shift, np.where(active, right, 0.0))
 
 
 class AugmentedLagrangian:
@@ -606,21 +617,21 @@ class AugmentedLagrangian:
     def __init__(self, generators: FloatArray, arms: FloatArray, friction: float) -> None:
         self._generators, self._count, self._friction = generators, len(arms), friction
         self._upper = upper_triangle(len(generators))
-        short = np.min(np.abs(arms)[np.abs(arms) > 1e-9 * np.max(np.abs(arms))])
-        self._last = float(min(MOST, LAST / min(1.0, short) ** 2))  # moments of short arms weigh little
+        shortest = np.min(np.abs(arms)[np.abs(arms) > 1e-9 * np.max(np.abs(arms))])
+        self._last = float(min(MOST, LAST / min(1.0, shortest) ** 2))  # moments of short arms weigh little
         columns = []  # entries (a, b) of A P' A^T per entry (p, q) of every point's 3 by 3 matrix P'
         for part in np.split(generators, len(arms), axis=1):
             for p, q in upper_triangle(3):
-                both = np.outer(part[:, p], part[:, q])
-                both = both if p == q else both + both.T
-                columns.append(np.array([both[place] for place in self._upper]))
+                product = np.outer(part[:, p], part[:, q])
+                product = product if p == q else product + product.T
+                columns.append(np.array([product[index] for index in self._upper]))
         self._assemble = np.stack(columns, axis=1)
 
     def derivative(self, z: FloatArray, q: FloatArray, u: FloatArray) -> FloatArray:
         """Return the Jacobian of ``z - q``, (n, n, m): ``1 - (1 + r A P_F' A^T)^-1`` for large r."""
         n, m = z.shape
         matrix = np.empty((m, n, n))
-        entries = self._curvature(self._look(z, q, u, self._last), self._last)
+        entries = self._curvature(self._evaluate(z, q, u, self._last), self._last)
         for (a, b), entry in zip(self._upper, entries, strict=True):
             matrix[:, a, b] = matrix[:, b, a] = entry + (a == b)
         inverse = np.linalg.inv(matrix).transpose(1, 2, 0)
@@ -630,82 +641,82 @@ class AugmentedLagrangian:
         """Return projections q (n, m) of ``z`` (n, m) onto the polar cone and friction forces u (N, 3, m)."""
         q, u, r = z.copy(), np.zeros((self._count, 3, z.shape[1])), FIRST
         while r < self._last:
-            q = self._minimise(z, q, u, r, ROUGHLY)
-            there = self._look(z, q, u, r)
-            u = np.where(np.linalg.norm(there.gradient, axis=0) < FAR, there.forces, u)
+            q = self._minimise(z, q, u, r, COARSE)
+            evaluation = self._evaluate(z, q, u, r)
+            u = np.where(np.linalg.norm(evaluation.gradient, axis=0) < FAR, evaluation.forces, u)
             r *= FACTOR
-        going = np.arange(z.shape[1])
-        for _ in range(AGAIN):
-            before = q[:, going]
-            q[:, going] = self._minimise(z[:, going], before, u[:, :, going], self._last, FINELY)
-            there = self._look(z[:, going], q[:, going], u[:, :, going], self._last)
-            near = np.linalg.norm(there.gradient, axis=0) < FAR
-            u[:, :, going] = np.where(near, there.forces, u[:, :, going])
-            moved = np.linalg.norm(q[:, going] - before, axis=0)
-            going = going[moved > MOVED * (1.0 + np.linalg.norm(before, axis=0))]
-            if not going.size:
+        active = np.arange(z.shape[1])
+        for _ in range(LAST_UPDATES):
+            previous = q[:, active]
+            q[:, active] = self._minimise(z[:, active], previous, u[:, :, active], self._last, FINE)
+            evaluation = self._evaluate(z[:, active], q[:, active], u[:, :, active], self._last)
+            is_near = np.linalg.norm(evaluation.gradient, axis=0) < FAR
+            u[:, :, active] = np.where(is_near, evaluation.forces, u[:, :, active])
+            change = np.linalg.norm(q[:, active] - previous, axis=0)
+            active = active[change > STATIONARY * (1.0 + np.linalg.norm(previous, axis=0))]
+            if not active.size:
                 break
         return q, u
 
     def _minimise(self, z: FloatArray, q: FloatArray, u: FloatArray, r: float, tolerance: float) -> FloatArray:
         """Return the minimisers (n, m) of one stage by Newton's method, from q."""
-        q, here, going = q.copy(), self._look(z, q, u, r), np.arange(z.shape[1])
+        q, current, active = q.copy(), self._evaluate(z, q, u, r), np.arange(z.shape[1])
         for _ in range(NEWTON_STEPS):
-            entries = dict(zip(self._upper, self._curvature(here, r), strict=True))
-            step = -solve_some(entries, np.ones(len(going)), here.gradient)
-            slope, size = np.sum(here.gradient * step, axis=0), np.linalg.norm(here.gradient, axis=0)
+            entries = dict(zip(self._upper, self._curvature(current, r), strict=True))
+            step = -solve_batch(entries, np.ones(len(active)), current.gradient)
+            slope, size = np.sum(current.gradient * step, axis=0), np.linalg.norm(current.gradient, axis=0)
             for _ in range(SHORTER):
-                there = self._look(z, q[:, going] + step, u, r)
-                left = np.linalg.norm(there.gradient, axis=0)
-                uphill = (there.value > here.value + 1e-4 * slope) & (left > 0.5 * size)
-                if not uphill.any():
+                trial = self._evaluate(z, q[:, active] + step, u, r)
+                residual = np.linalg.norm(trial.gradient, axis=0)
+                is_uphill = (trial.value > current.value + 1e-4 * slope) & (residual > 0.5 * size)
+                if not is_uphill.any():
                     break
-                step[:, uphill] *= 0.25
-                slope[uphill] *= 0.25
+                step[:, is_uphill] *= 0.25
+                slope[is_uphill] *= 0.25
             else:
-                there = self._look(z, q[:, going] + step, u, r)
-                left = np.linalg.norm(there.gradient, axis=0)
-            q[:, going] += step
-            rounding = ROUNDING * (1.0 + np.linalg.norm(q[:, going], axis=0))
-            still = (left > tolerance) & (np.linalg.norm(step, axis=0) > rounding)
-            if not still.any():
+                trial = self._evaluate(z, q[:, active] + step, u, r)
+                residual = np.linalg.norm(trial.gradient, axis=0)
+            q[:, active] += step
+            rounding = ROUNDING * (1.0 + np.linalg.norm(q[:, active], axis=0))
+            is_moving = (residual > tolerance) & (np.linalg.norm(step, axis=0) > rounding)
+            if not is_moving.any():
                 break
-            going, z, u = going[still], z[:, still], u[:, :, still]
-            here = _Projections(*(part[..., still] for part in there))
+            active, z, u = active[is_moving], z[:, is_moving], u[:, :, is_moving]
+            current = _Projections(*(part[..., is_moving] for part in trial))
         return q
 
-    def _look(self, z: FloatArray, q: FloatArray, u: FloatArray, r: float) -> _Projections:
+    def _evaluate(self, z: FloatArray, q: FloatArray, u: FloatArray, r: float) -> _Projections:
         """Evaluate projections, gradient and value at ``w = u + r A^T q``."""
         mu = self._friction
         w = u + r * (self._generators.T @ q).reshape(u.shape)
         size = np.hypot(w[:, 1], w[:, 2])
         pressing = np.maximum(np.maximum(w[:, 0], 0.0), (w[:, 0] + mu * size) / (1.0 + mu**2))
-        outside = size > mu * pressing
-        shrink = np.where(outside, mu * pressing / np.where(size > 0.0, size, 1.0), 1.0)
+        is_outside = size > mu * pressing
+        shrink = np.where(is_outside, mu * pressing / np.where(size > 0.0, size, 1.0), 1.0)
         forces = np.stack([pressing, w[:, 1] * shrink, w[:, 2] * shrink], axis=1)
-        off = q - z
-        gradient = off + self._generators @ forces.reshape(self._generators.shape[1], -1)
+        difference = q - z
+        gradient = difference + self._generators @ forces.reshape(self._generators.shape[1], -1)
         value = np.sum(q * (0.5 * q - z), axis=0) + np.sum(forces**2, axis=(0, 1)) / (2.0 * r)
-        return _Projections(forces, shrink, outside.astype(float), w, gradient, value)
+        return _Projections(forces, shrink, is_outside.astype(float), w, gradient, value)
 
-    def _curvature(self, look: _Projections, r: float) -> FloatArray:
+    def _curvature(self, evaluation: _Projections, r: float) -> FloatArray:
         """Return the upper triangles of ``r A P_F'(w) A^T``, (n (n + 1) / 2, m)."""
         mu = self._friction
-        on = (look.forces[:, 0] > 0.0).astype(float)
-        edge = on * look.outside
-        size = np.hypot(look.w[:, 1], look.w[:, 2])
-        first, second = look.w[:, 1:].transpose(1, 0, 2) / np.where(size > 0.0, size, 1.0)
+        on = (evaluation.forces[:, 0] > 0.0).astype(float)
+        edge = on * evaluation.outside
+        size = np.hypot(evaluation.w[:, 1], evaluation.w[:, 2])
+        first, second = evaluation.w[:, 1:].transpose(1, 0, 2) / np.where(size > 0.0, size, 1.0)
         weight = on / (1.0 + mu**2 * edge)
-        across = edge * look.shrink  # of the tangential part across w's own
-        along = edge * mu
-        rest = on - edge + across
+        transverse = edge * evaluation.shrink  # of the tangential part across w's own
+        slope = edge * mu
+        tangential = on - edge + transverse
         entries = [
             weight,
-            weight * along * first,
-            weight * along * second,
-            (weight * along**2 - across) * first**2 + rest,
-            (weight * along**2 - across) * first * second,
-            (weight * along**2 - across) * second**2 + rest,
+            weight * slope * first,
+            weight * slope * second,
+            (weight * slope**2 - transverse) * first**2 + tangential,
+            (weight * slope**2 - transverse) * first * second,
+            (weight * slope**2 - transverse) * second**2 + tangential,
         ]
         return np.asarray(r * (self._assemble @ np.stack(entries, axis=1).reshape(self._assemble.shape[1], -1)))
 

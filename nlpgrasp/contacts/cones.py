@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.contacts.base import Blocks, ContactModel, upper_triangle
 
-NOTHING = 1e-100  # norm of a block that counts as zero
+ZERO_NORM = 1e-100  # norm of a block that counts as zero
 # elliptic cone
 NEWTON, LAST = 60, 1e-9  # largest number of Newton steps; relative size of the last (convergence is quadratic)
-AWAY = 1e-9  # distance kept from the multiplier 1, a removable singularity of the derivative
+SINGULARITY_DISTANCE = 1e-9  # distance kept from the multiplier 1, a removable singularity of the derivative
 
 
 class RangeContact(ContactModel):
@@ -38,16 +38,16 @@ class RangeContact(ContactModel):
     def project(self, z: FloatArray) -> FloatArray:
         """Return the projection of ``z`` (..., n_i): the normal force above, and every block clipped to its range."""
         blocks = self.blocks(z.shape[-1])
-        sizes = [_block_norm(z, where) for where, _ in blocks]
+        sizes = [_block_norm(z, block) for block, _ in blocks]
         pressing = _normal_force_of_blocks(z[..., 0], sizes, [c for _, c in blocks])
         result = np.empty_like(z)
         result[..., 0] = pressing
-        for (where, c), size in zip(blocks, sizes, strict=True):
-            if where.stop - where.start == 1:
-                result[..., where.start] = np.clip(z[..., where.start], -c * pressing, c * pressing)
+        for (block, c), size in zip(blocks, sizes, strict=True):
+            if block.stop - block.start == 1:
+                result[..., block.start] = np.clip(z[..., block.start], -c * pressing, c * pressing)
             else:
                 scale = np.minimum(size, c * pressing) / np.where(size > 0.0, size, 1.0)
-                result[..., where] = z[..., where] * scale[..., None]
+                result[..., block] = z[..., block] * scale[..., None]
         return result
 
     def derivative_entries(self, z: FloatArray) -> FloatArray:
@@ -58,30 +58,30 @@ class RangeContact(ContactModel):
         """
         n = z.shape[-1]
         blocks = self.blocks(n)
-        sizes = [_block_norm(z, where) for where, _ in blocks]
+        sizes = [_block_norm(z, block) for block, _ in blocks]
         pressing = _normal_force_of_blocks(z[..., 0], sizes, [c for _, c in blocks])
         on = (pressing > 0.0).astype(float)
         limit = [on * (size > c * pressing) for (_, c), size in zip(blocks, sizes, strict=True)]
-        weight = on / (1.0 + sum(c**2 * at for (_, c), at in zip(blocks, limit, strict=True)))
+        weight = on / (1.0 + sum(c**2 * at_limit for (_, c), at_limit in zip(blocks, limit, strict=True)))
         row = {pair: i for i, pair in enumerate(upper_triangle(n))}
         result = np.empty((len(row), *pressing.shape))
         v: list[FloatArray] = [np.ones(1)] * n
-        for (where, c), size, at in zip(blocks, sizes, limit, strict=True):
-            inverse = 1.0 / np.where(size > NOTHING, size, 1.0)
-            for a in range(where.start, where.stop):
-                v[a] = (c * at) * inverse * z[..., a]
+        for (block, c), size, at_limit in zip(blocks, sizes, limit, strict=True):
+            inverse = 1.0 / np.where(size > ZERO_NORM, size, 1.0)
+            for a in range(block.start, block.stop):
+                v[a] = (c * at_limit) * inverse * z[..., a]
         result[0] = weight
         for (a, b), i in row.items():
             if i:
                 np.multiply(weight * v[a], v[b], out=result[i])
-        for (where, c), size, at in zip(blocks, sizes, limit, strict=True):
-            inverse = 1.0 / np.where(size > NOTHING, size, 1.0)
-            shrink = at * (c * pressing * inverse)  # of the part across t_j
-            across = shrink * inverse**2
-            for a in range(where.start, where.stop):
-                result[row[a, a]] += on - at + shrink
-                for b in range(a, where.stop):
-                    result[row[a, b]] -= across * z[..., a] * z[..., b]
+        for (block, c), size, at_limit in zip(blocks, sizes, limit, strict=True):
+            inverse = 1.0 / np.where(size > ZERO_NORM, size, 1.0)
+            shrink = at_limit * (c * pressing * inverse)  # of the part across t_j
+            transverse = shrink * inverse**2
+            for a in range(block.start, block.stop):
+                result[row[a, a]] += on - at_limit + shrink
+                for b in range(a, block.stop):
+                    result[row[a, b]] -= transverse * z[..., a] * z[..., b]
         return result
 
     def extreme(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -91,33 +91,33 @@ class RangeContact(ContactModel):
         """
         result = np.empty_like(z)
         value = z[..., 0]
-        for where, c in self.blocks(z.shape[-1]):
-            size = _block_norm(z, where)
+        for block, c in self.blocks(z.shape[-1]):
+            size = _block_norm(z, block)
             value = value + c * size
-            result[..., where] = z[..., where] * (c / np.where(size > 0.0, size, 1.0))[..., None]
-        pays = value > 0.0
+            result[..., block] = z[..., block] * (c / np.where(size > 0.0, size, 1.0))[..., None]
+        is_positive = value > 0.0
         result[..., 0] = 1.0
-        return np.where(pays, value, 0.0), result * pays[..., None]
+        return np.where(is_positive, value, 0.0), result * is_positive[..., None]
 
     def cones(self, space: int) -> list[FloatArray]:
         """Return ``x_n >= 0`` and ``(c_j x_n, x_j)`` for every block; two half-spaces for a single component."""
         n = self.components(space)
         unit = np.eye(n)
         result = [unit[:1]]
-        for where, c in self.blocks(n):
-            if where.stop - where.start == 1:
-                result += [c * unit[:1] - unit[where], c * unit[:1] + unit[where]]
+        for block, c in self.blocks(n):
+            if block.stop - block.start == 1:
+                result += [c * unit[:1] - unit[block], c * unit[:1] + unit[block]]
             else:
-                result.append(np.concatenate([c * unit[:1], unit[where]]))
+                result.append(np.concatenate([c * unit[:1], unit[block]]))
         return result
 
 
-def _block_norm(z: FloatArray, where: slice) -> FloatArray:
+def _block_norm(z: FloatArray, block: slice) -> FloatArray:
     """Return the Euclidean norm of a block of components."""
-    if where.stop - where.start == 1:
-        return np.abs(z[..., where.start])
-    total = z[..., where.start] ** 2
-    for a in range(where.start + 1, where.stop):
+    if block.stop - block.start == 1:
+        return np.abs(z[..., block.start])
+    total = z[..., block.start] ** 2
+    for a in range(block.start + 1, block.stop):
         total = total + z[..., a] ** 2
     return np.asarray(np.sqrt(total))
 
@@ -126,9 +126,9 @@ def _normal_force_of_blocks(normal: FloatArray, sizes: list[FloatArray], coeffic
     """Return the normal force of the projection: the largest root over sets of blocks, at least zero."""
     result = np.maximum(normal, 0.0)
     count = len(sizes)
-    for chosen in chain.from_iterable(combinations(range(count), m) for m in range(1, count + 1)):
+    for subset in chain.from_iterable(combinations(range(count), m) for m in range(1, count + 1)):
         total, weight = normal, 1.0
-        for j in chosen:
+        for j in subset:
             total = total + coefficients[j] * sizes[j]
             weight += coefficients[j] ** 2
         result = np.maximum(result, total / weight)
@@ -154,20 +154,20 @@ def derivative(z: FloatArray, mu: float, mu_t: float) -> FloatArray:
     On the boundary ``x = (I + t D)^-1 z`` with ``D = diag(-1, 1/mu^2, 1/mu^2, 1/mu_t^2)`` and ``<x, D x> = 0``;
     differentiating both gives ``M - M D x (M D x)^T / <D x, M D x>`` with ``M = (I + t D)^-1``.
     """
-    inside = _is_in_cone(z[..., 0], *_tangential_sizes(z), mu, mu_t)
+    is_inside = _is_in_cone(z[..., 0], *_tangential_sizes(z), mu, mu_t)
     x = project_elliptic(z, mu, mu_t)
     D = np.array([-1.0, 1.0 / mu**2, 1.0 / mu**2, 1.0 / mu_t**2])
     safe = np.where(x[..., 0] > 0.0, x[..., 0], 1.0)
     t = np.maximum(1.0 - z[..., 0] / safe, 0.0)
-    t = np.where(np.abs(t - 1.0) < AWAY, 1.0 + AWAY, t)
+    t = np.where(np.abs(t - 1.0) < SINGULARITY_DISTANCE, 1.0 + SINGULARITY_DISTANCE, t)
     M = 1.0 / (1.0 + t[..., None] * D)
-    bent = M * D * x
-    bottom = np.sum(D * x * bent, axis=-1)
+    Mx = M * D * x
+    denominator = np.sum(D * x * Mx, axis=-1)
     boundary = (
         np.eye(4) * M[..., None]
-        - bent[..., :, None] * bent[..., None, :] / np.where(bottom != 0.0, bottom, 1.0)[..., None, None]
+        - Mx[..., :, None] * Mx[..., None, :] / np.where(denominator != 0.0, denominator, 1.0)[..., None, None]
     )
-    result = np.where(inside[..., None, None], np.eye(4), boundary)
+    result = np.where(is_inside[..., None, None], np.eye(4), boundary)
     return np.asarray(np.where((x[..., 0] > 0.0)[..., None, None], result, 0.0))
 
 
@@ -181,8 +181,8 @@ def elliptic_support(z: FloatArray, mu: float, mu_t: float) -> tuple[FloatArray,
     force[..., 0] = 1.0
     force[..., 1:3] = z[..., 1:3] * (mu**2 / safe)[..., None]
     force[..., 3] = z[..., 3] * (mu_t**2 / safe)
-    pays = value > 0.0
-    return np.where(pays, value, 0.0), force * pays[..., None]
+    is_positive = value > 0.0
+    return np.where(is_positive, value, 0.0), force * is_positive[..., None]
 
 
 def _tangential_sizes(z: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -206,23 +206,23 @@ def _normal_force_of_ellipse(z: FloatArray, r: FloatArray, s: FloatArray, mu: fl
     ``r mu / (1 + mu^2 u)``, and the same of s: the left side is positive, falls and is convex, so that Newton's
     method from u = 0 rises to the root.
     """
-    inside = _is_in_cone(z, r, s, mu, mu_t)
-    polar = np.hypot(mu * r, mu_t * s) <= -z
+    is_inside = _is_in_cone(z, r, s, mu, mu_t)
+    is_polar = np.hypot(mu * r, mu_t * s) <= -z
     positive = z > 0.0
     (p, q), (p_t, q_t) = ((np.where(positive, c**2, 1.0), np.where(positive, 1.0, c**2)) for c in (mu, mu_t))
     u, size = np.zeros_like(z), np.abs(z)
-    open_ = ~inside & ~polar
+    is_outside = ~is_inside & ~is_polar
     for _ in range(NEWTON):
         first, second = (r * mu / (p + q * u)) ** 2, (s * mu_t / (p_t + q_t * u)) ** 2
         rho = np.sqrt(first + second)
-        safe = np.where(open_, rho, 1.0)
+        safe = np.where(is_outside, rho, 1.0)
         slope = rho + (1.0 - u) * (first * q / (p + q * u) + second * q_t / (p_t + q_t * u)) / safe
-        step = np.where(open_, ((1.0 - u) * rho - size) / np.where(open_, slope, 1.0), 0.0)
+        step = np.where(is_outside, ((1.0 - u) * rho - size) / np.where(is_outside, slope, 1.0), 0.0)
         u = np.minimum(u + np.maximum(step, 0.0), 1.0)
         if not np.any(step > LAST * u):
             break
     radius = np.hypot(r * mu / (p + q * u), s * mu_t / (p_t + q_t * u))
-    return np.where(inside, z, np.where(polar, 0.0, np.where(positive, radius, u * radius)))
+    return np.where(is_inside, z, np.where(is_polar, 0.0, np.where(positive, radius, u * radius)))
 
 
 def _tangential_part(
@@ -233,6 +233,6 @@ def _tangential_part(
     t = np.where(pressing > 0.0, 1.0 - z / safe, np.inf)
     t = np.maximum(t, 0.0)
     tangential, torsion = r * mu**2 / (mu**2 + t), s * mu_t**2 / (mu_t**2 + t)
-    over = np.sqrt((tangential / mu) ** 2 + (torsion / mu_t) ** 2)
-    scale = np.where(over > pressing, pressing / np.where(over > 0.0, over, 1.0), 1.0)  # last-digit safety
+    ratio = np.sqrt((tangential / mu) ** 2 + (torsion / mu_t) ** 2)
+    scale = np.where(ratio > pressing, pressing / np.where(ratio > 0.0, ratio, 1.0), 1.0)  # last-digit safety
     return tangential * scale, torsion * scale

@@ -71,9 +71,9 @@ class FrictionContact(RangeContact):
         c = 1/sqrt(1 + mu^2), and across it towards the inside, each clipped at zero.
         """
         c2 = 1.0 / (1.0 + self.friction**2)
-        along = ops.fmax(work.normal + self.friction * work.tangential, 0.0)
-        inside = ops.fmax(self.friction * work.normal - work.tangential, 0.0)
-        return c2 * (along**2 + inside**2)
+        on_edge = ops.fmax(work.normal + self.friction * work.tangential, 0.0)
+        inward = ops.fmax(self.friction * work.normal - work.tangential, 0.0)
+        return c2 * (on_edge**2 + inward**2)
 
     def linear_support(self, work: Work, ops: Ops) -> Expression | None:
         """Return ``z_n + mu |z_t|``, the largest work of a force of unit normal force."""

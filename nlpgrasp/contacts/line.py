@@ -54,8 +54,8 @@ class LineContact(PadContact):
     def __post_init__(self) -> None:
         super().__post_init__()
         object.__setattr__(self, "length", number("LineContact.length", self.length, above=0.0))
-        given = (self.friction, self.torsional_friction, self.model)
-        friction, torsion, model = friction_fields("LineContact", *given, self.length / 4.0)
+        fields = (self.friction, self.torsional_friction, self.model)
+        friction, torsion, model = friction_fields("LineContact", *fields, self.length / 4.0)
         object.__setattr__(self, "friction", friction)
         object.__setattr__(self, "torsional_friction", torsion)
         object.__setattr__(self, "model", type(self).model if friction is None else model)
@@ -109,22 +109,22 @@ class LineContact(PadContact):
         if self.friction is None or self.points(z.shape[-1]) is None:
             return x
         half, size = 0.5 * self.length, np.linalg.norm(x, axis=-1)
-        room = 0.5 * self.friction * np.stack([x[..., 0] - x[..., 4] / half, x[..., 0] + x[..., 4] / half])
-        across = 0.5 * np.abs(np.stack([x[..., 2] + x[..., 3] / half, x[..., 2] - x[..., 3] / half]))
+        limits = 0.5 * self.friction * np.stack([x[..., 0] - x[..., 4] / half, x[..., 0] + x[..., 4] / half])
+        transverse = 0.5 * np.abs(np.stack([x[..., 2] + x[..., 3] / half, x[..., 2] - x[..., 3] / half]))
         low, high = np.zeros_like(size), MORE * size
         for _ in range(HALVINGS):
             t = np.where(low == high, low, 0.5 * (low + high))
-            enough = self._has_room(x, room + t, across)
-            low, high = np.where(enough, low, t), np.where(enough, t, high)
-        short = ~self._has_room(x, room, across) & self._has_room(x, room + high, across)
-        x[..., 0] += np.where(short, 2.0 * high / self.friction, 0.0)
+            is_sufficient = self._supports_force(x, limits + t, transverse)
+            low, high = np.where(is_sufficient, low, t), np.where(is_sufficient, t, high)
+        needs_more = ~self._supports_force(x, limits, transverse) & self._supports_force(x, limits + high, transverse)
+        x[..., 0] += np.where(needs_more, 2.0 * high / self.friction, 0.0)
         return x
 
     @staticmethod
-    def _has_room(x: FloatArray, room: FloatArray, across: FloatArray) -> NDArray[np.bool_]:
+    def _supports_force(x: FloatArray, limits: FloatArray, transverse: FloatArray) -> NDArray[np.bool_]:
         """Return whether friction at the ends supports the force along the line beside the forces across it."""
-        along = np.sqrt(np.maximum((room - across) * (room + across), 0.0)).sum(axis=0)
-        return np.asarray(np.all(room >= across, axis=0) & (np.abs(x[..., 1]) <= along))
+        capacity = np.sqrt(np.maximum((limits - transverse) * (limits + transverse), 0.0)).sum(axis=0)
+        return np.asarray(np.all(limits >= transverse, axis=0) & (np.abs(x[..., 1]) <= capacity))
 
     def box_variables(self, space: int) -> int:
         """Return the number of the box's NLP variables: force in the body frame (or its size), then moments."""
@@ -135,10 +135,10 @@ class LineContact(PadContact):
         force = x[0] * normal if self.friction is None else x[: normal.shape[0]]
         if normal.shape[0] == 2:
             return force, x[x.shape[0] - 1]
-        across = self.symbolic_tangents(normal)[1]
+        transverse = self.symbolic_tangents(normal)[1]
         if self.friction is None:
-            return force, x[1] * across
-        return force, x[3] * normal + x[4] * across
+            return force, x[1] * transverse
+        return force, x[3] * normal + x[4] * transverse
 
     def box_membership(self, x: Expression, normal: Expression) -> list[tuple[str, Expression]]:
         """Return the squared inequalities of friction, torsion and moment, and the unilateral condition."""
@@ -168,6 +168,6 @@ class LineContact(PadContact):
     @classmethod
     def from_dict(cls, data: Json) -> LineContact:
         """Return the model from the data of its ``to_dict``; without a friction model, the box."""
-        given = {name: data.get(name) for name in ("friction", "torsional_friction", "direction")}
+        fields = {name: data.get(name) for name in ("friction", "torsional_friction", "direction")}
         model = data.get("friction_model")
-        return cls(data.get("length", MISSING), **given, model="box" if model is None else model)
+        return cls(data.get("length", MISSING), **fields, model="box" if model is None else model)

@@ -16,7 +16,7 @@ from nlpgrasp.contacts.cone_sums import FrictionPoints
 from nlpgrasp.contacts.cones import RangeContact
 from nlpgrasp.errors import InputError
 
-TELLING = 0.1  # least sine of the angle between direction and normal at initial contact points
+LEAST_SINE = 0.1  # least sine of the angle between direction and normal at initial contact points
 PARALLEL = 1e-6  # sine of the angle between direction and normal below which the tangent is undefined
 MODELS = ("coulomb", "box")  # friction models, the default first
 
@@ -64,8 +64,8 @@ class PadContact(RangeContact):
     @property
     def coefficients(self) -> dict[str, float]:
         """Friction coefficients by name: ``friction`` and, for the box, ``torsional_friction`` (metres)."""
-        both = {"friction": self.friction, "torsional_friction": self.torsional_friction}
-        return {name: value for name, value in both.items() if value is not None}
+        values = {"friction": self.friction, "torsional_friction": self.torsional_friction}
+        return {name: value for name, value in values.items() if value is not None}
 
     def points(self, components: int) -> FrictionPoints | None:
         """Return the friction contacts at the ends or corners; None if the force domain is a box."""
@@ -164,13 +164,13 @@ def friction_fields(
         if torsion is not None:
             raise InputError(f"{name}.torsional_friction", torsion, "none without friction")
         return None, None, MODELS[0]
-    checked = number(f"{name}.friction", friction, above=0.0)
+    coefficient = number(f"{name}.friction", friction, above=0.0)
     if model == "box":
-        torsion = checked * mean_arm if torsion is None else torsion
-        return checked, number(f"{name}.torsional_friction", torsion, above=0.0), model
+        torsion = coefficient * mean_arm if torsion is None else torsion
+        return coefficient, number(f"{name}.torsional_friction", torsion, above=0.0), model
     if torsion is not None:
         raise InputError(f"{name}.torsional_friction", torsion, "none: friction decides it; model='box' has one")
-    return checked, None, model
+    return coefficient, None, model
 
 
 def direction_field(field: str, value: ArrayLike | None) -> tuple[float, ...] | None:
@@ -191,7 +191,7 @@ def rotate_direction(direction: tuple[float, ...] | None, rotation: FloatArray) 
 
 def is_off_normal(direction: tuple[float, ...], normals: FloatArray) -> NDArray[np.bool_]:
     """Return at which unit normals (b, 3) a direction is far enough off the normal to orient a line or rectangle."""
-    return np.asarray(np.linalg.norm(np.cross(normals, direction), axis=1) >= TELLING * np.linalg.norm(direction))
+    return np.asarray(np.linalg.norm(np.cross(normals, direction), axis=1) >= LEAST_SINE * np.linalg.norm(direction))
 
 
 def tangents_along(normals: FloatArray, direction: tuple[float, ...] | None, name: str) -> FloatArray:

@@ -68,12 +68,12 @@ class PlaneContact(PadContact):
             )
         if self.radius is not None and self.friction is not None and self.model == "coulomb":
             raise InputError("PlaneContact.model", self.model, "'box' for a disc: only rectangles have corners")
-        own = "coulomb" if self.radius is None else "box"
-        given = (self.friction, self.torsional_friction, own if self.model is None else self.model)
-        friction, torsion, model = friction_fields("PlaneContact", *given, self._mean_arm())
+        default = "coulomb" if self.radius is None else "box"
+        fields = (self.friction, self.torsional_friction, default if self.model is None else self.model)
+        friction, torsion, model = friction_fields("PlaneContact", *fields, self._mean_arm())
         object.__setattr__(self, "friction", friction)
         object.__setattr__(self, "torsional_friction", torsion)
-        object.__setattr__(self, "model", own if friction is None else model)
+        object.__setattr__(self, "model", default if friction is None else model)
         object.__setattr__(self, "direction", direction_field("PlaneContact.direction", self.direction))
 
     def _mean_arm(self) -> float:

@@ -36,7 +36,7 @@ def contact_supports(z: FloatArray, contacts: Sequence[ContactModel], space: int
         shape = (len(z), len(contacts), contacts[0].components(space))
         values, forces = contacts[0].extreme(z.reshape(shape))
         return values, forces.reshape(z.shape)
-    parts = [c.extreme(z[:, where]) for c, where in zip(contacts, component_slices(contacts, space), strict=True)]
+    parts = [c.extreme(z[:, block]) for c, block in zip(contacts, component_slices(contacts, space), strict=True)]
     return np.stack([p[0] for p in parts], axis=1), np.concatenate([p[1] for p in parts], axis=1)
 
 
@@ -45,7 +45,7 @@ def project(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> Floa
     if all(c == contacts[0] for c in contacts):
         shape = (len(z), len(contacts), contacts[0].components(space))
         return contacts[0].project(z.reshape(shape)).reshape(z.shape)
-    parts = [c.project(z[:, where]) for c, where in zip(contacts, component_slices(contacts, space), strict=True)]
+    parts = [c.project(z[:, block]) for c, block in zip(contacts, component_slices(contacts, space), strict=True)]
     return np.concatenate(parts, axis=1)
 
 
@@ -54,10 +54,10 @@ def derivative(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> l
     if all(c == contacts[0] for c in contacts):
         shape = (len(z), len(contacts), contacts[0].components(space))
         return list(contacts[0].derivative(z.reshape(shape)).transpose(1, 0, 2, 3))
-    return [c.derivative(z[:, where]) for c, where in zip(contacts, component_slices(contacts, space), strict=True)]
+    return [c.derivative(z[:, block]) for c, block in zip(contacts, component_slices(contacts, space), strict=True)]
 
 
-def into(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> FloatArray:
+def project_strictly(z: FloatArray, contacts: Sequence[ContactModel], space: int) -> FloatArray:
     """Project finger forces (m, n) onto K, corrected so that the result is in K."""
-    parts = [c.into(z[:, where]) for c, where in zip(contacts, component_slices(contacts, space), strict=True)]
+    parts = [c.into(z[:, block]) for c, block in zip(contacts, component_slices(contacts, space), strict=True)]
     return np.concatenate(parts, axis=1)

@@ -101,8 +101,8 @@ class SoftContact(RangeContact):
         """Return evenly spaced edges of the cone with torsion of both signs, (m, n_i)."""
         ratio = float(self.friction / self.torsional_friction)  # torsion component equivalent to a unit tangential one
         sign = np.repeat([1.0, -1.0], edges)[:, None]
-        along = np.tile(unit_tangential_forces(edges, first_edge), (2, 1))
-        return self.extreme(np.concatenate([along, sign * ratio], axis=1))[1]
+        tangential = np.tile(unit_tangential_forces(edges, first_edge), (2, 1))
+        return self.extreme(np.concatenate([tangential, sign * ratio], axis=1))[1]
 
     def variables(self, space: int) -> int:
         """Return the number of NLP variables: the force in the body frame and the torsion moment."""
@@ -124,8 +124,8 @@ class SoftContact(RangeContact):
                 ("torsion", limit**2 - torsion**2),
             ]
         else:
-            used = sliding / self.friction**2 + torsion**2 / self.torsional_friction**2
-            cone = [("friction and torsion", pressing**2 - used)]
+            share = sliding / self.friction**2 + torsion**2 / self.torsional_friction**2
+            cone = [("friction and torsion", pressing**2 - share)]
         return [*cone, ("unilateral", pressing)]
 
     def squared_support(self, work: Work, ops: Ops) -> Expression | None:

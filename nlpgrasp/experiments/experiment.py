@@ -9,7 +9,7 @@ from functools import partial
 from itertools import product
 from typing import Any, TypeAlias, TypedDict
 
-from nlpgrasp.common.formatting import one_line
+from nlpgrasp.common.formatting import error_line
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import integer, number
 from nlpgrasp.contacts import ContactModel
@@ -399,7 +399,7 @@ def _is_chosen(choose: Callable[..., bool], levels: tuple[str, ...]) -> bool:
     try:
         return bool(choose(*levels))
     except TypeError as error:
-        raise InputError("choose", one_line(error), f"a function of {len(levels)} names") from None
+        raise InputError("choose", error_line(error), f"a function of {len(levels)} names") from None
 
 
 def _as_tuple(constraints: object) -> tuple[object, ...]:

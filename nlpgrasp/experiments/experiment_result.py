@@ -13,7 +13,7 @@ from statistics import median
 from typing import TYPE_CHECKING, TypeAlias
 
 from nlpgrasp.common.files import write_bytes, write_text
-from nlpgrasp.common.formatting import columns, one_line_of_text
+from nlpgrasp.common.formatting import columns, single_line
 from nlpgrasp.errors import InputError, MissingExtraError
 from nlpgrasp.experiments.experiment import SolveId
 from nlpgrasp.experiments.output_folder import SOLVES, OutputFolder, Plan
@@ -445,7 +445,7 @@ def read_records(
             if record is not None and record.problem != digests.setdefault(solve.variation, record.problem):
                 raise InputError(str(output.file(solve)), "another problem", "the problem of its variation")
         except InputError as error:
-            notes.append(f"{solve}: not used, {one_line_of_text(str(error))}")
+            notes.append(f"{solve}: not used, {single_line(str(error))}")
             record = SolveRecord(solve.variation, solve.seed, failure="its file cannot be used")
         if record is not None:
             records[solve] = record

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from loky.process_executor import BrokenProcessPool
 
-from nlpgrasp.common.formatting import one_line
+from nlpgrasp.common.formatting import error_line
 from nlpgrasp.common.validation import integer
 from nlpgrasp.errors import InputError, MissingExtraError, NlpgraspError
 from nlpgrasp.experiments.experiment import Experiment, SolveId
@@ -182,7 +182,7 @@ class _Run:
         except KeyboardInterrupt:
             self.notes.append(INTERRUPTED)
         except (InputError, OSError, ClusterLostError) as error:
-            self.notes.append(f"Grasps were not handed on between variations: {one_line(error)}. {RESUME_HINT}")
+            self.notes.append(f"Grasps were not handed on between variations: {error_line(error)}. {RESUME_HINT}")
         self.notes += exchange.notes
 
     def result(self) -> ExperimentResult:
@@ -212,7 +212,7 @@ class _Run:
                 solution = GraspSolution.from_dict(json.loads(outcome.text), str(solve))
                 record = SolveRecord.of(solve.variation, solve.seed, solution)
             except InputError as error:
-                return SolveRecord(solve.variation, solve.seed, failure=one_line(error))
+                return SolveRecord(solve.variation, solve.seed, failure=error_line(error))
             digests = {r.problem for s, r in self.records.items() if s.variation == solve.variation and r.done}
             if digests <= {record.problem}:
                 return record
@@ -357,4 +357,4 @@ def _future_outcome(future: ClusterFuture) -> Outcome:
     error = future.exception() if future.status == "error" else None
     if error is None:
         raise ClusterLostError("the cluster lost a solve")
-    return Outcome(failure=one_line(error))
+    return Outcome(failure=error_line(error))

@@ -14,8 +14,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NotRequired, TextIO, TypedDict
 
-from nlpgrasp.common.files import file_name, json_round_trip, take, write_text
-from nlpgrasp.common.formatting import one_line, one_line_of_text
+from nlpgrasp.common.files import file_name, json_round_trip, try_lock, write_text
+from nlpgrasp.common.formatting import error_line, single_line
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.experiment import CaseData, Experiment, SolveId, check_names, check_seeds
 from nlpgrasp.experiments.solve_record import strip_later_entries
@@ -75,9 +75,9 @@ def read_plan(text: str, source: str) -> Plan:
         check_seeds(plan["seeds"])
         if not all(isinstance(v, dict) and isinstance(v.get("problem", {}), dict) for v in plan["variations"].values()):
             raise ValueError("variations that are none")
-        plan["name"] = one_line_of_text(str(plan.get("name", "")))
+        plan["name"] = single_line(str(plan.get("name", "")))
     except (ValueError, TypeError, KeyError, RecursionError) as error:
-        raise InputError(source, f"no plan ({one_line(error)})", allowed) from None
+        raise InputError(source, f"no plan ({error_line(error)})", allowed) from None
     return plan
 
 
@@ -186,7 +186,7 @@ class OutputFolder:
     def _acquire_lock(self) -> None:
         """Lock the folder against other runs."""
         self._lock = (self.path / LOCK).open("w")
-        if not take(self._lock):
+        if not try_lock(self._lock):
             self.close()
             raise InputError(f"out ({self.path})", "in use by another run", "a folder of its own")
 
@@ -296,7 +296,7 @@ class OutputFolder:
         """Return the reason of a failed solve, or None without one."""
         try:
             data = json.loads(self.failure_file(solve).read_text(encoding="utf-8"))
-            return one_line_of_text(str(data["message"])) or "failed"
+            return single_line(str(data["message"])) or "failed"
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:

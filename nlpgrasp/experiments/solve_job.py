@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from nlpgrasp.common.formatting import one_line
+from nlpgrasp.common.formatting import error_line
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.experiments.experiment import Case, Experiment, SolveId
@@ -49,7 +49,7 @@ def run_job(job: Job) -> Outcome:
                 return Outcome(interrupted=True)
             return Outcome(solution_json(solution.to_dict()))
         except BaseException as error:  # even SystemExit ends this solve alone
-            return Outcome(failure=one_line(error))
+            return Outcome(failure=error_line(error))
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ class JobFactory:
                     f"{self._run} {name}",
                 )
             except Exception as error:  # any error of the parts' own pickling
-                reason = one_line(error)
+                reason = error_line(error)
                 raise InputError(f"variation {name!r}", reason, "parts that can be sent to other processes") from None
             self._last = (name, payload)
         return Job(solve, self._last[1])

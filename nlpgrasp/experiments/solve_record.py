@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.bodies.registry import body_from_dict
-from nlpgrasp.common.formatting import at_most, one_line
+from nlpgrasp.common.formatting import error_line, format_upper
 from nlpgrasp.common.types import Json
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality import Bounds
@@ -141,7 +141,7 @@ class SolveRecord:
         try:
             return cls._of(variation, seed, solution)
         except (AttributeError, TypeError, ValueError, OverflowError, KeyError) as error:
-            raise InputError("solver", one_line(error), "what a solve writes") from None
+            raise InputError("solver", error_line(error), "what a solve writes") from None
 
     @classmethod
     def _of(cls, variation: str, seed: int, solution: GraspSolution) -> SolveRecord:
@@ -211,7 +211,7 @@ def format_gap(gap: float) -> str:
     """Return a gap for a table: in per cent, above 100 % as a factor, "loose" if wide, empty if infinite."""
     if gap > LOOSE_GAP:
         return "loose" if math.isfinite(gap) else ""
-    return f"{gap:.1%}" if gap <= 1.0 else f"{at_most(1.0 + gap, 2)} times"
+    return f"{gap:.1%}" if gap <= 1.0 else f"{format_upper(1.0 + gap, 2)} times"
 
 
 def active_constraints(reports: Sequence[ConstraintReport]) -> tuple[str, ...]:

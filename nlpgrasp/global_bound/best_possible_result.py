@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from nlpgrasp.common.files import read_text
-from nlpgrasp.common.formatting import at_least, at_most, headroom_words
+from nlpgrasp.common.formatting import format_headroom, format_lower, format_upper
 from nlpgrasp.common.types import Json
 from nlpgrasp.contacts import contact_from_dict
 from nlpgrasp.errors import InputError
@@ -165,8 +165,8 @@ class BestPossible:
 
     def __str__(self) -> str:
         without = f", without {', '.join(self.dropped)}" if self.dropped else ""
-        bound = f"mu at most {at_most(self.upper, 4)} over all placements{without}"
+        bound = f"mu at most {format_upper(self.upper, 4)} over all placements{without}"
         if self.grasp is None:
             return f"{bound}; no grasp met ({self.nodes} nodes)"
-        incumbent = f"best met {at_least(self.mu.lower, 4)}; {headroom_words(self.gap, 2)}"
+        incumbent = f"best met {format_lower(self.mu.lower, 4)}; {format_headroom(self.gap, 2)}"
         return f"{bound}; {incumbent} ({self.nodes} nodes)"

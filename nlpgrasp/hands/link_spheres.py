@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
-from nlpgrasp.common.cache import kept
+from nlpgrasp.common.cache import cached_arrays
 from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.hands.collision_shapes import CollisionShape
@@ -123,7 +123,7 @@ def fit_spheres(shapes: Sequence[CollisionShape], most: int) -> SphereFit:
     """Return at most ``most`` spheres that cover the shapes of one link (one per shape if all are spheres)."""
     if all(s.centre is not None for s in shapes):
         return SphereFit(np.array([s.centre for s in shapes]), np.array([s.radius for s in shapes]), 0.0)
-    arrays = kept(
+    arrays = cached_arrays(
         "spheres", [str(most).encode(), *(shape.content for shape in shapes)], lambda: _fit_cover(shapes, most)
     )
     return SphereFit(arrays["centres"], arrays["radii"], float(arrays["error"]))

@@ -16,7 +16,7 @@ from itertools import combinations
 import casadi as ca
 import numpy as np
 
-from nlpgrasp.common.cache import kept
+from nlpgrasp.common.cache import cached_arrays
 from nlpgrasp.common.scalar_constraints import SELF_COLLISION, TIPS_APART, LinkSphere, ScalarConstraint
 from nlpgrasp.common.types import Expression
 from nlpgrasp.common.unit_directions import directions_around
@@ -114,7 +114,7 @@ def _overlaps(
 
     numbers = [np.concatenate([poses[link].ravel(), fit.centres.ravel(), fit.radii]) for link, fit in fits.items()]
     shapes = [shape.content for link in fits for shape in tree.robot.shapes.get(link, ())]
-    return kept("overlaps", ["\n".join(fits).encode(), *shapes, *numbers], make)["overlaps"]
+    return cached_arrays("overlaps", ["\n".join(fits).encode(), *shapes, *numbers], make)["overlaps"]
 
 
 def _overlap(

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from nlpgrasp.bodies import Body, Mesh
-from nlpgrasp.budgets.registry import names_for_any_frames
+from nlpgrasp.budgets.registry import frame_independent_names
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import URDFHand
@@ -110,7 +110,7 @@ def _read_postures(path: Path, options: ReadOptions) -> Iterator[ReadGrasp]:
     postures = read_isaac_grasps(path)
     problem = options.problem()
     if problem.budget.depends_on_frames:
-        allowed = "a problem with one of " + ", ".join(names_for_any_frames())
+        allowed = "a problem with one of " + ", ".join(frame_independent_names())
         raise InputError("--problem", f"force budget {problem.budget.kind}", allowed)
     for posture in postures:
         yield ReadGrasp(posture.name, grasp_of_posture(problem, posture), problem.task, problem.budget)

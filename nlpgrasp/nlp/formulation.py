@@ -35,7 +35,7 @@ from nlpgrasp.nlp.blocks import HAND, FaceConstraints
 from nlpgrasp.nlp.program import ForceCopy, Program
 from nlpgrasp.nlp.scaling import Scaling
 from nlpgrasp.nlp.virtual_work import joint_torque_rows
-from nlpgrasp.problem.candidate_constraints import placement_rows
+from nlpgrasp.problem.candidate_constraints import build_candidate_constraints
 from nlpgrasp.problem.problem import GraspProblem
 
 ON_SURFACE, EXTENT, NORMAL = "on the surface", "extent of the face", "normal"  # kinds of surface constraints
@@ -299,7 +299,9 @@ def _has_distributed_forces(problem: GraspProblem) -> bool:
 def _add_reachability_and_hand(program: Program, problem: GraspProblem, contacts: ContactSymbols) -> None:
     """Add the constraints of reachability (3.5-15) and hand (3.5-16), with its links' clearance from the body."""
     p, n = contacts.positions, contacts.normals
-    constraints = placement_rows(problem.body, problem.constraints, problem.hand, p, n, program.hand_symbols)
+    constraints = build_candidate_constraints(
+        problem.body, problem.constraints, problem.hand, p, n, program.hand_symbols
+    )
     program.constrain_placement(constraints, len(problem.constraints))
 
 

@@ -20,7 +20,7 @@ from nlpgrasp.hands import Hand, URDFHand
 from nlpgrasp.hands.base import Values
 from nlpgrasp.hands.linked_hand import LinkedHand
 from nlpgrasp.motion.distance_fields import Distance, build_distance_fields, distance_to_all
-from nlpgrasp.problem.candidate_constraints import CandidateConstraints, placement_rows
+from nlpgrasp.problem.candidate_constraints import CandidateConstraints, build_candidate_constraints
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.obstructions import jaws_depth
 
@@ -117,7 +117,7 @@ class ConstraintValues:
         p, n = ca.SX.sym("p", space * k), ca.SX.sym("n", space * k)
         split = list(range(0, space * k + 1, space))
         symbols = {} if problem.hand is None else problem.hand.symbols(problem.body.bounds)
-        found = placement_rows(
+        found = build_candidate_constraints(
             problem.body, problem.constraints, problem.hand, ca.vertsplit(p, split), ca.vertsplit(n, split), symbols
         )
         return found, [p, n, *symbols.values()]

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from nlpgrasp.common.deadline import Clock, Deadline
+from nlpgrasp.common.deadline import Deadline, Stopwatch
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.optimize.candidate import Effort, GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
@@ -51,7 +51,7 @@ def run_start(
     candidates : sequence of GraspCandidate, optional
         The most promising first.
     """
-    clock = Clock()
+    clock = Stopwatch()
     with single_thread():
         try:
             result = _best_of_candidates(
@@ -84,7 +84,7 @@ def _best_of_candidates(
     index: int,
     rng: np.random.Generator,
     deadline: Deadline,
-    clock: Clock,
+    clock: Stopwatch,
     known_contacts: Sequence[FloatArray],
     candidates: Sequence[GraspCandidate],
 ) -> StartGrasp:
@@ -161,7 +161,7 @@ def _result_of_candidate(
     initial: InitialGrasp,
     origin: CandidateOrigin,
     deadline: Deadline,
-    clock: Clock,
+    clock: Stopwatch,
 ) -> StartGrasp:
     """Return the best result of a candidate: refined on the body, certified and measured."""
     results, message = list[StartGrasp](), initial.message or origin.value

@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 
 from nlpgrasp.analysis.squeeze import add_squeeze
-from nlpgrasp.common.deadline import Clock, Deadline
+from nlpgrasp.common.deadline import Deadline, Stopwatch
 from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.hands.base import Hand, PosedHand
 from nlpgrasp.optimize.candidate import Effort
@@ -57,7 +57,7 @@ class SearchRecord:
         The time limit.
     bound : GlobalBound or None
         On mu over all placements.
-    clock : Clock
+    clock : Stopwatch
         Of the solve.
     chosen : StartGrasp or None
         The start that is the answer; None where none found a grasp.
@@ -70,7 +70,7 @@ class SearchRecord:
     cut_short: Status | None = None
     deadline: Deadline = field(default_factory=Deadline)
     bound: GlobalBound | None = None
-    clock: Clock = field(default_factory=Clock)
+    clock: Stopwatch = field(default_factory=Stopwatch)
     chosen: StartGrasp | None = None
 
     @property

@@ -15,8 +15,8 @@ import numpy as np
 from nlpgrasp.analysis.analyse import add_analyses_to, analyses_of, requested_analyses
 from nlpgrasp.analysis.infeasibility import diagnose_on_one_thread
 from nlpgrasp.analysis.squeeze import add_squeezes
-from nlpgrasp.common.deadline import Clock, Deadline
-from nlpgrasp.common.formatting import measure_word
+from nlpgrasp.common.deadline import Deadline, Stopwatch
+from nlpgrasp.common.formatting import format_measure
 from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
@@ -84,7 +84,7 @@ class Multistart:
         self.results: list[StartResult] = []
         self.floor = 0.0
         self.chosen: StartGrasp | None = None
-        self._begun, self._clock = time.monotonic(), Clock()
+        self._begun, self._clock = time.monotonic(), Stopwatch()
         limit = runner.options.time_limit
         self.deadline = Deadline(None if limit is None else self._begun + limit, flag)
         self._keeping, self._progress = keeping, progress
@@ -320,7 +320,7 @@ class Multistart:
     @property
     def _cut_short(self) -> Status | None:
         """Why the search ended before all starts asked for were done."""
-        if self.deadline.interrupted():
+        if self.deadline.is_interrupted():
             return Status.INTERRUPTED
         if not self.deadline.is_requested():
             return None
@@ -399,7 +399,7 @@ class LineWriter:
         self._done += 1
         ended = WORDS.get(record.status, record.status.name.lower())
         if record.status is Status.SOLVED:
-            ended = f"{measure_word(best.kind)} in {record.mu}"
+            ended = f"{format_measure(best.kind)} in {record.mu}"
         so_far = f"best {best}" if best.lower > 0.0 else "no grasp yet"
         seconds = time.monotonic() - self._begun
         sys.stderr.write(f"start {self._done} of {self._starts}: {ended}; {so_far}; {seconds:.1f} s\n")

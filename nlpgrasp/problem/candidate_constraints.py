@@ -62,11 +62,13 @@ def symbolic_candidate(
     if hand is None:
         return SymbolicCandidate(positions, normals, (0.0,) * len(positions), size, hand={})
     palm, closing = hand.palm(variables), hand.closing(positions)
-    shown = {hand_name(name): symbols for name, symbols in variables.items()}
-    return SymbolicCandidate(positions, normals, hand.tip_radii, size, hand.spheres(variables), palm, closing, shown)
+    named_variables = {hand_name(name): symbols for name, symbols in variables.items()}
+    return SymbolicCandidate(
+        positions, normals, hand.tip_radii, size, hand.spheres(variables), palm, closing, named_variables
+    )
 
 
-def placement_rows(
+def build_candidate_constraints(
     body: Body,
     constraints: Sequence[PlacementConstraint],
     hand: Hand | None,
@@ -100,31 +102,31 @@ def symbolic_constraints(
     variables: dict[str, Expression],
 ) -> list[Sequence[ScalarConstraint | Clearance]]:
     """Return the scalar constraints by source: each constraint, the hand, the links' clearance."""
-    given = [c.rows(placement) for c in constraints]
+    sources = [c.rows(placement) for c in constraints]
     if hand is not None:
-        given.append([*hand.rows(placement, variables), *_tip_clearances(body, hand, placement)])
-        given.append([_link_clearance(body, sphere) for sphere in placement.spheres])
-    return given
+        sources.append([*hand.rows(placement, variables), *_tip_clearances(body, hand, placement)])
+        sources.append([_link_clearance(body, sphere) for sphere in placement.spheres])
+    return sources
 
 
-def collect_constraints(given: Sequence[Sequence[ScalarConstraint | Clearance]], shared: bool) -> CandidateConstraints:
+def collect_constraints(groups: Sequence[Sequence[ScalarConstraint | Clearance]], shared: bool) -> CandidateConstraints:
     """Return all scalar constraints in the NLP's order: clearances through a mesh distance last."""
     rows: list[ScalarConstraint] = []
     clearances: list[Clearance] = []
-    places: list[list[tuple[bool, int]]] = []
-    for part in given:
-        places.append([])
+    positions: list[list[tuple[bool, int]]] = []
+    for part in groups:
+        positions.append([])
         for item in part:
             row = item.as_row() if isinstance(item, Clearance) else item
             if row is not None:
-                places[-1].append((True, len(rows)))
+                positions[-1].append((True, len(rows)))
                 rows.append(row)
             elif isinstance(item, Clearance):
-                places[-1].append((False, len(clearances)))
+                positions[-1].append((False, len(clearances)))
                 clearances.append(item)
-    sources = tuple(tuple(i if scalar else len(rows) + i for scalar, i in part) for part in places)
-    found = _share_subexpressions(rows, clearances) if shared else CandidateConstraints(tuple(rows), tuple(clearances))
-    return replace(found, sources=sources)
+    sources = tuple(tuple(i if scalar else len(rows) + i for scalar, i in part) for part in positions)
+    result = _share_subexpressions(rows, clearances) if shared else CandidateConstraints(tuple(rows), tuple(clearances))
+    return replace(result, sources=sources)
 
 
 def _tip_clearances(body: Body, hand: Hand, placement: SymbolicCandidate) -> list[Clearance]:
@@ -134,9 +136,9 @@ def _tip_clearances(body: Body, hand: Hand, placement: SymbolicCandidate) -> lis
     """
     if not hand.follows_contacts or not body.cramped or body.symbol is ca.MX:
         return []
-    each = enumerate(zip(placement.tips, placement.radii, strict=True))
+    fingertips = enumerate(zip(placement.tips, placement.radii, strict=True))
     distance, size = body.distance_function, body.size
-    return [Clearance(ROOM, distance, tip, FITS * r, size, fingers=(i,)) for i, (tip, r) in each if r > 0.0]
+    return [Clearance(ROOM, distance, tip, FITS * r, size, fingers=(i,)) for i, (tip, r) in fingertips if r > 0.0]
 
 
 def _link_clearance(body: Body, sphere: LinkSphere) -> Clearance:
@@ -147,9 +149,9 @@ def _link_clearance(body: Body, sphere: LinkSphere) -> Clearance:
 
 def _share_subexpressions(rows: list[ScalarConstraint], clearances: list[Clearance]) -> CandidateConstraints:
     """Return the constraints with common subexpressions eliminated, such as the links' poses."""
-    every = ca.cse(ca.vertcat(*[r.expression for r in rows], *[c.point for c in clearances]))
-    scalars = ca.vertsplit(every[: len(rows)])
-    points = ca.vertsplit(every[len(rows) :], 3) if clearances else []
+    expressions = ca.cse(ca.vertcat(*[r.expression for r in rows], *[c.point for c in clearances]))
+    scalars = ca.vertsplit(expressions[: len(rows)])
+    points = ca.vertsplit(expressions[len(rows) :], 3) if clearances else []
     return CandidateConstraints(
         tuple(replace(r, expression=e) for r, e in zip(rows, scalars, strict=True)),
         tuple(replace(c, point=p) for c, p in zip(clearances, points, strict=True)),

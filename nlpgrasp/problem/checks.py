@@ -25,12 +25,12 @@ from nlpgrasp.tasks.base import component_ranges, parts_of
 
 MOST_FRICTION = 2.0  # friction coefficient above which a typing error is likely
 SAMPLES = 300  # sample points per face, for the constraints on contacts
-CLEARLY = 0.1  # of the body's size: violation at all samples that cannot be due to sampling
-THROUGH = 0.02  # of the body's size: depth below a table above which a mistake is likely
-ACROSS = 2.0  # times the fingertips' reach from the palm: upper bound of the hand's opening
+WIDE_MARGIN = 0.1  # of the body's size: violation at all samples that cannot be due to sampling
+TABLE_DEPTH = 0.02  # of the body's size: depth below a table above which a mistake is likely
+SPAN_SHARE = 2.0  # times the fingertips' reach from the palm: upper bound of the hand's opening
 FAR_ORIGIN = 0.1  # of the body's size: distance of the frame's origin from the centroid
 LONG, LONGEST = 100.0, 2.0  # moment arm that is implausible: times the body's size, and metres
-MUCH = 20.0  # times the body's size: implausible torsional friction, fingertip radius or clearance
+LARGE_LENGTH = 20.0  # times the body's size: implausible torsional friction, fingertip radius or clearance
 FAR_TABLE = 50.0  # times the body's size: implausible distance of a table
 WALL = 1.0 / 3.0  # of the wall thickness: largest accepted 80th percentile of the distance
 FINER = 1.5  # advised factor on the resolution, where less smoothing does not help
@@ -66,19 +66,22 @@ def check_placements(
     n = [ca.SX.sym("n", body.space) for _ in range(k)]
     symbols = {} if hand is None else hand.symbols(body.bounds)
     placement = symbolic_candidate(hand, p, n, symbols, body.size)
-    found = [row for constraint in constraints for row in constraint.rows(placement)]
-    converted = [row.as_row() if isinstance(row, Clearance) else row for row in found]
+    constraint_rows = [row for constraint in constraints for row in constraint.rows(placement)]
+    converted = [row.as_row() if isinstance(row, Clearance) else row for row in constraint_rows]
     rows = [row for row in converted if row is not None]
     if not rows and hand is None:
         return
     rng = np.random.default_rng(0)
-    samples = {name: _sampled(body, name, rng, margin) for name in sorted({name for own in faces for name in own})}
+    samples = {
+        name: _sample_face(body, name, rng, margin)
+        for name in sorted({name for contact_rows in faces for name in contact_rows})
+    }
     for i in range(k):
-        own = [row for row in rows if _involves_only(row, p[i], n[i])]
-        used = {name: samples[name] for name in faces[i] if len(samples[name].points)}
-        if own and used:
-            _check_contact(i, own, (p[i], n[i]), used, body.size)
-    _check_room(constraints, faces, samples)
+        contact_rows = [row for row in rows if _involves_only(row, p[i], n[i])]
+        face_samples = {name: samples[name] for name in faces[i] if len(samples[name].points)}
+        if contact_rows and face_samples:
+            _check_contact(i, contact_rows, (p[i], n[i]), face_samples, body.size)
+    _check_distances(constraints, faces, samples)
 
 
 @dataclass(frozen=True)
@@ -97,16 +100,16 @@ class FaceSamples:
     normals: FloatArray
 
 
-def _sampled(body: Body, name: str, rng: np.random.Generator, margin: float) -> FaceSamples:
+def _sample_face(body: Body, name: str, rng: np.random.Generator, margin: float) -> FaceSamples:
     points = body.sample(name, SAMPLES, rng, margin)
     return FaceSamples(points, -body.evaluate(name, points)[2])
 
 
 def _involves_only(row: ScalarConstraint, p: ca.SX, n: ca.SX) -> bool:
     """Return whether an inequality constraint involves only the contact with these symbols."""
-    own = {s.__hash__() for s in ca.vertsplit(ca.vertcat(p, n))}
-    seen = [s.__hash__() for s in ca.symvar(ca.SX(row.expression))]
-    return bool(seen) and all(s in own for s in seen) and row.lower < row.upper
+    contact_symbols = {s.__hash__() for s in ca.vertsplit(ca.vertcat(p, n))}
+    symbols = [s.__hash__() for s in ca.symvar(ca.SX(row.expression))]
+    return bool(symbols) and all(s in contact_symbols for s in symbols) and row.lower < row.upper
 
 
 def _check_contact(
@@ -117,28 +120,28 @@ def _check_contact(
     size: float,
 ) -> None:
     """Raise if every sample of contact i's faces violates its constraints by a wide margin."""
-    where = np.concatenate([s.points for s in samples.values()])
+    points = np.concatenate([s.points for s in samples.values()])
     normals = np.concatenate([s.normals for s in samples.values()])
     rows_of = ca.vertcat(*[r.expression for r in rows])
     slopes_of = ca.vertcat(*[ca.norm_2(ca.gradient(r.expression, symbols[0])) for r in rows])
-    values, slopes = ca.Function("rows", list(symbols), [rows_of, slopes_of]).map(len(where))(where.T, normals.T)
+    values, slopes = ca.Function("rows", list(symbols), [rows_of, slopes_of]).map(len(points))(points.T, normals.T)
     value, slope = np.asarray(values.full()), np.asarray(slopes.full())
     lower, upper = (np.array([getattr(r, key) for r in rows])[:, None] for key in ("lower", "upper"))
     with np.errstate(all="ignore"):
-        beyond = np.maximum(lower - value, value - upper)
+        violation = np.maximum(lower - value, value - upper)
         # first-order distance to feasibility; a constraint that is NaN is never satisfied
-        excess = np.where(beyond > 0.0, beyond / slope, np.where(np.isnan(value), np.inf, 0.0)) / size
+        excess = np.where(violation > 0.0, violation / slope, np.where(np.isnan(value), np.inf, 0.0)) / size
     least = float(np.min(np.max(excess, axis=0)))
-    if least > CLEARLY:
-        named = ", ".join(dict.fromkeys(rows[j].name for j in np.argmax(excess, axis=0)))
+    if least > WIDE_MARGIN:
+        names = ", ".join(dict.fromkeys(rows[j].name for j in np.argmax(excess, axis=0)))
         raise InputError(
             "GraspProblem.constraints",
-            f"{named}: kept nowhere on {_format_names(list(samples))}{_by(least * size)}",
+            f"{names}: kept nowhere on {_format_names(list(samples))}{_format_violation(least * size)}",
             f"constraints that leave contact {i} some part of the body",
         )
 
 
-def _check_room(
+def _check_distances(
     constraints: Sequence[PlacementConstraint], faces: Sequence[tuple[str, ...]], samples: Mapping[str, FaceSamples]
 ) -> None:
     """Raise if the faces are too small for the least distance between contacts."""
@@ -146,7 +149,7 @@ def _check_room(
     k = len(faces)
     if least <= 0.0 or k < 2:
         return
-    names = sorted({name for own in faces for name in own})
+    names = sorted({name for contact_faces in faces for name in contact_faces})
     cloud = np.concatenate([samples[name].points for name in names])
     if not len(cloud):
         return
@@ -161,9 +164,9 @@ def _check_room(
         )
 
 
-def _by(missed: float) -> str:
+def _format_violation(violation: float) -> str:
     """Return the least violation as text, metres; empty if unknown."""
-    return f" (the nearest misses by {format_number(1e3 * missed)} mm)" if np.isfinite(missed) else ""
+    return f" (the nearest misses by {format_number(1e3 * violation)} mm)" if np.isfinite(violation) else ""
 
 
 def _format_names(names: list[str]) -> str:
@@ -175,17 +178,17 @@ def check_patches(models: Sequence[ContactModel], body: Body) -> None:
     longest = float(np.max(body.bounds[1] - body.bounds[0]))
     for i, model in enumerate(models):
         for name in ("radius", "extents", "length"):
-            given = getattr(model, name, None)
-            if given is not None and np.max(given) > longest:
-                allowed = f"metres, no more than the body's longest side, {longest:.3g}; friction is friction=..."
-                raise InputError(f"GraspProblem.contacts[{i}].{name}", f"{np.max(given):g} m", allowed)
+            length = getattr(model, name, None)
+            if length is not None and np.max(length) > longest:
+                expected = f"metres, no more than the body's longest side, {longest:.3g}; friction is friction=..."
+                raise InputError(f"GraspProblem.contacts[{i}].{name}", f"{np.max(length):g} m", expected)
 
 
 def check_size(body: Body) -> None:
     """Raise for a body so large or small that its unit is probably not metres."""
     longest = float(np.max(body.bounds[1] - body.bounds[0]))
-    wrong = "its numbers are metres, and were probably given in a {} unit"
-    check_body_size("GraspProblem.body", f"a {body.kind} with a longest side", longest, wrong, hasattr(body, "unit"))
+    mistake = "its numbers are metres, and were probably given in a {} unit"
+    check_body_size("GraspProblem.body", f"a {body.kind} with a longest side", longest, mistake, hasattr(body, "unit"))
 
 
 def warn_of_friction(models: Sequence[ContactModel], field: str) -> None:
@@ -218,10 +221,10 @@ def warn_of_lengths(
     hand : Hand or None
     """
     longest = float(np.max(body.bounds[1] - body.bounds[0]))
-    for field, given, beyond, most in _lengths(body, models, constraints, hand):
-        if beyond > most * body.size:
+    for field, length, compared, limit in _lengths(body, models, constraints, hand):
+        if compared > limit * body.size:
             warn_once(
-                f"{field}: {given:g} m beside a body of {longest:.3g} m; if millimetres were meant, {given / 1e3:g}"
+                f"{field}: {length:g} m beside a body of {longest:.3g} m; if millimetres were meant, {length / 1e3:g}"
             )
             return
 
@@ -232,15 +235,15 @@ def _lengths(
     """Yield each length's name, given value, value to compare, and limit in body sizes."""
     for i, model in enumerate(models):
         torsion = model.coefficients.get("torsional_friction", 0.0)
-        yield f"contacts[{i}]: torsional friction", torsion, torsion, MUCH
+        yield f"contacts[{i}]: torsional friction", torsion, torsion, LARGE_LENGTH
     for i, constraint in enumerate(constraints):
         if isinstance(constraint, Table | Obstacle):
-            yield f"constraints[{i}]: clearance", constraint.clearance, constraint.clearance, MUCH
+            yield f"constraints[{i}]: clearance", constraint.clearance, constraint.clearance, LARGE_LENGTH
         if isinstance(constraint, Table):
             height, (low, high) = constraint.height, body.bounds[:, -1]
             yield f"constraints[{i}]: height", height, max(low - height, height - high), FAR_TABLE
     for link, tip in hand.tips if isinstance(hand, URDFHand) else ():
-        yield f"fingertip {link}: radius", tip.standoff, tip.standoff, MUCH
+        yield f"fingertip {link}: radius", tip.standoff, tip.standoff, LARGE_LENGTH
 
 
 def warn_of_point(task: Task, body: Body) -> None:
@@ -256,11 +259,11 @@ def warn_of_point(task: Task, body: Body) -> None:
     body : Body
     """
     _warn_of_arm(task, body)
-    away = float(np.linalg.norm(body.centroid))
-    if away > FAR_ORIGIN * body.size and any(part.point_left_out for part in parts_of(task)):
+    distance = float(np.linalg.norm(body.centroid))
+    if distance > FAR_ORIGIN * body.size and any(part.point_left_out for part in parts_of(task)):
         warn_once(
-            f"disturbance: without a point its force acts at the origin of the body's frame, {1e3 * away:.3g} mm from "
-            "the body's centroid: state point=body.centroid, or point=[0, 0, 0] where that is meant"
+            f"disturbance: without a point its force acts at the origin of the body's frame, {1e3 * distance:.3g} mm "
+            "from the body's centroid: state point=body.centroid, or point=[0, 0, 0] where that is meant"
         )
 
 
@@ -269,11 +272,11 @@ def _warn_of_arm(task: Task, body: Body) -> None:
 
     Typical causes are a point in millimetres and moments in newton-millimetres.
     """
-    most, space = np.max(np.abs(component_ranges(task)), axis=0), body.space
-    force, moment = float(np.max(most[:space])), float(np.max(most[space:]))
+    largest, space = np.max(np.abs(component_ranges(task)), axis=0), body.space
+    force, moment = float(np.max(largest[:space])), float(np.max(largest[space:]))
     if force > 0.0 and moment / force > max(LONG * body.size, LONGEST):
-        told = f"moments up to {moment:.3g} N m beside forces up to {force:.3g} N, an arm of {moment / force:.3g} m"
-        warn_once(f"task: {told} on a body of {2.0 * body.size:.3g} m: moments are newton-metres, and points metres")
+        message = f"moments up to {moment:.3g} N m beside forces up to {force:.3g} N, an arm of {moment / force:.3g} m"
+        warn_once(f"task: {message} on a body of {2.0 * body.size:.3g} m: moments are newton-metres, and points metres")
 
 
 def warn_of_surroundings(body: Body, constraints: Sequence[PlacementConstraint], hand: Hand | None) -> None:
@@ -287,16 +290,16 @@ def warn_of_surroundings(body: Body, constraints: Sequence[PlacementConstraint],
     """
     (low, high), extents = body.bounds[:, -1], body.bounds[1] - body.bounds[0]
     for i, table in enumerate(constraints):
-        if isinstance(table, Table) and body.tight and THROUGH * body.size < table.height - low < high - low:
-            below = f"the body reaches {format_number(1e3 * (table.height - low))} mm below the table"
-            where = f"height {format_number(table.height)} m, lowest point {format_number(low, least=1e-9)} m"
-            warn_once(f"constraints[{i}]: {below} ({where}); a table that it stands on is ng.Table.under(body)")
+        if isinstance(table, Table) and body.tight and TABLE_DEPTH * body.size < table.height - low < high - low:
+            message = f"the body reaches {format_number(1e3 * (table.height - low))} mm below the table"
+            location = f"height {format_number(table.height)} m, lowest point {format_number(low, least=1e-9)} m"
+            warn_once(f"constraints[{i}]: {message} ({location}); a table that it stands on is ng.Table.under(body)")
     shortest = float(np.min(extents))
-    if isinstance(hand, URDFHand) and shortest > ACROSS * hand.tree.span:
-        given = f"a body whose shortest side is {format_number(shortest)} m, for a hand whose fingertips reach"
+    if isinstance(hand, URDFHand) and shortest > SPAN_SHARE * hand.tree.span:
+        description = f"a body whose shortest side is {format_number(shortest)} m, for a hand whose fingertips reach"
         warn_once(
-            f"GraspProblem.body: {given} {format_number(hand.tree.span)} m from its palm; are both in metres? A mesh "
-            'in millimetres takes unit="mm"'
+            f"GraspProblem.body: {description} {format_number(hand.tree.span)} m from its palm; are both in metres? A "
+            'mesh in millimetres takes unit="mm"'
         )
 
 
@@ -312,40 +315,40 @@ def warn_of_smoothing(body: Body, hand: Hand | None) -> None:
     if not isinstance(body, Mesh):
         return
     tip = min((radius for radius in (() if hand is None else hand.tip_radii) if radius > 0.0), default=np.inf)
-    off = body.offset.most
-    if off <= min(WALL * body.wall, tip):
+    offset = body.offset.most
+    if offset <= min(WALL * body.wall, tip):
         return
-    thin = off > WALL * body.wall
-    beside = f"walls {1e3 * body.wall:.3g} mm thick" if thin else f"a fingertip of {1e3 * tip:.3g} mm radius"
-    advised = automatic_fineness(np.ptp(body.bounds, axis=0), min(body.wall, tip / WALL))
-    smoothing, resolution = advised.smoothing, advised.resolution
+    is_thin = offset > WALL * body.wall
+    reference = f"walls {1e3 * body.wall:.3g} mm thick" if is_thin else f"a fingertip of {1e3 * tip:.3g} mm radius"
+    advice = automatic_fineness(np.ptp(body.bounds, axis=0), min(body.wall, tip / WALL))
+    smoothing, resolution = advice.smoothing, advice.resolution
     if smoothing / resolution >= body.smoothing / body.resolution:
         smoothing, resolution = body.smoothing, min(int(np.ceil(FINER * body.resolution)), FINEST)
     warn_once(
-        f"{body.source or 'the mesh'}: the smooth surface that the solver works on is {1e3 * off:.3g} mm or more off a "
-        f"fifth of the mesh, which is much beside {beside}: ng.Mesh takes smoothing={smoothing:g}, "
+        f"{body.source or 'the mesh'}: the smooth surface that the solver works on is {1e3 * offset:.3g} mm or more "
+        f"off a fifth of the mesh, which is much beside {reference}: ng.Mesh takes smoothing={smoothing:g}, "
         f"resolution={resolution}"
     )
 
 
-def body_words(given: object) -> str:
+def body_advice(value: object) -> str:
     """Return the advice of the error for an invalid body, such as a file name or a mesh."""
-    if isinstance(given, str | Path):
-        return f'a body: ng.Mesh.load("{given}", unit="mm"), in the unit of the file'
-    if type(given).__module__.split(".")[0] == "trimesh":
+    if isinstance(value, str | Path):
+        return f'a body: ng.Mesh.load("{value}", unit="mm"), in the unit of the file'
+    if type(value).__module__.split(".")[0] == "trimesh":
         return 'a body: ng.Mesh(mesh, unit="mm"), in the unit of its vertices'
     return "a body such as ng.Box or ng.Mesh"
 
 
-def task_words(given: object) -> str:
+def task_advice(value: object) -> str:
     """Return the advice of the error for an invalid task, such as a list of tasks."""
-    if isinstance(given, list | tuple) and given and all(isinstance(part, Task) for part in given):
+    if isinstance(value, list | tuple) and value and all(isinstance(part, Task) for part in value):
         return "one task: tasks add up, such as ng.lift(...) + ng.disturbance(...)"
     return "a task, such as ng.TaskEllipsoid(semi_axes)"
 
 
-def hand_words(given: object) -> str:
+def hand_advice(value: object) -> str:
     """Return the advice of the error for an invalid hand, such as a preset's name."""
-    if isinstance(given, str):
-        return f"a hand: ng.hands.{given}(...) where there is one of that name, or ng.URDFHand.load(path, fingertips)"
+    if isinstance(value, str):
+        return f"a hand: ng.hands.{value}(...) where there is one of that name, or ng.URDFHand.load(path, fingertips)"
     return "a hand such as ng.Fingertips, or None"

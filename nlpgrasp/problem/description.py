@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from nlpgrasp.bodies import Body
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.display import InNotebook, show
-from nlpgrasp.common.formatting import format_number, range_words, vector
+from nlpgrasp.common.formatting import format_number, format_ranges, vector
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.constraints import PlacementConstraint, Table
 from nlpgrasp.contacts import ContactModel
@@ -32,7 +32,7 @@ TIMES = "\N{MULTIPLICATION SIGN}"
 PAGE, CARD = ("nlpgrasp.report.body_page", "write_problem"), ("nlpgrasp.report.body_page", "problem_card")
 
 
-class SeenProblem(InNotebook):
+class DisplayedProblem(InNotebook):
     """Mixin that displays a grasp problem."""
 
     _card: ClassVar[tuple[str, str]] = CARD
@@ -57,11 +57,11 @@ class SeenProblem(InNotebook):
         return show(self, self.name, PAGE, path)
 
     def __repr__(self) -> str:
-        asked = cast(ProblemView, self)
-        count = len(asked.models)
-        held = f"{type(asked.body).__name__}, {count} contact{'s' if count > 1 else ''}"
-        hand = "" if asked.hand is None else f", {type(asked.hand).__name__}"
-        return f"GraspProblem({self.name!r}: {held}{hand}, {type(asked.task).__name__})"
+        problem = cast(ProblemView, self)
+        count = len(problem.models)
+        content = f"{type(problem.body).__name__}, {count} contact{'s' if count > 1 else ''}"
+        hand = "" if problem.hand is None else f", {type(problem.hand).__name__}"
+        return f"GraspProblem({self.name!r}: {content}{hand}, {type(problem.task).__name__})"
 
     def __str__(self) -> str:
         lines = [f"  {line}" for part in describe_problem(cast(ProblemView, self)) for line in part.lines()]
@@ -152,20 +152,22 @@ class DescribedPart(NamedTuple):
 
 def task_range(problem: ProblemView) -> str:
     """Return the ranges of the task's wrench components as text."""
-    return range_words(*component_ranges(problem.task))
+    return format_ranges(*component_ranges(problem.task))
 
 
 def usable_faces(problem: ProblemView) -> tuple[str, ...]:
     """Return the names of allowed faces that extend above all tables, in the body's order."""
-    used = {face for i in range(len(problem.models)) for face in problem.allowed_faces(i)}
-    return _faces_above_tables(problem, [name for name in problem.body.face_names if name in used])
+    allowed = {face for i in range(len(problem.models)) for face in problem.allowed_faces(i)}
+    return _faces_above_tables(problem, [name for name in problem.body.face_names if name in allowed])
 
 
 def _describe_contacts(problem: ProblemView) -> list[str]:
     """Return the contacts as text, with equal neighbours combined."""
     faces = [_faces_above_tables(problem, problem.allowed_faces(i)) for i in range(len(problem.models))]
-    alike = groupby(zip(map(_describe_model, problem.models), faces, strict=True))
-    return [f"{len(list(group))} {TIMES} {model}{_describe_faces(problem, usable)}" for (model, usable), group in alike]
+    groups = groupby(zip(map(_describe_model, problem.models), faces, strict=True))
+    return [
+        f"{len(list(group))} {TIMES} {model}{_describe_faces(problem, usable)}" for (model, usable), group in groups
+    ]
 
 
 def _describe_model(model: ContactModel) -> str:
@@ -178,11 +180,11 @@ def _shorten_text(text: str) -> str:
 
 
 def _describe_faces(problem: ProblemView, faces: tuple[str, ...]) -> str:
-    every = len(problem.body.face_names)
-    if len(faces) == every:
-        return ", on any face" if every > 1 else ""
+    count = len(problem.body.face_names)
+    if len(faces) == count:
+        return ", on any face" if count > 1 else ""
     if len(faces) > LISTED:
-        return f", on {len(faces)} of {every} faces"
+        return f", on {len(faces)} of {count} faces"
     return f", on {', '.join(faces)}" if faces else ", on no face above the table"
 
 
@@ -196,10 +198,10 @@ def _faces_above_tables(problem: ProblemView, faces: Sequence[str]) -> tuple[str
 
 
 def _describe_torque_origin(problem: ProblemView) -> str:
-    named = ", the body's centroid" if problem.torque_origin is None else ""
+    remark = ", the body's centroid" if problem.torque_origin is None else ""
     least = ROUNDING * problem.body.size
-    at = ", ".join(format_number(1e3 * v, least=1e3 * least) for v in problem.origin)
-    return f"moments about [{at}] mm{named}"
+    coordinates = ", ".join(format_number(1e3 * v, least=1e3 * least) for v in problem.origin)
+    return f"moments about [{coordinates}] mm{remark}"
 
 
 def _describe_hand(problem: ProblemView) -> DescribedPart:
@@ -209,11 +211,11 @@ def _describe_hand(problem: ProblemView) -> DescribedPart:
 
 
 def _describe_edge_margin(problem: ProblemView) -> DescribedPart:
-    near = "contacts stay that far away from sharp edges" if problem.margin > 0.0 else "contacts may lie on edges"
-    return DescribedPart("Edge margin", f"{format_number(1e3 * problem.margin)} mm", (near,))
+    note = "contacts stay that far away from sharp edges" if problem.margin > 0.0 else "contacts may lie on edges"
+    return DescribedPart("Edge margin", f"{format_number(1e3 * problem.margin)} mm", (note,))
 
 
 def _describe_budget(problem: ProblemView) -> DescribedPart:
     limit = problem.max_force
-    stated = () if limit is None else (f"max_force: no finger is to press harder than {limit:g} N",)
-    return DescribedPart("Force budget", problem.budget.kind, (f"counts the {problem.budget.amount}", *stated))
+    notes = () if limit is None else (f"max_force: no finger is to press harder than {limit:g} N",)
+    return DescribedPart("Force budget", problem.budget.kind, (f"counts the {problem.budget.amount}", *notes))

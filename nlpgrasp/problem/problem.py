@@ -18,31 +18,31 @@ from nlpgrasp.contacts import ContactModel, contact_from_dict
 from nlpgrasp.errors import InputError
 from nlpgrasp.hands import Hand
 from nlpgrasp.problem.checks import (
-    body_words,
+    body_advice,
     check_patches,
     check_placements,
     check_size,
-    hand_words,
-    task_words,
+    hand_advice,
+    task_advice,
     warn_of_friction,
     warn_of_lengths,
     warn_of_point,
     warn_of_surroundings,
 )
-from nlpgrasp.problem.description import SeenProblem
+from nlpgrasp.problem.description import DisplayedProblem
 from nlpgrasp.tasks import Task, task_from_dict
 
 MOST_CONTACTS = 32  # largest number of contacts
 # default margin of contacts from sharp edges
-SHARE = 0.05  # of the body's shortest extent, without fingertip radii
-PATCH = 0.5  # of a fingertip's radius: patch radius when it flattens by r / 8, (2 r r / 8)^(1/2)
-MOST = 0.1  # of the body's shortest extent: largest margin due to fingertips
-OFF, SMALL = 0.001, 0.2  # least margin: metres, and at most this share of the body's shortest extent
-ROOM = 0.5  # of the largest possible margin: upper limit
+MARGIN_SHARE = 0.05  # of the body's shortest extent, without fingertip radii
+PATCH_SHARE = 0.5  # of a fingertip's radius: patch radius when it flattens by r / 8, (2 r r / 8)^(1/2)
+LARGEST_TIP_SHARE = 0.1  # of the body's shortest extent: largest margin due to fingertips
+LEAST_MARGIN, LEAST_MARGIN_SHARE = 0.001, 0.2  # least margin: metres; at most this share of the shortest extent
+LARGEST_MARGIN_SHARE = 0.5  # of the largest possible margin: upper limit
 
 
 @dataclass(frozen=True, repr=False)
-class GraspProblem(SeenProblem):
+class GraspProblem(DisplayedProblem):
     """A grasp planning problem: body, contact models, task, hand, constraints and force budget.
 
     Parameters
@@ -105,16 +105,12 @@ class GraspProblem(SeenProblem):
 
     def __post_init__(self) -> None:
         if not isinstance(self.body, Body):
-            raise InputError("GraspProblem.body", self.body, body_words(self.body))
+            raise InputError("GraspProblem.body", self.body, body_advice(self.body))
         check_size(self.body)
         self._set_contacts()
         if not isinstance(self.task, Task):
-            raise InputError("GraspProblem.task", self.task, task_words(self.task))
-        wanted = wrench_dimension(self.body.space)
-        if self.task.dimension != wanted:
-            components = "f_x, f_y, m_z" if wanted == 3 else "f_x, f_y, f_z, m_x, m_y, m_z"
-            allowed = f"dimension {wanted} for this body: {components}"
-            raise InputError("GraspProblem.task", f"dimension {self.task.dimension}", allowed)
+            raise InputError("GraspProblem.task", self.task, task_advice(self.task))
+        self._check_dimension()
         budget = force_budget(self.force_budget, "GraspProblem.force_budget")
         budget.check(self.models, self.body.space)
         budget.check_hand(self.hand)
@@ -143,33 +139,42 @@ class GraspProblem(SeenProblem):
         object.__setattr__(self, "margin", margin_of(self.edge_margin, self.body, self.hand, faces))
         check_placements(self.body, self.hand, self.constraints, [self.allowed_faces(i) for i in count], self.margin)
 
+    def _check_dimension(self) -> None:
+        """Raise if task and body differ in dimension."""
+        dimension = wrench_dimension(self.body.space)
+        if self.task.dimension != dimension:
+            components = "f_x, f_y, m_z" if dimension == 3 else "f_x, f_y, f_z, m_x, m_y, m_z"
+            expected = f"dimension {dimension} for this body: {components}"
+            raise InputError("GraspProblem.task", f"dimension {self.task.dimension}", expected)
+
     def _set_contacts(self) -> None:
-        given = self.contacts
+        """Set the contacts to a tuple of models, validated."""
+        contacts = self.contacts
         if self.hand is not None and not isinstance(self.hand, Hand):
-            raise InputError("GraspProblem.hand", self.hand, hand_words(self.hand))
-        if isinstance(given, ContactModel):
+            raise InputError("GraspProblem.hand", self.hand, hand_advice(self.hand))
+        if isinstance(contacts, ContactModel):
             if self.hand is None:
-                name = type(given).__name__
+                name = type(contacts).__name__
                 raise InputError(
                     "GraspProblem.contacts",
                     f"one {name} without a hand: how many fingers?",
                     f"a model for each finger, such as [{name}(...)] * 3, or hand=ng.Fingertips(3)",
                 )
-            given = (given,) * self.hand.count
+            contacts = (contacts,) * self.hand.count
         try:
-            models = tuple(given)
+            models = tuple(contacts)
         except TypeError:
             models = ()
         if not models or not all(isinstance(m, ContactModel) for m in models):
-            allowed = "contact models, one a finger, such as [ng.FrictionContact(0.6)] * 3"
-            raise InputError("GraspProblem.contacts", given, allowed)
+            expected = "contact models, one a finger, such as [ng.FrictionContact(0.6)] * 3"
+            raise InputError("GraspProblem.contacts", contacts, expected)
         if len(models) > MOST_CONTACTS:
             raise InputError("GraspProblem.contacts", f"{len(models)} contacts", f"at most {MOST_CONTACTS}")
         if self.hand is not None:
             self.hand.check(self.body.space)
         if self.hand is not None and self.hand.count != len(models):
-            allowed = f"{self.hand.count}, one a fingertip of the hand"
-            raise InputError("GraspProblem.contacts", f"{len(models)} contacts", allowed)
+            expected = f"{self.hand.count}, one a fingertip of the hand"
+            raise InputError("GraspProblem.contacts", f"{len(models)} contacts", expected)
         for i, model in enumerate(models):
             model.components(self.body.space)
             if model.needs_tangents and self.body.space == 3:
@@ -177,6 +182,7 @@ class GraspProblem(SeenProblem):
         object.__setattr__(self, "contacts", models)
 
     def _check_constraints(self) -> None:
+        """Set the constraints to a tuple, validated; raise if they leave some contact no face."""
         constraints = self.constraints
         if isinstance(constraints, PlacementConstraint):
             constraints = (constraints,)
@@ -191,11 +197,11 @@ class GraspProblem(SeenProblem):
         object.__setattr__(self, "constraints", constraints)
         for i in range(len(self.models)):
             if not self.allowed_faces(i):
-                wanted = self.models[i].faces
-                have = ", ".join(wanted) if wanted else "any face"
+                faces = self.models[i].faces
+                allowed = ", ".join(faces) if faces else "any face"
                 raise InputError(
                     "GraspProblem.constraints",
-                    f"no face left for contact {i} (it may use: {have})",
+                    f"no face left for contact {i} (it may use: {allowed})",
                     "at least one face of the body that no Forbid excludes",
                 )
 
@@ -287,21 +293,21 @@ def allowed_faces(
     InputError
         On unknown face names.
     """
-    chosen = body.select(models[contact].faces, f"contacts[{contact}].faces")
+    selected = body.select(models[contact].faces, f"contacts[{contact}].faces")
     forbidden: set[str] = set()
     for item in constraints:
         names = item.forbidden_faces()
         body.select(names or None, "Forbid.faces_or_region")
         forbidden |= set(names)
-    return tuple(name for name in chosen if name not in forbidden)
+    return tuple(name for name in selected if name not in forbidden)
 
 
-def margin_of(given: float | None, body: Body, hand: Hand | None, faces: Sequence[Sequence[str]]) -> float:
+def margin_of(value: float | None, body: Body, hand: Hand | None, faces: Sequence[Sequence[str]]) -> float:
     """Return the validated or default margin of contacts from sharp edges (above 30 degrees), metres.
 
     Parameters
     ----------
-    given : float or None
+    value : float or None
         None for the default: half the largest fingertip's radius, at most a tenth of the body's shortest extent;
         without fingertip radii, a twentieth of that extent. At least a millimetre, but at most a fifth of the extent;
         less if the faces are too small.
@@ -315,20 +321,33 @@ def margin_of(given: float | None, body: Body, hand: Hand | None, faces: Sequenc
     InputError
         On an invalid margin, or one that leaves some contact no face.
     """
-    each = {name: body.room(name) for name in {name for own in faces for name in own}} if given != 0.0 else {}
-    room = min((max(each[name] for name in own) for own in faces if own and each), default=np.inf)
-    if given is None:
+    distances = (
+        {name: body.room(name) for name in {name for contact_faces in faces for name in contact_faces}}
+        if value != 0.0
+        else {}
+    )
+    largest = min(
+        (max(distances[name] for name in contact_faces) for contact_faces in faces if contact_faces and distances),
+        default=np.inf,
+    )
+    if value is None:
         shortest = float(np.min(np.ptp(body.bounds, axis=0)))
         radius = 0.0 if hand is None else max(hand.tip_radii)
-        least = min(OFF, SMALL * shortest)
-        wanted = max(min(PATCH * radius, MOST * shortest) if radius > 0.0 else SHARE * shortest, least)
-        return min(wanted, ROOM * room) if np.isfinite(room) or any(np.isfinite(list(each.values()))) else 0.0
-    margin = number("GraspProblem.edge_margin", given, at_least=0.0)
-    if margin >= room:
-        tight = max(each, key=lambda name: each[name])
+        least = min(LEAST_MARGIN, LEAST_MARGIN_SHARE * shortest)
+        default = max(
+            min(PATCH_SHARE * radius, LARGEST_TIP_SHARE * shortest) if radius > 0.0 else MARGIN_SHARE * shortest, least
+        )
+        return (
+            min(default, LARGEST_MARGIN_SHARE * largest)
+            if np.isfinite(largest) or any(np.isfinite(list(distances.values())))
+            else 0.0
+        )
+    margin = number("GraspProblem.edge_margin", value, at_least=0.0)
+    if margin >= largest:
+        widest = max(distances, key=lambda name: distances[name])
         raise InputError(
             "GraspProblem.edge_margin",
             f"{margin:g} m, which leaves some contact no face",
-            f"less than {room:.4g} m, with which something is left of {tight}",
+            f"less than {largest:.4g} m, with which something is left of {widest}",
         )
     return margin

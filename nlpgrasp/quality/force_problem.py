@@ -18,7 +18,7 @@ from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.budgets.l2 import L2Set
 from nlpgrasp.common.quadratic_program import LONG, SHORT, cone_of, quiet_settings
 from nlpgrasp.common.validation import FloatArray, array
-from nlpgrasp.contacts.product import conic_lift, into
+from nlpgrasp.contacts.product import conic_lift, project_strictly
 from nlpgrasp.errors import NlpgraspError
 from nlpgrasp.quality.arguments import require_grasp
 from nlpgrasp.quality.dual_newton import TOLERANCE, dual_newton
@@ -176,7 +176,7 @@ def _project_into_cones(wrench_set: WrenchSet, x: FloatArray, w: FloatArray) -> 
     """
     projected = np.full_like(x, np.nan)
     solved = np.all(np.isfinite(x), axis=1)
-    projected[solved] = into(x[solved], wrench_set.contacts, wrench_set.space)
+    projected[solved] = project_strictly(x[solved], wrench_set.contacts, wrench_set.space)
     missing = w - projected @ wrench_set.G.T
     size = np.linalg.norm(missing, axis=1)
     inexact = np.flatnonzero(size > TOLERANCE)  # false for NaN

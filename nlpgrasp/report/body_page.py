@@ -12,7 +12,7 @@ import numpy as np
 from nlpgrasp.bodies import Body, Implicit
 from nlpgrasp.bodies.mesh.display_triangles import triangles
 from nlpgrasp.bodies.mesh.mesh import Mesh
-from nlpgrasp.bodies.mesh.signed_distance import MOST_OF_IT
+from nlpgrasp.bodies.mesh.signed_distance import OFFSET_QUANTILE
 from nlpgrasp.common.drawing import CONE, NORMAL, Drawing, Triangles, drawing_size
 from nlpgrasp.common.files import write_text
 from nlpgrasp.common.formatting import format_number, format_percent, typeset, vector
@@ -208,9 +208,7 @@ def body_figures(body: Body) -> list[KeyFigure]:
         figures.append(
             KeyFigure("Mesh", f"{len(body.mesh.faces)} triangles", body.repairs or ("used as it is",), broad=True)
         )
-        offset = (
-            f"within {format_number(1e3 * body.offset.most, 2)} mm of the mesh over {format_percent(MOST_OF_IT)} of it"
-        )
+        offset = f"within {format_number(1e3 * body.offset.most, 2)} mm of the mesh over {format_percent(OFFSET_QUANTILE)} of it"
         walls = (
             f"walls: {format_number(1e3 * body.wall, 2)} mm; smoothing={body.smoothing:g}, resolution={body.resolution}"
         )

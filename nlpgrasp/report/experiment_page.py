@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nlpgrasp.common.files import write_text
-from nlpgrasp.common.formatting import format_interval, measure_word, typeset
+from nlpgrasp.common.formatting import format_interval, format_measure, typeset
 from nlpgrasp.common.optional_packages import pyplot, write_figure
 from nlpgrasp.common.palette import COLOURS
 from nlpgrasp.experiments.experiment_result import NOT_COMPARABLE, TABLE_NOTE, ExperimentResult, VariationResult
@@ -245,7 +245,7 @@ def _write_plot(path: Path, draw: Draw, variations: Sequence[VariationResult]) -
 
 def _seed_label(variations: Sequence[VariationResult]) -> str:
     kinds = {v.best.kind for v in variations if v.best is not None}
-    return measure_word(kinds.pop() if len(kinds) == 1 else "")
+    return format_measure(kinds.pop() if len(kinds) == 1 else "")
 
 
 def _legend(ax: Axes, count: int) -> None:

@@ -7,12 +7,12 @@ from dataclasses import replace
 from html import escape
 
 from nlpgrasp.common.formatting import (
-    at_most,
-    capital,
+    capitalise,
+    format_headroom,
     format_interval,
     format_number,
     format_percent,
-    headroom_words,
+    format_upper,
     typeset,
 )
 from nlpgrasp.report.html_parts import ticks
@@ -88,7 +88,7 @@ def gauge_text(solution: GraspSolution) -> str:
     if share is not None:
         parts.append(f"{format_percent(share)} of it is left when contacts are off, in the worst case found")
     if math.isfinite(solution.best_possible):
-        parts.append(f"the best possible is {at_most(solution.best_possible)} at most")
+        parts.append(f"the best possible is {format_upper(solution.best_possible)} at most")
     return typeset("; ".join(parts))
 
 
@@ -142,9 +142,9 @@ def _status_figure(solution: GraspSolution) -> KeyFigure:
     outcome, tone = verdict(solution)
     sentence = solution.message.partition(": ")[2]
     reasons = () if solution.why_not is None else (*solution.why_not.reasons, *solution.why_not.advice)
-    lines = (capital(sentence), *reasons)
+    lines = (capitalise(sentence), *reasons)
     if solution.is_certified:
-        lines = (*(f"{capital(words)}." for words in solution.caveats), *lines)
+        lines = (*(f"{capitalise(words)}." for words in solution.caveats), *lines)
     return KeyFigure("Status", outcome, lines, tone, broad=tone == "bad")
 
 
@@ -165,7 +165,7 @@ def _effort_figure(solution: GraspSolution) -> KeyFigure:
         tone = "" if effort <= 1.0 else "bad"
         return KeyFigure(title, format_percent(effort), ("of what the hand's joints can do, at most",), tone)
     quantity = BUDGET_QUANTITIES.get(budget.kind, ANY_BUDGET_QUANTITY)
-    return KeyFigure(title, f"{at_most(effort)} N", (f"at most: {quantity}",))
+    return KeyFigure(title, f"{format_upper(effort)} N", (f"at most: {quantity}",))
 
 
 def _squeeze_figures(solution: GraspSolution) -> list[KeyFigure]:
@@ -173,7 +173,7 @@ def _squeeze_figures(solution: GraspSolution) -> list[KeyFigure]:
     line = solution.squeeze_line()
     if not line:
         return []
-    sentence = capital(line)
+    sentence = capitalise(line)
     if solution.squeeze is None:
         return [KeyFigure("Squeeze", "none", (sentence,), "bad")]
     friction = format_number(solution.squeeze.friction_needed, least=NONE)
@@ -183,7 +183,7 @@ def _squeeze_figures(solution: GraspSolution) -> list[KeyFigure]:
 def _approach_figures(solution: GraspSolution) -> list[KeyFigure]:
     """Return the reason for having no straight approach, if so."""
     line = solution.approach_line()
-    return [KeyFigure("Straight way to the grasp", "none", (capital(line),), "weak")] if line else []
+    return [KeyFigure("Straight way to the grasp", "none", (capitalise(line),), "weak")] if line else []
 
 
 def _gripper_figures(solution: GraspSolution) -> list[KeyFigure]:
@@ -192,7 +192,7 @@ def _gripper_figures(solution: GraspSolution) -> list[KeyFigure]:
     if not line:
         return []
     tone = "weak" if solution.way_blocked else ""
-    return [KeyFigure("Gripper", f"open {format_number(1e3 * hand['opening'])} mm", (capital(line),), tone)]
+    return [KeyFigure("Gripper", f"open {format_number(1e3 * hand['opening'])} mm", (capitalise(line),), tone)]
 
 
 def _robustness_figures(solution: GraspSolution) -> list[KeyFigure]:
@@ -211,9 +211,9 @@ def _global_bound_figures(solution: GraspSolution) -> list[KeyFigure]:
     bound = solution.bound
     if bound is None or not math.isfinite(bound.upper):
         return []
-    upper = at_most(bound.upper)
+    upper = format_upper(bound.upper)
     gap = bound.gap(solution.mu.lower)
-    headroom = headroom_words(gap, 2).replace("%", " %")
+    headroom = format_headroom(gap, 2).replace("%", " %")
     if bound.is_loose(gap) or not math.isfinite(gap):
         headroom = "no placement is above this"
     caveat = ". A loose bound: it says little of this grasp" if bound.is_loose(gap) else ""

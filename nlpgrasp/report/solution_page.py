@@ -9,7 +9,7 @@ from pathlib import Path
 
 from nlpgrasp.analysis.analyse import analyse, format_added
 from nlpgrasp.common.files import write_text
-from nlpgrasp.common.formatting import at_most, capital, format_interval, format_number, format_percent, typeset
+from nlpgrasp.common.formatting import capitalise, format_interval, format_number, format_percent, format_upper, typeset
 from nlpgrasp.common.types import Json
 from nlpgrasp.experiments.comparison import compare
 from nlpgrasp.report import solution_sections as sections
@@ -38,7 +38,7 @@ def force_section(solution: GraspSolution) -> str:
     if forces is None:
         return ""
     exceeds_limit = forces.is_within(solution.max_force) is False
-    sentence, *_, limit_sentence = (f"{capital(line)}." for line in solution.needed_lines())
+    sentence, *_, limit_sentence = (f"{capitalise(line)}." for line in solution.needed_lines())
     kind = ' class="status failed"' if exceeds_limit else ""
     columns = zip(forces.size, forces.normal, forces.largest, strict=True)
     rows = [[f"{i}", *(f"{format_number(force)} N" for force in finger)] for i, finger in enumerate(columns)]
@@ -225,4 +225,4 @@ def _quality_text(solution: GraspSolution) -> str:
     quality = f"{solution.label} {' to '.join(format_interval(solution.mu.lower, solution.mu.upper))}"
     if solution.mu.lower <= 0.0 or solution.budget.absolute:
         return quality
-    return f"{quality}; the task takes {at_most(1.0 / solution.mu.lower)} N at most"
+    return f"{quality}; the task takes {format_upper(1.0 / solution.mu.lower)} N at most"

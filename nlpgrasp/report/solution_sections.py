@@ -12,7 +12,7 @@ import trimesh
 
 from nlpgrasp.bodies import Mesh
 from nlpgrasp.common.drawing import Triangles
-from nlpgrasp.common.formatting import capital, format_interval, format_number, typeset, vector
+from nlpgrasp.common.formatting import capitalise, format_interval, format_number, typeset, vector
 from nlpgrasp.common.spatial import in_space
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
@@ -139,7 +139,7 @@ def problem_sentence(solution: GraspSolution) -> str:
     body, *hand_names = [str(part.get("source") or part["type"]).rpartition("/")[2] for part in parts]
     holder = f", held by {hand_names[0]}" if hand_names else ""
     task = solution.task_line()
-    return f"{len(problem['contacts'])} contacts on {body}{holder}. {capital(task)}."
+    return f"{len(problem['contacts'])} contacts on {body}{holder}. {capitalise(task)}."
 
 
 def panel(solution: GraspSolution, fingers: Sequence[FingerForce]) -> str:

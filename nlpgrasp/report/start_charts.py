@@ -8,7 +8,7 @@ from html import escape
 
 import numpy as np
 
-from nlpgrasp.common.formatting import capital, format_interval, format_number, typeset
+from nlpgrasp.common.formatting import capitalise, format_interval, format_number, typeset
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.report.html_parts import Curve, Mark, chart, html_table
@@ -33,7 +33,7 @@ def start_section(solution: GraspSolution) -> str:
     charts = "".join(
         f"<figure>{svg}<figcaption>{escape(caption)}</figcaption></figure>" for svg, caption in drawn_charts if svg
     )
-    sentences = (f"{capital(line)}." for line in solution.starts_lines())
+    sentences = (f"{capitalise(line)}." for line in solution.starts_lines())
     paragraphs = "".join(f"<p>{escape(typeset(sentence))}</p>" for sentence in sentences)
     return f'<h3>Starts</h3>{paragraphs}<div class="charts two">{charts}</div>{_start_table(solution)}'
 

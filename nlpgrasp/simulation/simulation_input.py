@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from nlpgrasp.budgets import ForceBudget
-from nlpgrasp.common.formatting import wrench_words
+from nlpgrasp.common.formatting import format_wrench
 from nlpgrasp.common.spatial import in_space
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.errors import InputError
@@ -91,7 +91,7 @@ def build_simulation_input(solution: GraspSolution, share: float, mass: float | 
         kilograms = min(water_mass.mass, WEIGHT_EFFORT * (1.0 - share) * effort / float(unit_forces.used[0]) / EARTH)
     else:
         raise InputError("solution", "a grasp that cannot carry the body upwards", "one that bears its weight too")
-    labels = tuple(wrench_words(share * w) for w in wrenches)
+    labels = tuple(format_wrench(share * w) for w in wrenches)
     weight = kilograms * EARTH * unit_weight
     return SimulationInput(solution, grasp, budget, effort, water_mass.scaled(kilograms), wrenches, labels, weight)
 

@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from nlpgrasp.budgets import ForceBudget
-from nlpgrasp.common.formatting import FORCE_UNIT, format_interval, format_number, wrench_words
+from nlpgrasp.common.formatting import FORCE_UNIT, format_interval, format_number, format_wrench
 from nlpgrasp.common.validation import FloatArray, array
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.bounds import Bounds
@@ -207,7 +207,7 @@ class ForcesNeeded:
         largest = format_number(float(np.max(self.largest)))
         return [
             f"the task as given needs {interval} {budget.unit} ({budget.amount}, certified)",
-            f"for its hardest wrench found ({wrench_words(self.wrench)}) {self.finger_words()}, {total}",
+            f"for its hardest wrench found ({format_wrench(self.wrench)}) {self.finger_words()}, {total}",
             f"the largest force of a finger is {largest} {FORCE_UNIT}, of {finger}{comparison}",
         ]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nlpgrasp.common.formatting import one_line
+from nlpgrasp.common.formatting import error_line
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
@@ -141,7 +141,7 @@ def first_accepted(grasps: Sequence[FoundGrasp], accepts: Accepts) -> FoundGrasp
         try:
             answer = accepts(grasp)
         except Exception as error:  # whatever the user's function raises
-            raise InputError(f"select, at grasps[{i}]", one_line(error), "a function that raises nothing") from error
+            raise InputError(f"select, at grasps[{i}]", error_line(error), "a function that raises nothing") from error
         if not isinstance(answer, bool | np.bool_):
             raise InputError(f"select, at grasps[{i}]", answer, "True or False")
         if answer:

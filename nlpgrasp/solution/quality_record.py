@@ -13,7 +13,7 @@ import numpy as np
 
 from nlpgrasp.budgets import ForceBudget
 from nlpgrasp.common.files import write_text
-from nlpgrasp.common.formatting import at_most, headroom_words, measure_word
+from nlpgrasp.common.formatting import format_headroom, format_measure, format_upper
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import array, number
 from nlpgrasp.errors import InputError
@@ -133,7 +133,7 @@ def format_quality(quality: Quality, task_beta: float | None, budget: ForceBudge
     budget : ForceBudget
         Meaning of one unit of finger force.
     """
-    mu, label = quality.mu, measure_word(quality.kind)
+    mu, label = quality.mu, format_measure(quality.kind)
     paper = "" if task_beta in (None, 1.0) else f", beta of the paper in {mu.beta}"
     reason = f": {mu.limit}" if mu.limit else ""
     meaning = measure_meaning(quality.kind, budget)
@@ -256,12 +256,12 @@ class GlobalBound:
         label : str
             The measure's name.
         """
-        bound, gap = f"{label} is at most {at_most(self.upper, 4)} anywhere", self.gap(mu)
+        bound, gap = f"{label} is at most {format_upper(self.upper, 4)} anywhere", self.gap(mu)
         if not math.isfinite(gap):
             return f"{bound}{self.ignored()}"
         if self.is_loose(gap):
             return f"a loose bound on the best possible: {bound}{self.ignored()}"
-        return f"{headroom_words(gap)}{self.ignored()}: {bound}"
+        return f"{format_headroom(gap)}{self.ignored()}: {bound}"
 
     def is_loose(self, gap: float) -> bool:
         """Return whether the bound relaxes parts of the problem and its gap is too wide to rate a grasp."""

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 
-from nlpgrasp.common.formatting import at_most
+from nlpgrasp.common.formatting import format_upper
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.bounds import Bounds
 from nlpgrasp.solution.schema import ConstraintData, SolutionData, SolverData, StartData
@@ -240,7 +240,7 @@ def format_status(status: Status, message: str, gap: float, caveats: Sequence[st
         Warnings about the grasp.
     """
     if status is Status.OPTIMAL:
-        message = f"Optimal within {at_most(100.0 * gap)}%: {message.removeprefix('Optimal: ')}"
+        message = f"Optimal within {format_upper(100.0 * gap)}%: {message.removeprefix('Optimal: ')}"
     head, _, meaning = message.partition(": ")
     if status is Status.TOUCHES:
         return f"{head}: {'; and '.join(caveats)}; {meaning.partition(', and ')[2]}"

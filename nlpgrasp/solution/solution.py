@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, ClassVar
 from nlpgrasp.budgets import ForceBudget, budget_from_dict
 from nlpgrasp.common.display import InNotebook, live, show
 from nlpgrasp.common.drawing import Drawing
-from nlpgrasp.common.formatting import measure_word, range_words
+from nlpgrasp.common.formatting import format_measure, format_ranges
 from nlpgrasp.common.spatial import Pose
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, prefix_errors
@@ -213,7 +213,7 @@ class GraspSolution(InNotebook):
 
     def task_line(self) -> str:
         """Return the ranges of the components of the task's wrenches, as text."""
-        return f"the task: exert {range_words(*component_ranges(self.task))}"
+        return f"the task: exert {format_ranges(*component_ranges(self.task))}"
 
     @property
     def known_problem(self) -> GraspProblem | None:
@@ -336,7 +336,7 @@ class GraspSolution(InNotebook):
     @property
     def label(self) -> str:
         """Name of the measure in ``mu``: ``"mu"`` or ``"mu-tilde"``."""
-        return measure_word(self.kind)
+        return format_measure(self.kind)
 
     @property
     def beta(self) -> Bounds | None:

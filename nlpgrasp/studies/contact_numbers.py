@@ -9,7 +9,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from nlpgrasp.common.formatting import at_most, headroom_words
+from nlpgrasp.common.formatting import format_headroom, format_upper
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import integer, number
 from nlpgrasp.contacts import ContactModel, contact_from_dict
@@ -234,9 +234,9 @@ class ContactCurve:
             if shortfall[k] > 0.0:
                 bounds += f", {shortfall[k]:.1%} below the best known with fewer contacts"
             if np.isfinite(self.gap(k)):
-                bounds += f", {headroom_words(self.gap(k), 2)}"
+                bounds += f", {format_headroom(self.gap(k), 2)}"
             elif np.isfinite(self.best_possible[k]):
-                bounds += f", at most {at_most(self.best_possible[k], 4)} possible"
+                bounds += f", at most {format_upper(self.best_possible[k], 4)} possible"
             lines.append(f"{k:3d} contacts: {bounds}")
         return "\n".join(lines)
 

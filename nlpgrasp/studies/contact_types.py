@@ -9,7 +9,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from nlpgrasp.common.formatting import at_least, at_most
+from nlpgrasp.common.formatting import format_lower, format_upper
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import integer, number, prefix_errors
 from nlpgrasp.contacts import ContactModel
@@ -259,8 +259,8 @@ class TypeUpgrade:
         if not self.after.solution.success:
             return f"{text}: no grasp found with either"
         if not self.certain:
-            return f"{text}: not told apart, at most +{at_most(self.gain.upper, 4)}"
-        return f"{text}: +{at_least(self.gain.lower, 4)} to +{at_most(self.gain.upper, 4)}"
+            return f"{text}: not told apart, at most +{format_upper(self.gain.upper, 4)}"
+        return f"{text}: +{format_lower(self.gain.lower, 4)} to +{format_upper(self.gain.upper, 4)}"
 
 
 def least_excess(high: Bounds, low: Bounds) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from nlpgrasp.budgets import L2Budget
-from nlpgrasp.common.formatting import at_least
+from nlpgrasp.common.formatting import format_lower
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, number
 from nlpgrasp.contacts import ContactModel, PointContact
@@ -233,7 +233,7 @@ class FingerMove:
             return "not held at one of its stations"
         stations = f"held with {self.held} at {self.stations} station{'' if self.stations == 1 else 's'}"
         if self.certified:
-            return f"{stations}, and with at least {at_least(self.least)} between them, by the other fingers alone"
+            return f"{stations}, and with at least {format_lower(self.least)} between them, by the other fingers alone"
         return f"{stations}, not certified between them"
 
     def to_dict(self) -> Json:

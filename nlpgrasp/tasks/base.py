@@ -92,9 +92,9 @@ class Task(ABC):
     def ends(self) -> FloatArray:
         """Return representative wrenches of the task's boundary, (m, d), newtons and newton-metres."""
         values, vectors = np.linalg.eigh(self.second_moment())
-        along = vectors[:, values > 1e-12 * values[-1]].T
-        found = self.support(np.concatenate([along, -along]))[1]
-        return np.asarray(found[np.linalg.norm(found, axis=1) > 0.0])
+        directions = vectors[:, values > 1e-12 * values[-1]].T
+        wrenches = self.support(np.concatenate([directions, -directions]))[1]
+        return np.asarray(wrenches[np.linalg.norm(wrenches, axis=1) > 0.0])
 
     def at(self, origin: ArrayLike) -> Task:
         """Return the task with moments about another point, (3.3-7).
@@ -135,12 +135,12 @@ class Task(ABC):
         if not isinstance(other, Task):
             return NotImplemented
         check_alike(self, other)
-        there = other if self.about is None else other.at(self.about)
-        simplest = self._plus(there) or there._plus(self)
-        if simplest is None:
-            return TaskSum([*parts_of(self), *parts_of(there)])
-        simplest.point_left_out = self.point_left_out or other.point_left_out
-        return simplest._about(self.about)
+        addend = other if self.about is None else other.at(self.about)
+        single = self._plus(addend) or addend._plus(self)
+        if single is None:
+            return TaskSum([*parts_of(self), *parts_of(addend)])
+        single.point_left_out = self.point_left_out or other.point_left_out
+        return single._about(self.about)
 
     def _plus(self, other: Task) -> Task | None:
         """Return the Minkowski sum with a task about the same point as a single task, or ``None``."""
@@ -264,11 +264,11 @@ class Framed(Protocol):
         """Dimension of wrench space: 3 or 6."""
 
 
-def check_alike(one: Framed, other: Framed) -> None:
+def check_alike(first: Framed, second: Framed) -> None:
     """Raise if two tasks differ in dimension, or if only one has a known reference point."""
-    if one.dimension != other.dimension:
-        raise InputError("task", f"dimensions {one.dimension} and {other.dimension}", "tasks of one dimension")
-    if (one.about is None) != (other.about is None):
+    if first.dimension != second.dimension:
+        raise InputError("task", f"dimensions {first.dimension} and {second.dimension}", "tasks of one dimension")
+    if (first.about is None) != (second.about is None):
         raise InputError(
             "task",
             "a sum of wrenches about a known point and about the problem's torque origin",

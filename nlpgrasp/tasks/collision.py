@@ -67,5 +67,5 @@ def collision_task(events: Sequence[CollisionEvent], force: float = 1.0) -> Task
         direction, point = np.asarray(event.direction), np.asarray(event.point)
         push = size * event.likelihood * direction / np.linalg.norm(direction)
         wrenches.append(-np.concatenate([push, np.cross(point, push)]))
-    found = enclose(np.array(wrenches), 0.0, None, None, GAP)
-    return TaskEllipsoid.from_axes(found.axes, found.center).given_about(np.zeros(3))
+    ellipsoid = enclose(np.array(wrenches), 0.0, None, None, GAP)
+    return TaskEllipsoid.from_axes(ellipsoid.axes, ellipsoid.center).given_about(np.zeros(3))

@@ -25,7 +25,7 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.wrench_table import columns_of, has_units, scales_of, table_of
 
 GAP = 1e-6  # certified relative excess of volume
-NEAR = 1e-9  # relative distance beyond the ellipsoid within which a wrench counts as inside
+INSIDE = 1e-9  # relative distance beyond the ellipsoid within which a wrench counts as inside
 ROUNDING = 1e-12  # relative enlargement against rounding; relative extent that counts as constant
 FLAT = 1e-7  # of the largest normalised extent: directions of smaller extent are flat
 MOST_NAMED = 10  # rows listed in a message
@@ -44,7 +44,7 @@ SHRINKS = 2e-3  # relative decrease of volume below which trimming stops (SHRINK
 
 def enclose(
     wrenches: ArrayLike, outliers: float, probability: float | None, center: ArrayLike | None, gap: float
-) -> Enclosing:
+) -> EnclosingEllipsoid:
     """Return the minimum-volume or covariance ellipsoid of wrenches; see ``fit_ellipsoid``."""
     rows = wrench_rows(wrenches)
     outliers = number("outliers", outliers, at_least=0.0)
@@ -53,31 +53,31 @@ def enclose(
         raise InputError("outliers", outliers, "a share below 0.5")
     if probability is not None and (not 0.0 < number("probability", probability) < 1.0 or outliers > 0.0):
         raise InputError("probability", probability, "a share between 0 and 1, without outliers")
-    middle = None if center is None else array("center", center, (rows.shape[1],))
-    local = NormalisedWrenches.of(rows, middle)
+    fixed_center = None if center is None else array("center", center, (rows.shape[1],))
+    local = NormalisedWrenches.of(rows, fixed_center)
     if len(local.flat):
-        warn(flat_words(local.flat))
+        warn(format_flat_directions(local.flat))
     excess: float | None = None
     if probability is None:
-        found = enclose_without_outliers(local.points, outliers, gap, middle is not None)
-        offset, axes, excess = found.center, found.axes, found.gap
-        if found.gap > gap:
-            text = f"the ellipsoid's volume is only known to be within {found.gap:.2g} of the least, not {gap:.2g}"
+        ellipsoid = enclose_without_outliers(local.points, outliers, gap, fixed_center is not None)
+        offset, axes, excess = ellipsoid.center, ellipsoid.axes, ellipsoid.gap
+        if ellipsoid.gap > gap:
+            text = f"the ellipsoid's volume is only known to be within {ellipsoid.gap:.2g} of the least, not {gap:.2g}"
             warn(text)
     else:
-        offset, axes = _covariance(local.points, probability, middle is not None)
+        offset, axes = _covariance(local.points, probability, fixed_center is not None)
     level = levels(local.points, offset, axes)
-    return Enclosing(
+    return EnclosingEllipsoid(
         local.outward(offset),
         local.outward_axes(axes),
-        level <= 1.0 + NEAR,
+        level <= 1.0 + INSIDE,
         excess,
         local.flat,
     )
 
 
 @dataclass(frozen=True)
-class Enclosing:
+class EnclosingEllipsoid:
     """Enclosing ellipsoid ``{center + sum_j u_j axes_j, |u| <= 1}`` of wrenches.
 
     Parameters
@@ -107,43 +107,45 @@ def _covariance(local: FloatArray, probability: float, centred: bool) -> tuple[F
     return np.zeros(local.shape[1]), np.sqrt(quantile * values)[:, None] * vectors.T
 
 
-def enclose_without_outliers(local: FloatArray, outliers: float, gap: float, centred: bool) -> MinVolume:
+def enclose_without_outliers(local: FloatArray, outliers: float, gap: float, centred: bool) -> MinVolumeEllipsoid:
     """Return the minimum-volume ellipsoid around all points but a share of outliers."""
-    keep = len(local) - int(outliers * len(local))
+    count = len(local) - int(outliers * len(local))
     center = np.zeros(local.shape[1]) if centred else None
-    chosen = np.arange(len(local))
-    if keep < len(local):
-        away = local if centred else local - np.median(local, axis=0)
+    inliers = np.arange(len(local))
+    if count < len(local):
+        deviations = local if centred else local - np.median(local, axis=0)
         for _ in range(SWEEPS):  # concentration steps: keep the points nearest in Mahalanobis distance
-            far = np.einsum("ij,jk,ik->i", away, np.linalg.pinv(away[chosen].T @ away[chosen]), away)
-            nearest = np.sort(np.argsort(far, kind="stable")[:keep])
-            if np.array_equal(nearest, chosen):
+            distances = np.einsum(
+                "ij,jk,ik->i", deviations, np.linalg.pinv(deviations[inliers].T @ deviations[inliers]), deviations
+            )
+            nearest = np.sort(np.argsort(distances, kind="stable")[:count])
+            if np.array_equal(nearest, inliers):
                 break
-            chosen = nearest
-            away = local if centred else local - local[chosen].mean(axis=0)
-        least = np.inf
+            inliers = nearest
+            deviations = local if centred else local - local[inliers].mean(axis=0)
+        least_volume = np.inf
         for _ in range(SWEEPS):  # the same with the minimum-volume ellipsoid, while it shrinks
-            found = min_volume_ellipsoid(_check_span(local[chosen], centred), max(gap, 1e-3), center)
-            volume = float(np.prod(np.linalg.norm(found.axes, axis=1)))
-            if volume > (1.0 - SHRINKS) * least:
+            ellipsoid = min_volume_ellipsoid(_check_span(local[inliers], centred), max(gap, 1e-3), center)
+            volume = float(np.prod(np.linalg.norm(ellipsoid.axes, axis=1)))
+            if volume > (1.0 - SHRINKS) * least_volume:
                 break
-            least = volume
-            far = levels(local, found.center, found.axes)
-            nearest = np.sort(np.argsort(far, kind="stable")[:keep])
-            if np.array_equal(nearest, chosen):
+            least_volume = volume
+            distances = levels(local, ellipsoid.center, ellipsoid.axes)
+            nearest = np.sort(np.argsort(distances, kind="stable")[:count])
+            if np.array_equal(nearest, inliers):
                 break
-            chosen = nearest
-    return min_volume_ellipsoid(_check_span(local[chosen], centred), gap, center)
+            inliers = nearest
+    return min_volume_ellipsoid(_check_span(local[inliers], centred), gap, center)
 
 
-def _check_span(kept: FloatArray, centred: bool) -> FloatArray:
+def _check_span(points: FloatArray, centred: bool) -> FloatArray:
     """Return the kept points; raise if they no longer span their space."""
-    away = kept if centred else kept - kept.mean(axis=0)
-    sizes = np.linalg.svd(np.linalg.qr(away, mode="r"))[1]
-    if len(sizes) < kept.shape[1] or sizes[-1] <= FLAT * sizes[0]:
-        given = f"a share that leaves {len(kept)} wrenches, which do not differ in every direction"
-        raise InputError("outliers", given, "fewer outliers, or more wrenches that differ")
-    return kept
+    deviations = points if centred else points - points.mean(axis=0)
+    sizes = np.linalg.svd(np.linalg.qr(deviations, mode="r"))[1]
+    if len(sizes) < points.shape[1] or sizes[-1] <= FLAT * sizes[0]:
+        message = f"a share that leaves {len(points)} wrenches, which do not differ in every direction"
+        raise InputError("outliers", message, "fewer outliers, or more wrenches that differ")
+    return points
 
 
 @dataclass(frozen=True)
@@ -166,7 +168,7 @@ class NormalisedWrenches:
     flat: FloatArray
 
     @classmethod
-    def of(cls, rows: FloatArray, middle: FloatArray | None = None) -> NormalisedWrenches:
+    def of(cls, rows: FloatArray, center: FloatArray | None = None) -> NormalisedWrenches:
         """Return the normalised coordinates of wrenches (n, d), about their mean or a given centre.
 
         Raises
@@ -174,7 +176,7 @@ class NormalisedWrenches:
         InputError
             When all wrenches are equal.
         """
-        about = rows[0] + (rows - rows[0]).mean(axis=0) if middle is None else middle  # exact where all are the same
+        about = rows[0] + (rows - rows[0]).mean(axis=0) if center is None else center  # exact where all are the same
         extent = np.max(np.abs(rows - about), axis=0)
         varies = extent > ROUNDING * np.max(np.abs(rows), axis=0)
         if not np.any(varies):
@@ -183,8 +185,8 @@ class NormalisedWrenches:
         scaled = np.where(varies, (rows - about) / unit, 0.0)
         _, sizes, basis = np.linalg.svd(np.linalg.qr(scaled, mode="r"))
         sizes = np.append(sizes, np.zeros(max(0, rows.shape[1] - len(sizes)))) / np.sqrt(len(rows))
-        used = sizes > FLAT * sizes[0]
-        return cls(scaled @ basis[used].T, about, unit, basis[used], basis[~used])
+        spanned = sizes > FLAT * sizes[0]
+        return cls(scaled @ basis[spanned].T, about, unit, basis[spanned], basis[~spanned])
 
     def inward(self, rows: FloatArray) -> FloatArray:
         """Map wrenches (n, d) to normalised coordinates (n, r)."""
@@ -203,9 +205,7 @@ class NormalisedWrenches:
         return np.asarray((axes @ self.basis) * self.unit)
 
 
-def min_volume_ellipsoid(
-    points: FloatArray, gap: float, center: FloatArray | None = None, first: NDArray[np.intp] | None = None
-) -> MinVolume:
+def min_volume_ellipsoid(points: FloatArray, gap: float, center: FloatArray | None = None) -> MinVolumeEllipsoid:
     """Return the minimum-volume ellipsoid around points that span their space.
 
     Parameters
@@ -216,27 +216,25 @@ def min_volume_ellipsoid(
         Relative excess of volume, the stopping tolerance.
     center : (d,) array, optional
         Fixed centre; free by default.
-    first : (k,) array, optional
-        Warm start: indices of points on or outside a previous ellipsoid.
     """
     d = points.shape[1]
     lifted = np.c_[points, np.ones(len(points))] if center is None else points - center
     n = lifted.shape[1]
-    weights = _weights(lifted, 2.0 * gap / n * 0.9, first)
+    weights = _weights(lifted, 2.0 * gap / n * 0.9)
     if center is None:
         center = weights @ points
-    away = points - center
-    shape = (away * weights[:, None]).T @ away
+    deviations = points - center
+    shape = (deviations * weights[:, None]).T @ deviations
     values, vectors = np.linalg.eigh(shape)
-    local = (away @ vectors) / np.sqrt(values)
+    local = (deviations @ vectors) / np.sqrt(values)
     # the radius sqrt(d) gives the weights' lower bound of the volume; the farthest point sets ours
-    reach = float(np.max(np.einsum("ij,ij->i", local, local))) * (1.0 + ROUNDING)
-    axes = np.sqrt(reach * values)[:, None] * vectors.T
-    return MinVolume(np.asarray(center), axes[::-1], float((reach / d) ** (d / 2.0) - 1.0))
+    farthest = float(np.max(np.einsum("ij,ij->i", local, local))) * (1.0 + ROUNDING)
+    axes = np.sqrt(farthest * values)[:, None] * vectors.T
+    return MinVolumeEllipsoid(np.asarray(center), axes[::-1], float((farthest / d) ** (d / 2.0) - 1.0))
 
 
 @dataclass(frozen=True)
-class MinVolume:
+class MinVolumeEllipsoid:
     """Minimum-volume ellipsoid ``{c + L u, |u| <= 1}`` around all points.
 
     Parameters
@@ -258,21 +256,20 @@ def levels(points: FloatArray, center: FloatArray, axes: FloatArray) -> FloatArr
     return np.asarray(np.linalg.norm(np.linalg.solve(axes.T, (points - center).T), axis=0))
 
 
-def _weights(q: FloatArray, tolerance: float, begun: NDArray[np.intp] | None) -> FloatArray:
+def _weights(q: FloatArray, tolerance: float) -> FloatArray:
     """Return dual weights for points (m, n) with all ``q_i^T M^-1 q_i`` at most ``n (1 + tolerance)``."""
     n = q.shape[1]
-    first = _independent_points(q)
-    if begun is None:
-        begun = np.argsort(-_quadratic_forms(q, np.asarray(np.linalg.pinv(q.T @ q / len(q)))))[:CORE]
-    core = np.concatenate([first, np.setdiff1d(begun, first)])
-    for done in range(ROUNDS):
+    independent = _independent_points(q)
+    outermost = np.argsort(-_quadratic_forms(q, np.asarray(np.linalg.pinv(q.T @ q / len(q)))))[:CORE]
+    core = np.concatenate([independent, np.setdiff1d(outermost, independent)])
+    for iteration in range(ROUNDS):
         u = _best_weights(q[core], 0.3 * tolerance)
-        far = _quadratic_forms(q, _inverse(q[core], u))
-        if far.max() <= n * (1.0 + tolerance):
+        forms = _quadratic_forms(q, _inverse(q[core], u))
+        if forms.max() <= n * (1.0 + tolerance):
             break
-        farthest = np.argpartition(-far, min(JOINING, len(far)) - 1)[:JOINING]
-        fresh = np.setdiff1d(farthest[far[farthest] > n * (1.0 + 0.3 * tolerance)], core)
-        core = np.concatenate([core[u > (IDLE * u.max() if done < PRUNED else 0.0)], fresh])
+        farthest = np.argpartition(-forms, min(JOINING, len(forms)) - 1)[:JOINING]
+        joining = np.setdiff1d(farthest[forms[farthest] > n * (1.0 + 0.3 * tolerance)], core)
+        core = np.concatenate([core[u > (IDLE * u.max() if iteration < PRUNED else 0.0)], joining])
     result = np.zeros(len(q))
     result[core] = u
     return np.asarray(result / result.sum())
@@ -285,13 +282,13 @@ def _quadratic_forms(q: FloatArray, inner: FloatArray) -> FloatArray:
 
 def _independent_points(q: FloatArray) -> NDArray[np.intp]:
     """Return the indices of n linearly independent points, each the farthest from the span of the previous."""
-    rest = q.copy()
-    chosen = []
+    residuals = q.copy()
+    indices = []
     for _ in range(q.shape[1]):
-        chosen.append(int(np.argmax(np.einsum("ij,ij->i", rest, rest))))
-        along = rest[chosen[-1]] / np.linalg.norm(rest[chosen[-1]])
-        rest -= np.outer(rest @ along, along)
-    return np.array(chosen)
+        indices.append(int(np.argmax(np.einsum("ij,ij->i", residuals, residuals))))
+        direction = residuals[indices[-1]] / np.linalg.norm(residuals[indices[-1]])
+        residuals -= np.outer(residuals @ direction, direction)
+    return np.array(indices)
 
 
 def _best_weights(q: FloatArray, tolerance: float) -> FloatArray:
@@ -311,8 +308,8 @@ def _best_weights(q: FloatArray, tolerance: float) -> FloatArray:
         system = cross**2 + np.diag(slack / u)
         step = np.linalg.solve(system, w - n + level / u)
         dual = (level - slack * step) / u - slack
-        reach = min(1.0, BACK_OFF / max(1e-300, float(np.max(-step / u)), float(np.max(-dual / slack))))
-        u, slack = u + reach * step, slack + reach * dual
+        step_size = min(1.0, BACK_OFF / max(1e-300, float(np.max(-step / u)), float(np.max(-dual / slack))))
+        u, slack = u + step_size * step, slack + step_size * dual
     u = np.where(u > NEGLIGIBLE * u.max(), u, 0.0)
     return np.asarray(u / u.sum())
 
@@ -331,15 +328,15 @@ def wrench_rows(wrenches: ArrayLike) -> FloatArray:
     try:
         if np.asarray(wrenches).dtype.kind not in "iuf":
             raise TypeError
-        given = np.asarray(wrenches, dtype=float)
+        rows = np.asarray(wrenches, dtype=float)
     except (TypeError, ValueError, OverflowError):
         raise InputError("wrenches", wrenches, "numbers of shape (m, 3) or (m, 6)") from None
-    if given.ndim != 2 or given.shape[1] not in (3, 6) or not len(given):
-        raise InputError("wrenches", f"shape {given.shape}", "shape (m, 3) or (m, 6), at least one wrench")
-    bad = np.flatnonzero(~np.all(np.isfinite(given), axis=1))
-    if len(bad):
-        raise InputError("wrenches", bad_rows_message(bad), "finite numbers in every row")
-    return array("wrenches", given, (None, None))
+    if rows.ndim != 2 or rows.shape[1] not in (3, 6) or not len(rows):
+        raise InputError("wrenches", f"shape {rows.shape}", "shape (m, 3) or (m, 6), at least one wrench")
+    invalid = np.flatnonzero(~np.all(np.isfinite(rows), axis=1))
+    if len(invalid):
+        raise InputError("wrenches", format_invalid_rows(invalid), "finite numbers in every row")
+    return array("wrenches", rows, (None, None))
 
 
 def _read_frame(frame: object) -> FloatArray:
@@ -348,18 +345,18 @@ def _read_frame(frame: object) -> FloatArray:
     if table.header is None:
         return table.numbers(list(range(table.width)))
     size = 3 if table.width == 3 else 6
-    chosen = columns_of(table.header, None, table.width, table.name, size)
-    stated = has_units(table.header, chosen)
-    return table.numbers(chosen) * scales_of(table.header, chosen, None if stated else ("N", "Nm"), table.name)
+    columns = columns_of(table.header, None, table.width, table.name, size)
+    in_header = has_units(table.header, columns)
+    return table.numbers(columns) * scales_of(table.header, columns, None if in_header else ("N", "Nm"), table.name)
 
 
-def bad_rows_message(rows: NDArray[np.intp]) -> str:
+def format_invalid_rows(rows: NDArray[np.intp]) -> str:
     """Return the text of a message about rows that are not finite."""
-    named = ", ".join(map(str, rows[:MOST_NAMED])) + (", ..." if len(rows) > MOST_NAMED else "")
-    return f"{len(rows)} row{'s' * (len(rows) > 1)} with NaN or infinity ({named})"
+    numbers = ", ".join(map(str, rows[:MOST_NAMED])) + (", ..." if len(rows) > MOST_NAMED else "")
+    return f"{len(rows)} row{'s' * (len(rows) > 1)} with NaN or infinity ({numbers})"
 
 
-def flat_words(flat: FloatArray) -> str:
+def format_flat_directions(flat: FloatArray) -> str:
     """Return a warning about directions along which the wrenches are constant."""
     names = COMPONENTS[flat.shape[1]]
     words = []

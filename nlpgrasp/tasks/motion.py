@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 FEWEST_POSES = 4  # of a motion
 UPRIGHT = 1e-6  # least cos(theta_2) at which Euler angles are coordinates
 GRAVITY = (0.0, 0.0, -9.81)  # m / s^2, world frame
-BETWEEN = 4  # wrench samples per time step
+SAMPLES_PER_STEP = 4  # wrench samples per time step
 
 
 class RigidMotion:
@@ -53,16 +53,16 @@ class RigidMotion:
         t = array("times", times, (None,))
         if len(t) < FEWEST_POSES:
             raise InputError("times", f"{len(t)} poses", f"at least {FEWEST_POSES}")
-        late = np.flatnonzero(np.diff(t) <= 0.0)
-        if len(late):
-            i = int(late[0])
+        unordered = np.flatnonzero(np.diff(t) <= 0.0)
+        if len(unordered):
+            i = int(unordered[0])
             raise InputError("times", f"{t[i + 1]:g} s after {t[i]:g} s at row {i + 1}", "increasing times")
-        p, turns = array("positions", positions, (len(t), 3)), rotation_matrices("quaternions", quaternions)
-        if len(turns) != len(t):
-            raise InputError("quaternions", f"{len(turns)} rows", f"{len(t)}, one a time")
+        p, rotations = array("positions", positions, (len(t), 3)), rotation_matrices("quaternions", quaternions)
+        if len(rotations) != len(t):
+            raise InputError("quaternions", f"{len(rotations)} rows", f"{len(t)}, one a time")
         self.times = read_only(t)
-        self._moving = CubicSpline(t, p)
-        self._turning = RotationSpline(t, Rotation.from_matrix(turns))
+        self._position_spline = CubicSpline(t, p)
+        self._rotation_spline = RotationSpline(t, Rotation.from_matrix(rotations))
 
     @classmethod
     def of_poses(cls, times: ArrayLike, poses: ArrayLike | Sequence[Pose]) -> RigidMotion:
@@ -80,8 +80,8 @@ class RigidMotion:
         parts = [pose_matrix(f"poses[{i}]", pose) for i, pose in enumerate(poses)]
         if len(parts) < FEWEST_POSES:
             raise InputError("poses", f"{len(parts)} poses", f"at least {FEWEST_POSES}")
-        given = np.array(parts)
-        return cls(times, given[:, :3, 3], given[:, :3, :3])
+        matrices = np.array(parts)
+        return cls(times, matrices[:, :3, 3], matrices[:, :3, :3])
 
     def poses(self, at: ArrayLike | None = None) -> FloatArray:
         """Return the poses ``[[A, b], [0, 1]]``, (j, 4, 4), at times (j,); by default those of the motion.
@@ -93,25 +93,30 @@ class RigidMotion:
         """
         t = self._times(at)
         result = np.tile(np.eye(4), (len(t), 1, 1))
-        result[:, :3, :3], result[:, :3, 3] = self._turning(t).as_matrix(), self._moving(t)
+        result[:, :3, :3], result[:, :3, 3] = self._rotation_spline(t).as_matrix(), self._position_spline(t)
         return result
 
     def twists(self, at: ArrayLike | None = None) -> FloatArray:
         """Return the twists ``(v, w)`` of (2.1-2), (j, 6), of the body origin in inertial axes, m/s and rad/s."""
         t = self._times(at)
-        return np.concatenate([self._moving(t, 1), self._turning(t).apply(self._turning(t, 1))], axis=1)
+        return np.concatenate(
+            [self._position_spline(t, 1), self._rotation_spline(t).apply(self._rotation_spline(t, 1))], axis=1
+        )
 
     def body_twists(self, at: ArrayLike | None = None) -> FloatArray:
         """Return the body twists ``(v, w)``, (j, 6), of the body origin in body axes, m/s and rad/s."""
         t = self._times(at)
-        return np.concatenate([self._turning(t).apply(self._moving(t, 1), inverse=True), self._turning(t, 1)], axis=1)
+        return np.concatenate(
+            [self._rotation_spline(t).apply(self._position_spline(t, 1), inverse=True), self._rotation_spline(t, 1)],
+            axis=1,
+        )
 
     def spatial_twists(self, at: ArrayLike | None = None) -> FloatArray:
         """Return the spatial twists ``(v, w)``, (j, 6), in inertial axes, v at the inertial origin."""
         t = self._times(at)
-        found = self.twists(t)
-        found[:, :3] += np.cross(self._moving(t), found[:, 3:])
-        return found
+        twists = self.twists(t)
+        twists[:, :3] += np.cross(self._position_spline(t), twists[:, 3:])
+        return twists
 
     def euler_angles(self, at: ArrayLike | None = None) -> FloatArray:
         """Return the Euler angles ``(theta_1, theta_2, theta_3)`` of (2.1-1), (j, 3), radians.
@@ -119,9 +124,9 @@ class RigidMotion:
         Rotations about the body's z, then its y, then its x; theta_2 is within 90 degrees, the others within 180. The
         coordinates are not global (Remark 1).
         """
-        R = self._turning(self._times(at)).as_matrix()
-        middle = np.arctan2(-R[:, 2, 0], np.hypot(R[:, 0, 0], R[:, 1, 0]))
-        return np.stack([np.arctan2(R[:, 1, 0], R[:, 0, 0]), middle, np.arctan2(R[:, 2, 1], R[:, 2, 2])], axis=1)
+        R = self._rotation_spline(self._times(at)).as_matrix()
+        pitch = np.arctan2(-R[:, 2, 0], np.hypot(R[:, 0, 0], R[:, 1, 0]))
+        return np.stack([np.arctan2(R[:, 1, 0], R[:, 0, 0]), pitch, np.arctan2(R[:, 2, 1], R[:, 2, 2])], axis=1)
 
     def euler_rates(self, at: ArrayLike | None = None) -> FloatArray:
         """Return the time derivatives of the Euler angles, (j, 3), rad/s, from the equations after (2.1-2).
@@ -133,27 +138,27 @@ class RigidMotion:
         """
         t = self._times(at)
         angles, w = self.euler_angles(t), self.body_twists(t)[:, 3:]
-        upright = np.cos(angles[:, 1])
-        if np.any(upright < UPRIGHT):
-            when = t[int(np.argmin(upright))]
-            raise InputError("at", f"{when:g} s, with theta_2 at 90 degrees", "times at which Euler angles exist")
+        cosines = np.cos(angles[:, 1])
+        if np.any(cosines < UPRIGHT):
+            time = t[int(np.argmin(cosines))]
+            raise InputError("at", f"{time:g} s, with theta_2 at 90 degrees", "times at which Euler angles exist")
         s, c = np.sin(angles[:, 2]), np.cos(angles[:, 2])
-        first = (w[:, 1] * s + w[:, 2] * c) / upright
-        return np.stack([first, w[:, 1] * c - w[:, 2] * s, w[:, 0] + first * np.sin(angles[:, 1])], axis=1)
+        yaw_rate = (w[:, 1] * s + w[:, 2] * c) / cosines
+        return np.stack([yaw_rate, w[:, 1] * c - w[:, 2] * s, w[:, 0] + yaw_rate * np.sin(angles[:, 1])], axis=1)
 
     def accelerations(self, at: ArrayLike | None = None) -> FloatArray:
         """Return linear acceleration of the origin in inertial axes and angular one in body axes, (j, 6)."""
         t = self._times(at)
-        return np.concatenate([self._moving(t, 2), self._turning(t, 2)], axis=1)
+        return np.concatenate([self._position_spline(t, 2), self._rotation_spline(t, 2)], axis=1)
 
     def _times(self, at: ArrayLike | None) -> FloatArray:
         """Return validated times within the motion."""
         if at is None:
             return self.times
         t, first, last = array("at", at, (None,)), self.times[0], self.times[-1]
-        outside = (t < first) | (t > last)
-        if np.any(outside):
-            raise InputError("at", f"{t[outside][0]:g} s", f"times from {first:g} s to {last:g} s")
+        is_outside = (t < first) | (t > last)
+        if np.any(is_outside):
+            raise InputError("at", f"{t[is_outside][0]:g} s", f"times from {first:g} s to {last:g} s")
         return t
 
 
@@ -204,10 +209,10 @@ class MassProperties:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "mass", number("MassProperties.mass", self.mass, above=0.0))
-        middle = array("MassProperties.center_of_mass", self.center_of_mass, (3,))
-        object.__setattr__(self, "center_of_mass", read_only(middle))
-        given = np.zeros((3, 3)) if self.inertia is None else self.inertia
-        inertia = array("MassProperties.inertia", given, (3, 3))
+        center = array("MassProperties.center_of_mass", self.center_of_mass, (3,))
+        object.__setattr__(self, "center_of_mass", read_only(center))
+        value = np.zeros((3, 3)) if self.inertia is None else self.inertia
+        inertia = array("MassProperties.inertia", value, (3, 3))
         moments = np.linalg.eigvalsh(0.5 * (inertia + inertia.T))
         skew = float(np.max(np.abs(inertia - inertia.T)))
         if skew > 1e-9 * max(float(np.max(np.abs(inertia))), 1e-300) or moments[0] < -1e-12 * abs(moments[-1]):
@@ -225,8 +230,8 @@ class MassProperties:
 
         if not isinstance(mesh, trimesh.Trimesh) or not mesh.is_volume:
             raise InputError("mesh", mesh, "a closed trimesh.Trimesh, such as the mesh of an ng.Mesh")
-        density, found = number("density", density, above=0.0), volume_integrals(mesh)
-        return cls(density * found.volume, found.centre, density * found.inertia)
+        density, integrals = number("density", density, above=0.0), volume_integrals(mesh)
+        return cls(density * integrals.volume, integrals.centre, density * integrals.inertia)
 
     def wrenches(
         self, rotation: FloatArray, acceleration: FloatArray, spin: FloatArray, change: FloatArray
@@ -243,8 +248,8 @@ class MassProperties:
             Angular velocity and acceleration, body frame.
         """
         force = self.mass * np.einsum("mji,mj->mi", rotation, acceleration)
-        inertia, middle = np.asarray(self.inertia), np.asarray(self.center_of_mass)
-        moment = change @ inertia + np.cross(spin, spin @ inertia) + np.cross(middle, force)
+        inertia, center = np.asarray(self.inertia), np.asarray(self.center_of_mass)
+        moment = change @ inertia + np.cross(spin, spin @ inertia) + np.cross(center, force)
         return np.concatenate([force, moment], axis=1)
 
 
@@ -287,14 +292,18 @@ def motion_wrenches(
     motion = RigidMotion(times, positions, quaternions)
     if not isinstance(mass, MassProperties):
         raise InputError("mass", mass, "MassProperties")
-    down = array("gravity", gravity, (3,))
+    g = array("gravity", gravity, (3,))
     t = motion.times
-    at = np.interp(np.arange(BETWEEN * (len(t) - 1) + 1) / BETWEEN, np.arange(len(t)), t)
-    rotation, spin, second = motion.poses(at)[:, :3, :3], motion.body_twists(at)[:, 3:], motion.accelerations(at)
+    samples = np.interp(np.arange(SAMPLES_PER_STEP * (len(t) - 1) + 1) / SAMPLES_PER_STEP, np.arange(len(t)), t)
+    rotation, spin, accelerations = (
+        motion.poses(samples)[:, :3, :3],
+        motion.body_twists(samples)[:, 3:],
+        motion.accelerations(samples),
+    )
     arm = np.asarray(mass.center_of_mass)
-    inward = np.cross(second[:, 3:], arm) + np.cross(spin, np.cross(spin, arm))
-    acceleration = second[:, :3] + np.einsum("mij,mj->mi", rotation, inward)
-    return mass.wrenches(rotation, acceleration - down, spin, second[:, 3:])
+    relative = np.cross(accelerations[:, 3:], arm) + np.cross(spin, np.cross(spin, arm))
+    acceleration = accelerations[:, :3] + np.einsum("mij,mj->mi", rotation, relative)
+    return mass.wrenches(rotation, acceleration - g, spin, accelerations[:, 3:])
 
 
 def motion_task(

@@ -13,9 +13,9 @@ from nlpgrasp.common.spatial import Pose, pose_matrix, wrench_transform
 from nlpgrasp.common.user_warnings import warn
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
-from nlpgrasp.tasks.enclosing_ellipsoid import GAP, bad_rows_message, enclose
+from nlpgrasp.tasks.enclosing_ellipsoid import GAP, enclose, format_invalid_rows
 from nlpgrasp.tasks.task_ellipsoid import EllipsoidFit
-from nlpgrasp.tasks.wrench_table import Table, columns_of, csv_table, scales_of, table_of
+from nlpgrasp.tasks.wrench_table import WrenchTable, columns_of, csv_table, scales_of, table_of
 
 SI = ("N", "Nm")  # units of forces and torques
 
@@ -42,8 +42,8 @@ class WrenchRecording:
     source: str
 
     def __repr__(self) -> str:
-        left = f", {len(self.dropped)} lines left out" if len(self.dropped) else ""
-        return f"WrenchRecording({len(self.wrenches)} wrenches from {self.source}{left})"
+        omitted = f", {len(self.dropped)} lines left out" if len(self.dropped) else ""
+        return f"WrenchRecording({len(self.wrenches)} wrenches from {self.source}{omitted})"
 
     @classmethod
     def read(
@@ -115,19 +115,19 @@ class WrenchRecording:
         InputError
             As ``read``.
         """
-        found = table_of("table", table)
-        if found.header is None:
+        wrench_table = table_of("table", table)
+        if wrench_table.header is None:
             units = SI if units is None else units
             if columns is None:
                 columns = range(6)
-                if found.width != 6:
-                    raise InputError("table", f"{found.width} columns without names", "six, or columns=")
-        return cls._of(found, columns, units, sensor_pose, exerts, skip_invalid)
+                if wrench_table.width != 6:
+                    raise InputError("table", f"{wrench_table.width} columns without names", "six, or columns=")
+        return cls._of(wrench_table, columns, units, sensor_pose, exerts, skip_invalid)
 
     @classmethod
     def _of(
         cls,
-        table: Table,
+        table: WrenchTable,
         columns: object,
         units: object,
         sensor_pose: Pose | None,
@@ -137,27 +137,27 @@ class WrenchRecording:
         """Return the recording of a table."""
         if not isinstance(skip_invalid, bool):
             raise InputError("skip_invalid", skip_invalid, "True or False")
-        chosen = columns_of(table.header, columns, table.width, table.name)
-        scale = scales_of(table.header, chosen, units, table.name)
+        indices = columns_of(table.header, columns, table.width, table.name)
+        scale = scales_of(table.header, indices, units, table.name)
         if not isinstance(exerts, str) or exerts not in ("surroundings", "fingers"):
             raise InputError("exerts", exerts, "surroundings or fingers")
-        values = table.numbers(chosen) * scale
-        good = np.all(np.isfinite(values), axis=1)
-        lines, bad = table.lines, table.lines[~good]
-        if not good.all():
+        values = table.numbers(indices) * scale
+        is_valid = np.all(np.isfinite(values), axis=1)
+        lines, invalid = table.lines, table.lines[~is_valid]
+        if not is_valid.all():
             if not skip_invalid:
-                raise InputError(table.name, bad_rows_message(bad), "six numbers in every line, or skip_invalid")
-            warn(f"{table.name}: left out {bad_rows_message(bad)}")
-        if not good.any():
+                raise InputError(table.name, format_invalid_rows(invalid), "six numbers in every line, or skip_invalid")
+            warn(f"{table.name}: left out {format_invalid_rows(invalid)}")
+        if not is_valid.any():
             raise InputError(table.name, "no line with six numbers", "at least one wrench")
         pose = np.eye(4) if sensor_pose is None else pose_matrix("sensor_pose", sensor_pose)
-        wrenches = values[good] @ wrench_transform(pose[:3, 3], pose[:3, :3]).T
+        wrenches = values[is_valid] @ wrench_transform(pose[:3, 3], pose[:3, :3]).T
         sign = -1.0 if exerts == "surroundings" else 1.0
-        return cls(sign * wrenches, lines[good], bad, table.name)
+        return cls(sign * wrenches, lines[is_valid], invalid, table.name)
 
     def fit(
         self, *, outliers: float = 0.0, probability: float | None = None, center: ArrayLike | None = None
     ) -> EllipsoidFit:
         """Fit an ellipsoid to the recording, about the body frame's origin; see ``fit_ellipsoid``."""
-        found = EllipsoidFit.of(enclose(self.wrenches, outliers, probability, center, GAP))
-        return replace(found, task=found.task.given_about(np.zeros(3)))
+        result = EllipsoidFit.of(enclose(self.wrenches, outliers, probability, center, GAP))
+        return replace(result, task=result.task.given_about(np.zeros(3)))

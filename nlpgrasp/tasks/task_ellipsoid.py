@@ -13,7 +13,7 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import SMALLEST, FloatArray, array, number, read_only
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.base import Task
-from nlpgrasp.tasks.enclosing_ellipsoid import GAP, Enclosing, enclose
+from nlpgrasp.tasks.enclosing_ellipsoid import GAP, EnclosingEllipsoid, enclose
 
 
 class TaskEllipsoid(Task):
@@ -138,8 +138,8 @@ class TaskEllipsoid(Task):
         center : (d,) array, optional
             Fixed centre, in the same units; free by default.
         """
-        found = enclose(wrenches, outliers, probability, center, GAP)
-        return cls.from_axes(found.axes, found.center)
+        ellipsoid = enclose(wrenches, outliers, probability, center, GAP)
+        return cls.from_axes(ellipsoid.axes, ellipsoid.center)
 
     @classmethod
     def from_axes(cls, axes: ArrayLike, center: ArrayLike | None = None) -> TaskEllipsoid:
@@ -227,10 +227,10 @@ class TaskEllipsoid(Task):
     def __repr__(self) -> str:
         beta = "" if self.beta == 1.0 else f", beta={self.beta:g}"
         center = f", center=[{vector(self.center, relative=0.0)}]" if np.any(self.center) else ""
-        along = np.array_equal(self.axes, np.diag(np.diag(self.axes)))  # the coordinate axes
-        lengths = np.diag(self.axes) if along else np.linalg.norm(self.axes, axis=1)
-        turned = "" if along else ", directions=..."
-        return f"TaskEllipsoid([{vector(lengths, relative=0.0)}]{center}{turned}{beta})"
+        is_axis_aligned = np.array_equal(self.axes, np.diag(np.diag(self.axes)))  # the coordinate axes
+        lengths = np.diag(self.axes) if is_axis_aligned else np.linalg.norm(self.axes, axis=1)
+        rotation = "" if is_axis_aligned else ", directions=..."
+        return f"TaskEllipsoid([{vector(lengths, relative=0.0)}]{center}{rotation}{beta})"
 
     def __eq__(self, other: object) -> bool:
         return (
@@ -267,9 +267,11 @@ class EllipsoidFit:
     flat: FloatArray
 
     @classmethod
-    def of(cls, found: Enclosing) -> EllipsoidFit:
+    def of(cls, ellipsoid: EnclosingEllipsoid) -> EllipsoidFit:
         """Return the fit of an enclosing ellipsoid."""
-        return cls(TaskEllipsoid.from_axes(found.axes, found.center), found.inside, found.gap, found.flat)
+        return cls(
+            TaskEllipsoid.from_axes(ellipsoid.axes, ellipsoid.center), ellipsoid.inside, ellipsoid.gap, ellipsoid.flat
+        )
 
     @property
     def share(self) -> float:

@@ -52,8 +52,8 @@ class TaskPolytope(Task):
     def is_centred(self) -> bool:
         """Whether the wrenches are symmetric about the origin."""
         size = np.max(np.abs(self.wrenches), axis=0)
-        near = ROUNDING * np.where(size > 0.0, size, 1.0)
-        scaled = self.wrenches / near
+        tolerance = ROUNDING * np.where(size > 0.0, size, 1.0)
+        scaled = self.wrenches / tolerance
         return bool(np.all(cKDTree(scaled).query(-scaled, p=np.inf)[0] <= 1.0))
 
     def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -79,8 +79,8 @@ class TaskPolytope(Task):
     def _plus(self, other: Task) -> Task | None:
         """Return the Minkowski sum with a polytope, or another task translated by a single wrench; else None."""
         if isinstance(other, TaskPolytope):
-            together = (self.wrenches[:, None] + other.wrenches[None]).reshape(-1, self.dimension)
-            return TaskPolytope(together) if len(together) <= MOST_VERTICES else None
+            sums = (self.wrenches[:, None] + other.wrenches[None]).reshape(-1, self.dimension)
+            return TaskPolytope(sums) if len(sums) <= MOST_VERTICES else None
         return other._moved(self.wrenches[0]) if len(self.wrenches) == 1 else None
 
     def to_dict(self) -> Json:

@@ -47,11 +47,11 @@ class TaskSet(Task):
         probes = np.random.default_rng(0).standard_normal((PROBES, self._dimension))
         probes /= np.linalg.norm(probes, axis=1, keepdims=True)
         values, maximisers = self.support(probes)
-        twice = self.support(2.0 * probes)[0]
-        off = float(np.max(np.abs(twice - 2.0 * values)))
-        if off > 1e-6 * max(float(np.max(np.abs(values))), 1e-300):
+        doubled = self.support(2.0 * probes)[0]
+        error = float(np.max(np.abs(doubled - 2.0 * values)))
+        if error > 1e-6 * max(float(np.max(np.abs(values))), 1e-300):
             raise InputError(
-                "TaskSet.support", f"phi(2 y) off 2 phi(y) by {off:.3g}", "a positively homogeneous function"
+                "TaskSet.support", f"phi(2 y) off 2 phi(y) by {error:.3g}", "a positively homogeneous function"
             )
         if not np.any(maximisers):
             raise InputError("TaskSet.support", "a function that is zero everywhere", "a set of more than the origin")
@@ -83,24 +83,24 @@ class TaskSet(Task):
     def support(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the function's values and maximisers along ``y`` (m, d), (m,) and (m, d)."""
         try:
-            found = self._support(y)
+            result = self._support(y)
         except InputError:
             raise
         except Exception as error:
             raise InputError(
                 "TaskSet.support", f"{type(error).__name__}: {error}", "a function of directions (m, d)"
             ) from error
-        if isinstance(found, tuple) and len(found) == 2:
-            values, maximisers = _check_numbers(found[0]), _check_numbers(found[1])
+        if isinstance(result, tuple) and len(result) == 2:
+            values, maximisers = _check_numbers(result[0]), _check_numbers(result[1])
         else:
-            values = _check_numbers(found)
+            values = _check_numbers(result)
             if values.shape != (len(y),):
                 raise InputError("TaskSet.support", f"shape {values.shape}", f"({len(y)},), a value a direction")
             size = DIFFERENCE * np.maximum(np.linalg.norm(y, axis=1), 1e-300)
             columns = []
             for e in np.eye(self._dimension):
-                up, down = (np.asarray(self._support(y + s * size[:, None] * e)) for s in (1.0, -1.0))
-                columns.append((up - down) / (2.0 * size))
+                forward, backward = (np.asarray(self._support(y + s * size[:, None] * e)) for s in (1.0, -1.0))
+                columns.append((forward - backward) / (2.0 * size))
             maximisers = np.stack(columns, axis=1)
         if values.shape != (len(y),) or maximisers.shape != y.shape:
             raise InputError(

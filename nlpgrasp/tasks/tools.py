@@ -35,10 +35,10 @@ def press(point: ArrayLike, direction: ArrayLike, force: float, sideways: float 
     sideways : float
         Lateral forces over ``force``, as from friction of the pressed surface.
     """
-    along, force = _check_direction("direction", direction), number("force", force, above=0.0)
-    across = number("sideways", sideways, at_least=0.0) * force
-    forces = np.concatenate([0.5 * force * along[None], across * _orthogonal_vectors(along)])
-    return _tool_at_point(point, forces, 0.5 * force * along)
+    unit, force = _check_direction("direction", direction), number("force", force, above=0.0)
+    lateral = number("sideways", sideways, at_least=0.0) * force
+    forces = np.concatenate([0.5 * force * unit[None], lateral * _orthogonal_vectors(unit)])
+    return _tool_at_point(point, forces, 0.5 * force * unit)
 
 
 @prefix_errors("cut: ")
@@ -56,15 +56,15 @@ def cut(point: ArrayLike, down: ArrayLike, along: ArrayLike, force: float, sidew
     sideways : float
         Lateral forces over ``force``.
     """
-    below, edge = _check_direction("down", down), _check_direction("along", along)
-    edge = edge - (edge @ below) * below
+    press_direction, edge = _check_direction("down", down), _check_direction("along", along)
+    edge = edge - (edge @ press_direction) * press_direction
     if np.linalg.norm(edge) < 1e-6:
         raise InputError("along", along, "a direction across the one the blade presses in")
     edge /= np.linalg.norm(edge)
     force = number("force", force, above=0.0)
-    side = number("sideways", sideways, at_least=0.0) * force
-    forces = np.array([0.5 * force * below, force * edge, side * np.cross(below, edge)])
-    return _tool_at_point(point, forces, 0.5 * force * below)
+    lateral = number("sideways", sideways, at_least=0.0) * force
+    forces = np.array([0.5 * force * press_direction, force * edge, lateral * np.cross(press_direction, edge)])
+    return _tool_at_point(point, forces, 0.5 * force * press_direction)
 
 
 @prefix_errors("turn: ")
@@ -80,11 +80,11 @@ def turn(axis: ArrayLike, torque: float, one_way: bool = False) -> TaskEllipsoid
     one_way : bool
         Whether only the positive sense about the axis is required.
     """
-    along, torque = _check_direction("axis", axis), number("torque", torque, above=0.0)
+    unit, torque = _check_direction("axis", axis), number("torque", torque, above=0.0)
     if not isinstance(one_way, bool):
         raise InputError("one_way", one_way, "True or False")
     share = 0.5 if one_way else 1.0
-    moment = np.concatenate([np.zeros(3), share * torque * along])
+    moment = np.concatenate([np.zeros(3), share * torque * unit])
     return _tool_ellipsoid(moment[None], moment if one_way else np.zeros(6))
 
 
@@ -103,11 +103,11 @@ def write(lead: ArrayLike, axis: ArrayLike, force: float, torque: float) -> Task
     torque : float
         Largest torque about axes across the pencil, at the lead, newton-metres; about its own axis, a tenth.
     """
-    along, force = _check_direction("axis", axis), number("force", force, above=0.0)
+    unit, force = _check_direction("axis", axis), number("force", force, above=0.0)
     torque = number("torque", torque, above=0.0)
-    forces = np.concatenate([0.5 * force * along[None], force / 3.0 * _orthogonal_vectors(along)])
-    moments = np.concatenate([0.1 * torque * along[None], torque * _orthogonal_vectors(along)])
-    return _tool_at_point(lead, forces, 0.5 * force * along, moments)
+    forces = np.concatenate([0.5 * force * unit[None], force / 3.0 * _orthogonal_vectors(unit)])
+    moments = np.concatenate([0.1 * torque * unit[None], torque * _orthogonal_vectors(unit)])
+    return _tool_at_point(lead, forces, 0.5 * force * unit, moments)
 
 
 @prefix_errors("insert: ")
@@ -127,10 +127,10 @@ def insert(point: ArrayLike, direction: ArrayLike, force: float, jam: float, dep
     depth : float
         Insertion depth, metres: the distance of two opposite jamming forces.
     """
-    along, force = _check_direction("direction", direction), number("force", force, above=0.0)
+    unit, force = _check_direction("direction", direction), number("force", force, above=0.0)
     jam, depth = number("jam", jam, above=0.0), number("depth", depth, above=0.0)
-    forces = np.concatenate([0.5 * force * along[None], jam * _orthogonal_vectors(along)])
-    return _tool_at_point(point, forces, 0.5 * force * along, jam * depth * _orthogonal_vectors(along))
+    forces = np.concatenate([0.5 * force * unit[None], jam * _orthogonal_vectors(unit)])
+    return _tool_at_point(point, forces, 0.5 * force * unit, jam * depth * _orthogonal_vectors(unit))
 
 
 @prefix_errors("lift: ")
@@ -150,9 +150,11 @@ def lift(
     acceleration : float
         Largest acceleration in any direction, m / s^2.
     """
-    above, mass = _check_direction("up", up), kilograms(mass)
-    shaking = number("acceleration", acceleration, above=0.0)
-    return _tool_at_point(center_of_mass, mass * shaking * np.eye(3), mass * WEIGHT * above, name="center_of_mass")
+    upward, mass = _check_direction("up", up), kilograms(mass)
+    acceleration_limit = number("acceleration", acceleration, above=0.0)
+    return _tool_at_point(
+        center_of_mass, mass * acceleration_limit * np.eye(3), mass * WEIGHT * upward, name="center_of_mass"
+    )
 
 
 @prefix_errors("gravity: ")
@@ -188,19 +190,23 @@ def pour(
     up : (3,) array
         Upward direction in the body frame while the body is upright.
     """
-    above, about = _check_direction("up", up), _check_direction("axis", axis)
+    upward, tilt_axis = _check_direction("up", up), _check_direction("axis", axis)
     angle = radians("angle", angle, np.pi, "pi")
-    weight, where = kilograms(mass) * WEIGHT, array("center_of_mass", center_of_mass, (3,))
+    weight, point = kilograms(mass) * WEIGHT, array("center_of_mass", center_of_mass, (3,))
     t = np.linspace(0.0, angle, TILTS)[:, None]
     # the body turns by t, so that in its frame up turns by -t (Rodrigues)
-    turned = np.cos(t) * above - np.sin(t) * np.cross(about, above) + (1.0 - np.cos(t)) * (about @ above) * about
+    rotated = (
+        np.cos(t) * upward
+        - np.sin(t) * np.cross(tilt_axis, upward)
+        + (1.0 - np.cos(t)) * (tilt_axis @ upward) * tilt_axis
+    )
     # corners where tangents of neighbours on the circle meet, so that the polytope contains the arc
-    along = (about @ above) * about
-    middle = turned[1:] + turned[:-1] - 2.0 * along
-    radius = float(np.linalg.norm(above - along))
-    corners = along + 2.0 * radius**2 * middle / np.maximum(np.sum(middle**2, axis=1), 1e-300)[:, None]
-    forces = weight * np.concatenate([turned[:1], corners, turned[-1:]])
-    return TaskPolytope(np.concatenate([forces, np.cross(where, forces)], axis=1)).given_about(ORIGIN)
+    axial = (tilt_axis @ upward) * tilt_axis
+    middle = rotated[1:] + rotated[:-1] - 2.0 * axial
+    radius = float(np.linalg.norm(upward - axial))
+    corners = axial + 2.0 * radius**2 * middle / np.maximum(np.sum(middle**2, axis=1), 1e-300)[:, None]
+    forces = weight * np.concatenate([rotated[:1], corners, rotated[-1:]])
+    return TaskPolytope(np.concatenate([forces, np.cross(point, forces)], axis=1)).given_about(ORIGIN)
 
 
 @prefix_errors("disturbance: ")
@@ -217,33 +223,33 @@ def disturbance(force: float, torque: float, point: ArrayLike | None = None) -> 
     force, torque = number("force", force, at_least=0.0), number("torque", torque, at_least=0.0)
     if force == torque == 0.0:
         raise InputError("force", 0.0, "a force or a torque greater than zero")
-    found = _tool_at_point(ORIGIN if point is None else point, force * np.eye(3), np.zeros(3), torque * np.eye(3))
-    found.point_left_out = point is None and force > 0.0
-    return found
+    task = _tool_at_point(ORIGIN if point is None else point, force * np.eye(3), np.zeros(3), torque * np.eye(3))
+    task.point_left_out = point is None and force > 0.0
+    return task
 
 
 def _check_direction(name: str, value: ArrayLike) -> FloatArray:
-    given = array(name, value, (3,))
-    if not (size := float(np.linalg.norm(given))):
+    vector = array(name, value, (3,))
+    if not (size := float(np.linalg.norm(vector))):
         raise InputError(name, value, "a direction that is not zero")
-    return given / size
+    return vector / size
 
 
-def _orthogonal_vectors(along: FloatArray) -> FloatArray:
+def _orthogonal_vectors(direction: FloatArray) -> FloatArray:
     """Return two unit vectors orthogonal to a direction, (2, 3)."""
-    return np.linalg.svd(along[None])[2][1:]
+    return np.linalg.svd(direction[None])[2][1:]
 
 
 def _tool_at_point(
     point: ArrayLike, forces: FloatArray, center: FloatArray, moments: FloatArray | None = None, name: str = "point"
 ) -> TaskEllipsoid:
     """Return the ellipsoid with semi-axes of forces at a point and of moments, about the body frame's origin."""
-    where = array(name, point, (3,))
+    position = array(name, point, (3,))
     moments = np.zeros((0, 3)) if moments is None else moments
-    axes = np.block([[forces, np.cross(where, forces)], [np.zeros_like(moments), moments]])
-    return _tool_ellipsoid(axes, np.concatenate([center, np.cross(where, center)]))
+    axes = np.block([[forces, np.cross(position, forces)], [np.zeros_like(moments), moments]])
+    return _tool_ellipsoid(axes, np.concatenate([center, np.cross(position, center)]))
 
 
 def _tool_ellipsoid(axes: FloatArray, center: FloatArray) -> TaskEllipsoid:
-    kept = axes[np.any(axes != 0.0, axis=1)]
-    return TaskEllipsoid.from_axes(kept, center).given_about(ORIGIN)
+    nonzero = axes[np.any(axes != 0.0, axis=1)]
+    return TaskEllipsoid.from_axes(nonzero, center).given_about(ORIGIN)

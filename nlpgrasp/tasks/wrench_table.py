@@ -36,7 +36,7 @@ ONE_WORD = re.compile(r"(force|torque|moment|f|m|t)(x|y|z)")  # quantity and axi
 
 
 @dataclass(frozen=True)
-class Table:
+class WrenchTable:
     """A table: rows of cells with an optional header.
 
     Parameters
@@ -72,19 +72,19 @@ class Table:
             When a file has both decimal commas and decimal points.
         """
         if not isinstance(self.rows, list):
-            found = self.rows[:, columns]
+            numbers = self.rows[:, columns]
         else:
             cells = [[row[c] if c < len(row) else "" for c in columns] for row in self.rows]
             commas = self.comma and any("," in cell for row in cells for cell in row)
             if commas and any("." in cell for row in cells for cell in row):
                 raise InputError(f"{self.name}: decimals", "commas and points", "one of them in all numbers")
-            found = np.array(
+            numbers = np.array(
                 [[_number_or_nan(cell.replace(",", ".") if commas else cell) for cell in row] for row in cells]
             )
-        return np.where(np.abs(found) <= LARGEST, found, np.nan).reshape(-1, len(columns))
+        return np.where(np.abs(numbers) <= LARGEST, numbers, np.nan).reshape(-1, len(columns))
 
 
-def csv_table(path: Path) -> Table:
+def csv_table(path: Path) -> WrenchTable:
     """Read a CSV file delimited by semicolons, tabs or commas.
 
     Raises
@@ -100,22 +100,25 @@ def csv_table(path: Path) -> Table:
             file.seek(0)
             delimiter = next((sign for sign in ";\t" if sign in sample), ",")
             reader = csv.reader(file, delimiter=delimiter)
-            both = [
+            numbered_rows = [
                 (row[:-1] if len(row) > 1 and not row[-1].strip() else row, reader.line_num) for row in reader if row
             ]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(str(path), type(error).__name__, "a readable CSV file") from None
-    if not both:
+    if not numbered_rows:
         raise InputError(str(path), "an empty file", "a CSV file of wrenches")
-    width, comma = len(both[0][0]), delimiter != ","
-    rows, lines = [row if len(row) == width else [] for row, _ in both], np.array([line for _, line in both], np.intp)
-    named = any(rows[0]) and not any(_is_number(cell.replace(",", ".") if comma else cell) for cell in rows[0])
-    if named:
-        return Table(str(path), rows[0], rows[1:], lines[1:], comma)
-    return Table(str(path), None, rows, lines, comma)
+    width, comma = len(numbered_rows[0][0]), delimiter != ","
+    rows, lines = (
+        [row if len(row) == width else [] for row, _ in numbered_rows],
+        np.array([line for _, line in numbered_rows], np.intp),
+    )
+    has_header = any(rows[0]) and not any(_is_number(cell.replace(",", ".") if comma else cell) for cell in rows[0])
+    if has_header:
+        return WrenchTable(str(path), rows[0], rows[1:], lines[1:], comma)
+    return WrenchTable(str(path), None, rows, lines, comma)
 
 
-def table_of(field: str, value: object) -> Table:
+def table_of(field: str, value: object) -> WrenchTable:
     """Return the table of a pandas frame or an array.
 
     Raises
@@ -125,20 +128,20 @@ def table_of(field: str, value: object) -> Table:
     """
     names, header = getattr(value, "columns", None), None
     if names is not None and hasattr(value, "to_numpy"):
-        own = [str(name) if isinstance(name, str) else "" for name in names]
-        header = own if any(own) else None
-        cells = np.column_stack([_column(value, i) for i in range(len(own))]) if own else np.zeros((0, 0))
+        labels = [str(name) if isinstance(name, str) else "" for name in names]
+        header = labels if any(labels) else None
+        cells = np.column_stack([_column(value, i) for i in range(len(labels))]) if labels else np.zeros((0, 0))
     else:
         try:
-            given = np.asarray(value)
-            if given.dtype.kind not in "iuf":
+            values = np.asarray(value)
+            if values.dtype.kind not in "iuf":
                 raise TypeError
-            cells = np.asarray(given, dtype=float)
+            cells = np.asarray(values, dtype=float)
         except (TypeError, ValueError, OverflowError):
             raise InputError(field, value, "a pandas frame or an array of numbers") from None
     if cells.ndim != 2 or not len(cells):
         raise InputError(field, f"shape {cells.shape}", "rows of numbers, at least one")
-    return Table(field, header, cells, np.arange(len(cells)))
+    return WrenchTable(field, header, cells, np.arange(len(cells)))
 
 
 def _column(frame: Any, i: int) -> FloatArray:
@@ -167,14 +170,16 @@ def _number_or_nan(cell: str | float) -> float:
         return float("nan")
 
 
-def columns_of(header: Sequence[str] | None, given: object, width: int, table: str, wrench_size: int = 6) -> list[int]:
+def columns_of(
+    header: Sequence[str] | None, columns: object, width: int, table: str, wrench_size: int = 6
+) -> list[int]:
     """Return the indices of the columns f_x, f_y, f_z, m_x, m_y, m_z, or f_x, f_y, m_z.
 
     Parameters
     ----------
     header : sequence of str or None
-        Names to recognise if ``given`` is None: ``fx``, ``Tx [Nm]``, ``force_x``, ``/ft/wrench.torque.z``, in any case.
-    given : sequence of str or int, or None
+        Names to recognise without ``columns``, in any case: ``fx``, ``Tx [Nm]``, ``force_x``, ``/ft/wrench.torque.z``.
+    columns : sequence of str or int, or None
         Explicit column names or indices.
     width : int
         Number of columns.
@@ -188,33 +193,38 @@ def columns_of(header: Sequence[str] | None, given: object, width: int, table: s
     InputError
         When columns are missing or ambiguous, as with two sensors.
     """
-    have = "columns " + ", ".join(header) if header else f"{width} columns without names"
-    if given is not None:
-        return _column_indices(header, given, width, have, wrench_size)
-    wanted = SPATIAL if wrench_size == 6 else PLANAR
-    known = [_component(name) for name in header or ()]
-    places = [[i for i, own in enumerate(known) if own is not None and own[1:] == one] for one in wanted]
-    sensors = {own[0] for own in known if own is not None and own[1:] in wanted}
-    if any(len(found) != 1 for found in places) or len(sensors) > 1:
-        several = len(sensors) > 1 or any(len(found) > 1 for found in places)
-        names = ", ".join(a + b for a, b in wanted)
+    available = "columns " + ", ".join(header) if header else f"{width} columns without names"
+    if columns is not None:
+        return _column_indices(header, columns, width, available, wrench_size)
+    components = SPATIAL if wrench_size == 6 else PLANAR
+    recognised = [_component(name) for name in header or ()]
+    matches = [
+        [i for i, match in enumerate(recognised) if match is not None and match[1:] == component]
+        for component in components
+    ]
+    sensors = {match[0] for match in recognised if match is not None and match[1:] in components}
+    if any(len(indices) != 1 for indices in matches) or len(sensors) > 1:
+        is_ambiguous = len(sensors) > 1 or any(len(indices) > 1 for indices in matches)
+        names = ", ".join(a + b for a, b in components)
         allowed = f"one each of {names} (or wrench.force.x ... wrench.torque.z), or columns="
-        raise InputError(f"{table}: columns", have, allowed + (" with the sensor's own" if several else ""))
-    return [found[0] for found in places]
+        raise InputError(f"{table}: columns", available, allowed + (" with the sensor's own" if is_ambiguous else ""))
+    return [indices[0] for indices in matches]
 
 
-def _column_indices(header: Sequence[str] | None, given: object, width: int, have: str, wrench_size: int) -> list[int]:
+def _column_indices(
+    header: Sequence[str] | None, columns: object, width: int, available: str, wrench_size: int
+) -> list[int]:
     """Return the indices of columns given by name or index."""
-    if not isinstance(given, Sequence) or isinstance(given, str) or len(given) != wrench_size:
-        raise InputError("columns", given, f"{'six' if wrench_size == 6 else 'three'} names or numbers")
+    if not isinstance(columns, Sequence) or isinstance(columns, str) or len(columns) != wrench_size:
+        raise InputError("columns", columns, f"{'six' if wrench_size == 6 else 'three'} names or numbers")
     result = []
-    for one in given:
-        if isinstance(one, int) and not isinstance(one, bool) and 0 <= one < width:
-            result.append(one)
-        elif isinstance(one, str) and header and list(header).count(one) == 1:
-            result.append(list(header).index(one))
+    for column in columns:
+        if isinstance(column, int) and not isinstance(column, bool) and 0 <= column < width:
+            result.append(column)
+        elif isinstance(column, str) and header and list(header).count(column) == 1:
+            result.append(list(header).index(column))
         else:
-            raise InputError("columns", repr(one), have)
+            raise InputError("columns", repr(column), available)
     return result
 
 
@@ -223,11 +233,11 @@ def _component(name: str) -> tuple[str, str, str] | None:
     words = [word for word in re.split(r"[\s_./:-]+", UNIT.split(name)[0].lower()) if word]
     if len(words) > 1 and words[-1] in "xyz" and words[-2] in QUANTITIES:
         return ".".join(words[:-2]), QUANTITIES[words[-2]], words[-1]
-    found = ONE_WORD.fullmatch(words[-1]) if words else None
-    return None if found is None else (".".join(words[:-1]), QUANTITIES[found[1]], found[2])
+    match = ONE_WORD.fullmatch(words[-1]) if words else None
+    return None if match is None else (".".join(words[:-1]), QUANTITIES[match[1]], match[2])
 
 
-def scales_of(header: Sequence[str] | None, chosen: Sequence[int], units: object, table: str) -> FloatArray:
+def scales_of(header: Sequence[str] | None, columns: Sequence[int], units: object, table: str) -> FloatArray:
     """Return factors to newtons and newton-metres, one per column, from given units or the header.
 
     Raises
@@ -237,24 +247,24 @@ def scales_of(header: Sequence[str] | None, chosen: Sequence[int], units: object
     """
     if units is not None and (not isinstance(units, list | tuple) or len(units) != 2):
         raise InputError("units", units, 'a pair such as ("N", "Nm")')
-    factors, forces = [], 3 if len(chosen) == 6 else 2
-    for i, column in enumerate(chosen):
-        known = FORCES if i < forces else TORQUES
+    factors, forces = [], 3 if len(columns) == 6 else 2
+    for i, column in enumerate(columns):
+        factors_of_units = FORCES if i < forces else TORQUES
         if isinstance(units, list | tuple):
             text = str(units[0 if i < forces else 1])
         else:
-            found = UNIT.search(header[column]) if header else None
-            if found is None:
-                allowed = 'units=("N", "Nm"), which ROS messages are in, or a header such as Fx [N]'
-                raise InputError(f"{table}: units", "none in the header", allowed)
-            text = found.group(1)
+            match = UNIT.search(header[column]) if header else None
+            if match is None:
+                expected = 'units=("N", "Nm"), which ROS messages are in, or a header such as Fx [N]'
+                raise InputError(f"{table}: units", "none in the header", expected)
+            text = match.group(1)
         key = re.sub(r"[\s*\u00b7.-]", "", text)
-        if key not in known:
-            raise InputError("units", repr(text), "one of " + ", ".join(known))
-        factors.append(known[key])
+        if key not in factors_of_units:
+            raise InputError("units", repr(text), "one of " + ", ".join(factors_of_units))
+        factors.append(factors_of_units[key])
     return np.array(factors)
 
 
-def has_units(header: Sequence[str], chosen: Sequence[int]) -> bool:
+def has_units(header: Sequence[str], columns: Sequence[int]) -> bool:
     """Return whether any of the columns states its unit."""
-    return any(UNIT.search(header[column]) for column in chosen)
+    return any(UNIT.search(header[column]) for column in columns)

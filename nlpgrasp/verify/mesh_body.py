@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nlpgrasp.common.meshes.mesh_file import mesh_digest, read_mesh, usable_mesh
+from nlpgrasp.common.meshes.mesh_file import mesh_digest, read_mesh, repaired_mesh
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import UNITS, FloatArray
 from nlpgrasp.errors import InputError
@@ -172,7 +172,7 @@ def mesh(data: Json, sources: SourceFolders) -> MeshSurface:
 def _read_source_mesh(place: Path, unit: str) -> tuple[MeshSurface, str, tuple[str, ...]] | None:
     """Return the mesh with its fingerprint and repairs; None where it cannot be used in this unit."""
     try:
-        found, repairs = usable_mesh(read_mesh(place, unit))
+        found, repairs = repaired_mesh(read_mesh(place, unit))
     except InputError:
         return None
     vertices = np.asarray(found.vertices, dtype=float)

@@ -8,7 +8,7 @@ from itertools import combinations, permutations
 
 import numpy as np
 
-from nlpgrasp.common.formatting import headroom_words
+from nlpgrasp.common.formatting import format_headroom
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.solution.analysis_records import mu_without
 from nlpgrasp.solution.kept_grasps import FoundGrasp
@@ -49,7 +49,7 @@ def _status_errors(solution: GraspSolution) -> Iterator[str]:
         yield f"{status}, and links that are stated to be {'inside something' if solution.touches else 'free'}"
     asked = solution.solver.get("options", {}).get("gap")
     if solution.status is Status.OPTIMAL and not (isinstance(asked, float) and solution.gap <= asked):
-        yield f"optimal, with a gap of {asked} asked for, and {headroom_words(solution.gap)}"
+        yield f"optimal, with a gap of {asked} asked for, and {format_headroom(solution.gap)}"
     if solution.why_not is not None:
         yield "a grasp, and why there is none"
 

@@ -1,4 +1,4 @@
-"""Conformance of every body."""
+"""Conformance tests of every body."""
 
 import pickle
 
@@ -64,8 +64,8 @@ def test_normals_point_outward(body, rng):
 def test_snap_moves_nearby_points_onto_the_surface(body, rng):
     name = body.face_names[0]
     p = body.sample(name, 20, rng)
-    near = p + 0.02 * body.size * rng.standard_normal(p.shape)
-    h, slope, _, _ = body.evaluate(name, body.snap(name, near))
+    nearby = p + 0.02 * body.size * rng.standard_normal(p.shape)
+    h, slope, _, _ = body.evaluate(name, body.snap(name, nearby))
     assert np.max(np.abs(h) / slope) < 1e-9 * body.size
 
 

@@ -1,4 +1,4 @@
-"""Meshes whose repair would guess a surface are refused; self-intersections and separate pieces are warned of."""
+"""Mesh defects: refusal of guessed surface, warnings of self-intersections and separate pieces."""
 
 import numpy as np
 import pytest
@@ -6,10 +6,10 @@ import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.bodies.mesh.defects import defect_warnings, self_intersections, separate_pieces
-from nlpgrasp.common.meshes.mesh_file import read_mesh, usable_mesh
+from nlpgrasp.common.meshes.mesh_file import read_mesh, repaired_mesh
 from tests.bodies.forty_meshes import forty
-from tests.bodies.good_meshes import good_meshes, moved, pose_of
-from tests.bodies.made_meshes import ball, box, chosen, inverted, joined, soup
+from tests.bodies.good_meshes import good_meshes, move_mesh, pose_of
+from tests.bodies.made_meshes import ball, box, invert_mesh, join_meshes, select_faces, soup
 
 A = box([0.1, 0.06, 0.04])
 FINE = A.subdivide().subdivide()
@@ -18,15 +18,15 @@ PLACES = {"near": np.eye(4), "far": pose_of([700.0, -1000.0, 0.25], 0.7)}
 SCANS = {"angle_block.stl": "in", "featuretype.stl": "in", "ycb_012_strawberry.stl": "m"}
 
 
-def rough(mesh):
+def coarse_body(mesh):
     """A body whose grid plays no part."""
     return ng.Mesh(mesh, smoothing=0.0, resolution=8)
 
 
-def with_reversed(mesh, which):
+def with_reversed(mesh, indices):
     """The mesh with reversed copies of some of its triangles."""
     faces = np.asarray(mesh.faces)
-    return trimesh.Trimesh(mesh.vertices, np.concatenate([faces, faces[which][:, ::-1]]), process=False)
+    return trimesh.Trimesh(mesh.vertices, np.concatenate([faces, faces[indices][:, ::-1]]), process=False)
 
 
 def dented(depth, subdivisions=0):
@@ -40,9 +40,9 @@ def dented(depth, subdivisions=0):
     return mesh
 
 
-def refused(mesh):
+def refusal(mesh):
     with pytest.raises(ng.InputError) as caught:
-        rough(soup(mesh))
+        coarse_body(soup(mesh))
     message = str(caught.value)
     assert message.startswith("Mesh.mesh: got ")
     assert "\n" not in message
@@ -56,22 +56,22 @@ def test_faces_with_a_reversed_copy_leave_the_true_body_or_none(seed):
     mesh = (A, FINE)[seed % 2]
     extra = with_reversed(mesh, rng.choice(len(mesh.faces), 4, replace=False))
     try:
-        body = rough(soup(extra))
+        body = coarse_body(soup(extra))
     except ng.InputError:
-        refused(extra)
+        refusal(extra)
     else:
         assert body.mesh.volume == pytest.approx(A.volume, rel=1e-6)
 
 
 def test_a_corner_of_faces_with_reversed_copies_is_not_cut_off():
-    body = rough(soup(with_reversed(A, CORNER[:4])))
+    body = coarse_body(soup(with_reversed(A, CORNER[:4])))
     assert body.mesh.volume == pytest.approx(A.volume, rel=1e-12)
     assert body.repairs == ("triangles left out that lay back to back and bound nothing: 4",)
 
 
 @pytest.mark.parametrize("count", [1, 4])
 def test_single_faces_with_a_reversed_copy_are_restored(count):
-    body = rough(soup(with_reversed(FINE, np.arange(count) * 40)))
+    body = coarse_body(soup(with_reversed(FINE, np.arange(count) * 40)))
     assert body.mesh.volume == pytest.approx(A.volume, rel=1e-12)
     assert "back to back" in body.repairs[0]
 
@@ -80,11 +80,11 @@ def test_copies_both_ways_round_are_left_out():
     """A pair of back-to-back triangles laid on a face, so that it is there three times."""
     faces = np.asarray(A.faces)
     extra = trimesh.Trimesh(A.vertices, np.concatenate([faces, faces[CORNER], faces[CORNER][:, ::-1]]), process=False)
-    assert rough(soup(extra)).mesh.volume == pytest.approx(A.volume, rel=1e-12)
+    assert coarse_body(soup(extra)).mesh.volume == pytest.approx(A.volume, rel=1e-12)
 
 
 def test_a_large_hole_is_refused_with_its_area_and_place():
-    message = refused(chosen(A, A.face_normals[:, 2] < 0.5))
+    message = refusal(select_faces(A, A.face_normals[:, 2] < 0.5))
     assert "got holes of 6000 mm^2, 24 % of the surface, the largest around [0, 0, 0.02] m" in message
     assert message.endswith("expected a closed mesh, or one with holes of at most 5 % of its surface")
 
@@ -92,20 +92,20 @@ def test_a_large_hole_is_refused_with_its_area_and_place():
 @pytest.mark.parametrize("pose", PLACES.values(), ids=PLACES)
 def test_the_largest_share_that_is_filled(pose):
     """The end of a beam 0.03 m wide and 0.02 m high: 5 % of the surface at a length of 0.108 m."""
-    for length, allowed in ((0.106, False), (0.110, True)):
+    for length, is_allowed in ((0.106, False), (0.110, True)):
         beam = box([length, 0.03, 0.02])
-        mesh = moved(chosen(beam, beam.face_normals[:, 0] < 0.5), pose)
-        if allowed:
-            assert rough(mesh).repairs == ("filled holes: 4 open edges before, 0 after",)
+        mesh = move_mesh(select_faces(beam, beam.face_normals[:, 0] < 0.5), pose)
+        if is_allowed:
+            assert coarse_body(mesh).repairs == ("filled holes: 4 open edges before, 0 after",)
         else:
-            assert "holes of 600 mm^2, 5.1 % of the surface" in refused(mesh)
+            assert "holes of 600 mm^2, 5.1 % of the surface" in refusal(mesh)
 
 
 @pytest.mark.parametrize("pose", PLACES.values(), ids=PLACES)
 @pytest.mark.parametrize("subdivisions", [0, 1, 2, 5])
 @pytest.mark.parametrize("depth", [0.041, 0.05, 0.08])  # 0.08: vertices of the dent lie exactly in the bottom
 def test_a_dent_through_the_bottom_is_a_self_intersection(depth, subdivisions, pose):
-    mesh = moved(dented(depth, subdivisions), pose)
+    mesh = move_mesh(dented(depth, subdivisions), pose)
     (text,) = defect_warnings(mesh)
     assert text.startswith("the mesh crosses itself, for example at [")
     assert "\n" not in text
@@ -129,12 +129,14 @@ def test_a_dent_inside_is_none():
 
 def test_a_self_intersection_is_a_warning_and_in_the_record():
     with pytest.warns(UserWarning, match=r"^the mesh crosses itself, for example at \[") as caught:
-        body = rough(dented(0.0567, 1))
+        body = coarse_body(dented(0.0567, 1))
     assert [str(w.message) for w in caught] == list(body.repairs) == body.to_dict()["repairs"]
 
 
 def test_separate_pieces_are_a_warning_and_in_the_record(tmp_path):
-    joined(A, ball(0.0213, (0.15, 0.0, 0.0)), box([0.01, 0.01, 0.01], (0.0, 0.1, 0.0))).export(tmp_path / "three.stl")
+    join_meshes(A, ball(0.0213, (0.15, 0.0, 0.0)), box([0.01, 0.01, 0.01], (0.0, 0.1, 0.0))).export(
+        tmp_path / "three.stl"
+    )
     with pytest.warns(UserWarning, match="pieces") as caught:
         body = ng.Mesh.load(tmp_path / "three.stl", smoothing=0.0, resolution=8)
     (text,) = body.repairs
@@ -144,7 +146,7 @@ def test_separate_pieces_are_a_warning_and_in_the_record(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("at", "pieces"),
+    ("position", "pieces"),
     [
         ((0.1, 0.06, 0.0), 1),  # an edge in common
         ((0.1, 0.06, 0.01), 1),  # a part of an edge, without a common vertex
@@ -153,8 +155,8 @@ def test_separate_pieces_are_a_warning_and_in_the_record(tmp_path):
         ((0.3, 0.0, 0.0), 2),
     ],
 )
-def test_pieces_that_touch_are_one(at, pieces):
-    mesh = joined(A, box([0.1, 0.06, 0.04], at))
+def test_pieces_that_touch_are_one(position, pieces):
+    mesh = join_meshes(A, box([0.1, 0.06, 0.04], position))
     mesh.merge_vertices()
     assert len(separate_pieces(np.asarray(mesh.vertices), np.asarray(mesh.faces))) == pieces
 
@@ -162,14 +164,14 @@ def test_pieces_that_touch_are_one(at, pieces):
 @pytest.mark.parametrize("pose", PLACES.values(), ids=PLACES)
 def test_good_meshes_have_no_defects(pose):
     for name, mesh in good_meshes().items():
-        assert defect_warnings(moved(mesh, pose)) == (), name
+        assert defect_warnings(move_mesh(mesh, pose)) == (), name
 
 
 def test_joined_and_mended_meshes_have_no_defects():
-    for name, made in forty().items():
-        if made.solids and "apart" not in name:
-            assert defect_warnings(usable_mesh(soup(made.mesh))[0]) == (), name
-    filled = usable_mesh(joined(A, inverted(box([0.05, 0.03, 0.02]))))[0]
+    for name, case in forty().items():
+        if case.solids and "apart" not in name:
+            assert defect_warnings(repaired_mesh(soup(case.mesh))[0]) == (), name
+    filled = repaired_mesh(join_meshes(A, invert_mesh(box([0.05, 0.03, 0.02]))))[0]
     assert defect_warnings(filled) == ()
 
 
@@ -183,4 +185,4 @@ def test_defects_of_large_meshes_are_kept(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("name", SCANS)
 def test_scans_have_no_defects(name, outside_meshes):
-    assert defect_warnings(usable_mesh(read_mesh(outside_meshes / name, SCANS[name]))[0]) == ()
+    assert defect_warnings(repaired_mesh(read_mesh(outside_meshes / name, SCANS[name]))[0]) == ()

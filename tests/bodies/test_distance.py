@@ -1,4 +1,4 @@
-"""The distance that clearances are kept by: never more than the true one, and exact near the surface."""
+"""Signed distance of clearances: a lower bound, exact near the surface."""
 
 import numpy as np
 import pytest
@@ -21,12 +21,12 @@ def test_distance_is_never_more_than_the_true_one(name, rng):
     cloud = np.concatenate([body.sample(face, 3000, rng) for face in body.face_names])
     lower, upper = body.bounds
     points = rng.uniform(lower - 0.5 * body.size, upper + 0.5 * body.size, (1500, body.space))
-    found, true = distances(body, points), cKDTree(cloud).query(points)[0]
-    outside = found > 0.0
-    assert np.max((found - true)[outside]) < 1e-3 * body.size
-    assert np.mean(outside) > 0.5
+    computed, true = distances(body, points), cKDTree(cloud).query(points)[0]
+    is_outside = computed > 0.0
+    assert np.max((computed - true)[is_outside]) < 1e-3 * body.size
+    assert np.mean(is_outside) > 0.5
     if name in EXACT:
-        assert np.max(np.abs(np.abs(found) - true)) < 0.06 * body.size
+        assert np.max(np.abs(np.abs(computed) - true)) < 0.06 * body.size
 
 
 @pytest.mark.parametrize("name", BODIES)
@@ -37,17 +37,17 @@ def test_distance_grows_like_the_distance_near_the_surface(name, rng):
     outward = body.evaluate(face, points)[2]
     h = 1e-4 * body.size
     off_edges = body.evaluate(face, points)[3] < -3.0 * h
-    found = distances(body, points + h * outward)[off_edges]
-    np.testing.assert_allclose(found, h, rtol=0.02)
+    computed = distances(body, points + h * outward)[off_edges]
+    np.testing.assert_allclose(computed, h, rtol=0.02)
 
 
 def test_distance_to_a_mesh_is_the_meshs_own(outside_meshes, rng):
     body = ng.Mesh.load(outside_meshes / "ycb_012_strawberry.stl")
     points = rng.uniform(body.bounds[0] - 0.05, body.bounds[1] + 0.05, (3000, 3))
-    found, true = distances(body, points), body.signed_distance(points)
-    near = (true > 0.004) & (true < 0.015)
-    assert np.max(np.abs(found - true)[near]) < 2e-4
-    assert np.max((found - true)[true > 0.004]) < 2e-4
+    computed, true = distances(body, points), body.signed_distance(points)
+    is_near = (true > 0.004) & (true < 0.015)
+    assert np.max(np.abs(computed - true)[is_near]) < 2e-4
+    assert np.max((computed - true)[true > 0.004]) < 2e-4
 
 
 def test_distance_of_a_slender_mesh_far_outside_its_grid():

@@ -1,4 +1,4 @@
-"""Distances from sharp edges, against brute force over points of the edges."""
+"""Distances from sharp edges, against points sampled on the edges."""
 
 import numpy as np
 import pytest
@@ -64,8 +64,10 @@ def test_a_mesh_against_code_that_shares_nothing(rng):
     points, _ = body.surface_samples(200, rng)
     inner = np.sort(body.mesh.bounds[1] - np.abs(points), axis=1)  # zero to the side it is on, then to the edges
     np.testing.assert_allclose(body.edge_distance("surface", points), inner[:, 1], atol=1e-9)
-    other = from_segments(sharp_segments(TriangleSurface(np.asarray(body.mesh.vertices), np.asarray(body.mesh.faces))))
-    np.testing.assert_allclose([other(p) for p in points], inner[:, 1], atol=1e-9)
+    independent = from_segments(
+        sharp_segments(TriangleSurface(np.asarray(body.mesh.vertices), np.asarray(body.mesh.faces)))
+    )
+    np.testing.assert_allclose([independent(p) for p in points], inner[:, 1], atol=1e-9)
     assert body.room("surface") == pytest.approx(0.025, rel=0.05)
 
 

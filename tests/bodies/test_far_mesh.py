@@ -1,4 +1,4 @@
-"""A mesh far from the origin is measured as exactly as near it, in the coordinates of its file."""
+"""Meshes far from the origin: the same results as near it."""
 
 import numpy as np
 import pytest
@@ -8,12 +8,12 @@ import nlpgrasp as ng
 from nlpgrasp.bodies.mesh.display_triangles import triangles
 from nlpgrasp.common.drawing import Triangles
 from nlpgrasp.common.meshes.mass_properties import volume_integrals
-from nlpgrasp.common.meshes.mesh_file import usable_mesh
+from nlpgrasp.common.meshes.mesh_file import repaired_mesh
 from nlpgrasp.common.meshes.search_tree import SearchTree, local_origin
 from nlpgrasp.verify.mesh_body import MeshSurface
 from nlpgrasp.verify.surface_geometry import TriangleSurface
-from tests.bodies.good_meshes import moved, pose_of
-from tests.bodies.made_meshes import box, joined
+from tests.bodies.good_meshes import move_mesh, pose_of
+from tests.bodies.made_meshes import box, join_meshes
 
 STEP = 2.0**-24  # metres: sums of multiples of it and the offsets are exact
 OFFSETS = {"a metre": [1.0, 0.25, 0.0], "a hundred": [-64.0, 32.0, 100.0], "a kilometre": [1000.0, -700.0, 512.0]}
@@ -24,7 +24,7 @@ def exact(values):
     return STEP * np.round(np.asarray(values) / STEP)
 
 
-def rough(mesh):
+def coarse_body(mesh):
     return ng.Mesh(mesh, smoothing=1.0, resolution=12)
 
 
@@ -36,26 +36,28 @@ def capsule():
 
 @pytest.mark.parametrize("offset", OFFSETS.values(), ids=OFFSETS)
 def test_distances_are_those_near_the_origin(capsule, offset, rng):
-    near, far = rough(capsule), rough(moved(capsule, pose_of(offset)))
+    near, far = coarse_body(capsule), coarse_body(move_mesh(capsule, pose_of(offset)))
     points = exact(rng.uniform(-0.015, 0.015, (200, 3)))
-    there = points + offset
-    np.testing.assert_allclose(far.signed_distance(there), near.signed_distance(points), rtol=0.0, atol=1e-15)
-    np.testing.assert_allclose(far.clearance(there), near.clearance(points), rtol=0.0, atol=1e-15)
+    moved_points = points + offset
+    np.testing.assert_allclose(far.signed_distance(moved_points), near.signed_distance(points), rtol=0.0, atol=1e-15)
+    np.testing.assert_allclose(far.clearance(moved_points), near.clearance(points), rtol=0.0, atol=1e-15)
     positions, normals, distances = near.closest(points)
-    for one, other in zip(far.closest(there), (positions + offset, normals, distances), strict=True):
-        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-12)
+    for value, expected in zip(far.closest(moved_points), (positions + offset, normals, distances), strict=True):
+        np.testing.assert_allclose(value, expected, rtol=0.0, atol=1e-12)
     surface = [MeshSurface(TriangleSurface(np.asarray(b.mesh.vertices), np.asarray(b.mesh.faces))) for b in (far, near)]
-    np.testing.assert_allclose(surface[0].distance(there[:40]), surface[1].distance(points[:40]), rtol=0.0, atol=1e-15)
+    np.testing.assert_allclose(
+        surface[0].distance(moved_points[:40]), surface[1].distance(points[:40]), rtol=0.0, atol=1e-15
+    )
 
 
 @pytest.mark.parametrize("offset", OFFSETS.values(), ids=OFFSETS)
 def test_the_smooth_surface_is_that_near_the_origin(capsule, offset, rng):
-    near, far = rough(capsule), rough(moved(capsule, pose_of(offset)))
+    near, far = coarse_body(capsule), coarse_body(move_mesh(capsule, pose_of(offset)))
     points = exact(near.sample("surface", 100, rng))
-    for one, other in zip(near.evaluate("surface", points), far.evaluate("surface", points + offset), strict=True):
-        np.testing.assert_allclose(other, one, rtol=0.0, atol=1e-12)
-    outside = exact(rng.uniform(-0.03, 0.03, (100, 3)))
-    values = [np.asarray(body.distance_function(p.T)) for body, p in ((near, outside), (far, outside + offset))]
+    for expected, value in zip(near.evaluate("surface", points), far.evaluate("surface", points + offset), strict=True):
+        np.testing.assert_allclose(value, expected, rtol=0.0, atol=1e-12)
+    samples = exact(rng.uniform(-0.03, 0.03, (100, 3)))
+    values = [np.asarray(body.distance_function(p.T)) for body, p in ((near, samples), (far, samples + offset))]
     np.testing.assert_allclose(values[1], values[0], rtol=0.0, atol=1e-15)
     sampled = far.sample("surface", 100, np.random.default_rng(0))
     assert np.max(far.closest(sampled)[2]) < 1e-3
@@ -66,18 +68,18 @@ def test_the_smooth_surface_is_that_near_the_origin(capsule, offset, rng):
 @pytest.mark.parametrize("offset", OFFSETS.values(), ids=OFFSETS)
 def test_parts_are_joined_and_buried_ones_found(offset):
     """The union near the origin, moved."""
-    near, notes = usable_mesh(joined(*PARTS))
-    far, there = usable_mesh(moved(joined(*PARTS), pose_of(offset)))
-    assert there == notes != ()
-    known, found = volume_integrals(near), volume_integrals(far)
-    assert found.volume == pytest.approx(known.volume, rel=1e-9)
-    np.testing.assert_allclose(found.centre - offset, known.centre, rtol=0.0, atol=1e-11)
-    np.testing.assert_allclose(found.inertia, known.inertia, rtol=0.0, atol=1e-9 * np.max(known.inertia))
+    near, notes = repaired_mesh(join_meshes(*PARTS))
+    far, far_notes = repaired_mesh(move_mesh(join_meshes(*PARTS), pose_of(offset)))
+    assert far_notes == notes != ()
+    expected, integrals = volume_integrals(near), volume_integrals(far)
+    assert integrals.volume == pytest.approx(expected.volume, rel=1e-9)
+    np.testing.assert_allclose(integrals.centre - offset, expected.centre, rtol=0.0, atol=1e-11)
+    np.testing.assert_allclose(integrals.inertia, expected.inertia, rtol=0.0, atol=1e-9 * np.max(expected.inertia))
 
 
 def test_pictures_of_it_keep_their_shape():
     ball = trimesh.creation.icosphere(4, 0.01)
-    body = rough(moved(ball, pose_of(OFFSETS["a kilometre"])))
+    body = coarse_body(move_mesh(ball, pose_of(OFFSETS["a kilometre"])))
     vertices, faces = triangles(body, most=500)
     assert len(faces) <= 500
     np.testing.assert_allclose(np.linalg.norm(vertices - OFFSETS["a kilometre"], axis=1), 0.01, rtol=0.03)
@@ -86,20 +88,20 @@ def test_pictures_of_it_keep_their_shape():
 def test_files_hold_it_with_as_many_digits_as_near_the_origin():
     ball = trimesh.creation.icosphere(2, 0.01)
     for offset in OFFSETS.values():
-        stated = Triangles(np.asarray(ball.vertices) + offset, np.asarray(ball.faces))
-        again = Triangles.from_dict(stated.to_dict(), "body")
-        np.testing.assert_allclose(again.vertices, stated.vertices, rtol=0.0, atol=1e-6)
+        original = Triangles(np.asarray(ball.vertices) + offset, np.asarray(ball.faces))
+        restored = Triangles.from_dict(original.to_dict(), "body")
+        np.testing.assert_allclose(restored.vertices, original.vertices, rtol=0.0, atol=1e-6)
 
 
 def test_winding_numbers_lose_no_digits(capsule, rng):
     """libigl's have single precision: at a metre a step of 20 nm would vanish."""
     points, faces = capsule.triangles_center, np.asarray(capsule.faces)
-    far = np.asarray(capsule.vertices) + OFFSETS["a metre"]
+    vertices = np.asarray(capsule.vertices) + OFFSETS["a metre"]
     step = 2e-8 * capsule.face_normals
-    tree = SearchTree(far, faces)
-    for sign, inside in ((1.0, 0.0), (-1.0, 1.0)):
-        found = tree.winding_numbers(points + sign * step + OFFSETS["a metre"])
-        np.testing.assert_allclose(found, inside, atol=0.1)
+    tree = SearchTree(vertices, faces)
+    for sign, expected in ((1.0, 0.0), (-1.0, 1.0)):
+        winding = tree.winding_numbers(points + sign * step + OFFSETS["a metre"])
+        np.testing.assert_allclose(winding, expected, atol=0.1)
 
 
 def test_the_local_origin_is_left_without_rounding(rng):
@@ -115,7 +117,7 @@ def test_the_local_origin_is_left_without_rounding(rng):
 def test_coarse_single_precision_is_a_warning():
     part = trimesh.creation.box([0.02003, 0.01307, 0.01709])
     with pytest.warns(UserWarning, match="the mesh has coordinates of single precision"):
-        rough(trimesh.Trimesh(np.float32(np.asarray(part.vertices) + 900.0), part.faces))
+        coarse_body(trimesh.Trimesh(np.float32(np.asarray(part.vertices) + 900.0), part.faces))
 
 
 @pytest.mark.filterwarnings("ignore:the mesh has coordinates")
@@ -142,7 +144,7 @@ def test_a_part_that_single_precision_destroyed_is_refused_with_the_reason(tmp_p
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("at", [[1000.0, 0.0, 0.0], [1000.05, 20.0, 3.0]])
-def test_double_precision_is_not_taken_for_single(at):
+@pytest.mark.parametrize("position", [[1000.0, 0.0, 0.0], [1000.05, 20.0, 3.0]])
+def test_double_precision_is_not_taken_for_single(position):
     """Round decimal numbers are exact in centimetres."""
-    assert rough(moved(trimesh.creation.box([0.06, 0.04, 0.1]), pose_of(at))).repairs == ()
+    assert coarse_body(move_mesh(trimesh.creation.box([0.06, 0.04, 0.1]), pose_of(position))).repairs == ()

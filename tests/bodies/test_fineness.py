@@ -1,4 +1,4 @@
-"""Smoothing and resolution go by the thickness of a mesh's walls, and what they cost is measured."""
+"""Automatic smoothing and resolution from the wall thickness, and their accuracy."""
 
 import math
 
@@ -74,35 +74,35 @@ def test_thick_bodies_keep_the_usual_choice():
 
 
 def test_an_even_wall_moves_by_a_sixteenth_of_its_thickness():
-    chosen = automatic_fineness(MUG, 0.004)
-    deviation = chosen.smoothing * MUG[0] / chosen.resolution
+    grid = automatic_fineness(MUG, 0.004)
+    deviation = grid.smoothing * MUG[0] / grid.resolution
     assert even_wall(0.002, deviation) / 0.004 == pytest.approx(1.0 / 16.0, rel=0.05)
     plate = trimesh.creation.box([0.1, 0.1, 0.01])
     body = ng.Mesh(plate, smoothing=2.0, resolution=48)
     deviation = 2.0 * 0.1 / 48
     middle = np.array([[0.0, 0.0, 0.005]])
-    moved = smooth_offset(body, middle, deviation, body.wall).most
-    assert moved == pytest.approx(even_wall(0.005, deviation), rel=0.1)
+    offset = smooth_offset(body, middle, deviation, body.wall).most
+    assert offset == pytest.approx(even_wall(0.005, deviation), rel=0.1)
 
 
 def test_less_smoothing_first_then_a_finer_grid_then_less_smoothing_still():
-    four, two, one = (automatic_fineness(MUG, 1e-3 * wall) for wall in (4, 2, 1))
-    assert four.resolution == 48
-    assert 0.75 <= four.smoothing < 1.0
-    assert 48 < two.resolution < 100
-    assert 0.75 <= two.smoothing < 0.77
-    assert one.smoothing < 0.5
-    assert np.prod(MUG / MUG[0] * one.resolution + 11) <= MOST_POINTS
-    for chosen, wall in ((four, 0.004), (two, 0.002), (one, 0.001)):
-        assert 2.4 * chosen.smoothing * MUG[0] / chosen.resolution <= wall
+    thick, medium, thin = (automatic_fineness(MUG, 1e-3 * wall) for wall in (4, 2, 1))
+    assert thick.resolution == 48
+    assert 0.75 <= thick.smoothing < 1.0
+    assert 48 < medium.resolution < 100
+    assert 0.75 <= medium.smoothing < 0.77
+    assert thin.smoothing < 0.5
+    assert np.prod(MUG / MUG[0] * thin.resolution + 11) <= MOST_POINTS
+    for grid, wall in ((thick, 0.004), (medium, 0.002), (thin, 0.001)):
+        assert 2.4 * grid.smoothing * MUG[0] / grid.resolution <= wall
 
 
 def test_what_is_given_is_used():
     box = trimesh.creation.box([0.08, 0.06, 0.002])
-    both = ng.Mesh(box, smoothing=1.5, resolution=20)
-    assert (both.smoothing, both.resolution) == (1.5, 20)
-    assert both.to_dict()["smoothing"] == 1.5
-    assert both.to_dict()["resolution"] == 20
+    body = ng.Mesh(box, smoothing=1.5, resolution=20)
+    assert (body.smoothing, body.resolution) == (1.5, 20)
+    assert body.to_dict()["smoothing"] == 1.5
+    assert body.to_dict()["resolution"] == 20
     assert ng.Mesh(box, resolution=20).smoothing == pytest.approx(0.002 * 20 / (2.4 * 0.08), abs=0.01)
     assert automatic_fineness(MUG, 0.004, smoothing=1.5).resolution == 75
     assert automatic_fineness(MUG, 0.004, smoothing=0.0).resolution == 48
@@ -110,9 +110,9 @@ def test_what_is_given_is_used():
 
 def test_the_choice_is_in_the_file_and_the_same_each_time(thin, monkeypatch):
     monkeypatch.setenv("NLPGRASP_CACHE", "off")
-    again = automatic_fineness(np.ptp(thin.mesh.bounds, axis=0), wall_thickness(dish(0.003)))
-    stated = thin.to_dict()
-    assert again == GridResolution(stated["smoothing"], stated["resolution"])
+    repeated = automatic_fineness(np.ptp(thin.mesh.bounds, axis=0), wall_thickness(dish(0.003)))
+    data = thin.to_dict()
+    assert repeated == GridResolution(data["smoothing"], data["resolution"])
 
 
 def test_small_triangles_let_no_ray_through():

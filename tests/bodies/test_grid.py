@@ -1,4 +1,4 @@
-"""Distances on a grid: exact near the surface, splines through fewer points elsewhere."""
+"""Distance grids: exact near the surface, interpolated elsewhere."""
 
 import casadi as ca
 import numpy as np
@@ -34,8 +34,8 @@ def test_near_the_surface_it_is_exact_and_after_smoothing_everywhere_close(shape
         _exact_distance(distance, _tensor_grid(axes)),
         _narrow_band_distance(distance, axes, cell, EXACT_CELLS),
     )
-    near = np.abs(exact) < (EXACT_CELLS - 0.8) * cell
-    np.testing.assert_array_equal(fast[near], exact[near])
+    in_band = np.abs(exact) < (EXACT_CELLS - 0.8) * cell
+    np.testing.assert_array_equal(fast[in_band], exact[in_band])
     assert np.max(np.abs(fast - exact)) < cell
     assert np.all((fast < 0.0) == (exact < 0.0))
     smooth = [gaussian_filter(field, 1.5) for field in (exact, fast)]
@@ -46,11 +46,11 @@ def test_it_asks_the_mesh_about_a_fraction_of_the_points():
     mesh = trimesh.creation.icosphere(subdivisions=3, radius=0.03)
     tree = SearchTree(np.array(mesh.vertices, dtype=float), np.array(mesh.faces))
     axes, cell = grid_of(mesh, 48)
-    asked = []
+    counts = []
     _narrow_band_distance(
-        lambda points: asked.append(len(points)) or tree.signed_distance(points), axes, cell, EXACT_CELLS
+        lambda points: counts.append(len(points)) or tree.signed_distance(points), axes, cell, EXACT_CELLS
     )
-    assert sum(asked) < 0.5 * np.prod([len(axis) for axis in axes])
+    assert sum(counts) < 0.5 * np.prod([len(axis) for axis in axes])
 
 
 def test_the_distance_from_sharp_edges_is_right_to_a_tenth_of_a_cell_beyond_a_cell():
@@ -61,9 +61,9 @@ def test_the_distance_from_sharp_edges_is_right_to_a_tenth_of_a_cell_beyond_a_ce
     p = body.point()
     splined = ca.Function("edges", [p], body.face("surface").edges(p)).map(len(points))(points.T).full().ravel()
     error = (splined - body.edge_distance("surface", points)) / cell
-    near = (splined > cell) & (splined < 3.0 * cell)
-    assert np.quantile(error[near], 0.9) < 0.0  # less a tenth of a cell
-    assert np.max(np.abs(error[near])) < 0.4
+    in_band = (splined > cell) & (splined < 3.0 * cell)
+    assert np.quantile(error[in_band], 0.9) < 0.0  # less a tenth of a cell
+    assert np.max(np.abs(error[in_band])) < 0.4
     h = body.evaluate("surface", points, 0.005)[3]
     np.testing.assert_allclose(h, 0.005 - splined, atol=1e-12)
     assert np.all(body.evaluate("surface", points)[3] == -np.inf)  # without a margin nothing is asked

@@ -1,3 +1,5 @@
+"""Mesh bodies: surface, normals, projection, units and files."""
+
 import numpy as np
 import pytest
 import trimesh
@@ -60,7 +62,7 @@ def test_slender_bodies_get_a_finer_grid():
     assert automatic_resolution(np.array([0.33, 0.18, 0.033])) > 100
 
 
-def refused(mesh, **options):
+def refusal(mesh, **options):
     with pytest.raises(ng.InputError) as caught:
         ng.Mesh(mesh, **options)
     message = str(caught.value)
@@ -71,20 +73,20 @@ def refused(mesh, **options):
 def test_unusable_meshes_are_refused():
     box = trimesh.creation.box([0.1, 0.1, 0.1])
     flat = trimesh.Trimesh([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]], [[0, 1, 2]])
-    assert "Mesh.mesh" in refused(flat)
-    broken = box.copy()
-    broken.vertices[0, 0] = np.nan
-    assert "finite coordinates" in refused(broken)
-    assert "unit is probably smaller" in refused(trimesh.creation.box([100.0, 60.0, 40.0]))
-    assert "unit is probably larger" in refused(trimesh.creation.box([1e-4, 1e-4, 1e-4]))
-    assert "a trimesh.Trimesh" in refused("box")
-    assert "from 8 to 400" in refused(box, resolution=2)
+    assert "Mesh.mesh" in refusal(flat)
+    invalid = box.copy()
+    invalid.vertices[0, 0] = np.nan
+    assert "finite coordinates" in refusal(invalid)
+    assert "unit is probably smaller" in refusal(trimesh.creation.box([100.0, 60.0, 40.0]))
+    assert "unit is probably larger" in refusal(trimesh.creation.box([1e-4, 1e-4, 1e-4]))
+    assert "a trimesh.Trimesh" in refusal("box")
+    assert "from 8 to 400" in refusal(box, resolution=2)
 
 
 def test_a_mesh_open_beyond_repair_is_refused():
     ball = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
     bowl = ball.submesh([np.flatnonzero(ball.triangles_center[:, 2] < 0.0)], append=True)
-    assert "open surface" in refused(bowl)
+    assert "open surface" in refusal(bowl)
 
 
 def test_inside_out_is_turned_and_said():

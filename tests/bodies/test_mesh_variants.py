@@ -1,4 +1,4 @@
-"""Good meshes load without complaint, however their vertices are split and wherever they are."""
+"""Meshes without defects load without warning, whatever their vertex order and place."""
 
 import numpy as np
 import pytest
@@ -6,8 +6,8 @@ import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.common.meshes.mass_properties import volume_integrals
-from nlpgrasp.common.meshes.mesh_file import mesh_digest, read_mesh, usable_mesh
-from tests.bodies.good_meshes import good_meshes, moved, pose_of, split, triangle_set, turned
+from nlpgrasp.common.meshes.mesh_file import mesh_digest, read_mesh, repaired_mesh
+from tests.bodies.good_meshes import good_meshes, move_mesh, pose_of, reverse_triangles, split_vertices, triangle_set
 
 GOOD = good_meshes()
 TURNED = ("turned inside out: the triangles faced inwards",)
@@ -20,33 +20,33 @@ NEAR = [0.5, -4.0, 8.0]  # metres: single precision holds the meshes exactly her
 SCANS = {"ycb_012_strawberry.stl": "m", "angle_block.stl": "in", "featuretype.stl": "in"}
 
 
-def loads_like(good, variant, pose, repairs=(), places=1e-6):
+def loads_like(mesh, variant, pose, repairs=(), tolerance=1e-6):
     """Assert that a variant has the mass and centroid of a good mesh, and return it."""
-    found, notes = usable_mesh(variant)
+    repaired, notes = repaired_mesh(variant)
     assert notes == repairs
-    known, there = volume_integrals(good), volume_integrals(found)
-    size = np.max(np.ptp(good.vertices, axis=0))
-    assert there.volume == pytest.approx(known.volume, rel=places)
-    back = (there.centre - pose[:3, 3]) @ pose[:3, :3]
-    np.testing.assert_allclose(back, known.centre, rtol=0.0, atol=places * size)
-    moments = np.linalg.eigvalsh(known.inertia)
-    np.testing.assert_allclose(np.linalg.eigvalsh(there.inertia), moments, rtol=10.0 * places)
-    return found
+    expected, integrals = volume_integrals(mesh), volume_integrals(repaired)
+    size = np.max(np.ptp(mesh.vertices, axis=0))
+    assert integrals.volume == pytest.approx(expected.volume, rel=tolerance)
+    centre = (integrals.centre - pose[:3, 3]) @ pose[:3, :3]
+    np.testing.assert_allclose(centre, expected.centre, rtol=0.0, atol=tolerance * size)
+    moments = np.linalg.eigvalsh(expected.inertia)
+    np.testing.assert_allclose(np.linalg.eigvalsh(integrals.inertia), moments, rtol=10.0 * tolerance)
+    return repaired
 
 
-def variants(good, pose):
+def variants(mesh, pose):
     """Yield variants of a mesh in a pose with the repairs that each needs."""
     mirrored = np.linalg.det(pose[:3, :3]) < 0.0
-    placed = moved(good, pose)
-    outwards, inwards = (turned(placed), placed) if mirrored else (placed, turned(placed))
+    posed = move_mesh(mesh, pose)
+    outwards, inwards = (reverse_triangles(posed), posed) if mirrored else (posed, reverse_triangles(posed))
     yield outwards, ()
-    yield split(outwards), ()
+    yield split_vertices(outwards), ()
     if mirrored:
-        yield split(inwards), TURNED
+        yield split_vertices(inwards), TURNED
 
 
 def test_there_are_more_than_two_hundred():
-    in_memory = sum(1 for good in GOOD.values() for pose in POSES for _ in variants(good, pose))
+    in_memory = sum(1 for mesh in GOOD.values() for pose in POSES for _ in variants(mesh, pose))
     assert in_memory + 2 * len(FORMATS) * len(GOOD) >= 200
 
 
@@ -59,71 +59,73 @@ def test_variants_in_memory_load_alike(name):
 
 @pytest.mark.parametrize("name", GOOD)
 def test_variants_in_files_load_alike(name, tmp_path):
-    good = GOOD[name]
+    mesh = GOOD[name]
     for kind in FORMATS:
         pose, file = pose_of(NEAR), tmp_path / f"part.{kind}"
-        split(moved(good, pose)).export(file)
-        seams = loads_like(good, read_mesh(file, "m"), pose)
-        moved(good, pose).export(file)
-        clean = loads_like(good, read_mesh(file, "m"), pose)
+        split_vertices(move_mesh(mesh, pose)).export(file)
+        seams = loads_like(mesh, read_mesh(file, "m"), pose)
+        move_mesh(mesh, pose).export(file)
+        clean = loads_like(mesh, read_mesh(file, "m"), pose)
         assert volume_integrals(seams).volume == pytest.approx(volume_integrals(clean).volume, rel=1e-12)
         assert triangle_set(seams) == triangle_set(clean)
 
 
 @pytest.mark.parametrize("name", SCANS)
 def test_scans_load_alike_where_their_vertices_are_split(name, outside_meshes):
-    clean, _ = usable_mesh(read_mesh(outside_meshes / name, SCANS[name]))
+    clean, _ = repaired_mesh(read_mesh(outside_meshes / name, SCANS[name]))
     for pose in (np.eye(4), pose_of([100.0, -30.0, 5.0], 0.7)):
-        found = loads_like(clean, split(moved(clean, pose)), pose)
-        assert len(found.faces) == len(clean.faces)
-    assert triangle_set(usable_mesh(split(clean))[0]) == triangle_set(clean)
+        repaired = loads_like(clean, split_vertices(move_mesh(clean, pose)), pose)
+        assert len(repaired.faces) == len(clean.faces)
+    assert triangle_set(repaired_mesh(split_vertices(clean))[0]) == triangle_set(clean)
 
 
 @pytest.mark.parametrize("name", GOOD)
 def test_good_meshes_keep_vertices_and_triangles(name):
     """Files of earlier versions keep their fingerprints."""
-    good = GOOD[name]
-    assert mesh_digest(usable_mesh(good)[0]) == mesh_digest(good)
-    far = moved(good, pose_of(FAR))
-    assert mesh_digest(usable_mesh(far)[0]) == mesh_digest(far)
+    mesh = GOOD[name]
+    assert mesh_digest(repaired_mesh(mesh)[0]) == mesh_digest(mesh)
+    far_mesh = move_mesh(mesh, pose_of(FAR))
+    assert mesh_digest(repaired_mesh(far_mesh)[0]) == mesh_digest(far_mesh)
 
 
 @pytest.mark.parametrize("name", ["bored block", "capsule"])
 def test_split_vertices_change_no_sample_and_no_distance(name, rng):
-    clean, seams = (ng.Mesh(mesh, smoothing=1.0, resolution=12) for mesh in (GOOD[name], split(GOOD[name])))
-    for one, other in zip(*(b.surface_samples(200, np.random.default_rng(0)) for b in (clean, seams)), strict=True):
-        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-15)
+    clean, seams = (ng.Mesh(mesh, smoothing=1.0, resolution=12) for mesh in (GOOD[name], split_vertices(GOOD[name])))
+    for expected, value in zip(
+        *(b.surface_samples(200, np.random.default_rng(0)) for b in (clean, seams)), strict=True
+    ):
+        np.testing.assert_allclose(expected, value, rtol=0.0, atol=1e-15)
     points = rng.uniform(*clean.bounds, (200, 3))
     np.testing.assert_allclose(clean.signed_distance(points), seams.signed_distance(points), rtol=0.0, atol=1e-12)
     p = clean.sample("surface", 50, rng)
-    for one, other in zip(clean.evaluate("surface", p), seams.evaluate("surface", p), strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-9)
+    for expected, value in zip(clean.evaluate("surface", p), seams.evaluate("surface", p), strict=True):
+        np.testing.assert_allclose(expected, value, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["box", "capsule"])
 def test_split_vertices_change_no_grasp(name):
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.02, 0.02, 0.02])
-    found = []
-    for mesh in (GOOD[name], split(GOOD[name])):
+    bounds = []
+    for mesh in (GOOD[name], split_vertices(GOOD[name])):
         body = ng.Mesh(mesh, smoothing=1.0, resolution=10)
         problem = ng.GraspProblem(body, [ng.SoftContact(0.6, 0.01)] * 2, task, edge_margin=0.0)
-        found.append(ng.solve(problem, starts=1, seed=3, options=QUICK).mu)
-    assert found[0].lower > 0.0
-    assert found[1].lower == pytest.approx(found[0].lower, abs=1e-6)
-    assert found[1].upper == pytest.approx(found[0].upper, abs=1e-6)
+        bounds.append(ng.solve(problem, starts=1, seed=3, options=QUICK).mu)
+    assert bounds[0].lower > 0.0
+    assert bounds[1].lower == pytest.approx(bounds[0].lower, abs=1e-6)
+    assert bounds[1].upper == pytest.approx(bounds[0].upper, abs=1e-6)
 
 
 @pytest.mark.parametrize("offset", [0.0, 300.0])
 def test_seams_that_single_precision_opened_are_closed(offset, rng):
     """Copies of a vertex that are apart by less than a millionth of the size."""
-    good = GOOD["ball"]
-    seams = split(good)
+    mesh = GOOD["ball"]
+    seams = split_vertices(mesh)
     seams.vertices = seams.vertices + rng.uniform(-1.0, 1.0, seams.vertices.shape) * 2e-8 + offset
-    found, notes = usable_mesh(seams)
+    repaired, notes = repaired_mesh(seams)
     assert notes == ()
-    assert len(found.faces) == len(good.faces)
-    assert found.is_watertight
-    assert volume_integrals(found).volume == pytest.approx(good.volume, rel=1e-5)
+    assert len(repaired.faces) == len(mesh.faces)
+    assert repaired.is_watertight
+    assert volume_integrals(repaired).volume == pytest.approx(mesh.volume, rel=1e-5)
 
 
 def test_a_thin_triangle_that_closes_a_gap_stays():
@@ -133,28 +135,33 @@ def test_a_thin_triangle_that_closes_a_gap_stays():
     a, b, c = faces[0]
     vertices = np.vstack([box.vertices, (box.vertices[a] + box.vertices[b]) / 2.0])
     faces = np.vstack([faces[1:], [[a, 8, c], [8, b, c], [a, b, 8]]])
-    found, notes = usable_mesh(trimesh.Trimesh(vertices, faces, process=False))
+    repaired, notes = repaired_mesh(trimesh.Trimesh(vertices, faces, process=False))
     assert notes == ()
-    assert found.is_watertight
-    assert found.volume == pytest.approx(1e-3, rel=1e-12)
+    assert repaired.is_watertight
+    assert repaired.volume == pytest.approx(1e-3, rel=1e-12)
 
 
 def test_scenes_of_textured_parts_are_one_mesh(tmp_path):
     """Two halves of a box, split where they meet, each with its own texture and node."""
     box = trimesh.creation.box([0.06, 0.04, 0.1]).subdivide()
     scene = trimesh.Scene()
-    for i, which in enumerate((box.triangles_center[:, 0] < 0.0, box.triangles_center[:, 0] >= 0.0)):
-        half = split(box.submesh([np.flatnonzero(which)], append=True), i)
+    for i, side in enumerate((box.triangles_center[:, 0] < 0.0, box.triangles_center[:, 0] >= 0.0)):
+        half = split_vertices(box.submesh([np.flatnonzero(side)], append=True), i)
         scene.add_geometry(half, transform=pose_of([0.25 * i, 0.0, 0.0]))
         half.apply_translation([-0.25 * i, 0.0, 0.0])
     scene.export(tmp_path / "two.glb")
-    found, notes = usable_mesh(read_mesh(tmp_path / "two.glb", "m"))
+    repaired, notes = repaired_mesh(read_mesh(tmp_path / "two.glb", "m"))
     assert notes == ()
-    assert volume_integrals(found).volume == pytest.approx(box.volume, rel=1e-6)
+    assert volume_integrals(repaired).volume == pytest.approx(box.volume, rel=1e-6)
 
 
 def test_meshes_of_a_millimetre_keep_their_geometry():
-    for good in (trimesh.creation.icosphere(4, 0.0006), turned(turned(GOOD["ring"])).apply_scale(0.02)):
+    for mesh in (
+        trimesh.creation.icosphere(4, 0.0006),
+        reverse_triangles(reverse_triangles(GOOD["ring"])).apply_scale(0.02),
+    ):
         for offset in (0.0, 1.0, 1000.0):
-            found = loads_like(good, split(moved(good, pose_of([offset, 0.0, 0.0]))), pose_of([offset, 0.0, 0.0]))
-            assert len(found.faces) == len(good.faces)
+            repaired = loads_like(
+                mesh, split_vertices(move_mesh(mesh, pose_of([offset, 0.0, 0.0]))), pose_of([offset, 0.0, 0.0])
+            )
+            assert len(repaired.faces) == len(mesh.faces)

@@ -1,4 +1,4 @@
-"""Angles between stated normals and a mesh's, against a search and against verify's own."""
+"""Angles between normals and a mesh's normal cones, against a search and the verifier's."""
 
 import numpy as np
 import pytest
@@ -36,8 +36,8 @@ def unit(*values):
     ],
 )
 def test_angles_on_a_box(box, point, normal, on_edges, angle):
-    (found,) = box.angles_off_normals(np.array([point]), np.array([normal]), on_edges)
-    assert np.degrees(found) == pytest.approx(angle, abs=1e-5)
+    (result,) = box.angles_off_normals(np.array([point]), np.array([normal]), on_edges)
+    assert np.degrees(result) == pytest.approx(angle, abs=1e-5)
 
 
 def test_cones_are_those_of_a_search_and_of_the_solver(rng):
@@ -45,12 +45,12 @@ def test_cones_are_those_of_a_search_and_of_the_solver(rng):
     ball = ng.Mesh(trimesh.creation.icosphere(2, 0.03), smoothing=0.0, resolution=8)
     vertices, faces = np.asarray(ball.mesh.vertices), np.asarray(ball.mesh.faces)
     for i in range(0, len(vertices), 23):
-        own = np.asarray(ball.mesh.face_normals)[np.any(faces == i, axis=1)]
-        mixed = rng.exponential(1.0, (20000, len(own))) ** 3 @ own
+        normals = np.asarray(ball.mesh.face_normals)[np.any(faces == i, axis=1)]
+        mixed = rng.exponential(1.0, (20000, len(normals))) ** 3 @ normals
         mixed /= np.linalg.norm(mixed, axis=1)[:, None]
         for spread in (0.02, 0.3, 2.0):
             direction = unit(*(unit(*vertices[i]) + spread * rng.normal(size=3)))
-            angle = angle_off_cone(direction, own)
+            angle = angle_off_cone(direction, normals)
             searched = np.arccos(np.clip(np.max(mixed @ direction), -1.0, 1.0))
             assert angle - 1e-7 <= searched <= angle + 0.02
             (solvers,) = ball.angles_off_normals(vertices[i : i + 1], direction[None])

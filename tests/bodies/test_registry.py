@@ -1,4 +1,4 @@
-"""Bodies from their JSON data and back, and kinds from outside the package."""
+"""JSON round trips of bodies, and body types from outside the package."""
 
 import json
 from dataclasses import dataclass
@@ -24,10 +24,10 @@ def test_every_kind_has_a_sample():
 @pytest.mark.parametrize("body", ANALYTIC.values(), ids=ANALYTIC)
 def test_there_and_back(body):
     data = json.loads(json.dumps(body.to_dict()))
-    again = body_from_dict(data)
-    assert again == body
-    assert again.to_dict() == body.to_dict()
-    assert again.face_names == body.face_names
+    restored = body_from_dict(data)
+    assert restored == body
+    assert restored.to_dict() == body.to_dict()
+    assert restored.face_names == body.face_names
 
 
 @pytest.mark.parametrize("name", SCRIPTS_ONLY)

@@ -1,4 +1,4 @@
-"""Triangles for pictures: closed, outward, on the surface."""
+"""Display triangulations: closed, outward, on the surface."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from scipy.special import beta
 
 import nlpgrasp as ng
 from nlpgrasp.bodies.mesh.display_triangles import triangles
-from nlpgrasp.bodies.triangulation import ears, superellipse_quarter
+from nlpgrasp.bodies.triangulation import clip_ears, superellipse_quarter
 from tests.samples import BODIES
 
 COMB = [[0, 0], [5, 0], [5, 3], [4, 3], [4, 1], [3, 1], [3, 3], [2, 3], [2, 1], [1, 1], [1, 3], [0, 3]]  # area 11
@@ -58,12 +58,12 @@ def test_triangles_close_around_the_body(name):
 @pytest.mark.parametrize("name", VOLUMES)
 def test_volumes_are_those_of_closed_forms(name):
     body = BODIES[name]
-    exact, less = VOLUMES[name]
+    exact, deficit = VOLUMES[name]
     if exact is None:
         x, y = body.corners.T
         area = 0.5 * abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
         exact = area * 0.08 * body.size
-    assert (1.0 - less) * exact <= closed(body).volume <= (1.0 + 1e-12) * exact
+    assert (1.0 - deficit) * exact <= closed(body).volume <= (1.0 + 1e-12) * exact
 
 
 @pytest.mark.parametrize("name", VOLUMES)
@@ -95,10 +95,10 @@ def test_a_curve_turns_by_little_from_piece_to_piece(exponent):
 
 def test_ears_of_a_polygon_that_is_not_convex():
     corners = np.array(COMB, dtype=float)
-    found = ears(corners)
-    a, b, c = corners[found].transpose(1, 0, 2)
+    triangles = clip_ears(corners)
+    a, b, c = corners[triangles].transpose(1, 0, 2)
     areas = 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
-    assert len(found) == len(corners) - 2
+    assert len(triangles) == len(corners) - 2
     assert np.all(areas > 0.0)
     assert np.sum(areas) == pytest.approx(11.0)
     assert closed(ng.Polygon(COMB)).volume == pytest.approx(11.0 * 0.08 * ng.Polygon(COMB).size)
@@ -106,7 +106,7 @@ def test_ears_of_a_polygon_that_is_not_convex():
 
 def test_ears_of_polygons_with_straight_corners():
     corners = np.array([[0, 0], [1, 0], [2, 0], [3, 0], [3, 1], [1.5, 0.2], [0, 1]], dtype=float)
-    a, b, c = corners[ears(corners)].transpose(1, 0, 2)
+    a, b, c = corners[clip_ears(corners)].transpose(1, 0, 2)
     areas = 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
     assert np.all(areas >= 0.0)
     assert np.sum(areas) == pytest.approx(1.8)

@@ -1,4 +1,4 @@
-"""Lengths of bodies in the unit that the user states; the body and its file are in metres."""
+"""Units of body lengths: conversion to metres in bodies and files."""
 
 import numpy as np
 import pytest
@@ -22,11 +22,11 @@ METRES = {"dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 @pytest.mark.parametrize("kind", MADE)
 def test_lengths_are_those_of_the_unit(kind):
     for unit, metres in METRES.items():
-        stated, known = MADE[kind](1, unit=unit), MADE[kind](metres)
-        np.testing.assert_allclose(stated.bounds, known.bounds, rtol=1e-15)
-        assert "unit" not in stated.to_dict()
-        assert type(stated).from_dict(stated.to_dict()) == stated
-        assert "unit" not in repr(stated)
+        body, expected = MADE[kind](1, unit=unit), MADE[kind](metres)
+        np.testing.assert_allclose(body.bounds, expected.bounds, rtol=1e-15)
+        assert "unit" not in body.to_dict()
+        assert type(body).from_dict(body.to_dict()) == body
+        assert "unit" not in repr(body)
 
 
 def test_millimetres_are_the_numbers_that_one_would_write():

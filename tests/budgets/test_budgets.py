@@ -1,4 +1,4 @@
-"""Conformance of every force budget: supports against a conic solver, the program's rows, files."""
+"""Conformance tests of every force budget: supports against a conic solver, the program's constraints, files."""
 
 import casadi as ca
 import clarabel
@@ -41,13 +41,13 @@ def cases(models=MODELS):
             yield pytest.param(name, budget, id=f"{name}, {budget}")
 
 
-def made(name, budget, rng, k=2):
+def make_case(name, budget, rng, k=2):
     contacts = [CONTACTS[name]] * k
-    given = TORQUES[budget](contacts, rng) if budget in TORQUES else force_budget(budget)
+    force_bound = TORQUES[budget](contacts, rng) if budget in TORQUES else force_budget(budget)
     normals = rng.standard_normal((k, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     grasp = ng.Grasp(rng.standard_normal((k, 3)), normals, contacts)
-    return grasp, given, given.at(grasp.frames, grasp.contacts)
+    return grasp, force_bound, force_bound.at(grasp.frames, grasp.contacts)
 
 
 def largest_work(grasp, bound, z):
@@ -73,16 +73,16 @@ def largest_work(grasp, bound, z):
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-11
     A = sparse.csc_matrix(np.concatenate(rows))
-    found = clarabel.DefaultSolver(
+    solution = clarabel.DefaultSolver(
         sparse.csc_matrix((n, n)), -z @ lift, A, np.concatenate(rhs), cones, settings
     ).solve()
-    assert "Solved" in str(found.status)
-    return -found.obj_val
+    assert "Solved" in str(solution.status)
+    return -solution.obj_val
 
 
 @pytest.mark.parametrize(("name", "budget"), list(cases(MODELS + PADS)))
 def test_support_is_exact_and_attained(name, budget, rng):
-    grasp, _, bound = made(name, budget, rng)
+    grasp, _, bound = make_case(name, budget, rng)
     z = rng.standard_normal((25, grasp.G.shape[1]))
     phi, x = bound.support(z)
     np.testing.assert_allclose(np.sum(z * x, axis=1), phi, atol=1e-9)
@@ -95,46 +95,46 @@ def test_support_is_exact_and_attained(name, budget, rng):
 
 @pytest.mark.parametrize(("name", "budget"), list(cases(MODELS + PADS)))
 def test_used_is_what_the_cones_say(name, budget, rng):
-    grasp, _, bound = made(name, budget, rng)
+    grasp, _, bound = make_case(name, budget, rng)
     n = grasp.G.shape[1]
     x = np.concatenate([c.project(rng.standard_normal((50, c.components(3)))) for c in grasp.contacts], axis=1)
-    used = bound.used(x)
+    effort = bound.used(x)
     for factor in (0.999, 1.001):
-        y = np.concatenate([x, factor * used[:, None]], axis=1)
-        inside = np.ones(len(x), dtype=bool)
+        y = np.concatenate([x, factor * effort[:, None]], axis=1)
+        is_inside = np.ones(len(x), dtype=bool)
         for M in bound.cones():
             value = y @ M.T
-            inside &= value[:, 0] >= (np.linalg.norm(value[:, 1:], axis=1) if len(M) > 1 else 0.0)
-        assert inside[used > 0].all() == (factor > 1.0)
-        assert inside[used > 0].any() == (factor > 1.0)
+            is_inside &= value[:, 0] >= (np.linalg.norm(value[:, 1:], axis=1) if len(M) > 1 else 0.0)
+        assert is_inside[effort > 0].all() == (factor > 1.0)
+        assert is_inside[effort > 0].any() == (factor > 1.0)
     assert M.shape[1] == n + 1
 
 
 @pytest.mark.parametrize(("name", "budget"), list(cases()))
 def test_the_programs_rows_say_the_same(name, budget, rng):
     """A force that uses 0.999 of the budget keeps every row, one that uses 1.001 breaks one."""
-    grasp, given, bound = made(name, budget, rng)
+    grasp, force_bound, bound = make_case(name, budget, rng)
     for _ in range(10):
         x = np.concatenate([c.project(rng.standard_normal((1, c.components(3))))[0] for c in grasp.contacts])
-        used = bound.used(x[None])[0]
-        if used <= 0.0:
+        effort = bound.used(x[None])[0]
+        if effort <= 0.0:
             continue
         for factor in (0.999, 1.001):
             forces = [
-                ca.DM(program_variables(c, factor * x[r] / used, n))
+                ca.DM(program_variables(c, factor * x[r] / effort, n))
                 for c, r, n in zip(grasp.contacts, component_slices(grasp.contacts, 3), grasp.normals, strict=True)
             ]
-            rows = given.rows(grasp.contacts, forces, [ca.DM(n) for n in grasp.normals])
-            kept = all(row.lower <= float(row.expression) <= row.upper for row in rows)
-            assert kept == (factor < 1.0)
+            rows = force_bound.rows(grasp.contacts, forces, [ca.DM(n) for n in grasp.normals])
+            is_satisfied = all(row.lower <= float(row.expression) <= row.upper for row in rows)
+            assert is_satisfied == (factor < 1.0)
 
 
 @pytest.mark.parametrize("budget", [*NAMED, *TORQUES])
 def test_json_round_trip(budget, rng):
-    _, given, _ = made("friction", budget, rng)
-    again = budget_from_dict(given.to_dict())
-    assert again.to_dict() == given.to_dict()
-    assert again == given
+    _, force_bound, _ = make_case("friction", budget, rng)
+    restored = budget_from_dict(force_bound.to_dict())
+    assert restored.to_dict() == force_bound.to_dict()
+    assert restored == force_bound
 
 
 def test_planar_torque_limits(rng):
@@ -144,8 +144,8 @@ def test_planar_torque_limits(rng):
     z = rng.standard_normal((50, 2))
     phi, _ = budget.support(z)
     grid = np.stack(np.meshgrid(np.linspace(0, 5, 2001), np.linspace(-2.5, 2.5, 2001)), axis=-1).reshape(-1, 2)
-    allowed = grid[(np.abs(grid[:, 1]) <= 0.5 * grid[:, 0]) & (budget.used(grid) <= 1.0)]
-    brute = np.max(z @ allowed.T, axis=1)
+    admissible = grid[(np.abs(grid[:, 1]) <= 0.5 * grid[:, 0]) & (budget.used(grid) <= 1.0)]
+    brute = np.max(z @ admissible.T, axis=1)
     assert np.all(phi >= brute - 1e-9)
     np.testing.assert_allclose(phi, brute, atol=2e-2)
 

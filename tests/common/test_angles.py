@@ -1,4 +1,4 @@
-"""Angles are radians; those that look like degrees are named."""
+"""Validation of angles in radians, with hints at degrees."""
 
 import numpy as np
 import pytest

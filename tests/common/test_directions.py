@@ -1,3 +1,5 @@
+"""Well-spread unit directions: inradii and symmetry."""
+
 import numpy as np
 import pytest
 

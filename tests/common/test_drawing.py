@@ -1,4 +1,4 @@
-"""What is drawn: triangles as data, sizes, pictures by matplotlib."""
+"""Drawings: triangles as data, sizes, pictures by matplotlib."""
 
 import sys
 
@@ -22,10 +22,10 @@ def test_size_is_half_the_diagonal_of_what_there_is():
 
 def test_data_returns_the_drawing():
     drawing = Drawing(TETRAHEDRON, (("thumb", TETRAHEDRON),))
-    again = Drawing.from_dict(drawing.to_dict(), "drawing")
-    assert np.array_equal(again.body.vertices, CORNERS)
-    assert again.links[0][0] == "thumb"
-    assert np.array_equal(again.links[0][1].faces, TETRAHEDRON.faces)
+    restored = Drawing.from_dict(drawing.to_dict(), "drawing")
+    assert np.array_equal(restored.body.vertices, CORNERS)
+    assert restored.links[0][0] == "thumb"
+    assert np.array_equal(restored.links[0][1].faces, TETRAHEDRON.faces)
 
 
 def test_faces_that_name_no_vertex_are_refused():

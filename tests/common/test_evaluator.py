@@ -1,4 +1,4 @@
-"""CasADi functions between numpy arrays."""
+"""Evaluation of CasADi functions on numpy arrays."""
 
 import casadi as ca
 import numpy as np
@@ -13,16 +13,16 @@ def test_it_returns_what_casadi_does_and_nothing_of_the_call_before():
     function = ca.Function("f", [x, p], [g, ca.jacobian(g, x)])
     assert not function.sparsity_out(1).is_dense()
     evaluator, rng = Evaluator(function), np.random.default_rng(0)
-    kept = []
+    results = []
     for _ in range(3):
         z, q = rng.standard_normal(3), rng.standard_normal(2)
         expected = [np.array(v.full()) for v in function(z, q)]
-        found = evaluator(z, q)
-        kept.append((found, expected))
-    for found, expected in kept:
-        for one, other in zip(found, expected, strict=True):
-            assert one.shape == other.shape
-            np.testing.assert_array_equal(one, other)
+        values = evaluator(z, q)
+        results.append((values, expected))
+    for values, expected in results:
+        for value, reference in zip(values, expected, strict=True):
+            assert value.shape == reference.shape
+            np.testing.assert_array_equal(value, reference)
 
 
 def test_inputs_of_another_size_are_refused():

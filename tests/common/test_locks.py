@@ -15,9 +15,9 @@ def test_one_at_a_time(tmp_path):
 
     def add():
         for _ in range(50):
-            with locks.held(tmp_path / ".lock"):
-                before = int(count.read_text())
-                count.write_text(str(before + 1))
+            with locks.hold_lock(tmp_path / ".lock"):
+                number = int(count.read_text())
+                count.write_text(str(number + 1))
 
     threads = [threading.Thread(target=add) for _ in range(4)]
     for thread in threads:
@@ -30,9 +30,12 @@ def test_one_at_a_time(tmp_path):
 def test_it_is_given_up_and_let_go(tmp_path, monkeypatch):
     monkeypatch.setattr(locks, "WAIT", 0.02)
     refused = pytest.raises(InputError, match="in use by another process for 0 s")
-    with locks.held(tmp_path / ".lock"), refused, locks.held(tmp_path / ".lock"):
+    with locks.hold_lock(tmp_path / ".lock"), refused, locks.hold_lock(tmp_path / ".lock"):
         pass
-    with locks.held(tmp_path / ".lock"):
+    with locks.hold_lock(tmp_path / ".lock"):
         pass
-    with pytest.raises(InputError, match=r"none: got No such file or directory"), locks.held(tmp_path / "none" / "a"):
+    with (
+        pytest.raises(InputError, match=r"none: got No such file or directory"),
+        locks.hold_lock(tmp_path / "none" / "a"),
+    ):
         pass

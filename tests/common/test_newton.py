@@ -1,4 +1,4 @@
-"""Newton steps onto constraints: quadratic on a sphere, stalled and contradicted elsewhere."""
+"""Newton's method for feasibility: quadratic convergence, stalling, contradicting constraints."""
 
 import numpy as np
 import pytest
@@ -22,12 +22,12 @@ def on_sphere(z):
 @pytest.mark.parametrize("seed", range(4))
 def test_two_points_come_onto_a_sphere_and_apart(seed):
     start = np.random.default_rng(seed).uniform(-1.0, 1.0, 6)
-    found = restore_feasibility(on_sphere, start, NewtonRules(steps=30, enough=1e-9, slack=ConstraintSlack(1e4)))
-    p, q = found.best[:3], found.best[3:]
-    assert found.violation <= 1e-9 < on_sphere(start).violation
+    result = restore_feasibility(on_sphere, start, NewtonRules(steps=30, enough=1e-9, slack=ConstraintSlack(1e4)))
+    p, q = result.best[:3], result.best[3:]
+    assert result.violation <= 1e-9 < on_sphere(start).violation
     np.testing.assert_allclose([p @ p, q @ q], 1.0, atol=1e-9)
     assert np.linalg.norm(p - q) >= APART - 1e-9
-    assert not found.contradicted
+    assert not result.contradicted
 
 
 def test_the_residual_falls_quadratically():
@@ -39,8 +39,8 @@ def test_the_residual_falls_quadratically():
 
 def test_no_step_is_taken_where_all_is_well():
     start = np.array([1.0, 0.0, 0.0, -1.0, 0.0, 0.0])
-    found = restore_feasibility(on_sphere, start, NewtonRules(steps=5, enough=1e-9))
-    np.testing.assert_array_equal(found.last, start)
+    result = restore_feasibility(on_sphere, start, NewtonRules(steps=5, enough=1e-9))
+    np.testing.assert_array_equal(result.last, start)
 
 
 def contradiction(z):
@@ -55,26 +55,26 @@ def contradiction(z):
 
 
 def test_contradicting_rows_end_it_without_slack():
-    found = restore_feasibility(contradiction, np.array([0.5]), NewtonRules(steps=10, enough=1e-9))
-    assert found.contradicted
-    assert found.violation == 1.5
-    assert found.last == 0.5
+    result = restore_feasibility(contradiction, np.array([0.5]), NewtonRules(steps=10, enough=1e-9))
+    assert result.contradicted
+    assert result.violation == 1.5
+    assert result.last == 0.5
 
 
 def test_with_slack_it_ends_between_them_and_out_of_patience():
-    seen = []
+    calls = []
 
-    def counted(z):
-        seen.append(z)
+    def record(z):
+        calls.append(z)
         return contradiction(z)
 
-    found = restore_feasibility(
-        counted, np.array([0.5]), NewtonRules(steps=50, enough=1e-9, patience=3, slack=ConstraintSlack(1e4))
+    result = restore_feasibility(
+        record, np.array([0.5]), NewtonRules(steps=50, enough=1e-9, patience=3, slack=ConstraintSlack(1e4))
     )
-    assert not found.contradicted
-    assert found.best[0] == pytest.approx(0.0, abs=1e-3)
-    assert found.violation == pytest.approx(1.0, abs=1e-3)
-    assert len(seen) < 12
+    assert not result.contradicted
+    assert result.best[0] == pytest.approx(0.0, abs=1e-3)
+    assert result.violation == pytest.approx(1.0, abs=1e-3)
+    assert len(calls) < 12
 
 
 def test_the_best_is_kept_and_the_last_step_counted():
@@ -83,7 +83,7 @@ def test_the_best_is_kept_and_the_last_step_counted():
     def misleading(z):
         return Linearised(1.0 + z**2, np.array([[-1.0]]), np.zeros(1), np.zeros(1), -np.full(1, 9.0), np.full(1, 9.0))
 
-    found = restore_feasibility(misleading, np.array([0.0]), NewtonRules(steps=2, enough=0.0))
-    assert found.best == 0.0
-    assert found.violation == 1.0
-    assert found.last == pytest.approx(3.0, abs=1e-6)
+    result = restore_feasibility(misleading, np.array([0.0]), NewtonRules(steps=2, enough=0.0))
+    assert result.best == 0.0
+    assert result.violation == 1.0
+    assert result.last == pytest.approx(3.0, abs=1e-6)

@@ -1,4 +1,4 @@
-"""Numbers as people read them."""
+"""Formatting of numbers and intervals."""
 
 import math
 
@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from nlpgrasp.common.formatting import (
-    at_least,
-    at_most,
     format_interval,
+    format_lower,
     format_number,
     format_percent,
+    format_upper,
     typeset,
     vector,
 )
@@ -61,10 +61,10 @@ def test_intervals_are_rounded_outwards(rng):
 
 
 def test_single_bounds_are_rounded_to_their_side(rng):
-    assert (at_least(0.23456), at_most(0.23456), at_most(0.0933456, 4)) == ("0.234", "0.235", "0.09335")
-    assert (at_least(0.0), at_most(math.inf), at_most(0.3)) == ("0", "inf", "0.3")
+    assert (format_lower(0.23456), format_upper(0.23456), format_upper(0.0933456, 4)) == ("0.234", "0.235", "0.09335")
+    assert (format_lower(0.0), format_upper(math.inf), format_upper(0.3)) == ("0", "inf", "0.3")
     for value in 10.0 ** rng.uniform(-6, 6, 200):
-        assert float(at_least(value)) <= value <= float(at_most(value))
+        assert float(format_lower(value)) <= value <= float(format_upper(value))
 
 
 def test_shares():

@@ -1,4 +1,4 @@
-"""Poses as a matrix, or as a position and a quaternion that says where its scalar is; against scipy's rotations."""
+"""Poses as matrices, or as position and quaternion, against scipy's rotations."""
 
 import dataclasses
 
@@ -73,12 +73,12 @@ def test_no_rotations_are_refused(turn):
 
 def test_an_obstacle_is_placed_by_a_pose(turn):
     box = ng.Box([0.1, 0.2, 0.3])
-    said = ng.Obstacle(box, position=WHERE, quaternion=turn.as_quat(scalar_first=True))
+    expected = ng.Obstacle(box, position=WHERE, quaternion=turn.as_quat(scalar_first=True))
     for pose in spellings(turn):
-        found = ng.Obstacle(box, pose=pose)
-        np.testing.assert_allclose(found.rotation, said.rotation, atol=1e-14)
-        assert found.position == said.position
-        assert ng.Obstacle.from_dict(found.to_dict()) == found == dataclasses.replace(found)
+        obstacle = ng.Obstacle(box, pose=pose)
+        np.testing.assert_allclose(obstacle.rotation, expected.rotation, atol=1e-14)
+        assert obstacle.position == expected.position
+        assert ng.Obstacle.from_dict(obstacle.to_dict()) == obstacle == dataclasses.replace(obstacle)
     with pytest.raises(ng.InputError, match=r"^Obstacle\.pose: got a pose beside position or quaternion"):
         ng.Obstacle(box, position=WHERE, pose=matrix(turn))
     flat = np.array([[1.0, 0.0, 0.1], [0.0, 1.0, 0.2], [0.0, 0.0, 1.0]])
@@ -94,11 +94,11 @@ def test_fingertips_are_placed_by_a_pose(tip, turn):
     upright = Rotation.from_euler("xyz", [0.3, np.pi / 2.0, -0.2])  # where roll and yaw are a choice
     for rotation in (turn, upright):
         for pose in spellings(rotation):
-            found = kind(size, pose=pose)
+            shape = kind(size, pose=pose)
             np.testing.assert_allclose(
-                Rotation.from_euler("xyz", found.rpy).as_matrix(), rotation.as_matrix(), atol=1e-7
+                Rotation.from_euler("xyz", shape.rpy).as_matrix(), rotation.as_matrix(), atol=1e-7
             )
-            assert found.offset == tuple(WHERE)
+            assert shape.offset == tuple(WHERE)
     with pytest.raises(ng.InputError, match=r"Tip\.pose: got a pose beside offset or rpy"):
         kind(size, rpy=[0, 0, 1], pose=matrix(turn))
     with pytest.raises(ng.InputError, match=r"Tip\.rpy: .*, expected radians: 90 degrees are 1\.571"):
@@ -108,10 +108,10 @@ def test_fingertips_are_placed_by_a_pose(tip, turn):
 def test_a_motion_takes_matrices_and_mappings(rng):
     times, p = np.arange(5.0), rng.standard_normal((5, 3))
     turns = Rotation.from_quat(rng.standard_normal((5, 4)))
-    said = ng.RigidMotion(times, p, turns.as_quat(scalar_first=True)).twists([0.5, 2.2])
-    np.testing.assert_allclose(ng.RigidMotion(times, p, turns.as_matrix()).twists([0.5, 2.2]), said, atol=1e-9)
+    expected = ng.RigidMotion(times, p, turns.as_quat(scalar_first=True)).twists([0.5, 2.2])
+    np.testing.assert_allclose(ng.RigidMotion(times, p, turns.as_matrix()).twists([0.5, 2.2]), expected, atol=1e-9)
     mapped = [{"position": x, "quaternion_xyzw": q} for x, q in zip(p, turns.as_quat(), strict=True)]
-    np.testing.assert_allclose(ng.RigidMotion.of_poses(times, mapped).twists([0.5, 2.2]), said, atol=1e-9)
+    np.testing.assert_allclose(ng.RigidMotion.of_poses(times, mapped).twists([0.5, 2.2]), expected, atol=1e-9)
     with pytest.raises(ng.InputError, match=r"^poses\[0\]: got 4 numbers"):
         ng.RigidMotion.of_poses(times, turns.as_quat())
     with pytest.raises(ng.InputError, match=r"^quaternions: got 4 rows, expected 5, one a time"):

@@ -1,4 +1,4 @@
-"""Kinds by name."""
+"""Registries of classes by name."""
 
 import pytest
 
@@ -16,10 +16,10 @@ class Two:
 
 @pytest.fixture
 def registry():
-    made = Registry("thing.kind")
-    made.add("one", One)
-    made.add("two", Two)
-    return made
+    result = Registry("thing.kind")
+    result.add("one", One)
+    result.add("two", Two)
+    return result
 
 
 def test_kinds_are_found_by_name_in_the_order_they_came(registry):

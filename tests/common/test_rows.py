@@ -1,4 +1,4 @@
-"""Names of rows, rendered from their kind, link, fingers and part: as reports and files have them."""
+"""Labels of scalar constraints in reports and files."""
 
 import casadi as ca
 import numpy as np
@@ -18,7 +18,7 @@ from nlpgrasp.common.scalar_constraints import (
 )
 from nlpgrasp.hands.tips import SymbolicTouch
 from nlpgrasp.nlp import optimal_grasp_program
-from nlpgrasp.problem.candidate_constraints import placement_rows
+from nlpgrasp.problem.candidate_constraints import build_candidate_constraints
 from tests.hands.urdf import four_finger_hand
 
 BALL = ng.TaskEllipsoid([1.0] * 6)
@@ -114,13 +114,13 @@ def test_a_hand_with_links():
     hand, box = four_finger_hand(), ng.Box([0.08, 0.04, 0.04])
     k = hand.count
     p, n = ([ca.SX.sym(name, 3) for _ in range(k)] for name in "pn")
-    rows = placement_rows(box, [], hand, p, n, hand.symbols(box.bounds)).named
-    found = {row.kind for row in rows}
-    assert found == {"palm quaternion of unit length", ON_FINGERTIP, "self-collision", CLEARANCE, TIPS_APART}
+    rows = build_candidate_constraints(box, [], hand, p, n, hand.symbols(box.bounds)).named
+    kinds = {row.kind for row in rows}
+    assert kinds == {"palm quaternion of unit length", ON_FINGERTIP, "self-collision", CLEARANCE, TIPS_APART}
     tips = [r.name for r in rows if r.kind == CLEARANCE and r.fingers]
     assert tips == [f"clearance from the body, {link}, finger {i}" for i, (link, _) in enumerate(hand.tips)]
-    both = next(both for both in hand.self_collision_pairs if both.pairs)
-    first, second = (f"{link}/{i}" for link, i in zip(both.links, both.pairs[0], strict=True))
+    pair = next(pair for pair in hand.self_collision_pairs if pair.pairs)
+    first, second = (f"{link}/{i}" for link, i in zip(pair.links, pair.pairs[0], strict=True))
     assert f"self-collision, {first} and {second}" in [r.name for r in rows]
 
 

@@ -1,3 +1,5 @@
+"""Wrench transforms and contact frames, (2.3-4) to (2.5-8)."""
+
 import numpy as np
 import pytest
 

@@ -1,4 +1,4 @@
-"""JSON read strictly: what is no finite number, no object or cut short is named."""
+"""Strict JSON parsing: infinite numbers, other types, truncated texts."""
 
 import jsonschema
 import pytest

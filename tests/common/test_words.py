@@ -1,4 +1,4 @@
-"""Labels, units and words of wrenches."""
+"""Labels, units and texts of wrenches."""
 
 import numpy as np
 import pytest
@@ -7,11 +7,11 @@ from nlpgrasp.common.formatting import (
     COMPONENTS,
     DIRECTIONS,
     axis_labels,
+    format_headroom,
+    format_ranges,
+    format_wrench,
     format_wrench_direction,
-    headroom_words,
-    range_words,
     unit_of,
-    wrench_words,
 )
 
 
@@ -28,15 +28,15 @@ def test_axis_labels():
 
 
 def test_small_components_are_left_out():
-    assert wrench_words(np.array([10.0, 0.1, -3.0])) == "f_x 10 N, m_z -3 N m"
-    assert wrench_words(np.array([0.0, 0.0, -2.5, 0.0, 1.0, 0.019])) == "f_z -2.5 N, m_y 1 N m"
-    assert wrench_words(np.zeros(6)) == "zero"
+    assert format_wrench(np.array([10.0, 0.1, -3.0])) == "f_x 10 N, m_z -3 N m"
+    assert format_wrench(np.array([0.0, 0.0, -2.5, 0.0, 1.0, 0.019])) == "f_z -2.5 N, m_y 1 N m"
+    assert format_wrench(np.zeros(6)) == "zero"
 
 
 def test_direction_words():
     assert format_wrench_direction(np.array([0.0, -2.0, 0.0]), 1.0).startswith("a force along -y (direction [")
-    both = format_wrench_direction(np.array([1.0, 0.0, 0.0, 0.0, 0.0, -20.0]), 0.05)
-    assert both.startswith("a force along x with a torque about -z (direction")
+    text = format_wrench_direction(np.array([1.0, 0.0, 0.0, 0.0, 0.0, -20.0]), 0.05)
+    assert text.startswith("a force along x with a torque about -z (direction")
     assert format_wrench_direction(np.array([1.0, 0.0, 0.0, 0.0, 0.0, -20.0]), 0.01).startswith(
         "a force along x (direction"
     )
@@ -44,15 +44,15 @@ def test_direction_words():
 
 def test_ranges_of_components_that_are_alike_are_named_together():
     low, high = np.array([-1.8, -1.8, 2.12, -0.02, -0.02, 0.0]), np.array([1.8, 1.8, 5.72, 0.02, 0.02, 0.0])
-    assert range_words(low, high) == "f_x, f_y ±1.8 N; f_z 2.12 to 5.72 N; m_x, m_y ±0.02 N m"
-    assert range_words(np.array([0.0, 3.92, 1e-12]), np.array([1e-15, 3.92, 0.1])) == "f_y 3.92 N; m_z 0 to 0.1 N m"
-    assert range_words(np.zeros(3), np.zeros(3)) == "zero"
+    assert format_ranges(low, high) == "f_x, f_y ±1.8 N; f_z 2.12 to 5.72 N; m_x, m_y ±0.02 N m"
+    assert format_ranges(np.array([0.0, 3.92, 1e-12]), np.array([1e-15, 3.92, 0.1])) == "f_y 3.92 N; m_z 0 to 0.1 N m"
+    assert format_ranges(np.zeros(3), np.zeros(3)) == "zero"
 
 
 def test_moments_and_forces_that_rounding_leaves_are_not_worth_a_word():
-    assert wrench_words(np.array([0.0, 0.0, 5.72, -3.1e-7, 1.6e-7, 2.5e-6])) == "f_z 5.72 N"
-    assert wrench_words(np.array([1e-9, 0.0, 0.0, 0.0, 0.0, 0.02])) == "m_z 0.02 N m"
-    assert wrench_words(np.array([3.0, 0.0, 0.0, 0.0, 0.0, 0.02])) == "f_x 3 N, m_z 0.02 N m"
+    assert format_wrench(np.array([0.0, 0.0, 5.72, -3.1e-7, 1.6e-7, 2.5e-6])) == "f_z 5.72 N"
+    assert format_wrench(np.array([1e-9, 0.0, 0.0, 0.0, 0.0, 0.02])) == "m_z 0.02 N m"
+    assert format_wrench(np.array([3.0, 0.0, 0.0, 0.0, 0.0, 0.02])) == "f_x 3 N, m_z 0.02 N m"
 
 
 @pytest.mark.parametrize(
@@ -67,4 +67,4 @@ def test_moments_and_forces_that_rounding_leaves_are_not_worth_a_word():
     ],
 )
 def test_the_best_possible_is_told_as_a_share_or_as_a_multiple(gap, words):
-    assert headroom_words(gap) == words
+    assert format_headroom(gap) == words

@@ -1,4 +1,4 @@
-"""Every constraint as numbers, and what is refused."""
+"""Values of every constraint, and invalid input."""
 
 import casadi as ca
 import numpy as np
@@ -143,9 +143,9 @@ def test_obstacle_keeps_tips_off_another_body():
     obstacle = ng.Obstacle(ng.Box([0.4, 0.2, 2.0]), 0.01, [0.5, 0.0, 0.0], turn, name="wall")
     for i, (name, value, lower, upper) in enumerate(as_rows(obstacle, radius=0.02)):
         tip = POSITIONS[i] - 0.02 * NORMALS[i]
-        beyond = np.maximum(np.abs(tip - [0.5, 0.0, 0.0]) - [0.1, 0.2, 1.0], 0.0)
+        excess = np.maximum(np.abs(tip - [0.5, 0.0, 0.0]) - [0.1, 0.2, 1.0], 0.0)
         assert name == f"wall, finger {i}"
-        assert value == pytest.approx(np.linalg.norm(beyond))
+        assert value == pytest.approx(np.linalg.norm(excess))
         assert (lower, upper) == (pytest.approx(0.03), np.inf)
 
 

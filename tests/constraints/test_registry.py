@@ -1,4 +1,4 @@
-"""Constraints from their JSON data and back, and kinds from outside the package."""
+"""JSON round trips of constraints, and constraint types from outside the package."""
 
 import json
 from dataclasses import dataclass
@@ -46,9 +46,9 @@ def test_every_kind_has_a_sample():
 @pytest.mark.parametrize("constraint", EVERY, ids=[f"{c.kind}{i}" for i, c in enumerate(EVERY)])
 def test_there_and_back(constraint):
     data = json.loads(json.dumps(constraint.to_dict()))
-    again = constraint_from_dict(data)
-    assert type(again) is type(constraint)
-    assert again.to_dict() == constraint.to_dict()
+    restored = constraint_from_dict(data)
+    assert type(restored) is type(constraint)
+    assert restored.to_dict() == constraint.to_dict()
     assert data["type"] == constraint.kind
 
 
@@ -103,9 +103,9 @@ class Level(PlacementConstraint):
     tolerance: float = 1e-3
 
     def rows(self, placement: SymbolicCandidate):
-        first, near = placement.positions[0], self.tolerance
+        first, tolerance = placement.positions[0], self.tolerance
         return [
-            ScalarConstraint(self.kind, p[-1] - first[-1], -near, near, fingers=(0, i))
+            ScalarConstraint(self.kind, p[-1] - first[-1], -tolerance, tolerance, fingers=(0, i))
             for i, p in enumerate(placement.positions)
             if i
         ]
@@ -120,12 +120,12 @@ def test_a_constraint_from_outside_is_one_class_and_one_line(tmp_path):
     square = ng.Polygon([[0, 0], [1, 0], [1, 1], [0, 1]])
     contacts = [ng.FrictionContact(0.5, faces="edge1"), ng.FrictionContact(0.5, faces="edge3")]
     problem = ng.GraspProblem(square, contacts, ng.TaskEllipsoid([1.0, 1.0, 0.1]), constraints=[rule])
-    found = ng.solve(problem, starts=1, options=ng.SolveOptions(workers=1))
-    again = ng.GraspSolution.load(found.save(tmp_path / "level.json"))
-    assert np.ptp(again.grasp.points[:, 1]) <= 2e-3 + 1e-9
-    (report,) = (c for c in again.constraints if c.kind != "edge margin")
+    solution = ng.solve(problem, starts=1, options=ng.SolveOptions(workers=1))
+    restored = ng.GraspSolution.load(solution.save(tmp_path / "level.json"))
+    assert np.ptp(restored.grasp.points[:, 1]) <= 2e-3 + 1e-9
+    (report,) = (c for c in restored.constraints if c.kind != "edge margin")
     assert (report.name, report.kind, report.fingers) == ("test level, fingers 0 and 1", "test level", (0, 1))
-    assert constraint_from_dict(again.problem["constraints"][0]) == rule
+    assert constraint_from_dict(restored.problem["constraints"][0]) == rule
 
 
 def test_a_name_is_given_once():

@@ -1,4 +1,4 @@
-"""A table under the body: what stands on it cannot be touched from below."""
+"""Tables under bodies: exclusion of contacts on the underside."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What tables, pyramids and simulations ask of every contact model."""
+"""Labels, pyramids and presses of every contact model."""
 
 import numpy as np
 import pytest
@@ -56,8 +56,8 @@ def test_contacts_alike_are_taken_together_as_one_by_one(rng):
     z = rng.standard_normal((40, 10))
     assert component_slices(mixed, 3) == [slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 10)]
     np.testing.assert_array_equal(project(z[:, :9], friction, 3), project(z, mixed, 3)[:, :9])
-    for one, other in zip(contact_supports(z[:, :9], friction, 3), contact_supports(z, mixed, 3), strict=True):
-        np.testing.assert_array_equal(one, other[:, : one.shape[1]])
+    for batched, single in zip(contact_supports(z[:, :9], friction, 3), contact_supports(z, mixed, 3), strict=True):
+        np.testing.assert_array_equal(batched, single[:, : batched.shape[1]])
 
 
 def test_places_of_a_symmetric_matrix():

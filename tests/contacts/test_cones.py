@@ -1,4 +1,4 @@
-"""Force domains of all contact models at every kind of point: pulling, on the axis, on the boundary, far off, zero."""
+"""Projections and supports of all force domains: pulling, on the axis, on the boundary, far away, zero."""
 
 import numpy as np
 import pytest
@@ -103,7 +103,7 @@ def test_what_lies_inside_stays_and_what_lies_opposite_goes(contact, rng):
 
 @models
 def test_tangents_may_be_turned(contact, rng):
-    """Where tangential forces or moments count by their length alone, another frame gives the same projection."""
+    """Models that depend on tangential lengths alone have the same projection in any frame."""
     n = contact.components(3)
     z = everywhere(contact, rng)
     blocks = ranges(contact, n) if contact.kind != "bilateral" else [((1, 2), 1.0)]
@@ -121,12 +121,12 @@ def test_derivative_by_differences_everywhere(contact, power, rng):
     z, h = everywhere(contact, rng, 40), 1e-5
     n = z.shape[1]
     matrix = contact.derivative(z * 10.0**power)
-    there = contact.project(z)
-    ahead = np.stack([(contact.project(z + h * e) - there) / h for e in np.eye(n)], axis=2)
-    behind = np.stack([(there - contact.project(z - h * e)) / h for e in np.eye(n)], axis=2)
-    smooth = np.max(np.abs(ahead - behind), axis=(1, 2)) < 1e-3
+    projection = contact.project(z)
+    forward = np.stack([(contact.project(z + h * e) - projection) / h for e in np.eye(n)], axis=2)
+    backward = np.stack([(projection - contact.project(z - h * e)) / h for e in np.eye(n)], axis=2)
+    smooth = np.max(np.abs(forward - backward), axis=(1, 2)) < 1e-3
     assert np.sum(smooth & (z[:, 0] < 0.0)) > 20
-    np.testing.assert_allclose(matrix[smooth], 0.5 * (ahead + behind)[smooth], atol=2e-6)
+    np.testing.assert_allclose(matrix[smooth], 0.5 * (forward + backward)[smooth], atol=2e-6)
     np.testing.assert_allclose(matrix, matrix.transpose(0, 2, 1), atol=1e-9)
     values = np.linalg.eigvalsh(matrix)
     assert np.min(values) >= -1e-6

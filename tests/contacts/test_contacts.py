@@ -1,4 +1,4 @@
-"""Conformance of every contact model."""
+"""Conformance tests of every contact model."""
 
 import casadi as ca
 import clarabel
@@ -43,18 +43,18 @@ def test_projection_is_orthogonal_and_the_rest_is_polar(contact, rng):
     z /= np.linalg.norm(z, axis=1, keepdims=True)
     x = contact.project(z)
     assert np.max(np.abs(np.sum(x * (z - x), axis=1))) < 1e-9
-    others = contact.project(samples(contact, rng, 500))
-    others = others[np.linalg.norm(others, axis=1) > 0]
-    others /= np.linalg.norm(others, axis=1, keepdims=True)
-    assert np.max((z - x) @ others.T) < 1e-7
+    cone_points = contact.project(samples(contact, rng, 500))
+    cone_points = cone_points[np.linalg.norm(cone_points, axis=1) > 0]
+    cone_points /= np.linalg.norm(cone_points, axis=1, keepdims=True)
+    assert np.max((z - x) @ cone_points.T) < 1e-7
 
 
 @models
 def test_projection_agrees_with_a_conic_solver(contact, rng):
     """No point the solver finds is nearer than the projection, and the projection is no farther than its point."""
     for z in rng.standard_normal((15, contact.components(3))):
-        ours = np.linalg.norm(contact.project(z[None])[0] - z)
-        assert ours == pytest.approx(np.linalg.norm(conic_projection(contact, z) - z), abs=1e-8)
+        distance = np.linalg.norm(contact.project(z[None])[0] - z)
+        assert distance == pytest.approx(np.linalg.norm(conic_projection(contact, z) - z), abs=1e-8)
 
 
 def conic_projection(contact, z):
@@ -116,22 +116,22 @@ def test_extreme_force_attains_the_largest_work_of_unit_normal_force(contact, rn
     assert inside(contact, force, 1e-12).all()
     assert np.max(force[:, 0]) <= 1.0
     np.testing.assert_allclose(np.sum(z * force, axis=1), value, atol=1e-12)
-    others = contact.project(rng.standard_normal((3000, contact.components(3))))
-    others = others[others[:, 0] > 1e-6]
-    others /= others[:, :1]
-    assert np.max(others @ z.T - value) <= 1e-9
+    cone_points = contact.project(rng.standard_normal((3000, contact.components(3))))
+    cone_points = cone_points[cone_points[:, 0] > 1e-6]
+    cone_points /= cone_points[:, :1]
+    assert np.max(cone_points @ z.T - value) <= 1e-9
 
 
 @models
 def test_cones_describe_the_force_domain(contact, rng):
     z = rng.standard_normal((300, contact.components(3)))
     z[:, 0] = np.abs(z[:, 0]) * 3.0
-    good = np.ones(len(z), dtype=bool)
+    is_inside = np.ones(len(z), dtype=bool)
     for M in contact.cones(3):
         y = z @ M.T
-        good &= np.linalg.norm(y[:, 1:], axis=1) <= y[:, 0] if y.shape[1] > 1 else y[:, 0] >= 0.0
-    np.testing.assert_array_equal(good, inside(contact, z))
-    assert np.sum(good) > 0
+        is_inside &= np.linalg.norm(y[:, 1:], axis=1) <= y[:, 0] if y.shape[1] > 1 else y[:, 0] >= 0.0
+    np.testing.assert_array_equal(is_inside, inside(contact, z))
+    assert np.sum(is_inside) > 0
 
 
 @models
@@ -220,17 +220,17 @@ def test_salisburys_seven_types(contact, components):
     assert len(ng.allowed_twists(grasp)) == 6 - components
 
 
-def same_wrench_sets(one, other, rng):
+def same_wrench_sets(first, second, rng):
     """Under the shared budget (normal force alone counts) the support functions agree exactly."""
-    y = rng.standard_normal((300, one.dimension))
-    a, b = (WrenchSet.of(g, "shared").support(y)[0] for g in (one, other))
+    y = rng.standard_normal((300, first.dimension))
+    a, b = (WrenchSet.of(g, "shared").support(y)[0] for g in (first, second))
     np.testing.assert_allclose(a, b, atol=1e-12)
 
 
 def test_a_smooth_line_is_the_point_contacts_at_its_ends(rng):
     line = ng.Grasp([[0.1, 0.2, 0.3]], [[0, 0, 1.0]], ng.LineContact(0.4, direction=[1, 1, 7]))
-    along = np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)
-    ends = np.array([0.1, 0.2, 0.3]) + np.outer([0.2, -0.2], along)
+    direction = np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)
+    ends = np.array([0.1, 0.2, 0.3]) + np.outer([0.2, -0.2], direction)
     same_wrench_sets(line, ng.Grasp(ends, [[0, 0, 1.0]] * 2, ng.PointContact()), rng)
 
 

@@ -1,4 +1,4 @@
-"""Lines and pads with Coulomb friction: the wrenches of friction contacts at their ends or corners."""
+"""Line and pad contacts with Coulomb friction, against friction contacts at their ends or corners."""
 
 from dataclasses import replace
 
@@ -43,11 +43,11 @@ def forces_of(contact, rng, count):
     return components(contact, points, in_cone(contact, rng, (count, len(points))))
 
 
-def pressures(contact, rng, count, where=7):
+def pressures(contact, rng, count, number=7):
     """Return force components of random friction forces anywhere on the line or pad."""
     points = places(contact)
-    share = rng.dirichlet(np.ones(len(points)), (count, where))
-    return components(contact, share @ points, in_cone(contact, rng, (count, where)))
+    share = rng.dirichlet(np.ones(len(points)), (count, number))
+    return components(contact, share @ points, in_cone(contact, rng, (count, number)))
 
 
 def samples(contact, rng, count):
@@ -55,8 +55,8 @@ def samples(contact, rng, count):
     z = rng.standard_normal((2 * count, contact.components(3)))
     z[count:, 3:] /= np.max(np.abs(places(contact)))
     x = forces_of(contact, rng, count)
-    beside = x + 0.1 * np.linalg.norm(x, axis=1, keepdims=True) * z[:count]
-    z = np.concatenate([z, beside, -np.eye(z.shape[1])[:1]])
+    adjacent = x + 0.1 * np.linalg.norm(x, axis=1, keepdims=True) * z[:count]
+    z = np.concatenate([z, adjacent, -np.eye(z.shape[1])[:1]])
     return z / np.maximum(np.linalg.norm(z, axis=1, keepdims=True), 1e-300)
 
 
@@ -64,7 +64,7 @@ def samples(contact, rng, count):
 def test_any_pressure_is_that_of_forces_at_the_points(contact, rng):
     """Pressure inside the pad's convex hull, friction along it: nothing of it is outside, and it projects on itself."""
     x = pressures(contact, rng, 60)
-    assert max(slack(contact, one) for one in x) <= 1e-9
+    assert max(slack(contact, force) for force in x) <= 1e-9
     np.testing.assert_allclose(contact.project(x), x, atol=1e-8)
 
 
@@ -74,14 +74,14 @@ def test_a_line_in_closed_form(rng):
     z = rng.standard_normal((400, 5)) * [3.0, 1.0, 1.0, 0.2, 0.2]
     half, mu = line.length / 2, line.friction
     normal = np.stack([z[:, 0] - z[:, 4] / half, z[:, 0] + z[:, 4] / half]) / 2
-    across = np.stack([z[:, 2] + z[:, 3] / half, z[:, 2] - z[:, 3] / half]) / 2
-    room = (mu * normal) ** 2 - across**2
-    good = np.all((normal >= 0.0) & (room >= 0.0), axis=0)
-    good &= np.abs(z[:, 1]) <= np.sqrt(np.maximum(room, 0.0)).sum(axis=0)
-    np.testing.assert_array_equal(inside(line, z), good)
-    same = np.linalg.norm(line.project(z) - z, axis=1) <= 1e-9
-    np.testing.assert_array_equal(same, good)
-    assert 20 < good.sum() < 380
+    transverse = np.stack([z[:, 2] + z[:, 3] / half, z[:, 2] - z[:, 3] / half]) / 2
+    capacity = (mu * normal) ** 2 - transverse**2
+    is_inside = np.all((normal >= 0.0) & (capacity >= 0.0), axis=0)
+    is_inside &= np.abs(z[:, 1]) <= np.sqrt(np.maximum(capacity, 0.0)).sum(axis=0)
+    np.testing.assert_array_equal(inside(line, z), is_inside)
+    is_fixed = np.linalg.norm(line.project(z) - z, axis=1) <= 1e-9
+    np.testing.assert_array_equal(is_fixed, is_inside)
+    assert 20 < is_inside.sum() < 380
 
 
 @every
@@ -93,7 +93,7 @@ def test_moreau(contact, power, rng):
     q = z - x
     assert np.max(np.abs(np.sum(x * q, axis=1))) <= 1e-13
     assert np.max(most_work(contact, q)) <= 1e-13
-    assert max(slack(contact, one) for one in x[::6]) <= 1e-9
+    assert max(slack(contact, force) for force in x[::6]) <= 1e-9
     assert np.min(x[:, 0]) >= -1e-15
     goes = most_work(contact, z) < 0.0
     assert goes.sum() > 1
@@ -115,10 +115,10 @@ def test_projection_agrees_with_a_conic_solver(contact, rng):
         solver = clarabel.DefaultSolver(
             sparse.csc_matrix(np.triu(A.T @ A)), -A.T @ z, sparse.csc_matrix(M), np.zeros(count), cones, settings
         )
-        found = A @ np.array(solver.solve().x)
-        ours = contact.project(z[None])[0]
-        np.testing.assert_allclose(ours, found, atol=1e-5)
-        assert np.sum((ours - z) ** 2) == pytest.approx(np.sum((found - z) ** 2), abs=1e-10)
+        expected = A @ np.array(solver.solve().x)
+        projection = contact.project(z[None])[0]
+        np.testing.assert_allclose(projection, expected, atol=1e-5)
+        assert np.sum((projection - z) ** 2) == pytest.approx(np.sum((expected - z) ** 2), abs=1e-10)
 
 
 @every
@@ -127,9 +127,9 @@ def test_projecting_twice_is_projecting_once(contact, rng):
     x = contact.project(samples(contact, rng, 40))
     x = x[np.linalg.norm(x, axis=1) > 1e-6]
     x /= np.linalg.norm(x, axis=1, keepdims=True)
-    again = contact.project(x)
-    np.testing.assert_allclose(np.linalg.norm(again, axis=1), 1.0, rtol=0.0, atol=1e-12)
-    np.testing.assert_allclose(again, x, atol=1e-6)
+    projected = contact.project(x)
+    np.testing.assert_allclose(np.linalg.norm(projected, axis=1), 1.0, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(projected, x, atol=1e-6)
 
 
 @models
@@ -148,13 +148,13 @@ def test_zero_and_nothing(contact):
 def test_derivative_by_differences(contact, rng):
     """Central differences, where both sides agree: elsewhere is a kink, where any between them will do."""
     z, h = samples(contact, rng, 40), 1e-5
-    matrix, there = contact.derivative(z), contact.project(z)
+    matrix, projection = contact.derivative(z), contact.project(z)
     steps = np.eye(z.shape[1])
-    ahead = np.stack([(contact.project(z + h * e) - there) / h for e in steps], axis=2)
-    behind = np.stack([(there - contact.project(z - h * e)) / h for e in steps], axis=2)
-    smooth = np.max(np.abs(ahead - behind), axis=(1, 2)) < 1e-3
+    forward = np.stack([(contact.project(z + h * e) - projection) / h for e in steps], axis=2)
+    backward = np.stack([(projection - contact.project(z - h * e)) / h for e in steps], axis=2)
+    smooth = np.max(np.abs(forward - backward), axis=(1, 2)) < 1e-3
     assert smooth.sum() > 60
-    np.testing.assert_allclose(matrix[smooth], 0.5 * (ahead + behind)[smooth], atol=2e-4)
+    np.testing.assert_allclose(matrix[smooth], 0.5 * (forward + backward)[smooth], atol=2e-4)
     np.testing.assert_allclose(matrix, matrix.transpose(0, 2, 1), atol=0.0)
     values = np.linalg.eigvalsh(matrix)
     assert np.min(values) >= -1e-6
@@ -169,10 +169,10 @@ def test_extreme_force_does_the_most_work(contact, rng):
     np.testing.assert_allclose(value, np.maximum(most_work(contact, z), 0.0), atol=1e-13)
     np.testing.assert_allclose(np.sum(z * force, axis=1), value, atol=1e-13)
     np.testing.assert_allclose(force[value > 0.0, 0], 1.0)
-    others = pressures(contact, rng, 2000)
-    others = others[others[:, 0] > 1e-6]
-    others /= others[:, :1]
-    assert np.max(others @ z.T - value) <= 1e-12
+    forces_of_unit = pressures(contact, rng, 2000)
+    forces_of_unit = forces_of_unit[forces_of_unit[:, 0] > 1e-6]
+    forces_of_unit /= forces_of_unit[:, :1]
+    assert np.max(forces_of_unit @ z.T - value) <= 1e-12
 
 
 @models
@@ -183,10 +183,10 @@ def test_generators_and_cones_describe_the_force_domain(contact, rng):
     np.testing.assert_allclose(u.reshape(50, -1) @ A.T, components(contact, points, u), atol=1e-12)
     u[:25, 0, 1] += 1.01 * contact.friction * u[:25, 0, 0] * 2.0 + 0.1  # out of the first point's cone
     y = np.stack([u.reshape(50, -1) @ M.T for M in cones], axis=1)
-    good = np.linalg.norm(y[..., 1:], axis=-1) <= y[..., 0] + 1e-12
-    assert good[:, 1:].all()
-    assert good[25:, 0].all()
-    assert not good[:25, 0].any()
+    is_inside = np.linalg.norm(y[..., 1:], axis=-1) <= y[..., 0] + 1e-12
+    assert is_inside[:, 1:].all()
+    assert is_inside[25:, 0].all()
+    assert not is_inside[:25, 0].any()
 
 
 def program_variables(contact, normal, forces):
@@ -246,12 +246,12 @@ def test_normal_force_alone_counts_the_same_at_the_points(contact, rng):
     """Under the shared budget the pad and the friction contacts at its points have the same wrench set."""
     grasp = held(contact, rng)
     y = rng.standard_normal((300, 6))
-    one, other = (WrenchSet.of(g, "shared").support(y)[0] for g in (grasp, expanded(grasp)))
-    np.testing.assert_allclose(one, other, atol=1e-12)
+    pad, points = (WrenchSet.of(g, "shared").support(y)[0] for g in (grasp, expanded(grasp)))
+    np.testing.assert_allclose(pad, points, atol=1e-12)
     w = rng.standard_normal((6, 6))
-    one, other = (ng.finger_forces(g, w, force_budget="shared") for g in (grasp, expanded(grasp)))
-    assert one.feasible.all()
-    np.testing.assert_allclose(one.used, other.used, rtol=1e-6)
+    pad, points = (ng.finger_forces(g, w, force_budget="shared") for g in (grasp, expanded(grasp)))
+    assert pad.feasible.all()
+    np.testing.assert_allclose(pad.used, points.used, rtol=1e-6)
 
 
 @models
@@ -259,12 +259,12 @@ def test_least_forces(contact, rng):
     """Of least length, in the cones, and as long as a conic program's."""
     grasp = held(contact, rng)
     w = rng.standard_normal((12, 6))
-    found = ng.finger_forces(grasp, w)
-    assert found.feasible.all()
-    np.testing.assert_allclose(found.forces @ grasp.G.T, w, atol=1e-8)
+    result = ng.finger_forces(grasp, w)
+    assert result.feasible.all()
+    np.testing.assert_allclose(result.forces @ grasp.G.T, w, atol=1e-8)
     for i in range(3):
-        part = found.forces[:, contact.components(3) * i :][:, : contact.components(3)]
-        assert max(slack(contact, one) for one in part) <= 1e-8 * np.max(found.used)
+        part = result.forces[:, contact.components(3) * i :][:, : contact.components(3)]
+        assert max(slack(contact, item) for item in part) <= 1e-8 * np.max(result.used)
     points = places(contact)
     count = 3 * len(points)
     A = components(contact, points, np.eye(count).reshape(count, len(points), 3)).T
@@ -275,10 +275,10 @@ def test_least_forces(contact, rng):
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     quadratic = sparse.csc_matrix(np.triu(lift.T @ lift))
-    for one, used in zip(w, found.used, strict=True):
-        rhs = np.concatenate([one, np.zeros(len(M))])
+    for item, size in zip(w, result.used, strict=True):
+        rhs = np.concatenate([item, np.zeros(len(M))])
         solver = clarabel.DefaultSolver(quadratic, np.zeros(lift.shape[1]), system, rhs, cones, settings)
-        assert used == pytest.approx(np.linalg.norm(lift @ np.array(solver.solve().x)), rel=1e-5)
+        assert size == pytest.approx(np.linalg.norm(lift @ np.array(solver.solve().x)), rel=1e-5)
 
 
 def work_of(grasp, budget, z):
@@ -303,9 +303,9 @@ def work_of(grasp, budget, z):
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-11
-    nothing = sparse.csc_matrix((3 * number, 3 * number))
+    zero = sparse.csc_matrix((3 * number, 3 * number))
     system = sparse.csc_matrix(np.concatenate(rows))
-    return -clarabel.DefaultSolver(nothing, -z @ lift, system, b, cones, settings).solve().obj_val
+    return -clarabel.DefaultSolver(zero, -z @ lift, system, b, cones, settings).solve().obj_val
 
 
 @models
@@ -324,7 +324,7 @@ def test_certificates_against_conic_programs(contact, budget, rng):
 
 
 def test_the_box_is_neither_inside_nor_outside(rng):
-    """Why the box is not the default: points of each that the other lacks."""
+    """Box and Coulomb set each contain points that the other lacks."""
     line = PADS["coulomb line"]
     box = ng.LineContact(line.length, line.friction, direction=line.direction, model="box")
     x = rng.uniform(-1.0, 1.0, (400, 5)) * [0.0, 0.0, 0.0, box.torsional_friction, line.length / 2]
@@ -333,8 +333,8 @@ def test_the_box_is_neither_inside_nor_outside(rng):
     x[:, 1], x[:, 2] = size * np.cos(angle), size * np.sin(angle)
     assert inside(box, x, 1e-12).all()
     assert 0.3 < np.mean(inside(line, x)) < 0.7
-    own = forces_of(line, rng, 400)
-    assert 0.02 < np.mean(~inside(box, own, 1e-9)) < 0.5
+    line_forces = forces_of(line, rng, 400)
+    assert 0.02 < np.mean(~inside(box, line_forces, 1e-9)) < 0.5
 
 
 def test_files():
@@ -388,8 +388,8 @@ def test_old_files_are_boxes(rng):
             assert old.grasp.contacts[0].torsional_friction == pytest.approx(0.0025)
             assert model_checks(old, old.grasp, task)[0].passed
             y = rng.standard_normal((50, 6))
-            same = [WrenchSet.of(s.grasp).support(y)[0] for s in (old, loaded)]
-            np.testing.assert_array_equal(*same)
+            supports = [WrenchSet.of(s.grasp).support(y)[0] for s in (old, loaded)]
+            np.testing.assert_array_equal(*supports)
         else:
             data["grasp"]["contacts"][0]["friction_model"] = "box"
             edited = ng.GraspSolution.from_dict(data, "file.json")
@@ -420,14 +420,14 @@ def test_in_the_plane_both_are_the_same(rng):
     ends = ng.Grasp([[0.2, 0.0], [-0.2, 0.0]], [[0.0, 1.0]] * 2, ng.FrictionContact(0.5))
     line = ng.Grasp([[0.0, 0.0]], [[0.0, 1.0]], law)
     y = rng.standard_normal((200, 3))
-    one, other = (WrenchSet.of(g, "shared").support(y)[0] for g in (line, ends))
-    np.testing.assert_allclose(one, other, atol=1e-12)
+    line_support, ends_support = (WrenchSet.of(g, "shared").support(y)[0] for g in (line, ends))
+    np.testing.assert_allclose(line_support, ends_support, atol=1e-12)
 
 
 def test_equal_contacts_share_their_points():
-    one, other = (ng.LineContact(0.4, 0.5, direction=[1, 0, 0]) for _ in range(2))
-    assert one.points(5) is other.points(5)
-    assert one.points(5) == FrictionPoints(((0.2, 0.0), (-0.2, 0.0)), 0.5, (0, 1, 2, 3, 5))
-    assert one.with_friction(0.5).points(5).friction == 0.25
-    assert one.points(3) is None
+    first, second = (ng.LineContact(0.4, 0.5, direction=[1, 0, 0]) for _ in range(2))
+    assert first.points(5) is second.points(5)
+    assert first.points(5) == FrictionPoints(((0.2, 0.0), (-0.2, 0.0)), 0.5, (0, 1, 2, 3, 5))
+    assert first.with_friction(0.5).points(5).friction == 0.25
+    assert first.points(3) is None
     assert ng.LineContact(0.4).points(2) is None

@@ -1,4 +1,4 @@
-"""Points next to the rim of Coulomb's set, where forces at both ends slide in like directions, are put into it."""
+"""Corrected projections near the rim of the Coulomb set."""
 
 import numpy as np
 
@@ -20,7 +20,7 @@ def test_forces_are_put_into_the_set_of_a_line():
     contact = ng.LineContact(0.4, 0.5, direction=[0, 0, 1])
     x = near_the_rim(contact, 3000, np.random.default_rng(0))
     size = np.linalg.norm(x, axis=1, keepdims=True)
-    before, after = (line_inside(contact, y / size, 1e-14) for y in (contact.project(x), contact.into(x)))
-    assert np.sum(~before) > 20
-    assert after.all()
+    projected, corrected = (line_inside(contact, y / size, 1e-14) for y in (contact.project(x), contact.into(x)))
+    assert np.sum(~projected) > 20
+    assert corrected.all()
     assert np.max(np.linalg.norm(contact.into(x) - contact.project(x), axis=1) / size[:, 0]) <= 4e-8

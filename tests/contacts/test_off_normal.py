@@ -1,4 +1,4 @@
-"""Rectangles with a direction: used only where the direction lies along the surface."""
+"""Directions of rectangles: used only where tangential to the surface."""
 
 import numpy as np
 
@@ -21,6 +21,6 @@ def test_a_box_is_held_by_the_sides_that_the_direction_lies_in():
     problem = ng.GraspProblem(ng.Box([0.04, 0.03, 0.05]), PADS, TASK)
     samples = SurfaceSamples(problem)
     assert set(samples.usable(0)) == {"+x", "-x", "+y", "-y"}
-    found = ng.solve(problem, 2, options=ng.SolveOptions(workers=1))
-    assert found.success
-    assert set(found.faces) <= {"+x", "-x", "+y", "-y"}
+    solution = ng.solve(problem, 2, options=ng.SolveOptions(workers=1))
+    assert solution.success
+    assert set(solution.faces) <= {"+x", "-x", "+y", "-y"}

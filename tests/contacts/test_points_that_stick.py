@@ -1,4 +1,4 @@
-"""How projections onto the cones of lines and rectangles are found: by maps, by forces, by Newton's method."""
+"""Methods of projection onto cone sums: linear maps, membership, Newton."""
 
 import numpy as np
 import pytest
@@ -27,9 +27,9 @@ def parts(contact):
 def test_hardly_anything_is_left_to_the_last_method(contact, rng):
     """Its calls took most of the time once; Newton's method alone left a tenth to a half of these points."""
     points, _ = parts(contact)
-    how = points.projection_methods(samples(contact, rng, 700))
-    assert np.mean(how == OTHER) < 0.05
-    assert np.mean(how == SLIPS) > 0.4
+    methods = points.projection_methods(samples(contact, rng, 700))
+    assert np.mean(methods == OTHER) < 0.05
+    assert np.mean(methods == SLIPS) > 0.4
 
 
 @models
@@ -49,8 +49,8 @@ def test_where_one_point_sticks_the_others_slip_as_the_body_turns_about_it(conta
     u[0, 0] = 1.0
     u[0, 1:] = 0.5 * mu * rng.uniform(-1.0, 1.0, (2, keep.sum()))
     z = A @ u.reshape(-1, keep.sum()) + q
-    found = StickingProjection(A, arms, mu).find(z)
-    assert np.all(found != NONE)
+    maps = StickingProjection(A, arms, mu).find(z)
+    assert np.all(maps != NONE)
     np.testing.assert_allclose(contact.project(z.T).T, z - q, atol=1e-12)
 
 
@@ -80,18 +80,18 @@ def test_inside_is_where_forces_were_found(name, rng):
     middle[0] = 1.0
     x = x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-9)
     z = np.concatenate([x + s * (middle - x) for s in (0.3, 0.05, 0.0, -0.05, -0.3)])
-    found = ConeSumMembership(points.generators, contact.friction).inside(z.T)
-    depth = np.array([slack(contact, one) for one in z])
-    assert np.all(depth[found] <= 1e-9)
-    assert np.all(found[depth < -0.01 * contact.friction])
-    assert 60 < found.sum() < 240
+    is_member = ConeSumMembership(points.generators, contact.friction).inside(z.T)
+    depth = np.array([slack(contact, wrench) for wrench in z])
+    assert np.all(depth[is_member] <= 1e-9)
+    assert np.all(is_member[depth < -0.01 * contact.friction])
+    assert 60 < is_member.sum() < 240
 
 
 def test_a_rectangle_has_points_of_every_kind(rng):
     points, _ = parts(PADS["coulomb rectangle"])
-    how = points.projection_methods(samples(PADS["coulomb rectangle"], rng, 2000))
-    assert {SLIPS, INSIDE} <= set(how.tolist())
-    assert np.sum(how >= 0) > 100
+    methods = points.projection_methods(samples(PADS["coulomb rectangle"], rng, 2000))
+    assert {SLIPS, INSIDE} <= set(methods.tolist())
+    assert np.sum(methods >= 0) > 100
 
 
 def test_least_over_nonnegative_multipliers(rng):
@@ -101,8 +101,8 @@ def test_least_over_nonnegative_multipliers(rng):
     matrix = np.einsum("mki,mkj->ijm", roots, roots)
     goal = rng.standard_normal((m, 6))
     right = np.einsum("mki,mk->im", roots, goal)
-    found = least_nonnegative(matrix, right, right > 0.0, np.full(m, 1e-14), 1e-15)
+    multipliers = least_nonnegative(matrix, right, right > 0.0, np.full(m, 1e-14), 1e-15)
     expected = np.array([nnls(a, b)[0] for a, b in zip(roots, goal, strict=True)]).T
-    same = np.max(np.abs(found - expected), axis=0) <= 1e-9
-    assert np.mean(same) > 0.97  # a few need more sets than are tried
-    assert np.min(found) >= 0.0
+    is_equal = np.max(np.abs(multipliers - expected), axis=0) <= 1e-9
+    assert np.mean(is_equal) > 0.97  # a few need more sets than are tried
+    assert np.min(multipliers) >= 0.0

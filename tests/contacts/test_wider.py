@@ -1,4 +1,4 @@
-"""Which contact can exert all that another can, against points of their cones."""
+"""Inclusion of contact models, against sampled cone points."""
 
 import itertools
 
@@ -45,17 +45,17 @@ def can_exert(model, normal, body_wrenches):
     local = np.concatenate([body_wrenches[:, :3] @ frame, body_wrenches[:, 3:] @ frame], axis=1)
     basis = model.basis(3)
     x = local @ basis
-    inside = np.abs(x @ basis.T - local).max(axis=1) <= 1e-12
-    return inside & (np.linalg.norm(model.project(x) - x, axis=1) <= 1e-9)
+    is_spanned = np.abs(x @ basis.T - local).max(axis=1) <= 1e-12
+    return is_spanned & (np.linalg.norm(model.project(x) - x, axis=1) <= 1e-9)
 
 
 @pytest.mark.parametrize(("wide", "narrow"), PAIRS, ids=[f"{b} in {a}" for a, b in PAIRS])
 def test_a_wider_contact_can_exert_every_wrench_of_the_other(wide, narrow):
     normal, rng = np.array([0.6, 0.0, 0.8]), np.random.default_rng(0)
-    drawn = wrenches(MODELS[narrow], normal, rng)
-    told = contains(MODELS[wide], MODELS[narrow], 3)
-    assert told == bool(can_exert(MODELS[wide], normal, drawn).all())
-    assert not told or can_exert(MODELS[wide], normal, drawn).all()
+    samples = wrenches(MODELS[narrow], normal, rng)
+    result = contains(MODELS[wide], MODELS[narrow], 3)
+    assert result == bool(can_exert(MODELS[wide], normal, samples).all())
+    assert not result or can_exert(MODELS[wide], normal, samples).all()
 
 
 def test_in_the_plane_and_of_contacts_that_pull():

@@ -1,4 +1,4 @@
-"""Contacts with more or less friction."""
+"""Contact models with scaled friction."""
 
 import numpy as np
 import pytest
@@ -18,11 +18,11 @@ rough = pytest.mark.parametrize(
 @models
 @given(factor=st.floats(0.01, 100.0))
 def test_every_coefficient_is_scaled_and_nothing_else(contact, factor):
-    other = contact.with_friction(factor)
-    assert other.coefficients == {name: factor * value for name, value in contact.coefficients.items()}
-    same = {n: v for n, v in contact.to_dict().items() if n not in contact.coefficients}
-    assert {n: v for n, v in other.to_dict().items() if n not in contact.coefficients} == same
-    assert other.faces == contact.faces
+    scaled = contact.with_friction(factor)
+    assert scaled.coefficients == {name: factor * value for name, value in contact.coefficients.items()}
+    others = {n: v for n, v in contact.to_dict().items() if n not in contact.coefficients}
+    assert {n: v for n, v in scaled.to_dict().items() if n not in contact.coefficients} == others
+    assert scaled.faces == contact.faces
 
 
 @models
@@ -38,10 +38,10 @@ def test_without_friction_the_contact_itself(name):
 @rough
 def test_less_friction_never_does_more_work(contact, rng):
     z = rng.standard_normal((500, contact.components(3)))
-    less, own, more = (contact.with_friction(f).extreme(z)[0] for f in (0.8, 1.0, 1.25))
-    assert np.all(less <= own)
-    assert np.all(own <= more)
-    assert np.any(less < own)
+    reduced, unchanged, increased = (contact.with_friction(f).extreme(z)[0] for f in (0.8, 1.0, 1.25))
+    assert np.all(reduced <= unchanged)
+    assert np.all(unchanged <= increased)
+    assert np.any(reduced < unchanged)
 
 
 @rough

@@ -60,7 +60,7 @@ def test_what_is_stated_is_not_doubted(tmp_path):
 
 
 def test_much_friction_is_warned_of(tmp_path, monkeypatch):
-    monkeypatch.setattr(once, "_said", set())
+    monkeypatch.setattr(once, "_issued", set())
     with pytest.warns(UserWarning, match=r"a\.csv: contact 0, friction: 60 is above 2") as warnings_shown:
         read_contacts_csv(table(tmp_path / "a.csv"), friction=60.0)
     assert warnings_shown[0].filename == __file__

@@ -5,7 +5,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.motion.contact_path import ContactPath, PathStation, SurfaceGraph
-from nlpgrasp.studies.fine_manipulation import MOST_STATIONS, first_stations, least_value_along
+from nlpgrasp.studies.fine_manipulation import first_stations, least_value_along
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -19,7 +19,7 @@ def test_the_least_of_smooth_values_is_nearly_met(seed):
     lengths = least_value_along(value, first_stations(1.0, []))
     least = min(map(value, np.linspace(0.0, 1.0, 2001)))
     assert min(map(value, lengths)) <= 1.02 * least
-    assert len(lengths) <= MOST
+    assert len(lengths) <= MOST_STATIONS
     assert np.all(np.diff(lengths) > 0.0)
 
 

@@ -10,7 +10,7 @@ import trimesh
 
 import nlpgrasp as ng
 from nlpgrasp.common.deadline import Deadline
-from nlpgrasp.common.formatting import at_most
+from nlpgrasp.common.formatting import format_upper
 from nlpgrasp.global_bound.branch_and_bound import BranchAndBound
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.global_search import node_count, start_bound
@@ -30,7 +30,7 @@ def test_a_solution_says_how_far_it_is_from_the_best():
     solution = ng.solve(square(), starts=1, options=ng.SolveOptions(**QUICK))
     assert solution.mu.lower <= 0.44721 * (1 + 1e-4) <= solution.best_possible * (1 + 2e-4)
     assert solution.gap == pytest.approx(solution.best_possible / solution.mu.lower - 1, rel=1e-12)
-    assert f"no placement is more than {at_most(100.0 * solution.gap)}% better" in str(solution)
+    assert f"no placement is more than {format_upper(100.0 * solution.gap)}% better" in str(solution)
     kept = ng.GraspSolution.from_dict(solution.to_dict())
     assert (kept.best_possible, kept.gap) == (solution.best_possible, solution.gap)
 
@@ -39,7 +39,7 @@ def test_a_gap_is_closed_and_the_status_says_so(tmp_path):
     solution = ng.solve(square(3), starts=1, options=ng.SolveOptions(gap=0.01, **QUICK))
     assert solution.status is ng.Status.OPTIMAL
     assert solution.gap <= 0.01
-    assert f"Optimal within {at_most(100.0 * solution.gap)}%" in str(solution)
+    assert f"Optimal within {format_upper(100.0 * solution.gap)}%" in str(solution)
     assert ng.verify(solution.save(tmp_path / "square.json"))
 
 

@@ -1,4 +1,4 @@
-"""A problem before it is solved: in a line, in lines, on a page and in a notebook."""
+"""Descriptions of a problem: line, lines, page, notebook."""
 
 import json
 import re
@@ -17,20 +17,20 @@ BOX = ng.Box([0.08, 0.04, 0.03])
 WALL = ng.Obstacle(ng.Box([0.02, 0.06, 0.08]), position=[0.08, 0, 0.02], name="<wall>")
 
 
-def problem(**more):
-    given = {
+def problem(**changes):
+    parts = {
         "contacts": [ng.FrictionContact(0.6), ng.FrictionContact(0.6), ng.SoftContact(0.5, 0.004, faces=["+y"])],
         "task": ng.TaskEllipsoid([5, 5, 10, 0.2, 0.2, 0.2]),
         "constraints": [ng.Table.under(BOX), ng.Forbid(["+x"]), WALL],
         "hand": ng.Fingertips(3, 0.006),
         "name": "a <box>",
-        **more,
+        **changes,
     }
-    return ng.GraspProblem(BOX, **given)
+    return ng.GraspProblem(BOX, **parts)
 
 
-def lines_of(asked):
-    return str(asked).replace(TIMES, "x").splitlines()
+def lines_of(grasp_problem):
+    return str(grasp_problem).replace(TIMES, "x").splitlines()
 
 
 def test_it_prints_its_parts():
@@ -57,16 +57,16 @@ def test_it_prints_its_parts():
 
 def test_its_repr_is_a_short_line():
     assert repr(problem()) == "GraspProblem('a <box>': Box, 3 contacts, Fingertips, TaskEllipsoid)"
-    alone = ng.GraspProblem(ng.Sphere(0.03), [ng.FrictionContact(0.5)], ng.TaskEllipsoid([1.0] * 6))
-    assert repr(alone) == "GraspProblem('grasp': Sphere, 1 contact, TaskEllipsoid)"
+    minimal = ng.GraspProblem(ng.Sphere(0.03), [ng.FrictionContact(0.5)], ng.TaskEllipsoid([1.0] * 6))
+    assert repr(minimal) == "GraspProblem('grasp': Sphere, 1 contact, TaskEllipsoid)"
 
 
 def test_a_body_that_is_less_than_its_box_says_so():
     ball = ng.Implicit(lambda p: p.T @ p - 0.03**2, [[-0.05] * 3, [0.05] * 3])
-    asked = ng.GraspProblem(
+    grasp_problem = ng.GraspProblem(
         ball, [ng.FrictionContact(0.5)] * 3, ng.TaskEllipsoid([1.0] * 6), torque_origin=[0, 0, 0.02]
     )
-    lines = lines_of(asked)
+    lines = lines_of(grasp_problem)
     bounds = "[[-0.05, -0.05, -0.05], [0.05, 0.05, 0.05]]"
     assert lines[1] == f"  body: within 100 x 100 x 100 mm; Implicit(h=<lambda>, bounds={bounds})"
     assert "; moments about [0, 0, 20] mm" in lines[3]
@@ -82,17 +82,17 @@ def test_a_body_that_is_less_than_its_box_says_so():
     ],
 )
 def test_faces_that_stand_on_a_table_are_none_for_contacts(height, faces):
-    asked = problem(contacts=[ng.FrictionContact(0.6)] * 3, constraints=[ng.Table(height)])
-    assert set(usable_faces(asked)) == faces
-    assert {label["label"] for label in problem_scene(asked)["contacts"]} == faces
+    grasp_problem = problem(contacts=[ng.FrictionContact(0.6)] * 3, constraints=[ng.Table(height)])
+    assert set(usable_faces(grasp_problem)) == faces
+    assert {label["label"] for label in problem_scene(grasp_problem)["contacts"]} == faces
 
 
 def test_tables_and_obstacles_are_in_the_scene():
-    drawn = problem_scene(problem())
-    assert [(part["group"], part["name"]) for part in drawn["parts"]] == [("body", "body"), ("obstacle", "<wall>")]
-    assert drawn["tables"][0]["at"] == pytest.approx([0.0, 0.0, -0.015])
-    assert drawn["unseen"] == []
-    assert np.max(drawn["frame"], axis=0)[0] == pytest.approx(0.09)  # the wall's far side is in the picture
+    scene = problem_scene(problem())
+    assert [(part["group"], part["name"]) for part in scene["parts"]] == [("body", "body"), ("obstacle", "<wall>")]
+    assert scene["tables"][0]["at"] == pytest.approx([0.0, 0.0, -0.015])
+    assert scene["unseen"] == []
+    assert np.max(scene["frame"], axis=0)[0] == pytest.approx(0.09)  # the wall's far side is in the picture
     box = trimesh.creation.box([0.02, 0.02, 0.02])
     with_mesh = problem(constraints=[ng.Obstacle(ng.Mesh(box, resolution=12), position=[0.1, 0, 0])])
     assert [part["group"] for part in problem_scene(with_mesh)["parts"]] == ["body", "obstacle"]
@@ -101,9 +101,9 @@ def test_tables_and_obstacles_are_in_the_scene():
 def test_a_planar_problem_has_its_table_from_aside():
     plate = ng.Polygon([[-0.03, -0.02], [0.03, -0.02], [0.03, 0.02], [-0.03, 0.02]])
     task = ng.TaskEllipsoid([1, 1, 0.03])
-    drawn = problem_scene(ng.GraspProblem(plate, [ng.FrictionContact(0.5)] * 2, task, constraints=[ng.Table(-0.02)]))
-    assert [part["group"] for part in drawn["parts"]] == ["body", "table"]
-    assert {label["label"] for label in drawn["contacts"]} == {"edge1", "edge2", "edge3"}
+    scene = problem_scene(ng.GraspProblem(plate, [ng.FrictionContact(0.5)] * 2, task, constraints=[ng.Table(-0.02)]))
+    assert [part["group"] for part in scene["parts"]] == ["body", "table"]
+    assert {label["label"] for label in scene["contacts"]} == {"edge1", "edge2", "edge3"}
 
 
 def test_its_page_opens_from_disk_and_quotes_what_was_given(tmp_path, monkeypatch, capsys):

@@ -1,4 +1,4 @@
-"""What is probably a slip is asked about: sizes, friction, how many fingers."""
+"""Warnings of probable input mistakes: sizes, friction, numbers of fingers."""
 
 import warnings
 
@@ -55,13 +55,13 @@ def test_one_contact_without_a_hand_is_asked_how_many_fingers():
 
 
 def test_much_friction_is_warned_of_once(monkeypatch):
-    monkeypatch.setattr(once, "_said", set())
+    monkeypatch.setattr(once, "_issued", set())
     contacts = [ng.FrictionContact(2.0), ng.FrictionContact(60.0), ng.SoftContact(70.0, 0.01)]
     words = r"^GraspProblem\.contacts\[1\]\.friction: 60 is above 2; rubber on dry surfaces has about 1$"
-    with pytest.warns(UserWarning, match=words) as said:
+    with pytest.warns(UserWarning, match=words) as caught:
         ng.GraspProblem(ng.Box([1.0] * 3), contacts, BALL)
-    assert len(said) == 1
-    assert said[0].filename == __file__
+    assert len(caught) == 1
+    assert caught[0].filename == __file__
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         ng.GraspProblem(ng.Box([1.0] * 3), contacts, BALL)

@@ -1,4 +1,4 @@
-"""Contacts stay away from sharp edges: how far, where there is room for it, and what it costs."""
+"""Margin of contacts from sharp edges: default, limits, shadow price."""
 
 from dataclasses import replace
 
@@ -21,9 +21,9 @@ BODIES = {
 }
 
 
-def problem(body, margin=None, **more):
+def problem(body, margin=None, **options):
     task = TASK if body.space == 3 else FLAT_TASK
-    return ng.GraspProblem(body, [ng.FrictionContact(0.6)] * 4, task, edge_margin=margin, **more)
+    return ng.GraspProblem(body, [ng.FrictionContact(0.6)] * 4, task, edge_margin=margin, **options)
 
 
 def test_the_default_is_a_twentieth_of_the_shortest_extent_or_half_a_fingertips_radius():
@@ -41,20 +41,20 @@ def test_the_default_is_a_twentieth_of_the_shortest_extent_or_half_a_fingertips_
 def test_each_contact_has_its_distance_from_the_edges_of_its_own_face():
     faces = ("+x", "-y", "+x", "-x")
     points = np.array([[0.04, 0.005, 0.01], [0.033, -0.02, 0.0], [0.04, 0.0, -0.018], [-0.04, 0.0, 0.0]])
-    found = edge_distances(problem(BODIES["box"]), GraspCandidate(faces, points))
-    np.testing.assert_allclose(found, [0.01, 0.007, 0.002, 0.02], atol=1e-12)
+    distances = edge_distances(problem(BODIES["box"]), GraspCandidate(faces, points))
+    np.testing.assert_allclose(distances, [0.01, 0.007, 0.002, 0.02], atol=1e-12)
     assert np.all(np.isinf(edge_distances(problem(ng.Sphere(0.04)), GraspCandidate(("surface",) * 4, points))))
 
 
 def test_edges_that_hardly_turn_have_no_margin():
-    around = 2.0 * np.pi * np.arange(16) / 16
-    rim = 0.03 * np.column_stack([np.cos(around), np.sin(around)])  # 22.5 degrees at each corner
+    angles = 2.0 * np.pi * np.arange(16) / 16
+    rim = 0.03 * np.column_stack([np.cos(angles), np.sin(angles)])  # 22.5 degrees at each corner
     assert problem(ng.Polygon(rim)).margin == 0.0
     prism = ng.Prism(rim, 0.1)
     assert problem(prism).margin == pytest.approx(0.05 * 0.06)
     middle = 0.5 * (rim[0] + rim[1])
-    beside = 0.99 * rim[0] + 0.01 * rim[1]
-    heights = prism.edge_distance("side0", np.array([[*middle, 0.02], [*beside, 0.02]]))
+    nearby = 0.99 * rim[0] + 0.01 * rim[1]
+    heights = prism.edge_distance("side0", np.array([[*middle, 0.02], [*nearby, 0.02]]))
     np.testing.assert_allclose(heights, 0.03, atol=1e-12)  # to the rims above and below alone
 
 
@@ -66,25 +66,25 @@ def test_a_margin_without_room_names_the_roomiest_face():
         problem(box, -0.001)
     with pytest.raises(ng.InputError, match=r"SolveOptions\.edge_margin"):
         ng.SolveOptions(edge_margin=-1.0)
-    wide = problem(box, 0.015)  # the thin sides are left out
-    assert set(wide.allowed_faces(0)) == {"+z", "-z"}
+    grasp_problem = problem(box, 0.015)  # the thin sides are left out
+    assert set(grasp_problem.allowed_faces(0)) == {"+z", "-z"}
 
 
 @pytest.mark.parametrize("kind", first(1, BODIES))
 def test_no_contact_is_nearer_to_an_edge(kind):
-    asked = problem(BODIES[kind])
-    solution = ng.solve(asked, starts=2, options=QUICK)
-    each = zip(solution.faces, solution.grasp.points, strict=True)
-    distances = [asked.body.edge_distance(face, point[None])[0] for face, point in each]
-    assert min(distances) >= asked.margin - 1e-5 * asked.body.size
-    assert min(distances) <= asked.margin + 1e-4 * asked.body.size  # the task asks for the edges
+    grasp_problem = problem(BODIES[kind])
+    solution = ng.solve(grasp_problem, starts=2, options=QUICK)
+    contacts = zip(solution.faces, solution.grasp.points, strict=True)
+    distances = [grasp_problem.body.edge_distance(face, point[None])[0] for face, point in contacts]
+    assert min(distances) >= grasp_problem.margin - 1e-5 * grasp_problem.body.size
+    assert min(distances) <= grasp_problem.margin + 1e-4 * grasp_problem.body.size  # the task asks for the edges
     reports = [c for c in solution.constraints if c.kind == "edge margin"]
     assert [c.value for c in reports] == pytest.approx(distances)
-    assert solution.problem["edge_margin"] == asked.margin
+    assert solution.problem["edge_margin"] == grasp_problem.margin
     assert solution.bound.upper >= solution.mu.lower
-    found = ng.verify(solution)
-    assert found.passed, str(found)
-    exact = ng.solve(asked, starts=2, options=replace(QUICK, edge_margin=0.0))
+    report = ng.verify(solution)
+    assert report.passed, str(report)
+    exact = ng.solve(grasp_problem, starts=2, options=replace(QUICK, edge_margin=0.0))
     assert exact.mu.lower > solution.mu.upper
     assert exact.problem["edge_margin"] == 0.0
     assert exact.mu.lower > solution.bound.upper or kind in ("cylinder", "prism")  # the bound is of the margin's places
@@ -92,8 +92,8 @@ def test_no_contact_is_nearer_to_an_edge(kind):
 
 def test_verify_fails_where_a_contact_is_nearer_than_the_margin_that_is_stated():
     solution = ng.solve(problem(BODIES["box"]), starts=1, options=replace(QUICK, global_bound=False))
-    wider = {**solution.problem, "edge_margin": 0.003}
-    failed = [c.name for c in ng.verify(replace(solution, problem=wider)).checks if c.failed]
+    edited = {**solution.problem, "edge_margin": 0.003}
+    failed = [c.name for c in ng.verify(replace(solution, problem=edited)).checks if c.failed]
     assert "edge margin" in failed
     larger = {**solution.problem, "body": {"type": "box", "extents": [0.5, 0.5, 0.5]}}
     failed = [c.name for c in ng.verify(replace(solution, problem=larger)).checks if c.failed]
@@ -102,11 +102,11 @@ def test_verify_fails_where_a_contact_is_nearer_than_the_margin_that_is_stated()
 
 @pytest.mark.parametrize("kind", first(1, ["polygon", "box"]))
 def test_the_price_is_what_solving_with_another_margin_changes(kind):
-    asked, options = problem(BODIES[kind], 0.004), replace(QUICK, analyses=["prices"], final_rtol=1e-4)
-    solution = ng.solve(asked, starts=2, options=options)
+    grasp_problem, options = problem(BODIES[kind], 0.004), replace(QUICK, analyses=["prices"], final_rtol=1e-4)
+    solution = ng.solve(grasp_problem, starts=2, options=options)
     price = next(p for p in solution.prices if p.name == "GraspProblem.edge_margin")
-    near = [
-        ng.solve(replace(asked, edge_margin=margin), starts=2, options=replace(options)).mu.lower
+    values = [
+        ng.solve(replace(grasp_problem, edge_margin=margin), starts=2, options=replace(options)).mu.lower
         for margin in (0.0038, 0.0042)
     ]
-    assert price.gain == pytest.approx((near[1] - near[0]) / 0.4, rel=0.02)
+    assert price.gain == pytest.approx((values[1] - values[0]) / 0.4, rel=0.02)

@@ -1,3 +1,5 @@
+"""Validation of grasp problems, and their JSON data."""
+
 import casadi as ca
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A mesh that is far from its smooth surface is told, with the values that cure it."""
+"""Warnings of meshes far from their smoothed surface, with advised values."""
 
 import re
 import warnings
@@ -12,16 +12,16 @@ from nlpgrasp.problem.checks import warn_of_smoothing
 
 
 @pytest.fixture(autouse=True)
-def nothing_said(monkeypatch):
-    monkeypatch.setattr(once, "_said", set())
+def clear_warnings(monkeypatch):
+    monkeypatch.setattr(once, "_issued", set())
 
 
-def told(body, hand=None):
-    with warnings.catch_warnings(record=True) as found:
+def warning_texts(body, hand=None):
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         warn_of_smoothing(body, hand)
         warn_of_smoothing(body, hand)
-    return [str(warning.message) for warning in found]
+    return [str(warning.message) for warning in caught]
 
 
 def plate(**options):
@@ -29,25 +29,25 @@ def plate(**options):
 
 
 def test_a_spoiled_wall_is_told_once_with_the_cure():
-    (text,) = told(plate(smoothing=1.5, resolution=12))
+    (text,) = warning_texts(plate(smoothing=1.5, resolution=12))
     assert re.match(r"the mesh: the smooth surface that the solver works on is \S+ mm or more off a fifth of the", text)
     smoothing, resolution = re.search(r"walls 10 mm thick: .* smoothing=(\S+), resolution=(\d+)$", text).groups()
-    assert told(plate(smoothing=float(smoothing), resolution=int(resolution))) == []
+    assert warning_texts(plate(smoothing=float(smoothing), resolution=int(resolution))) == []
 
 
 def test_a_small_fingertip_is_told():
     body = plate(smoothing=1.5, resolution=36)
-    assert told(body, ng.Fingertips(3, radius=0.01, reach=0.1)) == []
-    (text,) = told(body, ng.Fingertips(3, radius=0.0001, reach=0.1))
+    assert warning_texts(body, ng.Fingertips(3, radius=0.01, reach=0.1)) == []
+    (text,) = warning_texts(body, ng.Fingertips(3, radius=0.0001, reach=0.1))
     assert "a fingertip of 0.1 mm radius: ng.Mesh takes smoothing=" in text
 
 
 def test_where_the_choice_is_the_best_known_a_finer_grid_is_named(monkeypatch):
     body = plate(smoothing=0.25, resolution=24)
     monkeypatch.setattr("nlpgrasp.problem.checks.WALL", 1e-4)
-    (text,) = told(body)
+    (text,) = warning_texts(body)
     assert text.endswith("smoothing=0.25, resolution=36")
 
 
 def test_other_bodies_have_no_smooth_surface():
-    assert told(ng.Sphere(0.03)) == []
+    assert warning_texts(ng.Sphere(0.03)) == []

@@ -1,4 +1,4 @@
-"""Tables through the body and bodies beyond the hand are asked about, once."""
+"""Warnings of tables through the body and bodies too large for the hand."""
 
 import pytest
 
@@ -11,8 +11,8 @@ TIPS = dict.fromkeys(("finger_1_tip", "finger_2_tip", "finger_3_tip"), 0.01)
 
 
 @pytest.fixture(autouse=True)
-def nothing_said(monkeypatch):
-    monkeypatch.setattr(once, "_said", set())
+def clear_warnings(monkeypatch):
+    monkeypatch.setattr(once, "_issued", set())
 
 
 def problem(body=BOX, table=None, hand=None):
@@ -23,10 +23,10 @@ def problem(body=BOX, table=None, hand=None):
 
 
 def test_a_table_through_the_body():
-    told = (
+    message = (
         r"constraints\[0\]: the body reaches 15 mm below the table \(height -0.005 m, lowest point -0.02 m\); .*under"
     )
-    with pytest.warns(UserWarning, match=told):
+    with pytest.warns(UserWarning, match=message):
         problem(table=ng.Table(-0.005))
 
 
@@ -49,8 +49,10 @@ def test_the_table_that_a_body_stands_on():
 
 def test_a_body_that_is_beyond_the_hand():
     hand = ng.URDFHand.load(THREE, TIPS)
-    told = r"GraspProblem\.body: a body whose shortest side is 0.8 m, for a hand whose fingertips reach 0\.1\d+ m from"
-    with pytest.warns(UserWarning, match=told):
+    message = (
+        r"GraspProblem\.body: a body whose shortest side is 0.8 m, for a hand whose fingertips reach 0\.1\d+ m from"
+    )
+    with pytest.warns(UserWarning, match=message):
         problem(ng.Box([0.9, 0.9, 0.8]), hand=hand)
 
 

@@ -1,4 +1,4 @@
-"""A disturbance whose point was left out, on bodies that begin elsewhere than at their centroid."""
+"""Warnings of disturbances without point on bodies whose frame's origin is off the centroid."""
 
 import warnings
 
@@ -14,8 +14,8 @@ AWAY = trimesh.creation.box([0.04, 0.05, 0.1], transform=trimesh.transformations
 
 
 @pytest.fixture(autouse=True)
-def nothing_said(monkeypatch):
-    monkeypatch.setattr(once, "_said", set())
+def clear_warnings(monkeypatch):
+    monkeypatch.setattr(once, "_issued", set())
 
 
 @pytest.fixture(scope="module")

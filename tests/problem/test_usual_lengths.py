@@ -1,4 +1,4 @@
-"""Lengths in another unit than metres are asked about, with the number that was probably meant."""
+"""Warnings of lengths in other units than metres, with the probable value."""
 
 import contextlib
 import re
@@ -15,8 +15,8 @@ TIPS = ("finger_1_tip", "finger_2_tip", "finger_3_tip")
 
 
 @pytest.fixture(autouse=True)
-def nothing_said(monkeypatch):
-    monkeypatch.setattr(once, "_said", set())
+def clear_warnings(monkeypatch):
+    monkeypatch.setattr(once, "_issued", set())
 
 
 def problem(contact=None, constraints=(), hand=None):
@@ -36,11 +36,11 @@ def problem(contact=None, constraints=(), hand=None):
     ],
 )
 def test_it_is_asked_about(parts, message):
-    with warnings.catch_warnings(record=True) as found, contextlib.suppress(ng.InputError):
+    with warnings.catch_warnings(record=True) as caught, contextlib.suppress(ng.InputError):
         warnings.simplefilter("always")  # a table that leaves no room is refused besides
         problem(**parts)
-    (said,) = [str(w.message) for w in found]
-    assert re.match(message, said)
+    (text,) = [str(w.message) for w in caught]
+    assert re.match(message, text)
 
 
 def test_a_fingertip_larger_than_the_body():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import nlpgrasp as ng
-from nlpgrasp.common.formatting import at_most
+from nlpgrasp.common.formatting import format_upper
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.parallel_starts import StartRunner
 from nlpgrasp.optimize.warm_starts import WarmStart
@@ -114,7 +114,7 @@ def test_every_number_states_how_much_better_it_could_be(curve):
         assert solution.mu.lower <= curve.best_possible[k]
         assert curve.gap(k) == pytest.approx(curve.best_possible[k] / solution.mu.lower - 1.0)
         assert curve.gap(k) < 0.05
-        assert f"no placement is more than {at_most(100.0 * curve.gap(k), 2)}% better" in str(curve)
+        assert f"no placement is more than {format_upper(100.0 * curve.gap(k), 2)}% better" in str(curve)
     tighter = ng.ContactCurve(curve.solutions, possible={2: curve.best_known[2], 3: 100.0})
     assert tighter.gap(2) == 0.0
     assert tighter.gap(3) == curve.gap(3)

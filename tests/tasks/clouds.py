@@ -1,4 +1,4 @@
-"""Recordings of wrenches at random: at time t of 0 to 1 so many of each kind."""
+"""Random recordings of wrenches by kind, n of them at a time t from 0 to 1."""
 
 import numpy as np
 

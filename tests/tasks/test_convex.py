@@ -1,4 +1,4 @@
-"""Tasks known by their support functions, mu_1 and the constants of (3.3-8)."""
+"""Tasks given by support functions, mu_1 and the constants of (3.3-8)."""
 
 import numpy as np
 import pytest
@@ -22,11 +22,11 @@ def test_an_ellipsoid_by_its_support_function(with_maximisers, rng):
     task = ng.TaskEllipsoid(
         [1, 2, 1, 0.5, 1, 1], center=0.2 * rng.standard_normal(6), directions=random_rotation(rng, 6)
     )
-    same = ng.TaskSet(task.support if with_maximisers else ellipsoid_support(task))
-    one, other = ng.mu(grasp, task), ng.mu(grasp, same)
-    assert one.lower <= other.upper
-    assert other.lower <= one.upper
-    assert other.gap <= 0.0101
+    task_set = ng.TaskSet(task.support if with_maximisers else ellipsoid_support(task))
+    bounds, set_bounds = ng.mu(grasp, task), ng.mu(grasp, task_set)
+    assert bounds.lower <= set_bounds.upper
+    assert set_bounds.lower <= bounds.upper
+    assert set_bounds.gap <= 0.0101
 
 
 def test_a_box_of_wrenches_by_its_corners(rng):
@@ -34,8 +34,8 @@ def test_a_box_of_wrenches_by_its_corners(rng):
     grasp, half = closed_ellipsoid_grasp(rng), rng.uniform(0.2, 1.0, 6)
     bounds = ng.mu(grasp, ng.TaskSet(box_support(half)))
     corners = half * np.array(np.meshgrid(*[[1, -1]] * 6)).reshape(6, -1).T
-    used = np.max(ng.finger_forces(grasp, corners).used)
-    assert bounds.lower <= 1.0 / used <= bounds.upper * (1 + 1e-9)
+    largest = np.max(ng.finger_forces(grasp, corners).used)
+    assert bounds.lower <= 1.0 / largest <= bounds.upper * (1 + 1e-9)
     assert bounds.gap <= 0.0101
 
 
@@ -45,18 +45,18 @@ def test_mu_1_rescales_about_a_point(rng):
     c, b = 0.1 * rng.standard_normal((2, 6))
     ball = ng.TaskEllipsoid([1.0] * 6, center=c)
     expected = ng.mu(grasp, ng.TaskEllipsoid([0.7] * 6, center=b + 0.7 * (c - b)))
-    found = ng.mu_1(grasp, ball, b, scale=0.7)
-    assert found.lower <= expected.upper
-    assert expected.lower <= found.upper
-    assert found.gap <= 0.0101
+    bounds = ng.mu_1(grasp, ball, b, scale=0.7)
+    assert bounds.lower <= expected.upper
+    assert expected.lower <= bounds.upper
+    assert bounds.gap <= 0.0101
 
 
 def test_mu_1_of_a_box(rng):
     grasp, half = closed_ellipsoid_grasp(rng), rng.uniform(0.5, 1.0, 6)
-    one = ng.mu_1(grasp, ng.TaskSet(box_support(half)), np.zeros(6), scale=2.0)
-    other = ng.mu(grasp, ng.TaskSet(box_support(2.0 * half)))
-    assert one.lower <= other.upper
-    assert other.lower <= one.upper
+    bounds = ng.mu_1(grasp, ng.TaskSet(box_support(half)), np.zeros(6), scale=2.0)
+    scaled = ng.mu(grasp, ng.TaskSet(box_support(2.0 * half)))
+    assert bounds.lower <= scaled.upper
+    assert scaled.lower <= bounds.upper
 
 
 def test_mu_1_is_homogeneous_and_invariant(rng):
@@ -68,14 +68,16 @@ def test_mu_1_is_homogeneous_and_invariant(rng):
     pose, origin = np.eye(3), np.array([0.4, -0.3])
     pose[:2, :2], pose[:2, 2] = random_rotation(rng, 2), [0.2, 0.5]
     about = ng.Grasp(points, -points, grasp.contacts, origin)
-    here = ng.mu_1(grasp, box, b, 0.8, 1e-3)
-    assert here.lower > 0.0
-    for other, factor in (
+    bounds = ng.mu_1(grasp, box, b, 0.8, 1e-3)
+    assert bounds.lower > 0.0
+    for transformed, factor in (
         (ng.mu_1(grasp.scaled(2.5), box, b, 0.8, 1e-3), 2.5),
         (ng.mu_1(grasp.in_frame(pose), box.in_frame(pose), rotate_body_frame(pose[:2, :2]) @ b, 0.8, 1e-3), 1.0),
         (ng.mu_1(about, box.given_about([0.0, 0.0]), move_torque_origin(origin) @ b, 0.8, 1e-3), 1.0),
     ):
-        assert max(factor * here.lower, other.lower) <= min(factor * here.upper, other.upper) * (1 + 1e-9)
+        assert max(factor * bounds.lower, transformed.lower) <= min(factor * bounds.upper, transformed.upper) * (
+            1 + 1e-9
+        )
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -1,3 +1,5 @@
+"""Task ellipsoids: support functions and the quadratic form (3.3-3)."""
+
 import numpy as np
 import pytest
 
@@ -10,9 +12,9 @@ def test_support_is_attained_by_its_maximiser(rng):
     y = rng.standard_normal((100, 6))
     value, wrench = task.support(y)
     np.testing.assert_allclose(np.sum(wrench * y, axis=1), value)
-    others = task.boundary(rng.standard_normal((500, 6)) / 10.0)
-    inside = others[np.linalg.norm(np.linalg.solve(task.axes.T, (others - task.center).T), axis=0) <= 1.0]
-    assert np.all(inside @ y.T <= value + 1e-12)
+    wrenches = task.boundary(rng.standard_normal((500, 6)) / 10.0)
+    interior = wrenches[np.linalg.norm(np.linalg.solve(task.axes.T, (wrenches - task.center).T), axis=0) <= 1.0]
+    assert np.all(interior @ y.T <= value + 1e-12)
 
 
 def test_quadratic_form_is_3_3_3(rng):
@@ -50,11 +52,11 @@ def test_offsets_within_the_ellipsoid_alone_are_of_the_form_3_3_3(rng):
     """With another beta; a set of that form has the origin inside, which is not so where the offset is larger."""
     r, beta, y = rng.uniform(0.1, 2.0, 6), 1.6, rng.standard_normal((500, 6))
     Q, c = np.diag(r**-2.0), 0.3 * r * rng.uniform(-1.0, 1.0, 6)
-    same = ng.TaskEllipsoid.from_quadratic(Q, -2.0 * Q @ c, np.sqrt(beta**2 - c @ Q @ c))
-    np.testing.assert_allclose(ng.TaskEllipsoid(beta * r, c).support(y)[0], same.support(y)[0])
-    assert np.min(same.support(y)[0]) > 0.0
-    far = beta * r * [2.0, 0, 0, 0, 0, 0]
-    assert ng.TaskEllipsoid(beta * r, far).support(-far[None])[0][0] < 0.0
+    quadratic = ng.TaskEllipsoid.from_quadratic(Q, -2.0 * Q @ c, np.sqrt(beta**2 - c @ Q @ c))
+    np.testing.assert_allclose(ng.TaskEllipsoid(beta * r, c).support(y)[0], quadratic.support(y)[0])
+    assert np.min(quadratic.support(y)[0]) > 0.0
+    offset = beta * r * [2.0, 0, 0, 0, 0, 0]
+    assert ng.TaskEllipsoid(beta * r, offset).support(-offset[None])[0][0] < 0.0
 
 
 def test_the_printed_support_is_that_of_half_the_quadratic_form(rng):

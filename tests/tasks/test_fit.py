@@ -1,4 +1,4 @@
-"""Ellipsoids fitted to wrenches: closed forms, an independent optimiser, every point inside, bad input."""
+"""Enclosing ellipsoids: closed forms, an independent optimiser, containment, invalid input."""
 
 import numpy as np
 import pytest
@@ -36,11 +36,11 @@ SETS = {
 @pytest.mark.parametrize("name", SETS)
 def test_every_point_is_inside_at_the_gap(name, center, rng):
     wrenches = SETS[name](rng)
-    found = ng.fit_ellipsoid(wrenches, center=np.zeros(wrenches.shape[1]) if center else None)
-    assert excess(found.task, wrenches) <= 1e-9
-    assert found.gap <= 1e-6
-    assert found.inside.all()
-    assert found.task.is_centred == center
+    fit = ng.fit_ellipsoid(wrenches, center=np.zeros(wrenches.shape[1]) if center else None)
+    assert excess(fit.task, wrenches) <= 1e-9
+    assert fit.gap <= 1e-6
+    assert fit.inside.all()
+    assert fit.task.is_centred == center
 
 
 def test_the_corners_of_a_box(rng):
@@ -70,19 +70,19 @@ def test_the_volume_is_that_of_another_optimiser(rng):
         L[lower] = x[3:]
         return L
 
-    def room(x):
+    def slack(x):
         return 1.0 - np.sum(((points - x[:3]) @ factor(x)) ** 2, axis=1)
 
     start = np.concatenate([np.zeros(3), 0.2 * np.eye(3)[lower]])
-    found = minimize(
+    result = minimize(
         lambda x: -np.sum(np.log(np.abs(np.diag(factor(x))))),
         start,
-        constraints={"type": "ineq", "fun": room},
+        constraints={"type": "ineq", "fun": slack},
         method="SLSQP",
         options={"maxiter": 500, "ftol": 1e-12},
     )
     task = ng.TaskEllipsoid.fit(points)
-    assert volume(task.axes) == pytest.approx(np.exp(found.fun), rel=1e-5)
+    assert volume(task.axes) == pytest.approx(np.exp(result.fun), rel=1e-5)
 
 
 def test_the_stated_gap_is_a_bound(rng):
@@ -94,43 +94,41 @@ def test_the_stated_gap_is_a_bound(rng):
 
 
 def test_outliers_are_left_out(rng):
-    good = rng.standard_normal((2000, 6))
-    bad = 30.0 + rng.standard_normal((40, 6))
-    found = ng.fit_ellipsoid(np.concatenate([good, bad]), outliers=0.03)
-    assert not found.inside[2000:].any()
-    assert found.inside[:2000].mean() >= 0.985
-    assert found.share >= 0.97
-    whole = ng.fit_ellipsoid(good)
-    assert volume(found.task.axes) < volume(whole.task.axes)
+    inliers = rng.standard_normal((2000, 6))
+    outliers = 30.0 + rng.standard_normal((40, 6))
+    fit = ng.fit_ellipsoid(np.concatenate([inliers, outliers]), outliers=0.03)
+    assert not fit.inside[2000:].any()
+    assert fit.inside[:2000].mean() >= 0.985
+    assert fit.share >= 0.97
+    expected = ng.fit_ellipsoid(inliers)
+    assert volume(fit.task.axes) < volume(expected.task.axes)
 
 
 def test_the_ellipsoid_of_a_probability(rng):
     spread = np.diag([1.0, 2.0, 3.0, 0.1, 0.2, 0.3])
     wrenches = rng.standard_normal((60_000, 6)) @ spread + 1.0
-    found = ng.fit_ellipsoid(wrenches, probability=0.9)
-    np.testing.assert_allclose(found.task.axes.T @ found.task.axes / chi2.ppf(0.9, 6), spread**2, atol=0.15)
-    assert found.share == pytest.approx(0.9, abs=0.005)
-    assert found.gap is None
+    fit = ng.fit_ellipsoid(wrenches, probability=0.9)
+    np.testing.assert_allclose(fit.task.axes.T @ fit.task.axes / chi2.ppf(0.9, 6), spread**2, atol=0.15)
+    assert fit.share == pytest.approx(0.9, abs=0.005)
+    assert fit.gap is None
 
 
 def test_flat_recordings_say_which_directions_are_missing(rng):
     wrenches = rng.standard_normal((300, 6)) * [1, 1, 1, 1, 1, 0]
     with pytest.warns(UserWarning, match="do not differ along m_z"):
-        found = ng.fit_ellipsoid(wrenches)
-    assert len(found.task.axes) == 5
-    assert np.all(found.task.axes[:, 5] == 0.0)
-    assert excess(found.task, wrenches) <= 1e-9
+        fit = ng.fit_ellipsoid(wrenches)
+    assert len(fit.task.axes) == 5
+    assert np.all(fit.task.axes[:, 5] == 0.0)
+    assert excess(fit.task, wrenches) <= 1e-9
 
 
 def test_too_few_wrenches_make_a_flat_ellipsoid(rng):
     wrenches = rng.standard_normal((4, 6))
     with pytest.warns(UserWarning, match="the ellipsoid is flat"):
-        found = ng.fit_ellipsoid(wrenches)
-    assert len(found.task.axes) == 3
-    assert excess(found.task, wrenches) <= 1e-9
-    offset = (wrenches - found.task.center) - (wrenches - found.task.center) @ np.linalg.pinv(
-        found.task.axes
-    ) @ found.task.axes
+        fit = ng.fit_ellipsoid(wrenches)
+    assert len(fit.task.axes) == 3
+    assert excess(fit.task, wrenches) <= 1e-9
+    offset = (wrenches - fit.task.center) - (wrenches - fit.task.center) @ np.linalg.pinv(fit.task.axes) @ fit.task.axes
     assert np.max(np.abs(offset)) <= 1e-9
 
 
@@ -139,18 +137,18 @@ def test_a_component_that_never_changes(value, rng):
     wrenches = rng.standard_normal((1001, 6)) * [1e-2, 1e-2, 0, 1e-4, 1e-4, 1e-4]
     wrenches[:, 2] = value
     with pytest.warns(UserWarning, match="do not differ along f_z"):
-        found = ng.fit_ellipsoid(wrenches)
-    assert len(found.task.axes) == 5
-    assert found.gap <= 1e-6
-    assert found.task.center[2] == pytest.approx(value, rel=1e-12)
-    assert excess(found.task, wrenches) <= 1e-9
+        fit = ng.fit_ellipsoid(wrenches)
+    assert len(fit.task.axes) == 5
+    assert fit.gap <= 1e-6
+    assert fit.task.center[2] == pytest.approx(value, rel=1e-12)
+    assert excess(fit.task, wrenches) <= 1e-9
 
 
 def test_units_far_apart(rng):
     wrenches = rng.standard_normal((500, 6)) * [1e7, 1e7, 1e7, 1e-6, 1e-6, 1e-6]
-    found = ng.fit_ellipsoid(wrenches)
-    assert len(found.task.axes) == 6
-    assert excess(found.task, wrenches) <= 1e-6
+    fit = ng.fit_ellipsoid(wrenches)
+    assert len(fit.task.axes) == 6
+    assert excess(fit.task, wrenches) <= 1e-6
 
 
 def test_outliers_that_leave_too_little():

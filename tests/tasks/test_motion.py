@@ -1,4 +1,4 @@
-"""Wrenches of a motion: free motion needs none, a whirled body the centripetal force, a tilted one its weight."""
+"""Wrenches of motions: free motion, centripetal force, weight."""
 
 import numpy as np
 import pytest
@@ -28,10 +28,10 @@ def test_a_body_thrown_and_tumbling_needs_no_wrench():
     q = (state[:4] / np.linalg.norm(state[:4], axis=0)).T
     middle = np.outer(t, [1.0, 0.0, 3.0]) + 0.5 * np.outer(t**2, [0, 0, -9.81])
     turn = Rotation.from_quat(q, scalar_first=True).as_matrix()
-    found = ng.motion_wrenches(t, middle - turn @ offset, q, ng.MassProperties(0.5, offset, INERTIA))
-    inside = found[40:-40]  # the spline's ends are less exact
-    assert np.max(np.abs(inside[:, :3])) <= 2e-3 * 0.5 * 9.81
-    assert np.max(np.abs(inside[:, 3:])) <= 2e-4
+    wrenches = ng.motion_wrenches(t, middle - turn @ offset, q, ng.MassProperties(0.5, offset, INERTIA))
+    interior = wrenches[40:-40]  # the spline's ends are less exact
+    assert np.max(np.abs(interior[:, :3])) <= 2e-3 * 0.5 * 9.81
+    assert np.max(np.abs(interior[:, 3:])) <= 2e-4
 
 
 def test_a_whirled_body_is_pulled_inwards():
@@ -40,18 +40,18 @@ def test_a_whirled_body_is_pulled_inwards():
     t = np.linspace(0.0, 2.0, 301)
     p = radius * np.stack([np.cos(rate * t), np.sin(rate * t), 0 * t], axis=1)
     q = np.stack([np.cos(0.5 * rate * t), 0 * t, 0 * t, np.sin(0.5 * rate * t)], axis=1)
-    found = ng.motion_wrenches(t, p, q, ng.MassProperties(mass), gravity=[0.0, 0.0, 0.0])
+    wrenches = ng.motion_wrenches(t, p, q, ng.MassProperties(mass), gravity=[0.0, 0.0, 0.0])
     expected = [-mass * radius * rate**2, 0, 0, 0, 0, 0]
-    np.testing.assert_allclose(found[60:-60], np.tile(expected, (len(found) - 120, 1)), atol=2e-4)
+    np.testing.assert_allclose(wrenches[60:-60], np.tile(expected, (len(wrenches) - 120, 1)), atol=2e-4)
 
 
 def test_a_body_held_still_needs_its_weight_at_the_centre_of_mass():
     turn = Rotation.from_rotvec([0.4, 0.2, -0.7])
     q = np.tile(turn.as_quat(scalar_first=True), (5, 1))
     mass = ng.MassProperties(2.0, [0.0, 0.1, 0.0], INERTIA)
-    found = ng.motion_wrenches(np.arange(5), np.ones((5, 3)), q, mass)
+    wrenches = ng.motion_wrenches(np.arange(5), np.ones((5, 3)), q, mass)
     force = turn.as_matrix().T @ [0, 0, 2.0 * 9.81]
-    np.testing.assert_allclose(found, np.tile([*force, *np.cross([0, 0.1, 0], force)], (17, 1)), atol=1e-9)
+    np.testing.assert_allclose(wrenches, np.tile([*force, *np.cross([0, 0.1, 0], force)], (17, 1)), atol=1e-9)
 
 
 def test_the_task_holds_every_wrench_of_the_motion():
@@ -70,11 +70,11 @@ def test_mass_properties_of_a_mesh():
     sides = np.array([0.1, 0.2, 0.3])
     mesh = trimesh.creation.box(sides)
     mesh.apply_translation([0.5, 0.0, 0.0])
-    found = ng.MassProperties.of_mesh(mesh, 1000.0)
-    assert found.mass == pytest.approx(6.0)
-    np.testing.assert_allclose(found.center_of_mass, [0.5, 0.0, 0.0], atol=1e-12)
+    properties = ng.MassProperties.of_mesh(mesh, 1000.0)
+    assert properties.mass == pytest.approx(6.0)
+    np.testing.assert_allclose(properties.center_of_mass, [0.5, 0.0, 0.0], atol=1e-12)
     b, c, a = sides[1] ** 2, sides[2] ** 2, sides[0] ** 2
-    np.testing.assert_allclose(found.inertia, 0.5 * np.diag([b + c, a + c, a + b]), atol=1e-12)
+    np.testing.assert_allclose(properties.inertia, 0.5 * np.diag([b + c, a + c, a + b]), atol=1e-12)
 
 
 MASS = ng.MassProperties(1.0)

@@ -1,4 +1,4 @@
-"""Recordings as other tools write them: bag exports, decimal commas, pandas frames, arrays."""
+"""Recordings in formats of other tools: bag exports, decimal commas, pandas frames, arrays."""
 
 import warnings
 
@@ -27,7 +27,7 @@ SPELLINGS = {
 STAMPS = ["header.stamp.sec", "header.stamp.nanosec", "header.frame_id"]
 
 
-def written(tmp_path, header, rows, delimiter=",", decimal="."):
+def write_csv(tmp_path, header, rows, delimiter=",", decimal="."):
     lines = [delimiter.join(header)] if header else []
     lines += [delimiter.join(str(cell).replace(".", decimal) for cell in row) for row in rows]
     path = tmp_path / "recording.csv"
@@ -40,28 +40,28 @@ def test_columns_are_found_by_their_names_among_others(tmp_path, spelling):
     order = [4, 0, 5, 2, 1, 3]  # in any order, between stamps
     header = [*STAMPS, *(SPELLINGS[spelling][i] for i in order), "range.x"]
     rows = [[7, 8, "tool0", *ROWS[i, order], 99] for i in range(2)]
-    np.testing.assert_array_equal(ng.WrenchRecording.read(written(tmp_path, header, rows), **SI).wrenches, ROWS)
+    np.testing.assert_array_equal(ng.WrenchRecording.read(write_csv(tmp_path, header, rows), **SI).wrenches, ROWS)
     frame = pd.DataFrame(rows, columns=header)
     np.testing.assert_array_equal(ng.WrenchRecording.of(frame, **SI).wrenches, ROWS)
 
 
 def test_units_of_a_bag_are_asked_for_and_a_header_states_them(tmp_path):
-    path = written(tmp_path, ROS, ROWS)
+    path = write_csv(tmp_path, ROS, ROWS)
     expected = r'recording\.csv: units: got none in the header, expected units=\("N", "Nm"\), which ROS messages are in'
     with pytest.raises(ng.InputError, match=expected):
         ng.WrenchRecording.read(path)
-    stated = [f"{name} [{'mN' if i < 3 else 'Ncm'}]" for i, name in enumerate(ROS)]
-    found = ng.WrenchRecording.read(written(tmp_path, stated, ROWS), exerts="fingers").wrenches
-    np.testing.assert_allclose(found, ROWS * ([1e-3] * 3 + [1e-2] * 3))
+    header = [f"{name} [{'mN' if i < 3 else 'Ncm'}]" for i, name in enumerate(ROS)]
+    wrenches = ng.WrenchRecording.read(write_csv(tmp_path, header, ROWS), exerts="fingers").wrenches
+    np.testing.assert_allclose(wrenches, ROWS * ([1e-3] * 3 + [1e-2] * 3))
 
 
 def test_two_sensors_are_not_guessed_between(tmp_path):
-    both = [f"/left/{name}" for name in ROS] + [f"/right/{name}" for name in ROS]
-    path = written(tmp_path, both, np.hstack([ROWS, 2 * ROWS]))
+    header = [f"/left/{name}" for name in ROS] + [f"/right/{name}" for name in ROS]
+    path = write_csv(tmp_path, header, np.hstack([ROWS, 2 * ROWS]))
     with pytest.raises(ng.InputError, match=r"columns: got columns /left/wrench\.force\.x.* with the sensor's own$"):
         ng.WrenchRecording.read(path, **SI)
-    np.testing.assert_array_equal(ng.WrenchRecording.read(path, columns=both[6:], **SI).wrenches, 2 * ROWS)
-    mixed = written(tmp_path, [*both[:3], *both[9:]], ROWS)  # forces of one, torques of the other
+    np.testing.assert_array_equal(ng.WrenchRecording.read(path, columns=header[6:], **SI).wrenches, 2 * ROWS)
+    mixed = write_csv(tmp_path, [*header[:3], *header[9:]], ROWS)  # forces of one, torques of the other
     with pytest.raises(ng.InputError, match="with the sensor's own"):
         ng.WrenchRecording.read(mixed, **SI)
 
@@ -69,11 +69,11 @@ def test_two_sensors_are_not_guessed_between(tmp_path):
 @pytest.mark.parametrize("delimiter", [";", "\t"])
 def test_decimal_commas_where_commas_do_not_delimit(tmp_path, delimiter):
     rows = np.round(np.random.default_rng(0).standard_normal((40, 6)), 4)
-    path = written(tmp_path, SPELLINGS["short"], rows, delimiter, ",")
+    path = write_csv(tmp_path, SPELLINGS["short"], rows, delimiter, ",")
     np.testing.assert_array_equal(ng.WrenchRecording.read(path, **SI).wrenches, rows)
-    bare = written(tmp_path, None, rows, delimiter, ",")
+    bare = write_csv(tmp_path, None, rows, delimiter, ",")
     np.testing.assert_array_equal(ng.WrenchRecording.read(bare, columns=range(6), **SI).wrenches, rows)
-    points = written(tmp_path, SPELLINGS["short"], rows, delimiter, ".")
+    points = write_csv(tmp_path, SPELLINGS["short"], rows, delimiter, ".")
     np.testing.assert_array_equal(ng.WrenchRecording.read(points, **SI).wrenches, rows)
 
 
@@ -91,46 +91,46 @@ def test_frames_in_with_stamps_and_gaps():
     frame.loc[1, ROS[2]] = np.nan
     with pytest.raises(ng.InputError, match=r"^table: got 1 row with NaN or infinity \(1\), expected six numbers"):
         ng.WrenchRecording.of(frame, **SI)
-    with pytest.warns(UserWarning, match=r"^table: left out 1 row") as said:
-        found = ng.WrenchRecording.of(frame, skip_invalid=True, **SI)
-    assert said[0].filename == __file__  # the user's own line
-    assert (found.lines.tolist(), found.dropped.tolist()) == ([0], [1])
+    with pytest.warns(UserWarning, match=r"^table: left out 1 row") as warnings:
+        recording = ng.WrenchRecording.of(frame, skip_invalid=True, **SI)
+    assert warnings[0].filename == __file__  # the user's own line
+    assert (recording.lines.tolist(), recording.dropped.tolist()) == ([0], [1])
 
 
 def test_arrays_in_with_a_sensor_somewhere_else():
     turn = Rotation.from_rotvec([0.3, -0.4, 1.0])
     pose = {"position": [0.0, 0.1, -0.2], "quaternion_xyzw": turn.as_quat()}
-    found = ng.WrenchRecording.of(ROWS, sensor_pose=pose).wrenches
+    recording = ng.WrenchRecording.of(ROWS, sensor_pose=pose).wrenches
     force = turn.apply(ROWS[:, :3])
-    np.testing.assert_allclose(-found[:, :3], force)
-    np.testing.assert_allclose(-found[:, 3:], turn.apply(ROWS[:, 3:]) + np.cross([0.0, 0.1, -0.2], force))
+    np.testing.assert_allclose(-recording[:, :3], force)
+    np.testing.assert_allclose(-recording[:, 3:], turn.apply(ROWS[:, 3:]) + np.cross([0.0, 0.1, -0.2], force))
     np.testing.assert_allclose(
         ng.WrenchRecording.of(ROWS, units=("kN", "Nmm"), exerts="fingers").wrenches[:, 0], ROWS[:, 0] * 1e3
     )
     stamped = np.column_stack([[0.0, 0.1], ROWS])
     with pytest.raises(ng.InputError, match=r"^table: got 7 columns without names, expected six, or columns="):
         ng.WrenchRecording.of(stamped)
-    found = ng.WrenchRecording.of(stamped, columns=range(1, 7), exerts="fingers")
-    np.testing.assert_array_equal(found.wrenches, ROWS)
-    for wrong in ("recording.csv", None, [["a"] * 6], np.zeros(6)):
+    recording = ng.WrenchRecording.of(stamped, columns=range(1, 7), exerts="fingers")
+    np.testing.assert_array_equal(recording.wrenches, ROWS)
+    for invalid in ("recording.csv", None, [["a"] * 6], np.zeros(6)):
         with pytest.raises(ng.InputError, match=r"^table: "):
-            ng.WrenchRecording.of(wrong)
+            ng.WrenchRecording.of(invalid)
 
 
 def test_fits_go_by_the_names_of_a_frame(rng):
     rows = rng.standard_normal((60, 6))
-    said = ng.TaskEllipsoid.fit(rows)
+    expected = ng.TaskEllipsoid.fit(rows)
     frame = pd.DataFrame(rows, columns=ROS)[ROS[::-1]].assign(time=np.arange(60.0))
-    np.testing.assert_allclose(ng.TaskEllipsoid.fit(frame).axes, said.axes, atol=1e-12)
+    np.testing.assert_allclose(ng.TaskEllipsoid.fit(frame).axes, expected.axes, atol=1e-12)
     grams = pd.DataFrame(
         rows * ([1e3] * 3 + [1.0] * 3), columns=[f"{a} [{'mN' if a[0] == 'f' else 'Nm'}]" for a in SPELLINGS["short"]]
     )
-    np.testing.assert_allclose(ng.fit_ellipsoid(grams).task.axes, said.axes, atol=1e-6)
+    np.testing.assert_allclose(ng.fit_ellipsoid(grams).task.axes, expected.axes, atol=1e-6)
     planar = pd.DataFrame(rows[:, [5, 0, 1]], columns=["mz", "fx", "fy"])
     np.testing.assert_allclose(
         ng.TaskEllipsoid.fit(planar).axes, ng.TaskEllipsoid.fit(rows[:, [0, 1, 5]]).axes, atol=1e-12
     )
-    np.testing.assert_allclose(ng.TaskEllipsoid.fit(pd.DataFrame(rows)).axes, said.axes, atol=1e-12)
+    np.testing.assert_allclose(ng.TaskEllipsoid.fit(pd.DataFrame(rows)).axes, expected.axes, atol=1e-12)
     with pytest.raises(
         ng.InputError, match=r"^wrenches: columns: got columns a, b, c, d, e, f, expected one each of fx"
     ):
@@ -139,9 +139,9 @@ def test_fits_go_by_the_names_of_a_frame(rng):
 
 def test_a_warning_of_a_fit_names_the_users_line(rng):
     rows = rng.standard_normal((60, 6)) * [1, 1, 1, 1, 1, 0]
-    with warnings.catch_warnings(record=True) as said:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         ng.TaskEllipsoid.fit(rows)
         ng.fit_ellipsoid(rows)
         ng.WrenchRecording.of(rows).fit()
-    assert [one.filename for one in said] == [__file__] * 3
+    assert [warning.filename for warning in caught] == [__file__] * 3

@@ -56,23 +56,23 @@ def test_a_screw_has_a_constant_twist():
 def test_twists_are_differences_of_poses():
     """g^-1 g' and g' g^-1, by the logarithm of the step between two poses near each other."""
     motion, poses = wavy()
-    at, h = np.linspace(0.1, 1.9, 13), 1e-4
-    before, here, after = (poses(at + s)[0] for s in (-h, 0.0, h))
-    body = [vee(logm(np.linalg.inv(a) @ b).real) / (2 * h) for a, b in zip(before, after, strict=True)]
-    spatial = [vee(logm(b @ np.linalg.inv(a)).real) / (2 * h) for a, b in zip(before, after, strict=True)]
-    np.testing.assert_allclose(motion.body_twists(at), body, atol=1e-4)
-    np.testing.assert_allclose(motion.spatial_twists(at), spatial, atol=1e-4)
-    np.testing.assert_allclose(motion.poses(at), here, atol=1e-7)
-    moving = (after[:, :3, 3] - before[:, :3, 3]) / (2 * h)
-    turning = np.einsum("mij,mj->mi", here[:, :3, :3], np.array(body)[:, 3:])
-    np.testing.assert_allclose(motion.twists(at), np.concatenate([moving, turning], axis=1), atol=1e-4)
+    times, h = np.linspace(0.1, 1.9, 13), 1e-4
+    earlier, current, following = (poses(times + s)[0] for s in (-h, 0.0, h))
+    body = [vee(logm(np.linalg.inv(a) @ b).real) / (2 * h) for a, b in zip(earlier, following, strict=True)]
+    spatial = [vee(logm(b @ np.linalg.inv(a)).real) / (2 * h) for a, b in zip(earlier, following, strict=True)]
+    np.testing.assert_allclose(motion.body_twists(times), body, atol=1e-4)
+    np.testing.assert_allclose(motion.spatial_twists(times), spatial, atol=1e-4)
+    np.testing.assert_allclose(motion.poses(times), current, atol=1e-7)
+    moving = (following[:, :3, 3] - earlier[:, :3, 3]) / (2 * h)
+    turning = np.einsum("mij,mj->mi", current[:, :3, :3], np.array(body)[:, 3:])
+    np.testing.assert_allclose(motion.twists(times), np.concatenate([moving, turning], axis=1), atol=1e-4)
 
 
 def test_all_twists_are_the_same_where_the_frames_coincide():
     """At the paper's m, (2.1-1), and nowhere else."""
     motion = ng.RigidMotion.of_poses(T - 1.0, [expm((t - 1.0) * hat(SCREW)) for t in T])
-    there = [f([0.0])[0] for f in (motion.twists, motion.body_twists, motion.spatial_twists)]
-    for twist in there:
+    twists = [f([0.0])[0] for f in (motion.twists, motion.body_twists, motion.spatial_twists)]
+    for twist in twists:
         np.testing.assert_allclose(twist, SCREW, atol=1e-6)
     elsewhere = [f([0.9])[0] for f in (motion.twists, motion.spatial_twists)]
     assert np.linalg.norm(elsewhere[0] - elsewhere[1]) > 0.1
@@ -81,40 +81,40 @@ def test_all_twists_are_the_same_where_the_frames_coincide():
 def test_power_does_not_depend_on_the_frame():
     """(2.1-4): a force on the body does the work of its point's velocity, whichever twist it is paired with."""
     motion, poses = wavy()
-    at, h = np.array([0.3, 1.1, 1.7]), 1e-5
+    times, h = np.array([0.3, 1.1, 1.7]), 1e-5
     p, f = np.array([0.2, -0.3, 0.1]), np.array([1.0, 2.0, -0.5])  # of the body frame
-    placed = np.array([pose @ [*p, 1.0] for pose in poses(at)[0]])[:, :3]
-    speed = (poses(at + h)[0] - poses(at - h)[0])[:, :3] @ [*p, 1.0] / (2 * h)
-    world = poses(at)[0][:, :3, :3] @ f
+    points = np.array([pose @ [*p, 1.0] for pose in poses(times)[0]])[:, :3]
+    speed = (poses(times + h)[0] - poses(times - h)[0])[:, :3] @ [*p, 1.0] / (2 * h)
+    world = poses(times)[0][:, :3, :3] @ f
     power = np.sum(speed * world, axis=1)
     body = np.array([*f, *np.cross(p, f)])
-    np.testing.assert_allclose(motion.body_twists(at) @ body, power, atol=1e-4)
-    about_inertial_origin = np.concatenate([world, np.cross(placed, world)], axis=1)
-    np.testing.assert_allclose(np.sum(motion.spatial_twists(at) * about_inertial_origin, axis=1), power, atol=1e-4)
-    arm = placed - poses(at)[0][:, :3, 3]
+    np.testing.assert_allclose(motion.body_twists(times) @ body, power, atol=1e-4)
+    about_inertial_origin = np.concatenate([world, np.cross(points, world)], axis=1)
+    np.testing.assert_allclose(np.sum(motion.spatial_twists(times) * about_inertial_origin, axis=1), power, atol=1e-4)
+    arm = points - poses(times)[0][:, :3, 3]
     about_body_origin = np.concatenate([world, np.cross(arm, world)], axis=1)
-    np.testing.assert_allclose(np.sum(motion.twists(at) * about_body_origin, axis=1), power, atol=1e-4)
+    np.testing.assert_allclose(np.sum(motion.twists(times) * about_body_origin, axis=1), power, atol=1e-4)
 
 
 def test_euler_angles_and_their_rates():
     motion, poses = wavy()
-    at, h = np.linspace(0.1, 1.9, 10), 1e-5
-    angles = poses(at)[1]
-    rates = (poses(at + h)[1] - poses(at - h)[1]) / (2 * h)
-    np.testing.assert_allclose(motion.euler_angles(at), angles, atol=1e-6)
-    np.testing.assert_allclose(motion.euler_rates(at), rates, atol=1e-4)
-    np.testing.assert_allclose(ng.angular_velocity(angles, rates), motion.body_twists(at)[:, 3:], atol=1e-4)
+    times, h = np.linspace(0.1, 1.9, 10), 1e-5
+    angles = poses(times)[1]
+    rates = (poses(times + h)[1] - poses(times - h)[1]) / (2 * h)
+    np.testing.assert_allclose(motion.euler_angles(times), angles, atol=1e-6)
+    np.testing.assert_allclose(motion.euler_rates(times), rates, atol=1e-4)
+    np.testing.assert_allclose(ng.angular_velocity(angles, rates), motion.body_twists(times)[:, 3:], atol=1e-4)
 
 
 def test_the_equations_after_2_1_2_are_along_the_bodys_axes():
     """By differences of scipy's rotations: R^T R' is what they give, R' R^T only where all angles are zero."""
     rng, h = np.random.default_rng(0), 1e-6
     angles, rates = rng.uniform(-1.4, 1.4, (20, 3)), rng.standard_normal((20, 3))
-    after, before = (Rotation.from_euler("ZYX", angles + s * h * rates) for s in (1.0, -1.0))
-    found = ng.angular_velocity(angles, rates)
-    np.testing.assert_allclose(found, (before.inv() * after).as_rotvec() / (2 * h), atol=1e-8)
-    inertial = (after * before.inv()).as_rotvec() / (2 * h)
-    assert np.min(np.linalg.norm(inertial - found, axis=1)) > 0.01
+    following, earlier = (Rotation.from_euler("ZYX", angles + s * h * rates) for s in (1.0, -1.0))
+    velocity = ng.angular_velocity(angles, rates)
+    np.testing.assert_allclose(velocity, (earlier.inv() * following).as_rotvec() / (2 * h), atol=1e-8)
+    inertial = (following * earlier.inv()).as_rotvec() / (2 * h)
+    assert np.min(np.linalg.norm(inertial - velocity, axis=1)) > 0.01
     np.testing.assert_allclose(ng.angular_velocity([[0, 0, 0]], [[1.0, 2.0, 3.0]]), [[3.0, 2.0, 1.0]])
 
 

@@ -1,4 +1,4 @@
-"""Polytopes, sums and changes of origin."""
+"""Polytopes, Minkowski sums and changes of origin."""
 
 import numpy as np
 import pytest
@@ -10,8 +10,8 @@ from tests.samples import closed_ellipsoid_grasp
 WRENCHES = np.array([[0, 0, 5, 0, 0, 0], [0, 2, 1, 0.5, 0, 0], [1, 0, 0, 0, 0, 1], [-3, 0, 0, 0, 0, -1.0]])
 
 
-def overlap(one, other):
-    return one.lower <= other.upper * (1 + 1e-9) and other.lower <= one.upper * (1 + 1e-9)
+def overlap(first, second):
+    return first.lower <= second.upper * (1 + 1e-9) and second.lower <= first.upper * (1 + 1e-9)
 
 
 def test_a_polytope_is_resisted_where_its_wrenches_are(rng):
@@ -19,8 +19,8 @@ def test_a_polytope_is_resisted_where_its_wrenches_are(rng):
     grasp = closed_ellipsoid_grasp(rng)
     task = ng.TaskPolytope(WRENCHES)
     bounds = ng.mu(grasp, task)
-    used = np.max(ng.finger_forces(grasp, WRENCHES).used)
-    assert bounds.lower <= 1.0 / used <= bounds.upper * (1 + 1e-9)
+    largest = np.max(ng.finger_forces(grasp, WRENCHES).used)
+    assert bounds.lower <= 1.0 / largest <= bounds.upper * (1 + 1e-9)
     assert bounds.gap <= 0.0101
 
 
@@ -28,27 +28,27 @@ def test_a_polytope_is_resisted_where_its_wrenches_are(rng):
 def test_few_wrenches(count, rng):
     grasp = closed_ellipsoid_grasp(rng)
     bounds = ng.mu(grasp, ng.TaskPolytope(WRENCHES[:count]))
-    used = np.max(ng.finger_forces(grasp, WRENCHES[:count]).used)
-    assert bounds.lower <= 1.0 / used <= bounds.upper * (1 + 1e-9)
+    largest = np.max(ng.finger_forces(grasp, WRENCHES[:count]).used)
+    assert bounds.lower <= 1.0 / largest <= bounds.upper * (1 + 1e-9)
 
 
 def test_supports_add(rng):
     parts = [ng.TaskPolytope(WRENCHES), ng.TaskEllipsoid([1, 2, 1, 0.1, 0.2, 0.3]), ng.TaskPolytope(-WRENCHES[:2])]
-    together = parts[0] + parts[1] + parts[2]
+    total = parts[0] + parts[1] + parts[2]
     y = rng.standard_normal((50, 6))
-    values, maximisers = together.support(y)
+    values, maximisers = total.support(y)
     np.testing.assert_allclose(values, np.sum([part.support(y)[0] for part in parts], axis=0))
     np.testing.assert_allclose(np.sum(maximisers * y, axis=1), values)
 
 
 def test_sums_take_their_simplest_form():
     point, hull, ball = ng.TaskPolytope(WRENCHES[:1]), ng.TaskPolytope(WRENCHES), ng.TaskEllipsoid([1.0] * 6)
-    moved = ball + point
-    assert isinstance(moved, ng.TaskEllipsoid)
-    np.testing.assert_allclose(moved.center, WRENCHES[0])
-    both = hull + hull
-    assert isinstance(both, ng.TaskPolytope)
-    assert len(both.wrenches) == 16
+    translated = ball + point
+    assert isinstance(translated, ng.TaskEllipsoid)
+    np.testing.assert_allclose(translated.center, WRENCHES[0])
+    doubled = hull + hull
+    assert isinstance(doubled, ng.TaskPolytope)
+    assert len(doubled.wrenches) == 16
     assert isinstance(ball + ball, ng.TaskSum)
     assert isinstance(ball + ball + ball, ng.TaskSum)
     assert len((ball + ball + ball).tasks) == 3
@@ -68,16 +68,16 @@ def test_large_polytopes_add_up_to_a_sum(rng):
 
 def test_a_sum_of_sums_is_flat_and_keeps_their_order(rng):
     balls = [ng.TaskEllipsoid([size] * 6) for size in (1.0, 2.0, 3.0, 4.0)]
-    together = (balls[0] + balls[1]) + (balls[2] + balls[3])
-    assert list(together.tasks) == balls
+    total = (balls[0] + balls[1]) + (balls[2] + balls[3])
+    assert list(total.tasks) == balls
 
 
 def test_an_ellipsoid_twice_is_twice_the_ellipsoid(rng):
     grasp, ball = closed_ellipsoid_grasp(rng), ng.TaskEllipsoid([1, 1, 1, 0.5, 0.5, 0.5])
-    once, twice, scaled = ng.mu(grasp, ball), ng.mu(grasp, ball + ball), ng.mu(grasp, 2.0 * ball)
-    assert overlap(twice, scaled)
-    assert twice.lower <= 0.5 * once.upper * (1 + 1e-9)
-    assert 0.5 * once.lower <= twice.upper * (1 + 1e-9)
+    single, doubled, scaled = ng.mu(grasp, ball), ng.mu(grasp, ball + ball), ng.mu(grasp, 2.0 * ball)
+    assert overlap(doubled, scaled)
+    assert doubled.lower <= 0.5 * single.upper * (1 + 1e-9)
+    assert 0.5 * single.lower <= doubled.upper * (1 + 1e-9)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Tool tasks: the wrenches they are made for are inside, and none beyond."""
+"""Tool tasks: containment of the wrenches they are constructed for."""
 
 import numpy as np
 import pytest

@@ -5,7 +5,7 @@ from importlib.metadata import version
 import pytest
 
 import nlpgrasp as ng
-from tests.bodies.made_meshes import box, joined
+from tests.bodies.made_meshes import box, join_meshes
 from tests.verify.stated import edited, problem_of, recomputed_file, stated_file
 
 ONE, OTHER = box([0.1, 0.06, 0.04]), box([0.04, 0.1, 0.03], (0.013, 0.011, 0.004))
@@ -14,7 +14,7 @@ ONE, OTHER = box([0.1, 0.06, 0.04]), box([0.04, 0.1, 0.03], (0.013, 0.011, 0.004
 @pytest.fixture
 def two_boxes(tmp_path, rng):
     """A file whose contacts are on the outer surface of two boxes in one STL."""
-    joined(ONE, OTHER).export(tmp_path / "parts.stl")
+    join_meshes(ONE, OTHER).export(tmp_path / "parts.stl")
     body = ng.Mesh.load(tmp_path / "parts.stl")
     points, normals = body.surface_samples(3, rng)
     return stated_file(problem_of(body, 3), ["surface"] * 3, points, -normals)

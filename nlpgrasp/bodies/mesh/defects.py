@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from nlpgrasp.common.cache import kept
+from nlpgrasp.common.cache import cached_arrays
 from nlpgrasp.common.formatting import format_number, format_percent, vector
-from nlpgrasp.common.meshes.intersections import meeting_boxes, normals_of
+from nlpgrasp.common.meshes.intersections import intersecting_boxes, normals_of
 from nlpgrasp.common.meshes.search_tree import IntArray, SearchTree, in_frame, local_origin
-from nlpgrasp.common.meshes.topology import MeshParts, drop_duplicates, drop_unused_vertices, merged_mesh
+from nlpgrasp.common.meshes.topology import MeshParts, drop_duplicates, drop_unused_vertices, merge_mesh_vertices
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
 
@@ -26,7 +26,7 @@ TOUCHING = 1e-6  # of the diagonal: distance within which pieces touch, and dept
 SLIT = 3e-3  # of the diagonal: distance within which pieces of an open mesh touch (removed triangles leave slits)
 SCALED = 100.0  # mean edge length for ray casting: libigl takes small triangles for degenerate
 ENDS = 1e-3  # of an edge's length, ignored at each end
-ASIDE = 1e-7 * np.array([0.5377, 0.3019, 0.7872])  # of the diagonal: shift of rays, so that they do not hit edges
+RAY_SHIFT = 1e-7 * np.array([0.5377, 0.3019, 0.7872])  # of the diagonal: shift of rays, so that they do not hit edges
 SAMPLES = 300  # surface points for the ray test
 MOST_INVERTED = 0.01  # of the samples may fail the ray test
 FEW = 1000  # triangles: below, the cache saves no time
@@ -41,33 +41,36 @@ def refuse_guessed_surface(mesh: trimesh.Trimesh) -> None:
         When filled holes exceed ``LARGEST_FILL`` of the surface; or when pairs of opposite triangles are a part of the
         surface, and filling the hole that their removal leaves gives a different area.
     """
-    stated = np.asarray(mesh.vertices, dtype=float)
-    origin = local_origin(stated)
-    filled = merged_mesh(in_frame(stated, origin), np.asarray(mesh.faces))
+    coordinates = np.asarray(mesh.vertices, dtype=float)
+    origin = local_origin(coordinates)
+    filled = merge_mesh_vertices(in_frame(coordinates, origin), np.asarray(mesh.faces))
     vertices, faces = np.asarray(filled.vertices, dtype=float), np.asarray(filled.faces)
-    stays = drop_duplicates(vertices, faces)[0]
-    filled.update_faces(stays)
+    is_kept = drop_duplicates(vertices, faces)[0]
+    filled.update_faces(is_kept)
     filled.fill_holes()
-    fill, area = np.asarray(filled.faces)[np.count_nonzero(stays) :], float(filled.area)
+    fill, area = np.asarray(filled.faces)[np.count_nonzero(is_kept) :], float(filled.area)
 
-    edges, counts = np.unique(_edge_numbers(faces[stays]), return_counts=True)
+    edges, counts = np.unique(_edge_numbers(faces[is_kept]), return_counts=True)
     group = np.asarray(np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True)[1]).ravel()
-    pairs = faces[~np.isin(group, group[stays])]
-    opened = pairs[np.any(np.isin(_edge_numbers(pairs), edges[counts == 1]), axis=1)]
-    restored = np.any(np.isin(_edge_numbers(fill), _edge_numbers(opened)), axis=1)
-    lost = _areas(vertices, opened).sum() / 2.0  # each is there both ways round
+    pairs = faces[~np.isin(group, group[is_kept])]
+    removed = pairs[np.any(np.isin(_edge_numbers(pairs), edges[counts == 1]), axis=1)]
+    restored = np.any(np.isin(_edge_numbers(fill), _edge_numbers(removed)), axis=1)
+    lost = _areas(vertices, removed).sum() / 2.0  # each is there both ways round
     if abs(lost - _areas(vertices, fill[restored]).sum()) > SAME_AREA * area:
         raise InputError(
             "Mesh.mesh",
-            f"{len(opened) // 2} faces with a reversed copy, around {_format_place(vertices[opened], origin)}",
+            f"{len(removed) // 2} faces with a reversed copy, around {_format_place(vertices[removed], origin)}",
             "each triangle of the surface once, facing outwards",
         )
+    _check_holes(vertices, fill[~restored], area, origin)
 
-    guessed = fill[~restored]
-    areas = _areas(vertices, guessed)
+
+def _check_holes(vertices: FloatArray, fill: IntArray, area: float, origin: FloatArray) -> None:
+    """Raise if the triangles (f, 3) that fill holes exceed ``LARGEST_FILL`` of the surface area, m^2."""
+    areas = _areas(vertices, fill)
     if areas.sum() > LARGEST_FILL * area:
-        holes = MeshParts(vertices, guessed).labels
-        largest = guessed[holes == np.argmax(np.bincount(holes, areas))]
+        holes = MeshParts(vertices, fill).labels
+        largest = fill[holes == np.argmax(np.bincount(holes, areas))]
         raise InputError(
             "Mesh.mesh",
             f"holes of {format_number(1e6 * areas.sum(), 3)} mm^2, {format_percent(areas.sum() / area)} of the "
@@ -78,14 +81,14 @@ def refuse_guessed_surface(mesh: trimesh.Trimesh) -> None:
 
 def defect_warnings(mesh: trimesh.Trimesh) -> tuple[str, ...]:
     """Return warnings, one sentence each, on self-intersections and disconnected pieces of a mesh."""
-    made_from = np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=np.int64)
+    inputs = np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=np.int64)
     if len(mesh.faces) <= FEW:
-        return _defects(*made_from)
+        return _defects(*inputs)
 
-    def found() -> dict[str, FloatArray]:
-        return {"warnings": np.frombuffer("\n".join(_defects(*made_from)).encode(), dtype=np.uint8).astype(float)}
+    def computed() -> dict[str, FloatArray]:
+        return {"warnings": np.frombuffer("\n".join(_defects(*inputs)).encode(), dtype=np.uint8).astype(float)}
 
-    warnings = kept("defects", made_from, found)["warnings"]
+    warnings = cached_arrays("defects", inputs, computed)["warnings"]
     return tuple(bytes(warnings.astype(np.uint8)).decode().splitlines())
 
 
@@ -121,48 +124,71 @@ def self_intersections(vertices: FloatArray, faces: IntArray) -> FloatArray:
         Metres, in local coordinates, without duplicates.
     faces : (f, 3) int array
     """
-    import igl
-
-    after = np.roll(faces, -1, axis=1)
-    once = faces < after  # each edge where the mesh is closed
-    ends = np.stack([faces[once], after[once]], axis=1)
-    along = vertices[ends[:, 1]] - vertices[ends[:, 0]]
     size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
-    scale = SCALED / float(np.mean(np.linalg.norm(along, axis=1)))
-    corners, triangles = np.ascontiguousarray(scale * vertices), np.ascontiguousarray(faces, dtype=np.int64)
-    tree = igl.AABB()
-    tree.init(corners, triangles)
+    rays = _RayCaster(vertices, faces)
+    points = _edge_intersections(vertices, faces, rays, size)
+    return points if len(points) else _inverted_samples(vertices, faces, rays, size)
 
-    def first_hits(origins: FloatArray, ways: FloatArray, farthest: float) -> tuple[IntArray, FloatArray]:
-        rays = np.ascontiguousarray(scale * origins), np.ascontiguousarray(scale * ways)
-        met, at, _ = tree.intersect_ray_first(corners, triangles, *rays, farthest)
-        return np.asarray(met).ravel(), np.asarray(at, dtype=float).ravel()
 
-    origins, ways = vertices[ends[:, 0]] + ENDS * along + ASIDE * size, (1.0 - 2.0 * ENDS) * along
-    met, at = first_hits(origins, ways, 1.0)
-    hit = np.flatnonzero(met >= 0)
-    crossed = faces[met[hit]]
-    heights = np.einsum("ijk,ik->ij", vertices[ends[hit]] - vertices[crossed[:, :1]], normals_of(vertices[crossed]))
-    deep = np.min(np.abs(heights), axis=1) > TOUCHING * size
-    hit = hit[deep & ~np.any(crossed[:, :, None] == ends[hit][:, None], axis=(1, 2))]
-    if len(hit):
-        return np.asarray(origins[hit] + at[hit, None] * ways[hit])
+class _RayCaster:
+    """First intersections of rays with a mesh, which is scaled so that libigl takes no triangle for degenerate.
 
+    Parameters
+    ----------
+    vertices : (v, 3) array
+    faces : (f, 3) int array
+    """
+
+    def __init__(self, vertices: FloatArray, faces: IntArray) -> None:
+        import igl
+
+        successors = np.roll(faces, -1, axis=1)
+        is_first = faces < successors  # each edge once where the mesh is closed
+        self.edges = np.stack([faces[is_first], successors[is_first]], axis=1)
+        lengths = np.linalg.norm(vertices[self.edges[:, 1]] - vertices[self.edges[:, 0]], axis=1)
+        self._scale = SCALED / float(np.mean(lengths))
+        self._mesh = np.ascontiguousarray(self._scale * vertices), np.ascontiguousarray(faces, dtype=np.int64)
+        self._tree = igl.AABB()
+        self._tree.init(*self._mesh)
+
+    def first_hits(self, origins: FloatArray, directions: FloatArray, farthest: float) -> tuple[IntArray, FloatArray]:
+        """Return the triangles first hit by rays (m, 3), -1 without any, and their parameters along the rays, (m,)."""
+        rays = (np.ascontiguousarray(self._scale * values) for values in (origins, directions))
+        triangles, parameters, _ = self._tree.intersect_ray_first(*self._mesh, *rays, farthest)
+        return np.asarray(triangles).ravel(), np.asarray(parameters, dtype=float).ravel()
+
+
+def _edge_intersections(vertices: FloatArray, faces: IntArray, rays: _RayCaster, size: float) -> FloatArray:
+    """Return the points (p, 3) where edges pass through triangles by more than rounding."""
+    ends = rays.edges
+    edges = vertices[ends[:, 1]] - vertices[ends[:, 0]]
+    origins, directions = vertices[ends[:, 0]] + ENDS * edges + RAY_SHIFT * size, (1.0 - 2.0 * ENDS) * edges
+    triangles, parameters = rays.first_hits(origins, directions, 1.0)
+    hit = np.flatnonzero(triangles >= 0)
+    corners = faces[triangles[hit]]
+    heights = np.einsum("ijk,ik->ij", vertices[ends[hit]] - vertices[corners[:, :1]], normals_of(vertices[corners]))
+    is_deep = np.min(np.abs(heights), axis=1) > TOUCHING * size
+    hit = hit[is_deep & ~np.any(corners[:, :, None] == ends[hit][:, None], axis=(1, 2))]
+    return np.asarray(origins[hit] + parameters[hit, None] * directions[hit])
+
+
+def _inverted_samples(vertices: FloatArray, faces: IntArray, rays: _RayCaster, size: float) -> FloatArray:
+    """Return the sampled surface points (p, 3) with a wrong side inside; none where these are few."""
     points, normals = _surface_samples(vertices, faces)
     inverted = np.zeros(len(points), dtype=bool)
     for side in (1.0, -1.0):
-        met, _ = first_hits(points + side * TOUCHING * size * normals, side * size * normals, np.inf)
-        leaves = np.einsum("ij,ij->i", side * normals, normals_of(vertices[faces[met]])) > 0.0
-        inverted |= (met >= 0) & leaves if side > 0.0 else (met < 0) | ~leaves
+        triangles, _ = rays.first_hits(points + side * TOUCHING * size * normals, side * size * normals, np.inf)
+        leaves = np.einsum("ij,ij->i", side * normals, normals_of(vertices[faces[triangles]])) > 0.0
+        inverted |= (triangles >= 0) & leaves if side > 0.0 else (triangles < 0) | ~leaves
     return points[inverted] if np.mean(inverted) > MOST_INVERTED else points[:0]
 
 
 def _surface_samples(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, FloatArray]:
     """Return random surface points (SAMPLES, 3), uniform by area, and their triangles' unit normals."""
     total = np.cumsum(_areas(vertices, faces))
-    which = faces[np.searchsorted(total, (np.arange(SAMPLES) + 0.5) / SAMPLES * total[-1])]
-    shares = np.random.default_rng(0).dirichlet(np.ones(3), SAMPLES)
-    return np.einsum("ij,ijk->ik", shares, vertices[which]), normals_of(vertices[which])
+    sampled = faces[np.searchsorted(total, (np.arange(SAMPLES) + 0.5) / SAMPLES * total[-1])]
+    weights = np.random.default_rng(0).dirichlet(np.ones(3), SAMPLES)
+    return np.einsum("ij,ijk->ik", weights, vertices[sampled]), normals_of(vertices[sampled])
 
 
 def separate_pieces(vertices: FloatArray, faces: IntArray) -> list[FloatArray]:
@@ -184,22 +210,22 @@ def separate_pieces(vertices: FloatArray, faces: IntArray) -> list[FloatArray]:
     lower, upper = (np.array([corner(shell[0], axis=0) for shell in shells]) for corner in (np.min, np.max))
     trees = [SearchTree(*shell) for shell in shells]
 
-    def reaches(one: int, other: int) -> bool:
-        points = shells[one][0]
-        near = points[np.all((points >= lower[other] - slack) & (points <= upper[other] + slack), axis=1)]
-        return len(near) > 0 and bool(np.any(trees[other].nearest(near)[0] <= slack**2))
+    def reaches(first: int, j: int) -> bool:
+        points = shells[first][0]
+        nearby = points[np.all((points >= lower[j] - slack) & (points <= upper[j] + slack), axis=1)]
+        return len(nearby) > 0 and bool(np.any(trees[j].nearest(nearby)[0] <= slack**2))
 
-    pairs = meeting_boxes(lower - slack, upper + slack)
-    touching = pairs[[reaches(one, other) or reaches(other, one) for one, other in pairs.tolist()]]
-    joined = _components(len(shells), touching[:, 0], touching[:, 1])
+    pairs = intersecting_boxes(lower - slack, upper + slack)
+    contacts = pairs[[reaches(first, j) or reaches(j, first) for first, j in pairs.tolist()]]
+    piece_of = _components(len(shells), contacts[:, 0], contacts[:, 1])
     return [
-        np.concatenate([shells[i][0] for i in np.flatnonzero(joined == piece)]) for piece in range(joined.max() + 1)
+        np.concatenate([shells[i][0] for i in np.flatnonzero(piece_of == piece)]) for piece in range(piece_of.max() + 1)
     ]
 
 
-def _components(count: int, one: IntArray, other: IntArray) -> NDArray[np.int64]:
-    """Return the connected component (count,) of each node of a graph with edges from ``one`` to ``other``."""
-    graph = coo_matrix((np.ones(one.size, dtype=bool), (one.ravel(), other.ravel())), shape=(count, count))
+def _components(count: int, first: IntArray, second: IntArray) -> NDArray[np.int64]:
+    """Return the connected component (count,) of each node of a graph with edges from ``first`` to ``second``."""
+    graph = coo_matrix((np.ones(first.size, dtype=bool), (first.ravel(), second.ravel())), shape=(count, count))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from nlpgrasp.bodies.base import Body
 from nlpgrasp.bodies.mesh.mesh import Mesh
 from nlpgrasp.bodies.triangulation import PLATE, IntArray
-from nlpgrasp.common.cache import kept
+from nlpgrasp.common.cache import cached_arrays
 from nlpgrasp.common.meshes.search_tree import in_frame, local_origin
 from nlpgrasp.common.validation import FloatArray
 
@@ -31,7 +31,9 @@ def triangles(body: Body, most: int = 2000) -> tuple[FloatArray, IntArray]:
 def simplify(vertices: FloatArray, faces: IntArray, most: int) -> tuple[FloatArray, IntArray]:
     """Return vertices (n, 3) and at most ``most`` triangles (m, 3); all where simplification fails."""
     if len(faces) > most:
-        simple = kept("triangles", [vertices, faces, str(most).encode()], lambda: _decimate(vertices, faces, most))
+        simple = cached_arrays(
+            "triangles", [vertices, faces, str(most).encode()], lambda: _decimate(vertices, faces, most)
+        )
         if len(simple["faces"]):
             return simple["vertices"], simple["faces"].astype(np.int64)
     return vertices, faces.astype(np.int64)
@@ -43,8 +45,8 @@ def _decimate(vertices: FloatArray, faces: IntArray, most: int) -> dict[str, Flo
 
     origin = local_origin(vertices)  # a quadric holds squares of coordinates
     local = np.asfortranarray(in_frame(vertices, origin))
-    found = igl.qslim(local, np.asfortranarray(faces.astype(np.int32)), most)
-    return {"vertices": in_frame(np.asarray(found[0]), -origin), "faces": np.asarray(found[1])}
+    simplified = igl.qslim(local, np.asfortranarray(faces.astype(np.int32)), most)
+    return {"vertices": in_frame(np.asarray(simplified[0]), -origin), "faces": np.asarray(simplified[1])}
 
 
 def _march_cubes(body: Body) -> tuple[FloatArray, IntArray]:

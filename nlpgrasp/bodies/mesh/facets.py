@@ -64,7 +64,7 @@ class Facets(Body):
 
     def make_faces(self) -> tuple[Face, ...]:
         """Return a face for each contact."""
-        return tuple(_face(name, ca.DM(facet.geometry)) for name, facet in self._facets.items())
+        return tuple(_facet_face(name, ca.DM(facet.geometry)) for name, facet in self._facets.items())
 
     def evaluate(
         self, name: str, points: FloatArray, margin: float = 0.0
@@ -87,17 +87,19 @@ class Facets(Body):
     @cached_property
     def _facets(self) -> dict[str, _Facet]:
         corners, outward = np.asarray(self.mesh.mesh.triangles), np.asarray(self.mesh.mesh.face_normals)
-        each = zip(self.names, self.points.transpose(1, 0, 2), self.numbers, strict=True)
-        return {name: _Facet.of(corners[i], outward[i], self._sharp_edges(places)) for name, places, i in each}
+        contacts = zip(self.names, self.points.transpose(1, 0, 2), self.numbers, strict=True)
+        return {
+            name: _Facet.of(corners[i], outward[i], self._sharp_edges(positions)) for name, positions, i in contacts
+        }
 
-    def _sharp_edges(self, places: FloatArray) -> FloatArray:
+    def _sharp_edges(self, positions: FloatArray) -> FloatArray:
         """Return the end points (e, 2, 3) of sharp edges near contact points (n, 3); none if the margin is zero."""
         if self.margin == 0.0:
             return np.zeros((0, 2, 3))
-        about = np.concatenate([self.mesh.sharp_edges(point, NEAREST) for point in places]).reshape(-1, 6)
-        first = np.sort(np.unique(about, axis=0, return_index=True)[1])[:MOST]
-        most = min(MOST, self.mesh.sharp_edge_count)
-        return about[np.resize(first, most)].reshape(most, 2, 3)
+        edges = np.concatenate([self.mesh.sharp_edges(point, NEAREST) for point in positions]).reshape(-1, 6)
+        indices = np.sort(np.unique(edges, axis=0, return_index=True)[1])[:MOST]
+        count = min(MOST, self.mesh.sharp_edge_count)
+        return edges[np.resize(indices, count)].reshape(count, 2, 3)
 
 
 @dataclass(frozen=True)
@@ -122,10 +124,10 @@ class _Facet:
     @classmethod
     def of(cls, corners: FloatArray, outward: FloatArray, edges: FloatArray) -> _Facet:
         """Return the facet of a triangle with corners (3, 3), metres, and an outward normal (3,)."""
-        away = np.cross(np.roll(corners, -1, axis=0) - corners, outward)
-        length = np.linalg.norm(away, axis=1)
+        side_normals = np.cross(np.roll(corners, -1, axis=0) - corners, outward)
+        length = np.linalg.norm(side_normals, axis=1)
         sides = np.resize(np.flatnonzero(length > 0.0), SIDES)  # a side without length is that of its neighbour
-        return cls(outward, corners[sides], away[sides] / length[sides, None], edges)
+        return cls(outward, corners[sides], side_normals[sides] / length[sides, None], edges)
 
     @property
     def geometry(self) -> FloatArray:
@@ -134,35 +136,37 @@ class _Facet:
 
     def evaluate(self, points: FloatArray, margin: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return height over the plane, ones, unit outward normals and largest extent at points (m, 3)."""
-        arms = points[:, None] - self.corners
-        beyond = np.max(np.einsum("msi,si->ms", arms, self.away), axis=1, initial=-np.inf)
+        offsets = points[:, None] - self.corners
+        extents = np.max(np.einsum("msi,si->ms", offsets, self.away), axis=1, initial=-np.inf)
         if len(self.edges) and margin > 0.0:
-            along = self.edges[:, 1] - self.edges[:, 0]
-            share = np.einsum("mei,ei->me", points[:, None] - self.edges[:, 0], along) / np.sum(along**2, axis=1)
-            nearest = self.edges[:, 0] + np.clip(share, 0.0, 1.0)[..., None] * along
-            apart = np.linalg.norm(points[:, None] - nearest, axis=2)
-            beyond = np.maximum(beyond, margin - np.min(apart, axis=1))
-        return arms[:, 0] @ self.outward, np.ones(len(points)), np.tile(self.outward, (len(points), 1)), beyond
+            directions = self.edges[:, 1] - self.edges[:, 0]
+            share = np.einsum("mei,ei->me", points[:, None] - self.edges[:, 0], directions) / np.sum(
+                directions**2, axis=1
+            )
+            nearest = self.edges[:, 0] + np.clip(share, 0.0, 1.0)[..., None] * directions
+            distances = np.linalg.norm(points[:, None] - nearest, axis=2)
+            extents = np.maximum(extents, margin - np.min(distances, axis=1))
+        return offsets[:, 0] @ self.outward, np.ones(len(points)), np.tile(self.outward, (len(points), 1)), extents
 
 
 @lru_cache
 def _shared_surface(numbers: int, margin: float) -> ca.Function:
     """Return ``(p, geometry) -> (h, unit outward normal, extents)`` of a facet with so many numbers."""
     p, q = ca.SX.sym("p", 3), ca.SX.sym("q", numbers)
-    face = _face("triangle", q)
+    face = _facet_face("triangle", q)
     return ca.Function("triangle", [p, q], [face.surface(p), q[:3], ca.vertcat(*face.limits(p, margin))])
 
 
-def _face(name: str, geometry: Expression) -> Face:
+def _facet_face(name: str, geometry: Expression) -> Face:
     """Return the face of CasADi expressions with the geometry (q,) of a facet."""
     outward, *vectors = ca.vertsplit(geometry, 3)
-    corners, away, ends = vectors[:SIDES], vectors[SIDES : 2 * SIDES], vectors[2 * SIDES :]
+    corners, side_normals, ends = vectors[:SIDES], vectors[SIDES : 2 * SIDES], vectors[2 * SIDES :]
 
     def surface(p: Expression) -> Expression:
         return ca.dot(outward, p - corners[0])
 
     def extent(p: Expression) -> list[Expression]:
-        return [ca.dot(a, p - c) for c, a in zip(corners, away, strict=True)]
+        return [ca.dot(a, p - c) for c, a in zip(corners, side_normals, strict=True)]
 
     def edges(p: Expression) -> list[Expression]:
         return [_segment_distance(p, *pair) for pair in zip(ends[::2], ends[1::2], strict=True)]
@@ -172,6 +176,6 @@ def _face(name: str, geometry: Expression) -> Face:
 
 def _segment_distance(p: Expression, start: Expression, end: Expression) -> Expression:
     """Return the distance of a CasADi point from a line segment."""
-    along = end - start
-    share = ca.fmin(ca.fmax(ca.dot(p - start, along) / ca.dot(along, along), 0.0), 1.0)
-    return ca.norm_2(p - start - share * along)
+    direction = end - start
+    share = ca.fmin(ca.fmax(ca.dot(p - start, direction) / ca.dot(direction, direction), 0.0), 1.0)
+    return ca.norm_2(p - start - share * direction)

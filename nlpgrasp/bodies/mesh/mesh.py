@@ -24,7 +24,7 @@ from nlpgrasp.bodies.mesh.signed_distance import (
 )
 from nlpgrasp.common.meshes.intersections import is_covered, normals_of
 from nlpgrasp.common.meshes.mass_properties import volume_integrals
-from nlpgrasp.common.meshes.mesh_file import mesh_digest, read_mesh, scaled_mesh, usable_mesh
+from nlpgrasp.common.meshes.mesh_file import mesh_digest, read_mesh, repaired_mesh, scale_mesh
 from nlpgrasp.common.meshes.search_tree import IntArray, SearchTree
 from nlpgrasp.common.registry import incomplete_data
 from nlpgrasp.common.types import Expression, Json
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 FLAT = 1e-12  # of the squared size: area below which a triangle's normal is unreliable
 TOUCHING = 1e-6  # of the size: distance within which a triangle contains a point
-FLATTERS = 0.1  # grid cells: overestimate of the splined distance from sharp edges, 90th percentile
+EDGE_OVERESTIMATE = 0.1  # grid cells: overestimate of the splined distance from sharp edges, 90th percentile
 DRAWS = 4  # most draws of samples, while too few of them are off sharp edges
 ROOM_SAMPLES = 4000  # surface points for the largest distance from sharp edges
 OFFSET_SAMPLES = 300  # mesh points for the distance to the smooth surface
@@ -101,17 +101,17 @@ class Mesh(Body):
             resolution = integer("Mesh.resolution", resolution, at_least=8, at_most=FINEST)
         self.source = None if source is None else str(source)
         self.unit: str | None = None
-        given = scaled_mesh(mesh, metres_per("Mesh.unit", unit))
-        self.mesh, repairs = usable_mesh(given)
+        scaled = scale_mesh(mesh, metres_per("Mesh.unit", unit))
+        self.mesh, repairs = repaired_mesh(scaled)
         if repairs:
-            refuse_guessed_surface(given)
+            refuse_guessed_surface(scaled)
         warnings = defect_warnings(self.mesh)
         for text in warnings:
             warn_once(text)
         self.repairs = (*repairs, *warnings)
         if smoothing is None or resolution is None:
-            chosen = automatic_fineness(np.ptp(self.mesh.bounds, axis=0), self.wall, smoothing, resolution)
-            smoothing, resolution = chosen.smoothing, chosen.resolution
+            grid = automatic_fineness(np.ptp(self.mesh.bounds, axis=0), self.wall, smoothing, resolution)
+            smoothing, resolution = grid.smoothing, grid.resolution
         self.smoothing, self.resolution = smoothing, resolution
         vertices, faces = np.asarray(self.mesh.vertices, dtype=float), np.asarray(self.mesh.faces)
         self._spline = distance_spline(vertices, faces, resolution, smoothing)
@@ -184,7 +184,7 @@ class Mesh(Body):
         """Return the splined distance from sharp edges less its usual overestimate; empty without sharp edges."""
         if not len(self._edges):
             return []
-        return [self._edge_spline.expression(p) - FLATTERS * self._cell]
+        return [self._edge_spline.expression(p) - EDGE_OVERESTIMATE * self._cell]
 
     @cached_property
     def _edge_spline(self) -> DistanceSpline:
@@ -194,15 +194,15 @@ class Mesh(Body):
         """Return random points (m, 3) of the smooth surface, off sharp edges by a margin; see ``Body.sample``."""
         if margin == 0.0:
             return super().sample(name, count, rng)
-        found = np.zeros((0, 3))
+        samples = np.zeros((0, 3))
         for _ in range(DRAWS):
             points = super().sample(name, count, rng)
-            found = np.concatenate([found, points[self.edge_distance(name, points) >= margin]])
-            if len(found) >= count:
+            samples = np.concatenate([samples, points[self.edge_distance(name, points) >= margin]])
+            if len(samples) >= count:
                 break
-        return found[:count]
+        return samples[:count]
 
-    def _around(self, count: int, rng: np.random.Generator) -> FloatArray:
+    def _surrounding_points(self, count: int, rng: np.random.Generator) -> FloatArray:
         """Return random points (m, 3) of the mesh itself."""
         return self.surface_samples(count + count // 4, rng)[0]
 
@@ -329,9 +329,9 @@ class SharpEdges:
 
     def __init__(self, mesh: trimesh.Trimesh) -> None:
         areas = np.asarray(mesh.area_faces)[np.asarray(mesh.face_adjacency)]
-        solid = np.min(areas, axis=1, initial=np.inf) > FLAT * float(np.sum(np.ptp(mesh.bounds, axis=0) ** 2))
-        turned = np.asarray(mesh.face_adjacency_angles) > SHARP
-        self._edges: IntArray = np.asarray(mesh.face_adjacency_edges, dtype=np.int64)[solid & turned]
+        has_area = np.min(areas, axis=1, initial=np.inf) > FLAT * float(np.sum(np.ptp(mesh.bounds, axis=0) ** 2))
+        is_sharp = np.asarray(mesh.face_adjacency_angles) > SHARP
+        self._edges: IntArray = np.asarray(mesh.face_adjacency_edges, dtype=np.int64)[has_area & is_sharp]
         self._vertices = np.asarray(mesh.vertices, dtype=float)
         self._tree = SearchTree(self._vertices, self._edges)
 
@@ -353,9 +353,9 @@ class SharpEdges:
     def nearest(self, point: FloatArray, count: int) -> FloatArray:
         """Return the end points (m, 2, 3) of up to ``count`` sharp edges nearest to a point (3,)."""
         ends = self._vertices[self._edges]
-        along = ends[:, 1] - ends[:, 0]
-        share = np.sum((point - ends[:, 0]) * along, axis=1) / np.maximum(np.sum(along**2, axis=1), 1e-300)
-        foot = ends[:, 0] + np.clip(share, 0.0, 1.0)[:, None] * along
+        directions = ends[:, 1] - ends[:, 0]
+        share = np.sum((point - ends[:, 0]) * directions, axis=1) / np.maximum(np.sum(directions**2, axis=1), 1e-300)
+        foot = ends[:, 0] + np.clip(share, 0.0, 1.0)[:, None] * directions
         return np.asarray(ends[np.argsort(np.linalg.norm(foot - point, axis=1), kind="stable")[:count]])
 
 
@@ -381,19 +381,19 @@ def angles_off_normals(
     lower, upper = corners.min(axis=1) - slack, corners.max(axis=1) + slack
     result = np.full(len(points), np.pi)
     for i, (point, normal) in enumerate(zip(points, normals, strict=True)):
-        near = corners[np.all((lower <= point) & (point <= upper), axis=1)]
-        near = near[is_covered(np.broadcast_to(point, near.shape), near, slack)]
-        if len(near):
-            result[i] = _angle_off(normals_of(near), normal, on_edges)
+        triangles = corners[np.all((lower <= point) & (point <= upper), axis=1)]
+        triangles = triangles[is_covered(np.broadcast_to(point, triangles.shape), triangles, slack)]
+        if len(triangles):
+            result[i] = _angle_to_cone(normals_of(triangles), normal, on_edges)
     return result
 
 
-def _angle_off(own: FloatArray, normal: FloatArray, in_cone: bool) -> float:
+def _angle_to_cone(normals: FloatArray, normal: FloatArray, in_cone: bool) -> float:
     """Return the angle, radians, between a unit vector (3,) and the nearest of (n, 3), or their convex cone."""
     from scipy.optimize import nnls
 
-    least = float(np.min(2.0 * np.arcsin(np.clip(np.linalg.norm(own - normal, axis=1) / 2.0, 0.0, 1.0))))
-    if not in_cone or len(own) == 1:
-        return least
-    weights, off = nnls(np.unique(own, axis=0).T, normal)
-    return min(least, float(np.arcsin(min(off, 1.0)))) if np.any(weights) else least
+    smallest = float(np.min(2.0 * np.arcsin(np.clip(np.linalg.norm(normals - normal, axis=1) / 2.0, 0.0, 1.0))))
+    if not in_cone or len(normals) == 1:
+        return smallest
+    weights, residual = nnls(np.unique(normals, axis=0).T, normal)
+    return min(smallest, float(np.arcsin(min(residual, 1.0)))) if np.any(weights) else smallest

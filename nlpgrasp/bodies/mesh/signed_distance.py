@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nlpgrasp.bodies.base import Body
-from nlpgrasp.common.cache import kept
+from nlpgrasp.common.cache import cached_arrays
 from nlpgrasp.common.meshes.search_tree import IntArray, SearchTree, in_frame, local_origin
 from nlpgrasp.common.validation import FloatArray
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 LONGEST_SIDE, SHORTEST_SIDE = 48, 16  # least number of grid cells along these sides
 MOST_POINTS = 600_000  # of the grid
-AROUND = 5  # grid cells beyond the mesh (a CasADi B-spline is zero outside its grid, so normals are NaN)
+PADDING = 5  # grid cells beyond the mesh (a CasADi B-spline is zero outside its grid, so normals are NaN)
 FINEST = 400  # largest number of cells along the longest side
 SMOOTHING, LEAST_SMOOTHING = 1.5, 0.75  # cells, Gaussian's deviation: default, and least before the grid is refined
 DEVIATIONS = 2.4  # standard deviations of the Gaussian per wall thickness, at least
@@ -29,7 +29,7 @@ EXACT_CELLS, EXACT_UNSMOOTHED = 3, 5  # grid cells from the surface within which
 RAYS, THIN = 2000, 0.2  # number of rays; quantile of their lengths
 SCALED, BEHIND = 1e3, 1e-3  # diagonal of the scaled mesh, and depth below its surface at which rays begin
 STEPS = 12  # Newton steps from mesh points to the smoothed surface
-MOST_OF_IT = 0.8  # quantile of the offset over the surface
+OFFSET_QUANTILE = 0.8  # quantile of the offset over the surface
 
 Distance = Callable[[FloatArray], FloatArray]  # of points (m, 3), metres
 
@@ -75,8 +75,8 @@ def automatic_fineness(
     cells = DEVIATIONS * float(np.max(extents)) / wall  # along the longest side, for a Gaussian of one cell
     if resolution is None:
         least = max(LEAST_SMOOTHING, 0.0 if smoothing is None else smoothing)
-        usual = automatic_resolution(extents)
-        resolution = max(usual, _limit_grid(int(np.ceil(min(cells * least, FINEST))), extents, usual))
+        default = automatic_resolution(extents)
+        resolution = max(default, _limit_grid(int(np.ceil(min(cells * least, FINEST))), extents, default))
     if smoothing is None:
         smoothing = min(SMOOTHING, np.floor(100.0 * resolution / cells) / 100.0)
     return GridResolution(float(smoothing), resolution)
@@ -93,14 +93,14 @@ def automatic_resolution(extents: FloatArray) -> int:
         Sides of the bounding box, metres.
     """
     longest, shortest = float(np.max(extents)), float(max(np.min(extents), 1e-6))
-    wanted = max(LONGEST_SIDE, int(np.ceil(SHORTEST_SIDE * longest / shortest)))
-    return _limit_grid(wanted, extents, LONGEST_SIDE)
+    resolution = max(LONGEST_SIDE, int(np.ceil(SHORTEST_SIDE * longest / shortest)))
+    return _limit_grid(resolution, extents, LONGEST_SIDE)
 
 
 def _limit_grid(resolution: int, extents: FloatArray, least: int) -> int:
     """Return the resolution, reduced to at most 600,000 grid points but not below ``least``."""
     while resolution > least:
-        if np.prod(extents / np.max(extents) * resolution + 1 + 2 * AROUND) <= MOST_POINTS:
+        if np.prod(extents / np.max(extents) * resolution + 1 + 2 * PADDING) <= MOST_POINTS:
             break
         resolution -= max(1, resolution // 20)
     return max(resolution, least)
@@ -147,8 +147,8 @@ class DistanceSpline:
         """
         local = self._local(p)
         q = ca.fmin(ca.fmax(local, ca.DM(self.box[0])), ca.DM(self.box[1]))
-        near, beyond = self._spline(q), ca.sumsqr(local - q)
-        return near + beyond / (ca.sqrt(beyond + near**2) + ca.fabs(near))
+        boundary_value, squared = self._spline(q), ca.sumsqr(local - q)
+        return boundary_value + squared / (ca.sqrt(squared + boundary_value**2) + ca.fabs(boundary_value))
 
 
 def distance_spline(
@@ -174,12 +174,12 @@ def distance_spline(
     """
     origin = local_origin(vertices)
     local = in_frame(vertices, origin)
-    made_from = [local, faces, np.array([resolution, smoothing, margin])]
+    inputs = [local, faces, np.array([resolution, smoothing, margin])]
     tree, cells = SearchTree(local, faces), EXACT_CELLS if smoothing > 0.0 else EXACT_UNSMOOTHED
-    found = kept(
-        "distance", made_from, lambda: _fit_spline(tree.signed_distance, local, resolution, cells, smoothing, margin)
+    arrays = cached_arrays(
+        "distance", inputs, lambda: _fit_spline(tree.signed_distance, local, resolution, cells, smoothing, margin)
     )
-    return _spline_of(found, origin)
+    return _spline_of(arrays, origin)
 
 
 def edge_distance_spline(vertices: FloatArray, edges: IntArray, resolution: int) -> DistanceSpline:
@@ -200,13 +200,15 @@ def edge_distance_spline(vertices: FloatArray, edges: IntArray, resolution: int)
     def distance(points: FloatArray) -> FloatArray:
         return np.asarray(np.sqrt(tree.nearest(points)[0]))
 
-    made_from = [local, edges, np.array([resolution])]
-    return _spline_of(kept("edges", made_from, lambda: _fit_spline(distance, local, resolution, EXACT_CELLS)), origin)
+    inputs = [local, edges, np.array([resolution])]
+    return _spline_of(
+        cached_arrays("edges", inputs, lambda: _fit_spline(distance, local, resolution, EXACT_CELLS)), origin
+    )
 
 
-def _spline_of(found: Mapping[str, NDArray[Any]], origin: FloatArray) -> DistanceSpline:
-    knots = tuple(found[f"knots {axis}"].tolist() for axis in range(3))
-    return DistanceSpline(knots, found["coefficients"], found["box"], origin)
+def _spline_of(arrays: Mapping[str, NDArray[Any]], origin: FloatArray) -> DistanceSpline:
+    knots = tuple(arrays[f"knots {axis}"].tolist() for axis in range(3))
+    return DistanceSpline(knots, arrays["coefficients"], arrays["box"], origin)
 
 
 def _tensor_grid(axes: Sequence[FloatArray]) -> FloatArray:
@@ -229,10 +231,10 @@ def _narrow_band_distance(distance: Distance, axes: Sequence[FloatArray], cell: 
 
     coarse = [axis[0] + 2.0 * cell * np.arange(len(axis) // 2 + 1) for axis in axes]
     field = _exact_distance(distance, _tensor_grid(coarse))
-    for i, (some, every) in enumerate(zip(coarse, axes, strict=True)):
-        field = np.asarray(make_interp_spline(some, field, k=3, axis=i)(every))
-    near = np.abs(field) < cells * cell
-    field[near] = _exact_distance(distance, _tensor_grid(axes)[near])
+    for i, (coarse_ticks, ticks) in enumerate(zip(coarse, axes, strict=True)):
+        field = np.asarray(make_interp_spline(coarse_ticks, field, k=3, axis=i)(ticks))
+    in_band = np.abs(field) < cells * cell
+    field[in_band] = _exact_distance(distance, _tensor_grid(axes)[in_band])
     return field
 
 
@@ -245,10 +247,10 @@ def _fit_spline(
 
     lower, upper = vertices.min(axis=0), vertices.max(axis=0)
     cell = float(np.max(upper - lower)) / resolution
-    around = max(AROUND, int(np.ceil(margin / cell)))
+    padding = max(PADDING, int(np.ceil(margin / cell)))
     axes = []
     for low, high in zip(lower, upper, strict=True):
-        count = int(np.ceil((high - low) / cell)) + 1 + 2 * around
+        count = int(np.ceil((high - low) / cell)) + 1 + 2 * padding
         axes.append((low + high) / 2.0 + cell * (np.arange(count) - (count - 1) / 2.0))
     field = _narrow_band_distance(distance, axes, cell, cells)
     if smoothing > 0.0:
@@ -273,28 +275,28 @@ def wall_thickness(mesh: trimesh.Trimesh) -> float:
     mesh : trimesh.Trimesh
         Closed, vertices in metres.
     """
-    made_from = [np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=np.int64)]
-    return float(kept("wall", made_from, lambda: {"thickness": np.array(_thickness(mesh))})["thickness"])
+    inputs = [np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=np.int64)]
+    return float(cached_arrays("wall", inputs, lambda: {"thickness": np.array(_measure_walls(mesh))})["thickness"])
 
 
-def _thickness(mesh: trimesh.Trimesh) -> float:
+def _measure_walls(mesh: trimesh.Trimesh) -> float:
     import igl
     import trimesh
 
     # libigl takes triangles with edges of about a thousandth for degenerate, so a scan in metres would let rays through
     scale = SCALED / float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
-    stated = np.asarray(mesh.vertices, dtype=float)
-    origin = local_origin(stated)
-    vertices = np.ascontiguousarray(in_frame(stated, origin) * scale)
+    coordinates = np.asarray(mesh.vertices, dtype=float)
+    origin = local_origin(coordinates)
+    vertices = np.ascontiguousarray(in_frame(coordinates, origin) * scale)
     faces = np.ascontiguousarray(mesh.faces, dtype=np.int64)
     points, triangles = trimesh.sample.sample_surface(mesh, RAYS, seed=np.random.default_rng(0))
     inwards = -np.asarray(mesh.face_normals)[triangles]
     origins = np.ascontiguousarray(in_frame(np.asarray(points), origin) * scale + BEHIND * inwards)
     tree = igl.AABB()
     tree.init(vertices, faces)
-    met, ways, _ = tree.intersect_ray_first(vertices, faces, origins, np.ascontiguousarray(inwards))
-    through: FloatArray = np.where(np.asarray(met).ravel() >= 0, np.asarray(ways, dtype=float).ravel(), SCALED)
-    return float(np.quantile(through + BEHIND, THIN)) / scale
+    hits, ray_lengths, _ = tree.intersect_ray_first(vertices, faces, origins, np.ascontiguousarray(inwards))
+    lengths: FloatArray = np.where(np.asarray(hits).ravel() >= 0, np.asarray(ray_lengths, dtype=float).ravel(), SCALED)
+    return float(np.quantile(lengths + BEHIND, THIN)) / scale
 
 
 @dataclass(frozen=True)
@@ -334,6 +336,6 @@ def smooth_offset(body: Body, start: FloatArray, cell: float, wall: float) -> Sm
     for _ in range(STEPS):
         h, slope, normals, _ = body.evaluate("surface", points)
         points = points - np.clip(h / np.maximum(slope, 1e-12), -cell, cell)[:, None] * normals
-    away = np.linalg.norm(points - start, axis=1)
-    away = np.where(body.is_on("surface", points), away, np.maximum(away, wall / 2.0))
-    return SmoothOffset(float(np.quantile(away, MOST_OF_IT)), float(np.max(away)))
+    offsets = np.linalg.norm(points - start, axis=1)
+    offsets = np.where(body.is_on("surface", points), offsets, np.maximum(offsets, wall / 2.0))
+    return SmoothOffset(float(np.quantile(offsets, OFFSET_QUANTILE)), float(np.max(offsets)))

@@ -15,100 +15,100 @@ PARALLEL = 1.0 - 1e-6  # cosine of the angle below which axes are parallel
 AT_ONCE = 200_000  # pairs per batch
 
 
-def meeting_boxes(lower: FloatArray, upper: FloatArray) -> IntArray:
+def intersecting_boxes(lower: FloatArray, upper: FloatArray) -> IntArray:
     """Return the index pairs (p, 2), smaller first, of intersecting axis-aligned boxes (n, 3).
 
     Boxes are split recursively at the median of their centres, with those across it in both halves, until few are left
     or splitting does not help.
     """
-    found: list[IntArray] = [np.zeros((0, 2), dtype=np.int64)]
-    waiting: list[IntArray] = [np.arange(len(lower))]
-    while waiting:
-        these = waiting.pop()
-        if len(these) > FEW:
-            middle = (lower[these] + upper[these]) / 2.0
+    pairs: list[IntArray] = [np.zeros((0, 2), dtype=np.int64)]
+    subsets: list[IntArray] = [np.arange(len(lower))]
+    while subsets:
+        subset = subsets.pop()
+        if len(subset) > FEW:
+            middle = (lower[subset] + upper[subset]) / 2.0
             axis = int(np.argmax(np.ptp(middle, axis=0)))
-            at = float(np.median(middle[:, axis]))
-            halves = these[lower[these, axis] <= at], these[upper[these, axis] >= at]
-            if max(map(len, halves)) <= 0.8 * len(these):
-                waiting.extend(halves)
+            median = float(np.median(middle[:, axis]))
+            halves = subset[lower[subset, axis] <= median], subset[upper[subset, axis] >= median]
+            if max(map(len, halves)) <= 0.8 * len(subset):
+                subsets.extend(halves)
                 continue
-        found.extend(_all_pairs(these, lower, upper))
-    return np.asarray(np.unique(np.concatenate(found), axis=0))
+        pairs.extend(_all_pairs(subset, lower, upper))
+    return np.asarray(np.unique(np.concatenate(pairs), axis=0))
 
 
-def _all_pairs(these: IntArray, lower: FloatArray, upper: FloatArray) -> Iterator[IntArray]:
+def _all_pairs(subset: IntArray, lower: FloatArray, upper: FloatArray) -> Iterator[IntArray]:
     """Yield the intersecting pairs among some boxes, by pairwise comparison."""
-    rows = max(1, AT_ONCE // len(these))
-    for start in range(0, len(these), rows):
-        some = these[start : start + rows]
-        meet = np.all((lower[some, None] <= upper[these]) & (lower[these] <= upper[some, None]), axis=2)
-        one, other = some[np.nonzero(meet)[0]], these[np.nonzero(meet)[1]]
-        yield np.stack([one, other], axis=1)[one < other]
+    rows = max(1, AT_ONCE // len(subset))
+    for start in range(0, len(subset), rows):
+        batch = subset[start : start + rows]
+        overlap = np.all((lower[batch, None] <= upper[subset]) & (lower[subset] <= upper[batch, None]), axis=2)
+        i, j = batch[np.nonzero(overlap)[0]], subset[np.nonzero(overlap)[1]]
+        yield np.stack([i, j], axis=1)[i < j]
 
 
 def intersecting_triangles(vertices: FloatArray, faces: IntArray, slack: float) -> IntArray:
     """Return the index pairs (p, 2), in both orders, of triangles without common vertex that intersect or touch."""
     corners = vertices[faces]
-    pairs = meeting_boxes(corners.min(axis=1) - slack, corners.max(axis=1) + slack)
-    apart = ~np.any(faces[pairs[:, 0]][:, :, None] == faces[pairs[:, 1]][:, None], axis=(1, 2))
-    pairs = pairs[apart]
-    pairs = pairs[crossing(corners[pairs[:, 0]], corners[pairs[:, 1]], slack)]
+    pairs = intersecting_boxes(corners.min(axis=1) - slack, corners.max(axis=1) + slack)
+    disjoint = ~np.any(faces[pairs[:, 0]][:, :, None] == faces[pairs[:, 1]][:, None], axis=(1, 2))
+    pairs = pairs[disjoint]
+    pairs = pairs[triangles_intersect(corners[pairs[:, 0]], corners[pairs[:, 1]], slack)]
     return np.concatenate([pairs, pairs[:, ::-1]])
 
 
-def crossing(one: FloatArray, other: FloatArray, slack: float) -> NDArray[np.bool_]:
+def triangles_intersect(first: FloatArray, second: FloatArray, slack: float) -> NDArray[np.bool_]:
     """Return which triangles (p, 3, 3) intersect or touch others (p, 3, 3), pair by pair.
 
     A separating axis shows that they do not. Along a triangle's normal a gap of up to ``slack`` still counts as
     touching; along other axes an overlap of at least ``slack`` is required, so that adjacent triangles in a plane do
     not count.
     """
-    parts = [slice(start, start + AT_ONCE) for start in range(0, len(one), AT_ONCE)]
-    return np.concatenate([np.zeros(0, dtype=bool), *(_segments_intersect(one[s], other[s], slack) for s in parts)])
+    parts = [slice(start, start + AT_ONCE) for start in range(0, len(first), AT_ONCE)]
+    return np.concatenate([np.zeros(0, dtype=bool), *(_batch_intersects(first[s], second[s], slack) for s in parts)])
 
 
-def _segments_intersect(one: FloatArray, other: FloatArray, slack: float) -> NDArray[np.bool_]:
-    normals = normals_of(one), normals_of(other)
-    result = np.ones(len(one), dtype=bool)
+def _batch_intersects(first: FloatArray, second: FloatArray, slack: float) -> NDArray[np.bool_]:
+    normals = normals_of(first), normals_of(second)
+    result = np.ones(len(first), dtype=bool)
     for normal in normals:
-        result &= _gap(one, other, normal) <= slack
-    sides = np.roll(one, -1, axis=1) - one, np.roll(other, -1, axis=1) - other
+        result &= _gap(first, second, normal) <= slack
+    sides = np.roll(first, -1, axis=1) - first, np.roll(second, -1, axis=1) - second
     axes = [np.cross(a, b) for a in np.moveaxis(sides[0], 1, 0) for b in np.moveaxis(sides[1], 1, 0)]
-    axes += [np.cross(n, s) for n, both in zip(normals, sides, strict=True) for s in np.moveaxis(both, 1, 0)]
-    for across in axes:
-        left = np.flatnonzero(result)
-        axis = across[left]
+    axes += [np.cross(n, s) for n, edges in zip(normals, sides, strict=True) for s in np.moveaxis(edges, 1, 0)]
+    for candidate in axes:
+        remaining = np.flatnonzero(result)
+        axis = candidate[remaining]
         length = np.linalg.norm(axis, axis=1)
         axis = axis / np.maximum(length, 1e-300)[:, None]
-        along = np.maximum(*(np.abs(np.einsum("ij,ij->i", axis, n[left])) for n in normals))
-        parted = (length > 0.0) & (along < PARALLEL) & (_gap(one[left], other[left], axis) > -slack)
-        result[left[parted]] = False
+        alignment = np.maximum(*(np.abs(np.einsum("ij,ij->i", axis, n[remaining])) for n in normals))
+        separated = (length > 0.0) & (alignment < PARALLEL) & (_gap(first[remaining], second[remaining], axis) > -slack)
+        result[remaining[separated]] = False
     return result
 
 
-def is_covered(one: FloatArray, other: FloatArray, slack: float) -> NDArray[np.bool_]:
+def is_covered(first: FloatArray, second: FloatArray, slack: float) -> NDArray[np.bool_]:
     """Return which triangles (p, 3, 3) lie entirely on others (p, 3, 3), within ``slack``, pair by pair."""
-    from_corner = one[:, :, None] - other[:, None]  # pair, corner of one, corner of the other
-    result = in_plane(one, other, slack)
-    inwards = np.cross(normals_of(other)[:, None], np.roll(other, -1, axis=1) - other)
+    from_corner = first[:, :, None] - second[:, None]  # pair, corner of one, corner of the other
+    result = in_plane(first, second, slack)
+    inwards = np.cross(normals_of(second)[:, None], np.roll(second, -1, axis=1) - second)
     inwards /= np.maximum(np.linalg.norm(inwards, axis=2), 1e-300)[:, :, None]
     return np.asarray(result & np.all(np.einsum("pijk,pjk->pij", from_corner, inwards) >= -slack, axis=(1, 2)))
 
 
-def in_plane(one: FloatArray, other: FloatArray, slack: float) -> NDArray[np.bool_]:
+def in_plane(first: FloatArray, second: FloatArray, slack: float) -> NDArray[np.bool_]:
     """Return which triangles (p, 3, 3) lie in the plane of others (p, 3, 3), within ``slack``, pair by pair."""
-    off = np.einsum("pik,pk->pi", one - other[:, :1], normals_of(other))
-    return np.asarray(np.all(np.abs(off) <= slack, axis=1))
+    offsets = np.einsum("pik,pk->pi", first - second[:, :1], normals_of(second))
+    return np.asarray(np.all(np.abs(offsets) <= slack, axis=1))
 
 
 def normals_of(corners: FloatArray) -> FloatArray:
     """Return the unit normals (p, 3) of triangles (p, 3, 3), zero for degenerate ones."""
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return np.asarray(across / np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None])
+    products = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return np.asarray(products / np.maximum(np.linalg.norm(products, axis=1), 1e-300)[:, None])
 
 
-def _gap(one: FloatArray, other: FloatArray, axis: FloatArray) -> FloatArray:
+def _gap(triangles: FloatArray, others: FloatArray, axis: FloatArray) -> FloatArray:
     """Return the gaps (p,) between triangles along unit axes (p, 3), negative for overlap."""
-    first, second = (np.einsum("pij,pj->pi", corners, axis) for corners in (one, other))
+    first, second = (np.einsum("pij,pj->pi", corners, axis) for corners in (triangles, others))
     return np.asarray(np.maximum(second.min(axis=1) - first.max(axis=1), first.min(axis=1) - second.max(axis=1)))

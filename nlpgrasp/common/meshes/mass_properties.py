@@ -42,5 +42,7 @@ def volume_integrals(mesh: trimesh.Trimesh) -> VolumeIntegrals:
 
     corners = np.asarray(mesh.triangles, dtype=float)
     origin = local_origin(corners.reshape(-1, 3))
-    found = mass_properties(in_frame(corners, origin))
-    return VolumeIntegrals(float(found.volume), np.asarray(found.center_mass) + origin, np.asarray(found.inertia))
+    properties = mass_properties(in_frame(corners, origin))
+    return VolumeIntegrals(
+        float(properties.volume), np.asarray(properties.center_mass) + origin, np.asarray(properties.inertia)
+    )

@@ -14,7 +14,7 @@ import numpy as np
 from nlpgrasp.common.files import file_kind
 from nlpgrasp.common.meshes.outer_surface import outer_surface
 from nlpgrasp.common.meshes.search_tree import OPEN_SHARE, IntArray, in_frame, local_origin, unclear_share
-from nlpgrasp.common.meshes.topology import count_open_edges, drop_duplicates, is_plain, merged_mesh
+from nlpgrasp.common.meshes.topology import count_open_edges, drop_duplicates, is_plain, merge_mesh_vertices
 from nlpgrasp.common.user_warnings import warn_once
 from nlpgrasp.common.validation import LONGEST_BODY, UNITS, FloatArray, check_body_size, metres_per
 from nlpgrasp.errors import InputError
@@ -45,27 +45,27 @@ def coarse_rounding(vertices: FloatArray) -> str | None:
     if float(np.spacing(np.float32(farthest))) <= COARSE * longest / 2.0:  # scaling moves it by less than 2
         return None
     for factor in UNITS.values():
-        stated = vertices / factor
-        step = factor * float(np.spacing(np.float32(np.max(np.abs(stated)))))
-        if step > COARSE * longest and _is_single(stated) and not _is_decimal(stated):
+        coordinates = vertices / factor
+        step = factor * float(np.spacing(np.float32(np.max(np.abs(coordinates)))))
+        if step > COARSE * longest and _is_single(coordinates) and not _is_decimal(coordinates):
             text = f"coordinates of single precision, in steps of {1e3 * step:.2g} mm this far from the origin"
-            beside = f"{text} ({farthest:.4g} m), which is coarse for a part of {1e3 * longest:.3g} mm"
+            description = f"{text} ({farthest:.4g} m), which is coarse for a part of {1e3 * longest:.3g} mm"
             if step > LOST * longest:
-                raise InputError("Mesh.vertices", beside, "a part exported near the origin")
-            return f"the mesh has {beside}: export it near the origin"
+                raise InputError("Mesh.vertices", description, "a part exported near the origin")
+            return f"the mesh has {description}: export it near the origin"
     return None
 
 
-def _is_single(stated: FloatArray) -> bool:
+def _is_single(coordinates: FloatArray) -> bool:
     """Return whether coordinates (v, 3) of a file have single precision, up to scaling errors."""
-    return bool(np.all(np.abs(stated - stated.astype(np.float32)) <= DOUBLE * np.abs(stated)))
+    return bool(np.all(np.abs(coordinates - coordinates.astype(np.float32)) <= DOUBLE * np.abs(coordinates)))
 
 
-def _is_decimal(stated: FloatArray) -> bool:
+def _is_decimal(coordinates: FloatArray) -> bool:
     """Return whether coordinates (v, 3) of a file are decimal numbers with few digits."""
-    largest = np.maximum(np.abs(stated), SMALLEST)
+    largest = np.maximum(np.abs(coordinates), SMALLEST)
     scale = 10.0 ** (DIGITS - 1 - np.floor(np.log10(largest)))
-    return bool(np.all(np.abs(stated * scale - np.round(stated * scale)) <= DOUBLE * scale * largest))
+    return bool(np.all(np.abs(coordinates * scale - np.round(coordinates * scale)) <= DOUBLE * scale * largest))
 
 
 def read_mesh(path: str | Path, unit: str) -> trimesh.Trimesh:
@@ -98,7 +98,7 @@ def read_mesh(path: str | Path, unit: str) -> trimesh.Trimesh:
     longest = _longest_side(loaded)
     if unit == "m" and LARGE < longest <= LONGEST_BODY:
         warn_once(f'{file.name}: {longest:.3g} m long; unit="mm" says that its numbers are millimetres')
-    return scaled_mesh(loaded, factor)
+    return scale_mesh(loaded, factor)
 
 
 def _one_mesh(scene: trimesh.Scene) -> object:
@@ -111,7 +111,7 @@ def _one_mesh(scene: trimesh.Scene) -> object:
     return scene.to_mesh()
 
 
-def scaled_mesh(mesh: trimesh.Trimesh, factor: float) -> trimesh.Trimesh:
+def scale_mesh(mesh: trimesh.Trimesh, factor: float) -> trimesh.Trimesh:
     """Return a scaled copy of a mesh; anything else is returned unchanged."""
     import trimesh
 
@@ -122,7 +122,7 @@ def scaled_mesh(mesh: trimesh.Trimesh, factor: float) -> trimesh.Trimesh:
     return result
 
 
-def usable_mesh(mesh: object) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
+def repaired_mesh(mesh: object) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
     """Return the closed outer surface of a mesh and a list of repairs, or raise.
 
     Small holes are filled, inverted parts reversed, and overlapping parts united; all repairs are listed. A mesh that
@@ -133,8 +133,8 @@ def usable_mesh(mesh: object) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
     """
     import trimesh
 
-    given = _check_size(mesh)
-    vertices, faces = np.asarray(given.vertices, dtype=float), np.asarray(given.faces)
+    triangles = _check_size(mesh)
+    vertices, faces = np.asarray(triangles.vertices, dtype=float), np.asarray(triangles.faces)
     origin, rounding = local_origin(vertices), coarse_rounding(vertices)
     try:
         result, notes = _closed_outer_surface(in_frame(vertices, origin), faces)
@@ -156,13 +156,13 @@ def _closed_outer_surface(vertices: FloatArray, faces: IntArray) -> tuple[trimes
 
     longest = float(np.max(np.ptp(vertices, axis=0)))
     result, notes = _fill_holes(vertices, faces)
-    vertices, faces, more = outer_surface(np.asarray(result.vertices, dtype=float), np.asarray(result.faces))
-    if more:
+    vertices, faces, surface_notes = outer_surface(np.asarray(result.vertices, dtype=float), np.asarray(result.faces))
+    if surface_notes:
         result = trimesh.Trimesh(vertices, faces, process=False)
     volume, box = _signed_volume(result), float(np.prod(np.ptp(result.vertices, axis=0)))
     if abs(volume) <= 1e-6 * max(box, 1e-3 * longest**3):
         raise InputError("Mesh.mesh", f"volume {abs(volume):.3g} m^3", "a mesh with volume")
-    notes.extend(more)
+    notes.extend(surface_notes)
     if not is_plain(result) and (count := count_open_edges(result)):
         notes.append(f"not watertight ({count} open edges); the winding number decides what is inside")
     return result, notes
@@ -190,7 +190,7 @@ def _longest_side(mesh: trimesh.Trimesh) -> float:
 
 def _fill_holes(vertices: FloatArray, faces: IntArray) -> tuple[trimesh.Trimesh, list[str]]:
     """Return the mesh with small holes filled, and the repairs; raise if its inside is ambiguous."""
-    result = merged_mesh(vertices, faces)
+    result = merge_mesh_vertices(vertices, faces)
     if not len(result.faces):
         raise InputError("Mesh.mesh", "triangles without area", "a mesh with volume")
     notes = [] if is_plain(result) else _repair_mesh(result)
@@ -210,21 +210,21 @@ def _repair_mesh(mesh: trimesh.Trimesh) -> list[str]:
     import trimesh
 
     notes = []
-    kept, copies, walls = drop_duplicates(np.asarray(mesh.vertices), np.asarray(mesh.faces))
-    if not np.all(kept):
-        mesh.update_faces(kept)
+    is_needed, copies, walls = drop_duplicates(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+    if not np.all(is_needed):
+        mesh.update_faces(is_needed)
     if copies:
         notes.append(f"triangles left out that were there more than once: {copies}")
     if walls:
         notes.append(f"triangles left out that lay back to back and bound nothing: {walls}")
-    before, count, ways = count_open_edges(mesh), len(mesh.faces), np.array(mesh.faces)
-    if before:
+    open_edges, count, windings = count_open_edges(mesh), len(mesh.faces), np.array(mesh.faces)
+    if open_edges:
         mesh.fill_holes()
         trimesh.repair.fix_normals(mesh)
-        turned = int(np.sum(np.any(np.asarray(mesh.faces)[:count] != ways, axis=1)))
-        after, filled = count_open_edges(mesh), len(mesh.faces) > count
+        turned = int(np.sum(np.any(np.asarray(mesh.faces)[:count] != windings, axis=1)))
+        still_open, filled = count_open_edges(mesh), len(mesh.faces) > count
         if filled:
-            notes.append(f"filled holes: {before} open edges before, {after} after")
+            notes.append(f"filled holes: {open_edges} open edges before, {still_open} after")
         if turned:
             notes.append(f"triangles turned round to face as those beside them do: {turned}")
     return notes

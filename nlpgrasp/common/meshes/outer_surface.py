@@ -13,16 +13,16 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from nlpgrasp.common.cache import kept
+from nlpgrasp.common.cache import cached_arrays
 from nlpgrasp.common.meshes.intersections import (
-    crossing,
     in_plane,
+    intersecting_boxes,
     intersecting_triangles,
     is_covered,
-    meeting_boxes,
     normals_of,
+    triangles_intersect,
 )
-from nlpgrasp.common.meshes.search_tree import BESIDE, OPEN_SHARE, IntArray, buried, buried_share, unclear_share
+from nlpgrasp.common.meshes.search_tree import OPEN_SHARE, TEST_OFFSET, IntArray, buried_share, is_buried, unclear_share
 from nlpgrasp.common.meshes.topology import MeshParts, drop_unused_vertices
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.errors import InputError
@@ -55,11 +55,11 @@ def outer_surface(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, In
     InputError
         When overlapping parts cannot be united and the remaining surface has an ambiguous inside.
     """
-    found = kept("outer", [vertices, faces], lambda: _cached_outer_surface(vertices, faces))
-    notes = tuple(bytes(found["notes"].astype(np.uint8)).decode().splitlines())
+    arrays = cached_arrays("outer", [vertices, faces], lambda: _cached_outer_surface(vertices, faces))
+    notes = tuple(bytes(arrays["notes"].astype(np.uint8)).decode().splitlines())
     if not notes:
         return vertices, faces, ()
-    return found["vertices"], np.asarray(found["faces"], dtype=np.int64), notes
+    return arrays["vertices"], np.asarray(arrays["faces"], dtype=np.int64), notes
 
 
 def _cached_outer_surface(vertices: FloatArray, faces: IntArray) -> dict[str, FloatArray]:
@@ -69,8 +69,8 @@ def _cached_outer_surface(vertices: FloatArray, faces: IntArray) -> dict[str, Fl
     hollows = parts.cavities()
     parts = _orient_outwards(parts, hollows, notes)
     parts = _remove_buried(_unite_parts(parts, hollows, notes), notes)
-    said = np.frombuffer("\n".join(notes).encode(), dtype=np.uint8).astype(float)
-    return {"notes": said, "vertices": parts.vertices, "faces": parts.faces.astype(float)} if notes else {"notes": said}
+    text = np.frombuffer("\n".join(notes).encode(), dtype=np.uint8).astype(float)
+    return {"notes": text, "vertices": parts.vertices, "faces": parts.faces.astype(float)} if notes else {"notes": text}
 
 
 def _orient_outwards(parts: MeshParts, hollows: IntArray, notes: list[str]) -> MeshParts:
@@ -80,59 +80,65 @@ def _orient_outwards(parts: MeshParts, hollows: IntArray, notes: list[str]) -> M
     """
     if len(parts.volumes) > 1 and len(solid := parts.solid):
         inwards = solid[parts.volumes[solid] < 0.0]
-        wrong, every = np.setdiff1d(inwards, hollows), np.setdiff1d(solid, hollows)
+        inverted, shells = np.setdiff1d(inwards, hollows), np.setdiff1d(solid, hollows)
     else:
-        wrong = every = inwards = np.arange(len(parts.volumes) if parts.volumes.sum() < 0.0 else 0)
+        inverted = shells = inwards = np.arange(len(parts.volumes) if parts.volumes.sum() < 0.0 else 0)
     if not len(inwards):
         return parts
-    if len(wrong) == len(every):
+    if len(inverted) == len(shells):
         notes.append("turned inside out: the triangles faced inwards")
-    elif len(wrong):
-        notes.append(f"turned {len(wrong)} of {len(every)} parts inside out: their triangles faced inwards")
+    elif len(inverted):
+        notes.append(f"turned {len(inverted)} of {len(shells)} parts inside out: their triangles faced inwards")
     turned = np.isin(parts.labels, inwards)
     return MeshParts(parts.vertices, np.where(turned[:, None], parts.faces[:, ::-1], parts.faces))
 
 
 def _unite_parts(parts: MeshParts, hollows: IntArray, notes: list[str]) -> MeshParts:
     """Return the union of the parts; touching parts are offset outwards so that they overlap."""
-    united, how = outer_union(parts), ""
-    if len(parts.volumes) > 1 and _buried(MeshParts(*united[0]) if united else parts) > MOST_BURIED:
-        by = GROWN * float(np.linalg.norm(np.ptp(parts.vertices, axis=0)))
-        grown = outer_union(parts, by)
-        if grown is not None and _buried(MeshParts(*grown[0])) <= MOST_BURIED:
-            united, how = grown, f", grown by {by:.1g} m so that those that touch overlap"
+    united, remark = outer_union(parts), ""
+    if len(parts.volumes) > 1 and _buried_share(MeshParts(*united[0]) if united else parts) > MOST_BURIED:
+        offset = GROWN * float(np.linalg.norm(np.ptp(parts.vertices, axis=0)))
+        enlarged = outer_union(parts, offset)
+        if enlarged is not None and _buried_share(MeshParts(*enlarged[0])) <= MOST_BURIED:
+            united, remark = enlarged, f", grown by {offset:.1g} m so that those that touch overlap"
     if united is None:
         return parts
     if len(parts.solid) - len(hollows) > 1:
-        notes.append(f"joined {len(parts.solid) - len(hollows)} parts{how}: the outer surface of their union is left")
-    closed = len(hollows) + united[1]
-    if closed:
-        walls = "a closed hollow" if closed == 1 else f"{closed} closed hollows"
+        notes.append(
+            f"joined {len(parts.solid) - len(hollows)} parts{remark}: the outer surface of their union is left"
+        )
+    hollow_count = len(hollows) + united[1]
+    if hollow_count:
+        walls = "a closed hollow" if hollow_count == 1 else f"{hollow_count} closed hollows"
         notes.append(f"left out the walls of {walls}: no finger gets there, and the body counts as filled")
     return MeshParts(*united[0])
 
 
 def _remove_buried(parts: MeshParts, notes: list[str]) -> MeshParts:
     """Return the mesh without buried triangles; raise if its inside is then ambiguous."""
-    share = _buried(parts)
+    share = _buried_share(parts)
     if share <= MOST_BURIED:
         return parts
-    left = MeshParts(*exposed_surface(parts.vertices, parts.faces))
-    if not len(left.faces) or unclear_share(left.vertices, left.faces) > OPEN_SHARE or _buried(left) > MOST_BURIED:
+    exposed = MeshParts(*exposed_surface(parts.vertices, parts.faces))
+    if (
+        not len(exposed.faces)
+        or unclear_share(exposed.vertices, exposed.faces) > OPEN_SHARE
+        or _buried_share(exposed) > MOST_BURIED
+    ):
         raise InputError(
             "Mesh.mesh",
             f"a surface with {share:.2g} of its area inside the body, which cannot be parted from the rest",
             "parts that are closed, or joined to one closed surface",
         )
     notes.append(f"left out triangles inside the body: {share:.2g} of the area was buried")
-    return left
+    return exposed
 
 
-def _buried(parts: MeshParts) -> float:
+def _buried_share(parts: MeshParts) -> float:
     return buried_share(parts.vertices, parts.faces)
 
 
-def outer_union(parts: MeshParts, grown: float = 0.0) -> tuple[Triangles, int] | None:
+def outer_union(parts: MeshParts, offset: float = 0.0) -> tuple[Triangles, int] | None:
     """Return the outer surface of the union of the solid parts, and the number of closed cavities.
 
     The parts must be oriented outwards. All other triangles are appended unchanged.
@@ -140,7 +146,7 @@ def outer_union(parts: MeshParts, grown: float = 0.0) -> tuple[Triangles, int] |
     Parameters
     ----------
     parts : MeshParts
-    grown : float
+    offset : float
         Outward offset of the solid parts' vertices, which makes touching parts overlap, metres.
 
     Returns
@@ -154,33 +160,33 @@ def outer_union(parts: MeshParts, grown: float = 0.0) -> tuple[Triangles, int] |
     if len(parts.volumes) < 2 or len(solid := parts.solid) < 2:
         return None
     lower, upper = parts.boxes()
-    if not len(meeting_boxes(lower[solid] - grown, upper[solid] + grown)):
+    if not len(intersecting_boxes(lower[solid] - offset, upper[solid] + offset)):
         return None
-    finest = max(FINEST * float(np.linalg.norm(np.ptp(parts.vertices, axis=0))), grown)
-    joined = _unite_shells([_offset_shell(*parts.mesh_of(part), grown) for part in solid.tolist()], finest)
-    if joined is None:
+    finest = max(FINEST * float(np.linalg.norm(np.ptp(parts.vertices, axis=0))), offset)
+    union = _unite_shells([_offset_shell(*parts.mesh_of(part), offset) for part in solid.tolist()], finest)
+    if union is None:
         return None
-    found = MeshParts(*joined)
-    outside = np.flatnonzero(found.volumes > 0.0)
-    hollows = len(found.volumes) - len(outside)
+    shells = MeshParts(*union)
+    outer = np.flatnonzero(shells.volumes > 0.0)
+    hollows = len(shells.volumes) - len(outer)
     if hollows:  # shells inside cavities are then inside another shell
-        joined = drop_unused_vertices(found.vertices, found.faces[np.isin(found.labels, outside)])
-        joined = _unite_shells([found.mesh_of(part) for part in outside.tolist()], finest) or joined
-    loose = np.flatnonzero(~np.isin(parts.labels, solid))
-    if len(loose):
-        vertices, faces = drop_unused_vertices(parts.vertices, parts.faces[loose])
-        joined = np.concatenate([joined[0], vertices]), np.concatenate([joined[1], faces + len(joined[0])])
-    return joined, hollows
+        union = drop_unused_vertices(shells.vertices, shells.faces[np.isin(shells.labels, outer)])
+        union = _unite_shells([shells.mesh_of(part) for part in outer.tolist()], finest) or union
+    open_faces = np.flatnonzero(~np.isin(parts.labels, solid))
+    if len(open_faces):
+        vertices, faces = drop_unused_vertices(parts.vertices, parts.faces[open_faces])
+        union = np.concatenate([union[0], vertices]), np.concatenate([union[1], faces + len(union[0])])
+    return union, hollows
 
 
-def _offset_shell(vertices: FloatArray, faces: IntArray, by: float) -> Triangles:
+def _offset_shell(vertices: FloatArray, faces: IntArray, offset: float) -> Triangles:
     """Return a shell offset outwards along area-weighted vertex normals."""
-    if by == 0.0:
+    if offset == 0.0:
         return vertices, faces
     a, b, c = (vertices[faces[:, i]] for i in range(3))
-    across = np.repeat(np.cross(b - a, c - a), 3, axis=0)
-    normal = np.stack([np.bincount(faces.ravel(), across[:, i], len(vertices)) for i in range(3)], axis=1)
-    return vertices + by * normal / np.maximum(np.linalg.norm(normal, axis=1), SMALLEST)[:, None], faces
+    area_normals = np.repeat(np.cross(b - a, c - a), 3, axis=0)
+    normal = np.stack([np.bincount(faces.ravel(), area_normals[:, i], len(vertices)) for i in range(3)], axis=1)
+    return vertices + offset * normal / np.maximum(np.linalg.norm(normal, axis=1), SMALLEST)[:, None], faces
 
 
 def _unite_shells(shells: Sequence[Triangles], finest: float) -> Triangles | None:
@@ -191,15 +197,15 @@ def _unite_shells(shells: Sequence[Triangles], finest: float) -> Triangles | Non
     """
     import manifold3d
 
-    each = [
+    solids = [
         manifold3d.Manifold(manifold3d.Mesh64(np.ascontiguousarray(v), np.ascontiguousarray(f, dtype=np.uint64)))
         for v, f in shells
     ]
-    if any(shell.status() != manifold3d.Error.NoError for shell in each):
+    if any(shell.status() != manifold3d.Error.NoError for shell in solids):
         return None
-    union = manifold3d.Manifold.batch_boolean(each, manifold3d.OpType.Add)
-    together = np.sum([[shell.surface_area(), shell.volume()] for shell in each], axis=0)
-    if union.is_empty() or np.all(np.abs([union.surface_area(), union.volume()] - together) <= SAME * together):
+    union = manifold3d.Manifold.batch_boolean(solids, manifold3d.OpType.Add)
+    totals = np.sum([[shell.surface_area(), shell.volume()] for shell in solids], axis=0)
+    if union.is_empty() or np.all(np.abs([union.surface_area(), union.volume()] - totals) <= SAME * totals):
         return None
     mesh = union.simplify(finest).to_mesh64()
     return np.array(mesh.vert_properties, dtype=float)[:, :3], np.array(mesh.tri_verts).astype(np.int64)
@@ -215,18 +221,18 @@ def exposed_surface(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, 
     """
     size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     corners = vertices[faces]
-    pairs = intersecting_triangles(vertices, faces, BESIDE * size)
-    one, other = corners[pairs[:, 0]], corners[pairs[:, 1]]
-    upon = _has_similar_normals(one, other) & (
-        in_plane(one, other, BESIDE * size) | in_plane(other, one, BESIDE * size)
+    pairs = intersecting_triangles(vertices, faces, TEST_OFFSET * size)
+    first, second = corners[pairs[:, 0]], corners[pairs[:, 1]]
+    coplanar = _has_similar_normals(first, second) & (
+        in_plane(first, second, TEST_OFFSET * size) | in_plane(second, first, TEST_OFFSET * size)
     )
-    pairs = pairs[~(upon & (pairs[:, 0] < pairs[:, 1]))]
-    whole = np.ones(len(faces), dtype=bool)
-    whole[pairs[:, 0]] = False
-    every = np.concatenate([corners[whole], _pieces(corners, pairs, size)])
-    kept = every[~buried(vertices, faces, every.mean(axis=1), normals_of(every))]
-    places, numbers = np.unique(kept.reshape(-1, 3), axis=0, return_inverse=True)
-    return places, np.asarray(numbers).reshape(-1, 3).astype(np.int64)
+    pairs = pairs[~(coplanar & (pairs[:, 0] < pairs[:, 1]))]
+    is_free = np.ones(len(faces), dtype=bool)
+    is_free[pairs[:, 0]] = False
+    triangles = np.concatenate([corners[is_free], _pieces(corners, pairs, size)])
+    visible = triangles[~is_buried(vertices, faces, triangles.mean(axis=1), normals_of(triangles))]
+    corner_points, numbers = np.unique(visible.reshape(-1, 3), axis=0, return_inverse=True)
+    return corner_points, np.asarray(numbers).reshape(-1, 3).astype(np.int64)
 
 
 def _pieces(corners: FloatArray, pairs: IntArray, size: float) -> FloatArray:
@@ -237,52 +243,57 @@ def _pieces(corners: FloatArray, pairs: IntArray, size: float) -> FloatArray:
     owners: IntArray = np.unique(pairs[:, 0])
     piece: IntArray = np.searchsorted(owners, pairs[:, 0])
     pieces, cutter = corners[owners], pairs[:, 1]
-    done = [np.zeros((0, 3, 3))]
+    free_pieces = [np.zeros((0, 3, 3))]
     while len(pieces):
         cut = np.zeros(len(pieces), dtype=bool)
         cut[piece] = True
-        small = _longest(pieces) <= SMALL * size
-        done.append(pieces[~cut])
+        small = _longest_sides(pieces) <= SMALL * size
+        free_pieces.append(pieces[~cut])
         pieces, owners, piece, cutter = _bisect_pieces(pieces, owners, piece, cutter, cut & ~small)
-        if len(pieces) + sum(map(len, done)) > MOST_PIECES:
+        if len(pieces) + sum(map(len, free_pieces)) > MOST_PIECES:
             raise InputError(
                 "Mesh.mesh", "a surface that crosses itself in too many triangles", "parts joined to one closed surface"
             )
-        some, others = pieces[piece], corners[cutter]
-        upon = is_covered(some, others, BESIDE * size)
-        twice = np.zeros(len(pieces), dtype=bool)
-        twice[piece[upon & _has_similar_normals(some, others) & (cutter < owners[piece])]] = True
-        still = crossing(some, others, BESIDE * size) & ~upon & ~twice[piece]
-        numbers = np.cumsum(~twice) - 1
-        pieces, owners, piece, cutter = pieces[~twice], owners[~twice], numbers[piece[still]], cutter[still]
-    return np.concatenate(done)
+        cut_pieces, cutters = pieces[piece], corners[cutter]
+        is_on_cutter = is_covered(cut_pieces, cutters, TEST_OFFSET * size)
+        is_duplicate = np.zeros(len(pieces), dtype=bool)
+        is_duplicate[piece[is_on_cutter & _has_similar_normals(cut_pieces, cutters) & (cutter < owners[piece])]] = True
+        crosses = triangles_intersect(cut_pieces, cutters, TEST_OFFSET * size) & ~is_on_cutter & ~is_duplicate[piece]
+        numbers = np.cumsum(~is_duplicate) - 1
+        pieces, owners, piece, cutter = (
+            pieces[~is_duplicate],
+            owners[~is_duplicate],
+            numbers[piece[crosses]],
+            cutter[crosses],
+        )
+    return np.concatenate(free_pieces)
 
 
 def _bisect_pieces(
-    pieces: FloatArray, owners: IntArray, piece: IntArray, cutter: IntArray, which: NDArray[np.bool_]
+    pieces: FloatArray, owners: IntArray, piece: IntArray, cutter: IntArray, selected: NDArray[np.bool_]
 ) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
     """Return selected pieces bisected at their longest side, with owners and pairs, without the other pieces."""
-    chosen = pieces[which]
-    sides = np.linalg.norm(np.roll(chosen, -1, axis=1) - chosen, axis=2)
+    parents = pieces[selected]
+    sides = np.linalg.norm(np.roll(parents, -1, axis=1) - parents, axis=2)
     order = (np.argmax(sides, axis=1)[:, None] + np.arange(3)) % 3
-    a, b, c = np.moveaxis(np.take_along_axis(chosen, order[:, :, None], axis=1), 1, 0)
+    a, b, c = np.moveaxis(np.take_along_axis(parents, order[:, :, None], axis=1), 1, 0)
     middle = (a + b) / 2.0
     halves = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
-    kept = which[piece]
-    first = (np.cumsum(which) - 1)[piece[kept]]
+    is_selected = selected[piece]
+    positions = (np.cumsum(selected) - 1)[piece[is_selected]]
     return (
         halves,
-        np.tile(owners[which], 2),
-        np.concatenate([first, first + len(chosen)]),
-        np.tile(cutter[kept], 2),
+        np.tile(owners[selected], 2),
+        np.concatenate([positions, positions + len(parents)]),
+        np.tile(cutter[is_selected], 2),
     )
 
 
-def _has_similar_normals(one: FloatArray, other: FloatArray) -> NDArray[np.bool_]:
+def _has_similar_normals(first: FloatArray, second: FloatArray) -> NDArray[np.bool_]:
     """Return which triangles (p, 3, 3) have normals within 90 degrees of others' (p, 3, 3), pair by pair."""
-    return np.asarray(np.einsum("ij,ij->i", normals_of(one), normals_of(other)) > 0.0)
+    return np.asarray(np.einsum("ij,ij->i", normals_of(first), normals_of(second)) > 0.0)
 
 
-def _longest(pieces: FloatArray) -> FloatArray:
+def _longest_sides(pieces: FloatArray) -> FloatArray:
     """Return the longest sides (n,) of triangles (n, 3, 3)."""
     return np.asarray(np.max(np.linalg.norm(np.roll(pieces, -1, axis=1) - pieces, axis=2), axis=1))

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 
 FAR = 16.0  # longest sides: distance from the origin beyond which local coordinates are used
-AWAY = 2.0  # longest sides: distance from the origin beyond which trees use local coordinates
-BESIDE = 1e-6  # of the size: offset of test points from a triangle (STL files round to about a tenth of it)
+TREE_FAR = 2.0  # longest sides: distance from the origin beyond which trees use local coordinates
+TEST_OFFSET = 1e-6  # of the size: offset of test points from a triangle (STL files round to about a tenth of it)
 SAMPLES = 4000  # sample points in the bounding box
 SPREAD = 2000  # sample points on the surface
 UNCLEAR = 0.2  # distance of a winding number from an integer above which the inside is ambiguous
@@ -40,11 +40,11 @@ class SearchTree:
     """
 
     def __init__(self, vertices: FloatArray, faces: IntArray) -> None:
-        stated = np.asarray(vertices, dtype=float)
-        self._origin = local_origin(stated, AWAY)
-        self._vertices = np.ascontiguousarray(in_frame(stated, self._origin))
+        points = np.asarray(vertices, dtype=float)
+        self._origin = local_origin(points, TREE_FAR)
+        self._vertices = np.ascontiguousarray(in_frame(points, self._origin))
         self._faces = np.ascontiguousarray(faces, dtype=np.int64)
-        _every.add(self)
+        _trees.add(self)
 
     @cached_property
     def _boxes(self) -> igl.AABB:
@@ -78,8 +78,8 @@ class SearchTree:
     def nearest(self, points: FloatArray) -> tuple[FloatArray, NDArray[np.int64], FloatArray]:
         """Return squared distances (m,), face indices (m,) and nearest points (m, 3) of points (m, 3), metres."""
         squared, faces, positions = self._boxes.squared_distance(self._vertices, self._faces, self._local(points))
-        places = np.asarray(positions)
-        return np.asarray(squared), np.asarray(faces), places + self._origin if np.any(self._origin) else places
+        nearest = np.asarray(positions)
+        return np.asarray(squared), np.asarray(faces), nearest + self._origin if np.any(self._origin) else nearest
 
     def winding_numbers(self, points: FloatArray) -> FloatArray:
         """Return the fast winding numbers (m,) of the mesh about points (m, 3).
@@ -98,17 +98,17 @@ class SearchTree:
 
     def clearance(self, points: FloatArray) -> FloatArray:
         """Return the signed distances (m,), metres, of points (m, 3) from the nearest point, negative inside."""
-        inside = np.abs(self.winding_numbers(points)) > 0.5
-        return np.asarray(np.where(inside, -1.0, 1.0) * np.sqrt(self.nearest(points)[0]))
+        is_inside = np.abs(self.winding_numbers(points)) > 0.5
+        return np.asarray(np.where(is_inside, -1.0, 1.0) * np.sqrt(self.nearest(points)[0]))
 
 
-_every: weakref.WeakSet[SearchTree] = weakref.WeakSet()
+_trees: weakref.WeakSet[SearchTree] = weakref.WeakSet()
 
 
 @atexit.register
 def _release_trees() -> None:
     """Release all trees at interpreter exit, since libigl reports remaining ones."""
-    for tree in list(_every):
+    for tree in list(_trees):
         tree.release()
 
 
@@ -120,46 +120,46 @@ def unclear_share(vertices: FloatArray, faces: IntArray) -> float:
     return float(np.mean(np.abs(winding - np.round(winding)) > UNCLEAR))
 
 
-def buried(vertices: FloatArray, faces: IntArray, points: FloatArray, normals: FloatArray) -> NDArray[np.bool_]:
+def is_buried(vertices: FloatArray, faces: IntArray, points: FloatArray, normals: FloatArray) -> NDArray[np.bool_]:
     """Return which surface points (m, 3) with outward unit normals (m, 3) have the inside on both sides, (m,)."""
-    step = BESIDE * float(np.linalg.norm(np.ptp(vertices, axis=0))) * normals
+    step = TEST_OFFSET * float(np.linalg.norm(np.ptp(vertices, axis=0))) * normals
     tree = SearchTree(vertices, faces)
     result = tree.winding_numbers(points + step) > 0.5
-    behind = np.flatnonzero(result)
-    result[behind] = tree.winding_numbers(points[behind] - step[behind]) > 0.5
+    indices = np.flatnonzero(result)
+    result[indices] = tree.winding_numbers(points[indices] - step[indices]) > 0.5
     return result
 
 
 def buried_share(vertices: FloatArray, faces: IntArray) -> float:
     """Return the buried share of the mesh's area, from points uniform by area."""
     corners = vertices[faces]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = np.linalg.norm(across, axis=1)
+    products = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(products, axis=1)
     total = np.cumsum(area)
-    which = np.searchsorted(total, (np.arange(SPREAD) + 0.5) / SPREAD * total[-1])
-    shares = np.random.default_rng(0).dirichlet(np.ones(3), SPREAD)
-    points = np.einsum("ij,ijk->ik", shares, corners[which])
-    return float(np.mean(buried(vertices, faces, points, across[which] / area[which, None])))
+    triangles = np.searchsorted(total, (np.arange(SPREAD) + 0.5) / SPREAD * total[-1])
+    weights = np.random.default_rng(0).dirichlet(np.ones(3), SPREAD)
+    points = np.einsum("ij,ijk->ik", weights, corners[triangles])
+    return float(np.mean(is_buried(vertices, faces, points, products[triangles] / area[triangles, None])))
 
 
-def local_origin(points: FloatArray, beyond: float = FAR) -> FloatArray:
+def local_origin(points: FloatArray, limit: float = FAR) -> FloatArray:
     """Return the origin (3,) of local coordinates of points (n, 3), metres: the box centre on each far axis.
 
-    It is 0 on the other axes. With ``beyond`` of at least 1 the difference of a point and this origin, and the inverse
+    It is 0 on the other axes. With ``limit`` of at least 1 the difference of a point and this origin, and the inverse
     sum, are exact in floating point (Sterbenz), so points are restored exactly.
 
     Parameters
     ----------
     points : (n, 3) array
         Metres.
-    beyond : float
+    limit : float
         Distance from the origin that counts as far, in longest sides of the bounding box.
     """
     if not len(points):
         return np.zeros(3)
     lower, upper = points.min(axis=0), points.max(axis=0)
     centre = lower + (upper - lower) / 2.0
-    return np.where(np.abs(centre) > beyond * float(np.max(upper - lower)), centre, 0.0)
+    return np.where(np.abs(centre) > limit * float(np.max(upper - lower)), centre, 0.0)
 
 
 def in_frame(points: FloatArray, origin: FloatArray) -> FloatArray:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 FLAT = 1e-9  # of the bounding box's volume: volume below which a part is a sheet
 NEGLIGIBLE = 1e-4  # of the surface area: share of opposite triangle pairs that is tolerated
-LOOKED_AT = 16  # vertices of a part tested for being inside another
+TESTED_VERTICES = 16  # vertices of a part tested for being inside another
 SEAM = 1e-6  # of the longest side: distance within which open edges merge (exporters use single precision)
 
 
@@ -50,33 +50,33 @@ class MeshParts:
         return np.asarray(np.unique(keys, return_inverse=True)[1]).reshape(self.faces.shape)
 
     @cached_property
-    def _ways(self) -> NDArray[np.int64]:
+    def _edge_directions(self) -> NDArray[np.int64]:
         """Direction of each edge in its triangle, (f, 3): 1 from the smaller vertex index, -1 from the larger."""
         return np.where(self.faces < np.roll(self.faces, -1, axis=1), 1, -1)
 
     @cached_property
     def open_edges(self) -> int:
         """Number of open edges, used unequally often in both directions."""
-        return int(np.count_nonzero(np.bincount(self._edges.ravel(), self._ways.ravel())))
+        return int(np.count_nonzero(np.bincount(self._edges.ravel(), self._edge_directions.ravel())))
 
     @cached_property
     def open_vertices(self) -> NDArray[np.int64]:
         """Indices of the vertices of open edges."""
-        sums = np.bincount(self._edges.ravel(), self._ways.ravel())
-        which = sums[self._edges] != 0
-        return np.unique([self.faces[which], np.roll(self.faces, -1, axis=1)[which]]).astype(np.int64)
+        sums = np.bincount(self._edges.ravel(), self._edge_directions.ravel())
+        is_open = sums[self._edges] != 0
+        return np.unique([self.faces[is_open], np.roll(self.faces, -1, axis=1)[is_open]]).astype(np.int64)
 
     @cached_property
     def labels(self) -> NDArray[np.int64]:
         """Part index of each triangle, (f,)."""
-        edges, ways = self._edges.ravel(), self._ways.ravel()
+        edges, directions = self._edges.ravel(), self._edge_directions.ravel()
         order = np.argsort(edges, kind="stable")
         starts = np.flatnonzero(np.diff(edges[order], prepend=-1))
-        place = np.arange(len(edges)) - np.repeat(starts, np.diff(starts, append=len(edges)))  # among those of its edge
-        one, other = order[:-1], order[1:]
-        beside = (edges[one] == edges[other]) & (place[:-1] % 2 == 0) & (ways[one] != ways[other])
-        one, other, count = one[beside] // 3, other[beside] // 3, len(self.faces)
-        graph = coo_matrix((np.ones(len(one), dtype=bool), (one, other)), shape=(count, count))
+        rank = np.arange(len(edges)) - np.repeat(starts, np.diff(starts, append=len(edges)))  # among those of its edge
+        first, second = order[:-1], order[1:]
+        is_adjacent = (edges[first] == edges[second]) & (rank[:-1] % 2 == 0) & (directions[first] != directions[second])
+        first, second, count = first[is_adjacent] // 3, second[is_adjacent] // 3, len(self.faces)
+        graph = coo_matrix((np.ones(len(first), dtype=bool), (first, second)), shape=(count, count))
         return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
     @cached_property
@@ -88,13 +88,13 @@ class MeshParts:
     @cached_property
     def solid(self) -> IntArray:
         """Indices of the parts without open edges and with volume."""
-        edges, ways = self._edges, self._ways
+        edges, directions = self._edges, self._edge_directions
         count = edges.max() + 1
         keys, key = np.unique((self.labels[:, None] * count + edges).ravel(), return_inverse=True)
-        whole = np.ones(len(self.volumes), dtype=bool)
-        whole[keys[np.bincount(np.asarray(key).ravel(), ways.ravel()) != 0] // count] = False
+        is_closed = np.ones(len(self.volumes), dtype=bool)
+        is_closed[keys[np.bincount(np.asarray(key).ravel(), directions.ravel()) != 0] // count] = False
         box = float(np.prod(np.ptp(self.vertices, axis=0)))
-        return np.flatnonzero(whole & (np.abs(self.volumes) > FLAT * box))
+        return np.flatnonzero(is_closed & (np.abs(self.volumes) > FLAT * box))
 
     @cached_property
     def _order(self) -> tuple[IntArray, IntArray]:
@@ -121,19 +121,25 @@ class MeshParts:
             return np.zeros(0, dtype=np.int64)
         lower, upper = self.boxes()
         tree_of = cache(lambda part: SearchTree(*self.mesh_of(part)))
-        found = []
+        cavities = []
         for part in self.solid:
-            around = [
-                other
-                for other in self.solid
-                if other != part and np.all(lower[other] <= lower[part]) and np.all(upper[part] <= upper[other])
+            enclosing = [
+                candidate
+                for candidate in self.solid
+                if candidate != part
+                and np.all(lower[candidate] <= lower[part])
+                and np.all(upper[part] <= upper[candidate])
             ]
-            corners = self.mesh_of(part)[0][:: max(1, self._size(part) // LOOKED_AT)]
-            inside = [other for other in around if np.all(np.abs(tree_of(other).winding_numbers(corners)) > 0.5)]
-            outside = sum(signs[other] for other in inside)
-            if abs(outside + signs[part]) < abs(outside):
-                found.append(part)
-        return np.array(found, dtype=np.int64)
+            corners = self.mesh_of(part)[0][:: max(1, self._size(part) // TESTED_VERTICES)]
+            containers = [
+                candidate
+                for candidate in enclosing
+                if np.all(np.abs(tree_of(candidate).winding_numbers(corners)) > 0.5)
+            ]
+            orientation = sum(signs[candidate] for candidate in containers)
+            if abs(orientation + signs[part]) < abs(orientation):
+                cavities.append(part)
+        return np.array(cavities, dtype=np.int64)
 
     def _size(self, part: int) -> int:
         starts = self._order[1]
@@ -142,8 +148,8 @@ class MeshParts:
 
 def drop_unused_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
     """Return the vertices (v, 3) used by some triangles, and the triangles (f, 3) with renumbered vertices."""
-    used, numbers = np.unique(faces, return_inverse=True)
-    return vertices[used], np.asarray(numbers).reshape(-1, 3).astype(np.int64)
+    indices, numbers = np.unique(faces, return_inverse=True)
+    return vertices[indices], np.asarray(numbers).reshape(-1, 3).astype(np.int64)
 
 
 def drop_duplicates(vertices: FloatArray, faces: IntArray) -> tuple[NDArray[np.bool_], int, int]:
@@ -153,25 +159,27 @@ def drop_duplicates(vertices: FloatArray, faces: IntArray) -> tuple[NDArray[np.b
     the rest is open without them, the one of a pair that closes it stays.
     """
     ordered = np.argsort(faces, axis=1, kind="stable")
-    way = np.where(np.isin(ordered @ np.array([9, 3, 1]), (5, 15, 19)), 1, -1)  # 012, 120, 201: even permutations
+    orientation = np.where(
+        np.isin(ordered @ np.array([9, 3, 1]), (5, 15, 19)), 1, -1
+    )  # 012, 120, 201: even permutations
     _, group = np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True)
     group = np.asarray(group).ravel()
-    net = np.bincount(group, way)
+    net = np.bincount(group, orientation)
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     balanced = net[group] == 0
     if area[balanced].sum() <= NEGLIGIBLE * area.sum() or np.all(balanced):
         balanced[:] = False
     first = np.full(len(net), len(faces), dtype=np.int64)
-    wanted = np.flatnonzero((net[group] == 0) | (way == np.sign(net[group])))
-    np.minimum.at(first, group[wanted], wanted)
+    candidates = np.flatnonzero((net[group] == 0) | (orientation == np.sign(net[group])))
+    np.minimum.at(first, group[candidates], candidates)
     copies = (net[group] != 0) & (first[group] != np.arange(len(faces)))
     closing = _closing_triangles(faces, group, ~(copies | balanced), balanced)
     return ~(copies | balanced) | closing, int(copies.sum()), int((balanced & ~closing).sum())
 
 
 def _closing_triangles(
-    faces: IntArray, group: IntArray, kept: NDArray[np.bool_], pairs: NDArray[np.bool_]
+    faces: IntArray, group: IntArray, is_kept: NDArray[np.bool_], pairs: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
     """Return which opposite triangles (f, 3) close open edges of the kept ones, at most one per group.
 
@@ -180,24 +188,24 @@ def _closing_triangles(
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)
     keys = np.sort(ends, axis=2) @ np.array([faces.max() + 1, 1])
     edges = np.unique(keys, return_inverse=True)[1].reshape(keys.shape)
-    ways = np.where(ends[..., 0] < ends[..., 1], 1, -1)
+    directions = np.where(ends[..., 0] < ends[..., 1], 1, -1)
     count = edges.max() + 1
     undecided, closing = pairs.copy(), np.zeros(len(faces), dtype=bool)
     members = np.maximum(np.bincount(group, pairs), 1.0)[group]
     while True:
-        left = np.bincount(edges[kept | closing].ravel(), ways[kept | closing].ravel(), count)
+        imbalance = np.bincount(edges[is_kept | closing].ravel(), directions[is_kept | closing].ravel(), count)
         groups = np.bincount(edges[undecided].ravel(), np.repeat(1.0 / members[undecided], 3), count)
-        fits = (left[edges] == -ways) & (np.abs(groups[edges] - 1.0) < 0.5) & undecided[:, None]
-        contrary = (left[edges] == ways) & (np.abs(groups[edges] - 1.0) < 0.5)
-        wanted = np.flatnonzero(fits.any(axis=1) & ~contrary.any(axis=1))
-        if not len(wanted):
+        is_fitting = (imbalance[edges] == -directions) & (np.abs(groups[edges] - 1.0) < 0.5) & undecided[:, None]
+        is_contrary = (imbalance[edges] == directions) & (np.abs(groups[edges] - 1.0) < 0.5)
+        chosen = np.flatnonzero(is_fitting.any(axis=1) & ~is_contrary.any(axis=1))
+        if not len(chosen):
             return closing
-        wanted = wanted[np.unique(group[wanted], return_index=True)[1]]
-        closing[wanted] = True
-        undecided &= ~np.isin(group, group[wanted])
+        chosen = chosen[np.unique(group[chosen], return_index=True)[1]]
+        closing[chosen] = True
+        undecided &= ~np.isin(group, group[chosen])
 
 
-def merged_mesh(vertices: FloatArray, faces: IntArray) -> trimesh.Trimesh:
+def merge_mesh_vertices(vertices: FloatArray, faces: IntArray) -> trimesh.Trimesh:
     """Return the mesh with one vertex per position and without degenerate triangles.
 
     Vertices merge within 1e-8 m. If edges stay open, vertices of open edges merge within a millionth of the longest
@@ -218,20 +226,20 @@ def merged_mesh(vertices: FloatArray, faces: IntArray) -> trimesh.Trimesh:
     if not len(result.faces) or is_plain(result) or not (fewest := count_open_edges(result)):
         return result
     all_faces = np.asarray(merged.faces)
-    proper = all_faces[_has_three_corners(all_faces)]
-    for candidate in (proper, welded_faces(np.asarray(merged.vertices), proper)):
-        left = MeshParts(np.asarray(merged.vertices), candidate).open_edges if len(candidate) else fewest
-        if left < fewest:
-            fewest, result = left, trimesh.Trimesh(merged.vertices, candidate, process=False)
+    distinct = all_faces[_has_three_corners(all_faces)]
+    for candidate in (distinct, weld_faces(np.asarray(merged.vertices), distinct)):
+        open_edges = MeshParts(np.asarray(merged.vertices), candidate).open_edges if len(candidate) else fewest
+        if open_edges < fewest:
+            fewest, result = open_edges, trimesh.Trimesh(merged.vertices, candidate, process=False)
             result.remove_unreferenced_vertices()
     return result
 
 
-def welded_faces(vertices: FloatArray, faces: IntArray) -> IntArray:
+def weld_faces(vertices: FloatArray, faces: IntArray) -> IntArray:
     """Return the triangles (f, 3) with vertices of open edges merged within ``SEAM``."""
-    loose = MeshParts(vertices, faces).open_vertices
-    reach = SEAM * float(np.max(np.ptp(vertices, axis=0)))
-    pairs = loose[cKDTree(vertices[loose]).query_pairs(reach, output_type="ndarray")]
+    open_vertices = MeshParts(vertices, faces).open_vertices
+    radius = SEAM * float(np.max(np.ptp(vertices, axis=0)))
+    pairs = open_vertices[cKDTree(vertices[open_vertices]).query_pairs(radius, output_type="ndarray")]
     count = len(vertices)
     graph = coo_matrix((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
     labels = connected_components(graph, directed=False)[1]

@@ -1,7 +1,9 @@
-"""Entry of a task library and its JSON file."""
+"""Entry of a task library: its JSON file, and its wrenches in an npz file beside it."""
 
 from __future__ import annotations
 
+import hashlib
+import io
 import json
 import unicodedata
 from collections.abc import Iterable
@@ -10,16 +12,17 @@ from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
+from zipfile import BadZipFile
 
 import numpy as np
 
-from nlpgrasp.common.files import check_schema, read_object, read_text, write_text
+from nlpgrasp.common.files import check_schema, read_object, read_text, write_bytes, write_text
 from nlpgrasp.common.formatting import FORCE_UNIT, MOMENT_UNIT
 from nlpgrasp.common.spatial import space_dimension
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, prefix_errors, read_only
 from nlpgrasp.errors import InputError
-from nlpgrasp.tasks.growing_ellipsoids import Learnt, LeastVolume, Normal
+from nlpgrasp.tasks.library.updatable_fits import CovarianceFit, MinVolumeFit, UpdatableFit
 from nlpgrasp.tasks.task_ellipsoid import TaskEllipsoid
 from nlpgrasp.version import __version__
 
@@ -30,7 +33,8 @@ if TYPE_CHECKING:
 SCHEMA_NAME = "nlpgrasp-task/1"
 UNITS = {"force": FORCE_UNIT, "torque": MOMENT_UNIT}
 LONGEST_NAME, LONGEST_TEXT = 100, 2000  # characters
-LEARNT: dict[str, type[Learnt]] = {kind.kind: kind for kind in (LeastVolume, Normal)}  # by name in files
+FITS: dict[str, type[UpdatableFit]] = {kind.kind: kind for kind in (MinVolumeFit, CovarianceFit)}  # by name in files
+HASH = 16  # hexadecimal digits of the content's hash in names of wrench files
 LARGEST_FILE = 64 * 1024 * 1024  # bytes
 EXPECTED = "what task schema 1 says (docs/task_libraries.md)"
 
@@ -54,12 +58,12 @@ class Frame:
         """Raise if another frame or reference point differs."""
         if other.words != self.words:
             raise InputError("frame", other.words or "no words", f"{self.words or 'no words'!r}, that of the entry")
-        if not same_point(self.about, other.about):
-            raise InputError("frame.about", point_words(other.about), f"{point_words(self.about)}, that of the entry")
+        if not is_same_point(self.about, other.about):
+            raise InputError("frame.about", format_point(other.about), f"{format_point(self.about)}, that of the entry")
 
 
 @dataclass(frozen=True)
-class Origin:
+class ProvenanceRecord:
     """Provenance record: one change of an entry.
 
     Parameters
@@ -80,8 +84,8 @@ class Origin:
     date: str = ""
 
     def __str__(self) -> str:
-        many = f"{self.wrenches} wrenches" if self.wrenches else ""
-        return ", ".join(part for part in (self.date, self.did, many, self.source) if part)
+        count = f"{self.wrenches} wrenches" if self.wrenches else ""
+        return ", ".join(part for part in (self.date, self.did, count, self.source) if part)
 
 
 @dataclass(frozen=True)
@@ -92,24 +96,24 @@ class TaskEntry:
     ----------
     name : str
         Unique in the library.
-    learnt : Learnt
-        The ellipsoid, and the statistics to update it.
+    learnt : UpdatableFit
+        The ellipsoid, and what an update needs.
     frame : Frame
         Axes and reference point of its wrenches.
     description : str
         For readers.
     tags : tuple of str
         Further words for ``search``.
-    provenance : tuple of Origin
+    provenance : tuple of ProvenanceRecord
         Oldest first.
     """
 
     name: str
-    learnt: Learnt
+    learnt: UpdatableFit
     frame: Frame = Frame()
     description: str = ""
     tags: tuple[str, ...] = ()
-    provenance: tuple[Origin, ...] = ()
+    provenance: tuple[ProvenanceRecord, ...] = ()
 
     @property
     def task(self) -> TaskEllipsoid:
@@ -134,7 +138,7 @@ class TaskEntry:
         size = np.max(np.abs(axes), axis=0)
         return int(np.linalg.matrix_rank(axes / np.where(size > 0.0, size, 1.0)))
 
-    def holds(self, words: Iterable[str]) -> bool:
+    def contains_words(self, words: Iterable[str]) -> bool:
         """Return whether name, description or tags contain all given words, in any case."""
         text = " ".join([self.name, self.description, *self.tags]).casefold()
         return all(unicodedata.normalize("NFC", word).casefold() in text for word in words)
@@ -158,7 +162,7 @@ class TaskEntry:
         flat = "" if self.rank == self.dimension else f", flat: {self.rank} of {self.dimension} directions"
         lines = [f"{self.name}: ellipsoid {self.learnt.words()}{flat}"]
         lines += [self.description] if self.description else []
-        lines += [f"frame: {self.frame.words or 'not said'}; moments about {point_words(self.frame.about)}"]
+        lines += [f"frame: {self.frame.words or 'not said'}; moments about {format_point(self.frame.about)}"]
         lines += [f"tags: {', '.join(self.tags)}"] if self.tags else []
         return "\n  ".join([*lines, *map(str, self.provenance)])
 
@@ -168,12 +172,12 @@ def frame_data(frame: Frame) -> Json:
     return {"words": frame.words, "about": None if frame.about is None else frame.about.tolist()}
 
 
-def same_point(a: FloatArray | None, b: FloatArray | None) -> bool:
+def is_same_point(a: FloatArray | None, b: FloatArray | None) -> bool:
     """Return whether two reference points are equal."""
     return (a is None and b is None) or (a is not None and b is not None and np.array_equal(a, b))
 
 
-def point_words(point: FloatArray | None) -> str:
+def format_point(point: FloatArray | None) -> str:
     """Return a reference point as text."""
     return "the problem's torque origin" if point is None else str(point.tolist())
 
@@ -182,8 +186,8 @@ def entry_name(value: object) -> str:
     """Return a validated name of an entry, in Unicode normal form C."""
     name = unicodedata.normalize("NFC", value) if isinstance(value, str) else ""
     if not name or name != " ".join(name.split()) or not name.isprintable() or len(name) > LONGEST_NAME:
-        allowed = f"a name of 1 to {LONGEST_NAME} printable characters, with single spaces"
-        raise InputError("name", repr(value), allowed)
+        expected = f"a name of 1 to {LONGEST_NAME} printable characters, with single spaces"
+        raise InputError("name", repr(value), expected)
     return name
 
 
@@ -194,12 +198,12 @@ def check_text_line(field: str, value: object) -> str:
     return unicodedata.normalize("NFC", value)
 
 
-def tag_words(value: object) -> tuple[str, ...]:
+def check_tags(value: object) -> tuple[str, ...]:
     """Return validated tags from one or several."""
-    several = [value] if isinstance(value, str) else value
-    if not isinstance(several, list | tuple):
+    tags = [value] if isinstance(value, str) else value
+    if not isinstance(tags, list | tuple):
         raise InputError("tags", value, "a word or several")
-    return tuple(check_text_line("tags", one) for one in several)
+    return tuple(check_text_line("tags", tag) for tag in tags)
 
 
 def about_point(value: object, dimension: int, field: str = "about") -> FloatArray | None:
@@ -221,17 +225,69 @@ def _validator() -> jsonschema.Draft202012Validator:
 
 
 def write_entry(entry: TaskEntry, path: Path) -> Path:
-    """Write an entry's file atomically."""
-    return write_text(path, entry_json(entry))
+    """Write an entry's file atomically, with its wrenches beside it.
+
+    The wrenches get a new file named by their content, before the entry's file is replaced. The file of the previous
+    wrenches is then removed.
+    """
+    previous, current = wrench_file(path), None
+    wrenches = entry.learnt.stored_wrenches
+    if len(wrenches):
+        buffer = io.BytesIO()
+        np.savez(buffer, wrenches=wrenches)
+        content = buffer.getvalue()
+        current = path.with_name(f"{path.stem}-{hashlib.sha256(content).hexdigest()[:HASH]}.npz")
+        write_bytes(current, content)
+    write_text(path, entry_json(entry, current))
+    if previous is not None and previous != current:
+        previous.unlink(missing_ok=True)
+    return path
 
 
-def entry_json(entry: TaskEntry) -> str:
-    """Return an entry as JSON text, one field per line."""
+def remove_entry(path: Path) -> None:
+    """Remove an entry's file and its wrenches."""
+    wrenches = wrench_file(path)
+    path.unlink(missing_ok=True)
+    if wrenches is not None:
+        wrenches.unlink(missing_ok=True)
+
+
+def wrench_file(path: Path) -> Path | None:
+    """Return the file of an entry's wrenches, None without an entry or wrenches."""
+    if not path.is_file():
+        return None
+    name = read_object(_read_text(path), str(path))["fit"].get("wrenches")
+    return None if name is None else path.with_name(name)
+
+
+def read_wrenches(path: Path, dimension: int) -> FloatArray:
+    """Read an entry's wrenches, (n, d).
+
+    Raises
+    ------
+    InputError
+        When the file is truncated, or its wrenches have another dimension.
+    FileNotFoundError
+        When it does not exist.
+    """
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+            wrenches = arrays["wrenches"]
+    except FileNotFoundError:
+        raise
+    except (OSError, EOFError, ValueError, KeyError, BadZipFile):
+        raise InputError("fit.wrenches", f"{path.name}, which cannot be read", "an npz file with wrenches") from None
+    return array("fit.wrenches", wrenches, (None, dimension))
+
+
+def entry_json(entry: TaskEntry, wrenches: Path | None = None) -> str:
+    """Return an entry as JSON text, one field per line, with the name of the file of its wrenches."""
+    fit = entry.learnt.to_dict()
     data = {
         "schema": SCHEMA_NAME,
         "created_by": {"nlpgrasp": __version__},
         **entry.summary(),
-        "fit": entry.learnt.to_dict(),
+        "fit": fit if wrenches is None else {**fit, "wrenches": wrenches.name},
     }
     del data["wrenches"], data["forgotten"]  # the fit says so
     lines = (f" {json.dumps(k)}: {json.dumps(v, ensure_ascii=False, allow_nan=False)}" for k, v in data.items())
@@ -239,42 +295,61 @@ def entry_json(entry: TaskEntry) -> str:
 
 
 def read_entry(path: Path) -> TaskEntry:
-    """Read an entry from a file.
+    """Read an entry from a file, and its wrenches.
 
     Raises
     ------
     InputError
-        When the file is truncated or invalid, or has other units or dimensions; it names the file and the field.
+        When the file is truncated or invalid, has other units or dimensions, or its wrenches are missing; it names the
+        file and the field.
     """
-    return parse_entry(read_text(path, "an entry of a task library", LARGEST_FILE), str(path))
+    content = _read_text(path)
+    while True:
+        try:
+            return parse_entry(content, path)
+        except FileNotFoundError as error:
+            earlier, content = content, _read_text(path)
+            if content == earlier:  # not replaced by another process meanwhile
+                missing = f"{Path(error.filename).name}, which is not there"
+                raise InputError(f"{path}: fit.wrenches", missing, "the file beside the entry's") from None
 
 
-def parse_entry(content: str, name: str) -> TaskEntry:
-    """Parse an entry from JSON text; ``name`` is used in messages."""
+def _read_text(path: Path) -> str:
+    return read_text(path, "an entry of a task library", LARGEST_FILE)
+
+
+def parse_entry(content: str, path: Path) -> TaskEntry:
+    """Parse an entry from the JSON text of a file, and read its wrenches."""
+    name = str(path)
     data = read_object(content, name)
     if data.get("schema") != SCHEMA_NAME:
         raise InputError(f"{name}: schema", data.get("schema", "nothing"), repr(SCHEMA_NAME))
     units = data.get("units")
     for quantity, unit in UNITS.items():
-        given = units.get(quantity, "nothing") if isinstance(units, dict) else units
-        if given != unit:
-            raise InputError(f"{name}: units.{quantity}", given, f"{unit!r}: entries are in SI units")
+        stated = units.get(quantity, "nothing") if isinstance(units, dict) else units
+        if stated != unit:
+            raise InputError(f"{name}: units.{quantity}", stated, f"{unit!r}: entries are in SI units")
     check_schema(data, _validator(), name, EXPECTED)
     with prefix_errors(f"{name}: "):
-        return _entry(data)
+        return _entry(data, path.parent)
 
 
-def _entry(data: Json) -> TaskEntry:
-    """Return the entry of data that conform to the schema."""
+def _entry(data: Json, folder: Path) -> TaskEntry:
+    """Return the entry of data that conform to the schema, with wrenches from a folder."""
     d = data["dimension"]
     axes = array("task.axes", data["task"]["axes"], (None, d))
     task = TaskEllipsoid.from_axes(axes, array("task.center", data["task"]["center"], (d,)))
-    learnt = LEARNT[data["fit"]["kind"]].from_dict(data["fit"], task)
+    file = data["fit"].get("wrenches")
+    wrenches = None if file is None else read_wrenches(folder / file, d)
+    learnt = FITS[data["fit"]["kind"]].from_dict(data["fit"], task, wrenches)
     return TaskEntry(
         entry_name(data["name"]),
         learnt,
         Frame(data["frame"]["words"], about_point(data["frame"]["about"], d, "frame.about")),
         data["description"],
         tuple(data["tags"]),
-        tuple(Origin(one["did"], one["source"], one["wrenches"], one["date"]) for one in data["provenance"]),
+        tuple(
+            ProvenanceRecord(record["did"], record["source"], record["wrenches"], record["date"])
+            for record in data["provenance"]
+        ),
     )

@@ -13,27 +13,28 @@ from typing import TypedDict, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlpgrasp.common.files import file_name, held
+from nlpgrasp.common.files import file_name, hold_lock
 from nlpgrasp.common.formatting import columns
 from nlpgrasp.common.spatial import move_torque_origin, space_dimension
 from nlpgrasp.common.user_warnings import warn
-from nlpgrasp.common.validation import NEAREST, FloatArray, near
+from nlpgrasp.common.validation import NEAREST, FloatArray, similar_names
 from nlpgrasp.errors import InputError
 from nlpgrasp.tasks.base import Task
 from nlpgrasp.tasks.enclosing_ellipsoid import GAP, enclose, wrench_rows
-from nlpgrasp.tasks.growing_ellipsoids import Learnt, LeastVolume, Moments, Normal
 from nlpgrasp.tasks.library.entry import (
     UNITS,
     Frame,
-    Origin,
+    ProvenanceRecord,
     TaskEntry,
+    check_tags,
     check_text_line,
     entry_name,
-    point_words,
+    format_point,
     read_entry,
-    tag_words,
+    remove_entry,
     write_entry,
 )
+from nlpgrasp.tasks.library.updatable_fits import CovarianceFit, MinVolumeFit, Moments, UpdatableFit
 from nlpgrasp.tasks.recording import WrenchRecording
 from nlpgrasp.tasks.task_ellipsoid import TaskEllipsoid
 from nlpgrasp.tasks.task_polytope import TaskPolytope
@@ -44,7 +45,7 @@ Wrenches = WrenchRecording | TaskPolytope | ArrayLike
 
 
 class TaskLibrary:
-    """A library of named task ellipsoids, stored as a folder of JSON files.
+    """A library of named task ellipsoids, stored as a folder of JSON files, with their wrenches in npz files.
 
     ``library["peg in hole"]`` is the task. Changes hold a lock and write files atomically, so several processes may
     change a library concurrently without loss.
@@ -99,7 +100,9 @@ class TaskLibrary:
 
     def search(self, words: str) -> tuple[str, ...]:
         """Return the names of entries whose name, description or tags contain all given words, in any case."""
-        return tuple(entry.name for entry in self.entries() if entry.holds(check_text_line("words", words).split()))
+        return tuple(
+            entry.name for entry in self.entries() if entry.contains_words(check_text_line("words", words).split())
+        )
 
     def add(
         self,
@@ -136,21 +139,21 @@ class TaskLibrary:
         UserWarning
             When the wrenches are constant along some direction: the ellipsoid is flat.
         """
-        said, given = CheckedNotes.of(notes), entry_name(name)
+        checked, title = CheckedNotes.of(notes), entry_name(name)
         if isinstance(what, TaskEntry):
-            made = copy_entry(what, given, said)
+            entry = copy_entry(what, title, checked)
         else:
             learnt, about, source = fit_input(what, outliers, probability)
-            origin = provenance_now("added", said.source or source, learnt.wrenches)
-            frame = Frame(said.frame, about)
-            made = TaskEntry(given, learnt, frame, said.description, said.tags, (origin,))
+            origin = provenance_now("added", checked.source or source, learnt.wrenches)
+            frame = Frame(checked.frame, about)
+            entry = TaskEntry(title, learnt, frame, checked.description, checked.tags, (origin,))
         with self._folder.changing():
-            if self._folder.find(given) is not None:
-                raise InputError("name", repr(given), f"a new name: {self._folder.words} has this entry; or update it")
-            self._folder.write_entry(made)
+            if self._folder.find(title) is not None:
+                raise InputError("name", repr(title), f"a new name: {self._folder.words} has this entry; or update it")
+            self._folder.write_entry(entry)
         if not isinstance(what, TaskEntry):
-            _warn_if_flat(made)
-        return made
+            _warn_if_flat(entry)
+        return entry
 
     def update(self, name: str, wrenches: Wrenches, *, outliers: float = 0.0, source: str = "") -> TaskEntry:
         """Update an entry with new wrenches, without the previous ones.
@@ -168,12 +171,14 @@ class TaskLibrary:
         source : str
             Their provenance; by default a recording's file.
         """
-        given, said = WrenchInput.of(wrenches, outliers), check_text_line("source", source)
+        wrench_input, checked_source = WrenchInput.of(wrenches, outliers), check_text_line("source", source)
         with self._folder.changing():
-            file, old = self._folder.get(name)
-            rows = given.at(old.frame.about, old.dimension)
-            origin = provenance_now("updated", said or given.source, len(rows))
-            entry = replace(old, learnt=old.learnt.updated(rows), provenance=append_provenance(old, origin))
+            file, previous = self._folder.get(name)
+            rows = wrench_input.at(previous.frame.about, previous.dimension)
+            origin = provenance_now("updated", checked_source or wrench_input.source, len(rows))
+            entry = replace(
+                previous, learnt=previous.learnt.updated(rows), provenance=append_provenance(previous, origin)
+            )
             self._folder.write_entry(entry, file)
         _warn_if_flat(entry)
         return entry
@@ -189,15 +194,15 @@ class TaskLibrary:
             An entry's name in this library, or any entry of the same dimension and frame.
         """
         with self._folder.changing():
-            file, old = self._folder.get(name)
-            joined = other if isinstance(other, TaskEntry) else self.entry(other)
-            if joined.name == old.name and not isinstance(other, TaskEntry):
+            file, previous = self._folder.get(name)
+            addition = other if isinstance(other, TaskEntry) else self.entry(other)
+            if addition.name == previous.name and not isinstance(other, TaskEntry):
                 raise InputError("other", repr(other), "another entry: wrenches count once")
-            old.learnt.check_alike(joined.learnt)
-            old.frame.check_same(joined.frame)
-            origin = provenance_now("merged", joined.name, joined.wrenches)
-            learnt = old.learnt.merged(joined.learnt)
-            entry = replace(old, learnt=learnt, provenance=(*old.provenance, *joined.provenance, origin))
+            previous.learnt.check_alike(addition.learnt)
+            previous.frame.check_same(addition.frame)
+            origin = provenance_now("merged", addition.name, addition.wrenches)
+            learnt = previous.learnt.merged(addition.learnt)
+            entry = replace(previous, learnt=learnt, provenance=(*previous.provenance, *addition.provenance, origin))
             self._folder.write_entry(entry, file)
         return entry
 
@@ -212,16 +217,18 @@ class TaskLibrary:
             Of all its wrenches, below 0.5. Only those kept individually, which include the outermost, can be removed.
         """
         with self._folder.changing():
-            file, old = self._folder.get(name)
-            learnt, out = old.learnt.without_outliers(share)
-            origin = provenance_now("forgot", f"outliers, at most {share:g} of the wrenches", len(out))
-            self._folder.write_entry(replace(old, learnt=learnt, provenance=append_provenance(old, origin)), file)
-        return out
+            file, previous = self._folder.get(name)
+            learnt, outliers = previous.learnt.without_outliers(share)
+            origin = provenance_now("forgot", f"outliers, at most {share:g} of the wrenches", len(outliers))
+            self._folder.write_entry(
+                replace(previous, learnt=learnt, provenance=append_provenance(previous, origin)), file
+            )
+        return outliers
 
     def remove(self, name: str) -> None:
-        """Remove an entry and its file."""
+        """Remove an entry and its files."""
         with self._folder.changing():
-            self._folder.get(name)[0].unlink(missing_ok=True)
+            remove_entry(self._folder.get(name)[0])
 
     def table(self, names: Sequence[str]) -> str:
         """Return a text table of named entries."""
@@ -278,51 +285,51 @@ class CheckedNotes:
         if unknown:
             raise InputError("notes", ", ".join(unknown), "some of " + ", ".join(EntryNotes.__annotations__))
         lines = [check_text_line(field, notes.get(field, "")) for field in ("description", "frame", "source")]
-        return cls(lines[0], tag_words(notes.get("tags", ())), lines[1], lines[2])
+        return cls(lines[0], check_tags(notes.get("tags", ())), lines[1], lines[2])
 
 
-def copy_entry(entry: TaskEntry, name: str, said: CheckedNotes) -> TaskEntry:
+def copy_entry(entry: TaskEntry, name: str, notes: CheckedNotes) -> TaskEntry:
     """Return a copy of an entry under another name, with given notes replacing its own."""
-    origin = provenance_now("added", said.source or f"a copy of {entry.name}", 0)
+    origin = provenance_now("added", notes.source or f"a copy of {entry.name}", 0)
     return replace(
         entry,
         name=name,
-        frame=Frame(said.frame or entry.frame.words, entry.frame.about),
-        description=said.description or entry.description,
-        tags=said.tags or entry.tags,
+        frame=Frame(notes.frame or entry.frame.words, entry.frame.about),
+        description=notes.description or entry.description,
+        tags=notes.tags or entry.tags,
         provenance=(*entry.provenance, origin),
     )
 
 
-def provenance_now(did: str, source: str, wrenches: int) -> Origin:
+def provenance_now(did: str, source: str, wrenches: int) -> ProvenanceRecord:
     """Return a provenance record with today's date."""
-    return Origin(did, source, wrenches, datetime.now(UTC).date().isoformat())
+    return ProvenanceRecord(did, source, wrenches, datetime.now(UTC).date().isoformat())
 
 
-def append_provenance(entry: TaskEntry, origin: Origin) -> tuple[Origin, ...]:
+def append_provenance(entry: TaskEntry, origin: ProvenanceRecord) -> tuple[ProvenanceRecord, ...]:
     """Return an entry's provenance with a record appended; equal records of one day are combined."""
-    *before, last = entry.provenance or (origin,)
+    *earlier, last = entry.provenance or (origin,)
     if not entry.provenance or replace(last, wrenches=origin.wrenches) != origin:
         return (*entry.provenance, origin)
-    return (*before, replace(origin, wrenches=last.wrenches + origin.wrenches))
+    return (*earlier, replace(origin, wrenches=last.wrenches + origin.wrenches))
 
 
 def fit_input(
-    what: TaskEllipsoid | Wrenches, outliers: float, probability: float | None
-) -> tuple[Learnt, FloatArray | None, str]:
+    value: TaskEllipsoid | Wrenches, outliers: float, probability: float | None
+) -> tuple[UpdatableFit, FloatArray | None, str]:
     """Return the ellipsoid of a task or wrenches, its reference point of moments and its source."""
-    if isinstance(what, TaskEllipsoid):
+    if isinstance(value, TaskEllipsoid):
         if outliers:
             raise InputError("outliers", outliers, "wrenches with it: a TaskEllipsoid is taken as it is")
         if probability is not None:
             raise InputError("probability", probability, "wrenches with it: a TaskEllipsoid is taken as it is")
-        return LeastVolume.of_task(what), what.about, ""
+        return MinVolumeFit.of_task(value), value.about, ""
     if outliers and probability is not None:
         raise InputError("probability", probability, "a share between 0 and 1, without outliers")
-    given = WrenchInput.of(what, outliers)
-    stated = isinstance(what, WrenchRecording | TaskPolytope)
-    about = given.about if stated else np.zeros(space_dimension(given.rows.shape[1]))
-    return given.learnt(probability), about, given.source
+    wrench_input = WrenchInput.of(value, outliers)
+    has_reference = isinstance(value, WrenchRecording | TaskPolytope)
+    about = wrench_input.about if has_reference else np.zeros(space_dimension(wrench_input.rows.shape[1]))
+    return wrench_input.fit(probability), about, wrench_input.source
 
 
 @dataclass(frozen=True)
@@ -352,22 +359,24 @@ class WrenchInput:
             On other types or invalid wrenches.
         """
         if isinstance(value, WrenchRecording):
-            found = cls(value.wrenches, np.zeros(3), value.source)
+            wrench_input = cls(value.wrenches, np.zeros(3), value.source)
         elif isinstance(value, TaskPolytope):
-            found = cls(value.wrenches, value.about, "the corners of a TaskPolytope")
+            wrench_input = cls(value.wrenches, value.about, "the corners of a TaskPolytope")
         elif isinstance(value, Task):
-            allowed = "a recording, a TaskPolytope or wrenches (m, d); of other tasks a TaskEllipsoid can be added"
-            raise InputError("wrenches", f"a {type(value).__name__}", allowed)
+            expected = "a recording, a TaskPolytope or wrenches (m, d); of other tasks a TaskEllipsoid can be added"
+            raise InputError("wrenches", f"a {type(value).__name__}", expected)
         else:
-            found = cls(wrench_rows(value), None, "")
-        rows = wrench_rows(found.rows)
+            wrench_input = cls(wrench_rows(value), None, "")
+        rows = wrench_rows(wrench_input.rows)
         if outliers:
             rows = rows[enclose(rows, outliers, None, None, GAP).inside]
-        return cls(rows, found.about, found.source)
+        return cls(rows, wrench_input.about, wrench_input.source)
 
-    def learnt(self, probability: float | None) -> Learnt:
+    def fit(self, probability: float | None) -> UpdatableFit:
         """Return the minimum-volume ellipsoid of the wrenches, or the covariance ellipsoid of a probability."""
-        return LeastVolume.of(self.rows) if probability is None else Normal.of(Moments.of(self.rows), probability)
+        return (
+            MinVolumeFit.of(self.rows) if probability is None else CovarianceFit.of(Moments.of(self.rows), probability)
+        )
 
     def at(self, about: FloatArray | None, dimension: int) -> FloatArray:
         """Return the wrenches with moments about an entry's reference point.
@@ -382,8 +391,8 @@ class WrenchInput:
         if self.about is None or (about is not None and np.array_equal(about, self.about)):
             return self.rows
         if about is None:
-            given = f"moments about {point_words(self.about)}"
-            raise InputError("wrenches", given, f"moments about {point_words(None)}, as the entry's are")
+            moments = f"moments about {format_point(self.about)}"
+            raise InputError("wrenches", moments, f"moments about {format_point(None)}, as the entry's are")
         return np.asarray(self.rows @ move_torque_origin(about - self.about).T)
 
 
@@ -420,7 +429,7 @@ class LibraryFolder:
             self.path.mkdir(exist_ok=True)
         except OSError as error:
             raise InputError("library", f"{self.words} ({error.strerror})", "a folder in one that exists") from None
-        with held(self.path / LOCK):
+        with hold_lock(self.path / LOCK):
             yield
 
     def entries(self) -> tuple[TaskEntry, ...]:
@@ -433,13 +442,13 @@ class LibraryFolder:
         """
         if not self.path.is_dir():
             raise InputError("library", f"{self.words} (no such folder)", "a folder of task entries")
-        found: dict[str, TaskEntry] = {}
+        entries: dict[str, TaskEntry] = {}
         for file in sorted(self.path.glob("*.json")):
             entry = read_entry(file)
-            if entry.name in found:
+            if entry.name in entries:
                 raise InputError(f"{file}: name", entry.name, "a name that no other file of the folder has")
-            found[entry.name] = entry
-        return tuple(found[name] for name in sorted(found))
+            entries[entry.name] = entry
+        return tuple(entries[name] for name in sorted(entries))
 
     def find(self, name: str) -> tuple[Path, TaskEntry] | None:
         """Return the file and entry of a name, or ``None``.
@@ -449,15 +458,15 @@ class LibraryFolder:
         InputError
             When its file cannot be read.
         """
-        wanted, usual = entry_name(name), self.file(name)
-        if usual.is_file():
-            entry = read_entry(usual)
-            if entry.name == wanted:
-                return usual, entry
+        normalised, default = entry_name(name), self.file(name)
+        if default.is_file():
+            entry = read_entry(default)
+            if entry.name == normalised:
+                return default, entry
         for file in sorted(self.path.glob("*.json")):  # files may have been renamed by users
             with suppress(InputError):
                 entry = read_entry(file)
-                if entry.name == wanted:
+                if entry.name == normalised:
                     return file, entry
         return None
 
@@ -469,12 +478,14 @@ class LibraryFolder:
         InputError
             When no entry has this name; similar names are listed.
         """
-        found = self.find(name)
-        if found is None:
+        match = self.find(name)
+        if match is None:
             names = [entry.name for entry in self.entries()]
-            some = ", ".join(map(repr, (near(name, names) or names)[:NEAREST])) or "none: it has no entries"
-            raise InputError(f"task in {self.words}", repr(name), f"the name of an entry, such as {some}")
-        return found
+            suggestions = (
+                ", ".join(map(repr, (similar_names(name, names) or names)[:NEAREST])) or "none: it has no entries"
+            )
+            raise InputError(f"task in {self.words}", repr(name), f"the name of an entry, such as {suggestions}")
+        return match
 
     def write_entry(self, entry: TaskEntry, file: Path | None = None) -> None:
         """Write an entry to its default or a given file."""

@@ -1,9 +1,9 @@
-"""Which boxes meet and which triangles cross, against all pairs and against edges through triangles."""
+"""Intersections of boxes and triangles, against all pairs and edge tests."""
 
 import numpy as np
 import pytest
 
-from nlpgrasp.common.meshes.intersections import crossing, is_covered, meeting_boxes
+from nlpgrasp.common.meshes.intersections import intersecting_boxes, is_covered, triangles_intersect
 from tests.bodies.made_meshes import signed_crossings
 
 SLACK = 1e-9
@@ -14,8 +14,8 @@ def moved(triangle, x, y, z):
     return triangle + np.array([x, y, z])
 
 
-def crosses(one, other):
-    return bool(crossing(np.array([one]), np.array([other]), SLACK)[0])
+def crosses(first, second):
+    return bool(triangles_intersect(np.array([first]), np.array([second]), SLACK)[0])
 
 
 @pytest.mark.parametrize("longest", [0.02, 0.3, 1.5])
@@ -23,31 +23,31 @@ def test_boxes_that_meet_are_all_found(longest, rng):
     lower = rng.uniform(0.0, 1.0, (300, 3))
     upper = lower + rng.uniform(0.0, longest, (300, 3))
     meet = np.all((lower[:, None] <= upper) & (lower <= upper[:, None]), axis=2)
-    np.testing.assert_array_equal(meeting_boxes(lower, upper), np.argwhere(np.triu(meet, 1)))
+    np.testing.assert_array_equal(intersecting_boxes(lower, upper), np.argwhere(np.triu(meet, 1)))
 
 
 def test_triangles_cross_where_an_edge_of_one_goes_through_the_other(rng):
-    one, other = rng.uniform(0.0, 1.0, (2, 400, 3, 3))
-    expected = [_edges_through(a, b) or _edges_through(b, a) for a, b in zip(one, other, strict=True)]
-    np.testing.assert_array_equal(crossing(one, other, SLACK), expected)
+    first, second = rng.uniform(0.0, 1.0, (2, 400, 3, 3))
+    expected = [_edges_through(a, b) or _edges_through(b, a) for a, b in zip(first, second, strict=True)]
+    np.testing.assert_array_equal(triangles_intersect(first, second, SLACK), expected)
     assert 20 < np.sum(expected) < 380
 
 
-def _edges_through(one, other):
-    """Whether an edge of one triangle has its ends on both sides of the other, and passes between its corners."""
-    normal = np.cross(other[1] - other[0], other[2] - other[0])
-    for start, end in zip(one, np.roll(one, -1, axis=0), strict=True):
-        a, b = (start - other[0]) @ normal, (end - other[0]) @ normal
-        at = start + (end - start) * a / (a - b)
-        sides = np.cross(np.roll(other, -1, axis=0) - other, at - other) @ normal
+def _edges_through(first, second):
+    """Return whether an edge of a triangle passes through the other."""
+    normal = np.cross(second[1] - second[0], second[2] - second[0])
+    for start, end in zip(first, np.roll(first, -1, axis=0), strict=True):
+        a, b = (start - second[0]) @ normal, (end - second[0]) @ normal
+        point = start + (end - start) * a / (a - b)
+        sides = np.cross(np.roll(second, -1, axis=0) - second, point - second) @ normal
         if a * b < 0.0 and np.all(sides > 0.0):
             return True
     return False
 
 
 def test_triangles_beside_each_other_do_not_cross_and_upon_each_other_do():
-    beside = np.array([[1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
-    assert not crosses(FLAT, beside)
+    adjacent = np.array([[1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
+    assert not crosses(FLAT, adjacent)
     assert crosses(FLAT, FLAT[::-1])
     assert crosses(FLAT, moved(FLAT, 0.2, 0.2, 0.0))
     assert not crosses(FLAT, moved(FLAT, 0.2, 0.2, 1e-3))
@@ -61,9 +61,9 @@ def test_a_wall_that_ends_on_a_triangle_touches_it():
 
 def test_a_triangle_is_covered_by_the_one_around_it():
     inner = moved(0.2 * FLAT, 0.1, 0.1, 0.0)
-    some = np.array([inner, inner[::-1], FLAT, moved(inner, 0.0, 0.0, 1e-3), moved(inner, 0.9, 0.0, 0.0)])
-    other = np.array([FLAT, FLAT, inner, FLAT, FLAT])
-    np.testing.assert_array_equal(is_covered(some, other, SLACK), [True, True, False, False, False])
+    first = np.array([inner, inner[::-1], FLAT, moved(inner, 0.0, 0.0, 1e-3), moved(inner, 0.9, 0.0, 0.0)])
+    second = np.array([FLAT, FLAT, inner, FLAT, FLAT])
+    np.testing.assert_array_equal(is_covered(first, second, SLACK), [True, True, False, False, False])
 
 
 def test_the_rays_of_the_tests_tell_inside_from_outside():
