@@ -44,7 +44,8 @@ def run():
                     results.append(measure_update(kind, before, seed, Path(folder) / "library"))
             seconds, cpu_seconds, fit_seconds, excess, gap = np.array(results).T
             print(
-                f"{kind}, {before} before: {1e3 * np.median(seconds):.0f} ms (most {1e3 * seconds.max():.0f}, aim 1000), "
+                f"{kind}, {before} before: {1e3 * np.median(seconds):.0f} ms "
+                f"(most {1e3 * seconds.max():.0f}, aim 1000), "
                 f"{1e3 * np.median(cpu_seconds):.0f} ms of work (most {1e3 * cpu_seconds.max():.0f}), "
                 f"a fit of all {1e3 * np.median(fit_seconds):.0f} ms, volume at most {excess.max():+.1e} (aim 1e-2), "
                 f"stated {gap.max():.1e}"

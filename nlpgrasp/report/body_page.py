@@ -208,7 +208,8 @@ def body_figures(body: Body) -> list[KeyFigure]:
         figures.append(
             KeyFigure("Mesh", f"{len(body.mesh.faces)} triangles", body.repairs or ("used as it is",), broad=True)
         )
-        offset = f"within {format_number(1e3 * body.offset.most, 2)} mm of the mesh over {format_percent(OFFSET_QUANTILE)} of it"
+        share = format_percent(OFFSET_QUANTILE)
+        offset = f"within {format_number(1e3 * body.offset.most, 2)} mm of the mesh over {share} of it"
         walls = (
             f"walls: {format_number(1e3 * body.wall, 2)} mm; smoothing={body.smoothing:g}, resolution={body.resolution}"
         )

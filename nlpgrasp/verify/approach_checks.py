@@ -7,26 +7,25 @@ sampled every two millimetres; a lift in steps of the distance from the surround
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
-from nlpgrasp.solution.obstructions import BODY
 from nlpgrasp.solution.phase_record import APPROACH, GRASP, LIFT, PREGRASP, SQUEEZE, Phase
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.verify.check import NO_BODY, Check, NotCheckedError, is_complete_version
-from nlpgrasp.verify.convex_solids import NumericSolid, solid_body, solids_around
+from nlpgrasp.verify.check import Check, NotCheckedError, is_complete_version
+from nlpgrasp.verify.convex_solids import NumericSolid, held_and_around
 from nlpgrasp.verify.numeric_constraints import unit
 from nlpgrasp.verify.numeric_urdf_hand import URDFNumbers, require_links
-from nlpgrasp.verify.stated_placement import HandNumbers, NumericBody, StatedPlacement
+from nlpgrasp.verify.stated_placement import HandNumbers, NumericBody, StatedPlacement, require_body
 
-SAME = 1e-9  # metres, radians: rounding tolerance of sums
-STEP = 2e-3  # metres between samples
-CLEAR = 2e-4  # metres: allowed excess of a stated clearance, which is rounded to a tenth of a millimetre
-OUT = 1e-3  # share of the hand's span: allowed penetration of a sphere on the path
-GRID = 24  # sample points in the body along each side of its box
+POSITION_TOLERANCE = 1e-9  # metres, radians: rounding tolerance of sums
+SAMPLE_STEP = 2e-3  # metres between samples
+CLEARANCE_EXCESS = 2e-4  # metres: allowed excess of a stated clearance, which is rounded to a tenth of a millimetre
+PENETRATION_SHARE = 1e-3  # share of the hand's span: allowed penetration of a sphere on the path
+GRID_POINTS = 24  # sample points in the body along each side of its box
 
 
 def phase_checks(solution: GraspSolution) -> list[Check]:
@@ -34,22 +33,22 @@ def phase_checks(solution: GraspSolution) -> list[Check]:
     phases, posture = {phase.name: phase for phase in solution.phases}, solution.hand or {}
     checks = []
     if phases:
-        wrong = "; ".join([*_phase_errors(posture, phases), *_commands(solution, phases)])
-        checks.append(Check("phases", not wrong, wrong or ", ".join(phases)))
+        errors = [*_phase_errors(posture, phases), *_command_errors(solution, phases)]
+        checks.append(Check.of_errors("phases", errors, ", ".join(phases)))
     if (solution.problem.get("hand") or {}).get("type") == "urdf" and is_complete_version(solution):
-        wrong, told = _approach_error(posture, phases)
-        checks.append(Check("way in", not wrong, wrong or told))
+        error, summary = _approach_error(posture, phases)
+        checks.append(Check.of_errors("way in", [error], summary))
     return checks
 
 
 def _approach_error(posture: Json, phases: dict[str, Phase]) -> tuple[str, str]:
     """Return the error in the statement of an approach, and otherwise what it states."""
-    way = posture.get("approach")
-    if way is None:
+    approach = posture.get("approach")
+    if approach is None:
         return "the file does not state hand.approach", ""
-    if way.get("direction") is not None:
+    if approach.get("direction") is not None:
         return ("" if phases else "hand.approach states a direction, and the file no phases of the hand"), "free"
-    reason = str(way.get("reason") or "").strip()
+    reason = str(approach.get("reason") or "").strip()
     return ("" if reason else "hand.approach states neither a direction nor the reason why none is free"), reason
 
 
@@ -58,27 +57,27 @@ def _phase_errors(posture: Json, phases: dict[str, Phase]) -> Iterator[str]:
     if GRASP not in phases:
         yield "no grasp among the phases"
         return
-    grasp, here = phases[GRASP], Phase.of(GRASP, posture)
+    grasp, stated_grasp = phases[GRASP], Phase.of(GRASP, posture)
     unit("hand.phases.quaternion_wxyz", grasp.palm_quaternion, 4)
-    if not (_is_close(grasp.palm_position, here.palm_position) and _has_equal_joints(grasp, here)):
+    if not (_is_close(grasp.palm_position, stated_grasp.palm_position) and _has_equal_joints(grasp, stated_grasp)):
         yield "the grasp's palm or joints are not those of the hand"
-    for phase in (here, *phases.values()):
+    for phase in (stated_grasp, *phases.values()):
         if not _is_close(phase.palm_quaternion, grasp.palm_quaternion):
             yield f"the palm turns: {phase.name}"
     if APPROACH in phases:
         if PREGRASP not in phases or not _has_equal_joints(phases[APPROACH], phases[PREGRASP]):
             yield "the joints of the approach are not those of the pregrasp"
             return
-        way = posture["approach"]
-        direction = unit("hand.approach.direction", way["direction"], 3)
-        back = phases[PREGRASP].palm_position - way["distance"] * direction
-        if not _is_close(phases[APPROACH].palm_position, back):
+        approach = posture["approach"]
+        direction = unit("hand.approach.direction", approach["direction"], 3)
+        start = phases[PREGRASP].palm_position - approach["distance"] * direction
+        if not _is_close(phases[APPROACH].palm_position, start):
             yield "the approach does not begin its distance before the pregrasp"
     elif (posture.get("approach") or {}).get("direction") is not None:
         yield "a direction of the approach without its keyframe"
 
 
-def _commands(solution: GraspSolution, phases: dict[str, Phase]) -> Iterator[str]:
+def _command_errors(solution: GraspSolution, phases: dict[str, Phase]) -> Iterator[str]:
     """Yield the errors in squeeze and lift."""
     grasp, squeezed, lift = phases.get(GRASP), phases.get(SQUEEZE), phases.get(LIFT)
     if grasp is None or (squeezed is None and lift is None):
@@ -86,29 +85,37 @@ def _commands(solution: GraspSolution, phases: dict[str, Phase]) -> Iterator[str
     if squeezed is None or solution.squeeze is None:
         yield "a lift or squeeze without forces of hand.squeeze"
         return
-    told = {**grasp.joints, **solution.squeeze.positions()}
-    own = ((solution.hand or {})["squeeze"]).get("torques", {})
-    if any(abs(squeezed.joints[joint] - told[joint]) > SAME * max(1.0, abs(told[joint])) for joint in own):
+    commanded = {**grasp.joints, **solution.squeeze.positions()}
+    squeezed_joints = ((solution.hand or {})["squeeze"]).get("torques", {})
+    if any(
+        abs(squeezed.joints[joint] - commanded[joint]) > POSITION_TOLERANCE * max(1.0, abs(commanded[joint]))
+        for joint in squeezed_joints
+    ):
         yield "the squeeze's joints are not those commanded"
     if not _is_close(squeezed.palm_position, grasp.palm_position):
         yield "the palm moves in the squeeze"
     if lift is not None:
-        up = (solution.hand or {})["lift"]
-        raised = grasp.palm_position + up["distance"] * unit("hand.lift.direction", up["direction"], 3)
+        stated_lift = (solution.hand or {})["lift"]
+        raised = grasp.palm_position + stated_lift["distance"] * unit(
+            "hand.lift.direction", stated_lift["direction"], 3
+        )
         if not (_has_equal_joints(lift, squeezed) and _is_close(lift.palm_position, raised)):
             yield "the lift is not the squeeze raised by its distance"
 
 
 def _is_close(a: FloatArray, b: FloatArray) -> bool:
-    return bool(np.max(np.abs(a - b)) <= SAME)
+    """Return whether two arrays agree to rounding."""
+    return bool(np.max(np.abs(a - b)) <= POSITION_TOLERANCE)
 
 
 def _has_equal_joints(a: Phase, b: Phase) -> bool:
     """Return whether the joint positions of two phases are equal."""
-    return a.joints.keys() == b.joints.keys() and all(abs(a.joints[j] - b.joints[j]) <= SAME for j in a.joints)
+    return a.joints.keys() == b.joints.keys() and all(
+        abs(a.joints[j] - b.joints[j]) <= POSITION_TOLERANCE for j in a.joints
+    )
 
 
-def way_checks(
+def path_checks(
     solution: GraspSolution, hand: HandNumbers | None, surface: NumericBody | None, placement: StatedPlacement
 ) -> list[Check]:
     """Return the checks of the approach's clearance and of the lift's distance, if stated.
@@ -122,25 +129,28 @@ def way_checks(
     placement : StatedPlacement
         Reader of obstacles.
     """
-    phases, up = {phase.name: phase for phase in solution.phases}, (solution.hand or {}).get("lift")
-    stated: dict[str, Callable[[_Scene], Iterator[str]]] = {}
+    phases, lift = {phase.name: phase for phase in solution.phases}, (solution.hand or {}).get("lift")
+    stated: dict[str, Callable[[_StraightPaths], Iterator[str]]] = {}
     if APPROACH in phases and PREGRASP in phases:
-        stated["approach"] = lambda scene: scene.approach(phases[APPROACH], phases[PREGRASP])
-    if up is not None:
-        stated["lift"] = lambda scene: scene.lift(up)
+        stated["approach"] = lambda paths: paths.approach(phases[APPROACH], phases[PREGRASP])
+    if lift is not None:
+        stated["lift"] = lambda paths: paths.lift(lift)
     if not stated:
         return []
     try:
-        scene = _Scene.of(solution, hand, surface, placement)
-        wrong = {name: "; ".join(faults(scene)) for name, faults in stated.items()}
+        paths = _StraightPaths.of(solution, hand, surface, placement)
+        errors = {name: list(find_errors(paths)) for name, find_errors in stated.items()}
     except NotCheckedError as reason:
         return [Check.not_made(name, str(reason)) for name in stated]
-    return [Check(name, not fault, fault or f"looked at every {1e3 * STEP:g} mm") for name, fault in wrong.items()]
+    return [
+        Check.of_errors(name, path_errors, f"looked at every {1e3 * SAMPLE_STEP:g} mm")
+        for name, path_errors in errors.items()
+    ]
 
 
 @dataclass(frozen=True)
-class _Scene:
-    """A hand with the held body and the solids around them.
+class _StraightPaths:
+    """Straight paths of a hand: the approach, and the lift with the held body.
 
     Parameters
     ----------
@@ -160,65 +170,63 @@ class _Scene:
     @classmethod
     def of(
         cls, solution: GraspSolution, hand: HandNumbers | None, surface: NumericBody | None, placement: StatedPlacement
-    ) -> _Scene:
-        """Return the scene; raise ``NotCheckedError`` where data are missing."""
-        known = require_links(hand, "links")
-        if surface is None:
-            raise NotCheckedError(NO_BODY)
-        around = list(solids_around(solution.problem["constraints"], placement))
-        return cls(known, solid_body(BODY, solution.body, surface), surface.bounds, around)
+    ) -> _StraightPaths:
+        """Return the paths; raise ``NotCheckedError`` where data are missing."""
+        linked_hand = require_links(hand, "links")
+        held, around = held_and_around(solution, surface, placement)
+        return cls(linked_hand, held, require_body(surface).bounds, around)
 
     @property
-    def deepest(self) -> float:
+    def allowed_depth(self) -> float:
         """Allowed penetration of a sphere on the path, metres."""
-        return OUT * self.hand.span + self.hand.error
+        return PENETRATION_SHARE * self.hand.span + self.hand.error
 
-    def approach(self, afar: Phase, before: Phase) -> Iterator[str]:
+    def approach(self, start: Phase, pregrasp: Phase) -> Iterator[str]:
         """Yield the errors in the stated clearance of the straight path to the pregrasp."""
-        centres, radii, links = _link_spheres(replace(self.hand, posture={**self.hand.posture, **before.to_dict()}))
+        centres, radii, links = _link_spheres(self.hand.with_posture(pregrasp.to_dict()))
         if not len(radii):  # flat fingertips of links without shapes: no spheres
             return
-        way = afar.palm_position - before.palm_position
-        count = max(int(np.ceil(np.linalg.norm(way) / STEP)), 1)
-        places = centres[None] + np.linspace(0.0, 1.0, count + 1)[:, None, None] * way
+        displacement = start.palm_position - pregrasp.palm_position
+        count = max(int(np.ceil(np.linalg.norm(displacement) / SAMPLE_STEP)), 1)
+        positions = centres[None] + np.linspace(0.0, 1.0, count + 1)[:, None, None] * displacement
         least = np.inf
-        for thing in (self.body, *self.around):
-            distances = thing.distance(places.reshape(-1, 3)).reshape(places.shape[:2])
-            room = distances - radii - thing.clearance + thing.rough
-            least, deepest = min(least, float(np.min(room))), -float(np.min(room[:, :links], initial=np.inf))
-            if not deepest <= self.deepest:
-                yield f"a link is {1e3 * deepest:.3g} mm deep in {thing.name} on the way"
-        if before.clearance is None or not before.clearance <= least + CLEAR + self.hand.error:
-            yield f"clearance {before.clearance} m stated, {least:.6f} m found"
+        for solid in (self.body, *self.around):
+            distances = solid.distance(positions.reshape(-1, 3)).reshape(positions.shape[:2])
+            clearances = distances - radii - solid.clearance + solid.rough
+            least, depth = min(least, float(np.min(clearances))), -float(np.min(clearances[:, :links], initial=np.inf))
+            if not depth <= self.allowed_depth:
+                yield f"a link is {1e3 * depth:.3g} mm deep in {solid.name} on the way"
+        if pregrasp.clearance is None or not pregrasp.clearance <= least + CLEARANCE_EXCESS + self.hand.error:
+            yield f"clearance {pregrasp.clearance} m stated, {least:.6f} m found"
 
-    def lift(self, up: Json) -> Iterator[str]:
-        """Yield the obstructions of hand and body along a lift; they may stay as near as they are.
+    def lift(self, stated: Json) -> Iterator[str]:
+        """Yield the obstructions of hand and body along a lift; solids may stay as near as they are.
 
         Parameters
         ----------
-        up : mapping
+        stated : mapping
             ``direction`` and ``distance``.
         """
-        direction = unit("hand.lift.direction", up["direction"], 3)
-        distance = number("hand.lift.distance", up["distance"], at_least=0.0)
+        direction = unit("hand.lift.direction", stated["direction"], 3)
+        distance = number("hand.lift.distance", stated["distance"], at_least=0.0)
         centres, radii, _ = _link_spheres(self.hand)
         body = self._points_in_body()
         points, radii = np.concatenate([centres, body]), np.concatenate([radii, np.zeros(len(body))])
-        for thing in self.around:
-            first = room = thing.distance(points) - radii - thing.clearance
-            lifted, least = 0.0, np.minimum(first, 0.0) - self.deepest - thing.rough
-            while lifted < distance and np.all(room >= least):
-                lifted = min(lifted + max(STEP, float(np.min(room - np.minimum(first, 0.0)))), distance)
-                room = thing.distance(points + lifted * direction) - radii - thing.clearance
-            if not np.all(room >= least):
-                where = f"{thing.name} is in the way at {1e3 * lifted:.4g} mm"
-                yield f"a lift by {1e3 * distance:.4g} mm is stated, {where}"
+        for solid in self.around:
+            initial = clearances = solid.distance(points) - radii - solid.clearance
+            lifted, allowed = 0.0, np.minimum(initial, 0.0) - self.allowed_depth - solid.rough
+            while lifted < distance and np.all(clearances >= allowed):
+                lifted = min(lifted + max(SAMPLE_STEP, float(np.min(clearances - np.minimum(initial, 0.0)))), distance)
+                clearances = solid.distance(points + lifted * direction) - radii - solid.clearance
+            if not np.all(clearances >= allowed):
+                obstruction = f"{solid.name} is in the way at {1e3 * lifted:.4g} mm"
+                yield f"a lift by {1e3 * distance:.4g} mm is stated, {obstruction}"
 
     def _points_in_body(self) -> FloatArray:
         """Return points (m, 3) in the body, with its corners if it is convex, metres."""
-        sides = [np.linspace(low, high, GRID) for low, high in self.bounds.T]
-        every = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
-        inside = every[self.body.distance(every) <= 0.0]
+        sides = [np.linspace(low, high, GRID_POINTS) for low, high in self.bounds.T]
+        grid = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
+        inside = grid[self.body.distance(grid) <= 0.0]
         return inside if self.body.corners is None else np.concatenate([inside, self.body.corners])
 
 
@@ -227,11 +235,11 @@ def _link_spheres(hand: URDFNumbers) -> tuple[FloatArray, FloatArray, int]:
 
     The remaining ones are round fingertips.
     """
-    balls = [(ball.centre, ball.radius) for ball in hand.link_balls]
-    links = len(balls)
+    spheres = [(sphere.centre, sphere.radius) for sphere in hand.link_balls]
+    link_count = len(spheres)
     for tip in hand.tips:
         if tip["type"] == "sphere":
             frame = hand.poses[str(tip["link"])]
             centre = frame[:3, :3] @ array("offset", tip["offset"], (3,)) + frame[:3, 3]
-            balls.append((centre, float(tip["radius"])))
-    return np.array([c for c, _ in balls]).reshape(-1, 3), np.array([r for _, r in balls]), links
+            spheres.append((centre, float(tip["radius"])))
+    return np.array([c for c, _ in spheres]).reshape(-1, 3), np.array([radius for _, radius in spheres]), link_count

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from xml.etree.ElementTree import ParseError
 
@@ -14,11 +14,11 @@ BROKEN = (
     *(KeyError, IndexError, TypeError, ValueError, AttributeError, ArithmeticError),
     *(MemoryError, RuntimeError, InputError, OSError, ParseError),
 )
-"""What comes of parts of a file that make no sense."""
-MOST = 2  # most reasons, beside missing files, in a verdict
+"""Exceptions raised by invalid parts of a file."""
+MOST_REASONS = 2  # largest number of reasons in a verdict besides missing files
 
-NO_GRASP = "grasp"  # name of the check that there is a grasp
-NO_BODY = "the body is not there"  # reason for dependent checks; the surface check says more
+NO_GRASP = "grasp"  # name of the check that the file has a grasp
+NO_BODY = "the body is not there"  # reason of checks that need the missing body
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,12 @@ class Check:
     passed: bool
     detail: str
     made: bool = True
+
+    @classmethod
+    def of_errors(cls, name: str, errors: Iterable[str], summary: str) -> Check:
+        """Return a check that fails where there is an error, and states a summary otherwise."""
+        text = "; ".join(errors)
+        return cls(name, not text, text or summary)
 
     @classmethod
     def not_made(cls, name: str, why: str) -> Check:
@@ -101,28 +107,27 @@ class Verification:
         It begins with ``"verified: "``, ``"partly verified: "`` where a check could not be made, or
         ``"NOT verified: "``.
         """
-        failed = [check.name for check in self.checks if check.failed]
-        made = len(self.checks) - len(self.not_made)
-        left = f", {len(self.not_made)} could not be made ({self._reasons()})" if self.not_made else ""
-        if NO_GRASP in failed:
+        failed_names = [check.name for check in self.checks if check.failed]
+        made_count = len(self.checks) - len(self.not_made)
+        unmade_text = f", {len(self.not_made)} could not be made ({self._reasons()})" if self.not_made else ""
+        if NO_GRASP in failed_names:
             return "NOT verified: " + next(check.detail for check in self.checks if check.name == NO_GRASP)
-        if failed:
-            return f"NOT verified: {len(failed)} of {made} checks failed ({', '.join(failed)}){left}"
-        word = "verified" if self.complete else "partly verified"
-        but = f"; but {'; and '.join(self.caveats)}" if self.caveats else ""
-        return f"{word}: {made} check{'' if made == 1 else 's'} passed{left}{but}"
+        if failed_names:
+            failures = f"{len(failed_names)} of {made_count} checks failed ({', '.join(failed_names)})"
+            return f"NOT verified: {failures}{unmade_text}"
+        prefix = "verified" if self.complete else "partly verified"
+        caveats_text = f"; but {'; and '.join(self.caveats)}" if self.caveats else ""
+        return f"{prefix}: {made_count} check{'' if made_count == 1 else 's'} passed{unmade_text}{caveats_text}"
 
     def _reasons(self) -> str:
         """Return the reasons for checks that could not be made: missing files first, then others, each once."""
         files = list(dict.fromkeys(self.missing))
-        whose = "its folder" if len(files) == 1 else "their folders"
-        told = (
-            [f"{' and '.join(files)} not found; give {whose} with --folder, in Python with folders="] if files else []
-        )
+        folder_text = "its folder" if len(files) == 1 else "their folders"
+        missing_text = f"{' and '.join(files)} not found; give {folder_text} with --folder, in Python with folders="
         details = dict.fromkeys(check.detail.removeprefix("not made: ") for check in self.not_made)
         others = [why for why in details if why != NO_BODY and not any(why.startswith(name) for name in files)]
-        more = [f"{len(others) - MOST} other reasons"] if len(others) > MOST else []
-        return "; ".join([*told, *others[:MOST], *more]) or NO_BODY
+        omitted = [f"{len(others) - MOST_REASONS} other reasons"] if len(others) > MOST_REASONS else []
+        return "; ".join([*([missing_text] if files else []), *others[:MOST_REASONS], *omitted]) or NO_BODY
 
     def __str__(self) -> str:
         return "\n".join([*map(str, self.checks), self.verdict])

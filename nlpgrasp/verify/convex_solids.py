@@ -19,16 +19,18 @@ from nlpgrasp.common.meshes.search_tree import SearchTree
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.unit_directions import directions_around
 from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.solution.obstructions import BODY
+from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.verify.mesh_body import MeshSurface
 from nlpgrasp.verify.numeric_constraints import to_body_frame, to_obstacle_frame
-from nlpgrasp.verify.stated_placement import NumericBody, StatedPlacement
+from nlpgrasp.verify.stated_placement import NumericBody, StatedPlacement, require_body
 
-CONVEX = 0.999  # least share of its hull's volume of a surface that counts as convex
-AROUND = 400  # sample points of a curved surface, or corners of a cylinder
-CORNERS = 64  # most corners of a solid; of more, the extreme ones in as many directions
+CONVEX_SHARE = 0.999  # least share of its hull's volume of a surface that counts as convex
+CURVED_SAMPLES = 400  # sample points of a curved surface, or corners of a cylinder
+MOST_CORNERS = 64  # most corners of a solid; of more, the extreme ones in as many directions
 
 Distance = Callable[[FloatArray], FloatArray]
-"""Points (m, space), body frame, to signed distances (m,), metres, negative inside."""
+"""Function of points (m, space), body frame, to signed distances (m,), metres, negative inside."""
 
 
 @dataclass(frozen=True)
@@ -64,11 +66,28 @@ def solids_around(constraints: Sequence[Json], placement: StatedPlacement) -> It
         elif data["type"] == "obstacle":
             clearance = number("clearance", data["clearance"], at_least=0.0)
             surface = placement.surface_of(data["body"])
-            own = solid_body(str(data["name"]), data["body"], surface)
-            corners = None if own.corners is None else to_body_frame(data, own.corners)
+            solid = solid_body(str(data["name"]), data["body"], surface)
+            corners = None if solid.corners is None else to_body_frame(data, solid.corners)
             yield NumericSolid(
-                own.name, partial(_obstacle_distance, data, own.distance), clearance, surface.rough, corners
+                solid.name, partial(_obstacle_distance, data, solid.distance), clearance, surface.rough, corners
             )
+
+
+def held_and_around(
+    solution: GraspSolution, surface: NumericBody | None, placement: StatedPlacement
+) -> tuple[NumericSolid, list[NumericSolid]]:
+    """Return the held body and the tables and obstacles around it; raise ``NotCheckedError`` where a body is missing.
+
+    Parameters
+    ----------
+    solution : GraspSolution
+    surface : NumericBody or None
+        The held body; None if missing.
+    placement : StatedPlacement
+        Reader of obstacles.
+    """
+    held = solid_body(BODY, solution.body, require_body(surface))
+    return held, list(solids_around(solution.problem["constraints"], placement))
 
 
 def solid_body(name: str, data: Json, surface: NumericBody) -> NumericSolid:
@@ -115,15 +134,15 @@ def convex_corners(data: Json, surface: NumericBody) -> FloatArray | None:
     if isinstance(surface, MeshSurface):
         return mesh_corners(surface.triangles.vertices, surface.triangles.corners)
     kind, half = data["type"], np.max(surface.bounds, axis=0)
-    around = directions_around(np.eye(3)[2], AROUND)
+    directions = directions_around(np.eye(3)[2], CURVED_SAMPLES)
     if kind == "box":
         return np.asarray(half * np.array(list(product((-1.0, 1.0), repeat=3))))
     if kind in ("sphere", "ellipsoid"):
-        return np.asarray(half * around)
+        return np.asarray(half * directions)
     if kind == "superquadric":
-        return np.asarray(half * _on_superquadric(around, *array("exponents", data["exponents"], (2,))))
+        return np.asarray(half * _on_superquadric(directions, *array("exponents", data["exponents"], (2,))))
     if kind in ("cylinder", "prism"):
-        angles = 2.0 * np.pi * np.arange(AROUND // 2) / (AROUND // 2)
+        angles = 2.0 * np.pi * np.arange(CURVED_SAMPLES // 2) / (CURVED_SAMPLES // 2)
         ring = half[:2] * np.column_stack([np.cos(angles), np.sin(angles)])
         outline = ring if kind == "cylinder" else array("polygon", data["polygon"], (None, 2))
         height = number("height", data["height"]) / 2.0
@@ -151,23 +170,24 @@ def mesh_corners(vertices: FloatArray, triangles: FloatArray) -> FloatArray | No
     except QhullError:  # coplanar points
         return None
     volume = abs(float(np.sum(np.linalg.det(triangles - vertices.mean(axis=0))))) / 6.0
-    return vertices[hull.vertices] if volume >= CONVEX * hull.volume else None
+    return vertices[hull.vertices] if volume >= CONVEX_SHARE * hull.volume else None
 
 
-def penetration_depth(one: FloatArray, other: FloatArray) -> float:
+def penetration_depth(first: FloatArray, second: FloatArray) -> float:
     """Return the length of the shortest translation that separates two convex solids, metres; 0 where they are apart.
 
     Parameters
     ----------
-    one, other : (n, 3) and (m, 3) arrays
-        Their corners. Of more than ``CORNERS``, the extreme ones are taken, which makes a round solid smaller by up to
-        six hundredths.
+    first, second : (n, 3) and (m, 3) arrays
+        Their corners. Of more than ``MOST_CORNERS``, the extreme ones are taken, which makes a round solid smaller by
+        up to six hundredths.
     """
-    differences = (_hull_corners(one)[:, None] - _hull_corners(other)[None]).reshape(-1, 3)
+    differences = (_hull_corners(first)[:, None] - _hull_corners(second)[None]).reshape(-1, 3)
     return max(0.0, float(-np.max(ConvexHull(differences).equations[:, 3])))
 
 
 def _hull_corners(corners: FloatArray) -> FloatArray:
-    if len(corners) <= CORNERS:
+    """Return at most ``MOST_CORNERS`` corners (n, 3) of a convex solid, the extreme ones of more."""
+    if len(corners) <= MOST_CORNERS:
         return corners
-    return np.asarray(corners[np.unique(np.argmax(directions_around(np.eye(3)[2], CORNERS) @ corners.T, axis=1))])
+    return np.asarray(corners[np.unique(np.argmax(directions_around(np.eye(3)[2], MOST_CORNERS) @ corners.T, axis=1))])

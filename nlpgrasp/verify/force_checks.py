@@ -30,6 +30,7 @@ from nlpgrasp.solution.force_records import ForcesNeeded
 from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import Task, TaskEllipsoid, TaskPolytope
 from nlpgrasp.verify.check import Check, NotCheckedError
+from nlpgrasp.verify.joint_checks import JACOBIAN_TOLERANCE
 from nlpgrasp.verify.numeric_urdf_hand import require_links
 from nlpgrasp.verify.stated_placement import HandNumbers
 
@@ -38,10 +39,9 @@ DIRECTIONS = 500  # directions in which a wrench is compared with the task's sup
 LEAST_FORCE_TOLERANCE = 1e-7  # relative tolerance of forces over the least ones
 DERIVED_TOLERANCE = 1e-9  # relative tolerance of numbers that follow from others in the file
 EDGES = 24  # edges of a friction pyramid
-INSIDE = 0.98  # share of the friction that a refuting squeeze may use
+REFUTING_SHARE = 0.98  # share of the friction that a refuting squeeze may use
 INFEASIBLE = 2  # HiGHS status
-JACOBIAN_TOLERANCE = 1e-6  # relative tolerance of recomputed Jacobians
-LESS = 1e-3  # relative tolerance of the share of friction
+FRICTION_TOLERANCE = 1e-3  # relative tolerance of the share of friction
 LEAST_FRICTION_SHARE = 1e-5  # smaller shares of friction count as none
 
 
@@ -50,16 +50,22 @@ def force_checks(solution: GraspSolution, grasp: Grasp, force_set: ForceSet) -> 
     if not solution.forces:
         return []
     k, space, d = len(grasp), grasp.space, grasp.dimension
-    worst_balance = worst_cone = most = 0.0
+    worst_balance = worst_cone = largest_use = 0.0
     for i, (wrench, forces) in enumerate(solution.forces):
         moments = solution.moments[i] if len(solution.moments) else np.zeros((k, d - space))
         if forces.shape != (k, space) or moments.shape != (k, d - space) or wrench.shape != (d,):
             return [Check("forces", False, f"shapes {forces.shape} and {moments.shape} for {k} contacts")]
         balance, cone, used = force_residuals(grasp, force_set, wrench, forces, moments)
-        worst_balance, worst_cone, most = max(worst_balance, balance), max(worst_cone, cone), max(most, used)
-    good = worst_balance <= FORCE_TOLERANCE and worst_cone <= FORCE_TOLERANCE and most <= 1.0 + FORCE_TOLERANCE
+        worst_balance, worst_cone, largest_use = (
+            max(worst_balance, balance),
+            max(worst_cone, cone),
+            max(largest_use, used),
+        )
+    passed = worst_balance <= FORCE_TOLERANCE and worst_cone <= FORCE_TOLERANCE and largest_use <= 1.0 + FORCE_TOLERANCE
     residuals = f"relative residual {worst_balance:.1e}, distance to the cones {worst_cone:.1e}"
-    return [Check("forces", good, f"{len(solution.forces)} wrenches, {residuals}, {most:.4g} of the force budget")]
+    return [
+        Check("forces", passed, f"{len(solution.forces)} wrenches, {residuals}, {largest_use:.4g} of the force budget")
+    ]
 
 
 def force_residuals(
@@ -75,25 +81,26 @@ def force_residuals(
     space, d = grasp.space, grasp.dimension
     total = np.concatenate([forces.sum(axis=0), _moments(grasp, forces) + moments.sum(axis=0)])
     arm = max(float(np.max(np.abs(grasp.points - grasp.torque_origin))), 1e-300)
-    units = np.concatenate([np.ones(space), np.full(d - space, 1.0 / arm)])
+    weights = np.concatenate([np.ones(space), np.full(d - space, 1.0 / arm)])
     scale = max(float(np.linalg.norm(forces)), float(np.linalg.norm(moments)) / arm, 1e-300)
-    balance, cone = float(np.linalg.norm((total - wrench) * units)) / scale, 0.0
-    inside = []
+    balance, cone = float(np.linalg.norm((total - wrench) * weights)) / scale, 0.0
+    components_of_contacts = []
     for force, moment, frame, model in zip(forces, moments, grasp.frames, grasp.contacts, strict=True):
         local = np.concatenate([frame.T @ force, frame.T @ moment if space == 3 else moment])
-        allowed = np.zeros(d)
+        projected = np.zeros(d)
         components = model.project(local[None, list(model.axes(space))])[0]
-        allowed[list(model.axes(space))] = components
-        inside.append(components)
-        cone = max(cone, float(np.linalg.norm(local - allowed)) / scale)
-    return balance, cone, float(force_set.used(np.concatenate(inside)[None, :])[0])
+        projected[list(model.axes(space))] = components
+        components_of_contacts.append(components)
+        cone = max(cone, float(np.linalg.norm(local - projected)) / scale)
+    return balance, cone, float(force_set.used(np.concatenate(components_of_contacts)[None, :])[0])
 
 
 def _moments(grasp: Grasp, forces: FloatArray) -> FloatArray:
-    arm = grasp.points - grasp.torque_origin
+    """Return the total moment of forces (k, space) at the contacts about the torque origin, (1,) or (3,)."""
+    arms = grasp.points - grasp.torque_origin
     if grasp.space == 2:
-        return np.array([np.sum(arm[:, 0] * forces[:, 1] - arm[:, 1] * forces[:, 0])])
-    return np.asarray(np.sum(np.cross(arm, forces), axis=0))
+        return np.array([np.sum(arms[:, 0] * forces[:, 1] - arms[:, 1] * forces[:, 0])])
+    return np.asarray(np.sum(np.cross(arms, forces), axis=0))
 
 
 def wrench_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Check]:
@@ -112,24 +119,33 @@ def wrench_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Che
     wrenches = np.array([wrench for wrench, _ in solution.forces])
     if wrenches.shape[1:] != (grasp.dimension,):
         return [Check(name, False, f"shape {wrenches.shape} for dimension {grasp.dimension}")]
-    wrong = _wrenches_outside_task(task, wrenches, share)
-    if wrong:
-        detail = f"wrench {wrong[0]} is not the stated lower bound times one that the task asks for"
+    outside = _wrenches_outside_task(task, wrenches, share)
+    if outside:
+        detail = f"wrench {outside[0]} is not the stated lower bound times one that the task asks for"
         return [Check(name, False, detail)]
     return [Check(name, True, f"{len(wrenches)} of the task's, times {share:.6g}")]
 
 
 def _wrenches_outside_task(task: Task, wrenches: FloatArray, share: float) -> list[int]:
     """Return the indices of wrenches (m, d) that are not in a task times a share."""
-    size = FORCE_TOLERANCE * np.linalg.norm(wrenches, axis=1)
+    tolerance = FORCE_TOLERANCE * np.linalg.norm(wrenches, axis=1)
     if isinstance(task, TaskEllipsoid | TaskPolytope):
         ends = share * (task.ends() if isinstance(task, TaskEllipsoid) else task.wrenches)
-        off = [float(np.min(np.linalg.norm(ends - wrench, axis=1))) for wrench in wrenches]
-        return np.flatnonzero(~(np.array(off) <= size)).tolist()
-    directions = np.random.default_rng(0).normal(size=(DIRECTIONS, wrenches.shape[1]))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    past = np.max(wrenches @ directions.T - share * task.support(directions)[0], axis=1)
-    return np.flatnonzero(~(past <= size) | ~(size > 0.0)).tolist()
+        distances = [float(np.min(np.linalg.norm(ends - wrench, axis=1))) for wrench in wrenches]
+        return np.flatnonzero(~(np.array(distances) <= tolerance)).tolist()
+    directions = _unit_rows(_random_directions(wrenches.shape[1]))
+    excess = np.max(wrenches @ directions.T - share * task.support(directions)[0], axis=1)
+    return np.flatnonzero(~(excess <= tolerance) | ~(tolerance > 0.0)).tolist()
+
+
+def _random_directions(dimension: int) -> FloatArray:
+    """Return normally distributed directions of wrench space, (n, d), from a fixed seed."""
+    return np.random.default_rng(0).normal(size=(DIRECTIONS, dimension))
+
+
+def _unit_rows(vectors: FloatArray) -> FloatArray:
+    """Return vectors (n, d) normalised to length 1."""
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
 
 
 def needed_checks(solution: GraspSolution, grasp: Grasp, task: Task, force_set: ForceSet) -> list[Check]:
@@ -140,46 +156,46 @@ def needed_checks(solution: GraspSolution, grasp: Grasp, task: Task, force_set: 
     k, space, d = len(grasp), grasp.space, grasp.dimension
     moments = np.zeros((k, d - space)) if stated.moments is None else stated.moments
     shapes = [(stated.wrench, (d,)), (stated.forces, (k, space)), (moments, (k, d - space))]
-    shapes += [(each, (k,)) for each in (stated.normal, stated.size, stated.largest)]
-    if any(given.shape != wanted for given, wanted in shapes):
+    shapes += [(values, (k,)) for values in (stated.normal, stated.size, stated.largest)]
+    if any(stated_array.shape != shape for stated_array, shape in shapes):
         return [Check("forces needed", False, f"shapes that are not those of {k} contacts")]
-    amounts = _BudgetBounds(grasp, force_set)
+    budget_bounds = _BudgetBounds(grasp, force_set)
     balance, cone, used = force_residuals(grasp, force_set, stated.wrench, stated.forces, moments)
-    wrong = [*_wrench(solution, stated.wrench, task, amounts, used), *_derived_errors(solution, grasp, task, stated)]
+    errors = [
+        *_wrench_errors(solution, stated.wrench, task, budget_bounds, used),
+        *_derived_errors(solution, grasp, task, stated),
+    ]
     if not (balance <= FORCE_TOLERANCE and cone <= FORCE_TOLERANCE):
-        wrong.append(f"relative residual {balance:.1e}, distance to the cones {cone:.1e}")
-    wrong += _force_excesses(solution, stated.wrench, grasp, force_set, amounts, used)
-    above = f", ABOVE max_force = {solution.max_force:g} N" if solution.is_too_weak else ""
-    told = (
-        f"largest {float(np.max(stated.largest)):.6g} N{above}, together {stated.total:.6g} N, of the budget {used:.6g}"
-    )
-    return [Check("forces needed", not wrong, "; ".join(wrong) if wrong else f"{told}: least, and in the cones")]
+        errors.append(f"relative residual {balance:.1e}, distance to the cones {cone:.1e}")
+    errors += _force_excesses(solution, stated.wrench, grasp, force_set, budget_bounds, used)
+    excess_text = f", ABOVE max_force = {solution.max_force:g} N" if solution.is_too_weak else ""
+    largest = f"largest {float(np.max(stated.largest)):.6g} N{excess_text}"
+    summary = f"{largest}, together {stated.total:.6g} N, of the budget {used:.6g}"
+    return [Check.of_errors("forces needed", errors, f"{summary}: least, and in the cones")]
 
 
-def _wrench(
-    solution: GraspSolution, wrench: FloatArray, task: Task, amounts: _BudgetBounds, used: float
+def _wrench_errors(
+    solution: GraspSolution, wrench: FloatArray, task: Task, budget_bounds: _BudgetBounds, used: float
 ) -> Iterator[str]:
     """Yield the errors in the stated wrench: not in the task, or easier than others."""
     y = solution.mu.worst_direction
-    if not _asked(task, wrench):
+    if not _is_in_task(task, wrench):
         yield "a wrench that the task does not ask for"
-    others = task.ends() if y is None else np.concatenate([task.ends(), task.support(y[None])[1]])
-    hardest = float(np.max(amounts(others), initial=0.0))
+    examined = task.ends() if y is None else np.concatenate([task.ends(), task.support(y[None])[1]])
+    hardest = float(np.max(budget_bounds(examined), initial=0.0))
     if not hardest <= used * (1.0 + LEAST_FORCE_TOLERANCE):
         yield f"a wrench that takes {used:.6g} of the budget, another of the task takes {hardest:.6g}"
 
 
-def _asked(task: Task, wrench: FloatArray) -> bool:
+def _is_in_task(task: Task, wrench: FloatArray) -> bool:
     """Return whether a wrench (d,) is in the task: by coordinates for an ellipsoid, else along directions."""
-    close = FORCE_TOLERANCE * max(float(np.linalg.norm(wrench)), 1e-300)
+    tolerance = FORCE_TOLERANCE * max(float(np.linalg.norm(wrench)), 1e-300)
     if isinstance(task, TaskEllipsoid):
-        u = np.linalg.lstsq(task.axes.T, wrench - task.center, rcond=None)[0]
-        off = float(np.linalg.norm(task.center + u @ task.axes - wrench))
-        return bool(off <= close and np.linalg.norm(u) <= 1.0 + FORCE_TOLERANCE)
-    y = np.random.default_rng(0).normal(size=(DIRECTIONS, len(wrench)))
-    y = np.concatenate([y, [wrench]])
-    y /= np.linalg.norm(y, axis=1, keepdims=True)
-    return bool(np.all(y @ wrench <= task.support(y)[0] + close))
+        coordinates = np.linalg.lstsq(task.axes.T, wrench - task.center, rcond=None)[0]
+        distance = float(np.linalg.norm(task.center + coordinates @ task.axes - wrench))
+        return bool(distance <= tolerance and np.linalg.norm(coordinates) <= 1.0 + FORCE_TOLERANCE)
+    directions = _unit_rows(np.concatenate([_random_directions(len(wrench)), [wrench]]))
+    return bool(np.all(directions @ wrench <= task.support(directions)[0] + tolerance))
 
 
 def _derived_errors(solution: GraspSolution, grasp: Grasp, task: Task, stated: ForcesNeeded) -> Iterator[str]:
@@ -189,8 +205,8 @@ def _derived_errors(solution: GraspSolution, grasp: Grasp, task: Task, stated: F
     """
     size, share = np.linalg.norm(stated.forces, axis=1), solution.mu.lower
     scale = max(float(np.max(size)), 1e-300)
-    others = [np.linalg.norm(forces, axis=1) / share for _, forces in solution.forces] if share > 0.0 else []
-    largest = np.max([size, *others], axis=0)
+    scaled_sizes = [np.linalg.norm(forces, axis=1) / share for _, forces in solution.forces] if share > 0.0 else []
+    largest = np.max([size, *scaled_sizes], axis=0)
     pairs = {
         "normal forces": (stated.normal, np.sum(stated.forces * grasp.normals, axis=1)),
         "sizes of the forces": (stated.size, size),
@@ -199,8 +215,8 @@ def _derived_errors(solution: GraspSolution, grasp: Grasp, task: Task, stated: F
         pairs["largest forces"] = (stated.largest, largest)
     elif np.any(stated.largest < largest * (1.0 - DERIVED_TOLERANCE)):
         yield "largest forces below those of the stated forces"
-    for name, (told, found) in pairs.items():
-        if not np.max(np.abs(told - found)) <= DERIVED_TOLERANCE * max(scale, float(np.max(largest))):
+    for name, (stated_values, derived) in pairs.items():
+        if not np.max(np.abs(stated_values - derived)) <= DERIVED_TOLERANCE * max(scale, float(np.max(largest))):
             yield f"{name} that are not those of the stated forces"
     if not np.allclose(stated.stated_summary or stated.summary, stated.summary, rtol=DERIVED_TOLERANCE, atol=0.0):
         yield "a largest force, its finger or a total that is not that of the fingers"
@@ -216,23 +232,23 @@ def _force_excesses(
     wrench: FloatArray,
     grasp: Grasp,
     force_set: ForceSet,
-    amounts: _BudgetBounds,
+    budget_bounds: _BudgetBounds,
     used: float,
 ) -> Iterator[str]:
     """Yield the stated forces that are not least."""
-    least = float(amounts(wrench[None])[0])
+    least = float(budget_bounds(wrench[None])[0])
     if not used <= least * (1.0 + LEAST_FORCE_TOLERANCE):
         yield f"{used:.6g} of the budget, where {least:.6g} is enough"
     if not solution.forces:
         return
-    none = np.zeros((len(grasp), grasp.dimension - grasp.space))
-    moments = solution.moments if len(solution.moments) else [none] * len(solution.forces)
+    no_moments = np.zeros((len(grasp), grasp.dimension - grasp.space))
+    moments = solution.moments if len(solution.moments) else [no_moments] * len(solution.forces)
     wrenches = np.array([wrench for wrench, _ in solution.forces])
-    taken = [force_residuals(grasp, force_set, w, f, m)[2] for (w, f), m in zip(solution.forces, moments, strict=True)]
-    more = np.array(taken) - amounts(wrenches) * (1.0 + LEAST_FORCE_TOLERANCE)
-    if not np.all(more <= 0.0):
-        worst = int(np.argmax(more))
-        yield f"forces {worst} take {more[worst]:.2g} of the budget more than they have to"
+    uses = [force_residuals(grasp, force_set, w, f, m)[2] for (w, f), m in zip(solution.forces, moments, strict=True)]
+    excess = np.array(uses) - budget_bounds(wrenches) * (1.0 + LEAST_FORCE_TOLERANCE)
+    if not np.all(excess <= 0.0):
+        worst = int(np.argmax(excess))
+        yield f"forces {worst} take {excess[worst]:.2g} of the budget more than they have to"
 
 
 class _BudgetBounds:
@@ -240,19 +256,19 @@ class _BudgetBounds:
 
     def __init__(self, grasp: Grasp, force_set: ForceSet) -> None:
         arms = np.linalg.norm(grasp.points - grasp.torque_origin, axis=1)
-        units = np.ones(grasp.dimension)
-        units[grasp.space :] = float(np.max(arms)) or 1.0
-        self._units, self._set = units, WrenchSet(grasp.G / units[:, None], force_set)
+        scale = np.ones(grasp.dimension)
+        scale[grasp.space :] = float(np.max(arms)) or 1.0
+        self._units, self._set = scale, WrenchSet(grasp.G / scale[:, None], force_set)
 
     def __call__(self, wrenches: FloatArray) -> FloatArray:
         """Return lower bounds on the budget of wrenches (m, d), (m,); 0 where no direction proves more."""
         scaled = wrenches / self._units
         size = np.maximum(np.linalg.norm(scaled, axis=1), 1e-300)
         scaled /= size[:, None]
-        y = solve_least_forces(self._set, scaled)[1]
-        y[~np.all(np.isfinite(y), axis=1)] = 0.0
-        reach = self._set.support(y)[0]
-        work = np.sum(scaled * y, axis=1)
+        directions = solve_least_forces(self._set, scaled)[1]
+        directions[~np.all(np.isfinite(directions), axis=1)] = 0.0
+        reach = self._set.support(directions)[0]
+        work = np.sum(scaled * directions, axis=1)
         return np.asarray(np.where(reach > 0.0, work / np.where(reach > 0.0, reach, 1.0), 0.0) * size)
 
 
@@ -262,24 +278,24 @@ def squeeze_checks(solution: GraspSolution, grasp: Grasp, hand: HandNumbers | No
     stated = posture.get("squeeze")
     if "no_squeeze" in posture:
         try:
-            wrong = _no_squeeze_error(grasp) if stated is None else "states a squeeze, and that there is none"
+            error = _no_squeeze_error(grasp) if stated is None else "states a squeeze, and that there is none"
         except NotCheckedError as reason:
             return [Check.not_made("squeeze", str(reason))]
-        return [Check("squeeze", not wrong, wrong or "none: no forces that balance press at every contact")]
+        return [Check.of_errors("squeeze", [error], "none: no forces that balance press at every contact")]
     if stated is None:
         return []
-    wrong = "; ".join(_force_errors(stated, grasp))
-    told = f"friction {stated['friction_needed']:.4g} needed, {stated['share']:.4g} of what there is"
-    checks = [Check("squeeze", not wrong, wrong or told)]
+    errors = list(_force_errors(stated, grasp))
+    summary = f"friction {stated['friction_needed']:.4g} needed, {stated['share']:.4g} of what there is"
+    checks = [Check.of_errors("squeeze", errors, summary)]
     if "torques" not in stated:
         return checks
     try:
-        wrong = "; ".join(_joint_errors(stated, solution, grasp, hand))
+        errors = list(_joint_errors(stated, solution, grasp, hand))
     except NotCheckedError as reason:
         return [*checks, Check.not_made("squeeze torques", str(reason))]
     return [
         *checks,
-        Check("squeeze torques", not wrong, wrong or f"of {len(stated['torques'])} joints, by virtual work"),
+        Check.of_errors("squeeze torques", errors, f"of {len(stated['torques'])} joints, by virtual work"),
     ]
 
 
@@ -289,23 +305,30 @@ def _no_squeeze_error(grasp: Grasp) -> str:
     Balanced forces on the edges of friction pyramids inside the cones, with a normal force at every contact, would
     refute it: a linear program, by HiGHS.
     """
-    smoother = [model.with_friction(INSIDE) for model in grasp.contacts]
+    weaker_contacts = [model.with_friction(REFUTING_SHARE) for model in grasp.contacts]
     try:
         edges = pyramid_wrenches(
-            Grasp(grasp.points, grasp.normals, smoother, grasp.torque_origin, grasp.tangents), EDGES, grasp.mean_arm
+            Grasp(grasp.points, grasp.normals, weaker_contacts, grasp.torque_origin, grasp.tangents),
+            EDGES,
+            grasp.mean_arm,
         )
     except InputError as error:
         raise NotCheckedError(str(error)) from None
-    presses = np.zeros((len(grasp), sum(map(len, edges))))
-    for i, end in enumerate(np.cumsum([len(each) for each in edges])):
-        presses[i, end - len(edges[i]) : end] = -1.0
-    balance, everywhere = np.concatenate(edges).T, -np.ones(len(grasp))
-    found = linprog(np.ones(presses.shape[1]), presses, everywhere, balance, np.zeros(len(balance)), method="highs")
-    return (
-        ""
-        if found.status == INFEASIBLE
-        else "states that there is none, but forces that balance press at every contact"
+    normal_force_rows = np.zeros((len(grasp), sum(map(len, edges))))
+    for i, last_column in enumerate(np.cumsum([len(contact_edges) for contact_edges in edges])):
+        normal_force_rows[i, last_column - len(edges[i]) : last_column] = -1.0
+    balance, least_normal_forces = np.concatenate(edges).T, -np.ones(len(grasp))
+    program = linprog(
+        np.ones(normal_force_rows.shape[1]),
+        normal_force_rows,
+        least_normal_forces,
+        balance,
+        np.zeros(len(balance)),
+        method="highs",
     )
+    if program.status == INFEASIBLE:
+        return ""
+    return "states that there is none, but forces that balance press at every contact"
 
 
 def _force_errors(stated: Json, grasp: Grasp) -> Iterator[str]:
@@ -313,8 +336,8 @@ def _force_errors(stated: Json, grasp: Grasp) -> Iterator[str]:
     k, space, d = len(grasp), grasp.space, grasp.dimension
     fingers, wrench = stated["fingers"], array("wrench", stated["wrench"], (d,))
     forces = array("force", [f["force"] for f in fingers], (k, space))
-    turned = array("moment", [f.get("moment", [0.0] * (d - space)) for f in fingers], (k, d - space))
-    balance, cone, _ = force_residuals(grasp, L2Set(grasp.contacts, space), wrench, forces, turned)
+    moments = array("moment", [f.get("moment", [0.0] * (d - space)) for f in fingers], (k, d - space))
+    balance, cone, _ = force_residuals(grasp, L2Set(grasp.contacts, space), wrench, forces, moments)
     if not (balance <= FORCE_TOLERANCE and cone <= FORCE_TOLERANCE):
         yield f"forces {balance:.1e} off balance and {cone:.1e} off their cones, relative to them"
     if not abs(stated["residual"] - balance) <= FORCE_TOLERANCE:
@@ -328,65 +351,70 @@ def _force_errors(stated: Json, grasp: Grasp) -> Iterator[str]:
             yield f"finger {i} states another normal force or friction than its force has"
     if not _agrees(stated["friction_needed"], float(np.max(friction)), 1.0):
         yield f"friction {stated['friction_needed']:.4g} stated as needed, {np.max(friction):.4g} found"
-    yield from _share(stated["share"], grasp, wrench, forces, turned)
+    yield from _share_errors(stated["share"], grasp, wrench, forces, moments)
 
 
-def _share(share: float, grasp: Grasp, wrench: FloatArray, forces: FloatArray, turned: FloatArray) -> Iterator[str]:
+def _share_errors(
+    share: float, grasp: Grasp, wrench: FloatArray, forces: FloatArray, moments: FloatArray
+) -> Iterator[str]:
     """Yield an error if forces need another share of friction than stated."""
 
-    def off(part: float) -> float:
-        models = [model.with_friction(part) for model in grasp.contacts]
-        rougher = Grasp(grasp.points, grasp.normals, models, grasp.torque_origin, grasp.tangents)
-        return force_residuals(rougher, L2Set(rougher.contacts, grasp.space), wrench, forces, turned)[1]
+    def cone_distance(friction_share: float) -> float:
+        models = [model.with_friction(friction_share) for model in grasp.contacts]
+        scaled_grasp = Grasp(grasp.points, grasp.normals, models, grasp.torque_origin, grasp.tangents)
+        return force_residuals(scaled_grasp, L2Set(scaled_grasp.contacts, grasp.space), wrench, forces, moments)[1]
 
-    enough = max(share, 0.0) + LEAST_FRICTION_SHARE
-    if not off(enough) <= FORCE_TOLERANCE:
+    sufficient = max(share, 0.0) + LEAST_FRICTION_SHARE
+    if not cone_distance(sufficient) <= FORCE_TOLERANCE:
         yield f"the forces need more than a share of {share:.4g} of the friction"
-    less = (1.0 - LESS) * share - 2.0 * LEAST_FRICTION_SHARE
-    if less > 0.0 and not off(less) > 0.0:
+    insufficient = (1.0 - FRICTION_TOLERANCE) * share - 2.0 * LEAST_FRICTION_SHARE
+    if insufficient > 0.0 and not cone_distance(insufficient) > 0.0:
         yield f"the forces need less than a share of {share:.4g} of the friction"
 
 
 def _joint_errors(stated: Json, solution: GraspSolution, grasp: Grasp, hand: HandNumbers | None) -> Iterator[str]:
     """Yield the errors in torques, Jacobians, limits and positions."""
-    known = require_links(hand, "Jacobians")
-    found, torques = known.loads(grasp.points), stated["torques"]
-    if list(torques) != list(found):
-        yield f"torques of {', '.join(torques)}, where {', '.join(found)} move the contacts"
+    linked_hand = require_links(hand, "Jacobians")
+    hand_jacobians, torques = linked_hand.loads(grasp.points), stated["torques"]
+    if list(torques) != list(hand_jacobians):
+        yield f"torques of {', '.join(torques)}, where {', '.join(hand_jacobians)} move the contacts"
         return
     forces = np.array([[*f["force"], *f.get("moment", [0.0] * 3)] for f in stated["fingers"]], dtype=float)
-    size, close = float(np.max(np.linalg.norm(forces[:, :3], axis=1))), JACOBIAN_TOLERANCE + known.turn
-    jacobians = array("jacobians", stated["jacobians"], (len(grasp), 6, len(found)))
-    for j, (joint, J) in enumerate(found.items()):
+    size, tolerance = float(np.max(np.linalg.norm(forces[:, :3], axis=1))), JACOBIAN_TOLERANCE + linked_hand.turn
+    jacobians = array("jacobians", stated["jacobians"], (len(grasp), 6, len(hand_jacobians)))
+    for j, (joint, J) in enumerate(hand_jacobians.items()):
         arm = max(1.0, float(np.max(np.abs(J))))
-        if not np.max(np.abs(jacobians[:, :, j] - J)) <= close * arm:
+        if not np.max(np.abs(jacobians[:, :, j] - J)) <= tolerance * arm:
             yield f"Jacobian of joint {joint} is not that of the hand in its posture"
-        tau = float(np.sum(J * forces))
-        if not abs(torques[joint] - tau) <= close * size * arm:
-            yield f"joint {joint} needs {tau:.4g}, stated {torques[joint]:.4g}"
-    limits = known.data.get("torque_limits") or {}
-    shares = {joint: abs(torques[joint]) / limits[joint] for joint in found if joint in limits}
-    worst, most = stated.get("worst_joint"), max(shares.values(), default=None)
-    if (most is None) != (worst is None) or (most is not None and not _agrees(stated["worst_share"], most)):
-        yield f"the worst joint's share of its torque limit is {most}, stated {stated.get('worst_share')}"
-    elif worst is not None and not (worst in shares and _agrees(shares[worst], most)):
-        yield f"joint {worst} is not the worst"
-    yield from _positions(stated, solution)
+        torque = float(np.sum(J * forces))
+        if not abs(torques[joint] - torque) <= tolerance * size * arm:
+            yield f"joint {joint} needs {torque:.4g}, stated {torques[joint]:.4g}"
+    limits = linked_hand.data.get("torque_limits") or {}
+    shares = {joint: abs(torques[joint]) / limits[joint] for joint in hand_jacobians if joint in limits}
+    worst_joint, largest_share = stated.get("worst_joint"), max(shares.values(), default=None)
+    if (largest_share is None) != (worst_joint is None) or (
+        largest_share is not None and not _agrees(stated["worst_share"], largest_share)
+    ):
+        yield f"the worst joint's share of its torque limit is {largest_share}, stated {stated.get('worst_share')}"
+    elif worst_joint is not None and not (worst_joint in shares and _agrees(shares[worst_joint], largest_share)):
+        yield f"joint {worst_joint} is not the worst"
+    yield from _command_errors(stated, solution)
 
 
-def _positions(stated: Json, solution: GraspSolution) -> Iterator[str]:
+def _command_errors(stated: Json, solution: GraspSolution) -> Iterator[str]:
     """Yield commands other than the grasp's positions plus torque over gain."""
     if "gain" not in stated:
         return
-    gain, grasp, told = stated["gain"], (solution.hand or {})["joint_positions"], stated["positions"]
-    if set(told) != set(stated["torques"]):
+    gain, positions, commands = stated["gain"], (solution.hand or {})["joint_positions"], stated["positions"]
+    if set(commands) != set(stated["torques"]):
         yield "positions of other joints than torques"
         return
-    for joint, tau in stated["torques"].items():
-        command = grasp[joint] + tau / (gain[joint] if isinstance(gain, Mapping) else gain)
-        if not _agrees(told[joint], command, 1.0):
-            yield f"the command of joint {joint} is {command:.6g}, stated {told[joint]:.6g}"
+    for joint, torque in stated["torques"].items():
+        command = positions[joint] + torque / (gain[joint] if isinstance(gain, Mapping) else gain)
+        if not _agrees(commands[joint], command, 1.0):
+            yield f"the command of joint {joint} is {command:.6g}, stated {commands[joint]:.6g}"
 
 
-def _agrees(stated: float, found: float | None, least: float = 0.0) -> bool:
-    return found is not None and abs(stated - found) <= JACOBIAN_TOLERANCE * max(abs(found), least)
+def _agrees(stated: float, recomputed: float | None, least_scale: float = 0.0) -> bool:
+    """Return whether a stated number agrees with the recomputed one, relative to it."""
+    return recomputed is not None and abs(stated - recomputed) <= JACOBIAN_TOLERANCE * max(abs(recomputed), least_scale)

@@ -21,11 +21,11 @@ from nlpgrasp.verify.numeric_urdf_hand import URDFNumbers, require_links
 from nlpgrasp.verify.stated_placement import HandNumbers
 
 MARGIN_TOLERANCE = 1e-9  # relative tolerance of the price of margins
-PART = 0.1  # largest margin, as a share of a joint's range
-LESS = 1e-6  # relative tolerance up to which a joint has its margin
-TOLD = 1e-6  # tolerance of a stated margin or distance from a limit, relative to the margin
+LARGEST_MARGIN_SHARE = 0.1  # largest margin, as a share of a joint's range
+LIMIT_TOLERANCE = 1e-6  # relative tolerance up to which a joint has its margin
+STATED_TOLERANCE = 1e-6  # tolerance of a stated margin or distance from a limit, relative to the margin
 JACOBIAN_TOLERANCE = 1e-6  # relative tolerance of recomputed Jacobians
-KINDS = ("joint_torques", "shared_joint_torques")  # force budgets of joint torques
+JOINT_BUDGETS = ("joint_torques", "shared_joint_torques")  # force budgets of joint torques
 
 
 def joint_margin_checks(solution: GraspSolution, hand: HandNumbers | None) -> list[Check]:
@@ -33,15 +33,15 @@ def joint_margin_checks(solution: GraspSolution, hand: HandNumbers | None) -> li
     stated = (solution.hand or {}).get("room")
     if stated is None:
         return []
-    wrong = "; ".join(_price_errors(stated, solution))
-    told = f"{stated['cost']:.2%} of mu, " if "cost" in stated else ""
-    checks = [Check("price of room", not wrong, wrong or f"{told}{stated['price']:.2%} allowed")]
+    errors = list(_price_errors(stated, solution))
+    summary = f"{stated['cost']:.2%} of mu, " if "cost" in stated else ""
+    checks = [Check.of_errors("price of room", errors, f"{summary}{stated['price']:.2%} allowed")]
     try:
-        wrong = "; ".join(_margin_errors(stated, solution, hand))
+        errors = list(_margin_errors(stated, solution, hand))
     except NotCheckedError as reason:
         return [*checks, Check.not_made("room of joints", str(reason))]
-    told = f"{len(stated['margins'])} joints, {len(stated['near'])} near a limit"
-    return [*checks, Check("room of joints", not wrong, wrong or told)]
+    summary = f"{len(stated['margins'])} joints, {len(stated['near'])} near a limit"
+    return [*checks, Check.of_errors("room of joints", errors, summary)]
 
 
 def _price_errors(stated: Json, solution: GraspSolution) -> Iterator[str]:
@@ -50,41 +50,43 @@ def _price_errors(stated: Json, solution: GraspSolution) -> Iterator[str]:
     In files of earlier versions, which state the cost: another cost, or more than the price allows.
     """
     price, margin = number("hand.room.price", stated["price"], at_least=0.0), stated["margin"]
-    options, without = solution.solver.get("options", {}), stated.get("mu_without")
+    options, mu_without = solution.solver.get("options", {}), stated.get("mu_without")
     for name, value in (("room_price", price), ("joint_margin", margin)):
         if options.get(name, value) != value:
             yield f"{name} {options[name]} among the options, {value} stated"
-    if without is None:
+    if mu_without is None:
         return
-    low, high = (number(f"hand.room.mu_without.{end}", without[end], above=0.0) for end in ("lower", "upper"))
-    best = solution.winner
-    if best is None:
+    low, high = (number(f"hand.room.mu_without.{end}", mu_without[end], above=0.0) for end in ("lower", "upper"))
+    winner = solution.winner
+    if winner is None:
         return
     if not (
-        best.mu.lower >= (1.0 - price - MARGIN_TOLERANCE) * low
-        and best.mu.upper >= (1.0 - price - MARGIN_TOLERANCE) * high
+        winner.mu.lower >= (1.0 - price - MARGIN_TOLERANCE) * low
+        and winner.mu.upper >= (1.0 - price - MARGIN_TOLERANCE) * high
     ):
-        yield f"mu in {best.mu} is more than {price:.2%} below [{low:.4f}, {high:.4f}], which is without room"
-    if not abs(stated["cost"] - (1.0 - best.mu.upper / high)) <= MARGIN_TOLERANCE:
-        yield f"it took {1.0 - best.mu.upper / high:.2%} of mu, stated {stated['cost']:.2%}"
+        yield f"mu in {winner.mu} is more than {price:.2%} below [{low:.4f}, {high:.4f}], which is without room"
+    if not abs(stated["cost"] - (1.0 - winner.mu.upper / high)) <= MARGIN_TOLERANCE:
+        yield f"it took {1.0 - winner.mu.upper / high:.2%} of mu, stated {stated['cost']:.2%}"
 
 
 def _margin_errors(stated: Json, solution: GraspSolution, hand: HandNumbers | None) -> Iterator[str]:
     """Yield joints with other margins, or other distances from their limits, than stated."""
     margins, near, margin = stated["margins"], stated["near"], number("hand.room.margin", stated["margin"], above=0.0)
-    ends, positions = require_links(hand, "joints").ranges, (solution.hand or {})["joint_positions"]
-    if set(margins) != set(ends) or not set(near) <= set(ends):
-        raise InputError("hand.room.margins", ", ".join(margins), ", ".join(ends))
-    for joint, (lower, upper, slides) in ends.items():
-        wanted = PART * (upper - lower) if slides else min(margin, PART * (upper - lower))
-        left = min(positions[joint] - lower, upper - positions[joint])
-        if not abs(margins[joint] - wanted) <= TOLD * wanted:
-            yield f"joint {joint} is to have {wanted:.4g}, stated {margins[joint]:.4g}"
-        if joint in near and not abs(near[joint] - left) <= TOLD * wanted:
-            yield f"joint {joint} is {left:.4g} from a limit, stated {near[joint]:.4g}"
-        if joint not in near and not left >= (1.0 - 2.0 * LESS) * wanted:
-            yield f"joint {joint} is {left:.4g} from a limit, and not named"
-        if joint in near and not left <= wanted:
+    ranges, positions = require_links(hand, "joints").ranges, (solution.hand or {})["joint_positions"]
+    if set(margins) != set(ranges) or not set(near) <= set(ranges):
+        raise InputError("hand.room.margins", ", ".join(margins), ", ".join(ranges))
+    for joint, (lower, upper, slides) in ranges.items():
+        required = (
+            LARGEST_MARGIN_SHARE * (upper - lower) if slides else min(margin, LARGEST_MARGIN_SHARE * (upper - lower))
+        )
+        distance = min(positions[joint] - lower, upper - positions[joint])
+        if not abs(margins[joint] - required) <= STATED_TOLERANCE * required:
+            yield f"joint {joint} is to have {required:.4g}, stated {margins[joint]:.4g}"
+        if joint in near and not abs(near[joint] - distance) <= STATED_TOLERANCE * required:
+            yield f"joint {joint} is {distance:.4g} from a limit, stated {near[joint]:.4g}"
+        if joint not in near and not distance >= (1.0 - 2.0 * LIMIT_TOLERANCE) * required:
+            yield f"joint {joint} is {distance:.4g} from a limit, and not named"
+        if joint in near and not distance <= required:
             yield f"joint {joint} is named and has its margin"
 
 
@@ -95,7 +97,7 @@ def torque_checks(solution: GraspSolution, grasp: Grasp, hand: HandNumbers | Non
     are the problem's own.
     """
     budget = solution.problem["force_budget"]
-    if not isinstance(budget, Mapping) or budget.get("type") not in KINDS:
+    if not isinstance(budget, Mapping) or budget.get("type") not in JOINT_BUDGETS:
         return []
     try:
         return _compare_budget(budget, grasp, hand)
@@ -104,46 +106,52 @@ def torque_checks(solution: GraspSolution, grasp: Grasp, hand: HandNumbers | Non
 
 
 def _compare_budget(budget: Json, grasp: Grasp, hand: HandNumbers | None) -> list[Check]:
+    """Return the checks of a budget's Jacobians and limits against the hand."""
     if hand is None or isinstance(hand, FreeHand):
         raise NotCheckedError("no hand moves the contacts: the Jacobians are the problem's own")
-    known = require_links(hand, "Jacobians")
+    linked_hand = require_links(hand, "Jacobians")
     if budget["type"] != "shared_joint_torques":
         return [Check("joint torques", False, "each contact has joints of its own, where the hand's are common to all")]
-    found = known.loads(grasp.points)
-    own = np.array([known.data["torque_limits"][joint] for joint in found], dtype=float)
-    limits = array("limits", budget["limits"], (len(found),))
+    jacobians = linked_hand.loads(grasp.points)
+    stated_limits = np.array([linked_hand.data["torque_limits"][joint] for joint in jacobians], dtype=float)
+    limits = array("limits", budget["limits"], (len(jacobians),))
     number("force_limit", budget["force_limit"], above=0.0)
-    wrong = _jacobian_difference(budget["jacobians"], found, known.turn)
-    if not np.array_equal(limits, own):
-        joint = list(found)[int(np.argmax(limits != own))]
-        wrong = f"another limit for joint {joint} than problem.hand.torque_limits states"
-    agree = f"Jacobians of {len(grasp)} contacts and limits of {len(found)} joints"
-    return [Check("joint torques", not wrong, wrong or agree), _efforts(known, list(found))]
+    error = _jacobian_difference(budget["jacobians"], jacobians, linked_hand.turn)
+    if not np.array_equal(limits, stated_limits):
+        joint = list(jacobians)[int(np.argmax(limits != stated_limits))]
+        error = f"another limit for joint {joint} than problem.hand.torque_limits states"
+    summary = f"Jacobians of {len(grasp)} contacts and limits of {len(jacobians)} joints"
+    return [Check.of_errors("joint torques", [error], summary), _effort_check(linked_hand, list(jacobians))]
 
 
-def _jacobian_difference(stated: object, found: Mapping[str, FloatArray], turn: float) -> str:
+def _jacobian_difference(stated: object, recomputed: Mapping[str, FloatArray], turn: float) -> str:
     """Return the difference of stated and recomputed Jacobians, (k, 6 or 3, m); empty where they agree."""
-    own = np.stack(list(found.values()), axis=2)  # (k, 6, m)
-    for i, (J, expected) in enumerate(zip(_stated_list(stated, len(own)), own, strict=True)):
-        rows = array(f"jacobians[{i}]", J, (None, own.shape[2]))
-        if len(rows) not in (3, 6):
-            return f"Jacobian {i} has {len(rows)} rows"
-        off = float(np.max(np.abs(rows - expected[: len(rows)])))
-        if not off <= (JACOBIAN_TOLERANCE + turn) * max(1.0, float(np.max(np.abs(expected)))):
-            return f"Jacobian {i} is {off:.2g} off that of the hand in its posture"
+    expected_jacobians = np.stack(list(recomputed.values()), axis=2)  # (k, 6, m)
+    for i, (J, expected) in enumerate(
+        zip(_stated_list(stated, len(expected_jacobians)), expected_jacobians, strict=True)
+    ):
+        stated_jacobian = array(f"jacobians[{i}]", J, (None, expected_jacobians.shape[2]))
+        if len(stated_jacobian) not in (3, 6):
+            return f"Jacobian {i} has {len(stated_jacobian)} rows"
+        difference = float(np.max(np.abs(stated_jacobian - expected[: len(stated_jacobian)])))
+        if not difference <= (JACOBIAN_TOLERANCE + turn) * max(1.0, float(np.max(np.abs(expected)))):
+            return f"Jacobian {i} is {difference:.2g} off that of the hand in its posture"
     return ""
 
 
 def _stated_list(stated: object, count: int) -> Sequence[object]:
+    """Return a stated list of Jacobians; refuse another length."""
     if not isinstance(stated, Sequence) or len(stated) != count:
         raise ValueError(f"not {count} Jacobians")
     return stated
 
 
-def _efforts(hand: URDFNumbers, joints: Sequence[str]) -> Check:
+def _effort_check(hand: URDFNumbers, joints: Sequence[str]) -> Check:
     """Return the check that the limits are the URDF's efforts; users may have stated others."""
     efforts = {link.joint: link.effort for link in hand.links}
-    other = [joint for joint in joints if hand.data["torque_limits"][joint] != efforts[joint]]
-    if other:
-        return Check.not_made("torque limits", f"those of {', '.join(other)} are the problem's own, not the URDF's")
+    other_joints = [joint for joint in joints if hand.data["torque_limits"][joint] != efforts[joint]]
+    if other_joints:
+        return Check.not_made(
+            "torque limits", f"those of {', '.join(other_joints)} are the problem's own, not the URDF's"
+        )
     return Check("torque limits", True, f"of {len(joints)} joints, the URDF's efforts")

@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 from scipy.spatial import QhullError
 from scipy.spatial.transform import Rotation
 
-from nlpgrasp.common.optional_packages import import_mujoco
-from nlpgrasp.common.robot_files import expand_xacro, find_mesh
+from nlpgrasp.common.robot_files import find_mesh
 from nlpgrasp.common.validation import FloatArray
-from nlpgrasp.errors import InputError, MissingExtraError
+from nlpgrasp.verify.chain_kinematics import compile_mjcf, pose_matrix, read_robot
 from nlpgrasp.verify.check import NotCheckedError
 from nlpgrasp.verify.convex_solids import mesh_corners
 from nlpgrasp.verify.sources import SourceFolders
@@ -26,8 +25,9 @@ if TYPE_CHECKING:
     from mujoco import MjModel
     from trimesh import Trimesh
 
-SIDES, HALVINGS = 96, 4  # cylinder sides, icosahedron halvings: 0.1 % of the radius inside the exact shape
-SHEET = 0.05  # share of its hull's volume: a surface that encloses less is replaced by its hull
+CYLINDER_SIDES = 96  # sides of a cylinder: 0.1 % of the radius inside the exact shape
+ICOSPHERE_HALVINGS = 4  # halvings of an icosahedron: 0.1 % of the radius inside the exact shape
+SHEET_SHARE = 0.05  # share of its hull's volume: a surface that encloses less is replaced by its hull
 SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = range(2, 8)  # mjtGeom
 COLLISION_GROUP = 3  # the group of collision shapes by convention
 
@@ -64,15 +64,15 @@ class _MeshFiles:
     digests: Mapping[str, str] | None
     sources: SourceFolders
 
-    def find(self, place: Path, name: str, link: str) -> Path:
+    def find(self, hand_file: Path, name: str, link: str) -> Path:
         """Return the path of a URDF's mesh: as the URDF names it, or relative to another folder."""
-        for folder in (place.parent, *self.sources.folders):
-            found = find_mesh(folder / place.name, name)
-            if found is not None:
-                self.compare(name, found)
-                return found
+        for folder in (hand_file.parent, *self.sources.folders):
+            path = find_mesh(folder / hand_file.name, name)
+            if path is not None:
+                self.compare(name, path)
+                return path
         self.sources.missing.append(name)
-        raise NotCheckedError(f"{name}, the shape of link {link}, is not beside {place.name}")
+        raise NotCheckedError(f"{name}, the shape of link {link}, is not beside {hand_file.name}")
 
     def compare(self, name: str, path: Path) -> None:
         """Raise ``NotCheckedError`` on a mesh file with another SHA-256 than recorded, or if none is recorded."""
@@ -85,13 +85,13 @@ class _MeshFiles:
 
 
 def link_shapes(
-    place: Path, links: Container[str], digests: Mapping[str, str] | None, sources: SourceFolders
+    path: Path, links: Container[str], digests: Mapping[str, str] | None, sources: SourceFolders
 ) -> dict[str, list[LinkShape]]:
     """Return the collision shapes of given links, by link.
 
     Parameters
     ----------
-    place : Path
+    path : Path
         The hand's file: URDF, xacro or MJCF, with the recorded sha256.
     links : container of str
     digests : mapping of str to str, or None
@@ -101,24 +101,19 @@ def link_shapes(
 
     Raises
     ------
-    NotMadeError
+    NotCheckedError
         Where a mesh file is missing or another one, or its reader is missing.
     """
     files = _MeshFiles(digests, sources)
-    root = ET.fromstring(place.read_bytes())  # noqa: S314  (expat refuses entity bombs)
+    root = read_robot(path)
     if root.tag == "mujoco":
-        return _mjcf_shapes_of(place, links, files)
-    if any("xacro" in element.tag for element in root.iter()):
-        try:
-            root = ET.fromstring(expand_xacro(place))  # noqa: S314
-        except InputError as error:
-            raise NotCheckedError(str(error)) from None
-    below = [link for link in root.findall("link") if link.get("name", "") in links]
-    found = {link.get("name", ""): list(_urdf_link_shapes(place, link, files)) for link in below}
-    return {link: shapes for link, shapes in found.items() if shapes}
+        return _mjcf_shapes(path, links, files)
+    elements = [link for link in root.findall("link") if link.get("name", "") in links]
+    shapes_of_links = {link.get("name", ""): list(_urdf_link_shapes(path, link, files)) for link in elements}
+    return {link: shapes for link, shapes in shapes_of_links.items() if shapes}
 
 
-def _urdf_link_shapes(place: Path, link: ET.Element, files: _MeshFiles) -> Iterator[LinkShape]:
+def _urdf_link_shapes(path: Path, link: ET.Element, files: _MeshFiles) -> Iterator[LinkShape]:
     """Yield the collision shapes of a URDF's link."""
     for element in link.findall("collision"):
         origin, kind = element.find("origin"), element.find("geometry/*")
@@ -126,22 +121,22 @@ def _urdf_link_shapes(place: Path, link: ET.Element, files: _MeshFiles) -> Itera
             continue
         pose = np.eye(4)
         if origin is not None:
-            pose[:3, 3] = _parse_numbers(origin.get("xyz", "0 0 0"))
-            pose[:3, :3] = Rotation.from_euler("xyz", _parse_numbers(origin.get("rpy", "0 0 0"))).as_matrix()
-        yield _place_shape(_geometry_surface(place, link.get("name", ""), kind, files), pose)
+            rotation = Rotation.from_euler("xyz", _parse_numbers(origin.get("rpy", "0 0 0")))
+            pose = pose_matrix(_parse_numbers(origin.get("xyz", "0 0 0")), rotation)
+        yield _place_shape(_geometry_surface(path, link.get("name", ""), kind, files), pose)
 
 
-def _geometry_surface(place: Path, link: str, kind: ET.Element, files: _MeshFiles) -> Trimesh:
+def _geometry_surface(path: Path, link: str, kind: ET.Element, files: _MeshFiles) -> Trimesh:
     """Return the surface of a URDF's geometry element, metres, in its own frame."""
     import trimesh
 
     if kind.tag == "mesh":
-        path = files.find(place, kind.get("filename", ""), link)
+        mesh_path = files.find(path, kind.get("filename", ""), link)
         try:
-            mesh = trimesh.load(path, force="mesh")
+            mesh = trimesh.load(mesh_path, force="mesh")
         except Exception as error:  # trimesh's readers raise what their formats raise
-            raise NotCheckedError(f"{path.name}, the shape of link {link}, cannot be read: {error}") from None
-        if path.suffix.lower() == ".dae":  # the only format here that states its unit
+            raise NotCheckedError(f"{mesh_path.name}, the shape of link {link}, cannot be read: {error}") from None
+        if mesh_path.suffix.lower() == ".dae":  # the only format here that states its unit
             mesh.apply_scale(trimesh.units.unit_conversion(mesh.units or "meters", "meters"))
         mesh.apply_scale(_parse_numbers(kind.get("scale", "1 1 1")))
         return mesh
@@ -153,30 +148,20 @@ def _geometry_surface(place: Path, link: str, kind: ET.Element, files: _MeshFile
     return _capsule_mesh(radius, length) if kind.tag == "capsule" else _cylinder_mesh(radius, length)
 
 
-def _mjcf_shapes_of(place: Path, links: Container[str], files: _MeshFiles) -> dict[str, list[LinkShape]]:
+def _mjcf_shapes(path: Path, links: Container[str], files: _MeshFiles) -> dict[str, list[LinkShape]]:
     """Return the colliding shapes of an MJCF's bodies, from MuJoCo's compiled model."""
-    try:
-        mujoco = import_mujoco(f"{place.name}: reading MJCF")
-    except MissingExtraError as error:
-        raise NotCheckedError(str(error)) from None
-    try:
-        spec = mujoco.MjSpec.from_file(str(place))
-        spec.compiler.fusestatic = False
-        model = spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
-        raise NotCheckedError(f"MuJoCo cannot read {place.name}: {' '.join(str(error).split())}") from None
-    found: dict[str, list[LinkShape]] = {}
-    for g in range(model.ngeom):
-        collides = model.geom_contype[g] or model.geom_conaffinity[g] or model.geom_group[g] == COLLISION_GROUP
-        body = int(model.geom_bodyid[g])
+    model = compile_mjcf(path)
+    shapes: dict[str, list[LinkShape]] = {}
+    for geom in range(model.ngeom):
+        collides = model.geom_contype[geom] or model.geom_conaffinity[geom] or model.geom_group[geom] == COLLISION_GROUP
+        body = int(model.geom_bodyid[geom])
         name = model.body(body).name or f"body_{body}"
-        surface = _geom_surface(model, g, files) if collides and name in links else None
+        surface = _geom_surface(model, geom, files) if collides and name in links else None
         if surface is not None:
-            pose = np.eye(4)
-            pose[:3, 3] = model.geom_pos[g]
-            pose[:3, :3] = Rotation.from_quat(model.geom_quat[g], scalar_first=True).as_matrix()
-            found.setdefault(name, []).append(_place_shape(surface, pose))
-    return found
+            rotation = Rotation.from_quat(model.geom_quat[geom], scalar_first=True)
+            pose = pose_matrix(model.geom_pos[geom], rotation)
+            shapes.setdefault(name, []).append(_place_shape(surface, pose))
+    return shapes
 
 
 def _geom_surface(model: MjModel, geom: int, files: _MeshFiles) -> Trimesh | None:
@@ -185,13 +170,17 @@ def _geom_surface(model: MjModel, geom: int, files: _MeshFiles) -> Trimesh | Non
 
     kind, size = int(model.geom_type[geom]), np.array(model.geom_size[geom], dtype=float)
     if kind == MESH:
-        i = int(model.geom_dataid[geom])
-        at = int(model.mesh_pathadr[i])
-        if at >= 0:  # otherwise the MJCF itself states the vertices
-            files.compare(model.mesh(i).name, Path(model.paths[at : model.paths.index(b"\0", at)].decode()))
-        first, start = int(model.mesh_vertadr[i]), int(model.mesh_faceadr[i])
-        vertices = np.array(model.mesh_vert[first : first + int(model.mesh_vertnum[i])], dtype=float)
-        return trimesh.Trimesh(vertices, np.array(model.mesh_face[start : start + int(model.mesh_facenum[i])]))
+        mesh = int(model.geom_dataid[geom])
+        path_start = int(model.mesh_pathadr[mesh])
+        if path_start >= 0:  # otherwise the MJCF itself states the vertices
+            files.compare(
+                model.mesh(mesh).name, Path(model.paths[path_start : model.paths.index(b"\0", path_start)].decode())
+            )
+        first_vertex, first_face = int(model.mesh_vertadr[mesh]), int(model.mesh_faceadr[mesh])
+        vertices = np.array(model.mesh_vert[first_vertex : first_vertex + int(model.mesh_vertnum[mesh])], dtype=float)
+        return trimesh.Trimesh(
+            vertices, np.array(model.mesh_face[first_face : first_face + int(model.mesh_facenum[mesh])])
+        )
     if kind == BOX:
         return trimesh.creation.box(2.0 * size)
     if kind in (SPHERE, ELLIPSOID):
@@ -202,45 +191,51 @@ def _geom_surface(model: MjModel, geom: int, files: _MeshFiles) -> Trimesh | Non
 
 
 def _ellipsoid_mesh(semi_axes: list[float]) -> Trimesh:
+    """Return an ellipsoid."""
     import trimesh
 
-    mesh = trimesh.creation.icosphere(subdivisions=HALVINGS)
+    mesh = trimesh.creation.icosphere(subdivisions=ICOSPHERE_HALVINGS)
     mesh.apply_scale(semi_axes)
     return mesh
 
 
 def _cylinder_mesh(radius: float, length: float) -> Trimesh:
+    """Return a cylinder along the z axis."""
     import trimesh
 
-    mesh = trimesh.creation.cylinder(1.0, 1.0, sections=SIDES)  # of unit size: trimesh merges close vertices
+    mesh = trimesh.creation.cylinder(1.0, 1.0, sections=CYLINDER_SIDES)  # of unit size: trimesh merges close vertices
     mesh.apply_scale([radius, radius, length])
     return mesh
 
 
 def _capsule_mesh(radius: float, length: float) -> Trimesh:
+    """Return a capsule along the z axis, of a cylinder of this length and two caps."""
     import trimesh
 
-    mesh = trimesh.creation.capsule(height=length / radius, radius=1.0, count=[SIDES // 2, SIDES // 2])
+    mesh = trimesh.creation.capsule(
+        height=length / radius, radius=1.0, count=[CYLINDER_SIDES // 2, CYLINDER_SIDES // 2]
+    )
     mesh.apply_scale(radius)
     return mesh
 
 
 def _place_shape(surface: Trimesh, pose: FloatArray) -> LinkShape:
     """Return a shape in its link's frame."""
-    solid = _solid(surface)
+    solid = _solid_or_hull(surface)
     vertices = np.asarray(solid.vertices, dtype=float) @ pose[:3, :3].T + pose[:3, 3]
     faces = np.asarray(solid.faces, dtype=np.int64)
     return LinkShape(vertices, faces, mesh_corners(vertices, vertices[faces]))
 
 
-def _solid(surface: Trimesh) -> Trimesh:
+def _solid_or_hull(surface: Trimesh) -> Trimesh:
     """Return a surface, or its convex hull if it encloses almost no volume."""
     try:
         hull = surface.convex_hull
     except QhullError:  # coplanar points
         return surface
-    return hull if abs(surface.volume) < SHEET * hull.volume else surface
+    return hull if abs(surface.volume) < SHEET_SHARE * hull.volume else surface
 
 
 def _parse_numbers(text: str) -> FloatArray:
+    """Return the numbers in a text, (n,)."""
     return np.array([float(value) for value in text.split()])

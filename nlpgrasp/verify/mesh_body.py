@@ -1,4 +1,4 @@
-"""Mesh bodies: read again from the recorded source if its fingerprint agrees."""
+"""Numeric mesh body, read from the recorded source file and compared with its fingerprint."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from nlpgrasp.verify.sources import SourceFolders
 from nlpgrasp.verify.stated_placement import Fit
 from nlpgrasp.verify.surface_geometry import TriangleSurface, from_segments, sharp_segments
 
-TOUCHING = 1e-6  # share of the body's size: triangles this close to a contact touch it
-ROUND = ("sphere", "cylinder")  # fingertips whose normal is the direction from their centre to the contact
-PARALLEL = 1e-9  # sine of the angle below which vectors are parallel
-BESIDE = 1e-3  # share of the body's size: least length over which a rise is measured
+TOUCH_SHARE = 1e-6  # share of the body's size: triangles this close to a contact touch it
+ROUND_TIPS = ("sphere", "cylinder")  # fingertips whose normal is the direction from their centre to the contact
+PARALLEL_SINE = 1e-9  # sine of the angle below which vectors are parallel
+RISE_SHARE = 1e-3  # share of the body's size: least length over which a rise is measured
 GRID_POINTS, GRID_MARGIN, CELL_SHARE = 120_000, 0.5, 0.5  # the solver's distance grid of an obstacle
 
 
@@ -35,7 +35,6 @@ class MeshSurface:
     """
 
     triangles: TriangleSurface
-    tight: bool = True
 
     @cached_property
     def bounds(self) -> FloatArray:
@@ -63,18 +62,20 @@ class MeshSurface:
         """
         if face != "surface":
             raise KeyError(face)
-        which, off = self.triangles.near(point, TOUCHING * self.size)
-        touching = which[off <= np.min(off) + TOUCHING * self.size]
+        nearby, distances = self.triangles.near(point, TOUCH_SHARE * self.size)
+        touching = nearby[distances <= np.min(distances) + TOUCH_SHARE * self.size]
         if tip is None:
             differences = np.linalg.norm(normal + self.triangles.normals[touching], axis=1)
-            least = float(np.min(differences))
-            return Fit(float(np.min(off)), least, 2.0 * float(np.arcsin(min(least / 2.0, 1.0))))
+            least_difference = float(np.min(differences))
+            return Fit(
+                float(np.min(distances)), least_difference, 2.0 * float(np.arcsin(min(least_difference / 2.0, 1.0)))
+            )
         angle = angle_off_cone(-normal, self.triangles.normals[touching])
-        if tip not in ROUND:
-            return Fit(float(np.min(off)), None, angle)
-        there = (self.triangles.corners[touching] - point).reshape(-1, 3)
-        rise = -(there @ normal) / np.maximum(np.linalg.norm(there, axis=1), BESIDE * self.size)
-        return Fit(float(np.min(off)), max(0.0, float(np.max(rise))), angle)
+        if tip not in ROUND_TIPS:
+            return Fit(float(np.min(distances)), None, angle)
+        offsets = (self.triangles.corners[touching] - point).reshape(-1, 3)
+        rise = -(offsets @ normal) / np.maximum(np.linalg.norm(offsets, axis=1), RISE_SHARE * self.size)
+        return Fit(float(np.min(distances)), max(0.0, float(np.max(rise))), angle)
 
     def edge_distance(self, face: str, point: FloatArray) -> float:
         """Return the distance of a point (space,) of a face from its sharp edges, metres; infinite without any."""
@@ -86,10 +87,10 @@ class MeshSurface:
 
     def distance(self, points: FloatArray) -> FloatArray:
         """Return the signed distance of points (m, 3) from the mesh itself."""
-        boxed = np.all((points >= self.bounds[0]) & (points <= self.bounds[1]), axis=1)
-        found = np.array([self.triangles.distance(p) for p in points])
-        inside = [near and self.triangles.is_inside(p) for p, near in zip(points, boxed, strict=True)]
-        return np.where(inside, -found, found)
+        is_in_bounds = np.all((points >= self.bounds[0]) & (points <= self.bounds[1]), axis=1)
+        distances = np.array([self.triangles.distance(p) for p in points])
+        is_inside = [is_near and self.triangles.is_inside(p) for p, is_near in zip(points, is_in_bounds, strict=True)]
+        return np.where(is_inside, -distances, distances)
 
 
 def angle_off_cone(direction: FloatArray, generators: FloatArray) -> float:
@@ -99,24 +100,31 @@ def angle_off_cone(direction: FloatArray, generators: FloatArray) -> float:
     is on the inner side of all planes through two generators that have the others on one side.
     """
     nearest = float(np.max(generators @ direction))
-    one, other = np.triu_indices(len(generators), 1)
-    across = np.cross(generators[one], generators[other])
-    length = np.linalg.norm(across, axis=1)
-    proper = length > PARALLEL
-    one, other, across = one[proper], other[proper], across[proper] / length[proper, None]
-    if not len(across):
-        return float(np.arccos(np.clip(nearest, -1.0, 1.0)))
-    heights = across @ generators.T
-    facets = np.concatenate(
-        [across[np.all(heights >= -PARALLEL, axis=1)], -across[np.all(heights <= PARALLEL, axis=1)]]
+    first, second = np.triu_indices(len(generators), 1)
+    plane_normals = np.cross(generators[first], generators[second])
+    lengths = np.linalg.norm(plane_normals, axis=1)
+    not_parallel = lengths > PARALLEL_SINE
+    first, second, plane_normals = (
+        first[not_parallel],
+        second[not_parallel],
+        plane_normals[not_parallel] / lengths[not_parallel, None],
     )
-    flat = np.all(np.abs(heights) <= PARALLEL)
-    if not flat and np.all(facets @ direction >= 0.0):
+    if not len(plane_normals):
+        return float(np.arccos(np.clip(nearest, -1.0, 1.0)))
+    heights = plane_normals @ generators.T
+    facets = np.concatenate(
+        [
+            plane_normals[np.all(heights >= -PARALLEL_SINE, axis=1)],
+            -plane_normals[np.all(heights <= PARALLEL_SINE, axis=1)],
+        ]
+    )
+    is_flat = np.all(np.abs(heights) <= PARALLEL_SINE)
+    if not is_flat and np.all(facets @ direction >= 0.0):
         return 0.0
-    within = direction - (across @ direction)[:, None] * across
-    inside = np.einsum("ij,ij->i", np.cross(generators[one], within), across) >= 0.0
-    inside &= np.einsum("ij,ij->i", np.cross(within, generators[other]), across) >= 0.0
-    nearest = max(nearest, float(np.max(np.linalg.norm(within[inside], axis=1), initial=-1.0)))
+    projections = direction - (plane_normals @ direction)[:, None] * plane_normals
+    is_between = np.einsum("ij,ij->i", np.cross(generators[first], projections), plane_normals) >= 0.0
+    is_between &= np.einsum("ij,ij->i", np.cross(projections, generators[second]), plane_normals) >= 0.0
+    nearest = max(nearest, float(np.max(np.linalg.norm(projections[is_between], axis=1), initial=-1.0)))
     return float(np.arccos(np.clip(nearest, -1.0, 1.0)))
 
 
@@ -147,34 +155,36 @@ def mesh(data: Json, sources: SourceFolders) -> MeshSurface:
     ------
     InputError
         Where the fingerprint is that of another unit than the one recorded.
-    NotMadeError
+    NotCheckedError
         Where the source is missing, is not a mesh, or (``OtherMeshError``) has another fingerprint.
     """
-    place = sources.find(data.get("source"))
-    known = data.get("unit")
+    path = sources.find(data.get("source"))
+    recorded_unit = data.get("unit")
     readings: list[MeshSurface] = []
     readers: set[str] = {"trimesh"}
-    for unit in UNITS if known is None else (str(known), *(u for u in UNITS if u != known)):
-        reading = _read_source_mesh(place, unit)
+    for unit in UNITS if recorded_unit is None else (str(recorded_unit), *(u for u in UNITS if u != recorded_unit)):
+        reading = _read_source_mesh(path, unit)
         if reading is not None:
             surface, digest, repairs = reading
             if digest == data.get("sha256"):
-                if known not in (None, unit):
-                    raise InputError("problem.body.unit", known, f"{unit}, in which {place.name} has the sha256 stated")
+                if recorded_unit not in (None, unit):
+                    raise InputError(
+                        "problem.body.unit", recorded_unit, f"{unit}, in which {path.name} has the sha256 stated"
+                    )
                 return surface
             readings.append(surface)
             readers |= {"manifold3d"} if repairs else set()
     if not readings:
-        raise NotCheckedError(f"{place.name} is not a mesh that can be read")
-    raise OtherMeshError(f"{place.name} has another sha256 than the file records", readings, sorted(readers))
+        raise NotCheckedError(f"{path.name} is not a mesh that can be read")
+    raise OtherMeshError(f"{path.name} has another sha256 than the file records", readings, sorted(readers))
 
 
-def _read_source_mesh(place: Path, unit: str) -> tuple[MeshSurface, str, tuple[str, ...]] | None:
+def _read_source_mesh(path: Path, unit: str) -> tuple[MeshSurface, str, tuple[str, ...]] | None:
     """Return the mesh with its fingerprint and repairs; None where it cannot be used in this unit."""
     try:
-        found, repairs = repaired_mesh(read_mesh(place, unit))
+        source_mesh, repairs = repaired_mesh(read_mesh(path, unit))
     except InputError:
         return None
-    vertices = np.asarray(found.vertices, dtype=float)
-    surface = MeshSurface(TriangleSurface(vertices, np.asarray(found.faces, dtype=np.int64)))
-    return surface, mesh_digest(found), repairs
+    vertices = np.asarray(source_mesh.vertices, dtype=float)
+    surface = MeshSurface(TriangleSurface(vertices, np.asarray(source_mesh.faces, dtype=np.int64)))
+    return surface, mesh_digest(source_mesh), repairs

@@ -2,7 +2,7 @@
 
 A body with one smooth face (``SmoothSurface``) is the zero set of a function h with gradient g: ``|h| / |g|`` is the
 distance to it, exactly for sphere and torus, to first order near the surface for the others, and ``g / |g|`` is the
-outward normal. A body of several faces (``FacedSurface``) has exact distances. Of an implicit body (``TextSurface``)
+outward normal. A body of several faces (``FacedSurface``) has exact distances. Of an implicit body (``UnknownSurface``)
 the file holds the bounding box alone. Meshes are in ``mesh_body``.
 """
 
@@ -19,15 +19,14 @@ from nlpgrasp.errors import InputError
 from nlpgrasp.verify.check import NotCheckedError
 from nlpgrasp.verify.sources import SourceFolders
 from nlpgrasp.verify.stated_placement import Fit
-from nlpgrasp.verify.surface_geometry import Distance, from_corners
+from nlpgrasp.verify.surface_geometry import SMALLEST, Distance, from_corners
 
-SMALLEST = 1e-300  # least divisor
-ROUNDED = 1e-8  # superquadrics: width of the smoothing of powers below 2 near the planes of symmetry
+SMOOTHING = 1e-8  # superquadrics: width of the smoothing of powers below 2 near the planes of symmetry
 
 Field = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
-"""Points (m, 3) to signed distances (m,) and outward gradients (m, 3)."""
+"""Function of points (m, 3) to signed distances (m,) and outward gradients (m, 3)."""
 Piece = Callable[[FloatArray], tuple[float, FloatArray, float]]
-"""A point to its distance from the face's plane or cylinder, the outward normal, and how far it is past the edges."""
+"""Function of a point to its distance from a face's plane or cylinder, outward normal, and excess past the edges."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +44,6 @@ class SmoothSurface:
     corner: FloatArray
     field: Field
     rough: float = 0.0
-    tight: bool = True
 
     @property
     def bounds(self) -> FloatArray:
@@ -94,10 +92,10 @@ def torus(data: Json, sources: SourceFolders) -> SmoothSurface:
         raise InputError("minor_radius", minor, f"less than the major radius, {major:g}")
 
     def field(p: FloatArray) -> tuple[FloatArray, FloatArray]:
-        around = np.linalg.norm(p[:, :2], axis=1)
-        ring = around - major
-        flat = p[:, :2] * (ring / np.maximum(around, SMALLEST))[:, None]
-        return np.hypot(ring, p[:, 2]) - minor, np.column_stack([flat, p[:, 2]])
+        radius = np.linalg.norm(p[:, :2], axis=1)
+        radial = radius - major
+        radial_vectors = p[:, :2] * (radial / np.maximum(radius, SMALLEST))[:, None]
+        return np.hypot(radial, p[:, 2]) - minor, np.column_stack([radial_vectors, p[:, 2]])
 
     return SmoothSurface(np.array([major + minor, major + minor, minor]), field)
 
@@ -107,14 +105,18 @@ def superquadric(data: Json, sources: SourceFolders) -> SmoothSurface:
     axes, (e1, e2) = positive("semi_axes", data["semi_axes"], 3), positive("exponents", data["exponents"], 2)
 
     def field(p: FloatArray) -> tuple[FloatArray, FloatArray]:
-        share = p / axes
-        x, y, z = (np.sqrt(share[:, i] ** 2 + ROUNDED**2) for i in range(3))
-        flat = x ** (2.0 / e2) + y ** (2.0 / e2)
-        inner = flat ** (e2 / e1) + z ** (2.0 / e1)
+        scaled = p / axes
+        x, y, z = (np.sqrt(scaled[:, i] ** 2 + SMOOTHING**2) for i in range(3))
+        planar = x ** (2.0 / e2) + y ** (2.0 / e2)
+        inner = planar ** (e2 / e1) + z ** (2.0 / e1)
         outer = inner ** (e1 / 2.0 - 1.0)
-        around = outer * flat ** (e2 / e1 - 1.0)
-        slopes = (around * x ** (2.0 / e2 - 1.0), around * y ** (2.0 / e2 - 1.0), outer * z ** (2.0 / e1 - 1.0))
-        gradient = np.column_stack([s / v for s, v in zip(slopes, (x, y, z), strict=True)]) * share / axes
+        planar_slope = outer * planar ** (e2 / e1 - 1.0)
+        slopes = (
+            planar_slope * x ** (2.0 / e2 - 1.0),
+            planar_slope * y ** (2.0 / e2 - 1.0),
+            outer * z ** (2.0 / e1 - 1.0),
+        )
+        gradient = np.column_stack([s / v for s, v in zip(slopes, (x, y, z), strict=True)]) * scaled / axes
         return (inner ** (e1 / 2.0) - 1.0) / np.maximum(np.linalg.norm(gradient, axis=1), SMALLEST), gradient
 
     return SmoothSurface(axes, field)
@@ -148,12 +150,11 @@ class FacedSurface:
     field: Callable[[FloatArray], FloatArray]
     edges: Mapping[str, Distance]
     rough: float = 0.0
-    tight: bool = True
 
     def fit(self, face: str, point: FloatArray, normal: FloatArray, tip: str | None) -> Fit:
         """Return distance and normal deviation of a contact."""
-        off, outward, past = self.pieces[face](point)
-        return Fit(float(np.hypot(off, max(past, 0.0))), float(np.linalg.norm(normal + outward)))
+        distance, outward, overshoot = self.pieces[face](point)
+        return Fit(float(np.hypot(distance, max(overshoot, 0.0))), float(np.linalg.norm(normal + outward)))
 
     def edge_distance(self, face: str, point: FloatArray) -> float:
         """Return the distance of a point (space,) of a face from its sharp edges, metres; infinite without any."""
@@ -177,12 +178,18 @@ def box(data: Json, sources: SourceFolders) -> FacedSurface:
 
 
 def _from_sides(axis: int, half: FloatArray) -> Distance:
+    """Return the distance function from the edges of a box's side."""
     return lambda p: float(np.min(np.delete(half - np.abs(p), axis)))
 
 
 def _side_of_box(axis: int, sign: float, half: FloatArray) -> Piece:
-    outward, others = sign * np.eye(3)[axis], [i for i in range(3) if i != axis]
-    return lambda p: (float(sign * p[axis] - half[axis]), outward, float(np.max(np.abs(p[others]) - half[others])))
+    """Return the piece of one side of a box."""
+    outward, tangent_axes = sign * np.eye(3)[axis], [i for i in range(3) if i != axis]
+    return lambda p: (
+        float(sign * p[axis] - half[axis]),
+        outward,
+        float(np.max(np.abs(p[tangent_axes]) - half[tangent_axes])),
+    )
 
 
 def cylinder(data: Json, sources: SourceFolders) -> FacedSurface:
@@ -190,9 +197,9 @@ def cylinder(data: Json, sources: SourceFolders) -> FacedSurface:
     radius, half = number("radius", data["radius"], above=0.0), number("height", data["height"], above=0.0) / 2.0
 
     def side(p: FloatArray) -> tuple[float, FloatArray, float]:
-        around = float(np.hypot(p[0], p[1]))
-        outward = np.array([p[0], p[1], 0.0]) / max(around, 1e-300)
-        return around - radius, outward, abs(float(p[2])) - half
+        distance = float(np.hypot(p[0], p[1]))
+        outward = np.array([p[0], p[1], 0.0]) / max(distance, SMALLEST)
+        return distance - radius, outward, abs(float(p[2])) - half
 
     def end(sign: float) -> Piece:
         outward = np.array([0.0, 0.0, sign])
@@ -226,8 +233,8 @@ def prism(data: Json, sources: SourceFolders) -> FacedSurface:
 
     def side(edge: Piece) -> Piece:
         def piece(p: FloatArray) -> tuple[float, FloatArray, float]:
-            off, outward, past = edge(p[:2])
-            return off, np.append(outward, 0.0), max(past, abs(float(p[2])) - half)
+            distance, outward, overshoot = edge(p[:2])
+            return distance, np.append(outward, 0.0), max(overshoot, abs(float(p[2])) - half)
 
         return piece
 
@@ -235,8 +242,8 @@ def prism(data: Json, sources: SourceFolders) -> FacedSurface:
         outward = np.array([0.0, 0.0, sign])
         return lambda p: (float(sign * p[2]) - half, outward, float(_polygon_distance(v, p[None, :2])[0]))
 
-    def upright(beside: Distance) -> Distance:
-        return lambda p: min(beside(p), half - abs(float(p[2])))
+    def upright(edge_distance: Distance) -> Distance:
+        return lambda p: min(edge_distance(p), half - abs(float(p[2])))
 
     def field(p: FloatArray) -> FloatArray:
         return _intersection_distance(_polygon_distance(v, p[:, :2]), np.abs(p[:, 2]) - half)
@@ -254,10 +261,10 @@ def prism(data: Json, sources: SourceFolders) -> FacedSurface:
 def _counter_clockwise(field: str, value: object) -> FloatArray:
     """Return a polygon's vertices (n, 2); refuse clockwise ones, which turn the body inside out."""
     v = array(field, value, (None, 2))
-    after = np.roll(v, -1, axis=0)
-    if not float(np.sum(v[:, 0] * after[:, 1] - v[:, 1] * after[:, 0])) > 0.0:
+    following = np.roll(v, -1, axis=0)
+    if not float(np.sum(v[:, 0] * following[:, 1] - v[:, 1] * following[:, 0])) > 0.0:
         raise InputError(field, value, "counter-clockwise vertices around some area")
-    if _edges_intersect(v, after):
+    if _edges_intersect(v, following):
         raise InputError(field, value, "edges that do not cross")
     return v
 
@@ -267,11 +274,11 @@ def _edges_intersect(start: FloatArray, end: FloatArray) -> bool:
 
     def side(a: FloatArray, b: FloatArray, p: FloatArray) -> FloatArray:
         """Return on which side of each line from a to b (n, 2) each point (m, 2) is, (n, m)."""
-        along, there = (b - a)[:, None], p[None] - a[:, None]
-        return np.sign(along[..., 0] * there[..., 1] - along[..., 1] * there[..., 0])
+        along, offsets = (b - a)[:, None], p[None] - a[:, None]
+        return np.sign(along[..., 0] * offsets[..., 1] - along[..., 1] * offsets[..., 0])
 
-    apart = side(start, end, start) * side(start, end, end) < 0.0
-    return bool(np.any(apart & apart.T))
+    separates = side(start, end, start) * side(start, end, end) < 0.0
+    return bool(np.any(separates & separates.T))
 
 
 def _edge_piece(v: FloatArray, i: int) -> Piece:
@@ -282,8 +289,8 @@ def _edge_piece(v: FloatArray, i: int) -> Piece:
     outward = np.array([along[1], -along[0]])
 
     def piece(p: FloatArray) -> tuple[float, FloatArray, float]:
-        at = float((p - start) @ along)
-        return float((p - start) @ outward), outward, max(-at, at - length)
+        coordinate = float((p - start) @ along)
+        return float((p - start) @ outward), outward, max(-coordinate, coordinate - length)
 
     return piece
 
@@ -291,23 +298,23 @@ def _edge_piece(v: FloatArray, i: int) -> Piece:
 def _polygon_distance(v: FloatArray, p: FloatArray) -> FloatArray:
     """Return the signed distance of points (m, 2) to a polygon (n, 2): nearest edge and winding number."""
     along = np.roll(v, -1, axis=0) - v
-    there = p[:, None] - v[None]  # (m, n, 2)
-    t = np.clip(np.sum(there * along, axis=2) / np.sum(along**2, axis=1), 0.0, 1.0)
-    nearest = np.min(np.linalg.norm(there - t[..., None] * along, axis=2), axis=1)
-    ahead = np.roll(there, -1, axis=1)
-    cross = there[..., 0] * ahead[..., 1] - there[..., 1] * ahead[..., 0]
-    turns = np.sum(np.arctan2(cross, np.sum(there * ahead, axis=2)), axis=1)
+    offsets = p[:, None] - v[None]  # (m, n, 2)
+    t = np.clip(np.sum(offsets * along, axis=2) / np.sum(along**2, axis=1), 0.0, 1.0)
+    nearest = np.min(np.linalg.norm(offsets - t[..., None] * along, axis=2), axis=1)
+    next_offsets = np.roll(offsets, -1, axis=1)
+    cross = offsets[..., 0] * next_offsets[..., 1] - offsets[..., 1] * next_offsets[..., 0]
+    turns = np.sum(np.arctan2(cross, np.sum(offsets * next_offsets, axis=2)), axis=1)
     return np.asarray(np.where(np.abs(turns) > np.pi, -nearest, nearest))
 
 
 def _intersection_distance(*parts: FloatArray) -> FloatArray:
     """Return the signed distance to an intersection of sets with orthogonal distance gradients."""
-    every = np.stack(parts)
-    return np.asarray(np.linalg.norm(np.maximum(every, 0.0), axis=0) + np.minimum(np.max(every, axis=0), 0.0))
+    distances = np.stack(parts)
+    return np.asarray(np.linalg.norm(np.maximum(distances, 0.0), axis=0) + np.minimum(np.max(distances, axis=0), 0.0))
 
 
 @dataclass(frozen=True)
-class TextSurface:
+class UnknownSurface:
     """An implicit body whose function is not in the file.
 
     Parameters
@@ -317,7 +324,6 @@ class TextSurface:
 
     bounds: FloatArray
     rough: float = 0.0
-    tight: bool = False
 
     def fit(self, face: str, point: FloatArray, normal: FloatArray, tip: str | None) -> Fit:
         """Raise ``NotCheckedError``: the function is not in the file."""
@@ -334,6 +340,6 @@ class TextSurface:
         raise NotCheckedError("the body's function stays in the script that made it")
 
 
-def implicit(data: Json, sources: SourceFolders) -> TextSurface:
+def implicit(data: Json, sources: SourceFolders) -> UnknownSurface:
     """Return the bounding box of an implicit body, whose function is not in the file."""
-    return TextSurface(array("bounds", data["bounds"], (2, None)))
+    return UnknownSurface(array("bounds", data["bounds"], (2, None)))

@@ -23,9 +23,9 @@ def table(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue]:
     lower = number("height", data["height"]) + number("clearance", data["clearance"], at_least=0.0)
     for i, (tip, radius) in enumerate(zip(placement.tips, placement.radii, strict=True)):
         yield ConstraintValue(f"table, finger {i}", float(tip[-1]) - radius, lower, scale=placement.size)
-    for ball in placement.links:
-        height = float(ball.centre[-1]) - ball.radius
-        yield ConstraintValue(f"table, {ball.name}", height, lower, scale=placement.size, error=placement.error)
+    for sphere in placement.links:
+        height = float(sphere.centre[-1]) - sphere.radius
+        yield ConstraintValue(f"table, {sphere.name}", height, lower, scale=placement.size, error=placement.error)
 
 
 def spread(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue]:
@@ -64,16 +64,16 @@ def _depths(
     region: Json, points: Mapping[str, FloatArray], placement: StatedPlacement, lower: float, upper: float
 ) -> Iterator[ConstraintValue]:
     """Yield the depths of points in a region; unknown where the region's function is not in the file."""
-    unknown = ""
+    unknown_reason = ""
     for name, point in points.items():
         value: float | None = None
         try:
             value = region_depth(region, point)
         except NotCheckedError as reason:
-            unknown = str(reason)
+            unknown_reason = str(reason)
         yield ConstraintValue(name, value, lower, upper, placement.size)
-    if unknown:
-        raise NotCheckedError(unknown, every_row=True)
+    if unknown_reason:
+        raise NotCheckedError(unknown_reason, every_row=True)
 
 
 def symmetric(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue]:
@@ -82,8 +82,8 @@ def symmetric(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValu
     a, b = placement.points[i], placement.points[j]
     normal = unit("normal", data["normal"], len(a))
     tolerance = number("tolerance", data["tolerance"], above=0.0)
-    apart = a - 2.0 * (normal @ a - number("offset", data["offset"])) * normal - b
-    for axis, value in zip("xyz", apart.tolist(), strict=False):
+    difference = a - 2.0 * (normal @ a - number("offset", data["offset"])) * normal - b
+    for axis, value in zip("xyz", difference.tolist(), strict=False):
         yield ConstraintValue(f"symmetric, fingers {i} and {j}, {axis}", value, -tolerance, tolerance, placement.size)
 
 
@@ -93,17 +93,17 @@ def approach(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue
     For jaws, which may turn about the line between their contacts: the condition that a turn within the angle exists.
     """
     if isinstance(placement.hand, JawNumbers):
-        wanted, angle = unit("direction", data["direction"], 3), number("angle", data["angle"])
+        direction, angle = unit("direction", data["direction"], 3), number("angle", data["angle"])
         if angle < np.pi / 2.0:
             line = placement.points[1] - placement.points[0]
-            beyond = float(line @ wanted) ** 2 - float(np.sin(angle)) ** 2 * float(line @ line)
-            yield ConstraintValue("approach, palm", beyond, upper=0.0, scale=placement.size**2)
+            excess = float(line @ direction) ** 2 - float(np.sin(angle)) ** 2 * float(line @ line)
+            yield ConstraintValue("approach, palm", excess, upper=0.0, scale=placement.size**2)
         return
     palm = placement.palm
     if palm.approach is None:
         raise NotCheckedError("the file does not record in which direction the palm faces")
-    along = float(palm.approach @ unit("direction", data["direction"], 3))
-    yield ConstraintValue("approach, palm", along, float(np.cos(number("angle", data["angle"]))), error=palm.error)
+    cosine = float(palm.approach @ unit("direction", data["direction"], 3))
+    yield ConstraintValue("approach, palm", cosine, float(np.cos(number("angle", data["angle"]))), error=palm.error)
 
 
 def obstacle(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue]:
@@ -115,17 +115,17 @@ def obstacle(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue
     surface = placement.surface_of(data["body"])
     clearance, name = number("clearance", data["clearance"], at_least=0.0), str(data["name"])
 
-    def row(part: str, centre: FloatArray, radius: float, error: float) -> ConstraintValue:
+    def distance_constraint(part: str, centre: FloatArray, radius: float, error: float) -> ConstraintValue:
         value = float(surface.distance(to_obstacle_frame(data, centre)[None])[0])
-        lower, doubt = radius + clearance, error + surface.rough
+        lower, error_bound = radius + clearance, error + surface.rough
         return ConstraintValue(
-            f"{name}, {part}", value, lower, scale=placement.size, error=doubt, stated_below=surface.rough > 0.0
+            f"{name}, {part}", value, lower, scale=placement.size, error=error_bound, stated_below=surface.rough > 0.0
         )
 
     for i, (tip, radius) in enumerate(zip(placement.tips, placement.radii, strict=True)):
-        yield row(f"finger {i}", tip, radius, 0.0)
+        yield distance_constraint(f"finger {i}", tip, radius, 0.0)
     for ball in placement.links:
-        yield row(ball.name, ball.centre, ball.radius, placement.error)
+        yield distance_constraint(ball.name, ball.centre, ball.radius, placement.error)
 
 
 def to_obstacle_frame(data: Json, points: FloatArray) -> FloatArray:
@@ -138,8 +138,8 @@ def to_obstacle_frame(data: Json, points: FloatArray) -> FloatArray:
 
 def to_body_frame(data: Json, points: FloatArray) -> FloatArray:
     """Return points (m, space) of the obstacle's frame in the held body's frame."""
-    turned = points if data["quaternion_wxyz"] is None else np.asarray(_orientation(data).apply(points))
-    return turned if data["position"] is None else turned + array("position", data["position"], points.shape[-1:])
+    rotated = points if data["quaternion_wxyz"] is None else np.asarray(_orientation(data).apply(points))
+    return rotated if data["position"] is None else rotated + array("position", data["position"], points.shape[-1:])
 
 
 def _orientation(data: Json) -> Rotation:
@@ -173,6 +173,7 @@ def expression(data: Json, placement: StatedPlacement) -> Iterator[ConstraintVal
 
 
 def _fingers(data: Json, placement: StatedPlacement) -> Sequence[int]:
+    """Return the indices of the contacts that a constraint concerns."""
     return range(len(placement.points)) if data.get("fingers") is None else [int(i) for i in data["fingers"]]
 
 
@@ -181,7 +182,7 @@ def region_depth(region: Json, point: FloatArray) -> float:
 
     Raises
     ------
-    NotMadeError
+    NotCheckedError
         On a region given by a script's function: the file contains its text alone.
     """
     if region["type"] == "half_space":

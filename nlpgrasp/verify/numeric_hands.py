@@ -12,13 +12,13 @@ import numpy as np
 from nlpgrasp.common.scalar_constraints import ROOM, TIPS_APART
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, integer, number
-from nlpgrasp.verify.check import NO_BODY, NotCheckedError
+from nlpgrasp.verify.check import NotCheckedError
 from nlpgrasp.verify.sources import SourceFolders
-from nlpgrasp.verify.stated_placement import Ball, ConstraintValue, NumericBody, Palm, StatedPlacement
+from nlpgrasp.verify.stated_placement import Ball, ConstraintValue, NumericBody, Palm, StatedPlacement, require_body
 
-FITS = 0.99  # least distance of a fingertip's centre from the body, in its radii
-TURNED = 1e-9  # radians: least right turn of a reentrant corner
-HOLLOW = ("torus", "mesh")  # and polygons with a reentrant corner
+TIP_CLEARANCE = 0.99  # least distance of a fingertip's centre from the body, in its radii
+REENTRANT_ANGLE = 1e-9  # radians: least right turn of a reentrant corner
+NOT_CONVEX = ("torus", "mesh")  # and polygons with a reentrant corner
 
 
 @dataclass(frozen=True)
@@ -81,6 +81,7 @@ class FingertipNumbers(FreeHand):
                 yield ConstraintValue(f"{TIPS_APART}, fingers {i} and {j}", squared, low**2, high**2, scale)
 
     def _palm_point(self, tips: FloatArray) -> FloatArray:
+        """Return the stated palm point, (space,), metres."""
         return array("hand.palm", self.posture["palm"], (tips.shape[1],))
 
 
@@ -90,14 +91,14 @@ class JawNumbers(FreeHand):
     def rows(self, placement: StatedPlacement) -> Iterator[ConstraintValue]:
         """Yield the opening, and the angle of each normal to the line between the contacts."""
         (p, q), (m, n) = placement.points, placement.normals
-        between = q - p
-        squared, size = float(between @ between), placement.size
-        closed, opening, tilt = (number(key, self.data[key]) for key in ("closed", "opening", "tilt"))
-        short = np.cos(tilt) * np.sqrt(squared + 1e-12 * size**2)
-        yield ConstraintValue("opening of the jaws", squared, closed**2, opening**2, size**2)
+        opening_vector = q - p
+        squared, size = float(opening_vector @ opening_vector), placement.size
+        least_opening, most_opening, tilt = (number(key, self.data[key]) for key in ("closed", "opening", "tilt"))
+        least_projection = np.cos(tilt) * np.sqrt(squared + 1e-12 * size**2)
+        yield ConstraintValue("opening of the jaws", squared, least_opening**2, most_opening**2, size**2)
         yield ConstraintValue("opposed jaws", float(m @ n), upper=-float(np.cos(2.0 * tilt)))
-        yield ConstraintValue("facing, jaw 0", float(m @ between - short), 0.0, scale=size)
-        yield ConstraintValue("facing, jaw 1", float(-n @ between - short), 0.0, scale=size)
+        yield ConstraintValue("facing, jaw 0", float(m @ opening_vector - least_projection), 0.0, scale=size)
+        yield ConstraintValue("facing, jaw 1", float(-n @ opening_vector - least_projection), 0.0, scale=size)
 
 
 def fingertips(data: Json, posture: Json, stated: Mapping[str, float], sources: SourceFolders) -> FingertipNumbers:
@@ -117,10 +118,10 @@ class UnknownHand:
 
     Parameters
     ----------
-    why : str
+    reason : str
     """
 
-    why: str
+    reason: str
     has_links: bool = False
 
     @property
@@ -159,28 +160,29 @@ class UnknownHand:
         self._refuse()
 
     def _refuse(self) -> NoReturn:
-        raise NotCheckedError(self.why)
+        """Raise ``NotCheckedError``."""
+        raise NotCheckedError(self.reason)
 
 
 def fingertip_clearances(
     body: Json, surface: NumericBody | None, placement: StatedPlacement
 ) -> Iterator[ConstraintValue]:
-    """Yield the distance of each round fingertip's centre from a body that is possibly not convex."""
-    if not (body["type"] in HOLLOW or (body["type"] == "polygon" and _points_inwards(body))):
+    """Yield the distance of each round fingertip's centre from a body that may not be convex."""
+    if not (body["type"] in NOT_CONVEX or (body["type"] == "polygon" and _has_reentrant_corner(body))):
         return
     round_tips = [i for i, radius in enumerate(placement.radii) if radius > 0.0]
     if not round_tips:
         return
-    if surface is None:
-        raise NotCheckedError(NO_BODY)
+    body_surface = require_body(surface)
     for i in round_tips:
-        value = float(surface.distance(placement.tips[i][None])[0])
-        yield ConstraintValue(f"{ROOM}, finger {i}", value, FITS * placement.radii[i], scale=placement.size)
+        value = float(body_surface.distance(placement.tips[i][None])[0])
+        yield ConstraintValue(f"{ROOM}, finger {i}", value, TIP_CLEARANCE * placement.radii[i], scale=placement.size)
 
 
-def _points_inwards(body: Json) -> bool:
+def _has_reentrant_corner(body: Json) -> bool:
+    """Return whether a polygon has a reentrant corner."""
     v = array("vertices", body["vertices"], (None, 2))
     along = np.roll(v, -1, axis=0) - v
     angles = np.arctan2(along[:, 1], along[:, 0])
     turns = (np.roll(angles, -1) - angles + np.pi) % (2.0 * np.pi) - np.pi
-    return bool(np.any(turns < -TURNED))
+    return bool(np.any(turns < -REENTRANT_ANGLE))

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
 
@@ -25,7 +25,16 @@ from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.solution.phase_record import LIFT, SQUEEZE
-from nlpgrasp.verify.chain_kinematics import Link, free_joint_limits, jacobian, links_in, loaded_joints, poses, reach
+from nlpgrasp.verify.chain_kinematics import (
+    Link,
+    free_joint_limits,
+    jacobian,
+    links_in,
+    loaded_joints,
+    pose_matrix,
+    poses,
+    reach_bound,
+)
 from nlpgrasp.verify.check import NotCheckedError
 from nlpgrasp.verify.link_shapes import LinkShape, link_shapes
 from nlpgrasp.verify.numeric_constraints import unit
@@ -33,11 +42,11 @@ from nlpgrasp.verify.numeric_hands import UnknownHand
 from nlpgrasp.verify.sources import SourceFolders
 from nlpgrasp.verify.stated_placement import PROMISE, Ball, ConstraintValue, HandNumbers, Palm, StatedPlacement
 
-ROUNDING = 1e-4  # allowed depth of a contact inside a capsule, as a share of the axis' length
+CAPSULE_TOLERANCE = 1e-4  # allowed depth of a contact inside a capsule, as a share of the axis' length
 QUATERNION = "palm quaternion of unit length"  # name of the constraint
 TIP_DEPTH = 0.2  # allowed penetration of a round fingertip away from its contact, as a share of its radius
-FARTHEST = 3.0  # largest reach of spheres, in reaches of the URDF's frames
-FOLLOWING = 1e-9  # radians or metres: tolerance of mimic joints
+SPHERE_REACH = 3.0  # largest reach of spheres, in reaches of the URDF's frames
+MIMIC_TOLERANCE = 1e-9  # radians or metres: tolerance of mimic joints
 
 
 @dataclass(frozen=True)
@@ -93,9 +102,9 @@ class URDFNumbers:
         The reach of the frames follows from the URDF; that of the spheres counts up to a multiple of it.
         """
         spheres = self.data.get("link_spheres") or {}
-        beyond = [np.linalg.norm(np.asarray(s)[:, :3], axis=1).max(initial=0.0) for s in spheres.values()]
-        frames = reach(self.links)
-        return frames + min(float(max(beyond, default=0.0)), FARTHEST * frames)
+        sphere_distances = [np.linalg.norm(np.asarray(s)[:, :3], axis=1).max(initial=0.0) for s in spheres.values()]
+        frame_reach = reach_bound(self.links)
+        return frame_reach + min(float(max(sphere_distances, default=0.0)), SPHERE_REACH * frame_reach)
 
     @property
     def error(self) -> float:
@@ -106,34 +115,37 @@ class URDFNumbers:
     def base(self) -> FloatArray:
         """The palm's frame in the body's, (4, 4)."""
         pose = self.posture["palm_pose"]
-        frame = np.eye(4)
-        frame[:3, 3] = array("hand.palm_pose.position", pose["position"], (3,))
+        position = array("hand.palm_pose.position", pose["position"], (3,))
         quaternion = unit("hand.palm_pose.quaternion_wxyz", pose["quaternion_wxyz"], 4)
-        frame[:3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
-        return frame
+        return pose_matrix(position, Rotation.from_quat(quaternion, scalar_first=True))
 
     @cached_property
     def links(self) -> tuple[Link, ...]:
         """The links below the palm; raises ``NotCheckedError`` if the file is missing or another one."""
-        place = self.sources.find(self.data.get("source"))
-        if hashlib.sha256(place.read_bytes()).hexdigest() != self.data["sha256"]:
-            raise NotCheckedError(f"{place.name} has another sha256 than the file records")
-        return links_in(place, str(self.data["palm"]))
+        path = self.sources.find(self.data.get("source"))
+        if hashlib.sha256(path.read_bytes()).hexdigest() != self.data["sha256"]:
+            raise NotCheckedError(f"{path.name} has another sha256 than the file records")
+        return links_in(path, str(self.data["palm"]))
 
     @cached_property
     def shapes(self) -> dict[str, list[LinkShape]]:
         """The collision shapes of the links below the palm, by link."""
-        below = {str(self.data["palm"]), *(link.name for link in self.links)}
-        return link_shapes(self.sources.find(self.data.get("source")), below, self.data.get("meshes"), self.sources)
+        names = {str(self.data["palm"]), *(link.name for link in self.links)}
+        return link_shapes(self.sources.find(self.data.get("source")), names, self.data.get("meshes"), self.sources)
+
+    def with_posture(self, posture: Json) -> URDFNumbers:
+        """Return the hand in another posture: ``joint_positions`` and ``palm_pose``."""
+        return replace(self, posture={**self.posture, **posture})
 
     def is_fixed(self, link: str, other: str) -> bool:
         """Return whether no moving joint lies between two links."""
         return self._rigid_root(link) == self._rigid_root(other)
 
     def _rigid_root(self, link: str) -> str:
-        above = {below.name: below for below in self.links}
-        while link in above and not above[link].moves:
-            link = above[link].parent
+        """Return the topmost link without a moving joint to a link."""
+        by_name = {child.name: child for child in self.links}
+        while link in by_name and not by_name[link].moves:
+            link = by_name[link].parent
         return link
 
     @cached_property
@@ -144,8 +156,8 @@ class URDFNumbers:
     def palm(self) -> Palm:
         """Return the palm pose."""
         approach = self.data.get("approach")
-        facing = None if approach is None else self.base[:3, :3] @ unit("approach", approach, 3)
-        return Palm(self.base[:3, 3], facing, self.turn)
+        direction = None if approach is None else self.base[:3, :3] @ unit("approach", approach, 3)
+        return Palm(self.base[:3, 3], direction, self.turn)
 
     def balls(self, placement: StatedPlacement) -> Sequence[Ball]:
         """Return the links' collision spheres, then the contact balls of round fingertips."""
@@ -153,14 +165,14 @@ class URDFNumbers:
 
     def _tip_balls(self, placement: StatedPlacement) -> dict[int, Ball]:
         """Return the contact balls of round fingertips, by finger."""
-        found = {}
+        balls = {}
         for i, (tip, p, n) in enumerate(zip(self.tips, placement.points, placement.normals, strict=True)):
             radius = radius_of(tip)
             if radius > 0.0:
                 centre = centre_of(tip, self._touching("", tip, p, n, placement.size))
                 name = f"{tip['link']}, finger {i}"
-                found[i] = Ball(name, centre, radius, (1.0 - TIP_DEPTH) * radius, is_tip=True)
-        return found
+                balls[i] = Ball(name, centre, radius, (1.0 - TIP_DEPTH) * radius, is_tip=True)
+        return balls
 
     @cached_property
     def link_balls(self) -> Sequence[Ball]:
@@ -169,13 +181,13 @@ class URDFNumbers:
         if spheres is None:
             raise NotCheckedError("the file does not record the spheres that stand for the hand's links")
         clearance = number("clearance", self.data["clearance"])
-        found = []
-        for link, rows in spheres.items():
+        balls = []
+        for link, spheres_of_link in spheres.items():
             frame = self.poses[link]
-            for i, (x, y, z, radius) in enumerate(rows):
+            for i, (x, y, z, radius) in enumerate(spheres_of_link):
                 centre = frame[:3, :3] @ np.array([x, y, z]) + frame[:3, 3]
-                found.append(Ball(f"{link}/{i}", centre, radius, radius + clearance))
-        return found
+                balls.append(Ball(f"{link}/{i}", centre, radius, radius + clearance))
+        return balls
 
     def rows(self, placement: StatedPlacement) -> Iterator[ConstraintValue]:
         """Yield constraints: unit quaternion, contacts on fingertips, fingertips apart."""
@@ -184,7 +196,7 @@ class URDFNumbers:
         )  # the program's own; the file's is of unit length
         for i, (tip, p, n) in enumerate(zip(self.tips, placement.points, placement.normals, strict=True)):
             name = f"on fingertip {tip['link']}, finger {i}"
-            yield from touching_rows(tip, self._touching(name, tip, p, n, placement.size))
+            yield from touch_constraints(tip, self._touching(name, tip, p, n, placement.size))
         balls = self._tip_balls(placement)
         for i, j in self.data.get("tips_apart", ()):
             a, b = balls[i], balls[j]
@@ -193,23 +205,26 @@ class URDFNumbers:
             yield ConstraintValue(f"{TIPS_APART}, fingers {i} and {j}", squared, least, scale=self.span**2, error=error)
 
     def _touching(self, name: str, tip: Json, p: FloatArray, n: FloatArray, size: float) -> StatedTouch:
+        """Return a fingertip with its contact."""
         return StatedTouch(name, self.poses[str(tip["link"])], p, n, size, self.error, self.turn)
 
     def apart(self) -> Iterator[ConstraintValue]:
         """Yield the squared distances of sphere pairs under self-collision constraints."""
         count = 0
-        may = {(a, b): number(f"overlaps, {a} and {b}", s, at_least=0.0) for a, b, s in self.data.get("overlaps", ())}
+        allowed = {
+            (a, b): number(f"overlaps, {a} and {b}", s, at_least=0.0) for a, b, s in self.data.get("overlaps", ())
+        }
         for a, b in combinations(self.link_balls, 2):
             name = f"self-collision, {a.name} and {b.name}"
             if name in self.stated:
                 count += 1
-                overlap = may.get((a.name.rpartition("/")[0], b.name.rpartition("/")[0]), 0.0)
+                overlap = allowed.get((a.name.rpartition("/")[0], b.name.rpartition("/")[0]), 0.0)
                 squared, least = float(np.sum((a.centre - b.centre) ** 2)), max(a.radius + b.radius - overlap, 0.0) ** 2
                 error = 4.0 * np.sqrt(squared) * self.error
                 yield ConstraintValue(name, squared, least, scale=self.span**2, error=error)
-        wanted = int(self.data["watched_pairs"])
-        if count < wanted:
-            yield ConstraintValue(f"self-collision: {wanted} pairs of spheres, {count} in the file", np.nan)
+        watched = int(self.data["watched_pairs"])
+        if count < watched:
+            yield ConstraintValue(f"self-collision: {watched} pairs of spheres, {count} in the file", np.nan)
 
     def loads(self, points: FloatArray) -> dict[str, FloatArray]:
         """Return velocity and angular velocity of the contacts, (k, 6), per rate of each joint that moves one.
@@ -219,10 +234,11 @@ class URDFNumbers:
         points : (k, 3) array
             Contacts, fixed to their fingertips' links, body frame.
         """
-        ends = [str(tip["link"]) for tip in self.tips]
-        moved = [jacobian(self.links, self.poses, end, p) for end, p in zip(ends, points, strict=True)]
+        tip_links = [str(tip["link"]) for tip in self.tips]
+        jacobians = [jacobian(self.links, self.poses, end, p) for end, p in zip(tip_links, points, strict=True)]
         return {
-            joint: np.array([m.get(joint, np.zeros(6)) for m in moved]) for joint in loaded_joints(self.links, ends)
+            joint: np.array([m.get(joint, np.zeros(6)) for m in jacobians])
+            for joint in loaded_joints(self.links, tip_links)
         }
 
     @property
@@ -233,17 +249,17 @@ class URDFNumbers:
 
     def limits(self) -> Iterator[ConstraintValue]:
         """Yield the joint limits and mimic relations, in the pregrasp as well."""
-        named = [str(tip["link"]) for tip in self.tips]
-        if self.posture.get("fingertips", named) != named:
-            raise InputError("hand.fingertips", self.posture["fingertips"], ", ".join(named))
+        tip_links = [str(tip["link"]) for tip in self.tips]
+        if self.posture.get("fingertips", tip_links) != tip_links:
+            raise InputError("hand.fingertips", self.posture["fingertips"], ", ".join(tip_links))
         yield from self._joints("joint", self.posture["joint_positions"])
-        before = self.posture.get("pregrasp")
-        if before is not None:
-            unit("hand.pregrasp.palm_pose.quaternion_wxyz", before["palm_pose"]["quaternion_wxyz"], 4)
-            yield from self._joints("pregrasp, joint", before["joint_positions"])
+        pregrasp = self.posture.get("pregrasp")
+        if pregrasp is not None:
+            unit("hand.pregrasp.palm_pose.quaternion_wxyz", pregrasp["palm_pose"]["quaternion_wxyz"], 4)
+            yield from self._joints("pregrasp, joint", pregrasp["joint_positions"])
         for phase in self.posture.get("phases", ()):
-            told = phase["name"] in (SQUEEZE, LIFT)  # commands may exceed the limits to exert torque
-            yield from self._joints(f"{phase['name']}, joint", phase["joint_positions"], limited=not told)
+            is_command = phase["name"] in (SQUEEZE, LIFT)  # commands may exceed the limits to exert torque
+            yield from self._joints(f"{phase['name']}, joint", phase["joint_positions"], limited=not is_command)
 
     def _joints(self, name: str, positions: Json, limited: bool = True) -> Iterator[ConstraintValue]:
         """Yield the joint limits and mimic relations in a posture."""
@@ -254,8 +270,10 @@ class URDFNumbers:
                     yield ConstraintValue(f"{name} {link.joint}", value, link.lower, link.upper)
                 follow = link.follow
                 if follow is not None:
-                    off = value - follow.multiplier * float(positions[follow.joint]) - follow.offset
-                    yield ConstraintValue(f"{name} {link.joint} follows {follow.joint}", off, 0.0, 0.0, 0.0, FOLLOWING)
+                    difference = value - follow.multiplier * float(positions[follow.joint]) - follow.offset
+                    yield ConstraintValue(
+                        f"{name} {link.joint} follows {follow.joint}", difference, 0.0, 0.0, 0.0, MIMIC_TOLERANCE
+                    )
 
 
 def urdf(data: Json, posture: Json, stated: Mapping[str, float], sources: SourceFolders) -> URDFNumbers:
@@ -273,7 +291,7 @@ def require_links(hand: HandNumbers | None, part: str) -> URDFNumbers:
         The part to recompute, for the message: ``"links"`` or ``"joints"``.
     """
     if isinstance(hand, UnknownHand):
-        raise NotCheckedError(hand.why)
+        raise NotCheckedError(hand.reason)
     if not isinstance(hand, URDFNumbers):
         raise NotCheckedError(f"nothing recomputes the {part} of a hand of this type")
     return hand
@@ -321,9 +339,9 @@ class StatedTouch:
 
     def equal(self, left: FloatArray, right: FloatArray, slack: FloatArray | None = None) -> Iterator[ConstraintValue]:
         """Yield an equality constraint per coordinate."""
-        extra = np.zeros(3) if slack is None else slack
+        slacks = np.zeros(3) if slack is None else slack
         for i, axis in enumerate("xyz"):
-            yield self.length(axis, float(left[i] - right[i]), slack=float(extra[i]))
+            yield self.length(axis, float(left[i] - right[i]), slack=float(slacks[i]))
 
 
 def radius_of(tip: Json) -> float:
@@ -331,86 +349,86 @@ def radius_of(tip: Json) -> float:
     return number("radius", tip["radius"], above=0.0) if tip["type"] in ("sphere", "cylinder", "capsule") else 0.0
 
 
-def centre_of(tip: Json, touching: StatedTouch) -> FloatArray:
+def centre_of(tip: Json, touch: StatedTouch) -> FloatArray:
     """Return the centre of a round fingertip's contact ball, body frame."""
     if tip["type"] == "sphere":
-        return touching.place(array("offset", tip["offset"], (3,)))
-    start, end = (touching.place(array(key, tip[key], (3,))) for key in ("start", "end"))
-    wanted = touching.p - radius_of(tip) * touching.n
-    share = float((wanted - start) @ (end - start)) / float((end - start) @ (end - start))
+        return touch.place(array("offset", tip["offset"], (3,)))
+    start, end = (touch.place(array(key, tip[key], (3,))) for key in ("start", "end"))
+    centre = touch.p - radius_of(tip) * touch.n
+    share = float((centre - start) @ (end - start)) / float((end - start) @ (end - start))
     return np.asarray(start + min(max(share, 0.0), 1.0) * (end - start))
 
 
-def touching_rows(tip: Json, touching: StatedTouch) -> Iterator[ConstraintValue]:
+def touch_constraints(tip: Json, touch: StatedTouch) -> Iterator[ConstraintValue]:
     """Yield the constraints that put a contact onto a fingertip."""
-    rows = ROWS.get(str(tip["type"]))
-    if rows is None:
+    constraints = TIP_CONSTRAINTS.get(str(tip["type"]))
+    if constraints is None:
         raise NotCheckedError(f"nothing recomputes a fingertip of type {tip['type']!r}")
-    yield from rows(tip, touching)
+    yield from constraints(tip, touch)
 
 
-def _sphere_constraints(tip: Json, touching: StatedTouch) -> Iterator[ConstraintValue]:
+def _sphere_constraints(tip: Json, touch: StatedTouch) -> Iterator[ConstraintValue]:
     """Yield the constraints ``c = p - r n``."""
-    yield from touching.equal(centre_of(tip, touching), touching.p - radius_of(tip) * touching.n)
+    yield from touch.equal(centre_of(tip, touch), touch.p - radius_of(tip) * touch.n)
 
 
-def _cylinder_constraints(tip: Json, touching: StatedTouch) -> Iterator[ConstraintValue]:
+def _cylinder_constraints(tip: Json, touch: StatedTouch) -> Iterator[ConstraintValue]:
     """Yield the constraints ``a + s (b - a) = p - r n``, and n perpendicular to the axis.
 
     The coordinate s is not in the file: here it is that of the nearest point, so residuals along the axis are not seen.
     """
     start, end = (array(key, tip[key], (3,)) for key in ("start", "end"))
-    along = touching.pose[:3, :3] @ ((end - start) / np.linalg.norm(end - start))
-    slack = 10.0 * PROMISE * touching.size * np.abs(along)
-    yield from touching.equal(centre_of(tip, touching), touching.p - radius_of(tip) * touching.n, slack)
-    yield touching.cosine("across", float(along @ touching.n))
+    axis = touch.pose[:3, :3] @ ((end - start) / np.linalg.norm(end - start))
+    slack = 10.0 * PROMISE * touch.size * np.abs(axis)
+    yield from touch.equal(centre_of(tip, touch), touch.p - radius_of(tip) * touch.n, slack)
+    yield touch.cosine("across", float(axis @ touch.n))
 
 
-def _capsule_constraints(tip: Json, touching: StatedTouch) -> Iterator[ConstraintValue]:
+def _capsule_constraints(tip: Json, touch: StatedTouch) -> Iterator[ConstraintValue]:
     """Yield the constraints ``a + s (b - a) = p - r n``, and limits on the tilt of n beyond the ends."""
     start, end = (array(key, tip[key], (3,)) for key in ("start", "end"))
     length = float(np.linalg.norm(end - start))
-    along, centre = touching.pose[:3, :3] @ ((end - start) / length), centre_of(tip, touching)
-    slack = 10.0 * PROMISE * touching.size
-    yield from touching.equal(centre, touching.p - radius_of(tip) * touching.n, slack * np.abs(along))
-    share = float((centre - touching.place(start)) @ along) / length
-    leans, error = float(along @ touching.n), touching.turn + (slack + touching.error) / length
-    for what, value in (("over the end", (1.0 - share) * leans), ("over the start", -share * leans)):
-        yield ConstraintValue(f"{touching.name}, {what}", value, -np.inf, ROUNDING, error=error)
+    axis, centre = touch.pose[:3, :3] @ ((end - start) / length), centre_of(tip, touch)
+    slack = 10.0 * PROMISE * touch.size
+    yield from touch.equal(centre, touch.p - radius_of(tip) * touch.n, slack * np.abs(axis))
+    share = float((centre - touch.place(start)) @ axis) / length
+    tilt, error = float(axis @ touch.n), touch.turn + (slack + touch.error) / length
+    for what, value in (("over the end", (1.0 - share) * tilt), ("over the start", -share * tilt)):
+        yield ConstraintValue(f"{touch.name}, {what}", value, -np.inf, CAPSULE_TOLERANCE, error=error)
 
 
-def _flat_constraints(tip: Json, touching: StatedTouch) -> Iterator[ConstraintValue]:
+def _flat_constraints(tip: Json, touch: StatedTouch) -> Iterator[ConstraintValue]:
     """Yield the constraints of equal normals, and of the contact within the rectangle."""
-    origin, axes = _tip_frame(tip, touching)
+    origin, axes = _tip_frame(tip, touch)
     half = array("extents", tip["extents"], (2,)) / 2.0
-    normal, local = axes.T @ touching.n, axes.T @ (touching.p - origin)
-    yield touching.cosine("normal x", float(normal[0]))
-    yield touching.cosine("normal y", float(normal[1]))
-    yield touching.cosine("facing", float(normal[2]), 0.0, np.inf)
-    yield touching.length("plane", float(local[2]))
-    yield touching.length("extent x", float(local[0]), -half[0], half[0])
-    yield touching.length("extent y", float(local[1]), -half[1], half[1])
+    normal, local = axes.T @ touch.n, axes.T @ (touch.p - origin)
+    yield touch.cosine("normal x", float(normal[0]))
+    yield touch.cosine("normal y", float(normal[1]))
+    yield touch.cosine("facing", float(normal[2]), 0.0, np.inf)
+    yield touch.length("plane", float(local[2]))
+    yield touch.length("extent x", float(local[0]), -half[0], half[0])
+    yield touch.length("extent y", float(local[1]), -half[1], half[1])
 
 
-def _ellipsoid_constraints(tip: Json, touching: StatedTouch) -> Iterator[ConstraintValue]:
+def _ellipsoid_constraints(tip: Json, touch: StatedTouch) -> Iterator[ConstraintValue]:
     """Yield the constraints ``p = t + R A^2 m / |A m|`` with ``m = R^T n``, and m within the patch."""
-    origin, axes = _tip_frame(tip, touching)
-    semi = array("semi_axes", tip["semi_axes"], (3,))
-    normal = axes.T @ touching.n
-    scaled = semi * normal
-    yield from touching.equal(origin + axes @ (semi * scaled) / np.linalg.norm(scaled), touching.p)
+    origin, axes = _tip_frame(tip, touch)
+    semi_axes = array("semi_axes", tip["semi_axes"], (3,))
+    normal = axes.T @ touch.n
+    scaled = semi_axes * normal
+    yield from touch.equal(origin + axes @ (semi_axes * scaled) / np.linalg.norm(scaled), touch.p)
     if tip["facing"] is not None:
-        towards = float(array("facing", tip["facing"], (3,)) @ normal)
-        yield touching.cosine("within the patch", towards, float(np.cos(number("angle", tip["angle"]))), np.inf)
+        cosine = float(array("facing", tip["facing"], (3,)) @ normal)
+        yield touch.cosine("within the patch", cosine, float(np.cos(number("angle", tip["angle"]))), np.inf)
 
 
-def _tip_frame(tip: Json, touching: StatedTouch) -> tuple[FloatArray, FloatArray]:
+def _tip_frame(tip: Json, touch: StatedTouch) -> tuple[FloatArray, FloatArray]:
     """Return origin and axes of a fingertip's frame, in the body's frame."""
-    turned = Rotation.from_euler("xyz", array("rpy", tip["rpy"], (3,))).as_matrix()
-    return touching.place(array("offset", tip["offset"], (3,))), np.asarray(touching.pose[:3, :3] @ turned)
+    rotation = Rotation.from_euler("xyz", array("rpy", tip["rpy"], (3,))).as_matrix()
+    return touch.place(array("offset", tip["offset"], (3,))), np.asarray(touch.pose[:3, :3] @ rotation)
 
 
-ROWS: dict[str, Callable[[Json, StatedTouch], Iterator[ConstraintValue]]] = {
+TIP_CONSTRAINTS: dict[str, Callable[[Json, StatedTouch], Iterator[ConstraintValue]]] = {
     "sphere": _sphere_constraints,
     "cylinder": _cylinder_constraints,
     "capsule": _capsule_constraints,

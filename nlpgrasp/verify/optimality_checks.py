@@ -1,4 +1,4 @@
-"""Check of a stated local optimum, as far as it is possible without the program."""
+"""Check of a stated local optimum: binding inequalities, and first-order gains of free contacts."""
 
 from __future__ import annotations
 
@@ -16,10 +16,12 @@ from nlpgrasp.verify.mesh_body import MeshSurface
 from nlpgrasp.verify.numeric_bodies import FacedSurface, SmoothSurface
 from nlpgrasp.verify.stated_placement import NumericBody
 
-SUM, BINDING = 1e-5, 1e-5  # tolerances: sum of the weights; relative spread of binding inequalities
-ABOVE = 2e-3  # largest relative excess of the program's beta over mu
-SLOPE = 1e-4  # share of mu: largest first-order gain of a free contact over the body's size
-STEP, FREE = 1e-6, 1e-3  # shares of the body's size: difference step; least distance of a free contact from edges
+SUM_TOLERANCE = 1e-5  # tolerance of the sum of the weights
+BINDING_TOLERANCE = 1e-5  # largest spread of binding inequalities, relative to beta
+BETA_EXCESS = 2e-3  # largest relative excess of the program's beta over mu
+SLOPE_TOLERANCE = 1e-4  # share of mu: largest first-order gain of a free contact over the body's size
+DIFFERENCE_STEP = 1e-6  # share of the body's size: step of central differences
+EDGE_DISTANCE = 1e-3  # share of the body's size: least distance of a free contact from edges
 
 
 def optimality_checks(solution: GraspSolution, grasp: Grasp, surface: NumericBody | None, size: float) -> list[Check]:
@@ -30,27 +32,28 @@ def optimality_checks(solution: GraspSolution, grasp: Grasp, surface: NumericBod
     kkt = solution.kkt
     if kkt is None:
         return []
-    wrong = [*_weight_errors(solution, grasp, kkt)]
-    if not wrong and kkt.is_small and surface is not None:
-        wrong += [*_contact_errors(solution, grasp, kkt, surface, size)]
-    return [Check("local optimum", not wrong, "; ".join(wrong) if wrong else kkt.words)]
+    errors = [*_weight_errors(solution, grasp, kkt)]
+    if not errors and kkt.is_small and surface is not None:
+        errors += [*_contact_errors(solution, grasp, kkt, surface, size)]
+    return [Check.of_errors("local optimum", errors, kkt.words)]
 
 
 def _weight_errors(solution: GraspSolution, grasp: Grasp, kkt: KKT) -> Iterator[str]:
+    """Yield the errors in directions and weights of the binding inequalities."""
     weights = np.array(kkt.weights)
     if len(kkt.directions) != len(weights) or any(len(y) != grasp.dimension for y in kkt.directions):
         yield f"{len(kkt.directions)} directions of dimension {grasp.dimension} for {len(weights)} weights"
     elif kkt.is_small and not len(weights):
         yield "a local optimum along no direction"
-    elif len(weights) and (np.min(weights) < 0.0 or abs(np.sum(weights) - 1.0) > SUM):
+    elif len(weights) and (np.min(weights) < 0.0 or abs(np.sum(weights) - 1.0) > SUM_TOLERANCE):
         yield f"weights from {np.min(weights):.3g} with a sum of {np.sum(weights):.9g}"
     elif kkt.is_small:
         ratios = _recomputed_ratios(solution, grasp, kkt)
         beta = float(weights @ ratios)
-        unequal = float(np.max(weights * np.abs(ratios - beta))) / beta
-        if not unequal <= BINDING:
-            yield f"inequalities that bind differ by {unequal:.1e} of beta"
-        if not solution.mu.lower * (1.0 - BINDING) <= beta <= solution.mu.upper * (1.0 + ABOVE):
+        spread = float(np.max(weights * np.abs(ratios - beta))) / beta
+        if not spread <= BINDING_TOLERANCE:
+            yield f"inequalities that bind differ by {spread:.1e} of beta"
+        if not solution.mu.lower * (1.0 - BINDING_TOLERANCE) <= beta <= solution.mu.upper * (1.0 + BETA_EXCESS):
             yield f"they bind at {beta:.6g}, where mu is in {solution.mu}"
 
 
@@ -59,18 +62,18 @@ def _contact_errors(
 ) -> Iterator[str]:
     """Yield the free contacts whose moves would raise the weighted ratios."""
     weights = np.array(kkt.weights)
-    least = SLOPE * solution.mu.upper
+    tolerance = SLOPE_TOLERANCE * solution.mu.upper
     for i in range(len(grasp)):
         normal = _normal_near(solution, grasp, surface, i, size)
         if normal is None or _is_held(solution, i):
             continue
         for tangent in grasp.frames[i][:, 1:].T:
-            there, back = (
-                float(weights @ _recomputed_ratios(solution, _displace_contact(grasp, i, h * tangent, normal), kkt))
-                for h in (STEP * size, -STEP * size)
+            forward, backward = (
+                float(weights @ _recomputed_ratios(solution, _displace_contact(grasp, i, step * tangent, normal), kkt))
+                for step in (DIFFERENCE_STEP * size, -DIFFERENCE_STEP * size)
             )
-            slope = (there - back) / (2.0 * STEP)
-            if not abs(slope) <= least:
+            slope = (forward - backward) / (2.0 * DIFFERENCE_STEP)
+            if not abs(slope) <= tolerance:
                 yield f"contact {i} is free, and moved along its face it changes mu by {slope:.2g} over the body's size"
                 break
 
@@ -94,7 +97,9 @@ def _is_held(solution: GraspSolution, i: int) -> bool:
     hand = solution.problem["hand"]
     if hand is not None and hand["type"] not in ("fingertips", "parallel_jaw"):
         return True
-    return any(row.active and (not row.fingers or i in row.fingers) for row in solution.constraints)
+    return any(
+        constraint.active and (not constraint.fingers or i in constraint.fingers) for constraint in solution.constraints
+    )
 
 
 def _normal_near(
@@ -103,20 +108,27 @@ def _normal_near(
     """Return the inward normal function near a contact; None at an edge or on an unknown surface."""
     face, point = solution.faces[i], grasp.points[i]
     if isinstance(surface, MeshSurface):
-        which, off = surface.triangles.near(point, FREE * size)
-        beside = surface.triangles.normals[which[off <= FREE * size]]
-        flat = len(beside) > 0 and bool(np.all(np.linalg.norm(beside + grasp.normals[i], axis=1) < FREE))
-        near_margin = surface.edge_distance(face, point) <= float(solution.problem["edge_margin"]) + FREE * size
-        return None if not flat or near_margin else lambda p: grasp.normals[i]
+        nearby, distances = surface.triangles.near(point, EDGE_DISTANCE * size)
+        neighbour_normals = surface.triangles.normals[nearby[distances <= EDGE_DISTANCE * size]]
+        is_flat = len(neighbour_normals) > 0 and bool(
+            np.all(np.linalg.norm(neighbour_normals + grasp.normals[i], axis=1) < EDGE_DISTANCE)
+        )
+        is_near_edge = (
+            surface.edge_distance(face, point) <= float(solution.problem["edge_margin"]) + EDGE_DISTANCE * size
+        )
+        return None if not is_flat or is_near_edge else lambda p: grasp.normals[i]
     if isinstance(surface, SmoothSurface):
         return lambda p: -_unit_vector(surface.field(p[None])[1][0])
     if isinstance(surface, FacedSurface):
-        past = surface.pieces[face](point)[2]
+        overshoot = surface.pieces[face](point)[2]
         margin = float(solution.problem.get("edge_margin", 0.0))
-        at_edge = past >= -FREE * size or surface.edge_distance(face, point) <= margin + FREE * size
-        return None if at_edge else lambda p: -_unit_vector(surface.pieces[face](p)[1])
+        is_near_edge = (
+            overshoot >= -EDGE_DISTANCE * size or surface.edge_distance(face, point) <= margin + EDGE_DISTANCE * size
+        )
+        return None if is_near_edge else lambda p: -_unit_vector(surface.pieces[face](p)[1])
     return None
 
 
 def _unit_vector(vector: FloatArray) -> FloatArray:
+    """Return a vector normalised to length 1."""
     return np.asarray(vector / np.linalg.norm(vector))

@@ -18,22 +18,23 @@ from nlpgrasp.verify.check import Check, guard
 
 WITH_GRASP = (Status.SOLVED, Status.OPTIMAL, Status.TOUCHES)
 WITHOUT_GRASP = (Status.LOCALLY_INFEASIBLE, Status.FAILED)
-SAME = 1e-9  # relative tolerance of mu
-KEPT = 0.5  # least share of a fragile start's mu with which a robust grasp wins over it
-MOST = 6  # most contacts that are matched in every order
-SLACK = 1e-9  # relative tolerance of the least distance of kept grasps
+MU_TOLERANCE = 1e-9  # relative tolerance of mu
+LEAST_ROBUST_SHARE = 0.5  # least share of a fragile start's mu with which a robust grasp wins over it
+MOST_MATCHED = 6  # most contacts that are matched in every order
+DISTANCE_TOLERANCE = 1e-9  # relative tolerance of the least distance of kept grasps
 
-Checked = Callable[[GraspSolution], Sequence[Check]]
+AnswerChecks = Callable[[GraspSolution], Sequence[Check]]
 
 
 def outcome_checks(solution: GraspSolution) -> list[Check]:
     """Return the check that status, starts and winning start agree with grasp and quality."""
-    wrong = [*_status_errors(solution), *_answer_errors(solution)]
-    told = f"{solution.status.name.lower()}, {len(solution.starts)} starts"
-    return [Check("outcome", not wrong, "; ".join(wrong) if wrong else told)]
+    errors = [*_status_errors(solution), *_answer_errors(solution)]
+    summary = f"{solution.status.name.lower()}, {len(solution.starts)} starts"
+    return [Check.of_errors("outcome", errors, summary)]
 
 
 def _status_errors(solution: GraspSolution) -> Iterator[str]:
+    """Yield the statements that contradict the status."""
     status = solution.status.name.lower()
     if solution.grasp is None:
         if solution.status in WITH_GRASP:
@@ -47,9 +48,9 @@ def _status_errors(solution: GraspSolution) -> Iterator[str]:
         yield f"{status}, and no certified quality above zero"
     if solution.status in WITH_GRASP and (solution.status is Status.TOUCHES) != solution.touches:
         yield f"{status}, and links that are stated to be {'inside something' if solution.touches else 'free'}"
-    asked = solution.solver.get("options", {}).get("gap")
-    if solution.status is Status.OPTIMAL and not (isinstance(asked, float) and solution.gap <= asked):
-        yield f"optimal, with a gap of {asked} asked for, and {format_headroom(solution.gap)}"
+    requested_gap = solution.solver.get("options", {}).get("gap")
+    if solution.status is Status.OPTIMAL and not (isinstance(requested_gap, float) and solution.gap <= requested_gap):
+        yield f"optimal, with a gap of {requested_gap} asked for, and {format_headroom(solution.gap)}"
     if solution.why_not is not None:
         yield "a grasp, and why there is none"
 
@@ -72,25 +73,25 @@ def _answer_errors(solution: GraspSolution) -> Iterator[str]:
         yield f"{name} won and ended {best.status.name.lower()}"
     if best.faces != solution.faces:
         yield f"{name} won on other faces"
-    low, high = solution.mu.lower * (1.0 + SAME), solution.mu.upper * (1.0 - SAME)
+    low, high = solution.mu.lower * (1.0 + MU_TOLERANCE), solution.mu.upper * (1.0 - MU_TOLERANCE)
     if best.mu.lower > low or best.mu.upper < high:
         yield f"{name} won with mu in {best.mu}, stated {solution.mu}"
     options = solution.solver.get("options", {})
     if not options.get("maximise_robust", False):
-        most = max(best.mu.upper, _mu_without_margins(solution))
+        largest_mu = max(best.mu.upper, _mu_without_margins(solution))
         preferred = _is_steady(solution) or solution.squeeze is not None
-        most /= KEPT if options.get("rank") == "robust" and preferred else 1.0
-        free = solution.has_free_way  # then obstructed starts rank behind it
-        rivals = [s for s in solution.starts if s.status is Status.SOLVED and not (free and s.obstruction)]
-        better = [s.index for s in rivals if s.mu.lower > most]
-        if better:
-            yield f"start {better[0]} is better than start {best.index}, which won"
+        largest_mu /= LEAST_ROBUST_SHARE if options.get("rank") == "robust" and preferred else 1.0
+        has_free_way = solution.has_free_way  # then obstructed starts rank behind it
+        rivals = [s for s in solution.starts if s.status is Status.SOLVED and not (has_free_way and s.obstruction)]
+        better_starts = [s.index for s in rivals if s.mu.lower > largest_mu]
+        if better_starts:
+            yield f"start {better_starts[0]} is better than start {best.index}, which won"
 
 
 def _mu_without_margins(solution: GraspSolution) -> float:
     """Return the mu that a grasp had before the search for joint-limit margins; see ``joint_margin_checks``."""
-    room = (solution.hand or {}).get("room")
-    return 0.0 if room is None else mu_without(room)
+    margins = (solution.hand or {}).get("room")
+    return 0.0 if margins is None else mu_without(margins)
 
 
 def _is_steady(solution: GraspSolution) -> bool:
@@ -98,35 +99,35 @@ def _is_steady(solution: GraspSolution) -> bool:
     return solution.robust is not None and not solution.is_fragile
 
 
-def grasps_checks(solution: GraspSolution, checked: Checked, size: float) -> list[Check]:
+def grasps_checks(solution: GraspSolution, answer_checks: AnswerChecks, size: float) -> list[Check]:
     """Return one check per kept grasp, and one of their order and distinctness.
 
     Parameters
     ----------
     solution : GraspSolution
-    checked : callable
+    answer_checks : callable
         Returns the checks of a solution with one of them as its answer.
     size : float
         Upper bound on the body's size, metres.
     """
     if solution.stated_first is None and not solution.others:
         return []
-    wrong = list(_inconsistencies(solution, size))
-    told = f"{len(solution.grasps)} distinct grasps, the first is the answer"
-    checks = [Check("grasps kept", not wrong, "; ".join(wrong[:4]) if wrong else told)]
-    for i, found in enumerate(solution.others, 1):
-        alone = solution.with_answer(found)
-        checks += guard(f"grasps[{i}]", partial(_combined_check, i, alone, checked))
+    errors = list(_inconsistencies(solution, size))
+    summary = f"{len(solution.grasps)} distinct grasps, the first is the answer"
+    checks = [Check.of_errors("grasps kept", errors[:4], summary)]
+    for i, kept_grasp in enumerate(solution.others, 1):
+        variant = solution.with_answer(kept_grasp)
+        checks += guard(f"grasps[{i}]", partial(_combined_check, i, variant, answer_checks))
     return checks
 
 
-def _combined_check(i: int, alone: GraspSolution, checked: Checked) -> list[Check]:
+def _combined_check(i: int, variant: GraspSolution, answer_checks: AnswerChecks) -> list[Check]:
     """Return one check that combines those of one grasp."""
-    checks = checked(alone)
+    checks = answer_checks(variant)
     failed = [f"{check.name}: {check.detail}" for check in checks if check.failed]
-    left = sum(not check.made for check in checks)
-    told = f"mu in {alone.mu}, {len(checks) - left} checks" + (f", {left} not made" if left else "")
-    return [Check(f"grasps[{i}]", not failed, "; ".join(failed[:4]) if failed else told)]
+    unmade = sum(not check.made for check in checks)
+    summary = f"mu in {variant.mu}, {len(checks) - unmade} checks" + (f", {unmade} not made" if unmade else "")
+    return [Check.of_errors(f"grasps[{i}]", failed[:4], summary)]
 
 
 def _inconsistencies(solution: GraspSolution, size: float) -> Iterator[str]:
@@ -135,34 +136,36 @@ def _inconsistencies(solution: GraspSolution, size: float) -> Iterator[str]:
     if first is not None and first.to_dict() != solution.grasps[0].to_dict():
         yield "grasps[0] is another than the answer"
     indices = {start.index for start in solution.starts}
-    named = [found.start for found in solution.grasps if found.start is not None]
-    if len(set(named)) < len(named):
+    grasp_starts = [grasp.start for grasp in solution.grasps if grasp.start is not None]
+    if len(set(grasp_starts)) < len(grasp_starts):
         yield "two grasps of one start"
-    for i, found in enumerate(solution.others, 1):
-        if found.start is not None and found.start not in indices:
-            yield f"grasps[{i}] of start {found.start}, which there is not"
-        if not found.mu.lower > 0.0:
+    for i, grasp in enumerate(solution.others, 1):
+        if grasp.start is not None and grasp.start not in indices:
+            yield f"grasps[{i}] of start {grasp.start}, which there is not"
+        if not grasp.mu.lower > 0.0:
             yield f"grasps[{i}] with no certified quality above zero"
-        if found.kind != solution.kind:
-            yield f"grasps[{i}] states {found.kind}, the file {solution.kind}"
+        if grasp.kind != solution.kind:
+            yield f"grasps[{i}] states {grasp.kind}, the file {solution.kind}"
     solver = solution.solver
     if len(solution.grasps) > solver.get("keep", len(solution.grasps)):
         yield f"{len(solution.grasps)} grasps where {solver.get('keep')} were to be kept"
-    least = float(solver.get("distinct", 0.0)) * size * (1.0 - SLACK)
-    for (i, one), (j, other) in combinations(enumerate(solution.grasps), 2):
-        if (one.hand is None or "joint_positions" not in one.hand) and _matched_distance(one, other) < least:
+    least = float(solver.get("distinct", 0.0)) * size * (1.0 - DISTANCE_TOLERANCE)
+    for (i, a), (j, b) in combinations(enumerate(solution.grasps), 2):
+        if (a.hand is None or "joint_positions" not in a.hand) and _matched_distance(a, b) < least:
             yield f"grasps[{i}] and grasps[{j}] are one: contacts less than {least:.3g} m apart"
 
 
-def _matched_distance(one: FoundGrasp, other: FoundGrasp) -> float:
-    """Return the largest contact distance of two grasps in the best order, metres; for many contacts a lower bound."""
-    p, q = one.grasp.points, other.grasp.points
+def _matched_distance(a: FoundGrasp, b: FoundGrasp) -> float:
+    """Return the largest contact distance of two grasps in the best order, metres; infinite for many contacts."""
+    p, q = a.grasp.points, b.grasp.points
     if p.shape != q.shape:
         return np.inf
     distances: FloatArray = np.linalg.norm(p[:, None] - q[None], axis=2)
     k = len(p)
-    if k > MOST:
+    if k > MOST_MATCHED:
         return np.inf
-    models = one.grasp.contacts
-    orders = np.array([o for o in permutations(range(k)) if all(models[i] == models[j] for i, j in enumerate(o))])
+    models = a.grasp.contacts
+    orders = np.array(
+        [order for order in permutations(range(k)) if all(models[i] == models[j] for i, j in enumerate(order))]
+    )
     return float(np.min(np.max(distances[np.arange(k), orders], axis=1)))

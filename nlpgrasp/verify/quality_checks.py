@@ -18,64 +18,64 @@ from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.tasks import Task
 from nlpgrasp.verify.check import Check
 
-OTHER_SEED = 7919  # of search directions other than the solver's
-WIDER = 2.0  # allowed width over the recomputed one, where rounding ends a certificate early
-MUCH_WIDER = 100.0  # the same, where the recomputed lower bound is zero
-SMALL = 1e-9  # per unit force: smaller upper bounds count as zero
+OTHER_SEED = 7919  # seed of search directions, other than the solver's
+WIDTH_FACTOR = 2.0  # allowed width over the recomputed one, where rounding ends a certificate early
+ZERO_WIDTH_FACTOR = 100.0  # the same, where the recomputed lower bound is zero
+ZERO_MU = 1e-9  # per unit force: smaller upper bounds count as zero
 ANY_GAP = 1.0  # relative gap assumed for files that do not state the requested one
 ERROR_BAR = 0.1  # largest relative error bar of nu; solves state less
-NOTHING = 1e-3  # share of the grasp's quality: a smaller upper bound counts as nothing left
-SAME = 1e-9  # tolerance of shares, which follow from other numbers of the file
-OFF_BY = 1.5  # allowed displacement over the stated offset, as surfaces are curved
-SLIPS = 0.99  # share of the offset: a contact nearer to an edge slips over it
-PROVEN = 1e-5  # relative tolerance of the upper bound over the support ratio
+ZERO_SHARE = 1e-3  # share of the grasp's quality: a smaller upper bound counts as zero
+SHARE_TOLERANCE = 1e-9  # tolerance of shares, which follow from other numbers of the file
+OFFSET_FACTOR = 1.5  # allowed displacement over the stated offset, as surfaces are curved
+EDGE_SHARE = 0.99  # share of the offset: a contact nearer to an edge slips over it
+RATIO_TOLERANCE = 1e-5  # relative tolerance of the upper bound over the support ratio
 
 
 def interval(stated: Bounds) -> Check:
     """Check that the lower end of an interval is not above its upper end."""
-    good = bool(0.0 <= stated.lower <= stated.upper and np.isfinite(stated.upper))
-    return Check("interval", good, f"stated {stated}")
+    passed = bool(0.0 <= stated.lower <= stated.upper and np.isfinite(stated.upper))
+    return Check("interval", passed, f"stated {stated}")
 
 
-def overlap(name: str, stated: Bounds, found: Bounds) -> Check:
+def overlap(name: str, stated: Bounds, recomputed: Bounds) -> Check:
     """Check that a stated interval and a recomputed one overlap."""
-    good = stated.lower <= found.upper and found.lower <= stated.upper
-    return Check(name, good, f"stated {stated}, recomputed {found}")
+    passed = stated.lower <= recomputed.upper and recomputed.lower <= stated.upper
+    return Check(name, passed, f"stated {stated}, recomputed {recomputed}")
 
 
-def width(name: str, stated: Bounds, found: Bounds, rtol: float) -> Check:
+def width(name: str, stated: Bounds, recomputed: Bounds, rtol: float) -> Check:
     """Check that a stated interval is no wider than its certificate's relative gap allows.
 
-    Both are certified: the true value is at least ``found.lower``, and a certificate's upper bound is close to it if
-    the lower bound is above zero.
+    Both are certified: the true value is at least ``recomputed.lower``, and a certificate's upper bound is close to it
+    if the lower bound is above zero.
     """
-    least = found.lower / (WIDER * (1.0 + rtol))
-    most = (WIDER if found.lower > 0.0 else MUCH_WIDER) * found.upper + SMALL
-    good = bool(stated.lower >= least and stated.upper <= most)
-    return Check(name, good, f"stated {stated}, a gap of {rtol:g} allows from {least:.5g} to {most:.5g}")
+    least_lower = recomputed.lower / (WIDTH_FACTOR * (1.0 + rtol))
+    most_upper = (WIDTH_FACTOR if recomputed.lower > 0.0 else ZERO_WIDTH_FACTOR) * recomputed.upper + ZERO_MU
+    passed = bool(stated.lower >= least_lower and stated.upper <= most_upper)
+    return Check(name, passed, f"stated {stated}, a gap of {rtol:g} allows from {least_lower:.5g} to {most_upper:.5g}")
 
 
-def widths(solution: GraspSolution, found: Bounds) -> list[Check]:
+def widths(solution: GraspSolution, recomputed: Bounds) -> list[Check]:
     """Check the width of the stated interval; a solve that was cut short may have any lower bound."""
     gap = solution.solver.get("options", {}).get("final_rtol", ANY_GAP)
-    asked = number("final_rtol", gap, above=0.0) if solution.status in (Status.SOLVED, Status.OPTIMAL) else np.inf
-    return [width("width", solution.mu, found, asked)]
+    rtol = number("final_rtol", gap, above=0.0) if solution.status in (Status.SOLVED, Status.OPTIMAL) else np.inf
+    return [width("width", solution.mu, recomputed, rtol)]
 
 
 def check_other_measures(solution: GraspSolution, grasp: Grasp, budget: ForceBudget, rtol: float) -> list[Check]:
     """Recompute delta and nu at the stated torque scale."""
     checks = []
     if solution.delta is not None:
-        found = delta(grasp, solution.delta.torque_scale or 1.0, rtol, force_budget=budget)
-        near = width("", solution.delta, found, ANY_GAP).passed
-        both = overlap("delta", solution.delta, found)
-        checks.append(Check("delta", both.passed and near, both.detail))
+        recomputed = delta(grasp, solution.delta.torque_scale or 1.0, rtol, force_budget=budget)
+        agrees = width("", solution.delta, recomputed, ANY_GAP).passed
+        overlaps = overlap("delta", solution.delta, recomputed)
+        checks.append(Check("delta", overlaps.passed and agrees, overlaps.detail))
     if solution.nu is not None:
         volume = nu(grasp, solution.nu.torque_scale or 1.0, 0.05, force_budget=budget, seed=OTHER_SEED)
         error = min(solution.nu.error, ERROR_BAR * abs(volume.value))
-        near = abs(volume.value - solution.nu.value) <= 2.0 * (volume.error + error)
-        good = near and solution.nu.value in solution.nu and overlap("nu", solution.nu, volume).passed
-        checks.append(Check("nu", good, f"stated {solution.nu}, recomputed {volume}"))
+        agrees = abs(volume.value - solution.nu.value) <= 2.0 * (volume.error + error)
+        passed = agrees and solution.nu.value in solution.nu and overlap("nu", solution.nu, volume).passed
+        checks.append(Check("nu", passed, f"stated {solution.nu}, recomputed {volume}"))
     return checks
 
 
@@ -87,23 +87,34 @@ def check_robustness(
     if stated is None:
         return []
     models = [model.with_friction(1.0 - stated.friction_share) for model in grasp.contacts]
-    rest, found = [i for i in range(len(models)) if i not in stated.lost], Bounds(0.0, 0.0)
-    if rest:
-        there = Grasp(stated.points[rest], stated.normals[rest], [models[i] for i in rest], grasp.torque_origin)
-        found = mu(there, task, rtol, force_budget=budget, seed=OTHER_SEED)
-    near = {c.fingers[0] for c in solution.constraints if c.kind == EDGE_MARGIN and c.value < SLIPS * stated.offset}
-    over = set() if budget.depends_on_frames else near
-    off = float(np.max(np.linalg.norm(stated.points - grasp.points, axis=1)))
-    nothing = stated.mu.upper <= NOTHING * solution.mu.upper
-    good = overlap("", stated.mu, found).passed and (nothing or width("", stated.mu, found, ANY_GAP).passed)
-    good = good and set(stated.lost) == over
-    good = good and solution.solver.get("options", {}).get("robust_offset", stated.offset) == stated.offset
-    good = good and off <= OFF_BY * stated.offset + 1e-9 and stated.mu.lower <= solution.mu.upper
-    share, fragile = stated.stated or (stated.share(solution.mu), stated.is_fragile(solution.mu))
-    good = good and abs(share - stated.share(solution.mu)) <= SAME and fragile == stated.is_fragile(solution.mu)
-    told = f"{len(stated.lost)} over an edge; {share:.3g} of mu left, {'' if fragile else 'not '}fragile"
-    text = f"stated {stated.mu}, recomputed {found}; contacts at most {1e3 * off:.3g} mm off; {told}"
-    return [Check("robustness", good, text)]
+    remaining, recomputed = [i for i in range(len(models)) if i not in stated.lost], Bounds(0.0, 0.0)
+    if remaining:
+        displaced = Grasp(
+            stated.points[remaining], stated.normals[remaining], [models[i] for i in remaining], grasp.torque_origin
+        )
+        recomputed = mu(displaced, task, rtol, force_budget=budget, seed=OTHER_SEED)
+    near_edges = {
+        c.fingers[0] for c in solution.constraints if c.kind == EDGE_MARGIN and c.value < EDGE_SHARE * stated.offset
+    }
+    slipping = set() if budget.depends_on_frames else near_edges
+    displacement = float(np.max(np.linalg.norm(stated.points - grasp.points, axis=1)))
+    is_zero = stated.mu.upper <= ZERO_SHARE * solution.mu.upper
+    share, is_fragile = stated.stated or (stated.share(solution.mu), stated.is_fragile(solution.mu))
+    passed = all(
+        (
+            overlap("", stated.mu, recomputed).passed,
+            is_zero or width("", stated.mu, recomputed, ANY_GAP).passed,
+            set(stated.lost) == slipping,
+            solution.solver.get("options", {}).get("robust_offset", stated.offset) == stated.offset,
+            displacement <= OFFSET_FACTOR * stated.offset + 1e-9,
+            stated.mu.lower <= solution.mu.upper,
+            abs(share - stated.share(solution.mu)) <= SHARE_TOLERANCE,
+            is_fragile == stated.is_fragile(solution.mu),
+        )
+    )
+    summary = f"{len(stated.lost)} over an edge; {share:.3g} of mu left, {'' if is_fragile else 'not '}fragile"
+    text = f"stated {stated.mu}, recomputed {recomputed}; contacts at most {1e3 * displacement:.3g} mm off; {summary}"
+    return [Check("robustness", passed, text)]
 
 
 def grasp_map_check(grasp: Grasp) -> Check:
@@ -113,23 +124,23 @@ def grasp_map_check(grasp: Grasp) -> Check:
         arm = p - grasp.torque_origin
         for axis in model.axes(grasp.space):
             if axis >= grasp.space:  # a moment about the contact point
-                turning = np.ones(1) if grasp.space == 2 else [n, *t][axis - 3]
-                columns.append(np.concatenate([np.zeros(grasp.space), turning]))
+                moment_axis = np.ones(1) if grasp.space == 2 else [n, *t][axis - 3]
+                columns.append(np.concatenate([np.zeros(grasp.space), moment_axis]))
                 continue
-            e = [n, *t][axis]
-            moment = np.array([arm[0] * e[1] - arm[1] * e[0]]) if grasp.space == 2 else np.cross(arm, e)
-            columns.append(np.concatenate([e, moment]))
+            direction = [n, *t][axis]
+            planar_moment = np.array([arm[0] * direction[1] - arm[1] * direction[0]])
+            columns.append(np.concatenate([direction, planar_moment if grasp.space == 2 else np.cross(arm, direction)]))
     error = float(np.max(np.abs(np.array(columns).T - grasp.G))) / max(float(np.max(np.abs(grasp.G))), 1e-300)
     return Check("grasp map", error < 1e-9, f"rebuilt column by column, relative difference {error:.1e}")
 
 
 def model_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Check]:
     """Compare the grasp's contact models and the kind of measure with the problem's."""
-    asked = [contact_from_dict(c) for c in solution.problem["contacts"]]
-    same = [c.to_dict() for c in asked] == [c.to_dict() for c in grasp.contacts]
+    models = [contact_from_dict(c) for c in solution.problem["contacts"]]
+    agrees = [c.to_dict() for c in models] == [c.to_dict() for c in grasp.contacts]
     kind = task.measure
     return [
-        Check("contact models", same, f"{len(grasp)} contacts, {'as' if same else 'not as'} the problem asks"),
+        Check("contact models", agrees, f"{len(grasp)} contacts, {'as' if agrees else 'not as'} the problem asks"),
         Check("kind of measure", solution.kind == kind, f"stated {solution.kind}, by the task {kind}"),
     ]
 
@@ -144,12 +155,12 @@ def direction_checks(solution: GraspSolution, grasp: Grasp, task: Task, force_se
         return []
     if y.shape != (grasp.dimension,):
         return [Check("worst direction", False, f"{y.size} numbers for dimension {grasp.dimension}")]
-    reach = float(task.support(y[None])[0][0])
-    if reach <= 0.0:
+    task_support = float(task.support(y[None])[0][0])
+    if task_support <= 0.0:
         return [Check("worst direction", False, "the task asks for nothing in the stated direction")]
-    z = (grasp.G.T @ y)[None, :]
-    work, force = force_set.support(z)
-    ratio = float(max(work[0], force[0] @ z[0])) / reach
-    least, most = solution.mu.lower, solution.mu.upper
-    good = least <= ratio * (1.0 + 1e-6) + 1e-12 and most <= max(ratio, 0.0) * (1.0 + PROVEN) + 1e-12
-    return [Check("worst direction", good, f"support ratio {ratio:.6g}, stated from {least:.6g} to {most:.6g}")]
+    contact_velocities = (grasp.G.T @ y)[None, :]
+    supports, maximisers = force_set.support(contact_velocities)
+    ratio = float(max(supports[0], maximisers[0] @ contact_velocities[0])) / task_support
+    lower, upper = solution.mu.lower, solution.mu.upper
+    passed = lower <= ratio * (1.0 + 1e-6) + 1e-12 and upper <= max(ratio, 0.0) * (1.0 + RATIO_TOLERANCE) + 1e-12
+    return [Check("worst direction", passed, f"support ratio {ratio:.6g}, stated from {lower:.6g} to {upper:.6g}")]

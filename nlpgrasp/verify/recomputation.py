@@ -15,7 +15,6 @@ from functools import partial
 
 import numpy as np
 
-from nlpgrasp.common.drawing import Drawing
 from nlpgrasp.common.scalar_constraints import (
     CLEARANCE,
     EDGE_MARGIN,
@@ -26,13 +25,13 @@ from nlpgrasp.common.scalar_constraints import (
     UNIT_QUATERNION,
 )
 from nlpgrasp.common.types import Json
-from nlpgrasp.common.validation import FloatArray, array, number
+from nlpgrasp.common.validation import array, number
 from nlpgrasp.errors import InputError
 from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.solution.records import ConstraintReport
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.verify.approach_checks import phase_checks, way_checks
-from nlpgrasp.verify.check import BROKEN, NO_BODY, Check, NotCheckedError, broken_data_message, guard
+from nlpgrasp.verify.approach_checks import path_checks, phase_checks
+from nlpgrasp.verify.check import BROKEN, Check, NotCheckedError, broken_data_message, guard
 from nlpgrasp.verify.force_checks import squeeze_checks
 from nlpgrasp.verify.gripper_checks import gripper_checks
 from nlpgrasp.verify.joint_checks import joint_margin_checks, torque_checks
@@ -51,18 +50,18 @@ from nlpgrasp.verify.stated_placement import (
     StatedPlacement,
     check_stated_constraints,
     check_unstated_constraints,
+    require_body,
 )
-from nlpgrasp.verify.surface_checks import WIDEST, face_check, size_of, surface_checks
+from nlpgrasp.verify.surface_checks import LARGEST_SIZE, face_check, size_of, surface_checks
 
-FITTING = "room for fingertips"  # name of the check
-LIKENESS = 0.1  # tolerance relative to the body's size: drawings have fewer triangles
+FINGERTIP_CLEARANCE = "room for fingertips"  # name of the check
 ON_MESH = 10.0  # tolerance of constraints on meshes, in units of the promise
-UNSEEN = 5.0  # largest size of a missing, undrawn body, in units of its contacts' spread
-SPAN = 3.0  # largest reach of a hand, in distances of the farthest contact from the palm
-LEAST_SLACK = 1e-6  # least tolerance of constraints that are not recomputed, in their own unit
+MISSING_BODY_FACTOR = 5.0  # largest size of a missing body, in units of its contacts' bounding box
+LARGEST_REACH = 3.0  # largest reach of a hand, in distances of the farthest contact from the palm
+LEAST_SLACK = 1e-6  # least tolerance of constraints that are not recomputed, in the constraint's unit
 
-# beginnings of the names of scalar constraints, by the part that they belong to
-CONSTRAINT_BEGINNINGS = {
+# prefixes of the names of scalar constraints, by the part that they belong to
+CONSTRAINT_PREFIXES = {
     "table": "table, ",
     "spread": "spread, ",
     "workspace": "workspace, ",
@@ -70,18 +69,18 @@ CONSTRAINT_BEGINNINGS = {
     "symmetric": "symmetric, ",
     "approach": "approach, ",
 }
-HAND_BEGINNINGS = {
+HAND_PREFIXES = {
     "urdf": (f"{ON_FINGERTIP} ", UNIT_QUATERNION, f"{TIPS_APART}, "),
     "fingertips": ("reach, ", f"{TIPS_APART}, "),
     "parallel_jaw": ("opening of the jaws", "opposed jaws", "facing, "),
 }
-LINKS = (f"{CLEARANCE}, ", f"{SELF_COLLISION}, ")
-FINGER = re.compile(r"(?:finger|fingers|and) (\d+)(?=,| and |$)")  # indices of contacts in a name
+LINK_PREFIXES = (f"{CLEARANCE}, ", f"{SELF_COLLISION}, ")
+FINGER_INDEX = re.compile(r"(?:finger|fingers|and) (\d+)(?=,| and |$)")  # indices of contacts in a name
 
-# beginnings and endings of the names of scalar constraints, by their unit
-OF_CONSTRAINTS = ("table, ", "workspace, ", "symmetric, ", "forbidden region, ")
-LENGTHS = (*OF_CONSTRAINTS, f"{CLEARANCE}, ", f"{EDGE_MARGIN}, ", f"{ROOM}, ")
-ON_TIP_LENGTHS = (", x", ", y", ", z", ", plane", ", extent x", ", extent y")  # endings of lengths on a fingertip
+# prefixes and suffixes of the names of scalar constraints, by their unit
+CONSTRAINT_LENGTHS = ("table, ", "workspace, ", "symmetric, ", "forbidden region, ")
+LENGTHS = (*CONSTRAINT_LENGTHS, f"{CLEARANCE}, ", f"{EDGE_MARGIN}, ", f"{ROOM}, ")
+ON_TIP_LENGTHS = (", x", ", y", ", z", ", plane", ", extent x", ", extent y")  # suffixes of lengths on a fingertip
 SQUARED_SPANS = (f"{TIPS_APART}, ", f"{SELF_COLLISION}, ")  # for hands with links; free fingertips are recomputed
 
 Owner = Callable[[str], bool]
@@ -95,49 +94,70 @@ def recompute(solution: GraspSolution, grasp: Grasp, sources: SourceFolders) -> 
 
 
 def _recompute_all(solution: GraspSolution, grasp: Grasp, sources: SourceFolders) -> list[Check]:
+    """Return the checks of surface, faces, constraints and hand of a file with valid data."""
     stated = StatedConstraints(solution.constraints)
     values = stated.values()
     hand = _numeric_hand(solution, values, sources)
     surface, checks = surface_checks(solution, grasp, hand, sources)
-    size = size_of(_drawing_bounds(solution, grasp) if surface is None else surface.bounds, grasp)
-    placement = StatedPlacement(
-        grasp.points, grasp.normals, size, hand, lambda body: BODIES.of(body)(body, sources), values
-    )
+    points = grasp.points
+    bounds = np.stack([points.min(axis=0), points.max(axis=0)]) if surface is None else surface.bounds
+    size = size_of(bounds, grasp)
+    placement = StatedPlacement(points, grasp.normals, size, hand, lambda body: BODIES.of(body)(body, sources), values)
     promise = PROMISE * (ON_MESH if solution.body["type"] == "mesh" else 1.0)
-    unseen = UNSEEN if surface is None and solution.drawing is None else 1.0
+    slack_factor = MISSING_BODY_FACTOR if surface is None else 1.0
+    compare = partial(check_stated_constraints, stated=stated, promise=slack_factor * promise)
+    parts = _constraints_of_parts(solution, grasp, surface, placement)
+    constraint_checks = [_guard_check(name, constraints, compare) for name, constraints in parts.items()]
+    if hand is not None and hand.has_links:
+        within = partial(check_unstated_constraints, promise=promise)
+        constraint_checks.append(_guard_check("joints", hand.limits, within))
+    checks += _hand_checks(solution, grasp, surface, placement)
+    checks += guard("local optimum", lambda: optimality_checks(solution, grasp, surface, size))
+    slack = partial(_slack, stated=stated, scales=_scales(solution, grasp, slack_factor * size), promise=promise)
+    owners = _owners(solution, len(grasp))
+    return [*checks, face_check(solution), *constraint_checks, *_stated_check(solution, stated, owners, slack)]
+
+
+def _constraints_of_parts(
+    solution: GraspSolution, grasp: Grasp, surface: NumericBody | None, placement: StatedPlacement
+) -> dict[str, Callable[[], Iterable[ConstraintValue]]]:
+    """Return the function of each part of the problem to its scalar constraints, by the part's name."""
+    hand = placement.hand
+    has_margin = "edge_margin" in solution.problem
     parts: dict[str, Callable[[], Iterable[ConstraintValue]]] = {
-        f"constraint {i}, {data['type']}": partial(_constraint_rows, data, placement)
+        f"constraint {i}, {data['type']}": partial(_problem_constraint, data, placement)
         for i, data in enumerate(solution.problem["constraints"])
     }
-    if "edge_margin" in solution.problem:
-        parts[EDGE_MARGIN] = partial(margin_rows, solution.problem, solution.faces, grasp, surface)
+    if has_margin:
+        parts[EDGE_MARGIN] = partial(edge_margin_constraints, solution.problem, solution.faces, grasp, surface)
     if hand is not None:
         parts["hand"] = partial(hand.rows, placement)
-    if hand is not None and not hand.has_links and "edge_margin" in solution.problem:
-        parts[FITTING] = partial(fingertip_clearances, solution.body, surface, placement)
+    if hand is not None and not hand.has_links and has_margin:
+        parts[FINGERTIP_CLEARANCE] = partial(fingertip_clearances, solution.body, surface, placement)
     if hand is not None and hand.has_links:
-        parts["links"] = partial(link_rows, hand, surface, placement)
-    owners = _owners(solution, len(grasp))
-    rows = [
-        _guard_check(name, given, partial(check_stated_constraints, stated=stated, promise=unseen * promise))
-        for name, given in parts.items()
-    ]
-    if hand is not None and hand.has_links:
-        rows.append(_guard_check("joints", hand.limits, partial(check_unstated_constraints, promise=promise)))
-    checks += guard("joint torques", lambda: torque_checks(solution, grasp, hand))
-    checks += guard("squeeze", lambda: squeeze_checks(solution, grasp, hand))
-    checks += guard("room of joints", lambda: joint_margin_checks(solution, hand))
-    checks += guard("gripper", lambda: gripper_checks(solution, placement, surface))
-    checks += guard("links inside something", lambda: link_checks(solution, hand, surface, placement))
-    checks += guard("phases", lambda: phase_checks(solution))
-    checks += guard("approach", lambda: way_checks(solution, hand, surface, placement))
-    checks += guard("local optimum", lambda: optimality_checks(solution, grasp, surface, size))
-    checks += guard("drawing", lambda: _drawing_checks(solution, surface))
-    slack = partial(_slack, stated=stated, scales=_scales(solution, grasp, unseen * size), promise=promise)
-    return [*checks, face_check(solution), *rows, *_stated_check(solution, stated, owners, slack)]
+        parts["links"] = partial(link_constraints, hand, surface, placement)
+    return parts
+
+
+def _hand_checks(
+    solution: GraspSolution, grasp: Grasp, surface: NumericBody | None, placement: StatedPlacement
+) -> list[Check]:
+    """Return the checks of the hand's torques, squeeze, margins, links, phases and paths."""
+    hand = placement.hand
+    groups: dict[str, Callable[[], list[Check]]] = {
+        "joint torques": lambda: torque_checks(solution, grasp, hand),
+        "squeeze": lambda: squeeze_checks(solution, grasp, hand),
+        "room of joints": lambda: joint_margin_checks(solution, hand),
+        "gripper": lambda: gripper_checks(solution, placement, surface),
+        "links inside something": lambda: link_checks(solution, hand, surface, placement),
+        "phases": lambda: phase_checks(solution),
+        "approach": lambda: path_checks(solution, hand, surface, placement),
+    }
+    return [check for name, checks in groups.items() for check in guard(name, checks)]
 
 
 def _numeric_hand(solution: GraspSolution, values: Mapping[str, float], sources: SourceFolders) -> HandNumbers | None:
+    """Return the problem's hand in the stated posture; None without one."""
     data = solution.problem["hand"]
     if data is None:
         return None
@@ -150,79 +170,54 @@ def _numeric_hand(solution: GraspSolution, values: Mapping[str, float], sources:
         return UnknownHand(str(reason))
 
 
-def _drawing_bounds(solution: GraspSolution, grasp: Grasp) -> FloatArray:
-    """Return the approximate bounding box of a missing body, (2, space), from its drawing or the contacts."""
-    seen = grasp.points if solution.drawing is None else solution.drawing.body.vertices
-    return np.stack([seen.min(axis=0), seen.max(axis=0)])
-
-
 def _guard_check(
-    name: str, rows: Callable[[], Iterable[ConstraintValue]], judge: Callable[[str, Iterable[ConstraintValue]], Check]
+    name: str,
+    constraints: Callable[[], Iterable[ConstraintValue]],
+    compare: Callable[[str, Iterable[ConstraintValue]], Check],
 ) -> Check:
     """Return the check of a comparison; invalid parts of a file fail."""
     try:
-        return judge(name, _guard_each(rows))
+        return compare(name, _guard_each(constraints))
     except NotCheckedError as reason:
         return Check.not_made(name, str(reason))
     except BROKEN as error:
         return Check(name, False, broken_data_message(error))
 
 
-def _guard_each(rows: Callable[[], Iterable[ConstraintValue]]) -> Iterator[ConstraintValue]:
+def _guard_each(constraints: Callable[[], Iterable[ConstraintValue]]) -> Iterator[ConstraintValue]:
     """Yield the constraints; an error is raised at the first one."""
-    yield from rows()
+    yield from constraints()
 
 
-def _constraint_rows(data: Json, placement: StatedPlacement) -> Iterable[ConstraintValue]:
+def _problem_constraint(data: Json, placement: StatedPlacement) -> Iterable[ConstraintValue]:
+    """Return the scalar constraints of one of the problem's constraints."""
     return CONSTRAINTS.of(data)(data, placement)
 
 
-def margin_rows(
+def edge_margin_constraints(
     problem: Json, faces: tuple[str, ...], grasp: Grasp, surface: NumericBody | None
 ) -> Iterator[ConstraintValue]:
     """Yield the distance of each contact from its face's sharp edges, where the problem states a margin."""
     margin = number("edge_margin", problem["edge_margin"], at_least=0.0)
-    if surface is None:
-        raise NotCheckedError(NO_BODY)
-    size = float(np.linalg.norm(surface.bounds[1] - surface.bounds[0])) / 2.0
+    body = require_body(surface)
+    size = float(np.linalg.norm(body.bounds[1] - body.bounds[0])) / 2.0
     for i, (face, point) in enumerate(zip(faces, grasp.points, strict=True)):
-        value = surface.edge_distance(face, point)
+        value = body.edge_distance(face, point)
         if np.isfinite(value):
             yield ConstraintValue(f"{EDGE_MARGIN}, finger {i}", value, margin, scale=size)
 
 
-def link_rows(hand: HandNumbers, surface: NumericBody | None, placement: StatedPlacement) -> Iterator[ConstraintValue]:
+def link_constraints(
+    hand: HandNumbers, surface: NumericBody | None, placement: StatedPlacement
+) -> Iterator[ConstraintValue]:
     """Yield the distance of each sphere of the hand from the held body, then the self-collision constraints."""
-    balls = hand.balls(placement)
-    if balls and surface is None:
-        raise NotCheckedError(NO_BODY)
-    if balls and surface is not None:
-        distances = surface.distance(np.array([ball.centre for ball in balls]))
-        for ball, value in zip(balls, distances.tolist(), strict=True):
-            name = f"{CLEARANCE}, {ball.name}"
-            yield ConstraintValue(name, value, ball.least, scale=placement.size, error=placement.error)
+    spheres = hand.balls(placement)
+    if spheres:
+        distances = require_body(surface).distance(np.array([sphere.centre for sphere in spheres]))
+        for sphere, value in zip(spheres, distances.tolist(), strict=True):
+            name = f"{CLEARANCE}, {sphere.name}"
+            yield ConstraintValue(name, value, sphere.least, scale=placement.size, error=placement.error)
     yield from hand.apart()
-
-
-def _drawing_checks(solution: GraspSolution, surface: NumericBody | None) -> list[Check]:
-    drawing = solution.drawing
-    return [] if drawing is None or surface is None else [drawing_check(drawing, surface)]
-
-
-def drawing_check(drawing: Drawing, surface: NumericBody) -> Check:
-    """Compare the bounding box of the drawn body with the body's own.
-
-    Implicit bodies may be smaller than the box of their function, and so may bodies from outside the package that do
-    not state ``tight``: their drawings have to be within the box.
-    """
-    low, high = surface.bounds
-    space = len(low)
-    size = float(np.linalg.norm(high - low)) / 2.0
-    seen = drawing.body.vertices[:, :space]  # planar bodies are drawn as thin plates
-    past = np.concatenate([low - seen.min(axis=0), seen.max(axis=0) - high])
-    off = float(np.max(np.abs(past) if getattr(surface, "tight", False) else past))
-    text = f"box around the drawn body {max(off, 0.0):.2g} m off the body's, allowed {LIKENESS * size:.2g} m"
-    return Check("drawing", off <= LIKENESS * size, text)
 
 
 def _stated_check(
@@ -234,25 +229,30 @@ def _stated_check(
     """Return the checks that stated values keep the stated limits, and that every stated constraint has an owner."""
     if not solution.constraints:
         return []
-    wrong = [f"{c.name} is outside its limits" for c in solution.constraints if not _is_within_slack(c, slack(c))]
-    possible = [owners[part] for part in stated.unknown]
-    unasked = [name for name in stated.unmatched if not any(owns(name) for owns in possible)]
-    wrong += [f"{name} is nothing that the problem asks" for name in unasked]
-    detail = f"{len(solution.constraints)} stated values"
-    return [Check("constraints", not wrong, f"{detail}: {'; '.join(wrong)}" if wrong else detail)]
+    errors = [f"{c.name} is outside its limits" for c in solution.constraints if not _is_within_slack(c, slack(c))]
+    unknown_owners = [owners[part] for part in stated.unknown]
+    unowned = [name for name in stated.unmatched if not any(owns(name) for owns in unknown_owners)]
+    errors += [f"{name} is nothing that the problem asks" for name in unowned]
+    summary = f"{len(solution.constraints)} stated values"
+    return [Check("constraints", not errors, f"{summary}: {'; '.join(errors)}" if errors else summary)]
 
 
-def _is_within_slack(row: ConstraintReport, slack: float) -> bool:
-    return row.lower - slack <= row.value <= row.upper + slack
+def _is_within_slack(constraint: ConstraintReport, slack: float) -> bool:
+    """Return whether a stated constraint keeps its limits to an allowed violation."""
+    return constraint.lower - slack <= constraint.value <= constraint.upper + slack
 
 
-def _slack(row: ConstraintReport, stated: StatedConstraints, scales: ConstraintScales, promise: float) -> float:
+def _slack(constraint: ConstraintReport, stated: StatedConstraints, scales: ConstraintScales, promise: float) -> float:
     """Return the allowed violation of a constraint by a solve, in its own unit.
 
     Recomputed constraints have the scale of their formula, others that of their name.
     """
-    known = stated.slack.get(id(row))
-    return max((promise + ROUNDING) * scales.of(row.name), LEAST_SLACK) if known is None else known
+    recomputed_slack = stated.slack.get(id(constraint))
+    return (
+        max((promise + ROUNDING) * scales.of(constraint.name), LEAST_SLACK)
+        if recomputed_slack is None
+        else recomputed_slack
+    )
 
 
 @dataclass(frozen=True)
@@ -288,17 +288,17 @@ def _scales(solution: GraspSolution, grasp: Grasp, size: float) -> ConstraintSca
     pose, span = (solution.hand or {}).get("palm_pose"), size
     if pose is not None and grasp.space == 3:
         palm = array("hand.palm_pose.position", pose["position"], (3,))
-        span = min(SPAN * float(np.max(np.linalg.norm(grasp.points - palm, axis=1))), WIDEST * size)
-    asked = solution.problem["constraints"]
-    return ConstraintScales(size, span, tuple(str(data["name"]) for data in asked if data["type"] == "obstacle"))
+        span = min(LARGEST_REACH * float(np.max(np.linalg.norm(grasp.points - palm, axis=1))), LARGEST_SIZE * size)
+    constraints = solution.problem["constraints"]
+    return ConstraintScales(size, span, tuple(str(data["name"]) for data in constraints if data["type"] == "obstacle"))
 
 
 def _owners(solution: GraspSolution, contacts: int) -> dict[str, Owner]:
     """Return the owner predicate of each part of the problem, by the part's name."""
     constraints, hand = solution.problem["constraints"], solution.problem["hand"]
-    found = {f"constraint {i}, {data['type']}": constraint_owner(data, contacts) for i, data in enumerate(constraints)}
-    found[EDGE_MARGIN], found[FITTING] = margin_owner(contacts), clearance_owner(contacts)
-    return found if hand is None else {**found, "hand": hand_owner(hand, contacts), "links": links_owner(contacts)}
+    owners = {f"constraint {i}, {data['type']}": constraint_owner(data, contacts) for i, data in enumerate(constraints)}
+    owners[EDGE_MARGIN], owners[FINGERTIP_CLEARANCE] = margin_owner(contacts), clearance_owner(contacts)
+    return owners if hand is None else {**owners, "hand": hand_owner(hand, contacts), "links": links_owner(contacts)}
 
 
 def constraint_owner(data: Json, contacts: int) -> Owner:
@@ -308,19 +308,19 @@ def constraint_owner(data: Json, contacts: int) -> Owner:
         return _named_with_prefix((f"{data['name']}, ",), contacts)
     if kind == "expression":
         elements = re.compile(re.escape(str(data["name"])) + r"(?:\[\d+\])?")
-        return lambda row: elements.fullmatch(row) is not None
-    return _named_with_prefix((CONSTRAINT_BEGINNINGS[kind],), contacts) if kind in CONSTRAINT_BEGINNINGS else anything
+        return lambda name: elements.fullmatch(name) is not None
+    return _named_with_prefix((CONSTRAINT_PREFIXES[kind],), contacts) if kind in CONSTRAINT_PREFIXES else owns_any
 
 
 def hand_owner(data: Json, contacts: int) -> Owner:
     """Return the predicate of scalar constraints that a hand may own; any for another package's."""
     kind = str(data["type"])
-    return _named_with_prefix(HAND_BEGINNINGS[kind], contacts) if kind in HAND_BEGINNINGS else anything
+    return _named_with_prefix(HAND_PREFIXES[kind], contacts) if kind in HAND_PREFIXES else owns_any
 
 
 def links_owner(contacts: int) -> Owner:
     """Return the predicate of scalar constraints that the links of a hand may own."""
-    return _named_with_prefix(LINKS, contacts)
+    return _named_with_prefix(LINK_PREFIXES, contacts)
 
 
 def margin_owner(contacts: int) -> Owner:
@@ -333,11 +333,11 @@ def clearance_owner(contacts: int) -> Owner:
     return _named_with_prefix((f"{ROOM}, ",), contacts)
 
 
-def anything(row: str) -> bool:
-    """Return True: parts of other packages may own any scalar constraint."""
+def owns_any(row: str) -> bool:
+    """Return True, as parts of other packages may own any scalar constraint."""
     return True
 
 
-def _named_with_prefix(first: tuple[str, ...], contacts: int) -> Owner:
-    """Return the predicate of names with such a beginning and existing contacts."""
-    return lambda row: row.startswith(first) and all(int(i) < contacts for i in FINGER.findall(row))
+def _named_with_prefix(prefixes: tuple[str, ...], contacts: int) -> Owner:
+    """Return the predicate of names with one of the prefixes and existing contacts."""
+    return lambda name: name.startswith(prefixes) and all(int(i) < contacts for i in FINGER_INDEX.findall(name))

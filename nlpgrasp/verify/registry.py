@@ -3,11 +3,11 @@
 A counterpart restates in numpy, from JSON data alone, the CasADi expressions that the kind gives to the solver; the two
 share no code. A new kind is registered in one line, also from outside the package::
 
-    from nlpgrasp.verify import RowValue, register_constraint
+    from nlpgrasp.verify import ConstraintValue, register_constraint
 
     def ceiling(data, placement):
         for i, p in enumerate(placement.points):
-            yield RowValue(f"ceiling, finger {i}", p[2], upper=data["height"], scale=placement.size)
+            yield ConstraintValue(f"ceiling, finger {i}", p[2], upper=data["height"], scale=placement.size)
 
     register_constraint("ceiling", ceiling)
 """
@@ -22,16 +22,16 @@ from nlpgrasp.verify.check import NotCheckedError
 from nlpgrasp.verify.sources import SourceFolders
 from nlpgrasp.verify.stated_placement import ConstraintValue, HandNumbers, NumericBody, StatedPlacement
 
-Twin = TypeVar("Twin")
-BodyTwin = Callable[[Json, SourceFolders], NumericBody]
-"""``problem.body`` and where files are looked for, to the body's numbers."""
-ConstraintTwin = Callable[[Json, StatedPlacement], Iterable[ConstraintValue]]
-"""One of ``problem.constraints`` and the placement, to the rows that it gives, in their order."""
-HandTwin = Callable[[Json, Json, Mapping[str, float], SourceFolders], HandNumbers]
-"""``problem.hand``, ``hand``, the stated values of the rows by name, and where files are looked for."""
+Counterpart = TypeVar("Counterpart")
+BodyCounterpart = Callable[[Json, SourceFolders], NumericBody]
+"""Function of ``problem.body`` and the folders of files to the numeric body."""
+ConstraintCounterpart = Callable[[Json, StatedPlacement], Iterable[ConstraintValue]]
+"""Function of one of ``problem.constraints`` and the placement to its scalar constraints, in their order."""
+HandCounterpart = Callable[[Json, Json, Mapping[str, float], SourceFolders], HandNumbers]
+"""Function of ``problem.hand``, ``hand``, the stated values of constraints by name, and the folders of files."""
 
 
-class CounterpartRegistry(Generic[Twin]):
+class CounterpartRegistry(Generic[Counterpart]):
     """Numeric counterparts by the JSON type of their kind.
 
     Parameters
@@ -42,27 +42,27 @@ class CounterpartRegistry(Generic[Twin]):
 
     def __init__(self, what: str) -> None:
         self._what = what
-        self._known: dict[str, Twin] = {}
+        self._counterparts: dict[str, Counterpart] = {}
 
-    def register(self, kind: str, twin: Twin) -> None:
+    def register(self, kind: str, counterpart: Counterpart) -> None:
         """Add the counterpart of a kind; a later one replaces an earlier one."""
-        self._known[kind] = twin
+        self._counterparts[kind] = counterpart
 
-    def of(self, data: Json) -> Twin:
+    def of(self, data: Json) -> Counterpart:
         """Return the counterpart for JSON data with a ``type``; raise ``NotCheckedError`` where there is none."""
         kind = data.get("type")
-        twin = self._known.get(str(kind))
-        if twin is None:
+        counterpart = self._counterparts.get(str(kind))
+        if counterpart is None:
             raise NotCheckedError(f"nothing recomputes a {self._what} of type {kind!r}")
-        return twin
+        return counterpart
 
     @property
     def kinds(self) -> tuple[str, ...]:
         """The registered types."""
-        return tuple(self._known)
+        return tuple(self._counterparts)
 
 
-BODIES: CounterpartRegistry[BodyTwin] = CounterpartRegistry("body")
-CONSTRAINTS: CounterpartRegistry[ConstraintTwin] = CounterpartRegistry("constraint")
-HANDS: CounterpartRegistry[HandTwin] = CounterpartRegistry("hand")
+BODIES: CounterpartRegistry[BodyCounterpart] = CounterpartRegistry("body")
+CONSTRAINTS: CounterpartRegistry[ConstraintCounterpart] = CounterpartRegistry("constraint")
+HANDS: CounterpartRegistry[HandCounterpart] = CounterpartRegistry("hand")
 register_body, register_constraint, register_hand = BODIES.register, CONSTRAINTS.register, HANDS.register

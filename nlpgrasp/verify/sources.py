@@ -1,4 +1,4 @@
-"""Lookup of a solution's source files: meshes and URDFs, by their recorded names."""
+"""Search for the source files of a solution, meshes and URDFs, by their recorded names."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ class SourceFolders:
     @classmethod
     def beside(cls, file: Path | None, more: Iterable[str | Path] = ()) -> SourceFolders:
         """Return the search path: a solution file's folder, the current one and others."""
-        own = () if file is None else (file.parent,)
-        return cls((*own, Path(), *map(Path, more)))
+        file_folders = () if file is None else (file.parent,)
+        return cls((*file_folders, Path(), *map(Path, more)))
 
     def find(self, name: object) -> Path:
         """Return the first file of this name; raise ``NotCheckedError`` where there is none."""
         if not isinstance(name, str) or not name:
             raise NotCheckedError("the file names no source")
         for folder in self.folders:
-            place = folder / name
-            if place.is_file():
-                return place
+            path = folder / name
+            if path.is_file():
+                return path
         self.missing.append(name)
         raise NotCheckedError(f"{name} is not beside the file, in the current folder or in one that was named")

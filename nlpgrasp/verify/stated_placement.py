@@ -16,11 +16,12 @@ import numpy as np
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.solution.records import ConstraintReport
-from nlpgrasp.verify.check import Check, NotCheckedError
+from nlpgrasp.verify.check import NO_BODY, Check, NotCheckedError
 
 ROUNDING = 1e-6  # tolerance of recomputed values, relative to the scale; rounding is below a thousandth of it
-LIMITS = 1e-9  # relative tolerance of limits, which are the problem's numbers or their squares
-FAR, AT = 1e-2, 1e-8  # distances from a limit, relative to the scale: too far for active, and on the limit
+LIMIT_TOLERANCE = 1e-9  # relative tolerance of limits, which are the problem's numbers or their squares
+FAR_FROM_LIMIT = 1e-2  # least distance from a limit of a constraint that cannot be active, relative to the scale
+ON_LIMIT = 1e-8  # largest distance from a limit of a constraint that has to be active, relative to the scale
 PROMISE = 1e-5  # the solver's feasibility tolerance, relative to the scale; ten times as much on a mesh
 
 
@@ -71,10 +72,17 @@ class StatedPlacement:
     @property
     def palm(self) -> Palm:
         """The hand's palm pose."""
-        found = None if self.hand is None else self.hand.palm()
-        if found is None:
+        palm = None if self.hand is None else self.hand.palm()
+        if palm is None:
             raise NotCheckedError("the hand has no palm")
-        return found
+        return palm
+
+
+def require_body(surface: NumericBody | None) -> NumericBody:
+    """Return the body; raise ``NotCheckedError`` where it is missing."""
+    if surface is None:
+        raise NotCheckedError(NO_BODY)
+    return surface
 
 
 class HandNumbers(Protocol):
@@ -192,17 +200,17 @@ class Fit:
 
     Parameters
     ----------
-    off : float
+    distance : float
         Distance of the contact from the face, metres.
-    turned : float or None
+    normal_difference : float or None
         Length of the difference between the stated inward normal and the face's; None where the fingertip may keep
         another normal than the face's.
     angle : float
         Angle of the stated normal to the mesh's, radians; an edge has all directions between its triangles' normals.
     """
 
-    off: float
-    turned: float | None
+    distance: float
+    normal_difference: float | None
     angle: float = 0.0
 
 
@@ -233,47 +241,50 @@ class ConstraintValue:
     error: float = 0.0
     stated_below: bool = False
 
-    def broken(self, value: float, promise: float) -> str:
+    def limit_error(self, value: float, promise: float) -> str:
         """Return a message if a value violates the limits by more than the solver's tolerance, else empty."""
         slack = promise * self.scale + self.error
-        kept = self.lower - slack <= value <= self.upper + slack
-        return "" if kept else f"{self.name}: {value:.9g} is outside {self._limits}"
+        is_within = self.lower - slack <= value <= self.upper + slack
+        return "" if is_within else f"{self.name}: {value:.9g} is outside {self._limits}"
 
-    def off(self, stated: ConstraintReport) -> float:
-        """Return the excess of the stated value over the recomputed one."""
+    def excess(self, stated: ConstraintReport) -> float:
+        """Return the excess of the stated value over the recomputed one, in the constraint's own unit."""
         return 0.0 if self.value is None else stated.value - self.value
 
-    def contradicts(self, stated: ConstraintReport) -> str:
-        """Return the error in a stated constraint; empty where it agrees."""
+    def difference(self, stated: ConstraintReport) -> str:
+        """Return the difference between a stated constraint and the recomputed one; empty where they agree."""
         if not (
             _agrees_within(stated.lower, self.lower, self.scale)
             and _agrees_within(stated.upper, self.upper, self.scale)
         ):
             return f"{self.name}: stated within [{stated.lower:g}, {stated.upper:g}], the problem says {self._limits}"
-        off = self.off(stated)
-        if (self.stated_below and off < 0.0) or abs(off) <= ROUNDING * self.scale + self.error:
-            return "" if self.value is None else self._idle(stated)
+        excess = self.excess(stated)
+        if (self.stated_below and excess < 0.0) or abs(excess) <= ROUNDING * self.scale + self.error:
+            return "" if self.value is None else self._activity_error(stated)
         return f"{self.name}: stated {stated.value:.9g}, recomputed {self.value:.9g}"
 
-    def _idle(self, stated: ConstraintReport) -> str:
+    def _activity_error(self, stated: ConstraintReport) -> str:
         """Return the error in a stated constraint's active flag; empty where it is compatible with the value.
 
         A solve calls a constraint active within 1e-4 of its scale from a limit, and the scale may differ here.
         """
-        room = min(stated.value - stated.lower, stated.upper - stated.value)
+        margin = min(stated.value - stated.lower, stated.upper - stated.value)
         if stated.multiplier != 0.0 and not stated.active:
             return f"{self.name}: a multiplier of {stated.multiplier:.3g} where no limit is active"
-        if stated.active and room > FAR * self.scale:
-            return f"{self.name}: active, {room:.3g} from its limits"
-        return f"{self.name}: not active at its limit" if not stated.active and room <= AT * self.scale else ""
+        if stated.active and margin > FAR_FROM_LIMIT * self.scale:
+            return f"{self.name}: active, {margin:.3g} from its limits"
+        return f"{self.name}: not active at its limit" if not stated.active and margin <= ON_LIMIT * self.scale else ""
 
     @property
     def _limits(self) -> str:
         return f"[{self.lower:g}, {self.upper:g}]"
 
 
-def _agrees_within(stated: float, own: float, scale: float) -> bool:
-    return stated == own or (np.isfinite(own) and abs(stated - own) <= LIMITS * max(abs(own), scale))
+def _agrees_within(stated: float, expected: float, scale: float) -> bool:
+    """Return whether a stated limit is the problem's, up to rounding."""
+    return stated == expected or (
+        np.isfinite(expected) and abs(stated - expected) <= LIMIT_TOLERANCE * max(abs(expected), scale)
+    )
 
 
 class StatedConstraints:
@@ -294,64 +305,71 @@ class StatedConstraints:
     def __init__(self, reports: Iterable[ConstraintReport]) -> None:
         self.unknown: list[str] = []
         self.slack: dict[int, float] = {}
-        self._left: dict[str, list[ConstraintReport]] = {}
+        self._unmatched: dict[str, list[ConstraintReport]] = {}
         for report in reports:
-            self._left.setdefault(report.name, []).append(report)
+            self._unmatched.setdefault(report.name, []).append(report)
 
     def match_next(self, name: str) -> ConstraintReport | None:
         """Return the next unmatched constraint of this name, ``None`` without one."""
-        waiting = self._left.get(name, [])
-        return waiting.pop(0) if waiting else None
+        reports = self._unmatched.get(name, [])
+        return reports.pop(0) if reports else None
 
     def values(self) -> Mapping[str, float]:
         """Return the stated values of the unmatched constraints, by name; of several the first."""
-        return {name: reports[0].value for name, reports in self._left.items() if reports}
+        return {name: reports[0].value for name, reports in self._unmatched.items() if reports}
 
     @property
     def unmatched(self) -> list[str]:
         """Names of the unmatched constraints."""
-        return [name for name, reports in self._left.items() for _ in reports]
+        return [name for name, reports in self._unmatched.items() for _ in reports]
 
 
 def check_stated_constraints(
-    name: str, rows: Iterable[ConstraintValue], stated: StatedConstraints, promise: float
+    name: str, constraints: Iterable[ConstraintValue], stated: StatedConstraints, promise: float
 ) -> Check:
     """Return the check that the file states these constraints with their limits and values, and that these are kept.
 
     Constraints are compared as they are computed: where one raises ``NotCheckedError``, those before it have been
     compared, and the check fails by them or is not made.
     """
-    count, wrong, why = 0, [], ""
-    worst = 0.0
+    count, errors, reason = 0, [], ""
+    largest_difference = 0.0
     try:
-        for row in rows:
+        for constraint in constraints:
             count += 1
-            said = stated.match_next(row.name)
-            if said is None:
-                wrong.append(f"{row.name}: not in the file")
+            report = stated.match_next(constraint.name)
+            if report is None:
+                errors.append(f"{constraint.name}: not in the file")
                 continue
-            stated.slack[id(said)] = (promise + ROUNDING) * row.scale + row.error
-            lie = row.contradicts(said) or row.broken(said.value if row.value is None else row.value, promise)
-            wrong += [lie] if lie else []
-            worst = max(worst, abs(row.off(said)) / row.scale)
-    except NotCheckedError as reason:
-        why = str(reason)
-        stated.unknown += [] if reason.every_row else [name]
-    if wrong:
-        return Check(name, False, _format_errors(wrong))
-    agree = f"{count} row{'s' if count != 1 else ''} recomputed, relative difference {worst:.1e}"
-    if why:
-        return Check.not_made(name, f"{why} ({agree})" if count else why)
-    return Check(name, True, agree)
+            stated.slack[id(report)] = (promise + ROUNDING) * constraint.scale + constraint.error
+            error = constraint.difference(report) or constraint.limit_error(
+                report.value if constraint.value is None else constraint.value, promise
+            )
+            errors += [error] if error else []
+            largest_difference = max(largest_difference, abs(constraint.excess(report)) / constraint.scale)
+    except NotCheckedError as error_of_part:
+        reason = str(error_of_part)
+        stated.unknown += [] if error_of_part.every_row else [name]
+    if errors:
+        return Check(name, False, _format_errors(errors))
+    summary = f"{count} row{'s' if count != 1 else ''} recomputed, relative difference {largest_difference:.1e}"
+    if reason:
+        return Check.not_made(name, f"{reason} ({summary})" if count else reason)
+    return Check(name, True, summary)
 
 
-def check_unstated_constraints(name: str, rows: Iterable[ConstraintValue], promise: float) -> Check:
+def check_unstated_constraints(name: str, constraints: Iterable[ConstraintValue], promise: float) -> Check:
     """Return the check that constraints which the file does not state keep their limits."""
-    found = list(rows)
-    wrong = [lie for row in found if row.value is not None and (lie := row.broken(row.value, promise))]
-    return Check(name, not wrong, _format_errors(wrong) if wrong else f"{len(found)} within their limits")
+    values = list(constraints)
+    errors = [
+        error
+        for constraint in values
+        if constraint.value is not None and (error := constraint.limit_error(constraint.value, promise))
+    ]
+    return Check(name, not errors, _format_errors(errors) if errors else f"{len(values)} within their limits")
 
 
-def _format_errors(wrong: list[str], most: int = 4) -> str:
-    more = len(wrong) - most
-    return "; ".join(wrong[:most]) + (f"; and {more} more" if more > 0 else "")
+def _format_errors(errors: list[str], most: int = 4) -> str:
+    """Return the first errors and the number of the others, as text."""
+    omitted = len(errors) - most
+    return "; ".join(errors[:most]) + (f"; and {omitted} more" if omitted > 0 else "")

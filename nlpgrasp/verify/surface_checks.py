@@ -1,4 +1,4 @@
-"""Check that the stated contacts lie on their faces, with the faces' normals."""
+"""Checks that the stated contacts lie on their faces, with the faces' normals."""
 
 from __future__ import annotations
 
@@ -18,38 +18,39 @@ from nlpgrasp.verify.sources import SourceFolders
 from nlpgrasp.verify.stated_placement import Fit, HandNumbers, NumericBody
 
 ON_FACE = 1e-6  # tolerance relative to the body's size
-NORMAL = 1e-6  # length of the difference of unit normals
-ANGLE = 1e-5  # radians: tolerance of normals and stated angles on a mesh
-WIDEST = 50.0  # largest body size for tolerances, in units of the largest distance of contacts
-ELSEWHERE = "unknown"  # kind of the fingertips of a hand that cannot be recomputed
+NORMAL_TOLERANCE = 1e-6  # length of the difference of unit normals
+ANGLE_TOLERANCE = 1e-5  # radians: tolerance of normals and stated angles on a mesh
+LARGEST_SIZE = 50.0  # largest body size for tolerances, in units of the largest distance of contacts
+UNKNOWN_TIP = "unknown"  # kind of the fingertips of a hand that cannot be recomputed
 
 
 def surface_checks(
     solution: GraspSolution, grasp: Grasp, hand: HandNumbers | None, sources: SourceFolders
 ) -> tuple[NumericBody | None, list[Check]]:
     """Return the numeric body, None if missing, and the checks of contacts and normals on it."""
-    tips = _tip_names(hand, len(grasp))
+    tips = _tip_kinds(hand, len(grasp))
     body = solution.body
     try:
         surface = BODIES.of(body)(body, sources)
-    except OtherMeshError as other:
-        return _check_other_mesh(solution, grasp, tips, other)
+    except OtherMeshError as other_mesh:
+        return _check_other_mesh(solution, grasp, tips, other_mesh)
     except NotCheckedError as reason:
         return None, _unchecked(str(reason))
     except BROKEN as error:
         return None, [Check("surface", False, broken_data_message(error))]
-    return surface, _check_smooth_surface(solution, grasp, tips, surface)
+    return surface, _check_fits(solution, grasp, tips, surface)
 
 
-def _tip_names(hand: HandNumbers | None, count: int) -> Sequence[str | None]:
+def _tip_kinds(hand: HandNumbers | None, count: int) -> Sequence[str | None]:
+    """Return the kind of the posed fingertip at each contact, None for free contacts."""
     try:
         return [None] * count if hand is None else hand.fixed_tip_kinds
     except NotCheckedError:
-        return [ELSEWHERE] * count
+        return [UNKNOWN_TIP] * count
 
 
 def _check_other_mesh(
-    solution: GraspSolution, grasp: Grasp, tips: Sequence[str | None], other: OtherMeshError
+    solution: GraspSolution, grasp: Grasp, tips: Sequence[str | None], other_mesh: OtherMeshError
 ) -> tuple[NumericBody | None, list[Check]]:
     """Return body and checks for a mesh with another fingerprint than recorded.
 
@@ -57,17 +58,16 @@ def _check_other_mesh(
     it may be another mesh, which proves nothing about the file.
     """
     versions = solution.solver.get("versions", {})
-    same_reader = all(versions.get(name) == version(name) for name in other.readers)
-    for surface in other.readings if same_reader else ():
-        checks = _check_smooth_surface(solution, grasp, tips, surface)
+    same_reader = all(versions.get(name) == version(name) for name in other_mesh.readers)
+    for surface in other_mesh.readings if same_reader else ():
+        checks = _check_fits(solution, grasp, tips, surface)
         if all(check.passed for check in checks):
-            return surface, [Check("mesh file", False, f"{other}, though the contacts fit it"), *checks]
-    return None, _unchecked(str(other))
+            return surface, [Check("mesh file", False, f"{other_mesh}, though the contacts fit it"), *checks]
+    return None, _unchecked(str(other_mesh))
 
 
-def _check_smooth_surface(
-    solution: GraspSolution, grasp: Grasp, tips: Sequence[str | None], surface: NumericBody
-) -> list[Check]:
+def _check_fits(solution: GraspSolution, grasp: Grasp, tips: Sequence[str | None], surface: NumericBody) -> list[Check]:
+    """Return the checks of contacts and normals on a body."""
     fits = []
     for i, (face, p, n, tip) in enumerate(zip(solution.faces, grasp.points, grasp.normals, tips, strict=True)):
         try:
@@ -88,11 +88,12 @@ def _stated_angles(solution: GraspSolution, count: int) -> FloatArray | None:
     return stated if stated is not None and len(stated) == count else None
 
 
-def _check_on_surface(fits: Sequence[Fit], most: float) -> Check:
-    off = [fit.off for fit in fits]
-    worst = int(np.argmax(off))
-    text = f"contact {worst} is {off[worst]:.2g} m off its face, allowed {most:.2g} m"
-    return Check("surface", bool(np.max(off) <= most), text)
+def _check_on_surface(fits: Sequence[Fit], tolerance: float) -> Check:
+    """Return the check that contacts are on their faces."""
+    distances = [fit.distance for fit in fits]
+    worst = int(np.argmax(distances))
+    text = f"contact {worst} is {distances[worst]:.2g} m off its face, allowed {tolerance:.2g} m"
+    return Check("surface", bool(np.max(distances) <= tolerance), text)
 
 
 def _check_normals(fits: Sequence[Fit], stated: FloatArray | None) -> Check:
@@ -101,41 +102,45 @@ def _check_normals(fits: Sequence[Fit], stated: FloatArray | None) -> Check:
     Normals kept from the solver's smooth surface are not approved: the check states their deviation.
     """
     if stated is not None:
-        wrong = np.abs(stated - [fit.angle for fit in fits])
-        worst = int(np.argmax(wrong))
-        if wrong[worst] > ANGLE:
-            here, there = np.degrees(fits[worst].angle), np.degrees(stated[worst])
-            text = f"the normal of contact {worst} is {here:.2g} degrees off the mesh's, stated {there:.2g}"
+        differences = np.abs(stated - [fit.angle for fit in fits])
+        worst = int(np.argmax(differences))
+        if differences[worst] > ANGLE_TOLERANCE:
+            angle, stated_angle = np.degrees(fits[worst].angle), np.degrees(stated[worst])
+            text = f"the normal of contact {worst} is {angle:.2g} degrees off the mesh's, stated {stated_angle:.2g}"
             return Check("normals", False, text)
-    kept = {i: fit.angle for i, fit in enumerate(fits) if fit.turned is None and fit.angle > ANGLE}
-    own = [fit.turned for fit in fits if fit.turned is not None]
-    near = [fit.angle for i, fit in enumerate(fits) if fit.turned is None and i not in kept]
-    text = f"{len(own) + len(near)} compared, at most {max([*own, *near], default=0.0):.2g} off"
-    passed = max(own, default=0.0) <= NORMAL
-    if kept and passed:
-        return Check.not_made("normals", deviating_normals_message(kept) + (f"; {text}" if own or near else ""))
+    deviating = {
+        i: fit.angle for i, fit in enumerate(fits) if fit.normal_difference is None and fit.angle > ANGLE_TOLERANCE
+    }
+    normal_differences = [fit.normal_difference for fit in fits if fit.normal_difference is not None]
+    mesh_angles = [fit.angle for i, fit in enumerate(fits) if fit.normal_difference is None and i not in deviating]
+    compared = [*normal_differences, *mesh_angles]
+    text = f"{len(compared)} compared, at most {max(compared, default=0.0):.2g} off"
+    passed = max(normal_differences, default=0.0) <= NORMAL_TOLERANCE
+    if deviating and passed:
+        return Check.not_made("normals", deviating_normals_message(deviating) + (f"; {text}" if compared else ""))
     return Check("normals", passed, text)
 
 
-def _unchecked(why: str) -> list[Check]:
-    return [Check.not_made("surface", why), Check.not_made("normals", why)]
+def _unchecked(reason: str) -> list[Check]:
+    """Return the checks of contacts and normals as not made."""
+    return [Check.not_made("surface", reason), Check.not_made("normals", reason)]
 
 
 def face_check(solution: GraspSolution) -> Check:
     """Return the check that every contact is on a face that its model allows and nothing forbids."""
     contacts, constraints = solution.problem["contacts"], solution.problem["constraints"]
     forbidden = {name for c in constraints if c["type"] == "forbid" for name in c.get("faces", ())}
-    wrong = []
+    errors = []
     for i, (face, model) in enumerate(zip(solution.faces, contacts, strict=False)):
         allowed = model.get("faces")
         if face in forbidden:
-            wrong.append(f"contact {i} on {face}, which is forbidden")
+            errors.append(f"contact {i} on {face}, which is forbidden")
         elif allowed is not None and face not in allowed:
-            wrong.append(f"contact {i} on {face}, allowed on {', '.join(allowed)}")
-    return Check("faces", not wrong, "; ".join(wrong) if wrong else ", ".join(solution.faces))
+            errors.append(f"contact {i} on {face}, allowed on {', '.join(allowed)}")
+    return Check.of_errors("faces", errors, ", ".join(solution.faces))
 
 
-def size_of(box: FloatArray, grasp: Grasp) -> float:
+def size_of(bounds: FloatArray, grasp: Grasp) -> float:
     """Return the reference length of tolerances, metres.
 
     It is half the diagonal of the body's bounding box (2, space), the reference of the solver's tolerance. A file could
@@ -143,14 +148,14 @@ def size_of(box: FloatArray, grasp: Grasp) -> float:
     a multiple of the largest distance between contacts.
     """
     points = grasp.points if len(grasp) > 1 else np.stack([grasp.points[0], grasp.torque_origin])
-    apart = float(np.max(np.linalg.norm(points[:, None] - points[None], axis=2)))
-    return min(float(np.linalg.norm(box[1] - box[0])) / 2.0, WIDEST * apart)
+    spread = float(np.max(np.linalg.norm(points[:, None] - points[None], axis=2)))
+    return min(float(np.linalg.norm(bounds[1] - bounds[0])) / 2.0, LARGEST_SIZE * spread)
 
 
 def half_diagonal(solution: GraspSolution, sources: SourceFolders) -> float:
     """Return half the diagonal of the body's bounding box, metres; 0 if the body is missing."""
     try:
-        box = BODIES.of(solution.body)(solution.body, sources).bounds
+        bounds = BODIES.of(solution.body)(solution.body, sources).bounds
     except (NotCheckedError, *BROKEN):
         return 0.0
-    return float(np.linalg.norm(box[1] - box[0])) / 2.0
+    return float(np.linalg.norm(bounds[1] - bounds[0])) / 2.0

@@ -1,4 +1,4 @@
-"""Distances from triangles and from sharp edges, in numpy alone."""
+"""Triangle surfaces: distances from triangles and from sharp edges, in numpy alone."""
 
 from __future__ import annotations
 
@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 
 from nlpgrasp.common.validation import FloatArray
 
-FACES = NDArray[np.int64]
-SMALLEST = 1e-300  # least divisor
-COSINE = 0.75**0.5  # of 30 degrees: an edge between directions further apart is sharp
+SMALLEST = 1e-300  # smallest divisor
+SHARP_COSINE = 0.75**0.5  # cosine of 30 degrees: an edge between directions further apart is sharp
 FLAT = 1e-12  # area over squared size below which a triangle counts as degenerate
 
 Distance = Callable[[FloatArray], float]
-"""Of a point (space,) of a face from the face's own sharp edges, metres; infinite where it has none."""
+"""Function of a point (space,) of a face to its distance from the face's sharp edges, metres; infinite without any."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +31,7 @@ class TriangleSurface:
     """
 
     vertices: FloatArray
-    faces: FACES
+    faces: NDArray[np.int64]
 
     @cached_property
     def corners(self) -> FloatArray:
@@ -52,9 +51,9 @@ class TriangleSurface:
         Bounding balls about the triangles' centres rule out nearly all of them.
         """
         centre, radius = self._balls
-        apart = np.linalg.norm(centre - point, axis=1)
-        which = np.flatnonzero(apart - radius <= np.min(apart) + reach)
-        return which, triangle_distances(point, self.corners[which])
+        distances = np.linalg.norm(centre - point, axis=1)
+        nearby = np.flatnonzero(distances - radius <= np.min(distances) + reach)
+        return nearby, triangle_distances(point, self.corners[nearby])
 
     def distance(self, point: FloatArray) -> float:
         """Return the distance of a point (3,) from the nearest triangle, metres."""
@@ -71,6 +70,7 @@ class TriangleSurface:
 
     @cached_property
     def _balls(self) -> tuple[FloatArray, FloatArray]:
+        """Centres (m, 3) and radii (m,) of balls around the triangles, metres."""
         centre = self.corners.mean(axis=1)
         return centre, np.max(np.linalg.norm(self.corners - centre[:, None], axis=2), axis=1)
 
@@ -83,30 +83,35 @@ def triangle_distances(point: FloatArray, corners: FloatArray) -> FloatArray:
     inside = np.ones(len(corners), dtype=bool)
     result = np.full(len(corners), np.inf)
     for start, end in ((a, b), (b, c), (c, a)):
-        along, there = end - start, point - start
-        inside &= np.einsum("ij,ij->i", np.cross(along, there), normal) >= 0.0
-        share = np.einsum("ij,ij->i", there, along) / np.maximum(np.einsum("ij,ij->i", along, along), SMALLEST)
-        off = there - np.clip(share, 0.0, 1.0)[:, None] * along
-        result = np.minimum(result, np.linalg.norm(off, axis=1))
-    plane = np.abs(np.einsum("ij,ij->i", point - a, normal))
-    return np.where(inside & np.any(normal, axis=1), plane, result)
+        along, offset = end - start, point - start
+        inside &= np.einsum("ij,ij->i", np.cross(along, offset), normal) >= 0.0
+        shares = np.einsum("ij,ij->i", offset, along) / np.maximum(np.einsum("ij,ij->i", along, along), SMALLEST)
+        differences = offset - np.clip(shares, 0.0, 1.0)[:, None] * along
+        result = np.minimum(result, np.linalg.norm(differences, axis=1))
+    plane_distances = np.abs(np.einsum("ij,ij->i", point - a, normal))
+    return np.where(inside & np.any(normal, axis=1), plane_distances, result)
 
 
 def from_corners(v: FloatArray, i: int) -> Distance:
     """Return the distance function from the sharp ends, by more than 30 degrees, of edge i of a polygon (n, 2)."""
-    before, here, there, after = (v[(i + j) % len(v)] for j in (-1, 0, 1, 2))
-    ends = [end for a, end, b in ((before, here, there), (here, there, after)) if _cosine(end - a, b - end) < COSINE]
-    return lambda p: min((float(np.linalg.norm(p[:2] - end)) for end in ends), default=np.inf)
+    previous, start, end, following = (v[(i + j) % len(v)] for j in (-1, 0, 1, 2))
+    sharp_ends = [
+        corner
+        for a, corner, b in ((previous, start, end), (start, end, following))
+        if _cosine(corner - a, b - corner) < SHARP_COSINE
+    ]
+    return lambda p: min((float(np.linalg.norm(p[:2] - corner)) for corner in sharp_ends), default=np.inf)
 
 
 def _cosine(a: FloatArray, b: FloatArray) -> float:
+    """Return the cosine of the angle between two vectors."""
     return float(a @ b) / float(np.linalg.norm(a) * np.linalg.norm(b))
 
 
 def from_segments(segments: FloatArray) -> Distance:
     """Return the distance function from segments (m, 2, 3)."""
     start, along = segments[:, 0], segments[:, 1] - segments[:, 0]
-    lengths = np.maximum(np.sum(along**2, axis=1), 1e-300)
+    lengths = np.maximum(np.sum(along**2, axis=1), SMALLEST)
 
     def distance(p: FloatArray) -> float:
         t = np.clip(np.sum((p - start) * along, axis=1) / lengths, 0.0, 1.0)
@@ -118,16 +123,16 @@ def from_segments(segments: FloatArray) -> Distance:
 def sharp_segments(surface: TriangleSurface) -> FloatArray:
     """Return the ends of the edges between two triangles whose normals differ by more than 30 degrees, (m, 2, 3)."""
     faces = surface.faces
-    ends = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     owner = np.repeat(np.arange(len(faces)), 3)
-    order = np.lexsort((ends[:, 1], ends[:, 0]))
-    ends, owner = ends[order], owner[order]
-    new = np.concatenate([[True], np.any(ends[1:] != ends[:-1], axis=1)])
-    first = np.flatnonzero(new)
-    twice = first[np.diff(np.append(first, len(ends))) == 2]  # edges of exactly two triangles
-    one, other = owner[twice], owner[twice + 1]
+    order = np.lexsort((edges[:, 1], edges[:, 0]))
+    edges, owner = edges[order], owner[order]
+    is_first = np.concatenate([[True], np.any(edges[1:] != edges[:-1], axis=1)])
+    first = np.flatnonzero(is_first)
+    shared = first[np.diff(np.append(first, len(edges))) == 2]  # edges of exactly two triangles
+    left, right = owner[shared], owner[shared + 1]
     a, b, c = (surface.corners[:, i] for i in range(3))
     areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    solid = np.minimum(areas[one], areas[other]) > FLAT * float(np.sum(np.ptp(surface.vertices, axis=0) ** 2))
-    sharp = solid & (np.sum(surface.normals[one] * surface.normals[other], axis=1) < COSINE)
-    return np.asarray(surface.vertices[ends[twice[sharp]]])
+    is_proper = np.minimum(areas[left], areas[right]) > FLAT * float(np.sum(np.ptp(surface.vertices, axis=0) ** 2))
+    is_sharp = is_proper & (np.sum(surface.normals[left] * surface.normals[right], axis=1) < SHARP_COSINE)
+    return np.asarray(surface.vertices[edges[shared[is_sharp]]])

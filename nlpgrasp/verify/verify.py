@@ -75,28 +75,28 @@ def verify(
     if bound is not None:
         return verify_bound(bound, rtol, SourceFolders.beside(file, folders))
     solution = require_solution(solution) if file is None else GraspSolution.load(file)
-    told = guard("outcome", lambda: outcome_checks(solution))
+    outcome = guard("outcome", lambda: outcome_checks(solution))
     grasp = solution.grasp
     if grasp is None:
         status = solution.status.name.lower()
-        return Verification((Check(NO_GRASP, False, f"there is no grasp to check ({status})"), *told), None)
+        return Verification((Check(NO_GRASP, False, f"there is no grasp to check ({status})"), *outcome), None)
     sources = SourceFolders.beside(file, folders)
     with np.errstate(all="ignore"):  # invalid numbers give NaN, which fails every comparison
-        found, checks = _verify_answer(solution, rtol, sources)
-        if found is not None:
-            checks += guard("bound", partial(global_bound_checks, solution, grasp, found, sources))
+        quality, checks = _verify_answer(solution, rtol, sources)
+        if quality is not None:
+            checks += guard("bound", partial(global_bound_checks, solution, grasp, quality, sources))
         size = half_diagonal(solution, sources)
         checks += guard(
             "grasps kept", partial(grasps_checks, solution, partial(_verify_kept_grasp, rtol, sources), size)
         )
-    return Verification((*checks, *told), found, tuple(dict.fromkeys(sources.missing)), tuple(solution.caveats))
+    return Verification((*checks, *outcome), quality, tuple(dict.fromkeys(sources.missing)), tuple(solution.caveats))
 
 
 def _verify_answer(solution: GraspSolution, rtol: float, sources: SourceFolders) -> tuple[Bounds | None, list[Check]]:
     """Return the recomputed quality of a solution's answer, and its checks."""
     grasp = solution.require_grasp()
-    found, checks = _check_quality(solution, grasp, rtol)
-    return found, [*checks, *recompute(solution, grasp, sources)]
+    quality, checks = _check_quality(solution, grasp, rtol)
+    return quality, [*checks, *recompute(solution, grasp, sources)]
 
 
 def _verify_kept_grasp(rtol: float, sources: SourceFolders, solution: GraspSolution) -> list[Check]:
@@ -108,14 +108,14 @@ def _check_quality(solution: GraspSolution, grasp: Grasp, rtol: float) -> tuple[
     """Return the recomputed quality, and the separate checks of the claims about it."""
     task, budget = solution.task, solution.budget
     try:
-        found = mu(grasp, task, rtol, force_budget=budget, seed=OTHER_SEED)
+        quality = mu(grasp, task, rtol, force_budget=budget, seed=OTHER_SEED)
         force_set = budget.at(grasp.frames, grasp.contacts)
     except BROKEN as error:
         return None, [Check("certified quality", False, broken_data_message(error))]
     parts: dict[str, Callable[[], list[Check]]] = {
         "grasp map": lambda: [grasp_map_check(grasp)],
-        "certified quality": lambda: [interval(solution.mu), overlap("certified quality", solution.mu, found)],
-        "width": lambda: widths(solution, found),
+        "certified quality": lambda: [interval(solution.mu), overlap("certified quality", solution.mu, quality)],
+        "width": lambda: widths(solution, quality),
         "worst direction": lambda: direction_checks(solution, grasp, task, force_set),
         "forces": lambda: force_checks(solution, grasp, force_set),
         "wrenches": lambda: wrench_checks(solution, grasp, task),
@@ -124,4 +124,4 @@ def _check_quality(solution: GraspSolution, grasp: Grasp, rtol: float) -> tuple[
         "robustness": lambda: check_robustness(solution, grasp, task, budget, rtol),
         "contact models": lambda: model_checks(solution, grasp, task),
     }
-    return found, [check for name, checks in parts.items() for check in guard(name, checks)]
+    return quality, [check for name, checks in parts.items() for check in guard(name, checks)]

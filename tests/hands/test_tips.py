@@ -9,7 +9,7 @@ import nlpgrasp as ng
 from nlpgrasp.hands.collision_shapes import CollisionShape
 from nlpgrasp.hands.suggested_tips import tip_from_shapes
 from nlpgrasp.hands.tips import SymbolicTouch
-from nlpgrasp.verify.numeric_urdf_hand import StatedTouch, touching_rows
+from nlpgrasp.verify.numeric_urdf_hand import StatedTouch, touch_constraints
 from tests.hands.urdf import FOUR
 
 TIPS = {
@@ -152,7 +152,8 @@ def test_verify_has_the_same_rows_for_a_capsule(rng):
         p, n = over(tip, pose, rng, share, leans)
         constraint_values, _ = values(tip, pose, p, n, share)
         recomputed = {
-            row.name: row.value for row in touching_rows(tip.to_dict(), StatedTouch("tip", pose, p, n, 1.0, 0.0, 0.0))
+            row.name: row.value
+            for row in touch_constraints(tip.to_dict(), StatedTouch("tip", pose, p, n, 1.0, 0.0, 0.0))
         }
         assert {name.split(", ")[-1] for name in recomputed} == {name.split(", ")[-1] for name in constraint_values}
         np.testing.assert_allclose(list(recomputed.values()), list(constraint_values.values()), atol=1e-12)

@@ -5,7 +5,7 @@ import pytest
 
 import nlpgrasp as ng
 from nlpgrasp.motion.contact_path import ContactPath, PathStation, SurfaceGraph
-from nlpgrasp.studies.fine_manipulation import first_stations, least_value_along
+from nlpgrasp.studies.fine_manipulation import MOST_STATIONS, first_stations, least_value_along
 
 
 @pytest.mark.parametrize("seed", range(20))

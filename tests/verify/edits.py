@@ -1,4 +1,4 @@
-"""Edits that turn honest files into lies."""
+"""Edits of solution files that make their statements false."""
 
 import numpy as np
 
@@ -10,8 +10,8 @@ def put(path, value):
     """Return an edit of one entry; a function of the old value where that is given."""
 
     def change(data):
-        *way, last = path
-        for key in way:
+        *keys, last = path
+        for key in keys:
             data = data[key]
         data[last] = value(data[last]) if callable(value) else value
 
@@ -19,33 +19,33 @@ def put(path, value):
 
 
 def unbounded(data):
-    """Leave the bound over all placements out, which a file with another quality would contradict when it is read."""
+    """Remove the bound over all placements, which a file with another quality would contradict when it is read."""
     data["quality"].pop("best_possible", None)
 
 
 def row(name, key, value):
-    """Return an edit of a stated row."""
+    """Return an edit of a stated constraint."""
 
     def change(data):
-        found = next(r for r in data["constraints"] if r["name"] == name)
-        found[key] = value(found[key]) if callable(value) else value
+        stated = next(r for r in data["constraints"] if r["name"] == name)
+        stated[key] = value(stated[key]) if callable(value) else value
 
     return change
 
 
 def drop(name):
-    """Return an edit that leaves a stated row out."""
+    """Return an edit that removes a stated constraint."""
 
     def change(data):
-        kept = [r for r in data["constraints"] if r["name"] != name]
-        assert len(kept) == len(data["constraints"]) - 1
-        data["constraints"] = kept
+        others = [r for r in data["constraints"] if r["name"] != name]
+        assert len(others) == len(data["constraints"]) - 1
+        data["constraints"] = others
 
     return change
 
 
 def turned(i, normal):
-    """Return an edit of a normal, with tangents across it."""
+    """Return an edit of a normal, with tangents perpendicular to it."""
 
     def change(data):
         frame = np.linalg.qr(np.column_stack([normal, np.eye(3)[np.argsort(np.abs(normal))[:2]].T]))[0].T
@@ -72,14 +72,14 @@ def together(*changes):
     """Return several edits as one."""
 
     def change(data):
-        for one in changes:
-            one(data)
+        for edit in changes:
+            edit(data)
 
     return change
 
 
 def verified(data, change):
-    """Return what is said of a whole file after a change."""
+    """Return the verification of a file after a change."""
     return ng.verify(ng.GraspSolution.from_dict(edited(data, change), "f.json"), rtol=0.05)
 
 

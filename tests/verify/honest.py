@@ -1,4 +1,4 @@
-"""Honest files, one of each sort, for tests that turn them into lies."""
+"""Correct solution files, one of each kind of body and hand, for tests that edit them."""
 
 from dataclasses import replace
 from functools import cache
@@ -53,7 +53,7 @@ def block(folder):
 
 @cache
 def fingers():
-    """A sphere that three fingertips of a URDF hand touch: the fingers are anywhere, the sphere is put among them."""
+    """A sphere that three fingertips of a URDF hand in a random posture touch."""
     hand, rng = three_finger_hand(), np.random.default_rng(0)
     drawn, tips = [hand.draw(1, np.zeros((1, 3)), rng) for _ in range(4)][-1]
     values, c = {name: v[0] for name, v in drawn.items()}, tips[0]
@@ -75,14 +75,14 @@ QUICK = ng.SolveOptions(workers=1, rounds=0, rtol=0.05, final_rtol=0.02)
 
 @cache
 def solved():
-    """What a solve in space found; the only one that takes a solve is this and ``planar``."""
+    """The file of a solve in space."""
     problem = ng.GraspProblem(ng.Ellipsoid([2, 1, 1]), [ng.FrictionContact(0.5)] * 4, ng.TaskEllipsoid([1.0] * 6))
     return ng.solve(problem, starts=1, options=replace(QUICK, analyses=["robustness", "delta", "nu"])).to_dict()
 
 
 @cache
 def planar():
-    """What a solve in the plane found."""
+    """The file of a solve in the plane."""
     body = ng.Polygon([[-0.04, -0.02], [0.04, -0.02], [0.04, 0.02], [-0.04, 0.02]])
     constraints, hand = [ng.Table(-0.03)], ng.Fingertips(3, 0.004, spread=0.2)
     task = ng.TaskEllipsoid([1.0, 1.0, 0.02])

@@ -1,4 +1,4 @@
-"""Files as a solve would write them, without solving: every row's value is the program's own expression."""
+"""Solution files made without solving, with constraint values of the program's own expressions."""
 
 import copy
 import json
@@ -16,7 +16,7 @@ from nlpgrasp.verify.sources import SourceFolders
 
 
 def problem_of(body, count, **fields):
-    """Return a problem whose task plays no part."""
+    """Return a problem with a unit task."""
     d = 6 if body.space == 3 else 3
     return ng.GraspProblem(
         body, [ng.FrictionContact(0.5)] * count, ng.TaskEllipsoid([1.0] * d), **{"edge_margin": 0.0, **fields}
@@ -31,20 +31,20 @@ def contacts_on(body, faces, rng):
 
 
 def stated_file(problem, faces, points, normals, hand=None):
-    """Return JSON data that state these contacts, with the values of all rows.
+    """Return the JSON data of a solution with these contacts and the values of all constraints.
 
     Parameters
     ----------
     hand : dict, optional
-        The hand's variables; the posture in the file is what the hand makes of them.
+        The hand's variables, from which it describes its posture in the file.
     """
     variables = hand or {}
-    rows = ConstraintValues(problem)
+    constraints = ConstraintValues(problem)
     batched = {name: np.asarray(v)[None] for name, v in variables.items()}
-    values = rows.values(np.asarray(points)[None], np.asarray(normals)[None], batched)[0]
+    values = constraints.values(np.asarray(points)[None], np.asarray(normals)[None], batched)[0]
     reports = [
         ConstraintReport(r.name, float(v), r.lower, r.upper, 0.0, bool(min(v - r.lower, r.upper - v) <= 1e-4 * r.scale))
-        for r, v in zip(rows.named, values, strict=True)
+        for r, v in zip(constraints.named, values, strict=True)
     ]
     candidate = GraspCandidate(tuple(faces), np.asarray(points, dtype=float))
     reports += [
@@ -75,5 +75,5 @@ def edited(data, change):
 def recomputed_file(data, *folders):
     """Return the checks of surface, constraints and hand, by name."""
     solution = ng.GraspSolution.from_dict(data, "file.json")
-    found = recompute(solution, solution.grasp, SourceFolders.beside(None, folders))
-    return {check.name: check for check in found}
+    checks = recompute(solution, solution.grasp, SourceFolders.beside(None, folders))
+    return {check.name: check for check in checks}

@@ -1,4 +1,4 @@
-"""A bound file is verified as it is, and fails at the check that is about what was changed in it."""
+"""Verification of bound files, and of edits of them."""
 
 import json
 import os
@@ -79,7 +79,7 @@ CURVED = (
 
 
 def bound_text(name):
-    """Return the bound file of one of the problems; each is searched once in a run of the tests, for a moment."""
+    """Return the bound file of one of the problems, from one short search for all tests."""
     path = Path(os.environ["NLPGRASP_CACHE"]) / f"bound of {name}.json"
     if not path.exists():
         seconds = None if name in ("square", "square, limited", "square, hand") else 0.6
@@ -105,13 +105,13 @@ def test_a_bound_is_computed_again_as_it_is_claimed(name, tmp_path):
     verification = verified(data, tmp_path)
     assert verification.passed, str(verification)
     assert verification.not_made == ()
-    stated, found = Proof(data["problem"], data["certificate"], SourceFolders()).bounds
-    assert np.max(found - stated) <= 1e-12 * np.max(found)
-    assert np.max(found) <= data["upper"] * (1.0 + 1e-12)
-    assert np.max(found) >= data["upper"] * (1.0 - (0.06 if name in CURVED else ABOVE))
+    stated, recomputed = Proof(data["problem"], data["certificate"], SourceFolders()).bounds
+    assert np.max(recomputed - stated) <= 1e-12 * np.max(recomputed)
+    assert np.max(recomputed) <= data["upper"] * (1.0 + 1e-12)
+    assert np.max(recomputed) >= data["upper"] * (1.0 - (0.06 if name in CURVED else ABOVE))
     if name not in CURVED:  # flat cells have nothing to look closer at
-        large = found > 0.5 * np.max(found)
-        assert np.max(np.abs(stated - found)[large]) <= ABOVE * np.max(found)
+        large = recomputed > 0.5 * np.max(recomputed)
+        assert np.max(np.abs(stated - recomputed)[large]) <= ABOVE * np.max(recomputed)
 
 
 @pytest.mark.parametrize("name", every(4, CURVED))
@@ -279,8 +279,8 @@ def test_a_file_of_the_older_form_is_verified(tmp_path):
     verification = verified(data, tmp_path)
     assert verification.passed, str(verification)
     assert verification.not_made == ()
-    found = Proof(data["problem"], data["certificate"], SourceFolders()).bounds[1]
-    assert data["upper"] * (1.0 - ABOVE) <= np.max(found) <= data["upper"]
+    recomputed = Proof(data["problem"], data["certificate"], SourceFolders()).bounds[1]
+    assert data["upper"] * (1.0 - ABOVE) <= np.max(recomputed) <= data["upper"]
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""What a file claims of its quality and of how the solve ended."""
+"""Checks of the stated quality and of the outcome of the solve."""
 
 import numpy as np
 import pytest
@@ -88,7 +88,7 @@ OUTCOMES = {
 
 
 def told(change):
-    """Return whether what a changed file tells of the outcome goes with its grasp."""
+    """Return whether the outcome that a changed file states agrees with its grasp."""
     return outcome_checks(ng.GraspSolution.from_dict(edited(honest.solved(), change), "f.json"))[0].passed
 
 
@@ -117,7 +117,7 @@ def test_a_file_without_a_grasp_says_so():
 
 
 def test_a_step_that_lost_the_grasp_is_not_solved():
-    """A grasp that is followed stays in the file where it resists nothing any more."""
+    """The file of a continuation step keeps a grasp of quality zero."""
     zero = {"lower": 0.0, "upper": 0.0, "worst_direction": None}
 
     def change(data):

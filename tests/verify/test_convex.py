@@ -1,4 +1,4 @@
-"""Corners of convex bodies, and the shortest translation that parts two of them, against MuJoCo's."""
+"""Corners and penetration depths of convex bodies, compared with MuJoCo's."""
 
 import mujoco
 import numpy as np
@@ -63,14 +63,14 @@ def test_cubes_and_balls_in_the_same_place():
 @pytest.mark.parametrize("seed", range(20))
 def test_the_way_out_of_boxes_is_mujocos(seed):
     rng = np.random.default_rng(seed)
-    sizes, turn, shift = rng.uniform(0.001, 0.05, (2, 3)), Rotation.random(rng=rng), rng.uniform(-0.02, 0.02, 3)
-    one, other = (corners_of(ng.Box(size))[0] for size in sizes)
+    sizes, rotation, shift = rng.uniform(0.001, 0.05, (2, 3)), Rotation.random(rng=rng), rng.uniform(-0.02, 0.02, 3)
+    first, second = (corners_of(ng.Box(size))[0] for size in sizes)
     spec = mujoco.MjSpec()
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=sizes[0] / 2.0)
-    there = turn.as_quat(scalar_first=True)
-    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=sizes[1] / 2.0, pos=shift, quat=there)
+    quaternion = rotation.as_quat(scalar_first=True)
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=sizes[1] / 2.0, pos=shift, quat=quaternion)
     model = spec.compile()
     state = mujoco.MjData(model)
     mujoco.mj_forward(model, state)
-    apart = mujoco.mj_geomDistance(model, state, 0, 1, 1.0, np.zeros(6))
-    assert penetration_depth(one, turn.apply(other) + shift) == pytest.approx(max(0.0, -apart), abs=1e-5)
+    distance = mujoco.mj_geomDistance(model, state, 0, 1, 1.0, np.zeros(6))
+    assert penetration_depth(first, rotation.apply(second) + shift) == pytest.approx(max(0.0, -distance), abs=1e-5)

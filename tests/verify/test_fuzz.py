@@ -1,4 +1,4 @@
-"""Whatever stands in a file, what comes of it is a verification or one sentence."""
+"""Robustness against random edits: a verification or an ``InputError``, no traceback."""
 
 import copy
 import json
@@ -15,29 +15,29 @@ VALUES = [0, -1, 1, 1e300, -1e300, 1e-300, 1e9, float("nan"), float("inf"), None
 LEFT_OUT = ("drawing", "created_by", "shadow_prices")  # long or told alone
 
 
-def places(data, way=()):
-    """Return the ways to every value in JSON data."""
+def places(data, path=()):
+    """Return the path of every value in JSON data."""
     inner = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
-    found = [way] if way else []
+    paths = [path] if path else []
     for key, value in inner:
-        if way or key not in LEFT_OUT:
-            found += places(value, (*way, key))
-    return found
+        if path or key not in LEFT_OUT:
+            paths += places(value, (*path, key))
+    return paths
 
 
-def changed(data, ways, rng):
-    """Return the data with one value replaced, or a number scaled, and the way to it."""
+def changed(data, paths, rng):
+    """Return the data with one value replaced, or a number scaled, and its path."""
     result = copy.deepcopy(data)
-    *way, last = ways[rng.integers(len(ways))]
-    inside = result
-    for key in way:
-        inside = inside[key]
-    value = inside[last]
+    *path, last = paths[rng.integers(len(paths))]
+    container = result
+    for key in path:
+        container = container[key]
+    value = container[last]
     if isinstance(value, float) and rng.random() < 0.5:
-        inside[last] = float(value * 10.0 ** rng.uniform(-12, 12) * rng.choice([-1.0, 1.0]))
+        container[last] = float(value * 10.0 ** rng.uniform(-12, 12) * rng.choice([-1.0, 1.0]))
     else:
-        inside[last] = copy.deepcopy(VALUES[rng.integers(len(VALUES))])
-    return result, (*way, last)
+        container[last] = copy.deepcopy(VALUES[rng.integers(len(VALUES))])
+    return result, (*path, last)
 
 
 def said(data):
@@ -54,9 +54,9 @@ def said(data):
 )
 def test_no_edit_ends_in_a_traceback(make, edits):
     rng, data = np.random.default_rng(5), make()
-    ways = places(data)
+    paths = places(data)
     for _ in range(edits):
-        edit, way = changed(data, ways, rng)
+        edit, path = changed(data, paths, rng)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            assert isinstance(said(edit), ng.Verification | ng.InputError), way
+            assert isinstance(said(edit), ng.Verification | ng.InputError), path

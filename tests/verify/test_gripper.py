@@ -1,4 +1,4 @@
-"""The pose of parallel jaws is recomputed from the contacts, and how free their way in is."""
+"""Checks of the pose and the approach of parallel jaws."""
 
 import numpy as np
 import pytest
@@ -52,9 +52,9 @@ def test_axes_that_are_none_fail(axes, data):
 
 
 def test_an_honest_pose_passes(data):
-    found = recomputed_file(data)
-    assert found["gripper"].passed, found["gripper"]
-    assert found["way in"].passed, found["way in"]
+    checks = recomputed_file(data)
+    assert checks["gripper"].passed, checks["gripper"]
+    assert checks["way in"].passed, checks["way in"]
     assert "gripper" not in recomputed_file({**data, "hand": None})  # files of earlier versions
 
 
@@ -86,10 +86,10 @@ LIES = {
 
 @pytest.mark.parametrize("name", LIES)
 def test_lies_about_the_gripper(name, data):
-    change, where, said = LIES[name]
-    check = recomputed_file(edited(data, lambda d: d.update(hand=change(d["hand"]))))[where]
+    change, check_name, message = LIES[name]
+    check = recomputed_file(edited(data, lambda d: d.update(hand=change(d["hand"]))))[check_name]
     assert check.failed
-    assert said in check.detail
+    assert message in check.detail
 
 
 @pytest.mark.parametrize("thickness", [1e-4, 3e-4])
@@ -107,6 +107,6 @@ def test_a_thin_plate_that_is_left_out_is_found(thickness, height):
 def test_without_the_body_the_way_in_is_not_judged(data):
     """Of a mesh that is not there the pose is checked, its way in is not."""
     mesh = {"type": "mesh", "source": "gone.stl", "unit": "m", "sha256": "0" * 64}
-    found = recomputed_file(edited(data, lambda d: d["problem"].update(body=mesh)))
-    assert found["gripper"].passed
-    assert not found["way in"].made
+    checks = recomputed_file(edited(data, lambda d: d["problem"].update(body=mesh)))
+    assert checks["gripper"].passed
+    assert not checks["way in"].made

@@ -1,4 +1,4 @@
-"""A mesh of overlapping parts is joined when it is read again, as the solver joined it."""
+"""Union of the overlapping parts of a mesh in ``verify``."""
 
 from importlib.metadata import version
 

@@ -1,4 +1,4 @@
-"""Normals of fingertips that are not round: verify computes their angles off the mesh's, and compares with the file."""
+"""Angles between stated normals and the mesh's for fingertips that are not round."""
 
 from types import SimpleNamespace
 
@@ -12,8 +12,8 @@ from nlpgrasp.verify.surface_checks import surface_checks
 from tests.hands.urdf import FOLDER, gripper
 from tests.verify.stated import problem_of, stated_file
 
-FLAT = SimpleNamespace(posed_tips=["flat", "flat"])
-ROUND = SimpleNamespace(posed_tips=["sphere", "sphere"])
+FLAT = SimpleNamespace(fixed_tip_kinds=["flat", "flat"])
+ROUND = SimpleNamespace(fixed_tip_kinds=["sphere", "sphere"])
 TURN = np.radians(2.0)
 
 
@@ -75,9 +75,9 @@ def test_a_solve_with_flat_fingertips_says_what_verify_says(tmp_path):
     angles = solution.surface.kept
     assert set(angles) == {0, 1}
     assert all(np.radians(0.1) < angle < np.radians(5.0) for angle in angles.values())
-    said = f"the normals stated at contacts 0 and 1 are not the mesh's: they are {np.degrees(angles[0]):.2g} and "
-    assert said in str(solution)
+    message = f"the normals stated at contacts 0 and 1 are not the mesh's: they are {np.degrees(angles[0]):.2g} and "
+    assert message in str(solution)
     checks = ng.verify(tmp_path / "grasp.json", folders=[FOLDER]).checks
     (normals,) = (check for check in checks if check.name == "normals")
     assert not normals.made
-    assert said in normals.detail
+    assert message in normals.detail

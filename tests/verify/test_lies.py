@@ -1,4 +1,4 @@
-"""A file whose stated value is a lie fails, at the check that is about it."""
+"""Detection of false statements by the check that recomputes them."""
 
 import numpy as np
 import pytest
@@ -207,9 +207,9 @@ def test_bodies_that_are_none_have_no_numbers(body):
 
 
 def test_the_honest_files_pass_and_everything_is_made_but_the_expression(block):
-    found = recomputed_file(honest.box())
-    assert [n for n, c in found.items() if not c.passed] == ["constraint 7, expression"]
-    assert not found["constraint 7, expression"].made
+    checks = recomputed_file(honest.box())
+    assert [n for n, c in checks.items() if not c.passed] == ["constraint 7, expression"]
+    assert not checks["constraint 7, expression"].made
     for data, *folders in ((honest.jaws(),), block, (honest.fingers(), FOLDER)):
         assert {n: str(c) for n, c in recomputed_file(data, *folders).items() if not c.passed} == {}
 
@@ -268,10 +268,10 @@ def test_regions_of_a_script_have_limits_alone(rng):
     body = ng.Box([0.08, 0.04, 0.06])
     problem = problem_of(body, 2, constraints=constraints)
     data = stated_file(problem, ["+x", "-x"], *contacts_on(body, ["+x", "-x"], rng))
-    found = recomputed_file(data)
+    checks = recomputed_file(data)
     names = ["constraint 0, forbid", "constraint 1, forbid", "constraint 2, workspace"]
-    assert [n for n, c in found.items() if not c.made] == names
-    assert not any(c.failed for c in found.values())
+    assert [n for n, c in checks.items() if not c.made] == names
+    assert not any(c.failed for c in checks.values())
     bound = edited(data, row("forbidden region, finger 0", "bound", [None, 0.01]))
     assert failures(bound) == ["constraint 0, forbid"]
     value = edited(data, row("workspace, finger 1", "value", -0.01))

@@ -1,4 +1,4 @@
-"""Meshes of a hand's links are those that the grasp was made with: verify compares their recorded sha256."""
+"""Identity of the meshes of a hand's links, by their recorded sha256."""
 
 import hashlib
 

@@ -1,4 +1,4 @@
-"""The bound of a mesh is computed again from its triangles, and fails at the check that is about what was changed."""
+"""Verification of bounds over meshes, and of edits of them."""
 
 import json
 from dataclasses import replace
@@ -32,30 +32,30 @@ _DATA = {}
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """Return a folder with the mesh's file, for bound files."""
-    place = tmp_path_factory.mktemp("meshes")
-    bent_bar(np.random.default_rng(3)).export(place / "bar.ply")
-    return place
+    directory = tmp_path_factory.mktemp("meshes")
+    bent_bar(np.random.default_rng(3)).export(directory / "bar.ply")
+    return directory
 
 
-def few_pieces(place, name):
-    """Return the data of a bound file of a mesh of few pieces; each is searched once, for a moment."""
+def few_pieces(directory, name):
+    """Return the data of a bound file of a mesh of few pieces, from one short search."""
     if name not in _DATA:
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(mesh, "ENOUGH", FEW)
-            _DATA[name] = bound_data(place, name, 1000)
+            _DATA[name] = bound_data(directory, name, 1000)
     return json.loads(_DATA[name])
 
 
-def bound_data(place, name, nodes):
-    """Return what a bound file holds after a search of about so many nodes."""
-    contacts, more = PROBLEMS[name]
-    problem = ng.GraspProblem(ng.Mesh.load(place / "bar.ply", resolution=8), contacts, TASK, **more)
-    tree, found = BranchAndBound(problem, 0.01), ng.best_possible(problem, 0.5)
-    tree.update_incumbent(found.mu.lower)
+def bound_data(directory, name, nodes):
+    """Return the text of a bound file after a search of about so many nodes."""
+    contacts, fields = PROBLEMS[name]
+    problem = ng.GraspProblem(ng.Mesh.load(directory / "bar.ply", resolution=8), contacts, TASK, **fields)
+    tree, bound = BranchAndBound(problem, 0.01), ng.best_possible(problem, 0.5)
+    tree.update_incumbent(bound.mu.lower)
     tree.branch(nodes)
     upper, certificate = tree.certificate()
     certificate["leaves"].sort(key=lambda leaf: -leaf[2])
-    return json.dumps(replace(found, upper=upper, closed=False, nodes=nodes, certificate=certificate).to_dict())
+    return json.dumps(replace(bound, upper=upper, closed=False, nodes=nodes, certificate=certificate).to_dict())
 
 
 def verified(folder, data, name="bar.bound.json"):
@@ -64,15 +64,15 @@ def verified(folder, data, name="bar.bound.json"):
     return ng.verify(path)
 
 
-def check_again(place, data):
-    """Return how many bounds were computed again, each as it is stated."""
-    verification = verified(place, data)
+def check_again(directory, data):
+    """Return the number of bounds, after a check that each is recomputed as stated."""
+    verification = verified(directory, data)
     assert verification.passed, str(verification)
     assert verification.not_made == ()
-    stated, found = Proof(data["problem"], data["certificate"], SourceFolders((place,))).bounds
-    assert np.max(found - stated) <= 1e-12 * np.max(found)
-    assert np.max((stated - found)[found > 0.5 * np.max(found)]) <= ABOVE * np.max(found)
-    return len(found)
+    stated, recomputed = Proof(data["problem"], data["certificate"], SourceFolders((directory,))).bounds
+    assert np.max(recomputed - stated) <= 1e-12 * np.max(recomputed)
+    assert np.max((stated - recomputed)[recomputed > 0.5 * np.max(recomputed)]) <= ABOVE * np.max(recomputed)
+    return len(recomputed)
 
 
 @pytest.mark.parametrize("name", first(1, PROBLEMS))

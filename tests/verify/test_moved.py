@@ -1,4 +1,4 @@
-"""A file without its mesh and URDF is partly verified: what is left is judged as strictly as a solve keeps it."""
+"""Partial verification of files without their mesh and URDF."""
 
 import shutil
 from copy import copy
@@ -21,47 +21,47 @@ NORMAL, PLANE = "on fingertip left_pad, finger 0, normal x", "on fingertip left_
 @pytest.fixture(scope="module")
 def moved(tmp_path_factory):
     """A mesh between the pads of a URDF hand, several grasps, in a folder without mesh and URDF, and their folder."""
-    here, away = tmp_path_factory.mktemp("here"), tmp_path_factory.mktemp("away")
-    trimesh.creation.box([0.1, 0.06, 0.06]).export(here / "block.stl")
-    shutil.copy(GRIPPER, here)
-    body = ng.Mesh.load(here / "block.stl", unit="m", resolution=24)
+    sources, folder = tmp_path_factory.mktemp("here"), tmp_path_factory.mktemp("away")
+    trimesh.creation.box([0.1, 0.06, 0.06]).export(sources / "block.stl")
+    shutil.copy(GRIPPER, sources)
+    body = ng.Mesh.load(sources / "block.stl", unit="m", resolution=24)
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.02, 0.02, 0.02])
     problem = ng.GraspProblem(body, ng.SoftContact(0.7, 0.01), task, hand=gripper())
     solution = ng.solve(problem, starts=1, options=OPTIONS)
-    again = replace(solution.grasps[0], grasp=copy(solution.grasp), start=None)
-    return replace(solution, others=(again,)).save(away / "grasps.json"), here
+    second = replace(solution.grasps[0], grasp=copy(solution.grasp), start=None)
+    return replace(solution, others=(second,)).save(folder / "grasps.json"), sources
 
 
-def stated(path, off):
-    """Return a solution whose grasps state that their contacts are off the pads' normals by so much."""
+def stated(path, value):
+    """Return a solution whose grasps state a deviation of their contacts from the pads' normals."""
     data = ng.GraspSolution.load(path).to_dict()
     for grasp in (data, *data["grasps"][1:]):
         for entry in grasp["constraints"]:
             if entry["name"] == NORMAL:
-                entry["value"] = off
+                entry["value"] = value
     data["grasps"][0]["constraints"] = data["constraints"]
     return ng.GraspSolution.from_dict(data)
 
 
 def test_grasps_without_their_files_are_partly_verified(moved, tmp_path, monkeypatch):
-    path, here = moved
+    path, sources = moved
     monkeypatch.chdir(tmp_path)
-    found = ng.verify(path)
-    assert found.verdict.startswith("partly verified: ")
-    assert set(found.missing) == {"block.stl", "parallel_gripper.urdf"}
-    there = ng.verify(path, folders=[here])
-    assert there.passed, str(there)
-    assert there.missing == ()
+    verification = ng.verify(path)
+    assert verification.verdict.startswith("partly verified: ")
+    assert set(verification.missing) == {"block.stl", "parallel_gripper.urdf"}
+    verification_with_sources = ng.verify(path, folders=[sources])
+    assert verification_with_sources.passed, str(verification_with_sources)
+    assert verification_with_sources.missing == ()
 
 
 @pytest.mark.parametrize(("off", "passed"), [(5e-5, True), (-5e-5, True), (2e-3, False)])
 def test_a_stated_value_is_judged_by_what_a_solve_promises(moved, tmp_path, monkeypatch, off, passed):
     """Over a mesh a unit direction is off by a ten thousandth at most, of the answer and of those kept beside it."""
     monkeypatch.chdir(tmp_path)
-    found = ng.verify(stated(moved[0], off))
-    assert found.passed is passed
+    verification = ng.verify(stated(moved[0], off))
+    assert verification.passed is passed
     if not passed:
-        failed = {check.name: check.detail for check in found.checks if check.failed}
+        failed = {check.name: check.detail for check in verification.checks if check.failed}
         assert {"constraints", "grasps[1]"} <= set(failed)
         assert f"{NORMAL} is outside its limits" in failed["constraints"]
 

@@ -1,4 +1,4 @@
-"""The local optimum that a file states: what ``verify`` recomputes of it, and edits of it."""
+"""Checks of a stated local optimum, and of edits of it."""
 
 import json
 import re
@@ -21,7 +21,7 @@ def stated(request):
 
 
 def verified(solution, change, folder):
-    """Return how ``verify`` calls a file whose data was changed."""
+    """Return the checks of an edited file, by name."""
     data = json.loads(json.dumps(solution.to_dict()))
     change(data)
     path = folder / "edited.json"

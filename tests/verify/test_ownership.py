@@ -1,4 +1,4 @@
-"""A part that could not be recomputed owns its own rows, and hides no others."""
+"""Stated constraints of parts that cannot be recomputed."""
 
 import pytest
 

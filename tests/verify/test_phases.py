@@ -1,4 +1,4 @@
-"""Phases that a file states are checked against each other and by other kinematics; edits of them fail."""
+"""Checks of a hand's stated phases, approach and lift, and of edits of them."""
 
 from functools import cache
 
@@ -27,10 +27,10 @@ def data():
     problem = problem_of(body, 3, hand=hand)
     for step in (-0.05, 0.05):
         opened = {**grasp, "joints": np.clip(grasp["joints"] + step, *hand.tree.joint_limits)}
-        found = plan_keyframes(problem, hand, grasp, opened)
-        if found["approach"]["direction"] is not None:
+        keyframes = plan_keyframes(problem, hand, grasp, opened)
+        if keyframes["approach"]["direction"] is not None:
             break
-    solution.hand.update(found)
+    solution.hand.update(keyframes)
     return edited(add_squeeze(solution, hand).to_dict(), lambda d: None)
 
 
@@ -51,9 +51,9 @@ LIES = {
 
 def test_honest_phases_pass():
     assert [phase["name"] for phase in data()["hand"]["phases"]] == ["approach", "pregrasp", "grasp", "squeeze", "lift"]
-    found = recomputed_file(data(), FOLDER)
+    checks = recomputed_file(data(), FOLDER)
     for name in ("phases", "approach", "lift", "joints"):
-        assert found[name].passed, found[name]
+        assert checks[name].passed, checks[name]
 
 
 @pytest.mark.parametrize("name", LIES)
@@ -70,10 +70,12 @@ def test_an_approach_through_the_body():
     """The hand comes from the other side: all follows from the stated direction, which is not free."""
 
     def through(d):
-        way = d["hand"]["approach"]
-        before, afar = d["hand"]["phases"][1]["palm_pose"]["position"], d["hand"]["phases"][0]["palm_pose"]
-        way["direction"] = [-x for x in way["direction"]]
-        afar["position"] = [p - way["distance"] * x for p, x in zip(before, way["direction"], strict=True)]
+        approach = d["hand"]["approach"]
+        pregrasp_position, start = d["hand"]["phases"][1]["palm_pose"]["position"], d["hand"]["phases"][0]["palm_pose"]
+        approach["direction"] = [-x for x in approach["direction"]]
+        start["position"] = [
+            p - approach["distance"] * x for p, x in zip(pregrasp_position, approach["direction"], strict=True)
+        ]
         d["hand"]["phases"][1]["clearance"] = -1.0
 
     assert failures(edited(data(), through), FOLDER) == ["links on the way in", "approach"]
@@ -135,9 +137,9 @@ def held(folder, *constraints):
 @pytest.mark.parametrize("constraint", [LID, BESIDE, ng.Table(-0.015, clearance=0.004)])
 def test_an_honest_lift_and_an_honest_way_in_pass(constraint, tmp_path):
     data = held(tmp_path, constraint)
-    found = recomputed_file(data, tmp_path)
-    assert found["lift"].passed, found["lift"]
-    assert found["approach"].passed, found["approach"]
+    checks = recomputed_file(data, tmp_path)
+    assert checks["lift"].passed, checks["lift"]
+    assert checks["approach"].passed, checks["approach"]
     assert (data["hand"]["lift"]["distance"] < 0.2) == (constraint is LID)
 
 
@@ -164,16 +166,16 @@ def test_an_approach_through_an_obstacle_fails(tmp_path):
     """The way from above that was free is stated though a lid has been put there."""
     data = held(tmp_path)
     lid = {**LID.to_dict(), "position": [0.0, 0.0, 0.12]}
-    found = recomputed_file(edited(data, lambda d: d["problem"]["constraints"].append(lid)), tmp_path)
-    assert "deep in lid on the way" in found["approach"].detail
+    checks = recomputed_file(edited(data, lambda d: d["problem"]["constraints"].append(lid)), tmp_path)
+    assert "deep in lid on the way" in checks["approach"].detail
 
 
 def test_fingers_that_cannot_open_state_no_way_in(tmp_path):
     solution, problem = grasped(tmp_path)
     solution.hand.update(plan_keyframes(problem, problem.hand, problem.hand.values_of(solution.hand), None))
-    found = recomputed_file(edited(solution.to_dict(), NEW), tmp_path)
-    assert found["links on the way in"].passed, found["links on the way in"]
-    assert found["way in"].passed, found["way in"]
+    checks = recomputed_file(edited(solution.to_dict(), NEW), tmp_path)
+    assert checks["links on the way in"].passed, checks["links on the way in"]
+    assert checks["way in"].passed, checks["way in"]
 
 
 def test_joints_past_their_limits():
@@ -182,6 +184,6 @@ def test_joints_past_their_limits():
 
 
 def test_without_the_urdf_the_approach_is_not_looked_at():
-    found = recomputed_file(data())
-    assert found["phases"].passed
-    assert not found["approach"].made
+    checks = recomputed_file(data())
+    assert checks["phases"].passed
+    assert not checks["approach"].made

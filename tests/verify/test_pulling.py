@@ -1,4 +1,4 @@
-"""A finger that is said to pull is not in its cone, whatever the contact model, also where it pulls straight."""
+"""Rejection of pulling forces, for every contact model."""
 
 from dataclasses import replace
 

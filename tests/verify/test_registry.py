@@ -1,4 +1,4 @@
-"""Kinds from outside the package are verified once they have a twin."""
+"""Registration of numeric counterparts for kinds from outside the package."""
 
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ def data():
 
 @pytest.fixture
 def registered(monkeypatch):
-    monkeypatch.setattr(CONSTRAINTS, "_known", dict(CONSTRAINTS._known))
+    monkeypatch.setattr(CONSTRAINTS, "_counterparts", dict(CONSTRAINTS._counterparts))
     register_constraint("lid", lid)
 
 
@@ -71,7 +71,7 @@ def test_a_hand_or_body_without_a_twin_is_not_made(data):
         d["problem"]["body"]["type"] = "blob"
         d["problem"]["hand"] = {"type": "claw"}
 
-    found = recomputed_file(edited(data, other))
-    assert not found["surface"].made
-    assert not found["hand"].made
-    assert found["hand"].detail == "not made: nothing recomputes a hand of type 'claw'"
+    checks = recomputed_file(edited(data, other))
+    assert not checks["surface"].made
+    assert not checks["hand"].made
+    assert checks["hand"].detail == "not made: nothing recomputes a hand of type 'claw'"

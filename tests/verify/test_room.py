@@ -1,4 +1,4 @@
-"""Room of joints that a file states is recomputed from the hand's own file; edits of it fail."""
+"""Checks of stated joint-limit margins, and of edits of them."""
 
 from functools import cache
 
@@ -26,12 +26,12 @@ def data():
     solution = ng.GraspSolution.from_dict(honest.fingers(), "f.json")
     hand = three_finger_hand()
     margins, joints = JointLimitMargins.of(hand, MARGIN), hand.values_of(solution.hand)["joints"]
-    each = [
+    values = [
         dict(zip(margins.names, v.tolist(), strict=True)) for v in (margins.wanted, margins.distances_to_limits(joints))
     ]
-    without = ng.Bounds(FIRST.lower / 0.98, FIRST.upper / 0.98)
-    room = JointMargins(MARGIN, *each, 0.03).to_dict()
-    room |= {"cost": 0.02, "mu_without": {"lower": without.lower, "upper": without.upper}}
+    mu_without = ng.Bounds(FIRST.lower / 0.98, FIRST.upper / 0.98)
+    room = JointMargins(MARGIN, *values, 0.03).to_dict()
+    room |= {"cost": 0.02, "mu_without": {"lower": mu_without.lower, "upper": mu_without.upper}}
 
     def with_room(data):
         data["hand"]["room"], data["best_start"] = room, 0
@@ -43,18 +43,18 @@ def data():
 
 
 def test_honest_room_passes():
-    found = recomputed_file(data(), FOLDER)
-    assert found["price of room"].passed, found["price of room"]
-    assert found["room of joints"].passed, found["room of joints"]
+    checks = recomputed_file(data(), FOLDER)
+    assert checks["price of room"].passed, checks["price of room"]
+    assert checks["room of joints"].passed, checks["room of joints"]
 
 
 def test_honest_room_without_a_cost_passes():
     def later(data):
         del data["hand"]["room"]["cost"], data["hand"]["room"]["mu_without"]
 
-    found = recomputed_file(edited(data(), later), FOLDER)
-    assert found["price of room"].passed, found["price of room"]
-    assert found["room of joints"].passed, found["room of joints"]
+    checks = recomputed_file(edited(data(), later), FOLDER)
+    assert checks["price of room"].passed, checks["price of room"]
+    assert checks["room of joints"].passed, checks["room of joints"]
 
 
 def name_a_joint(data):

@@ -1,4 +1,4 @@
-"""Meshes and URDFs are read again from their own files, where these are there and are the recorded ones."""
+"""Reading of meshes and URDFs from their recorded source files."""
 
 import shutil
 from dataclasses import replace
@@ -41,16 +41,16 @@ def test_a_mesh_that_is_not_there_is_not_made(block):
 def test_the_verdict_names_the_file_that_is_missing(block, tmp_path):
     solution = ng.GraspSolution.from_dict(block)
     solution = replace(solution, mu=ng.verify(solution, rtol=0.5).mu)
-    found = ng.verify(solution, rtol=0.5)
-    assert found.passed
-    assert not found.complete
-    assert found.missing == ("block.stl",)
-    assert found.verdict.startswith("partly verified: ")
-    told = "(block.stl not found; give its folder with --folder, in Python with folders=; "
-    assert found.verdict.endswith(f"{told}the file states no finger forces)")
-    there = ng.verify(solution, rtol=0.5, folders=[tmp_path])
-    assert there.missing == ()
-    assert "not found" not in there.verdict
+    verification = ng.verify(solution, rtol=0.5)
+    assert verification.passed
+    assert not verification.complete
+    assert verification.missing == ("block.stl",)
+    assert verification.verdict.startswith("partly verified: ")
+    reason = "(block.stl not found; give its folder with --folder, in Python with folders=; "
+    assert verification.verdict.endswith(f"{reason}the file states no finger forces)")
+    with_folder = ng.verify(solution, rtol=0.5, folders=[tmp_path])
+    assert with_folder.missing == ()
+    assert "not found" not in with_folder.verdict
 
 
 def test_a_source_that_is_no_mesh_is_not_made(block, tmp_path):
@@ -80,8 +80,8 @@ def test_older_files_do_not_say_the_unit(block, tmp_path):
     assert recomputed_file(edited(block, forget), tmp_path)["surface"].passed
 
 
-def not_made(found):
-    return [name for name, check in found.items() if not check.made]
+def not_made(checks):
+    return [name for name, check in checks.items() if not check.made]
 
 
 def test_older_files_do_not_hold_the_links_spheres():
@@ -89,27 +89,27 @@ def test_older_files_do_not_hold_the_links_spheres():
         for key in ("link_spheres", "approach", "watched_pairs", "overlaps", "tips_apart"):
             del data["problem"]["hand"][key]
 
-    found = recomputed_file(edited(honest.fingers(), forget), FOLDER)
-    assert found["hand"].passed
-    assert found["joints"].passed
-    assert not_made(found) == [
+    checks = recomputed_file(edited(honest.fingers(), forget), FOLDER)
+    assert checks["hand"].passed
+    assert checks["joints"].passed
+    assert not_made(checks) == [
         "constraint 0, table",
         "constraint 1, approach",
         "links",
     ]
-    assert "3 rows recomputed" in found["constraint 0, table"].detail
+    assert "3 rows recomputed" in checks["constraint 0, table"].detail
 
 
 def test_a_urdf_that_is_not_there_is_not_made():
-    found = recomputed_file(honest.fingers())
-    assert not_made(found) == [
+    checks = recomputed_file(honest.fingers())
+    assert not_made(checks) == [
         "links inside something",
         "constraint 0, table",
         "hand",
         "links",
         "joints",
     ]
-    assert found["surface"].passed
+    assert checks["surface"].passed
 
 
 def test_another_urdf_of_that_name_is_not_made(tmp_path):
@@ -138,9 +138,9 @@ def test_a_round_fingertip_touches_an_edge(block, tmp_path):
     for angle, right in ((0.0, True), (0.3, True), (np.pi / 2, True), (-0.1, False), (1.8, False)):
         normal = -np.array([np.cos(angle), np.sin(angle), 0.0])
         fit = data.fit("surface", edge, normal, "sphere")
-        assert fit.off < 1e-12
-        assert (fit.turned < 1e-9) == right
-    assert data.fit("surface", edge, normal, "flat").turned is None
+        assert fit.distance < 1e-12
+        assert (fit.normal_difference < 1e-9) == right
+    assert data.fit("surface", edge, normal, "flat").normal_difference is None
 
 
 def recomputed_surface(data, folder):

@@ -1,4 +1,4 @@
-"""A squeeze that a file states is checked by other kinematics, and edits of it fail."""
+"""Checks of a stated squeeze and its torques, and of edits of them."""
 
 from functools import cache
 from types import SimpleNamespace
@@ -67,9 +67,9 @@ TORQUES = {
 
 
 def test_an_honest_squeeze_passes():
-    found = recomputed_file(data(), FOLDER)
-    assert found["squeeze"].passed, found["squeeze"]
-    assert found["squeeze torques"].passed, found["squeeze torques"]
+    checks = recomputed_file(data(), FOLDER)
+    assert checks["squeeze"].passed, checks["squeeze"]
+    assert checks["squeeze torques"].passed, checks["squeeze torques"]
 
 
 @pytest.mark.parametrize("name", FORCES)
@@ -89,10 +89,10 @@ def test_two_joints_that_change_places():
 
 
 def test_without_the_urdf_torques_are_not_made():
-    found = recomputed_file(data())
-    assert found["squeeze"].passed
-    assert not found["squeeze torques"].made
-    assert "three_finger_hand.urdf is not beside the file" in found["squeeze torques"].detail
+    checks = recomputed_file(data())
+    assert checks["squeeze"].passed
+    assert not checks["squeeze torques"].made
+    assert "three_finger_hand.urdf is not beside the file" in checks["squeeze torques"].detail
 
 
 def wedge(half_angle):
@@ -111,8 +111,8 @@ def test_that_there_is_no_squeeze_is_refuted_by_forces(half_angle, holds):
 
 
 def test_a_squeeze_and_none_contradict_each_other():
-    both = edited(data(), put(("hand", "no_squeeze"), {"reason": "contacts 0, 1, 2 cannot press"}))
-    assert failures(both, FOLDER)[0] == "squeeze"
+    file_data = edited(data(), put(("hand", "no_squeeze"), {"reason": "contacts 0, 1, 2 cannot press"}))
+    assert failures(file_data, FOLDER)[0] == "squeeze"
 
 
 def test_a_squeeze_without_torques_is_checked_for_its_forces():
@@ -121,5 +121,5 @@ def test_a_squeeze_without_torques_is_checked_for_its_forces():
             d["hand"]["squeeze"].pop(key, None)
 
     assert recomputed_file(edited(data(), forces_alone), FOLDER)["squeeze"].passed
-    both = edited(data(), together(forces_alone, FORCES["a force"]))
-    assert failures(both, FOLDER)[0] == "squeeze"
+    file_data = edited(data(), together(forces_alone, FORCES["a force"]))
+    assert failures(file_data, FOLDER)[0] == "squeeze"

@@ -1,4 +1,4 @@
-"""A budget of joint torques is the hand's own in the posture stated."""
+"""Checks of a joint-torque budget against the hand's Jacobians and limits."""
 
 from functools import cache
 
@@ -22,10 +22,10 @@ def test_jacobians_are_those_of_the_program(make, rng):
     values = {name: v[0] for name, v in hand.draw(1, np.zeros((1, 3)), rng)[0].items()}
     points = rng.standard_normal((hand.count, 3))
     twin = urdf(hand.to_dict(), hand.describe(values), {}, SourceFolders((FOLDER,)))
-    found = twin.loads(points)
-    assert tuple(found) == hand.loaded_joints
+    jacobians = twin.loads(points)
+    assert tuple(jacobians) == hand.loaded_joints
     expected = hand.contact_jacobians(values, points)
-    np.testing.assert_allclose(np.stack(list(found.values()), axis=2), expected, atol=1e-12)
+    np.testing.assert_allclose(np.stack(list(jacobians.values()), axis=2), expected, atol=1e-12)
 
 
 @cache
@@ -68,9 +68,9 @@ def test_lies_about_torques(name):
 
 
 def test_limits_that_are_not_the_urdfs_are_the_problems_own():
-    found = recomputed_file(torques(), FOLDER)
-    assert found["joint torques"].passed
-    assert not found["torque limits"].made
+    checks = recomputed_file(torques(), FOLDER)
+    assert checks["joint torques"].passed
+    assert not checks["torque limits"].made
     hand = three_finger_hand()
 
     def efforts(d):

@@ -1,4 +1,4 @@
-"""Numeric twins say what the program's own expressions say: surfaces, distances and rows at random places."""
+"""Agreement of the numeric counterparts with the program's expressions at random points."""
 
 import numpy as np
 import pytest
@@ -6,10 +6,10 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 import nlpgrasp as ng
-from nlpgrasp.verify.chain_kinematics import links_below, poses
+from nlpgrasp.verify.chain_kinematics import links_in_urdf, poses, read_robot
 from nlpgrasp.verify.check import NotCheckedError
-from nlpgrasp.verify.numeric_urdf_hand import StatedTouch, touching_rows
-from nlpgrasp.verify.recomputation import link_rows
+from nlpgrasp.verify.numeric_urdf_hand import StatedTouch, touch_constraints
+from nlpgrasp.verify.recomputation import link_constraints
 from nlpgrasp.verify.registry import BODIES, CONSTRAINTS, HANDS
 from nlpgrasp.verify.sources import SourceFolders
 from nlpgrasp.verify.stated_placement import StatedPlacement
@@ -52,11 +52,13 @@ def test_contacts_of_every_face_fit(name, rng):
         for _ in range(20):
             points, normals = contacts_on(body, [face], rng)
             fit = twin.fit(face, points[0], normals[0], None)
-            assert fit.off < 1e-8 * body.size
-            assert fit.turned < 1e-7
-            assert twin.fit(face, points[0] + 0.01 * body.size * normals[0], normals[0], None).off > 1e-3 * body.size
+            assert fit.distance < 1e-8 * body.size
+            assert fit.normal_difference < 1e-7
+            assert (
+                twin.fit(face, points[0] + 0.01 * body.size * normals[0], normals[0], None).distance > 1e-3 * body.size
+            )
             turned = normals[0] + 0.01 * np.roll(normals[0], 1)
-            assert twin.fit(face, points[0], turned, None).turned > 1e-3
+            assert twin.fit(face, points[0], turned, None).normal_difference > 1e-3
 
 
 @pytest.mark.parametrize("name", FORMULAS)
@@ -68,8 +70,8 @@ def test_distances_are_those_of_the_program(name, rng):
 
 def test_a_point_past_the_edge_of_a_face_is_off_it():
     fit = surface(ng.Box([1.0, 2.0, 3.0])).fit("+x", np.array([0.5, 1.3, 0.0]), np.array([-1.0, 0.0, 0.0]), None)
-    assert fit.off == pytest.approx(0.3)
-    assert fit.turned == 0.0
+    assert fit.distance == pytest.approx(0.3)
+    assert fit.normal_difference == 0.0
 
 
 @pytest.mark.parametrize("name", CONSTRAINTS_IN_SPACE)
@@ -78,8 +80,8 @@ def test_rows_are_those_of_the_program(name, rng):
     problem = problem_of(body, 3, constraints=[CONSTRAINTS_IN_SPACE[name]], hand=ng.Fingertips(3, 0.05))
     for _ in range(5):
         faces = ["side", "top", "side"]
-        found = recomputed_file(stated_file(problem, faces, *contacts_on(body, faces, rng)))
-        check = found[f"constraint 0, {problem.constraints[0].to_dict()['type']}"]
+        checks = recomputed_file(stated_file(problem, faces, *contacts_on(body, faces, rng)))
+        check = checks[f"constraint 0, {problem.constraints[0].to_dict()['type']}"]
         assert check.made, check
         assert check.passed, check
 
@@ -118,10 +120,10 @@ def test_planar_constraints(rng):
         ng.Symmetric([0, 1], [1.0, 0.0], 0.0, 5.0),
     ]
     faces = ["edge0", "edge1", "edge2"]
-    found = recomputed_file(
+    checks = recomputed_file(
         stated_file(problem_of(body, 3, constraints=constraints), faces, *contacts_on(body, faces, rng))
     )
-    assert all(check.made and check.passed for check in found.values()), found
+    assert all(check.made and check.passed for check in checks.values()), checks
 
 
 @pytest.mark.parametrize(
@@ -137,9 +139,9 @@ def test_planar_constraints(rng):
 def test_free_fingertips(hand, rng):
     body, faces = ng.Box([1.0, 2.0, 3.0]), ["+x", "-y", "+z"]
     values = {} if hand.reach is None else {"palm": np.array([0.1, 0.2, 2.0])}
-    found = recomputed_file(stated_file(problem_of(body, 3, hand=hand), faces, *contacts_on(body, faces, rng), values))
-    assert found["hand"].made, found["hand"]
-    assert found["hand"].passed, found["hand"]
+    checks = recomputed_file(stated_file(problem_of(body, 3, hand=hand), faces, *contacts_on(body, faces, rng), values))
+    assert checks["hand"].made, checks["hand"]
+    assert checks["hand"].passed, checks["hand"]
 
 
 def test_parallel_jaws():
@@ -153,17 +155,17 @@ def test_parallel_jaws():
 
 @pytest.mark.parametrize("path", [FOUR, THREE, GRIPPER], ids=["four", "three", "gripper"])
 def test_links_are_where_mujoco_puts_them(path, rng):
-    links = links_below(path.read_bytes(), "palm")
+    links = links_in_urdf(read_robot(path), "palm")
     free = {link.joint: rng.uniform(link.lower, link.upper) for link in links if link.moves and link.follow is None}
     positions = dict(free)
     for link in links:
         if link.follow is not None:
             positions[link.joint] = link.follow.multiplier * free[link.follow.joint] + link.follow.offset
     expected = Mujoco(path).link_poses(positions)
-    found = poses(links, "palm", np.eye(4), positions)
-    assert len(found) > 3
-    for link in set(found) & set(expected):
-        np.testing.assert_allclose(found[link], expected[link], atol=1e-9)
+    frames = poses(links, "palm", np.eye(4), positions)
+    assert len(frames) > 3
+    for link in set(frames) & set(expected):
+        np.testing.assert_allclose(frames[link], expected[link], atol=1e-9)
 
 
 EVERY_TIP = {
@@ -186,14 +188,14 @@ def test_rows_of_a_posed_hand_are_those_of_the_program(path, tips, rng):
     problem = problem_of(body, hand.count, hand=hand, constraints=constraints)
     data = stated_file(problem, ["surface"] * hand.count, points, -points / 0.03, values)
     stated = {row["name"]: row["value"] for row in data["constraints"]}
-    asked = data["problem"]
-    twin = HANDS.of(asked["hand"])(asked["hand"], data["hand"], stated, SourceFolders((path.parent,)))
+    problem_data = data["problem"]
+    twin = HANDS.of(problem_data["hand"])(problem_data["hand"], data["hand"], stated, SourceFolders((path.parent,)))
     placement = StatedPlacement(points, -points / 0.03, body.size, twin, surface, stated)
-    rows = [row for c in asked["constraints"] for row in CONSTRAINTS.of(c)(c, placement)]
-    rows += [*twin.rows(placement), *link_rows(twin, surface(body), placement)]
-    assert {row.name for row in rows} == set(stated)
+    recomputed = [row for c in problem_data["constraints"] for row in CONSTRAINTS.of(c)(c, placement)]
+    recomputed += [*twin.rows(placement), *link_constraints(twin, surface(body), placement)]
+    assert {row.name for row in recomputed} == set(stated)
     limits = {row["name"]: row["bound"] for row in data["constraints"]}
-    for row in rows:
+    for row in recomputed:
         assert row.value == pytest.approx(stated[row.name], abs=1e-12), row.name
         low, high = limits[row.name]
         assert row.lower == pytest.approx(-np.inf if low is None else low)
@@ -208,7 +210,7 @@ def test_a_contact_anywhere_on_a_finger_links_side():
     def rows(height, lean=0.0):
         n = turned[:3, :3] @ np.array([np.cos(lean), 0.0, np.sin(lean)])
         p = turned[:3, :3] @ np.array([0.0, 0.0, height]) + turned[:3, 3] + 0.01 * n
-        return [row.value for row in touching_rows(tip, StatedTouch("on", turned, p, n, 0.05, 0.0, 0.0))]
+        return [row.value for row in touch_constraints(tip, StatedTouch("on", turned, p, n, 0.05, 0.0, 0.0))]
 
     np.testing.assert_allclose(rows(0.013), 0.0, atol=1e-15)
     assert np.linalg.norm(rows(0.045)[:3]) == pytest.approx(0.005)
@@ -217,4 +219,4 @@ def test_a_contact_anywhere_on_a_finger_links_side():
 
 def test_a_fingertip_of_an_unknown_kind_is_not_made():
     with pytest.raises(NotCheckedError, match="nothing recomputes a fingertip of type 'claw'"):
-        list(touching_rows({"type": "claw"}, StatedTouch("on", np.eye(4), np.zeros(3), np.ones(3), 1.0, 0.0, 0.0)))
+        list(touch_constraints({"type": "claw"}, StatedTouch("on", np.eye(4), np.zeros(3), np.ones(3), 1.0, 0.0, 0.0)))

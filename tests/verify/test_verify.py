@@ -1,3 +1,5 @@
+"""Checks of the quality, forces and wrenches that a file states."""
+
 import json
 from dataclasses import replace
 
@@ -18,7 +20,7 @@ def whole():
 
 @pytest.fixture(scope="module")
 def data(whole):
-    """All but the bound over all placements, which takes longer to verify than the rest."""
+    """The data of a solved file without its bound over all placements, which takes longer to verify than the rest."""
     return edited(whole, unbounded)
 
 

@@ -19,17 +19,17 @@ from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.quality.measures import mu
 from nlpgrasp.solution.quality_record import GlobalBound
 from nlpgrasp.solution.solution import GraspSolution
-from nlpgrasp.verify.bound.proof import RECOMPUTED, Proof
+from nlpgrasp.verify.bound.proof import BOUND_TOLERANCE, Proof
 from nlpgrasp.verify.check import BROKEN, Check, NotCheckedError, Verification, broken_data_message, guard
 from nlpgrasp.verify.quality_checks import OTHER_SEED, overlap
 from nlpgrasp.verify.sources import SourceFolders
 
-SCHEMA = "nlpgrasp-bound/1"  # of a bound file
-LARGEST = 512 * 2**20  # bytes: largest file that is read
-KEYS = ("upper", "gap", "closed", "dropped", "problem", "grasp", "certificate")
+SCHEMA = "nlpgrasp-bound/1"  # schema of a bound file
+LARGEST_FILE = 512 * 2**20  # bytes: largest size of a bound file
+REQUIRED_KEYS = ("upper", "gap", "closed", "dropped", "problem", "grasp", "certificate")
 ON_FACE = 1e-6  # tolerance relative to the body's size, and of unit normals
-SAME = 1e-9  # relative tolerance of a stated gap
-PARTS = ("body", "contacts", "task", "constraints", "hand", "force_budget", "edge_margin")  # keys of a problem
+GAP_TOLERANCE = 1e-9  # relative tolerance of a stated gap
+PROBLEM_PARTS = ("body", "contacts", "task", "constraints", "hand", "force_budget", "edge_margin")  # keys of a problem
 
 
 def bound_file(path: Path) -> Json | None:
@@ -40,7 +40,7 @@ def bound_file(path: Path) -> Json | None:
     InputError
         When it cannot be read, or is a bound file of another version.
     """
-    text = read_text(path, "a solution file or a bound file", LARGEST)
+    text = read_text(path, "a solution file or a bound file", LARGEST_FILE)
     if '"nlpgrasp-bound/' not in text:
         return None
     try:
@@ -52,7 +52,7 @@ def bound_file(path: Path) -> Json | None:
         return None
     if schema != SCHEMA:
         raise InputError(f"{path}: schema", schema, f'"{SCHEMA}"')
-    missing = [key for key in KEYS if key not in data]
+    missing = [key for key in REQUIRED_KEYS if key not in data]
     if missing:
         raise InputError(str(path), f"no {', '.join(missing)}", "what docs/how_close.md says of a bound file")
     return dict(data)
@@ -69,17 +69,17 @@ def verify_bound(data: Json, rtol: float, sources: SourceFolders) -> Verificatio
         unmade = [check for check in checks if not check.made]
         if unmade:  # a bound file claims the bound alone, which needs all checks
             checks.append(Check("bound", False, f"not computed again: {unmade[0].name} was {unmade[0].detail}"))
-        found: Bounds | None = None
+        quality: Bounds | None = None
         lower = 0.0
         if data["grasp"] is not None:
             try:
-                found, more = _check_grasp(proof, data["grasp"], upper, rtol)
+                quality, grasp_checks = _check_grasp(proof, data["grasp"], upper, rtol)
                 lower = float(data["grasp"]["mu"]["lower"])
-                checks += more
+                checks += grasp_checks
             except BROKEN as error:
                 checks.append(Check("grasp", False, broken_data_message(error)))
         checks += guard("gap", lambda: [_gap_check(data, lower)])
-    return Verification(tuple(checks), found, tuple(dict.fromkeys(sources.missing)))
+    return Verification(tuple(checks), quality, tuple(dict.fromkeys(sources.missing)))
 
 
 def _check_grasp(proof: Proof, data: Json, upper: float, rtol: float) -> tuple[Bounds, list[Check]]:
@@ -87,46 +87,50 @@ def _check_grasp(proof: Proof, data: Json, upper: float, rtol: float) -> tuple[B
     problem = proof.problem
     models = [contact_from_dict(contact) for contact in problem["contacts"]]
     grasp = Grasp(data["positions"], data["normals"], models, proof.origin)
-    found = mu(grasp, proof.task, rtol, force_budget=budget_from_dict(problem["force_budget"]), seed=OTHER_SEED)
+    quality = mu(grasp, proof.task, rtol, force_budget=budget_from_dict(problem["force_budget"]), seed=OTHER_SEED)
     stated = Bounds.from_dict(data["mu"], "grasp.mu")
     text = f"{stated.lower:.8g} of the grasp, {upper:.8g} over all placements"
     checks = [
-        overlap("certified quality", stated, found),
-        Check("grasp below the bound", stated.lower <= upper and found.lower <= upper, text),
+        overlap("certified quality", stated, quality),
+        Check("grasp below the bound", stated.lower <= upper and quality.lower <= upper, text),
     ]
     try:
         checks.append(_check_contacts(proof, grasp, data["faces"]))
     except NotCheckedError as reason:
         checks.append(Check.not_made("grasp", str(reason)))
-    return found, checks
+    return quality, checks
 
 
 def _check_contacts(proof: Proof, grasp: Grasp, faces: Sequence[str]) -> Check:
     """Return the check that contacts are on their faces, with the faces' normals, where constraints allow them."""
-    slack, off = ON_FACE * proof.size, 0.0
-    for i, (face, p, n, own) in enumerate(zip(faces, grasp.points, grasp.normals, proof.asked[0], strict=True)):
+    slack, largest_distance = ON_FACE * proof.size, 0.0
+    for i, (face, p, n, region) in enumerate(zip(faces, grasp.points, grasp.normals, proof.regions, strict=True)):
         fit = proof.surface.fit(face, p, n, None)
-        off = max(off, fit.off)
-        if not fit.off <= slack or (fit.turned is not None and not fit.turned <= ON_FACE):
-            return Check("grasp", False, f"contact {i} is {fit.off:.2g} m off {face}, or has another normal")
-        if own.forbid(face, p, n, slack):
+        largest_distance = max(largest_distance, fit.distance)
+        if not fit.distance <= slack or (fit.normal_difference is not None and not fit.normal_difference <= ON_FACE):
+            return Check("grasp", False, f"contact {i} is {fit.distance:.2g} m off {face}, or has another normal")
+        if region.forbids(face, p, n, slack):
             return Check("grasp", False, f"contact {i} is where constraints do not allow it")
-    return Check("grasp", True, f"{len(grasp)} contacts at most {off:.2g} m off their faces")
+    return Check("grasp", True, f"{len(grasp)} contacts at most {largest_distance:.2g} m off their faces")
 
 
 def _gap_check(data: Json, lower: float) -> Check:
     """Return the check that the stated gap follows from bound and grasp, and whether it is closed as stated."""
-    upper, stated, asked = float(data["upper"]), data["gap"], float(data["certificate"]["asked"])
+    upper, stated_gap, requested_gap = float(data["upper"]), data["gap"], float(data["certificate"]["asked"])
     gap = max(upper / lower - 1.0, 0.0) if lower > 0.0 else 0.0 if upper == 0.0 else None
-    same = stated is None if gap is None else stated is not None and abs(float(stated) - gap) <= RECOMPUTED
-    near = gap is not None and gap <= asked * (1.0 + RECOMPUTED) + RECOMPUTED
-    closed = data["closed"] is near
-    words = "none" if gap is None else f"{gap:.6g}"
-    text = f"stated {stated}, computed again {words}; asked {asked:g}, {'' if data['closed'] else 'not '}closed"
-    return Check("gap", bool(same and closed), text)
+    if gap is None or stated_gap is None:
+        agrees = gap is None and stated_gap is None
+    else:
+        agrees = abs(float(stated_gap) - gap) <= BOUND_TOLERANCE
+    is_closed = gap is not None and gap <= requested_gap * (1.0 + BOUND_TOLERANCE) + BOUND_TOLERANCE
+    closed_agrees = data["closed"] is is_closed
+    gap_text = "none" if gap is None else f"{gap:.6g}"
+    closed_text = "closed" if data["closed"] else "not closed"
+    text = f"stated {stated_gap}, computed again {gap_text}; asked {requested_gap:g}, {closed_text}"
+    return Check("gap", bool(agrees and closed_agrees), text)
 
 
-def global_bound_checks(solution: GraspSolution, grasp: Grasp, found: Bounds, sources: SourceFolders) -> list[Check]:
+def global_bound_checks(solution: GraspSolution, grasp: Grasp, quality: Bounds, sources: SourceFolders) -> list[Check]:
     """Return the checks that the bound is not below the grasp, and that it follows from its certificate.
 
     Parameters
@@ -134,7 +138,7 @@ def global_bound_checks(solution: GraspSolution, grasp: Grasp, found: Bounds, so
     solution : GraspSolution
         The certificate of its bound is in the file itself, or named as ``file`` and ``sha256``.
     grasp : Grasp
-    found : Bounds
+    quality : Bounds
         The grasp's recomputed quality.
     sources : SourceFolders
         Where the named file is searched.
@@ -142,34 +146,41 @@ def global_bound_checks(solution: GraspSolution, grasp: Grasp, found: Bounds, so
     bound, problem, lower = solution.bound, solution.problem, solution.mu.lower
     if bound is None:
         return []
-    gap, stated = bound.gap(lower), bound.stated_gap
-    same = stated is None or gap == stated or abs(gap - stated) <= SAME * max(1.0, gap)
-    text = f"{found.lower:.8g} of the grasp, {bound.upper:.8g} over all placements"
+    gap, stated_gap = bound.gap(lower), bound.stated_gap
+    agrees = stated_gap is None or gap == stated_gap or abs(gap - stated_gap) <= GAP_TOLERANCE * max(1.0, gap)
+    text = f"{quality.lower:.8g} of the grasp, {bound.upper:.8g} over all placements"
     checks = [
-        Check("best possible", max(found.lower, lower) <= bound.upper, text),
-        Check("gap", same, f"stated {gap if stated is None else stated:.6g}, bound over quality {gap:.6g}"),
+        Check("best possible", max(quality.lower, lower) <= bound.upper, text),
+        Check("gap", agrees, f"stated {gap if stated_gap is None else stated_gap:.6g}, bound over quality {gap:.6g}"),
     ]
     if not bound.certificate:
         return [*checks, Check.not_made("bound", "the file holds no certificate of the bound over all placements")]
     try:
-        certificate = _certificate(bound, problem, sources)
+        certificate = _read_certificate(bound, problem, sources)
     except NotCheckedError as reason:
         return [*checks, Check.not_made("bound", str(reason))]
     except InputError as error:
         return [*checks, Check("bound", False, str(error))]
-    proof = Proof(problem, certificate, sources)
+    return [*checks, *_certificate_checks(Proof(problem, certificate, sources), bound, grasp)]
+
+
+def _certificate_checks(proof: Proof, bound: GlobalBound, grasp: Grasp) -> list[Check]:
+    """Return the checks that a solution's bound follows from its certificate, about the grasp's torque origin."""
+    body = proof.problem["body"]
     try:
-        if problem["body"]["type"] == "mesh":
-            sources.find(problem["body"].get("source"))
+        if body["type"] == "mesh":
+            proof.sources.find(body.get("source"))
     except NotCheckedError as reason:
-        return [*checks, Check.not_made("bound", str(reason))]
-    for check in proof.checks(bound.upper, bound.dropped):
-        checks.append(Check(f"bound, {check.name}", check.passed, check.detail, check.made))
-    off = float(max(abs(proof.origin - grasp.torque_origin)))
-    return [*checks, Check("bound, torque origin", off == 0.0, f"{off:.3g} m from the grasp's")]
+        return [Check.not_made("bound", str(reason))]
+    checks = [
+        Check(f"bound, {check.name}", check.passed, check.detail, check.made)
+        for check in proof.checks(bound.upper, bound.dropped)
+    ]
+    offset = float(max(abs(proof.origin - grasp.torque_origin)))
+    return [*checks, Check("bound, torque origin", offset == 0.0, f"{offset:.3g} m from the grasp's")]
 
 
-def _certificate(bound: GlobalBound, problem: Json, sources: SourceFolders) -> Json:
+def _read_certificate(bound: GlobalBound, problem: Json, sources: SourceFolders) -> Json:
     """Return the certificate, from the solution or from the bound file that it names by digest."""
     stated = bound.certificate
     if "file" not in stated:
@@ -180,8 +191,12 @@ def _certificate(bound: GlobalBound, problem: Json, sources: SourceFolders) -> J
     data = bound_file(path)
     if data is None:
         raise InputError(path.name, "no bound", "a bound file")
-    other = [part for part in PARTS if data["problem"].get(part, 0.0) != problem.get(part, 0.0)]
-    if other or data["upper"] != bound.upper:
-        raise InputError(path.name, f"another {other[0] if other else 'bound'}", "the bound that the solution states")
+    different_parts = [part for part in PROBLEM_PARTS if data["problem"].get(part, 0.0) != problem.get(part, 0.0)]
+    if different_parts or data["upper"] != bound.upper:
+        raise InputError(
+            path.name,
+            f"another {different_parts[0] if different_parts else 'bound'}",
+            "the bound that the solution states",
+        )
     certificate: Json = data["certificate"]
     return certificate

@@ -1,4 +1,4 @@
-"""Recomputation of a certificate's leaf bounds from the supports of single contacts.
+"""Recomputation of the leaf bounds of a certificate from the supports of single contacts.
 
 For weights w >= 0 of directions y, a grasp of the quality mu has ``mu^p sum w phi_A(y)^p <= sum w phi_G(y)^p``, and
 ``phi_G(y)^p <= sum of s_i(y)^p`` over its contacts. So mu^p is at most the sum over the contacts' cells of
@@ -20,42 +20,43 @@ import numpy as np
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.tasks import Task
-from nlpgrasp.verify.bound.node_cover import Group
+from nlpgrasp.verify.bound.node_cover import StatedGroup
 from nlpgrasp.verify.bound.stated_cells import StatedCurvedFace, StatedMeshCell, VertexContacts
 from nlpgrasp.verify.check import NotCheckedError
 
-NARROWINGS = 50  # steps that shrink an interval of angles by a third: to the square root of rounding
-# by force budget: the power p, and whether it counts the length of a force and not its normal part
+SEARCH_STEPS = 50  # steps of a search by thirds over angles: to the square root of rounding
+# power p of each force budget, and whether it counts the length of a force instead of its normal part
 BUDGETS = {"l2": (2.0, True), "per_finger": (1.0, False), "per_finger_size": (1.0, True), "shared": (8.0, False)}
-MARGIN = 1e-9  # relative guard against rounding, added to every bound
-MATTERS = 0.5  # share of the largest leaf bound below which leaves are not resolved further
-ROUNDS, MOST_PARTS = 8, 20_000  # subdivision rounds of curved cells, and most parts of a leaf
-PART = 4000  # mesh corners in a batch
+GUARD = 1e-9  # relative guard against rounding, added to every bound
+RELEVANT_SHARE = 0.5  # share of the largest leaf bound below which leaves are not refined
+MOST_ROUNDS = 8  # most subdivision rounds of curved cells
+MOST_PARTS = 20_000  # most parts of the curved cells of a leaf
+BATCH = 4000  # mesh corners evaluated together
 
 
-class Leaves:
+class StatedLeaves:
     """The leaves of a certificate, with the data of their bounds.
 
     Parameters
     ----------
     data : mapping
         ``origin``, ``directions``; ``mixtures``: numbers of directions and their dual weights; ``leaves``: cells by
-        slot, the number of a mixture, and the stated bound.
-    groups : sequence of Group
+        slot, the number of dual weights, and the stated bound.
+    groups : sequence of StatedGroup
     contacts : sequence of mapping
         Contacts of the problem, by number.
     task : Task
-    budget : Budget
+    budget : StatedBudget
     """
 
     def __init__(
-        self, data: Json, groups: Sequence[Group], contacts: Sequence[Json], task: Task, budget: Budget
+        self, data: Json, groups: Sequence[StatedGroup], contacts: Sequence[Json], task: Task, budget: StatedBudget
     ) -> None:
-        self.leaves, self.budget, self._mixtures = data["leaves"], budget, data["mixtures"]
+        self.leaves, self.budget, self._dual_weights_data = data["leaves"], budget, data["mixtures"]
         self.twists = array("directions", data["directions"], (None, task.dimension))
-        self.reach = task.support(self.twists)[0]
+        self.supports = task.support(self.twists)[0]
         self.origin = array("origin", data["origin"], (2 if task.dimension == 3 else 3,))
-        self._models = [Contact.of(contacts[group.contacts[0]], budget) for group in groups]
+        self._models = [StatedContact.of(contacts[group.contacts[0]], budget) for group in groups]
         self._groups, self._slots = groups, [i for i, group in enumerate(groups) for _ in group.contacts]
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
@@ -65,51 +66,59 @@ class Leaves:
         bounds are refined only until they are not above the claimed ones.
         """
         stated = np.array([float(bound) for _, _, bound in self.leaves])
-        claimed = np.maximum(stated, MATTERS * np.max(stated, initial=0.0))
-        by_mixture: dict[int, list[int]] = {}
-        for i, (_, mixture, _) in enumerate(self.leaves):
-            by_mixture.setdefault(int(mixture), []).append(i)
-        found = np.empty(len(self.leaves))
-        for mixture, own in by_mixture.items():
-            found[own] = self._bounds_by_weights(mixture, [self.leaves[i][0] for i in own], claimed[own].tolist())
-        return claimed, found
+        claimed = np.maximum(stated, RELEVANT_SHARE * np.max(stated, initial=0.0))
+        by_weights: dict[int, list[int]] = {}
+        for i, (_, index, _) in enumerate(self.leaves):
+            by_weights.setdefault(int(index), []).append(i)
+        recomputed = np.empty(len(self.leaves))
+        for index, leaves in by_weights.items():
+            recomputed[leaves] = self._bounds_by_weights(
+                index, [self.leaves[i][0] for i in leaves], claimed[leaves].tolist()
+            )
+        return claimed, recomputed
 
-    def _bounds_by_weights(self, mixture: int, nodes: Sequence[Sequence[int]], claimed: Sequence[float]) -> list[float]:
+    def _bounds_by_weights(self, index: int, nodes: Sequence[Sequence[int]], claimed: Sequence[float]) -> list[float]:
         """Return the bounds of nodes by one set of dual weights, refined until they meet the claims."""
-        w, twists, whole = self._mixture(mixture)
-        add = max if self.budget.shared and len(w) == 1 else sum
-        slots = [list(zip(self._slots, node, strict=True)) for node in nodes]
-        largest = self._largest({slot for own in slots for slot in own}, twists, w)
-        found = []
-        for own, claim in zip(slots, claimed, strict=True):
-            asked = (claim / (1.0 + MARGIN)) ** self.budget.power * whole
-            total = _total([largest[slot] for slot in own], asked, add)
-            found.append(float((total / whole) ** (1.0 / self.budget.power)) * (1.0 + MARGIN))
-        return found
+        weights, twists, task_power = self._dual_weights(index)
+        aggregate = max if self.budget.shared and len(weights) == 1 else sum
+        cells_of_nodes = [list(zip(self._slots, node, strict=True)) for node in nodes]
+        largest = self._power_bounds({slot for cells in cells_of_nodes for slot in cells}, twists, weights)
+        bounds = []
+        for cells, claim in zip(cells_of_nodes, claimed, strict=True):
+            requested = (claim / (1.0 + GUARD)) ** self.budget.power * task_power
+            total = _total([largest[slot] for slot in cells], requested, aggregate)
+            bounds.append(float((total / task_power) ** (1.0 / self.budget.power)) * (1.0 + GUARD))
+        return bounds
 
-    def _mixture(self, index: int) -> tuple[FloatArray, FloatArray, float]:
-        """Return the dual weights (j,) and directions (j, d) of a mixture, and their ``sum w phi_A(y)^p``."""
-        if not 0 <= index < len(self._mixtures):
-            raise ValueError(f"mixture {index} of {len(self._mixtures)}")
-        numbers, weights = self._mixtures[index]
-        w, chosen = array("weights", weights, (len(numbers),)), np.array(numbers, dtype=np.int64)
-        if not (np.all(w > 0.0) and len(w) and np.all(chosen >= 0)):
-            raise ValueError(f"weights {weights} of directions {numbers}")
-        return w, self.twists[chosen], float(w @ self.reach[chosen] ** self.budget.power)
+    def _dual_weights(self, index: int) -> tuple[FloatArray, FloatArray, float]:
+        """Return dual weights (j,) by number, their directions (j, d), and their ``sum w phi_A(y)^p``."""
+        if not 0 <= index < len(self._dual_weights_data):
+            raise ValueError(f"mixture {index} of {len(self._dual_weights_data)}")
+        numbers, stated_weights = self._dual_weights_data[index]
+        weights, indices = array("weights", stated_weights, (len(numbers),)), np.array(numbers, dtype=np.int64)
+        if not (np.all(weights > 0.0) and len(weights) and np.all(indices >= 0)):
+            raise ValueError(f"weights {stated_weights} of directions {numbers}")
+        return weights, self.twists[indices], float(weights @ self.supports[indices] ** self.budget.power)
 
-    def _largest(
+    def _power_bounds(
         self, cells: set[tuple[int, int]], twists: FloatArray, weights: FloatArray
     ) -> dict[tuple[int, int], PowerBounds]:
         """Return the largest weighted power over each cell, by group number and cell number."""
-        found: dict[tuple[int, int], PowerBounds] = {}
+        bounds: dict[tuple[int, int], PowerBounds] = {}
         for i, (group, contact) in enumerate(zip(self._groups, self._models, strict=True)):
-            own = {cell_number: group.cells[cell_number] for where, cell_number in cells if where == i}
-            mix = WeightedPower(contact, twists, weights, self.origin)
-            known = _largest_over_mesh({n: cell for n, cell in own.items() if isinstance(cell, StatedMeshCell)}, mix)
-            for cell_number, cell in own.items():
-                below = known[cell_number] if cell_number in known else mix.most(cell.rows())
-                found[i, cell_number] = PowerBounds(mix, below, cell.sheets())
-        return found
+            cells_of_group = {
+                cell_number: group.cells[cell_number] for slot_group, cell_number in cells if slot_group == i
+            }
+            power = WeightedPower(contact, twists, weights, self.origin)
+            over_meshes = _largest_over_mesh(
+                {n: cell for n, cell in cells_of_group.items() if isinstance(cell, StatedMeshCell)}, power
+            )
+            for cell_number, cell in cells_of_group.items():
+                lower = (
+                    over_meshes[cell_number] if cell_number in over_meshes else power.largest(cell.vertex_contacts())
+                )
+                bounds[i, cell_number] = PowerBounds(power, lower, cell.curved_faces())
+        return bounds
 
 
 class PowerBounds:
@@ -117,99 +126,101 @@ class PowerBounds:
 
     Parameters
     ----------
-    mixed : WeightedPower
-    below : float
+    power : WeightedPower
+    lower : float
         The largest over the vertex contacts of the cell.
-    sheets : sequence of StatedCurvedFace
+    curved_faces : sequence of StatedCurvedFace
         Curved parts of the cell.
 
     Attributes
     ----------
-    below, above : float
+    lower, upper : float
         Largest value over evaluated contacts, and an upper bound for all contacts.
     """
 
-    def __init__(self, mixed: WeightedPower, below: float, sheets: Sequence[StatedCurvedFace]) -> None:
-        self._mixed, self.below = mixed, below
+    def __init__(self, power: WeightedPower, lower: float, curved_faces: Sequence[StatedCurvedFace]) -> None:
+        self._power, self.lower = power, lower
         self._parts: list[tuple[StatedCurvedFace, FloatArray, FloatArray]] = []
-        for sheet in sheets:
-            parts = sheet.start()
-            self._parts.append((sheet, parts, self._bounds(sheet, parts)))
+        for face in curved_faces:
+            parts = face.initial_parts()
+            self._parts.append((face, parts, self._bounds(face, parts)))
 
     @property
-    def above(self) -> float:
+    def upper(self) -> float:
         """Upper bound over all contacts of the cell."""
-        return max([self.below, *(float(np.max(bounds)) for _, _, bounds in self._parts)])
+        return max([self.lower, *(float(np.max(bounds)) for _, _, bounds in self._parts)])
 
     @property
     def count(self) -> int:
         """Number of parts."""
         return sum(len(bounds) for _, _, bounds in self._parts)
 
-    def narrow(self, enough: float, room: float) -> None:
+    def narrow(self, relative: float, absolute: float) -> None:
         """Subdivide the parts whose upper bound exceeds the lower one by too much.
 
         Parameters
         ----------
-        enough, room : float
+        relative, absolute : float
             Allowed relative and absolute excess.
         """
-        for i, (sheet, parts, bounds) in enumerate(self._parts):
-            large = bounds > (1.0 + enough) * self.below + room
-            if np.any(large):
-                small = sheet.halved(parts[large])
-                new = np.concatenate([bounds[~large], self._bounds(sheet, small)])
-                self._parts[i] = (sheet, np.concatenate([parts[~large], small]), new)
+        for i, (face, parts, bounds) in enumerate(self._parts):
+            is_loose = bounds > (1.0 + relative) * self.lower + absolute
+            if np.any(is_loose):
+                subdivided = face.subdivide(parts[is_loose])
+                new_bounds = np.concatenate([bounds[~is_loose], self._bounds(face, subdivided)])
+                self._parts[i] = (face, np.concatenate([parts[~is_loose], subdivided]), new_bounds)
 
-    def _bounds(self, sheet: StatedCurvedFace, parts: FloatArray) -> FloatArray:
+    def _bounds(self, face: StatedCurvedFace, parts: FloatArray) -> FloatArray:
         """Return an upper bound for the contacts in each part (n, c, q), (n,)."""
         n, c, q = parts.shape
-        contact, twists, weights = self._mixed.contact, self._mixed.twists, self._mixed.weights
-        points, normals = sheet.contacts(parts.reshape(n * c, q))
-        powers, speeds = contact.powers(points, normals, twists, self._mixed.origin)
-        self.below = max(self.below, float(np.max(powers @ weights)))
-        bends = np.repeat(sheet.bends(parts), c, axis=0)
-        above = contact.above(powers, speeds, bends, twists) @ weights
-        return np.asarray(np.max(above.reshape(n, c), axis=1))
+        contact, twists, weights = self._power.contact, self._power.twists, self._power.weights
+        points, normals = face.contacts(parts.reshape(n * c, q))
+        powers, speeds = contact.powers(points, normals, twists, self._power.origin)
+        self.lower = max(self.lower, float(np.max(powers @ weights)))
+        errors = np.repeat(face.interpolation_errors(parts), c, axis=0)
+        upper = contact.upper_bounds(powers, speeds, errors, twists) @ weights
+        return np.asarray(np.max(upper.reshape(n, c), axis=1))
 
 
-def _total(largest: Sequence[PowerBounds], asked: float, add: Callable[[Iterable[float]], float]) -> float:
+def _total(largest: Sequence[PowerBounds], requested: float, aggregate: Callable[[Iterable[float]], float]) -> float:
     """Return an upper bound for a node's contacts together, refined until the requested bound is shown or disproved.
 
     Parameters
     ----------
     largest : sequence of PowerBounds
         Bounds of each contact's cell.
-    asked : float
+    requested : float
         The requested bound.
-    add : callable
+    aggregate : callable
         Aggregation over contacts: sum or maximum.
     """
-    once = list(dict.fromkeys(largest))
-    for _ in range(ROUNDS):
-        met = add(part.below for part in largest)
-        done = met > asked or add(part.above for part in largest) <= asked  # disproved, or shown
-        if done or sum(part.count for part in once) > MOST_PARTS:
+    distinct = list(dict.fromkeys(largest))
+    for _ in range(MOST_ROUNDS):
+        lower = aggregate(part.lower for part in largest)
+        is_decided = lower > requested or aggregate(part.upper for part in largest) <= requested  # disproved, or shown
+        if is_decided or sum(part.count for part in distinct) > MOST_PARTS:
             break
-        for part in once:  # half of the slack by shares, half equally
-            part.narrow(0.5 * (asked / met - 1.0) if met > 0.0 else 0.0, 0.5 * (asked - met) / len(largest))
-    return add(part.above for part in largest)
+        for part in distinct:  # half of the slack by shares, half equally
+            part.narrow(
+                0.5 * (requested / lower - 1.0) if lower > 0.0 else 0.0, 0.5 * (requested - lower) / len(largest)
+            )
+    return aggregate(part.upper for part in largest)
 
 
-def _largest_over_mesh(cells: dict[int, StatedMeshCell], mixed: WeightedPower) -> dict[int, float]:
+def _largest_over_mesh(cells: dict[int, StatedMeshCell], power: WeightedPower) -> dict[int, float]:
     """Return the largest weighted power over cells of one mesh, from disjoint ranges of its pieces."""
     if not cells:
         return {}
-    whole = next(iter(cells.values()))
+    mesh = next(iter(cells.values()))
     ends = np.unique([end for cell in cells.values() for end in (cell.first, cell.last)])
-    over = np.full(len(ends) - 1, -np.inf)
+    largest = np.full(len(ends) - 1, -np.inf)
     for i, (first, last) in enumerate(zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True)):
         if any(cell.first <= first and last <= cell.last for cell in cells.values()):
-            for low in range(first, last, PART // 3):
-                part = StatedMeshCell(whole.data, whole.corners, whole.normals, low, min(last, low + PART // 3))
-                over[i] = max(over[i], mixed.most(part.rows()))
-    places = {cell_number: np.searchsorted(ends, (cell.first, cell.last)) for cell_number, cell in cells.items()}
-    return {cell_number: float(np.max(over[low:high])) for cell_number, (low, high) in places.items()}
+            for low in range(first, last, BATCH // 3):
+                part = StatedMeshCell(mesh.data, mesh.corners, mesh.normals, low, min(last, low + BATCH // 3))
+                largest[i] = max(largest[i], power.largest(part.vertex_contacts()))
+    ranges = {cell_number: np.searchsorted(ends, (cell.first, cell.last)) for cell_number, cell in cells.items()}
+    return {cell_number: float(np.max(largest[low:high])) for cell_number, (low, high) in ranges.items()}
 
 
 @dataclass(frozen=True)
@@ -218,27 +229,29 @@ class WeightedPower:
 
     Parameters
     ----------
-    contact : Contact
+    contact : StatedContact
     twists : (j, d) array
     weights : (j,) array
     origin : (space,) array
         Torque origin, metres.
     """
 
-    contact: Contact
+    contact: StatedContact
     twists: FloatArray
     weights: FloatArray
     origin: FloatArray
 
-    def most(self, rows: VertexContacts) -> float:
+    def largest(self, contacts: VertexContacts) -> float:
         """Return the largest weighted power over vertex contacts; 0 without any."""
-        if not len(rows.points):
+        if not len(contacts.points):
             return 0.0
-        return float(np.max(self.contact.powers(rows.points, rows.normals, self.twists, self.origin)[0] @ self.weights))
+        return float(
+            np.max(self.contact.powers(contacts.points, contacts.normals, self.twists, self.origin)[0] @ self.weights)
+        )
 
 
 @dataclass(frozen=True)
-class Contact:
+class StatedContact:
     """Contact model: normal force, friction, torsion.
 
     Parameters
@@ -247,15 +260,15 @@ class Contact:
         Coefficients of friction, and of torsion in metres, if any.
     elliptic : bool
         Whether friction and torsion share one ellipse.
-    budget : Budget
+    budget : StatedBudget
     """
 
     coefficients: tuple[float, ...]
     elliptic: bool
-    budget: Budget
+    budget: StatedBudget
 
     @classmethod
-    def of(cls, data: Json, budget: Budget) -> Contact:
+    def of(cls, data: Json, budget: StatedBudget) -> StatedContact:
         """Return the contact of its JSON data; raise ``NotCheckedError`` on other models than point, friction, soft."""
         names = {"point": (), "friction": ("friction",), "soft": ("friction", "torsional_friction")}.get(data["model"])
         if names is None:
@@ -272,9 +285,9 @@ class Contact:
         """Return the largest work of one unit, given velocities along the normal and magnitudes in each other part."""
         parts = list(zip(self.coefficients, sizes, strict=False))
         if not self.budget.lengths:
-            others = [c * a for c, a in parts]
-            both = np.hypot(*others) if self.elliptic else sum(others)
-            return np.maximum(normal + both, 0.0)
+            limited = [c * a for c, a in parts]
+            tangential = np.hypot(*limited) if self.elliptic else sum(limited)
+            return np.maximum(normal + tangential, 0.0)
         return self._elliptic(normal, *sizes) if self.elliptic else self._longest(normal, parts)
 
     def _longest(self, normal: FloatArray, parts: Sequence[tuple[float, FloatArray]]) -> FloatArray:
@@ -284,28 +297,28 @@ class Contact:
         ``n - v_n - sum over A of c (a - c n)`` over sets A of parts, so that it vanishes at the largest of their roots.
         """
         n = np.maximum(normal, 0.0)
-        for chosen in product((False, True), repeat=len(parts)):
-            own = [part for part, there in zip(parts, chosen, strict=True) if there]
-            n = np.maximum(n, (normal + sum(c * a for c, a in own)) / (1.0 + sum(c**2 for c, _ in own)))
+        for mask in product((False, True), repeat=len(parts)):
+            active = [part for part, is_active in zip(parts, mask, strict=True) if is_active]
+            n = np.maximum(n, (normal + sum(c * a for c, a in active)) / (1.0 + sum(c**2 for c, _ in active)))
         return np.asarray(np.sqrt(n**2 + sum(np.minimum(a, c * n) ** 2 for c, a in parts)))
 
-    def _elliptic(self, normal: FloatArray, sliding: FloatArray, turning: FloatArray) -> FloatArray:
+    def _elliptic(self, normal: FloatArray, sliding: FloatArray, torsion: FloatArray) -> FloatArray:
         """Return the length of the projection onto ``|(f_t / c_1, m / c_2)| <= n``, by search over the cone's rim."""
         c, d = self.coefficients
 
-        def along(angle: FloatArray) -> FloatArray:
+        def work(angle: FloatArray) -> FloatArray:
             x, y = c * np.cos(angle), d * np.sin(angle)
-            return np.asarray((normal + x * sliding + y * turning) / np.sqrt(1.0 + x**2 + y**2))
+            return np.asarray((normal + x * sliding + y * torsion) / np.sqrt(1.0 + x**2 + y**2))
 
         low, high = np.zeros_like(normal), np.full_like(normal, 0.5 * np.pi)
-        for _ in range(NARROWINGS):
-            third = (high - low) / 3.0
-            rising = along(low + third) < along(high - third)
-            low, high = np.where(rising, low + third, low), np.where(rising, high, high - third)
-        ends = [along(np.zeros_like(normal)), along(np.full_like(normal, 0.5 * np.pi))]
-        rim = np.maximum(np.maximum(along(0.5 * (low + high)), np.maximum(*ends)), 0.0)
-        inside = np.hypot(sliding / c, turning / d) <= normal
-        return np.where(inside, np.sqrt(normal**2 + sliding**2 + turning**2), rim)
+        for _ in range(SEARCH_STEPS):
+            step = (high - low) / 3.0
+            is_rising = work(low + step) < work(high - step)
+            low, high = np.where(is_rising, low + step, low), np.where(is_rising, high, high - step)
+        ends = [work(np.zeros_like(normal)), work(np.full_like(normal, 0.5 * np.pi))]
+        rim = np.maximum(np.maximum(work(0.5 * (low + high)), np.maximum(*ends)), 0.0)
+        is_inside = np.hypot(sliding / c, torsion / d) <= normal
+        return np.where(is_inside, np.sqrt(normal**2 + sliding**2 + torsion**2), rim)
 
     def powers(
         self, points: FloatArray, normals: FloatArray, twists: FloatArray, origin: FloatArray
@@ -331,7 +344,9 @@ class Contact:
         torsion = np.abs(normals @ twists[:, space:].T) if space == 3 else np.zeros_like(normal)
         return self.work(normal, [sliding, torsion]) ** self.budget.power, np.linalg.norm(velocity, axis=2)
 
-    def above(self, powers: FloatArray, speeds: FloatArray, bends: FloatArray, twists: FloatArray) -> FloatArray:
+    def upper_bounds(
+        self, powers: FloatArray, speeds: FloatArray, errors: FloatArray, twists: FloatArray
+    ) -> FloatArray:
         """Return upper bounds near each contact of the work along spatial twists, to the budget's power, (m, j).
 
         The bound is ``s^p + p (s + L x)^(p - 1) L z`` with the steepness L, the interpolation error z of the work, and
@@ -341,27 +356,27 @@ class Contact:
         ----------
         powers, speeds : (m, j) arrays
             Powers and speeds of each contact.
-        bends : (m, 2, 3) array
+        errors : (m, 2, 3) array
             Interpolation coefficients of the part that it is a corner of.
         twists : (j, 6) array
         """
-        turning, p, L = np.linalg.norm(twists[:, 3:], axis=1), self.budget.power, self.steepness
-        about = bends[..., 1] + (bends[..., 2] if len(self.coefficients) == 2 else 0.0)
-        off, more = (bends[:, i, 0, None] * speeds + about[:, i, None] * turning for i in (0, 1))
-        most = powers ** (1.0 / p) + L * more
-        return np.asarray(np.minimum(powers + p * most ** (p - 1.0) * L * off, most**p))
+        angular_speeds, p, L = np.linalg.norm(twists[:, 3:], axis=1), self.budget.power, self.steepness
+        angular = errors[..., 1] + (errors[..., 2] if len(self.coefficients) == 2 else 0.0)
+        error, difference = (errors[:, i, 0, None] * speeds + angular[:, i, None] * angular_speeds for i in (0, 1))
+        largest = powers ** (1.0 / p) + L * difference
+        return np.asarray(np.minimum(powers + p * largest ** (p - 1.0) * L * error, largest**p))
 
 
-def _cross_products(turning: FloatArray, arms: FloatArray) -> FloatArray:
+def _cross_products(angular_velocities: FloatArray, arms: FloatArray) -> FloatArray:
     """Return ``tau x arm`` for every arm (m, space) and angular velocity (j, 1 or 3), (m, j, space)."""
     if arms.shape[1] == 2:
-        return np.asarray(turning[None] * np.stack([-arms[:, 1], arms[:, 0]], axis=1)[:, None])
-    (x, y, z), (p, q, r) = arms.T[:, :, None], turning.T
+        return np.asarray(angular_velocities[None] * np.stack([-arms[:, 1], arms[:, 0]], axis=1)[:, None])
+    (x, y, z), (p, q, r) = arms.T[:, :, None], angular_velocities.T
     return np.stack([q * z - r * y, r * x - p * z, p * y - q * x], axis=2)
 
 
 @dataclass(frozen=True)
-class Budget:
+class StatedBudget:
     """Force budget of the bound: ``phi_G^p <= sum of s^p``, or the largest s for a shared budget.
 
     Parameters
@@ -378,7 +393,7 @@ class Budget:
     shared: bool
 
     @classmethod
-    def of(cls, data: str | Json) -> Budget:
+    def of(cls, data: str | Json) -> StatedBudget:
         """Return the budget of its JSON data; raise ``NotCheckedError`` on an unknown kind."""
         kind = data if isinstance(data, str) else str(data["type"])
         if kind not in BUDGETS:

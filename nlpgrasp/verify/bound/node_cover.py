@@ -1,4 +1,4 @@
-"""Check that a certificate's nodes cover all placements: each is split, a symmetric copy of another, or a leaf."""
+"""Coverage of all placements by the nodes of a certificate: splits, symmetric copies and leaves."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ import numpy as np
 
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array
-from nlpgrasp.verify.bound.stated_cells import StatedCell, StatedMeshCell, read_cell, same_place
+from nlpgrasp.verify.bound.stated_cells import StatedCell, StatedMeshCell, is_image, read_cell
 from nlpgrasp.verify.bound.stated_regions import StatedRegion
 from nlpgrasp.verify.surface_geometry import TriangleSurface
 
-SAME = 1e-8  # tolerance relative to the body's size
+MOTION_TOLERANCE = 1e-8  # tolerance of images under a motion, relative to the body's size
 Node = tuple[int, ...]
-"""The number of a cell for each contact, sorted within each group."""
+"""Number of a cell for each contact, sorted within each group."""
 
 
-class Group:
+class StatedGroup:
     """The numbered cells of a group of interchangeable contacts.
 
     Parameters
@@ -33,9 +33,9 @@ class Group:
     def __init__(self, data: Json, mesh: Callable[[], TriangleSurface]) -> None:
         self.contacts = tuple(int(i) for i in data["contacts"])
         self.roots = tuple(int(number) for number, _ in data["roots"])
-        self.cells: dict[int, StatedCell] = {int(number): _root(cell, mesh) for number, cell in data["roots"]}
+        self.cells: dict[int, StatedCell] = {int(number): _root_cell(cell, mesh) for number, cell in data["roots"]}
         self.parts: dict[int, tuple[int, ...]] = {}
-        self.left_out: list[tuple[int, StatedCell]] = []
+        self.omitted: list[tuple[int, StatedCell]] = []
         if len(self.cells) != len(self.roots):
             raise ValueError("two cells of one number")
         for number, cut, *parts in data["cuts"]:
@@ -47,19 +47,20 @@ class Group:
             raise ValueError(f"cell {number} is cut into {len(parts)} parts, or twice")
         for part, cell in zip(parts, self.cells[number].parts(cut), strict=True):
             if part is None:
-                self.left_out.append((number, cell))
+                self.omitted.append((number, cell))
             elif part in self.cells:
                 raise ValueError(f"two cells of number {part}")
             else:
                 self.cells[part] = cell
         self.parts[number] = tuple(part for part in parts if part is not None)
 
-    def wrongly_omitted(self, own: StatedRegion, slack: float) -> list[int]:
+    def wrongly_omitted(self, region: StatedRegion, slack: float) -> list[int]:
         """Return the numbers of cells with an omitted part that constraints do not exclude."""
-        return [number for number, cell in self.left_out if not own.exclude(cell, slack)]
+        return [number for number, cell in self.omitted if not region.excludes(cell, slack)]
 
 
-def _root(cell: Json, mesh: Callable[[], TriangleSurface]) -> StatedCell:
+def _root_cell(cell: Json, mesh: Callable[[], TriangleSurface]) -> StatedCell:
+    """Return a root cell; of a mesh, all its pieces."""
     return StatedMeshCell.whole(cell, mesh()) if cell["kind"] == "mesh" else read_cell(cell)
 
 
@@ -70,15 +71,15 @@ class StatedNodes:
     ----------
     data : mapping
         ``splits``, ``twins``, ``leaves``.
-    groups : sequence of Group
+    groups : sequence of StatedGroup
     size : float
         Of the body, metres.
     """
 
-    def __init__(self, data: Json, groups: Sequence[Group], size: float) -> None:
-        self.groups, self._tolerance = groups, SAME * size
+    def __init__(self, data: Json, groups: Sequence[StatedGroup], size: float) -> None:
+        self.groups, self._tolerance = groups, MOTION_TOLERANCE * size
         self.splits: dict[Node, int] = {self._node(cells): int(slot) for cells, slot in data["splits"]}
-        self.twins = {self._node(cells): (int(motion), self._node(other)) for cells, motion, other in data["twins"]}
+        self.copies = {self._node(cells): (int(motion), self._node(other)) for cells, motion, other in data["twins"]}
         self.leaves = {self._node(leaf[0]) for leaf in data["leaves"]}
         space = groups[0].cells[groups[0].roots[0]].anchors().shape[1]
         self.motions = [
@@ -94,6 +95,7 @@ class StatedNodes:
         return tuple(chain.from_iterable(sorted(part) for part in self._by_group([int(c) for c in cells])))
 
     def _by_group(self, cells: Sequence[int]) -> list[list[int]]:
+        """Return the cells of a node by group."""
         parts, start = [], 0
         for group in self.groups:
             parts.append(list(cells[start : start + len(group.contacts)]))
@@ -111,62 +113,71 @@ class StatedNodes:
         Dependencies are followed down to leaves. A placement in a node is in one of its parts, or has an image in its
         symmetric copy; so it has an image in a leaf, unless the dependencies are cyclic.
         """
-        done: set[Node] = set()
-        on_way: set[Node] = set()
+        covered: set[Node] = set()
+        pending: set[Node] = set()
         stack = self.roots()
         while stack:
             node = stack[-1]
-            if node in done:
+            if node in covered:
                 stack.pop()
-            elif node in on_way:
-                on_way.remove(node)
-                done.add(stack.pop())
+            elif node in pending:
+                pending.remove(node)
+                covered.add(stack.pop())
             elif node in self.leaves:
-                done.add(stack.pop())
+                covered.add(stack.pop())
             else:
-                needed = self._required_nodes(node)
-                if needed is None:
+                required = self._required_nodes(node)
+                if required is None:
                     return f"node {list(node)} is neither cut, nor a twin, nor a leaf"
-                on_way.add(node)
-                if any(other in on_way for other in needed):
+                pending.add(node)
+                if any(other in pending for other in required):
                     return f"node {list(node)} rests on itself"
-                stack += needed
+                stack += required
         return ""
 
     def _required_nodes(self, node: Node) -> list[Node] | None:
         """Return the nodes that must be covered for a node to be covered; None where nothing covers it."""
-        if node in self.twins:
-            return [self.twins[node][1]]
+        if node in self.copies:
+            return [self.copies[node][1]]
         if node not in self.splits:
             return None
         slot, parts, start = self.splits[node], self._by_group(node), 0
         for i, group in enumerate(self.groups):
             if start <= slot < start + len(parts[i]) and node[slot] in group.parts:
                 cell = node[slot]
-                rest, times = [c for c in parts[i] if c != cell], parts[i].count(cell)
-                chosen = combinations_with_replacement(group.parts[cell], times)
-                options = [sorted([*rest, *new]) for new in chosen]
-                return [tuple(chain.from_iterable([*parts[:i], own, *parts[i + 1 :]])) for own in options]
+                remaining, count = [c for c in parts[i] if c != cell], parts[i].count(cell)
+                replacements = combinations_with_replacement(group.parts[cell], count)
+                options = [sorted([*remaining, *replacement]) for replacement in replacements]
+                return [tuple(chain.from_iterable([*parts[:i], option, *parts[i + 1 :]])) for option in options]
             start += len(parts[i])
         return None
 
     def wrong_symmetric_copies(self) -> list[Node]:
         """Return the nodes whose motion does not map their cells onto those of their symmetric copy."""
-        return [node for node, (motion, other) in self.twins.items() if not self._maps(node, motion, other)]
+        return [node for node, (motion, other) in self.copies.items() if not self._maps(node, motion, other)]
 
     def _maps(self, node: Node, motion: int, other: Node) -> bool:
-        for i, (own, there) in enumerate(zip(self._by_group(node), self._by_group(other), strict=True)):
-            left = Counter(there)
-            for cell in own:
+        """Return whether a motion maps the cells of a node onto those of another, group by group."""
+        for i, (cells_of_group, images) in enumerate(zip(self._by_group(node), self._by_group(other), strict=True)):
+            unmatched = Counter(images)
+            for cell in cells_of_group:
                 image = self._image(i, motion, cell)
-                cells, near = self.groups[i].cells, self._tolerance
-                match = next((c for c in left if left[c] and same_place(cells[c], cells[cell], image, near)), None)
+                group_cells, tolerance = self.groups[i].cells, self._tolerance
+                match = next(
+                    (
+                        c
+                        for c in unmatched
+                        if unmatched[c] and is_image(group_cells[c], group_cells[cell], image, tolerance)
+                    ),
+                    None,
+                )
                 if match is None:
                     return False
-                left[match] -= 1
+                unmatched[match] -= 1
         return True
 
     def _image(self, group: int, motion: int, cell: int) -> FloatArray:
+        """Return the image of a cell's anchors under a motion, (m, space), metres."""
         key = group, motion, cell
         if key not in self._images:
             R, t = self.motions[motion]

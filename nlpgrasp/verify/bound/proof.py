@@ -1,4 +1,4 @@
-"""Checks of a bound's certificate: coverage, symmetries and the resulting bound on mu."""
+"""Checks of a global bound's certificate: coverage, symmetries and the resulting bound on mu."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 from nlpgrasp.common.types import Json
 from nlpgrasp.common.validation import FloatArray, array, number
 from nlpgrasp.tasks import Task, task_from_dict
-from nlpgrasp.verify.bound.face_cover import SAME, Faces, faces_of, uncovered_faces
-from nlpgrasp.verify.bound.leaves import Budget, Leaves
-from nlpgrasp.verify.bound.node_cover import Group, StatedNodes
+from nlpgrasp.verify.bound.face_cover import TOLERANCE, Faces, faces_of, uncovered_faces
+from nlpgrasp.verify.bound.leaves import StatedBudget, StatedLeaves
+from nlpgrasp.verify.bound.node_cover import StatedGroup, StatedNodes
 from nlpgrasp.verify.bound.stated_cells import StatedMeshCell
-from nlpgrasp.verify.bound.stated_regions import StatedRegion, places
+from nlpgrasp.verify.bound.stated_regions import StatedRegion, allowed_regions
 from nlpgrasp.verify.bound.stated_symmetry import RotationTest, error_of_motion, error_of_reduction
 from nlpgrasp.verify.check import BROKEN, Check, NotCheckedError, broken_data_message
 from nlpgrasp.verify.mesh_body import MeshSurface
@@ -23,8 +23,8 @@ from nlpgrasp.verify.sources import SourceFolders
 from nlpgrasp.verify.stated_placement import NumericBody
 from nlpgrasp.verify.surface_geometry import TriangleSurface
 
-UNIT = 1e-9  # relative tolerance of the task's unit support along a direction
-RECOMPUTED = 1e-10  # share of the largest bound that a stated bound may lack of the recomputed one
+SUPPORT_TOLERANCE = 1e-9  # relative tolerance of the task's unit support along a direction
+BOUND_TOLERANCE = 1e-10  # share of the largest bound that a stated bound may lack of the recomputed one
 
 
 class Proof:
@@ -69,16 +69,27 @@ class Proof:
         return faces_of(self.problem["body"], margin)
 
     @cached_property
-    def asked(self) -> tuple[list[StatedRegion], list[str]]:
+    def _regions_and_relaxed_parts(self) -> tuple[list[StatedRegion], list[str]]:
         """Allowed region of each contact, and the relaxed parts of the problem."""
-        return places(self.problem, tuple(self.faces), len(self.origin), self.sources)
+        return allowed_regions(self.problem, tuple(self.faces), len(self.origin), self.sources)
+
+    @property
+    def regions(self) -> list[StatedRegion]:
+        """Allowed region of each contact."""
+        return self._regions_and_relaxed_parts[0]
+
+    @property
+    def relaxed_parts(self) -> list[str]:
+        """Parts of the problem that the bound relaxes, as text."""
+        return self._regions_and_relaxed_parts[1]
 
     @cached_property
-    def groups(self) -> list[Group]:
+    def groups(self) -> list[StatedGroup]:
         """Groups of interchangeable contacts, with their cells."""
-        return [Group(group, self._triangles) for group in self.data["groups"]]
+        return [StatedGroup(group, self._triangles) for group in self.data["groups"]]
 
     def _triangles(self) -> TriangleSurface:
+        """Return the triangles of a mesh body."""
         if not isinstance(self.surface, MeshSurface):
             raise ValueError(f"cells of a mesh on a {self.problem['body']['type']}")
         return self.surface.triangles
@@ -99,104 +110,114 @@ class Proof:
             The stated relaxed parts of the problem.
         """
         parts: dict[str, Callable[[], tuple[str, str]]] = {
-            "dropped": partial(self._dropped, dropped),
-            "alike": self._alike,
-            "faces covered": self._covered,
-            "turned": self._turned,
-            "cuts": self._cuts,
-            "nodes": self._nodes,
-            "symmetries": self._symmetries,
-            "directions": self._directions,
-            "leaves": self._leaves,
-            "upper": partial(self._upper, upper),
+            "dropped": partial(self._check_dropped, dropped),
+            "alike": self._check_alike,
+            "faces covered": self._check_covered,
+            "turned": self._check_turned,
+            "cuts": self._check_cuts,
+            "nodes": self._check_nodes,
+            "symmetries": self._check_symmetries,
+            "directions": self._check_directions,
+            "leaves": self._check_leaves,
+            "upper": partial(self._check_upper, upper),
         }
         return [_check_part(name, part) for name, part in parts.items()]
 
-    def _dropped(self, stated: Sequence[str]) -> tuple[str, str]:
-        found = self.asked[1]
-        wrong = "" if list(stated) == found else f"stated {list(stated)}, the problem leaves out {found}"
-        return wrong, ", ".join(found) if found else "nothing left out"
+    def _check_dropped(self, stated: Sequence[str]) -> tuple[str, str]:
+        """Compare the relaxed parts with the stated ones."""
+        relaxed = self.relaxed_parts
+        error = "" if list(stated) == relaxed else f"stated {list(stated)}, the problem leaves out {relaxed}"
+        return error, ", ".join(relaxed) if relaxed else "nothing left out"
 
-    def _alike(self) -> tuple[str, str]:
-        own, contacts = self.asked[0], self.problem["contacts"]
+    def _check_alike(self) -> tuple[str, str]:
+        """Check that the contacts of a group are interchangeable."""
+        regions, contacts = self.regions, self.problem["contacts"]
         numbers = [i for group in self.groups for i in group.contacts]
         if sorted(numbers) != list(range(len(contacts))):
             return f"cells for the contacts {numbers}, of {len(contacts)}", ""
-        for first, *rest in (group.contacts for group in self.groups):
-            for other in rest:
-                if contacts[first] != contacts[other] or not own[first].same(own[other]):
-                    return f"contacts {first} and {other} are not alike", ""
+        for contact, *others in (group.contacts for group in self.groups):
+            for other in others:
+                if contacts[contact] != contacts[other] or not regions[contact].equals(regions[other]):
+                    return f"contacts {contact} and {other} are not alike", ""
         return "", f"{len(contacts)} contacts in {len(self.groups)} groups"
 
-    def _covered(self) -> tuple[str, str]:
+    def _check_covered(self) -> tuple[str, str]:
+        """Check that the root cells cover the allowed faces."""
         for data, group in zip(self.data["groups"], self.groups, strict=True):
-            own = self.asked[0][group.contacts[0]]
+            region = self.regions[group.contacts[0]]
             cells = [cell for _, cell in data["roots"]]
-            left = [] if data["turned"] is not None else uncovered_faces(self.faces, own, cells, self.size)
-            meshes = [cell for number in group.roots if isinstance(cell := group.cells[number], StatedMeshCell)]
-            if any(self.faces[name] is None for name in own.faces):
-                missing = min((cell.left_out(self._triangles()) for cell in meshes), default=None)
+            uncovered = [] if data["turned"] is not None else uncovered_faces(self.faces, region, cells, self.size)
+            mesh_cells = [cell for number in group.roots if isinstance(cell := group.cells[number], StatedMeshCell)]
+            if any(self.faces[name] is None for name in region.faces):
+                missing = min((cell.count_missing(self._triangles()) for cell in mesh_cells), default=None)
                 if missing is None or missing > 0:
                     return f"contact {group.contacts[0]} may also be on {missing} other pieces of the mesh", ""
-            if left:
-                return f"contact {group.contacts[0]} may also be elsewhere on {', '.join(left)}", ""
+            if uncovered:
+                return f"contact {group.contacts[0]} may also be elsewhere on {', '.join(uncovered)}", ""
         return "", f"{sum(len(group.roots) for group in self.groups)} cells to begin with"
 
-    def _turned(self) -> tuple[str, str]:
-        turning = RotationTest(self.problem["body"], self.task, self.origin, self.size)
-        ways = [str(group["turned"]) for group in self.data["groups"] if group["turned"] is not None]
-        wrong = error_of_reduction(self.data["groups"], turning, self.faces, self.asked[0])
-        return wrong, ", ".join(ways) if ways else "no contact is turned to a line"
+    def _check_turned(self) -> tuple[str, str]:
+        """Check that rotational symmetry allows the stated reductions."""
+        rotation_test = RotationTest(self.problem["body"], self.task, self.origin, self.size)
+        reductions = [str(group["turned"]) for group in self.data["groups"] if group["turned"] is not None]
+        error = error_of_reduction(self.data["groups"], rotation_test, self.faces, self.regions)
+        return error, ", ".join(reductions) if reductions else "no contact is turned to a line"
 
-    def _cuts(self) -> tuple[str, str]:
+    def _check_cuts(self) -> tuple[str, str]:
+        """Check that the omitted parts of cut cells are excluded by constraints."""
         for group in self.groups:
-            wrong = group.wrongly_omitted(self.asked[0][group.contacts[0]], SAME * self.size)
-            if wrong:
-                return f"a part of cell {wrong[0]} is left out, though constraints allow it", ""
+            omitted = group.wrongly_omitted(self.regions[group.contacts[0]], TOLERANCE * self.size)
+            if omitted:
+                return f"a part of cell {omitted[0]} is left out, though constraints allow it", ""
         return "", f"{sum(len(group.parts) for group in self.groups)} cells cut"
 
-    def _nodes(self) -> tuple[str, str]:
+    def _check_nodes(self) -> tuple[str, str]:
+        """Check that the nodes cover all placements."""
         nodes = self.nodes
-        counts = f"{len(nodes.splits)} cut, {len(nodes.twins)} twins, {len(nodes.leaves)} leaves"
+        counts = f"{len(nodes.splits)} cut, {len(nodes.copies)} twins, {len(nodes.leaves)} leaves"
         return nodes.uncovered(), counts
 
-    def _symmetries(self) -> tuple[str, str]:
+    def _check_symmetries(self) -> tuple[str, str]:
+        """Check that the motions are symmetries, and map nodes onto their symmetric copies."""
         for i, motion in enumerate(self.data["motions"]):
-            wrong = error_of_motion(motion, self.problem, self.task, self.origin, self.asked[0], self.size)
-            if wrong:
-                return f"motion {i}: {wrong}", ""
-        false = self.nodes.wrong_symmetric_copies()
-        wrong = f"node {list(false[0])} is not mapped onto its twin" if false else ""
-        return wrong, f"{len(self.data['motions'])} motions, {len(self.nodes.twins)} twins"
+            error = error_of_motion(motion, self.problem, self.task, self.origin, self.regions, self.size)
+            if error:
+                return f"motion {i}: {error}", ""
+        wrong_nodes = self.nodes.wrong_symmetric_copies()
+        error = f"node {list(wrong_nodes[0])} is not mapped onto its twin" if wrong_nodes else ""
+        return error, f"{len(self.data['motions'])} motions, {len(self.nodes.copies)} twins"
 
     @cached_property
-    def leaves(self) -> Leaves:
+    def leaves(self) -> StatedLeaves:
         """The leaves, with the data of their bounds."""
-        budget = Budget.of(self.problem["force_budget"])
-        return Leaves(convert_older(self.data), self.groups, self.problem["contacts"], self.task, budget)
+        budget = StatedBudget.of(self.problem["force_budget"])
+        return StatedLeaves(convert_older(self.data), self.groups, self.problem["contacts"], self.task, budget)
 
-    def _directions(self) -> tuple[str, str]:
-        off = float(np.max(np.abs(self.leaves.reach - 1.0), initial=0.0))
-        detail = f"the task's work along {len(self.leaves.reach)} directions is 1 to {off:.2g}"
-        return "" if off <= UNIT else detail, detail
+    def _check_directions(self) -> tuple[str, str]:
+        """Check that the task's support along each direction is 1."""
+        deviation = float(np.max(np.abs(self.leaves.supports - 1.0), initial=0.0))
+        summary = f"the task's work along {len(self.leaves.supports)} directions is 1 to {deviation:.2g}"
+        return "" if deviation <= SUPPORT_TOLERANCE else summary, summary
 
     @cached_property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """The leaves' stated and recomputed bounds."""
         return self.leaves.bounds()
 
-    def _leaves(self) -> tuple[str, str]:
-        stated, found = self.bounds
-        off = (found - stated) / float(np.max(found, initial=1e-300))
-        worst = int(np.argmax(off)) if len(off) else 0
-        if not np.all(off <= RECOMPUTED):
-            return f"leaf {worst} states {stated[worst]:.12g}, computed again {found[worst]:.12g}", ""
-        return "", f"{len(found)} bounds computed again, none above what is stated"
+    def _check_leaves(self) -> tuple[str, str]:
+        """Compare the leaves' bounds with the recomputed ones."""
+        stated, recomputed = self.bounds
+        excess = (recomputed - stated) / float(np.max(recomputed, initial=1e-300))
+        worst = int(np.argmax(excess)) if len(excess) else 0
+        if not np.all(excess <= BOUND_TOLERANCE):
+            return f"leaf {worst} states {stated[worst]:.12g}, computed again {recomputed[worst]:.12g}", ""
+        return "", f"{len(recomputed)} bounds computed again, none above what is stated"
 
-    def _upper(self, upper: float) -> tuple[str, str]:
-        most = float(np.max(self.bounds[1], initial=0.0))
-        detail = f"stated {upper:.12g}, from the leaves {most:.12g}"
-        return "" if upper >= most * (1.0 - RECOMPUTED) else detail, detail
+    def _check_upper(self, upper: float) -> tuple[str, str]:
+        """Compare the bound with the largest of the leaves' bounds."""
+        largest = float(np.max(self.bounds[1], initial=0.0))
+        summary = f"stated {upper:.12g}, from the leaves {largest:.12g}"
+        return "" if upper >= largest * (1.0 - BOUND_TOLERANCE) else summary, summary
 
 
 def convert_older(data: Json) -> Json:
@@ -209,11 +230,11 @@ def convert_older(data: Json) -> Json:
 
 
 def _check_part(name: str, part: Callable[[], tuple[str, str]]) -> Check:
-    """Return the check of a part, whose function returns what is wrong, if anything, and what was seen."""
+    """Return the check of a part, from its function's error, empty without one, and summary."""
     try:
-        wrong, seen = part()
+        error_text, summary = part()
     except NotCheckedError as reason:
         return Check.not_made(name, str(reason))
     except BROKEN as error:
         return Check(name, False, broken_data_message(error))
-    return Check(name, not wrong, wrong or seen)
+    return Check.of_errors(name, [error_text], summary)

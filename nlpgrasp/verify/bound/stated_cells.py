@@ -1,9 +1,9 @@
-"""Numeric cells of a global bound, from their JSON data.
+"""Numeric surface cells of a global bound, from their JSON data.
 
 A cell is a piece of a face. Of its flat part the vertex contacts (``VertexContacts``) suffice, as the work is linear
 between them; its curved part is a parametrised ``StatedCurvedFace``, subdivided as far as a bound requires. There are
-cells of flat faces (``StatedPolygonCell``, ``Sector``), of cylinders and tori (``StatedRevolvedCell``), of ellipsoids
-(``StatedEllipsoidCell``) and of meshes (``StatedMeshCell``), and unions of cells (``StatedCellUnion``).
+cells of flat faces (``StatedPolygonCell``, ``StatedSectorCell``), of cylinders and tori (``StatedRevolvedCell``), of
+ellipsoids (``StatedEllipsoidCell``) and of meshes (``StatedMeshCell``), and unions of cells (``StatedCellUnion``).
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from nlpgrasp.verify.numeric_bodies import positive
 from nlpgrasp.verify.surface_geometry import TriangleSurface
 
 UNIT = 1e-9  # tolerance of the length of unit vectors
-SPACING = 0.3  # radians: largest side of the initial parts of a curved cell
-MOST_PARTS = 8  # most initial parts in each direction
-MOST_HALVINGS = 3  # most halvings of sides to get there
+INITIAL_SPACING = 0.3  # radians: largest side of the initial parts of a curved cell
+MOST_PARTS = 8  # most initial parts of a curved cell in each direction
+MOST_HALVINGS = 3  # most halvings of the sides of an ellipsoid's cell for its initial parts
 SIDES = "012"  # characters of the sides across which a triangle is halved
 
 Cut = int | list[list[int]]
@@ -59,21 +59,22 @@ class VertexContacts:
 class StatedCurvedFace(Protocol):
     """A parametrised curved face; its parts have corners (n, c, q)."""
 
-    def start(self) -> FloatArray:
+    def initial_parts(self) -> FloatArray:
         """Return the initial parts, which together are the cell's part of the face."""
 
     def contacts(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return points, metres, and inward unit normals at coordinates (m, q), (m, 3) each."""
 
-    def bends(self, parts: FloatArray) -> FloatArray:
-        """Return coefficients of ``|v|``, ``|tau|`` and, for contacts with a moment about the normal, ``|tau|`` again.
+    def interpolation_errors(self, parts: FloatArray) -> FloatArray:
+        """Return the interpolation coefficients of the work in each part, (n, 2, 3).
 
-        (n, 2, 3): bounds on the difference of a contact's work in each part from the linear interpolation of the
-        corners' work, and from that of any corner.
+        They multiply ``|v|``, ``|tau|`` and, for contacts with a moment about the normal, ``|tau|`` again: bounds on
+        the difference of a contact's work from the linear interpolation of the corners' work, and from that of any
+        corner.
         """
 
-    def halved(self, parts: FloatArray) -> FloatArray:
-        """Return r smaller parts in place of each, (n r, c, q), grouped by the divided part."""
+    def subdivide(self, parts: FloatArray) -> FloatArray:
+        """Return r smaller parts in place of each part, (n r, c, q), grouped by the divided part."""
 
 
 class StatedCell(Protocol):
@@ -83,10 +84,10 @@ class StatedCell(Protocol):
     def data(self) -> Json:
         """The cell as JSON data."""
 
-    def rows(self) -> VertexContacts:
+    def vertex_contacts(self) -> VertexContacts:
         """Return the vertex contacts of the cell's flat part."""
 
-    def sheets(self) -> list[StatedCurvedFace]:
+    def curved_faces(self) -> list[StatedCurvedFace]:
         """Return the curved parts of the cell."""
 
     def parts(self, cut: Cut) -> tuple[StatedCell, StatedCell]:
@@ -101,9 +102,9 @@ class StatedCell(Protocol):
 
 def bounding_ball(cell: StatedCell) -> tuple[FloatArray, float]:
     """Return centre (space,) and radius, metres, of a bounding ball of a cell."""
-    points, beyond = cell.hull()
-    middle = points.mean(axis=0)
-    return middle, beyond + float(np.max(np.linalg.norm(points - middle, axis=1)))
+    points, distance = cell.hull()
+    centre = points.mean(axis=0)
+    return centre, distance + float(np.max(np.linalg.norm(points - centre, axis=1)))
 
 
 def halve_interval(interval: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -154,13 +155,13 @@ class StatedPolygonCell:
         """Directions of cuts, (space - 1, space), unit."""
         return array("axes", self.data["axes"], (None, self.vertices.shape[1]))
 
-    def rows(self) -> VertexContacts:
+    def vertex_contacts(self) -> VertexContacts:
         """Return the vertices as contacts: a convex function of the point is largest at one of them."""
         if not abs(float(np.linalg.norm(self.normal)) - 1.0) <= UNIT:
             raise ValueError("a normal that is no unit vector")
         return VertexContacts.flat(self.vertices, self.normal)
 
-    def sheets(self) -> list[StatedCurvedFace]:
+    def curved_faces(self) -> list[StatedCurvedFace]:
         """Return no curved parts."""
         return []
 
@@ -173,6 +174,7 @@ class StatedPolygonCell:
         return self._of(low), self._of(high)
 
     def _of(self, vertices: FloatArray) -> StatedPolygonCell:
+        """Return the cell with other vertices."""
         return StatedPolygonCell({**self.data, "vertices": vertices.tolist()})
 
     def hull(self) -> tuple[FloatArray, float]:
@@ -195,19 +197,19 @@ def clip_below(vertices: FloatArray, height: FloatArray) -> FloatArray:
         Values of the function at the vertices.
     """
     count = len(vertices)
-    kept = []
+    corners = []
     for i in range(count):
         if height[i] <= 0.0:
-            kept.append(vertices[i])
+            corners.append(vertices[i])
         following = (i + 1) % count
         if (following > i or count > 2) and min(height[i], height[following]) < 0.0 < max(height[i], height[following]):
             share = height[i] / (height[i] - height[following])
-            kept.append(vertices[i] + share * (vertices[following] - vertices[i]))
-    return np.array(kept).reshape(-1, vertices.shape[1])
+            corners.append(vertices[i] + share * (vertices[following] - vertices[i]))
+    return np.array(corners).reshape(-1, vertices.shape[1])
 
 
 @dataclass(frozen=True)
-class Sector:
+class StatedSectorCell:
     """Annular sector ``r_0 <= r <= r_1``, ``phi_0 <= phi <= phi_1`` of a horizontal disc.
 
     Parameters
@@ -228,33 +230,33 @@ class Sector:
         """Both angles, (2,), radians."""
         return check_interval("angles", array("angles", self.data["angles"], (2,)), 3.0)
 
-    def rows(self) -> VertexContacts:
+    def vertex_contacts(self) -> VertexContacts:
         """Return the corners, and the intersection of the tangents at the ends of the outer arc."""
         (inner, outer), (low, high) = self.radii.tolist(), self.angles.tolist()
-        places = [(inner, low), (inner, high), (outer, low), (outer, high)]
+        polar = [(inner, low), (inner, high), (outer, low), (outer, high)]
         if high > low:
-            places.append((outer / np.cos(0.5 * (high - low)), 0.5 * (low + high)))
+            polar.append((outer / np.cos(0.5 * (high - low)), 0.5 * (low + high)))
         height = number("height", self.data["height"])
-        points = [(r * np.cos(phi), r * np.sin(phi), height) for r, phi in places]
+        points = [(r * np.cos(phi), r * np.sin(phi), height) for r, phi in polar]
         return VertexContacts.flat(np.array(points), array("normal", self.data["normal"], (3,)))
 
-    def sheets(self) -> list[StatedCurvedFace]:
+    def curved_faces(self) -> list[StatedCurvedFace]:
         """Return no curved parts."""
         return []
 
-    def parts(self, cut: Cut) -> tuple[Sector, Sector]:
+    def parts(self, cut: Cut) -> tuple[StatedSectorCell, StatedSectorCell]:
         """Return the halves of the radii, for cut 0, or of the angles, for cut 1."""
         key, interval = (("radii", self.radii), ("angles", self.angles))[check_index(cut, 2)]
         low, high = halve_interval(interval)
-        return Sector({**self.data, key: low.tolist()}), Sector({**self.data, key: high.tolist()})
+        return StatedSectorCell({**self.data, key: low.tolist()}), StatedSectorCell({**self.data, key: high.tolist()})
 
     def hull(self) -> tuple[FloatArray, float]:
         """Return the vertex contacts' points."""
-        return self.rows().points, 0.0
+        return self.vertex_contacts().points, 0.0
 
     def anchors(self) -> FloatArray:
         """Return the vertex contacts' points."""
-        return self.rows().points
+        return self.vertex_contacts().points
 
 
 @dataclass(frozen=True)
@@ -286,19 +288,22 @@ class StatedRevolvedCell:
         """Both ends of t, metres or radians."""
         return check_interval("along", array("along", self.data["along"], (2,)), 3.0 if self.radii[0] > 0.0 else np.inf)
 
-    def rows(self) -> VertexContacts:
+    def vertex_contacts(self) -> VertexContacts:
         """Return the point itself for a cell of one point."""
         return (
-            VertexContacts.none() if self.sheets() else VertexContacts(*self._sheet.contacts(self._sheet.start()[:, 0]))
+            VertexContacts.none()
+            if self.curved_faces()
+            else VertexContacts(*self._face.contacts(self._face.initial_parts()[:, 0]))
         )
 
     @property
-    def _sheet(self) -> StatedRevolvedFace:
+    def _face(self) -> StatedRevolvedFace:
+        """The patch as a curved face."""
         return StatedRevolvedFace(self.radii, self.angles, self.along)
 
-    def sheets(self) -> list[StatedCurvedFace]:
+    def curved_faces(self) -> list[StatedCurvedFace]:
         """Return the patch, or the line, as a curved part."""
-        return [self._sheet] if np.ptp(self.angles) > 0.0 or np.ptp(self.along) > 0.0 else []
+        return [self._face] if np.ptp(self.angles) > 0.0 or np.ptp(self.along) > 0.0 else []
 
     def parts(self, cut: Cut) -> tuple[StatedRevolvedCell, StatedRevolvedCell]:
         """Return the halves of phi, for cut 0, or of t, for cut 1."""
@@ -311,14 +316,14 @@ class StatedRevolvedCell:
     def hull(self) -> tuple[FloatArray, float]:
         """Return the middle point and the longest path on the surface to a corner."""
         ring, tube = self.radii
-        middle = self._sheet.contacts(np.array([[self.angles.mean(), self.along.mean()]]))[0]
-        beside = float(np.ptp(self.along)) * (tube if ring > 0.0 else 1.0)
-        return middle, 0.5 * ((ring + tube) * float(np.ptp(self.angles)) + beside)
+        centre = self._face.contacts(np.array([[self.angles.mean(), self.along.mean()]]))[0]
+        tube_path = float(np.ptp(self.along)) * (tube if ring > 0.0 else 1.0)
+        return centre, 0.5 * ((ring + tube) * float(np.ptp(self.angles)) + tube_path)
 
     def anchors(self) -> FloatArray:
         """Return the corners and the middles of all sides."""
-        three = [np.linspace(float(ends[0]), float(ends[1]), 3) for ends in (self.angles, self.along)]
-        return self._sheet.contacts(np.array(list(product(*three))))[0]
+        coordinates = [np.linspace(float(ends[0]), float(ends[1]), 3) for ends in (self.angles, self.along)]
+        return self._face.contacts(np.array(list(product(*coordinates))))[0]
 
 
 @dataclass(frozen=True)
@@ -340,51 +345,55 @@ class StatedRevolvedFace:
     angles: FloatArray
     along: FloatArray
 
-    def start(self) -> FloatArray:
+    def initial_parts(self) -> FloatArray:
         """Return patches with corners (low, low), (low, high), (high, low), (high, high); lines with both ends."""
         straight = self.radii[0] == 0.0
         return _patches(_initial_grid(self.angles, False), _initial_grid(self.along, straight))
 
-    def contacts(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def contacts(self, coordinates: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return points and inward normals at (phi, t), (m, 2)."""
-        (ring, tube), phi, t = self.radii, places[:, 0], places[:, 1:]
-        out, up = np.stack([np.cos(phi), np.sin(phi), 0.0 * phi], axis=1), np.array([0.0, 0.0, 1.0])
+        (ring, tube), phi, t = self.radii, coordinates[:, 0], coordinates[:, 1:]
+        radial, axis = np.stack([np.cos(phi), np.sin(phi), 0.0 * phi], axis=1), np.array([0.0, 0.0, 1.0])
         if ring == 0.0:
-            return tube * out + t * up, -out
-        around = np.cos(t) * out + np.sin(t) * up
-        return ring * out + tube * around, -around
+            return tube * radial + t * axis, -radial
+        tube_normal = np.cos(t) * radial + np.sin(t) * axis
+        return ring * radial + tube * tube_normal, -tube_normal
 
-    def bends(self, parts: FloatArray) -> FloatArray:
+    def interpolation_errors(self, parts: FloatArray) -> FloatArray:
         """Return the interpolation coefficients (n, 2, 3) of patches or lines (n, c, 2)."""
         ring, tube = self.radii
         d, e = (parts[:, -1] - parts[:, 0]).T
-        widest = ring + tube
-        arm = widest + np.hypot(widest, np.minimum(e, 2.0 * tube) if ring > 0.0 else e)
-        off = [d**2, d**2 * arm, d**2]
-        more = [d, d * arm, d]
+        outer = ring + tube
+        arm = outer + np.hypot(outer, np.minimum(e, 2.0 * tube) if ring > 0.0 else e)
+        interpolation = [d**2, d**2 * arm, d**2]
+        differences = [d, d * arm, d]
         if ring > 0.0:
-            off = [off[0] + e**2, off[1] + 2.0 * e**2 * tube + e**2 * widest * d, off[2] + e**2]
-            more = [more[0] + e, more[1] + e * (2.0 * tube + widest * d), more[2] + e]
+            interpolation = [
+                interpolation[0] + e**2,
+                interpolation[1] + 2.0 * e**2 * tube + e**2 * outer * d,
+                interpolation[2] + e**2,
+            ]
+            differences = [differences[0] + e, differences[1] + e * (2.0 * tube + outer * d), differences[2] + e]
         else:
-            off[1], more[1] = off[1] + d**2 * e, more[1] + e
-        return np.stack([np.stack(off, axis=1) / 8.0, np.stack(more, axis=1)], axis=1)
+            interpolation[1], differences[1] = interpolation[1] + d**2 * e, differences[1] + e
+        return np.stack([np.stack(interpolation, axis=1) / 8.0, np.stack(differences, axis=1)], axis=1)
 
-    def halved(self, parts: FloatArray) -> FloatArray:
+    def subdivide(self, parts: FloatArray) -> FloatArray:
         """Return four patches for each (n, 4, 2), two lines for each (n, 2, 2)."""
-        made = []
+        patches = []
         for part in parts:
             low, high = part[0], part[-1]
             ends = [np.unique([a, 0.5 * (a + b), b]) for a, b in zip(low, high, strict=True)]
-            made.append(_patches(*ends))
-        return np.concatenate(made)
+            patches.append(_patches(*ends))
+        return np.concatenate(patches)
 
 
-def _initial_grid(interval: FloatArray, straight: bool) -> FloatArray:
+def _initial_grid(interval: FloatArray, is_straight: bool) -> FloatArray:
     """Return the initial grid of an interval."""
     low, high = interval.tolist()
     if high == low:
         return np.array([low])
-    count = 1 if straight else min(max(int(np.ceil((high - low) / SPACING)), 1), MOST_PARTS)
+    count = 1 if is_straight else min(max(int(np.ceil((high - low) / INITIAL_SPACING)), 1), MOST_PARTS)
     return np.linspace(low, high, count + 1)
 
 
@@ -409,26 +418,26 @@ class StatedEllipsoidCell:
     @cached_property
     def corners(self) -> FloatArray:
         """Unit vectors (c, 3)."""
-        found = array("corners", self.data["corners"], (None, 3))
-        good = 1 <= len(found) <= 3 and np.all(np.abs(np.linalg.norm(found, axis=1) - 1.0) <= UNIT)
-        if not good or np.min(found @ found.T) < -UNIT:
+        corners = array("corners", self.data["corners"], (None, 3))
+        is_valid = 1 <= len(corners) <= 3 and np.all(np.abs(np.linalg.norm(corners, axis=1) - 1.0) <= UNIT)
+        if not is_valid or np.min(corners @ corners.T) < -UNIT:
             raise ValueError("corners that are not one to three unit vectors within a right angle of each other")
-        return found
+        return corners
 
     @cached_property
     def axes(self) -> FloatArray:
         """Semi-axes (3,), metres."""
         return positive("semi_axes", self.data["semi_axes"], 3)
 
-    def rows(self) -> VertexContacts:
+    def vertex_contacts(self) -> VertexContacts:
         """Return the point itself for a cell of one point."""
         if len(self.corners) > 1:
             return VertexContacts.none()
-        return VertexContacts(*EllipsoidSheet(self.corners, self.axes).contacts(self.corners))
+        return VertexContacts(*StatedEllipsoidFace(self.corners, self.axes).contacts(self.corners))
 
-    def sheets(self) -> list[StatedCurvedFace]:
+    def curved_faces(self) -> list[StatedCurvedFace]:
         """Return the triangle or arc as a curved part."""
-        return [EllipsoidSheet(self.corners, self.axes)] if len(self.corners) > 1 else []
+        return [StatedEllipsoidFace(self.corners, self.axes)] if len(self.corners) > 1 else []
 
     def parts(self, cut: Cut) -> tuple[StatedEllipsoidCell, StatedEllipsoidCell]:
         """Return both halves of a cut from the middle of a side to the opposite corner."""
@@ -438,9 +447,10 @@ class StatedEllipsoidCell:
         middle = middle / np.linalg.norm(middle)
         return self._with(second, middle), self._with(first, middle)
 
-    def _with(self, corner: int, place: FloatArray) -> StatedEllipsoidCell:
+    def _with(self, corner: int, point: FloatArray) -> StatedEllipsoidCell:
+        """Return the cell with another corner."""
         corners = self.corners.tolist()
-        corners[corner] = place.tolist()
+        corners[corner] = point.tolist()
         return StatedEllipsoidCell({**self.data, "corners": corners})
 
     def hull(self) -> tuple[FloatArray, float]:
@@ -455,7 +465,7 @@ class StatedEllipsoidCell:
 
 
 @dataclass(frozen=True)
-class EllipsoidSheet:
+class StatedEllipsoidFace:
     """The image under ``diag(axes)`` of a spherical triangle, arc or point.
 
     Parameters
@@ -469,58 +479,65 @@ class EllipsoidSheet:
     corners: FloatArray
     axes: FloatArray
 
-    def start(self) -> FloatArray:
+    def initial_parts(self) -> FloatArray:
         """Return the initial triangles or arcs."""
-        found = self.corners[None]
+        parts = self.corners[None]
         for _ in range(MOST_HALVINGS):
-            if float(np.max(_longest_sides(found))) <= SPACING:
+            if float(np.max(_longest_sides(parts))) <= INITIAL_SPACING:
                 break
-            found = self.halved(found)
-        return found
+            parts = self.subdivide(parts)
+        return parts
 
-    def contacts(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def contacts(self, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return points and inward normals at unit vectors (m, 3)."""
-        inward = -places / self.axes
-        return places * self.axes, inward / np.linalg.norm(inward, axis=1, keepdims=True)
+        inward = -directions / self.axes
+        return directions * self.axes, inward / np.linalg.norm(inward, axis=1, keepdims=True)
 
-    def bends(self, parts: FloatArray) -> FloatArray:
+    def interpolation_errors(self, parts: FloatArray) -> FloatArray:
         """Return the interpolation coefficients (m, 2, 3) of small parts (m, c, 3).
 
         On a great circle of unit speed, the normal ``A^-1 u / g``, ``g = |A^-1 u|``, turns at ``w <= |A^-1| / g``, and
         its rate of turning changes by at most ``2 w |u'^T A^-2 u| / g^2``.
         """
-        long, short = float(self.axes.max()), float(self.axes.min())
+        longest, shortest = float(self.axes.max()), float(self.axes.min())
         side = _longest_sides(parts)
         centre = np.sum(parts, axis=1)
         centre /= np.linalg.norm(centre, axis=1, keepdims=True)
-        reach = np.max(angles_between(parts, centre[:, None]), axis=1)
-        g = np.maximum(np.linalg.norm(centre / self.axes, axis=1) - reach / short, 1.0 / long)
-        w = 1.0 / (short * g)
-        squared = centre / self.axes**2
-        slope = np.linalg.norm(squared - centre * np.sum(centre * squared, axis=1, keepdims=True), axis=1)
-        steepest = 0.5 * (1.0 / short**2 - 1.0 / long**2)
-        quick = w**2 + 2.0 * w * np.minimum(steepest, slope + 3.0 * steepest * reach) / g**2
-        if long == short:
-            arm = np.full(len(parts), 2.0 * long)
+        angle = np.max(angles_between(parts, centre[:, None]), axis=1)
+        normal_length = np.maximum(np.linalg.norm(centre / self.axes, axis=1) - angle / shortest, 1.0 / longest)
+        turning_rate = 1.0 / (shortest * normal_length)
+        scaled = centre / self.axes**2
+        slope = np.linalg.norm(scaled - centre * np.sum(centre * scaled, axis=1, keepdims=True), axis=1)
+        steepest = 0.5 * (1.0 / shortest**2 - 1.0 / longest**2)
+        acceleration = (
+            turning_rate**2
+            + 2.0 * turning_rate * np.minimum(steepest, slope + 3.0 * steepest * angle) / normal_length**2
+        )
+        if longest == shortest:
+            arm = np.full(len(parts), 2.0 * longest)
         else:
-            farthest = np.minimum(long, np.linalg.norm(centre * self.axes, axis=1) + long * reach)
-            arm = farthest + (long / short + short / long) / g
-        bowed = 0.5 * _circumradii(parts) ** 2
-        off = np.column_stack([quick, arm + quick * long * side, quick]) * bowed[:, None]
-        more = np.column_stack([w, long + w * long * side, w]) * side[:, None]
-        return np.stack([off, more], axis=1)
+            farthest = np.minimum(longest, np.linalg.norm(centre * self.axes, axis=1) + longest * angle)
+            arm = farthest + (longest / shortest + shortest / longest) / normal_length
+        deflection = 0.5 * _circumradii(parts) ** 2
+        interpolation = (
+            np.column_stack([acceleration, arm + acceleration * longest * side, acceleration]) * deflection[:, None]
+        )
+        differences = (
+            np.column_stack([turning_rate, longest + turning_rate * longest * side, turning_rate]) * side[:, None]
+        )
+        return np.stack([interpolation, differences], axis=1)
 
-    def halved(self, parts: FloatArray) -> FloatArray:
+    def subdivide(self, parts: FloatArray) -> FloatArray:
         """Return four triangles for each (n, 3, 3), two arcs for each (n, 2, 3)."""
         middles = parts + np.roll(parts, -1, axis=1)
         middles /= np.linalg.norm(middles, axis=2, keepdims=True)
         if parts.shape[1] == 2:
-            ends = [(parts[:, 0], middles[:, 0]), (middles[:, 0], parts[:, 1])]
-            made = [np.stack(pair, axis=1) for pair in ends]
+            halves = [(parts[:, 0], middles[:, 0]), (middles[:, 0], parts[:, 1])]
+            subdivided = [np.stack(pair, axis=1) for pair in halves]
         else:
-            made = [np.stack([parts[:, i], middles[:, i], middles[:, (i + 2) % 3]], axis=1) for i in range(3)]
-            made.append(middles)
-        return np.stack(made, axis=1).reshape(-1, *parts.shape[1:])
+            subdivided = [np.stack([parts[:, i], middles[:, i], middles[:, (i + 2) % 3]], axis=1) for i in range(3)]
+            subdivided.append(middles)
+        return np.stack(subdivided, axis=1).reshape(-1, *parts.shape[1:])
 
 
 def _longest_sides(parts: FloatArray) -> FloatArray:
@@ -534,11 +551,11 @@ def _circumradii(parts: FloatArray) -> FloatArray:
     Developed along great circles from one of its points, a part has sides at most ``t / sin t`` times as long, t the
     longest: the radius is then that of the circumcircle for an acute triangle, half the longest side for others.
     """
-    ends = angles_between(parts, np.roll(parts, -1, axis=1))
-    long = np.max(ends, axis=1)
+    sides = angles_between(parts, np.roll(parts, -1, axis=1))
+    longest = np.max(sides, axis=1)
     if parts.shape[1] < 3:
-        return np.asarray(0.5 * long)
-    c, b, a = np.sort(ends * (long / np.sin(long))[:, None], axis=1).T
+        return np.asarray(0.5 * longest)
+    c, b, a = np.sort(sides * (longest / np.sin(longest))[:, None], axis=1).T
     cosine = (b**2 + c**2 - a**2) / (2.0 * b * c)  # cosine of the largest angle
     sine = np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
     return np.asarray(np.where((cosine > 0.0) & (sine > 0.0), 0.5 * a / np.where(sine > 0.0, sine, 1.0), 0.5 * a))
@@ -575,24 +592,24 @@ class StatedMeshCell:
     def whole(cls, data: Json, mesh: TriangleSurface) -> StatedMeshCell:
         """Return the cell of all pieces; raise ``ValueError`` where the data name pieces that do not exist."""
         corners, triangle = halve_triangles(mesh.corners, data["halved"])
-        stated = data["order"]
-        order = np.arange(len(corners)) if stated is None else np.array(stated, dtype=np.int64)
+        stated_order = data["order"]
+        order = np.arange(len(corners)) if stated_order is None else np.array(stated_order, dtype=np.int64)
         if len(order) and not (order.min() >= 0 and order.max() < len(corners)):
             raise ValueError(f"pieces up to {order.max()}, of {len(corners)}")
         return cls({**data, "order": order.tolist()}, corners[order], -mesh.normals[triangle[order]], 0, len(order))
 
-    def left_out(self, mesh: TriangleSurface) -> int:
+    def count_missing(self, mesh: TriangleSurface) -> int:
         """Return the number of the mesh's pieces that the cell lacks."""
         count = len(halve_triangles(mesh.corners, self.data["halved"])[0])
         return count - len(set(map(int, self.data["order"][self.first : self.last])))
 
-    def rows(self) -> VertexContacts:
+    def vertex_contacts(self) -> VertexContacts:
         """Return the corners with their pieces' normals: a convex function on a flat piece is largest at a corner."""
         points = self.corners[self.first : self.last].reshape(-1, 3)
         normals = np.repeat(self.normals[self.first : self.last], 3, axis=0)
         return VertexContacts(points, normals)
 
-    def sheets(self) -> list[StatedCurvedFace]:
+    def curved_faces(self) -> list[StatedCurvedFace]:
         """Return no curved parts."""
         return []
 
@@ -600,9 +617,9 @@ class StatedMeshCell:
         """Return the first pieces, as many as the cut states, and the rest."""
         if not isinstance(cut, int) or not 0 < cut < self.last - self.first:
             raise ValueError(f"{cut} of {self.last - self.first} pieces")
-        at = self.first + cut
-        first = StatedMeshCell(self.data, self.corners, self.normals, self.first, at)
-        return first, StatedMeshCell(self.data, self.corners, self.normals, at, self.last)
+        middle = self.first + cut
+        first = StatedMeshCell(self.data, self.corners, self.normals, self.first, middle)
+        return first, StatedMeshCell(self.data, self.corners, self.normals, middle, self.last)
 
     def hull(self) -> tuple[FloatArray, float]:
         """Return the corners."""
@@ -620,17 +637,17 @@ def halve_triangles(corners: FloatArray, rounds: Sequence[str]) -> tuple[FloatAr
     halved, any other if the piece stays. The half with the corner stays in place, the other half goes to the end.
     """
     pieces, triangle = [*corners], [*range(len(corners))]
-    for row in rounds:
-        if len(row) != len(pieces):
-            raise ValueError(f"{len(row)} characters for {len(pieces)} pieces")
-        for i, character in enumerate(row):
+    for characters in rounds:
+        if len(characters) != len(pieces):
+            raise ValueError(f"{len(characters)} characters for {len(pieces)} pieces")
+        for i, character in enumerate(characters):
             if character in SIDES:
                 start = SIDES.index(character)
-                end, across = (start + 1) % 3, (start + 2) % 3
+                end, opposite = (start + 1) % 3, (start + 2) % 3
                 p = pieces[i]
                 middle = (p[start] + p[end]) / 2.0
-                pieces[i] = np.array([p[start], middle, p[across]])
-                pieces.append(np.array([middle, p[end], p[across]]))
+                pieces[i] = np.array([p[start], middle, p[opposite]])
+                pieces.append(np.array([middle, p[end], p[opposite]]))
                 triangle.append(triangle[i])
     return np.array(pieces), np.array(triangle, dtype=np.int64)
 
@@ -652,19 +669,19 @@ class StatedCellUnion:
         """The member cells."""
         return [read_cell(member) for member in self.data["members"]]
 
-    def rows(self) -> VertexContacts:
+    def vertex_contacts(self) -> VertexContacts:
         """Return the vertex contacts of all members."""
-        every = [member.rows() for member in self.members]
+        contacts = [member.vertex_contacts() for member in self.members]
         return VertexContacts(
-            *(np.concatenate([getattr(rows, name) for rows in every]) for name in ("points", "normals"))
+            *(np.concatenate([getattr(part, name) for part in contacts]) for name in ("points", "normals"))
         )
 
-    def sheets(self) -> list[StatedCurvedFace]:
+    def curved_faces(self) -> list[StatedCurvedFace]:
         """Return the curved parts of all members."""
-        return [sheet for member in self.members for sheet in member.sheets()]
+        return [face for member in self.members for face in member.curved_faces()]
 
     def parts(self, cut: Cut) -> tuple[StatedCell, StatedCell]:
-        """Return the two bundles of a partition of the members."""
+        """Return the unions of both parts of a partition of the members."""
         count = len(self.members)
         if isinstance(cut, int) or len(cut) != 2 or not all(cut) or set(cut[0] + cut[1]) != set(range(count)):
             raise ValueError("a cut that does not share the members out")
@@ -672,22 +689,23 @@ class StatedCellUnion:
         return self._of(first), self._of(second)
 
     def _of(self, members: list[Json]) -> StatedCell:
+        """Return the union of some members, or the only one."""
         return read_cell(members[0] if len(members) == 1 else {**self.data, "members": members})
 
     def hull(self) -> tuple[FloatArray, float]:
         """Return the points of all members, and the largest of their radii."""
-        every = [member.hull() for member in self.members]
-        return np.concatenate([points for points, _ in every]), max(radius for _, radius in every)
+        hulls = [member.hull() for member in self.members]
+        return np.concatenate([points for points, _ in hulls]), max(radius for _, radius in hulls)
 
     def anchors(self) -> FloatArray:
         """Return the anchor points of all members."""
         return np.concatenate([member.anchors() for member in self.members])
 
 
-KINDS: dict[str, Callable[[Json], StatedCell]] = {
+CELL_KINDS: dict[str, Callable[[Json], StatedCell]] = {
     "polygon": StatedPolygonCell,
     "ellipsoid": StatedEllipsoidCell,
-    "sector": Sector,
+    "sector": StatedSectorCell,
     "revolved": StatedRevolvedCell,
     "bundle": StatedCellUnion,
 }
@@ -695,7 +713,7 @@ KINDS: dict[str, Callable[[Json], StatedCell]] = {
 
 def read_cell(data: Json) -> StatedCell:
     """Return the cell of its JSON data; raise ``NotCheckedError`` on an unknown kind."""
-    kind = KINDS.get(str(data["kind"]))
+    kind = CELL_KINDS.get(str(data["kind"]))
     if data["kind"] == "superquadric":
         raise NotCheckedError(
             "a bound of a superquadric, by an earlier version: superquadrics are not bounded any more"
@@ -705,17 +723,17 @@ def read_cell(data: Json) -> StatedCell:
     return kind(data)
 
 
-def same_place(cell: StatedCell, other: StatedCell, image: FloatArray, tolerance: float) -> bool:
+def is_image(cell: StatedCell, other: StatedCell, image: FloatArray, tolerance: float) -> bool:
     """Return whether a cell is the image of another with transformed anchors (m, space), in any order."""
     if cell.data["kind"] != other.data["kind"]:
         return False
     if isinstance(cell, StatedCellUnion) and isinstance(other, StatedCellUnion):
         ends = np.cumsum([len(member.anchors()) for member in other.members])[:-1]
-        moved = list(zip(other.members, np.split(image, ends), strict=True))
-        one = all(any(same_place(m, o, i, tolerance) for m in cell.members) for o, i in moved)
-        return one and all(any(same_place(m, o, i, tolerance) for o, i in moved) for m in cell.members)
-    own = cell.anchors()
-    if len(own) != len(image):
+        images = list(zip(other.members, np.split(image, ends), strict=True))
+        is_covered = all(any(is_image(m, o, i, tolerance) for m in cell.members) for o, i in images)
+        return is_covered and all(any(is_image(m, o, i, tolerance) for o, i in images) for m in cell.members)
+    anchors = cell.anchors()
+    if len(anchors) != len(image):
         return False
-    apart = np.max(np.abs(own[:, None] - image[None]), axis=2)
-    return bool(np.max(apart.min(axis=0)) <= tolerance and np.max(apart.min(axis=1)) <= tolerance)
+    distances = np.max(np.abs(anchors[:, None] - image[None]), axis=2)
+    return bool(np.max(distances.min(axis=0)) <= tolerance and np.max(distances.min(axis=1)) <= tolerance)

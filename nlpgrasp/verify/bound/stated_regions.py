@@ -1,4 +1,4 @@
-"""Allowed region of one contact by its own constraints, and the parts of a problem that the bound relaxes."""
+"""Allowed regions of single contacts, and the parts of a problem that the bound relaxes."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from nlpgrasp.verify.numeric_constraints import corners, unit
 from nlpgrasp.verify.registry import BODIES, HANDS
 from nlpgrasp.verify.sources import SourceFolders
 
-EXACT = ("box", "cylinder", "polygon", "prism", "sphere", "torus")  # bodies with an exact distance everywhere
-Sides = tuple[FloatArray, FloatArray]
+EXACT_BODIES = ("box", "cylinder", "polygon", "prism", "sphere", "torus")  # bodies with exact distances
+HalfSpaces = tuple[FloatArray, FloatArray]
 """``A`` (m, space), unit rows, and ``b`` (m,): the points with ``A p <= b``, metres."""
 
 
@@ -40,7 +40,7 @@ class StatedRegion:
 
     faces: tuple[str, ...]
     inside: tuple[tuple[FloatArray, FloatArray, float], ...]
-    outside: tuple[Sides, ...]
+    outside: tuple[HalfSpaces, ...]
     away: tuple[tuple[Callable[[FloatArray], FloatArray], float, float], ...]
 
     @property
@@ -48,18 +48,18 @@ class StatedRegion:
         """Whether the contact has other limits than its faces."""
         return bool(self.inside or self.outside or self.away)
 
-    def exclude(self, cell: StatedCell, slack: float) -> bool:
+    def excludes(self, cell: StatedCell, slack: float) -> bool:
         """Return whether no contact of a cell is allowed, even with a slack in metres."""
-        points, beyond = cell.hull()
+        points, distance = cell.hull()
         for A, b, radius in self.inside:
-            if np.any(np.min(points @ A.T, axis=0) - beyond - b > radius - slack):
+            if np.any(np.min(points @ A.T, axis=0) - distance - b > radius - slack):
                 return True
-        if any(np.all(np.max(points @ A.T, axis=0) + beyond - b < slack) for A, b in self.outside):
+        if any(np.all(np.max(points @ A.T, axis=0) + distance - b < slack) for A, b in self.outside):
             return True
-        middle, around = bounding_ball(cell)
-        return any(float(d(middle[None])[0]) + around + radius < least + slack for d, least, radius in self.away)
+        centre, ball_radius = bounding_ball(cell)
+        return any(float(d(centre[None])[0]) + ball_radius + radius < least + slack for d, least, radius in self.away)
 
-    def forbid(self, face: str, point: FloatArray, normal: FloatArray, slack: float) -> bool:
+    def forbids(self, face: str, point: FloatArray, normal: FloatArray, slack: float) -> bool:
         """Return whether a contact (space,) on a face violates its region by more than a slack in metres."""
         if face not in self.faces or any(np.any(A @ (point - r * normal) - b > slack) for A, b, r in self.inside):
             return True
@@ -67,46 +67,49 @@ class StatedRegion:
             return True
         return any(float(d((point - r * normal)[None])[0]) < least - slack for d, least, r in self.away)
 
-    def rows(self) -> FloatArray:
+    def half_spaces(self) -> FloatArray:
         """Return the half-spaces of all required regions, (m, space + 2): direction, offset, radius."""
         return np.concatenate([np.column_stack([A, b, np.full(len(b), radius)]) for A, b, radius in self.inside])
 
-    def same(self, other: StatedRegion) -> bool:
+    def equals(self, other: StatedRegion) -> bool:
         """Return whether another contact has the same allowed region."""
         if set(self.faces) != set(other.faces) or len(self.outside) != len(other.outside):
             return False
         if len(self.inside) != len(other.inside) or len(self.away) != len(other.away):
             return False
-        if self.inside and not np.array_equal(self.rows(), other.rows()):
+        if self.inside and not np.array_equal(self.half_spaces(), other.half_spaces()):
             return False
         return [a[1:] for a in self.away] == [a[1:] for a in other.away]
 
 
-def places(
+def allowed_regions(
     problem: Json, faces: Sequence[str], space: int, sources: SourceFolders
 ) -> tuple[list[StatedRegion], list[str]]:
-    """Return each contact's allowed region, and the relaxed parts of the problem as text: those of several contacts."""
+    """Return the allowed region of each contact, and as text the relaxed parts of the problem: those of several."""
     constraints, contacts, hand = problem["constraints"], problem["contacts"], problem["hand"]
     forbidden = {name for c in constraints if c["type"] == "forbid" for name in c.get("faces", ())}
     radii = [0.0] * len(contacts) if hand is None else list(HANDS.of(hand)(hand, {}, {}, sources).radii)
-    found, known = [], set()
+    regions, relevant = [], set()
     for i, (contact, radius) in enumerate(zip(contacts, radii, strict=True)):
-        own = StatedRegion(tuple(f for f in contact.get("faces") or faces if f not in forbidden), (), (), ())
+        region = StatedRegion(tuple(f for f in contact.get("faces") or faces if f not in forbidden), (), (), ())
         for j, data in enumerate(constraints):
-            more = _single_contact_limits(data, i, radius, space, sources)
-            if more is not None:
-                known.add(j)
-                own = StatedRegion(
-                    own.faces, own.inside + more.inside, own.outside + more.outside, own.away + more.away
+            limits = _single_contact_limits(data, i, radius, space, sources)
+            if limits is not None:
+                relevant.add(j)
+                region = StatedRegion(
+                    region.faces,
+                    region.inside + limits.inside,
+                    region.outside + limits.outside,
+                    region.away + limits.away,
                 )
-        found.append(own)
+        regions.append(region)
     dropped = [] if hand is None else [f"the hand ({hand['type']})"]
     for j, data in enumerate(constraints):
-        if j not in known and not data.get("faces"):
+        if j not in relevant and not data.get("faces"):
             dropped.append(str(data.get("name", data["type"])))
     if problem["body"]["type"] == "mesh" and problem.get("edge_margin", 0.0) > 0.0:
         dropped.append(EDGES)
-    return found, dropped
+    return regions, dropped
 
 
 def _single_contact_limits(
@@ -118,19 +121,19 @@ def _single_contact_limits(
         lowest = number("height", data["height"]) + number("clearance", data["clearance"], at_least=0.0) + radius
         return StatedRegion((), ((-np.eye(space)[-1:], np.array([-lowest]), radius),), (), ())
     if kind == "forbid" and data.get("region") is not None:
-        sides = _half_spaces(data["region"], space)
-        return None if sides is None else StatedRegion((), (), (sides,), ())
+        half_spaces = _half_spaces(data["region"], space)
+        return None if half_spaces is None else StatedRegion((), (), (half_spaces,), ())
     if kind == "workspace" and not data["palm"]:
-        sides = _half_spaces(data["region"], space)
-        held = data.get("fingers") is None or contact in data["fingers"]
-        return StatedRegion((), ((*sides, 0.0),), (), ()) if held and sides is not None else None
-    if kind == "obstacle" and data["body"]["type"] in EXACT:
+        half_spaces = _half_spaces(data["region"], space)
+        applies = data.get("fingers") is None or contact in data["fingers"]
+        return StatedRegion((), ((*half_spaces, 0.0),), (), ()) if applies and half_spaces is not None else None
+    if kind == "obstacle" and data["body"]["type"] in EXACT_BODIES:
         least = radius + number("clearance", data["clearance"], at_least=0.0)
         return StatedRegion((), (), (), ((_obstacle_distance_function(data, space, sources), least, radius),))
     return None
 
 
-def _half_spaces(region: Json, space: int) -> Sides | None:
+def _half_spaces(region: Json, space: int) -> HalfSpaces | None:
     """Return the half-spaces of a region; None where its function is not in the file."""
     if region["type"] == "half_space":
         normal = unit("normal", region["normal"], space)
@@ -145,10 +148,10 @@ def _obstacle_distance_function(data: Json, space: int, sources: SourceFolders) 
     """Return the distance function of an obstacle, points (m, space) to metres."""
     surface = BODIES.of(data["body"])(data["body"], sources)
     position = np.zeros(space) if data["position"] is None else array("position", data["position"], (space,))
-    turn = data["quaternion_wxyz"]
-    if turn is None:
+    quaternion = data["quaternion_wxyz"]
+    if quaternion is None:
         return lambda p: surface.distance(p - position)
     if space == 2:
         raise NotCheckedError("an obstacle turned out of the plane")
-    back = Rotation.from_quat(unit("quaternion_wxyz", turn, 4), scalar_first=True).inv()
-    return lambda p: surface.distance(back.apply(p - position))
+    rotation = Rotation.from_quat(unit("quaternion_wxyz", quaternion, 4), scalar_first=True).inv()
+    return lambda p: surface.distance(rotation.apply(p - position))

@@ -1,4 +1,4 @@
-"""Check that stated symmetries leave body, task, constraints and torque origin invariant.
+"""Invariance of body, task, constraints and torque origin under the symmetries that a certificate states.
 
 Motions map a node of the search onto its symmetric copy (``error_of_motion``). Reductions turn a contact about an axis
 to a line or a point of the surface, which requires invariance under all turns (``error_of_reduction``).
@@ -19,12 +19,12 @@ from nlpgrasp.verify.bound.stated_cells import StatedEllipsoidCell
 from nlpgrasp.verify.bound.stated_regions import StatedRegion
 
 IMAGE_TOLERANCE = 1e-8  # relative tolerance of an image
-RADIAN = 1.0  # an irrational share of a turn: invariance under it implies invariance under all turns
+RADIAN = 1.0  # radians, an irrational share of a turn: invariance under it implies invariance under all turns
 POLE_TOLERANCE = 1e-9  # tolerance of axes, poles and meridians, relative to the body's size
 
 
 def error_of_motion(
-    motion: Json, problem: Json, task: Task, origin: FloatArray, own: Sequence[StatedRegion], size: float
+    motion: Json, problem: Json, task: Task, origin: FloatArray, regions: Sequence[StatedRegion], size: float
 ) -> str:
     """Return the part of the problem that a motion does not map onto itself; empty for a symmetry.
 
@@ -36,7 +36,7 @@ def error_of_motion(
     task : Task
     origin : (space,) array
         Torque origin, metres.
-    own : sequence of StatedRegion
+    regions : sequence of StatedRegion
         Allowed region of each contact.
     size : float
         Of the body, metres.
@@ -53,17 +53,17 @@ def error_of_motion(
         return "it moves the torque origin"
     if not leaves_task_invariant(task, wrench_action(R)):
         return "the task has no such symmetry"
-    if not all(_leaves_regions_invariant(places, R, t, IMAGE_TOLERANCE * size) for places in own):
+    if not all(_leaves_regions_invariant(region, R, t, IMAGE_TOLERANCE * size) for region in regions):
         return "constraints have no such symmetry"
     return ""
 
 
 def wrench_action(R: FloatArray) -> FloatArray:
     """Return the action of R on wrenches about a fixed point: ``(R p) x (R f) = det(R) R (p x f)``."""
-    space, handed = len(R), 1.0 if np.linalg.det(R) > 0.0 else -1.0
-    turned = np.array([[handed]]) if space == 2 else handed * R
-    zero = np.zeros((space, len(turned)))
-    return np.block([[R, zero], [zero.T, turned]])
+    space, determinant = len(R), 1.0 if np.linalg.det(R) > 0.0 else -1.0
+    moment_action = np.array([[determinant]]) if space == 2 else determinant * R
+    zero = np.zeros((space, len(moment_action)))
+    return np.block([[R, zero], [zero.T, moment_action]])
 
 
 def leaves_task_invariant(task: Task, matrix: FloatArray) -> bool:
@@ -72,25 +72,27 @@ def leaves_task_invariant(task: Task, matrix: FloatArray) -> bool:
         return all(leaves_task_invariant(part, matrix) for part in task.tasks)
     if isinstance(task, TaskPolytope):
         points, scale = task.wrenches, _wrench_scale(np.max(np.abs(task.wrenches), axis=0))
-        return _same_points(points @ matrix.T / scale, points / scale, IMAGE_TOLERANCE)
+        return _are_same_points(points @ matrix.T / scale, points / scale, IMAGE_TOLERANCE)
     if isinstance(task, TaskEllipsoid):
         scale = _wrench_scale(np.linalg.norm(task.axes, axis=0) + np.abs(task.center))
         axes, image = task.axes / scale, task.axes @ matrix.T / scale  # the set is centre + axes^T (unit ball)
-        middle = np.max(np.abs((matrix @ task.center - task.center) / scale))
-        return bool(np.max(np.abs(axes.T @ axes - image.T @ image)) <= IMAGE_TOLERANCE and middle <= IMAGE_TOLERANCE)
+        centre_difference = np.max(np.abs((matrix @ task.center - task.center) / scale))
+        return bool(
+            np.max(np.abs(axes.T @ axes - image.T @ image)) <= IMAGE_TOLERANCE and centre_difference <= IMAGE_TOLERANCE
+        )
     return False
 
 
 def _wrench_scale(sizes: FloatArray) -> FloatArray:
     """Return the largest force for each force component, the largest moment for each moment component; 1 for zeros."""
     forces = 2 if len(sizes) == 3 else 3
-    most = np.repeat([sizes[:forces].max(), sizes[forces:].max()], [forces, len(sizes) - forces])
-    return np.where(most > 0.0, most, 1.0)
+    scale = np.repeat([sizes[:forces].max(), sizes[forces:].max()], [forces, len(sizes) - forces])
+    return np.where(scale > 0.0, scale, 1.0)
 
 
 def leaves_body_invariant(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
     """Return whether a motion maps a body onto itself."""
-    check = BODIES.get(body["type"])
+    check = MOTION_TESTS.get(body["type"])
     return check is not None and check(body, R, t, tolerance)
 
 
@@ -98,19 +100,20 @@ def _maps_box(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> boo
     """Return whether corners map to corners: the box is their convex hull."""
     signs = np.array(np.meshgrid(*[[1.0, -1.0]] * 3)).reshape(3, -1).T
     corners = signs * array("extents", body["extents"], (3,)) / 2.0
-    return _same_points(corners @ R.T + t, corners, tolerance)
+    return _are_same_points(corners @ R.T + t, corners, tolerance)
 
 
 def _maps_polygon(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
     """Return whether corners map to corners, and edge midpoints to edge midpoints."""
     corners = array("vertices", body["vertices"], (None, 2))
-    return _same_outline(corners, R, t, tolerance)
+    return _maps_outline(corners, R, t, tolerance)
 
 
 def _maps_prism(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
+    """Return whether the outline maps to itself, and the z axis to itself or its reverse."""
     corners = array("polygon", body["polygon"], (None, 2))
     upright = max(np.max(np.abs(R[2, :2])), np.max(np.abs(R[:2, 2])), abs(abs(R[2, 2]) - 1.0)) <= IMAGE_TOLERANCE
-    return bool(upright and abs(t[2]) <= tolerance and _same_outline(corners, R[:2, :2], t[:2], tolerance))
+    return bool(upright and abs(t[2]) <= tolerance and _maps_outline(corners, R[:2, :2], t[:2], tolerance))
 
 
 def _maps_ellipsoid(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
@@ -125,7 +128,7 @@ def _maps_z_axis(body: Json, R: FloatArray, t: FloatArray, tolerance: float) -> 
     return bool(np.max(np.abs(t)) <= tolerance and np.max(np.abs(R[2, :2])) <= IMAGE_TOLERANCE)
 
 
-BODIES: dict[str, Callable[[Json, FloatArray, FloatArray, float], bool]] = {
+MOTION_TESTS: dict[str, Callable[[Json, FloatArray, FloatArray, float], bool]] = {
     "box": _maps_box,
     "polygon": _maps_polygon,
     "prism": _maps_prism,
@@ -136,33 +139,33 @@ BODIES: dict[str, Callable[[Json, FloatArray, FloatArray, float], bool]] = {
 }
 
 
-def _same_outline(corners: FloatArray, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
+def _maps_outline(corners: FloatArray, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
     """Return whether a plane motion maps a polygon's corners onto those in order, or reversed."""
     image = corners @ R.T + t
-    for one in (image, image[::-1]):
+    for corners_in_order in (image, image[::-1]):
         for shift in range(len(corners)):
-            if np.max(np.abs(np.roll(one, shift, axis=0) - corners)) <= tolerance:
+            if np.max(np.abs(np.roll(corners_in_order, shift, axis=0) - corners)) <= tolerance:
                 return True
     return False
 
 
-def _leaves_regions_invariant(places: StatedRegion, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
+def _leaves_regions_invariant(region: StatedRegion, R: FloatArray, t: FloatArray, tolerance: float) -> bool:
     """Return whether the regions that a contact has to be inside of are invariant; False for other limits."""
-    if places.outside or places.away:
+    if region.outside or region.away:
         return False
-    if not places.inside:
+    if not region.inside:
         return True
-    rows, space = places.rows(), len(t)
+    rows, space = region.half_spaces(), len(t)
     image = rows.copy()
     image[:, :space] = rows[:, :space] @ R.T
     image[:, space] += image[:, :space] @ t
-    return _same_points(image, rows, tolerance)
+    return _are_same_points(image, rows, tolerance)
 
 
-def _same_points(image: FloatArray, points: FloatArray, tolerance: float) -> bool:
+def _are_same_points(image: FloatArray, points: FloatArray, tolerance: float) -> bool:
     """Return whether two sets of points are equal within a tolerance."""
-    apart = np.max(np.abs(image[:, None] - points[None]), axis=2)
-    return bool(np.max(apart.min(axis=0)) <= tolerance and np.max(apart.min(axis=1)) <= tolerance)
+    distances = np.max(np.abs(image[:, None] - points[None]), axis=2)
+    return bool(np.max(distances.min(axis=0)) <= tolerance and np.max(distances.min(axis=1)) <= tolerance)
 
 
 class RotationTest:
@@ -181,73 +184,79 @@ class RotationTest:
     def __init__(self, body: Json, task: Task, origin: FloatArray, size: float) -> None:
         self.body, self.task, self.origin, self.size = body, task, origin, size
 
-    def about(self, axis: FloatArray) -> bool:
+    def is_symmetric_about(self, axis: FloatArray) -> bool:
         """Return whether rotations about a unit axis (3,) through the frame's origin leave everything invariant."""
         R = Rotation.from_rotvec(RADIAN * axis).as_matrix()
-        stays = float(np.max(np.abs(R @ self.origin - self.origin))) <= POLE_TOLERANCE * self.size
-        same_task = leaves_task_invariant(self.task, wrench_action(R))
-        return stays and same_task and leaves_body_invariant(self.body, R, np.zeros(3), POLE_TOLERANCE * self.size)
+        keeps_origin = float(np.max(np.abs(R @ self.origin - self.origin))) <= POLE_TOLERANCE * self.size
+        keeps_task = leaves_task_invariant(self.task, wrench_action(R))
+        return (
+            keeps_origin and keeps_task and leaves_body_invariant(self.body, R, np.zeros(3), POLE_TOLERANCE * self.size)
+        )
 
 
 def error_of_reduction(
-    groups: Sequence[Json], turning: RotationTest, faces: Faces, places: Sequence[StatedRegion]
+    groups: Sequence[Json], rotation_test: RotationTest, faces: Faces, regions: Sequence[StatedRegion]
 ) -> str:
     """Return why the stated reductions are not allowed, or do not cover their line; empty if they are.
 
     Two reductions are allowed. On a body of revolution, one contact on the half-plane at angle 0, for an ellipsoid on
     any half-plane through the axis. On a sphere, one contact at a pole and one on a meridian through it.
     """
-    turned = [group for group in groups if group["turned"] is not None]
-    if not turned:
+    reduced = [group for group in groups if group["turned"] is not None]
+    if not reduced:
         return ""
-    if len(turning.origin) != 3 or any(own.is_limited for own in places):
+    if len(rotation_test.origin) != 3 or any(region.is_limited for region in regions):
         return "constraints, or a body in the plane, do not turn"
-    if any(len(group["contacts"]) != 1 for group in turned):
+    if any(len(group["contacts"]) != 1 for group in reduced):
         return "several contacts are turned as one"
-    ways = sorted(str(group["turned"]) for group in turned)
-    roots = {str(group["turned"]): [cell for _, cell in group["roots"]] for group in turned}
-    if ways == ["half-plane"]:
-        own = places[turned[0]["contacts"][0]]
-        return _half_plane(roots["half-plane"], turning, {n: f for n, f in faces.items() if n in own.faces})
-    if ways in (["pole"], ["meridian", "pole"]):
-        return _pole_error(roots["pole"], roots.get("meridian"), turning)
-    return f"nothing can be turned to {', '.join(ways)}"
+    kinds = sorted(str(group["turned"]) for group in reduced)
+    roots = {str(group["turned"]): [cell for _, cell in group["roots"]] for group in reduced}
+    if kinds == ["half-plane"]:
+        region = regions[reduced[0]["contacts"][0]]
+        return _half_plane_error(
+            roots["half-plane"], rotation_test, {n: f for n, f in faces.items() if n in region.faces}
+        )
+    if kinds in (["pole"], ["meridian", "pole"]):
+        return _pole_error(roots["pole"], roots.get("meridian"), rotation_test)
+    return f"nothing can be turned to {', '.join(kinds)}"
 
 
-def _half_plane(roots: Sequence[Json], turning: RotationTest, faces: Faces) -> str:
+def _half_plane_error(roots: Sequence[Json], rotation_test: RotationTest, faces: Faces) -> str:
+    """Return the error in a reduction of one contact to a half-plane; empty without one."""
     axis = np.array([0.0, 0.0, 1.0])
-    if turning.body["type"] in ("sphere", "ellipsoid"):
-        ends = _arcs(roots)
-        if ends is None or not all(_is_on(StatedEllipsoidCell(cell), turning) for cell in roots):
+    if rotation_test.body["type"] in ("sphere", "ellipsoid"):
+        arcs_axis = _axis_of_arcs(roots)
+        if arcs_axis is None or not all(_is_on(StatedEllipsoidCell(cell), rotation_test) for cell in roots):
             return "the cells are no half-plane of the body"
-        axis = ends
-    if not turning.about(axis):
+        axis = arcs_axis
+    if not rotation_test.is_symmetric_about(axis):
         return "body and task are not the same after every turn"
     for name, face in faces.items():
-        if turning.body["type"] in ("sphere", "ellipsoid"):
+        if rotation_test.body["type"] in ("sphere", "ellipsoid"):
             continue
         if isinstance(face, FlatFaceOutline):
             return "a flat face does not turn"
         if face is None:
             return "a mesh does not turn"
-        at_zero = [{**cell, "angles": [0.0, 0.0]} for cell in face]
-        if not all(is_among(cell, roots, turning.size) for cell in at_zero):
+        cells = [{**cell, "angles": [0.0, 0.0]} for cell in face]
+        if not all(is_among(cell, roots, rotation_test.size) for cell in cells):
             return f"the cells do not cover the half-plane of {name}"
     return ""
 
 
-def _pole_error(pole: Sequence[Json], meridian: Sequence[Json] | None, turning: RotationTest) -> str:
-    if not _is_sphere(turning.body) or len(pole) != 1:
+def _pole_error(pole: Sequence[Json], meridian: Sequence[Json] | None, rotation_test: RotationTest) -> str:
+    """Return the error in a reduction of one contact to a pole, and one to a meridian; empty without one."""
+    if not _is_sphere(rotation_test.body) or len(pole) != 1:
         return "only a sphere has every point for a pole"
     point = StatedEllipsoidCell(pole[0])
-    if not _is_on(point, turning) or len(point.corners) != 1:
+    if not _is_on(point, rotation_test) or len(point.corners) != 1:
         return "the pole is no point of the sphere"
-    if not all(turning.about(axis) for axis in np.eye(3)):
+    if not all(rotation_test.is_symmetric_about(direction) for direction in np.eye(3)):
         return "body and task are not the same after every turn"
-    ends = None if meridian is None else _arcs(meridian)
+    axis = None if meridian is None else _axis_of_arcs(meridian)
     if meridian is not None:
-        on = all(_is_on(StatedEllipsoidCell(cell), turning) for cell in meridian)
-        if not on or ends is None or np.max(np.abs(np.abs(ends @ point.corners[0]) - 1.0)) > POLE_TOLERANCE:
+        is_on_sphere = all(_is_on(StatedEllipsoidCell(cell), rotation_test) for cell in meridian)
+        if not is_on_sphere or axis is None or np.max(np.abs(np.abs(axis @ point.corners[0]) - 1.0)) > POLE_TOLERANCE:
             return "the cells are no meridian through the pole"
     return ""
 
@@ -257,16 +266,21 @@ def _is_sphere(body: Json) -> bool:
     return body["type"] == "sphere" or (body["type"] == "ellipsoid" and len(set(body["semi_axes"])) == 1)
 
 
-def _is_on(cell: StatedEllipsoidCell, turning: RotationTest) -> bool:
-    axes = turning.body["radius"] if turning.body["type"] == "sphere" else np.asarray(turning.body["semi_axes"])
-    return bool(np.all(np.abs(cell.axes - axes) <= POLE_TOLERANCE * turning.size))
+def _is_on(cell: StatedEllipsoidCell, rotation_test: RotationTest) -> bool:
+    """Return whether a cell is on the body's surface."""
+    axes = (
+        rotation_test.body["radius"]
+        if rotation_test.body["type"] == "sphere"
+        else np.asarray(rotation_test.body["semi_axes"])
+    )
+    return bool(np.all(np.abs(cell.axes - axes) <= POLE_TOLERANCE * rotation_test.size))
 
 
-def _arcs(roots: Sequence[Json]) -> FloatArray | None:
+def _axis_of_arcs(roots: Sequence[Json]) -> FloatArray | None:
     """Return the axis of two quarter circles that meet in one point at right angles to it; None for other arcs."""
     cells = [StatedEllipsoidCell(cell) for cell in roots if cell["kind"] == "ellipsoid"]
     if len(cells) != 2 or any(len(cell.corners) != 2 for cell in cells):
         return None
-    (first, side), (last, again) = (cell.corners for cell in cells)
-    straight = max(np.max(np.abs(side - again)), np.max(np.abs(first + last)), abs(float(first @ side)))
-    return np.asarray(first) if straight <= POLE_TOLERANCE else None
+    (first, side), (last, other_side) = (cell.corners for cell in cells)
+    deviation = max(np.max(np.abs(side - other_side)), np.max(np.abs(first + last)), abs(float(first @ side)))
+    return np.asarray(first) if deviation <= POLE_TOLERANCE else None
