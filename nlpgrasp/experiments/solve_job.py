@@ -20,7 +20,7 @@ from nlpgrasp.optimize.processes import WorkerPayload, single_thread
 from nlpgrasp.optimize.start_result import StartGrasp, best_of
 from nlpgrasp.optimize.warm_starts import WarmStart, adapt_grasp, certify_as_is, refine_warm_start
 from nlpgrasp.pipeline.multistart import Multistart
-from nlpgrasp.pipeline.solve import check_json, solve_again
+from nlpgrasp.pipeline.solve import check_json, solve_compiled
 from nlpgrasp.quality import Bounds, screen
 from nlpgrasp.quality.grasp import GraspStack
 from nlpgrasp.solution.file import solution_json
@@ -44,7 +44,7 @@ def run_job(job: Job) -> Outcome:
             if offer is not None:
                 improved = improve_solution(compiled, starts, offer.solution, seed, offer.offers, offer.improve)
                 return Outcome() if improved is None else Outcome(solution_json(improved.to_dict()))
-            solution = solve_again(compiled, starts, seed, lazy.case.keeping)
+            solution = solve_compiled(compiled, starts, seed, lazy.case.keeping)
             if solution.status is Status.INTERRUPTED:
                 return Outcome(interrupted=True)
             return Outcome(solution_json(solution.to_dict()))

@@ -39,9 +39,9 @@ from nlpgrasp.problem.candidate_constraints import build_candidate_constraints
 from nlpgrasp.problem.problem import GraspProblem
 
 ON_SURFACE, EXTENT, NORMAL = "on the surface", "extent of the face", "normal"  # kinds of surface constraints
-SMOOTHING = 1e-12  # solver units, under square roots, which makes them differentiable at zero
+SMOOTHING = 1e-12  # solver units, added under square roots to make them differentiable at zero
 SUPPORT, BALANCE = "support", "wrench balance"  # kinds of containment constraints
-TRANSCRIPTIONS = ("support", "vertex")  # of the containment: outer, inner
+TRANSCRIPTIONS = ("support", "vertex")  # transcriptions of the containment, outer and inner
 BOX_MARGIN = 0.03  # of the body's size, margin of contact points beyond the bounding box during iterations
 MOST_BETA = 100.0  # solver units, upper bound of beta
 
@@ -73,14 +73,17 @@ def optimal_grasp_program(
     """
     check_transcription(transcription)
     program, scaling = Program(scaled=scaled), Scaling.of(problem)
+    # variables p_i, n_i, q and objective beta
     contacts = _add_contacts(program, problem, scaling)
     _add_hand_variables(program, problem)
     beta = _maximise_beta(program, scaling)
+    # forces x_j in friction cones and budget (2.4-1), (2.5-2), and containment of the task (3.3-4), (3.4-3)
     if transcription == "vertex":
         _add_wrench_equations(program, problem, scaling, contacts, beta, count)
     elif not (eliminated and _add_closed_form_supports(program, problem, scaling, contacts, beta, count, pieces)):
         _add_support_inequalities(program, problem, scaling, contacts, beta, count)
     program.end_containment()
+    # surfaces (3.5-1), (3.5-2), last if they are splines; reachability (3.5-15) and hand (3.5-16)
     surfaces = SurfaceConstraints(problem)
     if not surfaces.are_splines:
         surfaces.constrain(program, contacts.positions, contacts.normals)

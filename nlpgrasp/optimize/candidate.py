@@ -1,4 +1,4 @@
-"""Grasp candidate (contacts and hand configuration), and the state of its local search."""
+"""Grasp candidate: contacts and hand configuration; state of its local search."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class GraspCandidate:
     hand: Values = field(default_factory=dict)
 
     def repeated_hand(self, count: int) -> Values:
-        """Return the hand's values repeated ``count`` times, (count, m) each: for placements that share the hand."""
+        """Return the hand's values repeated ``count`` times, (count, m) each, for placements that share the hand."""
         return {name: np.repeat(value[None], count, axis=0) for name, value in self.hand.items()}
 
 
@@ -82,16 +82,16 @@ class SearchState:
     Parameters
     ----------
     candidate : GraspCandidate
-        The best contacts, and hand, so far.
+        The best candidate so far.
     value : float
-        Their least support ratio found (an upper bound on mu).
+        Its least known support ratio, an upper bound on mu.
     cuts : (m, d) array
-        Directions known of them, each with ``phi_A = 1``.
+        Its known weak directions, each with ``phi_A = 1``.
     multipliers : (rows,) array
-        Of the rows of constraints and hand in the solve that led here, solver units.
+        Multipliers of the constraints in the last step's program, solver units.
     effort : Effort
     history : list of float
-        ``value`` at first and after each step.
+        Initial ``value``, and that after each step.
     """
 
     candidate: GraspCandidate

@@ -35,7 +35,7 @@ FEASIBLE = 1e-5  # feasibility tolerance, relative to a constraint's scale
 
 
 class CompiledProblem:
-    """Compiled problem with its surface samples, constraint functions and programs; evaluates candidates.
+    """Compiled problem: programs, surface samples and constraint functions, with evaluation of candidates.
 
     Parameters
     ----------
@@ -45,12 +45,12 @@ class CompiledProblem:
     Attributes
     ----------
     scaling : Scaling
-        The programs' units.
+        Units of the programs.
     rows : ConstraintValues
-        Of constraints and hand.
+        Functions of the constraints, those of the hand included.
     surface : SurfaceSamples
     hand_points : HandPoints
-    exchange : CuttingPlaneProgram
+    cutting_planes : CuttingPlaneProgram
     """
 
     def __init__(self, problem: GraspProblem, options: SolveOptions) -> None:
@@ -60,15 +60,15 @@ class CompiledProblem:
         self.surface = SurfaceSamples(problem)
         self.hand_points = HandPoints(problem)
         self.cutting_planes = CuttingPlaneProgram(problem, options)
-        self._first: dict[int, CompiledProgram] = {}  # by the number of samples
-        self._shared: CompiledProblem | None = None
-        self._by_faces: CuttingPlaneProgram | None = None
+        self._initial_nlps: dict[int, CompiledProgram] = {}  # by the number of task samples
+        self._parent: CompiledProblem | None = None  # the problem that this one shares its parts with
+        self._program_for_faces: CuttingPlaneProgram | None = None
 
     @cached_property
     def link_depths(self) -> PenetrationModel | None:
         """Penetration depths of links in the body and its surroundings; None without a hand that has links."""
-        if self._shared is not None:
-            return self._shared.link_depths
+        if self._parent is not None:
+            return self._parent.link_depths
         hand = self.problem.hand
         return PenetrationModel(self.problem, hand, self.options.link_tolerance) if isinstance(hand, URDFHand) else None
 
@@ -76,50 +76,47 @@ class CompiledProblem:
     def workspace(self) -> HandWorkspace:
         """Sampled workspace of a hand that has a palm pose."""
         return (
-            HandWorkspace(self.problem, self.hand_points, self.rows) if self._shared is None else self._shared.workspace
+            HandWorkspace(self.problem, self.hand_points, self.rows) if self._parent is None else self._parent.workspace
         )
 
     def with_task(self, problem: GraspProblem) -> CompiledProblem:
         """Return the compiled problem for another task, sharing programs and samples.
 
-        The first program is the same for all tasks of which it looks at as many samples.
+        The initial NLP is shared by all tasks with the same number of samples.
         """
-        result = self._sharing(CompiledProblem(problem, self.options))
-        result.cutting_planes, result._first = self.cutting_planes, self._first
+        result = self._share_with(CompiledProblem(problem, self.options))
+        result.cutting_planes, result._initial_nlps = self.cutting_planes, self._initial_nlps
         return result
 
     @cached_property
     def with_l2_budget(self) -> CompiledProblem | None:
         """The compiled problem under the L2 budget, for a first refinement; None if it is L2 or follows the hand.
 
-        Only the exchange's program is another one.
+        Only the cutting-plane program differs.
         """
         problem, budget = self.problem, self.problem.budget
         if isinstance(budget, L2Budget) or budget.follows_hand:
             return None
-        return self._sharing(CompiledProblem(problem.unchecked(force_budget=L2Budget()), self.options))
+        return self._share_with(CompiledProblem(problem.unchecked(force_budget=L2Budget()), self.options))
 
     @cached_property
     def without_hand(self) -> CompiledProblem:
         """The compiled problem without the hand and the constraints on it, over the same samples."""
-        problem, of_hand = self.problem, self.rows.dependence[:, -1]
-        kept = [
-            c
-            for c, rows in zip(problem.constraints, self.rows.sources, strict=False)
-            if not np.any(of_hand[list(rows)])
-        ]
-        own = problem.unchecked(hand=None, constraints=tuple(kept), force_budget=self.closure_budget)
-        result = CompiledProblem(own, self.options)
+        problem, depends_on_hand = self.problem, self.rows.dependence[:, -1]
+        constraints = tuple(
+            constraint
+            for constraint, indices in zip(problem.constraints, self.rows.sources, strict=False)
+            if not np.any(depends_on_hand[list(indices)])
+        )
+        free = problem.unchecked(hand=None, constraints=constraints, force_budget=self.closure_budget)
+        result = CompiledProblem(free, self.options)
         result.surface = self.surface
         return result
 
     def with_joints(self, limits: FloatArray) -> CompiledProblem:
-        """Return the compiled problem with other joint limits (2, m) of its hand, which has links.
-
-        No program is compiled anew.
-        """
+        """Return the compiled problem with other joint limits (2, m) of its linked hand, without recompiling."""
         problem = self.problem.unchecked(hand=self.hand_points.linked_hand.with_limits(limits))
-        result = self._sharing(CompiledProblem(problem, self.options))
+        result = self._share_with(CompiledProblem(problem, self.options))
         result.hand_points = self.hand_points.of_limits(problem)
         result.cutting_planes = self.cutting_planes.with_hand_bounds("joints", limits)
         if problem.budget.follows_hand:
@@ -129,28 +126,28 @@ class CompiledProblem:
     def with_faces(self, problem: GraspProblem) -> CompiledProblem:
         """Return the compiled problem of a body that describes the same surface by other faces.
 
-        Its program is compiled once, as the geometry of a face is among its parameters.
+        Its program is compiled once: the geometry of a face is among the parameters.
         """
         result = CompiledProblem(problem, self.options)
         surface = result.surface
-        result = self._sharing(result)
+        result = self._share_with(result)
         result.surface = surface
-        self._by_faces = result.cutting_planes = self._by_faces or result.cutting_planes
+        self._program_for_faces = result.cutting_planes = self._program_for_faces or result.cutting_planes
         return result
 
-    def with_clearance(self, more: FloatArray) -> CompiledProblem:
+    def with_clearance(self, increase: FloatArray) -> CompiledProblem:
         """Return the compiled problem whose programs require more link clearance from the body, by (rows,), metres.
 
-        On a mesh, whose smooth distance they go by, so far as that flatters.
+        On a mesh it makes up for a smoothed distance that is larger than the mesh's own.
         """
-        result = self._sharing(CompiledProblem(self.problem, self.options))
-        result.cutting_planes = self.cutting_planes.with_lower_limits(more / self.scaling.length)
+        result = self._share_with(CompiledProblem(self.problem, self.options))
+        result.cutting_planes = self.cutting_planes.with_lower_limits(increase / self.scaling.length)
         return result
 
-    def _sharing(self, other: CompiledProblem) -> CompiledProblem:
-        """Return another compiled problem with this one's constraint functions and samples."""
+    def _share_with(self, other: CompiledProblem) -> CompiledProblem:
+        """Give another compiled problem the constraint functions and samples of this one, and return it."""
         other.rows, other.surface, other.hand_points = self.rows, self.surface, self.hand_points
-        other._shared = self
+        other._parent = self
         return other
 
     @cached_property
@@ -159,16 +156,16 @@ class CompiledProblem:
         return TaskSamples(self.problem.task, self.scaling.wrench, 1 if self.follows_contacts else 0)
 
     @property
-    def first(self) -> CompiledProgram:
+    def initial_nlp(self) -> CompiledProgram:
         """The initial NLP of a start."""
         count = self.task_samples.count
-        if count not in self._first:
-            self._first[count] = compile_initial_nlp(self.problem, self.options, count)
-        return self._first[count]
+        if count not in self._initial_nlps:
+            self._initial_nlps[count] = compile_initial_nlp(self.problem, self.options, count)
+        return self._initial_nlps[count]
 
     @cached_property
     def virtual_work(self) -> VirtualWork:
-        """Derivatives of supports under the hand's torque limits."""
+        """Derivatives of the support under the hand's torque limits."""
         return VirtualWork(self.cutting_planes.functions.program, self.problem)
 
     @cached_property
@@ -184,27 +181,27 @@ class CompiledProblem:
 
     @property
     def closure_budget(self) -> ForceBudget:
-        """Budget for force closure: the L2 budget where the problem's own needs a posture."""
+        """Budget for force closure: the L2 budget where the problem's own depends on the posture."""
         return closure_budget(self.problem)
 
     @property
     def screening_budget(self) -> ForceBudget:
-        """Budget for ranking placements: the L2 budget where the problem's own needs each placement's frames."""
+        """Budget for ranking placements: the L2 budget where the problem's own depends on the contact frames."""
         return L2Budget() if self.problem.budget.depends_on_frames else self.problem.budget
 
     def inward_normals(self, candidate: GraspCandidate) -> FloatArray:
-        """Return the unit normals of the solver's surface into the body, (k, space)."""
+        """Return the inward unit normals of the smoothed surface, (k, space)."""
         return inward_normals(self.problem, candidate.points, candidate.faces)
 
     def snapped(self, candidate: GraspCandidate) -> GraspCandidate:
         """Return the candidate with its contacts projected onto their faces to rounding."""
-        points, names = candidate.points.copy(), np.array(candidate.faces)
+        points, faces = candidate.points.copy(), np.array(candidate.faces)
         for face in set(candidate.faces):
-            points[names == face] = self.problem.body.snap(face, points[names == face])
+            points[faces == face] = self.problem.body.snap(face, points[faces == face])
         return GraspCandidate(candidate.faces, points, candidate.hand)
 
     def grasp(self, candidate: GraspCandidate) -> Grasp:
-        """Return the grasp, with normals of the solver's surface."""
+        """Return the grasp of a candidate, with normals of the smoothed surface."""
         return self.grasp_at(candidate.points, self.inward_normals(candidate))
 
     def grasp_at(self, points: FloatArray, normals: FloatArray) -> Grasp:
@@ -220,7 +217,7 @@ class CompiledProblem:
         return WrenchSet.of(self.grasp(candidate), self.budget(candidate))
 
     def violation(self, candidate: GraspCandidate) -> float:
-        """Return the largest violation of the constraints, relative to their scales; inf off the body."""
+        """Return the largest violation of the constraints, relative to their scales; inf for non-finite points."""
         if not np.all(np.isfinite(candidate.points)):
             return np.inf
         normals = self.inward_normals(candidate)
@@ -229,9 +226,9 @@ class CompiledProblem:
         return float(self.rows.violations(candidate.points[None], normals[None], candidate.repeated_hand(1))[0])
 
     def row_values(self, candidate: GraspCandidate, normals: FloatArray) -> FloatArray:
-        """Return the values of the constraints with these inward normals (k, space), (rows,) in their own units.
+        """Return the values of the constraints, (rows,), in their own units, for inward normals (k, space).
 
-        Distances of links from a mesh are to the mesh itself.
+        Distances of links from a mesh are those from the mesh itself.
         """
         values: FloatArray = self.rows.values(candidate.points[None], normals[None], candidate.repeated_hand(1))[0]
         body = self.problem.body
@@ -241,7 +238,7 @@ class CompiledProblem:
 
 
 def pack_variables(compiled: CompiledProblem, program: Program, candidate: GraspCandidate) -> FloatArray:
-    """Return a vector (n,) of starting values with contacts, normals, the hand and pressing forces filled in."""
+    """Return the initial variables of a program, (n,): contacts, normals, hand and pressing forces of a candidate."""
     normals = compiled.inward_normals(candidate)
     z = np.zeros(program.variables[-1].stop)
     set_contacts(compiled, program, z, candidate.points, normals)
@@ -256,14 +253,14 @@ def pack_variables(compiled: CompiledProblem, program: Program, candidate: Grasp
 def set_contacts(
     compiled: CompiledProblem, program: Program, z: FloatArray, points: FloatArray, normals: FloatArray
 ) -> None:
-    """Set the contacts among a program's variables, in place: points in metres and inward normals."""
+    """Write points (metres) and inward normals, (k, space) each, to the variables of a program, in place."""
     for i, p in enumerate(compiled.scaling.position(points)):
         z[program.block("position", i).range] = p
         z[program.block("normal", i).range] = normals[i]
 
 
 def candidate_of(compiled: CompiledProblem, program: Program, faces: tuple[str, ...], z: FloatArray) -> GraspCandidate:
-    """Return the candidate stated by a program's variables, its contacts projected exactly onto their faces."""
+    """Return the candidate of a program's variables, its contacts projected exactly onto their faces."""
     return compiled.snapped(GraspCandidate(faces, contact_points(compiled, program, z), hand_of(program, z)))
 
 
@@ -273,5 +270,5 @@ def contact_points(compiled: CompiledProblem, program: Program, z: FloatArray) -
 
 
 def hand_of(program: Program, z: FloatArray) -> Values:
-    """Return the hand's variables of a program's variables, in the hand's units."""
+    """Return the values of the hand in a program's variables, in the hand's units."""
     return {name: b.scale * z[b.range] for name, b in program.hand_blocks}

@@ -1,6 +1,6 @@
 """Compiled nonlinear programs of a problem: the initial NLP and the cutting-plane program.
 
-One program serves every assignment of contacts to faces: which of its faces a contact is on is a parameter.
+One program serves every assignment of contacts to faces: the face of each contact is a parameter.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from nlpgrasp.optimize.options import SolveOptions
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality.grasp import Grasp
 
-SLOTS, SLOTS_WITH_FORCES = 160, 80  # cutting planes held by the program; with finger forces as variables
+SLOTS, SLOTS_WITH_FORCES = 160, 80  # cutting planes of the program; the same with finger forces as variables
 MOST_ITERATIONS = 300  # iterations of IPOPT in one solve, at most
-CONFIRMING_ITERATIONS = 5  # the same, from a point that is a local optimum already
+CONFIRMING_ITERATIONS = 5  # the same, from a local optimum
 Ipopt = dict[str, Option]
-# with a hand's pose the first program ends once contacts and hand fit together: the exchange is faster from there
+# with a hand's pose the initial NLP ends once contacts and hand fit together: cutting planes are faster from there
 POSED: Ipopt = {
     "max_iter": 150,
     "mu_strategy": "adaptive",
@@ -41,7 +41,7 @@ POSED: Ipopt = {
     "acceptable_dual_inf_tol": 1e10,
     "acceptable_compl_inf_tol": 1e2,
 }
-CLOSING: Ipopt = {  # of the last solve, from near a local optimum: exact rows and bounds, multipliers to begin with
+CLOSING: Ipopt = {  # last solve, from near a local optimum with its multipliers: exact constraints and bounds
     "tol": 1e-7,
     "mu_init": 1e-9,
     "max_iter": 60,
@@ -61,7 +61,7 @@ def follows_contacts(problem: GraspProblem) -> bool:
 
 
 def closure_budget(problem: GraspProblem) -> ForceBudget:
-    """Return the budget for force closure: the L2 budget where the problem's own needs a posture."""
+    """Return the budget for force closure: the L2 budget where the problem's own depends on the posture."""
     return L2Budget() if problem.budget.follows_hand else problem.budget
 
 
@@ -72,13 +72,13 @@ def budget_at(problem: GraspProblem, candidate: GraspCandidate) -> ForceBudget:
 
 
 def compile_initial_nlp(problem: GraspProblem, options: SolveOptions, samples: int) -> CompiledProgram:
-    """Return the initial NLP of a start (vertex transcription), with so many samples of the task."""
+    """Return the initial NLP of a start (vertex transcription), with a number of task samples."""
     plain = problem.unchecked(force_budget=closure_budget(problem))
-    program = optimal_grasp_program(plain, "vertex", samples)  # which never ends at a non-grasp
-    limits: Ipopt = {"tol": 1e-4, "acceptable_tol": 1e-3, "acceptable_iter": 5}
+    program = optimal_grasp_program(plain, "vertex", samples)
+    tolerances: Ipopt = {"tol": 1e-4, "acceptable_tol": 1e-3, "acceptable_iter": 5}
     if not follows_contacts(problem):
-        limits |= POSED
-    return _compile_program(program, options, limits)
+        tolerances |= POSED
+    return _compile_program(program, options, tolerances)
 
 
 class CuttingPlaneProgram:
@@ -95,7 +95,7 @@ class CuttingPlaneProgram:
 
     @cached_property
     def linearises(self) -> bool:
-        """Whether steps solve the program's linearisation: where finger forces are not among its variables."""
+        """Whether steps solve the program's linearisation: finger forces are not among its variables."""
         return self.has_closed_form or has_pieces(self._problem) or self._problem.budget.follows_hand
 
     @cached_property
@@ -110,36 +110,36 @@ class CuttingPlaneProgram:
 
     @cached_property
     def functions(self) -> CompiledProgram:
-        """The program with its solver, compiled."""
+        """The compiled program with its solver."""
         slots = 0 if self._problem.budget.follows_hand else self.slots
         program = optimal_grasp_program(self._problem, SUPPORT, slots, eliminated=True, pieces=self.linearises)
         return _compile_program(program, self._options, {"tol": 1e-5, "mu_init": 1e-3})
 
     @cached_property
     def confirming(self) -> CompiledProgram:
-        """The program for a point that is a local optimum already: without second derivatives, quick to build."""
-        first: Ipopt = CLOSING | {"hessian_approximation": "limited-memory", "max_iter": CONFIRMING_ITERATIONS}
-        return self.functions.with_options(first | dict(self._options.ipopt))
+        """The program with few iterations, from a local optimum: without second derivatives, quick to compile."""
+        settings: Ipopt = CLOSING | {"hessian_approximation": "limited-memory", "max_iter": CONFIRMING_ITERATIONS}
+        return self.functions.with_options(settings | dict(self._options.ipopt))
 
     @cached_property
     def closing(self) -> CompiledProgram:
-        """The program with tight tolerances, to be solved from near a local optimum to small residuals.
+        """The program with tight tolerances, from near a local optimum.
 
-        Where forces are variables there are no multipliers to begin with, nor forces.
+        Where finger forces are variables it has no warm start: neither multipliers nor forces are known.
         """
-        last: Ipopt = CLOSING if self.linearises else {"tol": CLOSING["tol"], "bound_relax_factor": 0.0}
-        return self.functions.with_options(last | dict(self._options.ipopt))
+        settings: Ipopt = CLOSING if self.linearises else {"tol": CLOSING["tol"], "bound_relax_factor": 0.0}
+        return self.functions.with_options(settings | dict(self._options.ipopt))
 
     def with_hand_bounds(self, name: str, bounds: FloatArray) -> CuttingPlaneProgram:
         """Return the program with other bounds (2, m) of one of the hand's variables, without recompiling."""
-        return self._of(self.functions.with_hand_bounds(name, bounds[0], bounds[1]))
+        return self._with_functions(self.functions.with_hand_bounds(name, bounds[0], bounds[1]))
 
-    def with_lower_limits(self, more: FloatArray) -> CuttingPlaneProgram:
+    def with_lower_limits(self, increase: FloatArray) -> CuttingPlaneProgram:
         """Return the program with higher lower limits, without recompiling: see ``Program.with_lower_limits``."""
-        return self._of(self.functions.with_lower_limits(more))
+        return self._with_functions(self.functions.with_lower_limits(increase))
 
-    def _of(self, functions: CompiledProgram) -> CuttingPlaneProgram:
-        """Return the same for a program that differs in its limits alone."""
+    def _with_functions(self, functions: CompiledProgram) -> CuttingPlaneProgram:
+        """Return the cutting-plane program with functions that differ in their limits alone."""
         result = copy(self)
         result.functions = functions
         for name in ("confirming", "closing"):
@@ -147,15 +147,15 @@ class CuttingPlaneProgram:
         return result
 
     def pieces(self, grasp: Grasp, y: FloatArray) -> FloatArray | None:
-        """Return the supports of single contacts along directions, (m, k), where the program is made of them."""
+        """Return the supports of single contacts along directions, (m, k); None where the program has none."""
         if self.has_closed_form or not has_pieces(self._problem):
             return None
         return contact_supports(y @ grasp.G, grasp.contacts, self._problem.body.space)[0]
 
 
-def _compile_program(program: Program, options: SolveOptions, limits: Ipopt) -> CompiledProgram:
-    # MUMPS scaling 7 avoids the factorizations that take 20 times as long as the rest (measured on scans)
-    most: Ipopt = {"max_iter": MOST_ITERATIONS, "mumps_scaling": 7}
+def _compile_program(program: Program, options: SolveOptions, tolerances: Ipopt) -> CompiledProgram:
+    # MUMPS scaling 7 avoids factorizations that take 20 times as long as the rest (measured on scans)
+    limits: Ipopt = {"max_iter": MOST_ITERATIONS, "mumps_scaling": 7}
     if options.time_limit is not None:
-        most["max_wall_time"] = options.time_limit
-    return CompiledProgram(program, most | limits | dict(options.ipopt))
+        limits["max_wall_time"] = options.time_limit
+    return CompiledProgram(program, limits | tolerances | dict(options.ipopt))

@@ -24,7 +24,7 @@ from nlpgrasp.problem.candidate_constraints import CandidateConstraints, build_c
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.solution.obstructions import jaws_depth
 
-NARROW = 1e-2  # width, relative to a constraint's scale, below which its limits count as an equation
+NARROW = 1e-2  # width between limits, over a constraint's scale, below which it counts as an equation
 
 
 class ConstraintValues:
@@ -58,7 +58,7 @@ class ConstraintValues:
         return np.asarray(self._row_function.map(padded)(*columns).full()).T[:b]
 
     def violations(self, points: FloatArray, normals: FloatArray, hand: Values) -> FloatArray:
-        """Return each placement's largest violation but of face extents, relative to the constraints' scales, (b,)."""
+        """Return each placement's largest constraint violation, relative to its scale, (b,), without face extents."""
         return self.excess(self.values(points, normals, hand))
 
     def excess(self, values: FloatArray) -> FloatArray:
@@ -68,7 +68,7 @@ class ConstraintValues:
     def each_excess(self, values: FloatArray, band: float = 0.0) -> FloatArray:
         """Return the violation of each constraint value (b, m), relative to its scale, (b, m).
 
-        Narrow rows may be off by a ``band``, relative to their scales.
+        Constraints with nearly equal limits may be violated by a ``band``, relative to their scales.
         """
         lower, upper, scale = (np.array([getattr(r, key) for r in self.named]) for key in ("lower", "upper", "scale"))
         excess = np.maximum(lower - values, values - upper) / scale - band * (upper - lower <= NARROW * scale)
@@ -85,19 +85,19 @@ class ConstraintValues:
         return result
 
     def broken(self, points: FloatArray, normals: FloatArray, hand: Values) -> FloatArray:
-        """Return the summed violation of the user's inequalities by each placement, as ``blocked``, (b,)."""
-        own = {row for rows in self.sources[: len(self.problem.constraints)] for row in rows}
-        return self.blocked(points, normals, hand, own) if own else np.zeros(len(points))
+        """Return the summed violation of the user's inequalities by each placement, relative to their scales, (b,)."""
+        users = {index for indices in self.sources[: len(self.problem.constraints)] for index in indices}
+        return self.blocked(points, normals, hand, users) if users else np.zeros(len(points))
 
     def blocked(
-        self, points: FloatArray, normals: FloatArray, hand: Values, of: Collection[int] | None = None
+        self, points: FloatArray, normals: FloatArray, hand: Values, indices: Collection[int] | None = None
     ) -> FloatArray:
         """Return the summed violation of inequalities by each placement, relative to their scales, (b,).
 
-        Of all rows, or of some by number.
+        The inequalities are those with some ``indices``, by default all.
         """
         values = self.values(points, normals, hand)
-        rows = [i for i, r in enumerate(self.named) if r.lower < r.upper and (of is None or i in of)]
+        rows = [i for i, r in enumerate(self.named) if r.lower < r.upper and (indices is None or i in indices)]
         lower, upper, scale = (
             np.array([getattr(self.named[i], key) for i in rows]) for key in ("lower", "upper", "scale")
         )
@@ -117,22 +117,23 @@ class ConstraintValues:
         p, n = ca.SX.sym("p", space * k), ca.SX.sym("n", space * k)
         split = list(range(0, space * k + 1, space))
         symbols = {} if problem.hand is None else problem.hand.symbols(problem.body.bounds)
-        found = build_candidate_constraints(
+        constraints = build_candidate_constraints(
             problem.body, problem.constraints, problem.hand, ca.vertsplit(p, split), ca.vertsplit(n, split), symbols
         )
-        return found, [p, n, *symbols.values()]
+        return constraints, [p, n, *symbols.values()]
 
     @cached_property
     def _row_function(self) -> ca.Function:
         """Function of contacts, normals and the hand's variables: the constraints' values, in their own units."""
-        found, inputs = self._rows
-        points = ca.horzcat(ca.SX(self.problem.body.space, 0), *[c.point for c in found.clearances])
-        smooth = ca.Function("rows", inputs, [ca.vertcat(*[r.expression for r in found.rows]), points])
-        if not found.clearances:
-            return ca.Function("rows", inputs, [ca.vertcat(*[r.expression for r in found.rows])])
+        constraints, inputs = self._rows
+        values = ca.vertcat(*[r.expression for r in constraints.rows])
+        if not constraints.clearances:
+            return ca.Function("rows", inputs, [values])
+        points = ca.horzcat(ca.SX(self.problem.body.space, 0), *[c.point for c in constraints.clearances])
+        without_distances = ca.Function("rows", inputs, [values, points])
         symbols = [ca.MX.sym(f"x{i}", s.shape[0]) for i, s in enumerate(inputs)]
-        rows, places = smooth(*symbols)
-        distances = [c.distance(places[:, i]) for i, c in enumerate(found.clearances)]
+        rows, centres = without_distances(*symbols)
+        distances = [c.distance(centres[:, i]) for i, c in enumerate(constraints.clearances)]
         return ca.Function("rows", symbols, [ca.vertcat(rows, *distances)])
 
 
@@ -149,21 +150,21 @@ class HandPoints:
 
     @property
     def hand(self) -> Hand:
-        """The hand, of a problem that has one."""
+        """The problem's hand; an ``InputError`` without one."""
         if self._problem.hand is None:
             raise InputError("GraspProblem.hand", None, "a hand")
         return self._problem.hand
 
     @property
     def posed_hand(self) -> LinkedHand:
-        """The hand, of a problem with one that has a pose of its own."""
+        """The problem's hand with a pose of its own; an ``InputError`` without one."""
         if not isinstance(self.hand, LinkedHand):
             raise InputError("GraspProblem.hand", self.hand, "a hand with a pose of its own, such as ng.URDFHand")
         return self.hand
 
     @property
     def linked_hand(self) -> URDFHand:
-        """The hand, of a problem with one that has links."""
+        """The problem's hand with links; an ``InputError`` without one."""
         if not isinstance(self.hand, URDFHand):
             raise InputError("GraspProblem.hand", self.hand, "a hand with links, such as ng.URDFHand")
         return self.hand
@@ -181,7 +182,7 @@ class HandPoints:
         return result
 
     def start(self, points: FloatArray, normals: FloatArray) -> Values:
-        """Return the hand's starting variables for placements (b, k, space), name -> (b, m); none without a hand."""
+        """Return the hand's initial values for placements (b, k, space), name to (b, m); empty without a hand."""
         hand = self._problem.hand
         if hand is None or not hand.variables(self._problem.body.bounds):
             return {}
@@ -193,9 +194,9 @@ class HandPoints:
         """Return the pose and approach of a hand that follows contacts (k, 3), as JSON data."""
         problem = self._problem
         cones = [(np.asarray(c.direction), c.angle) for c in problem.constraints if isinstance(c, Approach)]
-        return self.hand.at_contacts(points, problem.body.size, lambda places: self._distance(places), cones)
+        return self.hand.at_contacts(points, problem.body.size, lambda points: self._distance(points), cones)
 
-    def has_free_way(self, points: FloatArray) -> bool:
+    def has_free_approach(self, points: FloatArray) -> bool:
         """Return whether the straight approach of parallel jaws to contacts (2, 3) is collision-free."""
         return jaws_depth(self.at_contacts(points)) == 0.0
 
@@ -206,7 +207,7 @@ class HandPoints:
         return distance_to_all(build_distance_fields(problem.body, problem.constraints, len(problem.models)))
 
     def tip_centres(self, values: Values, otherwise: FloatArray) -> FloatArray:
-        """Return the centres of round fingertips (k, 3), and the given points for the others."""
+        """Return the centres of round fingertips, (k, 3), with ``otherwise`` in place of the others."""
         centres = self._function(*values.values())[0].full().T
         return np.where(np.isnan(centres), otherwise, centres)
 
@@ -215,18 +216,18 @@ class HandPoints:
         return body.clearance(np.asarray(self._function(*values.values())[1].full()).T)
 
     def link_places(self, values: Values) -> FloatArray:
-        """Return the centres of the spheres around links, (b, s, 3), for values (b, m) of the hand's variables."""
+        """Return the centres of the link spheres, (b, s, 3), for values (b, m) of the hand's variables."""
         count = len(next(iter(values.values())))
-        found = self._function.map(count)(*[v.T for v in values.values()])[1]
-        return np.asarray(found.full()).reshape(3, count, -1).transpose(1, 2, 0)
+        centres = self._function.map(count)(*[v.T for v in values.values()])[1]
+        return np.asarray(centres.full()).reshape(3, count, -1).transpose(1, 2, 0)
 
     @cached_property
     def tip_motion(self) -> ca.Function:
         """Function of the hand's variables: fingertip positions (3, k) and their Jacobian (3 k, variables)."""
         symbols = self.hand.symbols(self._problem.body.bounds)
-        places = ca.horzcat(*self.posed_hand.tip_places(symbols))
-        slopes = ca.densify(ca.jacobian(ca.vec(places), ca.vertcat(*symbols.values())))
-        return ca.Function("tips", list(symbols.values()), [places, slopes], {"cse": True})
+        positions = ca.horzcat(*self.posed_hand.tip_places(symbols))
+        jacobian = ca.densify(ca.jacobian(ca.vec(positions), ca.vertcat(*symbols.values())))
+        return ca.Function("tips", list(symbols.values()), [positions, jacobian], {"cse": True})
 
     @cached_property
     def _function(self) -> ca.Function:

@@ -1,12 +1,12 @@
 """Initial candidates by coordinate exchange over surface samples.
 
-A candidate is a tuple of samples, one a contact. Its quality is the least of ``phi_G(y_j) / phi_A(y_j)`` over
+A candidate is a tuple of samples, one for each contact. Its quality is the least of ``phi_G(y_j) / phi_A(y_j)`` over
 directions ``y_j``; the support ``phi_G`` of the grasp combines the supports ``s_i`` of its contacts,
 ``phi_G^p = sum_i s_i^p``, or is their largest under a shared budget. With the ``s_i^p`` of all samples in a table the
-best exchange of one contact takes one addition and one minimum a sample and direction (as exchange algorithms of
-optimal designs do: Meyer and Nachtsheim 1995, "The coordinate-exchange algorithm for constructing exact optimal
-experimental designs", doi:10.1080/00401706.1995.10485889). Directions are well-spread ones of the task, and those in
-which candidates turn out to be weakest.
+best exchange of one contact takes one addition and one minimum per sample and direction (as in exchange algorithms for
+optimal designs: Meyer and Nachtsheim 1995, "The coordinate-exchange algorithm for constructing exact optimal
+experimental designs", doi:10.1080/00401706.1995.10485889). Directions are well spread at first; the weakest directions
+of candidates are added.
 
 On a mesh the same exchange also improves a refined grasp, over dense samples near its contacts (``exchange_nearby``).
 """
@@ -32,23 +32,25 @@ from nlpgrasp.quality.sandwich import ResumableCertificate
 from nlpgrasp.quality.screening import minimise_locally, sampled_ratios, screening_score
 from nlpgrasp.quality.weakest_directions import weaker_in_polytope
 
-KEPT = 8  # candidates kept between rounds of exchanges, and perturbed in each; twice as many are begun with
-DRAWN = 2048  # random tuples drawn, of which the best are half of those that exchanges begin with
-SHAKES = 6  # rounds of random perturbation and exchange for one start; one more for each other
+POPULATION = 8  # candidates kept between rounds of exchanges, and perturbed in each; twice as many at first
+DRAWN = 2048  # random tuples, the best of which are half of the initial ones
+PERTURBATIONS = 6  # rounds of random perturbation and exchange for one start; one more for each further start
 SWEEPS = 4  # sweeps of exchanges over all contacts, at most
 WEAK = 24  # directions in which all samples are compared: the weakest of the remaining contacts
-LIKELY = 16  # shortlisted samples, compared in all directions
+SHORTLISTED = 16  # samples of a shortlist, compared in all directions
 GAIN = 1e-3  # least relative gain of an exchange
-TIE, LAST_TIE = 0.2, 0.01  # weight of the mean over weak directions beside the least support; in the last exchange
+TIE, LAST_TIE = 0.2, 0.01  # weight of the mean over weak directions against the least support; in the last exchange
 DESCENTS, STEPS, LEARNED = 3, 8, 2  # per candidate: descents, steps of each, directions added
 CERTIFIED, LOOSE = 2, 0.2  # certificates per round, at most; their relative width
-SHOWN = 8  # directions added from a certificate, at most
+FROM_CERTIFICATE = 8  # directions added from a certificate, at most
 PROPOSED = 4  # candidates per start
-MET = 2  # tuples compared per candidate requested
-MOST_MET, BEST_MET = 200, 12  # tuples compared; pairs for jaws whose approach is checked: the best, as many of the rest
-REPAIRABLE = 1e-3  # largest violation of coupled constraints, relative to their scales, that is repaired afterwards
-AROUND, MOST_AROUND = 0.08, 300  # radius over the body's size, and most samples, of a contact's neighbourhood on a mesh
-APART = 0.05  # over the body's size: congruent placements differ by less in all distances between contacts
+PER_CANDIDATE = 2  # tuples repaired and ranked per requested candidate
+MOST_COMPARED = 200  # tuples compared after the exchange, at most
+JAW_PAIRS = 12  # best pairs for jaws whose approach is checked; as many of the rest
+REPAIRABLE = 1e-3  # largest violation of coupled constraints, relative to their scales, that is repaired by projection
+NEIGHBOURHOOD = 0.08  # over the body's size: radius of a contact's neighbourhood on a mesh
+MOST_NEIGHBOURS = 300  # samples of a neighbourhood, at most
+CONGRUENT = 0.05  # over the body's size: difference of distances between contacts below which placements are congruent
 
 
 def exchanged_candidates(
@@ -59,29 +61,30 @@ def exchanged_candidates(
     Parameters
     ----------
     compiled : CompiledProblem
-        Of a problem whose hand, if any, follows its contacts.
+        Problem whose hand, if any, follows its contacts.
     rng : numpy.random.Generator
     known : sequence of (k, space) array
-        Contacts, whose nearest samples exchanges begin from as well.
+        Contacts of known grasps: exchanges begin from their nearest samples as well.
     count : int
-        Candidates at most.
+        Number of candidates, at most.
     """
     tables = compiled.sample_tables
-    search = CoordinateExchange(compiled, tables, rng, max(KEPT, count // 2))
-    tuples = search.search(SHAKES + count // PROPOSED - 1, tables.nearest(known))
-    met = search.best(np.concatenate([tuples, *search.met]), MOST_MET)
-    jaws = isinstance(compiled.problem.hand, ParallelJaw)
-    if jaws:
-        tuples = np.concatenate([met[:BEST_MET], met[BEST_MET :: max(1, len(met) // BEST_MET)]])
+    search = CoordinateExchange(compiled, tables, rng, max(POPULATION, count // 2))
+    tuples = search.search(PERTURBATIONS + count // PROPOSED - 1, tables.nearest(known))
+    visited = search.best(np.concatenate([tuples, *search.history]), MOST_COMPARED)
+    has_jaws = isinstance(compiled.problem.hand, ParallelJaw)
+    if has_jaws:
+        tuples = np.concatenate([visited[:JAW_PAIRS], visited[JAW_PAIRS :: max(1, len(visited) // JAW_PAIRS)]])
     else:
-        tuples = met[select_incongruent(compiled, tables.places(met)[0])[: MET * count]]
-    found = [search.candidate(one) for one in tuples]
+        tuples = visited[select_incongruent(compiled, tables.places(visited)[0])[: PER_CANDIDATE * count]]
+    candidates = [search.candidate(samples) for samples in tuples]
     if tables.coupled:
-        repaired = [one for one in (_repair(compiled, candidate) for candidate in found) if one is not None]
-        found = _rank(compiled, repaired) if repaired else found
-    if jaws:
-        found.sort(key=lambda candidate: not compiled.hand_points.has_free_way(candidate.points))
-    return distinct(compiled, found, count)
+        repairs = (_repair(compiled, candidate) for candidate in candidates)
+        repaired = [repair for repair in repairs if repair is not None]
+        candidates = _rank(compiled, repaired) if repaired else candidates
+    if has_jaws:
+        candidates.sort(key=lambda candidate: not compiled.hand_points.has_free_approach(candidate.points))
+    return drop_congruent(compiled, candidates, count)
 
 
 class CoordinateExchange:
@@ -91,65 +94,67 @@ class CoordinateExchange:
     ----------
     compiled : CompiledProblem
     tables : SampleTables
-        Of the samples that contacts are at.
+        Tables of the samples that contacts may be at.
     rng : numpy.random.Generator
-    kept : int
-        Candidates kept between rounds.
+    population : int
+        Number of candidates kept between rounds.
 
     Attributes
     ----------
     directions : (j, d) array
-        Known so far, each with ``phi_A = 1``.
+        Directions known so far, each with ``phi_A = 1``.
     powers : list of (j, m) array
         ``s^p`` of each sample table along these.
-    met : list of (b, k) arrays
-        Tuples after exchanges.
+    history : list of (b, k) arrays
+        Tuples compared so far.
     """
 
     def __init__(
-        self, compiled: CompiledProblem, tables: SampleTables, rng: np.random.Generator, kept: int = KEPT
+        self, compiled: CompiledProblem, tables: SampleTables, rng: np.random.Generator, population: int = POPULATION
     ) -> None:
-        self._bench, self._rng, self._tables, self._kept = compiled, rng, tables, kept
+        self._compiled, self._rng, self._tables, self._population = compiled, rng, tables, population
         self.directions, self.powers = self._tables.directions, list(self._tables.powers)
-        self.met: list[IntArray] = []
-        self._certified: set[tuple[tuple[int, int], ...]] = set()  # whose values descents did not flatter
+        self.history: list[IntArray] = []
+        self._certified: set[tuple[tuple[int, int], ...]] = set()  # tuples whose certificate had no weaker direction
 
-    def search(self, shakes: int, known: IntArray | None = None) -> IntArray:
-        """Return the best tuples found from random ones and known ones (m, k), best first, (b, k).
+    def search(self, perturbations: int, known: IntArray | None = None) -> IntArray:
+        """Return the best tuples reached from random and known ones (m, k), best first, (b, k).
 
-        Half of the random ones are the best of many. Exchanges by the mean along weak directions lead far, but past
-        good tuples: every other round they go by the least support alone, and tuples before exchanges stay.
+        Half of the random ones are the best of many. Exchanges by the mean along weak directions move far, but past
+        good tuples: every other round compares by the least support alone, and tuples before exchanges are kept.
         """
-        begun = self.draw() if known is None else np.concatenate([self.draw(), known])
-        best = self.select_best(begun, self.exchange(begun), self.exchange(begun, LAST_TIE))
+        initial = self.draw() if known is None else np.concatenate([self.draw(), known])
+        best = self.select_best(initial, self.exchange(initial), self.exchange(initial, LAST_TIE))
         best = self.select_best(best, self.exchange(best))
-        for number in range(shakes):
+        for number in range(perturbations):
             best = self.select_best(best, self.exchange(self.perturb(best), LAST_TIE if number % 2 else TIE))
         return self.select_best(best, self.exchange(best, LAST_TIE))
 
     def draw(self) -> IntArray:
         """Return random tuples, (b, k); half of them are the best of ``DRAWN``."""
-        many = self._tables.random(DRAWN, self._rng)
-        chosen = self.best(many, self._kept)
-        return np.concatenate([chosen, many[: 2 * self._kept - len(chosen)]])
+        drawn = self._tables.random(DRAWN, self._rng)
+        chosen = self.best(drawn, self._population)
+        return np.concatenate([chosen, drawn[: 2 * self._population - len(chosen)]])
 
     def perturb(self, tuples: IntArray) -> IntArray:
-        """Return tuples with one or two contacts at random samples, as many as are kept, the best tuples most often."""
-        result = np.resize(tuples, (self._kept, tuples.shape[1]))
-        for number, (row, drawn) in enumerate(zip(result, self._tables.random(self._kept, self._rng), strict=True)):
-            moved = self._rng.permutation(len(row))[: 1 + number % 2]
-            row[moved] = drawn[moved]
+        """Return tuples (b, k) with one or two contacts moved to random samples; the best tuples are repeated."""
+        result = np.resize(tuples, (self._population, tuples.shape[1]))
+        for number, (samples, drawn) in enumerate(
+            zip(result, self._tables.random(self._population, self._rng), strict=True)
+        ):
+            moved = self._rng.permutation(len(samples))[: 1 + number % 2]
+            samples[moved] = drawn[moved]
         return result
 
     def select_best(self, *tuples: IntArray) -> IntArray:
         """Return the best of several sets of tuples (b, k), best first, after adding their weakest directions."""
-        self.met += tuples
-        best = self.best(np.concatenate(tuples), 4 * self._kept)
-        self.add_weakest_directions(best[: 2 * self._kept])
+        self.history += tuples
+        best = self.best(np.concatenate(tuples), 4 * self._population)
+        self.add_weakest_directions(best[: 2 * self._population])
         best = self.best(best, len(best))
-        first = select_incongruent(self._bench, self._tables.places(best)[0])
-        rest = [b for b in range(len(best)) if b not in first]
-        return self.certified(best[sorted((first + rest)[: self._kept])])
+        incongruent = select_incongruent(self._compiled, self._tables.places(best)[0])
+        congruent = [b for b in range(len(best)) if b not in incongruent]
+        return self.rerank_by_certificates(best[sorted((incongruent + congruent)[: self._population])])
 
     def values(self, tuples: IntArray) -> FloatArray:
         """Return the least ``phi_G / phi_A`` of tuples (b, k) along known directions, (b,); -1 less any violation."""
@@ -161,8 +166,8 @@ class CoordinateExchange:
         """Return the largest violation of coupled constraints by tuples (b, k), relative to their scales, (b,)."""
         if not self._tables.coupled:
             return np.zeros(len(tuples))
-        rows, (points, normals) = self._bench.rows, self._tables.places(tuples)
-        values = rows.values(points, normals, self._bench.hand_points.start(points, normals))
+        rows, (points, normals) = self._compiled.rows, self._tables.places(tuples)
+        values = rows.values(points, normals, self._compiled.hand_points.start(points, normals))
         return np.asarray(np.max(rows.each_excess(values, BAND), axis=1))
 
     def best(self, tuples: IntArray, count: int) -> IntArray:
@@ -173,72 +178,73 @@ class CoordinateExchange:
     def exchange(self, tuples: IntArray, tie: float = TIE, within: Sequence[Sequence[IntArray]] = ()) -> IntArray:
         """Return tuples (b, k) after coordinate exchange: one contact at a time moves to its best sample.
 
-        Where it is given, ``within[b][i]`` are the samples that contact i of tuple b may be at.
+        ``within[b][i]`` are the samples that contact i of tuple b may be at, by default all.
         """
         tuples, k = tuples.copy(), tuples.shape[1]
-        own, violation = self._powers_of(tuples), self.violations(tuples)
+        powers, violation = self._powers_of(tuples), self.violations(tuples)
         since = np.zeros(len(tuples), dtype=int)  # contacts tried since the last exchange
         for turn in range(SWEEPS * k):
-            i, going = turn % k, np.flatnonzero(since < k)
-            if not len(going):
+            i, active = turn % k, np.flatnonzero(since < k)
+            if not len(active):
                 break
-            outside = violation > REPAIRABLE
-            each = [(b, within[b][i] if within else None) for b in going.tolist()]
+            infeasible = violation > REPAIRABLE
             shortlists = [
-                self._promising_samples(own[:, b], i, int(tuples[b, i]), bool(outside[b]), tie, some)
-                for b, some in each
+                self._promising_samples(
+                    powers[:, b], i, int(tuples[b, i]), bool(infeasible[b]), tie, within[b][i] if within else None
+                )
+                for b in active.tolist()
             ]
-            trials = np.repeat(tuples[going], [len(samples) for samples, _ in shortlists], axis=0)
+            trials = np.repeat(tuples[active], [len(samples) for samples, _ in shortlists], axis=0)
             trials[:, i] = np.concatenate([samples for samples, _ in shortlists])
-            broken = self.violations(trials)
+            trial_violation = self.violations(trials)
             end = 0
-            for b, (samples, score) in zip(going, shortlists, strict=True):
+            for b, (samples, score) in zip(active, shortlists, strict=True):
                 start, end = end, end + len(samples)
-                excess = broken[start:end]
+                excess = trial_violation[start:end]
                 merit = np.where(excess <= REPAIRABLE, score, -1.0 - excess)
                 chosen = int(np.argmax(merit))
                 since[b] += 1
                 if merit[chosen] > merit[-1] + GAIN * abs(merit[-1]):
                     tuples[b, i], violation[b], since[b] = samples[chosen], excess[chosen], 1
-                    own[:, b, i] = self.powers[self._tables.of_contact[i]][:, samples[chosen]]
+                    powers[:, b, i] = self.powers[self._tables.of_contact[i]][:, samples[chosen]]
         return tuples
 
     def add_weakest_directions(self, tuples: IntArray) -> None:
         """Add the directions in which tuples (b, k) are weakest, found by descents."""
         ratios = self._tables.combine.reduce(self._powers_of(tuples), axis=2)
         count = min(DESCENTS, len(ratios) - 1)
-        begun = self.directions[np.argpartition(ratios, count, axis=0)[:count].T]
-        stack = GraspStack(*self._tables.places(tuples), self._bench.problem.models, self._bench.problem.origin)
-        found, values = minimise_locally(stack, self._bench.problem.task, begun, self._tables.budget, STEPS)
+        initial = self.directions[np.argpartition(ratios, count, axis=0)[:count].T]
+        stack = GraspStack(*self._tables.places(tuples), self._compiled.problem.models, self._compiled.problem.origin)
+        minimisers, values = minimise_locally(stack, self._compiled.problem.task, initial, self._tables.budget, STEPS)
         weakest = np.argsort(values, axis=1, kind="stable")[:, :LEARNED]
-        self.add_directions(np.take_along_axis(found, weakest[:, :, None], axis=1).reshape(-1, found.shape[2]))
+        self.add_directions(np.take_along_axis(minimisers, weakest[:, :, None], axis=1).reshape(-1, initial.shape[2]))
 
-    def certified(self, tuples: IntArray) -> IntArray:
-        """Return tuples (b, k), best first, re-ranked with weak directions from loose certificates of the best tuple.
+    def rerank_by_certificates(self, tuples: IntArray) -> IntArray:
+        """Return tuples (b, k), best first, re-ranked with weak directions from loose certificates of the best one.
 
-        Descents miss narrow dips. A tuple that turns out to be weaker makes place for the next.
+        Descents miss narrow minima of the support ratio, which a certificate shows.
         """
         for _ in range(CERTIFIED):
             if self._key(tuples[0]) in self._certified:
                 break
             value = float(self.values(tuples[:1])[0])
-            grasp = self._bench.grasp_at(*(part[0] for part in self._tables.places(tuples[:1])))
-            begun = (
-                ResumableCertificate.of(grasp, self._bench.problem.task, self._tables.budget, LOOSE)
+            grasp = self._compiled.grasp_at(*(part[0] for part in self._tables.places(tuples[:1])))
+            certificate = (
+                ResumableCertificate.of(grasp, self._compiled.problem.task, self._tables.budget, LOOSE)
                 if value > 0.0
                 else None
             )
-            weaker = None if begun is None else weaker_in_polytope(begun, value)
+            weaker = None if certificate is None else weaker_in_polytope(certificate, value)
             if weaker is None:
                 self._certified.add(self._key(tuples[0]))
                 break
-            self.add_directions(weaker.directions[:SHOWN])
-            tuples = self.best(np.concatenate([tuples, self.exchange(tuples, LAST_TIE)]), self._kept)
+            self.add_directions(weaker.directions[:FROM_CERTIFICATE])
+            tuples = self.best(np.concatenate([tuples, self.exchange(tuples, LAST_TIE)]), self._population)
         return tuples
 
     def add_directions(self, y: FloatArray) -> None:
         """Add directions (j, d), scaled to ``phi_A = 1``."""
-        reach = self._bench.problem.task.support(y)[0]
+        reach = self._compiled.problem.task.support(y)[0]
         y = y[reach > 0.0] / reach[reach > 0.0, None]
         self.directions = np.concatenate([self.directions, y])
         self.powers = [
@@ -246,88 +252,112 @@ class CoordinateExchange:
             for old, table in zip(self.powers, self._tables.distinct, strict=True)
         ]
 
-    def candidate(self, one: IntArray) -> GraspCandidate:
-        """Return a tuple (k,) of samples as a candidate with its hand."""
-        points, normals = self._tables.places(one[None])
-        hand = self._bench.hand_points.start(points, normals)
-        faces = tuple(str(self._tables.samples(i).faces[sample]) for i, sample in enumerate(one))
+    def candidate(self, samples: IntArray) -> GraspCandidate:
+        """Return the candidate of a tuple (k,) of samples, with its hand."""
+        points, normals = self._tables.places(samples[None])
+        hand = self._compiled.hand_points.start(points, normals)
+        faces = tuple(str(self._tables.samples(i).faces[sample]) for i, sample in enumerate(samples))
         return GraspCandidate(faces, points[0], {name: value[0] for name, value in hand.items()})
 
-    def _key(self, one: IntArray) -> tuple[tuple[int, int], ...]:
-        """Return a key that is equal for tuples that differ only in the order of identical contacts."""
-        return tuple(sorted(zip(self._tables.of_contact, one.tolist(), strict=True)))
+    def _key(self, samples: IntArray) -> tuple[tuple[int, int], ...]:
+        """Return a key that is equal for tuples (k,) that differ only in the order of identical contacts."""
+        return tuple(sorted(zip(self._tables.of_contact, samples.tolist(), strict=True)))
 
     def _powers_of(self, tuples: IntArray) -> FloatArray:
         """Return the powers ``s^p`` of each contact's support in tuples (b, k) along all directions, (j, b, k)."""
-        each = zip(self._tables.of_contact, tuples.T, strict=True)
-        return np.stack([self.powers[table][:, samples] for table, samples in each], axis=2)
+        contacts = zip(self._tables.of_contact, tuples.T, strict=True)
+        return np.stack([self.powers[table][:, samples] for table, samples in contacts], axis=2)
 
     def _promising_samples(
-        self, own: FloatArray, i: int, current: int, outside: bool, tie: float, among: IntArray | None = None
+        self,
+        tuple_powers: FloatArray,
+        i: int,
+        current: int,
+        infeasible: bool,
+        tie: float,
+        within: IntArray | None = None,
     ) -> tuple[IntArray, FloatArray]:
-        """Return promising samples of contact i beside the others of a tuple (j, k), the current one last, and scores.
+        """Return the shortlist of samples for contact i of a tuple, the current one last, and their scores.
 
-        They are among all samples, or some by number.
+        Parameters
+        ----------
+        tuple_powers : (j, k) array
+            Powers of the supports of the tuple's samples.
+        i, current : int
+            Contact, and its sample in the tuple.
+        infeasible : bool
+            Whether the tuple violates coupled constraints: random samples then join the shortlist.
+        tie : float
+            Weight of the mean along weak directions.
+        within : array of int, optional
+            Samples that the contact may be at; by default all.
         """
         powers = self.powers[self._tables.of_contact[i]]
-        rest = self._tables.combine.reduce(np.delete(own, i, axis=1), axis=1, initial=0.0)
-        weak = np.argpartition(rest, WEAK)[:WEAK] if len(rest) > WEAK else np.arange(len(rest))
-        some = powers[weak] if among is None else powers[np.ix_(weak, among)]
-        supports = self._tables.combine(rest[weak, None], some)
+        others = self._tables.combine.reduce(np.delete(tuple_powers, i, axis=1), axis=1, initial=0.0)
+        weak = np.argpartition(others, WEAK)[:WEAK] if len(others) > WEAK else np.arange(len(others))
+        trial_powers = powers[weak] if within is None else powers[np.ix_(weak, within)]
+        supports = self._tables.combine(others[weak, None], trial_powers)
         score = np.min(supports, axis=0) + np.full(len(weak), tie / len(weak), dtype=np.float32) @ supports
-        likely = np.argpartition(score, -LIKELY)[-LIKELY:] if len(score) > LIKELY else np.arange(len(score))
-        if outside:
-            likely = np.concatenate([likely, self._rng.integers(len(score), size=LIKELY)])
-        likely = likely if among is None else among[likely]
-        likely = np.append(likely, current)
-        every = self._tables.combine(rest[:, None], powers[:, likely])
-        return likely, np.min(every, axis=0) + tie * np.mean(every[weak], axis=0)
+        shortlist = (
+            np.argpartition(score, -SHORTLISTED)[-SHORTLISTED:] if len(score) > SHORTLISTED else np.arange(len(score))
+        )
+        if infeasible:
+            shortlist = np.concatenate([shortlist, self._rng.integers(len(score), size=SHORTLISTED)])
+        shortlist = shortlist if within is None else within[shortlist]
+        shortlist = np.append(shortlist, current)
+        supports = self._tables.combine(others[:, None], powers[:, shortlist])
+        return shortlist, np.min(supports, axis=0) + tie * np.mean(supports[weak], axis=0)
 
 
 def exchange_nearby(
     compiled: CompiledProblem, candidate: GraspCandidate, grasp: Grasp, cuts: FloatArray
 ) -> GraspCandidate | None:
-    """Return contacts on a mesh improved by coordinate exchange over dense samples nearby; None where none are better.
+    """Return contacts on a mesh improved by coordinate exchange over dense samples nearby; None without improvement.
 
     Parameters
     ----------
     compiled : CompiledProblem
-        Of a problem with a mesh, whose hand, if any, follows its contacts.
+        Problem with a mesh, whose hand, if any, follows its contacts.
     candidate : GraspCandidate
     grasp : Grasp
-        Of the same contacts.
+        Grasp of the same contacts.
     cuts : (m, d) array
-        Directions that the grasp is weak in, each with ``phi_A = 1``.
+        Weak directions of the grasp, each with ``phi_A = 1``.
     """
-    rng, whole = np.random.default_rng(0), compiled.surface.mesh_cloud
+    rng, mesh = np.random.default_rng(0), compiled.surface.mesh_cloud
     clouds = []
     for face, point, normal in zip(candidate.faces, grasp.points, grasp.normals, strict=True):
-        near = np.array(sorted(whole.tree.query_ball_point(point, AROUND * compiled.scaling.length)), dtype=np.intp)
-        if len(near) > MOST_AROUND:
-            near = np.sort(rng.choice(near, MOST_AROUND, replace=False))
-        points, normals = (
-            np.concatenate([own[None], all_[near]]) for own, all_ in ((point, whole.points), (normal, whole.normals))
+        neighbours = np.array(
+            sorted(mesh.tree.query_ball_point(point, NEIGHBOURHOOD * compiled.scaling.length)), dtype=np.intp
         )
-        faces = np.full(len(points), whole.faces[0], dtype=object)
+        if len(neighbours) > MOST_NEIGHBOURS:
+            neighbours = np.sort(rng.choice(neighbours, MOST_NEIGHBOURS, replace=False))
+        points, normals = (
+            np.concatenate([current[None], samples[neighbours]])
+            for current, samples in ((point, mesh.points), (normal, mesh.normals))
+        )
+        faces = np.full(len(points), mesh.faces[0], dtype=object)
         faces[0] = face
         clouds.append(SampleCloud(faces, points, normals, cKDTree(points)))
     directions = np.concatenate([cuts, compiled.sample_tables.directions])
     tables = SampleTables(compiled.problem, clouds, compiled.rows, compiled.hand_points, directions)
     search = CoordinateExchange(compiled, tables, rng)
-    here = np.zeros((1, len(clouds)), dtype=np.intp)
-    if search.values(here)[0] <= 0.0:
+    initial = np.zeros((1, len(clouds)), dtype=np.intp)
+    if search.values(initial)[0] <= 0.0:
         return None
-    best = search.select_best(here, search.exchange(here))[0]
+    best = search.select_best(initial, search.exchange(initial))[0]
     return search.candidate(best) if best.any() else None
 
 
-def distinct(compiled: CompiledProblem, found: Sequence[GraspCandidate], count: int = PROPOSED) -> list[GraspCandidate]:
+def drop_congruent(
+    compiled: CompiledProblem, candidates: Sequence[GraspCandidate], count: int = PROPOSED
+) -> list[GraspCandidate]:
     """Return the first few candidates that are not congruent to an earlier one.
 
     They are compared by the distances between contacts, and from the torque origin.
     """
-    chosen = select_incongruent(compiled, np.stack([candidate.points for candidate in found]))
-    return [found[b] for b in chosen[:count]]
+    chosen = select_incongruent(compiled, np.stack([candidate.points for candidate in candidates]))
+    return [candidates[b] for b in chosen[:count]]
 
 
 def select_incongruent(compiled: CompiledProblem, points: FloatArray) -> list[int]:
@@ -337,8 +367,8 @@ def select_incongruent(compiled: CompiledProblem, points: FloatArray) -> list[in
     shapes = np.concatenate([np.sort(across, axis=1), np.sort(np.linalg.norm(points, axis=2), axis=1)], axis=1)
     chosen: list[int] = []
     for b, shape in enumerate(shapes):
-        near = np.max(np.abs(shapes[chosen] - shape), axis=1, initial=0.0)
-        if not np.any(near < APART * compiled.scaling.length):
+        differences = np.max(np.abs(shapes[chosen] - shape), axis=1, initial=0.0)
+        if not np.any(differences < CONGRUENT * compiled.scaling.length):
             chosen.append(b)
     return chosen
 
@@ -351,7 +381,7 @@ def sampled_quality(compiled: CompiledProblem, points: FloatArray, normals: Floa
 
 
 def screening_directions(compiled: CompiledProblem) -> FloatArray:
-    """Return well-spread directions in wrench space, isotropic in the solver's units, (m, d)."""
+    """Return directions spread evenly over wrench space in the solver's units, (m, d)."""
     return directions(compiled.problem.dimension, 2) * compiled.scaling.wrench
 
 
@@ -372,34 +402,32 @@ class RandomContacts:
 
 
 def draw_contacts(compiled: CompiledProblem, count: int, rng: np.random.Generator) -> RandomContacts:
-    """Return random placements over the samples of the faces that each contact may use."""
+    """Return random placements on the samples of the faces that each contact may use."""
     clouds = [compiled.surface.cloud(i) for i in range(len(compiled.problem.models))]
-    each = [(cloud, rng.integers(len(cloud.points), size=count)) for cloud in clouds]
+    drawn = [(cloud, rng.integers(len(cloud.points), size=count)) for cloud in clouds]
     return RandomContacts(
-        np.stack([cloud.points[where] for cloud, where in each], axis=1),
-        np.stack([cloud.normals[where] for cloud, where in each], axis=1),
-        np.stack([cloud.faces[where] for cloud, where in each], axis=1),
+        np.stack([cloud.points[indices] for cloud, indices in drawn], axis=1),
+        np.stack([cloud.normals[indices] for cloud, indices in drawn], axis=1),
+        np.stack([cloud.faces[indices] for cloud, indices in drawn], axis=1),
     )
 
 
 def _repair(compiled: CompiledProblem, candidate: GraspCandidate) -> tuple[GraspCandidate, FloatArray] | None:
     """Return a candidate projected onto constraints that it violates slightly, and its inward normals (k, space).
 
-    None where it does not get there.
+    None where the projection is not feasible.
     """
-    own, there = fix_to_triangles(compiled, candidate)
-    if own.violation(there) > FEASIBLE:
-        moved, left = project_onto_constraints(own, there)
-        there = own.snapped(moved)
-        if left > TOUCHING or own.violation(there) > FEASIBLE:
+    on_faces, repaired = fix_to_triangles(compiled, candidate)
+    if on_faces.violation(repaired) > FEASIBLE:
+        moved, residual = project_onto_constraints(on_faces, repaired)
+        repaired = on_faces.snapped(moved)
+        if residual > TOUCHING or on_faces.violation(repaired) > FEASIBLE:
             return None
-    return GraspCandidate(candidate.faces, there.points, there.hand), own.inward_normals(there)
+    return GraspCandidate(candidate.faces, repaired.points, repaired.hand), on_faces.inward_normals(repaired)
 
 
-def _rank(compiled: CompiledProblem, found: Sequence[tuple[GraspCandidate, FloatArray]]) -> list[GraspCandidate]:
-    """Return candidates, given with their inward normals, by decreasing sampled quality."""
-    points, normals = (
-        np.stack([candidate.points for candidate, _ in found]),
-        np.stack([normals for _, normals in found]),
-    )
-    return [found[b][0] for b in np.argsort(-sampled_quality(compiled, points, normals), kind="stable")]
+def _rank(compiled: CompiledProblem, candidates: Sequence[tuple[GraspCandidate, FloatArray]]) -> list[GraspCandidate]:
+    """Return candidates, paired with their inward normals (k, space), by decreasing sampled quality."""
+    points = np.stack([candidate.points for candidate, _ in candidates])
+    normals = np.stack([normals for _, normals in candidates])
+    return [candidates[b][0] for b in np.argsort(-sampled_quality(compiled, points, normals), kind="stable")]

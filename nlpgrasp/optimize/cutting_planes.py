@@ -1,6 +1,6 @@
-"""Cutting planes: weakest directions of candidates, along which the program enforces the support inequalities.
+"""Cutting planes: weakest directions of a candidate, for which the program enforces support inequalities.
 
-Directions are searched at a candidate, selected for the slots of the program, and passed to it as its parameters.
+They are computed at a candidate, selected for the slots of the program, and passed to it as parameters.
 """
 
 from __future__ import annotations
@@ -52,48 +52,46 @@ def weakest_at(
 
 
 def minimise_nearby(
-    compiled: CompiledProblem, candidate: GraspCandidate, rng: np.random.Generator, known: FloatArray
+    compiled: CompiledProblem, candidate: GraspCandidate, rng: np.random.Generator, directions: FloatArray
 ) -> WeakestDirections:
-    """Return the weakest directions of a candidate as local minimisers to rounding, however close together.
+    """Return the weakest directions of a candidate as exact local minimisers, also where these are close together.
 
-    They are looked for from known directions, such as those of a state nearby, and from a few random ones.
+    Descents begin from ``directions``, such as those of a candidate nearby, and from a few random ones.
     """
     problem, _ = condition(compiled.wrench_set(candidate), compiled.problem.task)
     if problem is None:
-        return WeakestDirections(0.0, known[:0])
-    start = np.concatenate([to_coordinates(problem, known), random_directions(FRESH, problem.rank, rng)])
+        return WeakestDirections(0.0, directions[:0])
+    start = np.concatenate([to_coordinates(problem, directions), random_directions(FRESH, problem.rank, rng)])
     squared = isinstance(compiled.budget(candidate), L2Budget)
-    found, values = iterate(problem, start, BEGUN) if squared else descend(problem, start, BEGUN)
+    y, values = iterate(problem, start, BEGUN) if squared else descend(problem, start, BEGUN)
     order = np.argsort(values)
-    chosen = select_separated(found, order[values[order] <= SLACK * values[order[0]]], DIFFERENT, KEEP)
-    found, values = newton(problem, found[chosen], NEWTON_STEPS)
+    chosen = select_separated(y, order[values[order] <= SLACK * values[order[0]]], DIFFERENT, KEEP)
+    y, values = newton(problem, y[chosen], NEWTON_STEPS)
     order = np.argsort(values)
-    chosen = select_separated(found, order, DIFFERENT, KEEP)
-    return WeakestDirections(
-        float(values[chosen[0]]), _unit_reach(compiled.problem.task, found[chosen] @ problem.matrix)
-    )
+    chosen = select_separated(y, order, DIFFERENT, KEEP)
+    return WeakestDirections(float(values[chosen[0]]), _unit_reach(compiled.problem.task, y[chosen] @ problem.matrix))
 
 
 def find_weaker(
     compiled: CompiledProblem, candidate: GraspCandidate, value: float
 ) -> tuple[WeakestDirections | None, ResumableCertificate | None]:
-    """Return directions in which a candidate is weaker than its known value, None where there are none.
+    """Return directions in which a candidate is weaker than its known value, or None, and the certificate's state.
 
-    Descents miss a narrow dip that no start is near, and stop at the kinks of other budgets than the paper's; a
-    certificate's polytope does not. That is returned too, where there is one.
+    Descents miss narrow minima far from their initial directions; a certificate's polytope does not. Budgets other than
+    the L2 budget have no such certificate here: descents are repeated, and the second value is None.
     """
     budget = compiled.budget(candidate)
     if value <= 0.0:
         return None, None
     if not isinstance(budget, L2Budget):
-        found = weakest_at(compiled, candidate, np.random.default_rng(0))
-        return (found if found.value < value * (1.0 - NEWS) else None), None
-    begun = ResumableCertificate.of(compiled.grasp(candidate), compiled.problem.task, budget, LOOK)
-    return (None if begun is None else weaker_in_polytope(begun, value)), begun
+        weakest = weakest_at(compiled, candidate, np.random.default_rng(0))
+        return (weakest if weakest.value < value * (1.0 - NEWS) else None), None
+    certificate = ResumableCertificate.of(compiled.grasp(candidate), compiled.problem.task, budget, LOOK)
+    return (None if certificate is None else weaker_in_polytope(certificate, value)), certificate
 
 
 def most_relevant(compiled: CompiledProblem, candidate: GraspCandidate, cuts: FloatArray) -> FloatArray:
-    """Return as many cuts (m, d) as the program has slots: those nearest to binding at a candidate."""
+    """Return the cuts (m, d) that are nearest to binding at a candidate, at most one for each slot of the program."""
     if len(cuts) <= compiled.cutting_planes.slots:
         return cuts
     support = compiled.wrench_set(candidate).support(cuts)[0]
@@ -101,20 +99,20 @@ def most_relevant(compiled: CompiledProblem, candidate: GraspCandidate, cuts: Fl
 
 
 def append_new(compiled: CompiledProblem, cuts: FloatArray, directions: FloatArray) -> FloatArray:
-    """Return cuts (m, d) with the directions (n, d) appended that are not yet among them."""
+    """Return cuts (m, d) with those of the directions (n, d) appended that are new."""
     return np.concatenate([cuts, directions[new_directions(compiled, cuts, directions)]])
 
 
-def new_directions(compiled: CompiledProblem, known: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
-    """Return the mask of directions that are not among the known ones, compared in solver units."""
-    a, b = known / compiled.scaling.wrench, directions / compiled.scaling.wrench
+def new_directions(compiled: CompiledProblem, cuts: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
+    """Return the mask of directions (n, d) that are not among cuts (m, d), compared in solver units."""
+    a, b = cuts / compiled.scaling.wrench, directions / compiled.scaling.wrench
     a = a / np.linalg.norm(a, axis=1, keepdims=True)
     b = b / np.linalg.norm(b, axis=1, keepdims=True)
     return np.asarray(np.max(b @ a.T, axis=1) < SAME)
 
 
 def empty_slots(compiled: CompiledProblem, candidate: GraspCandidate) -> FloatArray:
-    """Return the program's parameters (q,) with every slot empty: for the placement constraints alone."""
+    """Return the program's parameters (q,) without cuts: for the placement constraints alone."""
     return piece_parameters(compiled, candidate, np.zeros((0, compiled.problem.dimension)))
 
 
@@ -128,7 +126,7 @@ def piece_parameters(compiled: CompiledProblem, candidate: GraspCandidate, cuts:
 def slot_parameters(
     compiled: CompiledProblem, faces: tuple[str, ...], cuts: FloatArray, pieces: FloatArray | None = None
 ) -> FloatArray:
-    """Return the program's parameters for cuts with ``phi_A = 1``; the other slots stay empty.
+    """Return the program's parameters (q,) for cuts with ``phi_A = 1``; the other slots are empty.
 
     Parameters
     ----------
@@ -136,9 +134,9 @@ def slot_parameters(
     faces : tuple of k str
     cuts : (m, d) array
     pieces : (m, k) array, optional
-        The contacts' own supports along the cuts, where the program wants the largest of them.
+        Supports of single contacts along the cuts, where the program takes the largest of them.
     """
-    if compiled.problem.budget.follows_hand:  # the program holds no cuts
+    if compiled.problem.budget.follows_hand:  # such a program has no cuts
         return face_parameters(compiled.problem, faces)
     slots = compiled.cutting_planes.slots
     directions = np.zeros((slots, compiled.problem.dimension))
@@ -162,7 +160,7 @@ def torque_cuts(
     compiled : CompiledProblem
     candidate : GraspCandidate
     z : (n,) array
-        The same as variables of the exchange's program.
+        Variables of the cutting-plane program at the candidate.
     cuts : (m, 6) array
         Directions.
     """
@@ -173,7 +171,7 @@ def torque_cuts(
     limits = budget.at(grasp.frames, grasp.contacts)
     work = cuts @ grasp.G
     x, prices = limits.prices(work)
-    wrenches = np.array([grasp.contact_wrenches(one) for one in x]).reshape(len(cuts), len(grasp), 6)
+    wrenches = np.array([grasp.contact_wrenches(forces) for forces in x]).reshape(len(cuts), len(grasp), 6)
     rates = prices[:, : len(budget.limits)] / budget.limits
     normals = compiled.inward_normals(candidate)
     slopes = compiled.virtual_work.slopes(z, normals, cuts, wrenches[:, :, :3], wrenches[:, :, 3:], rates)

@@ -1,4 +1,4 @@
-"""Collection of distinct grasps beside the answer: from starts, coordinate exchange and neighbours."""
+"""Distinct grasps kept with the answer: results of starts, candidates of a coordinate exchange, neighbours."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from nlpgrasp.common.validation import integer, share
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
 from nlpgrasp.optimize.coordinate_exchange import RandomContacts, exchanged_candidates, sampled_quality
-from nlpgrasp.optimize.exerted_forces import least_forces
+from nlpgrasp.optimize.exerted_forces import compute_exerted_forces
 from nlpgrasp.optimize.grasp_equivalence import GraspEquivalence
 from nlpgrasp.optimize.hand_approach import add_hand_record, hand_posture
 from nlpgrasp.optimize.parallel_starts import StartRunner
@@ -27,13 +27,13 @@ from nlpgrasp.solution.analysis_records import Robustness
 from nlpgrasp.solution.kept_grasps import FoundGrasp
 from nlpgrasp.solution.obstructions import approach_obstructions, grasp_obstructions
 
-KNOWN = 12  # best grasps whose neighbours are computed
-PLACES = 48  # positions tried per contact
-SCREENED = 4  # placements screened closely per grasp wanted
-HALF = 0.5  # of the best mu: lower bound for grasps that are not ends of starts
-MET = 4  # candidates drawn per grasp wanted
-SHORT = 1.1  # grasps certified at a time per missing one, as some are rejected
-_Filled = tuple[StartGrasp, FoundGrasp]
+MOST_KNOWN = 12  # grasps whose neighbours are computed, at most
+POSITIONS = 48  # positions tried per contact
+SCREENED = 4  # placements screened closely per requested grasp
+HALF = 0.5  # least share of the best mu of grasps that are not results of starts
+EXCHANGED = 4  # candidates of the coordinate exchange per missing grasp
+OVERSHOOT = 1.1  # grasps certified at a time per missing one, as some are rejected
+_CertifiedGrasp = tuple[StartGrasp, FoundGrasp]
 
 
 @dataclass(frozen=True)
@@ -43,9 +43,9 @@ class KeepOptions:
     Parameters
     ----------
     count : int
-        At most.
+        Number of grasps, at most.
     distinct : float
-        Of the body's size: how far apart two of them are at least.
+        Least distance between two of them, over the body's size.
     """
 
     count: int = 1
@@ -60,11 +60,11 @@ ONE = KeepOptions()
 
 
 class GraspCollection:
-    """Distinct grasps kept beside the answer, processed by the workers while the answer is completed.
+    """Distinct grasps kept with the answer, processed by the workers while the answer is completed.
 
-    That are the ends of the starts, distinct from each other and from the answer, the best first. Where these are too
-    few, candidates of one more coordinate exchange, and then the best neighbours of the grasps kept so far, with one
-    contact elsewhere, as they are, join them: those with at least half the mu of the best.
+    They are the results of the starts, distinct from each other and from the answer, the best first. Where these are
+    too few, candidates of one more coordinate exchange are added, then the best neighbours of the kept grasps, which
+    differ in one contact. Neither are refined; their mu is at least half the best.
 
     Parameters
     ----------
@@ -74,160 +74,161 @@ class GraspCollection:
     """
 
     def __init__(self, runner: StartRunner, keeping: KeepOptions, deadline: Deadline) -> None:
-        self._runner, self._stop = runner, deadline
-        self._kept = DistinctGrasps(GraspEquivalence(runner.compiled, keeping.distinct), keeping.count)
-        self._ends: Callable[[], list[FoundGrasp]] = list
-        self._filled: list[FoundGrasp] = []
+        self._runner, self._deadline = runner, deadline
+        self._distinct = DistinctGrasps(GraspEquivalence(runner.compiled, keeping.distinct), keeping.count)
+        self._finished_results: Callable[[], list[FoundGrasp]] = list
+        self._additions: list[FoundGrasp] = []
         self._least = 0.0
-        self._waiting: Iterator[GraspCandidate] = iter(())
-        self._begun: Callable[[], list[_Filled | None]] | None = None
+        self._candidates: Iterator[GraspCandidate] = iter(())
+        self._batch: Callable[[], list[_CertifiedGrasp | None]] | None = None
 
     def begin(self, best: StartGrasp, results: Sequence[StartResult]) -> None:
-        """Begin to process the grasps beside the answer, given the results of all starts."""
-        kept, runner, deadline = self._kept, self._runner, self._stop
-        kept.offer(best)
-        ended = [r for r in results if isinstance(r, StartGrasp) and r.record.has_grasp]
-        solved = [r for r in ended if r.record.index != best.record.index]
-        solved.sort(key=lambda r: (not r.solved, -r.record.mu.lower, r.record.index))
-        for start in solved:
-            kept.offer(start)
-        self._ends = runner.begin(partial(_finish, deadline=deadline), kept.grasps[1:])
-        self._least = HALF * max(r.record.mu.lower for r in (best, *solved[:1]))
-        full = kept.missing <= 0 or not runner.compiled.follows_contacts or deadline.is_requested()
-        self._waiting = iter(()) if full else _met(runner, kept, deadline)
-        self._begun = self._next()
+        """Begin to process the other grasps, with the answer and the results of all starts."""
+        distinct, runner, deadline = self._distinct, self._runner, self._deadline
+        distinct.add(best)
+        grasps = [r for r in results if isinstance(r, StartGrasp) and r.record.has_grasp]
+        others = [r for r in grasps if r.record.index != best.record.index]
+        others.sort(key=lambda r: (not r.solved, -r.record.mu.lower, r.record.index))
+        for start in others:
+            distinct.add(start)
+        self._finished_results = runner.begin(partial(_finish, deadline=deadline), distinct.grasps[1:])
+        self._least = HALF * max(r.record.mu.lower for r in (best, *others[:1]))
+        complete = distinct.missing <= 0 or not runner.compiled.follows_contacts or deadline.is_requested()
+        self._candidates = iter(()) if complete else _further_candidates(runner, distinct, deadline)
+        self._batch = self._begin_batch()
 
     def grasps(self) -> tuple[FoundGrasp, ...]:
         """Return the kept grasps, best first, once they are processed."""
-        while self._begun is not None:
-            filled = [one for one in self._begun() if one is not None]
-            for start, told in sorted(filled, key=lambda one: -one[0].record.mu.lower):
-                if self._kept.offer(start):
-                    self._filled.append(told)
-            self._begun = self._next()
-        found = [*self._ends(), *self._filled]
+        while self._batch is not None:
+            certified = [grasp for grasp in self._batch() if grasp is not None]
+            for start, finished in sorted(certified, key=lambda grasp: -grasp[0].record.mu.lower):
+                if self._distinct.add(start):
+                    self._additions.append(finished)
+            self._batch = self._begin_batch()
+        grasps = [*self._finished_results(), *self._additions]
         weighs = self._runner.options.weighs_fragility
-        by_robust = self._runner.options.maximise_robust
+        by_robustness = self._runner.options.maximise_robust
 
         def order(grasp: FoundGrasp) -> tuple[bool, bool, bool, float]:
-            bounds = grasp.robust.mu if by_robust and grasp.robust is not None else grasp.mu
-            fragile = weighs and not by_robust and grasp.is_fragile
+            bounds = grasp.robust.mu if by_robustness and grasp.robust is not None else grasp.mu
+            fragile = weighs and not by_robustness and grasp.is_fragile
             return bool(grasp_obstructions(grasp.hand)), bool(approach_obstructions(grasp.hand)), fragile, -bounds.lower
 
-        return tuple(sorted(found, key=order))
+        return tuple(sorted(grasps, key=order))
 
-    def _next(self) -> Callable[[], list[_Filled | None]] | None:
-        """Begin to certify and finish about as many as are missing; None without candidates or time."""
-        if self._kept.missing <= 0 or self._stop.is_requested():
+    def _begin_batch(self) -> Callable[[], list[_CertifiedGrasp | None]] | None:
+        """Begin to certify about as many candidates as are missing; None without candidates or time."""
+        if self._distinct.missing <= 0 or self._deadline.is_requested():
             return None
         batch: list[GraspCandidate] = []
-        for candidate in self._waiting:
-            if not self._kept.has(candidate) and not self._kept.alike(candidate, batch):
+        for candidate in self._candidates:
+            if not self._distinct.contains(candidate) and not self._distinct.has_equivalent(batch, candidate):
                 batch.append(candidate)
-            if len(batch) >= SHORT * self._kept.missing:
+            if len(batch) >= OVERSHOOT * self._distinct.missing:
                 break
         return (
-            self._runner.begin(partial(_finish_unrefined, least=self._least, deadline=self._stop), batch)
+            self._runner.begin(partial(_finish_unrefined, least=self._least, deadline=self._deadline), batch)
             if batch
             else None
         )
 
 
 class DistinctGrasps:
-    """Set of pairwise distinct grasps."""
+    """Set of pairwise distinct grasps, of limited size."""
 
-    def __init__(self, likeness: GraspEquivalence, most: int) -> None:
-        self._likeness, self._most = likeness, most
+    def __init__(self, equivalence: GraspEquivalence, capacity: int) -> None:
+        self._equivalence, self._capacity = equivalence, capacity
         self.grasps: list[StartGrasp] = []
 
     @property
     def missing(self) -> int:
         """Number of grasps that can still be added."""
-        return self._most - len(self.grasps)
+        return self._capacity - len(self.grasps)
 
-    def has(self, candidate: GraspCandidate) -> bool:
-        """Return whether a placement is equivalent to one in the set."""
-        return any(self._likeness.alike(candidate, other.on_body.candidate) for other in self.grasps)
+    def contains(self, candidate: GraspCandidate) -> bool:
+        """Return whether a candidate is equivalent to a grasp of the set."""
+        return self.has_equivalent([start.on_body.candidate for start in self.grasps], candidate)
 
-    def alike(self, candidate: GraspCandidate, others: Sequence[GraspCandidate]) -> bool:
-        """Return whether a placement is equivalent to one of some others."""
-        return any(self._likeness.alike(candidate, other) for other in others)
+    def has_equivalent(self, others: Sequence[GraspCandidate], candidate: GraspCandidate) -> bool:
+        """Return whether one of some other candidates is equivalent to a candidate."""
+        return any(self._equivalence.are_equivalent(candidate, other) for other in others)
 
-    def offer(self, start: StartGrasp) -> bool:
+    def add(self, start: StartGrasp) -> bool:
         """Add a grasp if the set is not full and has no equivalent one; return whether it was added."""
-        taken = self.missing > 0 and not self.has(start.on_body.candidate)
-        if taken:
+        is_new = self.missing > 0 and not self.contains(start.on_body.candidate)
+        if is_new:
             self.grasps.append(start)
-        return taken
+        return is_new
 
 
-def neighbouring_grasps(compiled: CompiledProblem, known: Sequence[GraspCandidate], count: int) -> list[GraspCandidate]:
-    """Return up to ``count`` grasps that differ from a known one in one contact, the best first.
+def neighbouring_grasps(
+    compiled: CompiledProblem, candidates: Sequence[GraspCandidate], count: int
+) -> list[GraspCandidate]:
+    """Return up to ``count`` feasible candidates that differ from given ones in one contact, the best first.
 
-    They keep the constraints, and exert the task as far as an upper bound on their mu tells. For problems whose hand,
-    if any, follows from the contacts.
+    An upper bound on their mu is above 0. For problems whose hand, if any, follows the contacts.
 
     Parameters
     ----------
     compiled : CompiledProblem
-    known : sequence of GraspCandidate
+    candidates : sequence of GraspCandidate
         The best first.
     count : int
     """
-    drawn = [_relocate_contacts(compiled, candidate) for candidate in known[:KNOWN]]
-    points = np.concatenate([moved.points for moved in drawn])
-    normals = np.concatenate([moved.normals for moved in drawn])
-    faces = np.concatenate([moved.faces for moved in drawn])
+    neighbours = [_relocate_contacts(compiled, candidate) for candidate in candidates[:MOST_KNOWN]]
+    points = np.concatenate([moved.points for moved in neighbours])
+    normals = np.concatenate([moved.normals for moved in neighbours])
+    faces = np.concatenate([moved.faces for moved in neighbours])
     hand = compiled.hand_points.start(points, normals)
-    allowed = np.flatnonzero(compiled.rows.violations(points, normals, hand) <= FEASIBLE)
-    if not len(allowed):
+    feasible = np.flatnonzero(compiled.rows.violations(points, normals, hand) <= FEASIBLE)
+    if not len(feasible):
         return []
-    worth = sampled_quality(compiled, points[allowed], normals[allowed])
-    best = allowed[np.argsort(-worth, kind="stable")[: SCREENED * count]]
+    quality = sampled_quality(compiled, points[feasible], normals[feasible])
+    best = feasible[np.argsort(-quality, kind="stable")[: SCREENED * count]]
     stack = GraspStack(points[best], normals[best], compiled.problem.models, compiled.problem.origin)
-    bound = screen(stack, compiled.problem.task, force_budget=compiled.screening_budget)
-    order = [int(i) for i in np.argsort(-bound, kind="stable") if bound[i] > 0.0]
+    upper = screen(stack, compiled.problem.task, force_budget=compiled.screening_budget)
+    order = [int(i) for i in np.argsort(-upper, kind="stable") if upper[i] > 0.0]
     chosen = best[order[:count]]
     return [GraspCandidate(tuple(faces[i]), points[i], {name: v[i] for name, v in hand.items()}) for i in chosen]
 
 
 def _relocate_contacts(compiled: CompiledProblem, candidate: GraspCandidate) -> RandomContacts:
-    """Return a grasp with each contact in turn at points spread over the faces that it may use."""
-    k, count = len(candidate.faces), PLACES * len(candidate.faces)
+    """Return placements with each contact of a candidate in turn at points spread over its allowed faces."""
+    k, count = len(candidate.faces), POSITIONS * len(candidate.faces)
     points, normals = (np.stack([a] * count) for a in (candidate.points, compiled.inward_normals(candidate)))
     faces = np.empty((count, k), dtype=object)
     faces[:] = candidate.faces
     for i in range(k):
-        cloud, rows = compiled.surface.cloud(i), slice(i * PLACES, (i + 1) * PLACES)
-        where = np.linspace(0, len(cloud.points) - 1, PLACES).astype(int)
-        points[rows, i], normals[rows, i], faces[rows, i] = (
-            cloud.points[where],
-            cloud.normals[where],
-            cloud.faces[where],
+        cloud, block = compiled.surface.cloud(i), slice(i * POSITIONS, (i + 1) * POSITIONS)
+        spread = np.linspace(0, len(cloud.points) - 1, POSITIONS).astype(int)
+        points[block, i], normals[block, i], faces[block, i] = (
+            cloud.points[spread],
+            cloud.normals[spread],
+            cloud.faces[spread],
         )
     return RandomContacts(points, normals, faces)
 
 
-def _met(runner: StartRunner, kept: DistinctGrasps, deadline: Deadline) -> Iterator[GraspCandidate]:
-    """Yield candidates of a coordinate exchange, then the best neighbours of the grasps kept so far."""
-    compiled, count = runner.compiled, MET * kept.missing
+def _further_candidates(runner: StartRunner, distinct: DistinctGrasps, deadline: Deadline) -> Iterator[GraspCandidate]:
+    """Yield candidates of a coordinate exchange, then the best neighbours of the kept grasps."""
+    compiled, count = runner.compiled, EXCHANGED * distinct.missing
     if not deadline.is_requested():
         yield from exchanged_candidates(compiled, np.random.default_rng(0), count=count)
-    yield from neighbouring_grasps(compiled, [start.on_body.candidate for start in kept.grasps], count)
+    yield from neighbouring_grasps(compiled, [start.on_body.candidate for start in distinct.grasps], count)
 
 
 def _finish_unrefined(
     compiled: CompiledProblem, candidate: GraspCandidate, least: float, deadline: Deadline
-) -> _Filled | None:
-    """Return a placement on the body itself, certified and finished; None where infeasible or below the least mu."""
-    found = certify_as_is(compiled, WarmStart(candidate), 0)
-    if found is None or found.record.mu.lower < least:
+) -> _CertifiedGrasp | None:
+    """Return a candidate on the body itself, certified and finished; None where infeasible or below the least mu."""
+    start = certify_as_is(compiled, WarmStart(candidate), 0)
+    if start is None or start.record.mu.lower < least:
         return None
-    return found, replace(_finish(compiled, found, deadline), start=None)
+    return start, replace(_finish(compiled, start, deadline), start=None)
 
 
 def _finish(compiled: CompiledProblem, start: StartGrasp, deadline: Deadline) -> FoundGrasp:
-    """Return a grasp with its forces, and where time permits its robustness and pregrasp, if requested."""
+    """Return the grasp of a start with its forces, and where time permits its robustness and hand record."""
     candidate, grasp = start.on_body.candidate, start.on_body.grasp
     with single_thread():
         if deadline.is_requested():
@@ -239,11 +240,12 @@ def _finish(compiled: CompiledProblem, start: StartGrasp, deadline: Deadline) ->
 
 
 def _kept_grasp_record(compiled: CompiledProblem, start: StartGrasp, robust: Robustness | None) -> FoundGrasp:
-    found, bounds = start.on_body, start.record.mu
-    exerted = least_forces(compiled.problem, found.grasp, compiled.budget(found.candidate), bounds)
+    """Return the record of a start's grasp, with its least forces."""
+    on_body, bounds = start.on_body, start.record.mu
+    exerted = compute_exerted_forces(compiled.problem, on_body.grasp, compiled.budget(on_body.candidate), bounds)
     return FoundGrasp(
-        found.grasp,
-        found.candidate.faces,
+        on_body.grasp,
+        on_body.candidate.faces,
         bounds,
         compiled.problem.task.measure,
         start.hand,
@@ -252,6 +254,6 @@ def _kept_grasp_record(compiled: CompiledProblem, start: StartGrasp, robust: Rob
         exerted.moments,
         exerted.needed,
         start.constraints,
-        found.surface,
+        on_body.surface,
         start.record.index,
     )

@@ -23,9 +23,9 @@ class ExertedForces:
     forces : tuple of (wrench, forces)
         Wrenches times the certified quality (d,), and finger forces (k, space), newtons.
     moments : tuple of (k, d - space) array
-        With them, newton-metres; empty where no contact exerts any.
+        Moments of the fingers, newton-metres; empty where no contact exerts any.
     needed : ForcesNeeded or None
-        For the task as it was given; None of a grasp whose quality is not certified above 0.
+        For the task as stated; None for a grasp whose quality is not certified above 0.
     """
 
     forces: tuple[tuple[FloatArray, FloatArray], ...]
@@ -33,37 +33,37 @@ class ExertedForces:
     needed: ForcesNeeded | None
 
 
-def least_forces(problem: GraspProblem, grasp: Grasp, budget: ForceBudget, bounds: Bounds) -> ExertedForces:
-    """Return the least forces, and moments if any, for the task's extreme wrenches, and those of the whole task.
+def compute_exerted_forces(problem: GraspProblem, grasp: Grasp, budget: ForceBudget, bounds: Bounds) -> ExertedForces:
+    """Return the least forces and moments for the task's extreme wrenches, and those of the task as stated.
 
-    The hardest wrench is the one, of these and of the one that the task asks for in the certificate's worst direction,
-    that takes most of the budget.
+    The hardest wrench is the one that takes most of the budget, among these and the task's extreme wrench in the
+    certificate's worst direction.
 
     Parameters
     ----------
     problem : GraspProblem
     grasp : Grasp
     budget : ForceBudget
-        In the posture found.
+        In the hand's posture.
     bounds : Bounds
         Certified mu.
     """
-    share, space, ends = bounds.lower, grasp.space, problem.task.ends()
-    wrenches, y = share * ends, bounds.worst_direction
+    quality, space, ends = bounds.lower, grasp.space, problem.task.ends()
+    wrenches, y = quality * ends, bounds.worst_direction
     if y is not None:
-        wrenches = np.concatenate([wrenches, share * problem.task.support(y[None])[1]])
-    found = finger_forces(grasp, wrenches, force_budget=budget)
-    exerted = np.stack([grasp.contact_wrenches(x) for x in found.forces])
+        wrenches = np.concatenate([wrenches, quality * problem.task.support(y[None])[1]])
+    least = finger_forces(grasp, wrenches, force_budget=budget)
+    exerted = np.stack([grasp.contact_wrenches(x) for x in least.forces])
     forces, moments = exerted[:, :, :space], exerted[:, :, space:]
-    turning = any(axis >= space for m in grasp.contacts for axis in m.axes(space))
-    able = np.flatnonzero(found.feasible)
-    listed = able[able < len(ends)]
-    told = tuple((wrenches[i], forces[i]) for i in listed)
-    turned = tuple(moments[i] for i in listed) if turning else ()
-    if share <= 0.0 or not able.size:
-        return ExertedForces(told, turned, None)
-    hardest = int(able[np.argmax(found.used[able])])
-    turn = moments[hardest] / share if turning else None
-    whole = [forces[i] / share for i in listed]
-    needed = ForcesNeeded.of(grasp, wrenches[hardest] / share, forces[hardest] / share, turn, whole, bounds)
-    return ExertedForces(told, turned, replace(needed, within=needed.is_within(problem.max_force)))
+    has_moments = any(axis >= space for m in grasp.contacts for axis in m.axes(space))
+    feasible = np.flatnonzero(least.feasible)
+    listed = feasible[feasible < len(ends)]
+    by_wrench = tuple((wrenches[i], forces[i]) for i in listed)
+    listed_moments = tuple(moments[i] for i in listed) if has_moments else ()
+    if quality <= 0.0 or not feasible.size:
+        return ExertedForces(by_wrench, listed_moments, None)
+    hardest = int(feasible[np.argmax(least.used[feasible])])
+    moment = moments[hardest] / quality if has_moments else None
+    scaled = [forces[i] / quality for i in listed]
+    needed = ForcesNeeded.of(grasp, wrenches[hardest] / quality, forces[hardest] / quality, moment, scaled, bounds)
+    return ExertedForces(by_wrench, listed_moments, replace(needed, within=needed.is_within(problem.max_force)))

@@ -1,4 +1,4 @@
-"""Final step of a solve: convergence of the answer to the nearest local optimum of the paper's program."""
+"""Final step of a solve: convergence of the answer to the nearest local optimum of the program (3.5-4)."""
 
 from __future__ import annotations
 
@@ -18,71 +18,76 @@ from nlpgrasp.optimize.robustness import robustness
 from nlpgrasp.optimize.start_result import StartGrasp, attempt
 from nlpgrasp.quality import mu
 
-LOSS = 5e-3  # relative decrease of mu accepted at the optimum, whose constraints hold exactly
-STEP = "then IPOPT on the program"  # message of a start
+LOSS = 5e-3  # largest relative decrease of mu that is accepted at the optimum
+STEP = "then IPOPT on the program"  # message of a start with a final step
 
 
 def converge_to_optimum(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -> StartGrasp:
-    """Return the answer at the nearest local optimum, or unchanged; with its KKT residuals, and the reason if large.
+    """Return the answer at the nearest local optimum, or unchanged with the reason; with its KKT residuals.
 
-    On a mesh each contact stays on its triangle, and joints that have room to their limits keep it.
+    On a mesh each contact stays on its triangle. Joints inside their margins stay inside.
 
     Parameters
     ----------
     compiled : CompiledProblem
     best : StartGrasp
-        The answer of the starts.
+        The best start.
     deadline : Deadline
     """
     if not best.solved or deadline.is_requested():
         return best
     with single_thread():
-        end, message = attempt(lambda: _converge(compiled, best, deadline))
-    return best.with_message(message and f"no last step: {message}") if end is None else end
+        result, message = attempt(lambda: _converge(compiled, best, deadline))
+    return best.with_message(message and f"no last step: {message}") if result is None else result
 
 
 def keep_off_optimum(compiled: CompiledProblem, start: StartGrasp, reason: str) -> StartGrasp:
-    """Return a start as it is, with its KKT residuals and the reason why it is not at a local optimum."""
+    """Return a start unchanged, with its KKT residuals and the reason why it is not at a local optimum."""
     with single_thread():
         kkt, message = attempt(lambda: residuals_at(*_on_faces(compiled, start)))
     return start.with_message(message) if kkt is None else replace(start, kkt=replace(kkt, reason=reason))
 
 
 def _on_faces(compiled: CompiledProblem, start: StartGrasp) -> tuple[CompiledProblem, GraspCandidate]:
-    """Return the compiled problem of the faces and margins that a start's contacts and joints are at, and these."""
+    """Return the compiled problem with a start's faces and joint margins, and the candidate on these faces."""
     candidate = start.on_body.candidate
-    if np.array_equal(
-        start.refined_candidate.points, candidate.points
-    ):  # which of two triangles a contact on their edge is of
+    if np.array_equal(start.refined_candidate.points, candidate.points):  # the triangle of a contact on an edge
         candidate = replace(candidate, faces=start.refined_candidate.faces)
     on_faces, candidate = fix_to_triangles(compiled, candidate)
     return _with_margins(on_faces, start), candidate
 
 
 def _converge(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -> StartGrasp:
-    own, here = _on_faces(compiled, best)
-    begin = here
-    reason, places, short = _reason_for_none(compiled), [here.points], np.zeros(len(compiled.rows.named))
-    if compiled.hand_points.has_flat_tips and own.violation(here) > TOUCHING:
+    """Return the answer at the nearest local optimum, or unchanged with the reason.
+
+    Where contacts at the local optimum are too near to a sharp edge, or links too near to the mesh, it is computed
+    again: with the edge margin required there, too, or with the missing link clearance added.
+    """
+    on_faces, candidate = _on_faces(compiled, best)
+    initial = candidate
+    reason, history = _reason_for_none(compiled), [candidate.points]
+    increase = np.zeros(len(compiled.rows.named))
+    if compiled.hand_points.has_flat_tips and on_faces.violation(candidate) > TOUCHING:
         reason = "flat fingertips touch the mesh in edges or corners, whose normals are none of its triangles'"
     for _ in range(0 if reason else PASSES):
-        found = local_optimum(own.with_clearance(short) if short.any() else own, begin, deadline)
-        if found is None:
+        cleared = on_faces.with_clearance(increase) if increase.any() else on_faces
+        optimum = local_optimum(cleared, initial, deadline)
+        if optimum is None:
             break
-        end = _result_at_optimum(compiled, best, own, found, deadline)
-        reason = _rejection_reason(compiled, best, end)
+        result = _result_at_optimum(compiled, best, on_faces, optimum, deadline)
+        reason = _rejection_reason(compiled, best, result)
         if not reason:
-            return end
-        less = missing_clearance(compiled, end.on_body)
-        if found.kkt.is_small:
-            begin = replace(begin, points=found.candidate.points, hand=found.candidate.hand)
-        if any(row.value < row.lower for row in end.on_body.beside):
-            places.append(found.candidate.points)
-            own = _with_margins(fix_to_triangles(compiled, here, places)[0], best)
-        elif not less.any() or deadline.is_requested():
+            return result
+        missing = missing_clearance(compiled, result.on_body)
+        if optimum.kkt.is_small:
+            initial = replace(initial, points=optimum.candidate.points, hand=optimum.candidate.hand)
+        if any(limit.value < limit.lower for limit in result.on_body.per_contact):
+            history.append(optimum.candidate.points)
+            on_faces = _with_margins(fix_to_triangles(compiled, candidate, history)[0], best)
+        elif not missing.any() or deadline.is_requested():
             break
-        short += less
-    return replace(best, kkt=replace(residuals_at(own, here), reason=reason))
+        increase += missing
+    return replace(best, kkt=replace(residuals_at(on_faces, candidate), reason=reason))
 
 
 def _reason_for_none(compiled: CompiledProblem) -> str:
@@ -96,26 +101,26 @@ def _reason_for_none(compiled: CompiledProblem) -> str:
     return ""
 
 
-def _rejection_reason(compiled: CompiledProblem, best: StartGrasp, end: StartGrasp) -> str:
+def _rejection_reason(compiled: CompiledProblem, best: StartGrasp, result: StartGrasp) -> str:
     """Return the reason why the result of the final step is rejected, as text; empty where it is not."""
-    if end.record.obstruction:
-        return f"at the local optimum next to this grasp {end.record.obstruction}"
-    if not end.solved:
+    if result.record.obstruction:
+        return f"at the local optimum next to this grasp {result.record.obstruction}"
+    if not result.solved:
         return "the local optimum next to this grasp, of the smooth surface's constraints, breaks those of the mesh"
-    settled = end.kkt is not None and end.kkt.is_small
-    if end.record.mu.upper < (1.0 - (LOSS if settled else 0.0)) * best.record.mu.upper:
-        less = f"the local optimum next to this grasp has less mu, {end.record.mu.upper:.3g}"
-        return less if settled else "the last steps did not settle"
-    return "the local optimum next to this grasp is fragile" if _is_fragile(end) and not _is_fragile(best) else ""
+    converged = result.kkt is not None and result.kkt.is_small
+    if result.record.mu.upper < (1.0 - (LOSS if converged else 0.0)) * best.record.mu.upper:
+        worse = f"the local optimum next to this grasp has less mu, {result.record.mu.upper:.3g}"
+        return worse if converged else "the last steps did not settle"
+    return "the local optimum next to this grasp is fragile" if _is_fragile(result) and not _is_fragile(best) else ""
 
 
 def _is_fragile(start: StartGrasp) -> bool:
-    """Return whether a start is known to be fragile."""
+    """Return whether a start is fragile, by its robustness where that was computed."""
     return start.robust is not None and start.robust.is_fragile(start.record.mu)
 
 
 def _with_margins(compiled: CompiledProblem, best: StartGrasp) -> CompiledProblem:
-    """Return the compiled problem with joint limits narrowed by the margins that the answer's joints keep."""
+    """Return the compiled problem with the limits narrowed of joints that are inside their margins."""
     hand, margin = compiled.problem.hand, compiled.options.joint_margin
     if not isinstance(hand, URDFHand) or not compiled.options.seeks_room:
         return compiled
@@ -124,34 +129,35 @@ def _with_margins(compiled: CompiledProblem, best: StartGrasp) -> CompiledProble
 
 
 def _result_at_optimum(
-    compiled: CompiledProblem, best: StartGrasp, own: CompiledProblem, found: LocalOptimum, deadline: Deadline
+    compiled: CompiledProblem, best: StartGrasp, on_faces: CompiledProblem, optimum: LocalOptimum, deadline: Deadline
 ) -> StartGrasp:
-    """Return the optimum as the answer's result: put on the body, certified, measured."""
-    problem, before = compiled.problem, best.record
-    on_body = put_on_body(compiled, own, found.candidate, best.refined_candidate.points)
+    """Return the optimum as a result of the answer's start: projected onto the body, certified, with robustness."""
+    problem, previous = compiled.problem, best.record
+    on_body = put_on_body(compiled, on_faces, optimum.candidate, best.refined_candidate.points)
     candidate, grasp = on_body.candidate, on_body.grasp
     rtol = compiled.options.final_rtol if on_body.is_feasible else compiled.options.rtol
     limit = deadline.certificate_deadline()
     bounds = mu(grasp, problem.task, rtol, force_budget=compiled.budget(candidate), deadline=limit)
-    rows = np.array([row.scale for row in compiled.rows.named])
-    state = SearchState(candidate, multipliers=found.prices * compiled.scaling.beta * rows, effort=found.effort)
-    end = StartGrasp.of(compiled, before.index, on_body, bounds, state, before.message, origin=before.origin)
+    scales = np.array([constraint.scale for constraint in compiled.rows.named])
+    multipliers = optimum.prices * compiled.scaling.beta * scales
+    state = SearchState(candidate, multipliers=multipliers, effort=optimum.effort)
+    result = StartGrasp.of(compiled, previous.index, on_body, bounds, state, previous.message, origin=previous.origin)
     record = replace(
-        end.record,
-        iterations=before.iterations + found.effort.iterations,
-        seconds=before.seconds,
-        message=", ".join(part for part in (before.message, STEP) if part),
-        history=before.history,
+        result.record,
+        iterations=previous.iterations + optimum.effort.iterations,
+        seconds=previous.seconds,
+        message=", ".join(part for part in (previous.message, STEP) if part),
+        history=previous.history,
     )
     robust = None
-    if best.robust is not None and end.solved:
+    if best.robust is not None and result.solved:
         robust = robustness(compiled, candidate, grasp)
     return replace(
-        end,
+        result,
         record=record,
-        total_effort=best.total_effort + found.effort,
+        total_effort=best.total_effort + optimum.effort,
         refined_candidate=best.refined_candidate,
         robust=robust,
-        optimum=found,
-        kkt=found.kkt,
+        optimum=optimum,
+        kkt=optimum.kkt,
     )

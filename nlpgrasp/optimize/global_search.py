@@ -1,7 +1,7 @@
-"""Global optimisation of a placement: certified upper bound on mu, and a grasp close to it.
+"""Global optimisation of the placement: certified upper bound on mu, and a grasp within a gap of it.
 
-``best_possible`` alternates between starts and branch and bound. The other functions give ``ng.solve`` its branch and
-bound, and the effort of a short one.
+``best_possible`` alternates between starts and branch and bound. The other functions set up the branch and bound of
+``ng.solve``, and limit its effort.
 """
 
 from __future__ import annotations
@@ -28,19 +28,20 @@ from nlpgrasp.optimize.start_result import StartGrasp, StartResult
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds
 
-NODES, OF_FLAT, OF_MESH = 400, 1000, 160  # nodes of many starts' bound: on curved, on flat faces (quicker), on a mesh
-BESIDE_A_HAND = 100  # the same, with a hand that has a pose
-EFFORT = 20_000_000  # supports evaluated in curved cells for many starts' bound, after which it ends: about 3 seconds
-ONE, ONE_OF_FLAT, EACH = 0.15, 0.65, 0.35  # share of these for one start, for one on flat faces, for each other start
-GAP = 0.01  # relative gap that the bound aims at where none is requested
-SHARE = 0.7  # share of the requested gap that the tree closes; the rest is the answer's own certificate
-STRIDE = 1000  # nodes between two starts that go on after the others
-OFFERED = 8  # relaxed placements that a start beside the tree begins from as well
-ROUGH = 0.01  # width of the certificates of starts, at most
-FINE = 0.15  # width of the best grasp's certificate, relative to the requested gap
-BETTER = 1e-3  # relative gain of mu above which another grasp is certified as narrowly
-FIRST = 2  # starts before the tree grows; others follow when it has doubled
-LEAST = 100  # nodes of the tree before the third start, at least
+NODES, FLAT_NODES, MESH_NODES = 400, 1000, 160  # nodes with many starts: curved faces, flat faces, a mesh
+POSED_HAND_NODES = 100  # the same, with a hand that has a pose
+EFFORT = 20_000_000  # supports evaluated in curved cells, at most, with many starts: about 3 seconds
+FIRST_SHARE, FIRST_SHARE_FLAT = 0.15, 0.65  # share of these limits for one start; on flat faces
+FURTHER_SHARE = 0.35  # share for each further start
+GAP = 0.01  # relative gap at which the tree stops where none is requested
+SHARE = 0.7  # share of the requested gap for the tree; the rest is for the answer's own certificate
+STRIDE = 1000  # nodes between two further starts
+RELAXED = 8  # relaxed placements of the tree from which a further start begins as well
+ROUGH = 0.01  # relative width of the certificates of starts, at most
+FINE = 0.15  # relative width of the best grasp's certificate, over the requested gap
+GAIN = 1e-3  # relative gain of mu above which another grasp is certified as narrowly
+FIRST_STARTS = 2  # starts before the tree grows; a further one each time it has doubled
+LEAST_NODES = 100  # nodes of the tree before the third start, at least
 
 
 def best_possible(
@@ -49,98 +50,108 @@ def best_possible(
     time_limit: float | None = 10.0,
     progress: Callable[[float, Bounds, int], None] | None = None,
 ) -> BestPossible:
-    """Return a bound on mu over all placements of a problem's contacts, and the best grasp found on the way.
+    """Return an upper bound on mu over all placements of a problem's contacts, and the best known grasp.
 
     Branch and bound (docs/how_close.md): for directions y with unit work of the task and weights w of sum one,
     ``mu^2 <= sum_i max_p sum_j w_j s_i(p, y_j)^2`` with the support s_i of contact i alone, so that contacts are
-    bounded one by one over the cells that they may be in; the least such bound is a linear program. Grasps come from
-    starts, as of ``ng.solve``, that begin from the placements that the bound rests on as well. The search stops
-    when the gap is closed, when the time is up, or at Ctrl-C; the bound holds at any time.
+    bounded one by one over their cells; the least such bound is a linear program. Grasps come from starts, as in
+    ``ng.solve``, that begin from the relaxed placements of the bound as well. The search stops when the gap is closed,
+    at the time limit, or at Ctrl-C; the bound holds at any time.
 
     Parameters
     ----------
     problem : GraspProblem
-        A body of flat faces (box, prism, polygon), a sphere, an ellipsoid, a cylinder, a torus, or a mesh, of which
-        contacts touch the triangles themselves; point, friction or soft contacts; the ``"l2"``, ``"per_finger"``,
+        A body of flat faces (box, prism, polygon), a sphere, an ellipsoid, a cylinder, a torus, or a mesh, whose
+        contacts are on the triangles themselves; point, friction or soft contacts; the ``"l2"``, ``"per_finger"``,
         ``"per_finger_size"`` or ``"shared"`` budget (the last with a looser bound). Constraints on single contacts
-        shrink where these may be. A hand and constraints between contacts are left out: they only lower mu, and the
-        answer names them.
+        reduce their regions. A hand and constraints between contacts are left out: they only lower mu, and the result
+        names them.
     gap : float
         Relative gap between bound and best grasp at which to stop, above 0, at most 1.
     time_limit : float, optional
-        Seconds of wall time; as long as it takes when ``None``.
+        Seconds of wall time; unlimited when ``None``.
     progress : callable, optional
-        Called after each batch of nodes with the bound so far, the certified quality of the best grasp found, and how
-        many nodes were looked at.
+        Called after each batch of nodes with the bound so far, the certified quality of the best grasp so far, and the
+        number of nodes.
 
     Returns
     -------
     BestPossible
-        With the bound as ``upper``, a grasp wherever one that exerts the task was found, and the certificate: the bound
-        is what follows from its at most 10,000 leaves, of a mesh 40,000, though a search went on beyond them.
+        The bound is ``upper``; there is a grasp if a known one exerts the task. The certificate proves the bound by at
+        most 10,000 leaves, for a mesh 40,000, though the search may have had more.
 
     Raises
     ------
     InputError
-        On a gap or a time limit out of range, and on a problem that the bound does not cover: says which part.
+        For a gap or a time limit out of range, and for a problem that the bound does not cover.
     """
     if not isinstance(problem, GraspProblem):
         raise InputError("problem", problem, "a GraspProblem")
     gap = share("gap", gap)
     limit = None if time_limit is None else number("time_limit", time_limit, above=0.0)
-    begun, best = time.monotonic(), None
+    start_time = time.monotonic()
     tree = BranchAndBound(problem, gap)
     with tempfile.TemporaryDirectory(prefix="nlpgrasp-") as folder:
-        deadline = Deadline(None if limit is None else begun + limit, Path(folder) / "stop")
+        deadline = Deadline(None if limit is None else start_time + limit, Path(folder) / "stop")
         with InterruptHandler(deadline):
-            tree.branch(0)
-            compiled = CompiledProblem(relaxed_problem(problem), SolveOptions(workers=1, rtol=min(ROUGH, gap)))
-            starts, due = 0, 0
-            while not (tree.is_finished or deadline.is_requested()):
-                if tree.nodes >= due or starts < FIRST:
-                    found = run_start(compiled, starts, 0, deadline, tree.relaxed_placements(OFFERED))
-                    best, starts, due = (
-                        _better_certified(compiled, best, found, gap),
-                        starts + 1,
-                        max(LEAST, 2 * tree.nodes),
-                    )
-                    tree.update_incumbent(0.0 if best is None else best.record.mu.lower)
-                else:
-                    tree.branch(1, deadline.is_requested)
-                if progress is not None:
-                    progress(tree.upper, Bounds(0.0, 0.0) if best is None else best.record.mu, tree.nodes)
+            best = _search(problem, tree, gap, deadline, progress)
     proven, proof = tree.certificate()
-    known = Bounds(0.0, 0.0) if best is None else best.record.mu
-    upper = max(proven, known.lower)
+    bounds = Bounds(0.0, 0.0) if best is None else best.record.mu
+    upper = max(proven, bounds.lower)
     return BestPossible(
         upper,
         None if best is None else best.on_body.grasp,
-        known.of_measure(problem.task.measure, problem.task.paper_beta),
+        bounds.of_measure(problem.task.measure, problem.task.paper_beta),
         () if best is None else best.on_body.candidate.faces,
-        upper <= known.lower * (1.0 + gap),
+        upper <= bounds.lower * (1.0 + gap),
         tree.nodes,
-        time.monotonic() - begun,
+        time.monotonic() - start_time,
         tree.scope.dropped,
         proof,
         problem.to_dict(),
     )
 
 
-def _better_certified(
-    compiled: CompiledProblem, best: StartGrasp | None, found: StartResult, gap: float
+def _search(
+    problem: GraspProblem,
+    tree: BranchAndBound,
+    gap: float,
+    deadline: Deadline,
+    progress: Callable[[float, Bounds, int], None] | None,
 ) -> StartGrasp | None:
-    """Return the better of the best grasp so far and what a start ended with, certified as narrowly as the gap asks."""
-    if not (isinstance(found, StartGrasp) and found.solved):
+    """Alternate between starts and branching until the gap is closed or the deadline; return the best grasp."""
+    best: StartGrasp | None = None
+    tree.branch(0)
+    compiled = CompiledProblem(relaxed_problem(problem), SolveOptions(workers=1, rtol=min(ROUGH, gap)))
+    starts, next_start = 0, 0  # the second in nodes of the tree
+    while not (tree.is_finished or deadline.is_requested()):
+        if tree.nodes >= next_start or starts < FIRST_STARTS:
+            result = run_start(compiled, starts, 0, deadline, tree.relaxed_placements(RELAXED))
+            best = _better_certified(compiled, best, result, gap)
+            starts, next_start = starts + 1, max(LEAST_NODES, 2 * tree.nodes)
+            tree.update_incumbent(0.0 if best is None else best.record.mu.lower)
+        else:
+            tree.branch(1, deadline.is_requested)
+        if progress is not None:
+            progress(tree.upper, Bounds(0.0, 0.0) if best is None else best.record.mu, tree.nodes)
+    return best
+
+
+def _better_certified(
+    compiled: CompiledProblem, best: StartGrasp | None, result: StartResult, gap: float
+) -> StartGrasp | None:
+    """Return the better of the best grasp so far and a start's, certified narrowly enough for the gap."""
+    if not (isinstance(result, StartGrasp) and result.solved):
         return best
-    known = found.record.mu
-    if best is not None and known.upper <= (1.0 + BETTER) * best.record.mu.upper:
+    bounds = result.record.mu
+    if best is not None and bounds.upper <= (1.0 + GAIN) * best.record.mu.upper:
         return best
-    better = found.tighten_bounds(compiled.problem, FINE * gap)
+    better = result.tighten_bounds(compiled.problem, FINE * gap)
     return better if best is None or better.record.mu.lower > best.record.mu.lower else best
 
 
 def start_bound(problem: GraspProblem, options: SolveOptions) -> BranchAndBound | None:
-    """Return a branch and bound before its first node; None where it does not cover the problem or is not wanted."""
+    """Return a branch and bound before its first node; None where it is off or does not cover the problem."""
     if not options.global_bound:
         return None
     try:
@@ -154,20 +165,20 @@ def node_count(problem: GraspProblem, starts: int) -> int:
     flat, mesh = isinstance(problem.body, Box | Prism), isinstance(problem.body, Mesh)
     share = _share(problem, starts)
     if follows_contacts(problem):
-        return int(share * (OF_MESH if mesh else OF_FLAT if flat else NODES))
+        return int(share * (MESH_NODES if mesh else FLAT_NODES if flat else NODES))
     smooth = flat or isinstance(problem.budget, L2Budget)
-    return int(share * BESIDE_A_HAND) if smooth and not mesh else 0
+    return int(share * POSED_HAND_NODES) if smooth and not mesh else 0
 
 
-def effort_of(problem: GraspProblem, starts: int) -> float:
-    """Return the effort at which the short branch and bound for a number of starts ends."""
+def effort_limit(problem: GraspProblem, starts: int) -> float:
+    """Return the largest effort of the short branch and bound for a number of starts."""
     return _share(problem, starts) * EFFORT
 
 
 def _share(problem: GraspProblem, starts: int) -> float:
-    """Return the share of many starts' bound for a number of them."""
+    """Return the share of the limits of the short branch and bound for a number of starts, at most 1."""
     flat = isinstance(problem.body, Box | Prism)
-    return min(1.0, (ONE_OF_FLAT if flat else ONE) + EACH * (starts - 1))
+    return min(1.0, (FIRST_SHARE_FLAT if flat else FIRST_SHARE) + FURTHER_SHARE * (starts - 1))
 
 
 def missing_bound_reason(problem: GraspProblem) -> str:

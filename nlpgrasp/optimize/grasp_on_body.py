@@ -1,4 +1,4 @@
-"""Grasp on the body itself, with its constraint values, violation and per-contact constraints."""
+"""Grasp on the body itself, with constraint values, violation and per-contact constraints."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from nlpgrasp.quality.grasp import Grasp
 from nlpgrasp.solution.placed_grasp import OWN_NORMAL, SurfaceMatch
 from nlpgrasp.solution.records import ConstraintReport
 
-ACTIVE = 1e-4  # relative to a constraint's scale: distance from a limit at which it counts as active
+ACTIVE = 1e-4  # over a constraint's scale: distance from a limit below which it is active
 
 
 @dataclass(frozen=True)
@@ -32,13 +32,13 @@ class GraspOnBody:
     grasp : Grasp
         The same contacts with the body's own normals.
     values : (rows,) array
-        Of the rows of constraints and hand, in their own units; distances from a mesh are the mesh's own.
+        Values of the constraints, in their own units; distances from a mesh are from the mesh itself.
     violation : float
-        Largest violation of these rows, relative to their scales, and of those beside, over the body's size.
+        Largest violation of these, relative to their scales, and of the per-contact ones, over the body's size.
     surface : SurfaceMatch or None
-        For meshes.
-    beside : tuple of LowerLimit
-        What is asked of each contact by itself: the margin from sharp edges, on a mesh room for its fingertip.
+        Differences from the smoothed surface, for meshes.
+    per_contact : tuple of LowerLimit
+        Constraints of single contacts: margin from sharp edges, and on a mesh clearance of the fingertip.
     """
 
     candidate: GraspCandidate
@@ -46,7 +46,7 @@ class GraspOnBody:
     values: FloatArray
     violation: float
     surface: SurfaceMatch | None = None
-    beside: tuple[LowerLimit, ...] = ()
+    per_contact: tuple[LowerLimit, ...] = ()
 
     @classmethod
     def of(
@@ -54,58 +54,59 @@ class GraspOnBody:
     ) -> GraspOnBody:
         """Return a grasp with its constraint values and largest violation."""
         values = compiled.row_values(candidate, grasp.normals)
-        own = tuple(contact_constraints(compiled.problem, candidate, grasp.normals))
-        short = max((row.lower - row.value for row in own), default=0.0) / compiled.problem.body.size
-        return cls(candidate, grasp, values, max(float(compiled.rows.excess(values[None])[0]), short), surface, own)
+        limits = tuple(contact_constraints(compiled.problem, candidate, grasp.normals))
+        excess = max((limit.lower - limit.value for limit in limits), default=0.0) / compiled.problem.body.size
+        violation = max(float(compiled.rows.excess(values[None])[0]), excess)
+        return cls(candidate, grasp, values, violation, surface, limits)
 
     @property
     def is_feasible(self) -> bool:
-        """Whether the grasp is feasible; on a mesh to ten times the tolerance, at which its steps end."""
+        """Whether the grasp is feasible; on a mesh to ten times the tolerance."""
         return self.violation <= (FEASIBLE if self.surface is None else 10.0 * FEASIBLE)
 
 
 def constraint_reports(
-    compiled: CompiledProblem, found: GraspOnBody, multipliers: FloatArray
+    compiled: CompiledProblem, on_body: GraspOnBody, multipliers: FloatArray
 ) -> tuple[ConstraintReport, ...]:
     """Return value, limits, multiplier and activity of every scalar constraint.
 
-    The solver's multiplier is the derivative of the minimised ``-beta`` with respect to the row; a limit moved by
-    one unit of the row changes mu by that over the task's and the row's scales.
+    The solver's multiplier is the derivative of the minimised ``-beta`` with respect to the scaled constraint; over the
+    scales of task and constraint, it is the derivative of mu with respect to the limit in the constraint's unit.
     """
     reports = []
-    for row, value, multiplier in zip(compiled.rows.named, found.values, multipliers, strict=True):
-        distance = min(value - row.lower, row.upper - value)
-        active = bool(distance <= ACTIVE * row.scale)
-        price = float(multiplier) / (compiled.scaling.beta * row.scale) if active else 0.0
-        limits = row.lower, row.upper
-        reports.append(ConstraintReport(row.name, float(value), *limits, price, active, row.kind, row.fingers))
-    for beside in found.beside:  # what they cost is among the prices
-        label, limits = beside.label, (beside.lower, np.inf)
-        active = bool(beside.value - beside.lower <= ACTIVE * compiled.problem.body.size)
-        reports.append(ConstraintReport(label.name, beside.value, *limits, 0.0, active, label.kind, label.fingers))
+    for constraint, value, multiplier in zip(compiled.rows.named, on_body.values, multipliers, strict=True):
+        distance = min(value - constraint.lower, constraint.upper - value)
+        active = bool(distance <= ACTIVE * constraint.scale)
+        price = float(multiplier) / (compiled.scaling.beta * constraint.scale) if active else 0.0
+        name, kind, bounds = constraint.name, constraint.kind, (constraint.lower, constraint.upper)
+        reports.append(ConstraintReport(name, float(value), *bounds, price, active, kind, constraint.fingers))
+    for limit in on_body.per_contact:  # their multipliers are computed with the shadow prices
+        label, bounds = limit.label, (limit.lower, np.inf)
+        active = bool(limit.value - limit.lower <= ACTIVE * compiled.problem.body.size)
+        reports.append(ConstraintReport(label.name, limit.value, *bounds, 0.0, active, label.kind, label.fingers))
     return tuple(reports)
 
 
 def match_on_mesh(body: Mesh, start: FloatArray, grasp: Grasp, smooth: FloatArray, free: bool) -> SurfaceMatch:
-    """Return the differences between contacts on the smooth surface and the grasp on the mesh.
+    """Return the differences between contacts on the smoothed surface and the grasp on the mesh.
 
     Parameters
     ----------
     body : Mesh
     start : (k, 3) array
-        Contacts on the smooth surface, metres.
+        Contacts on the smoothed surface, metres.
     grasp : Grasp
-        On the mesh, with the inward normals that are stated.
+        Grasp on the mesh, with the inward normals stated in the result.
     smooth : (k, 3) array
-        Inward unit normals of the smooth surface at the grasp's contacts.
+        Inward unit normals of the smoothed surface at the grasp's contacts.
     free : bool
-        Whether no posed fingertips touch: contacts then have the normal of one triangle, also on edges.
+        Whether there is no hand with a pose: contacts then have the normal of one triangle, also on edges.
     """
-    stated = body.angles_off_normals(grasp.points, -grasp.normals, on_edges=not free)
-    own = np.where((stated <= OWN_NORMAL)[:, None], grasp.normals, -body.closest(grasp.points)[1])
-    angles = np.arccos(np.clip(np.sum(smooth * own, axis=1), -1.0, 1.0))
+    deviations = body.angles_off_normals(grasp.points, -grasp.normals, on_edges=not free)
+    mesh_normals = np.where((deviations <= OWN_NORMAL)[:, None], grasp.normals, -body.closest(grasp.points)[1])
+    angles = np.arccos(np.clip(np.sum(smooth * mesh_normals, axis=1), -1.0, 1.0))
     moved = np.linalg.norm(grasp.points - start, axis=1)
-    return SurfaceMatch(body.closest(start)[2], angles, moved, stated)
+    return SurfaceMatch(body.closest(start)[2], angles, moved, deviations)
 
 
 @dataclass(frozen=True)
@@ -127,8 +128,8 @@ class LowerLimit:
 def contact_constraints(problem: GraspProblem, candidate: GraspCandidate, normals: FloatArray) -> Iterator[LowerLimit]:
     """Yield the distances of contacts with inward normals (k, space) from sharp edges, and of tip centres from a mesh.
 
-    Nothing is said of a face without sharp edges, of a fingertip that is a point or belongs to a hand with a pose, and
-    of the room on bodies whose distance is an expression: rows of the program say it.
+    Faces without sharp edges and point fingertips have none. The clearance of fingertips of a hand with a pose, and on
+    bodies other than meshes, is among the constraints of the program.
     """
     for i, value in enumerate(edge_distances(problem, candidate)):
         if np.isfinite(value):
@@ -143,11 +144,11 @@ def contact_constraints(problem: GraspProblem, candidate: GraspCandidate, normal
 
 def edge_distances(problem: GraspProblem, candidate: GraspCandidate) -> FloatArray:
     """Return the distance of each contact from its face's sharp edges, (k,), metres; inf where there are none."""
-    apart, faces = np.empty(len(candidate.points)), np.array(candidate.faces)
+    distances, faces = np.empty(len(candidate.points)), np.array(candidate.faces)
     for face in set(candidate.faces):
-        on = faces == face
-        apart[on] = problem.body.edge_distance(face, candidate.points[on])
-    return apart
+        on_face = faces == face
+        distances[on_face] = problem.body.edge_distance(face, candidate.points[on_face])
+    return distances
 
 
 def edge_margin_violation(problem: GraspProblem, candidate: GraspCandidate) -> FloatArray:

@@ -1,7 +1,7 @@
 """Pregrasp and approach of the answer's hand, and choice of a grasp with a collision-free approach.
 
-The pregrasp opens the fingers along the contact normals, in stages of growing clearance with Newton steps on the
-constraints (``find_pregrasp``). The path of the palm to it is computed in ``nlpgrasp.motion``.
+The pregrasp opens the fingers along the contact normals, in stages of increasing clearance with Newton steps on the
+constraints (``find_pregrasp``). The palm's path to it is computed in ``nlpgrasp.motion``.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from nlpgrasp.optimize.refine import JointLimitMargins
 from nlpgrasp.optimize.start_result import StartGrasp, StartResult, attempt
 from nlpgrasp.solution.obstructions import approach_obstructions
 
-STAGES = 4  # the pregrasp's clearance grows in stages, each with a few Newton steps
-STAGE = NewtonRules(steps=8, enough=1e-6)  # solver units: tolerance of a stage
-FINEST = 0.02  # smallest stage tried, as a share of the requested clearance
-ENOUGH = 0.2  # share of the requested clearance above which the palm does not move
-LONGEST = 0.2  # longest step, radians or solver units
+STAGES = 4  # stages of increasing clearance of the pregrasp
+STAGE = NewtonRules(steps=8, enough=1e-6)  # Newton steps of a stage; tolerance, solver units
+FINEST = 0.02  # smallest stage, as a share of the requested clearance
+ENOUGH = 0.2  # share of the requested clearance below which the palm moves as well
+LONGEST = 0.2  # longest Newton step, radians or solver units
 T = TypeVar("T")
 IntArray = NDArray[np.intp]
 
@@ -43,33 +43,33 @@ IntArray = NDArray[np.intp]
 def choose_free_approach(
     compiled: CompiledProblem, best: StartGrasp, results: Sequence[StartResult], deadline: Deadline
 ) -> tuple[StartGrasp, ...]:
-    """Return the start that is the answer, with its approach, then others whose approach is blocked.
+    """Return the answer with its hand record, then other starts whose approach is blocked, with theirs.
 
-    That is the best one where its way is free; else the next in the order of mu whose way is, and the best one again
-    where there is none.
+    The answer is the best start if its approach is collision-free, else the next by decreasing mu whose approach is,
+    else the best start.
 
     Parameters
     ----------
     compiled : CompiledProblem
     best : StartGrasp
-        The best start, by quality and robustness.
+        The best start by quality and robustness.
     results : sequence of StartResult
-        All of them.
+        Results of all starts.
     deadline : Deadline
     """
     with single_thread():
-        first = add_hand_record(compiled, best)
-        if not first.record.obstruction or not first.solved:
-            return (first,)
-        blocked = [first]
+        answer = add_hand_record(compiled, best)
+        if not answer.record.obstruction or not answer.solved:
+            return (answer,)
+        blocked = [answer]
         others = [r for r in results if isinstance(r, StartGrasp) and r.solved and r.record.index != best.record.index]
         for other in sorted(others, key=lambda r: (-r.record.mu.upper, r.record.index)):
             if deadline.is_requested():
                 break
-            found = add_hand_record(compiled, converge_to_optimum(compiled, other, deadline))
-            if found.solved and not found.record.obstruction:
-                return (found, *blocked)
-            blocked.append(found)
+            converged = add_hand_record(compiled, converge_to_optimum(compiled, other, deadline))
+            if converged.solved and not converged.record.obstruction:
+                return (converged, *blocked)
+            blocked.append(converged)
         return tuple(blocked)
 
 
@@ -80,14 +80,14 @@ def add_hand_record(compiled: CompiledProblem, start: StartGrasp) -> StartGrasp:
     if hand is None:
         return start
     if not compiled.follows_contacts:
-        opened, message = attempt(lambda: find_pregrasp(compiled, start.on_body, compiled.options.pregrasp_clearance))
+        pregrasp, message = attempt(lambda: find_pregrasp(compiled, start.on_body, compiled.options.pregrasp_clearance))
         start = start.with_message(message and f"no pregrasp: {message}")
         model, links = problem.hand, compiled.link_depths
-        if opened is not None and model is not None:
-            hand["pregrasp"] = {"clearance": opened.clearance, **model.describe(opened.hand)}
+        if pregrasp is not None and model is not None:
+            hand["pregrasp"] = {"clearance": pregrasp.clearance, **model.describe(pregrasp.hand)}
         if isinstance(model, URDFHand) and links is not None:
-            before = None if opened is None else opened.hand
-            phases, message = attempt(lambda: plan_keyframes(problem, model, candidate.hand, before, links))
+            opened = None if pregrasp is None else pregrasp.hand
+            phases, message = attempt(lambda: plan_keyframes(problem, model, candidate.hand, opened, links))
             start, hand = start.with_message(message and f"no phases: {message}"), {**hand, **(phases or {})}
     if start.record.obstruction:
         return replace(start, hand=hand)
@@ -95,12 +95,12 @@ def add_hand_record(compiled: CompiledProblem, start: StartGrasp) -> StartGrasp:
 
 
 def hand_posture(compiled: CompiledProblem, start: StartGrasp) -> dict[str, object] | None:
-    """Return the hand in the grasp as JSON data, None without any."""
-    hand, found = compiled.problem.hand, start.on_body
+    """Return the hand's posture, link depth and joint margins in the grasp as JSON data; None without a hand."""
+    hand, on_body = compiled.problem.hand, start.on_body
     if hand is None:
         return None
-    data = dict(hand.describe(found.candidate.hand)) if found.candidate.hand else {}
-    data |= compiled.hand_points.at_contacts(found.grasp.points)
+    data = dict(hand.describe(on_body.candidate.hand)) if on_body.candidate.hand else {}
+    data |= compiled.hand_points.at_contacts(on_body.grasp.points)
     if not data:
         return None
     if start.depth is not None:
@@ -110,44 +110,44 @@ def hand_posture(compiled: CompiledProblem, start: StartGrasp) -> dict[str, obje
     if isinstance(hand, URDFHand) and compiled.options.seeks_room:
         margins, options = JointLimitMargins.of(hand, compiled.options.joint_margin), compiled.options
         data["room"] = margins.margins_record(
-            found.candidate.hand["joints"], options.joint_margin, options.room_price
+            on_body.candidate.hand["joints"], options.joint_margin, options.room_price
         ).to_dict()
     return data
 
 
 @dataclass(frozen=True)
 class Pregrasp:
-    """Hand configuration just before contact.
+    """Hand configuration before contact.
 
     Parameters
     ----------
     clearance : float
         Distance that every fingertip has moved away along its contact normal, metres.
     hand : dict
-        Values of the hand's variables; the palm is turned as in the grasp, and where it is there if joints are enough.
+        Values of the hand's variables. The palm has the orientation of the grasp, and its position if joints suffice.
     """
 
     clearance: float
     hand: Values
 
 
-def find_pregrasp(compiled: CompiledProblem, found: GraspOnBody, clearance: float) -> Pregrasp:
-    """Return joints that open the hand along the contact normals, free of collision.
+def find_pregrasp(compiled: CompiledProblem, on_body: GraspOnBody, clearance: float) -> Pregrasp:
+    """Return the pregrasp of a grasp: the hand opened along the contact normals, free of collision.
 
-    The joints move as little as they can while each fingertip goes back by the clearance along its normal, links
-    and fingertips stay off the body, off each other and within all constraints. Where the joints alone do not
-    allow that, the largest clearance that they reach is returned; where that is below a fifth the palm moves too.
+    Each fingertip moves back by the clearance along its normal with the least motion of the joints; all constraints
+    hold, and links and fingertips avoid the body and each other. Where the joints alone do not suffice, the pregrasp
+    has the largest clearance that they reach; where that is below a fifth, the palm moves as well.
 
     Parameters
     ----------
     compiled : CompiledProblem
-        Of a problem with a hand that has a pose.
-    found : GraspOnBody
+        Problem with a hand that has a pose.
+    on_body : GraspOnBody
         The grasp.
     clearance : float
         Metres.
     """
-    opening = _OpeningConstraints(compiled, found)
+    opening = _OpeningConstraints(compiled, on_body)
     best = opening.open(clearance, ("joints",))
     if best.clearance < ENOUGH * clearance:
         best = max(best, opening.open(clearance, ("joints", "palm_position")), key=lambda p: p.clearance)
@@ -157,67 +157,77 @@ def find_pregrasp(compiled: CompiledProblem, found: GraspOnBody, clearance: floa
 class _OpeningConstraints:
     """Constraints of an opening hand: those of the program, and each fingertip's distance from its contact."""
 
-    def __init__(self, compiled: CompiledProblem, found: GraspOnBody) -> None:
-        self.compiled, self.hand, self.normals = compiled, found.candidate.hand, found.grasp.normals
+    def __init__(self, compiled: CompiledProblem, on_body: GraspOnBody) -> None:
+        self.compiled, self.hand, self.normals = compiled, on_body.candidate.hand, on_body.grasp.normals
         self.functions = compiled.cutting_planes.functions
-        self.theta = empty_slots(compiled, found.candidate)
-        self.start = pack_variables(compiled, self.functions.program, found.candidate)
-        set_contacts(compiled, self.functions.program, self.start, found.grasp.points, found.grasp.normals)
-        own = compiled.rows.sources[len(compiled.problem.constraints)]
-        touching = {i for i in own if compiled.rows.named[i].kind == ON_FINGERTIP}
-        self.kept = np.array([i for i in range(len(compiled.rows.named)) if i not in touching], int)
-        self.near = np.flatnonzero(np.isin(self.kept, compiled.rows.clearances))
-        self.tips = compiled.hand_points.tip_motion
-        self.begin = self.tips(*self.hand.values())[0].full()
+        self.theta = empty_slots(compiled, on_body.candidate)
+        self.initial = pack_variables(compiled, self.functions.program, on_body.candidate)
+        set_contacts(compiled, self.functions.program, self.initial, on_body.grasp.points, on_body.grasp.normals)
+        of_hand = compiled.rows.sources[len(compiled.problem.constraints)]
+        touching = {i for i in of_hand if compiled.rows.named[i].kind == ON_FINGERTIP}
+        self.indices = np.array([i for i in range(len(compiled.rows.named)) if i not in touching], int)
+        self.clearances = np.flatnonzero(np.isin(self.indices, compiled.rows.clearances))
+        self.tip_motion = compiled.hand_points.tip_motion
+        self.contact_tips = self.tip_motion(*self.hand.values())[0].full()
 
     def open(self, clearance: float, moving: tuple[str, ...]) -> Pregrasp:
         """Return the hand opened as far as possible with some of its variables."""
-        program, z = self.functions.program, self.start.copy()
+        program, z = self.functions.program, self.initial.copy()
         free = np.concatenate([np.arange(b.start, b.stop) for b in (program.block(HAND, name) for name in moving)])
         best = Pregrasp(0.0, self.hand)
-        more = clearance / STAGES
-        while more > clearance * FINEST and best.clearance < clearance:
-            aim = min(best.clearance + more, clearance)
-            there = self._opened(z, free, aim)
-            if there is None:
-                more /= 2.0
+        increase = clearance / STAGES
+        while increase > clearance * FINEST and best.clearance < clearance:
+            distance = min(best.clearance + increase, clearance)
+            opened = self._open_by(z, free, distance)
+            if opened is None:
+                increase /= 2.0
             else:
-                z, best = there, Pregrasp(aim, hand_of(program, there))
+                z, best = opened, Pregrasp(distance, hand_of(program, opened))
         return best
 
-    def _opened(self, z: FloatArray, free: IntArray, back: float) -> FloatArray | None:
+    def _open_by(self, z: FloatArray, free: IntArray, distance: float) -> FloatArray | None:
         """Return the variables with every fingertip back by a distance, by Newton steps from z; None if they fail."""
 
-        def candidate(moved: FloatArray) -> FloatArray:
+        def with_free(values: FloatArray) -> FloatArray:
             result = z.copy()
-            result[free] = moved
+            result[free] = values
             return result
 
-        found = restore_feasibility(lambda moved: self._rows(candidate(moved), free, back), z[free], STAGE)
-        return candidate(found.best) if found.violation <= STAGE.enough else None
+        restored = restore_feasibility(
+            lambda values: self._linearise(with_free(values), free, distance), z[free], STAGE
+        )
+        return with_free(restored.best) if restored.violation <= STAGE.enough else None
 
-    def _rows(self, z: FloatArray, free: IntArray, back: float) -> Linearised:
+    def _linearise(self, z: FloatArray, free: IntArray, distance: float) -> Linearised:
         """Return the constraints linearised in the free variables, without those that do not depend on them."""
-        compiled, program = self.compiled, self.functions.program
-        size, here = compiled.scaling.length, hand_of(program, z)
-        rows = self.kept + program.placement.start
+        program, rows = self.functions.program, self.indices + self.functions.program.placement.start
         g, J = self.functions.linearise(z, self.theta)
         g, J = g[rows], J[rows][:, free]
-        if isinstance(compiled.problem.body, Mesh) and len(self.near):
-            g[self.near] = compiled.hand_points.mesh_clearances(compiled.problem.body, here) / size
-        places, slopes = (np.asarray(m.full()) for m in self.tips(*here.values()))
-        gone = np.sum((places - self.begin) * -self.normals.T, axis=0) / size  # along the outward normals
-        blocks = [program.block(HAND, name) for name in here]
-        scales = np.concatenate([np.full(b.stop - b.start, b.scale) for b in blocks])
-        first = blocks[0].start
-        along = np.stack([-n @ slopes[3 * i : 3 * i + 3] for i, n in enumerate(self.normals)]) * scales / size
-        seen = np.abs(J).sum(axis=1) > 1e-9
-        low, high = (limits[rows][seen] for limits in program.limits)
-        aim = np.full(len(gone), back / size)
+        body, hand, size = self.compiled.problem.body, hand_of(program, z), self.compiled.scaling.length
+        if isinstance(body, Mesh) and len(self.clearances):
+            g[self.clearances] = self.compiled.hand_points.mesh_clearances(body, hand) / size
+        distances, slopes = self._tip_distances(hand)
+        first = program.block(HAND, next(iter(hand))).start
+        dependent = np.abs(J).sum(axis=1) > 1e-9
+        low, high = (limits[rows][dependent] for limits in program.limits)
+        target = np.full(len(distances), distance / size)
         return Linearised(
-            np.concatenate([gone, g[seen]]),
-            np.concatenate([along[:, free - first], J[seen]]),
-            np.concatenate([aim, low]),
-            np.concatenate([aim, high]),
+            np.concatenate([distances, g[dependent]]),
+            np.concatenate([slopes[:, free - first], J[dependent]]),
+            np.concatenate([target, low]),
+            np.concatenate([target, high]),
             *step_bounds(z[free], (program.bounds[0][free], program.bounds[1][free]), LONGEST),
         )
+
+    def _tip_distances(self, hand: Values) -> tuple[FloatArray, FloatArray]:
+        """Return the distances of the fingertips from their contacts along the outward normals, and the Jacobian.
+
+        Both are in solver units: (k,) and (k, m) for the hand's m variables.
+        """
+        size = self.compiled.scaling.length
+        positions, jacobian = (np.asarray(m.full()) for m in self.tip_motion(*hand.values()))
+        distances = np.sum((positions - self.contact_tips) * -self.normals.T, axis=0) / size
+        blocks = [self.functions.program.block(HAND, name) for name in hand]
+        scales = np.concatenate([np.full(b.stop - b.start, b.scale) for b in blocks])
+        slopes = np.stack([-n @ jacobian[3 * i : 3 * i + 3] for i, n in enumerate(self.normals)]) * scales / size
+        return distances, slopes

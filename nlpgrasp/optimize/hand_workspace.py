@@ -14,14 +14,14 @@ from nlpgrasp.optimize.surface_samples import IntArray, SampleCloud
 from nlpgrasp.problem.problem import GraspProblem
 
 POSTURES = 2048  # sampled joint configurations
-SHARES = (0.05, 0.95)  # part of the joint ranges that configurations are drawn from
-CELL, EACH = 0.003, 2  # metres, cell size of the grid of fingertip positions; configurations compared per cell
-NEAR = 0.004  # metres, largest distance between a cell's centre and a fingertip that counts as in it
+SHARES = (0.05, 0.95)  # lower and upper end of the sampled part of each joint range
+CELL, PER_CELL = 0.003, 2  # metres, cell size of the grid of fingertip positions; configurations per cell
+NEAR = 0.004  # metres, largest distance of a fingertip from the centre of its cell
 INSIDE, PALM_INSIDE = 0.0015, 0.003  # metres, allowed clearance violation of finger links, and of the palm
-DISTANCES, AROUND = 32, 0.5  # cells per side of the distance grid; its margin around the body, over the size
-ASIDE = np.cos(np.radians(30.0))  # cosine of the largest angle between a flat fingertip's normal and a sample's
-NONE = -1  # in place of the number of a configuration: a cell or sample has none
-STILL = 1e-9  # metres: smaller motions of a point count as none
+DISTANCES, MARGIN = 32, 0.5  # points per side of the distance grid; its margin around the body, over the size
+ALIGNED = np.cos(np.radians(30.0))  # cosine of the largest angle between the normals of a flat fingertip and a sample
+NONE = -1  # index where a cell or sample has no configuration
+FIXED = 1e-9  # metres: smaller motions of a point count as none
 
 
 @dataclass(frozen=True)
@@ -31,9 +31,9 @@ class ReachableSamples:
     Parameters
     ----------
     samples : list of k (m,) int arrays
-        Surface samples that each fingertip reaches with its finger's links outside the body, by number.
+        Indices of the surface samples that each fingertip reaches with its finger's links outside the body.
     postures : list of k int arrays
-        The posture that reaches each sample, of all samples.
+        Index of a joint configuration that reaches each of all samples.
     """
 
     samples: list[IntArray]
@@ -46,11 +46,9 @@ class HandWorkspace:
     Parameters
     ----------
     problem : GraspProblem
-        With a hand that has a pose of its own.
+        Problem with a hand that has a pose of its own.
     hand : HandPoints
-        Of the problem.
     rows : ConstraintValues
-        Of the problem.
     """
 
     def __init__(self, problem: GraspProblem, hand: HandPoints, rows: ConstraintValues) -> None:
@@ -59,18 +57,18 @@ class HandWorkspace:
         self.joints = lower + np.random.default_rng(0).uniform(*SHARES, (POSTURES, len(lower))) * (upper - lower)
         tips, self._normals = self._tree.palm_tips(self.joints), self._tree.palm_normals(self.joints)
         self._in_cells = [_grid_neighbours(tips[:, i]) for i in range(tips.shape[1])]
-        places = self._link_places(self.joints)
         middle = 0.5 * (lower + upper)
-        turned = np.concatenate([middle[None], middle + 0.1 * np.diag(upper - lower)])
-        self._moves = _differing_points(self._tree.palm_tips(turned))
-        links = _differing_points(self._link_places(turned))
-        alone = [np.any(links & own, axis=1) & ~np.any(links & ~own, axis=1) for own in self._moves]
-        palm = np.flatnonzero(~np.any(links, axis=1))
+        displaced = np.concatenate([middle[None], middle + 0.1 * np.diag(upper - lower)])  # one joint at a time
+        self._moves = _differing_points(self._tree.palm_tips(displaced))
+        links = _differing_points(self._link_centres(displaced))
+        of_finger = [np.any(links & joints, axis=1) & ~np.any(links & ~joints, axis=1) for joints in self._moves]
+        of_palm = np.flatnonzero(~np.any(links, axis=1))
+        centres = self._link_centres(self.joints)
         least = np.array([rows.named[i].lower for i in rows.clearances])
-        self._palm = _Links(places[:1, palm], least[palm])
-        self._fingers = [_Links(places[:, own], least[own]) for own in alone]
+        self._palm = _Links(centres[:1, of_palm], least[of_palm])
+        self._fingers = [_Links(centres[:, links], least[links]) for links in of_finger]
         body = problem.body
-        box = body.bounds + AROUND * body.size * np.array([[-1.0], [1.0]])
+        box = body.bounds + MARGIN * body.size * np.array([[-1.0], [1.0]])
         axes = [np.linspace(low, high, DISTANCES) for low, high in box.T]
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         distance = np.asarray(body.distance_function.map(len(grid))(grid.T).full())
@@ -78,45 +76,51 @@ class HandWorkspace:
         self._corner, self._step = box[0], (box[1] - box[0]) / (DISTANCES - 1)
 
     def reach(self, palm: FloatArray, samples: list[SampleCloud]) -> ReachableSamples | None:
-        """Return the samples reachable from a palm frame (4, 4); None where a fingertip reaches none of its own."""
+        """Return the samples reachable from a palm frame (4, 4); None where a fingertip reaches none."""
         R, t = palm[:3, :3], palm[:3, 3]
-        if np.min(self._room(self._palm.places, self._palm.least, palm), initial=0.0) < -PALM_INSIDE:
+        if np.min(self._clearance(self._palm, self._palm.centres, palm), initial=0.0) < -PALM_INSIDE:
             return None
-        found, postures = [], []
+        reachable, postures = [], []
         for i, (cloud, radius) in enumerate(zip(samples, self._hand.hand.tip_radii, strict=True)):
             corner, cells = self._in_cells[i]
-            where = ((cloud.points - radius * cloud.normals - t) @ R - corner) / CELL
-            inside = np.all((where >= 0.0) & (where < cells.shape[:3]), axis=1)
-            posture = np.full((len(where), EACH), NONE)
-            posture[inside] = cells[tuple(where[inside].astype(int).T)]
-            near, links = np.nonzero(posture != NONE), self._fingers[i]
-            room = np.full(posture.shape, -np.inf)
-            room[near] = np.min(self._room(links.places[posture[near]], links.least, palm), axis=1, initial=0.0)
-            facing = np.sum(self._normals[posture[near], i] * (cloud.normals @ R)[near[0]], axis=1)
-            room[near] = np.where((facing < ASIDE) & self._normals[0, i].any(), -np.inf, room[near])
-            roomiest = np.argmax(room, axis=1)
-            found.append(np.flatnonzero(np.max(room, axis=1) >= -INSIDE))
-            postures.append(posture[np.arange(len(posture)), roomiest])
-        return ReachableSamples(found, postures) if all(map(len, found)) else None
+            position = ((cloud.points - radius * cloud.normals - t) @ R - corner) / CELL
+            inside = np.all((position >= 0.0) & (position < cells.shape[:3]), axis=1)
+            posture = np.full((len(position), PER_CELL), NONE)
+            posture[inside] = cells[tuple(position[inside].astype(int).T)]
+            candidates, links = np.nonzero(posture != NONE), self._fingers[i]
+            clearance = np.full(posture.shape, -np.inf)
+            clearance[candidates] = np.min(
+                self._clearance(links, links.centres[posture[candidates]], palm), axis=1, initial=0.0
+            )
+            alignment = np.sum(self._normals[posture[candidates], i] * (cloud.normals @ R)[candidates[0]], axis=1)
+            clearance[candidates] = np.where(
+                (alignment < ALIGNED) & self._normals[0, i].any(), -np.inf, clearance[candidates]
+            )
+            largest = np.argmax(clearance, axis=1)
+            reachable.append(np.flatnonzero(np.max(clearance, axis=1) >= -INSIDE))
+            postures.append(posture[np.arange(len(posture)), largest])
+        return ReachableSamples(reachable, postures) if all(map(len, reachable)) else None
 
     def joints_at(self, reach: ReachableSamples, samples: IntArray, otherwise: FloatArray) -> FloatArray:
         """Return joints (m,) that bring the fingertips next to samples (k,), from the stored configurations.
 
-        A joint that moves several fingertips goes to the mean of what these ask for; one that moves none stays.
+        A joint that moves several fingertips has the mean of their values; one that moves none has ``otherwise``.
         """
-        asked = np.stack([self.joints[postures[one]] for postures, one in zip(reach.postures, samples, strict=True)])
+        by_finger = np.stack(
+            [self.joints[postures[sample]] for postures, sample in zip(reach.postures, samples, strict=True)]
+        )
         count = np.sum(self._moves, axis=0)
-        return np.where(count > 0, np.sum(asked * self._moves, axis=0) / np.maximum(count, 1), otherwise)
+        return np.where(count > 0, np.sum(by_finger * self._moves, axis=0) / np.maximum(count, 1), otherwise)
 
-    def _room(self, places: FloatArray, least: FloatArray, palm: FloatArray) -> FloatArray:
-        """Return the clearance of link spheres at centres (b, s, 3) beyond what they need from the body, (b, s)."""
+    def _clearance(self, links: _Links, centres: FloatArray, palm: FloatArray) -> FloatArray:
+        """Return the distances of link spheres at centres (b, s, 3) from the body, less the required ones, (b, s)."""
         from scipy.ndimage import map_coordinates  # slow to import, for hands alone
 
-        where = (places @ palm[:3, :3].T + palm[:3, 3] - self._corner) / self._step
-        distance = map_coordinates(self._distance, np.moveaxis(where, -1, 0), order=1, cval=np.inf)
-        return np.asarray(distance - least)
+        position = (centres @ palm[:3, :3].T + palm[:3, 3] - self._corner) / self._step
+        distance = map_coordinates(self._distance, np.moveaxis(position, -1, 0), order=1, cval=np.inf)
+        return np.asarray(distance - links.least)
 
-    def _link_places(self, joints: FloatArray) -> FloatArray:
+    def _link_centres(self, joints: FloatArray) -> FloatArray:
         """Return the centres of the link spheres in the palm frame, (b, s, 3), for joints (b, m)."""
         count = len(joints)
         palm = {"palm_position": np.zeros((count, 3)), "palm_quaternion": np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))}
@@ -124,21 +128,21 @@ class HandWorkspace:
 
 
 class _Links:
-    """Spheres around links of the palm or of one finger: centres (b, s, 3), palm frame, and least distances."""
+    """Spheres around links of the palm or of one finger: centres (b, s, 3), palm frame, and least distances (s,)."""
 
-    def __init__(self, places: FloatArray, least: FloatArray) -> None:
-        self.places, self.least = np.ascontiguousarray(places), least
+    def __init__(self, centres: FloatArray, least: FloatArray) -> None:
+        self.centres, self.least = np.ascontiguousarray(centres), least
 
 
-def _differing_points(places: FloatArray) -> NDArray[np.bool_]:
-    """Return the mask of points (s, 3) that differ from those of the first of (1 + m) configurations, (s, m)."""
-    return np.asarray(np.linalg.norm(places[1:] - places[:1], axis=2) > STILL).T
+def _differing_points(points: FloatArray) -> NDArray[np.bool_]:
+    """Return the mask of the points that m configurations move from the first, (s, m), for points (1 + m, s, 3)."""
+    return np.asarray(np.linalg.norm(points[1:] - points[:1], axis=2) > FIXED).T
 
 
 def _grid_neighbours(tips: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Return the corner (3,) of a grid over points (b, 3), and the nearest few points of each cell, by number."""
+    """Return the corner (3,) of a grid over points (b, 3), and the indices of the nearest points of each cell."""
     corner = tips.min(axis=0) - NEAR
     count = np.ceil((tips.max(axis=0) + NEAR - corner) / CELL).astype(int)
-    middles = corner + CELL * (np.stack(np.meshgrid(*map(np.arange, count), indexing="ij"), axis=-1) + 0.5)
-    apart, nearest = cKDTree(tips).query(middles, EACH, distance_upper_bound=NEAR)
-    return corner, np.where(np.isfinite(apart), nearest, NONE)
+    centres = corner + CELL * (np.stack(np.meshgrid(*map(np.arange, count), indexing="ij"), axis=-1) + 0.5)
+    distances, nearest = cKDTree(tips).query(centres, PER_CELL, distance_upper_bound=NEAR)
+    return corner, np.where(np.isfinite(distances), nearest, NONE)

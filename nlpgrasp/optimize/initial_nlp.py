@@ -1,4 +1,4 @@
-"""Initial NLP of a start (vertex transcription): turns a candidate into a grasp that exerts the task."""
+"""Initial NLP of a start (vertex transcription), from a candidate to a grasp that exerts the task."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ class InitialGrasp:
     ----------
     candidate : GraspCandidate
     score : float
-        The least support ratio; negative, the violation, where constraints are broken.
+        Least support ratio; the negative violation where constraints are violated.
     message : str
-        IPOPT's own word; empty where the candidate did without.
+        IPOPT's status; empty where the initial NLP was not solved.
     effort : Effort
     """
 
@@ -38,28 +38,29 @@ class InitialGrasp:
 
 
 def solve_initial_nlp(compiled: CompiledProblem, proposed: GraspCandidate, rng: np.random.Generator) -> InitialGrasp:
-    """Return a candidate that exerts the task unchanged; otherwise the better of it and the initial NLP's solution."""
-    found = [InitialGrasp(proposed, _score(compiled, proposed, rng))]
-    if found[0].score > 0.0:
-        return found[0]
-    program = compiled.first.program
-    if isinstance(compiled.problem.body, Mesh):  # whose smooth surface the program holds
+    """Return a candidate unchanged if it exerts the task, otherwise the best of it and the initial NLP's solutions."""
+    grasps = [InitialGrasp(proposed, _score(compiled, proposed, rng))]
+    if grasps[0].score > 0.0:
+        return grasps[0]
+    program = compiled.initial_nlp.program
+    if isinstance(compiled.problem.body, Mesh):  # on its smoothed surface
         proposed = replace(proposed, faces=compiled.problem.body.face_names * len(proposed.faces))
     start = pack_variables(compiled, program, proposed)
     start[program.block("beta").range] = FIRST_BETA
     for factor in compiled.task_samples.factors:
         parameters = [initial_parameters(compiled, rng, factor), face_parameters(compiled.problem, proposed.faces)]
-        result = compiled.first.solve(start, np.concatenate(parameters))
+        result = compiled.initial_nlp.solve(start, np.concatenate(parameters))
         candidate = _on_body(compiled, candidate_of(compiled, program, proposed.faces, result.z))
-        found.append(InitialGrasp(candidate, _score(compiled, candidate, rng), result.status, Effort.of(result)))
-        if found[-1].score > 0.0:
+        grasps.append(InitialGrasp(candidate, _score(compiled, candidate, rng), result.status, Effort.of(result)))
+        if grasps[-1].score > 0.0:
             break
-    effort = sum((one.effort for one in found), Effort())
-    return replace(max(reversed(found), key=lambda one: one.score), effort=effort)  # of equals what the program made
+    effort = sum((grasp.effort for grasp in grasps), Effort())
+    best = max(reversed(grasps), key=lambda grasp: grasp.score)  # the latest of equals
+    return replace(best, effort=effort)
 
 
 def _on_body(compiled: CompiledProblem, candidate: GraspCandidate) -> GraspCandidate:
-    """Return contacts of the program's loose solution projected onto the body, a hand so that it touches there."""
+    """Return a solution of the program with its contacts projected onto the body, and the hand in contact there."""
     body = compiled.problem.body
     if isinstance(body, Mesh):
         candidate = replace(candidate, points=body.closest(candidate.points)[0])
@@ -67,21 +68,21 @@ def _on_body(compiled: CompiledProblem, candidate: GraspCandidate) -> GraspCandi
 
 
 def initial_parameters(compiled: CompiledProblem, rng: np.random.Generator, factor: float = 1.0) -> FloatArray:
-    """Return the initial NLP's sampled wrenches, (q,), randomly rotated in the task's own axes.
+    """Return the initial NLP's sampled wrenches, (q,), randomly rotated in the task's axes.
 
-    They are ``factor`` times as far from the task's middle.
+    Their distance from the task's centre is multiplied by ``factor``.
     """
     return np.asarray(compiled.task_samples.wrenches(rng, factor).ravel())
 
 
 def _score(compiled: CompiledProblem, candidate: GraspCandidate, rng: np.random.Generator) -> float:
-    """Return the least support ratio found of a placement; minus its violation where it violates a constraint."""
-    own, there = fix_to_triangles(compiled, candidate)
-    violation = own.violation(there)
+    """Return the least known support ratio of a candidate; the negative violation where it violates a constraint."""
+    on_faces, projected = fix_to_triangles(compiled, candidate)
+    violation = on_faces.violation(projected)
     if (
         violation > FEASIBLE
         and compiled.hand_points.has_flat_tips
         and candidate.faces[0] in compiled.problem.body.face_names
     ):
-        own, there, violation = compiled, candidate, compiled.violation(candidate)  # beside a mesh's smooth surface
-    return -violation if violation > FEASIBLE else weakest_at(own, there, rng).value
+        on_faces, projected, violation = compiled, candidate, compiled.violation(candidate)  # on the smoothed surface
+    return -violation if violation > FEASIBLE else weakest_at(on_faces, projected, rng).value

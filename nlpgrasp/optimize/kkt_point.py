@@ -1,7 +1,8 @@
-"""Local optimum of the program (3.5-4) near a grasp, with multipliers and KKT residuals: the end of a local search.
+"""KKT point of the program (3.5-4) near a grasp, with multipliers and residuals.
 
-Newton steps with the reduced Hessian lead to where no step helps. There IPOPT solves the program along the weakest
-directions, starting from their multipliers. The KKT residuals are computed from its answer by other code.
+Newton steps with the reduced Hessian end near a local optimum. From there IPOPT solves the program along the weakest
+directions, with the multipliers of the last step as initial ones. The KKT residuals of its solution are computed
+independently.
 """
 
 from __future__ import annotations
@@ -20,13 +21,13 @@ from nlpgrasp.optimize.local_search import RefinementPoint, refine
 from nlpgrasp.optimize.trust_region import Linearisation
 from nlpgrasp.solution.kkt import KKT, kkt_residuals
 
-LAST_ROUNDS, LAST_OF_HAND = 40, 14  # Newton steps; with a hand that has a pose, whose steps take a tenth of a second
+NEWTON_STEPS, POSED_HAND_STEPS = 40, 14  # Newton steps; with a hand that has a pose (0.1 s each)
 PROGRAM_ROUNDS, ROUNDS_WITH_FORCES = 6, 3  # solves by IPOPT, at most; with finger forces as variables
-NEAR, LEAST_NEAR = 10.0, 1e-5  # trust-region radius of the program over the last step's length; at least, solver units
-WIDE = 0.01  # solver units, trust-region radius after the first solve: where minimisers merge, cuts need room
+RADIUS, LEAST_RADIUS = 10.0, 1e-5  # trust-region radius over the last step's length; at least, solver units
+WIDE = 0.01  # solver units, trust-region radius after the first solve
 BINDING = 1e-9  # least weight of a binding direction
-UNEQUAL = 1e-5  # largest relative slack of binding inequalities: the program smooths the tips of cones
-CLOSE = 1e-3  # largest relative excess of beta over the least ratio in all directions
+SLACK = 1e-5  # largest relative slack of binding inequalities: the program smooths the apex of cones
+EXCESS = 1e-3  # largest relative excess of beta over the least ratio in all directions
 
 
 @dataclass(frozen=True)
@@ -37,17 +38,17 @@ class LocalOptimum:
     ----------
     candidate : GraspCandidate
     value : float
-        The least support ratio.
+        Least support ratio.
     cuts, weights : (m, d) and (m,) arrays
-        Directions with ``phi_A = 1`` and their weights, which add up to one.
+        Directions with ``phi_A = 1`` and their weights, whose sum is one.
     prices : (rows,) array
-        ``d mu / d limit`` of the rows of constraints and hand, in the rows' own units.
+        Shadow prices ``d mu / d limit`` of the constraints, in their own units.
     bounds : dict
         ``d mu / d bound`` of the hand's variables by name: positive where the upper bound binds, negative the lower.
     kkt : KKT
         Residuals of the program along the cuts.
     effort : Effort
-        Of IPOPT.
+        Effort of IPOPT.
     """
 
     candidate: GraspCandidate
@@ -61,29 +62,29 @@ class LocalOptimum:
 
 
 def local_optimum(compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline) -> LocalOptimum | None:
-    """Return the local optimum next to a candidate; its residuals are not small where it did not converge.
+    """Return the local optimum next to a candidate; its residuals are large where the solve did not converge.
 
-    None where the state exerts nothing, and under the torque limits of a hand, which the program does not hold.
+    None for a candidate that does not exert the task, and under joint torque limits, which the program does not hold.
     """
     if compiled.problem.budget.follows_hand:
         return None
-    rounds = LAST_ROUNDS if compiled.follows_contacts else LAST_OF_HAND
+    rounds = NEWTON_STEPS if compiled.follows_contacts else POSED_HAND_STEPS
     refined = refine(compiled, candidate, deadline, rounds if compiled.cutting_planes.linearises else 0, 0.0)
     if refined.point.value <= 0.0:
         return None
-    rng, last = np.random.default_rng(0), LEAST_NEAR if not compiled.cutting_planes.linearises else refined.length
-    found = _solve_program(compiled, refined.point, max(LEAST_NEAR, NEAR * last), rng, deadline)
-    return replace(found, effort=refined.effort + found.effort)
+    rng, step = np.random.default_rng(0), LEAST_RADIUS if not compiled.cutting_planes.linearises else refined.length
+    optimum = _solve_program(compiled, refined.point, max(LEAST_RADIUS, RADIUS * step), rng, deadline)
+    return replace(optimum, effort=refined.effort + optimum.effort)
 
 
 def residuals_at(compiled: CompiledProblem, candidate: GraspCandidate) -> KKT:
     """Return the KKT residuals at a candidate, with the multipliers of the linearised program there."""
     cuts = most_relevant(compiled, candidate, weakest_at(compiled, candidate, np.random.default_rng(0)).directions)
     linear = Linearisation(compiled, candidate, cuts)
-    step = linear.quadratic_step(LEAST_NEAR) if len(cuts) and compiled.cutting_planes.linearises else None
+    step = linear.quadratic_step(LEAST_RADIUS) if len(cuts) and compiled.cutting_planes.linearises else None
     rows = linear.rows()
-    nothing = np.zeros(len(rows.values)), np.zeros(len(linear.z))
-    multipliers = nothing if step is None else (step.multipliers, step.bound_multipliers)
+    zeros = np.zeros(len(rows.values)), np.zeros(len(linear.z))
+    multipliers = zeros if step is None else (step.multipliers, step.bound_multipliers)
     constraints = rows.values, rows.lower, rows.upper
     kkt = _kkt(linear.z, linear.beta, rows.jacobian, constraints, linear.functions.program.bounds, multipliers)
     weights = np.zeros(len(cuts)) if step is None else np.maximum(linear.support(step.multipliers), 0.0)
@@ -92,50 +93,50 @@ def residuals_at(compiled: CompiledProblem, candidate: GraspCandidate) -> KKT:
 
 
 def _solve_program(
-    compiled: CompiledProblem, here: RefinementPoint, radius: float, rng: np.random.Generator, deadline: Deadline
+    compiled: CompiledProblem, point: RefinementPoint, radius: float, rng: np.random.Generator, deadline: Deadline
 ) -> LocalOptimum:
-    """Return IPOPT's solution from a point; where it does not converge, with weak directions at its solution added."""
-    cuts, effort, found = here.cuts, Effort(), list[LocalOptimum]()
+    """Return IPOPT's solution from a point, repeated with weak directions of its solution until residuals are small."""
+    cuts, effort, solutions = point.cuts, Effort(), list[LocalOptimum]()
     for _ in range(PROGRAM_ROUNDS if compiled.cutting_planes.linearises else ROUNDS_WITH_FORCES):
-        cuts = most_relevant(compiled, here.candidate, cuts)
-        first = compiled.cutting_planes.linearises and not found
-        functions = compiled.cutting_planes.confirming if first else compiled.cutting_planes.closing
-        optimum = _solve_in_trust_region(compiled, functions, here, cuts, radius, rng)
-        found.append(optimum)
+        cuts = most_relevant(compiled, point.candidate, cuts)
+        is_first = compiled.cutting_planes.linearises and not solutions
+        functions = compiled.cutting_planes.confirming if is_first else compiled.cutting_planes.closing
+        optimum = _solve_in_trust_region(compiled, functions, point, cuts, radius, rng)
+        solutions.append(optimum)
         effort += optimum.effort
         if deadline.is_requested() or optimum.kkt.is_small:
             return replace(optimum, effort=effort)
         cuts = append_new(compiled, cuts, minimise_nearby(compiled, optimum.candidate, rng, cuts).directions)
         radius = WIDE
-    return replace(min(found, key=lambda optimum: optimum.kkt.largest), effort=effort)
+    return replace(min(solutions, key=lambda optimum: optimum.kkt.largest), effort=effort)
 
 
 def _solve_in_trust_region(
     compiled: CompiledProblem,
     functions: CompiledProgram,
-    here: RefinementPoint,
+    point: RefinementPoint,
     cuts: FloatArray,
     radius: float,
     rng: np.random.Generator,
 ) -> LocalOptimum:
     """Return IPOPT's solution inside a trust region around a point."""
-    faces, program, scale = here.candidate.faces, functions.program, compiled.scaling.beta
-    z, theta = pack_variables(compiled, program, here.candidate), piece_parameters(compiled, here.candidate, cuts)
+    faces, program, scale = point.candidate.faces, functions.program, compiled.scaling.beta
+    z, theta = pack_variables(compiled, program, point.candidate), piece_parameters(compiled, point.candidate, cuts)
     z[program.block("beta").range] = scale * min(
-        here.value, float(np.min(compiled.wrench_set(here.candidate).support(cuts)[0]))
+        point.value, float(np.min(compiled.wrench_set(point.candidate).support(cuts)[0]))
     )
     result = functions.solve(
-        z, theta, program.trust_region_bounds(z, radius), _multipliers(compiled, here, cuts, radius)
+        z, theta, program.trust_region_bounds(z, radius), _initial_multipliers(compiled, point, cuts, radius)
     )
     candidate = candidate_of(compiled, program, faces, result.z)
     weights = np.maximum(-result.multipliers[program.rows_of(SUPPORT)][: len(cuts)], 0.0)
-    rows = np.array([row.scale for row in compiled.rows.named])
+    scales = np.array([constraint.scale for constraint in compiled.rows.named])
     optimum = LocalOptimum(
         candidate,
         minimise_nearby(compiled, candidate, rng, cuts).value,
         cuts,
         weights / max(float(weights.sum()), 1e-300),
-        result.multipliers[program.placement] / (scale * rows),
+        result.multipliers[program.placement] / (scale * scales),
         {name: result.bound_multipliers[b.range] / (scale * b.scale) for name, b in program.hand_blocks},
         _residuals(functions, result, theta),
         Effort.of(result),
@@ -144,42 +145,42 @@ def _solve_in_trust_region(
 
 
 def _full_kkt(compiled: CompiledProblem, optimum: LocalOptimum, beta: float) -> KKT:
-    """Return the KKT residuals of an optimum, with errors of the inequalities in all directions included.
+    """Return the KKT residuals of an optimum, with the errors of the inequalities in all directions included.
 
-    The inequalities are those of all directions: beta has to be next to the least ratio. Complementarity is theirs,
-    too: where the program holds one contact's support in place of the largest (``nlpgrasp.nlp.formulation``), a
-    row may bind though its inequality does not.
+    Feasibility requires beta close to the least ratio over all directions. Complementarity is that of the inequalities
+    themselves: where the program has one contact's support in place of the largest (``nlpgrasp.nlp.formulation``), a
+    constraint may bind though its inequality does not.
     """
     kkt = _binding_directions(optimum.kkt, optimum.cuts, optimum.weights)
     slack = compiled.wrench_set(optimum.candidate).support(optimum.cuts)[0] - beta
-    apart = float(np.max(optimum.weights * np.abs(slack), initial=0.0)) / max(abs(beta), 1e-300)
-    above = (beta - optimum.value) / max(abs(beta), 1e-300)
+    slack_error = float(np.max(optimum.weights * np.abs(slack), initial=0.0)) / max(abs(beta), 1e-300)
+    excess = (beta - optimum.value) / max(abs(beta), 1e-300)
     return replace(
         kkt,
-        feasibility=kkt.feasibility if above <= CLOSE else max(kkt.feasibility, above),
-        complementarity=kkt.complementarity if apart <= UNEQUAL else max(kkt.complementarity, apart),
+        feasibility=kkt.feasibility if excess <= EXCESS else max(kkt.feasibility, excess),
+        complementarity=kkt.complementarity if slack_error <= SLACK else max(kkt.complementarity, slack_error),
     )
 
 
 def _binding_directions(kkt: KKT, cuts: FloatArray, weights: FloatArray) -> KKT:
-    """Return residuals with the binding directions (m, d), and their weights."""
+    """Return KKT residuals together with the binding directions among cuts (m, d), and their weights."""
     binding = weights > BINDING
     directions = tuple(tuple(map(float, direction)) for direction in cuts[binding])
     return replace(kkt, directions=directions, weights=tuple(weights[binding].tolist()))
 
 
-def _multipliers(
-    compiled: CompiledProblem, here: RefinementPoint, cuts: FloatArray, radius: float
+def _initial_multipliers(
+    compiled: CompiledProblem, point: RefinementPoint, cuts: FloatArray, radius: float
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Return the multipliers of constraints and bounds of the linearised program at a point, None without any."""
+    """Return the multipliers of constraints and bounds of the linearised program at a point; None without a step."""
     if not compiled.cutting_planes.linearises:
         return None
-    step = Linearisation(compiled, here.candidate, cuts).quadratic_step(radius)
+    step = Linearisation(compiled, point.candidate, cuts).quadratic_step(radius)
     return None if step is None else (step.multipliers, step.bound_multipliers)
 
 
 def _residuals(functions: CompiledProgram, result: NlpResult, theta: FloatArray) -> KKT:
-    """Return the KKT residuals of IPOPT's answer in the program without a trust region."""
+    """Return the KKT residuals of IPOPT's solution in the program without a trust region."""
     program = functions.program
     values, jacobian = functions.linearise(result.z, theta)
     multipliers = result.multipliers, result.bound_multipliers
@@ -199,5 +200,5 @@ def _kkt(
     size = max(abs(float(z[beta])), 1e-300)
     gradient = np.zeros(len(z))
     gradient[beta] = 1.0 / size
-    of_rows, of_bounds = (each / size for each in multipliers)
-    return KKT(*kkt_residuals(gradient, jacobian, constraints, (z, *bounds), of_rows, of_bounds))
+    constraint_multipliers, bound_multipliers = (values / size for values in multipliers)
+    return KKT(*kkt_residuals(gradient, jacobian, constraints, (z, *bounds), constraint_multipliers, bound_multipliers))

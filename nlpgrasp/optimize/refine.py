@@ -23,7 +23,7 @@ from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import FEASIBLE, CompiledProblem
 from nlpgrasp.optimize.coordinate_exchange import exchange_nearby
 from nlpgrasp.optimize.cutting_planes import most_relevant
-from nlpgrasp.optimize.finger_exchange import walked
+from nlpgrasp.optimize.finger_exchange import exchange_fingers
 from nlpgrasp.optimize.grasp_on_body import GraspOnBody
 from nlpgrasp.optimize.local_search import RefinementResult, advance, refine
 from nlpgrasp.optimize.projection import (
@@ -213,7 +213,7 @@ def _exchange_contacts(
     """Return contacts moved to better mesh points nearby that the hand reaches; None where none are better."""
     if compiled.follows_contacts:
         return exchange_nearby(compiled, result.point.candidate, on_body.grasp, result.point.cuts)
-    return walked(compiled, on_body.candidate, on_body.grasp.normals, np.random.default_rng(0), deadline)
+    return exchange_fingers(compiled, on_body.candidate, on_body.grasp.normals, np.random.default_rng(0), deadline)
 
 
 def _joints_with_margin(

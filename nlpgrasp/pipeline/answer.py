@@ -1,4 +1,4 @@
-"""Answer of a solve: selection among the starts, certificate, measures, record of the search."""
+"""Answer of a solve: selection among the starts, certificate, finger forces, record of the search."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from nlpgrasp.hands.base import Hand, PosedHand
 from nlpgrasp.optimize.candidate import Effort
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
 from nlpgrasp.optimize.compiled_programs import budget_at
-from nlpgrasp.optimize.exerted_forces import least_forces
+from nlpgrasp.optimize.exerted_forces import compute_exerted_forces
 from nlpgrasp.optimize.final_step import converge_to_optimum, keep_off_optimum
 from nlpgrasp.optimize.options import SolveOptions
 from nlpgrasp.optimize.processes import single_thread
@@ -34,16 +34,17 @@ from nlpgrasp.solution.solution import GraspSolution
 from nlpgrasp.solution.start_summary import ipopt_lines
 from nlpgrasp.version import __version__
 
-FINAL_GRACE = 2.0  # seconds the answer's certificate may take past the time limit
-MOST = 3  # grasps compared by robustness, the best one among them
+FINAL_GRACE = 2.0  # seconds, time for the answer's certificate after the time limit
+MOST_COMPARED = 3  # grasps compared by robustness, including the best
 HALF = 0.5  # share of the best mu below which no other grasp is chosen
-WEAK, TIE = 0.5, 0.95  # remaining share of mu below which a grasp is weak; share of mu from which a stronger one wins
-APART = 0.1  # over the body's size: Hausdorff distance of contacts above which grasps are distinct
+WEAK = 0.5  # share of mu under the worst displacement below which more robust grasps are considered
+TIE = 0.95  # least share of the best mu of a grasp that replaces one that is weak but not fragile
+DISTINCT = 0.1  # over the body's size: Hausdorff distance of contacts above which grasps are distinct
 
 
 @dataclass(frozen=True)
 class SearchRecord:
-    """Record of a search: its starts and how it ended.
+    """Record of a search: its starts, bound and chosen start.
 
     Parameters
     ----------
@@ -52,15 +53,13 @@ class SearchRecord:
     seed : int
     results : sequence of StartResult
     cut_short : Status or None
-        Why it ended before all starts were done.
+        Status where the search ended before all starts were run.
     deadline : Deadline
-        The time limit.
     bound : GlobalBound or None
-        On mu over all placements.
-    clock : Stopwatch
-        Of the solve.
+        Upper bound on mu over all placements.
+    clock : Clock
     chosen : StartGrasp or None
-        The start that is the answer; None where none found a grasp.
+        The answer; None without a grasp.
     """
 
     problem: GraspProblem
@@ -74,18 +73,18 @@ class SearchRecord:
     chosen: StartGrasp | None = None
 
     @property
-    def effort(self) -> Effort:
-        """What all starts cost together."""
-        return sum((r.effort for r in self.results), Effort())
-
-    @property
     def records(self) -> tuple[StartRecord, ...]:
         """Records of the starts, in their order."""
         return tuple(r.record for r in self.results)
 
     def bound_above(self, lower: float) -> GlobalBound | None:
-        """Return the bound beside a grasp of this certified quality, which it may be below by rounding alone."""
+        """Return the global bound, raised to the certified lower bound of a grasp that exceeds it by rounding."""
         return None if self.bound is None else replace(self.bound, upper=max(self.bound.upper, lower))
+
+
+def total_effort(results: Sequence[StartResult]) -> Effort:
+    """Return the solver effort of all starts together."""
+    return sum((r.effort for r in results), Effort())
 
 
 def choose_start(
@@ -93,17 +92,18 @@ def choose_start(
 ) -> StartGrasp:
     """Return the start selected as the answer, with its robustness where it was computed.
 
-    That is the best one, unless it is fragile: then the first in the order of mu that is not, that has at least half
-    its mu and leaves more at its worst placement. One that is not fragile, but keeps less than half of its mu, loses so
-    to one with 0.95 of it. Two others are tried, and the best start as it was before it converged to its local optimum.
+    The best start is selected unless it is fragile. Then it is replaced by the first start, by decreasing mu, that is
+    not fragile, has at least half its mu and more mu under the worst displacement. A start that is not fragile but
+    keeps less than half of its mu is replaced in the same way by one with 0.95 of its mu. Two other starts are
+    compared, and the best start as it was before it converged to its local optimum.
 
     Parameters
     ----------
     compiled : CompiledProblem
     best : StartGrasp
-        With the best mu, at its local optimum.
+        The start with the best mu, at its local optimum.
     results : sequence of StartResult
-        Those that may be the answer, as they were before any converged.
+        Eligible starts, as they were before any converged.
     deadline : Deadline
     """
     with single_thread():
@@ -127,22 +127,22 @@ def choose_start(
 def pressing_starts(
     hand: Hand | None, best: StartGrasp, results: Sequence[StartResult]
 ) -> tuple[StartGrasp, Sequence[StartResult]]:
-    """Return the best start whose contacts can press against each other, and all such; the arguments if none can.
+    """Return the best start whose contacts can press against each other, and all such; the arguments without any.
 
-    Other grasps of a hand with joints hold the task only while it pushes into the fingers. Only starts with at least
-    half of the best one's mu count.
+    Other grasps of a hand with joints exert the task only while it pushes into the fingers. Starts with less than half
+    of the best mu are left out.
     """
     if not isinstance(hand, PosedHand) or not hand.loaded_joints or can_press(best.on_body.grasp):
         return best, results
-    least = HALF * best.record.mu.upper
-    good = [r for r in results if isinstance(r, StartGrasp) and r.solved and r.record.mu.lower >= least]
-    pressing = [r for r in good if can_press(r.on_body.grasp)]
-    first = best_of(pressing)
-    return (best, results) if first is None else (first, pressing)
+    least_mu = HALF * best.record.mu.upper
+    eligible = [r for r in results if isinstance(r, StartGrasp) and r.solved and r.record.mu.lower >= least_mu]
+    pressing = [r for r in eligible if can_press(r.on_body.grasp)]
+    best_pressing = best_of(pressing)
+    return (best, results) if best_pressing is None else (best_pressing, pressing)
 
 
 def _with_robustness(compiled: CompiledProblem, start: StartGrasp) -> StartGrasp:
-    """Return a start with its robustness; where that fails numerically, with a remark."""
+    """Return a start with its robustness; with the error in its message where that fails numerically."""
     if start.robust is not None:
         return start
     robust, message = attempt(lambda: robustness(compiled, start.on_body.candidate, start.on_body.grasp))
@@ -152,16 +152,16 @@ def _with_robustness(compiled: CompiledProblem, start: StartGrasp) -> StartGrasp
 def _next_best(
     compiled: CompiledProblem, best: StartGrasp, results: Sequence[StartResult], share: float
 ) -> Iterator[StartGrasp]:
-    """Yield the best start before it converged, then the next best ones with distinct grasps and this share of mu."""
-    least, taken = share * best.record.mu.lower, [best]
+    """Yield the best start before it converged, then the next best distinct ones with at least a share of its mu."""
+    least, chosen = share * best.record.mu.lower, [best]
     solved = [r for r in results if isinstance(r, StartGrasp) and r.solved]
     if best.optimum is not None:
         yield from (r for r in solved if r.record.index == best.record.index)
     for start in sorted(solved, key=lambda r: (-r.record.mu.upper, r.record.index)):
-        if start.record.mu.lower < least or len(taken) == MOST:
+        if start.record.mu.lower < least or len(chosen) == MOST_COMPARED:
             break
-        if all(_hausdorff_distance(start, other) > APART * compiled.scaling.length for other in taken):
-            taken.append(start)
+        if all(_hausdorff_distance(start, other) > DISTINCT * compiled.scaling.length for other in chosen):
+            chosen.append(start)
             yield start
 
 
@@ -173,34 +173,39 @@ def _hausdorff_distance(a: StartGrasp, b: StartGrasp) -> float:
 
 
 def make_answer(search: SearchRecord, why_not: WhyNot | None) -> GraspSolution:
-    """Return the chosen start's grasp with its certificate, measures and forces, or what there is without one."""
-    return _solution_without_grasp(search, why_not) if search.chosen is None else _measure_best(search, search.chosen)
+    """Return the solution of a search: the chosen start with certificate and forces, or the one without a grasp."""
+    return _solution_without_grasp(search, why_not) if search.chosen is None else _solution_of(search, search.chosen)
 
 
 def _solution_without_grasp(search: SearchRecord, why_not: WhyNot | None) -> GraspSolution:
     """Return the solution of a search that found no grasp."""
     records = search.records
     failed = bool(records) and all(r.status is Status.FAILED for r in records)
-    found = Status.FAILED if failed else Status.NO_GRASP
+    status = Status.FAILED if failed else Status.NO_GRASP
     if why_not is not None and why_not.locally_infeasible:
-        found = Status.LOCALLY_INFEASIBLE
-    problem, status = search.problem, search.cut_short or found
-    told = problem.to_dict()
+        status = Status.LOCALLY_INFEASIBLE
+    problem = search.problem
     return GraspSolution(
-        status, problem.name, told, kind=problem.task.measure, bound=search.bound, why_not=why_not, starts=records
+        status=search.cut_short or status,
+        name=problem.name,
+        problem=problem.to_dict(),
+        kind=problem.task.measure,
+        bound=search.bound,
+        why_not=why_not,
+        starts=records,
     )
 
 
-def _measure_best(search: SearchRecord, best: StartGrasp) -> GraspSolution:
-    """Return the best start's grasp; where time is short, with mu alone."""
-    problem, found, grasp = search.problem, best.on_body, best.on_body.grasp
-    budget = budget_at(problem, found.candidate)
+def _solution_of(search: SearchRecord, best: StartGrasp) -> GraspSolution:
+    """Return the solution with the best start's grasp: its narrowed certificate, finger forces and squeeze."""
+    problem, on_body, grasp = search.problem, best.on_body, best.on_body.grasp
+    budget = budget_at(problem, on_body.candidate)
     rtol, certified = search.options.final_rtol, best.record.mu
     if certified.gap > rtol:
         limit = search.deadline.certificate_deadline(FINAL_GRACE)
         certified = best.tighten_bounds(problem, rtol, search.seed, limit).record.mu
     search.clock.mark("certificate")
-    exerted = least_forces(problem, grasp, budget, certified)
+    exerted = compute_exerted_forces(problem, grasp, budget, certified)
     search.clock.mark("forces")
     bound = search.bound_above(certified.lower)
     solution = GraspSolution(
@@ -208,7 +213,7 @@ def _measure_best(search: SearchRecord, best: StartGrasp) -> GraspSolution:
         name=problem.name,
         problem=problem.unchecked(force_budget=budget).to_dict(),
         grasp=grasp,
-        faces=found.candidate.faces,
+        faces=on_body.candidate.faces,
         mu=certified,
         kind=problem.task.measure,
         forces=exerted.forces,
@@ -219,7 +224,7 @@ def _measure_best(search: SearchRecord, best: StartGrasp) -> GraspSolution:
         bound=bound,
         kkt=best.kkt,
         hand=best.hand,
-        surface=found.surface,
+        surface=on_body.surface,
         starts=search.records,
         best_start=best.record.index,
         source=problem,
@@ -230,17 +235,17 @@ def _measure_best(search: SearchRecord, best: StartGrasp) -> GraspSolution:
 
 
 def _final_status(options: SolveOptions, bound: GlobalBound | None, lower: float, best: StartGrasp) -> Status:
-    """Return how a search ended that found a grasp: free or not, and whether as close to the best as was asked for."""
+    """Return the status of a search with a grasp: touching, optimal within the requested gap, or solved."""
     if best.record.status is Status.TOUCHES:
         return Status.TOUCHES
-    closed = options.gap is not None and bound is not None and bound.gap(lower) <= options.gap
-    return Status.OPTIMAL if closed else Status.SOLVED
+    is_closed = options.gap is not None and bound is not None and bound.gap(lower) <= options.gap
+    return Status.OPTIMAL if is_closed else Status.SOLVED
 
 
 def solver_record(
     options: SolveOptions, seed: int, effort: Effort, seconds: float, stages: Mapping[str, float] | None = None
 ) -> SolverData:
-    """Return how the solve went, for the file: seed, effort, wall time and its stages, options, versions.
+    """Return the solver's record for the file: seed, effort, wall time by stage, options, versions.
 
     Warns
     -----

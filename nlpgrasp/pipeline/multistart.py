@@ -1,10 +1,10 @@
-"""Multistart search for the best grasp of a problem, stage by stage, with progress messages."""
+"""Multistart search: the stages of a solve as methods, and progress messages."""
 
 from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import chain
@@ -24,7 +24,7 @@ from nlpgrasp.global_bound.branch_and_bound import BranchAndBound
 from nlpgrasp.optimize.candidate import Effort, GraspCandidate
 from nlpgrasp.optimize.distinct_grasps import ONE, GraspCollection, KeepOptions
 from nlpgrasp.optimize.final_step import converge_to_optimum
-from nlpgrasp.optimize.global_search import OFFERED, STRIDE, effort_of, missing_bound_reason, node_count, start_bound
+from nlpgrasp.optimize.global_search import RELAXED, STRIDE, effort_limit, missing_bound_reason, node_count, start_bound
 from nlpgrasp.optimize.hand_approach import add_hand_record, choose_free_approach
 from nlpgrasp.optimize.parallel_starts import NOT_BEGUN, StartRunner
 from nlpgrasp.optimize.processes import single_thread
@@ -32,26 +32,34 @@ from nlpgrasp.optimize.propose import propose, shares
 from nlpgrasp.optimize.start import failed, run_start
 from nlpgrasp.optimize.start_result import SOLVER_ERRORS, StartGrasp, StartResult, best_of
 from nlpgrasp.optimize.warm_starts import KnownGrasp, WarmStart, run_warm_start
-from nlpgrasp.pipeline.answer import SearchRecord, choose_start, make_answer, pressing_starts, solver_record
+from nlpgrasp.pipeline.answer import (
+    SearchRecord,
+    choose_start,
+    make_answer,
+    pressing_starts,
+    solver_record,
+    total_effort,
+)
 from nlpgrasp.quality import Bounds
 from nlpgrasp.solution.quality_record import GlobalBound
 from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solution.solution import GraspSolution
 
-WORDS = {
+STATUS_TEXT = {
     Status.NO_GRASP: "no grasp",
     Status.TIME_LIMIT: "out of time",
     Status.LOCALLY_INFEASIBLE: "constraints not kept",
-}  # how a start ended, in progress messages, where its status has another name
-TOGETHER = 8  # starts that candidates are proposed for together
+}  # end of a start in progress messages, where it differs from the name of its status
+BATCH = 8  # starts whose candidates are proposed together
 Progress = Callable[[StartRecord, Bounds], None]
 
 
 class Multistart:
-    """State of a multistart search, whose stages are methods: starts, warm starts, gap closing, choice, answer.
+    """Multistart search, with one method for each stage of a solve.
 
-    A search can take further starts and warm starts until its answer is made, and go on from an earlier solution
-    (``resume``).
+    The stages are ``compile``, ``begin_bound``, ``propose``, ``refine``, ``close_gap``, ``choose``, ``bound``,
+    ``certify`` and ``analyse``. Warm starts may be added until the answer is chosen. A search can resume from an
+    earlier solution.
 
     Parameters
     ----------
@@ -65,9 +73,9 @@ class Multistart:
     Attributes
     ----------
     results : list of StartResult
-        Of all starts so far.
+        Results of the starts so far.
     floor : float
-        Certified lower bound of mu that the answer keeps to, as warm starts prove it.
+        Certified lower bound of mu, proved by warm starts, that the answer is not below.
     chosen : StartGrasp or None
         The answer, once it is chosen.
     """
@@ -84,28 +92,28 @@ class Multistart:
         self.results: list[StartResult] = []
         self.floor = 0.0
         self.chosen: StartGrasp | None = None
-        self._begun, self._clock = time.monotonic(), Stopwatch()
+        self._start_time, self._clock = time.monotonic(), Stopwatch()
         limit = runner.options.time_limit
-        self.deadline = Deadline(None if limit is None else self._begun + limit, flag)
+        self.deadline = Deadline(None if limit is None else self._start_time + limit, flag)
         self._keeping, self._progress = keeping, progress
         self._others: GraspCollection | None = None
         self._tree: BranchAndBound | None = None
-        self._nodes = 0  # of the tree, asked for beyond its root
+        self._nodes = 0  # nodes branched on beyond the root
         self._known_bound: GlobalBound | None = None
         self._spent = Effort()
 
     @classmethod
     def resume(cls, runner: StartRunner, solution: GraspSolution, seed: int) -> Multistart:
-        """Return the search that ended with a solution: its records of starts, bound and effort.
+        """Return a search that continues from a solution: with its start records, bound and effort.
 
-        Its answer is among the starts still to come.
+        The grasp of the solution is not among the results; a warm start has to add it.
         """
         search = cls(runner, seed)
         search.results = [StartResult(record) for record in solution.starts]
         if solution.bound is not None:
             search._known_bound = replace(solution.bound, stated_gap=None)  # the gap was to another grasp
         record, seconds = solution.solver, solution.solver.get("seconds", {})
-        search._begun -= float(seconds.get("total", 0.0))
+        search._start_time -= float(seconds.get("total", 0.0))
         search._spent = Effort(
             int(record.get("iterations", 0)),
             float(seconds.get("ipopt", 0.0)),
@@ -117,7 +125,7 @@ class Multistart:
 
     @property
     def best(self) -> StartGrasp | None:
-        """The best start so far: of those certified for at least the floor, where there are any."""
+        """The best start so far, among those certified for at least the floor where there are any."""
         best = best_of(self.results)
         if best is None or best.record.mu.lower >= self.floor:
             return best
@@ -125,11 +133,15 @@ class Multistart:
 
     @property
     def next_index(self) -> int:
-        """Number of the next start: the starts asked for come first."""
+        """Index of the next further start, after the requested ones."""
         return max([self.runner.count, *(r.record.index + 1 for r in self.results)])
 
+    def compile(self) -> None:
+        """Compile the problem in the worker processes, where there are any; this process compiles on first use."""
+        self.runner.prepare()
+
     def begin_bound(self) -> None:
-        """Bound mu by the undivided tree of a branch and bound, where it covers the problem."""
+        """Compute the root bound of a branch and bound, where it covers the problem."""
         self._clock.restart()
         problem, options = self.runner.problem, self.runner.options
         self._tree = start_bound(problem, options)
@@ -139,18 +151,27 @@ class Multistart:
             warn(f"gap: {missing_bound_reason(problem)}; the answer is the best of its starts")
         self._clock.mark("bound")
 
-    def run_starts(self, known: Sequence[KnownGrasp] = ()) -> None:
-        """Propose, refine and certify: all starts asked for, and those from known grasps, each as it is and refined.
+    def run_starts(self, warm_starts: Sequence[KnownGrasp] = ()) -> None:
+        """Compile, compute the root bound, then propose, refine and certify the requested starts and warm starts."""
+        self.compile()
+        self.begin_bound()
+        self.refine(self.propose(), warm_starts)
 
-        The bound of the undivided tree comes before.
+    def refine(
+        self, candidates: Iterable[tuple[int, Sequence[GraspCandidate]]], warm_starts: Sequence[KnownGrasp] = ()
+    ) -> None:
+        """Refine and certify the candidates of each start, then warm starts, each as it is and refined.
+
+        Parameters
+        ----------
+        candidates : iterable of (int, sequence of GraspCandidate)
+            Index of each start and its candidates.
+        warm_starts : sequence of Grasp, FoundGrasp or GraspSolution
+            Known grasps.
         """
         runner, deadline = self.runner, self.deadline
-        runner.prepare()
-        self.begin_bound()
-        candidates = self._proposed()
-        for result in chain(
-            runner.starts(candidates, self.seed, deadline), runner.warm_starts(known, self.next_index, deadline)
-        ):
+        starts = runner.starts(candidates, self.seed, deadline)
+        for result in chain(starts, runner.warm_starts(warm_starts, self.next_index, deadline)):
             self.results.append(result)
             if self._progress is not None:
                 best = best_of(self.results)
@@ -158,49 +179,49 @@ class Multistart:
         self.results.sort(key=lambda r: r.record.index)
         self._clock.mark("starts")
 
-    def _proposed(self) -> Iterator[tuple[int, Sequence[GraspCandidate]]]:
-        """Yield the number and the candidates of each start asked for, proposed for some at a time, until a stop.
+    def propose(self) -> Iterator[tuple[int, Sequence[GraspCandidate]]]:
+        """Yield the index and the candidates of each requested start, proposed in batches, until the deadline.
 
-        Where numerics fail, starts are failed ones.
+        Where the proposal fails numerically, the starts of its batch are recorded as failed.
         """
-        for first in range(0, self.runner.count, TOGETHER):
+        for first in range(0, self.runner.count, BATCH):
             if self.deadline.is_requested():
                 return
-            numbers = range(first, min(first + TOGETHER, self.runner.count))
+            indices = range(first, min(first + BATCH, self.runner.count))
             rng = np.random.default_rng([self.seed, first])
             if first:
                 self._clock.mark("starts")
             try:
-                proposed = propose(self.runner.compiled, rng, starts=len(numbers))
+                proposed = propose(self.runner.compiled, rng, starts=len(indices))
             except SOLVER_ERRORS as error:
-                self.results += [failed(index, error) for index in numbers]
+                self.results += [failed(index, error) for index in indices]
                 continue
             self._clock.mark("propose")
-            yield from zip(numbers, shares(proposed, len(numbers)), strict=True)
+            yield from zip(indices, shares(proposed, len(indices)), strict=True)
 
     def add(self, warm: WarmStart, improve: bool = True) -> bool:
-        """Run a warm start in this process; return whether the best mu rose by more than its certificate's gap."""
+        """Run a warm start in this process; return whether the best mu rose by more than the certificate's gap."""
         self._clock.restart()
-        before = self.best
+        previous = self.best
         new = run_warm_start(self.runner.compiled, warm, self.next_index, self.deadline, improve)
         self.results += new
         if new and new[0].solved and new[0].record.mu.lower >= warm.floor:
             self.floor = max(self.floor, warm.floor)
         self._clock.mark("starts")
         best = self.best
-        return best is not None and (before is None or best.record.mu.lower > before.record.mu.upper)
+        return best is not None and (previous is None or best.record.mu.lower > previous.record.mu.upper)
 
-    def run_until_proved(self, starts: int, rtol: float, known: Sequence[FloatArray] = ()) -> None:
-        """Run starts one at a time in this process, until the bound proves the best one to be near the best possible.
+    def run_until_proved(self, starts: int, rtol: float, contacts: Sequence[FloatArray] = ()) -> None:
+        """Run starts one at a time in this process, until the best one is within the bound's gap.
 
         Parameters
         ----------
         starts : int
-            At most.
+            Number of starts, at most.
         rtol : float
-            Relative gap to which the best start is certified before.
-        known : sequence of (k, space) array
-            Contacts that candidates begin from as well.
+            Relative gap to which the best start is certified before each.
+        contacts : sequence of (k, space) array
+            Contacts of known grasps, from which candidates begin as well.
         """
         self._clock.restart()
         nodes = node_count(self.runner.problem, 1) // 2
@@ -208,16 +229,16 @@ class Multistart:
             self.certify_best(rtol)
             if self._search_tree(nodes) or self.deadline.is_requested():
                 break
-            self._add_start(known)
+            self._add_start(contacts)
         self._clock.mark("starts")
 
     def update(self, *starts: StartGrasp) -> None:
-        """Put starts in the places of the results with their numbers."""
+        """Replace the results that have the same indices as some starts."""
         by_index = {start.record.index: start for start in starts}
         self.results = [by_index.get(result.record.index, result) for result in self.results]
 
     def certify_best(self, rtol: float) -> StartGrasp | None:
-        """Certify the best start to this relative gap, and whichever then is the best; return it."""
+        """Certify the best start to a relative gap, again where another becomes the best; return it."""
         tight = set[int]()
         while (best := self.best) is not None and best.record.index not in tight:
             best = best.tighten_bounds(self.runner.problem, rtol, self.seed)
@@ -226,9 +247,9 @@ class Multistart:
         return best
 
     def close_gap(self) -> None:
-        """Search all placements until the best grasp is within the gap asked for of the bound, or a stop.
+        """Branch and bound until the best grasp is within the requested gap of the bound, or until the deadline.
 
-        Starts go on meanwhile, also from the placements that the bound rests on.
+        Further starts alternate with it, also from the relaxed placements of the bound.
         """
         if self._tree is None or self.runner.options.gap is None:
             return
@@ -238,18 +259,18 @@ class Multistart:
                 self._add_start()
         self._clock.mark("closing the gap")
 
-    def _add_start(self, known: Sequence[FloatArray] = ()) -> None:
-        """Run one more start in this process, also from known contacts (k, space) and the bound's relaxed placements.
+    def _add_start(self, contacts: Sequence[FloatArray] = ()) -> None:
+        """Run one more start in this process, also from contacts (k, space) and the bound's relaxed placements.
 
-        The first ones are the starts asked for, where they were not run.
+        Requested starts that have not been run come first.
         """
-        run = {result.record.index for result in self.results}
-        index = next((i for i in range(self.runner.count) if i not in run), self.next_index)
-        relaxed = [] if self._tree is None else self._tree.relaxed_placements(OFFERED)
-        self.results.append(run_start(self.runner.compiled, index, self.seed, self.deadline, [*known, *relaxed]))
+        finished = {result.record.index for result in self.results}
+        index = next((i for i in range(self.runner.count) if i not in finished), self.next_index)
+        relaxed = [] if self._tree is None else self._tree.relaxed_placements(RELAXED)
+        self.results.append(run_start(self.runner.compiled, index, self.seed, self.deadline, [*contacts, *relaxed]))
 
     def _search_tree(self, nodes: int) -> bool:
-        """Branch on so many nodes more; return whether the bound proves the best start to be within its gap."""
+        """Branch on further nodes; return whether the bound proves the best start to be within its gap."""
         if self._tree is None:
             return False
         best = self.best
@@ -259,7 +280,7 @@ class Multistart:
         return self._tree.is_finished
 
     def choose(self) -> None:
-        """Choose the answer among the starts, at the local optimum next to it, and with a free way of its hand."""
+        """Choose the answer among the starts, converged to its local optimum, with a collision-free approach."""
         runner, deadline, best = self.runner, self.deadline, self.best
         if best is None:
             return
@@ -285,18 +306,41 @@ class Multistart:
         self.chosen = best
 
     def take_as_answer(self, best: StartGrasp) -> None:
-        """Take a start as the answer where it is, with the way in of its hand."""
+        """Choose a start as the answer unchanged, with the approach of its hand."""
         with single_thread():
             self.chosen = replace(best, hand=add_hand_record(self.runner.compiled, best).hand)
         self.update(self.chosen)
 
     def answer(self) -> GraspSolution:
-        """Bound, certify and analyse the answer, and return the solution."""
+        """Bound, certify and analyse the chosen start, and return the solution."""
+        return self.analyse(self.certify(self.bound()))
+
+    def bound(self) -> GlobalBound | None:
+        """Return the bound over all placements, after a short branch and bound; None where it does not cover them.
+
+        Where a gap is requested, ``close_gap`` has computed it. A search resumed from a solution has the bound of that.
+        """
         self._clock.restart()
+        if self._tree is None:
+            return self._known_bound
+        best = self.chosen
+        if best is not None:
+            weak = np.array(best.kkt.directions) if best.kkt is not None and best.kkt.directions else None
+            self._tree.update_incumbent(best.record.mu.lower, weak)
+        if self.runner.options.gap is None:
+            size = self.runner.problem, self.runner.count
+            tree, largest = self._tree, effort_limit(*size)
+            tree.branch(node_count(*size) - self._nodes, lambda: self.deadline.is_requested() or tree.effort > largest)
+        return self._tree.bound()
+
+    def certify(self, bound: GlobalBound | None) -> GraspSolution:
+        """Return the chosen start as a solution, with its certificate; a diagnosis of infeasibility without one.
+
+        The workers begin to process the other distinct grasps, where these are requested.
+        """
         runner, deadline, clock, best, reason = self.runner, self.deadline, self._clock, self.chosen, None
-        bound, cut_short = self._bound(best), self._cut_short
         search = SearchRecord(
-            runner.problem, runner.options, self.seed, self.results, cut_short, deadline, bound, clock, best
+            runner.problem, runner.options, self.seed, self.results, self._cut_short, deadline, bound, clock, best
         )
         clock.mark("bound")
         if best is None and not deadline.is_requested() and any(isinstance(r, StartGrasp) for r in self.results):
@@ -307,46 +351,34 @@ class Multistart:
             clock.mark("other grasps")
         solution = make_answer(search, reason)
         clock.mark("answer")
-        solution = self._analysed(solution, best)
+        return solution
+
+    def analyse(self, solution: GraspSolution) -> GraspSolution:
+        """Return the solution with the requested analyses, the other distinct grasps and the record of the solve."""
+        solution = self._add_analyses(solution)
         if self._others is not None:
-            solution = add_squeezes(replace(solution, others=self._others.grasps()), runner.problem.hand)
-            clock.mark("other grasps")
-        effort, seconds = search.effort + self._spent, time.monotonic() - self._begun
-        record = solver_record(runner.options, self.seed, effort, seconds, clock.seconds)
+            solution = add_squeezes(replace(solution, others=self._others.grasps()), self.runner.problem.hand)
+            self._clock.mark("other grasps")
+        effort, seconds = total_effort(self.results) + self._spent, time.monotonic() - self._start_time
+        record = solver_record(self.runner.options, self.seed, effort, seconds, self._clock.seconds)
         if self._keeping.count > 1:
             record |= {"keep": self._keeping.count, "distinct": self._keeping.distinct}
         return replace(solution, solver=record)
 
     @property
     def _cut_short(self) -> Status | None:
-        """Why the search ended before all starts asked for were done."""
+        """Status of a search that ended before all requested starts were run; None where it did not."""
         if self.deadline.is_interrupted():
             return Status.INTERRUPTED
         if not self.deadline.is_requested():
             return None
         records = [r.record for r in self.results if r.record.index < self.runner.count]
-        begun = sum(record.message != NOT_BEGUN for record in records)
-        return Status.TIME_LIMIT if begun < self.runner.count else None
+        count = sum(record.message != NOT_BEGUN for record in records)
+        return Status.TIME_LIMIT if count < self.runner.count else None
 
-    def _bound(self, best: StartGrasp | None) -> GlobalBound | None:
-        """Return the bound over all placements, after a short branch and bound; None where it does not cover them.
-
-        Where a gap is asked for it is as it was left, and that of an earlier solution as it states it.
-        """
-        if self._tree is None:
-            return self._known_bound
-        if best is not None:
-            weak = np.array(best.kkt.directions) if best.kkt is not None and best.kkt.directions else None
-            self._tree.update_incumbent(best.record.mu.lower, weak)
-        if self.runner.options.gap is None:
-            asked = self.runner.problem, self.runner.count
-            tree, most = self._tree, effort_of(*asked)
-            tree.branch(node_count(*asked) - self._nodes, lambda: self.deadline.is_requested() or tree.effort > most)
-        return self._tree.bound()
-
-    def _analysed(self, solution: GraspSolution, best: StartGrasp | None) -> GraspSolution:
-        """Return the solution with the analyses that the options ask for."""
-        runner, deadline = self.runner, self.deadline
+    def _add_analyses(self, solution: GraspSolution) -> GraspSolution:
+        """Return the solution with the analyses that the options request."""
+        runner, deadline, best = self.runner, self.deadline, self.chosen
         names = requested_analyses(runner.options, solution, runner.problem.hand)
         if best is None or not names or deadline.is_requested():
             return solution
@@ -364,14 +396,14 @@ def progress_callback(progress: Progress | bool | None, starts: int) -> Progress
     Parameters
     ----------
     progress : callable, bool or None
-        A function as it is; True for lines on standard error; False or None for none.
+        A callback; True for lines on standard error; False or None for none.
     starts : int
-        How many there are.
+        Number of starts.
 
     Raises
     ------
     InputError
-        On anything else.
+        For any other ``progress``.
     """
     if progress is None or progress is False:
         return None
@@ -388,19 +420,19 @@ class LineWriter:
     Parameters
     ----------
     starts : int
-        How many there are.
+        Number of starts.
     """
 
     def __init__(self, starts: int) -> None:
-        self._starts, self._done, self._begun = starts, 0, time.monotonic()
+        self._starts, self._finished, self._start_time = starts, 0, time.monotonic()
 
     def __call__(self, record: StartRecord, best: Bounds) -> None:
-        """Write the line of a start: how it ended, the best certified bounds so far, seconds since the solve began."""
-        self._done += 1
-        ended = WORDS.get(record.status, record.status.name.lower())
+        """Write the line of a start: its status, the best certified bounds so far, seconds since the solve began."""
+        self._finished += 1
+        status = STATUS_TEXT.get(record.status, record.status.name.lower())
         if record.status is Status.SOLVED:
-            ended = f"{format_measure(best.kind)} in {record.mu}"
-        so_far = f"best {best}" if best.lower > 0.0 else "no grasp yet"
-        seconds = time.monotonic() - self._begun
-        sys.stderr.write(f"start {self._done} of {self._starts}: {ended}; {so_far}; {seconds:.1f} s\n")
+            status = f"{format_measure(best.kind)} in {record.mu}"
+        incumbent = f"best {best}" if best.lower > 0.0 else "no grasp yet"
+        seconds = time.monotonic() - self._start_time
+        sys.stderr.write(f"start {self._finished} of {self._starts}: {status}; {incumbent}; {seconds:.1f} s\n")
         sys.stderr.flush()

@@ -1,4 +1,14 @@
-"""Solve of a problem, stage after stage."""
+"""``ng.solve``: search for the best grasp of a problem, in six stages.
+
+- compile, ``optimize/compiled_problem.py``: programs, constraint functions, surface samples, shared by all starts
+- propose, ``optimize/propose.py``: candidates, by coordinate exchange of contacts over surface samples
+- refine, ``optimize/refine.py``: local search by cutting planes; ``optimize/final_step.py``: the answer's KKT point
+- certify, ``quality/sandwich.py``: lower and upper bound on mu, for each start and for the answer
+- bound, ``global_bound/branch_and_bound.py``: upper bound on mu over all placements of the contacts
+- analyse, ``analysis/analyse.py``: shadow prices, robustness and other analyses, on request
+
+``_run`` calls them in order; ``pipeline/multistart.py`` has their state, ``pipeline/answer.py`` the choice of a start.
+"""
 
 from __future__ import annotations
 
@@ -40,60 +50,54 @@ def solve(
 ) -> GraspSolution:
     """Find the best grasp over several seeded starts and certify it.
 
-    Candidates come from random tuples of surface samples, whose contacts are exchanged one at a time; hands with a pose
-    of their own do so over what their fingers reach from many palms. Each start refines its own candidates by cutting
-    planes in a trust region, whose steps are quadratic programs of the program's linearisation with the Lagrangian's
-    curvature, or IPOPT's where the program holds forces. Their ends are certified on the body itself, and the links of
-    a hand are measured there. The answer is the start with the best certified bounds whose hand is free and comes to it
-    freely, if any is. A branch and bound over all placements, where it covers the problem, bounds mu from above:
-    ``solution.gap`` says how far the answer is from the best possible, at most, and with ``SolveOptions(gap=...)`` the
-    search goes on until it is as close as that.
+    Candidates come from coordinate exchange over surface samples; for a hand with a pose of its own, over those within
+    reach from many palm poses. Each start refines its candidates by cutting planes in a trust region and certifies the
+    result on the body itself. The answer is the start with the best certified bounds whose hand and its approach are
+    free of collision, if there is one. A branch and bound, where it covers the problem, bounds mu over all placements:
+    ``solution.gap`` is the relative distance of the answer from the best possible, at most, and with
+    ``SolveOptions(gap=...)`` the search continues until it is that small.
     The same seed gives the same answer with any number of workers (unless a time limit or Ctrl-C cuts the solve short).
 
     Parameters
     ----------
     problem : GraspProblem
-        What is asked.
-    starts : int
-        At least 1.
-    seed : int
-        At least 0.
+        Body, contacts, task, and optional parts.
+    starts, seed : int
+        At least 1; at least 0.
     options : SolveOptions, optional
-        Everything else, with the package's defaults when left out.
+        Further options; the package's defaults when left out.
     keep : int
-        Most grasps that are kept, best first, in ``solution.grasps``; the first is the answer. Others are the distinct
-        ones that starts ended with; where these are too few, grasps that the solve met besides, of at least half the
-        mu of the best, which are no local optima.
+        Number of grasps in ``solution.grasps``, at most, best first; the first is the answer. The others are distinct
+        results of the starts; where these are too few, unrefined candidates of at least half the best mu.
     distinct : float
-        How far apart grasps are that count as two: more than this share (above 0, at most 1) of the body's size, half
-        the diagonal of its bounding box, from contact to contact however they are matched, turned and mirrored as the
-        problem can be; or another pose of the hand.
+        Least distance between kept grasps over the body's size (half the diagonal of its bounding box), above 0, at
+        most 1: the largest distance of matched contacts under any matching and symmetry; or another pose of the hand.
     warm_starts : sequence of Grasp, FoundGrasp or GraspSolution
-        Grasps known already, of the same body and kinds of contacts: each is certified for this problem as it is, and
-        refined, in two more starts. The answer is no worse than any of them that keeps the constraints.
+        Known grasps of the same body and kinds of contacts: each is certified for this problem as it is, and refined,
+        in two further starts. The answer is no worse than any of them that is feasible.
     progress : callable or bool, optional
-        True writes a line to standard error when a start is done: how it ended, the best certified bounds so far, the
-        time. A function is called instead with each finished start's record and these bounds. Silent by default.
+        True writes a line to standard error after each start: its status, the best bounds so far, the time. A function
+        is called instead with the start's record and these bounds. Silent by default.
     throw : bool
-        Raise ``NoGraspError`` (which carries the result) when no grasp was found.
+        Raise ``NoGraspError`` (which carries the solution) when there is no grasp.
 
     Returns
     -------
     GraspSolution
-        Also when no grasp was found: its status says what to do.
+        Also when there is no grasp: its status says why.
 
     Raises
     ------
     InputError
         Before any start, for arguments out of range.
     NoGraspError
-        With ``throw``, when no grasp was found.
+        With ``throw``, when there is no grasp.
 
     Warns
     -----
     UserWarning
-        Once, of a mesh whose smooth surface is far from it beside its walls or the hand's fingertips; once, where IPOPT
-        did not run in some of its calls, with its own status.
+        Once, for a mesh whose smoothed surface is far from it compared with its walls or the hand's fingertips; once,
+        where IPOPT did not run in some of its calls, with its status.
     """
     if not isinstance(problem, GraspProblem):
         raise InputError("problem", problem, NO_PROBLEM)
@@ -104,18 +108,18 @@ def solve(
     check_hand("SolveOptions.analyses", options.analyses, problem.hand)
     warn_of_smoothing(problem.body, problem.hand)
     keeping = KeepOptions(keep, distinct)
-    listener = progress_callback(progress, starts)
-    known = check_warm_starts(problem, warm_starts)
+    callback = progress_callback(progress, starts)
+    known_grasps = check_warm_starts(problem, warm_starts)
     runner = StartRunner.with_kept_programs(problem, options.narrow(), starts)
-    solution = _run(runner, seed, keeping, listener, known)
+    solution = _run(runner, seed, keeping, callback, known_grasps)
     runner.keep_programs()
     if throw and not solution.success:
         raise NoGraspError(solution.status.value, solution)
     return solution
 
 
-def solve_again(compiled: CompiledProblem, starts: int, seed: int, keeping: KeepOptions = ONE) -> GraspSolution:
-    """Solve the problem of a workbench in this process: what ``solve`` does, without building programs anew."""
+def solve_compiled(compiled: CompiledProblem, starts: int, seed: int, keeping: KeepOptions = ONE) -> GraspSolution:
+    """Return the solution of a compiled problem, as ``solve`` does, in this process."""
     return _run(StartRunner(compiled.problem, compiled.options, starts, compiled), seed, keeping)
 
 
@@ -126,18 +130,21 @@ def _run(
     progress: Progress | None = None,
     warm_starts: Sequence[KnownGrasp] = (),
 ) -> GraspSolution:
-    """Run all stages of a search; Ctrl-C keeps what was found."""
+    """Return the solution of a search, stage after stage; Ctrl-C ends it early with the best grasp so far."""
     with tempfile.TemporaryDirectory(prefix="nlpgrasp-") as folder:
         search = Multistart(runner, seed, keeping, progress, Path(folder) / "stop")
         with InterruptHandler(search.deadline), single_thread():
-            search.run_starts(warm_starts)
+            search.compile()
+            search.begin_bound()
+            search.refine(search.propose(), warm_starts)  # and certify the result of each start
             search.close_gap()
             search.choose()
-            return search.answer()
+            solution = search.certify(search.bound())
+            return search.analyse(solution)
 
 
 def check_json(data: Json) -> None:
-    """Refuse, before anything is solved, a problem whose result could not be written."""
+    """Refuse a problem that cannot be written as JSON."""
     try:
         json.dumps(data, allow_nan=False)
     except (TypeError, ValueError) as error:

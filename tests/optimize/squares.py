@@ -14,6 +14,6 @@ THREE = GraspCandidate((BOTTOM, BOTTOM, TOP), np.array([[-1.0, -1.0], [1.0, -1.0
 BEST_OF_TWO, BEST_OF_THREE = 1.0 / np.sqrt(5.0), 0.715591  # with friction 0.5; the latter certified to 1e-6
 
 
-def square_bench(k, **fields):
+def compiled_square(k, **fields):
     problem = ng.GraspProblem(SQUARE, [ng.FrictionContact(0.5)] * k, BALL, edge_margin=0.0, **fields)
     return CompiledProblem(problem, ng.SolveOptions(workers=1))

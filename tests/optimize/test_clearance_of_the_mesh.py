@@ -1,4 +1,4 @@
-"""The last step on a mesh: links keep their clearance from the mesh itself, not only from its smooth surface."""
+"""Final step on a mesh: clearance of links from the mesh itself, not only from its smoothed surface."""
 
 import numpy as np
 import pytest

@@ -35,21 +35,21 @@ def test_no_tuple_of_few_samples_is_better(monkeypatch, budget, centre):
     problem = ng.GraspProblem(RECTANGLE, [ng.FrictionContact(0.4)] * 3, task, force_budget=budget)
     tables = CompiledProblem(problem, QUICK).sample_tables
 
-    def quality(one):
-        points, normals = tables.places(one[None])
+    def quality(samples):
+        points, normals = tables.places(samples[None])
         grasp = ng.Grasp(points[0], normals[0], problem.models, problem.origin)
         return ng.mu(grasp, task, 0.01, force_budget=budget).lower
 
-    found = 0.0
+    best = 0.0
     for seed in range(2):
         compiled = CompiledProblem(problem, QUICK)
         search = CoordinateExchange(compiled, compiled.sample_tables, np.random.default_rng(seed))
-        found = max(found, quality(search.search(shakes=3)[0]))
-    every = np.array(list(combinations_with_replacement(range(21), 3)))
-    stack = GraspStack(*tables.places(every), problem.models, problem.origin)
-    promising = every[ng.screen(stack, task, force_budget=budget) > 1.01 * found]
-    assert found > 0.0
-    assert max((quality(one) for one in promising), default=0.0) <= 1.01 * found
+        best = max(best, quality(search.search(perturbations=3)[0]))
+    tuples = np.array(list(combinations_with_replacement(range(21), 3)))
+    stack = GraspStack(*tables.places(tuples), problem.models, problem.origin)
+    promising = tuples[ng.screen(stack, task, force_budget=budget) > 1.01 * best]
+    assert best > 0.0
+    assert max((quality(samples) for samples in promising), default=0.0) <= 1.01 * best
 
 
 def test_readme_box_without_the_bound():
@@ -75,9 +75,9 @@ def test_candidates_keep_coupled_constraints(problem):
     compiled = CompiledProblem(problem, QUICK)
     assert compiled.sample_tables.coupled
     for seed in range(3):
-        found = propose(compiled, np.random.default_rng(seed))
-        assert found
-        assert all(compiled.violation(candidate) <= FEASIBLE for candidate in found)
+        candidates = propose(compiled, np.random.default_rng(seed))
+        assert candidates
+        assert all(compiled.violation(candidate) <= FEASIBLE for candidate in candidates)
 
 
 def test_unlike_contacts_keep_to_their_faces():

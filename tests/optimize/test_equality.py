@@ -1,4 +1,4 @@
-"""Constraints that leave no room for chance: starts are drawn on the set that equalities leave."""
+"""Equality constraints: candidates and solutions on the set of feasible placements."""
 
 import numpy as np
 import pytest
@@ -12,15 +12,15 @@ RECTANGLE = ng.Polygon([[-1.0, -0.5], [1.0, -0.5], [1.0, 0.5], [-1.0, 0.5]])
 TASK = ng.TaskEllipsoid([1.0, 1.0, 0.5], center=[0.0, 0.5, 0.0])
 
 
-def level_problem(room):
-    """Return two fingers above one another, on whichever sides."""
-    level = ng.Constraint("level", lambda p, n: p[0][0] - p[1][0], -room, room)
+def level_problem(tolerance):
+    """Return a problem of two fingers at one horizontal position, on any sides."""
+    level = ng.Constraint("level", lambda p, n: p[0][0] - p[1][0], -tolerance, tolerance)
     return ng.GraspProblem(RECTANGLE, [ng.FrictionContact(0.5)] * 2, TASK, constraints=[level])
 
 
-@pytest.mark.parametrize("room", [0.0, 1e-4])
-def test_starts_keep_an_equality_and_resist(room):
-    compiled = CompiledProblem(level_problem(room), QUICK)
+@pytest.mark.parametrize("tolerance", [0.0, 1e-4])
+def test_starts_keep_an_equality_and_resist(tolerance):
+    compiled = CompiledProblem(level_problem(tolerance), QUICK)
     for seed in range(5):
         candidate = propose(compiled, np.random.default_rng(seed))[0]
         assert compiled.violation(candidate) <= FEASIBLE

@@ -84,10 +84,10 @@ def test_palms_that_violate_constraints_come_last(seed):
 
 
 def test_a_hand_that_holds_the_body_needs_no_first_program(compiled):
-    start = run_start(compiled, 0, 0, Deadline())
-    assert start.effort.calls == 0
-    assert start.on_body.violation <= FEASIBLE
-    assert compiled._first == {}
+    found = run_start(compiled, 0, 0, Deadline())
+    assert found.effort.calls == 0
+    assert found.on_body.violation <= FEASIBLE
+    assert compiled._initial_nlps == {}
 
 
 MESH = ng.Mesh(trimesh.creation.capsule(height=0.05, radius=0.02, count=[16, 16]))

@@ -1,4 +1,4 @@
-"""Candidates of jaws: pairs of samples across the body, against all pairs of a grid."""
+"""Candidates of parallel jaws, compared with all pairs of a grid of contacts."""
 
 import numpy as np
 import pytest
@@ -33,9 +33,9 @@ def problem(body, friction=0.6):
     return ng.GraspProblem(body, [ng.SoftContact(friction, 0.009)] * 2, task, hand=jaws, constraints=[table])
 
 
-def best_of_a_grid(asked, step=0.002):
+def best_of_a_grid(case, step=0.002):
     """The best mu of pairs straight across the angle: through the wall, along the base, and from side to side."""
-    pairs, normals, off = [], [], asked.margin
+    pairs, normals, off = [], [], case.margin
     edge = lambda low, high: np.arange(low + off, high - off + 1e-9, step)  # noqa: E731
     for y in edge(0.0, WIDE):
         for z in edge(max(WALL, CLEAR), HIGH):
@@ -47,37 +47,37 @@ def best_of_a_grid(asked, step=0.002):
     sides += [(x, z) for x in edge(0.0, WALL) for z in edge(WALL, HIGH)]
     pairs += [[[x, 0, z], [x, WIDE, z]] for x, z in sides]
     normals += [[[0, 1, 0], [0, -1, 0]]] * len(sides)
-    stack = ng.GraspStack(np.array(pairs, float), np.array(normals, float), asked.models, asked.origin)
-    bounds = ng.screen(stack, asked.task)
+    stack = ng.GraspStack(np.array(pairs, float), np.array(normals, float), case.models, case.origin)
+    bounds = ng.screen(stack, case.task)
     best = int(np.argmax(bounds))
-    grasp = ng.Grasp(pairs[best], normals[best], asked.models, asked.origin)
-    return ng.mu_tilde(grasp, asked.task).lower
+    grasp = ng.Grasp(pairs[best], normals[best], case.models, case.origin)
+    return ng.mu_tilde(grasp, case.task).lower
 
 
 def test_candidates_are_on_the_mesh_and_keep_the_constraints(angle):
     compiled = CompiledProblem(problem(angle), ng.SolveOptions(workers=1))
-    found = propose(compiled, np.random.default_rng(0))
-    assert len(found) > 1
-    for candidate in found:
-        own, there = fix_to_triangles(compiled, candidate)
+    candidates = propose(compiled, np.random.default_rng(0))
+    assert len(candidates) > 1
+    for candidate in candidates:
+        on_faces, projected = fix_to_triangles(compiled, candidate)
         assert np.max(angle.closest(candidate.points)[2]) <= 1e-9
-        assert own.violation(there) <= FEASIBLE
+        assert on_faces.violation(projected) <= FEASIBLE
         assert np.min(candidate.points[:, 2]) >= CLEAR - 1e-6
 
 
 @pytest.mark.parametrize("seed", first(1, range(6)))
 def test_two_starts_come_to_the_best_of_a_grid(angle, seed):
     """A start that draws at random ends at the thin wall, with an eighth of it."""
-    asked = problem(angle)
-    found = ng.solve(asked, 2, seed, ng.SolveOptions(workers=1, global_bound=False))
-    assert found.mu.upper >= 0.95 * best_of_a_grid(asked)
+    case = problem(angle)
+    solution = ng.solve(case, 2, seed, ng.SolveOptions(workers=1, global_bound=False))
+    assert solution.mu.upper >= 0.95 * best_of_a_grid(case)
 
 
 def test_without_a_pair_that_fits_there_is_no_grasp(angle):
     jaws = ng.ParallelJaw(opening=0.005)  # the wall is 8 mm
-    asked = ng.GraspProblem(angle, [ng.SoftContact(0.6, 0.009)] * 2, problem(angle).task, hand=jaws)
-    found = ng.solve(asked, 1, options=ng.SolveOptions(workers=1, global_bound=False))
-    assert not found.success
+    case = ng.GraspProblem(angle, [ng.SoftContact(0.6, 0.009)] * 2, problem(angle).task, hand=jaws)
+    solution = ng.solve(case, 1, options=ng.SolveOptions(workers=1, global_bound=False))
+    assert not solution.success
 
 
 def test_pairs_to_which_the_way_is_blocked_come_last():
@@ -86,8 +86,8 @@ def test_pairs_to_which_the_way_is_blocked_come_last():
     walls = [ng.Obstacle(ng.Box([0.2, 0.02, 0.3]), position=[0.0, side * 0.045, 0.0]) for side in (1, -1)]
     jaw = ng.ParallelJaw(0.08, finger_length=0.08, finger_thickness=0.01)
     contacts = [ng.SoftContact(0.6, 0.005)] * 2
-    asked = ng.GraspProblem(ng.Box([0.04, 0.06, 0.1]), contacts, task, hand=jaw, constraints=walls)
-    compiled = CompiledProblem(asked, ng.SolveOptions(workers=1))
-    free = [compiled.hand_points.has_free_way(p.points) for p in propose(compiled, np.random.default_rng(0))]
+    case = ng.GraspProblem(ng.Box([0.04, 0.06, 0.1]), contacts, task, hand=jaw, constraints=walls)
+    compiled = CompiledProblem(case, ng.SolveOptions(workers=1))
+    free = [compiled.hand_points.has_free_approach(p.points) for p in propose(compiled, np.random.default_rng(0))]
     assert True in free
     assert free == sorted(free, reverse=True)

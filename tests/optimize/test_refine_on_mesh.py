@@ -10,7 +10,7 @@ import nlpgrasp as ng
 from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
-from nlpgrasp.optimize.coordinate_exchange import AROUND, exchange_nearby
+from nlpgrasp.optimize.coordinate_exchange import NEIGHBOURHOOD, exchange_nearby
 from nlpgrasp.optimize.refine import refine_on_body, refine_on_triangles
 from nlpgrasp.optimize.start import run_start
 
@@ -63,7 +63,7 @@ def test_exchanges_nearby_lead_to_other_triangles():
     candidate = around(compiled, 1)
     first, result = refine_on_triangles(compiled, candidate, Deadline())
     moved = exchange_nearby(compiled, first.candidate, first.grasp, result.point.cuts)
-    assert np.max(np.linalg.norm(moved.points - first.candidate.points, axis=1)) <= AROUND * ball().size + 1e-9
+    assert np.max(np.linalg.norm(moved.points - first.candidate.points, axis=1)) <= NEIGHBOURHOOD * ball().size + 1e-9
     exchanged = refine_on_body(compiled, candidate, Deadline())[0]
     assert ng.mu(exchanged.grasp, TASK).lower > 1.01 * ng.mu(first.grasp, TASK).upper
 

@@ -1,4 +1,4 @@
-"""Which start is the answer."""
+"""Selection of the answer among the starts by certified bounds, and its record."""
 
 import pytest
 
@@ -39,10 +39,10 @@ def test_no_start_is_best_where_none_solved():
 def test_the_winner_is_recorded():
     task, contacts = ng.TaskEllipsoid([1.0] * 3), [ng.FrictionContact(0.5)] * 2
     square = ng.Polygon([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    found = ng.solve(ng.GraspProblem(square, contacts, task), 2, options=ng.SolveOptions(workers=1))
-    winner = found.starts[found.best_start]
-    assert winner.faces == found.faces
-    assert winner.mu.upper == max(s.mu.upper for s in found.starts if s.status is Status.SOLVED)
+    solution = ng.solve(ng.GraspProblem(square, contacts, task), 2, options=ng.SolveOptions(workers=1))
+    winner = solution.starts[solution.best_start]
+    assert winner.faces == solution.faces
+    assert winner.mu.upper == max(s.mu.upper for s in solution.starts if s.status is Status.SOLVED)
 
 
 @pytest.mark.parametrize("workers", first(1, [2, 1]))

@@ -1,4 +1,4 @@
-"""Every force budget and every contact model in the program: solved, certified, written, read and verified."""
+"""Solves with every force budget and contact model: certificates, files, verification."""
 
 from dataclasses import replace
 

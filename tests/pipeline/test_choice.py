@@ -1,4 +1,4 @@
-"""A fragile best start loses to one that is not, and to nothing else."""
+"""Selection of the answer among the starts by robustness."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -17,27 +17,27 @@ from nlpgrasp.solution.records import StartRecord, Status
 from nlpgrasp.solution.start_summary import better_start_text
 
 
-def start(index, mu, left, place=None, status=Status.SOLVED):
-    """Return a start with this mu, of which ``left`` is what its worst placement keeps."""
+def start(index, mu, worst, place=None, status=Status.SOLVED):
+    """Return a start with this mu, and mu ``worst`` under its worst displacement."""
     points = np.array([[float(index if place is None else place), 0.0, 0.0], [0.0, 1.0, 0.0]])
-    found = SimpleNamespace(grasp=SimpleNamespace(points=points), candidate=left)
-    return StartGrasp(StartRecord(index, status, mu=Bounds(0.99 * mu, mu)), found, (), Effort(), None, None)
+    on_body = SimpleNamespace(grasp=SimpleNamespace(points=points), candidate=worst)
+    return StartGrasp(StartRecord(index, status, mu=Bounds(0.99 * mu, mu)), on_body, (), Effort(), None, None)
 
 
 @pytest.fixture
 def looked(monkeypatch):
-    """What robustness was computed of, in order; starts are at local optima already."""
-    seen = []
+    """Starts whose robustness was computed, in order; all are at local optima."""
+    computed = []
 
-    def robustness(compiled, left, grasp):
-        seen.append(left)
-        if left is None:
+    def robustness(compiled, worst, grasp):
+        computed.append(worst)
+        if worst is None:
             raise RuntimeError("no numbers")
-        return Robustness(0.001, 0.1, Bounds(0.99 * left, left), np.zeros((2, 3)), np.zeros((2, 3)))
+        return Robustness(0.001, 0.1, Bounds(0.99 * worst, worst), np.zeros((2, 3)), np.zeros((2, 3)))
 
     monkeypatch.setattr(choice, "robustness", robustness)
     monkeypatch.setattr(choice, "converge_to_optimum", lambda compiled, start, deadline: start)
-    return seen
+    return computed
 
 
 BENCH = SimpleNamespace(scaling=SimpleNamespace(length=1.0), problem=SimpleNamespace(hand=None))
@@ -66,10 +66,10 @@ CASES = {
 @pytest.mark.parametrize("name", CASES)
 def test_the_answer(name, looked):
     results, expected, count = CASES[name]
-    found = choice.choose_start(BENCH, results[0], results, Deadline())
-    assert found.record.index == expected
+    chosen = choice.choose_start(BENCH, results[0], results, Deadline())
+    assert chosen.record.index == expected
     assert len(looked) == count
-    assert (found.robust is None) == (found.on_body.candidate is None)
+    assert (chosen.robust is None) == (chosen.on_body.candidate is None)
 
 
 @pytest.mark.parametrize(("pressing", "expected"), [((0, 1), 0), ((1, 2), 1), ((2,), 2), ((3,), 0), ((), 0)], ids=str)
@@ -131,8 +131,8 @@ def test_a_rounded_rectangle_is_not_held_by_its_corners(workers):
     assert steady.robust.mu.lower > plain.robust.mu.upper
     assert plain.told.startswith("Solved, but fragile: ")
     assert "passed over" in str(steady)
-    for found in (plain, steady):
-        assert ng.verify(found).passed
+    for solution in (plain, steady):
+        assert ng.verify(solution).passed
     data = steady.to_dict()
     data["solver"]["options"]["rank"] = "mu"
     assert [c.name for c in ng.verify(ng.GraspSolution.from_dict(data)).checks if c.failed] == ["outcome"]

@@ -1,4 +1,4 @@
-"""Every kind of body goes through the whole solve."""
+"""Solves with every kind of body."""
 
 import pytest
 

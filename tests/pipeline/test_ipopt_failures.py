@@ -1,4 +1,4 @@
-"""IPOPT that does not run: a linear solver without its library, an option that does not exist."""
+"""Failures of IPOPT: a linear solver without its library, an option that does not exist."""
 
 import json
 import pickle
@@ -47,22 +47,22 @@ def broken(request, monkeypatch):
 
 def test_what_ipopt_returns_without_running_is_the_start(broken):
     compiled = CompiledProblem(problem(), OPTIONS)
-    program = compiled.first.program
+    program = compiled.initial_nlp.program
     start = np.full(len(program.bounds[0]), 0.25)
-    found = compiled.first.solve(start, np.zeros(program.parameters[-1].stop))
-    assert not found.ran
-    assert not found.success
-    assert found.status == broken
-    assert found.iterations == 0  # CasADi's count is not set then
-    np.testing.assert_array_equal(found.z, start)
-    assert not found.multipliers.any()
-    assert Effort.of(found) + Effort.of(found) == Effort(0, 2 * found.seconds, 0.0, 2, {broken: 2})
+    result = compiled.initial_nlp.solve(start, np.zeros(program.parameters[-1].stop))
+    assert not result.ran
+    assert not result.success
+    assert result.status == broken
+    assert result.iterations == 0  # CasADi's count is not set then
+    np.testing.assert_array_equal(result.z, start)
+    assert not result.multipliers.any()
+    assert Effort.of(result) + Effort.of(result) == Effort(0, 2 * result.seconds, 0.0, 2, {broken: 2})
 
 
 def test_a_solve_says_that_ipopt_did_not_run(broken, tmp_path):
-    with pytest.warns(UserWarning, match="IPOPT did not run in") as said:
+    with pytest.warns(UserWarning, match="IPOPT did not run in") as warnings:
         solution = ng.solve(problem(), starts=8, options=OPTIONS)
-    assert len([w for w in said if "IPOPT" in str(w.message)]) == 1
+    assert len([w for w in warnings if "IPOPT" in str(w.message)]) == 1
     calls = solution.solver["ipopt_calls"]
     assert solution.solver["ipopt_failures"] == {broken: calls}
     assert solution.solver["iterations"] == 0
@@ -77,8 +77,8 @@ def test_a_solve_says_that_ipopt_did_not_run(broken, tmp_path):
 def test_a_start_states_it_to_the_process_that_collects_starts(broken):
     """What a worker returns is pickled, and its effort with it: of all steps that the program with forces took."""
     contacts = [ng.SoftContact(0.5, 0.3, "elliptic")] * 3
-    asked = ng.GraspProblem(ng.Sphere(1.0), contacts, ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.3, 0.3, 0.3]))
-    result = pickle.loads(pickle.dumps(run_start(CompiledProblem(asked, OPTIONS), 3, 0, Deadline())))  # noqa: S301
+    problem = ng.GraspProblem(ng.Sphere(1.0), contacts, ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.3, 0.3, 0.3]))
+    result = pickle.loads(pickle.dumps(run_start(CompiledProblem(problem, OPTIONS), 3, 0, Deadline())))  # noqa: S301
     assert result.effort.calls > 0
     assert result.effort.failures == {broken: result.effort.calls}
 
@@ -92,8 +92,10 @@ def test_a_solve_in_which_ipopt_ran_says_nothing(recwarn):
 
 def test_calls_that_ran_are_told_apart():
     solver = {"ipopt_calls": 5, "ipopt_failures": {"Invalid_Option": 1, "Internal_Error": 2}}
-    told = "IPOPT did not run in 3 of 5 calls (Invalid_Option: 1, Internal_Error: 2); the answer comes from the other "
-    assert ipopt_lines(solver) == [f"{told}calls and steps"]
+    message = (
+        "IPOPT did not run in 3 of 5 calls (Invalid_Option: 1, Internal_Error: 2); the answer comes from the other "
+    )
+    assert ipopt_lines(solver) == [f"{message}calls and steps"]
     assert ipopt_lines({"ipopt_calls": 5}) == []
 
 
@@ -131,9 +133,9 @@ def test_worker_processes_state_it_too(tmp_path):
     """The programs are spoilt where the problem is unpacked: in the workers alone."""
     script = tmp_path / "workers.py"
     script.write_text(IN_WORKERS)
-    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=300, check=True)
-    calls, failures = done.stdout.split(maxsplit=1)
+    process = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=300, check=True)
+    calls, failures = process.stdout.split(maxsplit=1)
     assert int(calls) > 0
     assert failures.strip() == f"{{'Invalid_Option': {calls}}}"
-    assert done.stderr.count("UserWarning: IPOPT did not run") == 1
-    assert "workers.py:25: UserWarning" in done.stderr  # the line that called solve
+    assert process.stderr.count("UserWarning: IPOPT did not run") == 1
+    assert "workers.py:25: UserWarning" in process.stderr  # the line that called solve

@@ -1,4 +1,4 @@
-"""A search that takes warm starts between its stages: what they promise is kept, what they break is left out."""
+"""Multistart with warm starts between its stages: certified lower bounds, infeasible grasps, stages."""
 
 from dataclasses import replace
 
@@ -76,34 +76,34 @@ def test_the_answer_is_never_below_what_was_promised():
     """Also where another grasp ties with it within the certificates' gap."""
     search = Multistart(StartRunner(problem(), QUICK, 1), 0)
     search.run_starts()
-    found = search.best.on_body
-    promise = ng.mu(found.grasp, TASK, 1e-4).lower
-    search.add(WarmStart(GraspCandidate(found.candidate.faces, found.grasp.points), found.grasp.normals, promise))
+    on_body = search.best.on_body
+    promise = ng.mu(on_body.grasp, TASK, 1e-4).lower
+    search.add(WarmStart(GraspCandidate(on_body.candidate.faces, on_body.grasp.points), on_body.grasp.normals, promise))
     assert search.floor == promise
     search.take_as_answer(search.best)
     solution = search.answer()
     assert solution.mu.lower >= promise
-    assert solution.mu.upper >= certified(found.grasp.points).lower or solution.success
+    assert solution.mu.upper >= certified(on_body.grasp.points).lower or solution.success
     assert len(solution.starts) == 2
     assert ng.verify(solution)
     assert ng.GraspSolution.from_dict(solution.to_dict()).mu == solution.mu
 
 
 def test_more_candidates_are_apart_allowed_and_begin_with_the_best(compiled):
-    found = propose(compiled, np.random.default_rng(0), starts=2)
-    assert 3 <= len(found) <= 8
-    worth = [certified(candidate.points, 0.01, compiled.inward_normals(candidate)).upper for candidate in found]
-    assert worth[0] == pytest.approx(max(worth), rel=0.02)
-    assert all(compiled.violation(candidate) <= FEASIBLE for candidate in found)
+    candidates = propose(compiled, np.random.default_rng(0), starts=2)
+    assert 3 <= len(candidates) <= 8
+    quality = [certified(candidate.points, 0.01, compiled.inward_normals(candidate)).upper for candidate in candidates]
+    assert quality[0] == pytest.approx(max(quality), rel=0.02)
+    assert all(compiled.violation(candidate) <= FEASIBLE for candidate in candidates)
 
 
 def test_its_answer_has_the_analyses_asked_for():
     search = Multistart(StartRunner(problem(), ng.SolveOptions(workers=1, analyses=("delta",)), 1), 0)
     search.run_starts()
     search.choose()
-    found = search.answer()
-    assert found.delta.lower > 0.0
-    assert found.nu is None
+    solution = search.answer()
+    assert solution.delta.lower > 0.0
+    assert solution.nu is None
 
 
 def test_starts_run_until_the_best_is_proved_to_be_near_the_best_possible():

@@ -1,4 +1,4 @@
-"""The program alone: without the bound over all placements a search finds what it finds with it."""
+"""Solves without the global bound, compared with the default."""
 
 import pytest
 
@@ -25,10 +25,10 @@ PROBLEMS = {
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_it_is_as_good_without_the_bound(name):
     problem = PROBLEMS[name]()
-    default, alone = (
+    default, program_only = (
         ng.solve(problem, starts=2, options=ng.SolveOptions(**OPTIONS, global_bound=bound)) for bound in (True, False)
     )
-    assert alone.mu.upper >= 0.99 * default.mu.upper
-    assert alone.bound is None
-    assert alone.kkt.is_small
+    assert program_only.mu.upper >= 0.99 * default.mu.upper
+    assert program_only.bound is None
+    assert program_only.kkt.is_small
     assert default.kkt.is_small

@@ -1,3 +1,5 @@
+"""``ng.solve``: quality, status, constraints, seeds, time limit, progress, arguments."""
+
 import os
 import re
 import signal
@@ -164,12 +166,12 @@ def test_time_limit_is_honoured_and_keeps_the_best(seconds, workers):
 
 
 def test_progress_sees_every_start():
-    seen = []
+    records = []
     options = ng.SolveOptions(workers=1, rounds=0, rtol=0.5, final_rtol=0.5, global_bound=False)
-    note = lambda record, best: seen.append((record.index, best.lower))  # noqa: E731
+    note = lambda record, best: records.append((record.index, best.lower))  # noqa: E731
     ng.solve(ellipsoid(), starts=2, options=options, progress=note)
-    assert [index for index, _ in seen] == [0, 1]
-    assert seen[1][1] >= seen[0][1] > 0.0
+    assert [index for index, _ in records] == [0, 1]
+    assert records[1][1] >= records[0][1] > 0.0
 
 
 def test_progress_writes_a_line_a_start_where_it_is_asked_for(capsys):
@@ -207,8 +209,8 @@ print("mu", ng.solve(problem, starts=2, options=options).mu.lower > 0.1)
 def test_a_script_without_a_main_guard_may_use_workers(tmp_path):
     path = tmp_path / "script.py"
     path.write_text(SCRIPT)
-    done = subprocess.run([sys.executable, str(path)], capture_output=True, text=True, timeout=120)
-    assert (done.returncode, done.stdout) == (0, "mu True\n"), done.stderr
+    process = subprocess.run([sys.executable, str(path)], capture_output=True, text=True, timeout=120)
+    assert (process.returncode, process.stdout) == (0, "mu True\n"), process.stderr
 
 
 @pytest.mark.slow
@@ -266,9 +268,9 @@ def test_the_answer_does_not_depend_on_the_number_of_threads():
     for threads in ("1", "2", "4"):
         environment = {**os.environ, "OMP_NUM_THREADS": threads, "OPENBLAS_NUM_THREADS": threads}
         command = [sys.executable, "-c", THREADS]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment)
-        assert done.returncode == 0, done.stderr
-        answers.add(done.stdout)
+        process = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment)
+        assert process.returncode == 0, process.stderr
+        answers.add(process.stdout)
     assert len(answers) == 1
 
 

@@ -1,4 +1,4 @@
-"""Tasks of every kind in a solve; what the paper says of the ready problems."""
+"""Solves with every kind of task; statements of the paper on the ready problems."""
 
 import numpy as np
 import pytest
@@ -30,10 +30,10 @@ def problem(task):
 @pytest.mark.parametrize("name", KINDS)
 def test_every_kind_of_task_is_solved_and_verified_from_its_file(name, tmp_path):
     options = ng.SolveOptions(workers=1, rtol=0.05, final_rtol=0.02)
-    found = ng.solve(problem(KINDS[name]), 3, options=options)
-    assert found.mu.lower > 0.0
-    assert ng.verify(found.save(tmp_path / "task.json"), rtol=0.05).passed
-    for wrench, forces in found.forces:
+    solution = ng.solve(problem(KINDS[name]), 3, options=options)
+    assert solution.mu.lower > 0.0
+    assert ng.verify(solution.save(tmp_path / "task.json"), rtol=0.05).passed
+    for wrench, forces in solution.forces:
         np.testing.assert_allclose(forces.sum(axis=0), wrench[:3], atol=1e-6 * np.linalg.norm(wrench))
 
 

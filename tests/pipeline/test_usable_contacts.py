@@ -1,4 +1,4 @@
-"""Random solves over all bodies: no contact near an edge, none buried, no fingertip in the body."""
+"""Random solves over all bodies: edge margins, contacts on the surface, fingertip clearance."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Fingers that walk over a mesh: they touch it, overlap it nowhere, and the grasp exerts more than before."""
+"""Coordinate exchange of a hand's fingers on a mesh: contact without penetration, higher quality."""
 
 from functools import cache
 
@@ -10,7 +10,7 @@ import nlpgrasp as ng
 from nlpgrasp.common.deadline import Deadline
 from nlpgrasp.optimize import propose as posed
 from nlpgrasp.optimize.compiled_problem import CompiledProblem
-from nlpgrasp.optimize.finger_exchange import walked
+from nlpgrasp.optimize.finger_exchange import exchange_fingers
 from nlpgrasp.optimize.grasp_on_body import GraspOnBody
 from nlpgrasp.optimize.projection import TOUCHING, project_onto_body
 from nlpgrasp.optimize.propose import propose, touch_candidates
@@ -31,14 +31,18 @@ def compiled():
 
 
 def moved(compiled, seed):
-    """A hand in a random pose around a can that touches its mesh, and the same after its fingers walked."""
+    """Return a compiled problem, a hand in contact with a mesh of a cylinder, and the hand after finger exchange."""
     with pytest.MonkeyPatch.context() as unexchanged:
-        unexchanged.setattr(posed, "_exchanged", lambda *_: [])
+        unexchanged.setattr(posed, "_exchange_within_reach", lambda *_: [])
         rng = np.random.default_rng(seed)
         start = touch_candidates(compiled, propose(compiled, rng), rng, Deadline())[0]
-    _, start, left = project_onto_body(compiled, start)
-    assert left <= TOUCHING
-    return compiled, start, walked(compiled, start, normals_at(compiled, start), np.random.default_rng(0), Deadline())
+    _, start, residual = project_onto_body(compiled, start)
+    assert residual <= TOUCHING
+    return (
+        compiled,
+        start,
+        exchange_fingers(compiled, start, normals_at(compiled, start), np.random.default_rng(0), Deadline()),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -58,9 +62,9 @@ def mu_of(compiled, candidate):
 @pytest.mark.slow
 def test_walks_lead_to_better_grasps(held, compiled):
     """By 12 % in the mean over these four seeds; never to a worse one, within certificates."""
-    each = [held, *(moved(compiled, seed) for seed in (1, 2, 3))]
+    cases = [held, *(moved(compiled, seed) for seed in (1, 2, 3))]
     gains = [
-        1.0 if end is None else mu_of(compiled, end).lower / mu_of(compiled, start).upper for _, start, end in each
+        1.0 if end is None else mu_of(compiled, end).lower / mu_of(compiled, start).upper for _, start, end in cases
     ]
     assert min(gains) > 0.998
     assert np.mean(gains) > 1.08
@@ -71,13 +75,13 @@ def test_fingertips_touch_the_mesh_and_overlap_it_nowhere(held):
     compiled, _, end = held
     links = solution_links(FOUR, compiled.hand_points.hand.describe(end.hand))
     centres = np.array([links[name][:3, 3] for name in FOUR_TIPS])
-    every = [
+    closest = [
         trimesh.triangles.closest_point(the_mesh().mesh.triangles, np.tile(c, (len(the_mesh().mesh.faces), 1)))
         for c in centres
     ]
-    apart = [np.linalg.norm(near - c, axis=1) for near, c in zip(every, centres, strict=True)]
-    distance = np.array([d.min() for d in apart])
-    nearest = np.array([near[d.argmin()] for near, d in zip(every, apart, strict=True)])
+    distances = [np.linalg.norm(points - c, axis=1) for points, c in zip(closest, centres, strict=True)]
+    distance = np.array([d.min() for d in distances])
+    nearest = np.array([points[d.argmin()] for points, d in zip(closest, distances, strict=True)])
     np.testing.assert_allclose(distance, list(FOUR_TIPS.values()), atol=2e-5)
     np.testing.assert_allclose(nearest, end.points, atol=1e-6)
     np.testing.assert_allclose(normals_at(compiled, end), (nearest - centres) / distance[:, None], atol=1e-6)
@@ -94,14 +98,14 @@ def test_the_palm_stays_and_joints_keep_their_limits(held):
 
 def test_constraints_are_kept_on_the_mesh(held):
     compiled, start, end = held
-    broken = [
+    violations = [
         GraspOnBody.of(compiled, h, compiled.grasp_at(h.points, normals_at(compiled, h))).violation
         for h in (start, end)
     ]
-    assert broken[1] <= max(1e-4, broken[0])
+    assert violations[1] <= max(1e-4, violations[0])
 
 
 def test_a_stop_leaves_the_hand_where_it_is(held):
     compiled, start, _ = held
     rng = np.random.default_rng(0)
-    assert walked(compiled, start, normals_at(compiled, start), rng, Deadline(deadline=0.0)) is None
+    assert exchange_fingers(compiled, start, normals_at(compiled, start), rng, Deadline(deadline=0.0)) is None

@@ -1,4 +1,4 @@
-"""Free ways in rank before blocked ones: the answer, the grasps kept beside it, and what is said of both."""
+"""Rank of grasps by a collision-free approach: the answer, the other kept grasps, messages."""
 
 from dataclasses import replace
 
@@ -51,7 +51,7 @@ def test_it_is_said_why_a_better_start_is_passed_over(solution):
 
 
 def test_grasps_kept_are_in_this_order_too(solution):
-    free = [not float(found.hand["approach"]["depth"]) > 1e-3 for found in solution.grasps]
+    free = [not float(grasp.hand["approach"]["depth"]) > 1e-3 for grasp in solution.grasps]
     assert free == sorted(free, reverse=True)
     assert True in free
     assert False in free
@@ -60,8 +60,8 @@ def test_grasps_kept_are_in_this_order_too(solution):
 def test_it_is_verified_and_a_lie_about_the_passed_over_start_is_found(solution):
     assert ng.verify(solution)
     cleared = tuple(replace(start, obstruction="") for start in solution.starts)
-    found = ng.verify(replace(solution, starts=cleared))
-    assert [check.name for check in found.checks if check.failed] == ["outcome"]
+    verification = ng.verify(replace(solution, starts=cleared))
+    assert [check.name for check in verification.checks if check.failed] == ["outcome"]
 
 
 def test_where_no_way_is_free_the_best_one_stays_and_says_so(walled):

@@ -1,4 +1,4 @@
-"""A solve that keeps many grasps: what they promise, in memory, in files, in exports, under edits."""
+"""Distinct grasps of one solve: certificates, order, files, exports, verification of edited files."""
 
 import csv
 import io
@@ -52,30 +52,30 @@ def test_each_is_certified_sound_ones_first(solution):
     for fragile in (False, True):
         lower = [f.mu.lower for f in others if f.is_fragile is fragile]
         assert lower == sorted(lower, reverse=True)
-    best = max(found.mu.lower for found in solution.grasps)
-    for found in solution.grasps:
-        again = ng.mu(found.grasp, TASK, seed=5)
-        assert found.mu.lower <= again.upper
-        assert again.lower <= found.mu.upper
-        assert found.robust.mu.lower <= found.mu.upper
-        assert found.needed.budget.upper == pytest.approx(1.0 / found.mu.lower)
-        assert found.start is not None or found.mu.lower >= 0.5 * best
+    best = max(grasp.mu.lower for grasp in solution.grasps)
+    for grasp in solution.grasps:
+        again = ng.mu(grasp.grasp, TASK, seed=5)
+        assert grasp.mu.lower <= again.upper
+        assert again.lower <= grasp.mu.upper
+        assert grasp.robust.mu.lower <= grasp.mu.upper
+        assert grasp.needed.budget.upper == pytest.approx(1.0 / grasp.mu.lower)
+        assert grasp.start is not None or grasp.mu.lower >= 0.5 * best
 
 
 def test_they_are_apart_in_every_order_and_mirror(solution, problem):
     mirrors = [np.diag(signs) for signs in product((1.0, -1.0), repeat=3)]
-    for one, other in combinations(solution.grasps, 2):
-        p, q = one.grasp.points, other.grasp.points
+    for a, b in combinations(solution.grasps, 2):
+        p, q = a.grasp.points, b.grasp.points
         for R, order in product(mirrors, permutations(range(4))):
             assert np.max(np.linalg.norm(p @ R - q[list(order)], axis=1)) > DISTINCT * problem.body.size
 
 
 @pytest.mark.slow
 def test_a_solve_that_keeps_one_finds_the_same_answer(solution, problem):
-    alone = ng.solve(problem, starts=3, options=ng.SolveOptions(workers=1))
-    assert len(alone.grasps) == 1
-    assert "grasps" not in alone.to_dict()
-    assert np.array_equal(alone.grasp.points, solution.grasp.points)
+    single = ng.solve(problem, starts=3, options=ng.SolveOptions(workers=1))
+    assert len(single.grasps) == 1
+    assert "grasps" not in single.to_dict()
+    assert np.array_equal(single.grasp.points, solution.grasp.points)
 
 
 def test_a_file_holds_all_of_them(solution, data, tmp_path):
@@ -88,11 +88,11 @@ def test_a_file_holds_all_of_them(solution, data, tmp_path):
 def test_a_task_of_another_scale_round_trips():
     task = ng.TaskEllipsoid.from_quadratic(np.eye(3), np.zeros(3), 2.0)
     square = ng.GraspProblem(ng.Polygon([[-1, -1], [1, -1], [1, 1], [-1, 1]]), [ng.FrictionContact(0.5)] * 2, task)
-    found = ng.solve(square, starts=2, options=ng.SolveOptions(workers=1), keep=3)
-    told = json.loads(json.dumps(found.to_dict()))
+    solution = ng.solve(square, starts=2, options=ng.SolveOptions(workers=1), keep=3)
+    stated = json.loads(json.dumps(solution.to_dict()))
     assert task.paper_beta != 1.0
-    assert GraspSolution.from_dict(told).to_dict() == told
-    assert ng.verify(GraspSolution.from_dict(told))
+    assert GraspSolution.from_dict(stated).to_dict() == stated
+    assert ng.verify(GraspSolution.from_dict(stated))
 
 
 @pytest.mark.slow
@@ -100,31 +100,31 @@ def test_a_file_with_fewer_passes(data):
     assert ng.verify(GraspSolution.from_dict({**data, "grasps": data["grasps"][:3]}))
 
 
-def kept(i, *way):
-    return ["grasps", i, *way]
+def grasp_path(i, *keys):
+    return ["grasps", i, *keys]
 
 
 EDITS = {
-    "the first": put(kept(0, "quality", "mu", "lower"), lambda v: 0.99 * v),
-    "position along the face": put(kept(1, "grasp", "contacts", 0, "position"), lambda p: [v + 1e-3 for v in p]),
-    "friction": put(kept(2, "grasp", "contacts", 1, "friction"), 0.9),
-    "face": put(kept(1, "grasp", "contacts", 0, "face"), "lid"),
-    "mu": put(kept(2, "quality", "mu", "lower"), lambda v: 1.05 * v),
-    "what is left": put(kept(1, "quality", "robust", "share"), 0.9),
-    "forces": put(kept(1, "forces", 0, "forces", 0), [1.0, 2.0, 3.0]),
-    "forces needed": put(kept(2, "quality", "forces_needed", "total"), 1.0),
+    "the first": put(grasp_path(0, "quality", "mu", "lower"), lambda v: 0.99 * v),
+    "position along the face": put(grasp_path(1, "grasp", "contacts", 0, "position"), lambda p: [v + 1e-3 for v in p]),
+    "friction": put(grasp_path(2, "grasp", "contacts", 1, "friction"), 0.9),
+    "face": put(grasp_path(1, "grasp", "contacts", 0, "face"), "lid"),
+    "mu": put(grasp_path(2, "quality", "mu", "lower"), lambda v: 1.05 * v),
+    "what is left": put(grasp_path(1, "quality", "robust", "share"), 0.9),
+    "forces": put(grasp_path(1, "forces", 0, "forces", 0), [1.0, 2.0, 3.0]),
+    "forces needed": put(grasp_path(2, "quality", "forces_needed", "total"), 1.0),
     "twice the same": lambda d: d["grasps"].__setitem__(2, d["grasps"][1]),
-    "an edge margin": put(kept(2, "constraints", 0, "value"), 0.005),
-    "another start": put(kept(1, "start"), 99),
+    "an edge margin": put(grasp_path(2, "constraints", 0, "value"), 0.005),
+    "another start": put(grasp_path(1, "start"), 99),
     "fewer were asked for": put(["solver", "keep"], 2),
 }
 
 
 @pytest.mark.parametrize("name", every(4, EDITS))
 def test_an_edit_of_a_grasp_kept_is_seen(name, data):
-    few = {**data, "grasps": data["grasps"][:3]}
-    changed = edited(few, EDITS[name])
-    assert changed != few
+    first_three = {**data, "grasps": data["grasps"][:3]}
+    changed = edited(first_three, EDITS[name])
+    assert changed != first_three
     try:
         assert not ng.verify(GraspSolution.from_dict(changed))
     except ng.InputError as error:
@@ -133,32 +133,32 @@ def test_an_edit_of_a_grasp_kept_is_seen(name, data):
 
 def test_one_is_selected_as_a_solution_of_its_own(solution):
     top = solution.grasps[3]
-    chosen = solution.select(lambda found: found.mu.upper <= top.mu.upper)
+    chosen = solution.select(lambda grasp: grasp.mu.upper <= top.mu.upper)
     assert chosen.grasp is not solution.grasp
     assert chosen.mu.upper <= top.mu.upper
     assert len(chosen.grasps) == 1
     assert chosen.best_start == chosen.grasps[0].start
     assert ng.verify(chosen)
-    whole = ng.analyse(chosen, "delta")
-    assert whole.delta.lower > 0.0
+    analysed = ng.analyse(chosen, "delta")
+    assert analysed.delta.lower > 0.0
 
 
 def test_the_answer_selected_keeps_all_that_is_known_of_it(solution):
-    chosen = solution.select(lambda found: True)
+    chosen = solution.select(lambda grasp: True)
     assert (chosen.delta, chosen.prices, chosen.others) == (solution.delta, solution.prices, ())
 
 
-def fails(found):
+def fails(grasp):
     raise RuntimeError("the arm is not connected")
 
 
 @pytest.mark.parametrize(
     ("accepts", "message"),
     [
-        (lambda found: False, "select: got a function that is true for none of 8 grasps"),
+        (lambda grasp: False, "select: got a function that is true for none of 8 grasps"),
         (fails, "select, at grasps[0]: got RuntimeError: the arm is not connected"),
-        (lambda found: None, "select, at grasps[0]: got None, expected True or False"),
-        (lambda found: 1, "select, at grasps[0]: got 1, expected True or False"),
+        (lambda grasp: None, "select, at grasps[0]: got None, expected True or False"),
+        (lambda grasp: 1, "select, at grasps[0]: got 1, expected True or False"),
         ("reachable", "select: got reachable, expected a function"),
     ],
 )
@@ -188,9 +188,9 @@ def test_the_table_in_print_names_each(solution):
 
 
 def test_fewer_than_were_asked_for_are_counted(solution):
-    asked = replace(solution, solver={**solution.solver, "keep": 50})
-    told = f"{len(solution.grasps)} of the 50 grasps asked for: more starts, or a smaller distinct, may find others"
-    assert told in str(asked)
+    incomplete = replace(solution, solver={**solution.solver, "keep": 50})
+    message = f"{len(solution.grasps)} of the 50 grasps asked for: more starts, or a smaller distinct, may find others"
+    assert message in str(incomplete)
     assert "asked for" not in str(solution)
 
 
@@ -205,7 +205,7 @@ def test_a_table_of_several_is_read_grasp_by_grasp(solution, tmp_path):
     path = tmp_path / "contacts.csv"
     path.write_bytes(format_named("csv").export(solution))
     read = list(reader_of(path).read(path, ReadOptions()))
-    assert [given.name for given in read] == [f"contacts.csv, grasp {i}" for i in range(KEEP)]
+    assert [item.name for item in read] == [f"contacts.csv, grasp {i}" for i in range(KEEP)]
     assert all(np.array_equal(r.grasp.points, f.grasp.points) for r, f in zip(read, solution.grasps, strict=True))
     with pytest.raises(ng.InputError, match="grasp: got 8 grasps, expected one"):
         read_contacts_csv(path)
@@ -215,4 +215,4 @@ def test_files_of_kinds_that_nobody_knows_are_refused(data):
     from nlpgrasp.solution.file import parse
 
     with pytest.raises(ng.InputError, match=r"grasps.1.grasp.contacts.0.model"):
-        parse(json.dumps(edited(data, put(kept(1, "grasp", "contacts", 0, "model"), "magnet"))), "F.json")
+        parse(json.dumps(edited(data, put(grasp_path(1, "grasp", "contacts", 0, "model"), "magnet"))), "F.json")

@@ -1,4 +1,4 @@
-"""The bound of a solve over all placements, and gaps that are closed."""
+"""Global bound of a solve: gap, certificate in files, status, further starts."""
 
 import json
 import math
@@ -31,8 +31,8 @@ def test_a_solution_says_how_far_it_is_from_the_best():
     assert solution.mu.lower <= 0.44721 * (1 + 1e-4) <= solution.best_possible * (1 + 2e-4)
     assert solution.gap == pytest.approx(solution.best_possible / solution.mu.lower - 1, rel=1e-12)
     assert f"no placement is more than {format_upper(100.0 * solution.gap)}% better" in str(solution)
-    kept = ng.GraspSolution.from_dict(solution.to_dict())
-    assert (kept.best_possible, kept.gap) == (solution.best_possible, solution.gap)
+    restored = ng.GraspSolution.from_dict(solution.to_dict())
+    assert (restored.best_possible, restored.gap) == (solution.best_possible, solution.gap)
 
 
 def test_a_gap_is_closed_and_the_status_says_so(tmp_path):
@@ -48,21 +48,21 @@ def test_a_large_certificate_goes_to_a_file_beside_the_solution(tmp_path, monkey
     assert list(solution.save(tmp_path / "small.json").parent.iterdir()) == [tmp_path / "small.json"]
     monkeypatch.setattr("nlpgrasp.solution.quality_record.SMALL", 150)
     assert "certificate" not in solution.to_dict()["quality"]["best_possible"]
-    path, beside = solution.save(tmp_path / "square.json"), tmp_path / "square.bound.json"
+    path, bound_file = solution.save(tmp_path / "square.json"), tmp_path / "square.bound.json"
     stated = json.loads(path.read_text())["quality"]["best_possible"]
     assert stated["certificate"]["file"] == "square.bound.json"
     assert stated["upper"] == solution.best_possible
-    found = ng.verify(path)
-    assert found.passed, str(found)
-    assert {check.name for check in found.checks if check.made} >= {"bound, leaves", "bound, upper"}
-    assert ng.verify(beside).passed, str(ng.verify(beside))
+    verification = ng.verify(path)
+    assert verification.passed, str(verification)
+    assert {check.name for check in verification.checks if check.made} >= {"bound, leaves", "bound, upper"}
+    assert ng.verify(bound_file).passed, str(ng.verify(bound_file))
     again = ng.GraspSolution.load(path)
     assert again.save(tmp_path / "again.json").read_text() == path.read_text()
-    beside.write_text(beside.read_text().replace('"nodes":', '"nodes": '))
+    bound_file.write_text(bound_file.read_text().replace('"nodes":', '"nodes": '))
     assert not ng.verify(path).passed
-    beside.unlink()
-    left = {check.name: check for check in ng.verify(path).checks}
-    assert not left["bound"].made
+    bound_file.unlink()
+    checks = {check.name: check for check in ng.verify(path).checks}
+    assert not checks["bound"].made
 
 
 @pytest.mark.slow
@@ -155,9 +155,9 @@ def test_a_file_that_lies_about_the_bound_is_not_verified(changes, check):
     data = ng.solve(square(), starts=1, options=ng.SolveOptions(**QUICK)).to_dict()
     quality = data["quality"]
     assert ng.verify(ng.GraspSolution.from_dict(data))
-    lie = {**quality["best_possible"], **changes(quality["best_possible"], quality["mu"]["lower"])}
-    told = ng.verify(ng.GraspSolution.from_dict({**data, "quality": {**quality, "best_possible": lie}}))
-    assert check in [c.name for c in told.checks if not c.passed]
+    edited = {**quality["best_possible"], **changes(quality["best_possible"], quality["mu"]["lower"])}
+    verification = ng.verify(ng.GraspSolution.from_dict({**data, "quality": {**quality, "best_possible": edited}}))
+    assert check in [c.name for c in verification.checks if not c.passed]
 
 
 def test_the_same_seed_gives_the_same_answer_and_bound():
@@ -177,9 +177,9 @@ def test_starts_go_on_from_what_the_bound_rests_on():
     for points in placements:
         assert points.shape == (3, 2)
         assert np.allclose(np.max(np.abs(points), axis=1), 1.0)  # on the square
-    found = run_start(CompiledProblem(problem, ng.SolveOptions()), 0, 0, Deadline(), placements)
-    assert found.record.origin is CandidateOrigin.BOUND
-    assert found.record.mu.upper == pytest.approx(solution.mu.upper, rel=1e-3)
+    start = run_start(CompiledProblem(problem, ng.SolveOptions()), 0, 0, Deadline(), placements)
+    assert start.record.origin is CandidateOrigin.BOUND
+    assert start.record.mu.upper == pytest.approx(solution.mu.upper, rel=1e-3)
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""The weakest directions of grasps of a square whose quality is known."""
+"""Weakest directions of grasps with known quality on a square."""
 
 import numpy as np
 import pytest
@@ -9,40 +9,40 @@ from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.cutting_planes import find_weaker, weakest_at
 from nlpgrasp.quality.weakest_directions import QUICK, THOROUGH, weakest_directions
 from nlpgrasp.quality.wrench_set import WrenchSet
-from tests.optimize.squares import BALL, BEST_OF_THREE, BEST_OF_TWO, THREE, TWO, square_bench
+from tests.optimize.squares import BALL, BEST_OF_THREE, BEST_OF_TWO, THREE, TWO, compiled_square
 from tests.quick import first
 
 
 @pytest.mark.parametrize("descents", [THOROUGH, QUICK], ids=["thorough", "quick"])
 @pytest.mark.parametrize(("candidate", "expected"), [(TWO, BEST_OF_TWO), (THREE, BEST_OF_THREE)], ids=["two", "three"])
 def test_the_least_ratio_is_the_quality(candidate, expected, descents, rng):
-    compiled = square_bench(len(candidate.points))
-    found = weakest_at(compiled, candidate, rng, descents=descents)
-    assert found.value == pytest.approx(expected, abs=1e-5)
+    compiled = compiled_square(len(candidate.points))
+    weakest = weakest_at(compiled, candidate, rng, descents=descents)
+    assert weakest.value == pytest.approx(expected, abs=1e-5)
 
 
 @pytest.mark.parametrize("candidate", [TWO, THREE], ids=["two", "three"])
 def test_directions_have_unit_reach_and_come_weakest_first(candidate, rng):
-    compiled = square_bench(len(candidate.points))
-    found = weakest_at(compiled, candidate, rng)
-    np.testing.assert_allclose(BALL.support(found.directions)[0], 1.0, rtol=1e-12)
-    ratios = compiled.wrench_set(candidate).support(found.directions)[0]
-    assert ratios[0] == pytest.approx(found.value, rel=1e-9)
+    compiled = compiled_square(len(candidate.points))
+    weakest = weakest_at(compiled, candidate, rng)
+    np.testing.assert_allclose(BALL.support(weakest.directions)[0], 1.0, rtol=1e-12)
+    ratios = compiled.wrench_set(candidate).support(weakest.directions)[0]
+    assert ratios[0] == pytest.approx(weakest.value, rel=1e-9)
     assert np.all(np.diff(ratios) >= -1e-9)
 
 
 def test_known_directions_are_begun_from(rng):
     """With hardly a fresh direction the search still finds what it was told of."""
-    compiled = square_bench(3)
-    told = weakest_at(compiled, THREE, rng).directions[:1]
-    again = weakest_at(compiled, THREE, rng, known=told, descents=QUICK)
-    assert again.value <= compiled.wrench_set(THREE).support(told)[0][0] + 1e-12
+    compiled = compiled_square(3)
+    known = weakest_at(compiled, THREE, rng).directions[:1]
+    again = weakest_at(compiled, THREE, rng, known=known, descents=QUICK)
+    assert again.value <= compiled.wrench_set(THREE).support(known)[0][0] + 1e-12
 
 
 def test_a_grasp_that_resists_nothing_has_value_zero(rng):
     """Both contacts push the same way."""
     candidate = GraspCandidate((TWO.faces[0],) * 2, np.array([[-0.5, -1.0], [0.5, -1.0]]))
-    assert weakest_at(square_bench(2), candidate, rng).value == pytest.approx(0.0, abs=1e-9)
+    assert weakest_at(compiled_square(2), candidate, rng).value == pytest.approx(0.0, abs=1e-9)
 
 
 TASKS = {
@@ -63,21 +63,21 @@ def test_descents_agree_with_certificates(task):
         normals = -u / axes / np.linalg.norm(u / axes, axis=1)[:, None]
         grasp = ng.Grasp(u * axes, normals, [ng.FrictionContact(0.7)] * 4)
         bounds = ng.mu(grasp, task, 0.005)
-        found = weakest_directions(grasp, task, L2Budget(), rng).value
-        assert found >= bounds.lower * (1.0 - 1e-9)
+        weakest = weakest_directions(grasp, task, L2Budget(), rng).value
+        assert weakest >= bounds.lower * (1.0 - 1e-9)
         if bounds.lower > 1e-3:
-            off.append(found / bounds.upper - 1.0)
+            off.append(weakest / bounds.upper - 1.0)
     assert len(off) > 20
     assert np.median(off) < 1e-3
     assert np.mean(np.array(off) > 0.01) <= 0.05
 
 
 def test_a_polytope_finds_what_descents_missed():
-    compiled = square_bench(3)
-    found, _ = find_weaker(compiled, THREE, 1.3 * BEST_OF_THREE)
-    assert found is not None
-    assert found.value == pytest.approx(BEST_OF_THREE, rel=0.01)
-    np.testing.assert_allclose(BALL.support(found.directions)[0], 1.0, rtol=1e-12)
+    compiled = compiled_square(3)
+    weakest, _ = find_weaker(compiled, THREE, 1.3 * BEST_OF_THREE)
+    assert weakest is not None
+    assert weakest.value == pytest.approx(BEST_OF_THREE, rel=0.01)
+    np.testing.assert_allclose(BALL.support(weakest.directions)[0], 1.0, rtol=1e-12)
     assert find_weaker(compiled, THREE, BEST_OF_THREE)[0] is None
 
 

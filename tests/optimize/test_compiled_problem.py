@@ -1,4 +1,4 @@
-"""What the workbench says of a placed state, and what a change of task leaves alone."""
+"""Compiled problem: grasp, violation and variables of a candidate; parts shared with other tasks."""
 
 import numpy as np
 import pytest
@@ -7,11 +7,11 @@ import nlpgrasp as ng
 from nlpgrasp.optimize.candidate import GraspCandidate
 from nlpgrasp.optimize.compiled_problem import CompiledProblem, candidate_of, contact_points, hand_of, pack_variables
 from tests.hands.urdf import four_finger_hand
-from tests.optimize.squares import BEST_OF_TWO, SQUARE, TWO, square_bench
+from tests.optimize.squares import BEST_OF_TWO, SQUARE, TWO, compiled_square
 
 
 def test_a_placed_state_as_a_grasp():
-    compiled = square_bench(2)
+    compiled = compiled_square(2)
     np.testing.assert_allclose(compiled.inward_normals(TWO), [[0.0, 1.0], [0.0, -1.0]], atol=1e-12)
     assert ng.mu(compiled.grasp(TWO), compiled.problem.task, 1e-4).upper == pytest.approx(BEST_OF_TWO, abs=1e-5)
     above = GraspCandidate(TWO.faces, TWO.points + np.array([[0.1, -0.2], [0.2, 0.3]]))
@@ -19,7 +19,7 @@ def test_a_placed_state_as_a_grasp():
 
 
 def test_the_violation_is_relative_to_the_rows_scale():
-    compiled = square_bench(2, constraints=[ng.Constraint("right", lambda p, n: p[1][0], 0.1, np.inf)])
+    compiled = compiled_square(2, constraints=[ng.Constraint("right", lambda p, n: p[1][0], 0.1, np.inf)])
     scale = compiled.rows.named[0].scale
     assert compiled.violation(TWO) == pytest.approx(0.1 / scale, rel=1e-9)
     np.testing.assert_allclose(compiled.row_values(TWO, compiled.inward_normals(TWO)), [0.0], atol=1e-12)
@@ -27,16 +27,16 @@ def test_the_violation_is_relative_to_the_rows_scale():
 
 
 def test_a_state_that_is_nowhere_violates_everything():
-    assert square_bench(2).violation(GraspCandidate(TWO.faces, np.full((2, 2), np.nan))) == np.inf
+    assert compiled_square(2).violation(GraspCandidate(TWO.faces, np.full((2, 2), np.nan))) == np.inf
 
 
 def test_another_task_leaves_programs_and_samples_alone():
-    compiled = square_bench(2)
+    compiled = compiled_square(2)
     problem = ng.GraspProblem(SQUARE, [ng.FrictionContact(0.5)] * 2, ng.TaskEllipsoid([2.0, 2.0, 2.0]))
     other = compiled.with_task(problem)
     assert other.cutting_planes.functions is compiled.cutting_planes.functions
     assert other.surface is compiled.surface
-    assert other.first is compiled.first  # it looks at as many wrenches
+    assert other.initial_nlp is compiled.initial_nlp  # with as many task samples
     assert other.scaling.task == pytest.approx(2.0 * compiled.scaling.task)
 
 

@@ -1,4 +1,4 @@
-"""The local optimum at the end of a search: residuals by differences, curvature, triangles of meshes, reasons."""
+"""KKT point at the end of a search: residuals by differences, curvature, triangles of meshes, reasons."""
 
 from dataclasses import replace
 
@@ -44,9 +44,9 @@ SLOW = ("hand", "mesh", "cylinder", "one-sided")
 
 
 def started(problem):
-    """Return a workbench and the first start that ends with a grasp."""
+    """Return a compiled problem and the first start with a grasp."""
     compiled = CompiledProblem(problem, OPTIONS)
-    return compiled, next(found for i in range(4) if (found := run_start(compiled, i, 0, Deadline())).solved)
+    return compiled, next(start for i in range(4) if (start := run_start(compiled, i, 0, Deadline())).solved)
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] if n in SLOW else []) for n in PROBLEMS])
@@ -55,9 +55,9 @@ def test_residuals_by_differences(name):
     solution = ng.solve(problem, starts=2, options=OPTIONS)
     assert solution.kkt.is_small
     assert solution.kkt.reason == ""
-    found = kkt_by_differences(problem, solution)
-    assert found.stationarity < 1e-6
-    assert found.complementarity < 1e-6
+    residuals = kkt_by_differences(problem, solution)
+    assert residuals.stationarity < 1e-6
+    assert residuals.complementarity < 1e-6
     beta = float(np.array(solution.kkt.weights) @ np.ones(len(solution.kkt.weights)))
     assert beta == pytest.approx(1.0)
 
@@ -66,17 +66,17 @@ def test_residuals_by_differences(name):
 def test_no_grasp_beside_it_is_better(name, rng):
     """Random steps of the contacts along the surface, a few thousandths of the body's size, gain nothing."""
     compiled, start = started(PROBLEMS[name]())
-    found = local_optimum(compiled, start.on_body.candidate, Deadline())
-    assert found.kkt.is_small
-    assert found.value >= start.record.mu.upper * (1.0 - 1e-3)
+    optimum = local_optimum(compiled, start.on_body.candidate, Deadline())
+    assert optimum.kkt.is_small
+    assert optimum.value >= start.record.mu.upper * (1.0 - 1e-3)
     size, gains = compiled.problem.body.size, []
     for _ in range(60):
-        step = rng.normal(size=found.candidate.points.shape) * 3e-3 * size
-        there = compiled.snapped(replace(found.candidate, points=found.candidate.points + step))
+        step = rng.normal(size=optimum.candidate.points.shape) * 3e-3 * size
+        moved = compiled.snapped(replace(optimum.candidate, points=optimum.candidate.points + step))
         margin = compiled.problem.margin
-        each = zip(there.faces, there.points, strict=True)
-        if all(compiled.problem.body.is_on(face, p[None], margin)[0] for face, p in each):
-            gains.append(weakest_at(compiled, there, rng, found.cuts).value / found.value - 1.0)
+        contacts = zip(moved.faces, moved.points, strict=True)
+        if all(compiled.problem.body.is_on(face, p[None], margin)[0] for face, p in contacts):
+            gains.append(weakest_at(compiled, moved, rng, optimum.cuts).value / optimum.value - 1.0)
     assert len(gains) > 5
     assert max(gains) < 1e-4
 
@@ -84,35 +84,35 @@ def test_no_grasp_beside_it_is_better(name, rng):
 def test_minimisers_by_newton_are_stationary(rng):
     compiled, start = started(PROBLEMS["ellipsoid"]())
     problem, _ = condition(compiled.wrench_set(start.on_body.candidate), compiled.problem.task)
-    begun, before = descend(problem, random_directions(40, problem.rank, rng), 10)
-    found, values = newton(problem, begun, 15)
-    assert np.all(values <= before * (1.0 + 1e-12))
-    gradient = problem.ratio(found)[1]
-    left = np.linalg.norm(gradient - np.sum(gradient * found, axis=1)[:, None] * found, axis=1)
-    assert np.mean(left < 1e-9) > 0.7  # others are at kinks of the cones
-    assert np.min(values) == pytest.approx(np.min(descend(problem, begun, 400)[1]), rel=1e-6)
+    initial, initial_values = descend(problem, random_directions(40, problem.rank, rng), 10)
+    minimisers, values = newton(problem, initial, 15)
+    assert np.all(values <= initial_values * (1.0 + 1e-12))
+    gradient = problem.ratio(minimisers)[1]
+    residual = np.linalg.norm(gradient - np.sum(gradient * minimisers, axis=1)[:, None] * minimisers, axis=1)
+    assert np.mean(residual < 1e-9) > 0.7  # others are at kinks of the cones
+    assert np.min(values) == pytest.approx(np.min(descend(problem, initial, 400)[1]), rel=1e-6)
 
 
 @pytest.mark.slow
 def test_reduced_hessian_by_differences_of_values():
-    """Second differences of the weighted least ratios, each minimiser found anew, along a way over the surface.
+    """Second differences of the weighted least ratios, with minimisers computed anew, along a curve on the surface.
 
     The minimisers of this grasp are apart from each other; where two merge there is no second derivative.
     """
     compiled, start = started(PROBLEMS["one-sided"]())
-    found = local_optimum(compiled, start.on_body.candidate, Deadline())
-    cuts = found.cuts[found.weights > 1e-6]
-    here = Linearisation(compiled, found.candidate, cuts)
-    step = here.quadratic_step(1e-4)
-    hessian = reduced_hessian(here, cuts, np.ones(len(cuts), dtype=bool), step.multipliers)
+    optimum = local_optimum(compiled, start.on_body.candidate, Deadline())
+    cuts = optimum.cuts[optimum.weights > 1e-6]
+    linear = Linearisation(compiled, optimum.candidate, cuts)
+    step = linear.quadratic_step(1e-4)
+    hessian = reduced_hessian(linear, cuts, np.ones(len(cuts), dtype=bool), step.multipliers)
     values, vectors = np.linalg.eigh(hessian)
-    way = vectors[:, -1]  # of the largest curvature
-    h, weights = 1e-3, here.support(step.multipliers)
+    direction = vectors[:, -1]  # of the largest curvature
+    h, weights = 1e-3, linear.support(step.multipliers)
 
     def weighted(length):
-        candidate = here.candidate_at(here.z + length * way)
-        there = compiled.snapped(candidate)
-        problem, _ = condition(compiled.wrench_set(there), compiled.problem.task)
+        candidate = linear.candidate_at(linear.z + length * direction)
+        moved = compiled.snapped(candidate)
+        problem, _ = condition(compiled.wrench_set(moved), compiled.problem.task)
         u = np.linalg.lstsq(problem.matrix.T, cuts.T, rcond=None)[0].T
         return weights @ (compiled.scaling.beta * newton(problem, u, 30)[1]) ** 2
 
@@ -161,9 +161,9 @@ def test_what_is_not_refined_says_why():
 def test_a_loss_keeps_the_grasp_where_it_was(monkeypatch):
     compiled, start = started(PROBLEMS["box"]())
     better = replace(start, record=replace(start.record, mu=ng.Bounds(0.9 * 2.0, 2.0)))
-    kept = converge_to_optimum(compiled, better, Deadline())
-    np.testing.assert_array_equal(kept.on_body.grasp.points, start.on_body.grasp.points)
-    assert "the local optimum next to this grasp has less mu" in kept.kkt.reason
+    unchanged = converge_to_optimum(compiled, better, Deadline())
+    np.testing.assert_array_equal(unchanged.on_body.grasp.points, start.on_body.grasp.points)
+    assert "the local optimum next to this grasp has less mu" in unchanged.kkt.reason
 
 
 def test_other_bodies_keep_their_workbench():

@@ -1,4 +1,4 @@
-"""Two grasps are one exactly where some order of the contacts and some symmetry brings them together."""
+"""Equivalence of grasps under orders of the contacts and symmetries of the problem."""
 
 from itertools import permutations, product
 
@@ -19,9 +19,9 @@ def compiled(body, count=4, task=ROUND_TASK, **fields):
     return CompiledProblem(ng.GraspProblem(body, contacts, task, **fields), ng.SolveOptions(workers=1))
 
 
-def placements(workbench, count, seed=0):
+def placements(compiled_problem, count, seed=0):
     rng = np.random.default_rng(seed)
-    clouds = [workbench.surface.cloud(i) for i in range(len(workbench.problem.models))]
+    clouds = [compiled_problem.surface.cloud(i) for i in range(len(compiled_problem.problem.models))]
     where = [rng.integers(len(cloud.points), size=count) for cloud in clouds]
     for i in range(count):
         points = np.stack([cloud.points[w[i]] for cloud, w in zip(clouds, where, strict=True)])
@@ -63,29 +63,29 @@ def turned(axis, angle):
     ],
 )
 def test_the_symmetries_are_those_of_body_task_and_constraints(body, task, fields, motions, has_axis, is_round):
-    found = Symmetries(compiled(body, task=task, **fields))
-    assert (len(found.motions), found.axis is not None, found.is_round) == (motions, has_axis, is_round)
+    symmetries = Symmetries(compiled(body, task=task, **fields))
+    assert (len(symmetries.motions), symmetries.axis is not None, symmetries.is_round) == (motions, has_axis, is_round)
 
 
 def test_on_a_box_the_answer_is_that_of_all_orders_and_mirrors():
-    workbench = compiled(ng.Box([0.08, 0.05, 0.03]), 3)
+    compiled_problem = compiled(ng.Box([0.08, 0.05, 0.03]), 3)
     distinct = 0.5
-    likeness, limit = GraspEquivalence(workbench, distinct), distinct * workbench.problem.body.size
-    drawn = list(placements(workbench, 24))
-    said, known = [], []
-    for one, other in product(drawn[:12], drawn[12:]):
-        said.append(likeness.alike(one, other))
-        known.append(min(displacement(one.points @ R.T, other.points) for R in flips()) <= limit)
-    assert said == known
-    assert 0 < sum(known) < len(known)
+    equivalence, limit = GraspEquivalence(compiled_problem, distinct), distinct * compiled_problem.problem.body.size
+    drawn = list(placements(compiled_problem, 24))
+    results, expected = [], []
+    for a, b in product(drawn[:12], drawn[12:]):
+        results.append(equivalence.are_equivalent(a, b))
+        expected.append(min(displacement(a.points @ R.T, b.points) for R in flips()) <= limit)
+    assert results == expected
+    assert 0 < sum(expected) < len(expected)
 
 
 def test_contacts_of_other_models_are_not_matched():
-    workbench = compiled(ng.Box([0.08, 0.05, 0.03]), contacts=[ng.FrictionContact(0.6), ng.FrictionContact(0.3)])
-    likeness = GraspEquivalence(workbench, 0.1)
-    one = GraspCandidate(("+x", "-y"), np.array([[0.04, 0.0, 0.0], [0.01, -0.025, 0.004]]))
-    assert likeness.alike(one, one)
-    assert not likeness.alike(one, GraspCandidate(one.faces[::-1], one.points[::-1]))
+    compiled_problem = compiled(ng.Box([0.08, 0.05, 0.03]), contacts=[ng.FrictionContact(0.6), ng.FrictionContact(0.3)])
+    equivalence = GraspEquivalence(compiled_problem, 0.1)
+    candidate = GraspCandidate(("+x", "-y"), np.array([[0.04, 0.0, 0.0], [0.01, -0.025, 0.004]]))
+    assert equivalence.are_equivalent(candidate, candidate)
+    assert not equivalence.are_equivalent(candidate, GraspCandidate(candidate.faces[::-1], candidate.points[::-1]))
 
 
 @pytest.mark.parametrize(
@@ -97,18 +97,20 @@ def test_contacts_of_other_models_are_not_matched():
     ],
 )
 def test_a_turned_mirrored_and_shuffled_grasp_is_the_same(body, turns):
-    workbench = compiled(body)
-    likeness, rng = GraspEquivalence(workbench, 0.05), np.random.default_rng(3)
-    for candidate in placements(workbench, 25, seed=1):
+    compiled_problem = compiled(body)
+    equivalence, rng = GraspEquivalence(compiled_problem, 0.05), np.random.default_rng(3)
+    for candidate in placements(compiled_problem, 25, seed=1):
         image = candidate.points @ (turns(rng) @ flips()[rng.integers(8)]).T
         nudged = image + 0.01 * body.size * rng.uniform(-1, 1, image.shape) / np.sqrt(3)
         order = rng.permutation(4)
-        assert likeness.alike(candidate, GraspCandidate(tuple(np.array(candidate.faces)[order]), nudged[order]))
+        assert equivalence.are_equivalent(
+            candidate, GraspCandidate(tuple(np.array(candidate.faces)[order]), nudged[order])
+        )
 
 
 def test_grasps_of_other_spans_are_two_whatever_the_turn():
-    workbench = compiled(ng.Sphere(0.04), 2)
-    likeness = GraspEquivalence(workbench, 0.1)
+    compiled_problem = compiled(ng.Sphere(0.04), 2)
+    equivalence = GraspEquivalence(compiled_problem, 0.1)
     far, near = np.array([[0.04, 0, 0], [-0.04, 0, 0]]), np.array([[0.04, 0, 0], [0, 0.04, 0]])
-    face = workbench.problem.body.face_names[0]
-    assert not likeness.alike(GraspCandidate((face,) * 2, far), GraspCandidate((face,) * 2, near))
+    face = compiled_problem.problem.body.face_names[0]
+    assert not equivalence.are_equivalent(GraspCandidate((face,) * 2, far), GraspCandidate((face,) * 2, near))

@@ -25,7 +25,7 @@ def samples(compiled):
 
 
 def palms(compiled, samples):
-    """Yield palm poses, with what is reached from there."""
+    """Yield palm poses with their reachable samples."""
     hand = compiled.hand_points
     values, _ = hand.posed_hand.draw(200, np.zeros((200, 3)), np.random.default_rng(0))
     for i in range(200):
@@ -38,22 +38,22 @@ def palms(compiled, samples):
 def test_fingertips_are_where_they_touch_and_their_links_outside(compiled, samples):
     hand, space = compiled.hand_points, compiled.workspace
     least = np.array([compiled.rows.named[i].lower for i in compiled.rows.clearances])
-    rng, seen = np.random.default_rng(0), 0
+    rng, count = np.random.default_rng(0), 0
     for pose, reach in palms(compiled, samples):
-        chosen = np.array([rng.choice(own) for own in reach.samples])
-        joints = space.joints_at(reach, chosen, pose["joints"])
-        there = {name: v[None] for name, v in (pose | {"joints": joints}).items()}
+        sample_tuple = np.array([rng.choice(indices) for indices in reach.samples])
+        joints = space.joints_at(reach, sample_tuple, pose["joints"])
+        values = {name: v[None] for name, v in (pose | {"joints": joints}).items()}
         points, normals = (
-            np.array([getattr(cloud, key)[one] for cloud, one in zip(samples, chosen, strict=True)])
+            np.array([getattr(cloud, key)[sample] for cloud, sample in zip(samples, sample_tuple, strict=True)])
             for key in ("points", "normals")
         )
         centres = points - np.array(hand.hand.tip_radii)[:, None] * normals
-        tips = hand.tip_centres({name: v[0] for name, v in there.items()}, centres)
+        tips = hand.tip_centres({name: v[0] for name, v in values.items()}, centres)
         assert np.max(np.linalg.norm(tips - centres, axis=1)) <= NEAR + 0.9 * CELL
-        room = BODY.signed_distance(hand.link_places(there)[0]) - least
-        assert np.min(room) >= -max(INSIDE, 0.003) - BETWEEN
-        seen += 1
-    assert seen >= 10
+        clearance = BODY.signed_distance(hand.link_places(values)[0]) - least
+        assert np.min(clearance) >= -max(INSIDE, 0.003) - BETWEEN
+        count += 1
+    assert count >= 10
 
 
 def test_nothing_is_reached_from_afar_or_from_inside(compiled, samples):
@@ -67,6 +67,6 @@ def test_the_contacts_alone_keep_their_constraints(compiled):
     task = ng.TaskEllipsoid([1.0, 1.0, 1.0, 0.04, 0.04, 0.04])
     limits = [ng.Spread(0.01, 0.07), ng.Table(-0.015, clearance=0.005)]
     problem = ng.GraspProblem(BODY, ng.FrictionContact(0.7), task, hand=four_finger_hand(), constraints=limits)
-    alone = CompiledProblem(problem, ng.SolveOptions()).without_hand
-    assert alone.problem.hand is None
-    assert any(isinstance(c, ng.Spread) for c in alone.problem.constraints)
+    free = CompiledProblem(problem, ng.SolveOptions()).without_hand
+    assert free.problem.hand is None
+    assert any(isinstance(c, ng.Spread) for c in free.problem.constraints)
