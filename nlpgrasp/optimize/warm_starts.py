@@ -28,7 +28,7 @@ from nlpgrasp.optimize.grasp_on_body import GraspOnBody, match_on_mesh
 from nlpgrasp.optimize.processes import single_thread
 from nlpgrasp.optimize.refine import refine_on_body
 from nlpgrasp.optimize.start import follow_with_hand
-from nlpgrasp.optimize.start_result import StartGrasp
+from nlpgrasp.optimize.start_result import SOLVER_ERRORS, StartGrasp
 from nlpgrasp.problem.problem import GraspProblem
 from nlpgrasp.quality import Bounds, mu
 from nlpgrasp.quality.grasp import Grasp
@@ -140,7 +140,7 @@ def refine_warm_start(compiled: CompiledProblem, warm: WarmStart, index: int, de
     with single_thread():
         try:
             on_body, result = refine_on_body(compiled, warm.candidate, deadline)
-        except (RuntimeError, np.linalg.LinAlgError):
+        except SOLVER_ERRORS:
             return None
         message = f"{warm.origin}, improved" if warm.origin else CandidateOrigin.WARM_START.value
         return _certify_start(compiled, on_body, result.state(), index, message, started)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from itertools import combinations, permutations
+from itertools import combinations
 
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from nlpgrasp.common.formatting import format_headroom
-from nlpgrasp.common.validation import FloatArray
 from nlpgrasp.solution.analysis_records import mu_without
 from nlpgrasp.solution.kept_grasps import FoundGrasp
 from nlpgrasp.solution.records import Status
@@ -20,7 +22,6 @@ WITH_GRASP = (Status.SOLVED, Status.OPTIMAL, Status.TOUCHES)
 WITHOUT_GRASP = (Status.LOCALLY_INFEASIBLE, Status.FAILED)
 MU_TOLERANCE = 1e-9  # relative tolerance of mu
 LEAST_ROBUST_SHARE = 0.5  # least share of a fragile start's mu with which a robust grasp wins over it
-MOST_MATCHED = 6  # most contacts that are matched in every order
 DISTANCE_TOLERANCE = 1e-9  # relative tolerance of the least distance of kept grasps
 
 AnswerChecks = Callable[[GraspSolution], Sequence[Check]]
@@ -156,16 +157,19 @@ def _inconsistencies(solution: GraspSolution, size: float) -> Iterator[str]:
 
 
 def _matched_distance(a: FoundGrasp, b: FoundGrasp) -> float:
-    """Return the largest contact distance of two grasps in the best order, metres; infinite for many contacts."""
+    """Return the bottleneck distance of two grasps' contacts, metres: the largest of the best one-to-one matching.
+
+    Only contacts of the same model are matched; infinite where the numbers of contacts differ.
+    """
     p, q = a.grasp.points, b.grasp.points
     if p.shape != q.shape:
         return np.inf
-    distances: FloatArray = np.linalg.norm(p[:, None] - q[None], axis=2)
-    k = len(p)
-    if k > MOST_MATCHED:
-        return np.inf
+    distances = np.linalg.norm(p[:, None] - q[None], axis=2)
     models = a.grasp.contacts
-    orders = np.array(
-        [order for order in permutations(range(k)) if all(models[i] == models[j] for i, j in enumerate(order))]
-    )
-    return float(np.min(np.max(distances[np.arange(k), orders], axis=1)))
+    distances[[[first != second for second in models] for first in models]] = np.inf
+    levels = np.unique(distances[np.isfinite(distances)])
+
+    def has_matching(level: int) -> bool:
+        return bool(np.all(maximum_bipartite_matching(csr_array(distances <= levels[level])) >= 0))
+
+    return float(levels[bisect_left(range(len(levels)), True, key=has_matching)])
