@@ -223,7 +223,7 @@ class Perturbations:
         return [self._slide(name, "rad or m", velocities[:, :, j]) for j, name in enumerate(hand.loaded_joints)]
 
     def _slide(self, name: str, unit: str, displacement: FloatArray) -> Perturbation:
-        """Return contacts slid along (k, space) metres per unit, none farther than the contacts are apart."""
+        """Return the perturbation that slides contacts by (k, space) metres per unit, at most by the mean arm."""
         largest = float(np.max(np.linalg.norm(displacement, axis=1)))
         size = self._grasp.mean_arm / largest if largest > 0.0 else 1.0
         return Perturbation(
@@ -280,7 +280,7 @@ class Perturbation:
 def _weakest_under_changes(
     solution: GraspSolution, grasp: Grasp, y: FloatArray, changes: Sequence[Perturbation], tolerance: float
 ) -> FloatArray:
-    """Return the weakest directions of a grasp and of its small perturbations, (m, d)."""
+    """Return a grasp's weakest directions, (m, d), among those found for it and for its small perturbations."""
     rng, candidates = np.random.default_rng(0), [y]
     for change in changes:
         for sign in (1.0, -1.0):

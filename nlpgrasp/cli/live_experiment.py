@@ -111,7 +111,7 @@ class LiveExperiment:
         )
 
     def _best_rows(self) -> Group:
-        """Return the best of each variation over the bar; of many, those that changed last."""
+        """Return a table of each variation's best grasp, of many those that changed last, above the progress bar."""
         table = Table(box=None, padding=(0, 2, 0, 0))
         table.add_column("variation", no_wrap=True, overflow="ellipsis")
         for head in ("best mu certified in", "solves"):

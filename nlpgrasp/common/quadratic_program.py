@@ -177,7 +177,7 @@ def shortest_step(
     slack: Slack = NO_SLACK,
     curvature: FloatArray | None = None,
 ) -> QuadraticStep | None:
-    """Return the minimiser of ``cost d + damping |d|^2 / 2`` plus slack penalty; None if infeasible.
+    """Return the step d of least ``cost d + damping |d|^2 / 2``, curvature and slack penalty; None if infeasible.
 
     Most rows are far from their limits: the program begins with equations and with rows that a short step can break,
     and takes in others where its answer breaks them.

@@ -62,7 +62,7 @@ class Label:
 
     @property
     def label(self) -> Label:
-        """Label without the constraint itself."""
+        """Copy of the label's four fields, without the constraint that inherits them."""
         return Label(self.kind, fingers=self.fingers, link=self.link, part=self.part)
 
 

@@ -156,7 +156,7 @@ class ContactModel(ABC):
 
     @abstractmethod
     def extreme(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the support function of K_i with normal force at most 1, ``max <z, x>``, and a maximiser.
+        """Return the support function of K_i cut off at unit normal force, ``max <z, x>``, and a maximiser.
 
         Returns
         -------

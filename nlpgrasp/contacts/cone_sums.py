@@ -160,7 +160,7 @@ class FrictionPoints:
         return np.asarray(np.max(v[:, 0] + self.friction * np.hypot(v[:, 1], v[:, 2]), axis=0, initial=-np.inf))
 
     def _normalised(self, flat: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Scale points outside the polar cone to projections of about unit length; return them and the scale (m,)."""
+        """Return points outside the polar cone over their largest work, others unchanged, and the divisors (m,)."""
         work = self._largest_work(self.generators.T @ flat)
         share = np.where(work > 0.0, np.maximum(work, LEAST_WORK), 1.0)
         return flat / share, share

@@ -198,7 +198,7 @@ class SolveRecord:
 
     @property
     def improvement_times(self) -> tuple[tuple[float, float], ...]:
-        """Cumulative seconds of the starts with the best certified lower bound so far."""
+        """For each start: cumulative seconds, and the best certified lower bound so far."""
         points, elapsed, best = [], 0.0, 0.0
         for start in self.starts:
             elapsed += sum(start.seconds.values())

@@ -62,7 +62,7 @@ class BranchAndBound:
 
     @property
     def effort(self) -> int:
-        """Number of supports evaluated inside curved cells so far, most of the time on curved faces."""
+        """Number of supports evaluated inside curved cells so far: on curved faces they take most of the time."""
         return sum(group.supports.evaluations for group in self.scope.contact_cells)
 
     @property

@@ -23,7 +23,7 @@ TORSION = 3  # component of a contact-frame wrench that is the moment about the 
 
 @dataclass(frozen=True)
 class Measure:
-    """Rule ``phi_G(y)^p <= sum_i s_i(y)^p`` for the supports s_i of single contacts, exact but for a shared budget.
+    """Rule by which a force budget bounds a grasp's support by those of its contacts, ``phi_G^p <= sum_i s_i^p``.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ class Supports:
         return result
 
     def speed_bounds(self, cells: IntArray, twists: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return upper bounds on ``|v|`` in cells (c,), and ``|tau|``, along twists (c, j, 6), (c, j) each."""
+        """Return upper bounds on the speeds in cells (c,) under twists (c, j, 6), and angular speeds, (c, j) each."""
         arms = np.stack([self.balls[c][0] for c in cells.tolist()])[:, None] - self.origin
         turning = np.sqrt(np.sum(twists[..., 3:] ** 2, axis=2))
         at_centre = np.sqrt(np.sum((twists[..., :3] + np.cross(twists[..., 3:], arms)) ** 2, axis=2))

@@ -89,7 +89,7 @@ class WeightedDirections:
         return np.resize(chosen, self.per_node)
 
     def trial_directions(self) -> FloatArray:
-        """Return trial directions, (m, d): well-spread, random and recent weak ones."""
+        """Return trial directions, (m, d): a random choice of the well-spread ones, and recent weak ones."""
         chosen = self._rng.permutation(len(self.lattice))[: TRIED - len(self._recent)]
         return np.concatenate([self.lattice[chosen], self._recent])
 

@@ -190,7 +190,7 @@ class PosedHand(Hand):
 
     @abstractmethod
     def reach(self, places: FloatArray, near: int, rng: np.random.Generator) -> tuple[Values, FloatArray]:
-        """Return values of the variables with the fingertips near goal points, and the fingertips' centres.
+        """Return values of the variables by inverse kinematics to goals of the fingertips, and the fingertips' centres.
 
         Parameters
         ----------

@@ -73,7 +73,7 @@ class Inspection:
 
     @property
     def verdict(self) -> str:
-        """Number of warnings, as text."""
+        """Verdict as text: the number of warnings, that there are none, or that no fingertips are stated."""
         if not self.hand.tree.tips:
             return "no fingertips stated"
         count = len(self.findings)

@@ -75,7 +75,7 @@ class Tip(ABC):
 
     @abstractmethod
     def beyond(self, points: FloatArray) -> FloatArray:
-        """Return the distance of points (m, 3), link frame, outside the patch's solid, (m,), metres."""
+        """Return signed distances, metres, of points (m, 3), link frame, from the patch's solid, negative inside."""
 
     @abstractmethod
     def most_radius(self, centres: FloatArray) -> FloatArray:
@@ -183,7 +183,7 @@ class SphereTip(Tip):
         return np.asarray(np.linalg.norm(points - self.centre, axis=1) - self.radius)
 
     def most_radius(self, centres: FloatArray) -> FloatArray:
-        """Return radii for points (m, 3), (m,), metres, within a cone of 20 degrees around the sphere."""
+        """Return radii of spheres about points (m, 3) inside a cone of 20 degrees around the tip, (m,), metres."""
         return np.asarray(self.radius + TILT_SINE * np.linalg.norm(centres - self.centre, axis=1))
 
     def to_dict(self) -> Json:

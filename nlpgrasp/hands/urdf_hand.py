@@ -212,7 +212,7 @@ class URDFHand(LinkedHand):
         return values | {"slides": np.array(slides)} if slides else values
 
     def rows(self, placement: SymbolicCandidate, variables: dict[str, Expression]) -> list[ScalarConstraint]:
-        """Return constraints: unit quaternion, contacts on fingertips, no self-collision."""
+        """Return the constraints: unit quaternion, contacts on fingertips, and self-collision unless it is off."""
         rows = [ScalarConstraint(UNIT_QUATERNION, ca.sumsqr(variables["palm_quaternion"]), 1.0, 1.0)]
         poses = self.tree.poses(variables)
         for i, (link, tip, slide) in enumerate(self.tree.tips_with_slides(variables)):

@@ -170,7 +170,7 @@ def _read_joints(field: str, data: object) -> dict[str, float]:
 
 
 def _write_kept_grasps(solution: GraspSolution, options: ExportOptions) -> str:
-    """Return all kept grasps; without a grasp, raise the format's error."""
+    """Return the text of a file with all kept grasps; without a grasp, raise the format's error."""
     if solution.grasp is None:
         return isaac_grasp({"grasp_0": solution}, options)
     solutions = {f"grasp_{i}": solution.with_answer(grasp) for i, grasp in enumerate(solution.grasps)}

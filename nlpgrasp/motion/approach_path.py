@@ -104,11 +104,11 @@ class BlockedDirection:
     direction : (3,) array
         Of the palm towards the grasp, unit, body frame.
     free : float
-        Metres before the grasp from which on it is free.
+        Distance from the grasp up to which the path is free, metres.
     times : float
         How wide the fingers were open, times the pregrasp's opening.
     reason : str
-        What is in the way farther out.
+        What blocks the path there.
     """
 
     direction: FloatArray
@@ -127,7 +127,7 @@ class BlockedDirection:
 
 
 def approach_candidates(hand: URDFHand, values: Values, count: int) -> list[FloatArray]:
-    """Return candidate approach directions of the palm, by increasing angle from the one in which it faces.
+    """Return candidate approach directions of the palm, by increasing angle from its facing direction.
 
     Parameters
     ----------
@@ -239,7 +239,7 @@ def opening_distances(model: CollisionModel, values: Values, grasp: Values) -> F
 
 
 def _closer_directions(directions: Sequence[FloatArray], blocked: Sequence[BlockedDirection]) -> Iterator[FloatArray]:
-    """Yield the directions, then others ever nearer to the longest free one; the caller extends ``blocked``."""
+    """Yield the directions, then ever closer neighbours of the farthest free one; the caller extends ``blocked``."""
     count = len(blocked)
     yield from directions
     if len(directions) == 1:
@@ -254,7 +254,7 @@ def _closer_directions(directions: Sequence[FloatArray], blocked: Sequence[Block
 def _free_section(
     model: CollisionModel, start: Values, direction: FloatArray, distance: float, locate: bool
 ) -> StraightPath:
-    """Return the collision-free part of the path out along a direction, from the open hand at the grasp."""
+    """Return the collision-free part of the open hand's straight retreat from the grasp, against a direction."""
 
     def posture(share: float) -> Values:
         return {**start, "palm_position": start["palm_position"] - share * distance * direction}
@@ -264,7 +264,7 @@ def _free_section(
 
 
 def _blocking_reason(blocked: list[BlockedDirection], count: int, distance: float) -> str:
-    """Return the reason why every direction is blocked: that of the longest free one."""
+    """Return the reason why every direction is blocked, as text: that of the farthest free one."""
     best = max(blocked, key=lambda b: b.free)
     direction = np.array2string(best.direction, precision=2, suppress_small=True)
     longest = f"the longest, along {direction}, is free for {1e3 * best.free:.0f} mm: {best.reason}"
@@ -273,14 +273,14 @@ def _blocking_reason(blocked: list[BlockedDirection], count: int, distance: floa
 
 
 def _clearance_limits(model: CollisionModel, relaxed: BoolArray, first: PathPosture) -> FloatArray:
-    """Return the least admissible clearances, (n,), metres; those of a mask may stay as they are at first."""
+    """Return the least admissible clearances, (n,), metres; ``relaxed`` ones may be as negative as at first."""
     limits = model.least_clearances()
     limits[relaxed] = np.minimum(first.clearances[relaxed], 0.0)
     return limits
 
 
 def _straight_motion(start: Values, goal: Values, is_free: BoolArray) -> Callable[[float], Values]:
-    """Return the straight path of the free joints to their goal; the palm moves along while all are free."""
+    """Return the straight path of the free joints to their goal; the palm moves too, but only while all are free."""
     targets = {"joints": np.where(is_free, goal["joints"], start["joints"])}
     targets["palm_position"] = goal["palm_position"] if is_free.all() else start["palm_position"]
 
@@ -291,11 +291,11 @@ def _straight_motion(start: Values, goal: Values, is_free: BoolArray) -> Callabl
 
 
 def _drop_penetrating(model: CollisionModel, postures: list[PathPosture]) -> None:
-    """Remove the last postures as long as they penetrate anything, also by less than the tolerance."""
+    """Remove the last postures as long as they penetrate deeper than the first, even by less than the tolerance."""
     while len(postures) > 1 and _least_clearance(model, postures[-1]) < min(0.0, _least_clearance(model, postures[0])):
         postures.pop()
 
 
 def _least_clearance(model: CollisionModel, posture: PathPosture) -> float:
-    """Return the least slack of a posture's clearances, metres."""
+    """Return the least excess of a posture's clearances over the least admissible ones, metres."""
     return float(np.min(posture.clearances - model.least_clearances(), initial=np.inf))

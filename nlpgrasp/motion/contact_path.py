@@ -74,12 +74,12 @@ class SurfaceGraph:
         return np.asarray(lengths[self._tree.query(ends)[1]])
 
     def stations(self, start: PathStation, end: PathStation) -> list[PathStation]:
-        """Return the stations of the shortest path between two: these and the sample points between."""
+        """Return the stations of the shortest path between two stations, both included."""
         numbers = self._nodes(start.point, end.point)[1:-1]
         return [start, *(PathStation(self.points[i], self.normals[i], str(self.faces[i])) for i in numbers), end]
 
     def _nodes(self, start: FloatArray, end: FloatArray) -> list[int]:
-        """Return the sample points of the path, those nearest to its ends included."""
+        """Return the indices of the sample points on the shortest path, including those nearest to its ends."""
         a, b = self._nearest(start), self._nearest(end)
         _, predecessors = dijkstra(self._edges, False, a, True)
         nodes = [b]
@@ -211,7 +211,7 @@ def _add_edge_stations(body: Body, stations: Sequence[PathStation]) -> list[Path
 
 
 def _edge_point(body: Body, a: PathStation, b: PathStation) -> list[PathStation]:
-    """Return the edge point of two faces, with each face's normal, by Newton's method; empty where it fails."""
+    """Return the point on the edge of two faces, once with each normal, by Newton's method; empty where it fails."""
     p, distance = (a.point + b.point) / 2.0, float(np.linalg.norm(a.point - b.point))
     start = p
     for _ in range(NEWTON_STEPS):
@@ -259,7 +259,7 @@ def _refine_stations(body: Body, stations: list[PathStation], tolerance: float) 
 
 
 def _middle_stations(body: Body, pairs: Sequence[tuple[PathStation, PathStation]]) -> list[PathStation]:
-    """Return the station half way between each pair: on the surface, or with the mean normal at one point."""
+    """Return the station half way between each pair: on their common face, or on an edge with the mean normal."""
     middles = np.array([(a.point + b.point) / 2.0 for a, b in pairs])
     lengths = np.array([np.linalg.norm(a.point - b.point) for a, b in pairs])
     normals = np.array([a.normal + b.normal for a, b in pairs])

@@ -59,7 +59,7 @@ def distance_to_all(fields: Sequence[DistanceField]) -> Distance:
 
 
 def _probe_distances(constraint: PlacementConstraint, contacts: int, body: Body) -> Iterator[Distance]:
-    """Yield a constraint's distances of a probe as functions of its position."""
+    """Yield the distances that a constraint limits, for a probe sphere, as functions of the probe's position."""
     position = ca.SX.sym("probe", body.space)
     positions, normals = ([ca.SX.sym(name, body.space) for _ in range(contacts)] for name in "pn")
     palm = None
@@ -84,6 +84,7 @@ def _clearance_distance(row: Clearance, position: ca.SX) -> Distance:
 
 
 def _constraint_distances(row: ScalarConstraint, position: ca.SX) -> Iterator[Distance]:
+    """Yield the distance of an expression from each of its finite limits, as a function of the position."""
     value = _MappedFunction(ca.Function("row", [position], [row.expression]))
     lower, upper = row.lower, row.upper
     if np.isfinite(lower):

@@ -234,7 +234,7 @@ def format_path_position(target: TargetContact) -> str:
 
 
 def _obstructing_part(joints: FingerJoints, values: Values, target: TargetContact, clearance_limits: FloatArray) -> str:
-    """Return the relaxation with which the target is reached, as text: clearance, joint limit, or none."""
+    """Return what keeps the finger from its target, as text: a clearance, a joint limit, or the finger's reach."""
     if not len(joints.joint_indices):
         return "no joint moves this finger alone"
     if joints.reach(values, target, clearance_limits).is_reached:
@@ -250,7 +250,7 @@ def _obstructing_part(joints: FingerJoints, values: Values, target: TargetContac
 
 
 def _limiting_joint(joints: FingerJoints, values: Values, unlimited: Values) -> str:
-    """Return the joint at its limit: of those that would exceed it, the nearest to it now."""
+    """Return the joint that stops at its limit, as text: of those that would exceed theirs, the nearest to it."""
     lower, upper = joints.hand.tree.joint_limits[:, joints.joint_indices]
     positions, goals = values["joints"][joints.joint_indices], unlimited["joints"][joints.joint_indices]
     excess = np.maximum(lower - goals, goals - upper)

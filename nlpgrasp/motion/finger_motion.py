@@ -151,7 +151,7 @@ class LinkedMotions:
         return FingerStepper(self.fingers[finger], transfer).move(posture)
 
     def _with_slides(self, values: Values) -> Values:
-        """Return the values with the sliding coordinates of tips nearest to their contacts."""
+        """Return the values with the sliding tip coordinates that bring the fingertips nearest to their contacts."""
         count = sum(tip.slides for _, tip in self.hand.tips)
         if not count:
             return values
@@ -334,7 +334,7 @@ class ContactMotions:
         return min(clearances, default=np.inf), ""
 
     def _hand_values(self, tips: FloatArray) -> FloatArray:
-        """Return the hand's own variables for fingertip centres (k, space): the centre of their smallest ball."""
+        """Return the hand's variables for fingertip centres (k, space): for a palm point their ball's centre."""
         if self.variables == (PALM,):
             return smallest_ball(tips)[0]
         start = self.hand.start(tips)
@@ -367,7 +367,7 @@ def _ball_around(points: Sequence[FloatArray], boundary: Sequence[FloatArray], s
 
 
 def _ball_through(boundary: Sequence[FloatArray], space: int) -> tuple[FloatArray, float]:
-    """Return the smallest ball through points; one of radius -1 for none."""
+    """Return the smallest ball with the points on its surface; a radius of -1 without points."""
     if not boundary:
         return np.zeros(space), -1.0
     sides = np.array(boundary[1:]).reshape(-1, space) - boundary[0]

@@ -158,7 +158,7 @@ def _retraction_length(model: CollisionModel, bounds: FloatArray, values: Values
 def _free_height(
     fields: Sequence[DistanceField], points: FloatArray, radii: FloatArray, tolerance: float
 ) -> tuple[float, str]:
-    """Return the collision-free height of spheres (m, 3), metres, and the obstacle where it is less than the lift."""
+    """Return the height to which spheres (m, 3) rise freely, metres, and the name of what stops them, if anything."""
     initial = [field.distance(points) - radii for field in fields]
     limits, height, clearances, up = [np.minimum(clearance, 0.0) for clearance in initial], 0.0, initial, np.eye(3)[-1]
     while height < LIFT_HEIGHT:

@@ -84,7 +84,7 @@ class CollisionModel:
         return result
 
     def clearances(self, values: Values) -> FloatArray:
-        """Return all clearances, (n,), metres."""
+        """Return all clearances less the required ones, (n,), metres: negative where something is too near."""
         centres, radii = self.spheres.centres(values), self.spheres.radii
         if not len(self.sphere_indices):
             return np.zeros(0)
@@ -113,7 +113,7 @@ class CollisionModel:
         return np.concatenate([self.spheres.fingers[self.sphere_indices] >= 0, np.zeros(others, bool)])
 
     def least_clearances(self) -> FloatArray:
-        """Return the least admissible clearances, (n,), metres: zero, and less for fingertips at the body."""
+        """Return the least admissible clearances, (n,), metres: zero, negative between round tips and the body."""
         limits = np.zeros(len(self.fields) * len(self.sphere_indices) + len(self.pairs))
         tips = self.spheres.fingers[self.sphere_indices] >= 0
         limits[: len(tips)] = np.where(tips, -TIP_SHARE * self.spheres.radii[self.sphere_indices], 0.0)
@@ -193,7 +193,7 @@ class LinkSphereModel:
         return np.asarray(in_palm @ base[:3, :3].T + base[:3, 3])
 
     def _link_frame_centres(self, values: Values) -> FloatArray:
-        """Return the centres in their links' frames; a sliding tip contact's depends on the hand's variables."""
+        """Return the centres (s, 3) in their links' frames; those of sliding tips depend on the hand's variables."""
         if "slides" not in values:
             return self._centres
         result, slides = self._centres.copy(), iter(values["slides"])

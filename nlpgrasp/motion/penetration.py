@@ -131,7 +131,7 @@ class PenetrationModel:
         return self.along(samples)
 
     def _link_centres(self, values: Values) -> tuple[dict[str, FloatArray], FloatArray]:
-        """Return the poses of the links that have shapes, and the centres of these, (m, 3), metres, body frame."""
+        """Return the poses of links with shapes, and their bounding spheres' centres (m, 3), metres, body frame."""
         poses = self.hand.tree.body_poses(values)
         link_poses = {link: poses[link] for link in self._links if link in poses}
         centres = [pose[:3, :3] @ self._links[link].centre + pose[:3, 3] for link, pose in link_poses.items()]

@@ -114,8 +114,8 @@ class FaceConstraints:
 class FacePart:
     """Surface constraints that depend nonlinearly on one contact position only.
 
-    ``rows(p)`` plus a linear expression of the variables. Separate because a mesh's spline exists only as ``MX``, while
-    everything else is an ``SX`` graph that evaluates many times faster.
+    ``function(p)`` plus a linear expression of the variables. Separate because a mesh's spline exists only as ``MX``,
+    while everything else is an ``SX`` graph that evaluates many times faster.
     """
 
     function: ca.Function  # p (space,) scaled -> rows

@@ -107,7 +107,7 @@ def _nearest(cloud: FloatArray, point: FloatArray) -> FloatArray:
 
 
 def _closed_form_problem(problem: GraspProblem) -> GraspProblem:
-    """Return a similar problem with a closed-form support function: L2 budget, and friction contacts if need be."""
+    """Return the problem changed to have a closed-form support function: L2 budget, simpler contacts where needed."""
     if has_closed_form(problem):
         return problem
     l2_problem = problem.unchecked(force_budget=L2Budget())

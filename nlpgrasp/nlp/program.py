@@ -222,6 +222,7 @@ class Program:
         return scale if self.scaled else 1.0
 
     def _add_rows(self, label: Label, size: int, limits: tuple[float, float], scale: float = 1.0) -> None:
+        """Add a block of ``size`` scalar constraints with common limits, without their expressions."""
         start = _next_index(self.rows)
         self.rows.append(ConstraintBlock(start, start + size, scale, label=label.label, equation=self.equation))
         unit = self._applied(scale)

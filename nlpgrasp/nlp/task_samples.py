@@ -90,5 +90,5 @@ class TaskSamples:
         return result
 
     def _y(self, local: FloatArray) -> FloatArray:
-        """Return directions y with ``L^T y`` along each local direction, of least norm in solver units."""
+        """Return the directions y with ``L^T y`` equal to each local direction, of least norm in solver units."""
         return np.asarray(np.linalg.lstsq(self._axes, local.T, rcond=None)[0].T * self.unit)

@@ -90,7 +90,7 @@ class CompiledProblem:
 
     @cached_property
     def with_l2_budget(self) -> CompiledProblem | None:
-        """The compiled problem under the L2 budget, for a first refinement; None if it is L2 or follows the hand.
+        """The compiled problem under the L2 budget, for a first refinement; None if its own is L2 or follows the hand.
 
         Only the cutting-plane program differs.
         """
@@ -194,7 +194,7 @@ class CompiledProblem:
         return inward_normals(self.problem, candidate.points, candidate.faces)
 
     def snapped(self, candidate: GraspCandidate) -> GraspCandidate:
-        """Return the candidate with its contacts projected onto their faces to rounding."""
+        """Return the candidate with its contacts projected onto their faces, to rounding accuracy."""
         points, faces = candidate.points.copy(), np.array(candidate.faces)
         for face in set(candidate.faces):
             points[faces == face] = self.problem.body.snap(face, points[faces == face])

@@ -117,13 +117,13 @@ class CuttingPlaneProgram:
 
     @cached_property
     def confirming(self) -> CompiledProgram:
-        """The program with few iterations, from a local optimum: without second derivatives, quick to compile."""
+        """The program for starts at a local optimum: few iterations, no second derivatives, so quick to compile."""
         settings: Ipopt = CLOSING | {"hessian_approximation": "limited-memory", "max_iter": CONFIRMING_ITERATIONS}
         return self.functions.with_options(settings | dict(self._options.ipopt))
 
     @cached_property
     def closing(self) -> CompiledProgram:
-        """The program with tight tolerances, from near a local optimum.
+        """The program for starts near a local optimum, with tight tolerances.
 
         Where finger forces are variables it has no warm start: neither multipliers nor forces are known.
         """

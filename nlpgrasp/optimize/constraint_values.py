@@ -92,7 +92,7 @@ class ConstraintValues:
     def blocked(
         self, points: FloatArray, normals: FloatArray, hand: Values, indices: Collection[int] | None = None
     ) -> FloatArray:
-        """Return the summed violation of inequalities by each placement, relative to their scales, (b,).
+        """Return the summed violation of all or some inequalities by each placement, relative to their scales, (b,).
 
         The inequalities are those with some ``indices``, by default all.
         """

@@ -118,7 +118,7 @@ class CoordinateExchange:
         self._certified: set[tuple[tuple[int, int], ...]] = set()  # tuples whose certificate had no weaker direction
 
     def search(self, perturbations: int, known: IntArray | None = None) -> IntArray:
-        """Return the best tuples reached from random and known ones (m, k), best first, (b, k).
+        """Return the best tuples (b, k) reached from random tuples and known ones (m, k), best first.
 
         Half of the random ones are the best of many. Exchanges by the mean along weak directions move far, but past
         good tuples: every other round compares by the least support alone, and tuples before exchanges are kept.
@@ -131,7 +131,7 @@ class CoordinateExchange:
         return self.select_best(best, self.exchange(best, LAST_TIE))
 
     def draw(self) -> IntArray:
-        """Return random tuples, (b, k); half of them are the best of ``DRAWN``."""
+        """Return random tuples, (b, k); half of them are the best of ``DRAWN`` random ones."""
         drawn = self._tables.random(DRAWN, self._rng)
         chosen = self.best(drawn, self._population)
         return np.concatenate([chosen, drawn[: 2 * self._population - len(chosen)]])

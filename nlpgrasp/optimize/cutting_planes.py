@@ -99,7 +99,7 @@ def most_relevant(compiled: CompiledProblem, candidate: GraspCandidate, cuts: Fl
 
 
 def append_new(compiled: CompiledProblem, cuts: FloatArray, directions: FloatArray) -> FloatArray:
-    """Return cuts (m, d) with those of the directions (n, d) appended that are new."""
+    """Return cuts (m, d) followed by those of the directions (n, d) that are not among them."""
     return np.concatenate([cuts, directions[new_directions(compiled, cuts, directions)]])
 
 

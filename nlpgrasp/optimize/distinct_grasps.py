@@ -117,7 +117,7 @@ class GraspCollection:
         return tuple(sorted(grasps, key=order))
 
     def _begin_batch(self) -> Callable[[], list[_CertifiedGrasp | None]] | None:
-        """Begin to certify about as many candidates as are missing; None without candidates or time."""
+        """Begin to certify about as many candidates as are missing; return a call for the results, None without any."""
         if self._distinct.missing <= 0 or self._deadline.is_requested():
             return None
         batch: list[GraspCandidate] = []
@@ -150,7 +150,7 @@ class DistinctGrasps:
         return self.has_equivalent([start.on_body.candidate for start in self.grasps], candidate)
 
     def has_equivalent(self, others: Sequence[GraspCandidate], candidate: GraspCandidate) -> bool:
-        """Return whether one of some other candidates is equivalent to a candidate."""
+        """Return whether any of the other candidates is equivalent to a candidate."""
         return any(self._equivalence.are_equivalent(candidate, other) for other in others)
 
     def add(self, start: StartGrasp) -> bool:
@@ -228,7 +228,7 @@ def _finish_unrefined(
 
 
 def _finish(compiled: CompiledProblem, start: StartGrasp, deadline: Deadline) -> FoundGrasp:
-    """Return the grasp of a start with its forces, and where time permits its robustness and hand record."""
+    """Return the record of a start's grasp with its forces and, where time permits, its robustness and hand record."""
     candidate, grasp = start.on_body.candidate, start.on_body.grasp
     with single_thread():
         if deadline.is_requested():

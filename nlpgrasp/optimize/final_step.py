@@ -23,9 +23,9 @@ STEP = "then IPOPT on the program"  # message of a start with a final step
 
 
 def converge_to_optimum(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -> StartGrasp:
-    """Return the answer at the nearest local optimum, or unchanged with the reason; with its KKT residuals.
+    """Return the answer moved to the nearest local optimum, or unchanged with the reason; with its KKT residuals.
 
-    On a mesh each contact stays on its triangle. Joints inside their margins stay inside.
+    On a mesh each contact stays on its triangle. Joints that keep their margins from their limits continue to do so.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def _on_faces(compiled: CompiledProblem, start: StartGrasp) -> tuple[CompiledPro
 
 
 def _converge(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -> StartGrasp:
-    """Return the answer at the nearest local optimum, or unchanged with the reason.
+    """Return the answer moved to the nearest local optimum, or unchanged with the reason.
 
     Where contacts at the local optimum are too near to a sharp edge, or links too near to the mesh, it is computed
     again: with the edge margin required there, too, or with the missing link clearance added.
@@ -91,7 +91,7 @@ def _converge(compiled: CompiledProblem, best: StartGrasp, deadline: Deadline) -
 
 
 def _reason_for_none(compiled: CompiledProblem) -> str:
-    """Return the reason why there is no final step, as text; empty where there is one."""
+    """Return the reason why the problem or its options rule out a final step, as text; empty where they do not."""
     if compiled.options.maximise_robust:
         return "the contacts are where the worst placement is best, not where mu is"
     if not compiled.options.rounds:
@@ -120,7 +120,7 @@ def _is_fragile(start: StartGrasp) -> bool:
 
 
 def _with_margins(compiled: CompiledProblem, best: StartGrasp) -> CompiledProblem:
-    """Return the compiled problem with the limits narrowed of joints that are inside their margins."""
+    """Return the compiled problem with narrowed limits for the joints that keep their margins."""
     hand, margin = compiled.problem.hand, compiled.options.joint_margin
     if not isinstance(hand, URDFHand) or not compiled.options.seeks_room:
         return compiled

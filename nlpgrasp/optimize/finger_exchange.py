@@ -210,7 +210,7 @@ class _FingerSearch:
 
 
 def _least_improvement(score: float) -> float:
-    """Return the least score that counts as an improvement over a score."""
+    """Return the score above which a grasp counts as an improvement over one with this score."""
     return score + GAIN * abs(score)
 
 

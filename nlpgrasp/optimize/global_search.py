@@ -123,7 +123,7 @@ def _search(
     best: StartGrasp | None = None
     tree.branch(0)
     compiled = CompiledProblem(relaxed_problem(problem), SolveOptions(workers=1, rtol=min(ROUGH, gap)))
-    starts, next_start = 0, 0  # the second in nodes of the tree
+    starts, next_start = 0, 0  # starts run; number of nodes at which the next one is due
     while not (tree.is_finished or deadline.is_requested()):
         if tree.nodes >= next_start or starts < FIRST_STARTS:
             result = run_start(compiled, starts, 0, deadline, tree.relaxed_placements(RELAXED))
@@ -151,7 +151,7 @@ def _better_certified(
 
 
 def start_bound(problem: GraspProblem, options: SolveOptions) -> BranchAndBound | None:
-    """Return a branch and bound before its first node; None where it is off or does not cover the problem."""
+    """Return a branch and bound without nodes; None where the options omit it or it does not cover the problem."""
     if not options.global_bound:
         return None
     try:
@@ -161,7 +161,7 @@ def start_bound(problem: GraspProblem, options: SolveOptions) -> BranchAndBound 
 
 
 def node_count(problem: GraspProblem, starts: int) -> int:
-    """Return the number of nodes of the short branch and bound for a number of starts."""
+    """Return the largest number of nodes of the short branch and bound for a number of starts."""
     flat, mesh = isinstance(problem.body, Box | Prism), isinstance(problem.body, Mesh)
     share = _share(problem, starts)
     if follows_contacts(problem):

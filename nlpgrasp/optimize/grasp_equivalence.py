@@ -85,7 +85,7 @@ class GraspEquivalence:
         return distances
 
     def _images(self, points: FloatArray, others: FloatArray) -> Iterator[FloatArray]:
-        """Yield images of contacts (k, space) under the symmetries, among rotations those that come near others."""
+        """Yield images of contacts (k, space) under the symmetries; of continuous ones, only those near ``others``."""
         for rotation, translation in self._symmetries.motions:
             image = points @ rotation.T + translation
             if self._symmetries.axis is None:
@@ -98,7 +98,7 @@ class GraspEquivalence:
                 yield self._rotate_to_match(rotated, others)
 
     def _rotations_between(self, points: FloatArray, others: FloatArray) -> Iterator[FloatArray]:
-        """Yield rotations of contacts that take one of them, or two, to other contacts."""
+        """Yield contacts rotated so that one (two with spherical symmetry) is nearest to contacts in ``others``."""
         if not self._symmetries.is_round:
             radial = self._radial_parts(points)
             first = int(np.argmax(np.linalg.norm(radial, axis=1)))
@@ -113,7 +113,7 @@ class GraspEquivalence:
                     yield points @ self._nearest_rotation(points[[first, second]], others[[i, j]]).T
 
     def _rotate_to_match(self, points: FloatArray, others: FloatArray) -> FloatArray:
-        """Return contacts rotated nearest to their matches in least squares."""
+        """Return contacts rotated so that they are nearest, in least squares, to their matches."""
         from scipy.optimize import linear_sum_assignment
 
         cost = np.minimum(self._distances(points, others), 1e6 * self._limit)
@@ -121,7 +121,7 @@ class GraspEquivalence:
         return np.asarray(points @ self._nearest_rotation(points[rows], others[columns]).T)
 
     def _nearest_rotation(self, points: FloatArray, others: FloatArray) -> FloatArray:
-        """Return the rotation, (3, 3), about the symmetry axis if there is one, that is best in least squares."""
+        """Return the symmetry rotation, (3, 3), that brings points nearest to others in least squares."""
         if self._symmetries.is_round:
             U, _, Vt = np.linalg.svd(others.T @ points)
             handedness = np.sign(np.linalg.det(U @ Vt))
@@ -146,7 +146,7 @@ class GraspEquivalence:
         return np.column_stack([np.linalg.norm(self._radial_parts(points), axis=1), points @ axis])
 
     def _radial_parts(self, points: FloatArray) -> FloatArray:
-        """Return the components of points (m, 3) orthogonal to the axis."""
+        """Return the components of points (m, 3) orthogonal to the axis; the points themselves without one."""
         axis = self._symmetries.axis
         return points if axis is None else points - np.outer(points @ axis, axis)
 

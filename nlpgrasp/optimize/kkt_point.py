@@ -163,7 +163,7 @@ def _full_kkt(compiled: CompiledProblem, optimum: LocalOptimum, beta: float) -> 
 
 
 def _binding_directions(kkt: KKT, cuts: FloatArray, weights: FloatArray) -> KKT:
-    """Return KKT residuals together with the binding directions among cuts (m, d), and their weights."""
+    """Return KKT residuals to which the binding directions among cuts (m, d) and their weights are added."""
     binding = weights > BINDING
     directions = tuple(tuple(map(float, direction)) for direction in cuts[binding])
     return replace(kkt, directions=directions, weights=tuple(weights[binding].tolist()))

@@ -134,9 +134,9 @@ def refine(
 
 
 def advance(compiled: CompiledProblem, candidate: GraspCandidate, deadline: Deadline, rounds: int) -> RefinementResult:
-    """Return a candidate after a few rounds of refinement, by whose values candidates can be compared.
+    """Return the result of at most ``rounds`` rounds of refinement, by whose value candidates can be compared.
 
-    No certificate has looked for directions in which it is weaker.
+    No certificate shows whether descents missed directions in which it is weaker.
     """
     rng, rounds = np.random.default_rng(0), min(rounds, compiled.options.rounds)
     return _iterate_steps(compiled, _initial_result(compiled, candidate, rng), rng, deadline, rounds, LEAST_GAIN)

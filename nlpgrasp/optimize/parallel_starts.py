@@ -31,7 +31,7 @@ from nlpgrasp.solution.records import StartRecord, Status
 
 NOT_BEGUN = "not begun"  # message of a start that was not run before a stop
 WAITING = 4  # starts per worker that are under way or wait for one
-GRACE = 10.0  # seconds in-flight starts get to finish after a stop
+GRACE = 10.0  # seconds for running starts to finish after a stop request
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 StartCandidates = Iterable[tuple[int, Sequence[GraspCandidate]]]
@@ -118,14 +118,14 @@ class StartRunner:
         return self._programs.compiled
 
     def _run_in_process(self, candidates: StartCandidates, seed: int, deadline: Deadline) -> Iterator[StartResult]:
-        """Run the starts in this process; after a stop only the first is still begun."""
+        """Yield the results of the starts, run in this process; after a stop request only the first is still begun."""
         for index, proposed in candidates:
             if deadline.is_requested() and index:
                 break
             yield run_start(self.compiled, index, seed, deadline, candidates=proposed)
 
     def _run_in_workers(self, candidates: StartCandidates, seed: int, deadline: Deadline) -> Iterator[StartResult]:
-        """Run the starts in worker processes; after a stop those in flight get a time of grace."""
+        """Yield the results of the starts, run by workers; after a stop request running ones have ``GRACE`` seconds."""
         payload, processes = self._programs.payload, Processes(self.workers)
         waiting, pending, give_up = iter(candidates), dict[Future[StartResult], int](), None
         while True:

@@ -60,7 +60,7 @@ def propose(
 
 
 def shares(candidates: Sequence[GraspCandidate], starts: int) -> list[Sequence[GraspCandidate]]:
-    """Return the candidates of each of so many starts, dealt in turn: the best ones are each the first of a start."""
+    """Return the candidates dealt in turn to so many starts, so that each begins with one of the best."""
     return [candidates[i::starts] or candidates[i % len(candidates) :] for i in range(starts)]
 
 
@@ -118,7 +118,7 @@ def touch_candidates(
 def _exchange_within_reach(
     compiled: CompiledProblem, search: CoordinateExchange, palms: Sequence[Values], rng: np.random.Generator
 ) -> list[GraspCandidate]:
-    """Return candidates by coordinate exchange within reach of the first palm poses whose fingertips all reach."""
+    """Return candidates by coordinate exchange within reach of the first palm poses whose tips all reach the body."""
     tables = compiled.without_hand.sample_tables
     hands, reaches = _reachable_palms(compiled, palms)
     if not hands:

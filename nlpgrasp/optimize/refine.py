@@ -5,7 +5,7 @@ On a mesh, refinement with each contact on its triangle alternates with coordina
 
 Where joints of a hand keep a margin from their limits, their ranges are narrowed by it (``refine_with_margins``).
 Joints that cannot keep it while the fingertips touch have their whole range; so have those whose margins cost more of
-mu, to first order by their multipliers, than the price.
+mu, to first order by their multipliers, than ``SolveOptions.room_price`` allows.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ def refine_on_triangles(
 
 
 def missing_clearance(compiled: CompiledProblem, on_body: GraspOnBody) -> FloatArray:
-    """Return each link's violation of its clearance from the body, (rows,), metres."""
+    """Return the violation, metres, of each constraint that keeps a link off the body, 0 for all others, (rows,)."""
     lacking = np.zeros(len(compiled.rows.named))
     rows = compiled.rows.clearances
     lacking[rows] = [max(compiled.rows.named[i].lower - on_body.values[i], 0.0) for i in rows]
@@ -219,7 +219,7 @@ def _exchange_contacts(
 def _joints_with_margin(
     compiled: CompiledProblem, margins: JointLimitMargins, candidate: GraspCandidate
 ) -> tuple[NDArray[np.bool_], GraspCandidate]:
-    """Return the mask of joints that can keep their margins with all fingertips touching, (m,), and the candidate."""
+    """Return the mask of joints, (m,), that can keep their margins with all fingertips touching, and that candidate."""
     lacking = margins.is_below_margin(candidate.hand["joints"])
     for keeps_margin in (np.ones_like(lacking), ~lacking) if np.any(lacking) else ():
         limits = margins.narrow_limits(keeps_margin)
@@ -233,7 +233,7 @@ def _joints_with_margin(
 
 
 def _costly_margins(compiled: CompiledProblem, result: RefinementResult, margins: FloatArray) -> NDArray[np.bool_]:
-    """Return the mask of joints, (m,), whose margins are dropped so that those of the others cost at most the price."""
+    """Return the mask of joints, (m,), whose margins are dropped to keep the cost in mu within ``room_price``."""
     point, program = result.point, compiled.cutting_planes.functions.program
     costly = np.zeros(len(margins), dtype=bool)
     if point.value <= 0.0 or not compiled.cutting_planes.linearises:

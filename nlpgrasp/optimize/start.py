@@ -150,7 +150,7 @@ def _refine_candidates(
 
 
 def _has_enough(results: Sequence[StartGrasp]) -> bool:
-    """Return whether a result is solved, or too many end with colliding links."""
+    """Return whether further candidates are not needed: a result is solved, or too many have colliding links."""
     colliding = sum(result.record.status is Status.TOUCHES for result in results)
     return any(result.solved for result in results) or colliding >= MOST_COLLIDING
 

@@ -30,7 +30,7 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True)
 class StartResult:
-    """Result of one start; this base class alone, of a start that ended without a grasp.
+    """Result of one start; an instance of this base class itself is of a start without a grasp.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class StartGrasp(StartResult):
     total_effort : Effort
         Solver effort.
     robust : Robustness or None
-        Robustness, where starts are ranked by it.
+        Robustness, where it was computed.
     refined_candidate : GraspCandidate
         Candidate at the end of the local search, before its contacts were projected onto a mesh.
     optimum : LocalOptimum or None
@@ -134,7 +134,7 @@ class StartGrasp(StartResult):
 
     @property
     def rank(self) -> Bounds:
-        """Bounds by which starts are ranked: mu, or mu under the worst displacement."""
+        """Bounds by which starts are ranked: mu under the worst displacement where that was computed, else mu."""
         return self.record.mu if self.robust is None else self.robust.mu
 
     def with_message(self, message: str) -> StartGrasp:

@@ -321,7 +321,7 @@ def _determines_direction(directions: Sequence[tuple[float, ...]], outward: Floa
 
 
 def _subset(cloud: SampleCloud, allowed: NDArray[np.bool_]) -> SampleCloud:
-    """Return at most ``TABLE_SAMPLES`` feasible points (m,) of a cloud; all are used where none is feasible."""
+    """Return at most ``TABLE_SAMPLES`` allowed points of a cloud; of all points where none is allowed."""
     indices = np.flatnonzero(allowed if allowed.any() else ~allowed)
     if len(indices) > TABLE_SAMPLES:
         indices = np.random.default_rng(0).choice(indices, TABLE_SAMPLES, replace=False)

@@ -115,13 +115,13 @@ class Linearisation:
 
     @property
     def cost(self) -> FloatArray:
-        """Gradient of the objective, minus beta, (n,)."""
+        """Gradient of the objective ``-beta``, (n,)."""
         cost = np.zeros(len(self.z))
         cost[self.beta] = -1.0
         return cost
 
     def rows(self) -> Linearised:
-        """Return all linearised constraints, cuts outside the program last; the step is unbounded."""
+        """Return all constraints linearised, cuts outside the program last, without a bound on the step."""
         return self._with_cuts(self._rows(self.z, np.full(len(self.z), np.inf), slice(0, None)))
 
     def at(self, z: FloatArray, cuts: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -184,7 +184,7 @@ class Linearisation:
         return program.limits[0].size + np.arange(self.count)
 
     def support(self, multipliers: FloatArray) -> FloatArray:
-        """Return the multipliers of the cuts, (m,), at least zero, from those of all constraints."""
+        """Return the multipliers of the cuts, (m,), at least zero up to rounding, from those of all constraints."""
         return -multipliers[self.cut_rows]
 
     def _size(self, radius: float) -> FloatArray:

@@ -286,7 +286,7 @@ def _is_on_faces(compiled: CompiledProblem, candidate: GraspCandidate) -> bool:
 
 
 def _unchanged_grasp(compiled: CompiledProblem, warm: WarmStart) -> GraspOnBody:
-    """Return the unchanged grasp of a warm start, with the body's own normals."""
+    """Return the unchanged grasp of a warm start, with its known normals, and the body's own for other contacts."""
     candidate, body = warm.candidate, compiled.problem.body
     normals, match = compiled.inward_normals(candidate), None
     smooth = normals

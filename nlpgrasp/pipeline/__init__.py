@@ -1,1 +1,1 @@
-"""``ng.solve``: compile, propose, refine, certify, bound, analyse."""
+"""``ng.solve``: compile, propose, refine and certify starts, choose, bound, certify the answer, analyse."""

@@ -57,7 +57,7 @@ class SearchRecord:
     deadline : Deadline
     bound : GlobalBound or None
         Upper bound on mu over all placements.
-    clock : Clock
+    clock : Stopwatch
     chosen : StartGrasp or None
         The answer; None without a grasp.
     """
@@ -127,7 +127,9 @@ def choose_start(
 def pressing_starts(
     hand: Hand | None, best: StartGrasp, results: Sequence[StartResult]
 ) -> tuple[StartGrasp, Sequence[StartResult]]:
-    """Return the best start whose contacts can press against each other, and all such; the arguments without any.
+    """Return the best start whose contacts can press against each other, and all such starts.
+
+    Without any, or where a hand does not need it, ``best`` and ``results`` are returned.
 
     Other grasps of a hand with joints exert the task only while it pushes into the fingers. Starts with less than half
     of the best mu are left out.

@@ -316,9 +316,9 @@ class Multistart:
         return self.analyse(self.certify(self.bound()))
 
     def bound(self) -> GlobalBound | None:
-        """Return the bound over all placements, after a short branch and bound; None where it does not cover them.
+        """Return the bound over all placements, after a short branch and bound; None for problems not covered.
 
-        Where a gap is requested, ``close_gap`` has computed it. A search resumed from a solution has the bound of that.
+        Where a gap is requested, ``close_gap`` has computed it. A search resumed from a solution returns its bound.
         """
         self._clock.restart()
         if self._tree is None:
@@ -334,7 +334,7 @@ class Multistart:
         return self._tree.bound()
 
     def certify(self, bound: GlobalBound | None) -> GraspSolution:
-        """Return the chosen start as a solution, with its certificate; a diagnosis of infeasibility without one.
+        """Return the solution with the chosen start and its certificate, or with a diagnosis where no start was chosen.
 
         The workers begin to process the other distinct grasps, where these are requested.
         """

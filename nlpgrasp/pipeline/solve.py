@@ -7,7 +7,8 @@
 - bound, ``global_bound/branch_and_bound.py``: upper bound on mu over all placements of the contacts
 - analyse, ``analysis/analyse.py``: shadow prices, robustness and other analyses, on request
 
-``_run`` calls them in order; ``pipeline/multistart.py`` has their state, ``pipeline/answer.py`` the choice of a start.
+``_run`` calls them, the bound before the answer's certificate; ``pipeline/multistart.py`` has their state,
+``pipeline/answer.py`` the choice of a start.
 """
 
 from __future__ import annotations

@@ -132,7 +132,7 @@ def collect_constraints(groups: Sequence[Sequence[ScalarConstraint | Clearance]]
 def _tip_clearances(body: Body, hand: Hand, placement: SymbolicCandidate) -> list[Clearance]:
     """Return clearances that keep round fingertips at their contacts from penetrating the body elsewhere.
 
-    None for a mesh, whose roughness requires a check at each surface point instead.
+    Empty for a mesh, whose roughness requires a check at each surface point instead.
     """
     if not hand.follows_contacts or not body.cramped or body.symbol is ca.MX:
         return []

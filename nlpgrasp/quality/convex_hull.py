@@ -157,7 +157,7 @@ class IncrementalHull:
         return planes
 
     def _pairs(self, cells: Indices, inner: NDArray[np.bool_]) -> tuple[Indices, Indices, Indices] | None:
-        """Match the ridges shared by cells: rows, slots and opposite rows; None if some ridge is unmatched."""
+        """Return row, slot and opposite row of each ridge that two cells share; None if some ridge is unmatched."""
         names = self._names[cells]
         keys = names.sum(axis=1)[:, None] - names  # of the ridge opposite each vertex
         rows, slots = np.nonzero(inner)

@@ -136,7 +136,7 @@ class _Solver:
     def _state(
         self, index: np.ndarray[tuple[int, ...], np.dtype[np.intp]], w: FloatArray, y: FloatArray, damping: FloatArray
     ) -> _State:
-        """Evaluate the iterate at y."""
+        """Return the iterate at y, with its dual value and gradient."""
         z = self.G.T @ y
         x = self._project(z)
         gradient = w - self.G @ x

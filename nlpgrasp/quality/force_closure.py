@@ -1,4 +1,4 @@
-"""Force-closure tests with separating directions as proofs."""
+"""Directions along which no contact force does work, as proofs against force closure (decided in ``stability``)."""
 
 from __future__ import annotations
 

@@ -80,7 +80,7 @@ def _descend(view: _GraspBatch, task: Task, y: FloatArray) -> FloatArray:
 
 
 def spread_directions(stack: GraspStack, task: Task) -> FloatArray:
-    """Return directions (m, d) well spread in a task's metric, which grasps regularise for a flat task."""
+    """Return directions (m, d) well spread in the task's metric, which the grasps' regularises for a flat task."""
     planar = stack.dimension == 3
     spread = directions_around(np.eye(3)[0], PLANAR) if planar else directions(stack.dimension, 2)
     y = spread @ np.linalg.inv(np.linalg.cholesky(_second_moment(stack, task)))

@@ -208,7 +208,7 @@ def _shrunk_points(points: FloatArray, rng: np.random.Generator) -> FloatArray:
 
 @dataclass(frozen=True)
 class Cells:
-    """An inner polytope P of W as cones about a point c, one per facet.
+    """An inner polytope P of W, divided into one simplex per facet with its apex at a point c.
 
     Parameters
     ----------

@@ -318,7 +318,7 @@ def problem_figures(problem: GraspProblem) -> list[KeyFigure]:
 
 
 def _note_html(note: str) -> str:
-    """Return a note as HTML with its signs unchanged: it quotes names and code."""
+    """Return a note as HTML without typeset signs, as it quotes names and code."""
     return f'<p class="note">{escape(note)}</p>'
 
 

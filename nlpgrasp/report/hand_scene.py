@@ -151,7 +151,7 @@ class _DistinctSurfaces:
 
 
 def _link_parts(hand: InspectedHand, surfaces: _DistinctSurfaces, triangle_limit: int) -> tuple[list[Json], list[Json]]:
-    """Return the shapes of the links, and their corners, with at most about so many triangles together."""
+    """Return the shapes of the links, of about ``triangle_limit`` triangles in all at most, and their corners."""
     robot = hand.tree.robot
     parts: list[Json] = []
     corners: list[Json] = []
@@ -194,7 +194,7 @@ def _sphere_data(centres: FloatArray, radii: FloatArray) -> list[list[float]]:
 
 
 def _palm_origin(hand: InspectedHand) -> list[float]:
-    """Return the origin of the drawn palm direction: the far side of the palm's shapes, or the palm's origin."""
+    """Return the origin of the drawn palm direction: the front of the palm's shapes along it, or the palm's origin."""
     shapes = hand.tree.robot.shapes.get(hand.tree.robot.root, ())
     if not shapes:
         return [0.0, 0.0, 0.0]
@@ -236,7 +236,7 @@ def _patch_normals(hand: InspectedHand) -> FloatArray:
 
 
 def _hand_view(points: FloatArray, hand: InspectedHand) -> list[float]:
-    """Return azimuth and elevation, degrees, of a view that is broad, into the palm and at flat fingertips."""
+    """Return azimuth and elevation, degrees, of a view of the hand's broad side, into the palm and onto flat tips."""
     azimuth, elevation = (x.ravel() for x in np.meshgrid(AZIMUTHS, [*ELEVATIONS, *-ELEVATIONS], indexing="ij"))
     eyes = view_directions(azimuth, elevation)
     centred = points - points.mean(axis=0)

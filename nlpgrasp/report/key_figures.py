@@ -124,7 +124,7 @@ def solution_figures(solution: GraspSolution) -> list[KeyFigure]:
 
 
 def verdict(solution: GraspSolution) -> tuple[str, str]:
-    """Return the outcome of the solve in a word or two, and its tone."""
+    """Return the outcome of the solve in a word or two, and its tone: good, weak, bad or none."""
     if not solution.success:
         return solution.status.value.split(":")[0], "bad"
     if tip_deviations(solution.hand):

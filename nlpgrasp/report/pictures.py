@@ -135,7 +135,7 @@ def draw_convergence(solution: GraspSolution) -> Figure:
             values = [start.history[-1], mu.lower] if start.history else []
             ax.plot([rounds - 1, rounds][: len(values)], values, ":", color=colour, linewidth=width, zorder=z_order)
             ax.plot(rounds, mu.lower, "o", color=colour, markersize=6 if start is best else 4, zorder=z_order)
-    ax.set_xlabel("round of the exchange; dots: certified on the body (answer in blue)")
+    ax.set_xlabel("round of the refinement; dots: certified on the body (answer in blue)")
     ax.set_ylabel("mu, from above")
     ax.grid(color="0.9")
     return figure

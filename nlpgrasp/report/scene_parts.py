@@ -202,7 +202,7 @@ def frame_axes(origin: FloatArray, lengths: FloatArray) -> Json:
 
 
 def outermost_points(points: FloatArray, middle: FloatArray, size: float) -> FloatArray:
-    """Return the outermost of points (n, 3) within some body sizes, (m, 3)."""
+    """Return the outermost points (m, 3) of those (n, 3) within ``FRAME_RADIUS`` body sizes of the middle."""
     in_frame = points[np.linalg.norm(points - middle, axis=1) <= FRAME_RADIUS * size]
     samples = np.concatenate([directions(3, 0), directions(3, 2)])
     return np.asarray(in_frame[np.unique(np.argmax(in_frame @ samples.T, axis=0))])

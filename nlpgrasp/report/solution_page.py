@@ -97,7 +97,7 @@ def grasp_views(solution: GraspSolution) -> list[GraspView]:
 
 
 def view_scenes(views: Sequence[GraspView]) -> list[Json]:
-    """Return the scenes of several grasps, with the body in the first alone; empty if there is nothing to draw."""
+    """Return the scenes of several grasps, with the body in the first one only; empty if there is nothing to draw."""
     scenes = [view.scene for view in views if view.scene is not None]
     return scenes[:1] + [
         {**scene, "parts": [part for part in scene["parts"] if part["group"] != "body"], "alike": True}

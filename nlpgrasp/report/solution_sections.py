@@ -295,6 +295,6 @@ def inputs(name: str, solution: GraspSolution) -> str:
 
 
 def _format_coordinates(values: Sequence[float], size: float, least_decimals: int) -> str:
-    """Return coordinates with decimals for three digits of the contacts' spread, and at least so many."""
+    """Return coordinates as text, with decimals for three digits of ``size``, but at least ``least_decimals``."""
     decimals = max(least_decimals, 2 - math.floor(math.log10(size))) if size > 0.0 else least_decimals
     return typeset(", ".join(f"{round(float(v), decimals) + 0.0:.{decimals}f}" for v in values))

@@ -79,12 +79,12 @@ def convergence_chart(solution: GraspSolution) -> tuple[str, str]:
                 curves.append(Curve(np.array([[rounds - 1.0, start.history[-1]], [rounds, mu.lower]]), f"{kind} last"))
             marks.append(Mark(rounds, mu.lower, "answer" if is_answer else "dot"))
     caption = CONVERGENCE_CAPTION if solution.winner is not None else NO_GRASP_CAPTION
-    title = f"How the exchange raised {solution.label}, start by start"
-    return chart(title, "round of the exchange", solution.label, curves, marks, "x"), caption
+    title = f"How the refinement raised {solution.label}, start by start"
+    return chart(title, "round of the refinement", solution.label, curves, marks, "x"), caption
 
 
 def certified_bounds(solution: GraspSolution, start: StartRecord) -> Bounds | None:
-    """Return the certified bounds of a start's grasp; for the answer its own, tighter ones; None without a grasp."""
+    """Return the certified bounds of a solved start; for the answer its own, tighter ones; None for other starts."""
     if start.status is not Status.SOLVED or not math.isfinite(start.mu.upper):
         return None
     return solution.mu if start is solution.winner else start.mu

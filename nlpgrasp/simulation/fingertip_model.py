@@ -101,7 +101,7 @@ class FingertipModel:
         return snapshots
 
     def _step(self, wrench: FloatArray, forces: FloatArray) -> float:
-        """Step once with finger forces against the negative of ``wrench``; return the used effort."""
+        """Step once with finger forces under the load ``-wrench``; return the used share of the effort, at most 1."""
         data = self.data
         command = forces.copy()
         command[self.forces] -= self.unit.stiffness * data.qpos[-len(self.forces) :]
@@ -233,13 +233,13 @@ class ContactMoment:
         return self.share * self.model.left_for_moments(normal, tangential)
 
     def limit(self, moment: FloatArray, normal: float, tangential: float) -> FloatArray:
-        """Return a moment (b,) limited to what is transmitted."""
+        """Return a moment (b,) scaled down, if necessary, to the largest transmitted one."""
         magnitude, largest = float(np.linalg.norm(moment)), self.largest(normal, tangential)
         return moment if magnitude <= largest else moment * (largest / magnitude)
 
 
 def components(grasp: Grasp) -> tuple[list[int], list[ContactMoment]]:
-    """Return the indices of the force components, and the moments."""
+    """Return the indices of the force components, and the moments of the contacts that transmit any."""
     forces = force_indices(grasp)
     moments: list[ContactMoment] = []
     for i, (model, part) in enumerate(zip(grasp.contacts, component_slices(grasp.contacts, grasp.space), strict=True)):

@@ -167,7 +167,7 @@ def _lift_trial(condition: str, world: HandWorld, squeeze: bool = True) -> HandT
 
 
 def _close_hand(world: HandWorld, squeeze: bool, displacement: tuple[FloatArray, FloatArray] | None) -> Motion:
-    """Move the hand through its phases up to the squeeze, and return the object's motion by the squeeze."""
+    """Move the hand through its phases to the squeeze, if requested; return the object's motion after the grasp."""
     keys = [key for key in world.keys if key not in ("lift", "squeeze")]
     world.begin(keys[0], displacement)
     for key in keys[1:]:

@@ -119,7 +119,7 @@ def simulate(
 
 @dataclass(frozen=True)
 class _Condition:
-    """Condition of a simulation: actual contacts, loads with the hand's forces, and gravity (m / s^2)."""
+    """Condition of a simulation: actual contacts, wrenches with the forces that produce them, gravity (m / s^2)."""
 
     name: str
     contacts: Grasp

@@ -315,7 +315,7 @@ def mu_without(margins: Json) -> float:
 
 
 def format_joint_margins(margins: Json) -> list[str]:
-    """Return as text which joints are near a limit, of ``hand.room``, and what earlier versions gave for margins."""
+    """Return the joints near a limit as text lines, from ``hand.room``; of earlier versions also the cost in mu."""
     lines = []
     if margins["near"]:
         distances = (

@@ -145,7 +145,7 @@ class ForcesNeeded:
 
     @property
     def total(self) -> float:
-        """Sum of the fingers' forces for the hardest wrench, newtons."""
+        """Sum of the sizes of the fingers' forces for the hardest wrench, newtons."""
         return float(np.sum(self.size))
 
     @property

@@ -90,7 +90,7 @@ def approach_penetration(hand: Json | None) -> LinkPenetration | None:
 
 
 def tip_deviations(hand: Json | None) -> dict[int, float]:
-    """Return the distances of contacts from their fingertips' links, metres, by finger, from a millimetre on."""
+    """Return the distances of contacts from their fingertips' links, metres, by finger, where above a millimetre."""
     gaps = (hand or {}).get("tip_gaps") or ()
     return {i: float(gap) for i, gap in enumerate(gaps) if gap is not None and gap > TOLERANCE}
 

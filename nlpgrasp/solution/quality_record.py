@@ -268,7 +268,7 @@ class GlobalBound:
         return bool(self.dropped) and LOOSE < gap < math.inf
 
     def ignored(self) -> str:
-        """Return the relaxed parts of the problem as text; empty without any."""
+        """Return the end of a sentence that names the relaxed parts of the problem; empty without any."""
         *others, last = self.dropped or ("",)
         names = " and ".join(filter(None, (", ".join(others), last)))
         return f", even ignoring {names}" if names else ""

@@ -41,7 +41,7 @@ def solver_words(message: str) -> str:
 
 
 def failure_reason(start: StartRecord) -> str:
-    """Return the reason why a start ended without a grasp, as text; empty for one with a grasp."""
+    """Return the reason why a start is not solved, as text, links that penetrate included; empty for a solved one."""
     ending = _ending(start)
     if ending is None:
         return ""
@@ -140,7 +140,7 @@ def better_start_text(
 
 
 def _ending(start: StartRecord) -> str | None:
-    """Return how a start without a grasp ended; None for one with a grasp."""
+    """Return how a start that is not solved ended, with a colliding grasp or without; None for a solved one."""
     if start.status is Status.SOLVED:
         return None
     if start.status is Status.TOUCHES:

@@ -349,7 +349,7 @@ class Menu:
         return assign_contacts(self.models(small), self.models(large), self.problem.body.space, self.groups)
 
     def order(self) -> tuple[list[Names], list[tuple[int, int]]]:
-        """Return the assignments in an order from smaller to larger, and the pairs of neighbours.
+        """Return the assignments ordered from smaller to larger, and the index pairs of neighbours.
 
         One assignment is smaller than another if each of its contacts is dominated by one of the other's.
         """

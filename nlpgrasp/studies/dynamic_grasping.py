@@ -96,7 +96,7 @@ class DynamicGrasp:
 
     @property
     def paths(self) -> FloatArray:
-        """Contacts over the parameter, (steps, k, space); a regrasp begins another path."""
+        """Contacts of the steps that have a grasp, (steps, k, space); a regrasp begins another path."""
         return np.array([step.solution.grasp.points for step in self.steps if step.solution.grasp is not None])
 
     def __str__(self) -> str:
@@ -213,7 +213,7 @@ def _follow(
 
 
 def _select_answer(search: Multistart, rtol: float, gain: float) -> StartGrasp | None:
-    """Return the warm start unchanged, or else refined, where the best start does not gain enough over it."""
+    """Return the warm start, unchanged or else refined, or a best start that gains enough over it; None without any."""
     best = search.certify_best(rtol)
     if best is None:
         return None
@@ -243,6 +243,6 @@ def _step(
 
 
 def _displacements(before: Grasp, after: Grasp, is_any_order: bool) -> FloatArray:
-    """Return the contacts' displacements, (k,), metres; in any order by the matching with the least sum."""
+    """Return the contacts' displacements, (k,), metres; in any order, those of the matching with the least sum."""
     distances = np.linalg.norm(before.points[:, None] - after.points, axis=2)
     return distances[linear_sum_assignment(distances)] if is_any_order else np.diagonal(distances)

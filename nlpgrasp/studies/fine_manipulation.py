@@ -136,7 +136,7 @@ class FineManipulation:
 
     @property
     def held_at_stations(self) -> bool:
-        """Whether the same holds at all examined stations; slides may be uncertified between them."""
+        """Whether moves are feasible and hold the body at examined stations; between them slides may be uncertified."""
         return bool(self.moves) and self.feasible and all(m.held.lower > 0.0 for m in self.moves)
 
     @property
@@ -346,7 +346,7 @@ def _widest_path(holding: HoldingQuality, motions: Motions[S] | None) -> _Search
 
 
 def _rank_move(holding: HoldingQuality, moved: frozenset[int], finger: int) -> tuple[_Width, int, tuple[bool, ...]]:
-    """Return width, finger and ways of a move: lifted or else sliding, if the others hold the body alone."""
+    """Return width, finger and ways of a move: lifted or else sliding where the others hold the body, else sliding."""
     others = holding.others(moved, finger).lower
     if others > 0.0:
         return (0, -others), finger, (LIFTED, SLIDES)
@@ -370,7 +370,7 @@ def _node_after_move(
 def _execute_moves(
     sequence: tuple[tuple[int, bool, FingerPath | None], ...], motions: Motions[S] | None
 ) -> _SearchNode[S]:
-    """Return a sequence of moves with the hand's path of each, up to the obstruction and beyond."""
+    """Return the search node after all moves of a sequence; those after an obstruction are left unexamined."""
     result, posture, blocked = [], None if motions is None else motions.start(), None
     for finger, slides, _ in sequence:
         motion: FingerPath | None = None
@@ -499,7 +499,7 @@ def first_stations(total: float, corners: Sequence[float] | FloatArray, count: i
 
 
 def least_value_along(value: Callable[[float], float], stations: FloatArray) -> FloatArray:
-    """Add stations where the least value may lie, and return all of them, (n,), in order.
+    """Return stations with others added where the least value may lie, (n,), in order; not the values.
 
     The search is that of Piyavskii and Shubert with slopes estimated from the stations beside each interval. It proves
     nothing about values between stations.

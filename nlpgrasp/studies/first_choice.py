@@ -293,7 +293,7 @@ def volume_of(body: Body) -> float:
 
 
 def _fewest_contacts(data: _BodyData) -> tuple[int, Reason]:
-    """Return the fewest contacts that lift the load with the fingers' force; more than two if the body is too wide."""
+    """Return the fewest contacts that lift the load with the fingers' force, more than two for a wide body, and why."""
     least_count = 2 if data.sides[0] <= LARGEST_WIDTH else 3
     sufficient_count = int(np.ceil(data.safety * data.load / (data.friction * data.finger_force) - 1e-9))
     count = min(max(least_count, sufficient_count), MOST_CONTACTS)
@@ -357,7 +357,7 @@ def _finger_opening(data: _BodyData) -> tuple[float, Reason]:
 
 
 def _task(data: _BodyData, up: FloatArray, acceleration: float) -> tuple[TaskEllipsoid, Reason]:
-    """Return the weight with accelerations and a disturbance at the far end, about the centre of mass."""
+    """Return the task about the centre of mass, and why: weight, accelerations, a disturbance at the far end."""
     weight, arm = data.mass * WEIGHT, 0.5 * float(data.sides[-1])
     force, torque = data.mass * acceleration + DISTURBANCE * weight, DISTURBANCE * weight * arm
     task = TaskEllipsoid([force] * 3 + [torque] * 3, center=np.concatenate([weight * up, np.zeros(3)]))

@@ -140,7 +140,7 @@ class _Family:
 
 
 def _run_further_starts(search: Multistart) -> None:
-    """Run further starts from one more coordinate exchange: half as many as starts, at least two."""
+    """Run half as many further starts, at least two, from another coordinate exchange; none with a posed hand."""
     compiled, starts = search.runner.compiled, search.runner.count
     rng, count = np.random.default_rng([search.seed, starts]), max(2, -(-starts // 2))
     for candidate in exchanged_candidates(compiled, rng, count=count) if compiled.follows_contacts else ():

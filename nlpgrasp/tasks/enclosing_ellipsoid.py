@@ -281,7 +281,7 @@ def _quadratic_forms(q: FloatArray, inner: FloatArray) -> FloatArray:
 
 
 def _independent_points(q: FloatArray) -> NDArray[np.intp]:
-    """Return the indices of n linearly independent points, each the farthest from the span of the previous."""
+    """Return the indices of n linearly independent points out of (m, n), each the farthest from the previous' span."""
     residuals = q.copy()
     indices = []
     for _ in range(q.shape[1]):

@@ -29,7 +29,7 @@ GRID_POINTS = 24  # sample points in the body along each side of its box
 
 
 def phase_checks(solution: GraspSolution) -> list[Check]:
-    """Check that each of ``hand.phases`` follows from the others, and that ``hand.approach`` is stated."""
+    """Return the checks that each of ``hand.phases`` follows from the others, and that ``hand.approach`` is stated."""
     phases, posture = {phase.name: phase for phase in solution.phases}, solution.hand or {}
     checks = []
     if phases:

@@ -46,7 +46,7 @@ LEAST_FRICTION_SHARE = 1e-5  # smaller shares of friction count as none
 
 
 def force_checks(solution: GraspSolution, grasp: Grasp, force_set: ForceSet) -> list[Check]:
-    """Check that stated forces are in the cones and the budget and add up to the stated wrench."""
+    """Return the checks that stated forces are in the cones and the budget and add up to the stated wrench."""
     if not solution.forces:
         return []
     k, space, d = len(grasp), grasp.space, grasp.dimension
@@ -104,7 +104,7 @@ def _moments(grasp: Grasp, forces: FloatArray) -> FloatArray:
 
 
 def wrench_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Check]:
-    """Check that the stated forces are for wrenches on the task's boundary times the stated lower bound.
+    """Return the checks that forces are for wrenches on the task's boundary times the stated lower bound.
 
     Some wrenches may be missing, but not all in the file of a solve. Ends of semi-axes and vertices are compared
     number by number; for other tasks, a wrench must be within the task and not zero.
@@ -127,7 +127,7 @@ def wrench_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Che
 
 
 def _wrenches_outside_task(task: Task, wrenches: FloatArray, share: float) -> list[int]:
-    """Return the indices of wrenches (m, d) that are not in a task times a share."""
+    """Return indices of wrenches (m, d) that are no end or vertex of ``share`` times the task (others: not in it)."""
     tolerance = FORCE_TOLERANCE * np.linalg.norm(wrenches, axis=1)
     if isinstance(task, TaskEllipsoid | TaskPolytope):
         ends = share * (task.ends() if isinstance(task, TaskEllipsoid) else task.wrenches)
@@ -149,7 +149,7 @@ def _unit_rows(vectors: FloatArray) -> FloatArray:
 
 
 def needed_checks(solution: GraspSolution, grasp: Grasp, task: Task, force_set: ForceSet) -> list[Check]:
-    """Recompute the stated requirement of the task at full size: wrench, least forces and derived numbers."""
+    """Return the checks of the forces needed for the task at full size: wrench, least forces, derived numbers."""
     stated = solution.needed
     if stated is None:
         return []
@@ -273,7 +273,7 @@ class _BudgetBounds:
 
 
 def squeeze_checks(solution: GraspSolution, grasp: Grasp, hand: HandNumbers | None) -> list[Check]:
-    """Check balance, cones, normal forces and friction of ``hand.squeeze``, then torques and positions."""
+    """Return the checks of ``hand.squeeze``: balance, cones, normal forces, friction, torques and positions."""
     posture = solution.hand or {}
     stated = posture.get("squeeze")
     if "no_squeeze" in posture:

@@ -29,7 +29,7 @@ JOINT_BUDGETS = ("joint_torques", "shared_joint_torques")  # force budgets of jo
 
 
 def joint_margin_checks(solution: GraspSolution, hand: HandNumbers | None) -> list[Check]:
-    """Check the price and the joints near a limit that ``hand.room`` states."""
+    """Return the checks of ``hand.room``: its price and margins, and the joints near a limit."""
     stated = (solution.hand or {}).get("room")
     if stated is None:
         return []
@@ -45,7 +45,7 @@ def joint_margin_checks(solution: GraspSolution, hand: HandNumbers | None) -> li
 
 
 def _price_errors(stated: Json, solution: GraspSolution) -> Iterator[str]:
-    """Yield the errors in the price: other options than the solve's.
+    """Yield the stated price and margin that differ from the solve's options.
 
     In files of earlier versions, which state the cost: another cost, or more than the price allows.
     """
@@ -91,7 +91,7 @@ def _margin_errors(stated: Json, solution: GraspSolution, hand: HandNumbers | No
 
 
 def torque_checks(solution: GraspSolution, grasp: Grasp, hand: HandNumbers | None) -> list[Check]:
-    """Compare Jacobians and limits of a joint-torque budget with the hand's.
+    """Return the checks of Jacobians and limits of a joint-torque budget against the hand's.
 
     Files state a hand's torque limits as ``shared_joint_torques`` in the solution's posture. Without a hand, Jacobians
     are the problem's own.

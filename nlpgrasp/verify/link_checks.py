@@ -114,12 +114,12 @@ class _LinkComparison:
         return cls(solution, linked_hand, [held, *around])
 
     def in_grasp(self) -> tuple[str, str]:
-        """Compare the depth in the grasp."""
+        """Return the error in the stated depth in the grasp, empty without one, and a summary."""
         stated, recomputed = grasp_penetration(self.solution.hand), self._penetration(self.hand)
         return self._depth_error(stated, recomputed, self.solution.status in (Status.SOLVED, Status.OPTIMAL))
 
     def on_approach(self) -> tuple[str, str]:
-        """Compare the depth on the approach."""
+        """Return the error in the stated depth on the approach, empty without one, and a summary."""
         phases = {phase.name: phase for phase in self.solution.phases}
         keyframes = [phases[name] for name in (APPROACH, PREGRASP, GRASP) if name in phases]
         penetrations = (self._penetration(hand) for hand in self._postures(keyframes))
@@ -134,7 +134,7 @@ class _LinkComparison:
         return self._difference(stated, recomputed), f"{len(keyframes)} keyframes; {summary}"
 
     def contacts_off_links(self, points: FloatArray) -> tuple[str, str]:
-        """Compare the distances of contacts from their links."""
+        """Return the error in the stated distances of contacts from their links, empty without one, and a summary."""
         stated = (self.solution.hand or {}).get("tip_gaps")
         gaps = [self._gap(str(tip["link"]), point) for tip, point in zip(self.hand.tips, points, strict=True)]
         messages = [
@@ -157,7 +157,7 @@ class _LinkComparison:
     def _depth_error(
         self, stated: LinkPenetration | None, recomputed: LinkPenetration, called_free: bool
     ) -> tuple[str, str]:
-        """Compare a depth, and the status that follows from it."""
+        """Return the error in a stated depth or the status that follows from it, empty without one, and a summary."""
         allowance = f" ({1e3 * self.tolerance:g} mm allowed)"
         missing_message = "not stated" if self.states_all else ""
         error = missing_message if stated is None else self._difference(stated, recomputed)

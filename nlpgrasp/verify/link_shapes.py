@@ -191,7 +191,7 @@ def _geom_surface(model: MjModel, geom: int, files: _MeshFiles) -> Trimesh | Non
 
 
 def _ellipsoid_mesh(semi_axes: list[float]) -> Trimesh:
-    """Return an ellipsoid."""
+    """Return the triangles of an ellipsoid about the origin."""
     import trimesh
 
     mesh = trimesh.creation.icosphere(subdivisions=ICOSPHERE_HALVINGS)
@@ -200,7 +200,7 @@ def _ellipsoid_mesh(semi_axes: list[float]) -> Trimesh:
 
 
 def _cylinder_mesh(radius: float, length: float) -> Trimesh:
-    """Return a cylinder along the z axis."""
+    """Return the triangles of a cylinder along the z axis."""
     import trimesh
 
     mesh = trimesh.creation.cylinder(1.0, 1.0, sections=CYLINDER_SIDES)  # of unit size: trimesh merges close vertices
@@ -209,7 +209,7 @@ def _cylinder_mesh(radius: float, length: float) -> Trimesh:
 
 
 def _capsule_mesh(radius: float, length: float) -> Trimesh:
-    """Return a capsule along the z axis, of a cylinder of this length and two caps."""
+    """Return the triangles of a capsule along the z axis, of a cylinder of this length and two caps."""
     import trimesh
 
     mesh = trimesh.creation.capsule(

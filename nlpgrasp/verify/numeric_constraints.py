@@ -148,7 +148,7 @@ def _orientation(data: Json) -> Rotation:
 
 
 def expression(data: Json, placement: StatedPlacement) -> Iterator[ConstraintValue]:
-    """Yield the stated limits with unknown values.
+    """Yield the stated limits with unknown values; then raise ``NotCheckedError``, as the function is not in the file.
 
     Several limits fix the number of scalar constraints; one limit holds for all, whose number is not in the file.
     """

@@ -87,12 +87,12 @@ class URDFNumbers:
 
     @cached_property
     def turn(self) -> float:
-        """Error bound of a unit direction of the hand: see the module."""
+        """Error bound of a unit direction of the hand, by the stated length of its quaternion (see the module)."""
         return 2.0 * min(abs(self._stated_length - 1.0), 10.0 * PROMISE)
 
     @property
     def _stated_length(self) -> float:
-        """The program's ``q . q``."""
+        """Squared length of the palm's quaternion in the solver's program, as the file states it; else 1."""
         return self.stated.get(QUATERNION, 1.0)
 
     @cached_property
@@ -205,7 +205,7 @@ class URDFNumbers:
             yield ConstraintValue(f"{TIPS_APART}, fingers {i} and {j}", squared, least, scale=self.span**2, error=error)
 
     def _touching(self, name: str, tip: Json, p: FloatArray, n: FloatArray, size: float) -> StatedTouch:
-        """Return a fingertip with its contact."""
+        """Return a fingertip and its contact, for the constraints between them."""
         return StatedTouch(name, self.poses[str(tip["link"])], p, n, size, self.error, self.turn)
 
     def apart(self) -> Iterator[ConstraintValue]:

@@ -57,7 +57,7 @@ def _status_errors(solution: GraspSolution) -> Iterator[str]:
 
 
 def _answer_errors(solution: GraspSolution) -> Iterator[str]:
-    """Yield the false statements of the winning start.
+    """Yield the false statements about the winning start.
 
     The answer's certificate is recomputed and keeps the better ends of both. Without a search for robustness no other
     start is certainly better, except for mu traded for joint-limit margins, and for starts that are fragile or cannot
@@ -90,7 +90,7 @@ def _answer_errors(solution: GraspSolution) -> Iterator[str]:
 
 
 def _mu_without_margins(solution: GraspSolution) -> float:
-    """Return the mu that a grasp had before the search for joint-limit margins; see ``joint_margin_checks``."""
+    """Return the mu before the search for joint-limit margins, from a file of an earlier version; else 0."""
     margins = (solution.hand or {}).get("room")
     return 0.0 if margins is None else mu_without(margins)
 

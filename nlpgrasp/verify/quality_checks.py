@@ -32,19 +32,19 @@ RATIO_TOLERANCE = 1e-5  # relative tolerance of the upper bound over the support
 
 
 def interval(stated: Bounds) -> Check:
-    """Check that the lower end of an interval is not above its upper end."""
+    """Return the check that the ends of an interval are in order, at least zero and finite."""
     passed = bool(0.0 <= stated.lower <= stated.upper and np.isfinite(stated.upper))
     return Check("interval", passed, f"stated {stated}")
 
 
 def overlap(name: str, stated: Bounds, recomputed: Bounds) -> Check:
-    """Check that a stated interval and a recomputed one overlap."""
+    """Return the check that a stated interval and a recomputed one overlap."""
     passed = stated.lower <= recomputed.upper and recomputed.lower <= stated.upper
     return Check(name, passed, f"stated {stated}, recomputed {recomputed}")
 
 
 def width(name: str, stated: Bounds, recomputed: Bounds, rtol: float) -> Check:
-    """Check that a stated interval is no wider than its certificate's relative gap allows.
+    """Return the check that a stated interval is no wider than its certificate's relative gap allows.
 
     Both are certified: the true value is at least ``recomputed.lower``, and a certificate's upper bound is close to it
     if the lower bound is above zero.
@@ -56,14 +56,14 @@ def width(name: str, stated: Bounds, recomputed: Bounds, rtol: float) -> Check:
 
 
 def widths(solution: GraspSolution, recomputed: Bounds) -> list[Check]:
-    """Check the width of the stated interval; a solve that was cut short may have any lower bound."""
+    """Return the check of the stated interval's width; a solve that was cut short may have any lower bound."""
     gap = solution.solver.get("options", {}).get("final_rtol", ANY_GAP)
     rtol = number("final_rtol", gap, above=0.0) if solution.status in (Status.SOLVED, Status.OPTIMAL) else np.inf
     return [width("width", solution.mu, recomputed, rtol)]
 
 
 def check_other_measures(solution: GraspSolution, grasp: Grasp, budget: ForceBudget, rtol: float) -> list[Check]:
-    """Recompute delta and nu at the stated torque scale."""
+    """Return the checks of delta and nu, recomputed at the stated torque scale."""
     checks = []
     if solution.delta is not None:
         recomputed = delta(grasp, solution.delta.torque_scale or 1.0, rtol, force_budget=budget)
@@ -82,7 +82,7 @@ def check_other_measures(solution: GraspSolution, grasp: Grasp, budget: ForceBud
 def check_robustness(
     solution: GraspSolution, grasp: Grasp, task: Task, budget: ForceBudget, rtol: float
 ) -> list[Check]:
-    """Check the stated quality at the worst displacement found, and that its contacts are within reach."""
+    """Return the check of the stated quality at the worst displacement found, and of the displacement itself."""
     stated = solution.robust
     if stated is None:
         return []
@@ -118,7 +118,7 @@ def check_robustness(
 
 
 def grasp_map_check(grasp: Grasp) -> Check:
-    """Compare ``G = T_f B`` with a column-by-column reconstruction."""
+    """Return the check of ``G = T_f B`` against a column-by-column reconstruction."""
     columns = []
     for p, n, t, model in zip(grasp.points, grasp.normals, grasp.tangents, grasp.contacts, strict=True):
         arm = p - grasp.torque_origin
@@ -135,7 +135,7 @@ def grasp_map_check(grasp: Grasp) -> Check:
 
 
 def model_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Check]:
-    """Compare the grasp's contact models and the kind of measure with the problem's."""
+    """Return the checks of the grasp's contact models and the kind of measure against the problem's."""
     models = [contact_from_dict(c) for c in solution.problem["contacts"]]
     agrees = [c.to_dict() for c in models] == [c.to_dict() for c in grasp.contacts]
     kind = task.measure
@@ -146,7 +146,7 @@ def model_checks(solution: GraspSolution, grasp: Grasp, task: Task) -> list[Chec
 
 
 def direction_checks(solution: GraspSolution, grasp: Grasp, task: Task, force_set: ForceSet) -> list[Check]:
-    """Check that the support ratio along the stated worst direction is the stated upper bound on mu.
+    """Return the check that the stated bounds on mu are not above the support ratio along the worst direction.
 
     The stated bound may be smaller, from another direction of the same solve, but never larger.
     """

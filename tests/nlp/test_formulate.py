@@ -255,7 +255,7 @@ def test_options_of_ipopt_reach_the_solver():
     from nlpgrasp.optimize.compiled_problem import CompiledProblem
 
     compiled = CompiledProblem(box_problem(), options)
-    assert compiled.first._options["ipopt.max_iter"] == 7
+    assert compiled.initial_nlp._options["ipopt.max_iter"] == 7
     assert compiled.cutting_planes.functions._options["ipopt.mu_strategy"] == "adaptive"
 
 

@@ -108,11 +108,11 @@ def test_vertex_program_bounds_the_measure_from_below():
     compiled = CompiledProblem(ellipsoid_problem(k=4), SolveOptions())
     rng = np.random.default_rng(0)
     points = closed_ellipsoid_grasp(np.random.default_rng(1)).points
-    program, begin = compiled.first.program, GraspCandidate(("surface",) * 4, points)
+    program, begin = compiled.initial_nlp.program, GraspCandidate(("surface",) * 4, points)
     z = pack_variables(compiled, program, begin)
     z[program.block("beta").range] = 0.1
     theta = np.concatenate([initial_parameters(compiled, rng), face_parameters(compiled.problem, begin.faces)])
-    result = compiled.first.solve(z, theta)
+    result = compiled.initial_nlp.solve(z, theta)
     beta = result.objective / compiled.scaling.beta
     bounds = ng.mu(compiled.grasp(candidate_of(compiled, program, begin.faces, result.z)), BALL, 0.02)
     assert beta * directions_inradius(6, 1) <= bounds.upper

@@ -119,7 +119,7 @@ def enclose_wrenches(
 
 
 def _cut(points: FloatArray, inner: Sequence[InnerEllipsoid]) -> MinVolumeEllipsoid:
-    """Return the minimum-volume ellipsoid around points and, up to the slack, ellipsoids."""
+    """Return the minimum-volume ellipsoid around points and, up to ``SLACK``, ellipsoids, by cutting planes."""
     result = min_volume_ellipsoid(points, GAP)
     for _ in range(CUTS):
         farthest = [farthest_point(ellipsoid, result) for ellipsoid in inner]

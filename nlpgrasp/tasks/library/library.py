@@ -156,7 +156,7 @@ class TaskLibrary:
         return entry
 
     def update(self, name: str, wrenches: Wrenches, *, outliers: float = 0.0, source: str = "") -> TaskEntry:
-        """Update an entry with new wrenches, without the previous ones.
+        """Add new wrenches to an entry: its ellipsoid covers them and all previous ones, which are not needed again.
 
         A minimum-volume ellipsoid contains every wrench ever given; a covariance ellipsoid is exactly that of all.
 
@@ -207,7 +207,7 @@ class TaskLibrary:
         return entry
 
     def forget(self, name: str, share: float) -> FloatArray:
-        """Remove a share of the wrenches, those farthest from the others, and return them (k, d).
+        """Remove at most a share of the wrenches, those farthest from the others, and return them (k, d).
 
         Parameters
         ----------

@@ -130,7 +130,7 @@ def _is_convex(polygon: FloatArray, normal: FloatArray, size: float) -> bool:
 
 
 def _is_wide(piece: FloatArray, least_width: float) -> bool:
-    """Return whether a convex piece is wider than a length in every direction; for a segment, longer."""
+    """Return whether the least spread of a convex piece's corners in its plane exceeds a length (a singular value)."""
     if len(piece) < 2:
         return False
     singular_values = np.linalg.svd(piece - piece.mean(axis=0), compute_uv=False)

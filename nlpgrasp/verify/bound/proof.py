@@ -124,13 +124,13 @@ class Proof:
         return [_check_part(name, part) for name, part in parts.items()]
 
     def _check_dropped(self, stated: Sequence[str]) -> tuple[str, str]:
-        """Compare the relaxed parts with the stated ones."""
+        """Return the error in the stated relaxed parts, empty without one, and a summary."""
         relaxed = self.relaxed_parts
         error = "" if list(stated) == relaxed else f"stated {list(stated)}, the problem leaves out {relaxed}"
         return error, ", ".join(relaxed) if relaxed else "nothing left out"
 
     def _check_alike(self) -> tuple[str, str]:
-        """Check that the contacts of a group are interchangeable."""
+        """Return the error if contacts of a group are not interchangeable, else empty, and a summary."""
         regions, contacts = self.regions, self.problem["contacts"]
         numbers = [i for group in self.groups for i in group.contacts]
         if sorted(numbers) != list(range(len(contacts))):
@@ -142,7 +142,7 @@ class Proof:
         return "", f"{len(contacts)} contacts in {len(self.groups)} groups"
 
     def _check_covered(self) -> tuple[str, str]:
-        """Check that the root cells cover the allowed faces."""
+        """Return the error if root cells do not cover the allowed faces, else empty, and a summary."""
         for data, group in zip(self.data["groups"], self.groups, strict=True):
             region = self.regions[group.contacts[0]]
             cells = [cell for _, cell in data["roots"]]
@@ -157,14 +157,14 @@ class Proof:
         return "", f"{sum(len(group.roots) for group in self.groups)} cells to begin with"
 
     def _check_turned(self) -> tuple[str, str]:
-        """Check that rotational symmetry allows the stated reductions."""
+        """Return the error if rotational symmetry does not allow the stated reductions, else empty, and a summary."""
         rotation_test = RotationTest(self.problem["body"], self.task, self.origin, self.size)
         reductions = [str(group["turned"]) for group in self.data["groups"] if group["turned"] is not None]
         error = error_of_reduction(self.data["groups"], rotation_test, self.faces, self.regions)
         return error, ", ".join(reductions) if reductions else "no contact is turned to a line"
 
     def _check_cuts(self) -> tuple[str, str]:
-        """Check that the omitted parts of cut cells are excluded by constraints."""
+        """Return the error if constraints do not exclude omitted parts of cells, else empty, and a summary."""
         for group in self.groups:
             omitted = group.wrongly_omitted(self.regions[group.contacts[0]], TOLERANCE * self.size)
             if omitted:
@@ -172,13 +172,13 @@ class Proof:
         return "", f"{sum(len(group.parts) for group in self.groups)} cells cut"
 
     def _check_nodes(self) -> tuple[str, str]:
-        """Check that the nodes cover all placements."""
+        """Return the error if the nodes do not cover all placements, else empty, and a summary."""
         nodes = self.nodes
         counts = f"{len(nodes.splits)} cut, {len(nodes.copies)} twins, {len(nodes.leaves)} leaves"
         return nodes.uncovered(), counts
 
     def _check_symmetries(self) -> tuple[str, str]:
-        """Check that the motions are symmetries, and map nodes onto their symmetric copies."""
+        """Return the error in motions as symmetries, and as maps of nodes onto their copies, if any, and a summary."""
         for i, motion in enumerate(self.data["motions"]):
             error = error_of_motion(motion, self.problem, self.task, self.origin, self.regions, self.size)
             if error:
@@ -194,7 +194,7 @@ class Proof:
         return StatedLeaves(convert_older(self.data), self.groups, self.problem["contacts"], self.task, budget)
 
     def _check_directions(self) -> tuple[str, str]:
-        """Check that the task's support along each direction is 1."""
+        """Return the error if the task's support along a direction is not 1, else empty, and a summary."""
         deviation = float(np.max(np.abs(self.leaves.supports - 1.0), initial=0.0))
         summary = f"the task's work along {len(self.leaves.supports)} directions is 1 to {deviation:.2g}"
         return "" if deviation <= SUPPORT_TOLERANCE else summary, summary
@@ -205,7 +205,7 @@ class Proof:
         return self.leaves.bounds()
 
     def _check_leaves(self) -> tuple[str, str]:
-        """Compare the leaves' bounds with the recomputed ones."""
+        """Return the error in the leaves' bounds, empty without one, and a summary."""
         stated, recomputed = self.bounds
         excess = (recomputed - stated) / float(np.max(recomputed, initial=1e-300))
         worst = int(np.argmax(excess)) if len(excess) else 0
@@ -214,7 +214,7 @@ class Proof:
         return "", f"{len(recomputed)} bounds computed again, none above what is stated"
 
     def _check_upper(self, upper: float) -> tuple[str, str]:
-        """Compare the bound with the largest of the leaves' bounds."""
+        """Return the error if the bound is below the largest of the leaves' bounds, else empty, and a summary."""
         largest = float(np.max(self.bounds[1], initial=0.0))
         summary = f"stated {upper:.12g}, from the leaves {largest:.12g}"
         return "" if upper >= largest * (1.0 - BOUND_TOLERANCE) else summary, summary

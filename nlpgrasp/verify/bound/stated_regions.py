@@ -29,7 +29,7 @@ class StatedRegion:
     Parameters
     ----------
     faces : tuple of str
-        Names of faces that its model allows and no constraint forbids; None for all faces.
+        Names of faces that its model allows and no constraint forbids.
     inside : tuple of (A, b, radius)
         ``A (p - radius n) <= b`` for the contact p with inward normal n.
     outside : tuple of (A, b)
@@ -85,7 +85,7 @@ class StatedRegion:
 def allowed_regions(
     problem: Json, faces: Sequence[str], space: int, sources: SourceFolders
 ) -> tuple[list[StatedRegion], list[str]]:
-    """Return the allowed region of each contact, and as text the relaxed parts of the problem: those of several."""
+    """Return the allowed region of each contact, and the relaxed parts of the problem, as text."""
     constraints, contacts, hand = problem["constraints"], problem["contacts"], problem["hand"]
     forbidden = {name for c in constraints if c["type"] == "forbid" for name in c.get("faces", ())}
     radii = [0.0] * len(contacts) if hand is None else list(HANDS.of(hand)(hand, {}, {}, sources).radii)
