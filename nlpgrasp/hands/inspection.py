@@ -21,6 +21,7 @@ from nlpgrasp.hands.kinematics import LinkTree
 from nlpgrasp.hands.link_spheres import WORTH_A_WARNING, SphereFit, fit_hand
 from nlpgrasp.hands.linked_hand import LinkedHand
 from nlpgrasp.hands.opposition import TOUCH, Opposition, TipMeeting, opposition
+from nlpgrasp.hands.presets import matching_preset
 from nlpgrasp.hands.robot import Robot
 from nlpgrasp.hands.robot_file import read_robot
 from nlpgrasp.hands.suggested_tips import GUESS, SuggestedTip, leaf_links, overhang, suggest_tip
@@ -93,6 +94,9 @@ class Inspection:
         """Warnings, after a proposal of fingertips where none are stated."""
         if self.hand.tree.tips:
             return self.findings
+        if self.hand.preset is not None:
+            text = f"No fingertips are stated. The file has the links of the preset {self.hand.preset}. To use it:"
+            return (FileWarning(text), *self.findings)
         tips, unlisted = suggested_tips(self.hand), len(self.hand.leaf_links) - MAX_LISTED
         names = ", ".join(tip.link for tip in tips) + (f" and {unlisted} more" if unlisted > 0 else "")
         guess = ""
@@ -160,7 +164,8 @@ def inspect_without_tips(path: str | Path, palm: str | None, approach: ArrayLike
     """
     robot = read_robot(path, palm)
     tree = LinkTree(robot, (), unit_approach(approach))
-    return InspectedHand(tree, fit_hand(robot, SPHERES), resolve_torque_limits(robot, None), str(path), palm)
+    torque_limits, preset = resolve_torque_limits(robot, None), matching_preset(path) if palm is None else None
+    return InspectedHand(tree, fit_hand(robot, SPHERES), torque_limits, str(path), palm, preset)
 
 
 @dataclass(frozen=True)
@@ -179,6 +184,8 @@ class InspectedHand:
         Path as given, where no fingertips are stated.
     palm : str, optional
         The palm as it was given.
+    preset : str, optional
+        Name of the preset that has this hand's fingertips, where neither these nor a palm are stated.
     """
 
     tree: LinkTree
@@ -186,6 +193,7 @@ class InspectedHand:
     torque_limits: Mapping[str, float]
     file: str = ""
     palm: str | None = None
+    preset: str | None = None
 
     @property
     def rest_posture(self) -> FloatArray:
@@ -345,7 +353,10 @@ def _pair_warning(hand: InspectedHand, pair: TipMeeting) -> FileWarning:
 
 
 def format_usage(hand: InspectedHand) -> tuple[str, str]:
-    """Return the command and the line of Python that state the leaf links as fingertips."""
+    """Return the command and the line of Python with the hand's preset, or with its leaf links as fingertips."""
+    path = json.dumps(hand.file, ensure_ascii=False)
+    if hand.preset is not None:
+        return shlex.join(["nlpgrasp", "hand", hand.file, "--preset", hand.preset]), f"ng.hands.{hand.preset}({path})"
     tips, approach = suggested_tips(hand), hand.tree.approach.tolist()
     command, arguments = ["nlpgrasp", "hand", hand.file], ""
     if hand.palm is not None:
@@ -358,7 +369,6 @@ def format_usage(hand: InspectedHand) -> tuple[str, str]:
     for tip in tips:
         command += ["--fingertip", tip.command]
     mapping = ", ".join(f"{json.dumps(tip.link, ensure_ascii=False)}: {tip.code}" for tip in tips)
-    path = json.dumps(hand.file, ensure_ascii=False)
     return shlex.join(command), f"ng.URDFHand.load({path}, {{{mapping}}}{arguments})"
 
 

@@ -332,6 +332,17 @@ def load_preset(name: str, urdf: str | Path | None = None, **options: Unpack[Opt
     return _PresetReader(name, PRESETS[name], described_urdf(name) if urdf is None else urdf).load(options)
 
 
+def matching_preset(path: str | Path) -> str | None:
+    """Return the name of the preset whose palm and fingertips a robot file has; None where there is no such one."""
+    for name, preset in PRESETS.items():
+        try:
+            _PresetReader(name, preset, path).robot_below_palm()
+        except InputError:  # a hand of another model
+            continue
+        return name
+    return None
+
+
 @dataclass(frozen=True)
 class _PresetReader:
     """Reader of a robot file with a preset's data.
@@ -351,7 +362,7 @@ class _PresetReader:
 
     def load(self, options: Options) -> URDFHand:
         """Return the hand, with the preset's data where the options leave them open."""
-        robot = read_robot(self.path, options["palm"]) if "palm" in options else self._robot_below_palm()
+        robot = read_robot(self.path, options["palm"]) if "palm" in options else self.robot_below_palm()
         self._check_tips([robot])
         options["palm"] = robot.root
         options.setdefault("torque_limits", effort_limits(robot, self.preset.limits))
@@ -370,7 +381,7 @@ class _PresetReader:
             result[link] = capsule if isinstance(capsule, CapsuleTip) and isinstance(tip, SphereTip) else tip
         return result
 
-    def _robot_below_palm(self) -> Robot:
+    def robot_below_palm(self) -> Robot:
         """Return the robot below the palm: a link with one of its names that all fingertips hang from.
 
         A frame of that name without fingers is no palm. Among nested links with the same name but for prefixes, such as

@@ -9,7 +9,8 @@ import pytest
 import trimesh
 
 import nlpgrasp as ng
-from nlpgrasp.hands.presets import PRESETS
+from nlpgrasp.hands.inspection import inspect, inspect_without_tips
+from nlpgrasp.hands.presets import PRESETS, matching_preset
 from tests.hands.robotiq import robotiq_2f85
 from tests.hands.robots import robot
 
@@ -43,6 +44,23 @@ def write_star(path, name, prefix="", without=()):
 def test_all_presets_are_public():
     assert set(PRESETS) == {"allegro", "leap", "shadow", "barrett", "robotiq_2f85", "robotiq_3f", "panda"}
     assert set(PRESETS) <= set(ng.hands.__all__)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize("prefix", ["", "rh_"])
+def test_a_file_of_a_preset_is_recognised(name, prefix, tmp_path):
+    path = write_star(tmp_path / "hand.urdf", name, prefix)
+    inspection = inspect(inspect_without_tips(path, None, [0, 0, 1]))
+    assert matching_preset(path) == name
+    assert inspection.notices[0].text == (
+        f"No fingertips are stated. The file has the links of the preset {name}. To use it:"
+    )
+    assert inspection.usage_lines == (f"nlpgrasp hand {path} --preset {name}", f'ng.hands.{name}("{path}")')
+
+
+def test_a_hand_without_one_of_its_fingers_is_not_recognised(tmp_path):
+    path = write_star(tmp_path / "hand.urdf", "leap", without=("fingertip_2",))
+    assert matching_preset(path) is None
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
